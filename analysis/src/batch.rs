@@ -14,9 +14,7 @@ pub use outliers::leave_one_out;
 pub use outliers::limit;
 pub use outliers::stand_outs;
 
-use crate::compare::points;
-use crate::compare::{Convention, Form, FormCurve};
-use crate::compare::{common_range, median};
+use crate::compare::{Convention, Form, FormCurve, common_range, median, points};
 use isotherm_calibration::TableFile;
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::units::SensorKind;

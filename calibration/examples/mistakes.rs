@@ -18,8 +18,7 @@ mod gate;
 mod matrix;
 
 use gate::{ANGLES_DEG, Good, Installation, WRONG, faults, gate, install, true_error};
-use isotherm_calibration::AlignmentChoice;
-use isotherm_calibration::CalibrationOptions;
+use isotherm_calibration::{AlignmentChoice, CalibrationOptions};
 use matrix::{Expected, Mistake, calibrated, correct, mistakes, outcome, without_misalignment};
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::ExitCode;

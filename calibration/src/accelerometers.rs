@@ -2,29 +2,21 @@
 //!
 //! Over 400 lines: the steps in their order, with the errors that each can end in.
 
-use crate::admit::accept;
-use crate::admit::any_fault;
+use crate::admit::{accept, any_fault};
 use crate::checks::{Finding, RunNumber, SetPoint, Severity, check, name, set_points};
 use crate::diagnosis::{Diagnosis, diagnose, positions_off};
 use crate::error::CalibrationError;
 use crate::one_stage::{Curves, SetPointValues, Solution, set_point_values, solve};
-use crate::options::CalibrationOptions;
-use crate::options::MAX_AUTO_ORDER;
-use crate::options::Method;
+use crate::options::{CalibrationOptions, MAX_AUTO_ORDER, Method};
 use crate::orders::OrderRules;
 use crate::quality::{lack_of_fit, level_error, order_findings, outliers, position_that_explains};
 use crate::reduce::{Reduced, reduce};
 use crate::result::Calibration;
 use crate::table::table_of;
-use isotherm_campaign::Campaign;
-use isotherm_campaign::Observability;
-use isotherm_campaign::Position;
-use isotherm_campaign::specific_force;
-use isotherm_campaign::{Dwell, joint_range};
+use isotherm_campaign::{Campaign, Dwell, Observability, Position, joint_range, specific_force};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::Curve;
-use isotherm_statistics::OrderTable;
+use isotherm_statistics::{Curve, OrderTable};
 use nalgebra::{Matrix3, Vector3};
 
 /// Checks that the list of positions determines all parameters.
@@ -73,84 +65,13 @@ pub fn calibrate_accelerometers(
     }
     let dwells = exclude_dwells(campaign, dwells, &options.exclude)?;
     let set_points = set_points(&dwells, campaign.positions.len());
-    let mut findings = check(campaign, &dwells, &set_points, &options.exclude);
-    if !any_fault(&findings) {
-        // Faults come first.
-        findings.splice(..0, positions_off(campaign, &dwells, &set_points));
-    }
-    let mut diagnosis = diagnose(campaign, &dwells, &set_points, &mut findings);
+    let data = Data { campaign, dwells: &dwells, set_points: &set_points };
     let mut accepted = Vec::new();
-    accept(&mut findings, &options, &mut accepted);
-    // A diagnosis is a fault too, even where its symptoms are only warnings.
-    if let Some(Diagnosis { finding, .. }) = diagnosis.take_if(|it| options.accept.contains(&it.finding.name))
-        && !findings.iter().any(|known| known.name == finding.name)
-    {
-        let mut finding = [finding];
-        accept(&mut finding, &options, &mut accepted);
-        findings.extend(finding);
-    }
-    if any_fault(&findings) || diagnosis.is_some() {
-        return Err(CalibrationError::Faults { diagnosis: diagnosis.map(Box::new), findings });
-    }
+    let mut findings = data.checked(&options, &mut accepted)?;
     let before_fit = findings.len();
-    let reduced_level = reduced(campaign, &dwells, &set_points, None)?;
-    let ranges = ranges(&dwells);
-    let highest = options.order.unwrap_or_else(|| MAX_AUTO_ORDER.min(set_points.len().saturating_sub(2)));
-    let rules = OrderRules::accelerometers();
-    let order_tables = |values: &[SetPointValues]| rules.tables(values, options.order, highest);
-    let curves = |orders: &[[OrderTable; 3]; AXES]| -> Curves {
-        let curve = |axis: usize, q: usize| {
-            Curve::of(&orders[axis][q].regression, orders[axis][q].choice.order, ranges[axis][q.min(1)])
-        };
-        [0, 1, 2].map(|axis| [curve(axis, 0), curve(axis, 1), curve(axis, 2)])
-    };
-    // The first joint fit uses the orders of the uncorrected values. It gives the tilt and the drift within set points.
-    let first_orders = order_tables(&reduced_level.iter().map(values).collect::<Vec<_>>())?;
-    let first_fit = solve(campaign, &dwells, &set_points, &curves(&first_orders), &[])?;
-    let reduced = reduced(campaign, &dwells, &set_points, first_fit.tilt)?;
-    let two_stage_values: Vec<_> = reduced.iter().map(values).collect();
-    let (orders, solution) = match options.method {
-        Method::TwoStage => {
-            let orders = order_tables(&two_stage_values)?;
-            let solution = two_stage(campaign, &dwells, &set_points, &reduced, curves(&orders), first_fit.tilt);
-            (orders, solution)
-        }
-        Method::OneStage => {
-            let corrected = set_point_values(campaign, &dwells, &set_points, &first_fit);
-            let corrected: Vec<_> = corrected
-                .into_iter()
-                .zip(&two_stage_values)
-                .map(|(corrected, reduced)| corrected.unwrap_or(*reduced))
-                .collect();
-            let orders = order_tables(&corrected)?;
-            let solution = solve(campaign, &dwells, &set_points, &curves(&orders), &[])?;
-            (orders, solution)
-        }
-    };
-    findings.extend(level_error(campaign, &dwells, &set_points, &solution));
-    let (unfit, fit_findings) = lack_of_fit(&orders, &reduced);
-    findings.extend(fit_findings);
-    // Residuals about a curve that does not fit do not show outlying dwells.
-    let mut outliers = outliers(campaign, &dwells, &set_points, &solution);
-    outliers.retain(|(_, axis)| !unfit[*axis]);
-    for &(dwell, axis) in &outliers {
-        let (place, residual) = (&dwells[dwell], solution.residuals[dwell][axis]);
-        findings.push(Finding {
-            severity: Severity::Warning,
-            name: name::OUTLIER,
-            line: Some(place.lines[0]),
-            place: Some((place.set_point_c, Some(RunNumber::Position(campaign.positions[place.position].number)))),
-            message: format!(
-                "{} is {:.2}e-6 g0 off the fit, far more than the other dwells; kept, leave it out with \
-                 --exclude {}/{} if it is known to be bad",
-                AXIS_NAMES[axis],
-                residual * 1e6,
-                place.set_point_c,
-                campaign.positions[place.position].number
-            ),
-        });
-    }
-    findings.extend(order_findings(&orders));
+    let Fit { reduced, orders, solution } = data.fit(&options)?;
+    let (outliers, of_fit) = data.findings_of_fit(&reduced, &orders, &solution);
+    findings.extend(of_fit);
     accept(&mut findings[before_fit..], &options, &mut accepted);
     if options.strict {
         for finding in findings.iter_mut().filter(|finding| !options.accept.contains(&finding.name)) {
@@ -161,13 +82,11 @@ pub fn calibrate_accelerometers(
         }
     }
     let curves = [0, 1, 2].map(|axis| &solution.axes[axis].curves);
-    let alignment = options.alignment.matrix(&solution);
-    let table = table_of(campaign, curves, alignment).map_err(CalibrationError::Table)?;
-    let table = table.measured_at(Some(campaign.gravity_local));
-    let suspect_position =
-        position_that_explains(campaign, &dwells, &solution).map(|position| campaign.positions[position].number);
+    let table = table_of(campaign, curves, options.alignment.matrix(&solution)).map_err(CalibrationError::Table)?;
+    let suspect = position_that_explains(campaign, &dwells, &solution);
     Ok(Calibration {
-        table,
+        table: table.measured_at(Some(campaign.gravity_local)),
+        suspect_position: suspect.map(|position| campaign.positions[position].number),
         options,
         dwells,
         set_points,
@@ -178,10 +97,126 @@ pub fn calibrate_accelerometers(
         orders,
         solution,
         outliers,
-        suspect_position,
         gyroscopes: None,
         transients: None,
     })
+}
+
+/// The dwells of a campaign with their set points.
+struct Data<'a> {
+    campaign: &'a Campaign,
+    dwells: &'a [Dwell],
+    set_points: &'a [SetPoint],
+}
+
+/// Each set point by itself, and all together.
+struct Fit {
+    reduced: Vec<[Reduced; AXES]>,
+    orders: [[OrderTable; 3]; AXES],
+    solution: Solution,
+}
+
+impl Data<'_> {
+    /// What is found before anything is fitted; an error if a fault is left.
+    fn checked(
+        &self,
+        options: &CalibrationOptions,
+        accepted: &mut Vec<&'static str>,
+    ) -> Result<Vec<Finding>, CalibrationError> {
+        let Self { campaign, dwells, set_points } = self;
+        let mut findings = check(campaign, dwells, set_points, &options.exclude);
+        if !any_fault(&findings) {
+            // Faults come first.
+            findings.splice(..0, positions_off(campaign, dwells, set_points));
+        }
+        let mut diagnosis = diagnose(campaign, dwells, set_points, &mut findings);
+        accept(&mut findings, options, accepted);
+        // A diagnosis is a fault too, even where its symptoms are only warnings.
+        if let Some(Diagnosis { finding, .. }) = diagnosis.take_if(|it| options.accept.contains(&it.finding.name))
+            && !findings.iter().any(|known| known.name == finding.name)
+        {
+            let mut finding = [finding];
+            accept(&mut finding, options, accepted);
+            findings.extend(finding);
+        }
+        if any_fault(&findings) || diagnosis.is_some() {
+            return Err(CalibrationError::Faults { diagnosis: diagnosis.map(Box::new), findings });
+        }
+        Ok(findings)
+    }
+
+    fn fit(&self, options: &CalibrationOptions) -> Result<Fit, CalibrationError> {
+        let Self { campaign, dwells, set_points } = *self;
+        let reduced_level = reduced(campaign, dwells, set_points, None)?;
+        let ranges = ranges(dwells);
+        let highest = options.order.unwrap_or_else(|| MAX_AUTO_ORDER.min(set_points.len().saturating_sub(2)));
+        let rules = OrderRules::accelerometers();
+        let order_tables = |values: &[SetPointValues]| rules.tables(values, options.order, highest);
+        let curves = |orders: &[[OrderTable; 3]; AXES]| -> Curves {
+            let curve = |axis: usize, q: usize| {
+                Curve::of(&orders[axis][q].regression, orders[axis][q].choice.order, ranges[axis][q.min(1)])
+            };
+            [0, 1, 2].map(|axis| [curve(axis, 0), curve(axis, 1), curve(axis, 2)])
+        };
+        // The first joint fit uses the orders of the uncorrected values. It gives the tilt and the drift within set points.
+        let first_orders = order_tables(&reduced_level.iter().map(values).collect::<Vec<_>>())?;
+        let first_fit = solve(campaign, dwells, set_points, &curves(&first_orders), &[])?;
+        let reduced = reduced(campaign, dwells, set_points, first_fit.tilt)?;
+        let two_stage_values: Vec<_> = reduced.iter().map(values).collect();
+        let (orders, solution) = match options.method {
+            Method::TwoStage => {
+                let orders = order_tables(&two_stage_values)?;
+                let solution = two_stage(campaign, dwells, set_points, &reduced, curves(&orders), first_fit.tilt);
+                (orders, solution)
+            }
+            Method::OneStage => {
+                let corrected = set_point_values(campaign, dwells, set_points, &first_fit).into_iter();
+                let corrected =
+                    corrected.zip(&two_stage_values).map(|(corrected, reduced)| corrected.unwrap_or(*reduced));
+                let orders = order_tables(&corrected.collect::<Vec<_>>())?;
+                let solution = solve(campaign, dwells, set_points, &curves(&orders), &[])?;
+                (orders, solution)
+            }
+        };
+        Ok(Fit { reduced, orders, solution })
+    }
+
+    /// The outlying dwells, by index and axis, and what is to be said of the fit.
+    fn findings_of_fit(
+        &self,
+        reduced: &[[Reduced; AXES]],
+        orders: &[[OrderTable; 3]; AXES],
+        solution: &Solution,
+    ) -> (Vec<(usize, usize)>, Vec<Finding>) {
+        let Self { campaign, dwells, set_points } = *self;
+        let mut findings: Vec<_> = level_error(campaign, dwells, set_points, solution).into_iter().collect();
+        let (unfit, of_curves) = lack_of_fit(orders, reduced);
+        findings.extend(of_curves);
+        // Residuals about a curve that does not fit do not show outlying dwells.
+        let mut outliers = outliers(campaign, dwells, set_points, solution);
+        outliers.retain(|(_, axis)| !unfit[*axis]);
+        findings.extend(outliers.iter().map(|outlier| self.outlier(solution, *outlier)));
+        findings.extend(order_findings(orders));
+        (outliers, findings)
+    }
+
+    fn outlier(&self, solution: &Solution, (index, axis): (usize, usize)) -> Finding {
+        let (dwell, residual) = (&self.dwells[index], solution.residuals[index][axis]);
+        let (set_point_c, number) = (dwell.set_point_c, self.campaign.positions[dwell.position].number);
+        let message = format!(
+            "{} is {:.2}e-6 g0 off the fit, far more than the other dwells; kept, leave it out with \
+             --exclude {set_point_c}/{number} if it is known to be bad",
+            AXIS_NAMES[axis],
+            residual * 1e6
+        );
+        Finding {
+            severity: Severity::Warning,
+            name: name::OUTLIER,
+            line: Some(dwell.lines[0]),
+            place: Some((set_point_c, Some(RunNumber::Position(number)))),
+            message,
+        }
+    }
 }
 
 fn exclude_dwells(

@@ -7,12 +7,12 @@
 
 pub mod name;
 pub(crate) mod scale;
+mod telemetry;
 pub(crate) mod time;
 
 use crate::reduce::reduce;
 use core::fmt;
-use isotherm_campaign::Campaign;
-use isotherm_campaign::{Block, Dwell, joint_range};
+use isotherm_campaign::{Block, Campaign, Dwell};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{median, robust_sd};
@@ -27,18 +27,6 @@ const MOVED: f64 = 0.02;
 const STILL: f64 = 10.0;
 /// Constant part of that limit \[g0\].
 const STILL_FLOOR: f64 = 5e-6;
-/// Within a dwell, telemetry that changes by more than this part of the step to a neighbouring set point is a fault ..
-const DWELL_DRIFT: f64 = 0.5;
-/// .. if it also changes by more than this many times what is usual within a dwell.
-const DWELL_NOISE: f64 = 3.0;
-/// Telemetry resolves set points that are at least this many of its digits apart.
-const RESOLVED: f64 = 2.0;
-/// The last digit may change to the next one, whatever the temperature does: a change by less than this many digits says nothing.
-const FLICKER: f64 = 1.5;
-/// No temperature is further from all set points than this many times what telemetry spans from the lowest to the highest.
-const IMPOSSIBLE: f64 = 10.0;
-/// Over a set point, a change by more than this part of the step gives a warning.
-const SET_POINT_DRIFT: f64 = 0.1;
 /// A converter whose rate is the same in every block is saturated if it is so in dwells of this many pulses at two set points: noise and
 /// temperature of a working one show in the last digits, but 1e-6 can be less than they do near an extremum of K.
 const EXACT_PULSES: f64 = 1e6;
@@ -304,138 +292,6 @@ impl Checker<'_> {
                 self.report_set_point(Severity::Fault, name::MISSING_POSITION, set_point.set_point_c, line, message);
             }
         }
-    }
-
-    /// Sensors that do not react, dwells and set points that were not settled, set points that were not reached.
-    fn telemetry(&mut self, set_points: &[SetPoint]) {
-        type TelemetryRanges = fn(&Block) -> &[[f64; 2]; AXES];
-        let mut columns: Vec<Column> = Vec::new();
-        let sensors: [(&str, TelemetryRanges); 2] = [("head", |block| &block.head), ("board", |block| &block.board)];
-        for axis in 0..AXES {
-            for (sensor, of) in sensors {
-                let of_dwell = |dwell: &Dwell| joint_range(dwell.blocks.iter().map(|block| of(block)[axis]));
-                let middle = |dwell: &Dwell| {
-                    median(dwell.blocks.iter().map(|block| {
-                        let [low, high] = of(block)[axis];
-                        0.5 * (low + high)
-                    }))
-                };
-                let means: Vec<f64> = set_points
-                    .iter()
-                    .map(|set_point| median(set_point.dwells.iter().map(|&dwell| middle(&self.dwells[dwell]))))
-                    .collect();
-                let column = format!("a{}_{sensor}", axis + 1);
-                let over: Vec<_> =
-                    set_points.iter().map(|set_point| set_point.set_point_c).zip(means.clone()).collect();
-                let steps = Steps::of(&over);
-                let spread = |dwell: &Dwell| {
-                    let [low, high] = of_dwell(dwell);
-                    high - low
-                };
-                let usual_step = median(steps.0.iter().map(|(_, step)| *step));
-                let usual_spread = median(self.dwells.iter().map(spread));
-                let blocks = self.dwells.iter().flat_map(|dwell| &dwell.blocks);
-                let digit = last_digit(blocks.flat_map(|block| of(block)[axis]).collect());
-                let resolved = usual_step >= RESOLVED * digit && usual_spread <= DWELL_DRIFT * usual_step;
-                let coarse = (!resolved).then_some([usual_step, usual_spread, digit]);
-                columns.push(Column { name: column.clone(), means: over, coarse });
-                // An oven's sensor may have the same median everywhere, but its last digits move.
-                if usual_step == 0.0 && usual_spread == 0.0 {
-                    let message = format!("{column} is the same at every set point; is the sensor connected?");
-                    self.findings.push(Finding::whole(Severity::Fault, name::TELEMETRY_CONSTANT, message));
-                    continue;
-                }
-                // Such a row would be in the dwell's mean and in the table's range: nothing is left to accept.
-                let [low, high] = joint_range(means.iter().map(|mean| [*mean; 2]));
-                let far = IMPOSSIBLE * (high - low).max(usual_spread).max(digit);
-                let broken = |dwell: &Dwell| {
-                    let is_broken = |block: &&Block| of(block)[axis][0] < low - far || of(block)[axis][1] > high + far;
-                    dwell.blocks.iter().find(is_broken).map(|block| (block.line, of(block)[axis]))
-                };
-                for dwell in 0..self.dwells.len() {
-                    if let Some((line, [least, most])) = broken(&self.dwells[dwell]) {
-                        let value = if most > high + far { most } else { least };
-                        let message = format!(
-                            "{column} reads {value:?}, and {low:.4} to {high:.4} at the set points: a broken reading; mend the row or leave the dwell \
-                             out with --exclude"
-                        );
-                        self.report_dwell(Severity::Fault, name::TELEMETRY_READING, dwell, line, message);
-                    }
-                }
-                if !resolved {
-                    // Two set points may then read alike, and noise may be larger than their distance.
-                    continue;
-                }
-                // A sensor whose reading is exactly the same in two dwells at different set points does not work.
-                let constant =
-                    |dwell: &Dwell| Some(of_dwell(dwell)).filter(|[low, high]| low == high).map(|[low, _]| low);
-                let stuck = (1..self.dwells.len()).find(|&dwell| {
-                    let (before, after) = (&self.dwells[dwell - 1], &self.dwells[dwell]);
-                    before.set_point_c != after.set_point_c
-                        && constant(before).is_some()
-                        && constant(before) == constant(after)
-                });
-                if let Some(dwell) = stuck {
-                    let line = self.dwells[dwell].lines[0];
-                    let message = format!(
-                        "{column} does not move from the set point before in any digit; is the sensor connected?"
-                    );
-                    self.report_dwell(Severity::Fault, name::TELEMETRY_STUCK, dwell, line, message);
-                    continue;
-                }
-                for dwell in 0..self.dwells.len() {
-                    let [low, high] = of_dwell(&self.dwells[dwell]);
-                    let step = steps.at(self.dwells[dwell].set_point_c);
-                    if high - low > (DWELL_DRIFT * step).max(DWELL_NOISE * usual_spread).max(FLICKER * digit) {
-                        let usual = middle(&self.dwells[dwell]);
-                        let is_off = |block: &&Block| {
-                            let [low, high] = of(block)[axis];
-                            (low - usual).abs().max((high - usual).abs()) > 0.5 * DWELL_DRIFT * step
-                        };
-                        let line = self.dwells[dwell]
-                            .blocks
-                            .iter()
-                            .find(is_off)
-                            .map_or(self.dwells[dwell].lines[0], |b| b.line);
-                        let message = format!(
-                            "{column} runs from {low} to {high} within the dwell, while set points are {step:.3} apart here: a broken \
-                             reading, or a temperature that was not settled; mend the rows or leave the dwell out with --exclude"
-                        );
-                        self.report_dwell(Severity::Fault, name::TELEMETRY_DRIFT, dwell, line, message);
-                    }
-                }
-                for (set_point, mean) in set_points.iter().zip(&means) {
-                    let [low, high] =
-                        joint_range(set_point.dwells.iter().map(|&dwell| [middle(&self.dwells[dwell]); 2]));
-                    let step = steps.at(set_point.set_point_c);
-                    if high - low > (SET_POINT_DRIFT * step).max(FLICKER * digit) {
-                        let line = set_point.dwells.first().map(|&dwell| self.dwells[dwell].lines[0]);
-                        let message = format!(
-                            "{column} moves from {low:.4} to {high:.4} while the set point is measured: the soak was too short"
-                        );
-                        self.report_set_point(
-                            Severity::Warning,
-                            name::TELEMETRY_DRIFT,
-                            set_point.set_point_c,
-                            line,
-                            message,
-                        );
-                    }
-                    // If two different set points have the same telemetry, one of them was not reached.
-                    let other = set_points.iter().zip(&means).find(|(other, value)| {
-                        other.set_point_c < set_point.set_point_c && (*value - mean).abs() < 0.1 * step
-                    });
-                    if let Some((other, _)) = other {
-                        let message = format!(
-                            "{column} reads as at {} degC ({mean:.4}); was the set point reached?",
-                            other.set_point_c
-                        );
-                        self.report_set_point(Severity::Warning, name::SET_POINT, set_point.set_point_c, None, message);
-                    }
-                }
-            }
-        }
-        self.scale(&columns);
     }
 
     /// Rates at the campaign's `max_rate`, and converters that are full.

@@ -21,11 +21,7 @@
 mod words;
 
 use crate::checks::{Finding, RunNumber, SetPoint, Severity, name};
-use isotherm_campaign::Campaign;
-use isotherm_campaign::Dwell;
-use isotherm_campaign::Position;
-use isotherm_campaign::specific_force;
-use isotherm_campaign::{Observability, PARAMETERS};
+use isotherm_campaign::{Campaign, Dwell, Observability, PARAMETERS, Position, specific_force};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};

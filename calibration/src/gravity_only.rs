@@ -31,9 +31,7 @@ use checks::{
     kelvin, outliers, refuse_interval, refuse_offset, refuse_other_device, refuse_silent, refuse_twice, turned,
 };
 use choice::Chosen;
-use isotherm_campaign::Campaign;
-use isotherm_campaign::joint_range;
-use isotherm_campaign::{TUMBLED, begins_ns, find_standstills, stretches};
+use isotherm_campaign::{Campaign, TUMBLED, begins_ns, find_standstills, joint_range, stretches};
 use isotherm_recording::{Continuity, Losses};
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_statistics::median;

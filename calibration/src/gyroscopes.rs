@@ -30,7 +30,7 @@ use crate::checks::Finding;
 use crate::error::CalibrationError;
 use crate::noise::noise_of_dwells;
 use crate::one_stage::{OneStageError, SetPointValues};
-use crate::options::{MAX_AUTO_ORDER, Method};
+use crate::options::{CalibrationOptions, MAX_AUTO_ORDER, Method};
 use crate::orders::OrderRules;
 use crate::result::Calibration;
 use crate::table::gyroscope_axes;
@@ -40,8 +40,7 @@ use fit::{GyroscopeCurves, ReducedSetPoint, Run, TriadSolution, corrected_values
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::{Axis, CoefficientTable, FORMAT, Gyroscopes};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::Curve;
-use isotherm_statistics::OrderTable;
+use isotherm_statistics::{Curve, OrderTable};
 use nalgebra::{DVector, Matrix3};
 use observability::TriadObservability;
 use runs::GyroscopeRuns;
@@ -72,61 +71,13 @@ fn estimate(
     observability: TriadObservability,
     first_finding: usize,
 ) -> Result<(GyroscopeCalibration, Vec<Finding>), CalibrationError> {
-    let options = &calibration.options;
     let (mut runs, mut places) = data.runs();
     if data.campaign.mount.is_none() {
         earth::eliminate_horizontal(&mut runs, &places);
     }
-    let ranges = data.ranges();
-    let first = checks::first_scale_factors(data);
-    let reduced = (0..data.set_points_c.len()).map(|index| {
-        let turns: Vec<_> = data.turns.iter().filter(|(place, _)| *place == index).collect();
-        // Turns may have been left out.
-        let missing =
-            observability::scale_factors(turns.iter().map(|(_, turn)| &data.campaign.turns[turn.run.position]));
-        if let Some(deficiency) = missing.into_iter().next() {
-            return Err(CalibrationError::SetPoint { set_point_c: data.set_points_c[index], deficiency });
-        }
-        let of_set_point: Vec<_> = runs.iter().filter(|run| run.set_point == index).cloned().collect();
-        let constant = |axis: usize, q: usize| {
-            let value = if q == 0 { 0.0 } else { first[axis][q - 1] };
-            Curve::new([0.0, 1.0], DVector::from_element(1, value), None, 0, ranges[axis][q.min(1)])
-        };
-        let start = [0, 1, 2].map(|axis| [0, 1, 2].map(|q| constant(axis, q)));
-        reduce(&of_set_point, &start).map_err(|_| CalibrationError::SetPoint {
-            set_point_c: data.set_points_c[index],
-            deficiency:
-                "its dwells and turns do not tell the gyroscopes' parameters apart; measure again what was left out"
-                    .to_owned(),
-        })
-    });
+    let reduced = (0..data.set_points_c.len()).map(|index| reduce_set_point(data, &runs, index));
     let reduced = reduced.collect::<Result<Vec<_>, _>>()?;
-    let highest = options.order.unwrap_or_else(|| MAX_AUTO_ORDER.min(reduced.len().saturating_sub(2)));
-    let rules = OrderRules::gyroscopes();
-    let order_tables = |values: &[SetPointValues]| rules.tables(values, options.order, highest);
-    let curves = |orders: &[[OrderTable; 3]; AXES]| -> GyroscopeCurves {
-        let curve = |axis: usize, q: usize| {
-            Curve::of(&orders[axis][q].regression, orders[axis][q].choice.order, ranges[axis][q.min(1)])
-        };
-        [0, 1, 2].map(|axis| [curve(axis, 0), curve(axis, 1), curve(axis, 2)])
-    };
-    let values = |reduced: &ReducedSetPoint| {
-        [0, 1, 2].map(|axis| [0, 1, 2].map(|q| (reduced.telemetry[axis][q], reduced.values[axis][q])))
-    };
-    let two_stage_values: Vec<_> = reduced.iter().map(values).collect();
-    let first_orders = order_tables(&two_stage_values)?;
-    let (orders, solution) = match options.method {
-        Method::TwoStage => {
-            let solution = two_stage(&runs, &reduced, &curves(&first_orders))
-                .ok_or(CalibrationError::Fit(OneStageError::Divergence))?;
-            (first_orders, solution)
-        }
-        Method::OneStage => {
-            let orders = order_tables(&corrected_values(&runs, &reduced, &curves(&first_orders))?)?;
-            let solution = solve(&runs, reduced.len(), &curves(&orders), &[])?;
-            (orders, solution)
-        }
-    };
+    let (orders, solution) = fit_runs(data, &calibration.options, &runs, &reduced)?;
     for ((place, run), residual) in places.iter_mut().zip(&runs).zip(&solution.residuals) {
         place.residual = residual.map(|residual| residual * run.seconds.sqrt());
     }
@@ -161,6 +112,62 @@ fn estimate(
         noise,
     };
     Ok((found, findings))
+}
+
+/// A set point by itself.
+fn reduce_set_point(data: &Data<'_>, runs: &[Run<'_>], index: usize) -> Result<ReducedSetPoint, CalibrationError> {
+    let deficient = |deficiency| CalibrationError::SetPoint { set_point_c: data.set_points_c[index], deficiency };
+    let turns: Vec<_> = data.turns.iter().filter(|(place, _)| *place == index).collect();
+    // Turns may have been left out.
+    let missing = observability::scale_factors(turns.iter().map(|(_, turn)| &data.campaign.turns[turn.run.position]));
+    if let Some(deficiency) = missing.into_iter().next() {
+        return Err(deficient(deficiency));
+    }
+    let of_set_point: Vec<_> = runs.iter().filter(|run| run.set_point == index).cloned().collect();
+    let (ranges, first) = (data.ranges(), checks::first_scale_factors(data));
+    let constant = |axis: usize, q: usize| {
+        let value = if q == 0 { 0.0 } else { first[axis][q - 1] };
+        Curve::new([0.0, 1.0], DVector::from_element(1, value), None, 0, ranges[axis][q.min(1)])
+    };
+    let start = [0, 1, 2].map(|axis| [0, 1, 2].map(|q| constant(axis, q)));
+    const TOLD: &str =
+        "its dwells and turns do not tell the gyroscopes' parameters apart; measure again what was left out";
+    reduce(&of_set_point, &start).map_err(|_| deficient(TOLD.to_owned()))
+}
+
+/// The orders, and all runs together.
+fn fit_runs(
+    data: &Data<'_>,
+    options: &CalibrationOptions,
+    runs: &[Run<'_>],
+    reduced: &[ReducedSetPoint],
+) -> Result<([[OrderTable; 3]; AXES], TriadSolution), CalibrationError> {
+    let ranges = data.ranges();
+    let highest = options.order.unwrap_or_else(|| MAX_AUTO_ORDER.min(reduced.len().saturating_sub(2)));
+    let rules = OrderRules::gyroscopes();
+    let order_tables = |values: &[SetPointValues]| rules.tables(values, options.order, highest);
+    let curves = |orders: &[[OrderTable; 3]; AXES]| -> GyroscopeCurves {
+        let curve = |axis: usize, q: usize| {
+            Curve::of(&orders[axis][q].regression, orders[axis][q].choice.order, ranges[axis][q.min(1)])
+        };
+        [0, 1, 2].map(|axis| [curve(axis, 0), curve(axis, 1), curve(axis, 2)])
+    };
+    let values = |reduced: &ReducedSetPoint| {
+        [0, 1, 2].map(|axis| [0, 1, 2].map(|q| (reduced.telemetry[axis][q], reduced.values[axis][q])))
+    };
+    let two_stage_values: Vec<_> = reduced.iter().map(values).collect();
+    let first_orders = order_tables(&two_stage_values)?;
+    match options.method {
+        Method::TwoStage => {
+            let solution = two_stage(runs, reduced, &curves(&first_orders));
+            Ok((first_orders, solution.ok_or(CalibrationError::Fit(OneStageError::Divergence))?))
+        }
+        Method::OneStage => {
+            let orders = order_tables(&corrected_values(runs, reduced, &curves(&first_orders))?)?;
+            let solution = solve(runs, reduced.len(), &curves(&orders), &[])?;
+            Ok((orders, solution))
+        }
+    }
 }
 
 /// Curves through the values of the set points, and the means of everything else.

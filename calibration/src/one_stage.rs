@@ -27,13 +27,9 @@
 //! Over 400 lines: the fit, its covariance and the set points' values use the same equation and the same derivatives.
 
 use crate::checks::SetPoint;
-use isotherm_campaign::Campaign;
-use isotherm_campaign::Dwell;
-use isotherm_campaign::PARAMETERS;
+use isotherm_campaign::{Campaign, Dwell, PARAMETERS};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::LeastSquares;
-use isotherm_statistics::least_squares;
-use isotherm_statistics::{Curve, student_quantile};
+use isotherm_statistics::{Curve, LeastSquares, least_squares, student_quantile};
 use nalgebra::{DMatrix, DVector};
 
 /// Most Gauss-Newton steps; four or five are usual.

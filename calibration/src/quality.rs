@@ -4,14 +4,10 @@ use crate::checks::{Finding, SetPoint, Severity, name};
 use crate::effects::{BIAS_EFFECT, SCALE_FACTOR_EFFECT};
 use crate::one_stage::{Solution, solve};
 use crate::reduce::Reduced;
-use isotherm_campaign::Campaign;
-use isotherm_campaign::Dwell;
-use isotherm_campaign::SAME_DIRECTION;
-use isotherm_campaign::other_zero;
+use isotherm_campaign::{Campaign, Dwell, SAME_DIRECTION, other_zero};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{OrderTable, QUANTITIES};
-use isotherm_statistics::{median, robust_sd};
+use isotherm_statistics::{OrderTable, QUANTITIES, median, robust_sd};
 use nalgebra::{DMatrix, DVector};
 
 /// Limit of a dwell's residual, in robust standard deviations of the residuals; a dwell over it is an outlier.

@@ -13,9 +13,7 @@
 //! The temperature changes a little between the positions. Each result therefore has its own **effective telemetry**: the
 //! mean over the dwells with the weights that they have in this result, not the plain mean.
 
-use isotherm_campaign::Campaign;
-use isotherm_campaign::Dwell;
-use isotherm_campaign::PARAMETERS;
+use isotherm_campaign::{Campaign, Dwell, PARAMETERS};
 use isotherm_shared::wire::AXES;
 use nalgebra::{DMatrix, DVector};
 

@@ -8,8 +8,7 @@ use isotherm_campaign::PARAMETERS;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::OrderTable;
-use isotherm_statistics::{CONFIDENCE, Curve};
+use isotherm_statistics::{CONFIDENCE, Curve, OrderTable};
 
 /// What the figures of a triad are shown in.
 #[derive(Debug)]

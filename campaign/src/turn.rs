@@ -1,7 +1,6 @@
 //! The turns of a campaign file: `[[turn]]`, from rest to rest about one axis of the turntable.
 
-use crate::geometry::outer_axis;
-use crate::geometry::specific_force;
+use crate::geometry::{outer_axis, specific_force};
 use crate::position::{Position, SAME_DIRECTION};
 use isotherm_shared::document::Section;
 use isotherm_shared::wire::AXES;

@@ -7,11 +7,10 @@ mod common;
 
 use common::{assert_self_contained, folder, run};
 use serde_json::Value;
-use std::fs;
 use std::os::unix::process::ExitStatusExt as _;
 use std::process::Command;
-use std::thread;
 use std::time::{Duration, Instant};
+use std::{fs, thread};
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/tests/data");
 const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples");

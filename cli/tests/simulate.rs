@@ -1,11 +1,8 @@
 //! `simulate campaign` and `simulate run` of a whole IMU as a user types them. The physics is tested in `calibration/tests/gyroscopes`.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_calibration::CalibrationOptions;
-use isotherm_calibration::calibrate;
-use isotherm_calibration::read_measurements;
-use isotherm_campaign::Campaign;
-use isotherm_campaign::laboratory_axes;
+use isotherm_calibration::{CalibrationOptions, calibrate, read_measurements};
+use isotherm_campaign::{Campaign, laboratory_axes};
 use isotherm_recording::{CampaignCsvReader, RawCsvReader};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;

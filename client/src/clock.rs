@@ -7,9 +7,8 @@
 #![cfg_attr(target_arch = "x86_64", expect(unsafe_code, reason = "the counter has no safe intrinsic"))]
 
 use rustix::time::{ClockId, clock_gettime};
-use std::fs;
-use std::thread;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::{fs, thread};
 
 /// A [`Clock`] uses the counter for this long after its last reading of the kernel's clock \[ns\].
 pub(crate) const EXTRAPOLATION_NS: u64 = 100_000;

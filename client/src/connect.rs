@@ -11,10 +11,9 @@ use iceoryx2::prelude::{NodeBuilder, ServiceName, SignalHandlingMode};
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use isotherm_shared::stream::{self, CREATION_TIMEOUT, Domain, DomainError, ImuId, IpcNode};
 use std::collections::HashMap;
-use std::fs;
 use std::path::{Path, PathBuf};
-use std::thread;
 use std::time::{Duration, Instant};
+use std::{fs, thread};
 
 /// Environment variable that names the domain.
 pub const DOMAIN_VARIABLE: &str = "ISOTHERM_DOMAIN";

@@ -16,10 +16,8 @@ use core::fmt;
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::process::{Resource, getrlimit};
 use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
-use std::fs;
-use std::io;
 use std::num::NonZeroU64;
-use std::thread;
+use std::{fs, io, thread};
 
 /// Size of the stack that is touched when memory is locked, so that no later call waits for one of its pages \[bytes\].
 const STACK: usize = 256 * 1024;

@@ -4,19 +4,12 @@ use crate::errors::{CalibrationError, faults, recording};
 use crate::offline::tool;
 use crate::records::{Fields, RAW, document, python};
 use crate::table::Table;
-use isotherm_calibration::Accuracy;
-use isotherm_calibration::AlignmentChoice;
-use isotherm_calibration::Calibration as Figures;
-use isotherm_calibration::{CalibrationOptions, Method};
-use isotherm_calibration::{CampaignSource, Hashed, sealed_ramp_table, sealed_table, sha256};
-use isotherm_calibration::{Finding, Severity, name};
-use isotherm_calibration::{FittedRun, Measurements, read_measurements};
-use isotherm_calibration::{LagChoice, RampRecording};
-use isotherm_calibration::{RampCalibration, calibrate_ramps as fit_ramps};
-use isotherm_calibration::{calibrate as fit, observable};
-use isotherm_campaign::Campaign;
-use isotherm_campaign::Dwell;
-use isotherm_campaign::select_imu;
+use isotherm_calibration::{
+    Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, CampaignSource, Finding, FittedRun, Hashed,
+    LagChoice, Measurements, Method, RampCalibration, RampRecording, Severity, calibrate as fit,
+    calibrate_ramps as fit_ramps, name, observable, read_measurements, sealed_ramp_table, sealed_table, sha256,
+};
+use isotherm_campaign::{Campaign, Dwell, select_imu};
 use isotherm_client::TimeConstant;
 use isotherm_recording::{CampaignCsvReader, CampaignRow, RecordingError, SequenceRule};
 use isotherm_report::{calibration, json, ramps};

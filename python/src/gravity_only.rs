@@ -5,17 +5,14 @@ use crate::errors::{CalibrationError, StabilityError, recording};
 use crate::offline::{tool, with_lag};
 use crate::records::{Fields, RAW, document, python};
 use crate::table::Table;
-use isotherm_calibration::{CampaignSource, Hashed, sha256};
 use isotherm_calibration::{
-    GravityOnlyCalibration as Figures, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording,
-    calibrate_gravity_only as fit, sealed_gravity_only_table,
+    CampaignSource, GravityOnlyCalibration as Figures, GravityOnlyOptions, Hashed, ScaleFactorChoice, TumbleRecording,
+    calibrate_gravity_only as fit, sealed_gravity_only_table, sha256,
 };
 use isotherm_campaign::Campaign;
 use isotherm_recording::{CampaignRow, RawCsvReader, RecordingError};
 use isotherm_report::{gravity_only as report, lengths as lengths_report};
-use isotherm_verification::Lengths;
-use isotherm_verification::LocalGravity;
-use isotherm_verification::Requirement;
+use isotherm_verification::{Lengths, LocalGravity, Requirement};
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

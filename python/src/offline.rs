@@ -15,11 +15,10 @@ use isotherm_shared::lag::LagCompletion;
 use isotherm_shared::sequence::Period;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample, StreamSample};
-use isotherm_statistics::DoubleDouble;
-use isotherm_statistics::{DataPoint, LinearColumn, MAX_ORDER, Regression};
-use isotherm_statistics::{OrderTable, Rule, default_order};
-use isotherm_verification::Requirement;
-use isotherm_verification::{Collector, LocalGravity, Setup, Stability as Figures};
+use isotherm_statistics::{
+    DataPoint, DoubleDouble, LinearColumn, MAX_ORDER, OrderTable, Regression, Rule, default_order,
+};
+use isotherm_verification::{Collector, LocalGravity, Requirement, Setup, Stability as Figures};
 use numpy::{PyArray1, PyArrayMethods as _, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

@@ -4,11 +4,7 @@ mod json;
 mod text;
 mod words;
 
-use crate::comparison::words::dated;
-use crate::comparison::words::places;
-use crate::comparison::words::slope_interval;
-use crate::comparison::words::which;
-use crate::comparison::words::word;
+use crate::comparison::words::{dated, places, slope_interval, which, word};
 pub use json::document;
 pub use text::text;
 

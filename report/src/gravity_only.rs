@@ -4,15 +4,11 @@ use super::json::losses;
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
 use super::text::within;
-use isotherm_calibration::CampaignSource;
-use isotherm_calibration::Reading;
-use isotherm_calibration::largest_interval;
-use isotherm_calibration::{GravityOnlyCalibration, GravityOnlyError};
+use isotherm_calibration::{CampaignSource, GravityOnlyCalibration, GravityOnlyError, Reading, largest_interval};
 use isotherm_campaign::Campaign;
 use isotherm_failure::Failure;
 use isotherm_shared::table::{AXIS_NAMES, GRAVITY_ONLY, GYROSCOPE_NAMES};
-use isotherm_statistics::QUANTITIES;
-use isotherm_statistics::{CONFIDENCE, student_quantile};
+use isotherm_statistics::{CONFIDENCE, QUANTITIES, student_quantile};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
@@ -269,10 +265,10 @@ pub fn html(
         .collect();
     let header = ["Axis", "Bias / 1e-6 g0", "K+ / (pulse/(s*g0))", "K- / (pulse/(s*g0))"];
     page.table("Values at mid telemetry with 95 % intervals", &header, &rows);
-    residuals(&mut page, calibration);
     if calibration.unknowns.order > 0 {
         curves(&mut page, calibration);
     }
+    residuals(&mut page, calibration);
     if let Some(rates) = calibration.gyroscope_rates() {
         page.heading(2, "gyroscopes", "Gyroscopes");
         page.paragraph("Mean rate over the standstills. Earth's rate is in it; nothing of it goes into the table.");

@@ -1,26 +1,17 @@
 //! Results as the JSON that `--json` prints. Keys of figures have their unit at the end; `in_unit` is the `unit` of the same object. The
 //! `value` and the half width `interval` of an estimate have the unit of its key. Counts, ratios and texts have none. What is not known is null.
 
-use isotherm_calibration::Calibration;
-use isotherm_calibration::CalibrationError;
-use isotherm_calibration::RampCalibration;
-use isotherm_calibration::TriadObservability;
-use isotherm_calibration::is_needed;
-use isotherm_calibration::{Accuracy, largest_interval};
-use isotherm_calibration::{BiasTransient, Condition, Transients};
-use isotherm_calibration::{CalibratedTriad, TriadUnits};
-use isotherm_calibration::{Finding, RunNumber, Severity};
-use isotherm_calibration::{GyroscopeCalibration, is_alignment_needed};
+use isotherm_calibration::{
+    Accuracy, BiasTransient, CalibratedTriad, Calibration, CalibrationError, Condition, Finding, GyroscopeCalibration,
+    RampCalibration, RunNumber, Severity, Transients, TriadObservability, TriadUnits, is_alignment_needed, is_needed,
+    largest_interval,
+};
 use isotherm_campaign::Dwell;
 use isotherm_failure::Failure;
 use isotherm_recording::Losses;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
-use isotherm_statistics::CONFIDENCE;
-use isotherm_statistics::QUANTITIES;
-use isotherm_statistics::band;
-use isotherm_verification::Errors;
-use isotherm_verification::Requirement;
-use isotherm_verification::{Coverage, GyroscopeStability, LeftOut, Loops, Stability};
+use isotherm_statistics::{CONFIDENCE, QUANTITIES, band};
+use isotherm_verification::{Coverage, Errors, GyroscopeStability, LeftOut, Loops, Requirement, Stability};
 use serde_json::{Value, json};
 
 /// A calibration: digest, bottom line, curves, misalignments and findings; of an IMU with gyroscopes also theirs. `locate` gives file and line

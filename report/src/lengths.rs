@@ -3,9 +3,9 @@
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
 use super::verification::VerificationSource;
+use crate::parts::file_names;
 use isotherm_shared::table::CoefficientTable;
-use isotherm_verification::Requirement;
-use isotherm_verification::{Length, Lengths};
+use isotherm_verification::{Length, Lengths, Requirement};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
@@ -104,7 +104,7 @@ pub fn json(lengths: &Lengths, window_s: f64, required: Option<Requirement>) -> 
 #[must_use]
 pub fn html(table: &CoefficientTable, lengths: &Lengths, source: &VerificationSource) -> String {
     let title = format!("Verification of {} by standstills", table.content().imu);
-    let mut page = Page::new(&title, &format!("{} · {} · {}", source.recording, source.time, source.tool));
+    let mut page = Page::new(&title, &format!("{} · {} · {}", file_names(&source.recording), source.time, source.tool));
     page.heading(2, "result", "Result");
     let largest = lengths.largest();
     page.key_values(&[

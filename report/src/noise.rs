@@ -5,6 +5,7 @@ pub mod text;
 
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
+use crate::parts::file_names;
 use core::f64::consts::SQRT_2;
 use isotherm_analysis::{Allan, COEFFICIENTS, FLICKER_FLOOR, NoiseAnalysis, NoiseUnits};
 use maud::Markup;
@@ -28,7 +29,7 @@ pub struct NoiseSource {
 #[must_use]
 pub fn html(analysis: &NoiseAnalysis, source: &NoiseSource) -> String {
     let title = format!("Noise of {}", source.imu);
-    let mut page = Page::new(&title, &format!("{} · {} · {}", source.recording, source.time, source.tool));
+    let mut page = Page::new(&title, &format!("{} · {} · {}", file_names(&source.recording), source.time, source.tool));
     page.heading(2, "result", "Result");
     page.paragraph(&format!("{}.", text::rows(analysis)));
     let warnings = analysis.warnings();
@@ -116,14 +117,16 @@ fn figure(what: &str, allan: &Allan, units: &NoiseUnits) -> (Markup, String) {
     let unit = if units.rate.contains('/') { format!("({})", units.rate) } else { units.rate.to_owned() };
     let label = format!("Allan deviation / {unit}");
     let mut plot = Plot::new(what, "tau / s", &label).series("Measured", Style::Both, points).band(band);
-    // Parts far below the curve would only make the figure higher.
-    let lowest = allan.points.iter().map(|point| point.adev).filter(|adev| *adev > 0.0).fold(f64::INFINITY, f64::min);
+    // Parts far from the curve would only make the figure higher.
+    let measured = || allan.points.iter().map(|point| point.adev).filter(|adev| *adev > 0.0);
+    let (lowest, highest) = (measured().fold(f64::INFINITY, f64::min), measured().fold(0.0, f64::max));
     if let Some(model) = &allan.model {
         let times = || allan.points.iter().map(|point| point.tau_s);
         plot = plot.series("Model", Style::Line, times().map(|tau| (tau, model.deviation(tau).0)));
         for (k, name) in COEFFICIENTS.iter().enumerate() {
             let part: Vec<_> = times().map(|tau| (tau, model.deviation(tau).1[k])).collect();
-            let part: Vec<_> = part.into_iter().filter(|(_, value)| *value > 0.3 * lowest).collect();
+            let part: Vec<_> =
+                part.into_iter().filter(|(_, value)| *value > 0.3 * lowest && *value < 3.0 * highest).collect();
             if !part.is_empty() {
                 plot = plot.series(name, Style::Line, part);
             }

@@ -202,7 +202,9 @@ impl Page {
     /// Adds figures, each with its caption, side by side as far as the width allows.
     pub fn figures<C: AsRef<str>>(&mut self, figures: &[(Markup, C)]) {
         self.add(&html! {
-            div.figures { @for (svg, caption) in figures { (figure(svg, caption.as_ref())) } }
+            div.figures.three[figures.len() % 3 == 0] {
+                @for (svg, caption) in figures { (figure(svg, caption.as_ref())) }
+            }
         });
     }
 

@@ -44,3 +44,9 @@ pub(crate) fn provenance(
     rows.push(("Table", &digest));
     page.key_values(&rows);
 }
+
+/// The names of files without their folders, for a subtitle; `paths` are separated by commas.
+pub(crate) fn file_names(paths: &str) -> String {
+    let name = |path: &str| path.rsplit('/').next().unwrap_or_default().to_owned();
+    paths.split(", ").map(name).collect::<Vec<_>>().join(", ")
+}

@@ -3,9 +3,7 @@
 use super::page::{NoteKind, Page};
 use super::plot::{Plot, Style};
 use crate::parts::provenance;
-use isotherm_calibration::CampaignSource;
-use isotherm_calibration::RampCalibration;
-use isotherm_calibration::TriadUnits;
+use isotherm_calibration::{CampaignSource, RampCalibration, TriadUnits};
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;

@@ -2,22 +2,18 @@
 //!
 //! Over 400 lines: the lines of calibrations and of verifications, which have the same layout.
 
-use isotherm_calibration::Calibration;
-use isotherm_calibration::GyroscopeCalibration;
-use isotherm_calibration::RampCalibration;
-use isotherm_calibration::Transients;
-use isotherm_calibration::{Accuracy, largest_interval};
-use isotherm_calibration::{CalibratedTriad, TriadUnits};
+use isotherm_calibration::{
+    Accuracy, CalibratedTriad, Calibration, GyroscopeCalibration, RampCalibration, Transients, TriadUnits,
+    largest_interval,
+};
 use isotherm_campaign::Dwell;
 use isotherm_recording::Losses;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::CONFIDENCE;
-use isotherm_statistics::QUANTITIES;
-use isotherm_statistics::{BINS, band};
-use isotherm_verification::Judgement;
-use isotherm_verification::{AxisStability, Force, GyroscopeStability, LoopBand, Loops, Stability};
-use isotherm_verification::{Errors, Estimate};
+use isotherm_statistics::{BINS, CONFIDENCE, QUANTITIES, band};
+use isotherm_verification::{
+    AxisStability, Errors, Estimate, Force, GyroscopeStability, Judgement, LoopBand, Loops, Stability,
+};
 use std::fmt::Write as _;
 
 /// A calibration in a few lines: orders, errors, misalignments, tilt; of gyroscopes also g-sensitivities and Earth's rate.

@@ -3,8 +3,7 @@
 use super::loops::pictures;
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
-use isotherm_calibration::TriadUnits;
-use isotherm_calibration::{BiasTransient, Condition, TransientVerdict, Transients};
+use isotherm_calibration::{BiasTransient, Condition, TransientVerdict, Transients, TriadUnits};
 use isotherm_statistics::band;
 
 /// The sections. `unit` is that of the telemetry.

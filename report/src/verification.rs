@@ -5,13 +5,11 @@
 use super::loops::pictures;
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
-use crate::parts::{NAVIGATION, navigation};
+use crate::parts::{NAVIGATION, file_names, navigation};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::BINS;
-use isotherm_verification::Requirement;
-use isotherm_verification::{AxisStability, Force, LoopBand, Loops, Stability, Window};
-use isotherm_verification::{Errors, Estimate};
+use isotherm_verification::{AxisStability, Errors, Estimate, Force, LoopBand, Loops, Requirement, Stability, Window};
 use maud::Markup;
 
 /// What the report states besides the table and the stability; only the caller knows it.
@@ -35,7 +33,7 @@ pub struct VerificationSource {
 #[must_use]
 pub fn html(table: &CoefficientTable, stability: &Stability, source: &VerificationSource) -> String {
     let title = format!("Verification of {}", table.content().imu);
-    let mut page = Page::new(&title, &format!("{} · {} · {}", source.recording, source.time, source.tool));
+    let mut page = Page::new(&title, &format!("{} · {} · {}", file_names(&source.recording), source.time, source.tool));
     result(&mut page, table, stability, source);
     verdict(&mut page, stability);
     figures(&mut page, table, stability);

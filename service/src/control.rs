@@ -5,19 +5,18 @@
 //! a second service out -> workers with the IMUs' streams -> file watch -> loop. The service stops in the reverse order.
 
 use crate::config::{Config, Strategy};
-use crate::create;
 use crate::guard::{self, Guard};
 use crate::imu::{FirstTable, ImuState, PendingImu, log_unlike_scale_factors};
 use crate::leftovers::{self, Leftovers};
 use crate::metrics::Metrics;
 use crate::reload::{self, TICK, TableFile};
-use crate::sigbus;
 use crate::status::{StatusPublisher, imu_status};
 use crate::systemd::ServiceManager;
 use crate::threads::{self, HeartbeatChange, WorkerThread};
 use crate::worker::Worker;
 use crate::worker::channel::ChannelLink;
 use crate::worker::counters::CounterReader;
+use crate::{create, sigbus};
 use isotherm_client::{
     Realtime, check_domain, check_owner, check_room, join, monotonic_ns, process_kb, reserve, unix_s,
 };

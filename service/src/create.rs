@@ -16,11 +16,9 @@ use isotherm_client::{OwnFile, foreign_object, own_files, payload_of};
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
 use serde::Deserialize;
-use std::fmt;
-use std::fs;
 use std::path::{Path, PathBuf};
-use std::thread;
 use std::time::{Duration, Instant};
+use std::{fmt, fs, thread};
 
 /// How long creating one stream may take.
 const CREATE_TIMEOUT: Duration = Duration::from_secs(3);

@@ -10,11 +10,10 @@ use isotherm_files::{WorldWritable, load_table, replace};
 use isotherm_shared::table::difference::{Change, MaxChange, TableDifference};
 use isotherm_shared::table::{CoefficientTable, Digest};
 use rustix::fs::{FsWord, statfs};
-use std::env;
 use std::fs::DirBuilder;
-use std::io;
 use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _};
 use std::path::{Path, PathBuf};
+use std::{env, io};
 use tracing::warn;
 
 /// Guards the table of one IMU.

@@ -18,13 +18,12 @@ use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
 use rustix::fs::{MemfdFlags, memfd_create};
 use rustix::process::{Flock, FlockType, fcntl_getlk};
 use std::collections::{BTreeSet, HashMap};
-use std::fmt;
 use std::fs::{self, File};
 use std::io::Write as _;
 use std::os::fd::AsRawFd as _;
 use std::path::{Path, PathBuf};
-use std::thread;
 use std::time::Duration;
+use std::{fmt, thread};
 use tracing::{debug, error, info};
 
 /// So many searches in a row must find a process dead before its leftovers are removed.

@@ -1,12 +1,11 @@
 //! Notifies the service manager of the service's state, as in sd_notify(3). Without a service manager nothing is sent.
 
 use sd_notify::NotifyState;
-use std::env;
-use std::io;
 use std::os::linux::net::SocketAddrExt as _;
 use std::os::unix::ffi::OsStrExt as _;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::{Duration, Instant};
+use std::{env, io};
 use tracing::{info, warn};
 
 /// The connection to the service manager.

@@ -24,8 +24,7 @@
 //! coefficients of no real IMU give one inside the ranges.
 
 use crate::polynomial::{Polynomial, Side};
-use crate::table::CoefficientTable;
-use crate::table::{Axis, Content, OutOfRange};
+use crate::table::{Axis, CoefficientTable, Content, OutOfRange};
 use crate::units::{ARCSEC, Bias, NegativeScaleFactor, PositiveScaleFactor};
 use crate::wire::{AXES, CompensatedIncrement, Flags, MAX_INTERVAL_NS, RawSample, Triad};
 use nalgebra::Matrix3;

@@ -24,11 +24,9 @@ use iceoryx2_cal::named_concept::{
     NamedConcept, NamedConceptBuilder, NamedConceptConfiguration as _, NamedConceptDoesExistError,
     NamedConceptListError, NamedConceptMgmt, NamedConceptPathHintRemoveError, NamedConceptRemoveError,
 };
-use std::fs;
-use std::io;
 use std::os::unix::fs::MetadataExt as _;
-use std::thread;
 use std::time::Instant;
+use std::{fs, io, thread};
 
 /// Pause between two looks at an object that has no size yet.
 const PAUSE: Duration = Duration::from_millis(1);

@@ -1,8 +1,7 @@
 //! The status document, which the service publishes as JSON on the stream `isotherm/status`.
 
 use crate::stream::Domain;
-use crate::table::Axis;
-use crate::table::CoefficientTable;
+use crate::table::{Axis, CoefficientTable};
 use crate::wire::AXES;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

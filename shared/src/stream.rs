@@ -24,13 +24,12 @@ use crate::wire::{CompensatedIncrement, RawSample};
 use core::fmt;
 use core::time::Duration;
 use iceoryx2::prelude::{Config, FileName, Node, Path, SemanticString as _, ServiceName, ZeroCopySend, ipc};
-use iceoryx2::service::Service;
 use iceoryx2::service::builder::event::{EventOpenError, EventOpenOrCreateError};
 use iceoryx2::service::builder::publish_subscribe::{
     self, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
 use iceoryx2::service::internal::ServiceInternal;
-use iceoryx2::service::port_factory;
+use iceoryx2::service::{Service, port_factory};
 use iceoryx2_bb_elementary_traits::testing::abandonable::Abandonable;
 use iceoryx2_bb_lock_free::mpmc::counting_bit_set::RelocatableCountingBitSet;
 use iceoryx2_cal::dynamic_storage::file;

@@ -6,9 +6,7 @@
 //! any small effect is significant.
 
 use crate::diagnostics::Diagnostics;
-use crate::regression::LinearTerm;
-use crate::regression::{DataPoint, RegressionError};
-use crate::regression::{Fit, Partial, Regression, f_limit};
+use crate::regression::{DataPoint, Fit, LinearTerm, Partial, Regression, RegressionError, f_limit};
 use core::fmt::Write as _;
 use isotherm_shared::polynomial::MAX_ORDER;
 use serde_json::{Value, json};

@@ -1,9 +1,9 @@
 //! Columns that enter a regression linearly, beside the polynomial of x: their figures, and the refusal of columns that say the same.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_statistics::DoubleDouble;
-use isotherm_statistics::{DataPoint, LinearColumn, Regression, RegressionError};
-use isotherm_statistics::{OrderTable, Rule, choose, default_order};
+use isotherm_statistics::{
+    DataPoint, DoubleDouble, LinearColumn, OrderTable, Regression, RegressionError, Rule, choose, default_order,
+};
 
 /// Longley's data, J. Am. Statist. Assoc. 62 (1967) 819, as in NIST's set of this name: total employment, price index (1954 = 100), gross
 /// national product, unemployed, armed forces, population, year.

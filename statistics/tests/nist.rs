@@ -1,9 +1,7 @@
 //! The regression compared with NIST's reference sets and with a cubic; all their figures are known to 30 digits.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_statistics::DoubleDouble;
-use isotherm_statistics::{DataPoint, Fit, Partial, Regression, f_limit};
-use isotherm_statistics::{Rule, choose};
+use isotherm_statistics::{DataPoint, DoubleDouble, Fit, Partial, Regression, Rule, choose, f_limit};
 use serde_json::Value;
 
 fn load(name: &str) -> Value {

@@ -1,9 +1,7 @@
 //! Properties that the reference sets do not test: weights, leave-one-out errors, data that allow no regression.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_statistics::DoubleDouble;
-use isotherm_statistics::{DataPoint, Regression, RegressionError, f_limit, f_tail};
-use isotherm_statistics::{Rule, choose};
+use isotherm_statistics::{DataPoint, DoubleDouble, Regression, RegressionError, Rule, choose, f_limit, f_tail};
 use proptest::prelude::*;
 
 fn points(count: u32) -> Vec<DataPoint> {

@@ -21,8 +21,6 @@ use isotherm_recording::RawCsvReader;
 use isotherm_shared::table::CoefficientTable;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
-use std::env;
-use std::fs;
 use std::io::{BufRead as _, BufReader, ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
@@ -31,6 +29,7 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Arc, Condvar, Mutex, Once};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
+use std::{env, fs};
 use tempfile::TempDir;
 
 /// The coefficient table of the recording, for `imu-a`.

@@ -2,10 +2,9 @@
 #![allow(clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_tests::{Needs, skip, text};
-use std::env;
-use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
+use std::{env, fs};
 
 /// Set in a child process. It says what the child's test needs: `program` or `machine`.
 const CHILD: &str = "ISOTHERM_TESTS_CHILD";

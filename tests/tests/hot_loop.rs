@@ -6,12 +6,11 @@ use isotherm_tests::{Needs, TIMEOUT, TestDomain, WHOLE_TABLE, skip, thread_of, w
 use nix::sys::ptrace;
 use nix::sys::wait::{WaitPidFlag, WaitStatus, waitpid};
 use nix::unistd::Pid;
-use std::fs;
 use std::io::{BufRead as _, BufReader, Lines, Write as _};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::thread;
 use std::time::{Duration, Instant};
+use std::{fs, thread};
 
 /// Waiting strategies.
 const STRATEGIES: [&str; 3] = ["spin", "anticipate", "block"];

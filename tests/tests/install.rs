@@ -9,7 +9,6 @@ use feed::{Feed, ids};
 use isotherm_files::{Identity, Installation};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_tests::{Needs, TABLE, TestDomain, skip, table, text, variant, wait_until};
-use std::env;
 use std::fs::{self, Permissions};
 use std::hash::{BuildHasher as _, Hasher as _, RandomState};
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
@@ -17,8 +16,8 @@ use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, chown, symlink};
 use std::os::unix::process::CommandExt as _;
 use std::path::Path;
 use std::process::{Command, Stdio};
-use std::thread;
 use std::time::{Duration, Instant};
+use std::{env, thread};
 
 const INSTALLED: &str = "imu-a.toml";
 const PREVIOUS: &str = "imu-a.toml.previous";

@@ -13,9 +13,8 @@ use isotherm_tests::{
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::Signal;
 use std::collections::BTreeSet;
-use std::fs;
-use std::thread;
 use std::time::{Duration, Instant};
+use std::{fs, thread};
 
 /// All increments that have arrived for a reader.
 fn drain(reader: &mut IncrementReader) -> Vec<CompensatedIncrement> {

@@ -8,12 +8,11 @@ use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{RawSample, device};
 use isotherm_tests::{TIMEOUT, TestDomain, WHOLE_TABLE, completed, may_mount, text, wait_until, whole_recording};
 use rustix::process::Signal;
-use std::fs;
 use std::io::{BufWriter, pipe};
 use std::process::Stdio;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread;
+use std::{fs, thread};
 
 const RUN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data/run-g.csv");
 const RUN_DOUBLE: &str = include_str!("../data/run-g.double.csv");

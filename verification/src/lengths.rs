@@ -5,10 +5,8 @@
 use crate::requirement::{Judgement, Requirement, all_met};
 use crate::stability::LocalGravity;
 use crate::verdict::Estimate;
-use isotherm_calibration::Reading;
-use isotherm_calibration::{error_of_length, errors_of_means};
-use isotherm_campaign::StandstillError;
-use isotherm_campaign::{TUMBLED, begins_ns, find_standstills};
+use isotherm_calibration::{Reading, error_of_length, errors_of_means};
+use isotherm_campaign::{StandstillError, TUMBLED, begins_ns, find_standstills};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::CoefficientTable;

@@ -110,6 +110,134 @@ fn worst_rate(stability: &Stability) -> Result<(&'static str, Estimate), Unjudge
     }
 }
 
+/// Why no bound is judged: another IMU's table, or an IMU that was not at rest, makes every figure meaningless.
+fn conditions(stability: &Stability) -> Vec<Judgement> {
+    let failed = |bound, message, remedy| Judgement { bound, met: false, message, remedy: Some(remedy) };
+    let conditions = [
+        ("at rest", stability.gravity_mismatch(), "hold the IMU still, and take its own table"),
+        ("whole run", stability.unjudged(), "hold the IMU still at the stated attitude, within the table's range"),
+    ];
+    let nothing = |message| format!("Nothing can be claimed: {message}.");
+    let conditions = conditions.into_iter();
+    let mut all: Vec<_> =
+        conditions.filter_map(|(bound, message, remedy)| Some(failed(bound, nothing(message?), remedy))).collect();
+    let short = stability.too_short().filter(|_| all.is_empty());
+    all.extend(short.map(|message| failed("length of the run", message, LONGER)));
+    all
+}
+
+/// An error that a requirement bounds.
+#[derive(Clone, Copy)]
+enum Bound {
+    Bias,
+    Scale,
+    Level,
+    Rate,
+}
+
+impl Bound {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Bias => "bias",
+            Self::Scale => "scale",
+            Self::Level => "level",
+            Self::Rate => "rate",
+        }
+    }
+
+    /// The unit that it is shown in, how many of them one of the estimate's is, and the decimals: a good gyroscope needs more than 3.
+    fn shown(self) -> (&'static str, f64, usize) {
+        match self {
+            Self::Bias => ("ug0", 1e6, 3),
+            Self::Scale => ("ppm", 1e6, 3),
+            Self::Level => ("arcsec", arcsec(1.0), 3),
+            Self::Rate => ("deg/h", 1.0, 4),
+        }
+    }
+
+    /// The largest error of the run with its name, or why it is not judged.
+    fn error(self, stability: &Stability) -> (&'static str, Result<Estimate, Unjudged>) {
+        let verdict = &stability.verdict;
+        let missing = || unjudged(verdict.missing().unwrap_or_default());
+        match self {
+            Self::Bias => {
+                let axes = AXIS_NAMES.iter().zip(&verdict.axes);
+                let worst = axes.max_by(|(_, a), (_, b)| a.worst.most().total_cmp(&b.worst.most()));
+                let (name, worst) = worst.map_or(("", None), |(name, errors)| (*name, Some(errors.worst)));
+                (name, worst.filter(|_| verdict.judges_axes()).ok_or_else(missing))
+            }
+            Self::Scale => {
+                let why = if verdict.gravity_known {
+                    ["the IMU was never still", "hold the IMU still"]
+                } else {
+                    const STATE: &str = "state --gravity-local, or take a table whose provenance has gravity_local";
+                    ["local gravity is unknown", STATE]
+                };
+                let length = verdict.length.as_ref().map(|errors| errors.worst.times(1.0 / stability.gravity));
+                ("the length", length.ok_or_else(|| unjudged(why)))
+            }
+            Self::Level => ("the level", Some(verdict.level.worst).filter(|_| verdict.stated).ok_or_else(missing)),
+            Self::Rate => match worst_rate(stability) {
+                Ok((name, worst)) => (name, Ok(worst)),
+                Err(why) => ("", Err(why)),
+            },
+        }
+    }
+}
+
+/// A bound as the run shows it, before it is asked whether anything can be claimed of the run.
+struct Judged {
+    bound: &'static str,
+    message: String,
+    word: String,
+    remedy: Option<&'static str>,
+}
+
+impl Judged {
+    fn factor(stability: &Stability, required: f64) -> Self {
+        let all = AXIS_NAMES.iter().zip(&stability.axes);
+        let least = all.map(|(name, axis)| (*name, axis.factor()));
+        // An axis whose factor is not a number is the worst one.
+        let least = least.map(|(name, factor)| (name, if factor.is_nan() { f64::NEG_INFINITY } else { factor }));
+        let (name, least) = least.min_by(|(_, a), (_, b)| a.total_cmp(b)).unwrap_or(("", f64::NAN));
+        let message = format!("factor of stability: {name} {least:.2}, at least {required} is required");
+        let (word, remedy) = if least >= required { ("met", None) } else { ("missed", Some(ANEW)) };
+        Self { bound: "factor", message, word: word.to_owned(), remedy }
+    }
+
+    fn error(bound: Bound, name: &str, error: Result<Estimate, Unjudged>, most: f64) -> Self {
+        let (unit, factor, places) = bound.shown();
+        let bound = bound.name();
+        let limit = format!("at most {:.places$} {unit} is required", most * factor);
+        let error = match error {
+            Ok(error) => error,
+            Err((why, remedy)) => {
+                let (message, word) = (format!("{bound}: {limit}"), format!("not judged, {why}"));
+                return Self { bound, message, word, remedy: Some(remedy) };
+            }
+        };
+        let Estimate { value, interval } = error.times(factor);
+        let message = format!("{bound}: {name} {value:.places$} +- {interval:.places$} {unit}, {limit}");
+        let (word, remedy) = match (error.most() <= most, error.value.abs() <= most) {
+            (true, _) => ("met", None),
+            (false, true) => ("the interval reaches over it", Some(LONGER)),
+            (false, false) => ("missed", Some(ANEW)),
+        };
+        Self { bound, message, word: word.to_owned(), remedy }
+    }
+
+    fn judgement(self, is_void: bool) -> Judgement {
+        let Self { bound, message, word, remedy } = self;
+        let word = if is_void { "not judged, see below" } else { &word };
+        Judgement {
+            bound,
+            met: !is_void && remedy.is_none(),
+            message: format!("{message}: {word}"),
+            remedy: remedy.filter(|_| !is_void),
+        }
+    }
+}
+
 const ANEW: &str = "calibrate anew, or look at the report";
 const LONGER: &str = "record longer";
 
@@ -148,98 +276,24 @@ impl Requirement {
     /// say why.
     #[must_use]
     pub fn judge(&self, stability: &Stability) -> Vec<Judgement> {
-        let verdict = &stability.verdict;
-        // Another IMU's table, or an IMU that was not at rest, makes every figure meaningless.
-        let conditions = [
-            ("at rest", stability.gravity_mismatch(), "hold the IMU still, and take its own table"),
-            ("whole run", stability.unjudged(), "hold the IMU still at the stated attitude, within the table's range"),
-        ];
-        let nothing = |message| format!("Nothing can be claimed: {message}.");
-        let mut conditions: Vec<_> = (conditions.into_iter())
-            .filter_map(|(bound, message, remedy)| Some((bound, nothing(message?), remedy)))
-            .collect();
-        let short = stability.too_short().filter(|_| conditions.is_empty());
-        conditions.extend(short.map(|message| ("length of the run", message, LONGER)));
-        let void = (!conditions.is_empty()).then_some("not judged, see below");
-        let mut found = Vec::new();
-        let mut push = |bound: &'static str, message: String, word: String, remedy: Option<&'static str>| {
-            let message = format!("{message}: {}", void.unwrap_or(&word));
-            found.push(Judgement {
-                bound,
-                met: void.is_none() && remedy.is_none(),
-                message,
-                remedy: remedy.filter(|_| void.is_none()),
-            });
-        };
-        if let Some(factor) = self.factor {
-            let all = AXIS_NAMES.iter().zip(&stability.axes);
-            let least = all.map(|(name, axis)| (*name, axis.factor()));
-            // An axis whose factor is not a number is the worst one.
-            let least = least.map(|(name, factor)| (name, if factor.is_nan() { f64::NEG_INFINITY } else { factor }));
-            let (name, least) = least.min_by(|(_, a), (_, b)| a.total_cmp(b)).unwrap_or(("", f64::NAN));
-            let message = format!("factor of stability: {name} {least:.2}, at least {factor} is required");
-            let (word, remedy) = if least >= factor { ("met", None) } else { ("missed", Some(ANEW)) };
-            push("factor", message, word.to_owned(), remedy);
+        let conditions = conditions(stability);
+        let is_void = !conditions.is_empty();
+        let factor = self.factor.map(|least| Judged::factor(stability, least));
+        let errors = [Bound::Bias, Bound::Scale, Bound::Level, Bound::Rate].into_iter().filter_map(|bound| {
+            let most = self.most(bound)?;
+            let (name, error) = bound.error(stability);
+            Some(Judged::error(bound, name, error, most))
+        });
+        factor.into_iter().chain(errors).map(|judged| judged.judgement(is_void)).chain(conditions).collect()
+    }
+
+    const fn most(&self, bound: Bound) -> Option<f64> {
+        match bound {
+            Bound::Bias => self.bias,
+            Bound::Scale => self.scale,
+            Bound::Level => self.level,
+            Bound::Rate => self.rate,
         }
-        let mut judge = |bound, name: &str, error: Result<Estimate, Unjudged>, most: f64, unit: &str, factor: f64| {
-            // 1e-6 g0, ppm and arcsec have 3 decimals; a good gyroscope needs more.
-            let places = if bound == "rate" { 4 } else { 3 };
-            let limit = format!("at most {:.places$} {unit} is required", most * factor);
-            match error {
-                Err((why, remedy)) => {
-                    push(bound, format!("{bound}: {limit}"), format!("not judged, {why}"), Some(remedy));
-                }
-                Ok(error) => {
-                    let shown = error.times(factor);
-                    let message = format!(
-                        "{bound}: {name} {:.places$} +- {:.places$} {unit}, {limit}",
-                        shown.value, shown.interval
-                    );
-                    let (word, remedy) = match (error.most() <= most, error.value.abs() <= most) {
-                        (true, _) => ("met", None),
-                        (false, true) => ("the interval reaches over it", Some(LONGER)),
-                        (false, false) => ("missed", Some(ANEW)),
-                    };
-                    push(bound, message, word.to_owned(), remedy);
-                }
-            }
-        };
-        let missing = || unjudged(verdict.missing().unwrap_or_default());
-        let axis =
-            AXIS_NAMES.iter().zip(&verdict.axes).max_by(|(_, a), (_, b)| a.worst.most().total_cmp(&b.worst.most()));
-        let (axis, errors) = axis.map_or(("", None), |(name, errors)| (*name, Some(errors.worst)));
-        if let Some(bias) = self.bias {
-            let errors = errors.filter(|_| verdict.judges_axes()).ok_or_else(missing);
-            judge("bias", axis, errors, bias, "ug0", 1e6);
-        }
-        if let Some(scale) = self.scale {
-            let why = if verdict.gravity_known {
-                ["the IMU was never still", "hold the IMU still"]
-            } else {
-                [
-                    "local gravity is unknown",
-                    "state --gravity-local, or take a table whose provenance has gravity_local",
-                ]
-            };
-            let length = verdict.length.as_ref().map(|errors| errors.worst.times(1.0 / stability.gravity));
-            judge("scale", "the length", length.ok_or_else(|| unjudged(why)), scale, "ppm", 1e6);
-        }
-        if let Some(level) = self.level {
-            let worst = Some(verdict.level.worst).filter(|_| verdict.stated);
-            judge("level", "the level", worst.ok_or_else(missing), level, "arcsec", arcsec(1.0));
-        }
-        if let Some(rate) = self.rate {
-            let found = worst_rate(stability);
-            let name = found.as_ref().map_or("", |(name, _)| name);
-            judge("rate", name, found.map(|(_, worst)| worst), rate, "deg/h", 1.0);
-        }
-        found.extend(conditions.into_iter().map(|(bound, message, remedy)| Judgement {
-            bound,
-            met: false,
-            message,
-            remedy: Some(remedy),
-        }));
-        found
     }
 
     /// Checks that every bound is met.

@@ -5,8 +5,7 @@
 
 use super::curve::{Allan, MIN_ROWS, TemperatureLine};
 use core::ops::Range;
-use isotherm_campaign::StandstillError;
-use isotherm_campaign::{AT_REST, begins_ns, find_standstills};
+use isotherm_campaign::{AT_REST, StandstillError, begins_ns, find_standstills};
 use isotherm_recording::columns::has_values;
 use isotherm_recording::{Continuity, Losses};
 use isotherm_shared::compensate::answer;

@@ -3,8 +3,7 @@
 use super::table::FormCurve;
 use isotherm_shared::table::difference::{unit, unit_factor};
 use isotherm_shared::units::SensorKind;
-use isotherm_statistics::QUANTITIES;
-use isotherm_statistics::f_tail;
+use isotherm_statistics::{QUANTITIES, f_tail};
 
 /// A Julian year \[s\].
 pub const YEAR_S: f64 = 365.25 * 86_400.0;

@@ -1,8 +1,7 @@
 //! Which rows of a recording are analysed, in what units, and what is warned of.
 
 use crate::simulated::{Truth, rates};
-use isotherm_analysis::imu_yaml;
-use isotherm_analysis::{NoiseAnalysis, NoiseError, RateKind};
+use isotherm_analysis::{NoiseAnalysis, NoiseError, RateKind, imu_yaml};
 use isotherm_report::noise;
 use isotherm_report::noise::NoiseSource;
 use isotherm_shared::table::CoefficientTable;

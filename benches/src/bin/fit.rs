@@ -4,10 +4,8 @@
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
 use isotherm_benches::BenchResult;
-use isotherm_calibration::CalibrationOptions;
-use isotherm_calibration::calibrate_accelerometers;
-use isotherm_campaign::Campaign;
-use isotherm_campaign::read_dwells;
+use isotherm_calibration::{CalibrationOptions, calibrate_accelerometers};
+use isotherm_campaign::{Campaign, read_dwells};
 use isotherm_recording::{CampaignCsvReader, RawCsvWriter};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_simulation::{CampaignSchedule, Truth, campaign, campaign_toml};

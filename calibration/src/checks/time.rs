@@ -1,9 +1,7 @@
 //! The checks of time: soak, intervals, missing rows, and motions and ramps that are too fast to be true.
 
 use super::{Checker, Finding, RunNumber, SetPoint, Severity, name};
-use isotherm_campaign::Dwell;
-use isotherm_campaign::Position;
-use isotherm_campaign::{UNIT_FACTORS, UNIT_TOLERANCE};
+use isotherm_campaign::{Dwell, Position, UNIT_FACTORS, UNIT_TOLERANCE};
 use isotherm_statistics::{median, robust_sd};
 use nalgebra::{Rotation3, Vector3};
 

@@ -2,8 +2,7 @@
 
 use super::{EXPLAINS, Hypothesis, PositionMistake, Trials};
 use crate::checks::name;
-use isotherm_campaign::specific_force;
-use isotherm_campaign::{Position, SAME_DIRECTION};
+use isotherm_campaign::{Position, SAME_DIRECTION, specific_force};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use nalgebra::{Matrix3, Vector3};

@@ -8,8 +8,7 @@ use crate::checks::time::CLOCK_TOLERANCE;
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::{AXES, RawSample, device};
-use isotherm_statistics::median;
-use isotherm_statistics::student_quantile;
+use isotherm_statistics::{median, student_quantile};
 use nalgebra::Vector3;
 
 /// A bias beyond this is an offset of the counts, not of a sensor \[g0\].

@@ -10,9 +10,7 @@
 use super::reading::Reading;
 use isotherm_campaign::joint_range;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::Curve;
-use isotherm_statistics::LeastSquares;
-use isotherm_statistics::least_squares;
+use isotherm_statistics::{Curve, LeastSquares, least_squares};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Most steps of the fit; ten are usual.

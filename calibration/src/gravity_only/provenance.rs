@@ -2,8 +2,7 @@
 
 use super::result::GravityOnlyCalibration;
 use crate::accuracy::largest_interval;
-use crate::provenance::CampaignSource;
-use crate::provenance::{matrix_rows, sealed};
+use crate::provenance::{CampaignSource, matrix_rows, sealed};
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::{AXIS_NAMES, GRAVITY_ONLY};
 use isotherm_statistics::QUANTITIES;

@@ -3,8 +3,7 @@
 use super::data::Data;
 use super::runs::{AT_REST, TurnBlock, TurnRun};
 use crate::checks::{Finding, RunNumber, Severity, name};
-use isotherm_campaign::Dwell;
-use isotherm_campaign::LEAST_TURN;
+use isotherm_campaign::{Dwell, LEAST_TURN};
 use isotherm_shared::table::GYROSCOPE_NAMES;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::median;

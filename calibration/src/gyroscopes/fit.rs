@@ -25,9 +25,7 @@ use super::runs::{AT_REST, TurnBlock};
 use crate::one_stage::{OneStageError, SetPointValues};
 use isotherm_shared::units::ARCSEC;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::least_squares;
-use isotherm_statistics::{Curve, student_quantile};
-use isotherm_statistics::{LeastSquares, MAX_SVD_STEPS};
+use isotherm_statistics::{Curve, LeastSquares, MAX_SVD_STEPS, least_squares, student_quantile};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use std::collections::BTreeMap;
 

@@ -7,12 +7,9 @@
 use super::earth::{Start, eliminate_horizontal};
 use super::fit::{PARAMETERS, Run, RunTurn, design};
 use super::runs::{FittedRun, Place, TurnBlock};
-use isotherm_campaign::Campaign;
-use isotherm_campaign::MAX_CONDITION;
-use isotherm_campaign::Position;
-use isotherm_campaign::outer_axis;
-use isotherm_campaign::specific_force;
-use isotherm_campaign::{LEAST_TURN, Turn, vector_words};
+use isotherm_campaign::{
+    Campaign, LEAST_TURN, MAX_CONDITION, Position, Turn, outer_axis, specific_force, vector_words,
+};
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 use nalgebra::{DMatrix, Vector3};

@@ -7,8 +7,7 @@ use crate::effects::{GYROSCOPE_BIAS_EFFECT, GYROSCOPE_SCALE_FACTOR_EFFECT};
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::GYROSCOPE_NAMES;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{OrderTable, QUANTITIES};
-use isotherm_statistics::{median, robust_sd};
+use isotherm_statistics::{OrderTable, QUANTITIES, median, robust_sd};
 
 /// Limit of a run's residual, in robust standard deviations; a run over it is an outlier.
 const OUTLIER: f64 = 6.0;

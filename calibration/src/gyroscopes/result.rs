@@ -6,8 +6,7 @@ use super::observability::TriadObservability;
 use super::runs::{FittedRun, Place};
 use isotherm_shared::table::{CoefficientTable, Turntable};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::OrderTable;
-use isotherm_statistics::student_quantile;
+use isotherm_statistics::{OrderTable, student_quantile};
 use nalgebra::Matrix3;
 
 /// A smaller misalignment does not matter \[rad\].

@@ -2,10 +2,7 @@
 
 use crate::checks::{Finding, RunNumber, Severity, name};
 use crate::transients::RampRecording;
-use isotherm_campaign::Campaign;
-use isotherm_campaign::Dwell;
-use isotherm_campaign::Turn;
-use isotherm_campaign::read_dwells;
+use isotherm_campaign::{Campaign, Dwell, Turn, read_dwells};
 use isotherm_recording::{CampaignRow, RecordingError};
 use isotherm_shared::table::GYROSCOPE_NAMES;
 use isotherm_shared::wire::{AXES, RawSample, Triad, device};

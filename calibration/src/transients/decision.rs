@@ -1,8 +1,7 @@
 //! The decision rule: when a time constant and a transient may be written, and the words for it.
 
 use super::result::{BiasTransient, Condition, TimeConstant, TransientVerdict};
-use crate::effects::BIAS_EFFECT;
-use crate::effects::GYROSCOPE_BIAS_EFFECT as GYROSCOPE_EFFECT;
+use crate::effects::{BIAS_EFFECT, GYROSCOPE_BIAS_EFFECT as GYROSCOPE_EFFECT};
 use isotherm_shared::units::SensorKind;
 
 /// Least part of the range that heating and cooling of one recording share.

@@ -3,14 +3,10 @@
 //! Over 400 lines: each test is one kind of campaign, and all of them share the simulated campaigns of `common`.
 
 use crate::common::{calibrated, campaign_file, csv, dwells, noiseless, paper, paper_truth as truth, quiet, worst};
-use isotherm_calibration::AlignmentChoice;
-use isotherm_calibration::Calibration;
-use isotherm_calibration::calibrate_accelerometers;
-use isotherm_calibration::reduce;
-use isotherm_calibration::{CalibrationOptions, Method};
-use isotherm_campaign::Campaign;
-use isotherm_campaign::Position;
-use isotherm_campaign::Scheme;
+use isotherm_calibration::{
+    AlignmentChoice, Calibration, CalibrationOptions, Method, calibrate_accelerometers, reduce,
+};
+use isotherm_campaign::{Campaign, Position, Scheme};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::RawSample;

@@ -1,7 +1,6 @@
 //! Campaign files of several IMUs.
 
-use isotherm_campaign::Campaign;
-use isotherm_campaign::{MOST_IMUS, Member, select_imu};
+use isotherm_campaign::{Campaign, MOST_IMUS, Member, select_imu};
 use isotherm_shared::stream::ImuId;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 

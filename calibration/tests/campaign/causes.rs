@@ -2,14 +2,10 @@
 
 use crate::checks::with_rows;
 use crate::common::{calibrated, campaign_file, csv, dwells, paper, paper_truth, quiet};
-use isotherm_calibration::Accuracy;
-use isotherm_calibration::Calibration;
-use isotherm_calibration::CalibrationOptions;
-use isotherm_calibration::calibrate_accelerometers;
-use isotherm_calibration::{OneStageError, solve};
-use isotherm_calibration::{name, set_points};
-use isotherm_campaign::Campaign;
-use isotherm_campaign::Position;
+use isotherm_calibration::{
+    Accuracy, Calibration, CalibrationOptions, OneStageError, calibrate_accelerometers, name, set_points, solve,
+};
+use isotherm_campaign::{Campaign, Position};
 use isotherm_shared::wire::RawSample;
 use isotherm_simulation::{CampaignSchedule, Noise, SimulatedRow, TILT_RAD, Truth, campaign, campaign_toml};
 use isotherm_statistics::Curve;

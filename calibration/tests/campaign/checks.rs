@@ -3,14 +3,10 @@
 //! Over 400 lines: each finding has its test beside those that it is told from.
 
 use crate::common::{calibrated, campaign_file, csv, dwells, noiseless, paper_truth as truth, quiet};
-use isotherm_calibration::Calibration;
-use isotherm_calibration::CalibrationError;
-use isotherm_calibration::CalibrationOptions;
-use isotherm_calibration::calibrate_accelerometers;
-use isotherm_calibration::{Finding, Severity, name};
-use isotherm_campaign::Campaign;
-use isotherm_campaign::Scheme;
-use isotherm_campaign::read_dwells;
+use isotherm_calibration::{
+    Calibration, CalibrationError, CalibrationOptions, Finding, Severity, calibrate_accelerometers, name,
+};
+use isotherm_campaign::{Campaign, Scheme, read_dwells};
 use isotherm_recording::CampaignRow;
 use isotherm_simulation::{CampaignSchedule, SimulatedRow, TILT_RAD, campaign};
 use std::fs;

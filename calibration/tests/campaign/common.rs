@@ -1,13 +1,7 @@
 //! Functions that the tests share: simulated campaigns with known truth, as files like those of a laboratory.
 
-use isotherm_calibration::Calibration;
-use isotherm_calibration::CalibrationError;
-use isotherm_calibration::CalibrationOptions;
-use isotherm_calibration::calibrate_accelerometers;
-use isotherm_campaign::Campaign;
-use isotherm_campaign::Dwell;
-use isotherm_campaign::Position;
-use isotherm_campaign::read_dwells;
+use isotherm_calibration::{Calibration, CalibrationError, CalibrationOptions, calibrate_accelerometers};
+use isotherm_campaign::{Campaign, Dwell, Position, read_dwells};
 use isotherm_recording::{CampaignCsvReader, RawCsvWriter};
 use isotherm_shared::table::CoefficientTable;
 pub(crate) use isotherm_simulation::worst_errors as worst;

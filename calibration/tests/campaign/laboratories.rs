@@ -1,11 +1,7 @@
 //! Correct data of laboratories that do things differently: no fault.
 
 use crate::common::{campaign_file, paper};
-use isotherm_calibration::Calibration;
-use isotherm_calibration::CalibrationError;
-use isotherm_calibration::CalibrationOptions;
-use isotherm_calibration::calibrate_accelerometers;
-use isotherm_calibration::name;
+use isotherm_calibration::{Calibration, CalibrationError, CalibrationOptions, calibrate_accelerometers, name};
 use isotherm_campaign::read_dwells;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::polynomial::Polynomial;

@@ -1,8 +1,7 @@
 //! The report of a calibration: what its figures show of errors and temperatures.
 
 use crate::common::{calibrated, paper_truth};
-use isotherm_calibration::CalibrationOptions;
-use isotherm_calibration::CampaignSource;
+use isotherm_calibration::{CalibrationOptions, CampaignSource};
 use isotherm_report::calibration::html;
 use isotherm_simulation::{CampaignSchedule, TILT_RAD};
 

@@ -4,12 +4,10 @@ use crate::common::{INTERVAL_S, STANDARD, Simulated, Truth, calibrated, campaign
 use isotherm_calibration::{
     GravityOnlyError, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording, calibrate_gravity_only,
 };
-use isotherm_campaign::Campaign;
-use isotherm_campaign::{TUMBLED, find_standstills};
+use isotherm_campaign::{Campaign, TUMBLED, find_standstills};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::wire::RawSample;
-use isotherm_verification::LocalGravity;
-use isotherm_verification::{Lengths, LengthsError};
+use isotherm_verification::{Lengths, LengthsError, LocalGravity};
 use nalgebra::{Rotation3, Vector3};
 
 #[test]

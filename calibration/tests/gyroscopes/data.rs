@@ -1,11 +1,8 @@
 //! The campaign with a known truth and an independent fit, see `tests/data/gyro/README.md`.
 
-use isotherm_calibration::AlignmentChoice;
-use isotherm_calibration::Calibration;
-use isotherm_calibration::GyroscopeCalibration;
-use isotherm_calibration::calibrate;
-use isotherm_calibration::read_measurements;
-use isotherm_calibration::{CalibrationOptions, Method};
+use isotherm_calibration::{
+    AlignmentChoice, Calibration, CalibrationOptions, GyroscopeCalibration, Method, calibrate, read_measurements,
+};
 use isotherm_campaign::Campaign;
 use isotherm_recording::CampaignCsvReader;
 use isotherm_shared::compensate::answer;

@@ -2,14 +2,11 @@
 
 use crate::station::Station;
 use crate::verification::{changed, off, verified};
-use isotherm_calibration::Calibration;
-use isotherm_calibration::CalibrationOptions;
+use isotherm_calibration::{Calibration, CalibrationOptions};
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{CoefficientTable, Content, Gyroscopes};
 use isotherm_shared::wire::{RawSample, Triad};
-use isotherm_verification::Exercised;
-use isotherm_verification::Requirement;
-use isotherm_verification::{Gate, Refusal};
+use isotherm_verification::{Exercised, Gate, Refusal, Requirement};
 use nalgebra::{Matrix3, Rotation3};
 use std::collections::BTreeSet;
 

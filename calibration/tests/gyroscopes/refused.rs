@@ -2,13 +2,9 @@
 
 use crate::data::text;
 use crate::station::{Station, Turned};
-use isotherm_calibration::Calibration;
-use isotherm_calibration::CalibrationError;
-use isotherm_calibration::CalibrationOptions;
-use isotherm_calibration::TriadObservability;
-use isotherm_calibration::calibrate;
-use isotherm_calibration::name;
-use isotherm_calibration::read_measurements;
+use isotherm_calibration::{
+    Calibration, CalibrationError, CalibrationOptions, TriadObservability, calibrate, name, read_measurements,
+};
 use isotherm_campaign::Campaign;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::wire::Triad;

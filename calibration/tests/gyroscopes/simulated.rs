@@ -1,9 +1,6 @@
 //! Simulated campaigns of a whole IMU against their truth: `isotherm_simulation`, as `isotherm simulate campaign --gyroscopes` drives it.
 
-use isotherm_calibration::Calibration;
-use isotherm_calibration::CalibrationOptions;
-use isotherm_calibration::calibrate;
-use isotherm_calibration::read_measurements;
+use isotherm_calibration::{Calibration, CalibrationOptions, calibrate, read_measurements};
 use isotherm_campaign::Campaign;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::compensate::answer;

@@ -6,13 +6,8 @@
 //!
 //! Over 400 lines: campaigns and runs are of the same IMU, whose table stands beside them.
 
-use isotherm_calibration::Calibration;
-use isotherm_calibration::CalibrationError;
-use isotherm_calibration::CalibrationOptions;
-use isotherm_calibration::calibrate;
-use isotherm_calibration::read_measurements;
-use isotherm_campaign::Campaign;
-use isotherm_campaign::outer_axis;
+use isotherm_calibration::{Calibration, CalibrationError, CalibrationOptions, calibrate, read_measurements};
+use isotherm_campaign::{Campaign, outer_axis};
 use isotherm_recording::CampaignRow;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable, Content, FORMAT, Gyroscopes, OutOfRange, Turntable};

@@ -2,9 +2,7 @@
 //! is wrong by what stands beside it.
 
 use crate::station::{Gyroscope, Station, Turned, six_turns, telemetry};
-use isotherm_calibration::CalibrationError;
-use isotherm_calibration::TriadObservability;
-use isotherm_calibration::{CalibrationOptions, Method};
+use isotherm_calibration::{CalibrationError, CalibrationOptions, Method, TriadObservability};
 use isotherm_campaign::Scheme;
 use nalgebra::{Matrix3, Vector3};
 

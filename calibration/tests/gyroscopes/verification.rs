@@ -5,9 +5,7 @@ use isotherm_report as report;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{CoefficientTable, Content, Turntable};
 use isotherm_shared::wire::{RawSample, Triad};
-use isotherm_verification::Estimate;
-use isotherm_verification::Requirement;
-use isotherm_verification::{Collector, GyroscopeStability, LocalGravity, Setup, Stability};
+use isotherm_verification::{Collector, Estimate, GyroscopeStability, LocalGravity, Requirement, Setup, Stability};
 
 const ANGLES: [f64; 2] = [50.0, 130.0];
 const WINDOW_S: f64 = 10.0;

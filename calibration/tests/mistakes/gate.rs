@@ -12,20 +12,13 @@
 //! of the table from the same campaign without the mistake.
 
 use crate::matrix::{Case, calibrated};
-use isotherm_calibration::AlignmentChoice;
-use isotherm_calibration::Calibration;
-use isotherm_calibration::CalibrationError;
-use isotherm_calibration::CalibrationOptions;
-use isotherm_calibration::{Severity, name};
-use isotherm_campaign::Position;
-use isotherm_campaign::specific_force as direction;
+use isotherm_calibration::{AlignmentChoice, Calibration, CalibrationError, CalibrationOptions, Severity, name};
+use isotherm_campaign::{Position, specific_force as direction};
 use isotherm_report as report;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_simulation::{InertialMotion, Noise, RandomGenerator, RunSchedule, SimulatedImu, run, specific_force};
-use isotherm_verification::Refusal;
-use isotherm_verification::Requirement;
-use isotherm_verification::{Collector, LocalGravity, Setup, Stability, StabilityError};
+use isotherm_verification::{Collector, LocalGravity, Refusal, Requirement, Setup, Stability, StabilityError};
 use std::collections::BTreeSet;
 
 /// The turntable's angles in the runs, as a plan has them by default \[deg\].

@@ -7,8 +7,7 @@ mod gate;
 mod matrix;
 
 use gate::{ANGLES_DEG, Good, WRONG, faults, gate, install, true_error};
-use isotherm_calibration::AlignmentChoice;
-use isotherm_calibration::CalibrationOptions;
+use isotherm_calibration::{AlignmentChoice, CalibrationOptions};
 use isotherm_campaign::Scheme;
 use isotherm_simulation::{CampaignSchedule, SimulatedRow};
 use matrix::{Expected, calibrated, case, correct, mistakes, outcome, truth_in, without_misalignment};

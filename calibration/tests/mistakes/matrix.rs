@@ -4,17 +4,8 @@
 //!
 //! Over 400 lines: the list of the mistakes is long.
 
-use isotherm_calibration::Calibration;
-use isotherm_calibration::CalibrationError;
-use isotherm_calibration::CalibrationOptions;
-use isotherm_calibration::Measurements;
-use isotherm_calibration::calibrate;
-use isotherm_campaign::Campaign;
-use isotherm_campaign::Position;
-use isotherm_campaign::Scheme;
-use isotherm_campaign::normal_gravity;
-use isotherm_campaign::read_dwells;
-use isotherm_campaign::specific_force;
+use isotherm_calibration::{Calibration, CalibrationError, CalibrationOptions, Measurements, calibrate};
+use isotherm_campaign::{Campaign, Position, Scheme, normal_gravity, read_dwells, specific_force};
 use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::CoefficientTable;

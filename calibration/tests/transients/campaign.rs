@@ -1,16 +1,10 @@
 //! Campaigns with ramps beside positions and alone: what is refused, what is warned of, and what the table says.
 
-use isotherm_calibration::Calibration;
-use isotherm_calibration::CalibrationError;
-use isotherm_calibration::CalibrationOptions;
-use isotherm_calibration::RampCalibration;
-use isotherm_calibration::calibrate;
-use isotherm_calibration::calibrate_accelerometers;
-use isotherm_calibration::calibrate_ramps;
-use isotherm_calibration::name;
-use isotherm_calibration::read_measurements;
-use isotherm_calibration::{CampaignSource, sealed_ramp_table, sealed_table};
-use isotherm_calibration::{LagChoice, RampRecording, TransientVerdict};
+use isotherm_calibration::{
+    Calibration, CalibrationError, CalibrationOptions, CampaignSource, LagChoice, RampCalibration, RampRecording,
+    TransientVerdict, calibrate, calibrate_accelerometers, calibrate_ramps, name, read_measurements, sealed_ramp_table,
+    sealed_table,
+};
 use isotherm_campaign::Campaign;
 use isotherm_recording::{CampaignCsvReader, RecordingError};
 use isotherm_report as report;

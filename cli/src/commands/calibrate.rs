@@ -5,22 +5,14 @@ mod batch;
 mod gravity_only;
 
 use super::common::{Refused, or_document};
-use crate::commands::calibrate::arguments::Excluded;
-use crate::commands::calibrate::arguments::PolynomialOrder;
-use crate::commands::calibrate::arguments::Results;
+use crate::commands::calibrate::arguments::{Excluded, PolynomialOrder, Results};
 use crate::progress::{bytes_bar, spinner};
 pub(super) use arguments::Calibrate;
-use isotherm_calibration::AlignmentChoice;
-use isotherm_calibration::CalibrationError;
-use isotherm_calibration::CalibrationOptions;
-use isotherm_calibration::RampRecording;
-use isotherm_calibration::calibrate_ramps;
-use isotherm_calibration::name;
-use isotherm_calibration::{CampaignSource, now, sealed_ramp_table, sealed_table, sha256, tool};
-use isotherm_calibration::{Measurements, read_measurements};
-use isotherm_calibration::{calibrate, observable};
-use isotherm_campaign::Campaign;
-use isotherm_campaign::IMU;
+use isotherm_calibration::{
+    AlignmentChoice, CalibrationError, CalibrationOptions, CampaignSource, Measurements, RampRecording, calibrate,
+    calibrate_ramps, name, now, observable, read_measurements, sealed_ramp_table, sealed_table, sha256, tool,
+};
+use isotherm_campaign::{Campaign, IMU};
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, printable, tell};
 use isotherm_files::{LoadError, StagedText, WorldWritable, load_table, print_data, read_text};

@@ -1,8 +1,7 @@
 //! `campaign`: the automatic campaign.
 
 use super::common::{joined, options};
-use crate::parse::lag_choice;
-use crate::parse::seconds;
+use crate::parse::{lag_choice, seconds};
 use clap::{Args, Subcommand};
 use isotherm_automation::control::{self, Lock, runner_pid, snapshot};
 use isotherm_automation::finish::{Finish, dropped};
@@ -14,9 +13,7 @@ use isotherm_automation::runner::Runner;
 use isotherm_automation::samples::write_campaign_file;
 use isotherm_automation::station::Station;
 use isotherm_automation::timeline::{duration, left_s, moments, units};
-use isotherm_calibration::AlignmentChoice;
-use isotherm_calibration::LagChoice;
-use isotherm_calibration::name;
+use isotherm_calibration::{AlignmentChoice, LagChoice, name};
 use isotherm_campaign::Member;
 use isotherm_client::Domain;
 use isotherm_failure::{Exit, Failure, tell};

@@ -4,8 +4,7 @@ use super::common::{Refused, choice, inputs, joined_paths, or_document, warn_of_
 use crate::parse::from_zero;
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
-use isotherm_analysis::NoiseAnalysis;
-use isotherm_analysis::imu_yaml;
+use isotherm_analysis::{NoiseAnalysis, imu_yaml};
 use isotherm_calibration::{now, tool};
 use isotherm_client::{ImuId, RawSample};
 use isotherm_failure::{Exit, Failure, tell};

@@ -7,9 +7,9 @@ use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{check_stdout, check_written, print, print_data};
 use isotherm_recording_formats::read::{ImuChoice, NumberRow, NumberTable, read_numbers};
-use isotherm_statistics::DoubleDouble;
-use isotherm_statistics::{DataPoint, LinearColumn, MAX_ORDER, Regression};
-use isotherm_statistics::{OrderTable, Rule, default_order};
+use isotherm_statistics::{
+    DataPoint, DoubleDouble, LinearColumn, MAX_ORDER, OrderTable, Regression, Rule, default_order,
+};
 use serde_json::json;
 use std::path::PathBuf;
 

@@ -6,10 +6,7 @@ mod ramp;
 mod rows;
 mod station;
 
-use crate::commands::simulate::rows::AttitudeDocument;
-use crate::commands::simulate::rows::Columns;
-use crate::commands::simulate::rows::reachable;
-use crate::commands::simulate::rows::write_rows;
+use crate::commands::simulate::rows::{AttitudeDocument, Columns, reachable, write_rows};
 use crate::parse::{Rates, SetPoints, direction, interval, numbers, rates, scheme, seconds, set_points, size};
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use clap::{Args, Subcommand};

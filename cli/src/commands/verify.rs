@@ -18,9 +18,7 @@ use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{AXES, RawSample};
-use isotherm_verification::Requirement;
-use isotherm_verification::{Collector, LocalGravity, Setup};
-use isotherm_verification::{Lengths, LengthsError};
+use isotherm_verification::{Collector, Lengths, LengthsError, LocalGravity, Requirement, Setup};
 use std::path::PathBuf;
 use std::time::Duration;
 

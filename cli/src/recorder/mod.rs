@@ -7,11 +7,10 @@ use isotherm_failure::{Exit, Failure, tell};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::write::{FileError, Files, MoreColumns};
 use isotherm_shared::stream::StreamKind;
-use std::io;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread;
 use std::time::{Duration, Instant};
+use std::{io, thread};
 use tally::{StreamCounts, Tally};
 
 /// Rows of each IMU that may wait for the disk: over 3 s of both streams at 10 kHz.

@@ -1,7 +1,6 @@
 //! The source of the status: a service that may start, end and return.
 
-use isotherm_client::StatusReader;
-use isotherm_client::{Domain, monotonic_ns};
+use isotherm_client::{Domain, StatusReader, monotonic_ns};
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::status::ServiceStatus;
 use std::time::{Duration, Instant};

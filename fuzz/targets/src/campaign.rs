@@ -5,14 +5,11 @@
 //! same table. If the campaign has ramps alone, the samples are those of one ramp.
 
 use crate::check_faults;
-use isotherm_calibration::AlignmentChoice;
-use isotherm_calibration::RampRecording;
-use isotherm_calibration::calibrate_ramps;
-use isotherm_calibration::{CalibrationOptions, Method};
-use isotherm_calibration::{accelerometers_observable as observable, calibrate_accelerometers};
-use isotherm_calibration::{check, set_points};
-use isotherm_campaign::Campaign;
-use isotherm_campaign::read_dwells;
+use isotherm_calibration::{
+    AlignmentChoice, CalibrationOptions, Method, RampRecording, accelerometers_observable as observable,
+    calibrate_accelerometers, calibrate_ramps, check, set_points,
+};
+use isotherm_campaign::{Campaign, read_dwells};
 use isotherm_recording::CampaignCsvReader;
 use isotherm_shared::table::{CoefficientTable, Content};
 

@@ -2,8 +2,8 @@
 //! are written and read again must be equal to the last bit, and so must their increments.
 
 use crate::{checked, same};
-use isotherm_recording::{IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader, RawCsvWriter};
-use isotherm_recording::{RecordingError, csv::Rows};
+use isotherm_recording::csv::Rows;
+use isotherm_recording::{IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader, RawCsvWriter, RecordingError};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{Flags, RawSample, StreamSample};
 use std::io::Read;

@@ -10,14 +10,10 @@ use super::plan::Plan;
 use super::progress::DroppedImu;
 use super::runner::stopped_by;
 use super::samples::file_of;
-use isotherm_calibration::Accuracy;
-use isotherm_calibration::AlignmentChoice;
-use isotherm_calibration::Calibration;
-use isotherm_calibration::CalibrationOptions;
-use isotherm_calibration::calibrate;
-use isotherm_calibration::read_measurements;
-use isotherm_calibration::{CampaignSource, Hashed, now, sealed_table, sha256, tool};
-use isotherm_calibration::{LagChoice, RampRecording};
+use isotherm_calibration::{
+    Accuracy, AlignmentChoice, Calibration, CalibrationOptions, CampaignSource, Hashed, LagChoice, RampRecording,
+    calibrate, now, read_measurements, sealed_table, sha256, tool,
+};
 use isotherm_campaign::Campaign;
 use isotherm_client::{Options, fetch_status};
 use isotherm_failure::{Exit, Failure, printable, tell};
@@ -27,11 +23,9 @@ use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
 use isotherm_shared::lag::LagCompletion;
 use isotherm_shared::table::CoefficientTable;
-use isotherm_verification::Estimate;
-use isotherm_verification::Exercised;
-use isotherm_verification::Requirement;
-use isotherm_verification::{Collector, EarthRate, LocalGravity, Setup, Stability};
-use isotherm_verification::{GATE_FLOOR, Gate, Refusal};
+use isotherm_verification::{
+    Collector, EarthRate, Estimate, Exercised, GATE_FLOOR, Gate, LocalGravity, Refusal, Requirement, Setup, Stability,
+};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicUsize;

@@ -7,9 +7,8 @@ use isotherm_files::{Identity, WorldWritable, load_table};
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::wire::AXES;
 use isotherm_verification::arcsec;
-use std::fs;
-use std::io;
 use std::path::Path;
+use std::{fs, io};
 
 /// Alignment matrices that turn the axes by less do not differ \[rad\]: two fits of one mounting differ by some 1e-6.
 const SAME_AXES: f64 = 1e-5;

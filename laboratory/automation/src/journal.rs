@@ -3,8 +3,7 @@
 //! Over 400 lines: the entries, their writing and their reading define one file format.
 
 use super::plan::{BACK, Plan, RAMP_FILE, RAMP_KEY, RUN_FILE, RUN_KEY, SAMPLES, without_comment};
-use isotherm_calibration::sha256;
-use isotherm_calibration::tool;
+use isotherm_calibration::{sha256, tool};
 use isotherm_client::unix_s;
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::ImuId;

@@ -10,12 +10,10 @@ use super::progress::{DroppedImu, Snapshot};
 use super::readbacks::Readbacks;
 
 use isotherm_failure::Failure;
-use isotherm_report::{Cell, NoteKind, Page};
-use isotherm_report::{Plot, Style};
+use isotherm_report::{Cell, NoteKind, Page, Plot, Style};
 use isotherm_shared::table::AXIS_NAMES;
-use std::fs;
-use std::io;
 use std::time::{Duration, UNIX_EPOCH};
+use std::{fs, io};
 
 /// The page's file in the campaign's folder.
 const PAGE: &str = "live.html";

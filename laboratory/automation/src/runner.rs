@@ -22,7 +22,8 @@ use isotherm_failure::{Exit, Failure};
 use isotherm_instruments::{ChamberReading, TurntableReading};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::sync::atomic::AtomicUsize;
+use std::sync::atomic::Ordering::Relaxed;
 use std::thread;
 use std::time::{Duration, Instant};
 

@@ -7,9 +7,8 @@
 
 use super::plan::Plan;
 use isotherm_instruments::{Chamber, ChamberReading, Instrument, InstrumentFault, Turntable, TurntableReading};
-use std::fmt;
-use std::thread;
 use std::time::{Duration, Instant};
+use std::{fmt, thread};
 
 /// Longest time from a signal, or from a reason to end, to the last of the first stop orders. The lines end their waits when they
 /// see a signal, which takes [`NOTICE`] at most; the rest is for the orders.

@@ -17,8 +17,7 @@
 use super::journal::Kept;
 use super::machine::Unit;
 use super::plan::{MAX_ROW_DEG, Plan};
-use isotherm_calibration::Hashed;
-use isotherm_calibration::implausible as gyroscopes_implausible;
+use isotherm_calibration::{Hashed, implausible as gyroscopes_implausible};
 use isotherm_campaign::implausible;
 use isotherm_client::{Options, Realtime, Tap, TapSettings, monotonic_ns};
 use isotherm_failure::{Exit, Failure};

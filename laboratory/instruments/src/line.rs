@@ -17,12 +17,12 @@ use super::fault::{FaultKind, InstrumentFault};
 use super::line_config::LineConfig;
 use super::port::InstrumentPort;
 use super::reply::{ExchangeError, Framing};
-use std::io;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::sync::atomic::AtomicUsize;
+use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::{self, RecvTimeoutError};
-use std::thread;
 use std::time::{Duration, Instant};
+use std::{io, thread};
 
 /// Longest reply \[bytes\]; no reply of these protocols is as long.
 const MAX_REPLY: usize = 4096;

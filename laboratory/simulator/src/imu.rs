@@ -15,12 +15,11 @@ use isotherm_simulation as simulate;
 use isotherm_simulation::{InertialMotion, SimulatedTurntable, Truth};
 use nalgebra::Matrix3;
 use std::collections::VecDeque;
-use std::io;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread;
 use std::time::{Duration, Instant};
+use std::{io, thread};
 
 /// Shortest pause between two questions to the devices.
 const PAUSE: Duration = Duration::from_millis(1);

@@ -5,7 +5,6 @@ use crate::station::{SimulatedStation, StationProcess};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::replace;
 use rustix::process::{Pid, Signal, getppid, kill_process, set_parent_process_death_signal};
-use std::fs;
 use std::io::{self, BufRead as _, BufReader};
 use std::net::TcpListener;
 use std::os::fd::OwnedFd;
@@ -13,8 +12,8 @@ use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread;
 use std::time::{Duration, Instant};
+use std::{fs, thread};
 
 /// Longest time until the processes are ready, and until they have ended.
 const START: Duration = Duration::from_secs(20);

@@ -4,8 +4,7 @@ use super::parts::{QUANTITY_NAMES, Report};
 use crate::page::{Cell, NoteKind, Page};
 use isotherm_calibration::CalibratedTriad;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::Partial;
-use isotherm_statistics::Test;
+use isotherm_statistics::{Partial, Test};
 
 impl Report<'_> {
     pub(super) fn orders(&self, page: &mut Page, triad: &CalibratedTriad<'_>) {

@@ -1,9 +1,7 @@
 //! What the sections of a calibration's page share.
 
 use crate::page::{Cell, NoteKind};
-use isotherm_calibration::CalibratedTriad;
-use isotherm_calibration::Calibration;
-use isotherm_calibration::CampaignSource;
+use isotherm_calibration::{CalibratedTriad, Calibration, CampaignSource};
 use isotherm_campaign::Campaign;
 /// Intervals between the points of a drawn curve.
 pub(super) const CURVE_INTERVALS: usize = 120;

@@ -3,8 +3,7 @@
 use super::parts::{CURVE_INTERVALS, QUANTITY_NAMES, Report, grid};
 use crate::page::{Cell, Page};
 use crate::plot::{Plot, Style};
-use isotherm_calibration::Method;
-use isotherm_calibration::{CalibratedTriad, ReducedSensor};
+use isotherm_calibration::{CalibratedTriad, Method, ReducedSensor};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{CONFIDENCE, student_quantile};
 

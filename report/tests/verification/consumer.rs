@@ -4,8 +4,7 @@ use isotherm_report as report;
 use isotherm_shared::table::*;
 use isotherm_shared::wire::*;
 use isotherm_simulation::RandomGenerator;
-use isotherm_verification::Requirement;
-use isotherm_verification::{Collector, LocalGravity, Setup, Stability};
+use isotherm_verification::{Collector, LocalGravity, Requirement, Setup, Stability};
 
 const ROWS: u32 = 8400;
 const INTERVAL_NS: u64 = 368_000_000;

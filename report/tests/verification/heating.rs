@@ -3,8 +3,7 @@
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
 use isotherm_shared::lag::Lag;
-use isotherm_shared::table::FORMAT;
-use isotherm_shared::table::*;
+use isotherm_shared::table::{FORMAT, *};
 use isotherm_shared::wire::*;
 use isotherm_simulation::{Chain, Noise, RampSchedule, RunSchedule, Truth, ramp, typical_gyroscopes};
 use isotherm_verification::{Collector, LocalGravity, LoopBand, Setup, Stability};

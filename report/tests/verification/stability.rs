@@ -4,8 +4,7 @@ use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::*;
 use isotherm_shared::wire::*;
 use isotherm_simulation::{Chain, MISALIGNMENT, Noise, RunSchedule, Truth, run};
-use isotherm_verification::Requirement;
-use isotherm_verification::{Collector, LocalGravity, Setup, Stability, StabilityError, Window};
+use isotherm_verification::{Collector, LocalGravity, Requirement, Setup, Stability, StabilityError, Window};
 
 fn truth() -> Truth {
     let table = CoefficientTable::from_toml(include_str!("../../../examples/tables/imu-paper.toml"), None);

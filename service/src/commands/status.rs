@@ -8,6 +8,7 @@ use isotherm_shared::status::{
     GyroscopeStatus, ImuStatus, LatencySummary, Ranges, ServiceStatus, TableChange, WorkerStatus,
 };
 use isotherm_shared::units::SensorKind;
+use isotherm_shared::wire::AXES;
 use std::fmt::Write as _;
 use std::time::Duration;
 
@@ -100,8 +101,12 @@ fn describe_imu(text: &mut String, imu: &ImuStatus, budget_us: f64) -> std::fmt:
             )?;
         }
     }
-    if let Some(gyroscopes) = &imu.gyroscopes {
-        describe_gyroscopes(text, gyroscopes)?;
+    if let Some(ranges) = &imu.ranges {
+        let telemetry = [&imu.head_temperature, &imu.board_temperature];
+        describe_triad(text, SensorKind::Accelerometer, ranges, telemetry)?;
+    }
+    if let Some(GyroscopeStatus { ranges, head_temperature, board_temperature }) = &imu.gyroscopes {
+        describe_triad(text, SensorKind::Gyroscope, ranges, [head_temperature, board_temperature])?;
     }
     writeln!(text, "  acquisition  {acquisition}, {} sessions, {} readers", imu.sessions, imu.readers)?;
     writeln!(
@@ -153,19 +158,20 @@ fn changed(changes: &[TableChange]) -> Option<String> {
     (!all.is_empty()).then(|| all.join(", "))
 }
 
-fn describe_gyroscopes(text: &mut String, gyroscopes: &GyroscopeStatus) -> std::fmt::Result {
-    let Ranges { unit, head, board } = &gyroscopes.ranges;
+/// The last telemetry of a triad's heads and boards, with the ranges that its table is for.
+fn describe_triad(
+    text: &mut String,
+    kind: SensorKind,
+    Ranges { unit, head, board }: &Ranges,
+    [heads, boards]: [&[Option<f64>; AXES]; 2],
+) -> std::fmt::Result {
     let place = |value: Option<f64>, [low, high]: [f64; 2]| {
         let value = value.map_or("none".to_owned(), |value| format!("{value:.4}"));
         format!("{value} in {low} .. {high} {unit}")
     };
-    for (axis, name) in SensorKind::Gyroscope.names().into_iter().enumerate() {
-        let head = place(gyroscopes.head_temperature[axis], head[axis]);
-        writeln!(
-            text,
-            "  {name}           head {head}, board {}",
-            place(gyroscopes.board_temperature[axis], board[axis])
-        )?;
+    for (axis, name) in kind.names().into_iter().enumerate() {
+        let (head, board) = (place(heads[axis], head[axis]), place(boards[axis], board[axis]));
+        writeln!(text, "  {name}           head {head}, board {board}")?;
     }
     Ok(())
 }

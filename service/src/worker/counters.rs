@@ -37,7 +37,8 @@ use isotherm_shared::protocol::Arrival;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::{AXES, Flags, RawSample};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering::Acquire, Ordering::Relaxed, Ordering::Release};
+use std::sync::atomic::AtomicU64;
+use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
 
 /// How many flags are counted: bits 0 to 49.
 const FLAGS: usize = 50;

@@ -3,9 +3,7 @@
 use super::turntable::Turntable;
 use crate::kernel::Kernel;
 use crate::polynomial::Polynomial;
-use crate::table::content::Axis;
-use crate::table::content::Content;
-use crate::table::content::Refusal;
+use crate::table::content::{Axis, Content, Refusal};
 use crate::table::digest::Digest;
 use crate::wire::device;
 

@@ -2,12 +2,10 @@
 
 use isotherm_failure::{Exit, Failure};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::thread;
+use std::{fs, io, thread};
 
 /// What a signal that ends the command has to know.
 pub(crate) struct Unfinished {

@@ -1,8 +1,7 @@
 //! What a gate allows, whatever the sensor is, and how it refuses.
 
 use crate::verdict::MIN_GROUP;
-use isotherm_calibration::Calibration;
-use isotherm_calibration::{Finding, name};
+use isotherm_calibration::{Calibration, Finding, name};
 
 /// What a gate allows in any case \[g0\]: dynamic effects of a temperature that moves, which a campaign of settled set points does not show.
 pub const GATE_FLOOR: f64 = 10e-6;

@@ -1,13 +1,7 @@
 use super::*;
-use crate::stability::Collector;
-use crate::stability::{LocalGravity, Setup};
-use isotherm_calibration::AlignmentChoice;
-use isotherm_calibration::CalibrationOptions;
-use isotherm_calibration::calibrate_accelerometers;
-use isotherm_calibration::name;
-use isotherm_campaign::Campaign;
-use isotherm_campaign::Dwell;
-use isotherm_campaign::read_dwells;
+use crate::stability::{Collector, LocalGravity, Setup};
+use isotherm_calibration::{AlignmentChoice, CalibrationOptions, calibrate_accelerometers, name};
+use isotherm_campaign::{Campaign, Dwell, read_dwells};
 use isotherm_recording::CampaignCsvReader;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::Content;

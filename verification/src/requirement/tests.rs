@@ -1,11 +1,7 @@
 //! Requirements, read and judged.
 
 use super::*;
-use crate::stability::AxisStability;
-use crate::stability::Coverage;
-use crate::stability::LeftOut;
-use crate::stability::LocalGravity;
-use crate::stability::Loops;
+use crate::stability::{AxisStability, Coverage, LeftOut, LocalGravity, Loops};
 use crate::verdict::Verdict;
 use crate::verdict::tests::{FORCE, windows};
 use isotherm_shared::units::SensorKind;

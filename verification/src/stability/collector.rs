@@ -2,22 +2,16 @@
 
 use super::error::OTHER_ATTITUDE;
 use crate::stability::coverage::Coverage;
-use crate::stability::error::Force;
-use crate::stability::error::StabilityError;
-use crate::stability::figures::figures;
-use crate::stability::figures::median;
-use crate::stability::gyroscopes;
+use crate::stability::error::{Force, StabilityError};
+use crate::stability::figures::{figures, median};
 use crate::stability::gyroscopes::GyroscopeStability;
-use crate::stability::loops;
 use crate::stability::loops::Loops;
 use crate::stability::result::Stability;
 use crate::stability::setup::Setup;
-use crate::stability::stillness::ACCELEROMETERS;
-use crate::stability::stillness::PARTS;
-use crate::stability::stillness::mark;
+use crate::stability::stillness::{ACCELEROMETERS, PARTS, mark};
+use crate::stability::{gyroscopes, loops};
 use crate::verdict::Verdict;
-use crate::window::MIN_WINDOWS;
-use crate::window::Window;
+use crate::window::{MIN_WINDOWS, Window};
 use isotherm_calibration::CLOCK_TOLERANCE;
 use isotherm_recording::Continuity;
 use isotherm_shared::compensate::answer;

@@ -1,19 +1,10 @@
 //! What a run shows of the output of a table.
 
 use super::figures::MAX_UNJUDGED;
-use crate::AxisStability;
-use crate::Coverage;
-use crate::Force;
-use crate::GyroscopeStability;
-use crate::LeftOut;
-use crate::LocalGravity;
-use crate::Loops;
-use crate::Window;
-use crate::stability::error::OTHER_ATTITUDE;
-use crate::stability::error::count_of;
-use crate::stability::error::wrong_times;
+use crate::stability::error::{OTHER_ATTITUDE, count_of, wrong_times};
 use crate::stability::stillness::unjudged;
 use crate::verdict::{MIN_GROUP, Verdict};
+use crate::{AxisStability, Coverage, Force, GyroscopeStability, LeftOut, LocalGravity, Loops, Window};
 use isotherm_recording::{Losses, TimeFault};
 use isotherm_shared::wire::AXES;
 

@@ -14,7 +14,8 @@ use std::hint::black_box;
 use std::io::{Write as _, stderr};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::AtomicU64;
+use std::sync::atomic::Ordering::Relaxed;
 
 /// Samples before those that are counted: every queue has gone round once.
 const WARM_UP: usize = 200;

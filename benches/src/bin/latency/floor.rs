@@ -2,7 +2,8 @@
 #![expect(unsafe_code, reason = "this bench measures bare shared memory, so it must map it itself")]
 
 use crate::paths::Path;
-use core::sync::atomic::{AtomicU64, Ordering::Acquire, Ordering::Release};
+use core::sync::atomic::AtomicU64;
+use core::sync::atomic::Ordering::{Acquire, Release};
 use isotherm_benches::{BenchResult, Spin};
 use isotherm_client::{CompensatedIncrement, RawSample};
 use rustix::mm::{MapFlags, ProtFlags, mmap};

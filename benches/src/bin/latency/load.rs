@@ -7,13 +7,13 @@ use isotherm_benches::statistics::pooled_ratio;
 use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, IMU, TABLE, cores, pin, stolen_ticks};
 use isotherm_client::{Acquisition, Realtime};
 use serde_json::{Map, Value, json};
-use std::fs;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::{self, RecvTimeoutError};
-use std::thread;
 use std::time::Duration;
+use std::{fs, thread};
 
 /// Rate of the samples \[Hz\].
 const RATE: u32 = 2_000;

@@ -7,10 +7,9 @@ use isotherm_benches::statistics::{figures, pooled_ratio};
 use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, TIMEOUT, imu};
 use isotherm_client::{Acquisition, Realtime};
 use serde_json::{Map, Value, json};
-use std::fs;
 use std::sync::mpsc;
-use std::thread;
 use std::time::{Duration, Instant};
+use std::{fs, thread};
 
 const IMUS: usize = 4;
 /// Period of each IMU's samples.

@@ -3,11 +3,11 @@
 use crate::feeder::{FeedProgress, feed, read, table_text, tables};
 use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, imu};
 use isotherm_shared::table::CoefficientTable;
-use std::fmt;
-use std::fs;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::Ordering::Relaxed;
+use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::thread::{self, ScopedJoinHandle};
 use std::time::{Duration, Instant};
+use std::{fmt, fs};
 
 const IMUS: usize = 4;
 /// Period of each IMU's samples.

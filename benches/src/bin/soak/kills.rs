@@ -3,10 +3,10 @@
 use crate::feeder::{FeedProgress, feed, table_text, tables};
 use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, imu};
 use isotherm_client::{Acquisition, RawSample};
-use std::fs;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::thread;
+use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, Instant};
+use std::{fs, thread};
 
 /// Period of the feed, which must lose nothing.
 const PERIOD: Duration = Duration::from_micros(500);

@@ -3,8 +3,10 @@
 use super::arguments::{Calibrate, Excluded, GravityOnlyArgs, PolynomialOrder, Results};
 use crate::commands::common::Refused;
 use crate::progress::{bytes_bar, spinner};
-use isotherm_calibration::{CampaignSource, now, sha256, tool};
-use isotherm_calibration::{GravityOnlyOptions, TumbleRecording, calibrate_gravity_only, sealed_gravity_only_table};
+use isotherm_calibration::{
+    CampaignSource, GravityOnlyOptions, TumbleRecording, calibrate_gravity_only, now, sealed_gravity_only_table,
+    sha256, tool,
+};
 use isotherm_campaign::Campaign;
 use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::read::{ImuChoice, Recording, RowKind};

@@ -14,13 +14,12 @@ use isotherm_simulator::{
 };
 use serde::Serialize;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
+use std::{fs, io};
 
 /// A laboratory: chamber, turntable and IMU as processes of their own, until SIGTERM or SIGINT
 ///

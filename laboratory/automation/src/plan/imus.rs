@@ -2,10 +2,7 @@
 
 use super::files::taken_name;
 use super::model::{Plan, RampPlan, VerificationPlan};
-use isotherm_campaign::Campaign;
-use isotherm_campaign::Position;
-use isotherm_campaign::nearest_rotation;
-use isotherm_campaign::{Member, members};
+use isotherm_campaign::{Campaign, Member, Position, members, nearest_rotation};
 use isotherm_shared::document::Section;
 use nalgebra::{Matrix3, Vector3};
 use std::path::{Path, PathBuf};

@@ -1,9 +1,7 @@
 //! What a plan specifies.
 
 use crate::limits::Limits;
-use isotherm_campaign::Campaign;
-use isotherm_campaign::Member;
-use isotherm_campaign::Position;
+use isotherm_campaign::{Campaign, Member, Position};
 use isotherm_instruments::{ChamberConfig, TurntableConfig};
 use isotherm_shared::stream::ImuId;
 use std::path::PathBuf;

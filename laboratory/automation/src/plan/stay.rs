@@ -3,8 +3,7 @@
 use super::model::ThereAndBack;
 use super::number::{not_negative, positive};
 use crate::limits::Limits;
-use isotherm_campaign::Position;
-use isotherm_campaign::specific_force;
+use isotherm_campaign::{Position, specific_force};
 use isotherm_shared::document::Section;
 use nalgebra::{Matrix3, Vector3};
 

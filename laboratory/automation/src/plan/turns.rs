@@ -3,10 +3,7 @@
 use super::model::{PlannedTurn, TurnPlan};
 use super::number::at_most;
 use crate::limits::Limits;
-use isotherm_campaign::Position;
-use isotherm_campaign::outer_axis;
-use isotherm_campaign::specific_force;
-use isotherm_campaign::{TableAxis, Turn, turns as listed_turns};
+use isotherm_campaign::{Position, TableAxis, Turn, outer_axis, specific_force, turns as listed_turns};
 use isotherm_shared::document::Section;
 use nalgebra::{Matrix3, Vector3};
 

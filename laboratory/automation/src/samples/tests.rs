@@ -1,7 +1,6 @@
 use super::*;
 use crate::plan::{Plan, SAMPLES};
-use isotherm_campaign::Campaign;
-use isotherm_campaign::read_dwells;
+use isotherm_campaign::{Campaign, read_dwells};
 use isotherm_recording::CampaignCsvReader;
 use std::path::Path;
 use tempfile::TempDir;

@@ -7,10 +7,9 @@ use super::ros::{RosFile, RosTable};
 use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::{self, RecordedRow, columns};
 use isotherm_shared::stream::{ImuId, StreamKind};
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+use std::{fs, io};
 
 /// Format of a recording.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
