@@ -116,6 +116,20 @@ pub struct Batch {
 
 /// The statistics of tables of different units of one kind.
 ///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_analysis::batch;
+/// use isotherm_calibration::TableFile;
+///
+/// let text = include_str!("../../tests/data/imu-a.toml");
+/// let table = |unit| TableFile::from_toml(unit, &text.replace("imu-a", unit));
+/// let batch = batch(&[table("imu-a")?, table("imu-b")?, table("imu-c")?]).map_err(|error| error.0)?;
+/// assert_eq!(batch.units, ["imu-a", "imu-b", "imu-c"]);
+/// assert_eq!(batch.quantities[0].sd(), 0.0); // these units are all the same
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// If there are fewer than two, if two are of one IMU, or if their telemetry is in different units.
 pub fn batch(tables: &[TableFile]) -> Result<Batch, BatchError> {

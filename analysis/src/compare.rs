@@ -76,6 +76,21 @@ pub struct Comparison {
 /// Compares tables: the first is the old one, the second the new one. Three or more are put in the order of their dates first; then the oldest and the
 /// newest are compared, and each quantity gets a line over the dates. With `other_unit` they may be of different IMUs.
 ///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_analysis::compare;
+/// use isotherm_calibration::TableFile;
+///
+/// let text = include_str!("../../tests/data/imu-a.toml");
+/// let one = TableFile::from_toml("a.toml", text)?;
+/// let other = TableFile::from_toml("b.toml", &text.replace("imu-a", "imu-b"))?;
+/// assert!(compare(vec![one.clone(), other.clone()], false).is_err()); // another IMU
+/// let comparison = compare(vec![one, other], true).map_err(|error| error.to_string())?;
+/// assert_eq!(comparison.curves.len(), 9); // bias, K+ and K- of three accelerometers
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// If there are fewer than two, if they are of different IMUs or have telemetry in different units, if a curve has no common range, or if three or more
 /// have no dates.

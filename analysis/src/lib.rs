@@ -2,6 +2,22 @@
 //! a batch of units.
 //!
 //! This crate opens no file: a caller gives rows and tables.
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use isotherm_analysis::{ComparisonRequirement, compare};
+//! use isotherm_calibration::TableFile;
+//!
+//! let old = include_str!("../../tests/data/imu-a.toml");
+//! let new = old.replace("c0 = 793.55", "c0 = 803.55"); // the bias of A1 is 10 ug0 higher
+//! let tables = vec![TableFile::from_toml("old.toml", old)?, TableFile::from_toml("new.toml", &new)?];
+//! let comparison = compare(tables, false).map_err(|error| error.to_string())?;
+//! assert!(comparison.check(&"bias=20ug0".parse()?).is_ok());
+//! let required: ComparisonRequirement = "bias=5ug0".parse()?;
+//! assert!(comparison.check(&required).is_err_and(|message| message.contains("A1 bias")));
+//! # Ok(())
+//! # }
+//! ```
 
 mod allan;
 mod batch;

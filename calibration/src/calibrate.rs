@@ -14,6 +14,20 @@ use isotherm_campaign::Campaign;
 
 /// Checks that positions and turns determine all parameters of both triads; of the accelerometers only, if the campaign file has no turns.
 ///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_calibration::observable;
+/// use isotherm_campaign::Campaign;
+///
+/// let mut campaign = Campaign::from_toml(include_str!("../../examples/campaign/campaign.toml"))?;
+/// assert!(observable(&campaign).is_ok());
+/// campaign.positions.truncate(4); // A3 up and down alone
+/// let error = observable(&campaign).err().ok_or("A1 and A2 are not determined")?;
+/// assert!(error.to_string().contains("A1"), "{error}");
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// Each deficiency, with a position or turn that would help.
 pub fn observable(campaign: &Campaign) -> Result<TriadObservability, CalibrationError> {
@@ -30,6 +44,24 @@ pub fn observable(campaign: &Campaign) -> Result<TriadObservability, Calibration
 
 /// Makes a coefficient table of both triads from a campaign; of the accelerometers only, if the campaign file has no turns. Ramps beside the
 /// positions give lag and transients. Ramps alone are for [`ramps::calibrate_ramps`](crate::ramps::calibrate_ramps).
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_calibration::{CalibrationOptions, calibrate, read_measurements};
+/// # use isotherm_campaign::Campaign;
+/// # use isotherm_recording::CampaignCsvReader;
+/// # let campaign = Campaign::from_toml(include_str!("../../examples/campaign/campaign.toml"))?;
+/// # let samples: &[u8] = include_bytes!("../../examples/campaign/samples.csv");
+///
+/// // Cubic curves, without the dwell at -25 degC in position 1.
+/// let options = CalibrationOptions { order: Some(3), exclude: vec![(-25.0, 1)], ..CalibrationOptions::default() };
+/// let measurements = read_measurements(&campaign, CampaignCsvReader::new(samples)?)?;
+/// let calibration = calibrate(&campaign, measurements, options)?;
+/// assert_eq!(calibration.dwells.len(), 15 * 12 - 1);
+/// assert_eq!(calibration.table.content().axes[0].bias.coefficients().len(), 4);
+/// # Ok(())
+/// # }
+/// ```
 ///
 /// # Errors
 /// If the data, the positions, the turns or the ramps do not allow a valid table.

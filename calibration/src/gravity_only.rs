@@ -50,6 +50,25 @@ const CHI_SQUARE_MEDIAN: f64 = 0.454_936;
 /// Makes a table of the recordings of an IMU that was put down in many attitudes. Of the campaign, the IMU, the gravities and what goes into the
 /// table unchanged are used. Every recording is searched for standstills by itself; their numbers go on from recording to recording.
 ///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_calibration::{GravityOnlyOptions, TumbleRecording, calibrate_gravity_only};
+/// use isotherm_campaign::Campaign;
+/// use isotherm_recording::RawCsvReader;
+///
+/// let campaign = Campaign::gravity_only("imu-t".parse()?, [9.81, 9.81], "degC");
+/// let rows: &[u8] = include_bytes!("../tests/data/any_lab/tumble3/recording.csv");
+/// let mut recording = TumbleRecording::new("recording.csv");
+/// for raw in RawCsvReader::new(rows)? {
+///     recording.add(&raw?)?;
+/// }
+/// let found = calibrate_gravity_only(&campaign, &[recording], &GravityOnlyOptions::default())?;
+/// assert_eq!((found.readings.len(), found.levels), (78, 3)); // standstills, temperatures
+/// assert!(found.residual_rms() < 1e-3); // g0
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// See [`GravityOnlyError`]; what the attitudes do not determine is named.
 pub fn calibrate_gravity_only(

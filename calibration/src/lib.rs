@@ -2,6 +2,22 @@
 //! and an IMU that is put down by hand.
 //!
 //! This crate opens no file and starts no thread. It reads the clock only for the time in a table's provenance.
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use isotherm_calibration::{CalibrationOptions, calibrate, read_measurements};
+//! use isotherm_campaign::Campaign;
+//! use isotherm_recording::CampaignCsvReader;
+//!
+//! let campaign = Campaign::from_toml(include_str!("../../examples/campaign/campaign.toml"))?;
+//! let samples: &[u8] = include_bytes!("../../examples/campaign/samples.csv");
+//! let measurements = read_measurements(&campaign, CampaignCsvReader::new(samples)?)?;
+//! let calibration = calibrate(&campaign, measurements, CalibrationOptions::default())?;
+//! assert_eq!(calibration.table.content().imu.as_str(), "imu-paper");
+//! assert!((0..3).all(|axis| calibration.residual_sd(axis) < 10e-6)); // g0
+//! # Ok(())
+//! # }
+//! ```
 
 mod accelerometers;
 mod accuracy;

@@ -42,6 +42,32 @@ pub fn now() -> String {
 
 /// The text of a calibration's table file: the sealed table and its provenance. The text is read back and compared.
 ///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_calibration::{CampaignSource, TableFile, now, sealed_table, sha256, tool};
+/// # use isotherm_calibration::{CalibrationOptions, calibrate, read_measurements};
+/// # let text = include_str!("../../examples/campaign/campaign.toml");
+/// # let campaign = isotherm_campaign::Campaign::from_toml(text)?;
+/// # let samples: &[u8] = include_bytes!("../../examples/campaign/samples.csv");
+/// # let rows = isotherm_recording::CampaignCsvReader::new(samples)?;
+/// # let options = CalibrationOptions::default();
+/// # let calibration = calibrate(&campaign, read_measurements(&campaign, rows)?, options)?;
+///
+/// let source = CampaignSource {
+///     tool: tool(),
+///     time: now(),
+///     campaign: "campaign.toml".to_owned(),
+///     campaign_sha256: sha256(text.as_bytes()),
+///     samples_sha256: sha256(samples),
+///     ramps_sha256: Vec::new(),
+/// };
+/// let file = TableFile::from_toml("imu-paper.toml", &sealed_table(&campaign, &calibration, &source)?)?;
+/// assert_eq!(file.table, calibration.table);
+/// assert!(file.origin.curves[0][0].is_some()); // the provenance has the errors of the bias of A1
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// If the text does not give the same table, or if the provenance cannot be written.
 pub fn sealed_table(campaign: &Campaign, calibration: &Calibration, source: &CampaignSource) -> Result<String, String> {
@@ -77,6 +103,12 @@ pub(crate) fn sealed(
 }
 
 /// SHA-256 in hexadecimal.
+///
+/// ```
+/// use isotherm_calibration::sha256;
+///
+/// assert_eq!(sha256(b"abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+/// ```
 #[must_use]
 pub fn sha256(bytes: &[u8]) -> String {
     hexadecimal(&Sha256::digest(bytes))
@@ -87,6 +119,18 @@ fn hexadecimal(bytes: &[u8]) -> String {
 }
 
 /// Computes the SHA-256 of all bytes that are read or written through it.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_calibration::{Hashed, sha256};
+/// use std::io::Write as _;
+///
+/// let mut file = Hashed::new(Vec::new());
+/// file.write_all(b"abc")?;
+/// assert_eq!(file.finish(), (b"abc".to_vec(), sha256(b"abc")));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct Hashed<T> {
     inner: T,

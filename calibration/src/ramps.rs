@@ -117,6 +117,30 @@ impl RampCalibration {
 
 /// Makes a table of ramps alone. `curves` is the table that the campaign file names.
 ///
+/// Two recordings of a simulated IMU, whose elements follow their heads with 240 s, at 20 and 70 degC/h:
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_calibration::{CalibrationOptions, RampRecording, calibrate_ramps};
+/// use isotherm_campaign::Campaign;
+/// use isotherm_shared::table::CoefficientTable;
+/// use isotherm_simulation::{RampSchedule, Truth, ramp, ramp_seed, ramps_toml};
+///
+/// let table = CoefficientTable::from_toml(include_str!("../../examples/tables/imu-whole.toml"), None)?;
+/// let truth = Truth::of(table);
+/// let mut schedules = [RampSchedule::default(), RampSchedule::default()];
+/// schedules[1].run.ramp_c_per_s = 70.0 / 3600.0;
+/// let mut recordings = ["1.csv", "2.csv"].map(RampRecording::new);
+/// for ((recording, schedule), number) in recordings.iter_mut().zip(&schedules).zip(1..) {
+///     ramp(&truth, schedule, ramp_seed(5, number)).try_for_each(|raw| recording.add(&raw))?;
+/// }
+/// let ramps = [schedules[0].ramp("1.csv"), schedules[1].ramp("2.csv")];
+/// let campaign = Campaign::from_toml(&ramps_toml(&truth, "imu.toml", &ramps))?;
+/// let found = calibrate_ramps(&campaign, &recordings, &truth.static_table(), CalibrationOptions::default())?;
+/// assert!(found.table.content().lag_s.is_some_and(|lag_s| (lag_s / 240.0 - 1.0).abs() < 0.2));
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// If an option is for positions, if `curves` is no table for these ramps, if a recording is of another unit, or if nothing can be estimated.
 pub fn calibrate_ramps(

@@ -17,6 +17,28 @@ use nalgebra::Vector3;
 impl Campaign {
     /// Reads the text of a campaign file of one IMU.
     ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_campaign::Campaign;
+    ///
+    /// let text = r#"
+    ///     format = 1
+    ///     imu = "imu-a"
+    ///     samples = "samples.csv"
+    ///     gravity_reference = 9.80665   # m/s2
+    ///     gravity_local = 98.1          # m/s2
+    ///     temperature_unit = "V"
+    ///     [[position]]
+    ///     number = 1
+    ///     specific_force = [0, 0, 1]
+    /// "#;
+    /// let faults = Campaign::from_toml(text).err().ok_or("the local gravity is ten times too large")?;
+    /// assert_eq!((faults.0.len(), faults.0[0].line), (1, 6));
+    /// assert!(Campaign::from_toml(&text.replace("98.1", "9.8012")).is_ok());
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// All faults of the text, with line and key; also if it has several IMUs.
     pub fn from_toml(text: &str) -> Result<Self, Faults> {
@@ -32,6 +54,21 @@ impl Campaign {
 
     /// Reads the text of a campaign file: one campaign for each IMU of `imus`, in that order, or the one of `imu`. In a file with `imus`, directions
     /// are those along the axes of an IMU without `mounting`; here they are along each IMU's own axes.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_campaign::Campaign;
+    ///
+    /// let one = include_str!("../../examples/campaign/campaign.toml");
+    /// // A second IMU, which is turned by 90 degrees about A3.
+    /// let imus = r#"imus = [{ id = "imu-a" }, { id = "imu-b", mounting = [[0, 1, 0], [-1, 0, 0], [0, 0, 1]] }]"#;
+    /// let two = one.replace("imu = \"imu-paper\"", imus).replace("samples.csv", "{imu}.csv");
+    /// let [a, b] = Campaign::batch_from_toml(&two)?.try_into().map_err(|_| "two IMUs")?;
+    /// assert_eq!((b.imu.as_str(), b.samples), ("imu-b", vec!["imu-b.csv".to_owned()]));
+    /// assert_eq!(a.positions[4].specific_force[0], -b.positions[4].specific_force[1]);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// All faults of the text, with line and key.

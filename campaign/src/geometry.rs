@@ -18,6 +18,14 @@ use nalgebra::{Matrix3, Vector3};
 /// Earth's rate \[deg/h\]: 7.292115e-5 rad/s.
 pub const EARTH_RATE: f64 = 7.292_115e-5 / ARCSEC;
 /// Specific force along A1, A2, A3 at the angles \[deg\], in units of the local gravity.
+///
+/// ```
+/// use isotherm_campaign::specific_force;
+///
+/// assert_eq!(specific_force(0.0, 0.0), [0.0, 0.0, 1.0]); // A3 up
+/// assert_eq!(specific_force(90.0, 0.0), [0.0, 1.0, 0.0]); // A2 up
+/// assert_eq!(specific_force(90.0, 90.0), [1.0, 0.0, 0.0]); // A1 up
+/// ```
 #[must_use]
 pub fn specific_force(outer: f64, inner: f64) -> [f64; AXES] {
     let [_, _, z] = laboratory_axes(outer, inner);
@@ -48,6 +56,14 @@ pub fn outer_axis(inner: f64) -> Vector3<f64> {
 }
 
 /// The rate about the vertical at the latitude \[deg\], in deg/h; positive in the north.
+///
+/// ```
+/// use isotherm_campaign::{EARTH_RATE, horizontal_rate, vertical_rate};
+///
+/// assert!((EARTH_RATE - 15.041).abs() < 1e-3); // deg/h
+/// assert!((vertical_rate(30.0) - 0.5 * EARTH_RATE).abs() < 1e-12);
+/// assert!((horizontal_rate(60.0) - 0.5 * EARTH_RATE).abs() < 1e-12);
+/// ```
 #[must_use]
 pub fn vertical_rate(latitude_deg: f64) -> f64 {
     EARTH_RATE * latitude_deg.to_radians().sin()

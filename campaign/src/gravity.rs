@@ -5,6 +5,13 @@ pub(crate) const ANOMALY: f64 = 0.003;
 
 /// Normal gravity \[m/s2\] at the geodetic latitude \[deg\] and the height above the ellipsoid \[m\], -1000 to 9000: Somigliana's formula on
 /// the ellipsoid of WGS 84, and its upward continuation to second order (NIMA TR8350.2, equations 4-1 and 4-3).
+///
+/// ```
+/// use isotherm_campaign::normal_gravity;
+///
+/// assert!((normal_gravity(45.0, 0.0) - 9.80620).abs() < 1e-5);
+/// assert!((normal_gravity(45.0, 1000.0) - 9.80311).abs() < 1e-5); // 3.1e-6 m/s2 less for each metre
+/// ```
 #[must_use]
 pub fn normal_gravity(latitude_deg: f64, height_m: f64) -> f64 {
     const EQUATOR: f64 = 9.780_325_335_9;

@@ -2,6 +2,19 @@
 //! IMU that is put down by hand, gravity and Earth's rate.
 //!
 //! This crate opens no file: a caller gives texts and rows.
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use isotherm_campaign::Campaign;
+//!
+//! let campaign = Campaign::from_toml(include_str!("../../examples/campaign/campaign.toml"))?;
+//! assert_eq!((campaign.imu.as_str(), campaign.positions.len()), ("imu-paper", 12));
+//! // In the first position A3 points up and measures the local gravity, here as large as g0.
+//! let (force, _) = campaign.force(&campaign.positions[0], None);
+//! assert_eq!(force, [0.0, 0.0, 1.0]);
+//! # Ok(())
+//! # }
+//! ```
 
 mod direction;
 mod dwell;

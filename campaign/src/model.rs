@@ -55,6 +55,15 @@ pub struct Campaign {
 impl Campaign {
     /// The campaign of an IMU that is put down by hand, with gravity's length as the reference: local gravity and the value of 1 g0 \[m/s2\], and the
     /// telemetry's unit. It has no files.
+    ///
+    /// ```
+    /// use isotherm_campaign::Campaign;
+    /// use isotherm_shared::stream::ImuId;
+    ///
+    /// let imu = ImuId::new("imu-a").expect("a valid name");
+    /// let campaign = Campaign::gravity_only(imu, [9.8012, 9.80665], "degC");
+    /// assert!(campaign.gravity_only && campaign.positions.is_empty());
+    /// ```
     #[must_use]
     pub fn gravity_only(imu: ImuId, [gravity_local, gravity_reference]: [f64; 2], temperature_unit: &str) -> Self {
         Self {

@@ -15,6 +15,20 @@ const CANDIDATES: usize = 64;
 /// Orientation of the IMU on the turntable: the orthogonal matrix from the specific force at the angles to the stated one,
 /// along A1, A2, A3. A matrix that only exchanges axes or their signs is returned exactly. `None` if a position has no
 /// angles, or if no such matrix explains all stated directions.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_campaign::{Position, mount};
+///
+/// // An IMU that is turned by 90 degrees about A3: where A1 should point up, -A2 does.
+/// let stated = [(0.0, 0.0, [0.0, 0.0, 1.0]), (90.0, 90.0, [0.0, -1.0, 0.0]), (90.0, 0.0, [1.0, 0.0, 0.0])];
+/// let at = |(outer, inner, specific_force)| Position { specific_force, ..Position::at(1, outer, inner) };
+/// let positions = stated.map(at);
+/// let rotation = mount(&positions).ok_or("no rotation explains these positions")?;
+/// assert_eq!(rotation.column(0).as_slice(), [0.0, -1.0, 0.0]);
+/// # Ok(())
+/// # }
+/// ```
 #[must_use]
 pub fn mount(positions: &[Position]) -> Option<Matrix3<f64>> {
     let pairs = pairs(positions)?;
@@ -57,6 +71,19 @@ fn exact_if_near(rotation: Matrix3<f64>) -> Matrix3<f64> {
 
 /// The rotation that a matrix of a few digits states. A matrix that only exchanges axes or their signs is returned exactly. `None` if the matrix has
 /// a rank under 3.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_campaign::nearest_rotation;
+/// use nalgebra::Matrix3;
+///
+/// let stated = Matrix3::new(0.866, 0.5, 0.0, -0.5, 0.866, 0.0, 0.0, 0.0, 1.0); // 30 degrees, to three digits
+/// let rotation = nearest_rotation(&stated).ok_or("a rank under 3")?;
+/// assert!((rotation * rotation.transpose() - Matrix3::identity()).norm() < 1e-14);
+/// assert!((rotation[(0, 1)] - 0.5).abs() < 1e-4);
+/// # Ok(())
+/// # }
+/// ```
 #[must_use]
 pub fn nearest_rotation(matrix: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     nearest_orthogonal(*matrix).map(exact_if_near)

@@ -18,6 +18,13 @@ pub struct Position {
 
 impl Position {
     /// The position at the angles `outer` and `inner` \[deg\].
+    ///
+    /// ```
+    /// use isotherm_campaign::Position;
+    ///
+    /// let position = Position::at(3, 180.0, 0.0);
+    /// assert_eq!((position.label.as_str(), position.specific_force), ("-z", [0.0, 0.0, -1.0]));
+    /// ```
     #[must_use]
     pub fn at(number: u32, outer: f64, inner: f64) -> Self {
         let specific_force = specific_force(outer, inner);

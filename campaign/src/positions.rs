@@ -110,6 +110,17 @@ pub const MAX_CONDITION: f64 = 100.0;
 
 impl Observability {
     /// The observability of accelerometer `axis` (0 to 2).
+    ///
+    /// ```
+    /// use isotherm_campaign::{MAX_CONDITION, Observability, PARAMETERS, Scheme};
+    ///
+    /// let positions = Scheme::SixFacesTwoHeadings.positions();
+    /// let all = Observability::of(&positions, 0);
+    /// assert!(all.rank == PARAMETERS && all.condition < MAX_CONDITION);
+    /// // The first four have A3 up or down, which says little of A1; what is missing is named.
+    /// let four = Observability::of(&positions[..4], 0);
+    /// assert!(four.rank < PARAMETERS && four.sigma.is_none() && !four.deficiencies.is_empty());
+    /// ```
     #[must_use]
     pub fn of(positions: &[Position], axis: usize) -> Self {
         let rows: Vec<_> = positions.iter().map(|position| design(axis, position.specific_force)).collect();

@@ -9,6 +9,20 @@ use isotherm_shared::wire::{MAX_INTERVAL_NS, RawSample};
 /// Makes dwells of the samples of `campaign`. The rows come from a
 /// [`CampaignCsvReader`](isotherm_recording::CampaignCsvReader) or another source.
 ///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_campaign::{Campaign, read_dwells};
+/// use isotherm_recording::CampaignCsvReader;
+///
+/// let campaign = Campaign::from_toml(include_str!("../../examples/campaign/campaign.toml"))?;
+/// let samples: &[u8] = include_bytes!("../../examples/campaign/samples.csv");
+/// let dwells = read_dwells(&campaign, CampaignCsvReader::new(samples)?)?;
+/// assert_eq!(dwells.len(), 15 * 12); // 15 set points, 12 positions
+/// assert_eq!((dwells[0].set_point_c, dwells[0].sums.seconds), (-25.0, 300.0));
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// At the first row that cannot be read or used, with its line: an unknown position, a timestamp that does not increase, an
 /// interval out of range or longer than the time since the previous row, telemetry that is not finite, a full counter.

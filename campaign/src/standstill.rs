@@ -105,6 +105,29 @@ pub fn begins_ns(rows: &[RawSample]) -> Vec<u64> {
 
 /// Finds the standstills of a recording. A window has `window_s` seconds, at least ten rows. `false_alarms` is [`TUMBLED`] or [`AT_REST`].
 ///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_campaign::{TUMBLED, find_standstills};
+/// use isotherm_shared::wire::RawSample;
+///
+/// // 10 samples a second: 20 s at rest on A3, 5 s of movement, 20 s at rest on A1. Noise of a few counts.
+/// let row = |i: u64| {
+///     let mut raw = RawSample { sequence: i, timestamp_ns: (i + 1) * 100_000_000, ..RawSample::default() };
+///     raw.interval_ns = 100_000_000;
+///     let noise = |axis: u64| 20 + (i * (7 + axis) * 2_654_435_761 >> 16) as u32 % 7;
+///     raw.accelerometers.positive_pulses = [noise(0), noise(1), noise(2)];
+///     let moving = (200..250).contains(&i);
+///     let swing = if moving { (i as u32 * 397) % 1500 } else { 0 };
+///     raw.accelerometers.positive_pulses[if i < 225 { 2 } else { 0 }] += 2000 - swing;
+///     raw
+/// };
+/// let rows: Vec<_> = (0..450).map(row).collect();
+/// let standstills = find_standstills(&rows, 4.0, TUMBLED)?;
+/// assert_eq!((standstills.window_rows, standstills.found.len()), (40, 2));
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// If no stretch is as long as a window, or if the IMU was never at rest.
 pub fn find_standstills(rows: &[RawSample], window_s: f64, false_alarms: f64) -> Result<Standstills, StandstillError> {

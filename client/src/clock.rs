@@ -37,6 +37,15 @@ pub fn unix_s() -> f64 {
 }
 
 /// Reads `CLOCK_MONOTONIC` for one thread. Any two clocks, in any threads and processes, agree to within 0.1 us.
+///
+/// ```
+/// use isotherm_client::{Clock, monotonic_ns};
+///
+/// let mut clock = Clock::new();
+/// let before = monotonic_ns();
+/// let now = clock.now();
+/// assert!(now + 1_000 > before && now < monotonic_ns() + 1_000); // ns
+/// ```
 #[derive(Debug)]
 pub struct Clock {
     /// The last reading of both clocks; `None` if the counter is not used.

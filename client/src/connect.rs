@@ -33,6 +33,21 @@ const SWEEP_LIMIT: Duration = Duration::from_secs(2);
 const UNSERVED_LIMIT: Duration = Duration::from_secs(3);
 
 /// How to reach a service, and what an acquisition tells it. Readers use domain and time-out.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_client::{LagOption, Options, TimeConstant, domain};
+/// use std::time::Duration;
+///
+/// let options = Options {
+///     serial: Some("SN 42".to_owned()),
+///     lag: LagOption::Fixed(TimeConstant::from_seconds(240.0)?),
+///     ..Options::new(domain(Some("bench"))?, Duration::from_secs(2))
+/// };
+/// assert_eq!(options.domain.name(), "bench");
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Debug)]
 pub struct Options {
     /// The domain of service and clients.
@@ -66,6 +81,13 @@ impl Options {
 ///
 /// Its folder is `$ISOTHERM_ROOT/NAME`. Without that variable it is `/run/isotherm/NAME` if `/run/isotherm` exists, else
 /// `/tmp/isotherm-NAME`.
+///
+/// ```
+/// use isotherm_client::domain;
+///
+/// assert!(domain(Some("bench-2")).is_ok_and(|domain| domain.root_path().ends_with("bench-2")));
+/// assert!(domain(Some("no blanks")).is_err());
+/// ```
 ///
 /// # Errors
 /// If the name or the folder cannot be used.

@@ -21,6 +21,17 @@ const RETRY_NS: u64 = 1_000_000_000;
 const ALL: u8 = (1 << SENSORS) - 1;
 
 /// A sensor of an IMU.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_client::Sensor;
+///
+/// let sensor: Sensor = "G2".parse()?;
+/// assert!("X1".parse::<Sensor>().is_err());
+/// assert_eq!(Sensor::NAMES[sensor as usize].1, "G2");
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 #[expect(missing_docs, reason = "the names of the sensors")]
 pub enum Sensor {

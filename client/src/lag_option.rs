@@ -9,6 +9,16 @@ pub struct TimeConstant(u64);
 impl TimeConstant {
     /// From seconds, to the nearest nanosecond.
     ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_client::TimeConstant;
+    ///
+    /// assert_eq!(TimeConstant::from_seconds(240.0)?.ns(), 240_000_000_000);
+    /// assert!(TimeConstant::from_seconds(0.01).is_err());
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// If it is not 0.1 s to 86400 s.
     pub fn from_seconds(seconds: f64) -> Result<Self, InvalidTimeConstant> {

@@ -69,6 +69,19 @@ impl Streamed for CompensatedIncrement {
 ///
 /// The queue holds [`INCREMENT_DEPTH`](isotherm_shared::stream::INCREMENT_DEPTH) increments. If the reader sleeps for longer,
 /// the oldest are overwritten.
+///
+/// ```no_run
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_client::{IncrementReader, Options};
+/// use std::time::Duration;
+///
+/// let mut reader = IncrementReader::connect("imu-a".parse()?, &Options::from_environment()?)?;
+/// while let Some(increment) = reader.receive_timeout(Duration::from_secs(1))? {
+///     println!("{:?} m/s", increment.velocity_increment);
+/// }
+/// # Ok(())
+/// # }
+/// ```
 pub type IncrementReader = Reader<CompensatedIncrement>;
 
 /// Reads the raw samples of one IMU as the acquisition sends them: for recorders.

@@ -116,6 +116,18 @@ impl StatusReader {
 
 /// Waits for a status of the running service that is newer than this call.
 ///
+/// ```no_run
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_client::{Options, fetch_status};
+///
+/// let status = fetch_status(&Options::from_environment()?)?;
+/// for imu in &status.imus {
+///     println!("{}: {} readers, {} missing", imu.id, imu.readers, imu.missing);
+/// }
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// If no service answers within two seconds. The time-out of `options` is not used.
 pub fn fetch_status(options: &Options) -> Result<ServiceStatus, StatusError> {

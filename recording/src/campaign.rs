@@ -23,6 +23,17 @@ pub struct CampaignRow {
 
 /// Reads the rows of a campaign: raw samples with the columns `set_point_c` and `position`. `position` is empty in rows that were
 /// taken while the turntable moved. An [`Iterator`] that ends at the first error.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_recording::CampaignCsvReader;
+///
+/// let samples: &[u8] = include_bytes!("../../examples/campaign/samples.csv");
+/// let first = CampaignCsvReader::new(samples)?.next().ok_or("no row")??;
+/// assert_eq!((first.line, first.set_point_c, first.position), (2, -25.0, Some(1)));
+/// # Ok(())
+/// # }
+/// ```
 pub struct CampaignCsvReader<R> {
     samples: RawCsvReader<R>,
     set_point: CsvColumn,

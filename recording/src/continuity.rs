@@ -31,6 +31,18 @@ const ODD_ROWS: u32 = 10;
 
 /// What is missing in a recording: counts over its rows, and its first fault of time. A row costs a few operations, the
 /// memory is 2 kB.
+///
+/// ```
+/// use isotherm_recording::Continuity;
+/// use isotherm_shared::sequence::Period;
+///
+/// // Samples of 2.5 ms, of which those with the sequences 10 to 12 are missing.
+/// let period = Period { session: 1, sequence: 0, timestamp_ns: 0, interval_ns: 2_500_000 };
+/// let row = |sequence| Period { sequence, timestamp_ns: (sequence + 1) * 2_500_000, ..period };
+/// let continuity: Continuity = (0..10).chain(13..20).map(row).collect();
+/// assert_eq!((continuity.losses().missing, continuity.losses().gaps), (3, 1));
+/// assert!(continuity.fault().is_none()); // the sequences say where the time went
+/// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Continuity {
     last: Option<Period>,

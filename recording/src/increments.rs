@@ -27,6 +27,21 @@ pub struct IncrementLayout {
 }
 
 /// Writes increments as CSV. Floats have the shortest form that reads back as the same double.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_recording::{IncrementCsvWriter, IncrementLayout};
+/// use isotherm_shared::wire::CompensatedIncrement;
+///
+/// let velocity_increment = [0.1, 0.0, f64::NAN]; // m/s
+/// let increment = CompensatedIncrement { velocity_increment, ..CompensatedIncrement::default() };
+/// let mut writer = IncrementCsvWriter::new(Vec::new(), IncrementLayout { gyroscopes: false, delivery: false })?;
+/// writer.write(&increment)?;
+/// let text = String::from_utf8(writer.finish()?)?;
+/// assert!(text.starts_with("sequence,timestamp_ns,interval_ns,a1_dv,a2_dv,a3_dv,table,flags"), "{text}");
+/// # Ok(())
+/// # }
+/// ```
 pub struct IncrementCsvWriter<W> {
     sink: W,
     /// The columns, by their index in [`INCREMENT`].

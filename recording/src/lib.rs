@@ -9,6 +9,18 @@
 //! campaign:   set_point_c,position, then the raw columns
 //! increments: sequence,timestamp_ns,interval_ns,a1_dv,a2_dv,a3_dv,[g1_da,g2_da,g3_da,]table,flags     [delivery]
 //! ```
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use isotherm_recording::RawCsvReader;
+//!
+//! let recording: &[u8] = include_bytes!("../../tests/data/run.csv");
+//! let samples = RawCsvReader::new(recording)?.collect::<Result<Vec<_>, _>>()?;
+//! assert_eq!((samples[0].sequence, samples[0].interval_ns), (0, 2_500_000));
+//! assert_eq!(samples[0].accelerometers.positive_pulses, [4, 0, 234]);
+//! # Ok(())
+//! # }
+//! ```
 
 mod campaign;
 pub mod columns;

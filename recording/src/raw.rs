@@ -15,6 +15,20 @@ use isotherm_shared::wire::RawSample;
 use std::io::{self, Read, Write};
 
 /// Reads the raw samples of a CSV recording. An [`Iterator`] that ends at the first error.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_recording::RawCsvReader;
+///
+/// let text: &[u8] = include_bytes!("../../tests/data/run.csv");
+/// let header = text.split_inclusive(|byte| *byte == b'\n').next().ok_or("no header")?;
+/// let bad = [header, b"0,1000,1000,4,0,1.1,1.2,0,204,many,1.2,234,0,1.1,1.2\n"].concat();
+/// let error = RawCsvReader::new(&bad[..])?.next().and_then(Result::err).ok_or("telemetry is a number")?;
+/// let message = error.to_string(); // with line and column
+/// assert!(message.contains('2') && message.contains("a2_head"), "{message}");
+/// # Ok(())
+/// # }
+/// ```
 pub struct RawCsvReader<R> {
     pub(crate) rows: Rows<R>,
     columns: RawColumns,
@@ -177,6 +191,21 @@ impl RawColumns {
 }
 
 /// Writes raw samples as CSV. Floats have the shortest form that reads back as the same double. Sessions are not written.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_recording::{RawCsvReader, RawCsvWriter};
+/// use isotherm_shared::wire::RawSample;
+///
+/// let mut raw = RawSample { sequence: 7, timestamp_ns: 5_000_000, interval_ns: 2_500_000, ..RawSample::default() };
+/// raw.accelerometers.head_temperature = [0.1, 0.2, 0.3];
+/// let mut writer = RawCsvWriter::new(Vec::new(), "", false)?;
+/// writer.write("", &raw)?;
+/// let text = writer.finish()?;
+/// assert_eq!(RawCsvReader::new(&text[..])?.next().transpose()?, Some(raw));
+/// # Ok(())
+/// # }
+/// ```
 pub struct RawCsvWriter<W> {
     sink: W,
     leading: bool,

@@ -204,6 +204,16 @@ fn gyroscopes(calibration: &Calibration, found: &GyroscopeCalibration) -> Value 
 }
 
 /// A failure: what is printed to stderr, the exit code, and file and line of the cause where they are known.
+///
+/// ```
+/// use isotherm_failure::{Exit, Failure};
+/// use isotherm_report::json;
+/// use std::path::Path;
+///
+/// let failure = Failure::new(Exit::Data, "samples.csv:7: no number").at(Path::new("samples.csv"), Some(7));
+/// let document = json::failure(&failure);
+/// assert_eq!((&document["exit_code"], &document["line"]), (&65.into(), &7.into()));
+/// ```
 #[must_use]
 pub fn failure(failure: &Failure) -> Value {
     let (file, line) =

@@ -2,6 +2,19 @@
 //!
 //! [`Page`] appends escaped text, tables and figures to a document, [`Plot`] draws a figure as inline SVG. Both share
 //! one embedded stylesheet, so a figure follows the light, dark or print palette of its page.
+//!
+//! ```
+//! use isotherm_report::{Cell, Page, Plot, Style};
+//!
+//! let mut page = Page::new("Bias", "imu-a");
+//! let rows = [vec![Cell::text("A1"), Cell::number(793.55, 2)]];
+//! page.table("At 0 V", &["", "Bias / ug0"], &rows);
+//! let bias = (0..10).map(|i| f64::from(i) / 2.0).map(|telemetry| (telemetry, 793.55 - 1074.7 * telemetry));
+//! let plot = Plot::new("Bias", "Telemetry / V", "Bias / ug0").series("A1", Style::Line, bias);
+//! page.figure(&plot.svg(), "Bias over telemetry");
+//! let html = page.finish();
+//! assert!(html.contains("<svg") && html.contains("793.55") && !html.contains("<script"));
+//! ```
 
 mod axis;
 pub mod batch;

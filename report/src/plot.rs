@@ -29,6 +29,14 @@ pub enum Style {
 /// Values that are NaN, infinite or beyond 1e100 are skipped and break a line. A series of more than 1500 points is
 /// thinned: every column of the figure keeps its smallest and its largest value, so extremes stay visible while the
 /// size of the figure stays bounded.
+///
+/// ```
+/// use isotherm_report::{Plot, Style};
+///
+/// let points = [(1.0, 0.2), (2.0, f64::NAN), (3.0, -0.1)];
+/// let plot = Plot::new("Residual", "Telemetry / V", "Residual / ug0").series("A1", Style::Points, points).zero_line();
+/// assert!(plot.svg().into_string().contains("Residual / ug0"));
+/// ```
 #[derive(Clone, Debug)]
 pub struct Plot {
     title: String,

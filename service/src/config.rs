@@ -131,6 +131,18 @@ impl Config {
 
     /// Reads the text of a configuration. Paths in it are relative to `folder`.
     ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_service::config::Config;
+    /// use std::path::Path;
+    ///
+    /// let text = "[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\ndepth = 65\n";
+    /// let faults = Config::from_toml(text, Path::new(".")).err().ok_or("at most 64 samples may be unanswered")?;
+    /// assert_eq!(faults.0[0].line, 4);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// Everything that is wrong with it.
     pub fn from_toml(text: &str, folder: &Path) -> Result<Self, Faults> {

@@ -2,6 +2,19 @@
 //!
 //! The program `isothermd` calls [`main`]. `isotherm serve`, `check`, `status` and `reload` are the same [`commands`]. Other programs use
 //! this library to [`create`] streams in a domain and to [`clean`] it.
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use isotherm_service::config::Config;
+//! use std::path::Path;
+//!
+//! let text = include_str!("../../examples/service.toml");
+//! let config = Config::from_toml(text, Path::new("/etc/isotherm"))?;
+//! assert_eq!((config.imus.len(), config.workers()), (2, 1));
+//! assert_eq!(config.imus[0].table, Path::new("/etc/isotherm/tables/imu-paper.toml"));
+//! # Ok(())
+//! # }
+//! ```
 
 pub mod clean;
 pub mod commands;

@@ -30,6 +30,23 @@ use crate::wire::{AXES, CompensatedIncrement, Flags, MAX_INTERVAL_NS, RawSample,
 use nalgebra::Matrix3;
 
 /// The answer to a raw sample, without the delivery part: `latency_ns` is 0 and no delivery flag is set.
+///
+/// What cannot be computed is NaN, and flagged:
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_shared::{compensate::answer, table::CoefficientTable, wire::{Flags, RawSample}};
+///
+/// let table = CoefficientTable::from_toml(include_str!("../../tests/data/imu-a.toml"), None)?;
+/// let mut raw = RawSample { interval_ns: 10_000_000, ..RawSample::default() };
+/// raw.accelerometers.head_temperature = [2.5, f64::NAN, 5.0]; // V; the table is for 0.9 to 4.2 V
+/// raw.accelerometers.board_temperature = [2.5; 3];
+/// let increment = answer(Some(&table), &raw);
+/// assert!(increment.velocity_increment[0].is_finite() && increment.velocity_increment[1].is_nan());
+/// assert_eq!(Flags(increment.flags).to_string(), "a3-head-above|a2-not-finite");
+/// assert!(Flags(answer(None, &raw).flags).intersects(Flags::NO_TABLE));
+/// # Ok(())
+/// # }
+/// ```
 #[must_use]
 #[inline]
 pub fn answer(table: Option<&CoefficientTable>, raw: &RawSample) -> CompensatedIncrement {

@@ -40,6 +40,21 @@ pub struct LaggedReading {
 /// The lag of an IMU: its time constant, and the state of each sensor.
 ///
 /// Every field may have any value. An application that restarts saves a copy (it is `Copy`, and has serde's traits) and goes on with it.
+///
+/// ```
+/// use isotherm_shared::lag::Lag;
+/// use isotherm_shared::wire::RawSample;
+///
+/// let mut lag = Lag::new(240_000_000_000); // 240 s
+/// lag.read(0, 2.0, 1_000_000_000); // A1 is soaked at 2 V ..
+/// lag.read(0, 2.4, 241_000_000_000); // .. and at 2.4 V one time constant later
+/// let mut raw = RawSample { telemetry_ns: 241_000_000_000, ..RawSample::default() };
+/// raw.accelerometers.head_temperature[0] = 2.4;
+/// lag.fill(&mut raw);
+/// let lagged = raw.accelerometers.head_lagged[0];
+/// assert_eq!(raw.lag_ns, 240_000_000_000);
+/// assert!(2.0 < lagged && lagged < 2.4, "{lagged}");
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
 pub struct Lag {
     /// Time constant tau \[ns\]; 0 = there is no lag. It may be changed at any time: L is kept.

@@ -13,6 +13,23 @@
 //! alignment matrix it is along the body's axes. Only [`compensate`](mod@compensate) implements this equation: the service, the
 //! replay and the tests all call it, so they cannot disagree.
 //!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use isotherm_shared::{compensate::answer, table::CoefficientTable, wire::RawSample};
+//!
+//! let table = CoefficientTable::from_toml(include_str!("../../tests/data/imu-a.toml"), None)?;
+//! let mut raw = RawSample { interval_ns: 2_500_000, ..RawSample::default() };
+//! raw.accelerometers.positive_pulses = [4, 0, 234];
+//! raw.accelerometers.negative_pulses = [0, 204, 0];
+//! raw.accelerometers.head_temperature = [1.099949, 1.111955, 1.123814]; // V
+//! raw.accelerometers.board_temperature = [1.180102, 1.171937, 1.163957];
+//! let increment = answer(Some(&table), &raw);
+//! assert!((increment.velocity_increment[2] - 0.024_500_236_531).abs() < 1e-12); // m/s
+//! assert_eq!((increment.table, increment.flags), (table.id(), 0));
+//! # Ok(())
+//! # }
+//! ```
+//!
 //! An acquisition process sends [`RawSample`](wire::RawSample)s, and the service answers with
 //! [`CompensatedIncrement`](wire::CompensatedIncrement)s. [`stream`] defines the streams, [`document`] reads files, and
 //! [`status`] is the document that describes the running service.

@@ -12,6 +12,16 @@ pub const MAX_ORDER: usize = 7;
 
 /// A polynomial of order 0 to [`MAX_ORDER`] over a range of telemetry. Coefficients, centre, scale and range are always
 /// finite, the scale is never 0, and the range is never empty.
+///
+/// ```
+/// use isotherm_shared::polynomial::{Polynomial, Side};
+///
+/// // 10 - 2 x + 0.5 x^2 over 1 to 4 V.
+/// let polynomial = Polynomial::new(&[10.0, -2.0, 0.5], 0.0, 1.0, [1.0, 4.0]).expect("a valid polynomial");
+/// assert_eq!(polynomial.at(2.0), 8.0);
+/// assert_eq!((polynomial.side(4.5), polynomial.clamp(4.5)), (Side::Above, 4.0));
+/// assert_eq!(Polynomial::new(&[f64::NAN], 0.0, 1.0, [1.0, 4.0]), None);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Polynomial {
     coefficients: [f64; MAX_ORDER + 1],
@@ -122,6 +132,14 @@ impl Polynomial {
     /// values at the ends. If all are at or above the limit, the interval has no violation. If the first or the last is
     /// below it, that end is a violation. Otherwise the interval is halved. An interval that is still
     /// undecided below 2^-48 of the range counts as a violation.
+    ///
+    /// ```
+    /// use isotherm_shared::polynomial::Polynomial;
+    ///
+    /// let polynomial = Polynomial::new(&[10.0, -2.0, 0.5], 0.0, 1.0, [1.0, 4.0]).expect("a valid polynomial");
+    /// assert_eq!(polynomial.below(7.9), None); // its lowest value is 8, at 2 V
+    /// assert!(polynomial.below(8.5).is_some_and(|violation| violation.value < 8.5));
+    /// ```
     #[must_use]
     pub fn below(&self, limit: f64) -> Option<Violation> {
         self.violation(1.0, limit)

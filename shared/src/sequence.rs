@@ -61,6 +61,15 @@ pub const fn excess_ns(earlier: Period, later: Period) -> Option<i128> {
 /// Whether no sequence is missing between two samples, but time is, or the interval is wrong: the step of the
 /// timestamps differs from the interval of `later` by more than half of it. This is
 /// [`Flags::TIME_STEP`](crate::wire::Flags::TIME_STEP).
+///
+/// ```
+/// use isotherm_shared::sequence::{Period, time_step};
+///
+/// let first = Period { session: 1, sequence: 8, timestamp_ns: 1_000_000, interval_ns: 2_500_000 };
+/// let next = Period { sequence: 9, timestamp_ns: 3_500_000, ..first };
+/// assert!(!time_step(first, next));
+/// assert!(time_step(first, Period { timestamp_ns: 6_000_000, ..next })); // one period is lost
+/// ```
 #[inline]
 #[must_use]
 pub const fn time_step(earlier: Period, later: Period) -> bool {

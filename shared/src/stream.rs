@@ -282,6 +282,17 @@ impl StreamKind {
 pub const NAME_RULE: &str = "1 to 32 of a-z 0-9 - _";
 
 /// The name of an IMU; follows [`NAME_RULE`].
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_shared::stream::ImuId;
+///
+/// let imu: ImuId = "imu-a".parse()?;
+/// assert_eq!(imu.raw().as_str(), "isotherm/imu-a/raw");
+/// assert_eq!(ImuId::new("IMU A"), None); // 1 to 32 of a-z 0-9 - _
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Debug, Eq, Hash, Ord, PartialEq, PartialOrd)]
 pub struct ImuId(String);
 

@@ -97,6 +97,13 @@ pub enum BiasUnit {
 
 impl BiasUnit {
     /// The factor from this unit to the base unit: g0 or deg/h.
+    ///
+    /// ```
+    /// use isotherm_shared::units::{BiasUnit, SensorKind};
+    ///
+    /// assert_eq!(793.55 * BiasUnit::MicroG0.factor(), 793.55e-6); // g0
+    /// assert_eq!(SensorKind::Gyroscope.base_unit(), "deg/h");
+    /// ```
     #[must_use]
     pub const fn factor(self) -> f64 {
         match self {

@@ -62,6 +62,14 @@ pub struct RawSample {
 
 /// The number of the unit with this serial number: the first 8 bytes of the SHA-256 of its UTF-8, big-endian. Outer blanks do not count;
 /// a serial number of nothing else is unknown, 0.
+///
+/// ```
+/// use isotherm_shared::wire::device;
+///
+/// assert_eq!(device(" SN 42 "), device("SN 42"));
+/// assert_ne!(device("SN 42"), device("SN 43"));
+/// assert_eq!(device("  "), 0); // unknown
+/// ```
 #[must_use]
 pub fn device(serial: &str) -> u64 {
     match serial.trim() {
@@ -145,6 +153,22 @@ impl RawSample {
     /// The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same in
     /// both periods. Use it when the service had no room for a sample.
     ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_shared::wire::RawSample;
+    ///
+    /// let raw = RawSample { interval_ns: 2_500_000, ..RawSample::default() };
+    /// let mut sum = RawSample { sequence: 7, timestamp_ns: 5_000_000, ..raw };
+    /// sum.accelerometers.positive_pulses = [100, 0, 20];
+    /// let mut later = RawSample { sequence: 8, timestamp_ns: 7_500_000, ..raw };
+    /// later.accelerometers.positive_pulses = [90, 0, 30];
+    /// sum.merge(&later)?;
+    /// assert_eq!((sum.sequence, sum.timestamp_ns, sum.interval_ns), (7, 7_500_000, 5_000_000));
+    /// assert_eq!(sum.accelerometers.positive_pulses, [190, 0, 50]);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// [`MergeError`] when a sum would overflow; `self` is then unchanged.
     pub fn merge(&mut self, later: &Self) -> Result<(), MergeError> {
@@ -188,6 +212,15 @@ impl Triad {
 ///
 /// Bits 0 to 23 and 32 to 49 are **sample flags**, a pure function of raw sample and table; those from 32 on are the flags of the
 /// gyroscopes, as bits 0 to 17 are those of the accelerometers. Bits 24 to 26 are **delivery flags**, which the service adds.
+///
+/// ```
+/// use isotherm_shared::wire::Flags;
+///
+/// let flags = Flags::GAP | Flags::LATE;
+/// assert_eq!(flags.to_string(), "gap|late");
+/// assert!(flags.intersects(Flags::LOST) && !flags.intersects(Flags::INVALID));
+/// assert_eq!(flags.only(Flags::INFORMATION), Flags::LATE);
+/// ```
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 #[repr(transparent)]
 pub struct Flags(pub u64);

@@ -69,6 +69,14 @@ pub struct TurnSchedule {
 impl TurnSchedule {
     /// Six whole turns: about the outer axis at inner angle 0 and 90, then about the inner axis at outer angle 0, each forwards and back by
     /// `angle_deg`. They are numbered from `first`. 10 deg/s, 10 deg/s2, 5 s of rest, rows of 1 s.
+    ///
+    /// ```
+    /// use isotherm_simulation::TurnSchedule;
+    ///
+    /// let turns = TurnSchedule::six_turns(13, 360.0).turns;
+    /// assert_eq!((turns.len(), turns[0].start.number), (6, 13));
+    /// assert_eq!((turns[0].angle_deg, turns[1].angle_deg), (360.0, -360.0)); // forwards and back
+    /// ```
     #[must_use]
     pub fn six_turns(first: u32, angle_deg: f64) -> Self {
         let outer = |inner| (TableAxis::Outer, inner, outer_axis(inner));
@@ -197,6 +205,23 @@ enum TableState {
 }
 
 /// Simulates `schedule` with the IMU that `truth` describes.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_shared::table::CoefficientTable;
+/// use isotherm_simulation::{CampaignSchedule, Truth, campaign};
+///
+/// let table = CoefficientTable::from_toml(include_str!("../../tests/data/imu-a.toml"), None)?;
+/// let truth = Truth::of(table);
+/// let schedule = CampaignSchedule { set_points_c: vec![0.0, 20.0, 40.0], ..CampaignSchedule::default() };
+/// let rows: Vec<_> = campaign(&truth, &schedule, 1).collect();
+/// assert_eq!(rows.len(), 3 * 12 * 30); // twelve positions of 300 s, in rows of 10 s
+/// assert_eq!((rows[0].set_point_c, rows[0].position), (0.0, 1));
+/// // The campaign file that belongs to these rows.
+/// assert!(schedule.campaign_toml(&truth, "samples.csv").contains("imu = \"imu-a\""));
+/// # Ok(())
+/// # }
+/// ```
 #[must_use]
 pub fn campaign<'a>(truth: &Truth, schedule: &'a CampaignSchedule, seed: u64) -> SimulatedCampaign<'a> {
     let first = schedule.set_points_c.first().copied().unwrap_or_default();

@@ -63,6 +63,13 @@ impl Default for Chain {
 
 impl Chain {
     /// Telemetry at `temperature_c` \[degC\], without noise and resolution.
+    ///
+    /// ```
+    /// use isotherm_simulation::Chain;
+    ///
+    /// let chain = Chain::default();
+    /// assert!((chain.telemetry(-25.0) - 1.1).abs() < 1e-12 && (chain.telemetry(45.0) - 3.9).abs() < 1e-12); // V
+    /// ```
     #[must_use]
     pub fn telemetry(&self, temperature_c: f64) -> f64 {
         self.telemetry_zero + self.telemetry_slope * temperature_c

@@ -74,6 +74,20 @@ impl FirstOrderLag {
 }
 
 /// The chamber, with the heads and boards in it, and the sensing elements in the heads.
+///
+/// ```
+/// use isotherm_simulation::{Chain, SimulatedChamber};
+///
+/// let chain = Chain { oscillation_c: 0.0, ..Chain::default() };
+/// let mut chamber = SimulatedChamber::new(&chain, 20.0, 1);
+/// chamber.go_to(30.0, 0.1); // degC, degC/s
+/// chamber.wait(100.0);
+/// assert!((chamber.air_c() - 30.0).abs() < 1e-9);
+/// let (head, _) = chamber.head_and_board_c();
+/// assert!(head < 30.0); // the heads follow
+/// chamber.wait(20.0 * chain.head_lag_s);
+/// assert!((chamber.head_and_board_c().0 - 30.0).abs() < 1e-4);
+/// ```
 #[derive(Clone, Debug)]
 pub struct SimulatedChamber {
     /// Temperature of the air, without the oscillation \[degC\].

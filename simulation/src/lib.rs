@@ -1,5 +1,22 @@
 //! A simulated IMU, its chamber and its turntable: data from a known truth, computed along the physical chain.
 //!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use isotherm_shared::{compensate::answer, table::CoefficientTable};
+//! use isotherm_simulation::{Chain, InertialMotion, Noise, SimulatedImu, Truth};
+//!
+//! let table = CoefficientTable::from_toml(include_str!("../../tests/data/imu-a.toml"), None)?;
+//! let truth = Truth::of(table);
+//! // At rest with A3 up, at 20 degC, for 10 s.
+//! let mut imu = SimulatedImu::new(&truth, &Chain::default(), &Noise::NONE, 20.0, 1);
+//! let raw = imu.step(&InertialMotion::at_rest(&truth, [0.0, 0.0], 10.0), 10_000_000_000);
+//! // The true table gives the truth back: 10 s of 1 g0, to a pulse or two.
+//! let [_, _, up] = answer(Some(&truth.table), &raw).velocity_increment;
+//! assert!((up - 10.0 * 9.8015).abs() < 3e-4); // m/s
+//! # Ok(())
+//! # }
+//! ```
+//!
 //! # Chain
 //! ```text
 //! chamber   -> head, board          first-order lags; the board is warmer by its own heat                   [degC]

@@ -34,6 +34,23 @@ pub const LATITUDE_DEG: f64 = 39.9;
 pub const HEADING_DEG: f64 = 30.0;
 
 /// The true values that the data are simulated from.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_campaign::EARTH_RATE;
+/// use isotherm_shared::table::CoefficientTable;
+/// use isotherm_simulation::{MISALIGNMENT, TILT_RAD, Truth};
+///
+/// let table = CoefficientTable::from_toml(include_str!("../../tests/data/imu-a.toml"), None)?;
+/// let content = table.content().clone();
+/// let truth = Truth::new(content, MISALIGNMENT, TILT_RAD, 9.8012).map_err(|refusals| format!("{refusals:?}"))?;
+/// // The table's alignment takes the misalignment out again.
+/// let alignment = truth.table.content().alignment.ok_or("no alignment")?;
+/// assert!((alignment * MISALIGNMENT - nalgebra::Matrix3::identity()).norm() < 1e-12);
+/// assert!((nalgebra::Vector3::from(truth.earth_rate()).norm() - EARTH_RATE).abs() < 1e-9); // deg/h
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Truth {
     /// Bias and scale factors, the time constant of the sensing elements behind the true head telemetry, and the transients of the biases. Its
@@ -131,6 +148,20 @@ impl Truth {
     /// 300 ug0 or 3 deg/h, scale factor constants by up to 2 % or 0.5 %, all higher coefficients by up to 20 %, g-sensitivities by up to 1 deg/h/g0. The
     /// standard deviation is 3e-4 for misalignments and 5e-5 rad for tilts. The local gravity is 9.78 to 9.83 m/s2, the latitude -70 to 70
     /// deg, the heading any.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_shared::table::CoefficientTable;
+    /// use isotherm_simulation::{Truth, worst_errors};
+    ///
+    /// let table = CoefficientTable::from_toml(include_str!("../../tests/data/imu-a.toml"), None)?;
+    /// let truth = Truth::varied(table.content(), 42).map_err(|refusals| format!("{refusals:?}"))?;
+    /// // As a sister unit, the table of one is wrong for the other: by some 100 ug0 and some 1000 ppm.
+    /// let [bias, scale_factor] = worst_errors(&table, &truth.table);
+    /// assert!(bias > 50.0 && scale_factor > 500.0, "{bias} ug0, {scale_factor} ppm");
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// If the drawn values are not a valid table, which may happen if `content` is close to the limits.

@@ -66,6 +66,22 @@ pub fn ramps_toml(truth: &Truth, curves: &str, ramps: &[Ramp]) -> String {
 }
 
 /// Simulates the recording of `schedule` with the IMU that `truth` describes.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_shared::table::CoefficientTable;
+/// use isotherm_simulation::{RampSchedule, Truth, ramp};
+///
+/// let table = CoefficientTable::from_toml(include_str!("../../tests/data/imu-a.toml"), None)?;
+/// let schedule = RampSchedule::default();
+/// let heads: Vec<_> =
+///     ramp(&Truth::of(table), &schedule, 1).map(|raw| raw.accelerometers.head_temperature[2]).collect();
+/// let highest = heads.iter().copied().fold(0.0, f64::max);
+/// // Up and down again: it ends near where it began.
+/// assert!(highest - heads[0] > 2.5 && (heads[heads.len() - 1] - heads[0]).abs() < 0.2); // V
+/// # Ok(())
+/// # }
+/// ```
 #[must_use]
 pub fn ramp<'a>(truth: &Truth, schedule: &'a RampSchedule, seed: u64) -> RunSamples<'a> {
     run(truth, &schedule.run, seed)

@@ -1,6 +1,16 @@
 //! Reproducible random numbers of a quality that suffices for simulated noise.
 
 /// SplitMix64 with the Box-Muller transform. The same seed and stream give the same numbers.
+///
+/// ```
+/// use isotherm_simulation::RandomGenerator;
+///
+/// let [mut a, mut again, mut other] = [0, 0, 1].map(|stream| RandomGenerator::new(7, stream));
+/// let first = a.uniform();
+/// assert_eq!(first, again.uniform());
+/// assert_ne!(first, other.uniform());
+/// assert!((2.0..3.0).contains(&a.between(2.0, 3.0)));
+/// ```
 #[derive(Clone, Debug)]
 pub struct RandomGenerator {
     state: u64,

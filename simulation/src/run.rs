@@ -136,6 +136,25 @@ impl TiltDrift {
 }
 
 /// Simulates `run` with the IMU that `truth` describes.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_shared::table::CoefficientTable;
+/// use isotherm_simulation::{RunSchedule, Truth, run};
+///
+/// let table = CoefficientTable::from_toml(include_str!("../../tests/data/imu-a.toml"), None)?;
+/// let truth = Truth::of(table);
+/// // From 10 to 20 degC at 0.02 degC/s, a sample each second.
+/// let temperatures = RunSchedule { from_c: 10.0, to_c: 20.0, ramp_c_per_s: 0.02, ..RunSchedule::default() };
+/// let schedule = RunSchedule { interval_ns: 1_000_000_000, ..temperatures };
+/// let samples: Vec<_> = run(&truth, &schedule, 1).collect();
+/// assert_eq!(samples.len() as u64, schedule.samples());
+/// let [begin, end] = [0, samples.len() - 1].map(|i| samples[i].accelerometers.head_temperature[0]);
+/// assert!((end - begin - 0.4).abs() < 0.01); // 40 mV for each degC
+/// assert!(run(&truth, &schedule, 1).eq(samples)); // the same seed gives the same data
+/// # Ok(())
+/// # }
+/// ```
 #[must_use]
 pub fn run<'a>(truth: &Truth, run: &'a RunSchedule, seed: u64) -> RunSamples<'a> {
     let mut imu = SimulatedImu::new(truth, &run.chain, &run.noise, run.from_c, seed);

@@ -131,6 +131,17 @@ impl Swing {
 }
 
 /// A two-axis turntable; axis 0 is the outer one. It begins at rest with both angles 0.
+///
+/// ```
+/// use isotherm_simulation::SimulatedTurntable;
+///
+/// let mut turntable = SimulatedTurntable::at([0.0, 0.0]);
+/// turntable.go_to(1, 90.0, 10.0, 10.0); // the inner axis to 90 deg, at 10 deg/s and 10 deg/s2
+/// turntable.wait(5.0);
+/// assert!((turntable.rates_deg_s()[1] - 10.0).abs() < 1e-9);
+/// turntable.wait(5.0); // it takes 9 s and 1 s to accelerate and stop
+/// assert!((turntable.angles_deg()[1] - 90.0).abs() < 1e-6);
+/// ```
 #[derive(Clone, Debug, Default)]
 pub struct SimulatedTurntable {
     axes: [AxisMotion; 2],

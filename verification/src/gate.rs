@@ -35,6 +35,25 @@ use isotherm_statistics::CONFIDENCE;
 const RANGE_TOLERANCE: f64 = 0.05;
 
 /// What is required of one fitted table.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_calibration::{CalibrationOptions, calibrate, read_measurements};
+/// use isotherm_verification::{Gate, Requirement};
+/// # use isotherm_campaign::Campaign;
+/// # let campaign = Campaign::from_toml(include_str!("../../examples/campaign/campaign.toml"))?;
+/// # let samples: &[u8] = include_bytes!("../../examples/campaign/samples.csv");
+/// # let rows = isotherm_recording::CampaignCsvReader::new(samples)?;
+///
+/// let measurements = read_measurements(&campaign, rows)?;
+/// let calibration = calibrate(&campaign, measurements, CalibrationOptions::default())?;
+/// // Nobody states a bound: the fit gives one for a run at this direction.
+/// let gate = Gate::new(Requirement::default(), &calibration, [0.6, -0.48, 0.64])?;
+/// assert!(gate.require.bias.is_some_and(|bias| bias < 50e-6)); // g0
+/// assert!(gate.refuses_table(&calibration, None).is_empty());
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Gate {
     /// The bounds.

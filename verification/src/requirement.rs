@@ -13,6 +13,20 @@ use std::fmt;
 use std::str::FromStr;
 
 /// What a table must reach: a factor of stability, absolute bounds, or both. All bounds are for the upper end of the interval.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_verification::Requirement;
+///
+/// let requirement: Requirement = "bias=2e-5g0,scale=50ppm,rate=0.02deg/h".parse()?;
+/// assert_eq!((requirement.bias, requirement.factor), (Some(2e-5), None)); // g0
+/// assert!("bias=20ppm".parse::<Requirement>().is_err());
+/// // What one side leaves open, the other may state.
+/// let required = requirement.or("10,bias=5ug0".parse()?);
+/// assert_eq!((required.bias, required.factor), (Some(2e-5), Some(10.0)));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Requirement {
     /// Least factor of stability of every accelerometer. In windows of 10 s the factor of a gyroscope is that of its noise; `rate` judges it.

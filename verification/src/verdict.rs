@@ -41,6 +41,14 @@ const PARTS: usize = 10;
 const EARTH_RADIUS: f64 = 6.371e6;
 
 /// A value with the half width of its 95 % interval.
+///
+/// ```
+/// use isotherm_verification::Estimate;
+///
+/// let error = Estimate { value: -3.0, interval: 1.0 }; // ug0
+/// assert_eq!((error.most(), error.least()), (4.0, 2.0));
+/// assert_eq!(error.times(1e-6).most(), 4e-6); // g0
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Estimate {
     /// The value.

@@ -27,6 +27,22 @@ pub struct AllanPoint {
 }
 
 /// The Allan deviation of a rate, and the model of it.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_analysis::Allan;
+/// use isotherm_simulation::RandomGenerator;
+///
+/// // White noise of 1 unit in each row of 10 ms: it falls with the root of the averaging time.
+/// let mut random = RandomGenerator::new(1, 0);
+/// let rates: Vec<_> = (0..20_000).map(|_| random.normal()).collect();
+/// let allan = Allan::of(&rates, 0.01).ok_or("too few rates")?;
+/// assert!((allan.points[0].adev - 1.0).abs() < 0.05);
+/// let point = allan.points.iter().find(|point| point.tau_s > 1.0).ok_or("too short")?;
+/// assert!((point.adev * (point.tau_s / 0.01).sqrt() - 1.0).abs() < 0.2);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Allan {
     /// The points, by rising averaging time.

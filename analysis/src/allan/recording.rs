@@ -147,6 +147,27 @@ impl SensorNoise {
 }
 
 /// The noise of an IMU.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_analysis::{NoiseAnalysis, imu_yaml};
+/// use isotherm_shared::table::CoefficientTable;
+/// use isotherm_simulation::{Chain, InertialMotion, Noise, SimulatedImu, Truth};
+///
+/// let table = CoefficientTable::from_toml(include_str!("../../../tests/data/imu-a.toml"), None)?;
+/// let (truth, noise) = (Truth::of(table), Noise { sensor_g0: 1e-3, ..Noise::NONE }); // in a mean over 1 s
+/// let mut imu = SimulatedImu::new(&truth, &Chain::default(), &noise, 20.0, 1);
+/// let at_rest = InertialMotion::of_force([0.6, -0.48, 0.64]);
+/// let rows: Vec<_> = (0..10_000).map(|_| imu.step(&at_rest, 10_000_000)).collect();
+/// let analysis = NoiseAnalysis::of(&rows, Some(&truth.table), [0.0, f64::INFINITY])?;
+/// let allan = analysis.sensors[0].allan.as_ref().ok_or("the rate changes")?;
+/// assert!((allan.points[0].adev / 10e-3 - 1.0).abs() < 0.1); // g0 in a row of 10 ms
+/// // The same for kalibr, in SI units.
+/// let yaml = imu_yaml(&analysis, 9.8015, "rest.csv").ok_or("counts have no unit")?;
+/// assert!(yaml.contains("accelerometer_noise_density"), "{yaml}");
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoiseAnalysis {
     /// Rows of the whole recording.

@@ -25,6 +25,17 @@ pub struct StandOut {
 
 /// The size of Student's t, with `units - 2` degrees of freedom, that any of `units` times `quantities` values exceeds with 5 % at most. `None` under 5
 /// units or without quantities.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_analysis::limit;
+///
+/// // Among more units less is enough.
+/// let few = limit(5, 9).ok_or("no quantities")?;
+/// assert!((few - 12.5).abs() < 0.05 && limit(16, 9).is_some_and(|many| many < few));
+/// # Ok(())
+/// # }
+/// ```
 #[must_use]
 pub fn limit(units: usize, quantities: usize) -> Option<f64> {
     (units >= FEWEST_UNITS && quantities > 0)
@@ -55,6 +66,19 @@ pub fn leave_one_out(values: &[f64]) -> Vec<Option<f64>> {
 ///
 /// The unit with the largest t is taken out if it exceeds the [`limit`], with all quantities in which it does; then the others are looked at again. At
 /// most a quarter of the units is taken out: of more, none is the odd one. `None` under 5 units.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_analysis::stand_outs;
+///
+/// // A quantity of eight units; the sixth is far from the others.
+/// let bias = vec![10.1, 9.8, 10.3, 9.9, 10.0, 14.0, 10.2, 9.7];
+/// let found = stand_outs(&[bias]).ok_or("fewer than five units")?;
+/// assert_eq!((found.len(), found[0].unit), (1, 5));
+/// assert!(found[0].t > found[0].limit);
+/// # Ok(())
+/// # }
+/// ```
 #[must_use]
 pub fn stand_outs(quantities: &[Vec<f64>]) -> Option<Vec<StandOut>> {
     let units = quantities.first().map_or(0, Vec::len);

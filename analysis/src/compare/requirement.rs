@@ -5,6 +5,16 @@ use std::fmt;
 use std::str::FromStr;
 
 /// The largest differences that are allowed.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_analysis::ComparisonRequirement;
+///
+/// let required: ComparisonRequirement = "bias=2e-5g0,scale=50ppm".parse()?;
+/// assert_eq!((required.bias, required.rate), (Some(2e-5), None)); // g0
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ComparisonRequirement {
     /// Of the bias of every accelerometer \[g0\].

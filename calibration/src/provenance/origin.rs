@@ -41,6 +41,17 @@ pub struct Origin {
 }
 
 /// A table with the name of its file, and what its provenance says.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_calibration::TableFile;
+///
+/// let file = TableFile::from_toml("imu-a.toml", include_str!("../../../tests/data/imu-a.toml"))?;
+/// assert_eq!(file.sensors().count(), 3); // no gyroscopes
+/// assert_eq!(file.origin.time, None); // written by hand, it has no provenance
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Debug)]
 pub struct TableFile {
     /// Its name in messages.

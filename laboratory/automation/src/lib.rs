@@ -6,6 +6,18 @@
 //!                      runner: station (limits, instruments), recorder (samples), journal, progress
 //! ```
 //! The machine decides the next action and has no side effects. The runner executes it. The journal lists the complete units.
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use isotherm_automation::plan::Plan;
+//! use std::path::Path;
+//!
+//! let plan = Plan::from_toml(include_str!("../../../examples/plan.toml"), Path::new("/srv/laboratory"))?;
+//! assert_eq!(plan.units_of_set_point(), 12); // dwells, one in each position
+//! assert!(plan.size().contains("15"), "{}", plan.size()); // set points
+//! # Ok(())
+//! # }
+//! ```
 
 pub mod control;
 mod curves;

@@ -43,6 +43,18 @@ impl Plan {
 
     /// Parses the text of a plan. Its paths are relative to `folder`.
     ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_automation::plan::Plan;
+    /// use std::path::Path;
+    ///
+    /// let text = include_str!("../../../examples/plan.toml").replace("time_s = 300", "time_s = -300");
+    /// let faults = Plan::from_toml(&text, Path::new("/")).err().ok_or("a dwell has a time")?;
+    /// assert!(faults.0.iter().any(|fault| fault.key.contains("time_s")), "{faults}");
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// All faults of the text.
     pub fn from_toml(text: &str, folder: &Path) -> Result<Self, Faults> {

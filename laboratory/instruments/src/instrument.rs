@@ -113,6 +113,13 @@ pub(super) fn wrapped_deg(angle: f64, wrap: bool) -> f64 {
 }
 
 /// The shortest rotation from `a` to `b`, over -180 and up to 180 \[deg\]: from 359.999 to 0 it is 0.001.
+///
+/// ```
+/// use isotherm_instruments::turn_deg;
+///
+/// assert_eq!(turn_deg(350.0, 10.0), 20.0);
+/// assert_eq!(turn_deg(10.0, 350.0), -20.0);
+/// ```
 #[must_use]
 pub fn turn_deg(a: f64, b: f64) -> f64 {
     let turn = (b - a).rem_euclid(360.0);

@@ -7,6 +7,23 @@
 //!
 //! [`Line::begin_orders`] is for the safe state: the same stop requests of the same drivers then go out at once, without waiting
 //! for silence on the line.
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use isotherm_instruments::ChamberConfig;
+//! use isotherm_shared::document::Document;
+//!
+//! let text = "[chamber]\ndriver = \"espec\"\nport = \"/dev/ttyUSB0\"\n";
+//! let document = Document::parse(text)?;
+//! let root = document.root();
+//! let section = root.section("chamber", "[chamber] with driver and port").ok_or("no section")?;
+//! let config = ChamberConfig::read(&section);
+//! section.finish();
+//! root.finish();
+//! assert_eq!(document.finish(config)?.line.port, "/dev/ttyUSB0");
+//! # Ok(())
+//! # }
+//! ```
 
 pub mod acutrol;
 pub mod aerosmith;

@@ -1,6 +1,18 @@
 //! A simulated station: chamber, turntable and IMU, each in its own process, with the same simulated physics. Several IMUs on the turntable share one
 //! process.
 //!
+//! A fault to inject is a line of text: what, in which process, and when.
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use isotherm_simulator::Injection;
+//!
+//! let silence: Injection = "silent:imu-b@100s-2000s".parse()?;
+//! assert_ne!(silence, "silent:imu-a@100s-2000s".parse()?);
+//! assert!("unknown".parse::<Injection>().is_err_and(|message| message.contains("port-loss")));
+//! # Ok(())
+//! # }
+//! ```
+//!
 //! # Time
 //! All processes use one clock: simulated time is `speed` times CLOCK_MONOTONIC since the station's start. Chamber and turntable
 //! (the devices) advance to the current time at each request. The IMU advances in whole control periods. It asks both devices up

@@ -29,6 +29,19 @@ impl PartialEq for CoefficientTable {
 impl CoefficientTable {
     /// Checks `content` and computes its digest.
     ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_shared::table::CoefficientTable;
+    ///
+    /// let table = CoefficientTable::from_toml(include_str!("../../../tests/data/imu-a.toml"), None)?;
+    /// let mut content = table.content().clone();
+    /// content.max_age_s = Some(-1.0);
+    /// let refusals = CoefficientTable::new(content).err().ok_or("an age is over 0")?;
+    /// assert_eq!(refusals[0].key, "temperature.max_age_s");
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// All invalid parts of `content`.
     pub fn new(content: Content) -> Result<Self, Vec<Refusal>> {

@@ -51,6 +51,25 @@ pub fn with_unchecked_digest(text: &str, mut faults: Faults) -> Faults {
 impl CoefficientTable {
     /// Reads a table file's text. With `expected`, a table for another IMU is refused.
     ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_shared::stream::ImuId;
+    /// use isotherm_shared::table::CoefficientTable;
+    ///
+    /// let text = include_str!("../../../tests/data/imu-a.toml");
+    /// let table = CoefficientTable::from_toml(text, ImuId::new("imu-a").as_ref())?;
+    /// let bias = table.content().axes[0].bias_at(2.0); // A1 at 2 V
+    /// assert!((bias.0 - (793.55 - 1074.70 * 2.0 + 420.81 * 4.0 - 53.712 * 8.0) * 1e-6).abs() < 1e-15); // g0
+    ///
+    /// // A table for another IMU, and one with a fault, are refused; the fault has its line.
+    /// assert!(CoefficientTable::from_toml(text, ImuId::new("imu-b").as_ref()).is_err());
+    /// let wrong = text.replace("gravity = 9.8015", "gravity = 98.015");
+    /// let faults = CoefficientTable::from_toml(&wrong, None).err().ok_or("the gravity is ten times too large")?;
+    /// assert_eq!(faults.0[0].line, 4);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// All faults of the text with line and key.
     pub fn from_toml(text: &str, expected: Option<&ImuId>) -> Result<Self, Faults> {
@@ -71,6 +90,19 @@ impl CoefficientTable {
     }
 
     /// The table as the text of a sealed file (one with a digest), without provenance. Its numbers read back to the same doubles.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_shared::table::CoefficientTable;
+    ///
+    /// let table = CoefficientTable::from_toml(include_str!("../../../tests/data/imu-a.toml"), None)?;
+    /// let sealed = table.to_toml();
+    /// assert_eq!(CoefficientTable::from_toml(&sealed, None)?, table);
+    /// // A changed coefficient no longer has the digest.
+    /// assert!(CoefficientTable::from_toml(&sealed.replace("793.55", "793.56"), None).is_err());
+    /// # Ok(())
+    /// # }
+    /// ```
     #[must_use]
     pub fn to_toml(&self) -> String {
         let content = self.content();

@@ -2,6 +2,14 @@
 //!
 //! Each crate converts its own errors into a [`Failure`] where it declares them, so that an error has the same exit
 //! code in every program.
+//!
+//! ```
+//! use isotherm_failure::{Exit, Failure};
+//!
+//! let failure = Failure::new(Exit::Config, "imu.toml:4: imu.gravity: is 98.015, give 9.7 to 9.9 m/s2");
+//! assert_eq!(failure.exit as u8, 78);
+//! assert_eq!(failure.to_string(), "imu.toml:4: imu.gravity: is 98.015, give 9.7 to 9.9 m/s2");
+//! ```
 
 mod printable;
 
@@ -104,6 +112,15 @@ impl Failure {
     }
 
     /// Joins failures into one, with all messages and the highest exit code; `None` if there are none.
+    ///
+    /// ```
+    /// use isotherm_failure::{Exit, Failure};
+    ///
+    /// let [data, io] = [(Exit::Data, "line 7: no number"), (Exit::Io, "disk full")];
+    /// let both = Failure::all(vec![Failure::new(data.0, data.1), Failure::new(io.0, io.1)]);
+    /// assert!(both.is_some_and(|both| both.exit == Exit::Io && both.message == "line 7: no number\ndisk full"));
+    /// assert!(Failure::all(Vec::new()).is_none());
+    /// ```
     #[must_use]
     pub fn all(failures: Vec<Self>) -> Option<Self> {
         let exit = failures.iter().map(|failure| failure.exit).max_by_key(|exit| *exit as u8)?;

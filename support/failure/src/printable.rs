@@ -7,6 +7,14 @@ use std::io::{self, Write as _};
 
 /// The text with every character escaped that steers a terminal, as in `\u{1b}`: control characters (C0, DEL, C1) except line
 /// ends and tabs, and the characters that change the direction of writing.
+///
+/// ```
+/// use isotherm_failure::printable;
+///
+/// // A name from a file must not move the cursor of a terminal.
+/// assert!(!printable("imu\u{1b}[2J").contains('\u{1b}'));
+/// assert_eq!(printable("two\nlines"), "two\nlines");
+/// ```
 #[must_use]
 pub fn printable(text: &str) -> Cow<'_, str> {
     if !text.contains(steers) {

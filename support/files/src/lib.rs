@@ -4,6 +4,22 @@
 //! or a file that changes during reading is refused. A result file appears whole or not at all ([`Output`]): it is written under
 //! a temporary name and renamed when it is complete. Rows that cannot be had again stay under a name of their own if the command
 //! ends early ([`LiveFile`]).
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use isotherm_files::{Output, WorldWritable, read_text};
+//! use std::io::Write as _;
+//!
+//! let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("imu.txt");
+//! let mut output = Output::create(Some(&path))?;
+//! output.write_all(b"whole\n")?;
+//! assert!(!path.exists()); // it has a temporary name yet
+//! output.finish()?;
+//! assert!(read_text(&path, WorldWritable::Refuse).is_ok_and(|(text, _)| text == "whole\n"));
+//! # Ok(())
+//! # }
+//! ```
 
 mod install;
 mod live;

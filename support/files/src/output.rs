@@ -305,6 +305,18 @@ pub fn check_written(path: Option<&Path>, result: io::Result<()>) -> Result<(), 
 /// Refuses to overwrite a file that a command reads, and to write two results to one file. Each input has its name for the
 /// message, as in "the campaign file".
 ///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_files::refuse_overlap;
+/// use std::path::Path;
+///
+/// let samples = [(Path::new("samples.csv"), "the samples")];
+/// assert!(refuse_overlap(&samples, &[Some(Path::new("imu.toml")), None]).is_ok());
+/// assert!(refuse_overlap(&samples, &[Some(Path::new("samples.csv"))]).is_err());
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// [`Exit::Usage`], with the name of the file.
 pub fn refuse_overlap(inputs: &[(&Path, &str)], outputs: &[Option<&Path>]) -> Result<(), Failure> {

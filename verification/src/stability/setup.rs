@@ -32,6 +32,19 @@ pub enum LocalGravity {
 
 impl LocalGravity {
     /// The stated value, else that of the table's provenance.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_shared::table::CoefficientTable;
+    /// use isotherm_verification::LocalGravity;
+    ///
+    /// let table = CoefficientTable::from_toml(include_str!("../../../tests/data/imu-a.toml"), None)?;
+    /// assert_eq!(LocalGravity::of(Some(9.8012), &table).value(), Some(9.8012));
+    /// // This table has no provenance that could say where it was measured.
+    /// assert_eq!(LocalGravity::of(None, &table), LocalGravity::Unknown);
+    /// # Ok(())
+    /// # }
+    /// ```
     #[must_use]
     pub fn of(stated: Option<f64>, table: &CoefficientTable) -> Self {
         stated.map(Self::Stated).or_else(|| table.gravity_local().map(Self::Provenance)).unwrap_or(Self::Unknown)
@@ -72,6 +85,16 @@ impl fmt::Display for LocalGravity {
 
 impl Setup {
     /// `attitude` is a direction of any length. Earth's rate is unknown, and samples of another unit are refused.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_verification::{LocalGravity, Setup};
+    ///
+    /// let setup = Setup::new(Some([0.0, 0.0, 2.0]), LocalGravity::Stated(9.8012)); // A3 up
+    /// assert_eq!(setup.attitude, Some([0.0, 0.0, 1.0]));
+    /// # Ok(())
+    /// # }
+    /// ```
     #[must_use]
     pub fn new(attitude: Option<[f64; AXES]>, gravity: LocalGravity) -> Self {
         let attitude = attitude.map(|direction| {

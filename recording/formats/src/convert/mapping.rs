@@ -137,6 +137,19 @@ const WANTED: &str = "give the mapping file; the data come without --mapping";
 impl Mapping {
     /// Reads the mapping of a text.
     ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_recording_formats::convert::Mapping;
+    ///
+    /// let text = include_str!("../../../../examples/mapping.toml");
+    /// let mapping = Mapping::from_toml(text)?;
+    /// assert!(mapping.gyroscope.is_some());
+    /// let faults = Mapping::from_toml(&text.replace("\"reading\"", "\"readings\"")).err().ok_or("no such kind")?;
+    /// assert!(!faults.0.is_empty());
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// All faults, with line and key.
     pub fn from_toml(text: &str) -> Result<Self, Faults> {
