@@ -202,7 +202,7 @@ impl Page {
     /// Adds figures, each with its caption, side by side as far as the width allows.
     pub fn figures<C: AsRef<str>>(&mut self, figures: &[(Markup, C)]) {
         self.add(&html! {
-            div.figures.three[figures.len() % 3 == 0] {
+            div.figures.three[figures.len().is_multiple_of(3)] {
                 @for (svg, caption) in figures { (figure(svg, caption.as_ref())) }
             }
         });
