@@ -40,9 +40,9 @@ pub struct Calibration {
     pub outliers: Vec<(usize, usize)>,
     /// Number of the position without which the residuals would fall to a third, if there is one.
     pub suspect_position: Option<u32>,
-    /// The gyroscopes, of a campaign with turns; see [`gyroscopes::calibrate`](crate::calibrate::calibrate).
+    /// The gyroscopes, of a campaign with turns; see [`calibrate`](crate::calibrate()).
     pub gyroscopes: Option<GyroscopeCalibration>,
-    /// What the ramps show, of a campaign with ramps; see [`gyroscopes::calibrate`](crate::calibrate::calibrate).
+    /// What the ramps show, of a campaign with ramps; see [`calibrate`](crate::calibrate()).
     pub transients: Option<Transients>,
 }
 

@@ -1,5 +1,5 @@
 //! `simulate` of IMUs whose temperature moves: ramps, lags and plays, as a user types them. The physics is tested in
-//! `calibration/src/simulate/ramp.rs`.
+//! `simulation/src/ramp.rs`.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 mod common;

@@ -170,10 +170,10 @@ pub struct FittedRun {
     pub residual: [f64; AXES],
 }
 
-/// Makes dwells and turns of the samples of `campaign`; as [`campaign::read`](isotherm_campaign::read_dwells), with the gyroscopes.
+/// Makes dwells and turns of the samples of `campaign`; as [`read_dwells`](isotherm_campaign::read_dwells), with the gyroscopes.
 ///
 /// # Errors
-/// As [`campaign::read`](isotherm_campaign::read_dwells). In a campaign with turns, also gyroscope telemetry that is not finite, and a full counter.
+/// As [`read_dwells`](isotherm_campaign::read_dwells). In a campaign with turns, also gyroscope telemetry that is not finite, and a full counter.
 pub fn read_measurements(
     campaign: &Campaign,
     rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,

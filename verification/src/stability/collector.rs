@@ -4,12 +4,11 @@ use super::error::OTHER_ATTITUDE;
 use crate::stability::coverage::Coverage;
 use crate::stability::error::{Force, StabilityError};
 use crate::stability::figures::{figures, median};
-use crate::stability::gyroscopes::GyroscopeStability;
-use crate::stability::loops::Loops;
+use crate::stability::gyroscopes::{Conditions, GyroscopeStability};
+use crate::stability::loops::{Loops, SOAK, static_table};
 use crate::stability::result::Stability;
 use crate::stability::setup::Setup;
 use crate::stability::stillness::{ACCELEROMETERS, PARTS, mark};
-use crate::stability::{gyroscopes, loops};
 use crate::verdict::Verdict;
 use crate::window::{MIN_WINDOWS, Window};
 use isotherm_calibration::CLOCK_TOLERANCE;
@@ -160,7 +159,7 @@ impl<'a> Collector<'a> {
         let telemetry = [[telemetry; 2]; 3];
         Self {
             table,
-            static_table: loops::static_table(table),
+            static_table: static_table(table),
             window_s,
             begin_ns: None,
             open: WindowSums::default(),
@@ -239,7 +238,7 @@ impl<'a> Collector<'a> {
             let triads = [&raw.accelerometers, &raw.gyroscopes];
             let pairs = triads.into_iter().flat_map(|it| it.head_temperature.into_iter().zip(it.head_lagged));
             let soaked = raw.lag_ns != 0 && pairs.into_iter().all(|(head, lagged)| head == lagged || head.is_nan());
-            let soak_ns = if soaked { loops::SOAK.saturating_mul(lag_ns) } else { 0 };
+            let soak_ns = if soaked { SOAK.saturating_mul(lag_ns) } else { 0 };
             self.settled = Some((raw.session, raw.timestamp_ns.saturating_add(soak_ns)));
         }
         self.settled.is_some_and(|(_, settled_ns)| raw.timestamp_ns < settled_ns)
@@ -328,7 +327,7 @@ impl<'a> Collector<'a> {
         let unsettled: Vec<_> = self.windows.iter().map(|sums| sums.unsettled).collect();
         let static_output = self.static_output(|sums| &sums.accelerometers, content.gravity);
         let loops = Loops::of(&windows, static_output.as_deref(), &unsettled, specific_force, &content.axes);
-        let soak_s = loops::SOAK as f64 * self.table.lag_ns() as f64 / 1e9;
+        let soak_s = SOAK as f64 * self.table.lag_ns() as f64 / 1e9;
         Ok(Stability {
             windows_left_out,
             loops,
@@ -379,7 +378,7 @@ impl<'a> Collector<'a> {
             let window = sums.window(&sums.gyroscopes, before, ARCSEC);
             Window { counts: of_accelerometers.counts, still: of_accelerometers.still, ..window }
         });
-        let conditions = gyroscopes::Conditions {
+        let conditions = Conditions {
             earth_rate: setup.earth_rate,
             has_turntable: self.table.turntable().is_some(),
             axes,
