@@ -1,6 +1,4 @@
 //! From the dwells of a campaign to a coefficient table: checks, set points, orders, fit, outliers.
-//!
-//! Over 400 lines: the steps in their order, with the errors that each can end in.
 
 use crate::admit::{accept, any_fault};
 use crate::checks::{Finding, RunNumber, SetPoint, Severity, check, name, set_points};

@@ -5,8 +5,6 @@
 //! inverse of M. What the attitudes do not determine is refused by name.
 //!
 //! One temperature gives constants; several, at most as many coefficients as temperatures.
-//!
-//! Over 400 lines: the steps in their order, with their result and errors.
 
 mod checks;
 mod choice;

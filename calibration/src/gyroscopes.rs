@@ -3,14 +3,12 @@
 //! The accelerometers are calibrated first, from the dwells alone ([`calibrate`](crate::accelerometers::calibrate_accelerometers)). Their fit gives the base's
 //! tilt. The gyroscopes are then fitted to dwells and turns together:
 //!
-//! 1. [`turn`]: the turns of the campaign file; [`runs`]: their rows.
+//! 1. [`runs`]: the rows of the turns that the campaign file lists.
 //! 2. [`observability`]: what positions and turns determine, before there are data.
 //! 3. `checks`: turns that were not as the campaign file says.
 //! 4. [`fit`]: each set point by itself, then all together.
 //! 5. [`earth`]: Earth's rate in IMU coordinates; the check of the latitude; stations without angles.
 //! 6. [`result`]: what was found.
-//!
-//! Over 400 lines: the steps in their order, with what they hand on.
 
 mod checks;
 mod data;
@@ -75,9 +73,15 @@ fn estimate(
     if data.campaign.mount.is_none() {
         earth::eliminate_horizontal(&mut runs, &places);
     }
-    let reduced = (0..data.set_points_c.len()).map(|index| reduce_set_point(data, &runs, index));
+    let (ranges, first) = (data.ranges(), checks::first_scale_factors(data));
+    let constant = |axis: usize, q: usize| {
+        let value = if q == 0 { 0.0 } else { first[axis][q - 1] };
+        Curve::new([0.0, 1.0], DVector::from_element(1, value), None, 0, ranges[axis][q.min(1)])
+    };
+    let start = [0, 1, 2].map(|axis| [0, 1, 2].map(|q| constant(axis, q)));
+    let reduced = (0..data.set_points_c.len()).map(|index| reduce_set_point(data, &runs, index, &start));
     let reduced = reduced.collect::<Result<Vec<_>, _>>()?;
-    let (orders, solution) = fit_runs(data, &calibration.options, &runs, &reduced)?;
+    let (orders, solution) = fit_runs(&ranges, &calibration.options, &runs, &reduced)?;
     for ((place, run), residual) in places.iter_mut().zip(&runs).zip(&solution.residuals) {
         place.residual = residual.map(|residual| residual * run.seconds.sqrt());
     }
@@ -114,8 +118,13 @@ fn estimate(
     Ok((found, findings))
 }
 
-/// A set point by itself.
-fn reduce_set_point(data: &Data<'_>, runs: &[Run<'_>], index: usize) -> Result<ReducedSetPoint, CalibrationError> {
+/// A set point by itself, from the curves `start`.
+fn reduce_set_point(
+    data: &Data<'_>,
+    runs: &[Run<'_>],
+    index: usize,
+    start: &GyroscopeCurves,
+) -> Result<ReducedSetPoint, CalibrationError> {
     let deficient = |deficiency| CalibrationError::SetPoint { set_point_c: data.set_points_c[index], deficiency };
     let turns: Vec<_> = data.turns.iter().filter(|(place, _)| *place == index).collect();
     // Turns may have been left out.
@@ -124,25 +133,19 @@ fn reduce_set_point(data: &Data<'_>, runs: &[Run<'_>], index: usize) -> Result<R
         return Err(deficient(deficiency));
     }
     let of_set_point: Vec<_> = runs.iter().filter(|run| run.set_point == index).cloned().collect();
-    let (ranges, first) = (data.ranges(), checks::first_scale_factors(data));
-    let constant = |axis: usize, q: usize| {
-        let value = if q == 0 { 0.0 } else { first[axis][q - 1] };
-        Curve::new([0.0, 1.0], DVector::from_element(1, value), None, 0, ranges[axis][q.min(1)])
-    };
-    let start = [0, 1, 2].map(|axis| [0, 1, 2].map(|q| constant(axis, q)));
-    const TOLD: &str =
-        "its dwells and turns do not tell the gyroscopes' parameters apart; measure again what was left out";
-    reduce(&of_set_point, &start).map_err(|_| deficient(TOLD.to_owned()))
+    reduce(&of_set_point, start).map_err(|_| {
+        let told = "its dwells and turns do not tell the gyroscopes' parameters apart; measure again what was left out";
+        deficient(told.to_owned())
+    })
 }
 
 /// The orders, and all runs together.
 fn fit_runs(
-    data: &Data<'_>,
+    ranges: &[[[f64; 2]; 2]; AXES],
     options: &CalibrationOptions,
     runs: &[Run<'_>],
     reduced: &[ReducedSetPoint],
 ) -> Result<([[OrderTable; 3]; AXES], TriadSolution), CalibrationError> {
-    let ranges = data.ranges();
     let highest = options.order.unwrap_or_else(|| MAX_AUTO_ORDER.min(reduced.len().saturating_sub(2)));
     let rules = OrderRules::gyroscopes();
     let order_tables = |values: &[SetPointValues]| rules.tables(values, options.order, highest);

@@ -423,7 +423,8 @@ fn a_runner_that_cannot_continue_names_the_command_for_the_safe_state() {
 #[test]
 fn a_stream_that_stops_pauses_the_campaign_until_samples_come_again() {
     let laboratory =
-        TestLaboratory::new(&[("list_c = [20, 23]", "list_c = [20]"), ("stream_s = 30000", "stream_s = 60")]);
+        // 20 s of real time.
+        TestLaboratory::new(&[("list_c = [20, 23]", "list_c = [20]"), ("stream_s = 30000", "stream_s = 14000")]);
     let imu = station_part(&laboratory.station, "imu");
     let paused = || {
         let status: Value = serde_json::from_slice(&laboratory.file("status.json")).unwrap_or_default();

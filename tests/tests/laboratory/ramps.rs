@@ -60,7 +60,7 @@ fn interval_s(table: &str) -> [f64; 2] {
 fn killed_in_ramps_it_ends_with_the_lag_of_the_truth() {
     let misaligned = "[alignment]\nmatrix = [[1, 2.8e-4, -1e-4], [1.2e-4, 1, 2e-4], [0, -1.5e-4, 1]]\n";
     let transients = TRANSIENTS.map(|transient| transient.to_string()).join(",");
-    let station = ["--lag", LAG, "--transient", &transients];
+    let station = ["--lag", LAG, "--transient", &transients, "--interval", "5"];
     // Longer than in other tests: what still lags is an error of the dwells.
     let soak = ("time_s = 600\n", "time_s = 1800\n");
     let changes = [("list_c = [20, 23]", "list_c = [10, 18, 26, 34]"), soak, ("\n[safe]", RAMPS)];
@@ -104,7 +104,11 @@ fn killed_in_ramps_it_ends_with_the_lag_of_the_truth() {
     let fitted = text(&laboratory.file("table.toml"));
     let [low, high] = interval_s(&fitted);
     let truth: f64 = LAG.parse().unwrap();
-    assert!(low < truth && truth < high, "{low} to {high} s\n{said}");
+    // Three standard errors, and 1 % for rows that a busy machine cut elsewhere. Whether 95 % intervals hold 95 % of truths
+    // is tested with many seeds in calibration/tests/transients/rates.rs.
+    let (estimate, sigma) = (f64::midpoint(low, high), (high - low) / (2.0 * 1.96));
+    assert!((estimate - truth).abs() < 3.0 * sigma + 0.01 * truth, "{low} to {high} s\n{said}");
+    assert!(high - low < 0.1 * truth, "{low} to {high} s\n{said}");
     let content = table(&fitted).content().clone();
     let lag_s = content.lag_s.unwrap();
     for ((axis, name), truth_ug0) in content.axes.iter().zip(AXIS_NAMES).zip(TRANSIENTS) {

@@ -1,4 +1,6 @@
 //! Samples to windows, and windows to the stability of the output.
+//!
+//! Over 400 lines: one pass over the samples, from sums to figures.
 
 use super::error::OTHER_ATTITUDE;
 use crate::stability::coverage::Coverage;
