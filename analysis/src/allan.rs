@@ -1,13 +1,15 @@
-//! The noise of a sensor at rest: its overlapping Allan deviation with intervals, and a model of five slopes fitted to it.
+//! The noise of a sensor at rest: its overlapping Allan deviation with intervals, and a model of five slopes fitted to
+//! it.
 //!
 //! # Definition
-//! A rate r is recorded n times at an interval Ts. Its phase is the running sum x of (r less its mean) times Ts, n + 1 values. For the averaging
-//! time tau = m Ts,
+//! A rate r is recorded n times at an interval Ts. Its phase is the running sum x of (r less its mean) times Ts, n + 1
+//! values. For the averaging time tau = m Ts,
 //!
 //! ```text
 //! AVAR(tau) = sum over k of (x(k+2m) - 2 x(k+m) + x(k))^2 / (2 (n + 1 - 2m) tau^2)        ADEV = sqrt(AVAR)
 //! ```
-//! This is the overlapping estimate of NIST SP 1065, section 5.2.4. The factors m lie a third of an octave apart, from 1 to n/3.
+//! This is the overlapping estimate of NIST SP 1065, section 5.2.4. The factors m lie a third of an octave apart, from
+//! 1 to n/3.
 //!
 //! # Model
 //! Named as in IEEE Std 952, with two-sided spectral densities:
@@ -15,12 +17,13 @@
 //! ```text
 //! AVAR(tau) = 3 Q^2/tau^2 + N^2/tau + B^2 2 ln 2/pi + K^2 tau/3
 //! ```
-//! Q is quantisation, N white noise of the rate (random walk of velocity or angle), B flicker noise of the rate (bias instability), and K random walk
-//! of the rate. [`model`] fits them, and [`moments`] gives the exact covariance of the estimates.
+//! Q is quantisation, N white noise of the rate (random walk of velocity or angle), B flicker noise of the rate (bias
+//! instability), and K random walk of the rate. [`model`] fits them, and [`moments`] gives the exact covariance of the
+//! estimates.
 //!
 //! # Intervals
-//! A point has f = 2 AVAR^2/variance degrees of freedom, with the variance under the fitted model. Its 95 % interval is that of chi-square:
-//! from AVAR f/chi2(0.975) to AVAR f/chi2(0.025).
+//! A point has f = 2 AVAR^2/variance degrees of freedom, with the variance under the fitted model. Its 95 % interval is
+//! that of chi-square: from AVAR f/chi2(0.975) to AVAR f/chi2(0.025).
 
 pub(crate) mod curve;
 pub(crate) mod kalibr;

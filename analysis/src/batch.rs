@@ -1,7 +1,8 @@
 //! A batch of IMUs of one kind: how their curves spread, which unit stands out, and whether one curve fits all.
 //!
-//! Everything is computed from the tables and their provenance. Curves are evaluated at three telemetries of the range that all units have, never compared
-//! by coefficients: units may have other orders. All values are in the first table's 1 g0.
+//! Everything is computed from the tables and their provenance. Curves are evaluated at three telemetries of the range
+//! that all units have, never compared by coefficients: units may have other orders. All values are in the first
+//! table's 1 g0.
 
 mod family;
 mod outliers;
@@ -91,7 +92,8 @@ pub struct BatchCurve {
     pub telemetry: Vec<f64>,
     /// For each unit, its curve at the points less its mid value.
     pub curves: Vec<Vec<f64>>,
-    /// Whether the mean of the others says how a unit's curve runs; `None` under three units, and where no curve changes.
+    /// Whether the mean of the others says how a unit's curve runs; `None` under three units, and where no curve
+    /// changes.
     pub family: Option<Family>,
 }
 

@@ -1,15 +1,17 @@
 //! Comparison of tables of one IMU: what has changed between two calibrations, and what changes over the years.
 //!
-//! Curves are compared, never coefficients: other orders, centres, units and values of 1 g0 do not matter. Biases are compared in m/s2 and shown in
-//! ug0 of 9.80665e-6 m/s2, scale factors in pulse/(m/s) and shown in ppm of the old one. At each of 41 points of the common range the variance of
-//! the difference is the sum of the variances that the covariances in both provenances give,
+//! Curves are compared, never coefficients: other orders, centres, units and values of 1 g0 do not matter. Biases are
+//! compared in m/s2 and shown in ug0 of 9.80665e-6 m/s2, scale factors in pulse/(m/s) and shown in ppm of the old one.
+//! At each of 41 points of the common range the variance of the difference is the sum of the variances that the
+//! covariances in both provenances give,
 //!
 //! ```text
 //! v = p' C p,    p = (1, x, x^2, ..),    x = (U - center)/scale
 //! ```
-//! with Welch's degrees of freedom. A curve has changed if its difference d exceeds the band of Scheffe with 1 - 0.05/n anywhere:
-//! `|d| > sqrt(k F(k, df; 1 - 0.05/n)) sqrt(v)`, k the number of coefficients, n that of the curves: 9, or 18 with gyroscopes. So in 5 of 100
-//! comparisons at most any curve counts as changed where nothing has changed. The misalignments share 5 % of their own.
+//! with Welch's degrees of freedom. A curve has changed if its difference d exceeds the band of Scheffe with 1 - 0.05/n
+//! anywhere: `|d| > sqrt(k F(k, df; 1 - 0.05/n)) sqrt(v)`, k the number of coefficients, n that of the curves: 9, or 18
+//! with gyroscopes. So in 5 of 100 comparisons at most any curve counts as changed where nothing has changed. The
+//! misalignments share 5 % of their own.
 //!
 //! The errors are those of each campaign. They do not hold what differs between two mountings of the IMU.
 
@@ -73,8 +75,9 @@ pub struct Comparison {
     pub notes: Vec<String>,
 }
 
-/// Compares tables: the first is the old one, the second the new one. Three or more are put in the order of their dates first; then the oldest and the
-/// newest are compared, and each quantity gets a line over the dates. With `other_unit` they may be of different IMUs.
+/// Compares tables: the first is the old one, the second the new one. Three or more are put in the order of their dates
+/// first; then the oldest and the newest are compared, and each quantity gets a line over the dates. With `other_unit`
+/// they may be of different IMUs.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -92,8 +95,8 @@ pub struct Comparison {
 /// ```
 ///
 /// # Errors
-/// If there are fewer than two, if they are of different IMUs or have telemetry in different units, if a curve has no common range, or if three or more
-/// have no dates.
+/// If there are fewer than two, if they are of different IMUs or have telemetry in different units, if a curve has no
+/// common range, or if three or more have no dates.
 pub fn compare(mut tables: Vec<TableFile>, other_unit: bool) -> Result<Comparison, ComparisonError> {
     let mut faults = faults(&tables, other_unit);
     if tables.len() > 2 {

@@ -81,7 +81,8 @@ fn a_quarter_of_the_units_at_most_is_taken_out_one_at_a_time() {
     assert_eq!(stand_outs(&[values]).unwrap().len(), 2);
 }
 
-/// The published table with other numbers, as one of a unit: biases with `bias_ug0` more and `slope` ug0/V more, orders of 3 or, with `order`, another one.
+/// The published table with other numbers, as one of a unit: biases with `bias_ug0` more and `slope` ug0/V more, orders
+/// of 3 or, with `order`, another one.
 fn unit(name: &str, bias_ug0: f64, slope: f64, order: Option<usize>) -> TableFile {
     let text = fs::read_to_string(format!("{DATA}/any_lab/compare/2023.toml")).unwrap();
     let table = CoefficientTable::from_toml(&text, None).unwrap();
@@ -120,7 +121,8 @@ fn units_with_other_orders_are_compared_by_their_curves() {
     let (same, other) = (of(&shifts, None), of(&shifts, Some(6)));
     assert_eq!(same.quantities, other.quantities);
     assert_eq!(same.stand_outs, Some(Vec::new()));
-    // Bias at three telemetries and its slope; K+ and K- are the same in all units. One misalignment, and the residuals.
+    // Bias at three telemetries and its slope; K+ and K- are the same in all units. One misalignment, and the
+    // residuals.
     let names: Vec<_> = same.quantities.iter().take(4).map(|quantity| quantity.name.as_str()).collect();
     assert_eq!(names, ["A1 bias at 1.1000", "A1 bias at 2.5000", "A1 bias at 3.9000", "A1 bias slope"]);
     assert_eq!((same.quantities.len(), same.judged()), (3 * 12 + 1 + 3, 3 * 4 + 1 + 3));

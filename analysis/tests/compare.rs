@@ -1,4 +1,5 @@
-//! Comparison of tables: figures that a program without shared code has computed (`expected.json`), error rates, and what cannot be compared.
+//! Comparison of tables: figures that a program without shared code has computed (`expected.json`), error rates, and
+//! what cannot be compared.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_analysis::{Comparison, ComparisonRequirement, Convention, Verdict, YEAR_S, compare};
@@ -131,7 +132,8 @@ fn other_units_gravity_and_powers_are_the_same_curves() {
     assert_eq!(compared(&["full_alignment", "full_alignment"]).convention, Convention::AsWritten);
 }
 
-/// The table with gyroscopes whose curves are those of 2023's accelerometers in deg/h, with these errors of both triads' misalignments \[rad\].
+/// The table with gyroscopes whose curves are those of 2023's accelerometers in deg/h, with these errors of both
+/// triads' misalignments \[rad\].
 fn with_gyroscopes(file: TableFile, alignment: Option<Matrix3<f64>>, errors: [f64; 2]) -> TableFile {
     let (mut content, mut origin) = (file.table.content().clone(), file.origin);
     let mut axes = table("2023").table.content().axes.clone();
@@ -151,7 +153,8 @@ fn with_gyroscopes(file: TableFile, alignment: Option<Matrix3<f64>>, errors: [f6
 fn gyroscopes_turn_with_the_axes_of_their_matrix() {
     let [full, triangular] = ["full_alignment", "triangular_alignment"].map(table);
     let matrix = |table: &TableFile| table.table.content().alignment.unwrap();
-    // The rotation between the axes of both tables: M = R Q; the triangular table has R with a diagonal of 1, and the diagonal in its K.
+    // The rotation between the axes of both tables: M = R Q; the triangular table has R with a diagonal of 1, and the
+    // diagonal in its K.
     let k = |table: &TableFile, i: usize| table.table.content().axes[i].positive_scale_factor.at(2.5);
     let d = Matrix3::from_diagonal(&[0, 1, 2].map(|i| k(&triangular, i) / k(&full, i)).into());
     let q = matrix(&triangular) * d.try_inverse().unwrap() * matrix(&full).try_inverse().unwrap();
@@ -164,7 +167,8 @@ fn gyroscopes_turn_with_the_axes_of_their_matrix() {
     let found = pair([None; 2]);
     assert_eq!((found.convention, found.alignments[1].largest_urad()), (Convention::Triangular, 0.0));
     assert_eq!(found.changed(), [""; 0]);
-    // With one, the angles of the rotation have the errors of the accelerometers' misalignments: 5e-6 rad with those of the gyroscopes.
+    // With one, the angles of the rotation have the errors of the accelerometers' misalignments: 5e-6 rad with those of
+    // the gyroscopes.
     let own = Matrix3::new(1.0, 1e-3, 0.0, 0.0, 1.0, -2e-3, 1e-3, 0.0, 1.0);
     let found = pair([Some(own), Some(q * own)]);
     assert_eq!(found.changed(), [""; 0]);
@@ -221,7 +225,8 @@ fn what_cannot_be_compared_is_said() {
     assert!(undated("2024-03-05T10:00:00Z").is_ok());
     let same = vec![table("2023"), table("2023"), table("2023")];
     assert!(compare(same, false).unwrap_err().to_string().contains("all tables have the same date"));
-    // A covariance that cannot be right is as good as none: one row too few, one of another unit, one that is no covariance.
+    // A covariance that cannot be right is as good as none: one row too few, one of another unit, one that is no
+    // covariance.
     for (from, to) in [
         ("degrees_of_freedom = 11", "degrees_of_freedom = 0"),
         ("degrees_of_freedom = 11", "degrees_of_freedom = 11\nunit = \"mg0\""),
@@ -257,8 +262,8 @@ fn set_points() -> Vec<f64> {
     (0..15).map(|i| 1.1 + 0.2 * f64::from(i)).collect()
 }
 
-/// A calibration of `truth` in which each curve is a regression of its own with 15 set points, so that every error is known: 0.1 ug0 and 0.5 ppm.
-/// Its biases are off by `shift_ug0`.
+/// A calibration of `truth` in which each curve is a regression of its own with 15 set points, so that every error is
+/// known: 0.1 ug0 and 0.5 ppm. Its biases are off by `shift_ug0`.
 fn simulated(truth: &CoefficientTable, random: &mut RandomGenerator, shift_ug0: f64, unix_s: f64) -> TableFile {
     let telemetry = set_points();
     let design = DMatrix::from_fn(telemetry.len(), 4, |i, k| ((telemetry[i] - 2.5) / 1.4).powi(k as i32));

@@ -1,5 +1,5 @@
-//! Shared parts of the benches: a domain of their own with the service as a child process, pinning to cores, and figures from
-//! `/proc`.
+//! Shared parts of the benches: a domain of their own with the service as a child process, pinning to cores, and
+//! figures from `/proc`.
 
 pub mod statistics;
 
@@ -120,8 +120,9 @@ impl BenchDomain {
         Options::new(self.domain.clone(), TIMEOUT)
     }
 
-    /// Writes `table.toml`, and starts the service for [`IMU`] with it. `settings` is appended to the configuration; keys of the
-    /// IMU must come first in it. The program of this bench must hand the command `serve` to `isotherm_service::main`.
+    /// Writes `table.toml`, and starts the service for [`IMU`] with it. `settings` is appended to the configuration;
+    /// keys of the IMU must come first in it. The program of this bench must hand the command `serve` to
+    /// `isotherm_service::main`.
     ///
     /// # Errors
     /// If files cannot be written or the process not started.
@@ -139,7 +140,8 @@ impl BenchDomain {
         Ok(fs::write(self.path("service.toml"), service)?)
     }
 
-    /// Compiles a C program of this crate with `cc` against the shared library in the folder `libraries`. Returns its path.
+    /// Compiles a C program of this crate with `cc` against the shared library in the folder `libraries`. Returns its
+    /// path.
     ///
     /// # Errors
     /// If there is no library, or `cc` cannot compile it.
@@ -306,7 +308,8 @@ pub fn pin(core: Option<usize>) {
     }
 }
 
-/// To be called first in a child process: the child ends with its parent, and may use every core even if its parent is pinned.
+/// To be called first in a child process: the child ends with its parent, and may use every core even if its parent is
+/// pinned.
 pub fn become_child() {
     // Both calls fail only where they are not supported. The bench works without them.
     let _ = set_parent_process_death_signal(Some(Signal::KILL));

@@ -1,5 +1,5 @@
-//! Percentiles with enough samples behind them, ratios of measurements of the same round, and confidence intervals of these
-//! ratios.
+//! Percentiles with enough samples behind them, ratios of measurements of the same round, and confidence intervals of
+//! these ratios.
 
 use serde_json::{Map, Value, json};
 
@@ -30,10 +30,10 @@ pub fn figures(mut values: Vec<u32>) -> Map<String, Value> {
     figures
 }
 
-/// Ratios of the percentiles of `upper` to those of `lower`, both given round by round: the median over the rounds, and the
-/// interval that holds 95 % of the medians when rounds are resampled. Rounds are resampled, not blocks: the blocks of a round
-/// share processes and memory, so they are not independent. A percentile for which a round has too few samples is taken from all
-/// rounds together, as in [`pooled_ratio`].
+/// Ratios of the percentiles of `upper` to those of `lower`, both given round by round: the median over the rounds, and
+/// the interval that holds 95 % of the medians when rounds are resampled. Rounds are resampled, not blocks: the blocks
+/// of a round share processes and memory, so they are not independent. A percentile for which a round has too few
+/// samples is taken from all rounds together, as in [`pooled_ratio`].
 pub fn ratios(upper: &[Vec<u32>], lower: &[Vec<u32>]) -> Value {
     let of = |part| {
         let one = |(upper, lower): (&Vec<u32>, &Vec<u32>)| Some(percentile(upper, part)? / percentile(lower, part)?);
@@ -56,8 +56,9 @@ fn interval(values: &[f64]) -> Option<Value> {
     Some(around(center, medians.collect()))
 }
 
-/// The ratio of a percentile of all of `upper` to that of all of `lower`, both given turn by turn, and the interval that holds 95
-/// % of the ratios when turns are resampled. It is for percentiles that need more samples than one turn has.
+/// The ratio of a percentile of all of `upper` to that of all of `lower`, both given turn by turn, and the interval
+/// that holds 95 % of the ratios when turns are resampled. It is for percentiles that need more samples than one turn
+/// has.
 pub fn pooled_ratio(upper: &[Vec<u32>], lower: &[Vec<u32>], part: f64) -> Value {
     let of = |turns: &[Vec<u32>], chosen: &[usize]| {
         let mut pool: Vec<u32> = chosen.iter().flat_map(|turn| &turns[*turn]).copied().collect();

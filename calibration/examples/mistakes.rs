@@ -1,8 +1,8 @@
 //! What `calibrate`, `verify` and the gate say about the mistakes of laboratories, and about correct campaigns.
 //!
 //!     cargo run -p isotherm-calibration --example mistakes             Markdown tables, five seeds a mistake
-//!     cargo run -p isotherm-calibration --example mistakes NAME        all lines about the mistakes with NAME in their name, seed 1
-//!     cargo run -p isotherm-calibration --example mistakes correct [N]   the refusals among 200 correct campaigns, or N
+//!     cargo run -p isotherm-calibration --example mistakes NAME          lines about mistakes named so, seed 1
+//!     cargo run -p isotherm-calibration --example mistakes correct [N]   refusals of 200 correct campaigns
 //!
 //! `tests/mistakes/gate.rs` says how the gate is tried, and what a wrong table is.
 #![allow(
@@ -203,8 +203,8 @@ fn cells(tables: &[&Installation]) -> String {
     )
 }
 
-/// Counts the refusals among correct campaigns, and those of their tables by the gate with the bounds of the fit. Fails if there is one of a
-/// campaign, or of a table that is within [`WRONG`] of the truth, by its bound.
+/// Counts the refusals among correct campaigns, and those of their tables by the gate with the bounds of the fit. Fails
+/// if there is one of a campaign, or of a table that is within [`WRONG`] of the truth, by its bound.
 fn correct_campaigns(count: u64) -> ExitCode {
     let (mut refused, mut gated, mut missed, mut factors, mut judged) = (0, 0, 0, 0, 0);
     let mut beyond = BTreeMap::new();

@@ -156,7 +156,8 @@ impl Data<'_> {
             };
             [0, 1, 2].map(|axis| [curve(axis, 0), curve(axis, 1), curve(axis, 2)])
         };
-        // The first joint fit uses the orders of the uncorrected values. It gives the tilt and the drift within set points.
+        // The first joint fit uses the orders of the uncorrected values. It gives the tilt and the drift within set
+        // points.
         let first_orders = order_tables(&reduced_level.iter().map(values).collect::<Vec<_>>())?;
         let first_fit = solve(campaign, dwells, set_points, &curves(&first_orders), &[])?;
         let reduced = reduced(campaign, dwells, set_points, first_fit.tilt)?;

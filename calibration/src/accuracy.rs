@@ -1,9 +1,10 @@
-//! How accurate the curves of a calibration are: one figure for the bias and one for the scale factors of a triad; of gyroscopes also one for the
-//! g-sensitivities and one for the misalignments.
+//! How accurate the curves of a calibration are: one figure for the bias and one for the scale factors of a triad; of
+//! gyroscopes also one for the g-sensitivities and one for the misalignments.
 //!
-//! Each curve has a 95 % interval at every telemetry, from the covariance of its coefficients by Student's t with the curve's degrees of
-//! freedom. The figure is the largest half width over the range of the data. A constant error that all set points share (a wrong position, a
-//! wrong local gravity, an angle that every turn misses) is not in it; where a warning shows one, the line says that it is left out.
+//! Each curve has a 95 % interval at every telemetry, from the covariance of its coefficients by Student's t with the
+//! curve's degrees of freedom. The figure is the largest half width over the range of the data. A constant error that
+//! all set points share (a wrong position, a wrong local gravity, an angle that every turn misses) is not in it; where
+//! a warning shows one, the line says that it is left out.
 
 use crate::checks::{Finding, name};
 use crate::gyroscopes::GyroscopeCalibration;
@@ -138,8 +139,8 @@ impl ConstantsAccuracy {
     }
 }
 
-/// The largest half width of the 95 % interval of a curve over its range, in the curve's unit or relative to its value; `None` without
-/// degrees of freedom.
+/// The largest half width of the 95 % interval of a curve over its range, in the curve's unit or relative to its value;
+/// `None` without degrees of freedom.
 #[must_use]
 pub fn largest_interval(curve: &Curve, relative: bool) -> Option<f64> {
     let [low, high] = curve.range();

@@ -5,7 +5,8 @@ use crate::error::CalibrationError;
 use crate::options::CalibrationOptions;
 use crate::result::Calibration;
 
-/// Turns accepted faults into warnings, and adds their names to `accepted`. With `strict` every warning was a fault before.
+/// Turns accepted faults into warnings, and adds their names to `accepted`. With `strict` every warning was a fault
+/// before.
 pub(crate) fn accept(findings: &mut [Finding], options: &CalibrationOptions, accepted: &mut Vec<&'static str>) {
     for finding in findings.iter_mut() {
         if (finding.severity == Severity::Fault || options.strict) && options.accept.contains(&finding.name) {
@@ -18,8 +19,8 @@ pub(crate) fn accept(findings: &mut [Finding], options: &CalibrationOptions, acc
     }
 }
 
-/// The findings as the options judge them: accepted faults are warnings, and with `strict` every other warning is a fault. Adds the names of
-/// those that are accepted to `accepted`; an error if a fault is left.
+/// The findings as the options judge them: accepted faults are warnings, and with `strict` every other warning is a
+/// fault. Adds the names of those that are accepted to `accepted`; an error if a fault is left.
 pub(crate) fn admit(
     mut findings: Vec<Finding>,
     options: &CalibrationOptions,

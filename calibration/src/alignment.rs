@@ -1,7 +1,8 @@
 //! Misalignments, and whether a table gets the matrix that undoes them.
 //!
-//! An alignment matrix turns the axes of the output: from the sensors' input axes to the axes of the turntable's table, which the IMU was
-//! mounted on. How the IMU sat on the fixture is part of it. A vehicle that has been boresighted with one choice must keep it.
+//! An alignment matrix turns the axes of the output: from the sensors' input axes to the axes of the turntable's table,
+//! which the IMU was mounted on. How the IMU sat on the fixture is part of it. A vehicle that has been boresighted with
+//! one choice must keep it.
 
 use crate::one_stage::Solution;
 use isotherm_shared::wire::AXES;
@@ -46,7 +47,8 @@ impl AlignmentChoice {
     }
 }
 
-/// Whether a misalignment of an accelerometer exceeds its 99 % interval and 1e-6 rad. Without degrees of freedom none is shown.
+/// Whether a misalignment of an accelerometer exceeds its 99 % interval and 1e-6 rad. Without degrees of freedom none
+/// is shown.
 #[must_use]
 pub fn is_needed(solution: &Solution) -> bool {
     solution.axes.iter().any(|axis| {
@@ -55,7 +57,8 @@ pub fn is_needed(solution: &Solution) -> bool {
     })
 }
 
-/// The misalignment matrix M. Row i: sensitivity of accelerometer i to the specific force along each axis; 1 on the diagonal.
+/// The misalignment matrix M. Row i: sensitivity of accelerometer i to the specific force along each axis; 1 on the
+/// diagonal.
 #[must_use]
 pub(crate) fn misalignment(solution: &Solution) -> Matrix3<f64> {
     let mut matrix = Matrix3::identity();

@@ -12,7 +12,8 @@ use crate::ramps::add_transients;
 use crate::result::Calibration;
 use isotherm_campaign::Campaign;
 
-/// Checks that positions and turns determine all parameters of both triads; of the accelerometers only, if the campaign file has no turns.
+/// Checks that positions and turns determine all parameters of both triads; of the accelerometers only, if the campaign
+/// file has no turns.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -42,8 +43,9 @@ pub fn observable(campaign: &Campaign) -> Result<TriadObservability, Calibration
     if deficiencies.is_empty() { Ok(found) } else { Err(CalibrationError::Positions(deficiencies)) }
 }
 
-/// Makes a coefficient table of both triads from a campaign; of the accelerometers only, if the campaign file has no turns. Ramps beside the
-/// positions give lag and transients. Ramps alone are for [`ramps::calibrate_ramps`](crate::ramps::calibrate_ramps).
+/// Makes a coefficient table of both triads from a campaign; of the accelerometers only, if the campaign file has no
+/// turns. Ramps beside the positions give lag and transients. Ramps alone are for
+/// [`ramps::calibrate_ramps`](crate::ramps::calibrate_ramps).
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

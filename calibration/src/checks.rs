@@ -1,7 +1,7 @@
 //! Checks of a campaign: every position at every set point, soak, stillness, saturation, plausible telemetry.
 //!
-//! A finding that would spoil the table, or that no true data can show, is a fault. A finding that the user should know is a
-//! warning. Both have a name ([`name`]), and name line, set point and position.
+//! A finding that would spoil the table, or that no true data can show, is a fault. A finding that the user should know
+//! is a warning. Both have a name ([`name`]), and name line, set point and position.
 //!
 //! Over 400 lines: one check after another on the same dwells, most of the text being messages.
 
@@ -20,15 +20,16 @@ use isotherm_statistics::{median, robust_sd};
 /// Largest difference between the specific force of a position and the indicated one, with mean scale factors \[g0\]. A
 /// scale factor may change by some percent over temperature; a wrong position differs by more.
 const WRONG_POSITION: f64 = 0.1;
-/// Motion within a dwell by more than this is a fault. The dwells of a set point are consistent if their residual standard
-/// deviation is below this \[g0\].
+/// Motion within a dwell by more than this is a fault. The dwells of a set point are consistent if their residual
+/// standard deviation is below this \[g0\].
 const MOVED: f64 = 0.02;
 /// Limit of the difference between a block and its dwell's median, in robust standard deviations of the dwell's blocks.
 const STILL: f64 = 10.0;
 /// Constant part of that limit \[g0\].
 const STILL_FLOOR: f64 = 5e-6;
-/// A converter whose rate is the same in every block is saturated if it is so in dwells of this many pulses at two set points: noise and
-/// temperature of a working one show in the last digits, but 1e-6 can be less than they do near an extremum of K.
+/// A converter whose rate is the same in every block is saturated if it is so in dwells of this many pulses at two set
+/// points: noise and temperature of a working one show in the last digits, but 1e-6 can be less than they do near an
+/// extremum of K.
 const EXACT_PULSES: f64 = 1e6;
 /// A few blocks may be the same by chance; it takes this many of a channel's largest rate.
 const FULL_BLOCKS: usize = 20;
@@ -130,13 +131,13 @@ struct Column {
     name: String,
     /// Set point \[degC\] and mean telemetry of each set point.
     means: Vec<(f64, f64)>,
-    /// Where set points are not further apart than noise and digits: the usual step from set point to set point, the usual change
-    /// within a dwell, and the last digit.
+    /// Where set points are not further apart than noise and digits: the usual step from set point to set point, the
+    /// usual change within a dwell, and the last digit.
     coarse: Option<[f64; 3]>,
 }
 
-/// Each value of the set points \[degC\], rising, with the larger step of the telemetry to its neighbours. A thermistor's steps differ by
-/// orders of magnitude from one end to the other.
+/// Each value of the set points \[degC\], rising, with the larger step of the telemetry to its neighbours. A
+/// thermistor's steps differ by orders of magnitude from one end to the other.
 struct Steps(Vec<(f64, f64)>);
 
 impl Steps {
@@ -162,7 +163,8 @@ impl Steps {
     }
 }
 
-/// The last digit of telemetry: the smallest difference between two different values, or the last decimal that any of them has.
+/// The last digit of telemetry: the smallest difference between two different values, or the last decimal that any of
+/// them has.
 fn last_digit(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let steps = values.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0);
@@ -184,8 +186,8 @@ pub struct SetPoint {
     pub dwells: Vec<usize>,
 }
 
-/// Groups dwells into set points. If every visit of a set point has more than half of the `positions`, each visit is a set
-/// point of its own. Otherwise all visits of the same value are one set point.
+/// Groups dwells into set points. If every visit of a set point has more than half of the `positions`, each visit is a
+/// set point of its own. Otherwise all visits of the same value are one set point.
 #[must_use]
 pub fn set_points(dwells: &[Dwell], positions: usize) -> Vec<SetPoint> {
     let mut visits: Vec<SetPoint> = Vec::new();
@@ -218,8 +220,8 @@ fn distinct(dwells: &[Dwell], set_point: &SetPoint) -> usize {
     positions.len()
 }
 
-/// Runs all checks; faults come first. `excluded` are the dwells that the user left out: set point \[degC\] and number of
-/// the position.
+/// Runs all checks; faults come first. `excluded` are the dwells that the user left out: set point \[degC\] and number
+/// of the position.
 #[must_use]
 pub fn check(campaign: &Campaign, dwells: &[Dwell], set_points: &[SetPoint], excluded: &[(f64, u32)]) -> Vec<Finding> {
     let checker = Checker { campaign, dwells, findings: Vec::new() };
@@ -310,7 +312,8 @@ impl Checker<'_> {
         }
     }
 
-    /// Finds saturated converters: they give the same count in every row, at different set points, and never a larger one.
+    /// Finds saturated converters: they give the same count in every row, at different set points, and never a larger
+    /// one.
     fn plateaus(&mut self) {
         for (axis, accelerometer) in AXIS_NAMES.iter().enumerate() {
             for (channel, sign) in ["+", "-"].iter().enumerate() {
@@ -386,7 +389,8 @@ impl Checker<'_> {
             if [up, down].iter().any(|k| k.is_nan() || *k <= 1.0) {
                 continue;
             }
-            // A large bias shifts all readings by the same amount; the dwells of each set point are then still consistent.
+            // A large bias shifts all readings by the same amount; the dwells of each set point are then still
+            // consistent.
             let found: Option<Vec<_>> = set_points.iter().map(|set_point| self.consistent(set_point, axis)).collect();
             if let Some(found) = found {
                 scale_factors[axis] = Some([0, 1].map(|channel| median(found.iter().map(|k| k[channel].abs()))));

@@ -1,5 +1,5 @@
-//! The single mistake that explains the data, if there is one: exchanged positions, cables, channels, a turned IMU, a position
-//! that is off.
+//! The single mistake that explains the data, if there is one: exchanged positions, cables, channels, a turned IMU, a
+//! position that is off.
 //!
 //! # Method
 //! Each set point is reduced by itself, all accelerometers together, with the base's tilt where the angles are known:
@@ -7,14 +7,14 @@
 //! ```text
 //! rate+/K+ + rate-/K- = f_a + m_p f_p + m_o f_o + by_tilt t + A
 //! ```
-//! This is linear in 1/K+, 1/K-, A, m_p, m_o of each accelerometer and in t. A hypothesis changes the specific force of dwells or
-//! the columns that are an accelerometer's, and the reduction is repeated. A hypothesis holds at a set point where its residuals
-//! are a tenth of those without it, and its scale factors have the right signs. It explains the data if, with it where it holds,
-//! the residuals of all set points together are a tenth of those without.
+//! This is linear in 1/K+, 1/K-, A, m_p, m_o of each accelerometer and in t. A hypothesis changes the specific force of
+//! dwells or the columns that are an accelerometer's, and the reduction is repeated. A hypothesis holds at a set point
+//! where its residuals are a tenth of those without it, and its scale factors have the right signs. It explains the
+//! data if, with it where it holds, the residuals of all set points together are a tenth of those without.
 //!
-//! The residuals do not change if both channels of an accelerometer are exchanged: K+ is then negative. So the six orders of the
-//! accelerometers are tried, and the signs of the scale factors tell the rest: exchanged channels, or a turned IMU. Single channels of two
-//! accelerometers are exchanged one by one.
+//! The residuals do not change if both channels of an accelerometer are exchanged: K+ is then negative. So the six
+//! orders of the accelerometers are tried, and the signs of the scale factors tell the rest: exchanged channels, or a
+//! turned IMU. Single channels of two accelerometers are exchanged one by one.
 //!
 //! Over 400 lines: every hypothesis is tried by the same reduction.
 
@@ -54,8 +54,8 @@ const POSITION_OFF_OTHERS: f64 = 5.0;
 const MAX_OFF: usize = 3;
 /// Added to the normal equations' scaled diagonal, so that what a set point does not determine stays 0.
 const RIDGE: f64 = 1e-11;
-/// Weight of the observation that the base is level: a tilt of 1e-3 rad costs as much as a residual of 10e-6 g0. Where positions do
-/// not tell the tilt from the other unknowns it stays small.
+/// Weight of the observation that the base is level: a tilt of 1e-3 rad costs as much as a residual of 10e-6 g0. Where
+/// positions do not tell the tilt from the other unknowns it stays small.
 const LEVEL_WEIGHT: f64 = 1e-2;
 /// Unknowns of a set point: those of three accelerometers, and the tilt.
 const UNKNOWNS: usize = AXES * PARAMETERS + 2;
@@ -83,8 +83,8 @@ impl Diagnosis {
 const OF_FORCES: &[&str] =
     &[name::WRONG_POSITION, name::NO_PULSES, name::POSITION_OFF, name::CHANNELS_DIFFER, name::LEVEL, name::OUTLIER];
 
-/// The single mistake that explains the `findings` about `dwells`; `None` if there is none, or if there are several. A finding that is the
-/// mistake itself is taken out of the findings.
+/// The single mistake that explains the `findings` about `dwells`; `None` if there is none, or if there are several. A
+/// finding that is the mistake itself is taken out of the findings.
 #[must_use]
 pub(crate) fn diagnose(
     campaign: &Campaign,
@@ -306,8 +306,8 @@ struct Trials<'a> {
     dwells: &'a [Dwell],
     set_points: &'a [SetPoint],
     directions: Vec<Direction>,
-    /// Residuals of each set point as the campaign file states it \[g0\], [`WRONG_SIGN`] if a scale factor has a wrong sign; NaN if
-    /// it cannot be reduced.
+    /// Residuals of each set point as the campaign file states it \[g0\], [`WRONG_SIGN`] if a scale factor has a wrong
+    /// sign; NaN if it cannot be reduced.
     stated: Vec<f64>,
 }
 
@@ -332,8 +332,8 @@ impl<'a> Trials<'a> {
         self.reduce(set_point, off, &|dwell| self.directions[position(dwell.position)], in_order([0, 1, 2]), &|_| 1.0)
     }
 
-    /// Reduces a set point without the positions in `off`. `direction` gives the specific force of a dwell, `columns` those of each
-    /// channel, `time` the factor of a dwell's counted time.
+    /// Reduces a set point without the positions in `off`. `direction` gives the specific force of a dwell, `columns`
+    /// those of each channel, `time` the factor of a dwell's counted time.
     fn reduce(
         &self,
         set_point: &SetPoint,
@@ -507,8 +507,8 @@ impl<'a> Trials<'a> {
         all
     }
 
-    /// The hypothesis that explains the residuals. Where a position is off in dwells in which the IMU moved, by one of the `findings`, the
-    /// motion is the cause.
+    /// The hypothesis that explains the residuals. Where a position is off in dwells in which the IMU moved, by one of
+    /// the `findings`, the motion is the cause.
     fn forces(&self, with_off: bool, findings: &[Finding]) -> Option<Diagnosis> {
         let reducible: Vec<usize> = (0..self.set_points.len()).filter(|&i| !self.stated[i].is_nan()).collect();
         let worst = *reducible.iter().max_by(|&&a, &&b| self.stated[a].total_cmp(&self.stated[b]))?;
@@ -588,8 +588,8 @@ impl<'a> Trials<'a> {
         ))
     }
 
-    /// The specific force that was measured in a position, less the stated one, in units of the local gravity: a mean over the
-    /// set points `scope` with its standard error. The positions in `off` do not count in the reduction.
+    /// The specific force that was measured in a position, less the stated one, in units of the local gravity: a mean
+    /// over the set points `scope` with its standard error. The positions in `off` do not count in the reduction.
     fn measured(&self, position: usize, scope: &[usize], off: &[usize]) -> Option<(Vector3<f64>, f64)> {
         let gravity = self.campaign.gravity_local / self.campaign.gravity_reference;
         let mut all: Vec<Vector3<f64>> = Vec::new();
@@ -621,8 +621,8 @@ impl<'a> Trials<'a> {
         (!all.is_empty()).then_some((mean, error))
     }
 
-    /// Error of the specific force that is measured in a position, if the positions in `off` do not count and each other dwell has
-    /// an error of 1. `None` if the other positions do not determine all parameters.
+    /// Error of the specific force that is measured in a position, if the positions in `off` do not count and each
+    /// other dwell has an error of 1. `None` if the other positions do not determine all parameters.
     fn spread(&self, off: &[usize], position: usize) -> Option<f64> {
         let positions = &self.campaign.positions;
         let kept: Vec<Position> =
@@ -647,7 +647,8 @@ impl<'a> Trials<'a> {
     }
 }
 
-/// Faults of positions that are not where the campaign file states them, by more than their errors and the others' residuals.
+/// Faults of positions that are not where the campaign file states them, by more than their errors and the others'
+/// residuals.
 #[must_use]
 pub(crate) fn positions_off(campaign: &Campaign, dwells: &[Dwell], set_points: &[SetPoint]) -> Vec<Finding> {
     if dwells.len() > MAX_DWELLS {

@@ -82,8 +82,8 @@ impl CalibrationError {
         if names.iter().all(|name| name::acceptable(name).is_ok()) { names } else { Vec::new() }
     }
 
-    /// The findings as lines, if they are the error. The diagnosis comes first; without `symptoms`, those that it explains are only
-    /// counted, and of the others the first ten are listed.
+    /// The findings as lines, if they are the error. The diagnosis comes first; without `symptoms`, those that it
+    /// explains are only counted, and of the others the first ten are listed.
     pub fn lines(&self, symptoms: bool, line: impl Fn(&Finding) -> String) -> Vec<String> {
         match self {
             Self::Faults { diagnosis, findings } => lines(findings, diagnosis.as_deref(), symptoms, line),
@@ -91,8 +91,8 @@ impl CalibrationError {
         }
     }
 
-    /// The error as the failure of a program, with the file concerned. `campaign` is the campaign file and `samples` the
-    /// recording; `locate` gives file and line of a row.
+    /// The error as the failure of a program, with the file concerned. `campaign` is the campaign file and `samples`
+    /// the recording; `locate` gives file and line of a row.
     #[must_use]
     pub fn failure(&self, campaign: &Path, samples: &Path, locate: impl Fn(u64) -> String) -> Failure {
         self.failure_with(campaign, samples, locate, false)
@@ -137,8 +137,8 @@ impl CalibrationError {
     }
 }
 
-/// The findings as lines. The diagnosis comes first; without `symptoms`, those that it explains are only counted, and of the others the first
-/// [`SHOWN`] are listed: faults come before warnings.
+/// The findings as lines. The diagnosis comes first; without `symptoms`, those that it explains are only counted, and
+/// of the others the first [`SHOWN`] are listed: faults come before warnings.
 fn lines(
     findings: &[Finding],
     diagnosis: Option<&Diagnosis>,

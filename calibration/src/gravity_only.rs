@@ -1,8 +1,10 @@
-//! Calibration without a turntable: the IMU is put down in many attitudes, by hand, and gravity's length alone is the reference.
+//! Calibration without a turntable: the IMU is put down in many attitudes, by hand, and gravity's length alone is the
+//! reference.
 //!
-//! Each standstill gives one equation: the length of the compensated specific force is g_local/g0. The direction is not known, so a rotation of
-//! the whole output is not observable: body axis 3 is along A3, body axis 2 in the plane of A2 and A3. Every table gets the alignment matrix, the
-//! inverse of M. What the attitudes do not determine is refused by name.
+//! Each standstill gives one equation: the length of the compensated specific force is g_local/g0. The direction is not
+//! known, so a rotation of the whole output is not observable: body axis 3 is along A3, body axis 2 in the plane of A2
+//! and A3. Every table gets the alignment matrix, the inverse of M. What the attitudes do not determine is refused by
+//! name.
 //!
 //! One temperature gives constants; several, at most as many coefficients as temperatures.
 
@@ -45,8 +47,9 @@ const LEVEL: f64 = 0.1;
 /// Median of chi-square with one degree of freedom.
 const CHI_SQUARE_MEDIAN: f64 = 0.454_936;
 
-/// Makes a table of the recordings of an IMU that was put down in many attitudes. Of the campaign, the IMU, the gravities and what goes into the
-/// table unchanged are used. Every recording is searched for standstills by itself; their numbers go on from recording to recording.
+/// Makes a table of the recordings of an IMU that was put down in many attitudes. Of the campaign, the IMU, the
+/// gravities and what goes into the table unchanged are used. Every recording is searched for standstills by itself;
+/// their numbers go on from recording to recording.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -192,7 +195,8 @@ fn readings(recordings: &[TumbleRecording], window_s: f64) -> Result<Found, Grav
     Ok(found)
 }
 
-/// Number of temperatures: groups of standstills whose head telemetry is no further apart than a tenth of the whole range.
+/// Number of temperatures: groups of standstills whose head telemetry is no further apart than a tenth of the whole
+/// range.
 fn levels(readings: &[Reading]) -> usize {
     let mut all: Vec<f64> = readings.iter().map(|reading| reading.head.iter().sum::<f64>() / AXES as f64).collect();
     all.sort_by(f64::total_cmp);
@@ -250,9 +254,10 @@ pub fn error_of_length(force: &Vector3<f64>, errors: [f64; AXES], scale_factor: 
     (0..AXES).map(|axis| part(axis).powi(2)).sum::<f64>().sqrt()
 }
 
-/// The standard errors of the net rates of each standstill \[pulse/s\]. The rows of a counter that keeps what is left over vary, but their sum does
-/// not: over n rows, noise w of each row and what is left over q give the mean a variance of (w + q/n)/n. Half the difference between the halves has
-/// (w + 3 q/n)/n, and a row w + q. The median over the standstills, because the IMU may have turned in some.
+/// The standard errors of the net rates of each standstill \[pulse/s\]. The rows of a counter that keeps what is left
+/// over vary, but their sum does not: over n rows, noise w of each row and what is left over q give the mean a variance
+/// of (w + q/n)/n. Half the difference between the halves has (w + 3 q/n)/n, and a row w + q. The median over the
+/// standstills, because the IMU may have turned in some.
 pub fn errors_of_means(readings: &[Reading]) -> Vec<[f64; AXES]> {
     let parts = [0, 1, 2].map(|axis| {
         let of_halves = |reading: &Reading| {

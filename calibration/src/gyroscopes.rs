@@ -1,7 +1,8 @@
 //! The gyroscopes of a campaign: from dwells and turns to their part of the table.
 //!
-//! The accelerometers are calibrated first, from the dwells alone ([`calibrate`](crate::accelerometers::calibrate_accelerometers)). Their fit gives the base's
-//! tilt. The gyroscopes are then fitted to dwells and turns together:
+//! The accelerometers are calibrated first, from the dwells alone
+//! ([`calibrate`](crate::accelerometers::calibrate_accelerometers)). Their fit gives the base's tilt. The gyroscopes
+//! are then fitted to dwells and turns together:
 //!
 //! 1. [`runs`]: the rows of the turns that the campaign file lists.
 //! 2. [`observability`]: what positions and turns determine, before there are data.

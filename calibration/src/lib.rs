@@ -1,5 +1,5 @@
-//! From measurements of an IMU to a coefficient table: campaigns on a two-axis turntable in a temperature chamber, ramps of the temperature,
-//! and an IMU that is put down by hand.
+//! From measurements of an IMU to a coefficient table: campaigns on a two-axis turntable in a temperature chamber,
+//! ramps of the temperature, and an IMU that is put down by hand.
 //!
 //! This crate opens no file and starts no thread. It reads the clock only for the time in a table's provenance.
 //!

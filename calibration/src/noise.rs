@@ -5,8 +5,9 @@ use isotherm_shared::table::Axis;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::robust_sd;
 
-/// The noise of each sensor in a mean over 1 s \[base unit of the triad\]; in a mean over T seconds it is that over the root of T. It comes from the
-/// differences of successive blocks of the dwells, which a wrong position or a wrong curve does not change. 0 if dwells have a single block.
+/// The noise of each sensor in a mean over 1 s \[base unit of the triad\]; in a mean over T seconds it is that over the
+/// root of T. It comes from the differences of successive blocks of the dwells, which a wrong position or a wrong curve
+/// does not change. 0 if dwells have a single block.
 pub fn noise_of_dwells<'a>(dwells: impl Iterator<Item = &'a Dwell> + Clone, axes: &[Axis; AXES]) -> [f64; AXES] {
     [0, 1, 2].map(|axis| {
         let differences = |dwell: &Dwell| -> Vec<f64> {

@@ -1,24 +1,25 @@
 //! The joint fit: all dwells of a campaign at once, each with its own telemetry.
 //!
-//! Reducing each set point first and fitting polynomials afterwards mixes the temperature's drift between positions into
-//! the scale factors. Here every dwell d gives one equation for each accelerometer a, and all coefficients are estimated
-//! together by Gauss-Newton with a QR factorisation:
+//! Reducing each set point first and fitting polynomials afterwards mixes the temperature's drift between positions
+//! into the scale factors. Here every dwell d gives one equation for each accelerometer a, and all coefficients are
+//! estimated together by Gauss-Newton with a QR factorisation:
 //!
 //! ```text
 //! residual = rate+/K+(U_board) + rate-/K-(U_board) - sum over b of M_ab f_b - A(U_head)                [g0]
 //! f = (g_local/g0) * (direction of the position + its change by the base's tilt),   M_aa = 1
 //! ```
-//! The residual is in g0. In pulses per second, the two readings of a horizontal pair with opposite signs would have the
-//! weights of two different K. The level error would then not cancel, and the bias could be wrong by several ug0.
+//! The residual is in g0. In pulses per second, the two readings of a horizontal pair with opposite signs would have
+//! the weights of two different K. The level error would then not cancel, and the bias could be wrong by several ug0.
 //!
-//! The base's tilt about two axes is estimated too if the campaign file gives the turntable's angles. With six faces at two
-//! headings the tilt cancels anyway; with other lists of positions it does not.
+//! The base's tilt about two axes is estimated too if the campaign file gives the turntable's angles. With six faces at
+//! two headings the tilt cancels anyway; with other lists of positions it does not.
 //!
 //! # Errors
-//! Dwells of one set point share errors (repeatability, hysteresis), so the standard errors come from the scatter *between*
-//! set points, not between dwells. From the residuals of each set point, the deviations of its 17 parameters (A, K+, K-, m,
-//! m of three accelerometers, and the tilt) from the fit are estimated. S is the covariance of these deviations over the
-//! set points, with the degrees of freedom that the curves leave. It is propagated through the estimator, with H = J'J:
+//! Dwells of one set point share errors (repeatability, hysteresis), so the standard errors come from the
+//! scatter *between* set points, not between dwells. From the residuals of each set point, the deviations of its 17
+//! parameters (A, K+, K-, m, m of three accelerometers, and the tilt) from the fit are estimated. S is the covariance
+//! of these deviations over the set points, with the degrees of freedom that the curves leave. It is propagated through
+//! the estimator, with H = J'J:
 //!
 //! ```text
 //! cov = H^-1 ( sum over set points of B S B' ) H^-1,     B = J' L,   L: derivatives by the set point's parameters
@@ -36,8 +37,8 @@ use nalgebra::{DMatrix, DVector};
 const MAX_STEPS: usize = 30;
 /// The tilt is estimated only if it increases the condition number by less than this factor.
 const MAX_TILT_CONDITION: f64 = 30.0;
-/// Curves of an accelerometer: A, K+, K-. The unknowns are, for each accelerometer, the coefficients of its curves and its
-/// two misalignments; the tilt comes last.
+/// Curves of an accelerometer: A, K+, K-. The unknowns are, for each accelerometer, the coefficients of its curves and
+/// its two misalignments; the tilt comes last.
 const QUANTITIES: usize = 3;
 
 /// Why there is no solution.
@@ -94,8 +95,8 @@ pub struct Solution {
 /// The curves A, K+, K- of each accelerometer.
 pub(crate) type Curves = [[Curve; QUANTITIES]; AXES];
 
-/// Fits all unknowns together. `start` gives the orders, the centring and the first values. The dwells in `left_out` have
-/// residuals, but no influence on the fit.
+/// Fits all unknowns together. `start` gives the orders, the centring and the first values. The dwells in `left_out`
+/// have residuals, but no influence on the fit.
 ///
 /// # Errors
 /// If the dwells do not determine the unknowns or the steps do not converge.
@@ -253,8 +254,8 @@ impl<'a> JointModel<'a> {
         self.campaign.force(&self.campaign.positions[dwell.position], self.with_tilt.then_some(tilt))
     }
 
-    /// Residual of one dwell and axis \[g0\], and its derivatives by the five parameters of its set point (A, K+, K-, m, m).
-    /// Calls `set(index, derivative)` for each unknown that the residual depends on.
+    /// Residual of one dwell and axis \[g0\], and its derivatives by the five parameters of its set point (A, K+, K-,
+    /// m, m). Calls `set(index, derivative)` for each unknown that the residual depends on.
     fn row(&self, dwell: &Dwell, axis: usize, mut set: impl FnMut(usize, f64)) -> (f64, [f64; PARAMETERS]) {
         let (force, by_tilt) = self.force(dwell);
         let others = [(axis + 1) % AXES, (axis + 2) % AXES];
@@ -344,8 +345,8 @@ impl<'a> JointModel<'a> {
         }
     }
 
-    /// The rows of one set point in the Jacobian, and L: the derivatives of their residuals by the five parameters of each
-    /// axis and by the tilt. `None` if the set point has fewer dwells than parameters.
+    /// The rows of one set point in the Jacobian, and L: the derivatives of their residuals by the five parameters of
+    /// each axis and by the tilt. `None` if the set point has fewer dwells than parameters.
     fn local(&self, set_point: &SetPoint, step: &NewtonStep, counted: &[bool]) -> Option<(Vec<usize>, DMatrix<f64>)> {
         // K in units of 1e5 pulse/(s*g0), so that all columns are of order 1.
         let size = [1.0, 1e5, 1e5, 1.0, 1.0];

@@ -7,10 +7,11 @@ use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{OrderTable, QUANTITIES, Rule};
 
-/// The lowest order of a gyroscope's curve that is chosen, as far as the set points allow it: the model is cubic. A term that the noise of a set
-/// point hides still moves the curve by some ppm.
+/// The lowest order of a gyroscope's curve that is chosen, as far as the set points allow it: the model is cubic. A
+/// term that the noise of a set point hides still moves the curve by some ppm.
 const LEAST_ORDER: usize = 3;
-/// Probability of choosing a gyroscope's term without effect, over the orders of a curve: 1 % over the nine curves of the triad.
+/// Probability of choosing a gyroscope's term without effect, over the orders of a curve: 1 % over the nine curves of
+/// the triad.
 const SIGNIFICANCE: f64 = 0.01 / 9.0;
 
 /// How the orders of a triad's curves are chosen.
@@ -37,7 +38,8 @@ impl OrderRules {
         Self { names: GYROSCOPE_NAMES, bias: rule(GYROSCOPE_BIAS_EFFECT, "deg/h"), scale_factor }
     }
 
-    /// The order tables of the values of the set points, by axis and quantity: of the order `fixed`, or of one up to `highest` that is chosen.
+    /// The order tables of the values of the set points, by axis and quantity: of the order `fixed`, or of one up to
+    /// `highest` that is chosen.
     ///
     /// # Errors
     /// If a curve of the order `fixed` cannot be fitted.

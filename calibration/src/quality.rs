@@ -99,8 +99,8 @@ fn is_paired(campaign: &Campaign, dwells: &[Dwell], set_point: &SetPoint) -> boo
     forces.iter().all(|force| forces.iter().filter(|other| same(force, other)).count() % 2 == 0)
 }
 
-/// A warning about the curves that miss their set points by much more than the set points' own uncertainty, and one about curves
-/// without degrees of freedom. The array marks the axes that have a curve of the first kind.
+/// A warning about the curves that miss their set points by much more than the set points' own uncertainty, and one
+/// about curves without degrees of freedom. The array marks the axes that have a curve of the first kind.
 pub(crate) fn lack_of_fit(
     orders: &[[OrderTable; 3]; AXES],
     reduced: &[[Reduced; AXES]],
@@ -225,12 +225,12 @@ fn position_statistics(
     (off, scales, usual)
 }
 
-/// The position that explains the residuals, by its index: they fall to a third in a fit without it. A single wrong position says nothing
-/// about the laboratory, but it pulls the whole fit.
+/// The position that explains the residuals, by its index: they fall to a third in a fit without it. A single wrong
+/// position says nothing about the laboratory, but it pulls the whole fit.
 ///
-/// The fit without a position is the linear one of the positions' mean residuals: bias, K+, K- and two misalignments of each accelerometer,
-/// and the tilt if it was estimated. With the hat matrix H the residuals r of the position become d = (1 - H_pp)^-1 r, those of the others
-/// grow by H_op d.
+/// The fit without a position is the linear one of the positions' mean residuals: bias, K+, K- and two misalignments of
+/// each accelerometer, and the tilt if it was estimated. With the hat matrix H the residuals r of the position become
+/// d = (1 - H_pp)^-1 r, those of the others grow by H_op d.
 pub(crate) fn position_that_explains(campaign: &Campaign, dwells: &[Dwell], solution: &Solution) -> Option<usize> {
     let of = |position: usize| (0..dwells.len()).filter(move |&d| dwells[d].position == position);
     let used: Vec<usize> = (0..campaign.positions.len()).filter(|&p| of(p).next().is_some()).collect();

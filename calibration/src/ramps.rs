@@ -1,10 +1,11 @@
-//! The ramps of a campaign: their [transients](crate::transients) go into the table of its positions or, without positions, into another
-//! table.
+//! The ramps of a campaign: their [transients](crate::transients) go into the table of its positions or, without
+//! positions, into another table.
 //!
 //! # Ramps alone
-//! They show how each bias changes with temperature, at one attitude. The table that the campaign file calls `curves` gives everything else. Its
-//! bias curves are replaced by those of the ramps, each shifted to keep its value at mid range: the constant of a ramp contains the attitude
-//! (1 mrad is 1000 ug0) and Earth's rate. What such a table does not know stands in [`RampCalibration::not_known`].
+//! They show how each bias changes with temperature, at one attitude. The table that the campaign file calls `curves`
+//! gives everything else. Its bias curves are replaced by those of the ramps, each shifted to keep its value at mid
+//! range: the constant of a ramp contains the attitude (1 mrad is 1000 ug0) and Earth's rate. What such a table does
+//! not know stands in [`RampCalibration::not_known`].
 
 use crate::admit::admit;
 use crate::checks::scale::unlike_scale_factors;
@@ -142,7 +143,8 @@ impl RampCalibration {
 /// ```
 ///
 /// # Errors
-/// If an option is for positions, if `curves` is no table for these ramps, if a recording is of another unit, or if nothing can be estimated.
+/// If an option is for positions, if `curves` is no table for these ramps, if a recording is of another unit, or if
+/// nothing can be estimated.
 pub fn calibrate_ramps(
     campaign: &Campaign,
     ramps: &[RampRecording],

@@ -1,24 +1,24 @@
 //! From the dwells of one set point to its bias, scale factors and misalignments.
 //!
-//! The pulse rates of a dwell give the indicated acceleration, and its position gives the specific force (s in g0, own axis
-//! first; m: misalignments onto the two other axes \[rad\]):
+//! The pulse rates of a dwell give the indicated acceleration, and its position gives the specific force (s in g0, own
+//! axis first; m: misalignments onto the two other axes \[rad\]):
 //!
 //! ```text
 //! rate+/K+ + rate-/K- = s + m_p s_p + m_o s_o + A
 //! ```
-//! This is linear in 1/K+, 1/K-, A, m_p and m_o, so one least-squares solution in g0 serves any list of positions. For six
-//! faces at two headings it equals the closed form: A from the horizontal readings, then K+ and K- from the up and down
-//! readings. The mean of an up and a down reading is *not* the bias if K+ differs from -K-.
+//! This is linear in 1/K+, 1/K-, A, m_p and m_o, so one least-squares solution in g0 serves any list of positions. For
+//! six faces at two headings it equals the closed form: A from the horizontal readings, then K+ and K- from the up and
+//! down readings. The mean of an up and a down reading is *not* the bias if K+ differs from -K-.
 //!
-//! The temperature changes a little between the positions. Each result therefore has its own **effective telemetry**: the
-//! mean over the dwells with the weights that they have in this result, not the plain mean.
+//! The temperature changes a little between the positions. Each result therefore has its own **effective telemetry**:
+//! the mean over the dwells with the weights that they have in this result, not the plain mean.
 
 use isotherm_campaign::{Campaign, Dwell, PARAMETERS};
 use isotherm_shared::wire::AXES;
 use nalgebra::{DMatrix, DVector};
 
-/// The parameters of one accelerometer at one set point: A \[g0\], K+ and K- \[pulse/(s*g0)\], m onto the next axis and m
-/// onto the one after \[rad\].
+/// The parameters of one accelerometer at one set point: A \[g0\], K+ and K- \[pulse/(s*g0)\], m onto the next axis and
+/// m onto the one after \[rad\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reduced {
     /// A, K+, K-, m, m.
@@ -32,9 +32,9 @@ pub struct Reduced {
     pub residual_sd: f64,
 }
 
-/// Reduces `dwells` of one set point for accelerometer `axis`, with the base tilted by `tilt`. `None` if the dwells do not
-/// determine the parameters. The caller must check first that the positions do: otherwise the few pulses of a horizontal
-/// reading could be taken for a scale factor.
+/// Reduces `dwells` of one set point for accelerometer `axis`, with the base tilted by `tilt`. `None` if the dwells do
+/// not determine the parameters. The caller must check first that the positions do: otherwise the few pulses of a
+/// horizontal reading could be taken for a scale factor.
 #[must_use]
 pub fn reduce(campaign: &Campaign, dwells: &[&Dwell], axis: usize, tilt: Option<[f64; 2]>) -> Option<Reduced> {
     let force =

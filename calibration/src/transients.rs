@@ -1,25 +1,28 @@
-//! Transients: the lag of the sensing elements behind their telemetry, estimated from ramps and written only where the data show it.
+//! Transients: the lag of the sensing elements behind their telemetry, estimated from ramps and written only where the
+//! data show it.
 //!
 //! # Model
 //! ```text
 //! dL/dt = (U - L) / tau,   d = L - U,   A = p(U) + t d
 //! ```
-//! with the head telemetry U, one time constant tau for the IMU and one transient t for each bias. Hysteresis parts heating from cooling too,
-//! but it follows the temperature and not the time: its rival model is the play z = min(max(z, U - w), U + w) with the column (z - U)/w, at three half
-//! widths w. A table never gets a play.
+//! with the head telemetry U, one time constant tau for the IMU and one transient t for each bias. Hysteresis parts
+//! heating from cooling too, but it follows the temperature and not the time: its rival model is the play z =
+//! min(max(z, U - w), U + w) with the column (z - U)/w, at three half widths w. A table never gets a play.
 //!
 //! # Steps
-//! 1. [`RampRecording`] reduces a recording while it is read; `blocks` makes at most 400 means of it. Both telemetries are taken to the middle of
-//!    a row, linearly between readings, and the filter runs on the readings, with the function that runs in flight.
-//! 2. `blocks`: the columns of a bias are a constant for each recording, Chebyshev polynomials 1 to 3 of U, d, the decay of a start that was not
-//!    soaked, the three plays, and time for each recording.
-//! 3. `search`: tau is where the sum over the biases of n log(SSE/n) is least. A quarter of a sweep is left out at a time for the
-//!    standard errors of log tau and t (jackknife): the residuals are correlated, so no F test holds.
+//! 1. [`RampRecording`] reduces a recording while it is read; `blocks` makes at most 400 means of it. Both telemetries
+//!    are taken to the middle of a row, linearly between readings, and the filter runs on the readings, with the
+//!    function that runs in flight.
+//! 2. `blocks`: the columns of a bias are a constant for each recording, Chebyshev polynomials 1 to 3 of U, d, the
+//!    decay of a start that was not soaked, the three plays, and time for each recording.
+//! 3. `search`: tau is where the sum over the biases of n log(SSE/n) is least. A quarter of a sweep is left out at a
+//!    time for the standard errors of log tau and t (jackknife): the residuals are correlated, so no F test holds.
 //! 4. `prediction`: one sweep is left out at a time, and predicted by each model.
 //! 5. `decision`: what may be written, and why.
 //!
-//! With a time constant that is given there are no columns of plays, start and time: what comes before three time constants is left out. One
-//! sweep each way is enough then; a quarter of a sweep is left out at a time to try the prediction.
+//! With a time constant that is given there are no columns of plays, start and time: what comes before three time
+//! constants is left out. One sweep each way is enough then; a quarter of a sweep is left out at a time to try the
+//! prediction.
 
 mod blocks;
 mod decision;
@@ -143,7 +146,8 @@ fn search(ramps: &Ramps, table: &CoefficientTable, predecessor_s: Option<f64>) -
 
 /// The fit with a time constant that is given. What the search says of it is reported, but does not decide.
 ///
-/// Its start is known to be soaked after some time constants, and what comes before is left out: how the start decays need not be assumed.
+/// Its start is known to be soaked after some time constants, and what comes before is left out: how the start decays
+/// need not be assumed.
 fn given(ramps: &mut Ramps, table: &CoefficientTable, tau_s: f64) -> Result<Fit, TransientsError> {
     use Column::{Constant, Curve, Transient};
     let searched = search(ramps, table, None);

@@ -1,5 +1,5 @@
-//! A triad of a calibration, as it is shown: what accelerometers and gyroscopes have in common. Texts, reports, provenance and accuracy of both
-//! triads come from this.
+//! A triad of a calibration, as it is shown: what accelerometers and gyroscopes have in common. Texts, reports,
+//! provenance and accuracy of both triads come from this.
 
 use crate::checks::Finding;
 use crate::gyroscopes::GyroscopeCalibration;
@@ -194,7 +194,8 @@ impl<'a> CalibratedTriad<'a> {
     }
 }
 
-/// The matrix with these values beside the diagonal: row i has the value onto the next axis and the one onto the axis after it.
+/// The matrix with these values beside the diagonal: row i has the value onto the next axis and the one onto the axis
+/// after it.
 pub(crate) fn beside_diagonal(diagonal: f64, pairs: [[f64; 2]; AXES]) -> [[f64; AXES]; AXES] {
     let mut rows = [[diagonal; AXES]; AXES];
     for (axis, pair) in pairs.into_iter().enumerate() {

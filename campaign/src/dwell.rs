@@ -1,7 +1,7 @@
 //! A **dwell**: an unbroken run of rows with one set point and one position.
 //!
-//! Rows may be raw samples of any rate or sums over seconds: pulses and intervals are added up, telemetry is averaged over
-//! time. Only sums are kept, so that memory does not grow with the sampling rate.
+//! Rows may be raw samples of any rate or sums over seconds: pulses and intervals are added up, telemetry is averaged
+//! over time. Only sums are kept, so that memory does not grow with the sampling rate.
 
 use isotherm_recording::{CampaignRow, Continuity, Losses, TimeFault};
 use isotherm_shared::wire::{AXES, RawSample};
@@ -226,9 +226,9 @@ impl Dwell {
         self.block_length *= 2.0;
     }
 
-    /// The interval over the timestamp's step between rows with consecutive sequences; NaN without such rows. Of the median over
-    /// the blocks and the ratio of the sums it is the one that is closer to 1: a broken timestamp does not change the median, and
-    /// timestamps that jitter or are coarse do not change the sums.
+    /// The interval over the timestamp's step between rows with consecutive sequences; NaN without such rows. Of the
+    /// median over the blocks and the ratio of the sums it is the one that is closer to 1: a broken timestamp does not
+    /// change the median, and timestamps that jitter or are coarse do not change the sums.
     #[must_use]
     pub fn interval_ratio(&self) -> f64 {
         let steps = || self.blocks.iter().map(|block| block.steps.consecutive);
@@ -255,8 +255,9 @@ impl Dwell {
         self.blocks.iter().filter(|block| block.steps.consecutive[1] > 0.0).count()
     }
 
-    /// The interval over the timestamp's step, and over its part of one sequence number, whatever the sequences are: medians over
-    /// the blocks. The first is 1 for sums without gaps, the second for single samples of which only every n-th is there.
+    /// The interval over the timestamp's step, and over its part of one sequence number, whatever the sequences are:
+    /// medians over the blocks. The first is 1 for sums without gaps, the second for single samples of which only every
+    /// n-th is there.
     #[must_use]
     pub fn sparse_interval_ratios(&self) -> [f64; 2] {
         [1, 2].map(|k| median(self.blocks.iter().map(|block| block.steps.all[0] / block.steps.all[k])))
@@ -268,7 +269,8 @@ impl Dwell {
         self.sums.head(axis) + self.head_per_s(axis) * self.age_s()
     }
 
-    /// Mean telemetry of the converter board. If its age is known, it is extrapolated to the middle of the counted time.
+    /// Mean telemetry of the converter board. If its age is known, it is extrapolated to the middle of the counted
+    /// time.
     #[must_use]
     pub fn board(&self, axis: usize) -> f64 {
         self.sums.board(axis) + self.drift_per_s(|sums| sums.board(axis)) * self.age_s()
@@ -291,8 +293,8 @@ impl Dwell {
         (mean(second) - mean(first)) / (0.5 * self.sums.seconds)
     }
 
-    /// Mean time from the reading of the telemetry to the middle of the counted time. 0 if it is longer than the dwell: the
-    /// drift within the dwell cannot be extrapolated so far.
+    /// Mean time from the reading of the telemetry to the middle of the counted time. 0 if it is longer than the dwell:
+    /// the drift within the dwell cannot be extrapolated so far.
     fn age_s(&self) -> f64 {
         let age_s = self.sums.age / self.sums.seconds;
         if age_s.abs() <= self.sums.seconds { age_s } else { 0.0 }

@@ -52,8 +52,9 @@ impl Campaign {
         })
     }
 
-    /// Reads the text of a campaign file: one campaign for each IMU of `imus`, in that order, or the one of `imu`. In a file with `imus`, directions
-    /// are those along the axes of an IMU without `mounting`; here they are along each IMU's own axes.
+    /// Reads the text of a campaign file: one campaign for each IMU of `imus`, in that order, or the one of `imu`. In a
+    /// file with `imus`, directions are those along the axes of an IMU without `mounting`; here they are along each
+    /// IMU's own axes.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

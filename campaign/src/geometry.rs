@@ -8,8 +8,8 @@
 //! ```text
 //! f = R' (0, 0, 1)' = ( sin(outer) sin(inner),  sin(outer) cos(inner),  cos(outer) )
 //! ```
-//! An input axis that points up reads +1. If the base is tilted by the small angles (tx, ty) about the laboratory's X and Y,
-//! `(0, 0, 1)` becomes `(-ty, tx, 1)`.
+//! An input axis that points up reads +1. If the base is tilted by the small angles (tx, ty) about the laboratory's X
+//! and Y, `(0, 0, 1)` becomes `(-ty, tx, 1)`.
 
 use isotherm_shared::units::ARCSEC;
 use isotherm_shared::wire::AXES;

@@ -1,10 +1,12 @@
 //! Normal gravity at a place, to notice a local gravity that cannot be right.
 
-/// Largest plausible difference between local and normal gravity \[m/s2\]: anomalies of the field are below 0.002 m/s2 almost everywhere.
+/// Largest plausible difference between local and normal gravity \[m/s2\]: anomalies of the field are below 0.002 m/s2
+/// almost everywhere.
 pub(crate) const ANOMALY: f64 = 0.003;
 
-/// Normal gravity \[m/s2\] at the geodetic latitude \[deg\] and the height above the ellipsoid \[m\], -1000 to 9000: Somigliana's formula on
-/// the ellipsoid of WGS 84, and its upward continuation to second order (NIMA TR8350.2, equations 4-1 and 4-3).
+/// Normal gravity \[m/s2\] at the geodetic latitude \[deg\] and the height above the ellipsoid \[m\], -1000 to 9000:
+/// Somigliana's formula on the ellipsoid of WGS 84, and its upward continuation to second order (NIMA TR8350.2,
+/// equations 4-1 and 4-3).
 ///
 /// ```
 /// use isotherm_campaign::normal_gravity;
@@ -43,7 +45,8 @@ mod tests {
 
     #[test]
     fn normal_gravity_is_that_of_the_ellipsoid() {
-        // At the equator and the poles by definition; at 45 degrees that of GRS 80, 9.8061992, whose equator is 1.4e-6 higher.
+        // At the equator and the poles by definition; at 45 degrees that of GRS 80, 9.8061992, whose equator is 1.4e-6
+        // higher.
         for (latitude, right) in
             [(0.0, 9.780_325_336), (90.0, 9.832_184_938), (-90.0, 9.832_184_938), (45.0, 9.806_197_77)]
         {

@@ -1,5 +1,5 @@
-//! Campaigns: what a campaign file says, where positions and turns point the IMU in its laboratory, rows summed to dwells, standstills of an
-//! IMU that is put down by hand, gravity and Earth's rate.
+//! Campaigns: what a campaign file says, where positions and turns point the IMU in its laboratory, rows summed to
+//! dwells, standstills of an IMU that is put down by hand, gravity and Earth's rate.
 //!
 //! This crate opens no file: a caller gives texts and rows.
 //!

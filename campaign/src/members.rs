@@ -1,4 +1,5 @@
-//! The IMUs of a batch: `imus` in a campaign file, or in a plan. They are on one turntable, in one chamber, at the same time.
+//! The IMUs of a batch: `imus` in a campaign file, or in a plan. They are on one turntable, in one chamber, at the same
+//! time.
 
 use crate::model::Campaign;
 use crate::mount::{mounting, nearest_rotation};
@@ -21,8 +22,8 @@ pub struct Member {
     pub imu: ImuId,
     /// Serial number, free text.
     pub serial: Option<String>,
-    /// The rotation from the batch's axes to its own: the specific force along its A1, A2, A3 is this times the one that the batch's file has. As
-    /// stated, so to a few digits.
+    /// The rotation from the batch's axes to its own: the specific force along its A1, A2, A3 is this times the one
+    /// that the batch's file has. As stated, so to a few digits.
     pub mounting: Matrix3<f64>,
 }
 
@@ -42,8 +43,8 @@ impl Member {
     }
 }
 
-/// Reads the IMUs of `imus`, whose items are `sections`; `None` if one of them is wrong. The caller may ask for more keys of the sections, and finishes
-/// them.
+/// Reads the IMUs of `imus`, whose items are `sections`; `None` if one of them is wrong. The caller may ask for more
+/// keys of the sections, and finishes them.
 #[must_use]
 pub fn members(root: &Section<'_, '_>, sections: &[Section<'_, '_>]) -> Option<Vec<Member>> {
     const IMUS: &str = "give one { id = \"imu-a\" } for each IMU, with serial and mounting if it has them";

@@ -15,8 +15,8 @@ pub struct Campaign {
     pub imu: ImuId,
     /// Serial number, free text.
     pub serial: Option<String>,
-    /// Files of the samples, relative to the campaign file: one file, or the pieces of one recording in any order. Not required with ramps
-    /// alone.
+    /// Files of the samples, relative to the campaign file: one file, or the pieces of one recording in any order. Not
+    /// required with ramps alone.
     pub samples: Vec<String>,
     /// The value of 1 g0 \[m/s2\]; it is written into the table.
     pub gravity_reference: f64,
@@ -24,16 +24,18 @@ pub struct Campaign {
     pub gravity_local: f64,
     /// Unit of the telemetry; only a label.
     pub temperature_unit: String,
-    /// The table's policy for telemetry out of range, if stated; else a fitted table clamps, and one of ramps alone keeps the policy of its predecessor `curves`.
+    /// The table's policy for telemetry out of range, if stated; else a fitted table clamps, and one of ramps alone
+    /// keeps the policy of its predecessor `curves`.
     pub out_of_range: Option<OutOfRange>,
     /// Telemetry older than this is flagged \[s\]; it is written into the table.
     pub max_age_s: Option<f64>,
-    /// Largest plausible rate of both channels together \[pulse/s\]; a higher rate means saturation. It is written into the
-    /// table.
+    /// Largest plausible rate of both channels together \[pulse/s\]; a higher rate means saturation. It is written into
+    /// the table.
     pub max_rate: Option<f64>,
     /// Least time between two set points \[s\], if stated.
     pub soak_s: Option<f64>,
-    /// The positions; none with ramps alone. If `mount` only exchanges axes or their signs, the directions are computed exactly from the angles.
+    /// The positions; none with ramps alone. If `mount` only exchanges axes or their signs, the directions are computed
+    /// exactly from the angles.
     pub positions: Vec<Position>,
     /// Orientation of the IMU on the turntable, if the angles are stated; see [`mount`](crate::mount()).
     pub mount: Option<Matrix3<f64>>,
@@ -43,18 +45,19 @@ pub struct Campaign {
     pub latitude_deg: Option<f64>,
     /// The ramps, for the transients; none if they are not estimated.
     pub ramps: Vec<Ramp>,
-    /// The table that gives what ramps alone do not show, relative to the campaign file. There with ramps alone, and only with them.
+    /// The table that gives what ramps alone do not show, relative to the campaign file. There with ramps alone, and
+    /// only with them.
     pub curves: Option<String>,
-    /// Whether gravity's length alone is the reference: the samples are recordings of an IMU put down in many attitudes, see
-    /// `gravity_only` of the calibration. Then there are no positions, turns or ramps.
+    /// Whether gravity's length alone is the reference: the samples are recordings of an IMU put down in many
+    /// attitudes, see `gravity_only` of the calibration. Then there are no positions, turns or ramps.
     pub gravity_only: bool,
     /// Where a table of order 0 is valid, in the telemetry's unit; only with `gravity_only`.
     pub temperature_range: Option<[f64; 2]>,
 }
 
 impl Campaign {
-    /// The campaign of an IMU that is put down by hand, with gravity's length as the reference: local gravity and the value of 1 g0 \[m/s2\], and the
-    /// telemetry's unit. It has no files.
+    /// The campaign of an IMU that is put down by hand, with gravity's length as the reference: local gravity and the
+    /// value of 1 g0 \[m/s2\], and the telemetry's unit. It has no files.
     ///
     /// ```
     /// use isotherm_campaign::Campaign;

@@ -1,4 +1,5 @@
-//! How the IMU sits on the turntable: the rotation from the specific force at the angles to the stated one, and what is wrong if none fits.
+//! How the IMU sits on the turntable: the rotation from the specific force at the angles to the stated one, and what is
+//! wrong if none fits.
 
 use crate::geometry::specific_force;
 use crate::position::{Position, SAME_DIRECTION};
@@ -12,9 +13,9 @@ const NEIGHBOURS: usize = 8;
 /// .. for this many positions: a file may have thousands.
 const CANDIDATES: usize = 64;
 
-/// Orientation of the IMU on the turntable: the orthogonal matrix from the specific force at the angles to the stated one,
-/// along A1, A2, A3. A matrix that only exchanges axes or their signs is returned exactly. `None` if a position has no
-/// angles, or if no such matrix explains all stated directions.
+/// Orientation of the IMU on the turntable: the orthogonal matrix from the specific force at the angles to the stated
+/// one, along A1, A2, A3. A matrix that only exchanges axes or their signs is returned exactly. `None` if a position
+/// has no angles, or if no such matrix explains all stated directions.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -48,8 +49,8 @@ fn pairs(positions: &[Position]) -> Option<Vec<Pair>> {
     positions.iter().map(pair).collect()
 }
 
-/// The orthogonal matrix that turns the forces at the angles best into the stated ones. `None` for directions in one plane: they do not
-/// determine it, nor the parameters of the accelerometers.
+/// The orthogonal matrix that turns the forces at the angles best into the stated ones. `None` for directions in one
+/// plane: they do not determine it, nor the parameters of the accelerometers.
 fn best_rotation(pairs: &[Pair]) -> Option<Matrix3<f64>> {
     nearest_orthogonal(pairs.iter().map(|(at, stated)| stated * at.transpose()).sum())
 }
@@ -69,8 +70,8 @@ fn exact_if_near(rotation: Matrix3<f64>) -> Matrix3<f64> {
     if (rotation - exact).amax() < SAME_DIRECTION { exact } else { rotation }
 }
 
-/// The rotation that a matrix of a few digits states. A matrix that only exchanges axes or their signs is returned exactly. `None` if the matrix has
-/// a rank under 3.
+/// The rotation that a matrix of a few digits states. A matrix that only exchanges axes or their signs is returned
+/// exactly. `None` if the matrix has a rank under 3.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -89,8 +90,8 @@ pub fn nearest_rotation(matrix: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     nearest_orthogonal(*matrix).map(exact_if_near)
 }
 
-/// The key `mounting` of a section: the rotation from the turntable's axes to the IMU's, as stated; the identity if there is no such key. `None`,
-/// and a fault, if it is no rotation to a few digits.
+/// The key `mounting` of a section: the rotation from the turntable's axes to the IMU's, as stated; the identity if
+/// there is no such key. `None`, and a fault, if it is no rotation to a few digits.
 #[must_use]
 pub fn mounting(section: &Section<'_, '_>) -> Option<Matrix3<f64>> {
     if !section.has("mounting") {
@@ -116,9 +117,9 @@ fn misfit(rotation: &Matrix3<f64>, (at, stated): &Pair) -> f64 {
     (rotation * at - stated).amax()
 }
 
-/// The positions whose angles and stated directions do not fit each other, while those of three quarters do. `None` if a mounting of the IMU
-/// explains all of them, see [`mount`], if a position has no angles, or if no mounting explains most of them: a turntable may have other
-/// axes and zeros than ours.
+/// The positions whose angles and stated directions do not fit each other, while those of three quarters do. `None` if
+/// a mounting of the IMU explains all of them, see [`mount`], if a position has no angles, or if no mounting explains
+/// most of them: a turntable may have other axes and zeros than ours.
 #[must_use]
 pub(crate) fn contradiction(positions: &[Position]) -> Option<String> {
     if mount(positions).is_some() {
@@ -172,7 +173,8 @@ pub(crate) fn contradiction(positions: &[Position]) -> Option<String> {
     }
 }
 
-/// What to add to every outer angle, so that angles and stated directions fit: 90 or -90 \[deg\]; `None` if neither does.
+/// What to add to every outer angle, so that angles and stated directions fit: 90 or -90 \[deg\]; `None` if neither
+/// does.
 #[must_use]
 pub fn other_zero(positions: &[Position]) -> Option<f64> {
     let turned = |off: f64| {

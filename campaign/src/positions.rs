@@ -1,4 +1,5 @@
-//! Positions of the two-axis turntable: the specific force in each, and the parameters that a list of positions determines.
+//! Positions of the two-axis turntable: the specific force in each, and the parameters that a list of positions
+//! determines.
 //!
 //! [`crate::geometry`] has the convention of the angles.
 

@@ -24,8 +24,9 @@ use isotherm_shared::wire::{MAX_INTERVAL_NS, RawSample};
 /// ```
 ///
 /// # Errors
-/// At the first row that cannot be read or used, with its line: an unknown position, a timestamp that does not increase, an
-/// interval out of range or longer than the time since the previous row, telemetry that is not finite, a full counter.
+/// At the first row that cannot be read or used, with its line: an unknown position, a timestamp that does not
+/// increase, an interval out of range or longer than the time since the previous row, telemetry that is not finite, a
+/// full counter.
 pub fn read_dwells(
     campaign: &Campaign,
     rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,

@@ -1,15 +1,16 @@
 //! Standstills: the parts of a recording in which the IMU was at rest, found from its counts alone.
 //!
-//! The variance of each accelerometer's counts over windows of W rows is compared with the noise of the recording itself, so that no threshold
-//! is to be set:
+//! The variance of each accelerometer's counts over windows of W rows is compared with the noise of the recording
+//! itself, so that no threshold is to be set:
 //!
 //! ```text
 //! S = ln( mean over the axes of max(variance, 1/4) / noise^2 ),    noise^2: the mode of the windows' variances
-//! at rest: S < m + z s,    m: mode of S,  s^2 = mean of (S - m)^2 over the windows below m,  z: normal quantile of 1 - W/rows
+//! at rest: S < m + z s,    m: mode of S,  s^2 = mean of (S - m)^2 over the windows below m
+//!          z: normal quantile of 1 - W/rows
 //! ```
-//! Counts of one that alternate have a variance of 1/4. Movement cannot make a window quieter, so the windows below the mode show the scatter of
-//! those at rest. It is at least sqrt(2/(3 (W - 1))), that of white noise on three axes. z stands for a false alarms in a
-//! recording: one where standstills are wanted, far fewer where a long stretch is.
+//! Counts of one that alternate have a variance of 1/4. Movement cannot make a window quieter, so the windows below the
+//! mode show the scatter of those at rest. It is at least sqrt(2/(3 (W - 1))), that of white noise on three axes. z
+//! stands for a false alarms in a recording: one where standstills are wanted, far fewer where a long stretch is.
 
 use isotherm_shared::wire::{AXES, RawSample};
 use statrs::function::erf::erfc_inv;
@@ -71,7 +72,8 @@ pub enum StandstillError {
     },
 }
 
-/// The stretches of `rows` without a gap: no row comes later than 1.5 intervals after the row before, and the session is the same.
+/// The stretches of `rows` without a gap: no row comes later than 1.5 intervals after the row before, and the session
+/// is the same.
 #[must_use]
 pub fn stretches(rows: &[RawSample]) -> Vec<Range<usize>> {
     let breaks = |pair: &[RawSample]| {
@@ -83,7 +85,8 @@ pub fn stretches(rows: &[RawSample]) -> Vec<Range<usize>> {
     starts.windows(2).map(|ends| ends[0]..ends[1]).filter(|rows| !rows.is_empty()).collect()
 }
 
-/// Begin of each row after that of the first one \[ns\]. A new session has a new clock; its rows follow those before without a pause.
+/// Begin of each row after that of the first one \[ns\]. A new session has a new clock; its rows follow those before
+/// without a pause.
 #[must_use]
 pub fn begins_ns(rows: &[RawSample]) -> Vec<u64> {
     let (mut begins, mut offset_ns): (Vec<u64>, i128) = (Vec::with_capacity(rows.len()), 0);
@@ -103,7 +106,8 @@ pub fn begins_ns(rows: &[RawSample]) -> Vec<u64> {
     begins
 }
 
-/// Finds the standstills of a recording. A window has `window_s` seconds, at least ten rows. `false_alarms` is [`TUMBLED`] or [`AT_REST`].
+/// Finds the standstills of a recording. A window has `window_s` seconds, at least ten rows. `false_alarms` is
+/// [`TUMBLED`] or [`AT_REST`].
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -223,7 +227,8 @@ impl Windows {
         let mut runs: Vec<[usize; 2]> = Vec::new();
         for window in (0..at_rest.len()).filter(|window| at_rest[*window]) {
             match runs.last_mut() {
-                // Every row up to this window is in one at rest: a false alarm lies between, unless the attitude is another.
+                // Every row up to this window is in one at rest: a false alarm lies between, unless the attitude is
+                // another.
                 Some([_, last]) if window <= *last + self.window_rows && self.is_same(*last, window, noise) => {
                     *last = window;
                 }
@@ -258,7 +263,8 @@ fn middle(mut values: Vec<f64>) -> f64 {
     if values.is_empty() { 1.0 } else { *values.select_nth_unstable_by(half, f64::total_cmp).1 }
 }
 
-/// The half-sample mode: the half of the values that lies closest together, again and again (Bickel and Fruehwirth 2006).
+/// The half-sample mode: the half of the values that lies closest together, again and again (Bickel and
+/// Fruehwirth 2006).
 fn mode(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let mut part = values.as_slice();

@@ -62,7 +62,8 @@ const AXIS: &str = "the unit vector of the axis in IMU coordinates, for example 
 const FORCE: &str =
     "the direction of the specific force along A1, A2, A3 at the start, in units of the local gravity, length 1";
 
-/// Reads the turns of a campaign file, or of the plan of one; `None` if one of them is wrong. `positions` is `None` if they are wrong themselves.
+/// Reads the turns of a campaign file, or of the plan of one; `None` if one of them is wrong. `positions` is `None` if
+/// they are wrong themselves.
 pub fn turns(
     root: &Section<'_, '_>,
     positions: Option<&Vec<Position>>,
@@ -158,7 +159,8 @@ fn turn(section: &Section<'_, '_>, angles_wanted: Option<bool>, mount: Option<Ma
 
 type OnTheTable = (Vector3<f64>, Vector3<f64>, Option<(TableAxis, f64)>);
 
-/// Axis, specific force and the turntable's axis, computed from the angles; a fault if they do not agree with what is stated.
+/// Axis, specific force and the turntable's axis, computed from the angles; a fault if they do not agree with what is
+/// stated.
 fn on_the_table(
     section: &Section<'_, '_>,
     axis: Vector3<f64>,

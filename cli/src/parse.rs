@@ -84,7 +84,8 @@ pub(crate) fn sizes(text: &str) -> Result<[f64; 2], String> {
     if sizes.iter().all(|size| *size >= 0.0) { Ok(sizes) } else { Err("neither may be negative".to_owned()) }
 }
 
-/// Amplitude \[g0\] and frequency \[Hz\]. The frequency has a limit, because the simulation takes 20 steps for each cycle.
+/// Amplitude \[g0\] and frequency \[Hz\]. The frequency has a limit, because the simulation takes 20 steps for each
+/// cycle.
 pub(crate) fn vibration(text: &str) -> Result<[f64; 2], String> {
     let [amplitude, frequency] = sizes(text)?;
     if amplitude <= 100.0 && frequency <= 2000.0 {

@@ -19,7 +19,8 @@ fn campaign() -> String {
     text.replace("imu = \"imu-paper\"\nsamples = \"samples.csv\"", imus)
 }
 
-/// The samples of the example as an IMU sees them that is turned by a quarter about A3: its A1 is along the old A2, its A2 against the old A1.
+/// The samples of the example as an IMU sees them that is turned by a quarter about A3: its A1 is along the old A2, its
+/// A2 against the old A1.
 fn turned(samples: &str) -> String {
     let mut lines = samples.lines();
     let header: Vec<_> = lines.next().unwrap().split(',').collect();
@@ -208,7 +209,8 @@ fn five_real_units_without_a_turntable() {
         let published: f64 = published.parse().unwrap();
         assert!((found.as_f64().unwrap() / 1e3 - published).abs() < 0.2, "{found} {published}");
     }
-    // One temperature: a constant is one quantity, and a single K too. Three biases, three K, three misalignments, the residual.
+    // One temperature: a constant is one quantity, and a single K too. Three biases, three K, three misalignments, the
+    // residual.
     assert_eq!(document["batch"]["quantities"].as_array().unwrap().len(), 10, "{out}");
     assert_eq!(document["batch"]["stand_outs"], serde_json::json!([]));
     assert!(fs::read_to_string(at("batch.html")).unwrap().contains("No unit stands out"));

@@ -114,7 +114,8 @@ fn the_closed_loop() {
     let (out, err) = run(folder.path(), 1, &part);
     assert!(err.contains("is not met:\n  Nothing can be claimed: 1580 of 1620 windows"), "{err}");
     assert!(out.contains(" ug0, at most 20.000 ug0 is required: not judged"), "{out}");
-    // The first rows are at one temperature, and show nothing of the others. Of fewer than 12 windows nothing is judged.
+    // The first rows are at one temperature, and show nothing of the others. Of fewer than 12 windows nothing is
+    // judged.
     let first =
         |rows: usize| fs::write(at("first.csv"), raw.lines().take(1 + rows).collect::<Vec<_>>().join("\n") + "\n");
     let arguments =
@@ -506,7 +507,8 @@ fn regress_writes_what_scripts_rely_on() {
     assert!(err.contains("bad.csv:3: y is \"one\", give a finite number, 0 or of size"), "{err}");
 }
 
-/// Telemetry, the same behind a lag, a column whose name has a minus sign, and a quantity that depends on all, with these separators.
+/// Telemetry, the same behind a lag, a column whose name has a minus sign, and a quantity that depends on all, with
+/// these separators.
 fn ramp(separator: &str, decimal: &str, rows: i32) -> String {
     let header = ["u", "u_lagged", "board-2", "y"].join(separator);
     let row = |i: i32| {

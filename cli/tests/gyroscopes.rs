@@ -73,8 +73,8 @@ fn document(folder: &Path, code: i32, more: &[&str]) -> Value {
     serde_json::from_str(&run(folder, code, &arguments).0).unwrap()
 }
 
-/// Largest differences of the table from a right value: D \[deg/h\], K \[ppm\], s \[deg/h/g0\]. `right` gives them by gyroscope: key and
-/// telemetry to value.
+/// Largest differences of the table from a right value: D \[deg/h\], K \[ppm\], s \[deg/h/g0\]. `right` gives them by
+/// gyroscope: key and telemetry to value.
 fn differences(table: &CoefficientTable, against: &Value, reference: bool) -> [f64; 3] {
     let gyroscopes = table.content().gyroscopes.as_ref().unwrap();
     let mut worst = [0.0_f64; 3];

@@ -1,5 +1,5 @@
-//! `calibrate` with ramps, as a user types it: beside positions and alone, with a time constant that is found, given or refused, and what
-//! becomes of recordings that show nothing.
+//! `calibrate` with ramps, as a user types it: beside positions and alone, with a time constant that is found, given or
+//! refused, and what becomes of recordings that show nothing.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 mod common;

@@ -1,4 +1,5 @@
-//! `simulate campaign` and `simulate run` of a whole IMU as a user types them. The physics is tested in `calibration/tests/gyroscopes`.
+//! `simulate campaign` and `simulate run` of a whole IMU as a user types them. The physics is tested in
+//! `calibration/tests/gyroscopes`.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_calibration::{CalibrationOptions, calibrate, read_measurements};
@@ -44,7 +45,8 @@ fn header(path: &Path) -> String {
     fs::read_to_string(path).unwrap().lines().next().unwrap().to_owned()
 }
 
-/// Calibrates the campaign in `folder` with the library. The worst errors against its truth: D \[deg/h\], K \[ppm\], s \[deg/h/g0\], M \[rad\].
+/// Calibrates the campaign in `folder` with the library. The worst errors against its truth: D \[deg/h\], K \[ppm\], s
+/// \[deg/h/g0\], M \[rad\].
 fn errors(folder: &Path) -> [f64; 4] {
     let campaign = Campaign::from_toml(&fs::read_to_string(folder.join("campaign.toml")).unwrap()).unwrap();
     let rows = CampaignCsvReader::new(File::open(folder.join("samples.csv")).unwrap()).unwrap();
@@ -118,7 +120,8 @@ fn a_truth_with_gyroscopes_gives_a_run_with_them_at_angles_that_it_says() {
     let provenance = &truth["provenance"];
     let [outer, inner] = ["outer_deg", "inner_deg"].map(|key| provenance[key].as_float().unwrap());
     assert!((outer - 135.0).abs() < 0.01 && (inner.min(360.0 - inner)) < 0.01, "{outer} {inner}");
-    // Over the first hold of an hour the truth gives Earth's rate at these angles: a random walk of 0.003 deg/sqrt(h), an offset of 0.003 deg/h of the visit.
+    // Over the first hold of an hour the truth gives Earth's rate at these angles: a random walk of 0.003 deg/sqrt(h),
+    // an offset of 0.003 deg/h of the visit.
     let earth = numbers(&provenance["earth_rate_deg_h"]);
     let axes = laboratory_axes(outer, inner);
     let table = table(&at("run/truth.toml"));

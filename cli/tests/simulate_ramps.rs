@@ -188,7 +188,8 @@ fn a_run_both_ways_is_behind_while_it_heats_and_ahead_while_it_cools() {
     assert_eq!(names(&path), ["run.csv", "truth.toml"]);
     let truth = table(&path.join("truth.toml"));
     let specific_force = [0.6, -0.48, 0.64];
-    // Mean error of the static terms about 10 degC, where heads are at 2.5 V: of a quarter of an hour in each direction.
+    // Mean error of the static terms about 10 degC, where heads are at 2.5 V: of a quarter of an hour in each
+    // direction.
     let mut rates = [[0.0; 3]; 2];
     let mut counts = [0.0; 2];
     let rows: Vec<_> =

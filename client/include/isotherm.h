@@ -170,8 +170,8 @@
 #define ISOTHERM_FLAG_TELEMETRY_STALE (UINT64_C(1) << 20)
 
 /**
- * A bias had to do without its transient term: the sample's time constant is not the table's, or the lag difference is not
- * finite or larger than the bias's range.
+ * A bias had to do without its transient term: the sample's time constant is not the table's, or the lag difference is
+ * not finite or larger than the bias's range.
  */
 #define ISOTHERM_FLAG_LAG_UNKNOWN (UINT64_C(1) << 21)
 
@@ -196,8 +196,8 @@
 #define ISOTHERM_FLAG_LATE (UINT64_C(1) << 25)
 
 /**
- * No sequence is missing before this sample, and its `timestamp_ns` is not one `interval_ns` after that of the sample before: the step
- * differs from the interval by more than half of it. Time was lost, or the interval is wrong.
+ * No sequence is missing before this sample, and its `timestamp_ns` is not one `interval_ns` after that of the sample
+ * before: the step differs from the interval by more than half of it. Time was lost, or the interval is wrong.
  */
 #define ISOTHERM_FLAG_TIME_STEP (UINT64_C(1) << 26)
 
@@ -297,8 +297,8 @@
 #define ISOTHERM_MASK_INVALID (((((((ISOTHERM_FLAG_INTERVAL | ISOTHERM_FLAG_NO_TABLE) | ISOTHERM_FLAG_A1_NOT_FINITE) | ISOTHERM_FLAG_A2_NOT_FINITE) | ISOTHERM_FLAG_A3_NOT_FINITE) | ISOTHERM_FLAG_G1_NOT_FINITE) | ISOTHERM_FLAG_G2_NOT_FINITE) | ISOTHERM_FLAG_G3_NOT_FINITE)
 
 /**
- * Mask: computed, outside of what the calibration covers or without a part of it; the ranges give NaN where the table's policy is
- * `reject`. Ranges, rate, telemetry-stale, lag-unknown, other-device, g-unknown.
+ * Mask: computed, outside of what the calibration covers or without a part of it; the ranges give NaN where the
+ * table's policy is `reject`. Ranges, rate, telemetry-stale, lag-unknown, other-device, g-unknown.
  */
 #define ISOTHERM_MASK_DEGRADED (1002750317137919 | ISOTHERM_FLAG_G_UNKNOWN)
 
@@ -321,13 +321,14 @@
  * For isotherm_options: the time constant of the table in force. It is 0, so that it is the default.
  *
  * It is read from the status of the service when the acquisition connects, and again when an increment is flagged
- * ISOTHERM_FLAG_LAG_UNKNOWN: if the table has another one after a reload, a few samples are flagged, until the next readings. Connecting
- * waits for the status beyond its time-out, 0.1 s or less, and 1 s for a service that hangs.
+ * ISOTHERM_FLAG_LAG_UNKNOWN: if the table has another one after a reload, a few samples are flagged, until the next
+ * readings. Connecting waits for the status beyond its time-out, 0.1 s or less, and 1 s for a service that hangs.
  */
 #define ISOTHERM_LAG_SERVICE 0.0
 
 /**
- * For isotherm_options: the library keeps no lag. `lag_ns` and `head_lagged` are sent as the application fills them in.
+ * For isotherm_options: the library keeps no lag. `lag_ns` and `head_lagged` are sent as the application fills them
+ * in.
  */
 #define ISOTHERM_LAG_NONE (-1.0)
 
@@ -354,18 +355,18 @@ enum isotherm_code
      */
     ISOTHERM_NONE = 1,
     /**
-     * As many samples are unanswered as the service's queue holds. The sample has not been sent and is still yours: wait and
-     * send it again, add the next sample to it with isotherm_merge, or discard it, which is a gap.
+     * As many samples are unanswered as the service's queue holds. The sample has not been sent and is still yours:
+     * wait and send it again, add the next sample to it with isotherm_merge, or discard it, which is a gap.
      */
     ISOTHERM_FULL = 2,
     /**
-     * The sample was sent, but its increment did not come in time. It stays in flight: it is sent again when a new service has
-     * started, and its late increment is kept for isotherm_receive.
+     * The sample was sent, but its increment did not come in time. It stays in flight: it is sent again when a new
+     * service has started, and its late increment is kept for isotherm_receive.
      */
     ISOTHERM_TIMEOUT = 3,
     /**
-     * The acquisition is closed. Control periods were lost, or samples were unanswered: the message has their numbers, and the service keeps
-     * them in its status.
+     * The acquisition is closed. Control periods were lost, or samples were unanswered: the message has their numbers,
+     * and the service keeps them in its status.
      */
     ISOTHERM_LOST = 4,
     /**
@@ -373,7 +374,8 @@ enum isotherm_code
      */
     ISOTHERM_ERROR_NULL = -1,
     /**
-     * The name of an IMU or a domain is not 1 to 32 of a-z 0-9 - _, or the domain's folder (ISOTHERM_ROOT) cannot be used.
+     * The name of an IMU or a domain is not 1 to 32 of a-z 0-9 - _, or the domain's folder (ISOTHERM_ROOT) cannot be
+     * used.
      */
     ISOTHERM_ERROR_NAME = -2,
     /**
@@ -401,8 +403,8 @@ enum isotherm_code
      */
     ISOTHERM_ERROR_EXHAUSTED = -8,
     /**
-     * The transport failed; the message has the phase and the cause. A sample that was being sent is lost, and the service will
-     * flag the gap.
+     * The transport failed; the message has the phase and the cause. A sample that was being sent is lost, and the
+     * service will flag the gap.
      */
     ISOTHERM_ERROR_TRANSPORT = -9,
     /**
@@ -422,7 +424,8 @@ enum isotherm_code
      */
     ISOTHERM_ERROR_IN_FLIGHT = -13,
     /**
-     * The two samples cannot be summed: a channel's pulses exceed 32 bits, or the interval one hour. Neither has changed.
+     * The two samples cannot be summed: a channel's pulses exceed 32 bits, or the interval one hour. Neither has
+     * changed.
      */
     ISOTHERM_ERROR_MERGE = -14,
     /**
@@ -430,7 +433,8 @@ enum isotherm_code
      */
     ISOTHERM_ERROR_REALTIME = -15,
     /**
-     * Another call uses this handle at this moment, in another thread or interrupted by a signal handler. Nothing has been done.
+     * Another call uses this handle at this moment, in another thread or interrupted by a signal handler. Nothing has
+     * been done.
      */
     ISOTHERM_ERROR_BUSY = -16,
     /**
@@ -438,12 +442,13 @@ enum isotherm_code
      */
     ISOTHERM_ERROR_FORKED = -17,
     /**
-     * A fault of this library, in this call or in an earlier one with the same handle. The handle can only be closed now. Please
-     * report the fault, with the text on stderr.
+     * A fault of this library, in this call or in an earlier one with the same handle. The handle can only be closed
+     * now. Please report the fault, with the text on stderr.
      */
     ISOTHERM_ERROR_INTERNAL = -18,
     /**
-     * A value that cannot be: the number of a sensor, a time constant, a serial number that is not UTF-8, or the size of isotherm_options.
+     * A value that cannot be: the number of a sensor, a time constant, a serial number that is not UTF-8, or the size
+     * of isotherm_options.
      */
     ISOTHERM_ERROR_VALUE = -19,
     /**
@@ -460,40 +465,41 @@ typedef int32_t isotherm_code;
 #endif // __cplusplus
 
 /**
- * The one acquisition process of an IMU. It sends raw samples and receives their increments, each once and in the order of
- * sending.
+ * The one acquisition process of an IMU. It sends raw samples and receives their increments, each once and in the
+ * order of sending.
  */
 typedef struct isotherm_acquisition isotherm_acquisition;
 
 /**
- * Reads the increments of one IMU as they are published: for navigation and loggers. Each (session, sequence) is returned once.
- * A reader cannot disturb other processes. If it sleeps for more than 512 increments, the oldest are overwritten, which is a gap
- * in `sequence`.
+ * Reads the increments of one IMU as they are published: for navigation and loggers. Each (session, sequence) is
+ * returned once. A reader cannot disturb other processes. If it sleeps for more than 512 increments, the oldest are
+ * overwritten, which is a gap in `sequence`.
  */
 typedef struct isotherm_reader isotherm_reader;
 
 /**
- * How an acquisition reaches the service, and what it tells it. A field that is 0 or NULL has its default, so begin with
- * `isotherm_options options = {0};`.
+ * How an acquisition reaches the service, and what it tells it. A field that is 0 or NULL has its default, so begin
+ * with `isotherm_options options = {0};`.
  */
 typedef struct {
     /**
-     * sizeof(isotherm_options), or 0. A later version may add fields at the end: it reads only those that the size has, and with 0 those of
-     * this version.
+     * sizeof(isotherm_options), or 0. A later version may add fields at the end: it reads only those that the size
+     * has, and with 0 those of this version.
      */
     uint64_t size;
     /**
-     * Name of the service's domain. If it is NULL, the environment variable ISOTHERM_DOMAIN names the domain, else it is "default".
+     * Name of the service's domain. If it is NULL, the environment variable ISOTHERM_DOMAIN names the domain, else it
+     * is "default".
      */
     const char *domain;
     /**
-     * How long connecting may take [ns]. This includes waiting for a service that has not started yet. 0 is the default, 5 s;
-     * ISOTHERM_NO_WAIT does not wait.
+     * How long connecting may take [ns]. This includes waiting for a service that has not started yet. 0 is the
+     * default, 5 s; ISOTHERM_NO_WAIT does not wait.
      */
     uint64_t timeout_ns;
     /**
-     * Serial number of the unit, in UTF-8; NULL if it is not known. The service flags samples of another unit than the table's. Outer
-     * blanks do not count.
+     * Serial number of the unit, in UTF-8; NULL if it is not known. The service flags samples of another unit than the
+     * table's. Outer blanks do not count.
      */
     const char *serial;
     /**
@@ -611,8 +617,8 @@ typedef struct {
      */
     uint64_t flags;
     /**
-     * Time from the raw sample's `sent_ns` to just before publishing [ns]. If `sent_ns` is unknown, the time counts from when the
-     * service found the sample.
+     * Time from the raw sample's `sent_ns` to just before publishing [ns]. If `sent_ns` is unknown, the time counts
+     * from when the service found the sample.
      */
     uint64_t latency_ns;
 } isotherm_compensated_increment;
@@ -634,8 +640,8 @@ typedef struct {
      */
     double lagged;
     /**
-     * The share of the lagged telemetry that rests on an unknown start, 0 to 1; 0 where the sensor was soaked. Over 0.05 samples are sent
-     * without it.
+     * The share of the lagged telemetry that rests on an unknown start, 0 to 1; 0 where the sensor was soaked.
+     * Over 0.05 samples are sent without it.
      */
     double unknown;
 } isotherm_lagged_reading;
@@ -660,59 +666,61 @@ extern "C" {
  * `imu` is the IMU's name. If `options` is NULL, all have their defaults. The handle is written to
  * `*acquisition`; NULL is written if the call fails. Close the handle with isotherm_acquisition_close.
  *
- * ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._OCCUPIED, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED,
- * .._TRANSPORT, .._VALUE for a serial number that is not UTF-8, a `lag_s` that is no time constant, or another `size`.
+ * ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._OCCUPIED, .._NO_ROOM, .._PERMISSION,
+ * .._EXHAUSTED, .._TRANSPORT, .._VALUE for a serial number that is not UTF-8, a `lag_s` that is no time constant, or
+ * another `size`.
  */
 isotherm_code isotherm_acquisition_connect(const char *imu,
                                            const isotherm_options *options,
                                            isotherm_acquisition **acquisition);
 
 /**
- * Leaves the streams and frees the handle, with all samples that are on loan from it, which count as lost. NULL is allowed.
+ * Leaves the streams and frees the handle, with all samples that are on loan from it, which count as lost. NULL is
+ * allowed.
  *
- * ISOTHERM_OK; ISOTHERM_LOST if control periods were not sent (isotherm_lost) or samples are unanswered (isotherm_in_flight): the handle is
- * closed all the same. After ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED the handle is still open.
+ * ISOTHERM_OK; ISOTHERM_LOST if control periods were not sent (isotherm_lost) or samples are unanswered
+ * (isotherm_in_flight): the handle is closed all the same. After ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED the
+ * handle is still open.
  */
 isotherm_code isotherm_acquisition_close(isotherm_acquisition *acquisition);
 
 /**
- * Loans a sample in shared memory, to be filled in; sending does not copy it. `*sample` is yours until it is sent or discarded,
- * or until the handle is closed. At most ISOTHERM_LOANS samples may be on loan at once.
+ * Loans a sample in shared memory, to be filled in; sending does not copy it. `*sample` is yours until it is sent or
+ * discarded, or until the handle is closed. At most ISOTHERM_LOANS samples may be on loan at once.
  *
- * `session` and `sequence` are set already; all other fields are 0. Set them, except `sent_ns`, `device` and what isotherm_reading is
- * for: `lag_ns` and `head_lagged`. `sequence` is one above the highest that was loaned or sent in the session: a sample that is discarded
- * leaves its sequence out, and the service flags the gap. If periods were lost before they could be loaned, raise `sequence` by their
- * number.
+ * `session` and `sequence` are set already; all other fields are 0. Set them, except `sent_ns`, `device` and what
+ * isotherm_reading is for: `lag_ns` and `head_lagged`. `sequence` is one above the highest that was loaned or sent in
+ * the session: a sample that is discarded leaves its sequence out, and the service flags the gap. If periods were lost
+ * before they could be loaned, raise `sequence` by their number.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_TRANSPORT.
  */
-isotherm_code isotherm_loan(isotherm_acquisition *acquisition,
-                            isotherm_raw_sample **sample);
+isotherm_code isotherm_loan(isotherm_acquisition *acquisition, isotherm_raw_sample **sample);
 
 /**
- * Gives a sample back without sending it: its control period is lost. Its sequence is left out, so that the service flags the gap.
+ * Gives a sample back without sending it: its control period is lost. Its sequence is left out, so that the service
+ * flags the gap.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_NOT_ON_LOAN.
  */
-isotherm_code isotherm_discard(isotherm_acquisition *acquisition,
-                               isotherm_raw_sample *sample);
+isotherm_code isotherm_discard(isotherm_acquisition *acquisition, isotherm_raw_sample *sample);
 
 /**
- * Gives a sample back that stands for no control period, as at the end of a recording, and takes its sequence back. Only that of the last
- * loan: the sequence of an earlier one stays left out.
+ * Gives a sample back that stands for no control period, as at the end of a recording, and takes its sequence back.
+ * Only that of the last loan: the sequence of an earlier one stays left out.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_NOT_ON_LOAN.
  */
-isotherm_code isotherm_cancel(isotherm_acquisition *acquisition,
-                              isotherm_raw_sample *sample);
+isotherm_code isotherm_cancel(isotherm_acquisition *acquisition, isotherm_raw_sample *sample);
 
 /**
- * Adds the next control period to a sample: pulses and intervals are summed, timestamp, telemetry and device become the later
- * ones, session, sequence and `sent_ns` stay. If `later` is on loan from this acquisition, its loan is cancelled, as by isotherm_cancel:
- * its pointer must not be used any more. Else it does not change. Either may be a sample of your own; `acquisition` may be NULL if both are.
+ * Adds the next control period to a sample: pulses and intervals are summed, timestamp, telemetry and device become
+ * the later ones, session, sequence and `sent_ns` stay. If `later` is on loan from this acquisition, its loan is
+ * cancelled, as by isotherm_cancel: its pointer must not be used any more. Else it does not change. Either may be a
+ * sample of your own; `acquisition` may be NULL if both are.
  *
- * The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same in both
- * periods. Use it when the service had no room for a sample.
+ * The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same
+ * in both periods. Use it when the service had no room for a sample.
  *
  * ISOTHERM_OK; ISOTHERM_ERROR_MERGE, after which neither has changed, and a loan is still yours.
  */
@@ -721,37 +729,35 @@ isotherm_code isotherm_merge(isotherm_acquisition *acquisition,
                              const isotherm_raw_sample *later);
 
 /**
- * Sends a sample and wakes the service. Never waits, and the transport never copies the sample. `device` is set, and `lag_ns` with the
- * lagged telemetry, where they are 0.
+ * Sends a sample and wakes the service. Never waits, and the transport never copies the sample. `device` is set, and
+ * `lag_ns` with the lagged telemetry, where they are 0.
  *
  * After ISOTHERM_OK and ISOTHERM_ERROR_TRANSPORT the sample's pointer must not be used any more.
  * After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours.
  *
  * ISOTHERM_OK, ISOTHERM_FULL, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_SEQUENCE, ISOTHERM_ERROR_TRANSPORT.
  */
-isotherm_code isotherm_send(isotherm_acquisition *acquisition,
-                            isotherm_raw_sample *sample);
+isotherm_code isotherm_send(isotherm_acquisition *acquisition, isotherm_raw_sample *sample);
 
 /**
- * Goes through the motions of sending a sample and receiving its increment, so that the next sample finds its way warm. Nobody else sees
- * anything of it. Call it while you wait for the end of a control period, some tens of microseconds before it; it takes about a
- * microsecond, in cold caches some ten.
+ * Goes through the motions of sending a sample and receiving its increment, so that the next sample finds its way
+ * warm. Nobody else sees anything of it. Call it while you wait for the end of a control period, some tens of
+ * microseconds before it; it takes about a microsecond, in cold caches some ten.
  *
  * ISOTHERM_OK.
  */
 isotherm_code isotherm_prepare(isotherm_acquisition *acquisition);
 
 /**
- * The increment of the oldest unanswered sample, if it has come. Does not wait. First come the late increments that isotherm_compensate
- * has kept aside.
+ * The increment of the oldest unanswered sample, if it has come. Does not wait. First come the late increments that
+ * isotherm_compensate has kept aside.
  *
  * While samples are unanswered it also checks, about every 5 ms, whether the service has been replaced. If so, it
  * sends the unanswered samples again. So call it repeatedly while you wait.
  *
  * ISOTHERM_OK, ISOTHERM_NONE, ISOTHERM_ERROR_TRANSPORT.
  */
-isotherm_code isotherm_receive(isotherm_acquisition *acquisition,
-                               isotherm_compensated_increment *increment);
+isotherm_code isotherm_receive(isotherm_acquisition *acquisition, isotherm_compensated_increment *increment);
 
 /**
  * As isotherm_receive, but waits up to `timeout_ns`: it spins for the first 100 us, then sleeps for short times.
@@ -762,8 +768,8 @@ isotherm_code isotherm_receive_timeout(isotherm_acquisition *acquisition,
 
 /**
  * The round trip in one call: sends a sample and waits up to `timeout_ns` for its increment. Late increments of
- * samples sent earlier are kept aside for isotherm_receive: at most isotherm_depth, then the oldest is dropped. They count neither as in
- * flight nor for a full queue. A time-out of 0 does not wait.
+ * samples sent earlier are kept aside for isotherm_receive: at most isotherm_depth, then the oldest is dropped. They
+ * count neither as in flight nor for a full queue. A time-out of 0 does not wait.
  *
  * After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours. After ISOTHERM_OK, ISOTHERM_TIMEOUT and
  * ISOTHERM_ERROR_TRANSPORT its pointer must not be used any more.
@@ -787,13 +793,15 @@ size_t isotherm_depth(const isotherm_acquisition *acquisition);
 size_t isotherm_in_flight(const isotherm_acquisition *acquisition);
 
 /**
- * Control periods, of all sessions of this connection, that have a sequence and were not sent: samples that were discarded or are still on
- * loan, sequences that were left out, and samples whose sending has failed. 0 for a handle that cannot be used.
+ * Control periods, of all sessions of this connection, that have a sequence and were not sent: samples that were
+ * discarded or are still on loan, sequences that were left out, and samples whose sending has failed. 0 for a handle
+ * that cannot be used.
  */
 uint64_t isotherm_lost(const isotherm_acquisition *acquisition);
 
 /**
- * Late increments that were dropped because isotherm_depth of them waited for isotherm_receive already. 0 for a handle that cannot be used.
+ * Late increments that were dropped because isotherm_depth of them waited for isotherm_receive already. 0 for a handle
+ * that cannot be used.
  */
 uint64_t isotherm_dropped_answers(const isotherm_acquisition *acquisition);
 
@@ -803,36 +811,35 @@ uint64_t isotherm_dropped_answers(const isotherm_acquisition *acquisition);
 uint64_t isotherm_session(const isotherm_acquisition *acquisition);
 
 /**
- * Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless isotherm_restore_lag or
- * isotherm_forget_lag follows.
+ * Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless
+ * isotherm_restore_lag or isotherm_forget_lag follows.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_IN_FLIGHT if samples are unanswered.
  */
 isotherm_code isotherm_begin_session(isotherm_acquisition *acquisition);
 
 /**
- * The message of this thread's last call that returned neither ISOTHERM_OK nor ISOTHERM_NONE: phase, cause and remedy, in UTF-8.
- * Empty if there was no such call; never NULL. Valid until the thread's next such call or its end: copy it if you keep it.
+ * The message of this thread's last call that returned neither ISOTHERM_OK nor ISOTHERM_NONE: phase, cause and remedy,
+ * in UTF-8. Empty if there was no such call; never NULL. Valid until the thread's next such call or its end: copy it
+ * if you keep it.
  */
 const char *isotherm_error_message(void);
 
 /**
- * Takes a new reading of a sensor's head telemetry, in the table's unit, measured at `time_ns` on your clock. Every sample that is sent
- * later carries the lagged telemetry of all readings so far, in `lag_ns` and `head_lagged`.
+ * Takes a new reading of a sensor's head telemetry, in the table's unit, measured at `time_ns` on your clock. Every
+ * sample that is sent later carries the lagged telemetry of all readings so far, in `lag_ns` and `head_lagged`.
  *
- * `sensor` is 0 to 5 for A1, A2, A3, G1, G2, G3. Call it for every sensor that the IMU has, and once for each new measurement, not for
- * each sample. A value that is not finite, or has the time of the last reading, is no reading.
+ * `sensor` is 0 to 5 for A1, A2, A3, G1, G2, G3. Call it for every sensor that the IMU has, and once for each new
+ * measurement, not for each sample. A value that is not finite, or has the time of the last reading, is no reading.
  * docs/temperature-in-motion.md has the formula.
  *
- * This is not part of the sending path. If the service has taken a table with another time constant, with ISOTHERM_LAG_SERVICE, this
- * call and the next one read the status, which allocates and makes system calls, but does not wait.
+ * This is not part of the sending path. If the service has taken a table with another time constant, with
+ * ISOTHERM_LAG_SERVICE, this call and the next one read the status, which allocates and makes system calls, but does
+ * not wait.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_VALUE for another `sensor`.
  */
-isotherm_code isotherm_reading(isotherm_acquisition *acquisition,
-                               uint32_t sensor,
-                               double telemetry,
-                               uint64_t time_ns);
+isotherm_code isotherm_reading(isotherm_acquisition *acquisition, uint32_t sensor, double telemetry, uint64_t time_ns);
 
 /**
  * The time constant that samples are sent with [ns]; 0 while there is none, and for a handle that cannot be used.
@@ -840,45 +847,45 @@ isotherm_code isotherm_reading(isotherm_acquisition *acquisition,
 uint64_t isotherm_lag_ns(const isotherm_acquisition *acquisition);
 
 /**
- * Writes the state of the lag to `*lag`. Save it after each reading if a successor of this process shall go on with it.
+ * Writes the state of the lag to `*lag`. Save it after each reading if a successor of this process shall go on with
+ * it.
  *
  * ISOTHERM_OK.
  */
 isotherm_code isotherm_save_lag(const isotherm_acquisition *acquisition, isotherm_lag *lag);
 
 /**
- * Goes on with a state that was saved, on the same clock, as if the telemetry had gone straight on in the pause. A sensor whose telemetry
- * or lagged telemetry is not finite, or whose next reading is earlier than the saved one, which is then of another clock, is unknown as
- * after isotherm_forget_lag.
+ * Goes on with a state that was saved, on the same clock, as if the telemetry had gone straight on in the pause. A
+ * sensor whose telemetry or lagged telemetry is not finite, or whose next reading is earlier than the saved one, which
+ * is then of another clock, is unknown as after isotherm_forget_lag.
  *
  * ISOTHERM_OK.
  */
-isotherm_code isotherm_restore_lag(isotherm_acquisition *acquisition,
-                                   const isotherm_lag *lag);
+isotherm_code isotherm_restore_lag(isotherm_acquisition *acquisition, const isotherm_lag *lag);
 
 /**
- * Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a saved state. Increments
- * are flagged ISOTHERM_FLAG_LAG_UNKNOWN, and computed without the transient terms, until the readings span three time constants.
+ * Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a
+ * saved state. Increments are flagged ISOTHERM_FLAG_LAG_UNKNOWN, and computed without the transient terms, until the
+ * readings span three time constants.
  *
  * ISOTHERM_OK.
  */
 isotherm_code isotherm_forget_lag(isotherm_acquisition *acquisition);
 
 /**
- * Creates a reader that connects when the service has started; does not wait for it. `domain` is as in isotherm_options. Close the
- * handle with isotherm_reader_close.
+ * Creates a reader that connects when the service has started; does not wait for it. `domain` is as in
+ * isotherm_options. Close the handle with isotherm_reader_close.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_NAME.
  */
-isotherm_code isotherm_reader_new(const char *imu,
-                                  const char *domain,
-                                  isotherm_reader **reader);
+isotherm_code isotherm_reader_new(const char *imu, const char *domain, isotherm_reader **reader);
 
 /**
- * Creates a connected reader, waiting up to `timeout_ns` for the service if necessary: 0 is the default, 5 s; ISOTHERM_NO_WAIT does not
- * wait. `domain` is as in isotherm_options. Close the handle with isotherm_reader_close.
+ * Creates a connected reader, waiting up to `timeout_ns` for the service if necessary: 0 is the default, 5 s;
+ * ISOTHERM_NO_WAIT does not wait. `domain` is as in isotherm_options. Close the handle with isotherm_reader_close.
  *
- * ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED, .._TRANSPORT.
+ * ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED,
+ * .._TRANSPORT.
  */
 isotherm_code isotherm_reader_connect(const char *imu,
                                       const char *domain,
@@ -893,41 +900,40 @@ isotherm_code isotherm_reader_connect(const char *imu,
 isotherm_code isotherm_reader_close(isotherm_reader *reader);
 
 /**
- * The next increment, if there is one now. Does not wait. The reader stays connected across restarts of service and acquisition.
+ * The next increment, if there is one now. Does not wait. The reader stays connected across restarts of service and
+ * acquisition.
  *
  * ISOTHERM_OK, ISOTHERM_NONE (also while there is no service yet), ISOTHERM_ERROR_NO_ROOM, ISOTHERM_ERROR_PERMISSION,
  * ISOTHERM_ERROR_EXHAUSTED, ISOTHERM_ERROR_TRANSPORT.
  */
-isotherm_code isotherm_reader_receive(isotherm_reader *reader,
-                                      isotherm_compensated_increment *increment);
+isotherm_code isotherm_reader_receive(isotherm_reader *reader, isotherm_compensated_increment *increment);
 
 /**
- * As isotherm_reader_receive, but waits up to `timeout_ns`: sleeps until the service tells that increments are there. For the least delay
- * call isotherm_reader_receive in a loop.
+ * As isotherm_reader_receive, but waits up to `timeout_ns`: sleeps until the service tells that increments are there.
+ * For the least delay call isotherm_reader_receive in a loop.
  */
 isotherm_code isotherm_reader_receive_timeout(isotherm_reader *reader,
                                               uint64_t timeout_ns,
                                               isotherm_compensated_increment *increment);
 
 /**
- * A descriptor for poll, epoll and the like: readable when increments may have come. Then call isotherm_reader_receive until it returns
- * ISOTHERM_NONE, which makes it unreadable. Wait for at most some 100 ms at once, and call isotherm_reader_receive after that too: a
- * notification can be lost. It belongs to the reader, which closes it, and stays the same as long as the reader.
+ * A descriptor for poll, epoll and the like: readable when increments may have come. Then call isotherm_reader_receive
+ * until it returns ISOTHERM_NONE, which makes it unreadable. Wait for at most some 100 ms at once, and call
+ * isotherm_reader_receive after that too: a notification can be lost. It belongs to the reader, which closes it, and
+ * stays the same as long as the reader.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_NO_SERVICE (also while the reader is not connected), ISOTHERM_ERROR_TRANSPORT.
  */
-isotherm_code isotherm_reader_descriptor(isotherm_reader *reader,
-                                         int *descriptor);
+isotherm_code isotherm_reader_descriptor(isotherm_reader *reader, int *descriptor);
 
 /**
- * How long ago the service was last seen at work for this IMU [ns]: under 300 000 000 while it lives and is on time. The first call of a
- * reader may give up to a second more.
+ * How long ago the service was last seen at work for this IMU [ns]: under 300 000 000 while it lives and is on time.
+ * The first call of a reader may give up to a second more.
  *
- * ISOTHERM_OK, ISOTHERM_NONE (no service was seen yet), ISOTHERM_ERROR_OTHER_VERSION, ISOTHERM_ERROR_TRANSPORT, and the errors of
- * isotherm_reader_receive.
+ * ISOTHERM_OK, ISOTHERM_NONE (no service was seen yet), ISOTHERM_ERROR_OTHER_VERSION, ISOTHERM_ERROR_TRANSPORT, and
+ * the errors of isotherm_reader_receive.
  */
-isotherm_code isotherm_reader_heartbeat_age(isotherm_reader *reader,
-                                            uint64_t *age_ns);
+isotherm_code isotherm_reader_heartbeat_age(isotherm_reader *reader, uint64_t *age_ns);
 
 /**
  * Whether the stream has been found. Stays true when the service stops. False for a handle that cannot be used.
@@ -953,31 +959,28 @@ uint64_t isotherm_monotonic_ns(void);
  * Applies real-time settings to the calling thread. Call it in the thread that sends and receives, before it connects.
  *
  * `core`: the core that the thread is bound to; -1: no change. `priority`: SCHED_FIFO priority, 1 to 99; 0: no change.
- * `lock_memory`: keeps all memory of the process resident, including memory that it gets later. `timer_slack_ns`: how much later
- * than requested a sleep may end [ns]; 0: no change (the default of the kernel is 50 000).
+ * `lock_memory`: keeps all memory of the process resident, including memory that it gets later. `timer_slack_ns`: how
+ * much later than requested a sleep may end [ns]; 0: no change (the default of the kernel is 50 000).
  *
- * ISOTHERM_OK, ISOTHERM_ERROR_REALTIME for the first setting that fails. The settings before it, in this order, are in force.
+ * ISOTHERM_OK, ISOTHERM_ERROR_REALTIME for the first setting that fails. The settings before it, in this order, are in
+ * force.
  */
-isotherm_code isotherm_realtime(int32_t core,
-                                int32_t priority,
-                                bool lock_memory,
-                                uint64_t timer_slack_ns);
+isotherm_code isotherm_realtime(int32_t core, int32_t priority, bool lock_memory, uint64_t timer_slack_ns);
 
 /**
- * The number of the unit with this serial number, which every sample carries in `device`: the first 8 bytes of the SHA-256 of its UTF-8,
- * big-endian, without outer blanks. 0, unknown, for NULL, for blanks, and for text that is not UTF-8.
+ * The number of the unit with this serial number, which every sample carries in `device`: the first 8 bytes of the
+ * SHA-256 of its UTF-8, big-endian, without outer blanks. 0, unknown, for NULL, for blanks, and for text that is not
+ * UTF-8.
  */
 uint64_t isotherm_device(const char *serial);
 
 /**
- * Writes the names of `flags` as text: the names joined by `|`, lowest bit first, or `-` if there is none; bits without a name
- * are left out. At most `size` bytes are written to `text`, including the 0 at the end. Returns the length of the whole text
- * without that 0; if it is not less than `size`, the text has been cut off. 1024 bytes are always enough. `text` may be NULL if
- * `size` is 0.
+ * Writes the names of `flags` as text: the names joined by `|`, lowest bit first, or `-` if there is none; bits
+ * without a name are left out. At most `size` bytes are written to `text`, including the 0 at the end. Returns the
+ * length of the whole text without that 0; if it is not less than `size`, the text has been cut off. 1024 bytes are
+ * always enough. `text` may be NULL if `size` is 0.
  */
-size_t isotherm_flags_text(uint64_t flags,
-                           char *text,
-                           size_t size);
+size_t isotherm_flags_text(uint64_t flags, char *text, size_t size);
 
 #ifdef __cplusplus
 }  // extern "C"

@@ -33,8 +33,8 @@ const LOANS: usize = 4;
 /// The one acquisition process of an IMU.
 ///
 /// Samples are sent without a copy, and each answer is received **once and in the order of sending**. Copies of the
-/// unanswered samples, at most [`depth`](Self::depth), are kept and sent again when a new service replaces the old one, so a
-/// service that is killed and restarted loses no sample. The caller decides how long to wait.
+/// unanswered samples, at most [`depth`](Self::depth), are kept and sent again when a new service replaces the old one,
+/// so a service that is killed and restarted loses no sample. The caller decides how long to wait.
 ///
 /// Not `Send`: create it in the thread that uses it.
 #[derive(Debug)]
@@ -46,13 +46,14 @@ pub struct Acquisition {
     state: AcquisitionState<RawSample, CompensatedIncrement>,
     clock: Clock,
     lag: AcquisitionLag,
-    /// `None` if the service has no streams for it, as one of an earlier version, or if a dead predecessor's places did not get free.
+    /// `None` if the service has no streams for it, as one of an earlier version, or if a dead predecessor's places did
+    /// not get free.
     rehearsal: Option<Rehearsal<CompensatedIncrement, RawSample>>,
     spare: Option<SampleMut<Ipc, RawSample, ()>>,
     /// Whether [`prepare`](Self::prepare) has been called since the last sample.
     prepared: bool,
-    /// Whether it was called before the last sample: then returning the increment and loaning the next sample are left to the next call, so
-    /// that the samples of other IMUs, sent at the same moment, do not wait for it.
+    /// Whether it was called before the last sample: then returning the increment and loaning the next sample are left
+    /// to the next call, so that the samples of other IMUs, sent at the same moment, do not wait for it.
     leaves_to_prepare: bool,
     /// The last increment, which has been read but not returned.
     read: Option<Sample<Ipc, CompensatedIncrement, ()>>,
@@ -176,23 +177,25 @@ impl Acquisition {
         self.state.in_flight()
     }
 
-    /// Whether [`send`](Self::send) would hand a sample back: [`depth`](Self::depth) samples are unanswered, or, after several restarts of the
-    /// service within a short time, its queue may still be full of samples that were sent again.
+    /// Whether [`send`](Self::send) would hand a sample back: [`depth`](Self::depth) samples are unanswered, or, after
+    /// several restarts of the service within a short time, its queue may still be full of samples that were sent
+    /// again.
     #[must_use]
     pub fn is_full(&self) -> bool {
         self.state.is_full()
     }
 
-    /// Takes a new reading of a sensor's head telemetry, in the table's unit, measured at `time_ns` on the acquisition's clock. Every sample
-    /// that is sent later carries the lagged telemetry of all readings so far.
+    /// Takes a new reading of a sensor's head telemetry, in the table's unit, measured at `time_ns` on the
+    /// acquisition's clock. Every sample that is sent later carries the lagged telemetry of all readings so far.
     ///
-    /// A reading is a new measurement: call this once for each, not for each sample. A value that is not finite, or has the time of the last
-    /// reading, is none. [`isotherm_shared::lag`] has the formula.
+    /// A reading is a new measurement: call this once for each, not for each sample. A value that is not finite, or has
+    /// the time of the last reading, is none. [`isotherm_shared::lag`] has the formula.
     ///
-    /// This is not part of the sending path. If the service has taken a table with another time constant, with [`LagOption::Service`], this
-    /// call and a later one read the status, which allocates and makes system calls, but does not wait. Increments are flagged
-    /// [`LAG_UNKNOWN`](isotherm_shared::wire::Flags::LAG_UNKNOWN) until then. If readings are rare, give the last ones again while that is so: a
-    /// reading with the time of the last is none, but it asks.
+    /// This is not part of the sending path. If the service has taken a table with another time constant, with
+    /// [`LagOption::Service`], this call and a later one read the status, which allocates and makes system calls, but
+    /// does not wait. Increments are flagged [`LAG_UNKNOWN`](isotherm_shared::wire::Flags::LAG_UNKNOWN) until then. If
+    /// readings are rare, give the last ones again while that is so: a reading with the time of the last is none, but
+    /// it asks.
     ///
     /// [`LagOption::Service`]: crate::LagOption::Service
     pub fn reading(&mut self, sensor: Sensor, telemetry: f64, time_ns: u64) {
@@ -200,38 +203,40 @@ impl Acquisition {
         self.lag.read(sensor, telemetry, time_ns);
     }
 
-    /// Takes the readings of a sample of which it is not known whether its telemetry is new, as in a recording: see [`Lag::follow`]. Call it
-    /// before the sample is sent, instead of [`reading`](Self::reading).
+    /// Takes the readings of a sample of which it is not known whether its telemetry is new, as in a recording: see
+    /// [`Lag::follow`]. Call it before the sample is sent, instead of [`reading`](Self::reading).
     pub fn follow(&mut self, sample: &RawSample) {
         self.lag.renew(&self.node, &self.domain, &self.imu);
         self.lag.follow(sample);
     }
 
-    /// The lag: its time constant, 0 while there is none, and the readings so far. Save it with each reading if a successor of this process
-    /// shall go on with it.
+    /// The lag: its time constant, 0 while there is none, and the readings so far. Save it with each reading if a
+    /// successor of this process shall go on with it.
     #[must_use]
     pub const fn lag(&self) -> &Lag {
         self.lag.state()
     }
 
-    /// Goes on with the readings of a lag that was saved, on the same clock, as if the telemetry had gone straight on in the pause. Its time
-    /// constant is not used. A sensor without a saved reading, or whose next reading is earlier than the saved one, which is then of another
-    /// clock, is unknown as after [`forget_lag`](Self::forget_lag).
+    /// Goes on with the readings of a lag that was saved, on the same clock, as if the telemetry had gone straight on
+    /// in the pause. Its time constant is not used. A sensor without a saved reading, or whose next reading is earlier
+    /// than the saved one, which is then of another clock, is unknown as after [`forget_lag`](Self::forget_lag).
     pub fn restore_lag(&mut self, saved: &Lag) {
         self.lag.restore(saved);
     }
 
-    /// Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a saved lag. Increments are
-    /// flagged [`LAG_UNKNOWN`](isotherm_shared::wire::Flags::LAG_UNKNOWN), and computed without the transient terms, until the readings span
-    /// three time constants: [`Lag::unknown`].
+    /// Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a
+    /// saved lag. Increments are flagged [`LAG_UNKNOWN`](isotherm_shared::wire::Flags::LAG_UNKNOWN), and computed
+    /// without the transient terms, until the readings span three time constants: [`Lag::unknown`].
     pub fn forget_lag(&mut self) {
         self.lag.restore(&Lag::default());
     }
 
-    /// Loans a sample in shared memory, to be filled in. It is loaned already after a send or [`prepare`](Self::prepare), so this call is cheap.
+    /// Loans a sample in shared memory, to be filled in. It is loaned already after a send or
+    /// [`prepare`](Self::prepare), so this call is cheap.
     ///
-    /// Its sequence is one above the highest that was loaned or sent in the session. So a loan that is dropped leaves its sequence out, and
-    /// the service flags the gap; [`cancel`](Self::cancel) gives back one that stands for no control period.
+    /// Its sequence is one above the highest that was loaned or sent in the session. So a loan that is dropped leaves
+    /// its sequence out, and the service flags the gap; [`cancel`](Self::cancel) gives back one that stands for no
+    /// control period.
     ///
     /// # Errors
     /// If the caller has 4 samples on loan already.
@@ -245,8 +250,8 @@ impl Acquisition {
         Ok(Loan { sample, number })
     }
 
-    /// Loans a sample with the content of `record`, as one of a recording, in this session. It keeps the record's sequence, and takes no number
-    /// of its own.
+    /// Loans a sample with the content of `record`, as one of a recording, in this session. It keeps the record's
+    /// sequence, and takes no number of its own.
     ///
     /// # Errors
     /// As [`loan`](Self::loan).
@@ -256,8 +261,8 @@ impl Acquisition {
         Ok(Loan { sample, number: None })
     }
 
-    /// Gives a loan back that stands for no control period, as at the end of a recording, and takes its sequence back. Only that of the last
-    /// loan: the sequence of an earlier one stays left out.
+    /// Gives a loan back that stands for no control period, as at the end of a recording, and takes its sequence back.
+    /// Only that of the last loan: the sequence of an earlier one stays left out.
     pub fn cancel(&mut self, sample: Loan) {
         if let Some((session, number)) = sample.number
             && session == self.state.session()
@@ -266,8 +271,8 @@ impl Acquisition {
         }
     }
 
-    /// Adds the next control period to a sample ([`RawSample::merge`]) and cancels its loan. Use it when the service has no room: no velocity
-    /// and no angle is lost, and no sequence is left out.
+    /// Adds the next control period to a sample ([`RawSample::merge`]) and cancels its loan. Use it when the service
+    /// has no room: no velocity and no angle is lost, and no sequence is left out.
     ///
     /// # Errors
     /// [`LoansNotMerged`] when a sum would overflow.
@@ -281,15 +286,15 @@ impl Acquisition {
         }
     }
 
-    /// Control periods, of all sessions of this connection, that have a sequence and were not sent: see [`Closing::lost`]. A sample that is on
-    /// loan counts until it is sent.
+    /// Control periods, of all sessions of this connection, that have a sequence and were not sent: see
+    /// [`Closing::lost`]. A sample that is on loan counts until it is sent.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.state.lost()
     }
 
-    /// Leaves the streams, and returns what was lost. If anything was, it is logged, and the service keeps it in its status: a loss with no
-    /// sample after it is seen too. Dropping the acquisition does the same.
+    /// Leaves the streams, and returns what was lost. If anything was, it is logged, and the service keeps it in its
+    /// status: a loss with no sample after it is seen too. Dropping the acquisition does the same.
     pub fn close(self) -> Closing {
         self.closing()
     }
@@ -302,8 +307,8 @@ impl Acquisition {
 
     /// Sends a sample and wakes the service. Never waits, and the transport never copies the sample.
     ///
-    /// Sets `session` and `sent_ns`; also `device`, and `lag_ns` with the lagged telemetry, where they are 0. A recorder whose queue is full is
-    /// not an error.
+    /// Sets `session` and `sent_ns`; also `device`, and `lag_ns` with the lagged telemetry, where they are 0. A
+    /// recorder whose queue is full is not an error.
     ///
     /// # Errors
     /// [`SendError`], which contains the sample if it can still be used.
@@ -318,7 +323,8 @@ impl Acquisition {
             Err(Refusal::Full) => return Err(SendError::Full(sample)),
             Err(Refusal::Sequence) => return Err(SendError::Sequence(sample)),
         }
-        // Each is written only where it differs: the copy below would wait until what has just been written is in the cache.
+        // Each is written only where it differs: the copy below would wait until what has just been written is in the
+        // cache.
         if sample.session != self.state.session() {
             sample.session = self.state.session();
         }
@@ -332,7 +338,8 @@ impl Acquisition {
             self.state.send_failed();
             return Err(SendError::Transport(error.to_string()));
         }
-        // Cheap if the service does not sleep. If it fails, the service finds the sample at the end of its bounded wait.
+        // Cheap if the service does not sleep. If it fails, the service finds the sample at the end of its bounded
+        // wait.
         let _ = self.notifier.notify();
         self.leaves_to_prepare = core::mem::take(&mut self.prepared);
         if !self.leaves_to_prepare {
@@ -341,12 +348,13 @@ impl Acquisition {
         Ok(())
     }
 
-    /// Goes through the motions of sending a sample and receiving its increment, so that the next sample finds its way warm. Nobody else
-    /// sees anything of it.
+    /// Goes through the motions of sending a sample and receiving its increment, so that the next sample finds its way
+    /// warm. Nobody else sees anything of it.
     ///
-    /// Call it while you wait for the end of a control period, some tens of microseconds before it. It takes about a microsecond, in cold
-    /// caches some ten, allocates nothing and makes no system call. A sample that is ready meanwhile waits for its end. If the service has been
-    /// replaced or a reader has come since the last sample, it is connected now and not in [`send`](Self::send), with memory and system calls.
+    /// Call it while you wait for the end of a control period, some tens of microseconds before it. It takes about a
+    /// microsecond, in cold caches some ten, allocates nothing and makes no system call. A sample that is ready
+    /// meanwhile waits for its end. If the service has been replaced or a reader has come since the last sample, it is
+    /// connected now and not in [`send`](Self::send), with memory and system calls.
     pub fn prepare(&mut self) {
         self.prepared = true;
         self.read = None;
@@ -373,10 +381,11 @@ impl Acquisition {
 
     /// The answer to the oldest unanswered sample, or `None` if it has not come yet. Does not wait.
     ///
-    /// First come the late answers that [`compensate`](Self::compensate) has kept aside while it waited for a later one.
+    /// First come the late answers that [`compensate`](Self::compensate) has kept aside while it waited for a later
+    /// one.
     ///
-    /// While samples are unanswered it also checks, about every 5 ms, whether the service has been replaced. If so, it sends
-    /// the unanswered samples again.
+    /// While samples are unanswered it also checks, about every 5 ms, whether the service has been replaced. If so, it
+    /// sends the unanswered samples again.
     ///
     /// # Errors
     /// If the transport fails.
@@ -411,7 +420,8 @@ impl Acquisition {
         Ok(None)
     }
 
-    /// As [`receive`](Self::receive), but waits up to `timeout`: it spins for the first 100 us, then sleeps for short times.
+    /// As [`receive`](Self::receive), but waits up to `timeout`: it spins for the first 100 us, then sleeps for short
+    /// times.
     ///
     /// # Errors
     /// If the transport fails.
@@ -419,9 +429,9 @@ impl Acquisition {
         self.wait(timeout, Self::receive)
     }
 
-    /// The answer to the sample of this session with this `sequence`, waiting up to `timeout`. Answers to earlier samples are kept aside for
-    /// [`receive`](Self::receive): at most [`depth`](Self::depth), then the oldest is dropped ([`dropped_answers`](Self::dropped_answers)).
-    /// They count neither as in flight nor for a full queue.
+    /// The answer to the sample of this session with this `sequence`, waiting up to `timeout`. Answers to earlier
+    /// samples are kept aside for [`receive`](Self::receive): at most [`depth`](Self::depth), then the oldest is
+    /// dropped ([`dropped_answers`](Self::dropped_answers)). They count neither as in flight nor for a full queue.
     ///
     /// # Errors
     /// If the transport fails.
@@ -525,7 +535,8 @@ impl Acquisition {
         if !self.state.check_due(now) {
             return Ok(());
         }
-        // A dead service stays listed until its successor cleans it up, which it does before it creates its own publisher.
+        // A dead service stays listed until its successor cleans it up, which it does before it creates its own
+        // publisher.
         let Some((service, _)) = publisher_of(&self.increments) else { return Ok(()) };
         let Some(resend) = self.state.resend_due(service, now) else { return Ok(()) };
         for sample in self.state.samples(resend) {

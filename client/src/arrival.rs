@@ -1,8 +1,8 @@
 //! Waiting for increments without polling.
 //!
-//! The service notifies the event `isotherm/<imu>/arrival` when it has published an increment, as long as anybody listens to it. While
-//! nobody does, it makes no system call for it. A notification can be lost (the transport suppresses it while it takes the event for
-//! raised), so every wait is bounded.
+//! The service notifies the event `isotherm/<imu>/arrival` when it has published an increment, as long as anybody
+//! listens to it. While nobody does, it makes no system call for it. A notification can be lost (the transport
+//! suppresses it while it takes the event for raised), so every wait is bounded.
 #![expect(unsafe_code, reason = "iceoryx2 gives a listener's descriptor as a number")]
 
 use crate::error::ConnectError;

@@ -1,9 +1,10 @@
 //! `CLOCK_MONOTONIC`, read by the processor's time stamp counter where this is possible.
 //!
-//! Every round trip reads the clock twice. `clock_gettime` (no system call) takes two to three times as long as reading the
-//! counter. So a [`Clock`] reads the counter and adds the time since its last reading of the kernel's clock. It reads the
-//! kernel's clock again after [`EXTRAPOLATION_NS`]: the kernel may steer its clock by 500 ppm, which is an error of 50 ns by
-//! then. If the kernel does not use the counter itself, or there is none, every reading is the kernel's.
+//! Every round trip reads the clock twice. `clock_gettime` (no system call) takes two to three times as long as reading
+//! the counter. So a [`Clock`] reads the counter and adds the time since its last reading of the kernel's clock. It
+//! reads the kernel's clock again after [`EXTRAPOLATION_NS`]: the kernel may steer its clock by 500 ppm, which is an
+//! error of 50 ns by then. If the kernel does not use the counter itself, or there is none, every reading is the
+//! kernel's.
 #![cfg_attr(target_arch = "x86_64", expect(unsafe_code, reason = "the counter has no safe intrinsic"))]
 
 use rustix::time::{ClockId, clock_gettime};
@@ -14,8 +15,8 @@ use std::{fs, thread};
 pub(crate) const EXTRAPOLATION_NS: u64 = 100_000;
 /// The counter's rate is measured over at least this long \[ns\], so that the uncertainty of a reading does not matter.
 const BASELINE_NS: u64 = 200_000;
-/// A reading of both clocks that took more ticks was interrupted. It is not used: its error would be in all readings until
-/// the next one.
+/// A reading of both clocks that took more ticks was interrupted. It is not used: its error would be in all readings
+/// until the next one.
 const MAX_READING_TICKS: u64 = 500;
 /// Attempts to get a first reading of both clocks.
 const ATTEMPTS: usize = 10;
@@ -85,8 +86,8 @@ impl Clock {
         clock
     }
 
-    /// Now \[ns\]. The processor may read the counter some tens of nanoseconds before it has completed earlier instructions: to wait for them
-    /// would cost a sample as much.
+    /// Now \[ns\]. The processor may read the counter some tens of nanoseconds before it has completed earlier
+    /// instructions: to wait for them would cost a sample as much.
     #[inline]
     pub fn now(&mut self) -> u64 {
         match self.anchor {
@@ -97,7 +98,8 @@ impl Clock {
 
     #[inline]
     fn at(&mut self, ticks: u64, anchor: Anchor) -> u64 {
-        // A counter that has gone backwards (a virtual machine was migrated) gives a huge difference, and the kernel is asked.
+        // A counter that has gone backwards (a virtual machine was migrated) gives a huge difference, and the kernel is
+        // asked.
         let since = ticks.wrapping_sub(anchor.ticks);
         if since < self.max_ticks { anchor.ns + ((since * self.rate) >> FRACTION) } else { self.renew(anchor) }
     }
@@ -109,7 +111,8 @@ impl Clock {
         let (passed, passed_ns) = (now.ticks.wrapping_sub(last.ticks), now.ns.saturating_sub(last.ns));
         if (BASELINE_NS..1 << (63 - FRACTION)).contains(&passed_ns) {
             let rate = (passed_ns << FRACTION) / passed.max(1);
-            // A clock that was stopped or set gives another rate. That rate is not used; the next reading measures a new one.
+            // A clock that was stopped or set gives another rate. That rate is not used; the next reading measures a
+            // new one.
             let steady = self.rate == 0 || rate.abs_diff(self.rate) <= self.rate / 128;
             self.rate = if steady { rate } else { 0 };
             self.max_ticks = (EXTRAPOLATION_NS << FRACTION).checked_div(self.rate).unwrap_or(0);
@@ -129,7 +132,8 @@ impl Default for Clock {
 #[inline]
 fn ticks() -> u64 {
     #[cfg(target_arch = "x86_64")]
-    // SAFETY: it only reads a register that this processor has. It is called only if the kernel itself uses the counter.
+    // SAFETY: it only reads a register that this processor has. It is called only if the kernel itself uses the
+    // counter.
     unsafe {
         core::arch::x86_64::_rdtsc()
     }
@@ -147,7 +151,8 @@ mod tests {
         let mut clock = Clock::new();
         let started = Instant::now();
         let mut readings = 0_u64;
-        // A reading lies between two readings of the kernel's clock. The margin of 1 us covers rounding and the rate (0.1 us).
+        // A reading lies between two readings of the kernel's clock. The margin of 1 us covers rounding and the rate
+        // (0.1 us).
         while started.elapsed() < Duration::from_millis(50) {
             let before = monotonic_ns();
             let now = clock.now();

@@ -1,4 +1,5 @@
-//! What an acquisition had lost when it closed. A file in the domain's folder tells the service, which may be away just then.
+//! What an acquisition had lost when it closed. A file in the domain's folder tells the service, which may be away just
+//! then.
 
 use crate::clock::unix_s;
 use crate::objects::Note;
@@ -9,8 +10,8 @@ use std::io;
 /// What an [`Acquisition`](crate::Acquisition) had lost when it closed. Nothing was lost if both are 0.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub struct Closing {
-    /// Control periods, of all its sessions, that have a sequence and were not sent: loans that were dropped, sequences that were left
-    /// out, samples whose sending has failed.
+    /// Control periods, of all its sessions, that have a sequence and were not sent: loans that were dropped, sequences
+    /// that were left out, samples whose sending has failed.
     pub lost: u64,
     /// Samples that were sent and whose increments were not received. Other readers may have them.
     pub unanswered: u64,

@@ -26,10 +26,11 @@ const SYSTEM_ROOT: &str = "/run/isotherm";
 
 /// Pause between two attempts to join.
 const RETRY: Duration = Duration::from_millis(5);
-/// How long joining waits for objects that are being created. It covers the age at which one counts as left behind, with a reserve.
+/// How long joining waits for objects that are being created. It covers the age at which one counts as left behind,
+/// with a reserve.
 const SWEEP_LIMIT: Duration = Duration::from_secs(2);
-/// If a running service does not serve an IMU after this long, connecting fails. A service that finds leftovers of a killed
-/// predecessor needs a second or two between its first stream and its last.
+/// If a running service does not serve an IMU after this long, connecting fails. A service that finds leftovers of a
+/// killed predecessor needs a second or two between its first stream and its last.
 const UNSERVED_LIMIT: Duration = Duration::from_secs(3);
 
 /// How to reach a service, and what an acquisition tells it. Readers use domain and time-out.
@@ -54,8 +55,8 @@ pub struct Options {
     pub domain: Domain,
     /// How long connecting may take. This includes waiting for a service that has not started yet.
     pub timeout: Duration,
-    /// Serial number of the unit whose samples an acquisition sends; `None` if it is not known. The service flags samples of another unit
-    /// than the table's. Outer blanks do not count.
+    /// Serial number of the unit whose samples an acquisition sends; `None` if it is not known. The service flags
+    /// samples of another unit than the table's. Outer blanks do not count.
     pub serial: Option<String>,
     /// Which time constant the lagged telemetry of an acquisition has.
     pub lag: LagOption,
@@ -79,8 +80,8 @@ impl Options {
 
 /// The domain `name`; without a name the one of `ISOTHERM_DOMAIN`, else `default`.
 ///
-/// Its folder is `$ISOTHERM_ROOT/NAME`. Without that variable it is `/run/isotherm/NAME` if `/run/isotherm` exists, else
-/// `/tmp/isotherm-NAME`.
+/// Its folder is `$ISOTHERM_ROOT/NAME`. Without that variable it is `/run/isotherm/NAME` if `/run/isotherm` exists,
+/// else `/tmp/isotherm-NAME`.
 ///
 /// ```
 /// use isotherm_client::domain;
@@ -150,9 +151,9 @@ pub fn check_domain(domain: &Domain) -> Result<(), ConnectError> {
 
 /// Removes objects of `domain` whose creator died before it set their size.
 ///
-/// Such an object keeps mode 0200 for ever, and the transport waits for it without limit. An object counts as left behind
-/// when it is older than twice the transport's creation time-out. Waits until each younger object is complete or has reached this
-/// age, but no longer than `SWEEP_LIMIT`. Objects of other users do not count.
+/// Such an object keeps mode 0200 for ever, and the transport waits for it without limit. An object counts as left
+/// behind when it is older than twice the transport's creation time-out. Waits until each younger object is complete or
+/// has reached this age, but no longer than `SWEEP_LIMIT`. Objects of other users do not count.
 ///
 /// # Errors
 /// [`ConnectError::Transport`] if at the end of that time there still is a half-created object.
@@ -162,7 +163,8 @@ pub fn sweep_half_created(domain: &Domain) -> Result<(), ConnectError> {
     loop {
         let mut waiting = None;
         for object in domain_files(domain).filter(OwnFile::is_half_created) {
-            // The age is wrong if the clock was set meanwhile. So the object is removed too if it has been watched for the limit.
+            // The age is wrong if the clock was set meanwhile. So the object is removed too if it has been watched for
+            // the limit.
             let watched = watched_since.entry(object.path.clone()).or_insert_with(Instant::now).elapsed();
             if object.age().is_some_and(|age| age > limit) || watched > limit {
                 let _ = fs::remove_file(object.path);

@@ -14,10 +14,11 @@ const EVERYBODY: u32 = 0o002;
 /// Only the owner of an entry may rename or remove it.
 const STICKY: u32 = 0o1000;
 
-/// Checks that the domain's folder, if it exists, belongs to this process's user. Even root is refused another user's domain.
+/// Checks that the domain's folder, if it exists, belongs to this process's user. Even root is refused another user's
+/// domain.
 ///
-/// A symbolic link is followed only where nobody else could have made it. Who owns the parent folder, or may write it as a member of
-/// its group, is trusted.
+/// A symbolic link is followed only where nobody else could have made it. Who owns the parent folder, or may write it
+/// as a member of its group, is trusted.
 ///
 /// # Errors
 /// [`ConnectError::Permission`] if not, and [`ConnectError::Transport`] if it is not usable.
@@ -76,8 +77,8 @@ fn inspect(domain: &Domain) -> Result<bool, ConnectError> {
     Ok(true)
 }
 
-/// Creates the domain's folder if necessary, and checks that it is this user's, is writable and has space for the small files of
-/// streams and processes.
+/// Creates the domain's folder if necessary, and checks that it is this user's, is writable and has space for the small
+/// files of streams and processes.
 ///
 /// # Errors
 /// [`ConnectError::Permission`], [`ConnectError::Transport`] or [`ConnectError::Exhausted`].

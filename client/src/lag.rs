@@ -1,4 +1,5 @@
-//! The lagged telemetry of live samples: an acquisition feeds its readings, and every sample that it sends carries the state.
+//! The lagged telemetry of live samples: an acquisition feeds its readings, and every sample that it sends carries the
+//! state.
 
 use crate::clock::monotonic_ns;
 use crate::lag_option::{LagOption, TimeConstant};
@@ -11,7 +12,8 @@ use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, RawSample};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Connecting waits this long for the time constant, at most; a running service publishes its status ten times a second.
+/// Connecting waits this long for the time constant, at most; a running service publishes its status ten times a
+/// second.
 const CONNECT_LIMIT: Duration = Duration::from_secs(1);
 /// Pause between two looks at the status while connecting.
 const PAUSE: Duration = Duration::from_millis(2);
@@ -98,8 +100,8 @@ impl AcquisitionLag {
         Self { option, lag: Lag::new(lag_ns), fed: 0, restored: 0, flagged: 0, settled: 0, asking: None, retry_ns: 0 }
     }
 
-    /// Waits for the time constant in force, if the service is to give it. A service that does not answer in time is asked again when its
-    /// increments are flagged.
+    /// Waits for the time constant in force, if the service is to give it. A service that does not answer in time is
+    /// asked again when its increments are flagged.
     pub(crate) fn connect(&mut self, node: &IpcNode, domain: &Domain, imu: &ImuId) {
         if self.option != LagOption::Service {
             return;
@@ -137,8 +139,8 @@ impl AcquisitionLag {
         }
     }
 
-    /// Takes the time constant of the table in force. The table may be another one than that of the flagged increments: then their question
-    /// is void, and the next flagged increment asks again.
+    /// Takes the time constant of the table in force. The table may be another one than that of the flagged increments:
+    /// then their question is void, and the next flagged increment asks again.
     fn learn(&mut self, in_force: Option<&ImuStatus>) {
         self.settled = in_force.map_or(0, ImuStatus::table_id);
         self.flagged = self.settled;
@@ -156,7 +158,8 @@ impl AcquisitionLag {
         }
     }
 
-    /// Asks for the time constant again if there are flagged increments of another table than the one whose time constant is known.
+    /// Asks for the time constant again if there are flagged increments of another table than the one whose time
+    /// constant is known.
     pub(crate) fn renew(&mut self, node: &IpcNode, domain: &Domain, imu: &ImuId) {
         if self.flagged != self.settled && self.option == LagOption::Service {
             self.ask(node, domain, imu);
@@ -180,8 +183,8 @@ impl AcquisitionLag {
         }
     }
 
-    /// Forgets a reading that was handed over if the first one after it is earlier: it is of another clock, for example of the time before the
-    /// machine was started anew, and tells nothing of the present one.
+    /// Forgets a reading that was handed over if the first one after it is earlier: it is of another clock, for example
+    /// of the time before the machine was started anew, and tells nothing of the present one.
     fn check_clock(&mut self, sensor: usize, time_ns: u64) {
         if self.restored & 1 << sensor != 0 {
             self.restored &= !(1 << sensor);
@@ -231,8 +234,8 @@ impl AcquisitionLag {
         self.fed & 1 << sensor != 0 && self.lag.is_known(sensor)
     }
 
-    /// Lagged telemetry that is unknown is not equal to the telemetry. So the increments of the sensor will be flagged, except for gyroscopes
-    /// that the IMU does not have.
+    /// Lagged telemetry that is unknown is not equal to the telemetry. So the increments of the sensor will be flagged,
+    /// except for gyroscopes that the IMU does not have.
     fn mark_unknown(&self, raw: &mut RawSample) {
         for (triad, first) in [(&mut raw.accelerometers, 0), (&mut raw.gyroscopes, AXES)] {
             if first == 0 || triad.head_temperature != [0.0; AXES] {

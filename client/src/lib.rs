@@ -1,13 +1,16 @@
 //! The client library of Isotherm.
 //!
-//! Start with `examples/rust/paced.rs`: it sends at the pace of an IMU, and loses no control period while the service is replaced. The
-//! shortest acquisition program:
+//! Start with `examples/rust/paced.rs`: it sends at the pace of an IMU, and loses no control period while the service
+//! is replaced. The shortest acquisition program:
 //!
 //! ```no_run
 //! use isotherm_client::{Acquisition, ImuId, Options, Sensor, Triad};
 //! use std::time::Duration;
 //!
-//! # struct Latched { accelerometers: Triad, gyroscopes: Triad, timestamp_ns: u64, new_telemetry: Vec<(Sensor, f64, u64)>, telemetry_ns: u64 }
+//! # struct Latched {
+//! #     accelerometers: Triad, gyroscopes: Triad, timestamp_ns: u64,
+//! #     new_telemetry: Vec<(Sensor, f64, u64)>, telemetry_ns: u64,
+//! # }
 //! # fn latch() -> Option<Latched> { None }
 //! fn main() -> Result<(), Box<dyn std::error::Error>> {
 //!     let imu: ImuId = "imu-a".parse()?;
@@ -29,7 +32,7 @@
 //!         raw.gyroscopes = latched.gyroscopes;          // all zero where the IMU has none
 //!         let increment = acquisition.compensate(raw, Duration::from_millis(10))?;
 //!         println!("{:?} m/s, {:?} rad", increment.velocity_increment, increment.angle_increment);
-//!         acquisition.prepare();                        // the next sample finds its way warm; best some 10 us before it
+//!         acquisition.prepare();                        // the next sample finds its way warm; best 10 us before
 //!     }
 //!     Ok(())
 //! }
@@ -37,21 +40,24 @@
 //!
 //! * [`Acquisition`] is the one process that sends an IMU's raw samples. Besides the round trip in one call it has
 //!   [`send`](Acquisition::send) and [`receive`](Acquisition::receive), for several samples in flight.
-//! * [`Acquisition::reading`] takes the temperature telemetry as it is measured. The library keeps its first-order lag, which a table with
-//!   transient terms needs, and sends it with each sample. [`isotherm_shared::lag`] has the formula,
+//! * [`Acquisition::reading`] takes the temperature telemetry as it is measured. The library keeps its first-order lag,
+//!   which a table with transient terms needs, and sends it with each sample. [`isotherm_shared::lag`] has the formula,
 //!   `docs/temperature-in-motion.md` the whole story.
 //! * [`Acquisition::prepare`], called while you wait for the end of a control period, warms the way of the next sample.
-//! * [`IncrementReader`] is for all other readers of increments: navigation, loggers. It sleeps until increments are there
-//!   ([`receive_timeout`](IncrementReader::receive_timeout)), or gives a [descriptor](IncrementReader::descriptor) to an event loop, and tells
-//!   whether the service lives ([`heartbeat_age`](IncrementReader::heartbeat_age)). [`RawReader`] reads the raw samples, for recorders.
+//! * [`IncrementReader`] is for all other readers of increments: navigation, loggers. It sleeps until increments are
+//!   there ([`receive_timeout`](IncrementReader::receive_timeout)), or gives a
+//!   [descriptor](IncrementReader::descriptor) to an event loop, and tells whether the service lives
+//!   ([`heartbeat_age`](IncrementReader::heartbeat_age)). [`RawReader`] reads the raw samples, for recorders.
 //!
 //! # Guarantees
-//! * Loaning, sending and receiving allocate nothing, take no lock and make no system call while service and readers stay the same. The
-//!   one exception is the system call that wakes a sleeping service.
-//! * No control period is lost without notice. At most [`Acquisition::depth`] samples are unanswered at once, and the next one is handed
-//!   back ([`SendError::Full`]): it may wait, be summed with its successor ([`Acquisition::merge`]), or be dropped. A loan has its sequence
-//!   from the beginning, so dropping one is a gap, which every reader sees. [`Acquisition::close`] returns what was lost.
-//! * After a restart of the service the unanswered samples are sent to it again. Each answer is returned once, in order.
+//! * Loaning, sending and receiving allocate nothing, take no lock and make no system call while service and readers
+//!   stay the same. The one exception is the system call that wakes a sleeping service.
+//! * No control period is lost without notice. At most [`Acquisition::depth`] samples are unanswered at once, and the
+//!   next one is handed back ([`SendError::Full`]): it may wait, be summed with its successor ([`Acquisition::merge`]),
+//!   or be dropped. A loan has its sequence from the beginning, so dropping one is a gap, which every reader sees.
+//!   [`Acquisition::close`] returns what was lost.
+//! * After a restart of the service the unanswered samples are sent to it again. Each answer is returned once, in
+//!   order.
 //!
 //! Service and clients must run as the same user and use the same [`Domain`]. An application that itself depends on
 //! `iceoryx2` must not enable that crate's `console` feature.

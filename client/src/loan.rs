@@ -8,9 +8,9 @@ use isotherm_shared::wire::{MergeError, RawSample};
 
 /// A raw sample in shared memory, which the caller owns until it is sent. Dereferences to [`RawSample`].
 ///
-/// `session` and `sequence` are set already. A loan stands for a control period: if it is dropped, its sequence is left out, and the
-/// service flags the gap. [`Acquisition::cancel`](crate::Acquisition::cancel) gives back one that stands for none. If periods were lost
-/// before they could be loaned, raise `sequence` by their number.
+/// `session` and `sequence` are set already. A loan stands for a control period: if it is dropped, its sequence is left
+/// out, and the service flags the gap. [`Acquisition::cancel`](crate::Acquisition::cancel) gives back one that stands
+/// for none. If periods were lost before they could be loaned, raise `sequence` by their number.
 ///
 /// To add another loan to this one use [`Acquisition::merge`](crate::Acquisition::merge), which cancels it.
 pub struct Loan {
@@ -41,12 +41,13 @@ impl fmt::Debug for Loan {
 /// Why a sample was not sent. Contains the sample if the caller can still use it.
 #[derive(Debug, thiserror::Error)]
 pub enum SendError {
-    /// As many samples are unanswered as may be, or the service's queue may be full: [`Acquisition::is_full`](crate::Acquisition::is_full). Wait and
-    /// send the sample again, add the next one to it with [`Acquisition::merge`](crate::Acquisition::merge), or drop it, which is a gap.
+    /// As many samples are unanswered as may be, or the service's queue may be full:
+    /// [`Acquisition::is_full`](crate::Acquisition::is_full). Wait and send the sample again, add the next one to it
+    /// with [`Acquisition::merge`](crate::Acquisition::merge), or drop it, which is a gap.
     #[error("the service's queue is full of unanswered samples")]
     Full(Loan),
-    /// The sequence is not above the last one sent in this session. After the highest sequence, 2^64-1, only a new session can
-    /// begin.
+    /// The sequence is not above the last one sent in this session. After the highest sequence, 2^64-1, only a new
+    /// session can begin.
     #[error("the sequence does not rise above the last one sent")]
     Sequence(Loan),
     /// The transport failed. The sample is lost, and the service will flag the gap.
@@ -74,8 +75,8 @@ pub enum CompensateError {
     /// The sample could not be sent.
     #[error(transparent)]
     Send(#[from] SendError),
-    /// No answer in time. The sample stays in flight: it is sent again when a new service has started. Its late answer is kept for
-    /// [`receive`](crate::Acquisition::receive).
+    /// No answer in time. The sample stays in flight: it is sent again when a new service has started. Its late answer
+    /// is kept for [`receive`](crate::Acquisition::receive).
     #[error("no answer from the service in time; `isotherm status` shows whether it runs")]
     Timeout,
     /// The transport failed.

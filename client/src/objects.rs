@@ -1,7 +1,8 @@
 //! The files of a domain in folders that other users share, such as `/dev/shm`.
 //!
-//! Everybody can compute a domain's prefix and can put a pipe, a link, a device or a huge file of that name there. Therefore all code
-//! of Isotherm that walks such a folder walks it here: nothing is followed, nothing blocks, and only regular files of this user count.
+//! Everybody can compute a domain's prefix and can put a pipe, a link, a device or a huge file of that name there.
+//! Therefore all code of Isotherm that walks such a folder walks it here: nothing is followed, nothing blocks, and only
+//! regular files of this user count.
 
 use crate::error::ConnectError;
 use isotherm_shared::stream::Domain;
@@ -50,14 +51,15 @@ impl OwnFile {
         self.metadata.modified().ok().and_then(|modified| SystemTime::now().duration_since(modified).ok())
     }
 
-    /// Whether it has no size yet: the transport makes its objects with this mode, and changes the mode when they are complete.
+    /// Whether it has no size yet: the transport makes its objects with this mode, and changes the mode when they are
+    /// complete.
     #[must_use]
     pub fn is_half_created(&self) -> bool {
         self.mode() == 0o200
     }
 
-    /// Takes the permissions of group and other users from it. The transport makes its counter of nodes with all permissions; programs
-    /// that use it without Isotherm's client make one in shared memory.
+    /// Takes the permissions of group and other users from it. The transport makes its counter of nodes with all
+    /// permissions; programs that use it without Isotherm's client make one in shared memory.
     pub fn close_to_others(&self) {
         let mode = self.mode() & !OTHERS;
         if mode != self.mode() {
@@ -79,8 +81,8 @@ impl OwnFile {
     }
 }
 
-/// Looks at a directory entry without following or opening what it names. `None` unless it is a regular file of this user, which nobody
-/// else can replace: in a folder that everybody may write, the sticky bit protects it.
+/// Looks at a directory entry without following or opening what it names. `None` unless it is a regular file of this
+/// user, which nobody else can replace: in a folder that everybody may write, the sticky bit protects it.
 fn own_file(entry: &DirEntry) -> Option<OwnFile> {
     let metadata = entry.metadata().ok()?;
     let own = metadata.is_file() && metadata.uid() == rustix::process::geteuid().as_raw();
@@ -93,14 +95,14 @@ fn entries(folder: &Path, prefix: &str) -> impl Iterator<Item = DirEntry> + use<
     entries.filter(move |entry| entry.file_name().as_encoded_bytes().starts_with(&prefix))
 }
 
-/// The regular files of this user in `folder` whose names begin with `prefix`. What belongs to other users, and anything that is no
-/// regular file, is left out; a folder that cannot be read has no files.
+/// The regular files of this user in `folder` whose names begin with `prefix`. What belongs to other users, and
+/// anything that is no regular file, is left out; a folder that cannot be read has no files.
 pub fn own_files<P: AsRef<Path>>(folder: P, prefix: &str) -> impl Iterator<Item = OwnFile> + use<P> {
     entries(folder.as_ref(), prefix).filter_map(|entry| own_file(&entry))
 }
 
-/// An object in shared memory under the prefix of `domain` that is no regular file of this user, if there is one. Isotherm ignores it,
-/// unless a stream needs its name.
+/// An object in shared memory under the prefix of `domain` that is no regular file of this user, if there is one.
+/// Isotherm ignores it, unless a stream needs its name.
 #[must_use]
 pub fn foreign_object(domain: &Domain) -> Option<PathBuf> {
     let foreign = |entry: &DirEntry| own_file(entry).is_none() && fs::symlink_metadata(entry.path()).is_ok();
@@ -109,9 +111,10 @@ pub fn foreign_object(domain: &Domain) -> Option<PathBuf> {
 
 /// Refuses an object of another user in the place of a stream's memory.
 ///
-/// The name of a stream's memory has the time of its creation in it, so that it cannot be known before. But a stream whose memory is gone,
-/// as after a restart of the machine, leaves its file, and other users may have seen the name. The transport would report an internal
-/// error ([`OwnStorage`](isotherm_shared::own_storage::OwnStorage)); this names the object.
+/// The name of a stream's memory has the time of its creation in it, so that it cannot be known before. But a stream
+/// whose memory is gone, as after a restart of the machine, leaves its file, and other users may have seen the name.
+/// The transport would report an internal error ([`OwnStorage`](isotherm_shared::own_storage::OwnStorage)); this names
+/// the object.
 ///
 /// # Errors
 /// [`ConnectError::Transport`].
@@ -130,7 +133,8 @@ pub(crate) fn refuse_foreign(domain: &Domain) -> Result<(), ConnectError> {
     Err(ConnectError::transport("joining the domain", cause))
 }
 
-/// How the name of a stream's memory ends, from the stream's file: it has both halves of the stream's number, each in a line of its own.
+/// How the name of a stream's memory ends, from the stream's file: it has both halves of the stream's number, each in a
+/// line of its own.
 fn memory_name(stream: &Path) -> Option<String> {
     let text = fs::read_to_string(stream).ok()?;
     let half =
@@ -139,7 +143,8 @@ fn memory_name(stream: &Path) -> Option<String> {
     Some(format!("_{number}.dynamic"))
 }
 
-/// A small file in the folder of a domain, which outlives the processes of the domain: by it one process tells another that may be away.
+/// A small file in the folder of a domain, which outlives the processes of the domain: by it one process tells another
+/// that may be away.
 #[derive(Debug)]
 pub struct Note {
     folder: PathBuf,

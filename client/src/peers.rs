@@ -44,8 +44,8 @@ pub fn subscribers_of<T: IceoryxSend + fmt::Debug + ?Sized>(stream: &PortFactory
     pids
 }
 
-/// How many raw samples may be unanswered: the service's queue of raw samples has a depth to match. The service's subscriber belongs to the node that publishes the
-/// increments.
+/// How many raw samples may be unanswered: the service's queue of raw samples has a depth to match. The service's
+/// subscriber belongs to the node that publishes the increments.
 pub(crate) fn depth_of(
     raw: &PortFactory<Ipc, RawSample, ()>,
     increments: &PortFactory<Ipc, CompensatedIncrement, ()>,

@@ -1,8 +1,9 @@
 //! Whether a process is the one that opened its streams, or a child with a copy of its memory.
 //!
-//! A child has its parent's handles, but must not use its ports. Handlers of `pthread_atfork` do not run in a child that the
-//! system call `clone` made, and asking for the process id is a system call too. So the process is noted in a page that the kernel
-//! clears in every child that gets a copy of the memory, however it was made: looking there is one load.
+//! A child has its parent's handles, but must not use its ports. Handlers of `pthread_atfork` do not run in a child
+//! that the system call `clone` made, and asking for the process id is a system call too. So the process is noted in a
+//! page that the kernel clears in every child that gets a copy of the memory, however it was made: looking there is one
+//! load.
 //!
 //! A child that shares the memory of its parent (`vfork`, `CLONE_VM`) is not noticed. It may only call `exec`.
 #![expect(unsafe_code, reason = "mapping memory and handlers of forks have no safe binding")]

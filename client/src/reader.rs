@@ -67,8 +67,8 @@ impl Streamed for CompensatedIncrement {
 
 /// Reads the increments of one IMU as they are published: for navigation and loggers.
 ///
-/// The queue holds [`INCREMENT_DEPTH`](isotherm_shared::stream::INCREMENT_DEPTH) increments. If the reader sleeps for longer,
-/// the oldest are overwritten.
+/// The queue holds [`INCREMENT_DEPTH`](isotherm_shared::stream::INCREMENT_DEPTH) increments. If the reader sleeps for
+/// longer, the oldest are overwritten.
 ///
 /// ```no_run
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -86,18 +86,18 @@ pub type IncrementReader = Reader<CompensatedIncrement>;
 
 /// Reads the raw samples of one IMU as the acquisition sends them: for recorders.
 ///
-/// The queue holds [`RECORDER_DEPTH`](isotherm_shared::stream::RECORDER_DEPTH) samples. If the reader sleeps for longer, the
-/// newest are lost. Acquisition and service are not affected.
+/// The queue holds [`RECORDER_DEPTH`](isotherm_shared::stream::RECORDER_DEPTH) samples. If the reader sleeps for
+/// longer, the newest are lost. Acquisition and service are not affected.
 pub type RawReader = Reader<RawSample>;
 
 /// Reads one stream of an IMU as it is published, beginning when it is connected: [`IncrementReader`], [`RawReader`].
 ///
 /// It may be created before or after the service, and it stays connected across restarts of service and acquisition. It
-/// returns each (session, sequence) once, although a resend after a restart publishes some twice. It cannot disturb other
-/// processes: if its queue is full, only this reader loses samples, which is a gap in `sequence`.
+/// returns each (session, sequence) once, although a resend after a restart publishes some twice. It cannot disturb
+/// other processes: if its queue is full, only this reader loses samples, which is a gap in `sequence`.
 ///
-/// Sequences rise, with one exception: after a restart of the service, or a loss, a new sample may come before samples that are sent
-/// again. [`isotherm_shared::protocol`] has the rules.
+/// Sequences rise, with one exception: after a restart of the service, or a loss, a new sample may come before samples
+/// that are sent again. [`isotherm_shared::protocol`] has the rules.
 #[derive(Debug)]
 pub struct Reader<T: Streamed> {
     domain: Domain,
@@ -193,8 +193,9 @@ impl<T: Streamed> Reader<T> {
         }
     }
 
-    /// As [`receive`](Self::receive), but waits up to `timeout`. It sleeps until the service notifies that increments are there. Where no event
-    /// tells it, for raw samples and in the domain of a relay, it polls every 0.2 ms. For the least delay call `receive` in a loop.
+    /// As [`receive`](Self::receive), but waits up to `timeout`. It sleeps until the service notifies that increments
+    /// are there. Where no event tells it, for raw samples and in the domain of a relay, it polls every 0.2 ms. For the
+    /// least delay call `receive` in a loop.
     ///
     /// # Errors
     /// As [`receive`](Self::receive).
@@ -234,10 +235,11 @@ impl<T: Streamed> Reader<T> {
         Ok(())
     }
 
-    /// How long ago the service's worker of this IMU was last seen at work: under 0.3 s while the service lives and is on time. `None` if
-    /// no service was seen yet.
+    /// How long ago the service's worker of this IMU was last seen at work: under 0.3 s while the service lives and is
+    /// on time. `None` if no service was seen yet.
     ///
-    /// The first call of a reader may return up to 1 s more; from then on the service publishes its status ten times a second.
+    /// The first call of a reader may return up to 1 s more; from then on the service publishes its status ten times a
+    /// second.
     ///
     /// # Errors
     /// If the status cannot be read, as when all its places are taken or it is of another version.
@@ -301,14 +303,15 @@ impl<T: Streamed> Reader<T> {
 }
 
 impl Reader<CompensatedIncrement> {
-    /// A descriptor for `poll`, `epoll` and the like: readable when increments may have come. Then call [`receive`](Self::receive) until it
-    /// returns `None`, which makes it unreadable. It stays the same as long as the reader.
+    /// A descriptor for `poll`, `epoll` and the like: readable when increments may have come. Then call
+    /// [`receive`](Self::receive) until it returns `None`, which makes it unreadable. It stays the same as long as the
+    /// reader.
     ///
     /// Wait for at most some 100 ms at once, and call `receive` after that too: a notification can be lost.
     ///
     /// # Errors
-    /// [`ConnectError::NoService`] while the reader is not connected, and where no event tells of increments, as in the domain of a relay; if
-    /// the process cannot wait.
+    /// [`ConnectError::NoService`] while the reader is not connected, and where no event tells of increments, as in the
+    /// domain of a relay; if the process cannot wait.
     pub fn descriptor(&mut self) -> Result<BorrowedFd<'_>, ConnectError> {
         self.has_descriptor = true;
         self.listen()?;

@@ -8,8 +8,8 @@
 //! Realtime { core: Some(2), priority: Some(50), lock_memory: true, ..Realtime::default() }.apply()
 //! # }
 //! ```
-//! The kernel stops a thread that never sleeps and has a real-time priority for about 50 ms of every second, unless it has a
-//! core of its own and the kernel's limit is switched off: see `docs/operate.md`.
+//! The kernel stops a thread that never sleeps and has a real-time priority for about 50 ms of every second, unless it
+//! has a core of its own and the kernel's limit is switched off: see `docs/operate.md`.
 #![expect(unsafe_code, reason = "SCHED_FIFO has no safe binding")]
 
 use core::fmt;
@@ -29,10 +29,11 @@ pub struct Realtime {
     pub core: Option<usize>,
     /// `SCHED_FIFO` priority, 1 to 99.
     pub priority: Option<i32>,
-    /// Keeps all memory of the process resident, including memory that it gets later, so that no access waits for a page.
+    /// Keeps all memory of the process resident, including memory that it gets later, so that no access waits for a
+    /// page.
     pub lock_memory: bool,
-    /// How much later than requested a sleep may end, so that the kernel can combine it with others \[ns\]; the default of the
-    /// kernel is 50 000. It has no effect under `SCHED_FIFO`, where sleeps are exact.
+    /// How much later than requested a sleep may end, so that the kernel can combine it with others \[ns\]; the default
+    /// of the kernel is 50 000. It has no effect under `SCHED_FIFO`, where sleeps are exact.
     pub timer_slack_ns: Option<NonZeroU64>,
 }
 

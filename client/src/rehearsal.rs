@@ -1,12 +1,12 @@
 //! Rehearsals: going through the motions of a sample before it comes, so that its way is in the caches.
 //!
-//! An IMU sends every few milliseconds. In between, other work takes the caches, and a sample then finds instructions and data of its way
-//! cold: that is most of its latency. So whoever waits for a sample rehearses. A rehearsal sends a sample through ports of its own, over a
-//! stream in which no other process has a port, and runs the same functions as a real sample: an acquisition and the
-//! worker have no other way to the transport than [`publish`] and [`receive`].
+//! An IMU sends every few milliseconds. In between, other work takes the caches, and a sample then finds instructions
+//! and data of its way cold: that is most of its latency. So whoever waits for a sample rehearses. A rehearsal sends a
+//! sample through ports of its own, over a stream in which no other process has a port, and runs the same functions as
+//! a real sample: an acquisition and the worker have no other way to the transport than [`publish`] and [`receive`].
 //!
-//! A rehearsal has no effect that a peer can see. [`Rehearsal`] holds its ports and gives none of them away, so no rehearsed sample can get
-//! into a real stream.
+//! A rehearsal has no effect that a peer can see. [`Rehearsal`] holds its ports and gives none of them away, so no
+//! rehearsed sample can get into a real stream.
 
 use core::fmt;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
@@ -22,8 +22,8 @@ use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How long an acquisition waits for the place of a dead predecessor. The service frees the place of one that was killed while it took it, after
-/// three searches, one a second.
+/// How long an acquisition waits for the place of a dead predecessor. The service frees the place of one that was
+/// killed while it took it, after three searches, one a second.
 const PLACE_TIMEOUT: Duration = Duration::from_secs(4);
 /// Pause between two attempts.
 const RETRY: Duration = Duration::from_millis(5);
@@ -72,7 +72,8 @@ impl RehearsalStreams {
     }
 }
 
-/// The ports of a process's rehearsals, at both ends of two streams: `I` is what the process receives, `O` what it sends.
+/// The ports of a process's rehearsals, at both ends of two streams: `I` is what the process receives, `O` what it
+/// sends.
 pub struct Rehearsal<I: Payload, O: Payload> {
     spare: Option<SampleMut<Ipc, O, ()>>,
     outgoing: Publisher<Ipc, O, ()>,
@@ -99,8 +100,8 @@ impl<I: Payload, O: Payload> Rehearsal<I, O> {
         Ok(rehearsal)
     }
 
-    /// Goes through the motions once: receives `input`, makes the output from it, and sends that. Takes less than a microsecond in warm
-    /// caches, some microseconds in cold ones; allocates nothing and makes no system call.
+    /// Goes through the motions once: receives `input`, makes the output from it, and sends that. Takes less than a
+    /// microsecond in warm caches, some microseconds in cold ones; allocates nothing and makes no system call.
     ///
     /// A failure of the transport ends the rehearsal. It is no error: the next sample is only slower.
     pub fn go(&mut self, input: &I, make: impl FnOnce(&I, &mut O)) {
@@ -148,8 +149,8 @@ fn subscriber<T: Payload>(stream: &PortFactory<Ipc, T, ()>) -> Result<Subscriber
     })
 }
 
-/// The rehearsals of an acquisition; `None` if the service has no streams for them, as one of an earlier version, or if the place of a dead
-/// predecessor does not get free in time.
+/// The rehearsals of an acquisition; `None` if the service has no streams for them, as one of an earlier version, or if
+/// the place of a dead predecessor does not get free in time.
 pub(crate) fn of_acquisition(
     node: &IpcNode,
     imu: &ImuId,

@@ -1,7 +1,7 @@
 //! Checks and reservations before a process uses a domain: shared memory and file descriptors.
 //!
-//! The kernel allocates a page of shared memory when it is first touched. If none is left then, it ends the process by SIGBUS.
-//! So the free space is checked before anything is created, and created objects get all their pages at once.
+//! The kernel allocates a page of shared memory when it is first touched. If none is left then, it ends the process by
+//! SIGBUS. So the free space is checked before anything is created, and created objects get all their pages at once.
 
 use crate::error::ConnectError;
 use crate::objects::{SHARED_MEMORY, own_files};
@@ -24,7 +24,8 @@ const DESCRIPTORS: usize = 36;
 /// Descriptors that a service needs for each IMU and its clients.
 const DESCRIPTORS_OF_AN_IMU: usize = 36;
 
-/// Checks that there is enough shared memory, and enough descriptors, for a service of `imus` IMUs, or for a client (0).
+/// Checks that there is enough shared memory, and enough descriptors, for a service of `imus` IMUs, or for a client
+/// (0).
 ///
 /// # Errors
 /// [`ConnectError::Exhausted`], which names what is missing.

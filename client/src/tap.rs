@@ -128,7 +128,8 @@ impl Tap {
         self.shared.warning.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
-    /// Ends the thread and waits for it. Returns the repeats of each stream ([`Reader::repeats`](crate::Reader::repeats)).
+    /// Ends the thread and waits for it. Returns the repeats of each stream
+    /// ([`Reader::repeats`](crate::Reader::repeats)).
     ///
     /// # Errors
     /// The error that ended the thread.
@@ -157,7 +158,8 @@ fn drain(
     shared: &Shared,
 ) -> Result<Vec<u64>, ConnectError> {
     let mut updated = Instant::now();
-    // After `end` the queues are emptied, in a limited number of rounds: a stream that never pauses must not prevent the end.
+    // After `end` the queues are emptied, in a limited number of rounds: a stream that never pauses must not prevent
+    // the end.
     let mut last_rounds = INCREMENT_DEPTH.div_ceil(BATCH);
     loop {
         let mut received = false;

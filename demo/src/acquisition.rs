@@ -1,4 +1,5 @@
-//! The demonstration's acquisition process: sends the samples of the simulated IMU one at a time and evaluates the increments.
+//! The demonstration's acquisition process: sends the samples of the simulated IMU one at a time and evaluates the
+//! increments.
 
 use super::imu::{DemoImu, INTERVAL_NS, RampPhase};
 use isotherm_client::{Acquisition, ImuId, Options};
@@ -12,7 +13,8 @@ use std::time::{Duration, Instant};
 
 /// The stability of the accelerometers is calculated from means over 10 s.
 const SAMPLES_PER_MEAN: u32 = (10_000_000_000 / INTERVAL_NS) as u32;
-/// That of the gyroscopes is calculated from ten times longer means: in shorter ones their random walk hides the temperature.
+/// That of the gyroscopes is calculated from ten times longer means: in shorter ones their random walk hides the
+/// temperature.
 const LONGER: usize = 10;
 /// Longest time for one answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
@@ -101,8 +103,8 @@ struct AcquisitionRun {
 }
 
 impl AcquisitionRun {
-    /// Sends samples while the chamber heats or cools, until the IMU has reached the end. `done` is the part of the run, 0 to 1,
-    /// that was completed before.
+    /// Sends samples while the chamber heats or cools, until the IMU has reached the end. `done` is the part of the
+    /// run, 0 to 1, that was completed before.
     fn ramp(&mut self, phase: RampPhase, done: f64) -> Result<ImuStability, Failure> {
         let mut forces = [const { Vec::new() }; AXES];
         let mut rates = [const { Vec::new() }; AXES];

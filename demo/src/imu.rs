@@ -12,7 +12,8 @@ const HOT: f64 = 45.0;
 /// Rate of the ramp \[degC/s\]: the whole range in one hour.
 const RAMP: f64 = (HOT - COLD) / 3600.0;
 
-/// Outer and inner angle of the turntable that the IMU rests on \[deg\]: every accelerometer carries a part of gravity, A2 a negative one.
+/// Outer and inner angle of the turntable that the IMU rests on \[deg\]: every accelerometer carries a part of gravity,
+/// A2 a negative one.
 const ANGLES_DEG: [f64; 2] = [50.0, 130.0];
 
 /// Description of the IMU in the report.
@@ -72,8 +73,8 @@ impl DemoImu {
     }
 }
 
-/// Hardware with shorter time constants than the default, without temperature offsets of heads and boards. The telemetry is
-/// read once a second.
+/// Hardware with shorter time constants than the default, without temperature offsets of heads and boards. The
+/// telemetry is read once a second.
 fn chain() -> Chain {
     Chain {
         head_lag_s: 120.0,

@@ -1,5 +1,5 @@
-//! The demonstration: a service and an acquisition as separate processes with real shared memory. A simulated IMU goes through
-//! a temperature run, and the service reloads its table meanwhile.
+//! The demonstration: a service and an acquisition as separate processes with real shared memory. A simulated IMU goes
+//! through a temperature run, and the service reloads its table meanwhile.
 
 mod acquisition;
 mod imu;
@@ -27,7 +27,8 @@ use std::time::{Duration, Instant};
 
 /// The published tables of the source paper.
 pub const TABLE: &str = include_str!("../../examples/tables/imu-paper.toml");
-/// The same accelerometers with gyroscopes: what the demonstration simulates, except for the terms of temperature in motion.
+/// The same accelerometers with gyroscopes: what the demonstration simulates, except for the terms of temperature in
+/// motion.
 const WHOLE_TABLE: &str = include_str!("../../examples/tables/imu-whole.toml");
 const IMU: &str = "imu-whole";
 /// Longest time for the service to start, to answer and to stop.

@@ -1,4 +1,5 @@
-//! The program `isotherm-demo`, which `cargo run` starts: its help and version. CI and the README run the demonstration itself.
+//! The program `isotherm-demo`, which `cargo run` starts: its help and version. CI and the README run the demonstration
+//! itself.
 #![allow(clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use std::process::Command;

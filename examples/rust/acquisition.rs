@@ -1,11 +1,13 @@
-//! An acquisition process: reads samples from a recording, makes one round trip for each, and prints the increments as CSV.
+//! An acquisition process: reads samples from a recording, makes one round trip for each, and prints the increments as
+//! CSV.
 //!
 //!     acquisition IMU RECORDING.csv [STATE [unknown]]
 //!
-//! Replace the recording by your hardware, and `follow` by a `reading` for each new temperature. STATE is the file in which the lag of the
-//! temperatures is kept: a program that is started again with it goes on as if the temperatures had gone straight on in the pause. Where there
-//! is no such file, the IMU is taken to be soaked; with `unknown`, increments are flagged until three time constants have passed. The
-//! environment variable ISOTHERM_DOMAIN names the domain, SERIAL the unit.
+//! Replace the recording by your hardware, and `follow` by a `reading` for each new temperature. STATE is the file in
+//! which the lag of the temperatures is kept: a program that is started again with it goes on as if the temperatures
+//! had gone straight on in the pause. Where there is no such file, the IMU is taken to be soaked; with `unknown`,
+//! increments are flagged until three time constants have passed. The environment variable ISOTHERM_DOMAIN names the
+//! domain, SERIAL the unit.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "it prints what it receives")]
 
 use isotherm_client::{Acquisition, Flags, Options};

@@ -2,9 +2,10 @@
 //!
 //!     example-paced IMU [PERIODS [CORE PRIORITY]]
 //!
-//! Start with this program. It loses no control period while the service is replaced, and says so where one is lost all the same. Replace
-//! `wait_for_period` and `latch` by your hardware, and `navigate` by your navigation. CORE and PRIORITY (`SCHED_FIFO`, 1 to 99) are for a
-//! machine that has a core to spare; they need rights, see docs/operate.md. The environment variable `ISOTHERM_DOMAIN` names the domain.
+//! Start with this program. It loses no control period while the service is replaced, and says so where one is lost all
+//! the same. Replace `wait_for_period` and `latch` by your hardware, and `navigate` by your navigation. CORE and
+//! PRIORITY (`SCHED_FIFO`, 1 to 99) are for a machine that has a core to spare; they need rights, see docs/operate.md.
+//! The environment variable `ISOTHERM_DOMAIN` names the domain.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that prints")]
 
 use isotherm_client::{
@@ -43,7 +44,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         return Err("usage: example-paced IMU [PERIODS [CORE PRIORITY]]".into());
     };
     let periods = rest.first().map_or(Ok(4000), |word| word.parse())?;
-    // Before connecting, so that all memory is resident. Without arguments only sleeps become exact, which needs no right.
+    // Before connecting, so that all memory is resident. Without arguments only sleeps become exact, which needs no
+    // right.
     let mut realtime = Realtime { timer_slack_ns: NonZeroU64::new(1), ..Realtime::default() };
     if let [_, core, priority] = rest {
         realtime =
@@ -115,7 +117,8 @@ impl Paced {
         let Some(waiting) = &mut self.waiting else { return self.waiting = Some(sample) };
         match self.acquisition.merge(waiting, sample) {
             Ok(()) => self.merged += 1,
-            // A sum does not fit: over an hour without a service. The sample that waits is dropped, which is a gap for every reader.
+            // A sum does not fit: over an hour without a service. The sample that waits is dropped, which is a gap for
+            // every reader.
             Err(LoansNotMerged { later, .. }) => self.waiting = Some(later),
         }
     }

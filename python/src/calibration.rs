@@ -63,8 +63,8 @@ pub(crate) fn read_text(path: PathBuf) -> PyResult<String> {
     crate::table::read_text(&path)
 }
 
-/// Calibrates: makes a table from a campaign; `samples` is a path, or the bytes of rows; None with ramps alone. `folder` is that of the campaign
-/// file, and `lag` a time constant \[s\], 0 for no transients or None.
+/// Calibrates: makes a table from a campaign; `samples` is a path, or the bytes of rows; None with ramps alone.
+/// `folder` is that of the campaign file, and `lag` a time constant \[s\], 0 for no transients or None.
 #[pyfunction]
 #[expect(
     clippy::too_many_arguments,

@@ -1,5 +1,5 @@
-//! Foreign data as raw samples, and increments as ROS messages, on arrays. The library does the work; this module converts arguments and
-//! results.
+//! Foreign data as raw samples, and increments as ROS messages, on arrays. The library does the work; this module
+//! converts arguments and results.
 
 use crate::errors::{RecordingFault, faults, file};
 use crate::records::{Fields, INCREMENT, RAW, array, raw_bytes};
@@ -23,7 +23,8 @@ pub(crate) enum Foreign {
     File(PathBuf),
 }
 
-/// The raw samples of foreign data as bytes, and what the user should know. `mapping` is the name and the text of a mapping file.
+/// The raw samples of foreign data as bytes, and what the user should know. `mapping` is the name and the text of a
+/// mapping file.
 #[pyfunction]
 pub(crate) fn convert(
     py: Python<'_>,
@@ -72,7 +73,8 @@ fn exception(failure: Failure, mapping: Option<(&Path, &str)>) -> PyErr {
     }
 }
 
-/// Writes increments, and the temperatures of samples, as ROS messages in MCAP. `table_file` is the name of the table's file.
+/// Writes increments, and the temperatures of samples, as ROS messages in MCAP. `table_file` is the name of the table's
+/// file.
 #[pyfunction]
 pub(crate) fn write_ros(
     py: Python<'_>,

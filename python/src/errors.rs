@@ -45,8 +45,8 @@ pub(crate) fn transport(error: impl Display) -> PyErr {
     TransportError::new_err(error.to_string())
 }
 
-/// The exception for all faults of a text from `source`: its message has one line for each, and it has a list of (line, key,
-/// message).
+/// The exception for all faults of a text from `source`: its message has one line for each, and it has a list of (line,
+/// key, message).
 pub(crate) fn faults(source: &str, faults: &Faults) -> PyErr {
     let line = |fault: &isotherm_shared::document::Fault| {
         let colon = if fault.key.is_empty() { "" } else { ": " };

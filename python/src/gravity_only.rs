@@ -105,7 +105,8 @@ pub(crate) fn calibrate_gravity_only(
     Ok(GravityOnlyCalibration { campaign, figures, source, digests, text })
 }
 
-/// Compares the lengths over the standstills of samples with local gravity: the document of `isotherm verify --standstills --json`.
+/// Compares the lengths over the standstills of samples with local gravity: the document of `isotherm
+/// verify --standstills --json`.
 #[pyfunction]
 #[expect(clippy::needless_pass_by_value, reason = "an argument of a Python function")]
 pub(crate) fn lengths<'py>(

@@ -1,5 +1,5 @@
-//! The native part of the Python package `isotherm`: streams, tables and arithmetic come from the Rust libraries. The Python part
-//! is in `python/isotherm`: arrays of other layouts, data frames and files.
+//! The native part of the Python package `isotherm`: streams, tables and arithmetic come from the Rust libraries. The
+//! Python part is in `python/isotherm`: arrays of other layouts, data frames and files.
 
 mod acquisition;
 mod calibration;
@@ -55,8 +55,8 @@ mod _isotherm {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        // The first use of NumPy loads its C interface. It happens here, because an interrupt (Ctrl-C) during the load would
-        // cause a panic.
+        // The first use of NumPy loads its C interface. It happens here, because an interrupt (Ctrl-C) during the load
+        // would cause a panic.
         drop(PyArray1::<u8>::zeros(module.py(), 0, false));
         module.add("FLAGS", Flags::NAMES.to_vec())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))

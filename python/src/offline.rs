@@ -55,8 +55,8 @@ pub(crate) fn time_warning(py: Python<'_>, samples: PyReadonlyArray1<'_, u8>) ->
     Ok(py.detach(|| rows.collect::<Continuity>().fault()).map(|fault| fault.to_string()))
 }
 
-/// The samples of an array. If none has a time constant, the lagged telemetry is computed with the table's, as the commands do for a recording
-/// without it; each session begins soaked.
+/// The samples of an array. If none has a time constant, the lagged telemetry is computed with the table's, as the
+/// commands do for a recording without it; each session begins soaked.
 pub(crate) fn with_lag(samples: &[u8], table: &CoefficientTable) -> impl Iterator<Item = RawSample> {
     let all = || samples.chunks_exact(RAW).map(|record| Fields(record).raw());
     let has_lag = table.lag_ns() == 0 || all().any(|sample| sample.lag_ns != 0);
@@ -204,7 +204,8 @@ pub(crate) fn regress(
     document.map(|document| document.to_string()).map_err(PyValueError::new_err)
 }
 
-/// The shortest decimal number that reads back to `value`, as a file would contain it; `name[index]` stands in the error.
+/// The shortest decimal number that reads back to `value`, as a file would contain it; `name[index]` stands in the
+/// error.
 fn decimal(name: &str, index: usize, value: f64) -> Result<DoubleDouble, String> {
     DoubleDouble::parse(&format!("{value:?}"))
         .ok_or_else(|| format!("{name}[{index}] is {value:?}, give a finite number, 0 or of size 1e-140 to 1e140"))

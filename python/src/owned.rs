@@ -10,7 +10,8 @@ use std::mem::ManuallyDrop;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{self, ThreadId};
 
-/// A value that only the thread that created it may use; other threads get an exception. Empty after it has been closed.
+/// A value that only the thread that created it may use; other threads get an exception. Empty after it has been
+/// closed.
 pub(crate) struct Owned<T> {
     name: &'static str,
     thread: ThreadId,

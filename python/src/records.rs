@@ -137,7 +137,8 @@ pub(crate) fn document<'py>(py: Python<'py>, document: &serde_json::Value) -> Py
     py.import("json")?.call_method1("loads", (document.to_string(),))
 }
 
-/// The records of `samples` (an array or a data frame) as the bytes of one contiguous array: `isotherm._records.sample_bytes`.
+/// The records of `samples` (an array or a data frame) as the bytes of one contiguous array:
+/// `isotherm._records.sample_bytes`.
 pub(crate) fn sample_bytes<'py>(samples: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArray1<'py, u8>> {
     static FUNCTION: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let py = samples.py();

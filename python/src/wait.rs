@@ -18,8 +18,8 @@ pub(crate) fn seconds(name: &str, value: f64) -> PyResult<Duration> {
     Ok(Duration::try_from_secs_f64(value).unwrap_or(Duration::MAX))
 }
 
-/// Calls `poll` with at most [`SLICE`] at a time until it returns a value or `timeout` has passed. Handles Python's signals after
-/// each call.
+/// Calls `poll` with at most [`SLICE`] at a time until it returns a value or `timeout` has passed. Handles Python's
+/// signals after each call.
 ///
 /// # Errors
 /// The errors of `poll`, or the exception of a signal handler, such as `KeyboardInterrupt`.

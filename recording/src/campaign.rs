@@ -10,8 +10,8 @@ use std::io::Read;
 /// One row of a campaign.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CampaignRow {
-    /// Line in the file, from 1. In a recording of several pieces it counts over all pieces; in a format without lines it is the
-    /// number of the row or message.
+    /// Line in the file, from 1. In a recording of several pieces it counts over all pieces; in a format without lines
+    /// it is the number of the row or message.
     pub line: u64,
     /// Set point of the chamber \[degC\]: a label that identifies the set point, not a measured value.
     pub set_point_c: f64,
@@ -21,8 +21,8 @@ pub struct CampaignRow {
     pub sample: RawSample,
 }
 
-/// Reads the rows of a campaign: raw samples with the columns `set_point_c` and `position`. `position` is empty in rows that were
-/// taken while the turntable moved. An [`Iterator`] that ends at the first error.
+/// Reads the rows of a campaign: raw samples with the columns `set_point_c` and `position`. `position` is empty in rows
+/// that were taken while the turntable moved. An [`Iterator`] that ends at the first error.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -127,8 +127,8 @@ const fn column(number: u64, set: ColumnSet, name: &'static str, kind: ColumnKin
     Column { name, number, set, kind, unit }
 }
 
-/// Index of `recorded_ns` in [`RAW`]: the Unix time at which the recorder received the sample. Only `isotherm record` writes it, so it
-/// identifies the files of the recorder.
+/// Index of `recorded_ns` in [`RAW`]: the Unix time at which the recorder received the sample. Only `isotherm record`
+/// writes it, so it identifies the files of the recorder.
 pub const RECORDED_NS: usize = 0;
 /// Index of `session` in [`RAW`].
 pub const SESSION: usize = 1;
@@ -142,7 +142,8 @@ pub const INTERVAL_NS: usize = 4;
 pub const SENT_NS: usize = 5;
 /// Index of `telemetry_ns` in [`RAW`].
 pub const TELEMETRY_NS: usize = 6;
-/// Index in [`RAW`] of the columns of A1: positive and negative pulses, head and board telemetry. Those of A2 and A3 follow.
+/// Index in [`RAW`] of the columns of A1: positive and negative pulses, head and board telemetry. Those of A2 and A3
+/// follow.
 pub const ACCELEROMETERS: usize = 7;
 /// Index of `device` in [`RAW`].
 pub const DEVICE: usize = 19;
@@ -158,8 +159,8 @@ const ACCELEROMETERS_LAGGED: usize = LAG_NS + 1;
 /// Index of `g1_head_lagged` in [`RAW`].
 const GYROSCOPES_LAGGED: usize = ACCELEROMETERS_LAGGED + AXES;
 
-/// Columns of a campaign's rows that come before those of the raw sample: the chamber's set point and the number of the position.
-/// The position is empty in rows that were taken while the turntable moved.
+/// Columns of a campaign's rows that come before those of the raw sample: the chamber's set point and the number of the
+/// position. The position is empty in rows that were taken while the turntable moved.
 pub const CAMPAIGN: [Column; 2] = [
     column(0, ColumnSet::Always, "set_point_c", ColumnKind::F64, "degC, set point of the chamber"),
     column(0, ColumnSet::Always, "position", ColumnKind::U32, "number of the position; empty while the table moves"),
@@ -294,7 +295,8 @@ pub const INCREMENT: [Column; 16] = [
     ),
 ];
 
-/// The value of the column with this index in [`RAW`]: an integer, or the bits of a double. A sample has no `recorded_ns`.
+/// The value of the column with this index in [`RAW`]: an integer, or the bits of a double. A sample has no
+/// `recorded_ns`.
 #[must_use]
 pub fn load(raw: &RawSample, index: usize) -> u64 {
     let part = |triad: &Triad, index: usize| {
@@ -325,8 +327,8 @@ pub fn load(raw: &RawSample, index: usize) -> u64 {
     }
 }
 
-/// Stores a value of the column with this index in [`RAW`] in a sample: an integer, or the bits of a double. `recorded_ns` and
-/// `sent_ns` are ignored: samples that are read from a recording do not have them.
+/// Stores a value of the column with this index in [`RAW`] in a sample: an integer, or the bits of a double.
+/// `recorded_ns` and `sent_ns` are ignored: samples that are read from a recording do not have them.
 pub fn store(raw: &mut RawSample, index: usize, value: u64) {
     let part = |triad: &mut Triad, index: usize| {
         let sensor = index / PER_SENSOR % AXES;
@@ -375,13 +377,15 @@ pub fn load_increment(increment: &CompensatedIncrement, index: usize) -> u64 {
     }
 }
 
-/// The columns that a file of raw samples lacks to have its sets whole: for each column its name and set, and whether the file has it.
+/// The columns that a file of raw samples lacks to have its sets whole: for each column its name and set, and whether
+/// the file has it.
 pub fn incomplete<'a>(
     columns: impl Iterator<Item = (&'a str, ColumnSet)> + Clone,
     found: impl Fn(&str) -> bool,
 ) -> Vec<&'a str> {
     let any = |wanted: ColumnSet| columns.clone().any(|(name, set)| set == wanted && found(name));
-    // The lagged telemetry of gyroscopes does not ask for gyroscopes: of an IMU that has none, the readers leave it out.
+    // The lagged telemetry of gyroscopes does not ask for gyroscopes: of an IMU that has none, the readers leave it
+    // out.
     let gyroscopes = any(ColumnSet::Gyroscopes);
     let lag = any(ColumnSet::Lag) || any(ColumnSet::LaggedGyroscopes);
     let needed = |set: ColumnSet| match set {
@@ -397,7 +401,8 @@ pub fn incomplete<'a>(
 pub const INCOMPLETE_HINT: &str = "a recording has all columns of the gyroscopes (g1_positive, g1_negative, g1_head, g1_board, g2_.., g3_..) or \
      none, and all of the lagged telemetry (lag_ns, a1_head_lagged, a2_.., a3_.., with gyroscopes also g1_head_lagged, ..) or none";
 
-/// The number in a field of kind [`ColumnKind::Hex`]: 16 hexadecimal digits; also nothing, or `0`, for 0. `None` for any other text.
+/// The number in a field of kind [`ColumnKind::Hex`]: 16 hexadecimal digits; also nothing, or `0`, for 0. `None` for
+/// any other text.
 #[must_use]
 pub fn hex(text: &[u8]) -> Option<u64> {
     if text.is_empty() || text == b"0" {

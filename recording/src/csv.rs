@@ -50,7 +50,8 @@ pub struct Rows<R> {
     parser: csv_core::Reader,
     text: Vec<u8>,
     line: u64,
-    /// The unquoted fields of a row with quotation marks, one after the other, and the end of each, as csv-core returns them.
+    /// The unquoted fields of a row with quotation marks, one after the other, and the end of each, as csv-core returns
+    /// them.
     unquoted: Vec<u8>,
     ends: Vec<usize>,
     /// Whether the current row has quotation marks. Fields are in `unquoted` then, otherwise in `text`.
@@ -181,8 +182,8 @@ impl<R: Read> Rows<R> {
         }
     }
 
-    /// Chooses the separator by the header, which must be the current row: the first with which `has_columns` is true of the names,
-    /// or else the one that gives the most columns. Without this, commas separate.
+    /// Chooses the separator by the header, which must be the current row: the first with which `has_columns` is true
+    /// of the names, or else the one that gives the most columns. Without this, commas separate.
     ///
     /// # Errors
     /// If a quotation mark is not closed.
@@ -226,7 +227,8 @@ impl<R: Read> Rows<R> {
         self.line
     }
 
-    /// Finds the columns `names` in the header, which must be the current row. `hint` ends the message about missing columns.
+    /// Finds the columns `names` in the header, which must be the current row. `hint` ends the message about missing
+    /// columns.
     ///
     /// # Errors
     /// If columns are missing, with the names of those and of all columns that were found, or if a column occurs twice.
@@ -343,7 +345,8 @@ impl<R: Read> Rows<R> {
         self.parse(column, "16 hexadecimal digits", |text| hex(text.as_bytes()))
     }
 
-    /// Parses a number. Telemetry may be NaN or infinite if the text says so; a decimal number that overflows is an error.
+    /// Parses a number. Telemetry may be NaN or infinite if the text says so; a decimal number that overflows is an
+    /// error.
     ///
     /// # Errors
     /// If the field is not a number.
@@ -357,8 +360,8 @@ impl<R: Read> Rows<R> {
     }
 }
 
-/// The message about columns that a file lacks: those `missing`, those `found`, and `hint`. A file of increments where raw samples
-/// are wanted is recognised.
+/// The message about columns that a file lacks: those `missing`, those `found`, and `hint`. A file of increments where
+/// raw samples are wanted is recognised.
 pub fn missing_columns(missing: &[&str], found: impl IntoIterator<Item = String>, hint: &str) -> String {
     let found: Vec<_> = found.into_iter().collect();
     let is_increments = found.iter().any(|name| name == "a1_dv") && missing.contains(&"a1_positive");
@@ -393,8 +396,9 @@ fn digits(field: &[u8]) -> Option<(usize, u64, usize)> {
     digits_with(field, b'.')
 }
 
-/// Splits a plain decimal (at most one minus sign, at most one decimal mark, up to 18 digits): 1 if it is negative, else 0; its digits
-/// as one integer; the number of digits after the mark. `None` for any other field, which the standard library then parses.
+/// Splits a plain decimal (at most one minus sign, at most one decimal mark, up to 18 digits): 1 if it is negative,
+/// else 0; its digits as one integer; the number of digits after the mark. `None` for any other field, which the
+/// standard library then parses.
 #[inline]
 #[must_use]
 pub fn digits_with(field: &[u8], mark: u8) -> Option<(usize, u64, usize)> {
@@ -424,8 +428,8 @@ const POWERS: [f64; 23] = [
     1e21, 1e22,
 ];
 
-/// Parses a decimal whose digits and power of ten are exact doubles. One division then rounds only once, to the nearest double
-/// (Clinger, 1990).
+/// Parses a decimal whose digits and power of ten are exact doubles. One division then rounds only once, to the nearest
+/// double (Clinger, 1990).
 #[inline]
 fn decimal(field: &[u8]) -> Option<f64> {
     digits(field).and_then(nearest_double)

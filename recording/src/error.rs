@@ -23,8 +23,8 @@ pub enum RecordingError {
         /// What is wrong, and what is expected.
         message: String,
     },
-    /// The source could not be read. Only an error of the operating system has a code of it; any other is in the data, such as an
-    /// end too early or a page that cannot be decompressed.
+    /// The source could not be read. Only an error of the operating system has a code of it; any other is in the data,
+    /// such as an end too early or a page that cannot be decompressed.
     #[error(transparent)]
     Io(#[from] io::Error),
     /// The next piece of the recording could not be opened.

@@ -1,7 +1,7 @@
 //! Recordings: rows, the one list of columns, and CSV. Other formats are in `isotherm-recording-formats`.
 //!
-//! This crate reads from any source and writes to any sink; its callers open the files. Readers find columns by name, in any
-//! order, and ignore other columns:
+//! This crate reads from any source and writes to any sink; its callers open the files. Readers find columns by name,
+//! in any order, and ignore other columns:
 //!
 //! ```text
 //! raw:        sequence,timestamp_ns,interval_ns,a1_positive,a1_negative,a1_head,a1_board,a2_..,a3_..

@@ -118,8 +118,8 @@ impl<R: Read> RawCsvReader<R> {
         self.columns.has_lag
     }
 
-    /// A warning if the last line was truncated. `isotherm record` ends every line, so a last line without an end was truncated
-    /// by a crash and is ignored.
+    /// A warning if the last line was truncated. `isotherm record` ends every line, so a last line without an end was
+    /// truncated by a crash and is ignored.
     #[must_use]
     pub fn truncation(&self) -> Option<String> {
         self.truncated.map(|line| format!("the recording was not ended properly: line {line} is cut and left out"))
@@ -190,7 +190,8 @@ impl RawColumns {
     }
 }
 
-/// Writes raw samples as CSV. Floats have the shortest form that reads back as the same double. Sessions are not written.
+/// Writes raw samples as CSV. Floats have the shortest form that reads back as the same double. Sessions are not
+/// written.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -218,8 +219,9 @@ pub struct RawCsvWriter<W> {
 }
 
 impl<W: Write> RawCsvWriter<W> {
-    /// Writes the header row of samples of accelerometers. `leading` has the comma-separated names of the caller's own columns, which come
-    /// first; it is empty if there are none. With `telemetry_ns`, the time of the telemetry is the last column.
+    /// Writes the header row of samples of accelerometers. `leading` has the comma-separated names of the caller's own
+    /// columns, which come first; it is empty if there are none. With `telemetry_ns`, the time of the telemetry is the
+    /// last column.
     ///
     /// # Errors
     /// Those of the sink.
@@ -227,8 +229,8 @@ impl<W: Write> RawCsvWriter<W> {
         Self::with_layout(sink, leading, telemetry_ns, Layout::default())
     }
 
-    /// As [`new`](Self::new), with the columns of a layout: those of the gyroscopes and of the lagged telemetry come behind those of the
-    /// accelerometers, the device comes last.
+    /// As [`new`](Self::new), with the columns of a layout: those of the gyroscopes and of the lagged telemetry come
+    /// behind those of the accelerometers, the device comes last.
     ///
     /// # Errors
     /// Those of the sink.
@@ -240,7 +242,8 @@ impl<W: Write> RawCsvWriter<W> {
         Ok(Self { sink, leading: !leading.is_empty(), columns, plain: false, last: (0, Vec::new()), row: Vec::new() })
     }
 
-    /// Appends rows to a file that already has a header of [`new`](Self::new). `leading` says whether the file has the caller's own columns.
+    /// Appends rows to a file that already has a header of [`new`](Self::new). `leading` says whether the file has the
+    /// caller's own columns.
     #[must_use]
     pub fn resume(sink: W, leading: bool, telemetry_ns: bool) -> Self {
         Self::resume_with_layout(sink, leading, telemetry_ns, Layout::default())

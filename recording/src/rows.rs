@@ -56,7 +56,8 @@ impl RecordedRow {
         }
     }
 
-    /// Passes each column of a file with this layout and its value to `take`: an integer, the bits of a double or those of flags.
+    /// Passes each column of a file with this layout and its value to `take`: an integer, the bits of a double or those
+    /// of flags.
     pub fn visit(&self, layout: Layout, mut take: impl FnMut(&Column, u64)) {
         for (index, column) in all(self.stream()).iter().enumerate() {
             if layout.has(column) {

@@ -1,4 +1,5 @@
-//! The whole IMU: a recording with gyroscopes and lagged telemetry, read, compensated, and compared with exact increments.
+//! The whole IMU: a recording with gyroscopes and lagged telemetry, read, compensated, and compared with exact
+//! increments.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_recording::RawCsvReader;

@@ -1,7 +1,7 @@
 //! Range, tick marks and tick labels of one plot axis.
 //!
-//! Ticks are whole multiples of 1, 2 or 5 times a power of ten, and their labels are written from these integers. So two
-//! ticks never have the same label, however small the range is compared with the value.
+//! Ticks are whole multiples of 1, 2 or 5 times a power of ten, and their labels are written from these integers. So
+//! two ticks never have the same label, however small the range is compared with the value.
 
 /// Fewest and most tick marks of an axis.
 pub(super) const TICKS: (usize, usize) = (4, 7);
@@ -40,7 +40,8 @@ impl PlotAxis {
         Self { low, high, ticks, note }
     }
 
-    /// A logarithmic axis over decimal logarithms, with a tick mark at powers of ten; under two decades also at their twice and five times.
+    /// A logarithmic axis over decimal logarithms, with a tick mark at powers of ten; under two decades also at their
+    /// twice and five times.
     pub(super) fn decades(logarithms: impl IntoIterator<Item = f64>) -> Self {
         let (low, high) = range(logarithms);
         let extra = (0.03 * (high - low)).max(0.05);
@@ -78,9 +79,9 @@ fn power_label(factor: i64, power: i32) -> String {
     if factor == 1 { format!("10{digits}") } else { format!("{factor}\u{b7}10{digits}") }
 }
 
-/// Ticks of a second scale, by pairs of a value on the axis and the value there on the second scale: round values of the second
-/// scale where a line through the pairs has them, with their labels. Pairs of the same second value count as their mean. None
-/// if the second scale does not rise or fall all along the axis.
+/// Ticks of a second scale, by pairs of a value on the axis and the value there on the second scale: round values of
+/// the second scale where a line through the pairs has them, with their labels. Pairs of the same second value count as
+/// their mean. None if the second scale does not rise or fall all along the axis.
 pub(super) fn second_scale(pairs: impl IntoIterator<Item = (f64, f64)>) -> Vec<(f64, String)> {
     let mut pairs: Vec<_> = pairs.into_iter().filter(|pair| usable(pair.0) && usable(pair.1)).collect();
     pairs.sort_by(|a, b| a.1.total_cmp(&b.1));

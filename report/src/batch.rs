@@ -22,7 +22,8 @@ pub struct BatchSource {
     pub dropped: Vec<(String, String)>,
 }
 
-/// The page as HTML. Without `batch`, that is with fewer than two tables, it has the dropped IMUs alone; `reason` says why.
+/// The page as HTML. Without `batch`, that is with fewer than two tables, it has the dropped IMUs alone; `reason` says
+/// why.
 #[must_use]
 pub fn html(batch: Result<&Batch, &str>, source: &BatchSource) -> String {
     let mut page = Page::new("Batch of IMUs", &format!("{} · {} · {}", source.source, source.time, source.tool));

@@ -142,7 +142,8 @@ impl Report<'_> {
         );
     }
 
-    /// Errors of the campaign's own dwells. Figure 6 of the paper, over a separate run, is in the report of a verification.
+    /// Errors of the campaign's own dwells. Figure 6 of the paper, over a separate run, is in the report of a
+    /// verification.
     fn before_after(&self, page: &mut Page) {
         self.heading(page, &self.triads[0], "before-after", "Before and after, on the campaign's own dwells");
         page.paragraph(

@@ -1,5 +1,6 @@
-//! Results as the JSON that `--json` prints. Keys of figures have their unit at the end; `in_unit` is the `unit` of the same object. The
-//! `value` and the half width `interval` of an estimate have the unit of its key. Counts, ratios and texts have none. What is not known is null.
+//! Results as the JSON that `--json` prints. Keys of figures have their unit at the end; `in_unit` is the `unit` of the
+//! same object. The `value` and the half width `interval` of an estimate have the unit of its key. Counts, ratios and
+//! texts have none. What is not known is null.
 
 use isotherm_calibration::{
     Accuracy, BiasTransient, CalibratedTriad, Calibration, CalibrationError, Condition, Finding, GyroscopeCalibration,
@@ -14,8 +15,8 @@ use isotherm_statistics::{CONFIDENCE, QUANTITIES, band};
 use isotherm_verification::{Coverage, Errors, GyroscopeStability, LeftOut, Loops, Requirement, Stability};
 use serde_json::{Value, json};
 
-/// A calibration: digest, bottom line, curves, misalignments and findings; of an IMU with gyroscopes also theirs. `locate` gives file and line
-/// of a row.
+/// A calibration: digest, bottom line, curves, misalignments and findings; of an IMU with gyroscopes also theirs.
+/// `locate` gives file and line of a row.
 #[must_use]
 pub fn calibration(calibration: &Calibration, locate: impl Fn(u64) -> String) -> Value {
     let triad = CalibratedTriad::accelerometers(calibration);
@@ -60,7 +61,8 @@ pub fn calibration(calibration: &Calibration, locate: impl Fn(u64) -> String) ->
     document
 }
 
-/// A calibration from ramps alone: digest, what the table does not know, transients and findings. `locate` gives file and line of a row.
+/// A calibration from ramps alone: digest, what the table does not know, transients and findings. `locate` gives file
+/// and line of a row.
 #[must_use]
 pub fn ramps(calibration: &RampCalibration, locate: impl Fn(u64) -> String) -> Value {
     let content = calibration.table.content();
@@ -79,8 +81,8 @@ pub fn ramps(calibration: &RampCalibration, locate: impl Fn(u64) -> String) -> V
     })
 }
 
-/// What the ramps show. The figures of a bias are in its `unit`: `transient`, `estimate` and `standard_error` per unit of telemetry, `t_tau` times
-/// seconds.
+/// What the ramps show. The figures of a bias are in its `unit`: `transient`, `estimate` and `standard_error` per unit
+/// of telemetry, `t_tau` times seconds.
 fn transients(found: &Transients) -> Value {
     let tau = &found.time_constant;
     let condition = |condition: &Condition| {
@@ -260,7 +262,8 @@ fn finding(finding: &Finding, locate: impl Fn(u64) -> String) -> Value {
     document
 }
 
-/// A verification: table 4, the verdict and the judgement of what is required. `window_s` is the length of the windows \[s\].
+/// A verification: table 4, the verdict and the judgement of what is required. `window_s` is the length of the windows
+/// \[s\].
 #[must_use]
 pub fn verification(stability: &Stability, window_s: f64, required: Option<Requirement>) -> Value {
     let verdict = &stability.verdict;
@@ -381,7 +384,8 @@ fn hysteresis(loops: &Loops, axis: usize, unit: &str) -> Value {
     keys.into_iter().collect()
 }
 
-/// Of each axis the telemetry of run and table, and the part of the table's range that the run covers; the channels that the run drives.
+/// Of each axis the telemetry of run and table, and the part of the table's range that the run covers; the channels
+/// that the run drives.
 fn covered(covered: &Coverage) -> Value {
     let sensor = |axis: usize, k: usize| {
         json!({

@@ -1,4 +1,5 @@
-//! What was found, as text, as JSON, and as self-contained HTML: one file with inline figures, without script, network access or external font.
+//! What was found, as text, as JSON, and as self-contained HTML: one file with inline figures, without script, network
+//! access or external font.
 //!
 //! [`Page`] appends escaped text, tables and figures to a document, [`Plot`] draws a figure as inline SVG. Both share
 //! one embedded stylesheet, so a figure follows the light, dark or print palette of its page.

@@ -1,12 +1,13 @@
-//! Pictures of the loop between heating and cooling: the residual of a bias against its telemetry, coloured by direction.
+//! Pictures of the loop between heating and cooling: the residual of a bias against its telemetry, coloured by
+//! direction.
 
 use super::plot::{Plot, Style};
 use isotherm_statistics::{LoopPoint, band};
 use maud::Markup;
 
-/// The loop of the sensor `name` without its transient and with it, as two figures on one scale, each with a caption that gives the hysteresis
-/// band: for [`Page::figures`](super::page::Page::figures). One figure where both are the same. `unit` is that of the pictures, for example
-/// `ug0`, and `factor` leads to it from the unit of the residuals.
+/// The loop of the sensor `name` without its transient and with it, as two figures on one scale, each with a caption
+/// that gives the hysteresis band: for [`Page::figures`](super::page::Page::figures). One figure where both are the
+/// same. `unit` is that of the pictures, for example `ug0`, and `factor` leads to it from the unit of the residuals.
 #[must_use]
 pub(crate) fn pictures(
     name: &str,

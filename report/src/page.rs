@@ -1,9 +1,9 @@
 //! A self-contained HTML document.
 //!
-//! The templates escape every text, because names of devices, files and campaigns come from outside. The document contains
-//! its own stylesheet, and its content security policy forbids everything else: the document loads nothing and runs nothing,
-//! so it can be archived and read on any device. It follows the reader's light or dark preference and prints in the light
-//! palette.
+//! The templates escape every text, because names of devices, files and campaigns come from outside. The document
+//! contains its own stylesheet, and its content security policy forbids everything else: the document loads nothing and
+//! runs nothing, so it can be archived and read on any device. It follows the reader's light or dark preference and
+//! prints in the light palette.
 
 use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 
@@ -164,8 +164,8 @@ impl Page {
         });
     }
 
-    /// Adds a table; the first cell of a row is its header. A table wider than the page scrolls on its own, and has a shadow at each
-    /// edge behind which there is more.
+    /// Adds a table; the first cell of a row is its header. A table wider than the page scrolls on its own, and has a
+    /// shadow at each edge behind which there is more.
     pub fn table(&mut self, caption: &str, header: &[&str], rows: &[Vec<Cell>]) {
         self.tables += 1;
         let id = format!("t-{}", self.tables);

@@ -9,7 +9,8 @@ use isotherm_shared::table::CoefficientTable;
 pub(crate) const NAVIGATION: [&str; 5] =
     ["Error", "1e-6 g0", "Level / arc seconds", "Velocity in 60 s / (mm/s)", "Position in 60 s / mm"];
 
-/// The row for an acceleration error \[g0\]: the tilt error of a levelling, and the velocity and position errors after 60 s.
+/// The row for an acceleration error \[g0\]: the tilt error of a levelling, and the velocity and position errors after
+/// 60 s.
 pub(crate) fn navigation(what: &str, error: f64) -> Vec<Cell> {
     let acceleration = error * 9.80665e3;
     vec![

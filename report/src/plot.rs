@@ -1,8 +1,8 @@
 //! One x-y figure as inline SVG.
 //!
 //! Colours, line widths and fonts come from the stylesheet of the [`page`](super::page) by class, so a figure follows
-//! its palette. The SVG itself contains only geometry and text, and no identifier that could occur twice on a page. Series
-//! differ by colour, by the shape of their points and, unless they are dense, by their dashes.
+//! its palette. The SVG itself contains only geometry and text, and no identifier that could occur twice on a page.
+//! Series differ by colour, by the shape of their points and, unless they are dense, by their dashes.
 //!
 //! Over 400 lines: one figure, from its parts to the drawing.
 
@@ -137,14 +137,16 @@ impl Plot {
         self
     }
 
-    /// Extends the range of y to include these values: figures with the same ones, whose own values are among them, have one scale.
+    /// Extends the range of y to include these values: figures with the same ones, whose own values are among them,
+    /// have one scale.
     #[must_use]
     pub fn include_y(mut self, values: impl IntoIterator<Item = f64>) -> Self {
         self.also_y.extend(values);
         self
     }
 
-    /// Puts both axes on logarithmic scales. Call it after everything else. Values that are not over 0 are skipped; error bars are not drawn.
+    /// Puts both axes on logarithmic scales. Call it after everything else. Values that are not over 0 are skipped;
+    /// error bars are not drawn.
     #[must_use]
     pub fn logarithmic(mut self) -> Self {
         let log = |value: f64| if value > 0.0 { value.log10() } else { f64::NAN };
@@ -170,8 +172,8 @@ impl Plot {
         self
     }
 
-    /// Adds a second scale of x above the plot area, by pairs of x and the value there on the second scale, with ticks at round
-    /// values. Without at least two pairs, or if they do not rise or fall all along x, it does nothing.
+    /// Adds a second scale of x above the plot area, by pairs of x and the value there on the second scale, with ticks
+    /// at round values. Without at least two pairs, or if they do not rise or fall all along x, it does nothing.
     #[must_use]
     pub fn second_scale(self, label: &str, pairs: impl IntoIterator<Item = (f64, f64)>) -> Self {
         self.upper_axis(label, second_scale(pairs))
@@ -286,7 +288,8 @@ impl Plot {
         ticks
     }
 
-    /// Row, centre and text of the marker labels. Labels of one row do not overlap; a label that fits into no row is omitted.
+    /// Row, centre and text of the marker labels. Labels of one row do not overlap; a label that fits into no row is
+    /// omitted.
     fn marker_labels(&self, x: impl Fn(f64) -> f64) -> Vec<(usize, f64, String)> {
         let mut ends = [0.0; MARKER_ROWS];
         let mut labels = Vec::new();

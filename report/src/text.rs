@@ -16,7 +16,8 @@ use isotherm_verification::{
 };
 use std::fmt::Write as _;
 
-/// A calibration in a few lines: orders, errors, misalignments, tilt; of gyroscopes also g-sensitivities and Earth's rate.
+/// A calibration in a few lines: orders, errors, misalignments, tilt; of gyroscopes also g-sensitivities and Earth's
+/// rate.
 #[must_use]
 pub fn calibration(calibration: &Calibration) -> String {
     let triads: Vec<_> = CalibratedTriad::all(calibration).collect();
@@ -240,8 +241,8 @@ fn figure(value: Option<f64>, text: &dyn Fn(f64) -> String) -> String {
     value.map_or_else(|| "not known".to_owned(), text)
 }
 
-/// The stability of a recording: how many windows are judged, the paper's table 4, the hysteresis band, then the verdict. `window` is the length of the windows \[s\]; `aligned` says
-/// whether the table has an alignment matrix.
+/// The stability of a recording: how many windows are judged, the paper's table 4, the hysteresis band, then the
+/// verdict. `window` is the length of the windows \[s\]; `aligned` says whether the table has an alignment matrix.
 #[must_use]
 pub fn stability(stability: &Stability, window: f64, aligned: bool) -> String {
     let counted = stability.windows.iter().filter(|window| window.counts).count();

@@ -10,9 +10,9 @@ pub(super) const MAX_VERTICES: usize = 1500;
 
 /// Indices of the usable points to draw as a line, ascending.
 ///
-/// Up to `limit` points are all kept. Of more points, every column of the figure keeps its smallest and its largest y, and
-/// the line keeps its ends: no extreme value is lost. Columns are equal intervals of x, or equal numbers of points if x is
-/// not sorted.
+/// Up to `limit` points are all kept. Of more points, every column of the figure keeps its smallest and its largest y,
+/// and the line keeps its ends: no extreme value is lost. Columns are equal intervals of x, or equal numbers of points
+/// if x is not sorted.
 pub(super) fn extremes(points: &[(f64, f64)], limit: usize) -> BTreeSet<usize> {
     let all: Vec<usize> = (0..points.len()).filter(|&i| usable(points[i].0) && usable(points[i].1)).collect();
     let (Some(&first), Some(&last)) = (all.first(), all.last()) else { return BTreeSet::new() };

@@ -1,4 +1,5 @@
-//! The sections on ramps: the verdict, the conditions, the loops between heating and cooling, and the search over the time constant.
+//! The sections on ramps: the verdict, the conditions, the loops between heating and cooling, and the search over the
+//! time constant.
 
 use super::loops::pictures;
 use super::page::{Cell, NoteKind, Page};

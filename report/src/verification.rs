@@ -313,7 +313,8 @@ fn figures(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
     page.paragraph("A trend against dU/dt means that heads or boards lag behind their telemetry.");
 }
 
-/// The errors before and after, those after alone, and those after against the drift; each over time, then over temperature, by sensor.
+/// The errors before and after, those after alone, and those after against the drift; each over time, then over
+/// temperature, by sensor.
 fn error_figures(view: &TriadView<'_>, temperature_unit: &str) -> [Vec<(Markup, String)>; 3] {
     let head = format!("Head telemetry / {temperature_unit}");
     let drift = format!("dU/dt of the head / ({temperature_unit} per h)");

@@ -45,7 +45,8 @@ pub fn clean(domain: &Domain) -> Result<usize, Failure> {
     Ok(removed)
 }
 
-/// A process that uses the domain, for messages: one that the transport lists, or one that has the domain's memory mapped.
+/// A process that uses the domain, for messages: one that the transport lists, or one that has the domain's memory
+/// mapped.
 fn user_of(domain: &Domain) -> Result<Option<String>, Failure> {
     let config = domain.config().map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
     let mut user = None;

@@ -1,8 +1,9 @@
-//! The control thread: it starts the service, then reloads tables, publishes the status and does the housekeeping, and stops the
-//! service.
+//! The control thread: it starts the service, then reloads tables, publishes the status and does the housekeeping, and
+//! stops the service.
 //!
-//! Start-up order: tables (all faults are reported together, before any stream is created) -> node -> status stream, which keeps
-//! a second service out -> workers with the IMUs' streams -> file watch -> loop. The service stops in the reverse order.
+//! Start-up order: tables (all faults are reported together, before any stream is created) -> node -> status stream,
+//! which keeps a second service out -> workers with the IMUs' streams -> file watch -> loop. The service stops in the
+//! reverse order.
 
 use crate::config::{Config, Strategy};
 use crate::guard::{self, Guard};
@@ -322,7 +323,8 @@ fn threads_of(config: &Config, workers: &[Worker]) -> Vec<WorkerThread> {
     workers.iter().enumerate().map(thread_of).collect()
 }
 
-/// A service needs some ten descriptors for each IMU and a few for each client. With many of them that is over the usual soft limit.
+/// A service needs some ten descriptors for each IMU and a few for each client. With many of them that is over the
+/// usual soft limit.
 fn raise_descriptor_limit() {
     let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
     // If this fails, the limit stays, and whatever runs out of descriptors reports it.

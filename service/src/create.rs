@@ -1,8 +1,8 @@
 //! Creating streams, even if a killed process has left some half-created.
 //!
-//! Only the service creates streams. A process that is killed while it creates one leaves it half-created, and the transport
-//! never removes it. This module removes a stream that is still half-created after twice the transport's creation time-out. After
-//! any other temporary error it tries again for a bounded time.
+//! Only the service creates streams. A process that is killed while it creates one leaves it half-created, and the
+//! transport never removes it. This module removes a stream that is still half-created after twice the transport's
+//! creation time-out. After any other temporary error it tries again for a bounded time.
 
 use crate::leftovers::{self, Port, ports_of};
 use iceoryx2::port::publisher::PublisherCreateError;
@@ -66,8 +66,8 @@ impl<'a> Creator<'a> {
         self.create(name, Some(stream), &|| "its places are taken".to_owned(), attempt)
     }
 
-    /// Creates a port of a stream. `name` is its name for the operator. `taken` makes the message for a place that stays taken:
-    /// cause and remedy.
+    /// Creates a port of a stream. `name` is its name for the operator. `taken` makes the message for a place that
+    /// stays taken: cause and remedy.
     ///
     /// # Errors
     /// What still prevents it after `CREATE_TIMEOUT`; after `PLACE_TIMEOUT` if its place is taken.
@@ -171,8 +171,8 @@ fn failed(name: &str, domain: &Domain, cause: &str) -> Failure {
     )
 }
 
-/// Removes a service's file if it is still unreadable long after its creation began, or if its shared memory is gone: a process
-/// that removes a service removes the memory first, and this one was killed before it removed the file.
+/// Removes a service's file if it is still unreadable long after its creation began, or if its shared memory is gone: a
+/// process that removes a service removes the memory first, and this one was killed before it removed the file.
 pub fn remove_half_created(domain: &Domain) {
     let (folder, prefix) = (format!("{}/services", domain.root_path()), domain.prefix());
     for file in own_files(folder, &prefix) {
@@ -188,8 +188,8 @@ pub fn remove_half_created(domain: &Domain) {
     }
 }
 
-/// Removes what is left of a stream that is unusable and stays: its last user was killed after it had marked the stream for
-/// destruction.
+/// Removes what is left of a stream that is unusable and stays: its last user was killed after it had marked the stream
+/// for destruction.
 fn remove_half_removed(domain: &Domain, stream: &ServiceName) {
     let (folder, prefix) = (format!("{}/services", domain.root_path()), domain.prefix());
     for OwnFile { path, .. } in own_files(folder, &prefix).filter(|file| file.mode() == 0o400) {

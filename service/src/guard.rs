@@ -1,8 +1,9 @@
 //! Whether a new table may take the place of the one that was in force before: a lost digit must not go into the air.
 //!
-//! The tables are compared by [`TableDifference`], without errors or statistics. The table in force is kept in a folder that outlives
-//! the service and its domain, so that a restart installs no table that a reload has refused. Somebody who means the change accepts the
-//! table's digest with the command `reload`: by a [`Note`] in the domain's folder, where nobody else can write.
+//! The tables are compared by [`TableDifference`], without errors or statistics. The table in force is kept in a folder
+//! that outlives the service and its domain, so that a restart installs no table that a reload has refused. Somebody
+//! who means the change accepts the table's digest with the command `reload`: by a [`Note`] in the domain's folder,
+//! where nobody else can write.
 
 use crate::config::Imu;
 use isotherm_client::{Domain, ImuId, Note, ROOT_VARIABLE, STATE_VARIABLE};

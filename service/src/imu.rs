@@ -1,4 +1,5 @@
-//! One IMU in the control thread: the file of its table, the tables sent to the worker, and the losses that were logged.
+//! One IMU in the control thread: the file of its table, the tables sent to the worker, and the losses that were
+//! logged.
 
 use crate::config::Imu;
 use crate::guard::{Admission, Guard};
@@ -22,8 +23,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tracing::{error, info, warn};
 
-/// Room for tables in the queue to the worker. The worker takes them at least every [`BOUND_NS`](crate::worker::wait::BOUND_NS).
-/// If the queue is full, a table waits for the next tick.
+/// Room for tables in the queue to the worker. The worker takes them at least every
+/// [`BOUND_NS`](crate::worker::wait::BOUND_NS). If the queue is full, a table waits for the next tick.
 const TABLE_QUEUE_DEPTH: usize = 16;
 /// Further losses are logged at most once in this time.
 const LOSS_LOG_INTERVAL: Duration = Duration::from_secs(60);
@@ -172,8 +173,8 @@ pub(crate) struct SentTable {
     pub modified_unix_s: Option<f64>,
 }
 
-/// The queue to the worker, and all tables that the worker may still hold, the newest last. They are freed here, never by the
-/// worker.
+/// The queue to the worker, and all tables that the worker may still hold, the newest last. They are freed here, never
+/// by the worker.
 struct TableQueue {
     alive: Vec<SentTable>,
     unsent: Option<Arc<CoefficientTable>>,
@@ -298,8 +299,8 @@ impl ImuState {
         }
     }
 
-    /// Logs the losses since the last log line. After a log line there is none for [`LOSS_LOG_INTERVAL`], except at the `last`
-    /// call.
+    /// Logs the losses since the last log line. After a log line there is none for [`LOSS_LOG_INTERVAL`], except at the
+    /// `last` call.
     pub(crate) fn log_losses(&mut self, last: bool) {
         if !last && self.logged.at.is_some_and(|logged| logged.elapsed() < LOSS_LOG_INTERVAL) {
             return;

@@ -1,9 +1,10 @@
 //! Removing what killed clients leave behind and the transport does not remove.
 //!
-//! The transport cleans up after a dead process as long as it finds a record of what the process was doing. A process that is
-//! killed while it joins leaves files without such a record. A process that is killed while it creates a port can leave the port
-//! listed for ever, with its place taken. The control thread searches for both once a second. It removes them when [`PASSES`]
-//! searches in a row have found the process dead, so that the transport can remove them first.
+//! The transport cleans up after a dead process as long as it finds a record of what the process was doing. A process
+//! that is killed while it joins leaves files without such a record. A process that is killed while it creates a port
+//! can leave the port listed for ever, with its place taken. The control thread searches for both once a second. It
+//! removes them when [`PASSES`] searches in a row have found the process dead, so that the transport can remove them
+//! first.
 
 use iceoryx2::config::Config;
 use iceoryx2::identifiers::UniqueNodeId;
@@ -29,8 +30,9 @@ use tracing::{debug, error, info};
 /// So many searches in a row must find a process dead before its leftovers are removed.
 const PASSES: u32 = 3;
 
-/// Makes the transport use the domain's configuration for dead processes whose own configuration file is missing. Otherwise the
-/// transport would read a configuration from the current directory, search another domain, and not clean up this one.
+/// Makes the transport use the domain's configuration for dead processes whose own configuration file is missing.
+/// Otherwise the transport would read a configuration from the current directory, search another domain, and not clean
+/// up this one.
 pub(crate) fn use_domain_config(domain: &Domain) {
     let set = || -> Option<()> {
         let text = toml::to_string(&domain.config().ok()?).ok()?;
@@ -46,8 +48,8 @@ pub(crate) fn use_domain_config(domain: &Domain) {
     }
 }
 
-/// If there is no room for a service of `imus` IMUs, removes what dead processes, such as a previous service, have left. This
-/// needs several tries: their nodes are removed one after the other.
+/// If there is no room for a service of `imus` IMUs, removes what dead processes, such as a previous service, have
+/// left. This needs several tries: their nodes are removed one after the other.
 pub(crate) fn make_room(domain: &Domain, imus: usize) {
     for _ in 0..10 {
         if check_room(imus).is_ok() {
@@ -97,8 +99,8 @@ impl Leftovers {
         }
     }
 
-    /// Searches once, and removes the leftovers of processes that have been dead for long enough. `ports` are the ports of all
-    /// streams.
+    /// Searches once, and removes the leftovers of processes that have been dead for long enough. `ports` are the ports
+    /// of all streams.
     pub(crate) fn sweep(&mut self, node: &IpcNode, ports: &[Port]) {
         let removed = !self.nodes.exists();
         if removed && !self.removal_logged {
@@ -115,8 +117,8 @@ impl Leftovers {
                 let _ = fs::remove_file(file.path);
             }
         }
-        // A node's number must contain its process id. If a later version of the transport makes numbers in another way, stop
-        // here.
+        // A node's number must contain its process id. If a later version of the transport makes numbers in another
+        // way, stop here.
         if self.own_pid != std::process::id() {
             return;
         }

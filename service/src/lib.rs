@@ -1,7 +1,7 @@
 //! The Isotherm daemon: receives raw samples over shared memory, compensates them, publishes increments.
 //!
-//! The program `isothermd` calls [`main`]. `isotherm serve`, `check`, `status` and `reload` are the same [`commands`]. Other programs use
-//! this library to [`create`] streams in a domain and to [`clean`] it.
+//! The program `isothermd` calls [`main`]. `isotherm serve`, `check`, `status` and `reload` are the same [`commands`].
+//! Other programs use this library to [`create`] streams in a domain and to [`clean`] it.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {

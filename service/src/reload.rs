@@ -1,11 +1,11 @@
 //! Watches table files and decides when to load one.
 //!
-//! The folder of each table is watched. The watch reports a file that is renamed over the table, written in place, or removed and
-//! created again, and a symbolic link that is switched. Polling the file every [`TICK`] finds the other changes: an exchanged
-//! parent folder, a written link target, a file system without notifications.
+//! The folder of each table is watched. The watch reports a file that is renamed over the table, written in place, or
+//! removed and created again, and a symbolic link that is switched. Polling the file every [`TICK`] finds the other
+//! changes: an exchanged parent folder, a written link target, a file system without notifications.
 //!
-//! A file that was renamed or closed after writing is loaded at once. A file that only differs, or that is not valid, must first
-//! stay unchanged for [`SETTLE`]: its writer may not have finished.
+//! A file that was renamed or closed after writing is loaded at once. A file that only differs, or that is not valid,
+//! must first stay unchanged for [`SETTLE`]: its writer may not have finished.
 
 use isotherm_files::{Identity, LoadError, WorldWritable, load_table};
 use isotherm_shared::stream::ImuId;
@@ -24,9 +24,9 @@ pub(crate) const SETTLE: Duration = Duration::from_millis(150);
 /// How long a file may be missing before that is reported.
 pub(crate) const ABSENCE: Duration = Duration::from_secs(1);
 
-/// Watches the folders of `paths`. Calls `on_complete` with the name of each of these files that was renamed or closed after
-/// writing. The second part of the result names the folders that could not be watched; their files are still polled every
-/// [`TICK`].
+/// Watches the folders of `paths`. Calls `on_complete` with the name of each of these files that was renamed or closed
+/// after writing. The second part of the result names the folders that could not be watched; their files are still
+/// polled every [`TICK`].
 pub(crate) fn watch(
     paths: &[PathBuf],
     on_complete: impl Fn(OsString) + Send + 'static,
@@ -110,8 +110,8 @@ impl TableFile {
         Ok(Box::new(table))
     }
 
-    /// Loads the file after an event that says that it is complete. If it is not valid, another process may be writing it: then
-    /// [`poll`](Self::poll) decides later.
+    /// Loads the file after an event that says that it is complete. If it is not valid, another process may be writing
+    /// it: then [`poll`](Self::poll) decides later.
     pub(crate) fn load_complete(&mut self, now: Instant) -> FileChange {
         let (handled, current) = (self.handled, Identity::of(&self.path));
         self.load().map_or_else(

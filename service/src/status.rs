@@ -78,8 +78,8 @@ fn table_change(change: &Change) -> TableChange {
     TableChange { name: name.clone(), size: *size, unit: (*unit).to_owned() }
 }
 
-/// Whether an increment under this table may have the flag of this bit. A flag that needs gyroscopes, a lag or a serial number is
-/// shown only where the table has them.
+/// Whether an increment under this table may have the flag of this bit. A flag that needs gyroscopes, a lag or a serial
+/// number is shown only where the table has them.
 fn may_flag(table: Option<&CoefficientTable>, bit: u32) -> bool {
     /// The first flag of the gyroscopes.
     const G1: u32 = 32;

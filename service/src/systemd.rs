@@ -71,8 +71,8 @@ impl ServiceManager {
     }
 }
 
-/// Sends without waiting: a manager that does not read its socket must not block the control thread. A message for which the
-/// socket has no room is lost.
+/// Sends without waiting: a manager that does not read its socket must not block the control thread. A message for
+/// which the socket has no room is lost.
 fn send(states: &[NotifyState<'_>]) -> io::Result<()> {
     let Some(name) = env::var_os("NOTIFY_SOCKET").filter(|name| !name.is_empty()) else { return Ok(()) };
     let address = match name.as_bytes().strip_prefix(b"@") {

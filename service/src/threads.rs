@@ -9,7 +9,8 @@ use std::time::{Duration, Instant};
 
 /// The number of `SCHED_FIFO` in `/proc`.
 const FIFO: &str = "1";
-/// If a real-time thread was held back for longer than this within a second, the kernel's limit or another thread stopped it.
+/// If a real-time thread was held back for longer than this within a second, the kernel's limit or another thread
+/// stopped it.
 const HELD_BACK: Duration = Duration::from_millis(10);
 /// After so many checks in a row without a heartbeat, which is one second, a worker counts as standing still.
 const STILL_CHECKS: u32 = (1_000 / TICK.as_millis()) as u32;
@@ -64,8 +65,8 @@ impl WorkerThread {
         }
     }
 
-    /// Checks whether its loop has turned since the last check. Returns a change: the loop has stopped, or turns again. Checks
-    /// are counted and not time, since there are no checks while the whole process is stopped.
+    /// Checks whether its loop has turned since the last check. Returns a change: the loop has stopped, or turns again.
+    /// Checks are counted and not time, since there are no checks while the whole process is stopped.
     pub(crate) fn check_heartbeat(&mut self) -> Option<HeartbeatChange> {
         let count = self.heartbeat.count();
         if count == self.last_count {
@@ -98,7 +99,8 @@ impl WorkerThread {
         }
     }
 
-    /// How long it was held back between the last two measurements, if it has a real-time priority and this is over the limit.
+    /// How long it was held back between the last two measurements, if it has a real-time priority and this is over the
+    /// limit.
     pub(crate) fn held_back(&self) -> Option<Duration> {
         (self.priority().is_some() && self.held_back > HELD_BACK).then_some(self.held_back)
     }
@@ -129,8 +131,8 @@ impl WorkerThread {
         fs::read_to_string(format!("/proc/self/task/{}/{name}", self.id)).unwrap_or_default()
     }
 
-    /// The real-time priority, if it has one. proc_pid_stat(5): field 40 is the priority and field 41 the policy; the fields
-    /// after the name in brackets start at 3.
+    /// The real-time priority, if it has one. proc_pid_stat(5): field 40 is the priority and field 41 the policy; the
+    /// fields after the name in brackets start at 3.
     fn priority(&self) -> Option<u32> {
         let stat = self.read("stat");
         let fields: Vec<_> = stat.rsplit(") ").next()?.split(' ').collect();

@@ -10,7 +10,8 @@ pub struct Bound {
     pub name: &'static str,
     /// The units that it may be written in.
     pub units: Units,
-    /// Smallest and largest value that makes sense, in its own unit and in words. No smaller one has digits where it is printed.
+    /// Smallest and largest value that makes sense, in its own unit and in words. No smaller one has digits where it is
+    /// printed.
     pub range: ([f64; 2], &'static str),
 }
 

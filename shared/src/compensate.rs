@@ -1,11 +1,12 @@
 //! The compensation kernel: equation (17) of the source paper, for one raw sample and one table.
 //!
 //! # Derivation, units and signs
-//! A sensor's converter counts N+ pulses on its positive and N- on its negative channel during the control period Ts. With the scale
-//! factors K+ > 0 and K- < 0, the indicated input integrated over Ts is `N+/K+ + N-/K-`: the negative channel's term is negative because
-//! K- is. The bias is what the sensor indicates without input, so it is subtracted. A bias with a transient coefficient t follows the
-//! difference between the head's telemetry and its own first-order lag, which the sample carries. For an accelerometer (K \[pulse/(s*g0)\],
-//! bias A \[g0\]) and a gyroscope (K \[pulse/arcsec\], bias D \[deg/h\], which is arcsec/s):
+//! A sensor's converter counts N+ pulses on its positive and N- on its negative channel during the control period Ts.
+//! With the scale factors K+ > 0 and K- < 0, the indicated input integrated over Ts is `N+/K+ + N-/K-`: the negative
+//! channel's term is negative because K- is. The bias is what the sensor indicates without input, so it is subtracted.
+//! A bias with a transient coefficient t follows the difference between the head's telemetry and its own first-order
+//! lag, which the sample carries. For an accelerometer (K \[pulse/(s*g0)\], bias A \[g0\]) and a gyroscope (K
+//! \[pulse/arcsec\], bias D \[deg/h\], which is arcsec/s):
 //!
 //! ```text
 //! A  = (A(U_head) + t d) * u              d = U_lagged - U_head;  u: the unit of the bias in g0
@@ -13,15 +14,15 @@
 //! D  = D(U_head) + t d
 //! da = ( N+/K+(U_board) + N-/K-(U_board) - D * Ts - s . dv/|g0| ) * ARCSEC         [rad]
 //! ```
-//! with |g0| \[m/s2\] carried by the table, and s the g-sensitivity \[deg/h/g0\] times the published velocity increment. A(U) is
-//! equation (18), K+(U) and K-(U) are (19) and (20); the gyroscopes are not in the paper. Each triad may have an alignment matrix. Earth's
-//! rate is not removed.
+//! with |g0| \[m/s2\] carried by the table, and s the g-sensitivity \[deg/h/g0\] times the published velocity
+//! increment. A(U) is equation (18), K+(U) and K-(U) are (19) and (20); the gyroscopes are not in the paper. Each triad
+//! may have an alignment matrix. Earth's rate is not removed.
 //!
 //! # Arithmetic
-//! The kernel is one expression in IEEE double, evaluated in the order written below without fused multiply-add, so that
-//! the service, the replay and any other implementation agree bit for bit. It is a pure function of sample and table: no
-//! filter, no state, no clock, no allocation, no panic for any bit pattern. An infinite result becomes NaN; the
-//! coefficients of no real IMU give one inside the ranges.
+//! The kernel is one expression in IEEE double, evaluated in the order written below without fused multiply-add, so
+//! that the service, the replay and any other implementation agree bit for bit. It is a pure function of sample and
+//! table: no filter, no state, no clock, no allocation, no panic for any bit pattern. An infinite result becomes NaN;
+//! the coefficients of no real IMU give one inside the ranges.
 
 use crate::polynomial::{Polynomial, Side};
 use crate::table::{Axis, CoefficientTable, Content, OutOfRange};
@@ -55,10 +56,11 @@ pub fn answer(table: Option<&CoefficientTable>, raw: &RawSample) -> CompensatedI
     increment
 }
 
-/// Writes the [`answer`] to a raw sample; equation (17). Without a table all increments are NaN, flagged [`Flags::NO_TABLE`].
+/// Writes the [`answer`] to a raw sample; equation (17). Without a table all increments are NaN, flagged
+/// [`Flags::NO_TABLE`].
 ///
-/// It is compiled here, once, and not again in each crate that calls it. It writes each field once, to where the answer has to be: a copy
-/// would wait for these writes.
+/// It is compiled here, once, and not again in each crate that calls it. It writes each field once, to where the answer
+/// has to be: a copy would wait for these writes.
 #[inline(never)]
 pub fn answer_into(table: Option<&CoefficientTable>, raw: &RawSample, increment: &mut CompensatedIncrement) {
     increment.session = raw.session;
@@ -106,7 +108,8 @@ struct Period {
     lagged: bool,
 }
 
-/// Velocity increments \[m/s\], angle increments \[rad\] and flags of any sample, one sensor after the other, with what the policy allows.
+/// Velocity increments \[m/s\], angle increments \[rad\] and flags of any sample, one sensor after the other, with what
+/// the policy allows.
 #[cold]
 #[inline(never)]
 fn any(content: &Content, raw: &RawSample, period: &Period) -> ([f64; AXES], [f64; AXES], Flags) {

@@ -1,8 +1,8 @@
 //! Strict reading of TOML files: unknown keys are faults, and all faults of a file are reported together.
 //!
 //! A [`Document`] hands out [`Section`]s. A key that is missing, has the wrong type or is never asked for becomes a
-//! [`Fault`] with line and key, and reading goes on. Coefficient tables, service configurations and campaign files are read
-//! this way.
+//! [`Fault`] with line and key, and reading goes on. Coefficient tables, service configurations and campaign files are
+//! read this way.
 //!
 //! Over 400 lines: one reader method for each type of value; together they are the vocabulary of all file formats.
 
@@ -59,7 +59,8 @@ impl fmt::Display for Faults {
 
 /// A parsed TOML file that collects faults while it is read.
 pub struct Document<'a> {
-    /// Offsets of the line ends, for a binary search: a file can have a hundred thousand sections, and each looks up its line.
+    /// Offsets of the line ends, for a binary search: a file can have a hundred thousand sections, and each looks up
+    /// its line.
     line_ends: Vec<usize>,
     root: Spanned<DeTable<'a>>,
     faults: RefCell<Vec<Fault>>,
@@ -88,7 +89,8 @@ impl<'a> Document<'a> {
             Fault { line, key, message }
         };
         let mut faults: Vec<_> = places.into_iter().map(located).collect();
-        // After an error the parser often reports follow-up errors on the same line; the first one is the useful one. Each number counts.
+        // After an error the parser often reports follow-up errors on the same line; the first one is the useful one.
+        // Each number counts.
         faults.dedup_by(|later, first| later.line == first.line && (later.key.is_empty() || later == first));
         if let Some(rest) = faults.len().checked_sub(MAX_SYNTAX_FAULTS).filter(|rest| *rest > 0) {
             faults.truncate(MAX_SYNTAX_FAULTS);
@@ -98,8 +100,8 @@ impl<'a> Document<'a> {
         Err(Faults(faults))
     }
 
-    /// As [`parse`](Self::parse), with one clear fault if `text` is CSV. `wanted` says what to give instead, for example
-    /// "give the coefficient table".
+    /// As [`parse`](Self::parse), with one clear fault if `text` is CSV. `wanted` says what to give instead, for
+    /// example "give the coefficient table".
     ///
     /// # Errors
     /// As [`parse`](Self::parse).
@@ -354,7 +356,8 @@ impl<'d, 'a> Section<'d, 'a> {
         self.required(key, string, expected)
     }
 
-    /// A string or a non-empty list of strings, required; no string may be empty. `expected` says in messages what to give.
+    /// A string or a non-empty list of strings, required; no string may be empty. `expected` says in messages what to
+    /// give.
     pub fn strings(&self, key: &'static str, expected: &str) -> Option<Vec<&'d str>> {
         let strings = self.get(key).and_then(|value| {
             let strings: Option<Vec<_>> = match value.get_ref().as_array() {
@@ -551,8 +554,8 @@ fn numbers_of(value: &DeValue<'_>) -> Option<Vec<f64>> {
     value.as_array()?.iter().map(|item| number_of(item.get_ref())).collect()
 }
 
-/// Whether a text is CSV with a header row: names separated by commas, semicolons or tabs, and a next row with as many values.
-/// Such a first line is never TOML. (The TOML parser takes half a minute for the faults of a recording.)
+/// Whether a text is CSV with a header row: names separated by commas, semicolons or tabs, and a next row with as many
+/// values. Such a first line is never TOML. (The TOML parser takes half a minute for the faults of a recording.)
 fn is_csv(text: &str) -> bool {
     [',', ';', '\t'].into_iter().any(|separator| is_separated(text, separator))
 }

@@ -1,14 +1,14 @@
 //! A table as the kernel reads it: arrays over all sensors of the IMU.
 //!
-//! A compensation needs bias, K+ and K- of every sensor. Here they are computed two sensors at once (SSE2, NEON), and their
-//! coefficients are in few cache lines. Every value comes from the same operations in the same order as [`Polynomial::at`], so it
-//! is the same to the last bit: a polynomial of lower order has zeros as its highest coefficients, and `0 * x + c` is `c` for the
-//! finite `x` inside a range. (The sign of a bias that is 0 may differ. It changes no increment while K+ is positive, which is
-//! checked for each sample.)
+//! A compensation needs bias, K+ and K- of every sensor. Here they are computed two sensors at once (SSE2, NEON), and
+//! their coefficients are in few cache lines. Every value comes from the same operations in the same order as
+//! [`Polynomial::at`], so it is the same to the last bit: a polynomial of lower order has zeros as its highest
+//! coefficients, and `0 * x + c` is `c` for the finite `x` inside a range. (The sign of a bias that is 0 may differ. It
+//! changes no increment while K+ is positive, which is checked for each sample.)
 //!
-//! All functions of a sample's way are inlined into [`answer_into`](crate::compensate::answer_into), and all their loops are over
-//! indices: a generic function of the standard library that is not marked for inlining would be a call, for each number, where the
-//! compiler splits this crate.
+//! All functions of a sample's way are inlined into [`answer_into`](crate::compensate::answer_into), and all their
+//! loops are over indices: a generic function of the standard library that is not marked for inlining would be a call,
+//! for each number, where the compiler splits this crate.
 #![expect(clippy::needless_range_loop, reason = "loops over indices are inlined by every profile")]
 
 use crate::polynomial::{MAX_ORDER, Polynomial};
@@ -62,7 +62,8 @@ enum Sensors {
 /// What only gyroscopes have.
 #[derive(Clone, Debug)]
 struct GyroscopeTerms {
-    /// Columns of the g-sensitivity \[deg/h/g0\]: by axis of the IMU, then by gyroscope. `None` if no gyroscope has one.
+    /// Columns of the g-sensitivity \[deg/h/g0\]: by axis of the IMU, then by gyroscope. `None` if no gyroscope has
+    /// one.
     g_sensitivity: Option<Columns>,
     /// All bits for the gyroscopes that have one.
     has_g_sensitivity: Axes,
@@ -93,11 +94,12 @@ impl Kernel {
         }
     }
 
-    /// Velocity increments \[m/s\] and angle increments \[rad\] over Ts \[s\], which must be valid. `lagged` tells whether the lagged
-    /// telemetry counts.
+    /// Velocity increments \[m/s\] and angle increments \[rad\] over Ts \[s\], which must be valid. `lagged` tells
+    /// whether the lagged telemetry counts.
     ///
-    /// `None` for the unusual: unless every telemetry is inside the range of every polynomial that it drives, and therefore finite, every
-    /// difference of the lagged telemetry can be used, every scale factor and result is finite, and no pulse rate is near its limit.
+    /// `None` for the unusual: unless every telemetry is inside the range of every polynomial that it drives, and
+    /// therefore finite, every difference of the lagged telemetry can be used, every scale factor and result is finite,
+    /// and no pulse rate is near its limit.
     #[inline(always)]
     pub(crate) fn usual(&self, raw: &RawSample, lagged: bool, ts: f64) -> Option<([f64; AXES], [f64; AXES])> {
         let ts = f64x2::splat(ts);
@@ -262,7 +264,8 @@ impl<const P: usize> Lanes<P> {
         }
     }
 
-    /// What the sensors indicate over Ts \[s\] less the bias, `(N+/K+ + N-/K-) - bias * Ts`, in g0*s or arcsec; right if the check passes.
+    /// What the sensors indicate over Ts \[s\] less the bias, `(N+/K+ + N-/K-) - bias * Ts`, in g0*s or arcsec; right
+    /// if the check passes.
     #[inline(always)]
     fn indicated(&self, raw: &RawSample, lagged: bool, ts: f64x2) -> (Pairs<P>, Check) {
         let (a, g) = (&raw.accelerometers, &raw.gyroscopes);
@@ -272,8 +275,8 @@ impl<const P: usize> Lanes<P> {
         let board: Pairs<P> = all_sensors(&a.board_temperature, &g.board_temperature);
         let (a, g) = if lagged { (&a.head_lagged, &g.head_lagged) } else { (&a.head_temperature, &g.head_temperature) };
         let mut difference: Pairs<P> = all_sensors(a, g);
-        // Differences of which none is negative if all is usual: their signs tell. A NaN can have any sign: the sum below or the
-        // results tell.
+        // Differences of which none is negative if all is usual: their signs tell. A NaN can have any sign: the sum
+        // below or the results tell.
         let mut signs = f64x2::ZERO;
         for i in 0..P {
             difference[i] -= head[i];

@@ -18,10 +18,11 @@ pub enum FileKind {
 }
 
 impl FileKind {
-    /// The kind that a document is meant to be: it has one of the keys of that kind, valid or not. `None` if it has none of any.
+    /// The kind that a document is meant to be: it has one of the keys of that kind, valid or not. `None` if it has
+    /// none of any.
     ///
-    /// A plan is tried first, because it may have positions like a campaign. A configuration has a list `[[imu]]`, a table a
-    /// section `[imu]`.
+    /// A plan is tried first, because it may have positions like a campaign. A configuration has a list `[[imu]]`, a
+    /// table a section `[imu]`.
     #[must_use]
     pub fn of(document: &Document<'_>) -> Option<Self> {
         let has = |keys: &[&str]| keys.iter().any(|key| document.has(key));

@@ -1,21 +1,23 @@
-//! The lagged telemetry: the head telemetry of each sensor behind a first-order lag. The transient term of a bias needs it.
+//! The lagged telemetry: the head telemetry of each sensor behind a first-order lag. The transient term of a bias needs
+//! it.
 //!
-//! The service has no state, so whoever makes the samples keeps this one: the acquisition for live samples, the offline tools for recordings
-//! that have no lagged telemetry.
+//! The service has no state, so whoever makes the samples keeps this one: the acquisition for live samples, the offline
+//! tools for recordings that have no lagged telemetry.
 //!
 //! # Formula
-//! L follows the telemetry U by `dL/dt = (U - L) / tau`. With the first reading L = U: the sensor is taken to be soaked. For a later one, dt
-//! after the last,
+//! L follows the telemetry U by `dL/dt = (U - L) / tau`. With the first reading L = U: the sensor is taken to be
+//! soaked. For a later one, dt after the last,
 //!
 //! ```text
 //! a = exp(-dt / tau)
 //! k = (1 - a) * tau / dt
 //! L = U + (L_last - U_last) * a - (U - U_last) * k
 //! ```
-//! which is exact for telemetry that is linear between two readings. So L does not depend on how often the telemetry is read.
+//! which is exact for telemetry that is linear between two readings. So L does not depend on how often the telemetry is
+//! read.
 //!
-//! A reading is a new measurement. A value that is only repeated from sample to sample is none: the telemetry would be taken to rise in one
-//! sample what it rose since the last measurement.
+//! A reading is a new measurement. A value that is only repeated from sample to sample is none: the telemetry would be
+//! taken to rise in one sample what it rose since the last measurement.
 
 use crate::wire::{AXES, RawSample};
 use serde::{Deserialize, Serialize};
@@ -39,7 +41,8 @@ pub struct LaggedReading {
 
 /// The lag of an IMU: its time constant, and the state of each sensor.
 ///
-/// Every field may have any value. An application that restarts saves a copy (it is `Copy`, and has serde's traits) and goes on with it.
+/// Every field may have any value. An application that restarts saves a copy (it is `Copy`, and has serde's traits) and
+/// goes on with it.
 ///
 /// ```
 /// use isotherm_shared::lag::Lag;
@@ -61,8 +64,8 @@ pub struct Lag {
     pub lag_ns: u64,
     /// The state of each sensor; `None` before its first reading.
     pub sensors: [Option<LaggedReading>; SENSORS],
-    /// The share of each sensor's L that rests on a start of which it is not known that the sensor was soaked: 0 where it was, else 1 at the
-    /// first reading, and `exp(-dt / tau)` of that dt later. [`KNOWN_SHARE`] is small enough.
+    /// The share of each sensor's L that rests on a start of which it is not known that the sensor was soaked: 0 where
+    /// it was, else 1 at the first reading, and `exp(-dt / tau)` of that dt later. [`KNOWN_SHARE`] is small enough.
     pub unknown: [f64; SENSORS],
 }
 
@@ -78,7 +81,8 @@ impl Lag {
         *self = Self::new(self.lag_ns);
     }
 
-    /// Forgets the readings of a sensor, and that it was soaked: its L is unknown until its readings span three time constants.
+    /// Forgets the readings of a sensor, and that it was soaked: its L is unknown until its readings span three time
+    /// constants.
     pub fn forget(&mut self, sensor: usize) {
         if let (Some(state), Some(unknown)) = (self.sensors.get_mut(sensor), self.unknown.get_mut(sensor)) {
             (*state, *unknown) = (None, 1.0);
@@ -91,10 +95,12 @@ impl Lag {
         self.unknown.get(sensor).is_some_and(|share| *share <= KNOWN_SHARE)
     }
 
-    /// Takes a new reading of one of the [`SENSORS`]: the head telemetry, and when it was measured on the acquisition's clock \[ns\].
+    /// Takes a new reading of one of the [`SENSORS`]: the head telemetry, and when it was measured on the acquisition's
+    /// clock \[ns\].
     ///
-    /// A reading that is not finite is none. Neither is one of the same time as the last, nor one of a sensor that does not exist. One of an
-    /// earlier time is of a clock that was set back: L is kept, and the telemetry goes on from there.
+    /// A reading that is not finite is none. Neither is one of the same time as the last, nor one of a sensor that does
+    /// not exist. One of an earlier time is of a clock that was set back: L is kept, and the telemetry goes on from
+    /// there.
     pub fn read(&mut self, sensor: usize, telemetry: f64, time_ns: u64) {
         let Some(state) = self.sensors.get_mut(sensor) else { return };
         if !telemetry.is_finite() || state.is_some_and(|last| last.time_ns == time_ns) {
@@ -108,8 +114,9 @@ impl Lag {
         *state = Some(state.map_or(soaked, |last| last.next(telemetry, time_ns, self.lag_ns)));
     }
 
-    /// Takes the readings of a sample of which it is not known whether its telemetry is new, as in a recording. Its time is `telemetry_ns`.
-    /// Where that is unknown, a value is a new measurement if it is not the last one of its sensor, at the sample's `timestamp_ns`.
+    /// Takes the readings of a sample of which it is not known whether its telemetry is new, as in a recording. Its
+    /// time is `telemetry_ns`. Where that is unknown, a value is a new measurement if it is not the last one of its
+    /// sensor, at the sample's `timestamp_ns`.
     pub fn follow(&mut self, raw: &RawSample) {
         for (sensor, telemetry) in heads(raw).into_iter().enumerate() {
             if raw.telemetry_ns != 0 {
@@ -120,7 +127,8 @@ impl Lag {
         }
     }
 
-    /// Fills time constant and lagged telemetry of a sample in. A sensor without a reading is soaked at the sample's telemetry.
+    /// Fills time constant and lagged telemetry of a sample in. A sensor without a reading is soaked at the sample's
+    /// telemetry.
     pub fn fill(&self, raw: &mut RawSample) {
         let mut lagged = heads(raw);
         for (lagged, state) in lagged.iter_mut().zip(&self.sensors) {
@@ -167,8 +175,8 @@ impl LagCompletion {
         self.lag.lag_ns = lag_ns;
     }
 
-    /// Completes the next row. The rows of a recording that `has_lag`, that is its columns, stay as the acquisition sent them, those without a
-    /// time constant too: the service computed with them. Their readings count in any case.
+    /// Completes the next row. The rows of a recording that `has_lag`, that is its columns, stay as the acquisition
+    /// sent them, those without a time constant too: the service computed with them. Their readings count in any case.
     pub fn complete(&mut self, raw: &mut RawSample, has_lag: bool) {
         if self.session.replace(raw.session).is_some_and(|session| session != raw.session) {
             self.lag.reset();
@@ -181,7 +189,8 @@ impl LagCompletion {
 }
 
 impl LaggedReading {
-    /// The state at the next reading, with the time constant `lag_ns` \[ns\]. A reading of the same or of an earlier time keeps L.
+    /// The state at the next reading, with the time constant `lag_ns` \[ns\]. A reading of the same or of an earlier
+    /// time keeps L.
     #[must_use]
     pub fn next(&self, telemetry: f64, time_ns: u64, lag_ns: u64) -> Self {
         let passed = time_ns.checked_sub(self.time_ns).filter(|dt| *dt > 0);

@@ -1,17 +1,18 @@
 //! What the Isotherm service, its clients and its offline tools share.
 //!
 //! # Primer
-//! An IMU has three quartz flexure accelerometers, A1, A2, A3. Each delivers **pulses** on two channels, one for each sign,
-//! and two temperature **telemetries**. The telemetry of the sensor head drives the **bias** A \[g0\]; the telemetry of the
-//! converter board drives the **scale factors** K+ > 0 and K- < 0 \[pulse/(s*g0)\]. All three are polynomials of the
-//! telemetry, kept in a [`CoefficientTable`](table::CoefficientTable). Over a control period Ts \[s\]
+//! An IMU has three quartz flexure accelerometers, A1, A2, A3. Each delivers **pulses** on two channels, one for each
+//! sign, and two temperature **telemetries**. The telemetry of the sensor head drives the **bias** A \[g0\]; the
+//! telemetry of the converter board drives the **scale factors** K+ > 0 and K- < 0 \[pulse/(s*g0)\]. All three are
+//! polynomials of the telemetry, kept in a [`CoefficientTable`](table::CoefficientTable). Over a control period Ts
+//! \[s\]
 //!
 //! ```text
 //! dv = |g0| * ( N+/K+(U_board) + N-/K-(U_board) - A(U_head) * Ts )                 [m/s]
 //! ```
-//! is the **velocity increment** along the sensor's input axis (at rest, an axis that points up gives +|g| * Ts); with an
-//! alignment matrix it is along the body's axes. Only [`compensate`](mod@compensate) implements this equation: the service, the
-//! replay and the tests all call it, so they cannot disagree.
+//! is the **velocity increment** along the sensor's input axis (at rest, an axis that points up gives +|g| * Ts); with
+//! an alignment matrix it is along the body's axes. Only [`compensate`](mod@compensate) implements this equation: the
+//! service, the replay and the tests all call it, so they cannot disagree.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -34,7 +35,8 @@
 //! [`CompensatedIncrement`](wire::CompensatedIncrement)s. [`stream`] defines the streams, [`document`] reads files, and
 //! [`status`] is the document that describes the running service.
 //!
-//! This crate starts no thread. It opens no file and reads no clock, except for the transport's shared memory ([`own_storage`]).
+//! This crate starts no thread. It opens no file and reads no clock, except for the transport's shared memory
+//! ([`own_storage`]).
 
 pub mod bounds;
 pub mod compensate;

@@ -1,10 +1,11 @@
 //! Shared memory of the transport that belongs to this process's user.
 //!
-//! iceoryx2 opens shared memory by its name, whoever made it: an object that another user puts in the place of a connection would be
-//! taken for a queue, and an empty one would be waited for without limit. [`OwnStorage`] is iceoryx2's storage in POSIX shared memory with
-//! one difference: it opens an object only if that is a regular file of this user, and waits for its size no longer than the
-//! time-out. In `/dev/shm` nobody else can replace such an object, because of the sticky bit. Names and contents are the same, so
-//! processes that use iceoryx2's own storage take part in the same streams.
+//! iceoryx2 opens shared memory by its name, whoever made it: an object that another user puts in the place of a
+//! connection would be taken for a queue, and an empty one would be waited for without limit. [`OwnStorage`] is
+//! iceoryx2's storage in POSIX shared memory with one difference: it opens an object only if that is a regular file of
+//! this user, and waits for its size no longer than the time-out. In `/dev/shm` nobody else can replace such an object,
+//! because of the sticky bit. Names and contents are the same, so processes that use iceoryx2's own storage take part
+//! in the same streams.
 #![expect(unsafe_code, reason = "three functions of iceoryx2's traits are unsafe, and are passed on")]
 
 use core::fmt::Debug;
@@ -171,7 +172,8 @@ impl<'builder, T: Debug + Send + Sync + ZeroCopySend + 'static> DynamicStorageBu
 
 impl<T: Debug + Send + Sync + ZeroCopySend> Abandonable for OwnStorage<T> {
     unsafe fn abandon_in_place(this: NonNull<Self>) {
-        // SAFETY: the type is transparent, so the pointer to it is a pointer to its only field; the caller's promises are passed on.
+        // SAFETY: the type is transparent, so the pointer to it is a pointer to its only field; the caller's promises
+        // are passed on.
         unsafe { Storage::abandon_in_place(this.cast::<Storage<T>>()) };
     }
 }

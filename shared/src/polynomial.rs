@@ -3,9 +3,9 @@
 //! ```text
 //! x = (U - center) / scale          p(x) = c0 + c1 x + ... + cn x^n,   n <= 7
 //! ```
-//! It is evaluated by Horner's rule in IEEE double without fused multiply-add, so that every implementation gives the same
-//! bits. Whether a polynomial stays on one side of a limit over its whole range is decided by its Bernstein coefficients,
-//! which enclose it, not by sampling.
+//! It is evaluated by Horner's rule in IEEE double without fused multiply-add, so that every implementation gives the
+//! same bits. Whether a polynomial stays on one side of a limit over its whole range is decided by its Bernstein
+//! coefficients, which enclose it, not by sampling.
 
 /// Highest order of a table's polynomial.
 pub const MAX_ORDER: usize = 7;
@@ -156,7 +156,8 @@ impl Polynomial {
         for b in &mut bernstein[..self.len] {
             *b *= sign;
         }
-        // Undecided intervals: (coefficients, start, width), the last two as fractions of the range. The lower half comes first.
+        // Undecided intervals: (coefficients, start, width), the last two as fractions of the range. The lower half
+        // comes first.
         let mut undecided = vec![(bernstein, 0.0, 1.0)];
         while let Some((b, start, width)) = undecided.pop() {
             let b = &b[..self.len];
@@ -301,7 +302,8 @@ mod tests {
     }
 
     proptest! {
-        /// Without a reported violation every sampled point is at or above the limit, and a reported violation is a real one.
+        /// Without a reported violation every sampled point is at or above the limit, and a reported violation is a
+        /// real one.
         #[test]
         fn the_verdict_agrees_with_dense_sampling(
             coefficients in prop::collection::vec(-5.0..5.0f64, 1..=8),

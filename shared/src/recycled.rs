@@ -1,8 +1,8 @@
 //! A reference-counted value whose memory the next value reuses.
 //!
-//! The transport keeps its state of a loaned sample behind a reference count, one for each loan. With [`Rc`](std::rc::Rc)
-//! that is one allocation for each sample. Here the memory of a sample that was sent is reused for the next loan, so that a
-//! running system allocates nothing.
+//! The transport keeps its state of a loaned sample behind a reference count, one for each loan. With
+//! [`Rc`](std::rc::Rc) that is one allocation for each sample. Here the memory of a sample that was sent is reused for
+//! the next loan, so that a running system allocates nothing.
 //!
 //! Like `Rc` it is neither `Send` nor `Sync`. Each thread has its own list of at most 64 free blocks.
 #![expect(unsafe_code, reason = "no safe reference count lets its memory be chosen")]
@@ -19,8 +19,8 @@ use std::alloc::{Layout, alloc, dealloc, handle_alloc_error};
 /// Free blocks that a thread keeps at most; more than the samples that are ever loaned at once.
 const MAX_FREE: usize = 64;
 
-/// Layout of a recycled block. The state of a loaned sample fits (5 words). A larger value, such as a port's state, is not
-/// recycled: it is made once.
+/// Layout of a recycled block. The state of a loaned sample fits (5 words). A larger value, such as a port's state, is
+/// not recycled: it is made once.
 const BLOCK: Layout = Layout::new::<[u64; 8]>();
 
 /// A value shared by its holders within one thread.
@@ -59,8 +59,8 @@ impl<T> Deref for Recycled<T> {
 impl<T> Clone for Recycled<T> {
     fn clone(&self) -> Self {
         let holders = &self.counted().holders;
-        // Every holder takes memory, so the count can reach its maximum only if holders are leaked. It stays there, and the
-        // value is never dropped.
+        // Every holder takes memory, so the count can reach its maximum only if holders are leaked. It stays there, and
+        // the value is never dropped.
         holders.set(holders.get().saturating_add(1));
         Self { counted: self.counted, _owns: PhantomData }
     }

@@ -3,10 +3,11 @@
 
 use crate::wire::{CompensatedIncrement, RawSample};
 
-/// Whether a sample with this `sequence` may follow the sample `last` of its session; with `None` it is the session's first.
+/// Whether a sample with this `sequence` may follow the sample `last` of its session; with `None` it is the session's
+/// first.
 ///
-/// The first sample may have any sequence, each later one a higher one. Every number of 64 bits is a sequence, the highest too;
-/// after the highest a new session must begin, since sequences do not wrap.
+/// The first sample may have any sequence, each later one a higher one. Every number of 64 bits is a sequence, the
+/// highest too; after the highest a new session must begin, since sequences do not wrap.
 #[inline]
 #[must_use]
 pub const fn rises(last: Option<u64>, sequence: u64) -> bool {

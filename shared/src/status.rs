@@ -150,7 +150,8 @@ pub struct ImuStatus {
     pub sample_lag_s: Option<f64>,
     /// The telemetry that its polynomials were calibrated over; null without a table.
     pub ranges: Option<Ranges>,
-    /// Head telemetry of the last sample, A1 to A3, in the table's unit; null if it is not finite, or before the first sample.
+    /// Head telemetry of the last sample, A1 to A3, in the table's unit; null if it is not finite, or before the first
+    /// sample.
     pub head_temperature: [Option<f64>; AXES],
     /// Board telemetry of the last sample, as for the heads.
     pub board_temperature: [Option<f64>; AXES],
@@ -171,7 +172,8 @@ pub struct ImuStatus {
     pub sessions: u64,
     /// Receiving or publishing failed; should be 0.
     pub transport_errors: u64,
-    /// Increments with each flag, by the flag's name. Absent are the flags that the table in force cannot give and no table has given.
+    /// Increments with each flag, by the flag's name. Absent are the flags that the table in force cannot give and no
+    /// table has given.
     pub flagged: BTreeMap<String, u64>,
     /// Tables loaded after the first.
     pub reloads: u64,
@@ -184,7 +186,8 @@ pub struct ImuStatus {
     pub refused_table: Option<String>,
     /// Since when the table file has not been in force, Unix time \[s\]; null if it is in force.
     pub refused_unix_s: Option<f64>,
-    /// The largest change of each curve by the table in force; empty if it was compared with none, or is the one from before the start.
+    /// The largest change of each curve by the table in force; empty if it was compared with none, or is the one from
+    /// before the start.
     #[serde(default)]
     pub table_changes: Vec<TableChange>,
     /// Latency since the start, from `sent_ns` to just before publishing, to within 3 %; null before the first sample.
@@ -242,8 +245,8 @@ impl ImuStatus {
         digits.and_then(|digits| u64::from_str_radix(digits, 16).ok()).unwrap_or(0)
     }
 
-    /// Which time constant the last sample has, in words, if that is not the one of the table in force. The transient terms are then left
-    /// out, and the increments flagged `lag-unknown`.
+    /// Which time constant the last sample has, in words, if that is not the one of the table in force. The transient
+    /// terms are then left out, and the increments flagged `lag-unknown`.
     #[must_use]
     pub fn other_lag(&self) -> Option<String> {
         let ns = |seconds: f64| (seconds * 1e9).round() as u64;
@@ -259,7 +262,8 @@ described! {
 pub struct GyroscopeStatus {
     /// The telemetry that their polynomials were calibrated over.
     pub ranges: Ranges,
-    /// Head telemetry of the last sample, G1 to G3, in the table's unit; null if it is not finite, or before the first sample.
+    /// Head telemetry of the last sample, G1 to G3, in the table's unit; null if it is not finite, or before the first
+    /// sample.
     pub head_temperature: [Option<f64>; AXES],
     /// Board telemetry of the last sample, as for the heads.
     pub board_temperature: [Option<f64>; AXES],
@@ -327,7 +331,8 @@ pub struct LatencySummary {
 }
 }
 
-/// Upper bounds of the buckets of a [`LatencyDistribution`] \[ns\]; one more bucket has the values above the last bound.
+/// Upper bounds of the buckets of a [`LatencyDistribution`] \[ns\]; one more bucket has the values above the last
+/// bound.
 pub const LATENCY_BOUNDS_NS: [u64; 21] = {
     let mut bounds = [0; 21];
     let mut index = 0;

@@ -1,5 +1,5 @@
-//! The streams: names, limits of publishers and subscribers, queue depths, and the domain that they belong to. Streams are
-//! opened and created with the settings of this module only.
+//! The streams: names, limits of publishers and subscribers, queue depths, and the domain that they belong to. Streams
+//! are opened and created with the settings of this module only.
 //!
 //! | service name | payload | publishers | subscribers |
 //! |---|---|---|---|
@@ -11,8 +11,8 @@
 //! | `isotherm/<imu>/rehearsal/raw`, `.../increment` | as without `/rehearsal` | the acquisition | the acquisition |
 //! | `isotherm/rehearsal/<worker>/raw`, `.../increment` | as those of an IMU | the service | the service |
 //!
-//! The last two rows are for rehearsals: a process sends to itself what it would send to the other side, to keep the way warm. Nobody else
-//! has a place in them.
+//! The last two rows are for rehearsals: a process sends to itself what it would send to the other side, to keep the
+//! way warm. Nobody else has a place in them.
 //!
 //! Only the service creates them, so that it decides depths and limits; all other processes open them.
 //!
@@ -41,8 +41,9 @@ use iceoryx2_cal::shm_allocator::pool_allocator::PoolAllocator;
 use iceoryx2_cal::zero_copy_connection::common::details::{Connection, SharedManagementData};
 use sha2::{Digest as _, Sha256};
 
-/// Raw samples that an acquisition may have unanswered, unless the service is configured with fewer. The service's queue is deeper,
-/// see [`queue_depth`](crate::protocol::queue_depth): samples that are sent again have room too, so it does not overflow.
+/// Raw samples that an acquisition may have unanswered, unless the service is configured with fewer. The service's
+/// queue is deeper, see [`queue_depth`](crate::protocol::queue_depth): samples that are sent again have room too, so it
+/// does not overflow.
 pub const RAW_DEPTH: usize = 64;
 /// Raw samples that a recorder's queue holds. A recorder may sleep until it is full: 51 ms at 10 kHz.
 pub const RECORDER_DEPTH: usize = 512;
@@ -64,8 +65,8 @@ pub const STATUS_SUBSCRIBERS: usize = 32;
 /// Name of the status stream.
 pub const STATUS: &str = "isotherm/status";
 
-/// Vanished publishers of whose unread samples a subscriber keeps track. The transport's own number, 128, makes every poll walk through
-/// as many empty places: a twentieth of a round trip.
+/// Vanished publishers of whose unread samples a subscriber keeps track. The transport's own number, 128, makes every
+/// poll walk through as many empty places: a twentieth of a round trip.
 const VANISHED_PUBLISHERS: usize = 8;
 
 /// Time limit for creating an object of the transport; one that takes longer counts as left behind by a dead process.
@@ -77,9 +78,10 @@ pub const MAX_NAME: usize = 32;
 /// The samples of a publisher.
 type Segment = Memory<PoolAllocator, OwnStorage<AllocatorDetails<PoolAllocator>>>;
 
-/// iceoryx2's inter-process variant with three differences. Shared memory of other users is never opened, see [`OwnStorage`]. The bookkeeping of a loan uses [`Recycled`] memory instead of a new
-/// allocation for each loan. The counter of the domain's nodes is a file in the domain's folder, which other users cannot enter: in
-/// shared memory the transport would leave it writable by everybody, and would wait for it without limit if somebody cut it.
+/// iceoryx2's inter-process variant with three differences. Shared memory of other users is never opened, see
+/// [`OwnStorage`]. The bookkeeping of a loan uses [`Recycled`] memory instead of a new allocation for each loan. The
+/// counter of the domain's nodes is a file in the domain's folder, which other users cannot enter: in shared memory the
+/// transport would leave it writable by everybody, and would wait for it without limit if somebody cut it.
 ///
 /// Other processes see no difference to [`ipc::Service`]; both variants can use the same streams.
 #[derive(Clone, Debug)]
@@ -123,8 +125,8 @@ pub type OpenedStream<T> = Result<Stream<T>, PublishSubscribeOpenError>;
 /// An event that was opened, or created if it did not exist.
 pub type CreatedEvent = Result<Event, EventOpenOrCreateError>;
 
-// The service calls the functions `create_..`, all others `open_..`. None is generic, so that the transport's code for it, which writes and
-// reads TOML, is compiled here and not again in each crate that calls it.
+// The service calls the functions `create_..`, all others `open_..`. None is generic, so that the transport's code for
+// it, which writes and reads TOML, is compiled here and not again in each crate that calls it.
 
 /// Creates the raw stream.
 ///
@@ -142,8 +144,9 @@ pub fn create_raw(node: &IpcNode, imu: &ImuId) -> CreatedStream<RawSample> {
         .open_or_create()
 }
 
-/// Creates the increment stream. In a domain that a relay copies increments into it has two publishers, the relay and the tunnel to
-/// another machine: a tunnel registers as publisher, subscriber and node on each stream that it carries, whatever the direction.
+/// Creates the increment stream. In a domain that a relay copies increments into it has two publishers, the relay and
+/// the tunnel to another machine: a tunnel registers as publisher, subscriber and node on each stream that it carries,
+/// whatever the direction.
 ///
 /// # Errors
 /// Those of the transport.
@@ -398,8 +401,8 @@ fn is_name(name: &str) -> bool {
 
 /// Separates one service and its clients from others: processes communicate only within one domain.
 ///
-/// A domain is a name prefix for all shared memory objects, and a folder for the transport's files. A peer that does not use
-/// this crate sets both in its iceoryx2 configuration; `isotherm status --json` prints them.
+/// A domain is a name prefix for all shared memory objects, and a folder for the transport's files. A peer that does
+/// not use this crate sets both in its iceoryx2 configuration; `isotherm status --json` prints them.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Domain {
     name: String,
@@ -433,9 +436,9 @@ impl Domain {
         &self.name
     }
 
-    /// Prefix of all shared memory objects of this domain: `isotherm_`, the first 8 hexadecimal digits of the SHA-256 of the
-    /// folder's path, and `_`. So it is short for every name, is not a prefix of another domain's prefix, and differs for the
-    /// same name under another folder.
+    /// Prefix of all shared memory objects of this domain: `isotherm_`, the first 8 hexadecimal digits of the SHA-256
+    /// of the folder's path, and `_`. So it is short for every name, is not a prefix of another domain's prefix, and
+    /// differs for the same name under another folder.
     #[must_use]
     pub fn prefix(&self) -> String {
         let digest = Sha256::digest(&self.root);

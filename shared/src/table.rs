@@ -1,5 +1,5 @@
-//! The coefficient table of one IMU. Only valid tables can exist: every one is made by [`CoefficientTable::new`], directly
-//! or from a file's text.
+//! The coefficient table of one IMU. Only valid tables can exist: every one is made by [`CoefficientTable::new`],
+//! directly or from a file's text.
 
 mod checks;
 pub(crate) mod content;

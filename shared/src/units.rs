@@ -1,4 +1,5 @@
-//! Types for quantities that are all `f64`, so that the compiler finds a swap, and what differs between the two kinds of sensor.
+//! Types for quantities that are all `f64`, so that the compiler finds a swap, and what differs between the two kinds
+//! of sensor.
 
 use crate::wire::AXES;
 

@@ -1,8 +1,8 @@
 //! The two payloads that travel through shared memory, and the flags of an increment.
 //!
 //! Both are plain C structures of integers and doubles, native-endian, without padding, so that a process in any
-//! language that has iceoryx2 can join. **Every bit pattern is a valid value.** A raw sample is treated as hostile input:
-//! no value of it may cause a panic, and none is trusted because of its type.
+//! language that has iceoryx2 can join. **Every bit pattern is a valid value.** A raw sample is treated as hostile
+//! input: no value of it may cause a panic, and none is trusted because of its type.
 //!
 //! Over 400 lines: both payloads and the flags, of which other languages copy every offset and bit.
 
@@ -60,8 +60,8 @@ pub struct RawSample {
     pub gyroscopes: Triad,
 }
 
-/// The number of the unit with this serial number: the first 8 bytes of the SHA-256 of its UTF-8, big-endian. Outer blanks do not count;
-/// a serial number of nothing else is unknown, 0.
+/// The number of the unit with this serial number: the first 8 bytes of the SHA-256 of its UTF-8, big-endian. Outer
+/// blanks do not count; a serial number of nothing else is unknown, 0.
 ///
 /// ```
 /// use isotherm_shared::wire::device;
@@ -99,8 +99,8 @@ pub struct CompensatedIncrement {
     pub table: u64,
     /// See [`Flags`].
     pub flags: u64,
-    /// Time from the raw sample's `sent_ns` to just before publishing \[ns\]. If `sent_ns` is unknown, the time counts from when the
-    /// service found the sample.
+    /// Time from the raw sample's `sent_ns` to just before publishing \[ns\]. If `sent_ns` is unknown, the time counts
+    /// from when the service found the sample.
     pub latency_ns: u64,
 }
 
@@ -147,11 +147,11 @@ pub enum MergeError {
 }
 
 impl RawSample {
-    /// Adds the next control period to this one: pulses and intervals are summed, timestamp, telemetry and device become the
-    /// later ones, session, sequence and `sent_ns` stay.
+    /// Adds the next control period to this one: pulses and intervals are summed, timestamp, telemetry and device
+    /// become the later ones, session, sequence and `sent_ns` stay.
     ///
-    /// The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same in
-    /// both periods. Use it when the service had no room for a sample.
+    /// The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the
+    /// same in both periods. Use it when the service had no room for a sample.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -210,8 +210,9 @@ impl Triad {
 
 /// Flags of a sample and of its delivery: the bits of [`CompensatedIncrement::flags`].
 ///
-/// Bits 0 to 23 and 32 to 49 are **sample flags**, a pure function of raw sample and table; those from 32 on are the flags of the
-/// gyroscopes, as bits 0 to 17 are those of the accelerometers. Bits 24 to 26 are **delivery flags**, which the service adds.
+/// Bits 0 to 23 and 32 to 49 are **sample flags**, a pure function of raw sample and table; those from 32 on are the
+/// flags of the gyroscopes, as bits 0 to 17 are those of the accelerometers. Bits 24 to 26 are **delivery flags**,
+/// which the service adds.
 ///
 /// ```
 /// use isotherm_shared::wire::Flags;
@@ -328,10 +329,11 @@ impl Flags {
     const fn of_both(accelerometers: u64) -> u64 {
         accelerometers | accelerometers << Self::GYROSCOPES
     }
-    /// Mask: an increment could not be computed and is NaN, on one axis or on all. `interval`, `no-table`, `.._not-finite`.
+    /// Mask: an increment could not be computed and is NaN, on one axis or on all. `interval`, `no-table`,
+    /// `.._not-finite`.
     pub const INVALID: Self = Self(Self::INTERVAL.0 | Self::NO_TABLE.0 | Self::of_both(0b111 << 12));
-    /// Mask: computed, outside of what the calibration covers or without a part of it; the ranges give NaN where the table's policy is
-    /// `reject`. Ranges, `rate`, `telemetry-stale`, `lag-unknown`, `other-device`, `g-unknown`.
+    /// Mask: computed, outside of what the calibration covers or without a part of it; the ranges give NaN where the
+    /// table's policy is `reject`. Ranges, `rate`, `telemetry-stale`, `lag-unknown`, `other-device`, `g-unknown`.
     pub const DEGRADED: Self = Self(
         Self::of_both(0b111 << 15 | 0xfff)
             | Self::TELEMETRY_STALE.0

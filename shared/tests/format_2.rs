@@ -1,4 +1,5 @@
-//! Tables of format 2: every fault of gyroscopes, lag and transient terms is refused with line and key, and the digest is the documented one.
+//! Tables of format 2: every fault of gyroscopes, lag and transient terms is refused with line and key, and the digest
+//! is the documented one.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_shared::table::CoefficientTable;
@@ -6,7 +7,8 @@ use nalgebra::Matrix3;
 
 const TABLE: &str = include_str!("../../examples/tables/imu-whole.toml");
 
-/// The table with `from`, which must be in it, replaced where it first occurs after `after`; and the number of the last line of `to`.
+/// The table with `from`, which must be in it, replaced where it first occurs after `after`; and the number of the last
+/// line of `to`.
 fn changed(after: &str, from: &str, to: &str) -> (String, usize) {
     let start = TABLE.find(after).unwrap_or_else(|| panic!("{after:?} is not in the table"));
     let at =
@@ -70,7 +72,8 @@ fn the_digest_of_format_2_is_the_documented_one() {
     assert_eq!(CoefficientTable::from_toml(&explicit_zero, None).unwrap().digest(), table.digest());
 }
 
-/// Values that are refused: the text that they come after, what is replaced, by what, the key of the fault, and a part of its message.
+/// Values that are refused: the text that they come after, what is replaced, by what, the key of the fault, and a part
+/// of its message.
 type BadValue = (&'static str, &'static str, &'static str, &'static str, &'static str);
 
 const BAD_VALUES: [BadValue; 47] = [

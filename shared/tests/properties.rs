@@ -1,4 +1,5 @@
-//! Properties of tables and of the kernel: round trip through TOML, agreement with exact rational arithmetic, and policies.
+//! Properties of tables and of the kernel: round trip through TOML, agreement with exact rational arithmetic, and
+//! policies.
 //!
 //! Over 400 lines: the kernel in rational arithmetic, beside the tables and samples that it is compared on.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
@@ -19,7 +20,8 @@ fn polynomial(size: f64) -> impl Strategy<Value = Polynomial> {
     let part = size.abs() * 0.02;
     let higher = prop::collection::vec(-part..part, 0..=7);
     (higher, 0..3, 0.5..1.5f64, 3.0..4.5f64, 0.6..0.9f64).prop_map(move |(higher, kind, low, high, scale)| {
-        // Either |x| is about 1 at most, or the coefficients decrease with the power: the value keeps the sign of `size`.
+        // Either |x| is about 1 at most, or the coefficients decrease with the power: the value keeps the sign of
+        // `size`.
         let (center, scale, fall) = match kind {
             0 => (2.5, 2.5 / scale, 1.0),
             1 => (0.0, 5.0, 1.0),
@@ -151,8 +153,8 @@ fn has_transient(axis: &Axis, raw: &RawSample, triad: &Triad, index: usize) -> b
     axis.transient != 0.0 && raw.lag_ns == LAG_NS && difference.abs() <= high - low
 }
 
-/// N+/K+ + N-/K- - bias * Ts of one sensor in rational arithmetic, and the size of everything that is added up: the terms of the polynomials
-/// too (at most 2n of them by Horner's rule).
+/// N+/K+ + N-/K- - bias * Ts of one sensor in rational arithmetic, and the size of everything that is added up: the
+/// terms of the polynomials too (at most 2n of them by Horner's rule).
 fn exact_indicated(
     policy: OutOfRange,
     axis: &Axis,
@@ -323,7 +325,8 @@ proptest! {
             let (there, raw_there) = at(end);
             let (outside, inside) = if upper { (end + beyond, end.next_down()) } else { (end - beyond, end.next_up()) };
             prop_assert_eq!(at(outside).0.to_bits(), there.to_bits());
-            // The smallest step of the telemetry changes the bias by its slope times 1e-15: less than the rounding of the terms.
+            // The smallest step of the telemetry changes the bias by its slope times 1e-15: less than the rounding of
+            // the terms.
             let (_, bound) = exact_increment(&content, &raw_there, index);
             prop_assert!((at(inside).0 - there).abs() <= 2.0 * bound);
         }
@@ -470,8 +473,8 @@ fn a_scale_factor_that_rounds_to_the_wrong_sign_keeps_the_sign_of_zero() {
     assert_eq!(answer(Some(&table), &raw).velocity_increment.map(f64::to_bits), [0; AXES]);
 }
 
-/// A scale factor of the wrong sign, as an extrapolation can give, makes the indicated input of no pulses -0. The increment is
-/// -0 - (-0) = 0 then: a bias without a transient term adds nothing, not even +0.
+/// A scale factor of the wrong sign, as an extrapolation can give, makes the indicated input of no pulses -0. The
+/// increment is -0 - (-0) = 0 then: a bias without a transient term adds nothing, not even +0.
 #[test]
 fn without_a_transient_term_a_bias_keeps_its_sign() {
     let axis = |name| {

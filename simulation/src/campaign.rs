@@ -1,8 +1,9 @@
 //! The schedule of the campaign on the turntable.
 //!
-//! It begins in equilibrium at the first set point. At each set point the chamber ramps, then soaks; `soak_s` includes the
-//! ramp. Each position then takes `move_s` for the motion and `dwell_s` at rest. Only the rest gives rows, as many whole
-//! periods as fit into it. Each angle of each dwell has a random error. The turns follow, each after another `move_s`, in rows from rest to rest.
+//! It begins in equilibrium at the first set point. At each set point the chamber ramps, then soaks; `soak_s` includes
+//! the ramp. Each position then takes `move_s` for the motion and `dwell_s` at rest. Only the rest gives rows, as many
+//! whole periods as fit into it. Each angle of each dwell has a random error. The turns follow, each after another
+//! `move_s`, in rows from rest to rest.
 
 use crate::chain::{Chain, Noise};
 use crate::imu::SimulatedImu;
@@ -37,8 +38,8 @@ pub struct CampaignSchedule {
     pub dwell_s: f64,
     /// Period of a row \[ns\].
     pub interval_ns: u64,
-    /// Positions at each set point, in order. In a position without angles the specific force is the stated one, without tilt
-    /// and angle errors, and Earth's rate is left out.
+    /// Positions at each set point, in order. In a position without angles the specific force is the stated one,
+    /// without tilt and angle errors, and Earth's rate is left out.
     #[serde(skip)]
     pub positions: Vec<Position>,
     /// The turns after the positions of each set point.
@@ -67,8 +68,8 @@ pub struct TurnSchedule {
 }
 
 impl TurnSchedule {
-    /// Six whole turns: about the outer axis at inner angle 0 and 90, then about the inner axis at outer angle 0, each forwards and back by
-    /// `angle_deg`. They are numbered from `first`. 10 deg/s, 10 deg/s2, 5 s of rest, rows of 1 s.
+    /// Six whole turns: about the outer axis at inner angle 0 and 90, then about the inner axis at outer angle 0, each
+    /// forwards and back by `angle_deg`. They are numbered from `first`. 10 deg/s, 10 deg/s2, 5 s of rest, rows of 1 s.
     ///
     /// ```
     /// use isotherm_simulation::TurnSchedule;
@@ -111,8 +112,8 @@ impl TurnSchedule {
 }
 
 impl Default for CampaignSchedule {
-    /// -25 to 45 degC every 5 degC at 1 degC/min; 70 min of soak, then twelve times 60 s of motion and 300 s at rest in rows
-    /// of 10 s.
+    /// -25 to 45 degC every 5 degC at 1 degC/min; 70 min of soak, then twelve times 60 s of motion and 300 s at rest in
+    /// rows of 10 s.
     fn default() -> Self {
         Self {
             set_points_c: (-5..=9).map(|step| 5.0 * f64::from(step)).collect(),
@@ -164,8 +165,8 @@ impl CampaignSchedule {
     }
 }
 
-/// Rest before the first row of a dwell or turn \[s\]. Without it, the part of a pulse that a converter holds from another attitude would make every
-/// rate that changes its sign from dwell to dwell too small.
+/// Rest before the first row of a dwell or turn \[s\]. Without it, the part of a pulse that a converter holds from
+/// another attitude would make every rate that changes its sign from dwell to dwell too small.
 const SETTLING_S: f64 = 30.0;
 
 /// A row of a campaign.
@@ -175,7 +176,8 @@ pub struct SimulatedRow {
     pub set_point_c: f64,
     /// Number of the position or turn.
     pub position: u32,
-    /// The sample that the acquisition latched. Its sequence counts the rows from 0; its time is 0 when the campaign begins.
+    /// The sample that the acquisition latched. Its sequence counts the rows from 0; its time is 0 when the campaign
+    /// begins.
     pub raw: RawSample,
 }
 
@@ -400,7 +402,8 @@ fn quoted(text: &str) -> String {
     toml::Value::from(text).to_string()
 }
 
-/// The keys before the sections of a campaign file: those of [`campaign_toml`], and `file`, a key with the path of a file.
+/// The keys before the sections of a campaign file: those of [`campaign_toml`], and `file`, a key with the path of a
+/// file.
 pub(super) fn heading_toml(
     imu: &str,
     [key, file]: [&str; 2],

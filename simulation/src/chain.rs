@@ -98,7 +98,8 @@ pub struct Noise {
     pub scale_factor: f64,
     /// Error of each angle of the turntable in each dwell \[rad\].
     pub positioning_rad: f64,
-    /// Random walk of a gyroscope's angle \[deg/sqrt(h)\]: in an interval of Ts seconds it is `60 * sqrt(Ts)` arcsec times this.
+    /// Random walk of a gyroscope's angle \[deg/sqrt(h)\]: in an interval of Ts seconds it is `60 * sqrt(Ts)` arcsec
+    /// times this.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub random_walk: f64,
     /// Offset of a gyroscope's bias in each visit of a set point \[deg/h\].
@@ -124,8 +125,8 @@ pub fn is_zero<T: Default + PartialEq>(value: &T) -> bool {
 }
 
 impl Default for Noise {
-    /// Accelerometers 5 ug0 in 1 s, telemetry 0.1 mV, visits 0.2 ug0 and 0.3 ppm, angles 1 arcsec. Gyroscopes 0.003 deg/sqrt(h), visits
-    /// 0.003 deg/h and 0.5 ppm, turns 0.2 arcsec. No random walk of a bias.
+    /// Accelerometers 5 ug0 in 1 s, telemetry 0.1 mV, visits 0.2 ug0 and 0.3 ppm, angles 1 arcsec. Gyroscopes 0.003
+    /// deg/sqrt(h), visits 0.003 deg/h and 0.5 ppm, turns 0.2 arcsec. No random walk of a bias.
     fn default() -> Self {
         Self {
             sensor_g0: 5e-6,

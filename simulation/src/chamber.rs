@@ -1,16 +1,18 @@
-//! The temperature chamber, the sensor heads and converter boards that follow it, and the sensing elements that follow the heads.
+//! The temperature chamber, the sensor heads and converter boards that follow it, and the sensing elements that follow
+//! the heads.
 //!
 //! # Equations
-//! The air temperature u is a ramp or a hold, u0 + r t \[degC\], plus a slow oscillation a sin(w t + phi). The temperature T of
-//! a head or a board follows it with the time constant tau \[s\]: dT/dt = (u - T) / tau. The equation is linear, so the responses
-//! to ramp and oscillation have closed forms, which are exact for any step h \[s\]:
+//! The air temperature u is a ramp or a hold, u0 + r t \[degC\], plus a slow oscillation a sin(w t + phi). The
+//! temperature T of a head or a board follows it with the time constant tau \[s\]: dT/dt = (u - T) / tau. The equation
+//! is linear, so the responses to ramp and oscillation have closed forms, which are exact for any step h \[s\]:
 //!
 //! ```text
 //! ramp:         T(t + h) = u(t + h) - r tau + (T(t) - u(t) + r tau) exp(-h / tau)
 //! oscillation:  a / sqrt(1 + (w tau)^2) * sin(w t + phi - atan(w tau))                 (steady state)
 //! ```
-//! The thermometer is on the head, which is the case of the sensor. The sensing element inside follows the head with its own time constant
-//! sigma \[s\], dL/dt = (T - L) / sigma. With the two exponentials' divided difference q, which is finite for equal time constants,
+//! The thermometer is on the head, which is the case of the sensor. The sensing element inside follows the head with
+//! its own time constant sigma \[s\], dL/dt = (T - L) / sigma. With the two exponentials' divided difference q, which
+//! is finite for equal time constants,
 //!
 //! ```text
 //! q    = (exp(-h / tau) - exp(-h / sigma)) / (1 / sigma - 1 / tau)                                          [s]
@@ -127,12 +129,14 @@ impl SimulatedChamber {
         }
     }
 
-    /// The same with sensing elements in the heads that follow them with the time constant `tau_s` \[s\], over 0, from equilibrium.
+    /// The same with sensing elements in the heads that follow them with the time constant `tau_s` \[s\], over 0, from
+    /// equilibrium.
     pub(super) fn with_elements(self, tau_s: f64, chain: &Chain) -> Self {
         Self { element: Some(self.head.followed_by(tau_s, chain)), ..self }
     }
 
-    /// Moves heads, boards and elements by `case_c` away from equilibrium, and the elements by another `element_c` \[degC\].
+    /// Moves heads, boards and elements by `case_c` away from equilibrium, and the elements by another `element_c`
+    /// \[degC\].
     pub(super) fn displace(&mut self, case_c: f64, element_c: f64) {
         for lag in [Some(&mut self.head), Some(&mut self.board), self.element.as_mut()].into_iter().flatten() {
             lag.temperature_c += case_c;
@@ -192,7 +196,8 @@ impl SimulatedChamber {
         self.element.as_ref().unwrap_or(&self.head).at(self.phase())
     }
 
-    /// Mean temperature of the elements above that of their heads over the `time_s` since they were at `begin_c` \[degC\].
+    /// Mean temperature of the elements above that of their heads over the `time_s` since they were at `begin_c`
+    /// \[degC\].
     pub(super) fn mean_element_above_head_c(&self, begin_c: f64, time_s: f64) -> f64 {
         self.element.as_ref().map_or(0.0, |element| (begin_c - self.element_c()) * element.tau_s / time_s)
     }

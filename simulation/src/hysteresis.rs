@@ -1,14 +1,15 @@
 //! Hysteresis of the biases: plays, which remember temperature and not time.
 //!
 //! # Equations
-//! The position z of a play of half-width w follows the head telemetry U, and stands while U turns back within its width:
+//! The position z of a play of half-width w follows the head telemetry U, and stands while U turns back within its
+//! width:
 //!
 //! ```text
 //! z = min(max(z, U - w), U + w)
 //! error = h (z - U)                                                                    [g0 or deg/h]
 //! ```
-//! So the error is h w while the telemetry falls and -h w while it rises, whatever the rate; it stays during a hold, and goes over within 2 w
-//! after a turn. Several plays add up.
+//! So the error is h w while the telemetry falls and -h w while it rises, whatever the rate; it stays during a hold,
+//! and goes over within 2 w after a turn. Several plays add up.
 
 use isotherm_shared::wire::AXES;
 use serde::{Deserialize, Serialize};

@@ -1,16 +1,18 @@
 //! The simulated IMU: the samples that an acquisition would latch, one for each period.
 //!
 //! # Equations
-//! Over a period Ts \[s\] the accelerometers indicate, with the misalignment M, the specific force f and the bias A, all \[g0\]:
+//! Over a period Ts \[s\] the accelerometers indicate, with the misalignment M, the specific force f and the bias A,
+//! all \[g0\]:
 //!
 //! ```text
 //! x = M f + A(U_head) + memory + offset of the visit + white noise * 1/sqrt(Ts) + vibration
 //! ```
-//! and the gyroscopes, if the truth has them, what [`SimulatedGyroscopes`] says. Temperatures are those of the middle of the period. The memory is
-//! what the past of the temperature adds to a bias: with the truth's transient t, the telemetry L that the sensing element would give, and
-//! the [plays](crate::hysteresis::Play), the mean of t (L - U) + S h (z - U) over the period, plus the random walk of the bias. The charge of each converter
-//! becomes pulses as in [`SimulatedTriad`]. The gyroscopes have random streams of their own, so that the accelerometers' output does not depend on
-//! whether there are gyroscopes.
+//! and the gyroscopes, if the truth has them, what [`SimulatedGyroscopes`] says. Temperatures are those of the middle
+//! of the period. The memory is what the past of the temperature adds to a bias: with the truth's transient t, the
+//! telemetry L that the sensing element would give, and the [plays](crate::hysteresis::Play), the mean of t (L - U) + S
+//! h (z - U) over the period, plus the random walk of the bias. The charge of each converter becomes pulses as in
+//! [`SimulatedTriad`]. The gyroscopes have random streams of their own, so that the accelerometers' output does not
+//! depend on whether there are gyroscopes.
 
 use super::chain::{Chain, Noise};
 use super::chamber::{SLOW_STREAM, SimulatedChamber};
@@ -36,8 +38,8 @@ const GYROSCOPE_FAST_STREAM: u64 = 6;
 /// Random stream of the random walks of the biases.
 const BIAS_WALK_STREAM: u64 = 9;
 
-/// Longest step in which a play follows the telemetry \[s\]. In it, the telemetry of a head that follows its chamber is a line to within some 1e-6
-/// of its range.
+/// Longest step in which a play follows the telemetry \[s\]. In it, the telemetry of a head that follows its chamber is
+/// a line to within some 1e-6 of its range.
 const PLAY_STEP_S: f64 = 1.0;
 
 /// Integration steps in a period of the vibration.
@@ -104,9 +106,9 @@ impl SimulatedImu {
         }
     }
 
-    /// Moves the whole IMU by `case_c` away from equilibrium with the chamber, and the sensing elements by another `element_c` away from their heads
-    /// \[degC\]: an IMU that is not soaked. Without a time constant in the truth, elements have the temperature of their heads. The plays are in
-    /// their middle.
+    /// Moves the whole IMU by `case_c` away from equilibrium with the chamber, and the sensing elements by another
+    /// `element_c` away from their heads \[degC\]: an IMU that is not soaked. Without a time constant in the truth,
+    /// elements have the temperature of their heads. The plays are in their middle.
     pub fn displace(&mut self, case_c: f64, element_c: f64) {
         self.chamber.displace(case_c, element_c);
         let head = self.chain.telemetry(self.head_c());
@@ -150,8 +152,8 @@ impl SimulatedImu {
         self.latest.timestamp_ns += time_ns;
     }
 
-    /// Lets the gyroscopes' converters run for `seconds` with `motion`, and discards their pulses: then each holds the part of a pulse that this
-    /// motion leaves. Time, temperatures and random numbers do not advance.
+    /// Lets the gyroscopes' converters run for `seconds` with `motion`, and discards their pulses: then each holds the
+    /// part of a pulse that this motion leaves. Time, temperatures and random numbers do not advance.
     pub fn settle(&mut self, motion: &InertialMotion, seconds: f64) {
         let (head_c, board_c) = self.chamber.head_and_board_c();
         let telemetry = self.gyroscope_telemetry(head_c, board_c);
@@ -162,8 +164,8 @@ impl SimulatedImu {
         }
     }
 
-    /// What the past adds to the biases of accelerometers \[g0\] and gyroscopes \[deg/h\], with the sensing elements `element_c` above their heads
-    /// \[degC\] and each play ahead of the telemetry by one of `plays`.
+    /// What the past adds to the biases of accelerometers \[g0\] and gyroscopes \[deg/h\], with the sensing elements
+    /// `element_c` above their heads \[degC\] and each play ahead of the telemetry by one of `plays`.
     fn bias_memory(&self, element_c: f64, plays: &[f64]) -> [[f64; AXES]; 2] {
         let difference = self.chain.telemetry_slope * element_c;
         core::array::from_fn(|kind| {
@@ -185,7 +187,8 @@ impl SimulatedImu {
         if sizes == [0.0; 2] {
             return;
         }
-        // Both kinds take their numbers, so that the accelerometers' output does not depend on whether there are gyroscopes.
+        // Both kinds take their numbers, so that the accelerometers' output does not depend on whether there are
+        // gyroscopes.
         for (size, walk) in sizes.into_iter().zip(&mut self.bias_walk) {
             for bias in walk {
                 *bias += size * (time_s / 3600.0).sqrt() * self.bias_walk_noise.normal();
@@ -193,7 +196,8 @@ impl SimulatedImu {
         }
     }
 
-    /// Moves the plays on by `time_s` \[s\], before the chamber. Returns how far each is ahead of the telemetry in the mean over this time.
+    /// Moves the plays on by `time_s` \[s\], before the chamber. Returns how far each is ahead of the telemetry in the
+    /// mean over this time.
     fn move_plays(&mut self, time_s: f64) -> Vec<f64> {
         let mut means = vec![0.0; self.plays.len()];
         if self.plays.is_empty() {
@@ -222,8 +226,8 @@ impl SimulatedImu {
         ]
     }
 
-    /// Advances by one control period of `interval_ns` with what the IMU feels in it, and returns the sample that the acquisition latches
-    /// at its end. Session and `sent_ns` are 0.
+    /// Advances by one control period of `interval_ns` with what the IMU feels in it, and returns the sample that the
+    /// acquisition latches at its end. Session and `sent_ns` are 0.
     pub fn step(&mut self, motion: &InertialMotion, interval_ns: u64) -> RawSample {
         let ts = interval_ns as f64 / 1e9;
         self.walk_biases(ts);
@@ -256,7 +260,8 @@ impl SimulatedImu {
         raw
     }
 
-    /// Adds the pulses of the accelerometers in one period to `raw`. `memory` is what the past adds to the biases \[g0\].
+    /// Adds the pulses of the accelerometers in one period to `raw`. `memory` is what the past adds to the biases
+    /// \[g0\].
     fn count_pulses(
         &mut self,
         raw: &mut RawSample,

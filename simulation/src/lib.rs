@@ -24,14 +24,16 @@
 //!           -> telemetry            U = U0 + s T, plus noise, quantised, read at an interval                [V]
 //! turntable -> specific force f     local gravity along the input axes: tilt of the base, positioning error [g0]
 //!           -> angle                its motion, and Earth's rate along the input axes                       [arcsec]
-//!           -> indicated x          accelerometers: M f + A(U_head); gyroscopes: M angle + D(U_head) T + s f T; plus transients t (L - U),
-//!                                   plays, an offset for each visit of a set point and noise                [g0, arcsec]
+//!           -> indicated x          accelerometers: M f + A(U_head)                           [g0]
+//!                                   gyroscopes: M angle + D(U_head) T + s f T                 [arcsec]
+//!                                   plus transients t (L - U), plays, noise, an offset of each visit of a set point
 //!           -> pulses N+, N-        charge balance with K+(U_board), K-(U_board); the remainder is kept     [pulse]
 //! ```
-//! The truth is a [`CoefficientTable`] with misalignments M, in a laboratory with a latitude. Compensation with this table gives specific force
-//! and angle, except for noise and the charge that has not made a pulse yet. [`SimulatedImu`] is heads, boards and converters; it feels a
-//! [`InertialMotion`]. [`SimulatedChamber`] and [`SimulatedTurntable`] are the chamber and the
-//! turntable alone. The same seed gives the same data, on the same machine to the byte.
+//! The truth is a [`CoefficientTable`] with misalignments M, in a laboratory with a latitude. Compensation with this
+//! table gives specific force and angle, except for noise and the charge that has not made a pulse yet.
+//! [`SimulatedImu`] is heads, boards and converters; it feels a [`InertialMotion`]. [`SimulatedChamber`] and
+//! [`SimulatedTurntable`] are the chamber and the turntable alone. The same seed gives the same data, on the same
+//! machine to the byte.
 //!
 //! [`CoefficientTable`]: isotherm_shared::table::CoefficientTable
 

@@ -53,8 +53,8 @@ pub const HEADING_DEG: f64 = 30.0;
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Truth {
-    /// Bias and scale factors, the time constant of the sensing elements behind the true head telemetry, and the transients of the biases. Its
-    /// alignment is the inverse of `misalignment`, or absent without misalignment.
+    /// Bias and scale factors, the time constant of the sensing elements behind the true head telemetry, and the
+    /// transients of the biases. Its alignment is the inverse of `misalignment`, or absent without misalignment.
     pub table: CoefficientTable,
     /// Hysteresis of the biases, which no table describes.
     pub plays: Vec<Play>,
@@ -66,13 +66,14 @@ pub struct Truth {
     pub gravity_local: f64,
     /// Latitude of the turntable, north positive \[deg\]. Only gyroscopes feel it.
     pub latitude_deg: f64,
-    /// Heading of the base's X, which is the outer axis: clockwise from north, seen from above \[deg\]. Only gyroscopes feel it.
+    /// Heading of the base's X, which is the outer axis: clockwise from north, seen from above \[deg\]. Only gyroscopes
+    /// feel it.
     pub heading_deg: f64,
 }
 
 impl Truth {
-    /// A truth from `content`, without plays. Its alignment is replaced by the inverse of `misalignment`. The turntable is at [`LATITUDE_DEG`]
-    /// and [`HEADING_DEG`].
+    /// A truth from `content`, without plays. Its alignment is replaced by the inverse of `misalignment`. The turntable
+    /// is at [`LATITUDE_DEG`] and [`HEADING_DEG`].
     ///
     /// # Errors
     /// If `misalignment` has no inverse; else every reason why the table is not valid.
@@ -96,8 +97,8 @@ impl Truth {
         })
     }
 
-    /// A truth from `table` as it is. The misalignment is the inverse of its alignment, if it has one. No plays, no tilt; the local
-    /// gravity is 1 g0. The turntable is at [`LATITUDE_DEG`] and [`HEADING_DEG`].
+    /// A truth from `table` as it is. The misalignment is the inverse of its alignment, if it has one. No plays, no
+    /// tilt; the local gravity is 1 g0. The turntable is at [`LATITUDE_DEG`] and [`HEADING_DEG`].
     #[must_use]
     pub fn of(table: CoefficientTable) -> Self {
         let misalignment = inverse(table.content().alignment);
@@ -125,8 +126,8 @@ impl Truth {
         CoefficientTable::new(content).unwrap_or_else(|_| self.table.clone())
     }
 
-    /// M of the gyroscopes, the inverse of the table's gyroscope alignment: indicated = M * rate + bias. One row for each gyroscope; columns along
-    /// A1, A2, A3. The identity without an alignment or without gyroscopes.
+    /// M of the gyroscopes, the inverse of the table's gyroscope alignment: indicated = M * rate + bias. One row for
+    /// each gyroscope; columns along A1, A2, A3. The identity without an alignment or without gyroscopes.
     #[must_use]
     pub fn gyroscope_misalignment(&self) -> Matrix3<f64> {
         inverse(self.table.content().gyroscopes.as_ref().and_then(|gyroscopes| gyroscopes.alignment))
@@ -144,10 +145,10 @@ impl Truth {
         (north * horizontal_rate(self.latitude_deg) + up * vertical_rate(self.latitude_deg)).into()
     }
 
-    /// Another IMU of the same kind as `content`, in another laboratory, drawn from `seed`. Bias constants differ by up to
-    /// 300 ug0 or 3 deg/h, scale factor constants by up to 2 % or 0.5 %, all higher coefficients by up to 20 %, g-sensitivities by up to 1 deg/h/g0. The
-    /// standard deviation is 3e-4 for misalignments and 5e-5 rad for tilts. The local gravity is 9.78 to 9.83 m/s2, the latitude -70 to 70
-    /// deg, the heading any.
+    /// Another IMU of the same kind as `content`, in another laboratory, drawn from `seed`. Bias constants differ by up
+    /// to 300 ug0 or 3 deg/h, scale factor constants by up to 2 % or 0.5 %, all higher coefficients by up to 20 %,
+    /// g-sensitivities by up to 1 deg/h/g0. The standard deviation is 3e-4 for misalignments and 5e-5 rad for tilts.
+    /// The local gravity is 9.78 to 9.83 m/s2, the latitude -70 to 70 deg, the heading any.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -187,8 +188,8 @@ impl Truth {
     }
 
     /// A message about the first telemetry that leaves a range of the table while the chamber is between `low_c` and
-    /// `high_c` \[degC\]; `None` if none does. A table defines no values outside its ranges, so nothing can be simulated
-    /// there.
+    /// `high_c` \[degC\]; `None` if none does. A table defines no values outside its ranges, so nothing can be
+    /// simulated there.
     #[must_use]
     pub fn outside(&self, chain: &Chain, low_c: f64, high_c: f64) -> Option<String> {
         let margin_c = chain.oscillation_c.abs();
@@ -221,9 +222,9 @@ impl Truth {
         })
     }
 
-    /// The sealed text of the table, followed by a `[provenance]` section. The section has the other values of the truth (with gyroscopes
-    /// also their misalignment, latitude, heading and Earth's rate along the base's X, Y and Z; plays), the `tool`, the `seed`, and all parameters of
-    /// the schedule.
+    /// The sealed text of the table, followed by a `[provenance]` section. The section has the other values of the
+    /// truth (with gyroscopes also their misalignment, latitude, heading and Earth's rate along the base's X, Y and Z;
+    /// plays), the `tool`, the `seed`, and all parameters of the schedule.
     ///
     /// # Errors
     /// If the seed is over 2^63 - 1, the largest integer of TOML.
@@ -281,8 +282,8 @@ fn inverse(alignment: Option<Matrix3<f64>>) -> Matrix3<f64> {
     alignment.and_then(|alignment| alignment.try_inverse()).unwrap_or_else(Matrix3::identity)
 }
 
-/// Draws another sensor of the same kind; its bias constant differs by up to `bias` \[g0 or deg/h\], its scale factor constants relatively by up
-/// to `scale_factor`.
+/// Draws another sensor of the same kind; its bias constant differs by up to `bias` \[g0 or deg/h\], its scale factor
+/// constants relatively by up to `scale_factor`.
 fn vary(axis: &mut Axis, bias: f64, scale_factor: f64, random: &mut RandomGenerator) {
     let unit = axis.bias_unit.factor();
     let constant = axis.bias.coefficients().first().copied().unwrap_or_default();
@@ -309,15 +310,17 @@ fn varied(polynomial: &Polynomial, constant: f64, random: &mut RandomGenerator) 
     Polynomial::new(&coefficients, polynomial.center(), polynomial.scale(), polynomial.range()).unwrap_or(*polynomial)
 }
 
-/// Largest error of the accelerometers' bias \[1e-6 g0\] and scale factors \[ppm\] of `table` against `truth`, over the ranges of `table`.
+/// Largest error of the accelerometers' bias \[1e-6 g0\] and scale factors \[ppm\] of `table` against `truth`, over the
+/// ranges of `table`.
 #[must_use]
 pub fn worst_errors(table: &CoefficientTable, truth: &CoefficientTable) -> [f64; 2] {
     let [bias, scale_factor] = worst_of_triad(&table.content().axes, &truth.content().axes);
     [bias * 1e6, scale_factor]
 }
 
-/// Largest error of the gyroscopes' bias \[deg/h\], scale factors \[ppm\], g-sensitivities \[deg/h/g0\] and misalignments \[rad\] of `table`
-/// against `truth`, over the ranges of `table`; `None` if one of them has no gyroscopes.
+/// Largest error of the gyroscopes' bias \[deg/h\], scale factors \[ppm\], g-sensitivities \[deg/h/g0\] and
+/// misalignments \[rad\] of `table` against `truth`, over the ranges of `table`; `None` if one of them has no
+/// gyroscopes.
 #[must_use]
 pub fn worst_gyroscope_errors(table: &CoefficientTable, truth: &CoefficientTable) -> Option<[f64; 4]> {
     let (found, right) = (table.content().gyroscopes.as_ref()?, truth.content().gyroscopes.as_ref()?);
@@ -349,9 +352,9 @@ fn worst_of_triad(axes: &[Axis; AXES], truth: &[Axis; AXES]) -> [f64; 2] {
     worst
 }
 
-/// Typical gyroscopes, with the telemetry of `chain`, for a truth that has none: some deg/h of bias and some 1e-4 of scale factor over -25 to
-/// 45 degC, K+ and K- about 1 pulse/arcsec, with g-sensitivity and misalignment. Defined from -40 to 85 degC. `None` if the telemetry of the
-/// chain does not change with the temperature.
+/// Typical gyroscopes, with the telemetry of `chain`, for a truth that has none: some deg/h of bias and some 1e-4 of
+/// scale factor over -25 to 45 degC, K+ and K- about 1 pulse/arcsec, with g-sensitivity and misalignment. Defined
+/// from -40 to 85 degC. `None` if the telemetry of the chain does not change with the temperature.
 #[must_use]
 pub fn typical_gyroscopes(chain: &Chain) -> Option<Gyroscopes> {
     let [low, high] = [-40.0, 85.0].map(|temperature_c| chain.telemetry(temperature_c));

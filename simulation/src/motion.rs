@@ -1,15 +1,15 @@
 //! What the IMU feels over a period, while the turntable stands or moves.
 //!
 //! # Equations
-//! R = Rx(outer) Rz(inner) rotates the IMU's axes into those of the base. Earth's rate w and the specific force f are constant in the base; in
-//! the IMU they are R' w and R' f. With the rates of the turntable's axes,
+//! R = Rx(outer) Rz(inner) rotates the IMU's axes into those of the base. Earth's rate w and the specific force f are
+//! constant in the base; in the IMU they are R' w and R' f. With the rates of the turntable's axes,
 //!
 //! ```text
 //! angle          = S ( outer' (cos(inner), -sin(inner), 0) + inner' (0, 0, 1) + R' w ) dt            [arcsec]
 //! specific force = 1/T S R' f dt                                                                     [g0]
 //! ```
-//! Both are summed over steps of at most 50 ms, with Simpson's rule; an outer angle is a parabola within a step. What the turntable turns by is
-//! exact where one axis moves at a time.
+//! Both are summed over steps of at most 50 ms, with Simpson's rule; an outer angle is a parabola within a step. What
+//! the turntable turns by is exact where one axis moves at a time.
 
 use super::model::Truth;
 use super::turntable::specific_force;
@@ -23,7 +23,8 @@ const STEP_S: f64 = 0.05;
 /// What the IMU feels over a period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InertialMotion {
-    /// Angle about each of the IMU's axes in inertial space, right-handed: the integral of the rate over the period \[arcsec\].
+    /// Angle about each of the IMU's axes in inertial space, right-handed: the integral of the rate over the period
+    /// \[arcsec\].
     pub angle: [f64; AXES],
     /// Mean specific force along each of the IMU's axes \[g0\].
     pub specific_force: [f64; AXES],
@@ -46,7 +47,8 @@ impl InertialMotion {
         }
     }
 
-    /// The same along the axes of an IMU that is mounted with this rotation: along its axes all is `mounting` times that along the turntable's.
+    /// The same along the axes of an IMU that is mounted with this rotation: along its axes all is `mounting` times
+    /// that along the turntable's.
     #[must_use]
     pub fn mounted(self, mounting: &Matrix3<f64>) -> Self {
         let turned = |vector: [f64; AXES]| (mounting * Vector3::from(vector)).into();
@@ -55,9 +57,9 @@ impl InertialMotion {
 
     /// On the moving turntable for `seconds`.
     ///
-    /// `angles_deg` gives outer and inner angle \[deg\] at a time of the period \[s\]. It is called with rising times, once for each, from 0 to
-    /// `seconds`; so it may move a simulated turntable. Angles go on over a whole turn: one from 0 to 720 is twice around. At rest the result
-    /// is that of [`at_rest`](Self::at_rest).
+    /// `angles_deg` gives outer and inner angle \[deg\] at a time of the period \[s\]. It is called with rising times,
+    /// once for each, from 0 to `seconds`; so it may move a simulated turntable. Angles go on over a whole turn: one
+    /// from 0 to 720 is twice around. At rest the result is that of [`at_rest`](Self::at_rest).
     #[must_use]
     pub fn over(truth: &Truth, seconds: f64, mut angles_deg: impl FnMut(f64) -> [f64; 2]) -> Self {
         // At least one step. Half steps are counted, so that the last time is the end exactly.
@@ -71,7 +73,8 @@ impl InertialMotion {
             let end = at(2.0 * step as f64 + 2.0);
             moves |= middle != first || end != first;
             let mean = |of: &dyn Fn([f64; 2]) -> Vector3<f64>| (of(begin) + of(middle) * 4.0 + of(end)) / 6.0;
-            // What the outer axis would turn by at its rate at the beginning, in the middle and at the end, from the parabola through its angles.
+            // What the outer axis would turn by at its rate at the beginning, in the middle and at the end, from the
+            // parabola through its angles.
             let outer = [
                 4.0 * middle[0] - 3.0 * begin[0] - end[0],
                 end[0] - begin[0],
@@ -145,7 +148,8 @@ mod tests {
         {
             for (angle, truth) in [(360.0, &truth), (-720.0, &truth), (360.0, &tilted), (90.0, &tilted)] {
                 let motion = moved(truth, &[(axis, start[axis] + angle)], start, 1.0, 80);
-                // J of the method: T k (k.v) + Ic (v - k (k.v)) - Is (k x v), with the integrals of cosine and sine over the profile.
+                // J of the method: T k (k.v) + Ic (v - k (k.v)) - Is (k x v), with the integrals of cosine and sine
+                // over the profile.
                 let [ic, is] = cosine_and_sine(angle, 80.0);
                 let mut k = Vector3::zeros();
                 k[own] = sign;
@@ -164,7 +168,8 @@ mod tests {
         }
     }
 
-    /// The integrals of cosine and sine of the angle so far over `seconds`, for a turn by `angle` \[deg\] from rest that begins at once.
+    /// The integrals of cosine and sine of the angle so far over `seconds`, for a turn by `angle` \[deg\] from rest
+    /// that begins at once.
     fn cosine_and_sine(angle: f64, seconds: f64) -> [f64; 2] {
         let motion_s = angle.abs() / 10.0 + 1.0;
         let so_far = |t: f64| {

@@ -13,7 +13,8 @@ const RECORDING_SEEDS: u64 = 1000;
 
 /// The schedule of a ramp recording: hold, up, hold, down, hold.
 ///
-/// It is a [`RunSchedule`] of two ramps, with what may go wrong in an afternoon. One ramp alone only heats; `hold_s: 0.0` leaves the holds out.
+/// It is a [`RunSchedule`] of two ramps, with what may go wrong in an afternoon. One ramp alone only heats;
+/// `hold_s: 0.0` leaves the holds out.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct RampSchedule {
     /// Attitude, temperatures, rate, number of ramps, holds, period of a row, hardware and random deviations.
@@ -25,8 +26,8 @@ pub struct RampSchedule {
     /// Temperature of the sensing elements above their heads at the beginning, which are not soaked \[degC\].
     #[serde(skip_serializing_if = "is_zero")]
     pub element_offset_c: f64,
-    /// How far the tilt of the base about the laboratory's X and Y drifts over the whole recording, at a constant rate \[rad\]. It adds to what the
-    /// axes across gravity indicate.
+    /// How far the tilt of the base about the laboratory's X and Y drifts over the whole recording, at a constant rate
+    /// \[rad\]. It adds to what the axes across gravity indicate.
     #[serde(skip_serializing_if = "is_zero")]
     pub tilt_drift_rad: [f64; 2],
 }
@@ -49,14 +50,15 @@ impl RampSchedule {
     }
 }
 
-/// The seed of recording `number` of several of one IMU, counted from 1: each has its own noise and phase of the chamber's oscillation, and so has
-/// a campaign of the IMU, which takes `seed` itself.
+/// The seed of recording `number` of several of one IMU, counted from 1: each has its own noise and phase of the
+/// chamber's oscillation, and so has a campaign of the IMU, which takes `seed` itself.
 #[must_use]
 pub const fn ramp_seed(seed: u64, number: u64) -> u64 {
     seed.wrapping_add(RECORDING_SEEDS.wrapping_mul(number))
 }
 
-/// The text of a campaign file of `ramps` alone. `curves` is the path of the table that gives what they do not show, relative to the campaign file.
+/// The text of a campaign file of `ramps` alone. `curves` is the path of the table that gives what they do not show,
+/// relative to the campaign file.
 #[must_use]
 pub fn ramps_toml(truth: &Truth, curves: &str, ramps: &[Ramp]) -> String {
     let content = truth.table.content();
@@ -154,7 +156,8 @@ mod tests {
         ]
     }
 
-    /// A second implementation: chamber, heads, elements and plays in steps of 20 ms. Everything is in degC but the result.
+    /// A second implementation: chamber, heads, elements and plays in steps of 20 ms. Everything is in degC but the
+    /// result.
     struct Integration {
         chain: Chain,
         phase: f64,
@@ -216,7 +219,8 @@ mod tests {
         }
     }
 
-    /// The largest difference between what two IMUs indicate and `right`, relative to the largest of `right`, of any sensor.
+    /// The largest difference between what two IMUs indicate and `right`, relative to the largest of `right`, of any
+    /// sensor.
     fn worst(found: &[[[f64; AXES]; 2]], right: &[[[f64; AXES]; 2]]) -> f64 {
         let mut worst = 0.0_f64;
         for (kind, i) in (0..2).flat_map(|kind| (0..AXES).map(move |i| (kind, i))) {

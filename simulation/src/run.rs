@@ -35,8 +35,8 @@ pub struct RunSchedule {
 }
 
 impl Default for RunSchedule {
-    /// Once from -25 to 45 degC at 20 degC/h, holds of half an hour, 10 samples a second. Every axis measures a part of gravity, A2 a
-    /// negative one.
+    /// Once from -25 to 45 degC at 20 degC/h, holds of half an hour, 10 samples a second. Every axis measures a part of
+    /// gravity, A2 a negative one.
     fn default() -> Self {
         Self {
             direction: [0.6, -0.48, 0.64],
@@ -73,8 +73,8 @@ impl RunSchedule {
         nanoseconds(time_s).checked_div(self.interval_ns).unwrap_or(0)
     }
 
-    /// Outer and inner angle \[deg\] at which the base's tilt gives this direction. At an attitude with the inner axis vertical, which a tilted
-    /// base may not reach, those that come nearest.
+    /// Outer and inner angle \[deg\] at which the base's tilt gives this direction. At an attitude with the inner axis
+    /// vertical, which a tilted base may not reach, those that come nearest.
     #[must_use]
     pub fn angles_deg(&self, truth: &Truth) -> [f64; 2] {
         let direction = Vector3::from(self.direction).normalize();

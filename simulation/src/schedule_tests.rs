@@ -130,7 +130,8 @@ fn the_campaign_keeps_to_its_schedule() {
         assert_eq!((u64::from(row.position), row.raw.sequence), (dwell + 1, index));
         let end_s = visit * (4200 + 12 * 360) + 4200 + dwell * 360 + 60 + (period + 1) * 10;
         assert_eq!((row.raw.timestamp_ns, row.raw.interval_ns), (end_s * 1_000_000_000, 10_000_000_000));
-        // After the soak the heads have the chamber's temperature, within the oscillation and six sigma of the telemetry.
+        // After the soak the heads have the chamber's temperature, within the oscillation and six sigma of the
+        // telemetry.
         let head_c = (row.raw.accelerometers.head_temperature[0] - 1.1) / 0.04 - 25.0;
         assert!((head_c - row.set_point_c).abs() < 0.05 + 0.02, "{head_c} at {}", row.set_point_c);
     }

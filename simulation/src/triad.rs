@@ -1,12 +1,12 @@
 //! The converters of a triad, and the gyroscopes in front of theirs.
 //!
 //! # Equations
-//! A converter holds the charge q \[g0*s or arcsec\], which grows by the integral of what its sensor indicates. While q >= 1/K+, it gives a
-//! positive pulse and subtracts 1/K+ from q; while q <= -1/|K-|, it gives a negative pulse and adds 1/|K-|. So over any time N+/K+ + N-/K- is
-//! the integral to within one pulse.
+//! A converter holds the charge q \[g0*s or arcsec\], which grows by the integral of what its sensor indicates. While
+//! q >= 1/K+, it gives a positive pulse and subtracts 1/K+ from q; while q <= -1/|K-|, it gives a negative pulse and
+//! adds 1/|K-|. So over any time N+/K+ + N-/K- is the integral to within one pulse.
 //!
-//! Over T \[s\] a gyroscope indicates, with its row M_i of the misalignment, the angle in inertial space S w dt \[arcsec\], the bias D \[deg/h\], the
-//! g-sensitivity s_i \[deg/h/g0\] and the mean specific force f \[g0\],
+//! Over T \[s\] a gyroscope indicates, with its row M_i of the misalignment, the angle in inertial space S w dt
+//! \[arcsec\], the bias D \[deg/h\], the g-sensitivity s_i \[deg/h/g0\] and the mean specific force f \[g0\],
 //!
 //! ```text
 //! x = M_i . S w dt + (D(U_head) + memory + offset of the visit) T + s_i . f T + random walk           [arcsec]
@@ -43,8 +43,8 @@ impl SimulatedTriad {
         Self { axes: axes.clone(), offsets: [VisitOffset::default(); AXES], charge: [0.0; AXES] }
     }
 
-    /// Begins a visit of a set point: draws new offsets, which stay until the next visit. `bias` \[g0 or deg/h\] and `scale_factor` (relative) are
-    /// standard deviations; `normal` gives Gaussian numbers.
+    /// Begins a visit of a set point: draws new offsets, which stay until the next visit. `bias` \[g0 or deg/h\] and
+    /// `scale_factor` (relative) are standard deviations; `normal` gives Gaussian numbers.
     pub fn visit(&mut self, bias: f64, scale_factor: f64, mut normal: impl FnMut() -> f64) {
         for offset in &mut self.offsets {
             let bias = bias * normal();
@@ -70,7 +70,8 @@ impl SimulatedTriad {
         })
     }
 
-    /// Adds what the sensors indicate \[g0*s or arcsec\] to the charges, and the pulses that follow to `pulses`, at `scale_factors` K+ and K-.
+    /// Adds what the sensors indicate \[g0*s or arcsec\] to the charges, and the pulses that follow to `pulses`, at
+    /// `scale_factors` K+ and K-.
     pub fn convert(&mut self, indicated: [f64; AXES], scale_factors: &[[f64; 2]; AXES], pulses: &mut Triad) {
         for i in 0..AXES {
             self.charge[i] += indicated[i];
@@ -81,7 +82,8 @@ impl SimulatedTriad {
     }
 }
 
-/// Takes all whole pulses out of `charge` \[g0*s or arcsec\] and returns the numbers of positive and negative pulses. K+ > 0 and K- < 0.
+/// Takes all whole pulses out of `charge` \[g0*s or arcsec\] and returns the numbers of positive and negative pulses.
+/// K+ > 0 and K- < 0.
 fn balance(charge: &mut f64, [positive, negative]: [f64; 2]) -> [u32; 2] {
     let scale_factor = if *charge >= 0.0 { positive } else { negative };
     let pulses = (*charge * scale_factor).floor();
@@ -114,8 +116,8 @@ impl SimulatedGyroscopes {
         self.triad.visit(bias, scale_factor, normal);
     }
 
-    /// Adds the pulses of a period of `seconds` with this `motion` to `pulses`. `head` and `board` are the true telemetry; `added` is
-    /// what random walk and the memory of the biases add \[arcsec\].
+    /// Adds the pulses of a period of `seconds` with this `motion` to `pulses`. `head` and `board` are the true
+    /// telemetry; `added` is what random walk and the memory of the biases add \[arcsec\].
     pub fn feel(
         &mut self,
         motion: &InertialMotion,

@@ -1,17 +1,18 @@
 //! The motion of the two-axis turntable, and the specific force on the IMU at its angles.
 //!
 //! # Equations
-//! A move from rest to rest over the angle d with the rate v and the acceleration a is a trapezoid of rate over time: up with +-a, on at +-v,
-//! down with -+a. One shorter than v v / a is a triangle up to the rate sqrt(a |d|). A move takes
+//! A move from rest to rest over the angle d with the rate v and the acceleration a is a trapezoid of rate over time:
+//! up with +-a, on at +-v, down with -+a. One shorter than v v / a is a triangle up to the rate sqrt(a |d|). A move
+//! takes
 //!
 //! ```text
 //! |d| / v + v / a,   or 2 sqrt(|d| / a) if |d| < v v / a                                                       [s]
 //! ```
-//! The motion is a list of segments of constant acceleration, each exact for any step h: `angle += rate h + a h h / 2`, `rate += a h`. An axis
-//! that gets a new target while it moves comes to rest first.
+//! The motion is a list of segments of constant acceleration, each exact for any step h: `angle += rate h + a h h / 2`,
+//! `rate += a h`. An axis that gets a new target while it moves comes to rest first.
 //!
-//! R = Rx(outer) Rz(inner) rotates the body's axes into those of the laboratory. With the base's tilt (tx, ty) the specific
-//! force along the body's axes is
+//! R = Rx(outer) Rz(inner) rotates the body's axes into those of the laboratory. With the base's tilt (tx, ty) the
+//! specific force along the body's axes is
 //!
 //! ```text
 //! f = g_local/g0 * R' u,    u = (-ty, tx, 1) / |(-ty, tx, 1)|                                                  [g0]
@@ -89,7 +90,8 @@ impl AxisMotion {
     }
 }
 
-/// The oscillation of both axes when the turntable does not settle. Its amplitude changes gradually, so that no angle jumps.
+/// The oscillation of both axes when the turntable does not settle. Its amplitude changes gradually, so that no angle
+/// jumps.
 #[derive(Clone, Copy, Debug, Default)]
 struct Swing {
     /// Amplitude when it was last commanded, and the one commanded \[deg\].

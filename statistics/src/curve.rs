@@ -39,8 +39,8 @@ pub struct Curve {
 }
 
 impl Curve {
-    /// A curve from coefficients of the centred and scaled telemetry, ascending. Without degrees of freedom, the covariance
-    /// is dropped.
+    /// A curve from coefficients of the centred and scaled telemetry, ascending. Without degrees of freedom, the
+    /// covariance is dropped.
     #[must_use]
     pub fn new(
         [center, scale]: [f64; 2],
@@ -145,8 +145,9 @@ impl Curve {
         self.covariance.as_ref().map(|covariance| &matrix * covariance * matrix.transpose())
     }
 
-    /// The polynomial for a table, multiplied by `factor`. It has powers of the raw telemetry, or of the centred and scaled
-    /// telemetry if cancellation between the raw powers would lose digits. `None` if the order is too high for a table.
+    /// The polynomial for a table, multiplied by `factor`. It has powers of the raw telemetry, or of the centred and
+    /// scaled telemetry if cancellation between the raw powers would lose digits. `None` if the order is too high for a
+    /// table.
     #[must_use]
     pub fn polynomial(&self, factor: f64) -> Option<Polynomial> {
         let scaled = |coefficients: &[f64]| coefficients.iter().map(|c| c * factor).collect::<Vec<_>>();

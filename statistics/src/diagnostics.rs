@@ -1,5 +1,5 @@
-//! Conditions that invalidate F and the standard errors: residuals that are not independent, a difference between heating
-//! and cooling, outliers.
+//! Conditions that invalidate F and the standard errors: residuals that are not independent, a difference between
+//! heating and cooling, outliers.
 
 use crate::regression::{Regression, f_tail};
 use core::cmp::Ordering;
@@ -126,8 +126,8 @@ fn runs(x: &[f64], residuals: &[f64], order: usize) -> Option<Test> {
     Some(Test { value, p: normal_p(value) })
 }
 
-/// Splits the data, in their order, into legs where x reverses by at least [`MIN_TURN`] of its range; `true` for a rising
-/// leg.
+/// Splits the data, in their order, into legs where x reverses by at least [`MIN_TURN`] of its range; `true` for a
+/// rising leg.
 fn legs(x: &[f64]) -> Vec<(bool, core::ops::Range<usize>)> {
     let (low, high) = x.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &v| (low.min(v), high.max(v)));
     let turn = MIN_TURN * (high - low);
@@ -149,8 +149,8 @@ fn legs(x: &[f64]) -> Vec<(bool, core::ops::Range<usize>)> {
     legs
 }
 
-/// Mean residual on rising legs minus mean residual on falling legs. `None` without both, or if such legs have under 80 %
-/// of the points.
+/// Mean residual on rising legs minus mean residual on falling legs. `None` without both, or if such legs have under 80
+/// % of the points.
 fn heating_cooling(x: &[f64], residuals: &[f64]) -> Option<Test> {
     let legs: Vec<_> = legs(x).into_iter().filter(|(_, leg)| leg.len() >= MIN_LEG).collect();
     let count: usize = legs.iter().map(|(_, leg)| leg.len()).sum();

@@ -1,8 +1,8 @@
 //! How far heating and cooling are apart: the sweeps of a recording and the hysteresis band of a residual.
 //!
-//! A sweep is what lies between two turns of the telemetry, with the hold after it. The band is the residual of heating sweeps less that of
-//! cooling sweeps, by bins of telemetry. Lag and hysteresis both open it; nothing here tells them apart (see
-//! transients).
+//! A sweep is what lies between two turns of the telemetry, with the hold after it. The band is the residual of heating
+//! sweeps less that of cooling sweeps, by bins of telemetry. Lag and hysteresis both open it; nothing here tells them
+//! apart (see transients).
 
 use core::ops::Range;
 
@@ -22,7 +22,8 @@ pub struct Sweep {
     pub heating: bool,
 }
 
-/// The sweeps of telemetry in the order of time. A series that turns nowhere is one sweep; one that does not change, or an empty one, has none.
+/// The sweeps of telemetry in the order of time. A series that turns nowhere is one sweep; one that does not change, or
+/// an empty one, has none.
 ///
 /// ```
 /// use isotherm_statistics::{Sweep, sweeps};
@@ -92,8 +93,8 @@ pub struct LoopPoint {
     pub heating: bool,
 }
 
-/// The hysteresis band: the residual of heating less that of cooling in 12 bins of telemetry, rms over the bins that have both.
-/// `None` where heating and cooling share no bin.
+/// The hysteresis band: the residual of heating less that of cooling in 12 bins of telemetry, rms over the bins that
+/// have both. `None` where heating and cooling share no bin.
 ///
 /// ```
 /// use isotherm_statistics::{LoopPoint, band, shared_bins};
@@ -157,7 +158,8 @@ mod tests {
         assert_eq!(sweeps[0].values.start, 0);
         assert!(sweeps.windows(2).all(|pair| pair[0].values.end == pair[1].values.start));
         assert_eq!(sweeps[2].values.end, profile().len());
-        // The first hold and three legs, then the hold at the top: 360 values. The first values of the way down are still near the top.
+        // The first hold and three legs, then the hold at the top: 360 values. The first values of the way down are
+        // still near the top.
         assert!((360..=363).contains(&sweeps[0].values.end), "{:?}", sweeps[0]);
         let down: Vec<_> = profile().iter().map(|value| -value).collect();
         assert_eq!(

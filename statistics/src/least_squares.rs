@@ -2,8 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// Condition number above which the rows do not determine the unknowns. Powers are not orthogonal, so high orders reach some thousands; a real
-/// deficiency is far above.
+/// Condition number above which the rows do not determine the unknowns. Powers are not orthogonal, so high orders reach
+/// some thousands; a real deficiency is far above.
 const MAX_CONDITION: f64 = 1e7;
 /// Most steps of the search for singular values; it needs a few for each.
 pub const MAX_SVD_STEPS: usize = 10_000;

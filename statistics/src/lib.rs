@@ -1,5 +1,5 @@
-//! Least squares and polynomial regression with their diagnostics: what every fit of Isotherm is made of. Regression is in double-double
-//! from the decimals on, so that order 7 over a wide range loses no digit of a double.
+//! Least squares and polynomial regression with their diagnostics: what every fit of Isotherm is made of. Regression is
+//! in double-double from the decimals on, so that order 7 over a wide range loses no digit of a double.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -1,9 +1,9 @@
 //! Selection of the polynomial order. All orders are fitted. The highest order is chosen whose highest term is both
 //! significant and large enough to matter.
 //!
-//! The search goes from the highest order down: a forward search that stops at the first term without effect would stop at
-//! order 0 on a cubic whose linear and quadratic parts cancel. The effect must be large enough, because with many samples
-//! any small effect is significant.
+//! The search goes from the highest order down: a forward search that stops at the first term without effect would stop
+//! at order 0 on a cubic whose linear and quadratic parts cancel. The effect must be large enough, because with many
+//! samples any small effect is significant.
 
 use crate::diagnostics::Diagnostics;
 use crate::regression::{DataPoint, Fit, LinearTerm, Partial, Regression, RegressionError, f_limit};
@@ -117,8 +117,8 @@ fn by_the_data(regression: &Regression, rule: &Rule) -> Choice {
     Choice { order, reason }
 }
 
-/// The highest order that is fitted if none is requested: 6, or less if there are few distinct x, or few points for `linear` linear
-/// columns.
+/// The highest order that is fitted if none is requested: 6, or less if there are few distinct x, or few points for
+/// `linear` linear columns.
 ///
 /// ```
 /// use isotherm_statistics::default_order;
@@ -159,8 +159,8 @@ impl OrderTable {
         Self { regression, choice, diagnostics }
     }
 
-    /// The table of a curve through the values of set points, given as telemetry and value: of the order `fixed`, or of the one that `rule`
-    /// chooses up to `highest`.
+    /// The table of a curve through the values of set points, given as telemetry and value: of the order `fixed`, or of
+    /// the one that `rule` chooses up to `highest`.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

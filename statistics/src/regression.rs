@@ -1,27 +1,29 @@
 //! Polynomial regression of one quantity on another: equations (3) to (16) of the source paper, to full precision.
 //!
 //! # Definition
-//! y = a0 + a1 x + .. + am x^m over n points with weights w (1 unless given; a point of weight 2 counts as two). With means
-//! and sums weighted by w, and S_yy = sum w (y - mean y)^2:
+//! y = a0 + a1 x + .. + am x^m over n points with weights w (1 unless given; a point of weight 2 counts as two). With
+//! means and sums weighted by w, and S_yy = sum w (y - mean y)^2:
 //!
 //! ```text
-//! Q = sum w (y - fit)^2        residual sum of squares          U = S_yy - Q       regression sum of squares     (9), (10)
+//! Q = sum w (y - fit)^2        residual sum of squares          U = S_yy - Q    regression sum of squares  (9), (10)
 //! F = (U/m) / (Q/(n-m-1))      (11), (13)                       R^2 = U/S_yy                                     (12)
 //! R = sqrt(m F / (n-m-1 + m F)) = sqrt(R^2)                                                                      (14)
 //! ```
-//! The partial sum of squares of term j is Q(without the term) - Q, with a new fit without the term (15), (16). Its F has 1
-//! and n-m-1 degrees of freedom. For every term but the highest, it depends on the centring of x. Both are therefore given:
-//! for the raw powers x^j, and for the powers of the centred (x - center)/scale. The errata of the printed equations are in
-//! docs/paper.md.
+//! The partial sum of squares of term j is Q(without the term) - Q, with a new fit without the term (15), (16). Its F
+//! has 1 and n-m-1 degrees of freedom. For every term but the highest, it depends on the centring of x. Both are
+//! therefore given: for the raw powers x^j, and for the powers of the centred (x - center)/scale. The errata of the
+//! printed equations are in docs/paper.md.
 //!
-//! Other columns z1 .. zq may enter linearly beside the polynomial: y = a0 + a1 x + .. + am x^m + b1 z1 + .. + bq zq. Then m is
-//! the order of the polynomial still, and the degrees of freedom of the regression are m + q in the place of m.
+//! Other columns z1 .. zq may enter linearly beside the polynomial: y = a0 + a1 x + .. + am x^m + b1 z1 + .. + bq zq.
+//! Then m is the order of the polynomial still, and the degrees of freedom of the regression are m + q in the place of
+//! m.
 //!
 //! # Algorithm
 //! The equations are only the definition: solving the normal equations (7) would lose half the digits. x is centred and
-//! scaled to -1..1, as is each z. Givens rotations reduce `[1 z1 .. zq x x^2 .. x^M | y]` row by row to its upper triangle R. This
-//! one factorisation serves every order up to M. The factorisation and the expansion to powers of the raw x use double-double
-//! arithmetic, on data read as decimals. No refinement is needed: of 32 digits, the worst data sets lose about 15.
+//! scaled to -1..1, as is each z. Givens rotations reduce `[1 z1 .. zq x x^2 .. x^M | y]` row by row to its upper
+//! triangle R. This one factorisation serves every order up to M. The factorisation and the expansion to powers of the
+//! raw x use double-double arithmetic, on data read as decimals. No refinement is needed: of 32 digits, the worst data
+//! sets lose about 15.
 //!
 //! Over 400 lines: one factorisation and the figures derived from it, in the notation of the paper.
 
@@ -97,8 +99,8 @@ pub struct Fit {
     pub sequential_ss: f64,
     /// Largest difference from the curve of order m-1 at a point, in the unit of y.
     pub effect: f64,
-    /// Rms of the leave-one-out errors: the error at each point of a fit without that point. None if a point cannot be left
-    /// out.
+    /// Rms of the leave-one-out errors: the error at each point of a fit without that point. None if a point cannot be
+    /// left out.
     pub leave_one_out_rms: Option<f64>,
     /// Largest leave-one-out error.
     pub leave_one_out_max: Option<f64>,
@@ -158,8 +160,8 @@ impl Regression {
     /// ```
     ///
     /// # Errors
-    /// As of [`new`](Self::new); or if a linear column has another length than the points, if there are fewer points than
-    /// coefficients, or if columns are linearly dependent.
+    /// As of [`new`](Self::new); or if a linear column has another length than the points, if there are fewer points
+    /// than coefficients, or if columns are linearly dependent.
     pub fn with_linear(
         points: Vec<DataPoint>,
         x: &str,
@@ -264,8 +266,8 @@ impl Regression {
         self.points.iter().enumerate().map(residual).collect()
     }
 
-    /// Value of the fit of `order` at `x` and its standard error (none without degrees of freedom), with every linear column in the
-    /// middle of its range.
+    /// Value of the fit of `order` at `x` and its standard error (none without degrees of freedom), with every linear
+    /// column in the middle of its range.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -286,7 +288,8 @@ impl Regression {
         (value.value(), sd.map(|sd| sd * size.sqrt().value()))
     }
 
-    /// Coefficients of order `order` for the powers of the centred and scaled x, and their covariance; not those of linear columns.
+    /// Coefficients of order `order` for the powers of the centred and scaled x, and their covariance; not those of
+    /// linear columns.
     #[must_use]
     pub fn centred(&self, order: usize) -> (DVector<f64>, Option<DMatrix<f64>>) {
         let (count, term) = (order + 1, |power| self.term(power));
@@ -356,8 +359,8 @@ impl Regression {
         matrix
     }
 
-    /// Largest residual sum of squares that the rounding of y can explain; a fit at or below it is perfect. If every y is a
-    /// double, or the shortest decimal form of one, y was rounded to doubles. Otherwise it has the precision of a
+    /// Largest residual sum of squares that the rounding of y can explain; a fit at or below it is perfect. If every y
+    /// is a double, or the shortest decimal form of one, y was rounded to doubles. Otherwise it has the precision of a
     /// double-double.
     fn rounding(&self) -> DoubleDouble {
         let is_double = |point: &DataPoint| DoubleDouble::parse(&format!("{:e}", point.y.value())) == Some(point.y);
@@ -381,8 +384,8 @@ impl Regression {
         let mean_square = (df > 0).then(|| sse / DoubleDouble::from(df as f64));
         let tested = mean_square.filter(|ms| *ms > DoubleDouble::ZERO);
         let explained = total - sse;
-        // Only the leading block is used. Row i is divided by its largest entry, about a power of the scale, so that the
-        // squares stay in the range of doubles.
+        // Only the leading block is used. Row i is divided by its largest entry, about a power of the scale, so that
+        // the squares stay in the range of doubles.
         let size = |matrix: &[Vec<DoubleDouble>], i: usize| {
             DoubleDouble::from((0..terms).map(|k| matrix[i][k].value().abs()).fold(0.0, f64::max))
         };

@@ -1,12 +1,13 @@
-//! Columns that enter a regression linearly, beside the polynomial of x: their figures, and the refusal of columns that say the same.
+//! Columns that enter a regression linearly, beside the polynomial of x: their figures, and the refusal of columns that
+//! say the same.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_statistics::{
     DataPoint, DoubleDouble, LinearColumn, OrderTable, Regression, RegressionError, Rule, choose, default_order,
 };
 
-/// Longley's data, J. Am. Statist. Assoc. 62 (1967) 819, as in NIST's set of this name: total employment, price index (1954 = 100), gross
-/// national product, unemployed, armed forces, population, year.
+/// Longley's data, J. Am. Statist. Assoc. 62 (1967) 819, as in NIST's set of this name: total employment, price index
+/// (1954 = 100), gross national product, unemployed, armed forces, population, year.
 const LONGLEY: [[&str; 7]; 16] = [
     ["60323", "83.0", "234289", "2356", "1590", "107608", "1947"],
     ["61122", "88.5", "259426", "2325", "1456", "108632", "1948"],

@@ -17,7 +17,8 @@ fn regression(set: &Value, order: usize) -> Regression {
     Regression::new(points.collect(), order).unwrap()
 }
 
-/// Number of correct digits: -log10 of the relative error, at most 16. If `right` is exactly zero, only zero is correct.
+/// Number of correct digits: -log10 of the relative error, at most 16. If `right` is exactly zero, only zero is
+/// correct.
 fn digits(got: f64, right: &Value) -> f64 {
     let text = right.as_str().unwrap();
     let right: f64 = text.parse().unwrap();

@@ -1,4 +1,5 @@
-//! A laboratory for tests of the automatic campaign: a real service and the processes of a simulated station, hundreds of times as fast as a real one.
+//! A laboratory for tests of the automatic campaign: a real service and the processes of a simulated station, hundreds
+//! of times as fast as a real one.
 
 use crate::{Process, TABLE, TIMEOUT, TestDomain, text, wait_until};
 use rustix::process::Pid;
@@ -102,7 +103,8 @@ impl TestLaboratory {
             "truth-table.toml",
             "--speed",
             SPEED,
-            // Less than 1.5 times the plan's limit of 3: a set point that was late on a loaded machine must not end the campaign.
+            // Less than 1.5 times the plan's limit of 3: a set point that was late on a loaded machine must not end the
+            // campaign.
             "--chamber-ramp",
             "3.5",
             "--positioning",
@@ -200,7 +202,8 @@ impl TestLaboratory {
         (status["phase"].as_str().unwrap_or_default().to_owned(), status["unit"].as_u64().unwrap_or_default())
     }
 
-    /// Phase, the chamber's set point \[degC\], and outer and inner angle \[deg\], of each complete row of the readbacks.
+    /// Phase, the chamber's set point \[degC\], and outer and inner angle \[deg\], of each complete row of the
+    /// readbacks.
     pub fn readbacks(&self) -> Vec<(String, f64, [f64; 2])> {
         let text = text(&self.file("readbacks.csv"));
         let whole = text.rsplit_once('\n').map_or("", |(whole, _)| whole);
@@ -217,8 +220,8 @@ impl TestLaboratory {
         self.domain.replace("station/faults", lines);
     }
 
-    /// Asserts that the journal has every unit exactly once, in order, that the file has exactly the bytes of the dwells and turns, and that every
-    /// turn is whole.
+    /// Asserts that the journal has every unit exactly once, in order, that the file has exactly the bytes of the
+    /// dwells and turns, and that every turn is whole.
     pub fn assert_complete(&self, units: usize) {
         let kept = self.events("kept");
         let numbers: Vec<_> = kept.iter().map(|kept| kept["unit"].as_u64().unwrap() as usize).collect();
@@ -257,8 +260,8 @@ impl TestLaboratory {
         said
     }
 
-    /// As [`calibrate`](Self::calibrate), and asserts that nothing is installed: the table in force, its predecessor and the service are as they
-    /// were.
+    /// As [`calibrate`](Self::calibrate), and asserts that nothing is installed: the table in force, its predecessor
+    /// and the service are as they were.
     pub fn refused(&self, more: &[&str], code: i32) -> String {
         let state = || {
             let files = ["imu-a.toml", "imu-a.toml.previous"].map(|name| fs::read(self.domain.path(name)).ok());
@@ -288,7 +291,8 @@ impl TestLaboratory {
     }
 }
 
-/// Asserts that the rows of a turn are one unbroken run of one session, in which a gyroscope has turned by its whole angle.
+/// Asserts that the rows of a turn are one unbroken run of one session, in which a gyroscope has turned by its whole
+/// angle.
 fn assert_whole_turn(unit: &Value, header: &str, rows: &str) {
     let column = |name: &str| header.split(',').position(|column| column == name).unwrap();
     let rows: Vec<Vec<&str>> = rows.lines().map(|row| row.split(',').collect()).collect();

@@ -1,5 +1,5 @@
-//! The harness of the end-to-end tests. Each test gets a domain and a folder of its own, starts real processes in them, is
-//! ended by a watchdog if it hangs, and leaves nothing behind.
+//! The harness of the end-to-end tests. Each test gets a domain and a folder of its own, starts real processes in them,
+//! is ended by a watchdog if it hangs, and leaves nothing behind.
 //!
 //! Over 400 lines: every test uses both types, and they share the list of processes.
 #![allow(
@@ -39,7 +39,8 @@ pub const RUN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data/run.csv");
 /// The exact increments of the recording, computed with the table.
 pub const RUN_EXPECTED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data/run.expected.csv");
 
-/// A table of format 2, for `imu-g`: gyroscopes with g-sensitivity, both alignments, transient terms with a lag of 240 s.
+/// A table of format 2, for `imu-g`: gyroscopes with g-sensitivity, both alignments, transient terms with a lag of 240
+/// s.
 pub const WHOLE_TABLE: &str = include_str!("../data/imu-g.toml");
 
 /// Time limit of every wait. It is generous: it only bounds a failing test.
@@ -183,8 +184,8 @@ impl TestDomain {
         self.start(self.isotherm(arguments))
     }
 
-    /// As [`isotherm`](Self::isotherm), but a shell runs the commands in `preparation` first. With options for `unshare`, the
-    /// shell runs in new namespaces.
+    /// As [`isotherm`](Self::isotherm), but a shell runs the commands in `preparation` first. With options for
+    /// `unshare`, the shell runs in new namespaces.
     pub fn isotherm_after(&self, unshare: &[&str], preparation: &str, arguments: &[&str]) -> Command {
         let plain = self.isotherm(arguments);
         let mut command = match unshare {
@@ -240,7 +241,8 @@ impl Drop for TestDomain {
     fn drop(&mut self) {
         let pids: Vec<_> = self.pids.lock().unwrap().drain(..).collect();
         pids.iter().for_each(|pid| kill(*pid, Signal::KILL));
-        // A process that is still ending could write into the folder while it is removed: also one that a process of the test has started.
+        // A process that is still ending could write into the folder while it is removed: also one that a process of
+        // the test has started.
         let deadline = Instant::now() + TIMEOUT;
         loop {
             let left = users_of(self.folder.path());
@@ -390,11 +392,12 @@ pub fn binary(name: &str) -> PathBuf {
     binary
 }
 
-/// Starts a command. A program that a test has just written is busy while a process that another test has forked meanwhile still has its file
-/// open: until that process executes its own program.
+/// Starts a command. A program that a test has just written is busy while a process that another test has forked
+/// meanwhile still has its file open: until that process executes its own program.
 fn spawn(command: &mut Command) -> Child {
     static DEFAULT_IN_CHILDREN: Once = Once::new();
-    // Under `nohup` SIGHUP is ignored, and programs inherit that. A handler they do not: for them it is the default again.
+    // Under `nohup` SIGHUP is ignored, and programs inherit that. A handler they do not: for them it is the default
+    // again.
     DEFAULT_IN_CHILDREN.call_once(|| {
         signal_hook::flag::register(signal_hook::consts::SIGHUP, Arc::default()).unwrap();
     });
@@ -425,8 +428,8 @@ pub enum Needs {
 
 /// Reports that the running test, or a part of it, is skipped, and why. The caller then returns.
 ///
-/// With `ISOTHERM_TESTS_STRICT=1`, as in CI, a missing program fails the test. What the machine lacks is added to the file that
-/// `ISOTHERM_TESTS_SKIPPED` names; CI prints that file at its end.
+/// With `ISOTHERM_TESTS_STRICT=1`, as in CI, a missing program fails the test. What the machine lacks is added to the
+/// file that `ISOTHERM_TESTS_SKIPPED` names; CI prints that file at its end.
 pub fn skip(why: &str, needs: Needs) {
     let name = thread::current().name().unwrap_or("?").to_owned();
     eprintln!("not tested: {why}");
@@ -472,8 +475,8 @@ pub fn recording() -> Vec<RawSample> {
     RawCsvReader::new(fs::File::open(RUN).unwrap()).unwrap().map(Result::unwrap).collect()
 }
 
-/// Samples of a whole IMU that heats up and turns, 50 ms each. The telemetry is measured in every 20th sample, and `telemetry_ns` and all
-/// that an acquisition adds are 0.
+/// Samples of a whole IMU that heats up and turns, 50 ms each. The telemetry is measured in every 20th sample, and
+/// `telemetry_ns` and all that an acquisition adds are 0.
 pub fn whole_recording(count: usize) -> Vec<RawSample> {
     let mut state = 7_u32;
     let mut pulses = |limit: u32| {
@@ -504,7 +507,8 @@ pub fn whole_recording(count: usize) -> Vec<RawSample> {
         .collect()
 }
 
-/// The samples as an acquisition sends them that follows their telemetry with this time constant, for a unit of this serial number.
+/// The samples as an acquisition sends them that follows their telemetry with this time constant, for a unit of this
+/// serial number.
 pub fn completed(samples: &[RawSample], lag_ns: u64, serial: &str) -> Vec<RawSample> {
     let mut lag = Lag::new(lag_ns);
     let complete = |sample: &RawSample| {

@@ -1,4 +1,5 @@
-//! Acquisition programs as users write them, in C, C++ and Rust: compiled, started in a test's domain, and their output checked.
+//! Acquisition programs as users write them, in C, C++ and Rust: compiled, started in a test's domain, and their output
+//! checked.
 #![allow(clippy::missing_panics_doc, clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use crate::{Needs, TestDomain, skip, table, text};

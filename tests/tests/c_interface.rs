@@ -27,7 +27,8 @@ fn the_examples_compensate_exactly() {
     service.terminate();
 }
 
-/// Gyroscopes, the lag of the telemetry, and the unit, in C and C++: as the kernel computes them from the samples with what the library adds.
+/// Gyroscopes, the lag of the telemetry, and the unit, in C and C++: as the kernel computes them from the samples with
+/// what the library adds.
 #[test]
 fn the_examples_compensate_a_whole_imu_exactly() {
     let domain = TestDomain::new();
@@ -48,7 +49,8 @@ fn the_examples_compensate_a_whole_imu_exactly() {
     service.terminate();
 }
 
-/// A recording of a whole IMU with every peculiarity that a sample can have, and its increments in IEEE double, of another hand than this code.
+/// A recording of a whole IMU with every peculiarity that a sample can have, and its increments in IEEE double, of
+/// another hand than this code.
 #[test]
 fn all_bits_pass_through_the_structures_of_c_and_cpp() {
     let domain = TestDomain::new();
@@ -189,7 +191,8 @@ fn valgrind_finds_no_errors() {
         let program = compile(&domain, C, source).unwrap();
         let pid = service.pid().to_string();
         let lost = ["--show-leak-kinds=definite,indirect", "--errors-for-leak-kinds=definite,indirect"];
-        // Valgrind runs one thread at a time. Without fair scheduling a spinning thread could keep the other one from running.
+        // Valgrind runs one thread at a time. Without fair scheduling a spinning thread could keep the other one from
+        // running.
         let options = ["--quiet", "--fair-sched=yes", "--error-exitcode=9", "--leak-check=full", lost[0], lost[1]];
         let last = if recording { RUN } else { &pid };
         let words = [&options[..], &[program.to_str().unwrap(), "imu-a", last]].concat();

@@ -187,7 +187,8 @@ fn increments_go_to_ros_and_come_back() {
 fn a_recorder_writes_ros_messages_of_a_running_imu() {
     let domain = TestDomain::new();
     let service = domain.serve_recording();
-    // The table that the service has in force, but with telemetry in degC: for the recorder it only has the name and the unit.
+    // The table that the service has in force, but with telemetry in degC: for the recorder it only has the name and
+    // the unit.
     let table = TABLE.replace("unit = \"V\"", "unit = \"degC\"");
     domain.write("celsius.toml", &table);
     let options = ["record", "--imu", "imu-a", "--flush", "0.05", "--format", "ros"];

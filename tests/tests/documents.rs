@@ -64,7 +64,7 @@ fn lines_of_documents_have_120_columns_at_most() {
     assert!(long.is_empty(), "{}", long.join("\n"));
 }
 
-/// Comments of TOML, Python and shell; data of tests are as their programs made them.
+/// Comments of Rust, TOML, Python and shell; data of tests are as their programs made them.
 #[test]
 fn comments_have_120_columns_at_most() {
     let mut long = Vec::new();
@@ -75,9 +75,10 @@ fn comments_have_120_columns_at_most() {
             let name = path.file_name().unwrap().to_string_lossy();
             if path.is_dir() && !name.starts_with('.') && !["target", "data", "corpus"].contains(&&*name) {
                 folders.push(path);
-            } else if [".toml", ".py", ".sh"].iter().any(|extension| name.ends_with(extension)) {
+            } else if [".rs", ".toml", ".py", ".sh"].iter().any(|extension| name.ends_with(extension)) {
                 let text = fs::read_to_string(&path).unwrap();
-                let comments = text.lines().filter(|line| line.trim_start().starts_with('#'));
+                let mark = if name.ends_with(".rs") { "//" } else { "#" };
+                let comments = text.lines().filter(|line| line.trim_start().starts_with(mark));
                 let wide = comments.filter(|line| line.chars().count() > 120);
                 long.extend(wide.map(|line| format!("{}: {line}", path.display())));
                 count += 1;

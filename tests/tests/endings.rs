@@ -63,7 +63,8 @@ impl Derived {
         domain
     }
 
-    /// Starts the command, gives it the first of its rows, and waits until it has created its files. It then waits for the rest.
+    /// Starts the command, gives it the first of its rows, and waits until it has created its files. It then waits for
+    /// the rest.
     fn start(&self, domain: &TestDomain) -> (Process, PipeWriter) {
         let (input, mut writer) = pipe().unwrap();
         writer.write_all(&fs::read(domain.path(self.input)).unwrap()[..FIRST]).unwrap();
@@ -153,8 +154,8 @@ fn a_file_limit_is_an_error_and_leaves_nothing() {
     }
 }
 
-/// Runs the command in a folder that is a full disk; `first` is copied there before the rest is filled. Returns also what is there
-/// afterwards.
+/// Runs the command in a folder that is a full disk; `first` is copied there before the rest is filled. Returns also
+/// what is there afterwards.
 fn run_on_full_disk(
     domain: &TestDomain,
     first: &str,
@@ -256,8 +257,8 @@ fn a_closed_standard_output_is_an_error() {
     }
 }
 
-/// The table and the report after the command has been stopped before its `number`th removal or renaming of a file, and then
-/// got this signal.
+/// The table and the report after the command has been stopped before its `number`th removal or renaming of a file, and
+/// then got this signal.
 #[cfg(target_arch = "x86_64")]
 fn stopped_before(number: usize, signal: Signal) -> Option<BTreeMap<&'static str, bool>> {
     let derived = &DERIVED[2];
@@ -312,8 +313,8 @@ fn stopped_before(number: usize, signal: Signal) -> Option<BTreeMap<&'static str
 fn no_old_table_stays_beside_a_new_report() {
     let (old, new) = (false, true);
     let sigkill: [&[(&str, bool)]; 4] = [
-        // Before the old report gets a hidden name, before the table is renamed, before the report is renamed, and before the old
-        // report is removed.
+        // Before the old report gets a hidden name, before the table is renamed, before the report is renamed, and
+        // before the old report is removed.
         &[("t.toml", old), ("r.html", old)],
         &[("t.toml", old)],
         &[("t.toml", new)],
@@ -335,7 +336,8 @@ fn a_table_that_cannot_be_replaced_leaves_both_old_files() {
     let derived = &DERIVED[2];
     for fixed in derived.results {
         let domain = derived.prepare();
-        // In a folder with the sticky bit, only its owner may replace a file: a root that lacks two capabilities may not.
+        // In a folder with the sticky bit, only its owner may replace a file: a root that lacks two capabilities may
+        // not.
         fs::set_permissions(domain.path(""), Permissions::from_mode(0o1777)).unwrap();
         if !(give_to_nobody(&domain.path("")) && give_to_nobody(&domain.path(fixed))) {
             return;

@@ -68,7 +68,8 @@ impl CsvContent {
         fs::write(path, lines.map(|fields| fields.join(",") + "\n").collect::<String>()).unwrap();
     }
 
-    /// A column is BYTE_ARRAY if it has texts, INT64 if all its values are whole numbers, else DOUBLE, and OPTIONAL if it has empty values.
+    /// A column is BYTE_ARRAY if it has texts, INT64 if all its values are whole numbers, else DOUBLE, and OPTIONAL if
+    /// it has empty values.
     fn write_parquet(&self, path: &Path) {
         let optional = |column: usize| self.rows.iter().any(|row| row[column].is_empty());
         let field = |column: usize| {
@@ -108,7 +109,8 @@ impl CsvContent {
         writer.close().unwrap();
     }
 
-    /// Each row is a protobuf message: string for texts, int64 for columns of whole numbers, else double, and no field for an empty value.
+    /// Each row is a protobuf message: string for texts, int64 for columns of whole numbers, else double, and no field
+    /// for an empty value.
     fn write_mcap(&self, path: &Path) {
         let (mut fields, mut descriptor) = (Vec::new(), Vec::new());
         for (name, number) in self.names.iter().zip(1..) {
@@ -172,7 +174,8 @@ fn bytes(out: &mut Vec<u8>, number: u64, value: &[u8]) {
     out.extend_from_slice(value);
 }
 
-/// Writes a recording as a whole in each format, and in three pieces of three formats. Returns the equivalent lists of files.
+/// Writes a recording as a whole in each format, and in three pieces of three formats. Returns the equivalent lists of
+/// files.
 fn variants(domain: &TestDomain, csv: &str) -> Vec<Vec<&'static str>> {
     let all = CsvContent::of(csv);
     for name in ["whole.csv", "whole.parquet", "whole.mcap"] {
@@ -315,7 +318,8 @@ fn calibrate_reports_a_fault_with_the_piece_that_has_it() {
     let middle = outer_thirds(&domain, &samples);
     domain.write("campaign.toml", &campaign.replace("imu-paper", "imu-a"));
     for (name, value, piece, cause) in [
-        // A field that is no number, a position that the campaign file does not have, and a temperature unlike the others.
+        // A field that is no number, a position that the campaign file does not have, and a temperature unlike the
+        // others.
         ("a1_head", "warm", "bad.csv", "bad.csv:9: a1_head is \"warm\", give a number"),
         ("position", "99", "bad.csv", "bad.csv:9: set point 0 degC, position 99: no such position"),
         ("position", "99", "bad.parquet", "bad.parquet: row 8: set point 0 degC, position 99: no such position"),

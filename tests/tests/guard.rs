@@ -73,7 +73,8 @@ fn a_lost_digit_is_refused_while_running_and_at_the_next_start_until_its_digest_
         reload(&domain, "isotherm", wrong, 64);
     }
 
-    // A restart, ordered or not, does not install what the reload has refused; nor does one after the domain was removed.
+    // A restart, ordered or not, does not install what the reload has refused; nor does one after the domain was
+    // removed.
     service.kill();
     let words = refused_start(&domain);
     assert!(words.contains("imu-a.toml: A1 positive_scale_factor changes by") && words.contains("--accept sha256:"));

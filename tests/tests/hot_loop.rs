@@ -1,5 +1,5 @@
-//! While samples flow, worker and client do not allocate and, with the spin strategy, make no system calls. The tests measure
-//! this with a counting allocator and with ptrace.
+//! While samples flow, worker and client do not allocate and, with the spin strategy, make no system calls. The tests
+//! measure this with a counting allocator and with ptrace.
 #![allow(clippy::panic, clippy::print_stderr, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_tests::{Needs, TIMEOUT, TestDomain, WHOLE_TABLE, skip, thread_of, wait_until};

@@ -1,4 +1,5 @@
-//! An installed table and its predecessor: what `isotherm rollback` exchanges and refuses, and what survives kills and other processes.
+//! An installed table and its predecessor: what `isotherm rollback` exchanges and refuses, and what survives kills and
+//! other processes.
 //!
 //! Over 400 lines: installation and rollback are two sides of one exchange.
 #![allow(clippy::exit, clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
@@ -320,7 +321,8 @@ fn compare_and_install(number: u32) {
     std::process::exit(code);
 }
 
-/// Starts these children, and calls `between` when all have compared; then they install. Returns their exit codes and what they said.
+/// Starts these children, and calls `between` when all have compared; then they install. Returns their exit codes and
+/// what they said.
 fn compete<const N: usize>(
     test: &str,
     domain: &TestDomain,
@@ -400,7 +402,8 @@ fn in_a_shared_folder_what_another_user_has_put_there_is_not_used() {
         fs::remove_file(domain.path(name)).unwrap();
     }
 
-    // The old table's owner and permissions stay with both. A predecessor that this user cannot replace stays, and so does the table.
+    // The old table's owner and permissions stay with both. A predecessor that this user cannot replace stays, and so
+    // does the table.
     let folder = domain.path("tables");
     fs::create_dir(&folder).unwrap();
     fs::set_permissions(&folder, Permissions::from_mode(0o1770)).unwrap();

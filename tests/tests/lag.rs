@@ -138,8 +138,9 @@ fn without_readings_and_with_a_sensor_that_is_not_fed_increments_are_flagged() {
     service.terminate();
 }
 
-/// Tables with other time constants are put in force during a feed at 2 kHz. Every increment is that of its table and of the sample as it was
-/// sent, and L is the same at each moment as if the time constant had been changed in one state.
+/// Tables with other time constants are put in force during a feed at 2 kHz. Every increment is that of its table and
+/// of the sample as it was sent, and L is the same at each moment as if the time constant had been changed in one
+/// state.
 #[test]
 fn reloads_with_other_time_constants_keep_the_lag() {
     const PERIOD: Duration = Duration::from_micros(500);
@@ -190,7 +191,8 @@ fn reloads_with_other_time_constants_keep_the_lag() {
     service.terminate();
 }
 
-/// An acquisition whose time constant is not the table's is flagged and counted for every sample, and shown, until one adopts the table's.
+/// An acquisition whose time constant is not the table's is flagged and counted for every sample, and shown, until one
+/// adopts the table's.
 #[test]
 fn a_table_with_another_time_constant_is_shown_until_it_is_adopted() {
     const SENT: u64 = 100;
@@ -362,7 +364,8 @@ fn without_lag() -> String {
         .fold(plain, |text, transient| text.replace(&format!(", transient = {transient}"), ""))
 }
 
-/// A table is put in force, taken back before the next reading, and put in force again: each time its time constant is learnt.
+/// A table is put in force, taken back before the next reading, and put in force again: each time its time constant is
+/// learnt.
 #[test]
 fn a_table_that_returns_is_asked_for_again() {
     let domain = TestDomain::new();
@@ -371,7 +374,8 @@ fn a_table_that_returns_is_asked_for_again() {
     let (first, second) = (with_lag("100.0"), WHOLE_TABLE.to_owned());
     for [base, other] in [[&without_lag(), &second], [&first, &second]] {
         let (base, other) = (base.as_str(), other.as_str());
-        // Puts a table in force, and sends samples without readings until it answers. Returns whether its answer is flagged.
+        // Puts a table in force, and sends samples without readings until it answers. Returns whether its answer is
+        // flagged.
         let put = |acquisition: &mut Acquisition, next: &mut std::slice::Iter<'_, RawSample>, text: &str| {
             domain.replace("imu-g.toml", text);
             let new = table(text);

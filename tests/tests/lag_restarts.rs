@@ -1,5 +1,5 @@
-//! What a restart does to the lag of the temperatures, in C and Rust: the programs of `examples`, as users run them, and the service are
-//! killed. `python/tests` does the same in Python.
+//! What a restart does to the lag of the temperatures, in C and Rust: the programs of `examples`, as users run them,
+//! and the service are killed. `python/tests` does the same in Python.
 #![allow(clippy::float_cmp, clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_client::{Flags, IncrementReader, RawSample};
@@ -30,7 +30,8 @@ fn with_lag(seconds: &str) -> String {
     WHOLE_TABLE.replace("time_constant_s = 240.0", &format!("time_constant_s = {seconds}"))
 }
 
-/// Starts a program, gives it rows, and asserts that each increment is the kernel's of the `expected` sample. Then it waits for more rows.
+/// Starts a program, gives it rows, and asserts that each increment is the kernel's of the `expected` sample. Then it
+/// waits for more rows.
 fn run_part(
     domain: &TestDomain,
     program: &Path,

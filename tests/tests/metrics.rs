@@ -1,4 +1,5 @@
-//! Metrics for Prometheus: every metric is updated and documented, and misbehaving peers do not stop others from reading them.
+//! Metrics for Prometheus: every metric is updated and documented, and misbehaving peers do not stop others from
+//! reading them.
 //!
 //! Over 400 lines: all tests read the page with one parser, `Scrape`.
 #![allow(clippy::panic, clippy::print_stderr, clippy::unwrap_used, reason = "in a test the panic is the report")]
@@ -176,7 +177,8 @@ fn every_metric_is_updated() {
     for flag in all_names {
         assert!(scrape.value(&format!("isotherm_flagged_total{{imu=\"imu-a\",flag=\"{flag}\"}}")) > 0.0, "{flag}");
     }
-    // A test cannot make these two rise: the transport does not fail, and a worker is not held back while a core is free.
+    // A test cannot make these two rise: the transport does not fail, and a worker is not held back while a core is
+    // free.
     let excluded = ["isotherm_transport_errors_total", "isotherm_worker_held_back_seconds_total"];
     for (series, value) in &scrape.samples {
         let name = series.split('{').next().unwrap();

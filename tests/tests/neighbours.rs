@@ -1,4 +1,5 @@
-//! Other users of the machine: what they put into folders that everybody may write must not stop, mislead or slow down a domain.
+//! Other users of the machine: what they put into folders that everybody may write must not stop, mislead or slow down
+//! a domain.
 //!
 //! The other user is `nobody`, so only root can run these tests.
 #![allow(clippy::unwrap_used, reason = "tests")]
@@ -16,7 +17,8 @@ use std::time::{Duration, SystemTime};
 
 const NOBODY: u32 = 65_534;
 
-/// A shell of the user nobody that runs `script`, with `$1` as its argument; `None` if this process may not change its user.
+/// A shell of the user nobody that runs `script`, with `$1` as its argument; `None` if this process may not change its
+/// user.
 fn neighbour(script: &str, argument: &Path) -> Option<Command> {
     if !rustix::process::geteuid().is_root() {
         skip("only root can be another user", Needs::Machine);
@@ -304,7 +306,8 @@ fn links_that_another_user_flips_never_lead_into_another_folder() {
     for _ in 0..1000 {
         match join(&shared) {
             Ok(_) => {
-                // From here on the folder is this user's, and the sticky bit keeps it there. Remove it for the next try.
+                // From here on the folder is this user's, and the sticky bit keeps it there. Remove it for the next
+                // try.
                 let found = fs::symlink_metadata(shared.root_path()).unwrap();
                 assert!(found.is_dir() && found.uid() == 0);
                 joined += 1;

@@ -1,4 +1,5 @@
-//! Workers, cores, priorities and locked memory: settings take effect, or the service refuses them and names the remedy.
+//! Workers, cores, priorities and locked memory: settings take effect, or the service refuses them and names the
+//! remedy.
 #![allow(clippy::panic, clippy::print_stderr, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_client::{Acquisition, Flags, Realtime, SendError};

@@ -43,8 +43,8 @@ fn replay(domain: &TestDomain, file: &str) -> String {
     domain.run_ok(&["replay", "--table", "imu-a.toml", file])
 }
 
-/// The rows of a recording, which may still grow. A Parquet file is rewritten two flushes after it was opened: a reader that took longer found it
-/// damaged and has to try again, so it counts as empty.
+/// The rows of a recording, which may still grow. A Parquet file is rewritten two flushes after it was opened: a reader
+/// that took longer found it damaged and has to try again, so it counts as empty.
 fn rows(domain: &TestDomain, file: &str) -> usize {
     let replayed = domain.run(&["replay", "--table", "imu-a.toml", file]);
     if replayed.status.success() { text(&replayed.stdout).lines().count() - 1 } else { 0 }
@@ -357,7 +357,8 @@ fn a_full_disk_stops_the_recording_until_there_is_room() {
             last(&format!("after.{extension}")).parse::<u64>().unwrap() >= resumed_at
         });
         let log = end(recorder);
-        // Samples that were sent too fast may be lost, but each loss is counted. The last samples may not have arrived yet.
+        // Samples that were sent too fast may be lost, but each loss is counted. The last samples may not have arrived
+        // yet.
         let counts = log.split("imu-a raw: ").nth(1).unwrap();
         let numbers: Vec<u64> = counts.split([' ', ',']).filter_map(|word| word.parse().ok()).take(3).collect();
         let [rows, sessions, missing] = numbers[..] else { panic!("{log}") };

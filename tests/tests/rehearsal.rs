@@ -1,4 +1,5 @@
-//! Rehearsals are seen by nobody, and a process that is killed in one leaves nothing behind. A burst of one IMU does not delay another.
+//! Rehearsals are seen by nobody, and a process that is killed in one leaves nothing behind. A burst of one IMU does
+//! not delay another.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use isotherm_client::{Acquisition, CompensatedIncrement, RawReader, RawSample};
@@ -110,7 +111,8 @@ fn who_is_killed_in_a_rehearsal_leaves_its_places_free() {
     assert!(domain.run(&["clean"]).status.success());
 }
 
-/// The worker is stopped while samples are sent, so that it finds a full queue of one IMU and one sample of another; the others are idle.
+/// The worker is stopped while samples are sent, so that it finds a full queue of one IMU and one sample of another;
+/// the others are idle.
 #[test]
 fn a_burst_of_one_imu_delays_another_by_one_sample() {
     let imus = ["imu-a", "imu-b", "imu-c", "imu-d", "imu-e"];

@@ -191,7 +191,8 @@ fn sighup_loads_all_tables() {
     fixture.end();
 }
 
-/// The README's figure: 100 reloads during a 2 kHz feed. No increment is lost, and each one matches the table that it names.
+/// The README's figure: 100 reloads during a 2 kHz feed. No increment is lost, and each one matches the table that it
+/// names.
 #[test]
 fn a_hundred_reloads_under_two_kilohertz() {
     let texts: Vec<String> = (0..5).map(variant).collect();
@@ -215,8 +216,8 @@ fn reloads_between_the_formats_under_two_kilohertz() {
     assert!(received.iter().any(|increment| of_format_2.contains(&increment.table)));
 }
 
-/// Exchanges the table of a service during a 2 kHz feed of `samples`. Asserts that no increment is lost, and that each one is exactly that of
-/// the table that it names; returns them.
+/// Exchanges the table of a service during a 2 kHz feed of `samples`. Asserts that no increment is lost, and that each
+/// one is exactly that of the table that it names; returns them.
 fn reload_under_two_kilohertz(texts: &[String], samples: &[RawSample], wanted: u32) -> Vec<CompensatedIncrement> {
     const PERIOD: Duration = Duration::from_micros(500);
     let domain = TestDomain::new();

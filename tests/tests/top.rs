@@ -146,7 +146,8 @@ impl Drop for TopScreen {
     }
 }
 
-/// Both ends of a new pseudo-terminal. They are closed on exec: a process that inherited them would keep the terminal open.
+/// Both ends of a new pseudo-terminal. They are closed on exec: a process that inherited them would keep the terminal
+/// open.
 fn terminal() -> (OwnedFd, OwnedFd) {
     let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
     grantpt(&master).unwrap();

@@ -139,7 +139,8 @@ fn samples_of_another_unit_are_logged_once_a_session_and_table() {
     let logged = log.lines().find(|line| line.contains(LOGGED)).unwrap();
     assert!(logged.contains(&number) && logged.contains("SN 1"), "{logged}");
 
-    // The control thread looks once a second: after two of its seconds it has seen these samples, and said nothing more.
+    // The control thread looks once a second: after two of its seconds it has seen these samples, and said nothing
+    // more.
     let uptime = || domain.status()["uptime_s"].as_f64().unwrap();
     let before = uptime();
     wait_until("two more seconds", || {

@@ -1,5 +1,5 @@
-//! Recordings of a whole IMU: `feed` and `replay` agree to the last byte and with exact increments, `record` keeps everything in every format,
-//! and the lag and the device of a recording reach the service.
+//! Recordings of a whole IMU: `feed` and `replay` agree to the last byte and with exact increments, `record` keeps
+//! everything in every format, and the lag and the device of a recording reach the service.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_recording::csv::Rows;
@@ -44,8 +44,8 @@ const GYROSCOPES: Layout = Layout { device: false, gyroscopes: true, lag: false 
 const WITH_LAG: Layout = Layout { lag: true, ..GYROSCOPES };
 const WITH_DEVICE: Layout = Layout { device: true, ..GYROSCOPES };
 
-/// The rows of a recording, which may still grow. A Parquet file is rewritten two flushes after it was opened: a reader that took longer found it
-/// damaged and has to try again, so it counts as empty.
+/// The rows of a recording, which may still grow. A Parquet file is rewritten two flushes after it was opened: a reader
+/// that took longer found it damaged and has to try again, so it counts as empty.
 fn rows(domain: &TestDomain, files: &[&str]) -> usize {
     let replayed = domain.run(&[&REPLAY[..], files].concat());
     if replayed.status.success() { text(&replayed.stdout).lines().count() - 1 } else { 0 }
@@ -281,7 +281,8 @@ fn an_accelerometers_table_gives_no_angles() {
     for file in ["half.csv", "whole.csv"] {
         assert!(domain.run_ok(&["feed", "--imu", "imu-a", file]) == increments, "{file}");
     }
-    // The other way round: the angles of sensors that count nothing are those of their bias, and the telemetry 0 is far out of range.
+    // The other way round: the angles of sensors that count nothing are those of their bias, and the telemetry 0 is far
+    // out of range.
     domain.write("imu-g.toml", WHOLE_TABLE);
     let replayed = domain.run_ok(&[&REPLAY[..], &["half.csv"]].concat());
     let of_gyroscopes =
@@ -290,7 +291,8 @@ fn an_accelerometers_table_gives_no_angles() {
     service.terminate();
 }
 
-/// Without gyroscopes the telemetry is 0, and a range may contain it: the increments are not flagged then, so the commands warn.
+/// Without gyroscopes the telemetry is 0, and a range may contain it: the increments are not flagged then, so the
+/// commands warn.
 #[test]
 fn a_recording_without_gyroscopes_is_warned_of() {
     let domain = TestDomain::new();
@@ -308,7 +310,8 @@ fn a_recording_without_gyroscopes_is_warned_of() {
     service.terminate();
 }
 
-/// An acquisition that learns more while it is recorded: the rows go on in the next file, and nothing is lost. A pipe goes on without.
+/// An acquisition that learns more while it is recorded: the rows go on in the next file, and nothing is lost. A pipe
+/// goes on without.
 #[test]
 fn columns_that_come_late_go_on_in_the_next_file() {
     let domain = TestDomain::new();

@@ -1,4 +1,5 @@
-//! `verify` of a whole IMU through the command: Earth's rate, the lag, samples of another unit, and a recording in motion.
+//! `verify` of a whole IMU through the command: Earth's rate, the lag, samples of another unit, and a recording in
+//! motion.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_recording::{Layout, RawCsvReader, RawCsvWriter};
@@ -38,7 +39,8 @@ fn times(matrix: &impl Index<(usize, usize), Output = f64>, v: [f64; 3]) -> [f64
     [0, 1, 2].map(|i| (0..3).map(|j| matrix[(i, j)] * v[j]).sum())
 }
 
-/// The pulses of a sensor in SECONDS that indicates `value` [base unit] without its bias, and what they leave in `charge` [base unit * s].
+/// The pulses of a sensor in SECONDS that indicates `value` [base unit] without its bias, and what they leave in
+/// `charge` [base unit * s].
 fn pulses(axis: &Axis, triad: &mut Triad, index: usize, value: f64, charge: &mut f64) {
     let (head, board) = (triad.head_temperature[index], triad.board_temperature[index]);
     let bias = (axis.bias.at(head) + axis.transient * (triad.head_lagged[index] - head)) * axis.bias_unit.factor();

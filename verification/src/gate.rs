@@ -1,15 +1,16 @@
 //! The gate: what a fitted table must show before it replaces the table in force.
 //!
-//! 1. **Bounds.** Every verification run must show every bound of the requirement. Bounds that the user does not give come from the errors
-//!    of the fit, see [`Requirement::of_fit`].
-//! 2. **Alignment.** Without an alignment matrix, what the misalignments leave must be within the bound of an axis at any attitude, not only
-//!    at that of the run; and within [`GATE_LEFT`], if the user has not stated the bound.
+//! 1. **Bounds.** Every verification run must show every bound of the requirement. Bounds that the user does not give
+//!    come from the errors of the fit, see [`Requirement::of_fit`].
+//! 2. **Alignment.** Without an alignment matrix, what the misalignments leave must be within the bound of an axis at
+//!    any attitude, not only at that of the run; and within [`GATE_LEFT`], if the user has not stated the bound.
 //! 3. **The whole run.** Few windows of a run may be left out, see [`Stability::unjudged`].
-//! 4. **The table in force.** On the same runs the new table must not be worse, and it must cover its range. Only windows that both tables
-//!    can judge are compared.
-//! 5. **All runs together.** They cover half of the table's range at least, and a channel that none of them drives agrees with the table in
-//!    force, see [`exercised`].
-//! 6. **The gyroscopes**, see [`gyroscopes`]: all of this holds for them too, and a table that has lost them does not replace one that has them.
+//! 4. **The table in force.** On the same runs the new table must not be worse, and it must cover its range. Only
+//!    windows that both tables can judge are compared.
+//! 5. **All runs together.** They cover half of the table's range at least, and a channel that none of them drives
+//!    agrees with the table in force, see [`exercised`].
+//! 6. **The gyroscopes**, see [`gyroscopes`]: all of this holds for them too, and a table that has lost them does not
+//!    replace one that has them.
 
 mod allowed;
 mod comparison;
@@ -67,15 +68,17 @@ pub struct Gate {
 }
 
 impl Requirement {
-    /// Absolute bounds from the budget of a fit, for a run at the specific force `force` \[local gravity\]: for each axis three times the sum
-    /// of the 95 % half widths of bias, of scale factor times |force| and of the misalignments across it, plus three residual standard
-    /// deviations, plus [`GATE_FLOOR`]. The largest axis counts. What a fit cannot know is unbounded.
+    /// Absolute bounds from the budget of a fit, for a run at the specific force `force` \[local gravity\]: for each
+    /// axis three times the sum of the 95 % half widths of bias, of scale factor times |force| and of the misalignments
+    /// across it, plus three residual standard deviations, plus [`GATE_FLOOR`]. The largest axis counts. What a fit
+    /// cannot know is unbounded.
     ///
-    /// The bounds are at most `GATE_MOST`. A mistake that enlarges the residuals must not widen them: with a warning that the model does not
-    /// explain the data they are at most `GATE_ACCEPTED`. Both grow by three times the noise that a group of the run has, as far as the rows
-    /// of the campaign show it. With accepted faults the bounds are at most `GATE_ACCEPTED` in any case; if a single position explains the
-    /// residuals ([`Calibration::suspect_position`]) at most [`GATE_FLOOR`], because that position pulls the fit more at other attitudes than at
-    /// that of the run. Who knows better states bounds.
+    /// The bounds are at most `GATE_MOST`. A mistake that enlarges the residuals must not widen them: with a warning
+    /// that the model does not explain the data they are at most `GATE_ACCEPTED`. Both grow by three times the noise
+    /// that a group of the run has, as far as the rows of the campaign show it. With accepted faults the bounds are at
+    /// most `GATE_ACCEPTED` in any case; if a single position explains the residuals
+    /// ([`Calibration::suspect_position`]) at most [`GATE_FLOOR`], because that position pulls the fit more at other
+    /// attitudes than at that of the run. Who knows better states bounds.
     ///
     /// The bound of the gyroscopes: `gyroscopes::rate`.
     #[must_use]
@@ -128,7 +131,8 @@ impl Gate {
                         set points, or state a bound as in --require bias=20ug0"
                 .to_owned());
         };
-        // See `of_fit`: three times the errors, and the floor. A poor fit must not excuse itself with more than the floor.
+        // See `of_fit`: three times the errors, and the floor. A poor fit must not excuse itself with more than the
+        // floor.
         let granted = of_fit.bias.map_or(0.0, |bias| (bias - GATE_FLOOR) / 3.0).clamp(0.0, GATE_FLOOR);
         let left = require.bias.unwrap_or_else(|| bias.min(GATE_LEFT));
         let gyroscopes = GyroscopeBounds::of(require, calibration, force);
@@ -162,7 +166,8 @@ impl Gate {
             .collect()
     }
 
-    /// Why the table must not be installed, as a run shows it. `present` is the same run under the table in force, if that can judge it.
+    /// Why the table must not be installed, as a run shows it. `present` is the same run under the table in force, if
+    /// that can judge it.
     #[must_use]
     pub fn refuses_run(&self, stability: &Stability, present: Option<&Stability>) -> Vec<Refusal> {
         // Without a remedy: not judged, and another judgement says why.
@@ -176,13 +181,14 @@ impl Gate {
     }
 }
 
-/// Whether the worst error of `new` is larger than that of `old` on the same run, by more than the errors of its fit, `granted` \[g0\]. The
-/// message names the accelerometer, or the length, for which this is most so.
+/// Whether the worst error of `new` is larger than that of `old` on the same run, by more than the errors of its fit,
+/// `granted` \[g0\]. The message names the accelerometer, or the length, for which this is most so.
 ///
-/// Both tables see the same pulses, so the noise of a window is the same in both, and the difference of a group's means has next to none.
-/// The worst errors differ by no more than the largest of these differences: tables that agree within `granted` are never refused. The noise
-/// counts only between tables that differ by more: of two that are off by as much on opposite sides, it makes one look worse. If the noise of a
-/// group's mean is as large as `granted`, the new one is then refused in 6 % of the runs, below a third of it in none.
+/// Both tables see the same pulses, so the noise of a window is the same in both, and the difference of a group's means
+/// has next to none. The worst errors differ by no more than the largest of these differences: tables that agree within
+/// `granted` are never refused. The noise counts only between tables that differ by more: of two that are off by as
+/// much on opposite sides, it makes one look worse. If the noise of a group's mean is as large as `granted`, the new
+/// one is then refused in 6 % of the runs, below a third of it in none.
 fn worse(new: &Stability, old: &Stability, granted: f64) -> Option<String> {
     let pairs = common_windows(&new.windows, &old.windows);
     let axis = |axis: usize| errors_along(&pairs, axis, [new.specific_force[axis], old.specific_force[axis]]);

@@ -1,4 +1,5 @@
-//! Verification without a turntable: over each standstill of a recording, the length of the compensated output against local gravity.
+//! Verification without a turntable: over each standstill of a recording, the length of the compensated output against
+//! local gravity.
 //!
 //! It shows neither the direction of the output nor an error across the specific force.
 
@@ -73,8 +74,8 @@ pub enum LengthsError {
 }
 
 impl Lengths {
-    /// Compares the lengths over the standstills of `rows`, with windows of `window_s` seconds for the search. `other_device` says whether samples of
-    /// another unit than the table's are judged.
+    /// Compares the lengths over the standstills of `rows`, with windows of `window_s` seconds for the search.
+    /// `other_device` says whether samples of another unit than the table's are judged.
     ///
     /// # Errors
     /// If there are no standstills, if local gravity is unknown, or if samples are of another unit.

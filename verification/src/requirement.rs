@@ -1,8 +1,8 @@
 //! What is required of a table, and whether a recording at rest shows it.
 //!
-//! At one attitude the errors of bias, scale factor and misalignment cannot be told apart; so the bound `bias` judges the whole error of an
-//! axis, and `scale` the error of the length relative to gravity. `rate` judges the whole error of a gyroscope at rest. A bound is met only if the
-//! whole interval is within it.
+//! At one attitude the errors of bias, scale factor and misalignment cannot be told apart; so the bound `bias` judges
+//! the whole error of an axis, and `scale` the error of the length relative to gravity. `rate` judges the whole error
+//! of a gyroscope at rest. A bound is met only if the whole interval is within it.
 
 use crate::stability::Stability;
 use crate::verdict::{Estimate, arcsec};
@@ -12,7 +12,8 @@ use serde::Serialize;
 use std::fmt;
 use std::str::FromStr;
 
-/// What a table must reach: a factor of stability, absolute bounds, or both. All bounds are for the upper end of the interval.
+/// What a table must reach: a factor of stability, absolute bounds, or both. All bounds are for the upper end of the
+/// interval.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -29,7 +30,8 @@ use std::str::FromStr;
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Requirement {
-    /// Least factor of stability of every accelerometer. In windows of 10 s the factor of a gyroscope is that of its noise; `rate` judges it.
+    /// Least factor of stability of every accelerometer. In windows of 10 s the factor of a gyroscope is that of its
+    /// noise; `rate` judges it.
     pub factor: Option<f64>,
     /// Largest error of every axis \[g0\].
     pub bias: Option<f64>,
@@ -92,8 +94,8 @@ impl fmt::Display for Requirement {
 /// One bound of a requirement, judged.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Judgement {
-    /// The bound: factor, bias, scale, level or rate; or why no bound is judged: `at rest`, if the output is not as long as gravity, `whole run`, if
-    /// too many windows are left out, `length of the run`, if it is too short.
+    /// The bound: factor, bias, scale, level or rate; or why no bound is judged: `at rest`, if the output is not as
+    /// long as gravity, `whole run`, if too many windows are left out, `length of the run`, if it is too short.
     pub bound: &'static str,
     /// Whether the data show that it is met.
     pub met: bool,
@@ -159,7 +161,8 @@ impl Bound {
         }
     }
 
-    /// The unit that it is shown in, how many of them one of the estimate's is, and the decimals: a good gyroscope needs more than 3.
+    /// The unit that it is shown in, how many of them one of the estimate's is, and the decimals: a good gyroscope
+    /// needs more than 3.
     fn shown(self) -> (&'static str, f64, usize) {
         match self {
             Self::Bias => ("ug0", 1e6, 3),
@@ -286,8 +289,8 @@ impl Requirement {
         }
     }
 
-    /// Judges every bound that is given. If nothing can be claimed of the run, or if it is too short, no bound is judged; the last judgements
-    /// say why.
+    /// Judges every bound that is given. If nothing can be claimed of the run, or if it is too short, no bound is
+    /// judged; the last judgements say why.
     #[must_use]
     pub fn judge(&self, stability: &Stability) -> Vec<Judgement> {
         let conditions = conditions(stability);

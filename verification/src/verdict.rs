@@ -1,29 +1,32 @@
-//! What a recording at rest allows to be claimed of a coefficient table. Whether this meets a requirement: [`crate::requirement`].
+//! What a recording at rest allows to be claimed of a coefficient table. Whether this meets a requirement:
+//! [`crate::requirement`].
 //!
 //! # Definition
-//! The windows of [`crate::stability`] are divided, in order of time, into groups of at least [`MIN_GROUP`] neighbours. A group's mean
-//! has little noise left, and it does not average over the run: it shows what temperature, its direction and the time do. Of the errors of
-//! the groups' means (output minus specific force) there are, for each accelerometer:
+//! The windows of [`crate::stability`] are divided, in order of time, into groups of at least [`MIN_GROUP`] neighbours.
+//! A group's mean has little noise left, and it does not average over the run: it shows what temperature, its direction
+//! and the time do. Of the errors of the groups' means (output minus specific force) there are, for each accelerometer:
 //!
-//! - **constant**: their mean. Its 95 % interval is Student's t of the means of ten equal parts of the run (fewer for a short run), so that
-//!   slow changes count.
+//! - **constant**: their mean. Its 95 % interval is Student's t of the means of ten equal parts of the run (fewer for a
+//!   short run), so that slow changes count.
 //! - **variation**: the largest distance of a group from the constant error.
-//! - **worst**: the largest error of a group, constant error and variation together. Where the constant error is not judged, it is the
-//!   variation.
+//! - **worst**: the largest error of a group, constant error and variation together. Where the constant error is not
+//!   judged, it is the variation.
 //! - **noise**: the standard deviation of a window about its neighbours, from the differences of successive windows.
 //!
-//! The constant error of an axis is judged if both the attitude and local gravity are known: without one of them a part of the error is
-//! subtracted with the output's own median. The level needs only the attitude.
+//! The constant error of an axis is judged if both the attitude and local gravity are known: without one of them a part
+//! of the error is subtracted with the output's own median. The level needs only the attitude.
 //!
-//! The intervals of variation and worst hold for all groups at once (Bonferroni): the noise of a window over the square root of the group's
-//! length, times the quantile of Student's t with the degrees of freedom of n - 1 successive differences, 2 (n - 1)^2 / (3 n - 4).
+//! The intervals of variation and worst hold for all groups at once (Bonferroni): the noise of a window over the square
+//! root of the group's length, times the quantile of Student's t with the degrees of freedom of n - 1 successive
+//! differences, 2 (n - 1)^2 / (3 n - 4).
 //!
-//! **Correlated noise.** The interval of the constant error holds for noise that a tenth of the run averages out: with a correlation time of
-//! 1/130 of the run (4.5 of 600 windows) 94.5 % of the intervals contain the truth, with 1/30 of the run 90 %, with 1/6 only 66 %. Noise that
-//! is slower than a group is no noise here: it is part of variation and worst, as an error that the run has shown.
+//! **Correlated noise.** The interval of the constant error holds for noise that a tenth of the run averages out: with
+//! a correlation time of 1/130 of the run (4.5 of 600 windows) 94.5 % of the intervals contain the truth, with 1/30 of
+//! the run 90 %, with 1/6 only 66 %. Noise that is slower than a group is no noise here: it is part of variation and
+//! worst, as an error that the run has shown.
 //!
-//! **Length** is the same for |output| minus local gravity, over the windows in which the IMU was still. **Level** is the length of the error's
-//! part across the specific force, over gravity: the angle by which a levelled IMU is tilted.
+//! **Length** is the same for |output| minus local gravity, over the windows in which the IMU was still. **Level** is
+//! the length of the error's part across the specific force, over gravity: the angle by which a levelled IMU is tilted.
 
 use crate::window::{MIN_WINDOWS, Window};
 use isotherm_shared::table::AXIS_NAMES;
@@ -113,8 +116,8 @@ pub struct Verdict {
 }
 
 impl Verdict {
-    /// The verdict of a run with these windows and this specific force \[g0\], which is `stated` or the median of the output. `gravity` is
-    /// local gravity \[g0\], if it is known. At least [`MIN_WINDOWS`] windows must count.
+    /// The verdict of a run with these windows and this specific force \[g0\], which is `stated` or the median of the
+    /// output. `gravity` is local gravity \[g0\], if it is known. At least [`MIN_WINDOWS`] windows must count.
     #[must_use]
     pub fn of(windows: &[Window], force: [f64; AXES], stated: bool, gravity: Option<f64>) -> Self {
         let counted: Vec<[f64; AXES]> = (windows.iter().filter(|window| window.counts))
@@ -160,8 +163,8 @@ impl Verdict {
         }
     }
 
-    /// The largest error that is judged: its name, and its value in g0. That of the level is larger than that of an axis where two axes have a part
-    /// of it.
+    /// The largest error that is judged: its name, and its value in g0. That of the level is larger than that of an
+    /// axis where two axes have a part of it.
     #[must_use]
     pub fn largest(&self) -> (&'static str, Estimate) {
         let axes = AXIS_NAMES.iter().zip(&self.axes).map(|(name, errors)| (*name, errors.worst));
@@ -218,7 +221,8 @@ pub(crate) fn group_interval(noise: f64, windows: usize) -> f64 {
     noise / (size as f64).sqrt() * student_quantile_of(1.0 - (1.0 - CONFIDENCE) / count, noise_freedom(windows))
 }
 
-/// Degrees of freedom of the square of [`noise`]. Successive differences overlap: their mean square scatters as a variance with so many.
+/// Degrees of freedom of the square of [`noise`]. Successive differences overlap: their mean square scatters as a
+/// variance with so many.
 pub(crate) fn noise_freedom(windows: usize) -> f64 {
     let n = windows as f64;
     2.0 * (n - 1.0).powi(2) / (3.0 * n - 4.0)
@@ -287,8 +291,8 @@ fn level(counted: &[[f64; AXES]], force: [f64; AXES], stated: bool) -> Errors {
     }
 }
 
-/// What an error costs in navigation, as the tilt \[rad\] of a level: the angle, and the amplitude of the position error on the ground
-/// (Schuler).
+/// What an error costs in navigation, as the tilt \[rad\] of a level: the angle, and the amplitude of the position
+/// error on the ground (Schuler).
 fn cost(tilt: f64) -> String {
     format!("{:.2} arcsec of level, {:.0} m of position", arcsec(tilt), tilt * EARTH_RADIUS)
 }

@@ -7,8 +7,9 @@ use statrs::distribution::{ChiSquared, ContinuousCDF as _};
 /// Fewest rates that are analysed.
 pub const MIN_ROWS: usize = 1000;
 
-/// A slope is significant over this many standard errors under the model of the rates, which takes contamination for noise (two-sided 10 %), and over
-/// this many under the model of what is left, which is too small where the line takes off a random walk.
+/// A slope is significant over this many standard errors under the model of the rates, which takes contamination for
+/// noise (two-sided 10 %), and over this many under the model of what is left, which is too small where the line takes
+/// off a random walk.
 const SIGNIFICANT_SLOPE: [f64; 2] = [1.645, 6.0];
 
 /// One point of the Allan deviation, in the unit of the rate.
@@ -56,18 +57,20 @@ pub struct Allan {
 pub struct TemperatureLine {
     /// Slope \[unit of the rate per unit of the telemetry\].
     pub slope: f64,
-    /// Standard error of the slope, the larger of those under the model of the rates and of what is left; `None` without a model.
+    /// Standard error of the slope, the larger of those under the model of the rates and of what is left; `None`
+    /// without a model.
     pub slope_error: Option<f64>,
-    /// Averaging time of the first point that leaves its interval when the line is removed \[s\]; `None` if no point does, or if the slope is not
-    /// significant: a line takes off a part of every slow noise. In simulated records whose telemetry has no influence, at most 4 % have one.
+    /// Averaging time of the first point that leaves its interval when the line is removed \[s\]; `None` if no point
+    /// does, or if the slope is not significant: a line takes off a part of every slow noise. In simulated records
+    /// whose telemetry has no influence, at most 4 % have one.
     pub contaminated_from_s: Option<f64>,
     /// What is left when the line is removed.
     pub without: Allan,
 }
 
 impl Allan {
-    /// The Allan deviation of `rates` that are `interval_s` apart. `None` if the rate never changes, or if there are fewer than
-    /// [`MIN_ROWS`] rates. All rates must be finite.
+    /// The Allan deviation of `rates` that are `interval_s` apart. `None` if the rate never changes, or if there are
+    /// fewer than [`MIN_ROWS`] rates. All rates must be finite.
     #[must_use]
     pub fn of(rates: &[f64], interval_s: f64) -> Option<Self> {
         if rates.len() < MIN_ROWS || rates.iter().all(|rate| *rate == rates[0]) {
@@ -108,8 +111,8 @@ impl Allan {
 }
 
 impl TemperatureLine {
-    /// The straight line of `rates` in `telemetry`, by least squares, and what is left of `raw`, their Allan deviation, without it. `None` if the
-    /// telemetry never changes or is not finite, or if nothing is left.
+    /// The straight line of `rates` in `telemetry`, by least squares, and what is left of `raw`, their Allan deviation,
+    /// without it. `None` if the telemetry never changes or is not finite, or if nothing is left.
     #[must_use]
     pub fn of(rates: &[f64], telemetry: &[f64], interval_s: f64, raw: &Allan) -> Option<Self> {
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
@@ -141,7 +144,8 @@ impl TemperatureLine {
     }
 }
 
-/// The phase of rates that are `interval_s` apart: the running sum of the rates less their mean, times the interval; one value more than rates.
+/// The phase of rates that are `interval_s` apart: the running sum of the rates less their mean, times the interval;
+/// one value more than rates.
 #[must_use]
 pub(crate) fn phase(rates: &[f64], interval_s: f64) -> Vec<f64> {
     let mean = rates.iter().sum::<f64>() / rates.len() as f64;
@@ -174,7 +178,8 @@ pub(crate) fn factors(n: usize) -> Vec<usize> {
     factors
 }
 
-/// The ends of the 95 % interval of a deviation over its estimate, with these degrees of freedom; `None` if they are not over 0.
+/// The ends of the 95 % interval of a deviation over its estimate, with these degrees of freedom; `None` if they are
+/// not over 0.
 fn chi_square_interval(freedom: f64) -> Option<[f64; 2]> {
     let distribution = ChiSquared::new(freedom).ok()?;
     let tail = 0.5 * (1.0 - CONFIDENCE);

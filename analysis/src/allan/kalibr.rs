@@ -1,7 +1,8 @@
 //! The noise of an IMU as the file `imu.yaml` of Kalibr, the calibration of cameras and IMUs.
 //!
-//! Kalibr's densities are those of continuous time and two-sided: white noise n with E\[n(t1) n(t2)\] = sigma^2 delta(t1 - t2), and a bias that is the
-//! integral of such noise (ethz-asl/kalibr, wiki page "IMU Noise Model"). These are N and K. Kalibr has one value for a triad; it is that of the worst axis.
+//! Kalibr's densities are those of continuous time and two-sided: white noise n with E\[n(t1) n(t2)\] = sigma^2
+//! delta(t1 - t2), and a bias that is the integral of such noise (ethz-asl/kalibr, wiki page "IMU Noise Model"). These
+//! are N and K. Kalibr has one value for a triad; it is that of the worst axis.
 
 use crate::allan::curve::Allan;
 use crate::allan::model::Coefficient;
@@ -9,8 +10,8 @@ use crate::allan::recording::{NoiseAnalysis, RateKind, SensorNoise};
 use isotherm_shared::units::{ARCSEC, SensorKind};
 use std::fmt::Write as _;
 
-/// The file. `gravity` is the value of 1 g0 \[m/s2\]. A figure that the analysis does not give is a comment that says why. `None` if the analysis is
-/// without a table: counts have no physical unit.
+/// The file. `gravity` is the value of 1 g0 \[m/s2\]. A figure that the analysis does not give is a comment that says
+/// why. `None` if the analysis is without a table: counts have no physical unit.
 #[must_use]
 pub fn imu_yaml(analysis: &NoiseAnalysis, gravity: f64, source: &str) -> Option<String> {
     if analysis.sensors.iter().any(|sensor| sensor.kind == RateKind::Counts) {

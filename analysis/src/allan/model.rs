@@ -1,10 +1,10 @@
 //! The fit of Q, N, B and K to an Allan variance.
 //!
 //! # Method
-//! The model is linear in the squares of the coefficients, which are not negative. Generalised least squares over octaves of tau, with the exact
-//! [covariance](super::moments) of the estimates under the model itself: it is computed anew with every fit until the squares stay. Points with fewer than
-//! 5 degrees of freedom are left out. Each of the 15 sets of coefficients is fitted; of those without a negative square the one with the least
-//! chi-square is the fit.
+//! The model is linear in the squares of the coefficients, which are not negative. Generalised least squares over
+//! octaves of tau, with the exact [covariance](super::moments) of the estimates under the model itself: it is computed
+//! anew with every fit until the squares stay. Points with fewer than 5 degrees of freedom are left out. Each of the 15
+//! sets of coefficients is fitted; of those without a negative square the one with the least chi-square is the fit.
 
 use super::moments::{Moments, autocovariance};
 use isotherm_statistics::CONFIDENCE;
@@ -23,7 +23,8 @@ const BLOCKS: usize = 512;
 const ITERATIONS: usize = 50;
 const SETTLED: usize = 10;
 
-/// A coefficient of the model, in its own unit: that of the rate times s (Q), times the root of s (N), as it is (B), over the root of s (K).
+/// A coefficient of the model, in its own unit: that of the rate times s (Q), times the root of s (N), as it is (B),
+/// over the root of s (K).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coefficient {
     /// The estimate; 0 if its square would be negative.
@@ -68,8 +69,8 @@ fn terms(m: usize) -> Vector4<f64> {
 }
 
 impl ModelFit {
-    /// Fits Allan variances by averaging factor, of `rows` rates that are `interval_s` apart. `None` if a variance is 0, as that of counts that
-    /// alternate, or if fewer than four points have enough degrees of freedom.
+    /// Fits Allan variances by averaging factor, of `rows` rates that are `interval_s` apart. `None` if a variance is
+    /// 0, as that of counts that alternate, or if fewer than four points have enough degrees of freedom.
     #[must_use]
     pub fn of(variances: &[(usize, f64)], rows: usize, interval_s: f64) -> Option<Self> {
         let moments: Vec<Vec<_>> = (0..variances.len())
@@ -129,8 +130,8 @@ impl ModelFit {
         (parts.iter().map(|part| part * part).sum::<f64>().sqrt(), parts)
     }
 
-    /// The standard error of the sum of the rates times `weights`, whose sum is 0, under the model. Weights are taken together in blocks, in which
-    /// they should change little.
+    /// The standard error of the sum of the rates times `weights`, whose sum is 0, under the model. Weights are taken
+    /// together in blocks, in which they should change little.
     pub(super) fn standard_error(&self, weights: &[f64]) -> f64 {
         let length = weights.len().div_ceil(BLOCKS);
         let blocks: Vec<f64> = weights.chunks(length).map(|block| block.iter().sum()).collect();
@@ -155,8 +156,9 @@ impl ModelFit {
     }
 }
 
-/// The 95 % range of a square: the estimate less 1.96 times its standard error `first`, and the square that is over the estimate by 1.96 times the
-/// standard error that it has itself. Standard errors rise with the square, so a range by that of the estimate is too short above.
+/// The 95 % range of a square: the estimate less 1.96 times its standard error `first`, and the square that is over the
+/// estimate by 1.96 times the standard error that it has itself. Standard errors rise with the square, so a range by
+/// that of the estimate is too short above.
 fn range(estimate: f64, first: f64, error: impl Fn(f64) -> f64) -> [f64; 2] {
     let quantile = Normal::standard().inverse_cdf(0.5 * (1.0 + CONFIDENCE));
     let mut high = estimate + quantile * first;

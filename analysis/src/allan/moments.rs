@@ -1,23 +1,27 @@
 //! The exact covariance of estimates of the Allan variance under the model, after C. A. Greenhall.
 //!
 //! # Derivation
-//! The estimate for the factor m is S/(2 L m^2), where S is the sum of the squares of L = n + 1 - 2m second differences of the phase (Ts = 1 here).
-//! For Gaussian noise the covariance of two such sums is twice the sum of the squares of the covariances R of their terms:
+//! The estimate for the factor m is S/(2 L m^2), where S is the sum of the squares of L = n + 1 - 2m second differences
+//! of the phase (Ts = 1 here). For Gaussian noise the covariance of two such sums is twice the sum of the squares of
+//! the covariances R of their terms:
 //!
 //! ```text
 //! cov(S1/L1, S2/L2) = 2/(L1 L2) sum over k, l of R(k + m1 - l - m2)^2
 //! R(t) = 4 G(t) - 2 (G(t+m1) + G(t-m1) + G(t+m2) + G(t-m2)) + G(t+m1+m2) + G(t+m1-m2) + G(t-m1+m2) + G(t-m1-m2)
 //! ```
-//! t is the distance of the middles of the two differences, and G the generalised autocovariance of the phase. With squares of the coefficients as factors,
-//! G is for Q: 1 at t = 0, else 0; N: -|t|/2; B: t^2 ln|t|/(2 pi); K: |t|^3/12. Check: R(0) for m1 = m2 = m is 2 m^2 AVAR of the model.
+//! t is the distance of the middles of the two differences, and G the generalised autocovariance of the phase. With
+//! squares of the coefficients as factors, G is for Q: 1 at t = 0, else 0; N: -|t|/2; B: t^2 ln|t|/(2 pi); K: |t|^3/12.
+//! Check: R(0) for m1 = m2 = m is 2 m^2 AVAR of the model.
 //!
-//! R is a sum of four parts, one for each coefficient, so the sum of its squares is a quadratic form in their squares. Its matrix depends on the factors
-//! and n alone: it is computed once, and used for every axis and iteration.
+//! R is a sum of four parts, one for each coefficient, so the sum of its squares is a quadratic form in their squares.
+//! Its matrix depends on the factors and n alone: it is computed once, and used for every axis and iteration.
 //!
 //! # Shortcuts
 //! - Terms with the same distance t are added at once.
-//! - Beyond |t| = m1 + m2, R is 0 but for B, whose R falls as 1/t^2; it is left out beyond 8 (m1 + m2), which changes the sum by less than 1e-3.
-//! - Where both factors are over 64, R changes little from t to t + 1, and every (min(m1, m2)/64)th t is taken. Q, which is not 0 at single t, is summed apart.
+//! - Beyond |t| = m1 + m2, R is 0 but for B, whose R falls as 1/t^2; it is left out beyond 8 (m1 + m2), which changes
+//!   the sum by less than 1e-3.
+//! - Where both factors are over 64, R changes little from t to t + 1, and every (min(m1, m2)/64)th t is taken. Q,
+//!   which is not 0 at single t, is summed apart.
 
 use core::f64::consts::PI;
 use nalgebra::{Matrix4, Vector4};
@@ -27,7 +31,8 @@ const REACH: f64 = 8.0;
 /// Steps of t over the shorter of the two averaging times.
 const STEPS: f64 = 64.0;
 
-/// The matrix of the quadratic form that gives the covariance of two estimates of the Allan variance, from the squares of Q, N, B, K for Ts = 1.
+/// The matrix of the quadratic form that gives the covariance of two estimates of the Allan variance, from the squares
+/// of Q, N, B, K for Ts = 1.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Moments(Matrix4<f64>);
 

@@ -1,7 +1,7 @@
 //! The noise of an IMU from a recording at rest.
 //!
-//! The longest stretch of rows without a gap, a movement or another session is analysed. With a table the outputs are compensated by the kernel, in g0
-//! and deg/h; without one they are net counts (positive less negative) a second.
+//! The longest stretch of rows without a gap, a movement or another session is analysed. With a table the outputs are
+//! compensated by the kernel, in g0 and deg/h; without one they are net counts (positive less negative) a second.
 
 use super::curve::{Allan, MIN_ROWS, TemperatureLine};
 use core::ops::Range;
@@ -15,7 +15,8 @@ use isotherm_shared::wire::{AXES, Flags, RawSample, Triad};
 
 /// Length of the windows in which movement is looked for \[s\].
 const WINDOW_S: f64 = 1.0;
-/// The time from row to row, and the interval of the row over that of the row before, lie within these parts of the interval.
+/// The time from row to row, and the interval of the row over that of the row before, lie within these parts of the
+/// interval.
 const REGULAR: [f64; 2] = [0.5, 1.5];
 /// A mean interval that differs from the time from row to row by more than this part gives a warning.
 const INTERVAL_TOLERANCE: f64 = 0.01;
@@ -33,7 +34,8 @@ pub enum RateKind {
     AngularRate,
 }
 
-/// Units and names by which the noise of a rate is shown, each unit with the factor from the unit of the rate and seconds.
+/// Units and names by which the noise of a rate is shown, each unit with the factor from the unit of the rate and
+/// seconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NoiseUnits {
     /// Unit of the rate, which is that of Allan deviations.
@@ -218,7 +220,8 @@ pub enum NoiseError {
 }
 
 impl NoiseAnalysis {
-    /// The noise of `rows`, compensated by `table` if there is one. Only rows that begin and end within `part` count \[s since the begin of the first row\].
+    /// The noise of `rows`, compensated by `table` if there is one. Only rows that begin and end within `part` count
+    /// \[s since the begin of the first row\].
     ///
     /// # Errors
     /// If there are fewer than [`MIN_ROWS`] rows at rest without a gap.

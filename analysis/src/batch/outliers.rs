@@ -23,8 +23,8 @@ pub struct StandOut {
     pub limit: f64,
 }
 
-/// The size of Student's t, with `units - 2` degrees of freedom, that any of `units` times `quantities` values exceeds with 5 % at most. `None` under 5
-/// units or without quantities.
+/// The size of Student's t, with `units - 2` degrees of freedom, that any of `units` times `quantities` values exceeds
+/// with 5 % at most. `None` under 5 units or without quantities.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -47,7 +47,8 @@ pub fn limit(units: usize, quantities: usize) -> Option<f64> {
 /// ```text
 /// t = (x - mean of the others) / (s of the others * sqrt(1 + 1/(n-1)))
 /// ```
-/// If all units are of one kind, it follows Student's t with n - 2 degrees of freedom. `None` under 3 values, and where the others are all the same.
+/// If all units are of one kind, it follows Student's t with n - 2 degrees of freedom. `None` under 3 values, and where
+/// the others are all the same.
 #[must_use]
 pub fn leave_one_out(values: &[f64]) -> Vec<Option<f64>> {
     let count = values.len() as f64;
@@ -64,8 +65,9 @@ pub fn leave_one_out(values: &[f64]) -> Vec<Option<f64>> {
 
 /// The units that stand out, the farthest first. `quantities` has the values of all units for each quantity.
 ///
-/// The unit with the largest t is taken out if it exceeds the [`limit`], with all quantities in which it does; then the others are looked at again. At
-/// most a quarter of the units is taken out: of more, none is the odd one. `None` under 5 units.
+/// The unit with the largest t is taken out if it exceeds the [`limit`], with all quantities in which it does; then the
+/// others are looked at again. At most a quarter of the units is taken out: of more, none is the odd one. `None` under
+/// 5 units.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -102,7 +104,8 @@ pub fn stand_outs(quantities: &[Vec<f64>]) -> Option<Vec<StandOut>> {
     Some(found)
 }
 
-/// How many standard deviations of the units a unit must be off in one quantity, so that it is found with a probability of 90 %. `None` under 5 units.
+/// How many standard deviations of the units a unit must be off in one quantity, so that it is found with a probability
+/// of 90 %. `None` under 5 units.
 ///
 /// Then t follows the noncentral t distribution with the noncentrality `off * sqrt((n-1)/n)`.
 #[must_use]
@@ -120,8 +123,8 @@ pub fn least_found(units: usize, quantities: usize) -> Option<f64> {
     Some(high)
 }
 
-/// Probability that noncentral t is over `limit`: that of z + noncentrality > limit s, with z normal, and s the root of chi square over its degrees of
-/// freedom, whose density is proportional to s^(freedom - 1) exp(-freedom s^2/2).
+/// Probability that noncentral t is over `limit`: that of z + noncentrality > limit s, with z normal, and s the root of
+/// chi square over its degrees of freedom, whose density is proportional to s^(freedom - 1) exp(-freedom s^2/2).
 fn exceeds(limit: f64, freedom: usize, noncentrality: f64) -> f64 {
     const STEPS: u32 = 2000;
     // Beyond 5 the density is nothing, also with 3 degrees of freedom.

@@ -19,8 +19,9 @@ pub struct AlignmentComparison {
     pub kind: SensorKind,
     /// Row by row \[1e-6 rad\].
     pub difference_urad: [[f64; AXES]; AXES],
-    /// Half the width of the band of each entry \[1e-6 rad\], if both tables have the errors of the misalignments. The bands of
-    /// all triads hold the true differences, six a triad, at once with 95 %, by Student's t with Welch's degrees of freedom.
+    /// Half the width of the band of each entry \[1e-6 rad\], if both tables have the errors of the misalignments. The
+    /// bands of all triads hold the true differences, six a triad, at once with 95 %, by Student's t with Welch's
+    /// degrees of freedom.
     pub half_width_urad: Option<[[f64; AXES]; AXES]>,
 }
 
@@ -38,7 +39,8 @@ impl AlignmentComparison {
             if variances == [0.0; 2] {
                 return Some(0.0);
             }
-            // A misalignment has the degrees of freedom of its sensor's curves. Where a table has no matrix its error is 0, and they do not count.
+            // A misalignment has the degrees of freedom of its sensor's curves. Where a table has no matrix its error
+            // is 0, and they do not count.
             let freedom = |form: &Form| form.curves[first + i][0].freedom();
             let freedom = match variances {
                 [0.0, _] => freedom(new)?,
@@ -86,7 +88,8 @@ impl AlignmentComparison {
         Some(self.sizes()?.map(|(size, half)| size - half).fold(0.0, f64::max))
     }
 
-    /// Whether an entry beside the diagonal is outside of its band; `None` without errors. What is on the diagonal follows from the others.
+    /// Whether an entry beside the diagonal is outside of its band; `None` without errors. What is on the diagonal
+    /// follows from the others.
     #[must_use]
     pub fn is_changed(&self) -> Option<bool> {
         let beside = |(index, (size, half)): (usize, (f64, f64))| index % (AXES + 1) != 0 && size > half;

@@ -17,8 +17,9 @@ pub struct Band {
     pub standard_errors: Vec<f64>,
     /// Welch's degrees of freedom; the median over the points.
     pub freedom: f64,
-    /// Half the width of the band over the standard error: sqrt(k F(k, freedom; 1 - 0.05/n)) with k coefficients, n the number of curves: 9, or 18
-    /// with gyroscopes. So the bands hold the whole differences of all true curves, at all telemetries at once, with 95 % (Scheffe).
+    /// Half the width of the band over the standard error: sqrt(k F(k, freedom; 1 - 0.05/n)) with k coefficients, n the
+    /// number of curves: 9, or 18 with gyroscopes. So the bands hold the whole differences of all true curves, at all
+    /// telemetries at once, with 95 % (Scheffe).
     pub factor: f64,
 }
 

@@ -1,4 +1,5 @@
-//! Tables as they are compared: curves in units that no table's 1 g0 changes, and both triads' alignment by one convention.
+//! Tables as they are compared: curves in units that no table's 1 g0 changes, and both triads' alignment by one
+//! convention.
 
 use isotherm_calibration::{CurveErrors, TableFile};
 use isotherm_shared::table::difference::Curve;
@@ -124,7 +125,8 @@ pub(crate) struct Form {
     pub curves: Vec<[FormCurve; 3]>,
     /// Of the accelerometers and of the gyroscopes; the identity without one.
     pub alignment: [Matrix3<f64>; 2],
-    /// Standard errors of the entries \[rad\]. Of a table without a matrix they are 0, because it is the identity by choice.
+    /// Standard errors of the entries \[rad\]. Of a table without a matrix they are 0, because it is the identity by
+    /// choice.
     pub alignment_error: [Option<Matrix3<f64>>; 2],
     /// Misalignments \[rad\] of the provenance, or else of the matrix, by the same convention.
     pub misalignment: [Option<Matrix3<f64>>; 2],
@@ -156,7 +158,8 @@ impl Form {
         {
             scales[..AXES].copy_from_slice(&triangular.scale);
             alignment[0] = matrix;
-            // The body's axes turn, so those that the gyroscopes' output is along turn too. Without a matrix it is along the gyroscopes' input axes.
+            // The body's axes turn, so those that the gyroscopes' output is along turn too. Without a matrix it is
+            // along the gyroscopes' input axes.
             if matrices[1].is_some() {
                 alignment[1] = triangular.rotation * alignment[1];
                 // To first order the angles of the rotation are the misalignments below the diagonal.
@@ -190,8 +193,9 @@ struct Triangular {
 }
 
 impl Triangular {
-    /// The matrix M of the misalignments, the inverse of the alignment, is R Q with an upper triangle R and a rotation Q. What accelerometer i indicates is
-    /// row i of M times the specific force f, so row i of R times Q f: in the turned axes, with d = R(i,i), it has K d, A/d and the row R(i,..)/d.
+    /// The matrix M of the misalignments, the inverse of the alignment, is R Q with an upper triangle R and a rotation
+    /// Q. What accelerometer i indicates is row i of M times the specific force f, so row i of R times Q f: in the
+    /// turned axes, with d = R(i,i), it has K d, A/d and the row R(i,..)/d.
     fn of(misalignment: Matrix3<f64>) -> Option<Self> {
         // R Q of M is the transpose of the Q R of M with its rows in reverse order, reversed again.
         let reverse = Matrix3::from_fn(|i, j| if i + j == 2 { 1.0 } else { 0.0 });

@@ -23,7 +23,8 @@ pub struct Trend {
     pub years: Vec<f64>,
     /// Value of each table less that of the first one.
     pub values: Vec<f64>,
-    /// Standard errors of the values, if all tables have them. Then each value weighs by its error; otherwise all weigh the same.
+    /// Standard errors of the values, if all tables have them. Then each value weighs by its error; otherwise all weigh
+    /// the same.
     pub standard_errors: Option<Vec<f64>>,
     /// Value of the line at the first table.
     pub intercept: f64,

@@ -68,8 +68,8 @@ fn ranges_hold_the_truth_in_90_of_100_records() {
     }
 }
 
-/// A telemetry that rises all the time, and has no influence, is rarely taken for one, even beside a random walk. Without a test of the slope it
-/// is in 30 to 90 of 200 such records.
+/// A telemetry that rises all the time, and has no influence, is rarely taken for one, even beside a random walk.
+/// Without a test of the slope it is in 30 to 90 of 200 such records.
 #[test]
 fn telemetry_without_influence_contaminates_little() {
     let telemetry: Vec<f64> = (0..4096).map(f64::from).collect();

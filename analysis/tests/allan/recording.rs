@@ -249,7 +249,8 @@ fn noise_smaller_than_a_count_is_a_limit_cycle() {
     assert!(text.contains("\nA3: the counts never change\n") && text.contains("\nA2 "), "{text}");
 }
 
-/// Quantisation alone, as of a phase that is read in steps while it moves: the curve falls as 1/tau throughout, and all others are below a limit.
+/// Quantisation alone, as of a phase that is read in steps while it moves: the curve falls as 1/tau throughout, and all
+/// others are below a limit.
 #[test]
 fn a_curve_that_falls_as_one_over_tau_has_no_white_noise() {
     let mut random = RandomGenerator::new(3, 0);

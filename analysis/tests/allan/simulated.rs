@@ -21,8 +21,9 @@ impl Truth {
     }
 }
 
-/// Rates 1 s apart. Flicker noise is white noise of standard deviation B through the filter (1 - z^-1)^(-1/2), which has run for as many
-/// rows before: the spectral density of the result is B^2/(2 pi f) (N. J. Kasdin, Proc. IEEE 83, 1995).
+/// Rates 1 s apart. Flicker noise is white noise of standard deviation B through the filter (1 - z^-1)^(-1/2), which
+/// has run for as many rows before: the spectral density of the result is B^2/(2 pi f) (N. J. Kasdin, Proc. IEEE
+/// 83, 1995).
 pub(crate) fn rates(truth: &Truth, rows: usize, seed: u64) -> Vec<f64> {
     let mut random = RandomGenerator::new(seed, 0);
     let mut rates = vec![0.0; rows];

@@ -1,15 +1,17 @@
-//! Counts the instructions of a sample: of the kernel and of publishing in `isothermd`, and of loan, send and receive in the C library.
+//! Counts the instructions of a sample: of the kernel and of publishing in `isothermd`, and of loan, send and receive
+//! in the C library.
 //!
 //!     cargo build --release && cargo run -p isotherm-benches --bin instructions -- target/release
 //!
-//! A count does not depend on what else the machine does, so it can guard what a time cannot: the same build has the same count, and a
-//! build that leaves small functions as calls shows at once. `--check` fails if a count is over its bound. With the folders of two builds it
-//! also fails if one needs over 5 % more than the other. `--python PYTHON`, an interpreter that has the package `isotherm`, counts send and
-//! receive of its module too.
+//! A count does not depend on what else the machine does, so it can guard what a time cannot: the same build has the
+//! same count, and a build that leaves small functions as calls shows at once. `--check` fails if a count is over its
+//! bound. With the folders of two builds it also fails if one needs over 5 % more than the other. `--python PYTHON`, an
+//! interpreter that has the package `isotherm`, counts send and receive of its module too.
 //!
-//! `isothermd` and the acquisition, `instructions.c`, which is compiled here with `cc`, run under valgrind's tool `callgrind`. Each function is
-//! counted with all that it calls, and the count of a run is taken from that of a longer one: what happens only once does not count. Under
-//! valgrind, which is slow, each reading of the clock is one of the kernel's clock, in every build.
+//! `isothermd` and the acquisition, `instructions.c`, which is compiled here with `cc`, run under valgrind's tool
+//! `callgrind`. Each function is counted with all that it calls, and the count of a run is taken from that of a longer
+//! one: what happens only once does not count. Under valgrind, which is slow, each reading of the clock is one of the
+//! kernel's clock, in every build.
 #![allow(clippy::print_stdout, reason = "the table is the product")]
 
 use clap::Parser;
@@ -197,7 +199,8 @@ fn calls(profile: &str, function: &str) -> (u64, u64) {
     sum
 }
 
-/// Whether a name of a profile is that of this function. A name from Rust may end in a hash, and that of a method begins with its type.
+/// Whether a name of a profile is that of this function. A name from Rust may end in a hash, and that of a method
+/// begins with its type.
 fn is(name: &str, function: &str) -> bool {
     let end = name
         .rfind(function)

@@ -1,8 +1,9 @@
-//! What the kernel takes for a sample under three tables: of format 1, of format 2 with transient terms, and of a whole IMU. The
-//! accelerometers are the same in all three, with `max_rate` and an alignment. All samples are within the ranges.
+//! What the kernel takes for a sample under three tables: of format 1, of format 2 with transient terms, and of a whole
+//! IMU. The accelerometers are the same in all three, with `max_rate` and an alignment. All samples are within the
+//! ranges.
 //!
-//! The tables are measured in turns of some milliseconds, so that other load of the machine affects all alike. The ratio is the median of the
-//! ratios of the turns.
+//! The tables are measured in turns of some milliseconds, so that other load of the machine affects all alike. The
+//! ratio is the median of the ratios of the turns.
 #![allow(clippy::print_stdout, reason = "the table is the product")]
 
 use clap::Parser;

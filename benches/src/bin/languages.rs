@@ -2,16 +2,17 @@
 //!
 //!     cargo build --profile dist && cargo run --profile dist -p isotherm-benches --bin languages
 //!
-//! `--python PYTHON` is an interpreter that has the package `isotherm`; without it that language is left out. `--smoke` is short.
+//! `--python PYTHON` is an interpreter that has the package `isotherm`; without it that language is left out. `--smoke`
+//! is short.
 //!
-//! Each acquisition is a process of its own: this very program, `round_trip.c` compiled here with `cc -O2` against the shared
-//! library beside this program, and `round_trip.py`. A second one in Rust shows the random differences between processes. They
-//! are measured in alternating blocks of some milliseconds. After some blocks all of them and the service are started again, with
-//! other IMUs: this is a round.
+//! Each acquisition is a process of its own: this very program, `round_trip.c` compiled here with `cc -O2` against the
+//! shared library beside this program, and `round_trip.py`. A second one in Rust shows the random differences between
+//! processes. They are measured in alternating blocks of some milliseconds. After some blocks all of them and the
+//! service are started again, with other IMUs: this is a round.
 //!
-//! The protocol of all acquisitions: `PROGRAM --imu ID --domain NAME` connects and prints a line, `ready`. For each line `go N`
-//! it makes N round trips, timed from before the loan to after the answer, and writes their durations: N native-endian `u64`
-//! \[ns\]. It ends at the end of its input.
+//! The protocol of all acquisitions: `PROGRAM --imu ID --domain NAME` connects and prints a line, `ready`. For each
+//! line `go N` it makes N round trips, timed from before the loan to after the answer, and writes their durations: N
+//! native-endian `u64` \[ns\]. It ends at the end of its input.
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
 use clap::Parser;

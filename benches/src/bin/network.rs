@@ -1,6 +1,6 @@
-//! Compares the increments on both sides of a network tunnel bit by bit, counts them, and measures the added latency with one
-//! clock. It also measures how relay and tunnels change the round trips of the service. Both sides must be domains of this
-//! machine: `examples/network/try.sh` makes two hosts with network namespaces.
+//! Compares the increments on both sides of a network tunnel bit by bit, counts them, and measures the added latency
+//! with one clock. It also measures how relay and tunnels change the round trips of the service. Both sides must be
+//! domains of this machine: `examples/network/try.sh` makes two hosts with network namespaces.
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
 use clap::Parser;
@@ -68,7 +68,8 @@ fn reader(name: &str) -> BenchResult<IncrementReader> {
 /// The increments of both sides so far.
 #[derive(Default)]
 struct TunnelComparison {
-    /// Increments that have not come at the far side yet, by session and sequence, with their time at the near side \[ns\].
+    /// Increments that have not come at the far side yet, by session and sequence, with their time at the near side
+    /// \[ns\].
     waiting: BTreeMap<(u64, u64), (u64, CompensatedIncrement)>,
     /// Increments that came at the far side before they were read at the near side.
     early: BTreeMap<(u64, u64), CompensatedIncrement>,

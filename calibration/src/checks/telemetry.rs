@@ -1,5 +1,5 @@
-//! The telemetry of a campaign, one column after the other: sensors that do not react, broken readings, dwells and set points that were not
-//! settled, set points that were not reached.
+//! The telemetry of a campaign, one column after the other: sensors that do not react, broken readings, dwells and set
+//! points that were not settled, set points that were not reached.
 
 use super::{Checker, Column, Finding, SetPoint, Severity, Steps, last_digit, name};
 use isotherm_campaign::{Block, Dwell, joint_range};
@@ -12,9 +12,11 @@ const DWELL_DRIFT: f64 = 0.5;
 const DWELL_NOISE: f64 = 3.0;
 /// Telemetry resolves set points that are at least this many of its digits apart.
 const RESOLVED: f64 = 2.0;
-/// The last digit may change to the next one, whatever the temperature does: a change by less than this many digits says nothing.
+/// The last digit may change to the next one, whatever the temperature does: a change by less than this many digits
+/// says nothing.
 const FLICKER: f64 = 1.5;
-/// No temperature is further from all set points than this many times what telemetry spans from the lowest to the highest.
+/// No temperature is further from all set points than this many times what telemetry spans from the lowest to the
+/// highest.
 const IMPOSSIBLE: f64 = 10.0;
 /// Over a set point, a change by more than this part of the step gives a warning.
 const SET_POINT_DRIFT: f64 = 0.1;
@@ -115,7 +117,8 @@ impl Checker<'_> {
         constant
     }
 
-    /// Rows that no temperature gives. They would be in the dwell's mean and in the table's range: nothing is left to accept.
+    /// Rows that no temperature gives. They would be in the dwell's mean and in the table's range: nothing is left to
+    /// accept.
     fn broken_readings(&mut self, telemetry: &Telemetry) {
         let [low, high] = joint_range(telemetry.means.iter().map(|(_, mean)| [*mean; 2]));
         let far = IMPOSSIBLE * (high - low).max(telemetry.spread).max(telemetry.digit);
@@ -176,7 +179,8 @@ impl Checker<'_> {
         }
     }
 
-    /// Set points while which telemetry moves, and those that read as another one: they were not settled, or not reached.
+    /// Set points while which telemetry moves, and those that read as another one: they were not settled, or not
+    /// reached.
     fn settled(&mut self, telemetry: &Telemetry, set_points: &[SetPoint]) {
         let Telemetry { name: column, means, steps, digit, .. } = telemetry;
         for (set_point, (at, mean)) in set_points.iter().zip(means) {

@@ -154,7 +154,8 @@ impl Checker<'_> {
             );
             self.findings.push(Finding::whole(Severity::Warning, name::INTERVAL, message));
         }
-        // Sums, or a part of the samples, without consecutive sequences: only a ratio that is a unit's factor is no gap.
+        // Sums, or a part of the samples, without consecutive sequences: only a ratio that is a unit's factor is no
+        // gap.
         let [step, sample] = [0, 1].map(|k| median(self.dwells.iter().map(|dwell| dwell.sparse_interval_ratios()[k])));
         if all.is_nan() && is_off(sample) && unit(step).is_some() {
             let message =

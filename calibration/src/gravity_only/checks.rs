@@ -20,7 +20,8 @@ const NO_CELSIUS: f64 = 150.0;
 /// Probability that a standstill is named as off by chance.
 const OUTLIER: f64 = 0.01;
 
-/// Refuses samples of another unit than the campaign's serial number says. Samples without a device, and campaigns without a serial number, pass.
+/// Refuses samples of another unit than the campaign's serial number says. Samples without a device, and campaigns
+/// without a serial number, pass.
 pub(super) fn refuse_other_device(campaign: &Campaign, recordings: &[TumbleRecording]) -> Result<(), GravityOnlyError> {
     let Some(serial) = campaign.serial.as_deref() else { return Ok(()) };
     let ours = device(serial);

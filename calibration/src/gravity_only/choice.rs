@@ -69,7 +69,8 @@ impl<'a> Data<'a> {
 }
 
 impl Fitted<'_> {
-    /// The probability of an F at least as large as that of this fit against `less`, by chance; `None` without degrees of freedom.
+    /// The probability of an F at least as large as that of this fit against `less`, by chance; `None` without degrees
+    /// of freedom.
     fn p(&self, less: &Self) -> Option<f64> {
         let Fitted(model, fit) = self;
         let freedom = fit.residual.len().checked_sub(model.unknowns.count()).filter(|freedom| *freedom > 0)? as f64;
@@ -168,8 +169,8 @@ pub(super) fn choose<'a>(
     Ok(Chosen { model, fit, dilution, reasons: [why_order, why_split], warnings })
 }
 
-/// Order and split with their reasons. Each is chosen under the other, until both stay: a split that is missed looks like an effect of temperature,
-/// and an effect of temperature hides a split.
+/// Order and split with their reasons. Each is chosen under the other, until both stay: a split that is missed looks
+/// like an effect of temperature, and an effect of temperature hides a split.
 fn order_and_split(data: Data<'_>, levels: usize, options: &GravityOnlyOptions) -> (usize, String, bool, String) {
     let by_order = |split| match options.order {
         Some(order) => (order, "asked for".to_owned()),

@@ -1,10 +1,11 @@
 //! What the attitudes allow: how an error of the standstills comes out in the output.
 //!
 //! ```text
-//! D^2 = mean over attitudes, axes and the telemetry's range of g' (J'J)^-1 g,   g: derivatives of an axis' output by the unknowns
+//! D^2 = mean over attitudes, axes and the telemetry's range of g' (J'J)^-1 g
+//! g: derivatives of an axis' output by the unknowns
 //! ```
-//! D is the error of the output for an error of 1 in each standstill; D sqrt(n) does not fall with the number n of standstills, so it tells how
-//! good their attitudes are.
+//! D is the error of the output for an error of 1 in each standstill; D sqrt(n) does not fall with the number n of
+//! standstills, so it tells how good their attitudes are.
 
 use super::model::{GravityFit, GravityModel};
 use super::reading::Reading;

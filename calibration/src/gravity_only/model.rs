@@ -4,8 +4,8 @@
 //! x = N+/K+(U_b) + N-/K-(U_b) - A(U_h),   x = M s,   M = [[1, m12, m13], [0, 1, m23], [0, 0, 1]]      [g0]
 //! residual = |s| - g_local/g0
 //! ```
-//! Standstills have equal weights: what the model leaves is larger than the noise of a mean. The unknowns are on one scale: biases in g0, scale
-//! factors relative to those of the start, misalignments in rad.
+//! Standstills have equal weights: what the model leaves is larger than the noise of a mean. The unknowns are on one
+//! scale: biases in g0, scale factors relative to those of the start, misalignments in rad.
 
 use super::reading::Reading;
 use isotherm_campaign::joint_range;
@@ -204,8 +204,8 @@ impl<'a> GravityModel<'a> {
         self.force(unknown, &rates, [&reading.head, &reading.board]).0
     }
 
-    /// Derivatives by the unknowns of the specific force that is indicated where it is `force`, `part` of the way through the telemetry's
-    /// range, 0 to 1.
+    /// Derivatives by the unknowns of the specific force that is indicated where it is `force`, `part` of the way
+    /// through the telemetry's range, 0 to 1.
     #[must_use]
     pub fn derivatives_at(&self, unknown: &DVector<f64>, force: &Vector3<f64>, part: f64) -> DMatrix<f64> {
         let [head, board] =
@@ -275,7 +275,8 @@ impl<'a> GravityModel<'a> {
         GravityFit { unknown, residual, jacobian, inverse }
     }
 
-    /// Fits all unknowns by Levenberg-Marquardt from `start`; `None` if no step makes the residuals smaller before they are at their least.
+    /// Fits all unknowns by Levenberg-Marquardt from `start`; `None` if no step makes the residuals smaller before they
+    /// are at their least.
     #[must_use]
     pub fn fit(&self, start: DVector<f64>) -> Option<GravityFit> {
         let mut now = self.at(start);

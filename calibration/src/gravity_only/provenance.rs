@@ -58,8 +58,8 @@ struct CurveRecord {
     covariance: Option<Vec<Vec<f64>>>,
 }
 
-/// The text of the table file: the sealed table and its provenance. The text is read back and compared. `recordings_sha256` are those of the
-/// recordings, in hexadecimal; `source.samples_sha256` is not used.
+/// The text of the table file: the sealed table and its provenance. The text is read back and compared.
+/// `recordings_sha256` are those of the recordings, in hexadecimal; `source.samples_sha256` is not used.
 ///
 /// # Errors
 /// If the text does not give the same table, or if the provenance cannot be written.

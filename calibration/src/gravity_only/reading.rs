@@ -37,7 +37,8 @@ pub struct Reading {
 }
 
 impl Reading {
-    /// The means of the rows `range` of a recording, which begins at `start_s`. `noise` is the standard deviation of the counts of a row.
+    /// The means of the rows `range` of a recording, which begins at `start_s`. `noise` is the standard deviation of
+    /// the counts of a row.
     #[must_use]
     pub fn of(
         number: usize,

@@ -65,7 +65,8 @@ impl GravityOnlyCalibration {
         (low + high) / 2.0
     }
 
-    /// Mean net rate of each gyroscope over all standstills \[pulse/s\]; Earth's rate is in it. `None` without gyroscopes.
+    /// Mean net rate of each gyroscope over all standstills \[pulse/s\]; Earth's rate is in it. `None` without
+    /// gyroscopes.
     #[must_use]
     pub fn gyroscope_rates(&self) -> Option<[f64; AXES]> {
         let seconds: f64 = self.readings.iter().map(|reading| reading.seconds).sum();

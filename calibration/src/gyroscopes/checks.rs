@@ -10,7 +10,8 @@ use isotherm_statistics::median;
 
 /// Largest relative difference between the pulses for an angle in a turn and in the gyroscope's other turns.
 const ANGLE_TOLERANCE: f64 = 0.02;
-/// A turn begins and ends at rest if its rates differ by less than this from those of the dwells \[arcsec/s\]: 0.02 deg/s.
+/// A turn begins and ends at rest if its rates differ by less than this from those of the dwells \[arcsec/s\]: 0.02
+/// deg/s.
 const REST: f64 = 0.02 * 3600.0;
 /// The ends of a turn, if its rows are shorter \[s\].
 const END: f64 = 0.5;
@@ -38,7 +39,8 @@ fn turned(data: &Data<'_>, turn: &TurnRun) -> [f64; AXES] {
     data.campaign.turns[turn.run.position].turned().into()
 }
 
-/// Pulses of a gyroscope while it turns, by the angle about its own axis. In a long rest, bias and Earth's rate would add up.
+/// Pulses of a gyroscope while it turns, by the angle about its own axis. In a long rest, bias and Earth's rate would
+/// add up.
 fn ratio(data: &Data<'_>, turn: &TurnRun, axis: usize) -> f64 {
     let pulses = |block: &TurnBlock| block.pulses[axis][0] - block.pulses[axis][1];
     let rate = |block: &TurnBlock| pulses(block).abs() / block.seconds;
@@ -82,7 +84,8 @@ impl Checker<'_> {
         });
     }
 
-    /// The findings; what is wrong with a turn at every set point, such as its angle in the campaign file, is one finding.
+    /// The findings; what is wrong with a turn at every set point, such as its angle in the campaign file, is one
+    /// finding.
     fn gathered(self) -> Vec<Finding> {
         let Self { data, findings } = self;
         let turn = |finding: &Finding| match finding.place {

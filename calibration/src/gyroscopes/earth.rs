@@ -128,7 +128,8 @@ impl LeftOver {
         set_points: usize,
         solution: &TriadSolution,
     ) -> Option<Self> {
-        // In a position or turn the heading is the same at every set point, but nobody knows it: two directions a place.
+        // In a position or turn the heading is the same at every set point, but nobody knows it: two directions a
+        // place.
         let mut sources: BTreeMap<(bool, usize), [RateInput; 2]> = BTreeMap::new();
         for (index, (run, place)) in runs.iter().zip(places).enumerate() {
             let directions = match (run.turn, run.group) {
@@ -209,10 +210,10 @@ fn level_direction(axis: Vector3<f64>, up: Vector3<f64>) -> Option<Vector3<f64>>
 
 /// Without angles: gives the runs the components of Earth's rate that nobody knows and that cancel.
 ///
-/// - Positions of a set point with the same specific force, if their number is even, are at headings 180 degrees apart: whatever Earth's
-///   horizontal rate is in each, the sum is 0.
-/// - Turns of a set point about the same axis, up or down, from the same specific force begin at the same heading. What is across the axis is the same in
-///   all of them. What is along the axis, if it is not vertical, is left out.
+/// - Positions of a set point with the same specific force, if their number is even, are at headings 180 degrees apart:
+///   whatever Earth's horizontal rate is in each, the sum is 0.
+/// - Turns of a set point about the same axis, up or down, from the same specific force begin at the same heading. What
+///   is across the axis is the same in all of them. What is along the axis, if it is not vertical, is left out.
 pub(super) fn eliminate_horizontal(runs: &mut [Run<'_>], places: &[FittedRun]) {
     let (mut groups, mut next) = (0, 0);
     let set_points = places.iter().map(|place| place.set_point + 1).max().unwrap_or(0);

@@ -3,21 +3,21 @@
 //! Every run r (a dwell or a turn of length T) gives one equation for each gyroscope i:
 //!
 //! ```text
-//! residual = N+/K+(U_board) + N-/K-(U_board) - D(U_head) T - M_i.(theta k + J w0) - s_i.(J f0)        [arcsec],   weight 1/sqrt(T)
+//! residual = N+/K+(U_board) + N-/K-(U_board) - D(U_head) T - M_i.(theta k + J w0) - s_i.(J f0) [arcsec], weight T^-1/2
 //! J v = T k (k.v) + Ic (v - k (k.v)) - Is (k x v),    Ic = integral of cos(phi) dt,   Is = integral of sin(phi) dt
 //! ```
-//! with Earth's rate w0 and the specific force f0 in IMU coordinates at the start. It is exact for any angle and any speed profile. A dwell is
-//! theta = 0, J = T. phi, the angle so far, comes from the gyroscopes themselves: their pulses along k, cumulated, scaled to theta, linear within a
-//! row. What bias, Earth and gravity add to the pulses is taken for motion there; a bias of 1 deg/h moves M by 5e-9 rad through it. In a rest it
-//! counts for 30 s at most.
+//! with Earth's rate w0 and the specific force f0 in IMU coordinates at the start. It is exact for any angle and any
+//! speed profile. A dwell is theta = 0, J = T. phi, the angle so far, comes from the gyroscopes themselves: their
+//! pulses along k, cumulated, scaled to theta, linear within a row. What bias, Earth and gravity add to the pulses is
+//! taken for motion there; a bias of 1 deg/h moves M by 5e-9 rad through it. In a rest it counts for 30 s at most.
 //!
-//! The weight is that of a random walk of the angle. In coordinates of the base, the two horizontal components of Earth's rate are unknowns
-//! that the gyroscopes share, if the campaign file has angles. Without them, the horizontal part is eliminated where it cancels
-//! (`Run::horizontal`).
+//! The weight is that of a random walk of the angle. In coordinates of the base, the two horizontal components of
+//! Earth's rate are unknowns that the gyroscopes share, if the campaign file has angles. Without them, the horizontal
+//! part is eliminated where it cancels (`Run::horizontal`).
 //!
 //! # Errors
-//! As in [`one_stage`](crate::one_stage): from the scatter between set points. The parameters of a set point are here D, K+, K-, two
-//! misalignments and three g-sensitivities of three gyroscopes, and the two components of Earth's rate.
+//! As in [`one_stage`](crate::one_stage): from the scatter between set points. The parameters of a set point are here
+//! D, K+, K-, two misalignments and three g-sensitivities of three gyroscopes, and the two components of Earth's rate.
 //!
 //! Over 400 lines: the fit, its covariance and the set points' values use the same equation and the same derivatives.
 
@@ -60,7 +60,8 @@ pub(super) struct Run<'a> {
     pub earth: Vector3<f64>,
     /// Derivatives of Earth's rate at the start by its horizontal components in the base; 0 without angles.
     pub by_horizontal: [Vector3<f64>; 2],
-    /// Without angles: components of Earth's rate that nobody knows, each with a number and its direction at the start. They are eliminated.
+    /// Without angles: components of Earth's rate that nobody knows, each with a number and its direction at the start.
+    /// They are eliminated.
     pub horizontal: Vec<(usize, Vector3<f64>)>,
     /// The runs that have such components in common.
     pub group: Option<usize>,
@@ -157,8 +158,8 @@ pub(super) struct NewtonStep {
 /// Jacobian, residuals, and J of each run.
 type Linearised = (DMatrix<f64>, DVector<f64>, Vec<Matrix3<f64>>);
 
-/// Fits all unknowns together. `start` gives the orders, the centring and the first values. The runs in `left_out` have residuals, but no
-/// influence on the fit.
+/// Fits all unknowns together. `start` gives the orders, the centring and the first values. The runs in `left_out` have
+/// residuals, but no influence on the fit.
 pub(super) fn solve(
     runs: &[Run<'_>],
     set_points: usize,
@@ -284,8 +285,9 @@ impl<'a> JointModel<'a> {
         along * run.seconds + (Matrix3::identity() - along) * cosine - turn.axis.cross_matrix() * (sine * turn.hand)
     }
 
-    /// Residual of one run and gyroscope \[arcsec/sqrt(s)\], and its derivatives by the parameters of the set point: the eight of the
-    /// gyroscope, and the two of Earth's rate. Calls `set(index, derivative)` for each unknown that the residual depends on.
+    /// Residual of one run and gyroscope \[arcsec/sqrt(s)\], and its derivatives by the parameters of the set point:
+    /// the eight of the gyroscope, and the two of Earth's rate. Calls `set(index, derivative)` for each unknown that
+    /// the residual depends on.
     fn row(
         &self,
         run: &Run<'_>,
@@ -477,8 +479,8 @@ impl<'a> JointModel<'a> {
         (rows, matrix)
     }
 
-    /// The deviations of a set point's parameters from the fit, estimated from its residuals; with the sign of a residual. `None` if the
-    /// set point has fewer equations than parameters.
+    /// The deviations of a set point's parameters from the fit, estimated from its residuals; with the sign of a
+    /// residual. `None` if the set point has fewer equations than parameters.
     fn deviations(
         &self,
         set_point: usize,
@@ -518,8 +520,8 @@ impl<'a> JointModel<'a> {
         Some(&step.inverse * middle * &step.inverse)
     }
 
-    /// A solution without a fit of the curves: only the residuals are computed. `constants` has, for each gyroscope, misalignments and
-    /// g-sensitivities with their errors; `earth` Earth's rate with its errors.
+    /// A solution without a fit of the curves: only the residuals are computed. `constants` has, for each gyroscope,
+    /// misalignments and g-sensitivities with their errors; `earth` Earth's rate with its errors.
     pub(super) fn fixed(
         &mut self,
         constants: [[(f64, f64); 2 + AXES]; AXES],
@@ -545,8 +547,8 @@ impl<'a> JointModel<'a> {
     }
 }
 
-/// The equations of the runs of one set point for scale factors of 1 and zeros elsewhere, eight columns a gyroscope and two for Earth's rate if it
-/// is unknown; columns of length 1 where they are not 0.
+/// The equations of the runs of one set point for scale factors of 1 and zeros elsewhere, eight columns a gyroscope and
+/// two for Earth's rate if it is unknown; columns of length 1 where they are not 0.
 pub(super) fn design(runs: &[Run<'_>]) -> DMatrix<f64> {
     let constant = |value: f64| Curve::new([0.0, 1.0], DVector::from_element(1, value), None, 0, [0.0, 1.0]);
     let curves = [0, 1, 2].map(|_| [constant(0.0), constant(1.0), constant(-1.0)]);
@@ -566,8 +568,9 @@ pub(super) fn design(runs: &[Run<'_>]) -> DMatrix<f64> {
 /// Runs, each with the direction of a rate of 1 deg/h that the equations do not have.
 pub(super) type RateInput = Vec<(usize, Vector3<f64>)>;
 
-/// What an input that the equations do not have does to the estimate. `sources` are alternatives, each with the runs and the direction of a rate
-/// of 1 deg/h; for each one the changes, D \[deg/h\], K+ and K- (relative), misalignments \[rad\], g-sensitivities, are given by gyroscope.
+/// What an input that the equations do not have does to the estimate. `sources` are alternatives, each with the runs
+/// and the direction of a rate of 1 deg/h; for each one the changes, D \[deg/h\], K+ and K- (relative), misalignments
+/// \[rad\], g-sensitivities, are given by gyroscope.
 pub(super) fn effects(
     runs: &[Run<'_>],
     set_points: usize,
@@ -605,8 +608,8 @@ pub(super) fn effects(
     Some(sources.iter().map(effect).collect())
 }
 
-/// Sets the rotations of blocks to 0 that lie further than [`LONGEST_REST`] from the motion. Bias and Earth's rate count as rotation, and in a long rest
-/// they would add up.
+/// Sets the rotations of blocks to 0 that lie further than [`LONGEST_REST`] from the motion. Bias and Earth's rate
+/// count as rotation, and in a long rest they would add up.
 fn hold_at_rest(blocks: &[TurnBlock], rotations: &mut [f64]) {
     let rate = |(block, rotation): (&TurnBlock, &f64)| rotation.abs() / block.seconds;
     let rates: Vec<f64> = blocks.iter().zip(rotations.iter()).map(rate).collect();
@@ -701,8 +704,9 @@ pub(super) fn reduce(runs: &[Run<'_>], start: &GyroscopeCurves) -> Result<Reduce
     })
 }
 
-/// Fits all unknowns, and gives D, K+ and K- of each set point without the drift within it: the curve at the effective telemetry plus the
-/// correction from the set point's residuals. A set point that does not determine its parameters keeps its reduced values.
+/// Fits all unknowns, and gives D, K+ and K- of each set point without the drift within it: the curve at the effective
+/// telemetry plus the correction from the set point's residuals. A set point that does not determine its parameters
+/// keeps its reduced values.
 pub(super) fn corrected_values(
     runs: &[Run<'_>],
     reduced: &[ReducedSetPoint],

@@ -1,8 +1,9 @@
 //! What a list of positions and turns determines, before there are data.
 //!
-//! K+ and K- are judged by the turns alone: each gyroscope needs 90 degrees about its own axis in each direction. The rank would not show that
-//! one is missing, because Earth's rate drives every channel a little. Everything else is judged by the rank and the condition of the equations of
-//! one set point, with turns of 10 deg/s and Earth's rate not counted where it only helps.
+//! K+ and K- are judged by the turns alone: each gyroscope needs 90 degrees about its own axis in each direction. The
+//! rank would not show that one is missing, because Earth's rate drives every channel a little. Everything else is
+//! judged by the rank and the condition of the equations of one set point, with turns of 10 deg/s and Earth's rate not
+//! counted where it only helps.
 
 use super::earth::{Start, eliminate_horizontal};
 use super::fit::{PARAMETERS, Run, RunTurn, design};
@@ -209,7 +210,8 @@ fn additions(campaign: &Campaign) -> Vec<String> {
 
 type Candidate = (String, Vec<Position>, Vec<Turn>);
 
-/// What could be added: faces in four headings and turns of the turntable; without angles, faces in two headings and turns about the vertical.
+/// What could be added: faces in four headings and turns of the turntable; without angles, faces in two headings and
+/// turns about the vertical.
 fn candidates(campaign: &Campaign) -> Vec<Candidate> {
     let quarters = [0.0, 90.0, 180.0, 270.0];
     let position = |force: Vector3<f64>, angles| Position {

@@ -22,8 +22,8 @@ const LACK_OF_FIT: f64 = 8.0;
 /// Lower bound of that limit, in multiples of the smallest effect that matters.
 const LACK_OF_FIT_FLOOR: f64 = 10.0;
 
-/// Warnings about curves that miss their set points by much more than the set points' own uncertainty, and about curves without degrees of
-/// freedom. The array marks the gyroscopes that have a curve of the first kind.
+/// Warnings about curves that miss their set points by much more than the set points' own uncertainty, and about curves
+/// without degrees of freedom. The array marks the gyroscopes that have a curve of the first kind.
 pub(super) fn lack_of_fit(
     orders: &[[OrderTable; 3]; AXES],
     reduced: &[ReducedSetPoint],

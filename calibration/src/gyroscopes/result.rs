@@ -33,9 +33,11 @@ pub struct GyroscopeCalibration {
     pub left_over: Option<LeftOver>,
     /// Outlying runs, which were kept in the fit: index into `runs` and gyroscope.
     pub outliers: Vec<(usize, usize)>,
-    /// Index of the gyroscopes' first finding in [`Calibration::findings`](crate::result::Calibration::findings); those before it are not of the gyroscopes alone.
+    /// Index of the gyroscopes' first finding in [`Calibration::findings`](crate::result::Calibration::findings); those
+    /// before it are not of the gyroscopes alone.
     pub first_finding: usize,
-    /// White noise of each gyroscope in a mean over 1 s \[deg/h\], from the rows of the dwells; a wrong position or curve does not change it.
+    /// White noise of each gyroscope in a mean over 1 s \[deg/h\], from the rows of the dwells; a wrong position or
+    /// curve does not change it.
     pub noise: [f64; AXES],
 }
 
@@ -52,8 +54,8 @@ impl GyroscopeCalibration {
         self.runs.iter().filter(|run| matches!(run.place, Place::Turn(_))).count()
     }
 
-    /// What `table` without alignment matrices leaves, if the gyroscopes need one: the largest error for a rate about any axis, in parts of the
-    /// rate \[rad\].
+    /// What `table` without alignment matrices leaves, if the gyroscopes need one: the largest error for a rate about
+    /// any axis, in parts of the rate \[rad\].
     #[must_use]
     pub fn left_without_alignment(&self, table: &CoefficientTable) -> Option<f64> {
         let aligned = table.content().gyroscopes.as_ref().is_some_and(|gyroscopes| gyroscopes.alignment.is_some());
@@ -68,7 +70,8 @@ impl GyroscopeCalibration {
         Some(self.earth?.error? * student_quantile(confidence, freedom))
     }
 
-    /// The turntable as the fit found it, with the tilt of the accelerometers' fit and the mounting; `None` without angles.
+    /// The turntable as the fit found it, with the tilt of the accelerometers' fit and the mounting; `None` without
+    /// angles.
     #[must_use]
     pub fn turntable(&self, tilt: Option<[f64; 2]>, mount: Option<Matrix3<f64>>) -> Option<Turntable> {
         let [x, y] = self.solution.earth?;

@@ -7,7 +7,8 @@ use isotherm_recording::{CampaignRow, RecordingError};
 use isotherm_shared::table::GYROSCOPE_NAMES;
 use isotherm_shared::wire::{AXES, RawSample, Triad, device};
 
-/// Rows of a turn that are shorter are added up to blocks of at least this length \[s\], so that memory does not grow with the sampling rate.
+/// Rows of a turn that are shorter are added up to blocks of at least this length \[s\], so that memory does not grow
+/// with the sampling rate.
 const MIN_BLOCK: f64 = 0.02;
 
 /// A block of a turn is at rest below this part of the fastest block's rate.
@@ -22,7 +23,8 @@ pub struct Measurements {
     pub gyroscopes: GyroscopeRuns,
     /// The first row that another unit took.
     pub other_device: Option<OtherDevice>,
-    /// The ramps, in the order of the campaign file. They have their own recordings, which [`RampRecording::read`] reduces.
+    /// The ramps, in the order of the campaign file. They have their own recordings, which [`RampRecording::read`]
+    /// reduces.
     pub ramps: Vec<RampRecording>,
 }
 
@@ -170,10 +172,12 @@ pub struct FittedRun {
     pub residual: [f64; AXES],
 }
 
-/// Makes dwells and turns of the samples of `campaign`; as [`read_dwells`](isotherm_campaign::read_dwells), with the gyroscopes.
+/// Makes dwells and turns of the samples of `campaign`; as [`read_dwells`](isotherm_campaign::read_dwells), with the
+/// gyroscopes.
 ///
 /// # Errors
-/// As [`read_dwells`](isotherm_campaign::read_dwells). In a campaign with turns, also gyroscope telemetry that is not finite, and a full counter.
+/// As [`read_dwells`](isotherm_campaign::read_dwells). In a campaign with turns, also gyroscope telemetry that is not
+/// finite, and a full counter.
 pub fn read_measurements(
     campaign: &Campaign,
     rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,

@@ -21,7 +21,8 @@ pub struct CurveErrors {
     pub freedom: f64,
 }
 
-/// When a table was made, and its errors. A part that is missing, or that cannot be right, is `None`: the provenance is free for the user.
+/// When a table was made, and its errors. A part that is missing, or that cannot be right, is `None`: the provenance is
+/// free for the user.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Origin {
     /// The text of `time`.
@@ -30,7 +31,8 @@ pub struct Origin {
     pub unix_s: Option<f64>,
     /// Errors of bias, K+ and K-, for A1, A2, A3, G1, G2, G3.
     pub curves: [[Option<CurveErrors>; 3]; 2 * AXES],
-    /// Misalignments of accelerometers and gyroscopes \[rad\]: row i is what sensor i indicates for 1 along each axis; 1 on the diagonal.
+    /// Misalignments of accelerometers and gyroscopes \[rad\]: row i is what sensor i indicates for 1 along each axis;
+    /// 1 on the diagonal.
     pub misalignment: [Option<Matrix3<f64>>; 2],
     /// Standard errors of the misalignments of accelerometers and gyroscopes \[rad\]; 0 on the diagonal.
     pub misalignment_error: [Option<Matrix3<f64>>; 2],

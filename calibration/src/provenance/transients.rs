@@ -1,4 +1,5 @@
-//! The provenance of ramps: what was decided about lag and transients, and why. Transients and prediction errors are in the bias's unit.
+//! The provenance of ramps: what was decided about lag and transients, and why. Transients and prediction errors are in
+//! the bias's unit.
 
 use super::source::CampaignSource;
 use crate::ramps::RampCalibration;

@@ -44,7 +44,8 @@ pub(super) struct Ramps {
     pub least_tau_s: f64,
     /// Duration of the longest sweep \[s\].
     pub longest_sweep_s: f64,
-    /// Part of the range of the telemetry that heating and cooling of one recording share, of the recording with the largest one.
+    /// Part of the range of the telemetry that heating and cooling of one recording share, of the recording with the
+    /// largest one.
     pub shared: f64,
     pub biases: Vec<Bias>,
 }
@@ -58,7 +59,8 @@ pub(super) struct Block {
     time: f64,
     /// Bins of the recording.
     bins: Range<usize>,
-    /// Whether it is in no fit: the telemetry of a sensor is beyond the range of a polynomial of the table, or the start was not soaked.
+    /// Whether it is in no fit: the telemetry of a sensor is beyond the range of a polynomial of the table, or the
+    /// start was not soaked.
     pub left_out: bool,
 }
 
@@ -79,7 +81,8 @@ pub(super) struct Bias {
     pub carried_g0: f64,
     /// Mean head telemetry, by block.
     pub telemetry: Vec<f64>,
-    /// Mean of what the sensor indicates, less the campaign's curve and the mean of the recording, by block \[g0 or deg/h\].
+    /// Mean of what the sensor indicates, less the campaign's curve and the mean of the recording, by block \[g0 or
+    /// deg/h\].
     pub values: Vec<f64>,
     /// Whether the telemetry is beyond the range of a polynomial by more than 2 % of it, by block.
     outside: Vec<bool>,
@@ -357,7 +360,8 @@ impl Bias {
     }
 }
 
-/// Whether the telemetry is beyond the range of a polynomial by more than 2 % of it: so far the polynomial goes on, and a constant goes on everywhere.
+/// Whether the telemetry is beyond the range of a polynomial by more than 2 % of it: so far the polynomial goes on, and
+/// a constant goes on everywhere.
 fn beyond(polynomial: &Polynomial, telemetry: f64) -> bool {
     let [low, high] = polynomial.range();
     let margin = BEYOND * (high - low);

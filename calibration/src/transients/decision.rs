@@ -17,7 +17,8 @@ const SIGNIFICANT: f64 = 4.0;
 /// The verdict is hysteresis if hysteresis predicts with less than this part of the error of what a table can have.
 const HYSTERESIS: f64 = 0.8;
 
-/// The conditions of the time constant that was searched for: its value and its interval, and the ends of the search \[s\].
+/// The conditions of the time constant that was searched for: its value and its interval, and the ends of the search
+/// \[s\].
 pub(super) fn of_search(tau_s: f64, interval_s: [f64; 2], ends_s: [f64; 2]) -> [Condition; 2] {
     // The end that is nearer to the interval.
     let upper = tau_s * tau_s > ends_s[0] * ends_s[1];
@@ -172,7 +173,8 @@ fn reason(condition: &Condition, time_constant: &TimeConstant) -> String {
     }
 }
 
-/// Warnings: what a given time constant did without. `searched` is the time constant that the ramps show, with its conditions.
+/// Warnings: what a given time constant did without. `searched` is the time constant that the ramps show, with its
+/// conditions.
 pub(super) fn warnings(
     searched: &TimeConstant,
     conditions: &[Condition],

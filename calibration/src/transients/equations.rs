@@ -1,10 +1,13 @@
-//! Normal equations that are added up by pieces of the data, so that a fit without a piece costs nothing but its solution.
+//! Normal equations that are added up by pieces of the data, so that a fit without a piece costs nothing but its
+//! solution.
 //!
-//! Columns are of order 1 and the values are centred before, so that squaring the condition loses no digit that matters.
+//! Columns are of order 1 and the values are centred before, so that squaring the condition loses no digit that
+//! matters.
 
 use nalgebra::DMatrix;
 
-/// A column whose part across the columns before it is smaller than the square root of this is not determined: its coefficient is 0.
+/// A column whose part across the columns before it is smaller than the square root of this is not determined: its
+/// coefficient is 0.
 const DEPENDENT: f64 = 1e-9;
 
 /// Sums of products of the columns and of the value, which is the last column.

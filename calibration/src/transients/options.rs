@@ -1,6 +1,7 @@
 //! Options of the estimate, and why there is none.
 
-/// Residuals are shown, and sweeps judged, after this many time constants since a recording began: the start may not have been soaked.
+/// Residuals are shown, and sweeps judged, after this many time constants since a recording began: the start may not
+/// have been soaked.
 pub(super) const SOAK: f64 = 3.0;
 
 /// How the time constant is found.

@@ -1,6 +1,7 @@
 //! Leave one sweep out: what a model predicts of a sweep that it was not fitted to.
 //!
-//! With a time constant that was given, one sweep each way is enough for the transient: then a quarter of a sweep is left out at a time.
+//! With a time constant that was given, one sweep each way is enough for the transient: then a quarter of a sweep is
+//! left out at a time.
 
 use super::blocks::{Column, Ramps};
 use super::equations::NormalEquations;
@@ -66,8 +67,9 @@ struct LeftOut {
     pieces: Range<usize>,
 }
 
-/// The sweeps to leave out: those of recordings with another sweep, which gives the constant, and of these those without which one recording
-/// still has both directions. If there are none: with a time constant that was `given` every piece, else all sweeps.
+/// The sweeps to leave out: those of recordings with another sweep, which gives the constant, and of these those
+/// without which one recording still has both directions. If there are none: with a time constant that was `given`
+/// every piece, else all sweeps.
 fn left_out(ramps: &Ramps, given: bool) -> Vec<LeftOut> {
     let others = |sweep: usize| {
         ramps.sweeps.iter().enumerate().filter(move |(other, _)| *other != sweep).map(|(_, other)| other)

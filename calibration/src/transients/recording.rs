@@ -133,7 +133,8 @@ impl RampRecording {
     /// Adds the next sample. Gaps are allowed.
     ///
     /// # Errors
-    /// Why the sample cannot be used: see [`implausible`]; a full counter or telemetry that is not finite, of a gyroscope.
+    /// Why the sample cannot be used: see [`implausible`]; a full counter or telemetry that is not finite, of a
+    /// gyroscope.
     pub fn add(&mut self, raw: &RawSample) -> Result<(), String> {
         if let Some(wrong) = implausible(raw, self.previous_ns).or_else(|| implausible_gyroscopes(&raw.gyroscopes)) {
             return Err(wrong);
@@ -186,7 +187,8 @@ impl RampRecording {
         self.bins == other.bins && self.heads == other.heads
     }
 
-    /// Mean of what an accelerometer indicates \[g0\], its bias included, with the scale factors at mean board telemetry; NaN without rows.
+    /// Mean of what an accelerometer indicates \[g0\], its bias included, with the scale factors at mean board
+    /// telemetry; NaN without rows.
     pub fn mean_force(&self, axis: usize, coefficients: &Axis) -> f64 {
         let boards = self.boards(axis);
         let board = boards.iter().map(|reading| reading.telemetry).sum::<f64>() / boards.len() as f64;
@@ -286,8 +288,8 @@ impl ReadingSum {
     }
 }
 
-/// Telemetry at each of the rising `times_ns`, linear between readings, constant before the first and after the last. `readings` has at least
-/// one.
+/// Telemetry at each of the rising `times_ns`, linear between readings, constant before the first and after the last.
+/// `readings` has at least one.
 pub(super) fn interpolated(readings: &[Reading], times_ns: &[u64]) -> Vec<f64> {
     let mut before = 0;
     let value = |&time_ns: &u64| {
@@ -306,7 +308,8 @@ pub(super) fn interpolated(readings: &[Reading], times_ns: &[u64]) -> Vec<f64> {
     times_ns.iter().map(value).collect()
 }
 
-/// d = L - U at each of the rising `times_ns`, with L behind the readings by `lag_ns` as in flight. `telemetry` is U at these times.
+/// d = L - U at each of the rising `times_ns`, with L behind the readings by `lag_ns` as in flight. `telemetry` is U at
+/// these times.
 pub(super) fn behind(readings: &[Reading], times_ns: &[u64], telemetry: &[f64], lag_ns: u64) -> Vec<f64> {
     let first = readings[0];
     let mut state = LaggedReading { time_ns: first.time_ns, telemetry: first.telemetry, lagged: first.telemetry };

@@ -49,7 +49,8 @@ pub struct TimeConstant {
     pub kept: bool,
     /// Whether the search ended at an end of its grid.
     pub at_end: bool,
-    /// The search: time constant \[s\] and objective, the sum over the biases of n log(SSE/n), which is least at the best fit.
+    /// The search: time constant \[s\] and objective, the sum over the biases of n log(SSE/n), which is least at the
+    /// best fit.
     pub search: Vec<(f64, f64)>,
 }
 
@@ -107,7 +108,8 @@ pub struct BiasTransient {
     pub after: Vec<LoopPoint>,
     /// Bias curve of the ramps \[g0 or deg/h\], shifted to equal the table's at mid range.
     pub curve: Polynomial,
-    /// Largest specific force that the axis carries in a recording \[g0\]; the converter could make its transient above 0.1. 0 for gyroscopes.
+    /// Largest specific force that the axis carries in a recording \[g0\]; the converter could make its transient
+    /// above 0.1. 0 for gyroscopes.
     pub carried_g0: f64,
 }
 
@@ -141,7 +143,8 @@ impl BiasTransient {
 }
 
 impl Transients {
-    /// Writes what was found into the content of a table: time constant and transients, and the curves of [`CurveSource::Ramps`].
+    /// Writes what was found into the content of a table: time constant and transients, and the curves of
+    /// [`CurveSource::Ramps`].
     pub fn apply(&self, content: &mut Content) {
         let lag = self.biases.iter().any(|bias| bias.transient != 0.0);
         content.lag_s = lag.then_some(self.time_constant.value_s);

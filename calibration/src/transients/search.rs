@@ -28,7 +28,8 @@ pub(super) struct Minimum {
 }
 
 impl<'a> Grid<'a> {
-    /// The grid of a search, from what the telemetry and the blocks resolve to a quarter of the longest sweep; or one time constant alone.
+    /// The grid of a search, from what the telemetry and the blocks resolve to a quarter of the longest sweep; or one
+    /// time constant alone.
     pub(super) fn new(ramps: &'a Ramps, given_s: Option<f64>) -> Self {
         let (low, high) = (ramps.least_tau_s, ramps.longest_sweep_s / 4.0);
         let taus_s = match given_s {
@@ -47,7 +48,8 @@ impl<'a> Grid<'a> {
         Self { ramps, taus_s, pieces, totals }
     }
 
-    /// The least objective, the sum over the biases of n log(SSE/n), of the equations less `without`. `used` are the columns.
+    /// The least objective, the sum over the biases of n log(SSE/n), of the equations less `without`. `used` are the
+    /// columns.
     fn minimum(&self, used: &[usize], without: impl Fn(usize, usize) -> NormalEquations) -> Minimum {
         let n = self.ramps.inside() as f64;
         let objective = |tau: usize| {
@@ -81,7 +83,8 @@ impl<'a> Grid<'a> {
         })
     }
 
-    /// Standard error of the logarithm of the time constant, and of the transient of each bias at `tau_s`, by leaving one piece out at a time.
+    /// Standard error of the logarithm of the time constant, and of the transient of each bias at `tau_s`, by leaving
+    /// one piece out at a time.
     pub(super) fn jackknife(&self, used: &[usize], tau_s: f64) -> (f64, Vec<f64>) {
         let transient = self.ramps.columns(Column::Transient).start;
         let (mut logarithms, mut transients) = (Vec::new(), vec![Vec::new(); self.ramps.biases.len()]);

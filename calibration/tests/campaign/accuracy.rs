@@ -1,4 +1,5 @@
-//! From rows to a table: the accuracy against the truth for lists of positions and both methods, and the warnings of the fit.
+//! From rows to a table: the accuracy against the truth for lists of positions and both methods, and the warnings of
+//! the fit.
 //!
 //! Over 400 lines: each test is one kind of campaign, and all of them share the simulated campaigns of `common`.
 
@@ -122,8 +123,8 @@ fn the_tilt_is_estimated_through_any_mount_and_counts_in_both_methods() {
     }
 }
 
-/// The rows of a campaign with the IMU rotated on the turntable by `mount`. The simulated IMU itself is not rotated; the
-/// specific forces, with the level errors, are rotated instead.
+/// The rows of a campaign with the IMU rotated on the turntable by `mount`. The simulated IMU itself is not rotated;
+/// the specific forces, with the level errors, are rotated instead.
 fn mounted(truth: &Truth, schedule: &CampaignSchedule, mount: &Matrix3<f64>) -> Vec<SimulatedRow> {
     let gravity = truth.gravity_local / truth.table.content().gravity;
     let chain = &schedule.chain;
@@ -223,7 +224,8 @@ fn a_curve_that_does_not_fit_gives_a_warning_about_the_curve_and_not_about_dwell
 
 #[test]
 fn the_residual_in_g0_cancels_a_level_error_that_straddles_zero() {
-    // Without angles the tilt cannot be estimated. It must cancel in each pair, although the two readings use different channels.
+    // Without angles the tilt cannot be estimated. It must cancel in each pair, although the two readings use different
+    // channels.
     let schedule = noiseless(Scheme::SixFacesTwoHeadings.positions());
     let mut truth = truth([2e-4, 1.5e-4], 9.8015);
     // K+ and K- differ by 10 %, so that an error from weighting with them would be visible.
@@ -321,8 +323,9 @@ fn set_points_are_reduced_as_in_the_worked_examples() {
                 let parts: Vec<_> = dwells.iter().collect();
                 let got = reduce(&file, &parts, axis, None).unwrap().values;
                 let (up, down) = (number(&right["SF_plus"]), number(&right["SF_minus"]));
-                // The example's bias and misalignments are in counts, the same for both signs. Ours are in g0, converted
-                // with K+ or K-. These differ by some 2e-5 of their size, and the results and the weights of the noise with them.
+                // The example's bias and misalignments are in counts, the same for both signs. Ours are in g0,
+                // converted with K+ or K-. These differ by some 2e-5 of their size, and the results and the weights of
+                // the noise with them.
                 let tolerance = if outputs == "outputs" { 0.05 } else { 0.2 };
                 assert!(
                     (got[1] - up).abs() < tolerance && (got[2] + down).abs() < tolerance,

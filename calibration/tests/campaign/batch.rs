@@ -33,7 +33,8 @@ fn each_imu_gets_its_own_campaign() {
     };
     assert_eq!(a, expected);
     assert_eq!((b.imu.as_str(), b.serial.as_deref(), b.samples[0].as_str()), ("imu-b", None, "imu-b.csv"));
-    // Positions 5 and 9 are +x and +y. A mounting that only exchanges axes is exact, although it was stated with an error.
+    // Positions 5 and 9 are +x and +y. A mounting that only exchanges axes is exact, although it was stated with an
+    // error.
     assert_eq!([b.positions[4].specific_force, b.positions[8].specific_force], [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]);
     assert_eq!(b.mount, Some(Matrix3::new(0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0)));
     assert_eq!(

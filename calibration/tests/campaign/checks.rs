@@ -19,8 +19,8 @@ fn all_findings(change_rows: impl Fn(&mut Vec<SimulatedRow>)) -> (bool, String) 
     collect_findings(change_rows, |_| {}, &[], true)
 }
 
-/// Calibrates a changed campaign. Returns whether there is a table, with the warnings about dwells and set points if so, with
-/// the faults if not.
+/// Calibrates a changed campaign. Returns whether there is a table, with the warnings about dwells and set points if
+/// so, with the faults if not.
 fn findings(
     change_rows: impl Fn(&mut Vec<SimulatedRow>),
     change_file: impl Fn(&mut Campaign),
@@ -283,7 +283,8 @@ fn faults_are_accepted_by_name_and_warnings_are_faults_on_request() {
     assert_eq!(names(short, accept(&[name::INTERVAL])), (true, vec![name::INTERVAL]));
     assert!(names(lost, accept(&[])).0 && !names(lost, strict(&[])).0);
     assert!(names(lost, strict(&[name::MISSING_ROWS])).0 && names(|_| {}, strict(&[])).0);
-    // What strict made a fault is accepted by name, whether it was found before the fit or after it. Without strict there was no fault.
+    // What strict made a fault is accepted by name, whether it was found before the fit or after it. Without strict
+    // there was no fault.
     let bump = |rows: &mut Vec<SimulatedRow>| {
         rows.iter_mut()
             .filter(|row| is_at(row, 0.0, 9))

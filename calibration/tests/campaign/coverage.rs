@@ -1,4 +1,5 @@
-//! Coverage of the confidence intervals: in 184 to 196 of 200 simulated campaigns a 95 % interval must contain the truth.
+//! Coverage of the confidence intervals: in 184 to 196 of 200 simulated campaigns a 95 % interval must contain the
+//! truth.
 
 use crate::common::{calibrated, paper};
 use isotherm_calibration::CalibrationOptions;

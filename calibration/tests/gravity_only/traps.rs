@@ -74,7 +74,8 @@ fn an_offset_that_is_left_in_is_refused() {
 #[test]
 fn a_turn_within_a_standstill_is_named() {
     let mut imu = Simulated::new(Truth::random(4), 4, 1.0);
-    // Rows are so noisy that the search does not see a turn of 3 degrees in a minute; it makes the mean 114e-6 g0 too short.
+    // Rows are so noisy that the search does not see a turn of 3 degrees in a minute; it makes the mean 114e-6 g0 too
+    // short.
     imu.noise = 2e-3;
     for (index, direction) in cube().iter().enumerate() {
         for k in 0..1200 {

@@ -322,7 +322,8 @@ fn what_positions_and_turns_leave_open_is_named_with_what_would_help() {
     // Three faces in one heading, with the six turns, are enough for the gyroscopes.
     let three = of(&[[0.0, 0.0], [90.0, 0.0], [90.0, 90.0]]);
     assert!(three.rank == 26 && three.condition > 10.0 * all.condition, "{three:?}");
-    // A mounting whose inner axis has the same angle to all gyroscopes: two turns drive every channel, but do not tell misalignments apart.
+    // A mounting whose inner axis has the same angle to all gyroscopes: two turns drive every channel, but do not tell
+    // misalignments apart.
     let diagonal = Unit::new_normalize(Vector3::new(1.0, 1.0, 1.0));
     let mount = *Rotation3::rotation_between(&Vector3::z(), &diagonal).unwrap().matrix();
     let axis: [f64; 3] = diagonal.into_inner().into();

@@ -1,4 +1,5 @@
-//! Simulated campaigns of a whole IMU against their truth: `isotherm_simulation`, as `isotherm simulate campaign --gyroscopes` drives it.
+//! Simulated campaigns of a whole IMU against their truth: `isotherm_simulation`, as `isotherm simulate
+//! campaign --gyroscopes` drives it.
 
 use isotherm_calibration::{Calibration, CalibrationOptions, calibrate, read_measurements};
 use isotherm_campaign::Campaign;

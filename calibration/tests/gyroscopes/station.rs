@@ -1,8 +1,8 @@
 //! A station with a known truth: the rows that an IMU would give in dwells and turns.
 //!
-//! The physics is that of `isotherm_simulation`: Earth's rate, the integral of the motion, the charge balance. It shares nothing with
-//! the fit. The station here differs from a simulated campaign: any mounting, any axis, speed profiles that are not symmetric, a drift
-//! within a set point, wrong statements in the campaign file.
+//! The physics is that of `isotherm_simulation`: Earth's rate, the integral of the motion, the charge balance. It
+//! shares nothing with the fit. The station here differs from a simulated campaign: any mounting, any axis, speed
+//! profiles that are not symmetric, a drift within a set point, wrong statements in the campaign file.
 //!
 //! Over 400 lines: campaigns and runs are of the same IMU, whose table stands beside them.
 
@@ -198,8 +198,9 @@ impl Station {
         self.mount * body.matrix().transpose()
     }
 
-    /// Mounting, angles at the start and direction of the angles, with which a turntable does this turn. About the vertical of the station that
-    /// is neither of its axes (by hand, on a rate table) it is the inner axis of another mounting.
+    /// Mounting, angles at the start and direction of the angles, with which a turntable does this turn. About the
+    /// vertical of the station that is neither of its axes (by hand, on a rate table) it is the inner axis of another
+    /// mounting.
     fn on_the_turntable(&self, turn: &Turned) -> (Matrix3<f64>, [f64; 2], [f64; 2]) {
         let start = [turn.outer, turn.inner];
         let axis = self.mount.transpose() * Vector3::from(turn.axis);
@@ -313,7 +314,8 @@ impl Station {
         }
     }
 
-    /// A verification run: `rows` samples of 10 s at rest at these angles, while the temperature goes from one end of the set points to the other.
+    /// A verification run: `rows` samples of 10 s at rest at these angles, while the temperature goes from one end of
+    /// the set points to the other.
     pub(crate) fn run(&self, angles: [f64; 2], rows: u32) -> Vec<RawSample> {
         const SECONDS: f64 = 10.0;
         let mut recorder = self.recorder(0x0BAD_5EED);
@@ -439,7 +441,8 @@ impl Recorder<'_> {
         }
     }
 
-    /// The table has moved there, and stands for half a minute before the first row: what the charge balance holds has the sign of the rate at rest.
+    /// The table has moved there, and stands for half a minute before the first row: what the charge balance holds has
+    /// the sign of the rate at rest.
     fn settle(&mut self, motion: &InertialMotion, temperature: f64) {
         let mut sample = self.sample(30.0, temperature);
         self.feel(&mut sample.gyroscopes, motion, 30.0);

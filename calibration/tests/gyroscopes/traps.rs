@@ -1,5 +1,5 @@
-//! What a simpler method gets wrong, each with its own data: integrated, without noise, with pulses of 0.02 arcsec. A method that falls into the trap
-//! is wrong by what stands beside it.
+//! What a simpler method gets wrong, each with its own data: integrated, without noise, with pulses of 0.02 arcsec. A
+//! method that falls into the trap is wrong by what stands beside it.
 
 use crate::station::{Gyroscope, Station, Turned, six_turns, telemetry};
 use isotherm_calibration::{CalibrationError, CalibrationOptions, Method, TriadObservability};

@@ -62,7 +62,8 @@ fn the_truth_has_no_constant_error_and_no_variation() {
     assert!(judged("rate=1e-6deg/h", &found).is_err());
 }
 
-/// 200 runs of an hour: 600 gyroscopes. Earth's horizontal rate is known with standard errors of 0.004 and 0.006 deg/h, those of 15 set points.
+/// 200 runs of an hour: 600 gyroscopes. Earth's horizontal rate is known with standard errors of 0.004 and 0.006 deg/h,
+/// those of 15 set points.
 #[test]
 fn intervals_contain_the_truth_at_their_rate() {
     const RUNS: u64 = 200;

@@ -1,15 +1,16 @@
 //! The gate of a campaign, and whether a wrong table gets through it.
 //!
 //! # Definition
-//! After the campaign the same IMU stays at [`ANGLES_DEG`] while the temperature runs up, and again while it runs down. What of the mistake
-//! is in the acquisition, in the turntable's angles or in the laboratory's own statements stays in these runs; wrong rows and wrong labels of
-//! the campaign do not. [`isotherm_verification::gate`] judges the runs, as in an automatic campaign, with the bounds of the fit and a factor
-//! of 10.
+//! After the campaign the same IMU stays at [`ANGLES_DEG`] while the temperature runs up, and again while it runs down.
+//! What of the mistake is in the acquisition, in the turntable's angles or in the laboratory's own statements stays in
+//! these runs; wrong rows and wrong labels of the campaign do not. [`isotherm_verification::gate`] judges the runs, as
+//! in an automatic campaign, with the bounds of the fit and a factor of 10.
 //!
-//! **True error** of a table: the largest error of its output against the simulated truth, without noise, over fourteen attitudes (six faces
-//! and eight corners) and eleven temperatures from the lowest to the highest set point, from samples as this laboratory's acquisition makes
-//! them; 1e-6 g0 of a scale factor's error at a face is 1 ppm. A table is **wrong** if its true error is over 20e-6 g0 and over 3 times that
-//! of the table from the same campaign without the mistake.
+//! **True error** of a table: the largest error of its output against the simulated truth, without noise, over fourteen
+//! attitudes (six faces and eight corners) and eleven temperatures from the lowest to the highest set point, from
+//! samples as this laboratory's acquisition makes them; 1e-6 g0 of a scale factor's error at a face is 1 ppm. A table
+//! is **wrong** if its true error is over 20e-6 g0 and over 3 times that of the table from the same campaign without
+//! the mistake.
 
 use crate::matrix::{Case, calibrated};
 use isotherm_calibration::{AlignmentChoice, Calibration, CalibrationError, CalibrationOptions, Severity, name};
@@ -97,7 +98,8 @@ fn range(case: &Case) -> (f64, f64) {
     all.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &c| (low.min(c), high.max(c)))
 }
 
-/// Judges the table of a calibration at these angles of the turntable, up and down, with a factor of stability if it is required.
+/// Judges the table of a calibration at these angles of the turntable, up and down, with a factor of stability if it is
+/// required.
 pub(crate) fn gate(
     case: &Case,
     calibration: &Calibration,
@@ -216,7 +218,8 @@ impl Installation {
     }
 }
 
-/// Tries to install the table of a case. `accept` has the names of the faults that are accepted. The text is why there is no table.
+/// Tries to install the table of a case. `accept` has the names of the faults that are accepted. The text is why there
+/// is no table.
 pub(crate) fn install(case: &Case, good: &Good, accept: &[&'static str], seed: u64) -> Result<Installation, String> {
     let fit = |alignment| {
         let options = CalibrationOptions { accept: accept.to_vec(), alignment, ..CalibrationOptions::default() };
@@ -251,8 +254,8 @@ impl Good {
     }
 }
 
-/// The names of all faults of a case that must be accepted for a table, or why there is none however many are accepted. Empty if the table
-/// is made at once.
+/// The names of all faults of a case that must be accepted for a table, or why there is none however many are accepted.
+/// Empty if the table is made at once.
 pub(crate) fn faults(case: &Case) -> Result<Vec<&'static str>, String> {
     let mut accept: Vec<&'static str> = Vec::new();
     loop {

@@ -1,6 +1,8 @@
-//! Mistakes of laboratories: no table, and the first line names the cause; or a gate that does not install what is wrong.
+//! Mistakes of laboratories: no table, and the first line names the cause; or a gate that does not install what is
+//! wrong.
 //!
-//! One seed here; with `ISOTHERM_ALL_SEEDS` set, five. `cargo run -p isotherm-calibration --example mistakes` prints the table.
+//! One seed here; with `ISOTHERM_ALL_SEEDS` set, five. `cargo run -p isotherm-calibration --example mistakes` prints
+//! the table.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 mod gate;

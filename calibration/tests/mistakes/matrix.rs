@@ -44,7 +44,8 @@ pub(crate) enum Expected {
     Warned(&'static str),
     /// A table: nothing in the data of a campaign shows the mistake. The words say what becomes of it.
     Invisible(&'static str),
-    /// A wrong table that can be installed: nothing in the data of a campaign or of a verification run shows the mistake. The words say why.
+    /// A wrong table that can be installed: nothing in the data of a campaign or of a verification run shows the
+    /// mistake. The words say why.
     InPrinciple(&'static str),
 }
 
@@ -506,8 +507,8 @@ pub(crate) fn mistakes() -> Vec<Mistake> {
     }
 }
 
-/// A correct campaign of another laboratory: set points, positions, rows, telemetry, tilt and noise are drawn from `seed`.
-/// Returns the case and what it is.
+/// A correct campaign of another laboratory: set points, positions, rows, telemetry, tilt and noise are drawn from
+/// `seed`. Returns the case and what it is.
 pub(crate) fn correct(seed: u64) -> (Case, String) {
     correct_of(seed, |truth| truth)
 }

@@ -1,4 +1,5 @@
-//! A real thermal run of a consumer IMU with gyroscopes: it has more hysteresis than a lag explains, and its time constant cannot be found from it.
+//! A real thermal run of a consumer IMU with gyroscopes: it has more hysteresis than a lag explains, and its time
+//! constant cannot be found from it.
 
 use isotherm_calibration::{
     CurveSource, LagChoice, RampRecording, TransientOptions, TransientVerdict, Transients, fit,
@@ -61,7 +62,8 @@ fn with_a_given_time_constant_five_of_six_are_written() {
     }
 }
 
-/// What the table of the fit leaves of A1 .. G3 in the last cooling, which was not fitted: rms about the mean of what was \[g0, deg/h\].
+/// What the table of the fit leaves of A1 .. G3 in the last cooling, which was not fitted: rms about the mean of what
+/// was \[g0, deg/h\].
 fn left_over(found: &Transients, rows: &[RawSample]) -> [f64; 6] {
     let mut content = nominal().content().clone();
     found.apply(&mut content);

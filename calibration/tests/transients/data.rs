@@ -99,7 +99,8 @@ fn the_table_gets_lag_transients_and_curves() {
     // Alone, the ramps give the shape of the curves; the value at mid range is the table's.
     fitted(CurveSource::Ramps, LagChoice::Search).apply(&mut content);
     CoefficientTable::new(content.clone()).unwrap();
-    // A1 is level in one ramp and A2 nearly: their curves are those of the bias. A3 carries 1 g0: its K+ is in its curve.
+    // A1 is level in one ramp and A2 nearly: their curves are those of the bias. A3 carries 1 g0: its K+ is in its
+    // curve.
     for (axis, right) in content.axes.iter().zip(&table.content().axes).take(2) {
         let [low, high] = axis.bias.range();
         let middle = low.midpoint(high);

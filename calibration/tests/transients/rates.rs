@@ -1,7 +1,8 @@
 //! The decision rule's error rates over simulated IMUs.
 //!
-//! A seed is a case: seeds 0..256 without a lag, or on ramps that do not show it, and seeds 0..128 with three biases of which one has no transient. The
-//! tests of every run take the first 64 and 48; the rest are ignored, for `cargo test -p isotherm-calibration --test transients -- --ignored`.
+//! A seed is a case: seeds 0..256 without a lag, or on ramps that do not show it, and seeds 0..128 with three biases of
+//! which one has no transient. The tests of every run take the first 64 and 48; the rest are ignored, for `cargo
+//! test -p isotherm-calibration --test transients -- --ignored`.
 
 use super::simulated::*;
 use isotherm_calibration::{BiasTransient, LagChoice, TransientVerdict, Transients};
@@ -99,7 +100,8 @@ struct Rates {
     squares: f64,
 }
 
-/// Two transients of 3000 to 10000 ug0 s/V with a time constant of 60 to 600 s, and a bias without one; a quarter of the IMUs drifts.
+/// Two transients of 3000 to 10000 ug0 s/V with a time constant of 60 to 600 s, and a bias without one; a quarter of
+/// the IMUs drifts.
 fn rates(seeds: core::ops::Range<u64>) -> Rates {
     let mut rates = Rates::default();
     for seed in seeds.clone() {

@@ -18,7 +18,8 @@ fn search(truth: &Truth, schedules: &[RampSchedule]) -> Transients {
     fitted(truth, &recorded(truth, schedules, 11), LagChoice::Search)
 }
 
-/// t tau of every axis is within `part` of the truth; that of A3, whose transient is small and whose scale factor counts too, within twice that.
+/// t tau of every axis is within `part` of the truth; that of A3, whose transient is small and whose scale factor
+/// counts too, within twice that.
 fn assert_found(found: &Transients, part: f64, what: &str) {
     for (bias, right) in found.biases.iter().zip(TRANSIENTS) {
         let part = if bias.axis == 2 { 2.0 * part } else { part };

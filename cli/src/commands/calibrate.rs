@@ -28,7 +28,8 @@ impl Calibrate {
         or_document(self.json, self.make_tables())?
     }
 
-    /// Makes the table, or those of a batch. The inner result tells which IMUs of a batch were dropped; what is printed has them too.
+    /// Makes the table, or those of a batch. The inner result tells which IMUs of a batch were dropped; what is printed
+    /// has them too.
     fn make_tables(&self) -> Result<Result<(), Failure>, Refused> {
         if self.json && self.output == Path::new("-") {
             let message = "--json and -o - both go to stdout; give the table a file";
@@ -50,8 +51,9 @@ impl Calibrate {
         }
     }
 
-    /// Makes the table of one IMU and writes it. `text` is that of the campaign file, if there is one. The inner result tells whether the samples
-    /// give a table; the outer one fails if the command line is wrong, or if the table cannot be written.
+    /// Makes the table of one IMU and writes it. `text` is that of the campaign file, if there is one. The inner result
+    /// tells whether the samples give a table; the outer one fails if the command line is wrong, or if the table cannot
+    /// be written.
     fn make_table(
         &self,
         campaign: &Campaign,

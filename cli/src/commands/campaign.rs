@@ -29,8 +29,8 @@ use std::time::Duration;
 
 /// Drive chamber and two-axis turntable through a campaign, and take its samples
 ///
-/// A plan names set points, positions, rules and instruments. The samples are tapped from the running service's raw stream; the
-/// folder that it writes is what `isotherm calibrate` reads.
+/// A plan names set points, positions, rules and instruments. The samples are tapped from the running service's raw
+/// stream; the folder that it writes is what `isotherm calibrate` reads.
 #[derive(Debug, Args)]
 #[command(
     arg_required_else_help = true,
@@ -51,8 +51,8 @@ enum CampaignAction {
 
 /// Run the campaign, or go on with the first dwell, turn, ramp or run that is missing
 ///
-/// SIGINT, SIGTERM, `isotherm campaign stop` and every error end in the safe state: turntable stopped, chamber in standby. Run it
-/// again to go on.
+/// SIGINT, SIGTERM, `isotherm campaign stop` and every error end in the safe state: turntable stopped, chamber in
+/// standby. Run it again to go on.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm campaign run plan.toml\n  isotherm campaign run plan.toml --calibrate --require 10,bias=20ug0"
@@ -64,10 +64,12 @@ struct RunCampaign {
     /// Then fit the table, write its report, and evaluate the verification runs
     #[arg(long)]
     calibrate: bool,
-    /// With --calibrate: install the table if every verification run shows these bounds: a factor of stability, or bias=20ug0,scale=50ppm,level=5arcsec
+    /// With --calibrate: install the table if every verification run shows these bounds: a factor of stability, or
+    /// bias=20ug0,scale=50ppm,level=5arcsec
     ///
-    /// Bounds that are not given come from the fit's own errors. A table that is worse than the one in force on the same runs, or covers less
-    /// of its range, is not installed; the predecessor of an installed table stays beside it (isotherm rollback)
+    /// Bounds that are not given come from the fit's own errors. A table that is worse than the one in force on the
+    /// same runs, or covers less of its range, is not installed; the predecessor of an installed table stays beside it
+    /// (isotherm rollback)
     #[arg(long, value_name = "BOUNDS", requires = "calibrate")]
     require: Vec<Requirement>,
     /// Give the table an alignment matrix [default: as the table in force; without one, if the IMU needs it]
@@ -76,8 +78,8 @@ struct RunCampaign {
     /// Give the table no alignment matrix
     #[arg(long, requires = "calibrate")]
     no_alignment: bool,
-    /// Time constant of the lag behind the telemetry [s], for example that of a sister unit; or none, for a table without transients [default:
-    /// found in the ramps]
+    /// Time constant of the lag behind the telemetry [s], for example that of a sister unit; or none, for a table
+    /// without transients [default: found in the ramps]
     #[arg(long, value_name = "S|none", requires = "calibrate", value_parser = lag_choice)]
     lag: Option<LagChoice>,
     /// Make the table in spite of a fault of this name; may be repeated

@@ -29,8 +29,8 @@ pub(super) struct LagSetting {
     pub ns: Option<u64>,
 }
 
-/// Warns once if a table has gyroscopes and a sample has none: nothing in such an increment tells that its angles mean nothing, where the
-/// telemetry 0 is inside the range.
+/// Warns once if a table has gyroscopes and a sample has none: nothing in such an increment tells that its angles mean
+/// nothing, where the telemetry 0 is inside the range.
 pub(super) struct GyroscopeWarning {
     due: bool,
 }
@@ -65,8 +65,8 @@ impl<F: Into<Failure>> From<F> for Refused {
     }
 }
 
-/// Prints the document of a failure to stdout, if `--json` is given. A command calls this once, for everything that can fail before its
-/// results are printed.
+/// Prints the document of a failure to stdout, if `--json` is given. A command calls this once, for everything that can
+/// fail before its results are printed.
 pub(super) fn or_document<T>(json: bool, result: Result<T, Refused>) -> Result<T, Failure> {
     result.map_err(|Refused { failure, document }| {
         if json {

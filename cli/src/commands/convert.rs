@@ -17,8 +17,9 @@ use std::time::Duration;
 
 /// Make a recording of data from other programs: text, NovAtel logs, ROS messages
 ///
-/// A text (CSV, with any separator) needs a mapping file, which says what its columns are; without one, the mapping that would be is
-/// printed. NovAtel RAWIMU, RAWIMUX, RAWIMUS and RAWIMUSX in ASCII, and sensor_msgs/msg/Imu in MCAP, need none.
+/// A text (CSV, with any separator) needs a mapping file, which says what its columns are; without one, the mapping
+/// that would be is printed. NovAtel RAWIMU, RAWIMUX, RAWIMUS and RAWIMUSX in ASCII, and sensor_msgs/msg/Imu in MCAP,
+/// need none.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.parquet\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv"

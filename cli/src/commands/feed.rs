@@ -22,7 +22,8 @@ use std::time::{Duration, Instant};
 
 /// Longest single wait for an answer; signals and flushes are checked after each.
 const PAUSE: Duration = Duration::from_millis(50);
-/// How long connecting may take before the operator is told what is waited for. The place of a killed acquisition is free sooner.
+/// How long connecting may take before the operator is told what is waited for. The place of a killed acquisition is
+/// free sooner.
 const PATIENCE: Duration = Duration::from_millis(300);
 
 /// Send a recording through the running service, as an acquisition process does

@@ -1,4 +1,5 @@
-//! The commands, one file each. A command parses its arguments, calls a library, prints messages and returns the exit code.
+//! The commands, one file each. A command parses its arguments, calls a library, prints messages and returns the exit
+//! code.
 
 mod calibrate;
 mod campaign;

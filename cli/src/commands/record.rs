@@ -18,8 +18,8 @@ use std::time::Duration;
 
 /// Record raw samples and increments of running IMUs, without disturbing them
 ///
-/// Waits for the service, goes on over restarts of service and acquisition, and ends on SIGINT or SIGTERM. At every moment the
-/// files hold everything up to the last flush, even if the recorder is killed.
+/// Waits for the service, goes on over restarts of service and acquisition, and ends on SIGINT or SIGTERM. At every
+/// moment the files hold everything up to the last flush, even if the recorder is killed.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm record --imu imu-a -o flight.mcap\n  isotherm record --imu imu-a --imu imu-b -o flight-{imu}.parquet --rotate-time 3600\n  isotherm record --imu imu-a -o - | head\n  isotherm record --imu imu-a --format ros --table imu-a.toml -o drive.mcap"
@@ -30,8 +30,8 @@ pub(crate) struct Record {
     imus: Vec<ImuId>,
     /// Where the rows go: .csv, .parquet or .mcap; {imu} in the name stands for the IMU; - is stdout (CSV)
     ///
-    /// CSV and Parquet have one file per stream: FILE.csv for raw samples, FILE.increments.csv. A file that exists is never
-    /// replaced.
+    /// CSV and Parquet have one file per stream: FILE.csv for raw samples, FILE.increments.csv. A file that exists is
+    /// never replaced.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Format of the files, whatever their name ends with; ros is MCAP with sensor_msgs/msg/Imu
@@ -39,8 +39,8 @@ pub(crate) struct Record {
     format: Option<Format>,
     /// Table of an IMU, for --format ros, which names it; may be given several times
     ///
-    /// Without it the messages only name the first 16 digits of the table's digest, and there is no sensor_msgs/msg/Temperature, for which
-    /// the unit of the telemetry must be known to be degC.
+    /// Without it the messages only name the first 16 digits of the table's digest, and there is no
+    /// sensor_msgs/msg/Temperature, for which the unit of the telemetry must be known to be degC.
     #[arg(long = "table", value_name = "TABLE")]
     tables: Vec<PathBuf>,
     /// Only this stream; both unless given, and raw if they go to stdout

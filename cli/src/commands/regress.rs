@@ -21,15 +21,17 @@ const NAMED: usize = 20;
 
 /// Fit polynomials of one column on another, and other columns linearly: order table, chosen order, and warnings
 ///
-/// A column may be `a-b`, the difference of the columns a and b. Columns separated by commas, semicolons, tabs or spaces are detected, and
-/// decimal commas where commas do not separate the columns. Every order from 1 to the highest is fitted, in double-double arithmetic on the decimals as they are written. The chosen
-/// order is the highest whose last term is both significant and moves the curve by more than a threshold.
+/// A column may be `a-b`, the difference of the columns a and b. Columns separated by commas, semicolons, tabs or
+/// spaces are detected, and decimal commas where commas do not separate the columns. Every order from 1 to the highest
+/// is fitted, in double-double arithmetic on the decimals as they are written. The chosen order is the highest whose
+/// last term is both significant and moves the curve by more than a threshold.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm regress dwells.csv --x a1_head --y a1_bias\n  isotherm regress dwells.csv --x u --y k --weights w --max-order 10 --json\n  isotherm regress ramp.csv --x a1_head --x a1_head_lagged-a1_head --y a1_positive-a1_negative"
 )]
 pub(crate) struct Regress {
-    /// Data with named columns (CSV with a header row, Parquet, MCAP), or the pieces of one recording in any order; - is stdin
+    /// Data with named columns (CSV with a header row, Parquet, MCAP), or the pieces of one recording in any order; -
+    /// is stdin
     #[arg(value_name = "DATA", required = true)]
     data: Vec<PathBuf>,
     /// The IMU whose columns are read, in a recording of several IMUs
@@ -47,7 +49,8 @@ pub(crate) struct Regress {
     /// Column of the weights, inverse variances up to a factor, over 0
     #[arg(long, value_name = "COLUMN")]
     weights: Option<String>,
-    /// Smallest change of the curve that matters, in the unit of y [default: a quarter of the residual standard deviation]
+    /// Smallest change of the curve that matters, in the unit of y [default: a quarter of the residual standard
+    /// deviation]
     #[arg(long, value_name = "Y", allow_negative_numbers = true, value_parser = size)]
     min_effect: Option<f64>,
     /// One JSON document

@@ -23,8 +23,8 @@ const HOUSEKEEPING: Duration = Duration::from_secs(1);
 
 /// Hand increments on into another domain, from where a tunnel carries them to other machines
 ///
-/// A reader like any other: it cannot disturb the service, and nothing comes back from the other domain. It may be started before
-/// the service and stays through its restarts. Runs until SIGTERM or SIGINT.
+/// A reader like any other: it cannot disturb the service, and nothing comes back from the other domain. It may be
+/// started before the service and stays through its restarts. Runs until SIGTERM or SIGINT.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm relay --imu imu-a --to net\n  isotherm --domain bench relay --imu imu-a --imu imu-b --to bench-net"

@@ -17,9 +17,9 @@ use std::{fmt, io, slice};
 
 /// Compensate a recording offline, with the very arithmetic of the service
 ///
-/// The output equals that of `feed`, byte for byte. A file named .mcap gets ROS messages instead, sensor_msgs/msg/Imu. The last line on
-/// stderr counts the flags, and where rows are missing or time steps, those too. The flags are those of the service
-/// without delivery.
+/// The output equals that of `feed`, byte for byte. A file named .mcap gets ROS messages instead, sensor_msgs/msg/Imu.
+/// The last line on stderr counts the flags, and where rows are missing or time steps, those too. The flags are those
+/// of the service without delivery.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm replay --table imu-a.toml run.csv -o increments.csv\n  isotherm replay --table imu-a.toml flight-????.parquet -o increments.csv\n  zcat run.csv.gz | isotherm replay --table imu-a.toml - | head\n  isotherm replay --table imu-a.toml run.csv -o run.mcap"

@@ -9,8 +9,9 @@ use std::path::PathBuf;
 
 /// Bring the predecessor of an installed table back
 ///
-/// `campaign run --calibrate` keeps the table that it replaces as TABLE.previous. This exchanges the two in one step, which a running
-/// service notices at once. The same command again takes it back. A predecessor that is broken, or of another IMU, is refused.
+/// `campaign run --calibrate` keeps the table that it replaces as TABLE.previous. This exchanges the two in one step,
+/// which a running service notices at once. The same command again takes it back. A predecessor that is broken, or of
+/// another IMU, is refused.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm rollback /etc/isotherm/tables/imu-a.toml\n  isotherm rollback --imu imu-a /etc/isotherm/tables/imu-a.toml"

@@ -26,7 +26,8 @@ const FIRST_TURN: u32 = 13;
 /// Angle of a turn unless another is given: twice around \[deg\].
 const WHOLE_TURNS_DEG: f64 = 720.0;
 
-/// Make a campaign, ramps or a temperature run of a simulated IMU whose coefficients are known, or run a simulated station
+/// Make a campaign, ramps or a temperature run of a simulated IMU whose coefficients are known, or run a simulated
+/// station
 ///
 /// The coefficients that the data come from are written beside them as truth.toml.
 #[derive(Debug, Args)]
@@ -49,7 +50,8 @@ enum Simulation {
     StationPart(station::StationPart),
 }
 
-/// A campaign on a two-axis turntable in a temperature chamber: campaign.toml, samples.csv, truth.toml, and ramps if you like
+/// A campaign on a two-axis turntable in a temperature chamber: campaign.toml, samples.csv, truth.toml, and ramps if
+/// you like
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm simulate campaign -o campaign\n  isotherm simulate campaign -o hundred --vary --seed 100 --set-points -20:40:10 --positions six-faces-six-edges\n  isotherm simulate campaign -o fast --interval 0.01 --telemetry-every 1 --vibration 0.01,35\n  isotherm simulate campaign -o whole --gyroscopes --latitude -33.9\n  isotherm simulate campaign -o moving --lag 240 --transient 35,-20,12 --ramps"
@@ -81,7 +83,8 @@ struct SimulateCampaign {
     /// Angle of the six turns at each set point [deg]; 720 unless given; only with gyroscopes
     #[arg(long, value_name = "DEG", value_parser = PossibleValuesParser::new(["360", "720"]).map(|angle| if angle == "360" { 360.0 } else { 720.0 }))]
     turn_angle: Option<f64>,
-    /// Record ramps too, from the first set point to the last and back, with A3 up and holds of 1800 s: ramp-1.csv and one more for each rate [degC/h]
+    /// Record ramps too, from the first set point to the last and back, with A3 up and holds of 1800 s: ramp-1.csv and
+    /// one more for each rate [degC/h]
     #[arg(long, value_name = "R1,R2", num_args = 0..=1, default_missing_value = RATES, value_parser = rates)]
     ramps: Option<Rates>,
     /// Time between two telemetry readings [s]; 0 for a reading in every row

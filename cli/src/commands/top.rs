@@ -13,8 +13,8 @@ use std::time::Duration;
 
 /// Watch the running service on a live screen
 ///
-/// Waits for a service that is not there, and goes on when it returns. Keys: q quits, up and down select an IMU, p pauses, ?
-/// shows the rest. NO_COLOR switches colours off.
+/// Waits for a service that is not there, and goes on when it returns. Keys: q quits, up and down select an IMU, p
+/// pauses, ? shows the rest. NO_COLOR switches colours off.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm top\n  isotherm top --domain bench\n  ssh -t vehicle sudo -u isotherm isotherm top"

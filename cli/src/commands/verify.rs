@@ -32,18 +32,21 @@ const MOST_ROWS: usize = 4_000_000;
 /// Show how stable the output of a recording is, before and after compensation, and how large its errors are
 ///
 /// The IMU must be held still while its temperature runs. Before: the table's coefficients frozen at the run's mid
-/// temperature. After: the full model. Constant error, variation and noise of every axis have 95 % intervals. Where the IMU was still, the
-/// length of the output is compared with local gravity. If it is off by more than any place on Earth allows, or if over 1 % of the windows are
-/// not at the attitude, nothing is claimed, and no requirement is met. The first line says how many windows are left out, and why: those in which
-/// the output shows that the IMU moved. A drift of a bias leaves none out.
+/// temperature. After: the full model. Constant error, variation and noise of every axis have 95 % intervals. Where the
+/// IMU was still, the length of the output is compared with local gravity. If it is off by more than any place on Earth
+/// allows, or if over 1 % of the windows are not at the attitude, nothing is claimed, and no requirement is met. The
+/// first line says how many windows are left out, and why: those in which the output shows that the IMU moved. A drift
+/// of a bias leaves none out.
 ///
-/// In a run that heats and cools, the hysteresis band shows how far the errors in both directions are apart, with the table's transients and without.
+/// In a run that heats and cools, the hysteresis band shows how far the errors in both directions are apart, with the
+/// table's transients and without.
 ///
-/// An IMU that was put down by hand in many attitudes, with a table of calibrate --gravity-only, or with --standstills: the standstills are
-/// found, and the length of the output over each is compared with local gravity. Of the bounds only scale is judged then.
+/// An IMU that was put down by hand in many attitudes, with a table of calibrate --gravity-only, or with --standstills:
+/// the standstills are found, and the length of the output over each is compared with local gravity. Of the bounds only
+/// scale is judged then.
 ///
-/// Gyroscopes are judged where table and recording have them. At rest they feel Earth's rate: with --angles and a table whose provenance
-/// has it, it is taken off; otherwise only their variation is judged.
+/// Gyroscopes are judged where table and recording have them. At rest they feel Earth's rate: with --angles and a table
+/// whose provenance has it, it is taken off; otherwise only their variation is judged.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm verify --table imu-a.toml run.csv --attitude 0.6,-0.48,0.64 --report verify.html\n  isotherm verify --table imu-a.toml run.csv --attitude 0.6,-0.48,0.64 --require bias=20ug0,scale=50ppm,level=5arcsec\n  isotherm verify --table imu-g.toml run.csv --angles 50,130 --require bias=20ug0,rate=0.1deg/h"
@@ -58,26 +61,29 @@ pub(crate) struct Verify {
     /// Recording of raw samples (CSV, Parquet, MCAP), or the pieces of one in any order; - is stdin
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
-    /// Length of the windows that means are taken over [s]; of standstills, that of the windows they are searched with [default: 10, and 1 for
-    /// standstills]
+    /// Length of the windows that means are taken over [s]; of standstills, that of the windows they are searched with
+    /// [default: 10, and 1 for standstills]
     #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = seconds)]
     window: Option<Duration>,
-    /// Compare the lengths over the standstills of an IMU that was put down by hand in many attitudes, also with a table of a turntable
+    /// Compare the lengths over the standstills of an IMU that was put down by hand in many attitudes, also with a
+    /// table of a turntable
     #[arg(long, conflicts_with_all = ["attitude", "angles"])]
     standstills: bool,
-    /// Fail unless the run shows that every bound is met: bias=20ug0,scale=50ppm,level=5arcsec,rate=0.1deg/h, or a bare factor of stability
+    /// Fail unless the run shows that every bound is met: bias=20ug0,scale=50ppm,level=5arcsec,rate=0.1deg/h, or a bare
+    /// factor of stability
     ///
-    /// bias: the whole error of every axis (ug0, mg0); scale: of the length against gravity (ppm); level: across the specific force (arcsec,
-    /// urad); rate: the whole error of every gyroscope (deg/h); factor: the standard deviation of every accelerometer, before
-    /// over after. The upper end of the 95 % interval counts. bias and level need --attitude or --angles, bias and scale need
-    /// local gravity, rate needs --angles and a table with Earth's rate. The run must have 12 windows at least
+    /// bias: the whole error of every axis (ug0, mg0); scale: of the length against gravity (ppm); level: across the
+    /// specific force (arcsec, urad); rate: the whole error of every gyroscope (deg/h); factor: the standard deviation
+    /// of every accelerometer, before over after. The upper end of the 95 % interval counts. bias and level
+    /// need --attitude or --angles, bias and scale need local gravity, rate needs --angles and a table with Earth's
+    /// rate. The run must have 12 windows at least
     #[arg(long, value_name = "BOUNDS", allow_negative_numbers = true)]
     require: Vec<Requirement>,
     /// Direction of the specific force along A1, A2, A3 [default: the median of the compensated output]
     #[arg(long, value_name = "F1,F2,F3", allow_hyphen_values = true, value_parser = direction)]
     attitude: Option<[f64; AXES]>,
-    /// Angles of the turntable that the table's campaign was measured on, in the run [deg]: with the provenance of the table they give
-    /// Earth's rate along the gyroscopes, and the attitude
+    /// Angles of the turntable that the table's campaign was measured on, in the run [deg]: with the provenance of the
+    /// table they give Earth's rate along the gyroscopes, and the attitude
     #[arg(long, value_name = "OUTER,INNER", allow_hyphen_values = true, value_parser = crate::parse::numbers::<2>)]
     angles: Option<[f64; 2]>,
     /// Local gravity in m/s2 [default: gravity_local of the table's provenance]
@@ -104,8 +110,8 @@ impl Verify {
         or_document(self.json, self.show())?
     }
 
-    /// The lengths over the standstills, if they are asked for, or if the table was measured that way and the recording has several attitudes. `whole` says
-    /// whether `rows` are all rows.
+    /// The lengths over the standstills, if they are asked for, or if the table was measured that way and the recording
+    /// has several attitudes. `whole` says whether `rows` are all rows.
     fn lengths(
         &self,
         table: &CoefficientTable,

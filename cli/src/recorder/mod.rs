@@ -114,8 +114,8 @@ impl Recorder {
         })
     }
 
-    /// Records until `end` is set or `duration` has passed since the first row. Every `flush` the rows are made visible and
-    /// lasting.
+    /// Records until `end` is set or `duration` has passed since the first row. Every `flush` the rows are made visible
+    /// and lasting.
     ///
     /// # Errors
     /// If a file cannot be written, or the tap fails. What was written stays.

@@ -34,8 +34,9 @@ pub(super) struct StreamCounts {
 type Ends = [Option<(u64, u64)>; 2];
 
 impl StreamCounts {
-    /// Counts a row that comes for the first time. Returns whether it is to be written. A raw sample that comes after a later one
-    /// is not written, because `feed` needs rising sequences. An increment that comes after a later one is written.
+    /// Counts a row that comes for the first time. Returns whether it is to be written. A raw sample that comes after a
+    /// later one is not written, because `feed` needs rising sequences. An increment that comes after a later one is
+    /// written.
     pub(super) fn take(&mut self, stream: StreamKind, row: Period) -> bool {
         let Period { session, sequence, .. } = row;
         self.extend(stream, session, sequence);
@@ -71,8 +72,8 @@ impl StreamCounts {
         &self.tallies[stream as usize]
     }
 
-    /// Also counts what is missing at the beginnings and ends of sessions, by comparing the two streams. To be called once, at
-    /// the end, if both were recorded.
+    /// Also counts what is missing at the beginnings and ends of sessions, by comparing the two streams. To be called
+    /// once, at the end, if both were recorded.
     pub(super) fn count_missing_at_ends(&mut self) {
         // Up to RAW_DEPTH samples may have been in flight when the recording began or ended. They are not missing.
         let mut before = RAW_DEPTH as u64;
@@ -175,7 +176,8 @@ mod tests {
         assert_eq!((counts.tally(Raw).missing, counts.tally(Increment).missing), (0, 0));
         counts.count_missing_at_ends();
         assert_eq!((counts.tally(Raw).missing, counts.tally(Increment).missing), (20, 4));
-        // Up to 64 samples without an increment at the end count as in flight; from 65 on, all of them count as missing.
+        // Up to 64 samples without an increment at the end count as in flight; from 65 on, all of them count as
+        // missing.
         for (answered, missing) in [(36, 0), (35, 65)] {
             let mut counts = StreamCounts::default();
             take_all(&mut counts, Raw, 1, 0..=100);

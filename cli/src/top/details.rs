@@ -117,8 +117,8 @@ fn about_lines(model: &Model, imu: &ImuStatus, width: u16) -> Vec<Line<'static>>
     lines
 }
 
-/// Lines that say why the table file as it is now is not in force, and that the samples are of another unit, or have another lag, than the
-/// table.
+/// Lines that say why the table file as it is now is not in force, and that the samples are of another unit, or have
+/// another lag, than the table.
 fn alert_lines(theme: Theme, imu: &ImuStatus) -> Vec<Line<'static>> {
     let refused = imu.last_reload_error.as_ref().map(|error| {
         let since = imu.refused_unix_s.map_or(String::new(), |then| format!(" {} ago", age(unix_s() - then)));

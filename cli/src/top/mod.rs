@@ -1,7 +1,8 @@
 //! The live screen: shows the status of the service five times a second, until the user quits.
 //!
-//! It reads the status stream and the increments of the selected IMU. Both queues are emptied at every tick; nothing else of the
-//! service is touched. Everything that is drawn comes from a [`Model`], so that the drawing can be tested without a terminal.
+//! It reads the status stream and the increments of the selected IMU. Both queues are emptied at every tick; nothing
+//! else of the service is touched. Everything that is drawn comes from a [`Model`], so that the drawing can be tested
+//! without a terminal.
 
 mod details;
 mod increments;
@@ -49,8 +50,8 @@ pub(crate) fn run(options: Options, theme: Theme) -> Result<(), Failure> {
     shown.map_err(|error| Failure::new(Exit::Io, format!("drawing on the terminal: {error}")))
 }
 
-/// A flag that SIGTERM, SIGINT and SIGHUP set. [`EXIT_DELAY`] later the signal ends the process in any case: writing to a blocked
-/// terminal, or reading from one that is gone, may never return.
+/// A flag that SIGTERM, SIGINT and SIGHUP set. [`EXIT_DELAY`] later the signal ends the process in any case: writing to
+/// a blocked terminal, or reading from one that is gone, may never return.
 fn end_on_signals() -> Result<Arc<AtomicBool>, Failure> {
     let failed = |error: io::Error| Failure::new(Exit::Failed, format!("handling signals: {error}"));
     let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP]).map_err(failed)?;

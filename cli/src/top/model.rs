@@ -201,8 +201,8 @@ impl Model {
         self.table.select(Some((self.selected() + count - 1) % count));
     }
 
-    /// The newest status that is at least `age_ns` older than the last one, or else the oldest. `None` if there is only one
-    /// status.
+    /// The newest status that is at least `age_ns` older than the last one, or else the oldest. `None` if there is only
+    /// one status.
     fn before(&self, age_ns: u64) -> Option<&ServiceStatus> {
         let newest = self.status()?.taken_ns;
         let old_enough = |status: &&ServiceStatus| status.taken_ns + age_ns <= newest;
@@ -218,8 +218,8 @@ impl Model {
         self.waiting.is_none().then_some(rate)
     }
 
-    /// Latency counts of the selected IMU by coarse buckets, and the time that they cover \[s\]: the last minute, or less at the
-    /// beginning.
+    /// Latency counts of the selected IMU by coarse buckets, and the time that they cover \[s\]: the last minute, or
+    /// less at the beginning.
     pub(super) fn distribution(&self) -> (Vec<u64>, f64) {
         let Some((before, now)) = self.before(MINUTE_NS).zip(self.status()) else { return (Vec::new(), 0.0) };
         let counts = |status: &ServiceStatus| {

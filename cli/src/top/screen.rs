@@ -53,7 +53,8 @@ pub(super) fn draw(frame: &mut Frame<'_>, model: &mut Model) {
     let full = area.width >= FULL.0 && area.height >= FULL.1;
     let needed = if full { details::FULL_LINES } else { details::FEW_LINES };
     let imus = model.status().map_or(0, |status| status.imus.len()) as u16;
-    // The details of the selected IMU get the lines that they need. The table gets the rest, at least its heading and one line.
+    // The details of the selected IMU get the lines that they need. The table gets the rest, at least its heading and
+    // one line.
     let rows = imus.min(middle.height.saturating_sub(needed + 1)).max(1);
     let [table, rest] = Layout::vertical([Constraint::Length(rows + 1), Constraint::Min(0)]).areas(middle);
     if imus > 0 {
@@ -67,7 +68,8 @@ pub(super) fn draw(frame: &mut Frame<'_>, model: &mut Model) {
     if model.help {
         help(frame, area);
     }
-    // The status is the text of another process. ratatui leaves control characters out, but not those of the direction of writing.
+    // The status is the text of another process. ratatui leaves control characters out, but not those of the direction
+    // of writing.
     for cell in &mut frame.buffer_mut().content {
         if printable(cell.symbol()) != cell.symbol() {
             cell.set_symbol("?");

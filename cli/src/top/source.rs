@@ -5,7 +5,8 @@ use isotherm_failure::{Exit, Failure};
 use isotherm_shared::status::ServiceStatus;
 use std::time::{Duration, Instant};
 
-/// A running service publishes its status ten times a second. Without a status for this time, the service is waited for.
+/// A running service publishes its status ten times a second. Without a status for this time, the service is waited
+/// for.
 const STALE_AFTER: Duration = Duration::from_secs(2);
 /// Pause between two attempts to connect.
 const RETRY: Duration = Duration::from_secs(1);

@@ -17,8 +17,8 @@ use isotherm_client::{
 /// Maximum number of samples on loan from one acquisition.
 pub const ISOTHERM_LOANS: usize = 4;
 
-/// The one acquisition process of an IMU. It sends raw samples and receives their increments, each once and in the order of
-/// sending.
+/// The one acquisition process of an IMU. It sends raw samples and receives their increments, each once and in the
+/// order of sending.
 #[derive(Debug)]
 pub struct isotherm_acquisition(Handle<AcquisitionContent>);
 
@@ -90,7 +90,8 @@ unsafe fn merge(sample: *mut RawSample, later: *const RawSample) -> Result<(), C
     if sample.is_null() || later.is_null() {
         return Err(NULL);
     }
-    // SAFETY: not NULL, so they are readable, as the header requires. Both are copied, because they may be the same sample.
+    // SAFETY: not NULL, so they are readable, as the header requires. Both are copied, because they may be the same
+    // sample.
     let (mut sum, later) = unsafe { (sample.read(), later.read()) };
     sum.merge(&later).map_err(|error: MergeError| CodedError::from(error))?;
     // SAFETY: not NULL, so it is writable, as the header requires.
@@ -121,21 +122,22 @@ pub(crate) fn with(
     enter(unsafe { acquisition.as_ref() }.map(|handle| &handle.0), work)
 }
 
-/// How an acquisition reaches the service, and what it tells it. A field that is 0 or NULL has its default, so begin with
-/// `isotherm_options options = {0};`.
+/// How an acquisition reaches the service, and what it tells it. A field that is 0 or NULL has its default, so begin
+/// with `isotherm_options options = {0};`.
 #[derive(Clone, Copy)]
 #[repr(C)]
 pub struct isotherm_options {
-    /// sizeof(isotherm_options), or 0. A later version may add fields at the end: it reads only those that the size has, and with 0 those of
-    /// this version.
+    /// sizeof(isotherm_options), or 0. A later version may add fields at the end: it reads only those that the size
+    /// has, and with 0 those of this version.
     pub size: u64,
-    /// Name of the service's domain. If it is NULL, the environment variable ISOTHERM_DOMAIN names the domain, else it is "default".
+    /// Name of the service's domain. If it is NULL, the environment variable ISOTHERM_DOMAIN names the domain, else it
+    /// is "default".
     pub domain: *const c_char,
-    /// How long connecting may take [ns]. This includes waiting for a service that has not started yet. 0 is the default, 5 s;
-    /// ISOTHERM_NO_WAIT does not wait.
+    /// How long connecting may take [ns]. This includes waiting for a service that has not started yet. 0 is the
+    /// default, 5 s; ISOTHERM_NO_WAIT does not wait.
     pub timeout_ns: u64,
-    /// Serial number of the unit, in UTF-8; NULL if it is not known. The service flags samples of another unit than the table's. Outer
-    /// blanks do not count.
+    /// Serial number of the unit, in UTF-8; NULL if it is not known. The service flags samples of another unit than the
+    /// table's. Outer blanks do not count.
     pub serial: *const c_char,
     /// Time constant of the lagged telemetry [s], 0.1 to 86400, or ISOTHERM_LAG_SERVICE or ISOTHERM_LAG_NONE.
     pub lag_s: f64,
@@ -146,8 +148,9 @@ pub struct isotherm_options {
 /// `imu` is the IMU's name. If `options` is NULL, all have their defaults. The handle is written to
 /// `*acquisition`; NULL is written if the call fails. Close the handle with isotherm_acquisition_close.
 ///
-/// ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._OCCUPIED, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED,
-/// .._TRANSPORT, .._VALUE for a serial number that is not UTF-8, a `lag_s` that is no time constant, or another `size`.
+/// ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._OCCUPIED, .._NO_ROOM, .._PERMISSION,
+/// .._EXHAUSTED, .._TRANSPORT, .._VALUE for a serial number that is not UTF-8, a `lag_s` that is no time constant, or
+/// another `size`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_acquisition_connect(
     imu: *const c_char,
@@ -179,23 +182,25 @@ unsafe fn options(options: *const isotherm_options) -> Result<Options, CodedErro
     Ok(Options { serial, lag: lag_option(given.lag_s)?, ..Options::new(domain, timeout(given.timeout_ns)) })
 }
 
-/// Leaves the streams and frees the handle, with all samples that are on loan from it, which count as lost. NULL is allowed.
+/// Leaves the streams and frees the handle, with all samples that are on loan from it, which count as lost. NULL is
+/// allowed.
 ///
-/// ISOTHERM_OK; ISOTHERM_LOST if control periods were not sent (isotherm_lost) or samples are unanswered (isotherm_in_flight): the handle is
-/// closed all the same. After ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED the handle is still open.
+/// ISOTHERM_OK; ISOTHERM_LOST if control periods were not sent (isotherm_lost) or samples are unanswered
+/// (isotherm_in_flight): the handle is closed all the same. After ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED the
+/// handle is still open.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_acquisition_close(acquisition: *mut isotherm_acquisition) -> isotherm_code {
     // SAFETY: NULL, or open and not used again, as the header requires.
     unsafe { close(acquisition, |handle| &handle.0, AcquisitionContent::closing) }
 }
 
-/// Loans a sample in shared memory, to be filled in; sending does not copy it. `*sample` is yours until it is sent or discarded,
-/// or until the handle is closed. At most ISOTHERM_LOANS samples may be on loan at once.
+/// Loans a sample in shared memory, to be filled in; sending does not copy it. `*sample` is yours until it is sent or
+/// discarded, or until the handle is closed. At most ISOTHERM_LOANS samples may be on loan at once.
 ///
-/// `session` and `sequence` are set already; all other fields are 0. Set them, except `sent_ns`, `device` and what isotherm_reading is
-/// for: `lag_ns` and `head_lagged`. `sequence` is one above the highest that was loaned or sent in the session: a sample that is discarded
-/// leaves its sequence out, and the service flags the gap. If periods were lost before they could be loaned, raise `sequence` by their
-/// number.
+/// `session` and `sequence` are set already; all other fields are 0. Set them, except `sent_ns`, `device` and what
+/// isotherm_reading is for: `lag_ns` and `head_lagged`. `sequence` is one above the highest that was loaned or sent in
+/// the session: a sample that is discarded leaves its sequence out, and the service flags the gap. If periods were lost
+/// before they could be loaned, raise `sequence` by their number.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_TRANSPORT.
 #[unsafe(no_mangle)]
@@ -212,7 +217,8 @@ pub unsafe extern "C" fn isotherm_loan(
     })
 }
 
-/// Gives a sample back without sending it: its control period is lost. Its sequence is left out, so that the service flags the gap.
+/// Gives a sample back without sending it: its control period is lost. Its sequence is left out, so that the service
+/// flags the gap.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NOT_ON_LOAN.
 #[unsafe(no_mangle)]
@@ -223,8 +229,8 @@ pub unsafe extern "C" fn isotherm_discard(
     with(acquisition, |content| content.take(sample).map(drop))
 }
 
-/// Gives a sample back that stands for no control period, as at the end of a recording, and takes its sequence back. Only that of the last
-/// loan: the sequence of an earlier one stays left out.
+/// Gives a sample back that stands for no control period, as at the end of a recording, and takes its sequence back.
+/// Only that of the last loan: the sequence of an earlier one stays left out.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NOT_ON_LOAN.
 #[unsafe(no_mangle)]
@@ -239,12 +245,13 @@ pub unsafe extern "C" fn isotherm_cancel(
     })
 }
 
-/// Adds the next control period to a sample: pulses and intervals are summed, timestamp, telemetry and device become the later
-/// ones, session, sequence and `sent_ns` stay. If `later` is on loan from this acquisition, its loan is cancelled, as by isotherm_cancel:
-/// its pointer must not be used any more. Else it does not change. Either may be a sample of your own; `acquisition` may be NULL if both are.
+/// Adds the next control period to a sample: pulses and intervals are summed, timestamp, telemetry and device become
+/// the later ones, session, sequence and `sent_ns` stay. If `later` is on loan from this acquisition, its loan is
+/// cancelled, as by isotherm_cancel: its pointer must not be used any more. Else it does not change. Either may be a
+/// sample of your own; `acquisition` may be NULL if both are.
 ///
-/// The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same in both
-/// periods. Use it when the service had no room for a sample.
+/// The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same
+/// in both periods. Use it when the service had no room for a sample.
 ///
 /// ISOTHERM_OK; ISOTHERM_ERROR_MERGE, after which neither has changed, and a loan is still yours.
 #[unsafe(no_mangle)]
@@ -262,8 +269,8 @@ pub unsafe extern "C" fn isotherm_merge(
     }
 }
 
-/// Sends a sample and wakes the service. Never waits, and the transport never copies the sample. `device` is set, and `lag_ns` with the
-/// lagged telemetry, where they are 0.
+/// Sends a sample and wakes the service. Never waits, and the transport never copies the sample. `device` is set, and
+/// `lag_ns` with the lagged telemetry, where they are 0.
 ///
 /// After ISOTHERM_OK and ISOTHERM_ERROR_TRANSPORT the sample's pointer must not be used any more.
 /// After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours.
@@ -286,9 +293,9 @@ pub unsafe extern "C" fn isotherm_send(
     })
 }
 
-/// Goes through the motions of sending a sample and receiving its increment, so that the next sample finds its way warm. Nobody else sees
-/// anything of it. Call it while you wait for the end of a control period, some tens of microseconds before it; it takes about a
-/// microsecond, in cold caches some ten.
+/// Goes through the motions of sending a sample and receiving its increment, so that the next sample finds its way
+/// warm. Nobody else sees anything of it. Call it while you wait for the end of a control period, some tens of
+/// microseconds before it; it takes about a microsecond, in cold caches some ten.
 ///
 /// ISOTHERM_OK.
 #[unsafe(no_mangle)]
@@ -299,8 +306,8 @@ pub unsafe extern "C" fn isotherm_prepare(acquisition: *mut isotherm_acquisition
     })
 }
 
-/// The increment of the oldest unanswered sample, if it has come. Does not wait. First come the late increments that isotherm_compensate
-/// has kept aside.
+/// The increment of the oldest unanswered sample, if it has come. Does not wait. First come the late increments that
+/// isotherm_compensate has kept aside.
 ///
 /// While samples are unanswered it also checks, about every 5 ms, whether the service has been replaced. If so, it
 /// sends the unanswered samples again. So call it repeatedly while you wait.
@@ -337,8 +344,8 @@ pub unsafe extern "C" fn isotherm_receive_timeout(
 }
 
 /// The round trip in one call: sends a sample and waits up to `timeout_ns` for its increment. Late increments of
-/// samples sent earlier are kept aside for isotherm_receive: at most isotherm_depth, then the oldest is dropped. They count neither as in
-/// flight nor for a full queue. A time-out of 0 does not wait.
+/// samples sent earlier are kept aside for isotherm_receive: at most isotherm_depth, then the oldest is dropped. They
+/// count neither as in flight nor for a full queue. A time-out of 0 does not wait.
 ///
 /// After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours. After ISOTHERM_OK, ISOTHERM_TIMEOUT and
 /// ISOTHERM_ERROR_TRANSPORT its pointer must not be used any more.
@@ -391,14 +398,16 @@ pub unsafe extern "C" fn isotherm_in_flight(acquisition: *const isotherm_acquisi
     number(acquisition, Acquisition::in_flight)
 }
 
-/// Control periods, of all sessions of this connection, that have a sequence and were not sent: samples that were discarded or are still on
-/// loan, sequences that were left out, and samples whose sending has failed. 0 for a handle that cannot be used.
+/// Control periods, of all sessions of this connection, that have a sequence and were not sent: samples that were
+/// discarded or are still on loan, sequences that were left out, and samples whose sending has failed. 0 for a handle
+/// that cannot be used.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_lost(acquisition: *const isotherm_acquisition) -> u64 {
     number(acquisition, Acquisition::lost)
 }
 
-/// Late increments that were dropped because isotherm_depth of them waited for isotherm_receive already. 0 for a handle that cannot be used.
+/// Late increments that were dropped because isotherm_depth of them waited for isotherm_receive already. 0 for a handle
+/// that cannot be used.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_dropped_answers(acquisition: *const isotherm_acquisition) -> u64 {
     number(acquisition, Acquisition::dropped_answers)
@@ -410,8 +419,8 @@ pub unsafe extern "C" fn isotherm_session(acquisition: *const isotherm_acquisiti
     number(acquisition, Acquisition::session)
 }
 
-/// Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless isotherm_restore_lag or
-/// isotherm_forget_lag follows.
+/// Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless
+/// isotherm_restore_lag or isotherm_forget_lag follows.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_IN_FLIGHT if samples are unanswered.
 #[unsafe(no_mangle)]

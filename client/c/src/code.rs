@@ -18,18 +18,19 @@ pub enum isotherm_code {
     ISOTHERM_OK = 0,
     /// There is no increment now, or none came in time. Nothing has been written.
     ISOTHERM_NONE = 1,
-    /// As many samples are unanswered as the service's queue holds. The sample has not been sent and is still yours: wait and
-    /// send it again, add the next sample to it with isotherm_merge, or discard it, which is a gap.
+    /// As many samples are unanswered as the service's queue holds. The sample has not been sent and is still yours:
+    /// wait and send it again, add the next sample to it with isotherm_merge, or discard it, which is a gap.
     ISOTHERM_FULL = 2,
-    /// The sample was sent, but its increment did not come in time. It stays in flight: it is sent again when a new service has
-    /// started, and its late increment is kept for isotherm_receive.
+    /// The sample was sent, but its increment did not come in time. It stays in flight: it is sent again when a new
+    /// service has started, and its late increment is kept for isotherm_receive.
     ISOTHERM_TIMEOUT = 3,
-    /// The acquisition is closed. Control periods were lost, or samples were unanswered: the message has their numbers, and the service keeps
-    /// them in its status.
+    /// The acquisition is closed. Control periods were lost, or samples were unanswered: the message has their numbers,
+    /// and the service keeps them in its status.
     ISOTHERM_LOST = 4,
     /// A pointer is NULL that must not be NULL.
     ISOTHERM_ERROR_NULL = -1,
-    /// The name of an IMU or a domain is not 1 to 32 of a-z 0-9 - _, or the domain's folder (ISOTHERM_ROOT) cannot be used.
+    /// The name of an IMU or a domain is not 1 to 32 of a-z 0-9 - _, or the domain's folder (ISOTHERM_ROOT) cannot be
+    /// used.
     ISOTHERM_ERROR_NAME = -2,
     /// No service runs in the domain.
     ISOTHERM_ERROR_NO_SERVICE = -3,
@@ -43,8 +44,8 @@ pub enum isotherm_code {
     ISOTHERM_ERROR_PERMISSION = -7,
     /// Shared memory, disk space or the file descriptors of the process are exhausted.
     ISOTHERM_ERROR_EXHAUSTED = -8,
-    /// The transport failed; the message has the phase and the cause. A sample that was being sent is lost, and the service will
-    /// flag the gap.
+    /// The transport failed; the message has the phase and the cause. A sample that was being sent is lost, and the
+    /// service will flag the gap.
     ISOTHERM_ERROR_TRANSPORT = -9,
     /// The sample is not on loan from this acquisition: it has been sent or discarded, or was never loaned from it.
     ISOTHERM_ERROR_NOT_ON_LOAN = -10,
@@ -54,18 +55,21 @@ pub enum isotherm_code {
     ISOTHERM_ERROR_SEQUENCE = -12,
     /// Samples of the old session are unanswered.
     ISOTHERM_ERROR_IN_FLIGHT = -13,
-    /// The two samples cannot be summed: a channel's pulses exceed 32 bits, or the interval one hour. Neither has changed.
+    /// The two samples cannot be summed: a channel's pulses exceed 32 bits, or the interval one hour. Neither has
+    /// changed.
     ISOTHERM_ERROR_MERGE = -14,
     /// The operating system refused a real-time setting; the message has the setting, the cause and a remedy.
     ISOTHERM_ERROR_REALTIME = -15,
-    /// Another call uses this handle at this moment, in another thread or interrupted by a signal handler. Nothing has been done.
+    /// Another call uses this handle at this moment, in another thread or interrupted by a signal handler. Nothing has
+    /// been done.
     ISOTHERM_ERROR_BUSY = -16,
     /// The handle belongs to the process that this one was forked from. Nothing has been done.
     ISOTHERM_ERROR_FORKED = -17,
-    /// A fault of this library, in this call or in an earlier one with the same handle. The handle can only be closed now. Please
-    /// report the fault, with the text on stderr.
+    /// A fault of this library, in this call or in an earlier one with the same handle. The handle can only be closed
+    /// now. Please report the fault, with the text on stderr.
     ISOTHERM_ERROR_INTERNAL = -18,
-    /// A value that cannot be: the number of a sensor, a time constant, a serial number that is not UTF-8, or the size of isotherm_options.
+    /// A value that cannot be: the number of a sensor, a time constant, a serial number that is not UTF-8, or the size
+    /// of isotherm_options.
     ISOTHERM_ERROR_VALUE = -19,
     /// A process of another version of Isotherm has made the streams.
     ISOTHERM_ERROR_OTHER_VERSION = -20,
@@ -175,8 +179,9 @@ pub(crate) fn code(result: Result<(), CodedError>) -> isotherm_code {
     }
 }
 
-/// The message of this thread's last call that returned neither ISOTHERM_OK nor ISOTHERM_NONE: phase, cause and remedy, in UTF-8.
-/// Empty if there was no such call; never NULL. Valid until the thread's next such call or its end: copy it if you keep it.
+/// The message of this thread's last call that returned neither ISOTHERM_OK nor ISOTHERM_NONE: phase, cause and remedy,
+/// in UTF-8. Empty if there was no such call; never NULL. Valid until the thread's next such call or its end: copy it
+/// if you keep it.
 #[unsafe(no_mangle)]
 pub extern "C" fn isotherm_error_message() -> *const c_char {
     MESSAGE.try_with(|last| last.borrow().as_ptr()).unwrap_or(c"".as_ptr())

@@ -42,8 +42,8 @@ pub const ISOTHERM_FLAG_INTERVAL: u64 = 1 << 18;
 pub const ISOTHERM_FLAG_NO_TABLE: u64 = 1 << 19;
 /// The telemetry is older than the table's `max_age_s`.
 pub const ISOTHERM_FLAG_TELEMETRY_STALE: u64 = 1 << 20;
-/// A bias had to do without its transient term: the sample's time constant is not the table's, or the lag difference is not
-/// finite or larger than the bias's range.
+/// A bias had to do without its transient term: the sample's time constant is not the table's, or the lag difference is
+/// not finite or larger than the bias's range.
 pub const ISOTHERM_FLAG_LAG_UNKNOWN: u64 = 1 << 21;
 /// The sample is of another unit than the table's.
 pub const ISOTHERM_FLAG_OTHER_DEVICE: u64 = 1 << 22;
@@ -53,8 +53,8 @@ pub const ISOTHERM_FLAG_G_UNKNOWN: u64 = 1 << 23;
 pub const ISOTHERM_FLAG_GAP: u64 = 1 << 24;
 /// The latency was over the configured budget.
 pub const ISOTHERM_FLAG_LATE: u64 = 1 << 25;
-/// No sequence is missing before this sample, and its `timestamp_ns` is not one `interval_ns` after that of the sample before: the step
-/// differs from the interval by more than half of it. Time was lost, or the interval is wrong.
+/// No sequence is missing before this sample, and its `timestamp_ns` is not one `interval_ns` after that of the sample
+/// before: the step differs from the interval by more than half of it. Time was lost, or the interval is wrong.
 pub const ISOTHERM_FLAG_TIME_STEP: u64 = 1 << 26;
 /// Head telemetry of G1 below the bias range.
 pub const ISOTHERM_FLAG_G1_HEAD_BELOW: u64 = 1 << 32;
@@ -102,8 +102,8 @@ pub const ISOTHERM_MASK_INVALID: u64 = ISOTHERM_FLAG_INTERVAL
     | ISOTHERM_FLAG_G1_NOT_FINITE
     | ISOTHERM_FLAG_G2_NOT_FINITE
     | ISOTHERM_FLAG_G3_NOT_FINITE;
-/// Mask: computed, outside of what the calibration covers or without a part of it; the ranges give NaN where the table's policy is
-/// `reject`. Ranges, rate, telemetry-stale, lag-unknown, other-device, g-unknown.
+/// Mask: computed, outside of what the calibration covers or without a part of it; the ranges give NaN where the
+/// table's policy is `reject`. Ranges, rate, telemetry-stale, lag-unknown, other-device, g-unknown.
 pub const ISOTHERM_MASK_DEGRADED: u64 = 0x00038fff00738fff | ISOTHERM_FLAG_G_UNKNOWN;
 /// Mask: time is missing before this increment. gap, time-step.
 pub const ISOTHERM_MASK_LOST: u64 = ISOTHERM_FLAG_GAP | ISOTHERM_FLAG_TIME_STEP;

@@ -1,4 +1,5 @@
-//! The handles that C gets. A handle admits one caller at a time, only in the process that created it, and catches panics.
+//! The handles that C gets. A handle admits one caller at a time, only in the process that created it, and catches
+//! panics.
 
 use crate::code::isotherm_code::{ISOTHERM_ERROR_BUSY, ISOTHERM_ERROR_FORKED, ISOTHERM_ERROR_INTERNAL, ISOTHERM_OK};
 use crate::code::{CodedError, NULL, code, isotherm_code};
@@ -14,10 +15,10 @@ const BROKEN: u8 = 2;
 
 /// The content with its guard.
 ///
-/// Acquisitions and readers are not `Send`, only because the transport's ports and loans share a count that is not atomic
-/// (`isotherm_shared::recycled`); a test below lets the compiler prove that this is the only reason. All holders of such a count,
-/// loans included, are within one handle. A thread that enters the handle sees all effects of the callers before it
-/// (acquire and release of `state`). So any thread may use and close a handle.
+/// Acquisitions and readers are not `Send`, only because the transport's ports and loans share a count that is not
+/// atomic (`isotherm_shared::recycled`); a test below lets the compiler prove that this is the only reason. All holders
+/// of such a count, loans included, are within one handle. A thread that enters the handle sees all effects of the
+/// callers before it (acquire and release of `state`). So any thread may use and close a handle.
 #[derive(Debug)]
 pub(crate) struct Handle<T> {
     state: AtomicU8,
@@ -97,7 +98,8 @@ pub(crate) unsafe fn create<T, H>(
     })
 }
 
-/// Closes a handle and frees it. `last` looks at its content before; what it returns is the result, and the handle is closed all the same.
+/// Closes a handle and frees it. `last` looks at its content before; what it returns is the result, and the handle is
+/// closed all the same.
 ///
 /// # Safety
 /// `handle` is NULL, or came from [`create`] and is not used again once it is closed.

@@ -20,8 +20,8 @@ pub struct isotherm_lagged_reading {
     pub telemetry: f64,
     /// Lagged telemetry, in the table's unit; NaN before the first reading.
     pub lagged: f64,
-    /// The share of the lagged telemetry that rests on an unknown start, 0 to 1; 0 where the sensor was soaked. Over 0.05 samples are sent
-    /// without it.
+    /// The share of the lagged telemetry that rests on an unknown start, 0 to 1; 0 where the sensor was soaked.
+    /// Over 0.05 samples are sent without it.
     pub unknown: f64,
 }
 
@@ -33,15 +33,16 @@ pub struct isotherm_lag {
     pub sensors: [isotherm_lagged_reading; ISOTHERM_SENSORS],
 }
 
-/// Takes a new reading of a sensor's head telemetry, in the table's unit, measured at `time_ns` on your clock. Every sample that is sent
-/// later carries the lagged telemetry of all readings so far, in `lag_ns` and `head_lagged`.
+/// Takes a new reading of a sensor's head telemetry, in the table's unit, measured at `time_ns` on your clock. Every
+/// sample that is sent later carries the lagged telemetry of all readings so far, in `lag_ns` and `head_lagged`.
 ///
-/// `sensor` is 0 to 5 for A1, A2, A3, G1, G2, G3. Call it for every sensor that the IMU has, and once for each new measurement, not for
-/// each sample. A value that is not finite, or has the time of the last reading, is no reading.
+/// `sensor` is 0 to 5 for A1, A2, A3, G1, G2, G3. Call it for every sensor that the IMU has, and once for each new
+/// measurement, not for each sample. A value that is not finite, or has the time of the last reading, is no reading.
 /// docs/temperature-in-motion.md has the formula.
 ///
-/// This is not part of the sending path. If the service has taken a table with another time constant, with ISOTHERM_LAG_SERVICE, this
-/// call and the next one read the status, which allocates and makes system calls, but does not wait.
+/// This is not part of the sending path. If the service has taken a table with another time constant, with
+/// ISOTHERM_LAG_SERVICE, this call and the next one read the status, which allocates and makes system calls, but does
+/// not wait.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_VALUE for another `sensor`.
 #[unsafe(no_mangle)]
@@ -72,7 +73,8 @@ pub unsafe extern "C" fn isotherm_lag_ns(acquisition: *const isotherm_acquisitio
     lag_ns
 }
 
-/// Writes the state of the lag to `*lag`. Save it after each reading if a successor of this process shall go on with it.
+/// Writes the state of the lag to `*lag`. Save it after each reading if a successor of this process shall go on with
+/// it.
 ///
 /// ISOTHERM_OK.
 #[unsafe(no_mangle)]
@@ -94,9 +96,9 @@ pub unsafe extern "C" fn isotherm_save_lag(
     })
 }
 
-/// Goes on with a state that was saved, on the same clock, as if the telemetry had gone straight on in the pause. A sensor whose telemetry
-/// or lagged telemetry is not finite, or whose next reading is earlier than the saved one, which is then of another clock, is unknown as
-/// after isotherm_forget_lag.
+/// Goes on with a state that was saved, on the same clock, as if the telemetry had gone straight on in the pause. A
+/// sensor whose telemetry or lagged telemetry is not finite, or whose next reading is earlier than the saved one, which
+/// is then of another clock, is unknown as after isotherm_forget_lag.
 ///
 /// ISOTHERM_OK.
 #[unsafe(no_mangle)]
@@ -121,8 +123,9 @@ pub unsafe extern "C" fn isotherm_restore_lag(
     })
 }
 
-/// Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a saved state. Increments
-/// are flagged ISOTHERM_FLAG_LAG_UNKNOWN, and computed without the transient terms, until the readings span three time constants.
+/// Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a
+/// saved state. Increments are flagged ISOTHERM_FLAG_LAG_UNKNOWN, and computed without the transient terms, until the
+/// readings span three time constants.
 ///
 /// ISOTHERM_OK.
 #[unsafe(no_mangle)]

@@ -1,8 +1,8 @@
-//! The C interface of the client library. Its documentation is `docs/c.md` and the header `client/include/isotherm.h`, which is
-//! generated from this crate's comments. The C++ wrapper is `client/include/isotherm.hpp`.
+//! The C interface of the client library. Its documentation is `docs/c.md` and the header `client/include/isotherm.h`,
+//! which is generated from this crate's comments. The C++ wrapper is `client/include/isotherm.hpp`.
 //!
-//! Every object that C gets is a [`handle::Handle`]. A call with a handle always returns a code. A handle admits one caller at
-//! a time and none in a forked child, and no panic leaves it.
+//! Every object that C gets is a [`handle::Handle`]. A call with a handle always returns a code. A handle admits one
+//! caller at a time and none in a forked child, and no panic leaves it.
 #![allow(
     unsafe_code,
     clippy::missing_safety_doc,

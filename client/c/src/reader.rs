@@ -10,9 +10,9 @@ use core::time::Duration;
 use isotherm_client::{CompensatedIncrement, IncrementReader};
 use std::os::fd::AsRawFd as _;
 
-/// Reads the increments of one IMU as they are published: for navigation and loggers. Each (session, sequence) is returned once.
-/// A reader cannot disturb other processes. If it sleeps for more than 512 increments, the oldest are overwritten, which is a gap
-/// in `sequence`.
+/// Reads the increments of one IMU as they are published: for navigation and loggers. Each (session, sequence) is
+/// returned once. A reader cannot disturb other processes. If it sleeps for more than 512 increments, the oldest are
+/// overwritten, which is a gap in `sequence`.
 #[derive(Debug)]
 pub struct isotherm_reader(Handle<IncrementReader>);
 
@@ -26,8 +26,8 @@ fn with(
     enter(unsafe { reader.as_ref() }.map(|handle| &handle.0), work)
 }
 
-/// Creates a reader that connects when the service has started; does not wait for it. `domain` is as in isotherm_options. Close the
-/// handle with isotherm_reader_close.
+/// Creates a reader that connects when the service has started; does not wait for it. `domain` is as in
+/// isotherm_options. Close the handle with isotherm_reader_close.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NAME.
 #[unsafe(no_mangle)]
@@ -44,10 +44,11 @@ pub unsafe extern "C" fn isotherm_reader_new(
     }
 }
 
-/// Creates a connected reader, waiting up to `timeout_ns` for the service if necessary: 0 is the default, 5 s; ISOTHERM_NO_WAIT does not
-/// wait. `domain` is as in isotherm_options. Close the handle with isotherm_reader_close.
+/// Creates a connected reader, waiting up to `timeout_ns` for the service if necessary: 0 is the default, 5 s;
+/// ISOTHERM_NO_WAIT does not wait. `domain` is as in isotherm_options. Close the handle with isotherm_reader_close.
 ///
-/// ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED, .._TRANSPORT.
+/// ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED,
+/// .._TRANSPORT.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_reader_connect(
     imu: *const c_char,
@@ -72,7 +73,8 @@ pub unsafe extern "C" fn isotherm_reader_close(reader: *mut isotherm_reader) -> 
     unsafe { close(reader, |handle| &handle.0, |_| Ok(())) }
 }
 
-/// The next increment, if there is one now. Does not wait. The reader stays connected across restarts of service and acquisition.
+/// The next increment, if there is one now. Does not wait. The reader stays connected across restarts of service and
+/// acquisition.
 ///
 /// ISOTHERM_OK, ISOTHERM_NONE (also while there is no service yet), ISOTHERM_ERROR_NO_ROOM, ISOTHERM_ERROR_PERMISSION,
 /// ISOTHERM_ERROR_EXHAUSTED, ISOTHERM_ERROR_TRANSPORT.
@@ -90,8 +92,8 @@ pub unsafe extern "C" fn isotherm_reader_receive(
     })
 }
 
-/// As isotherm_reader_receive, but waits up to `timeout_ns`: sleeps until the service tells that increments are there. For the least delay
-/// call isotherm_reader_receive in a loop.
+/// As isotherm_reader_receive, but waits up to `timeout_ns`: sleeps until the service tells that increments are there.
+/// For the least delay call isotherm_reader_receive in a loop.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_reader_receive_timeout(
     reader: *mut isotherm_reader,
@@ -107,9 +109,10 @@ pub unsafe extern "C" fn isotherm_reader_receive_timeout(
     })
 }
 
-/// A descriptor for poll, epoll and the like: readable when increments may have come. Then call isotherm_reader_receive until it returns
-/// ISOTHERM_NONE, which makes it unreadable. Wait for at most some 100 ms at once, and call isotherm_reader_receive after that too: a
-/// notification can be lost. It belongs to the reader, which closes it, and stays the same as long as the reader.
+/// A descriptor for poll, epoll and the like: readable when increments may have come. Then call isotherm_reader_receive
+/// until it returns ISOTHERM_NONE, which makes it unreadable. Wait for at most some 100 ms at once, and call
+/// isotherm_reader_receive after that too: a notification can be lost. It belongs to the reader, which closes it, and
+/// stays the same as long as the reader.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NO_SERVICE (also while the reader is not connected), ISOTHERM_ERROR_TRANSPORT.
 #[unsafe(no_mangle)]
@@ -126,11 +129,11 @@ pub unsafe extern "C" fn isotherm_reader_descriptor(
     })
 }
 
-/// How long ago the service was last seen at work for this IMU [ns]: under 300 000 000 while it lives and is on time. The first call of a
-/// reader may give up to a second more.
+/// How long ago the service was last seen at work for this IMU [ns]: under 300 000 000 while it lives and is on time.
+/// The first call of a reader may give up to a second more.
 ///
-/// ISOTHERM_OK, ISOTHERM_NONE (no service was seen yet), ISOTHERM_ERROR_OTHER_VERSION, ISOTHERM_ERROR_TRANSPORT, and the errors of
-/// isotherm_reader_receive.
+/// ISOTHERM_OK, ISOTHERM_NONE (no service was seen yet), ISOTHERM_ERROR_OTHER_VERSION, ISOTHERM_ERROR_TRANSPORT, and
+/// the errors of isotherm_reader_receive.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_reader_heartbeat_age(
     reader: *mut isotherm_reader,

@@ -25,10 +25,11 @@ pub extern "C" fn isotherm_monotonic_ns() -> u64 {
 /// Applies real-time settings to the calling thread. Call it in the thread that sends and receives, before it connects.
 ///
 /// `core`: the core that the thread is bound to; -1: no change. `priority`: SCHED_FIFO priority, 1 to 99; 0: no change.
-/// `lock_memory`: keeps all memory of the process resident, including memory that it gets later. `timer_slack_ns`: how much later
-/// than requested a sleep may end [ns]; 0: no change (the default of the kernel is 50 000).
+/// `lock_memory`: keeps all memory of the process resident, including memory that it gets later. `timer_slack_ns`: how
+/// much later than requested a sleep may end [ns]; 0: no change (the default of the kernel is 50 000).
 ///
-/// ISOTHERM_OK, ISOTHERM_ERROR_REALTIME for the first setting that fails. The settings before it, in this order, are in force.
+/// ISOTHERM_OK, ISOTHERM_ERROR_REALTIME for the first setting that fails. The settings before it, in this order, are in
+/// force.
 #[unsafe(no_mangle)]
 pub extern "C" fn isotherm_realtime(core: i32, priority: i32, lock_memory: bool, timer_slack_ns: u64) -> isotherm_code {
     without_handle(|| {

@@ -10,10 +10,11 @@ use isotherm_client::{Domain, Flags, ImuId, LagOption, Options, TimeConstant};
 /// For isotherm_options: the time constant of the table in force. It is 0, so that it is the default.
 ///
 /// It is read from the status of the service when the acquisition connects, and again when an increment is flagged
-/// ISOTHERM_FLAG_LAG_UNKNOWN: if the table has another one after a reload, a few samples are flagged, until the next readings. Connecting
-/// waits for the status beyond its time-out, 0.1 s or less, and 1 s for a service that hangs.
+/// ISOTHERM_FLAG_LAG_UNKNOWN: if the table has another one after a reload, a few samples are flagged, until the next
+/// readings. Connecting waits for the status beyond its time-out, 0.1 s or less, and 1 s for a service that hangs.
 pub const ISOTHERM_LAG_SERVICE: f64 = 0.0;
-/// For isotherm_options: the library keeps no lag. `lag_ns` and `head_lagged` are sent as the application fills them in.
+/// For isotherm_options: the library keeps no lag. `lag_ns` and `head_lagged` are sent as the application fills them
+/// in.
 pub const ISOTHERM_LAG_NONE: f64 = -1.0;
 
 /// For connecting: do not wait for the service.
@@ -81,8 +82,9 @@ pub(crate) unsafe fn text(text: *const c_char) -> Option<Vec<u8>> {
     (!text.is_null()).then(|| unsafe { CStr::from_ptr(text) }.to_bytes().to_vec())
 }
 
-/// The number of the unit with this serial number, which every sample carries in `device`: the first 8 bytes of the SHA-256 of its UTF-8,
-/// big-endian, without outer blanks. 0, unknown, for NULL, for blanks, and for text that is not UTF-8.
+/// The number of the unit with this serial number, which every sample carries in `device`: the first 8 bytes of the
+/// SHA-256 of its UTF-8, big-endian, without outer blanks. 0, unknown, for NULL, for blanks, and for text that is not
+/// UTF-8.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_device(serial: *const c_char) -> u64 {
     // SAFETY: NULL or a string, as the header requires.
@@ -90,10 +92,10 @@ pub unsafe extern "C" fn isotherm_device(serial: *const c_char) -> u64 {
     serial.map_or(0, |serial| isotherm_client::device(&serial))
 }
 
-/// Writes the names of `flags` as text: the names joined by `|`, lowest bit first, or `-` if there is none; bits without a name
-/// are left out. At most `size` bytes are written to `text`, including the 0 at the end. Returns the length of the whole text
-/// without that 0; if it is not less than `size`, the text has been cut off. 1024 bytes are always enough. `text` may be NULL if
-/// `size` is 0.
+/// Writes the names of `flags` as text: the names joined by `|`, lowest bit first, or `-` if there is none; bits
+/// without a name are left out. At most `size` bytes are written to `text`, including the 0 at the end. Returns the
+/// length of the whole text without that 0; if it is not less than `size`, the text has been cut off. 1024 bytes are
+/// always enough. `text` may be NULL if `size` is 0.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_flags_text(flags: u64, text: *mut c_char, size: usize) -> usize {
     let mut writer = Bounded { text, size: if text.is_null() { 0 } else { size }, length: 0 };

@@ -1,6 +1,6 @@
-//! `client/include/isotherm.h` has every function and flag of the library. `cargo run --manifest-path client/c/header/Cargo.toml
-//! -- --check` checks that it is exactly what cbindgen generates from the code. That is not a test here, because cbindgen's
-//! dependencies would cause a second build of the transport.
+//! `client/include/isotherm.h` has every function and flag of the library. `cargo run --manifest-path
+//! client/c/header/Cargo.toml -- --check` checks that it is exactly what cbindgen generates from the code. That is not
+//! a test here, because cbindgen's dependencies would cause a second build of the transport.
 #![allow(clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_client::Flags;

@@ -1,8 +1,9 @@
-//! Input: a campaign file and its samples, with a zero byte between them. If the campaign file is empty, the example's is used.
+//! Input: a campaign file and its samples, with a zero byte between them. If the campaign file is empty, the example's
+//! is used.
 //!
-//! Every refusal must name a line and a reason. Accepted input must pass through the checks and through calibration by both
-//! methods without a panic and within the limits of time and memory. A resulting table that is written and read again must be the
-//! same table. If the campaign has ramps alone, the samples are those of one ramp.
+//! Every refusal must name a line and a reason. Accepted input must pass through the checks and through calibration by
+//! both methods without a panic and within the limits of time and memory. A resulting table that is written and read
+//! again must be the same table. If the campaign has ramps alone, the samples are those of one ramp.
 
 use crate::check_faults;
 use isotherm_calibration::{

@@ -1,5 +1,5 @@
-//! Input: any text as the service's configuration. Every refusal must name a line and a reason; an accepted configuration must be
-//! within the documented limits.
+//! Input: any text as the service's configuration. Every refusal must name a line and a reason; an accepted
+//! configuration must be within the documented limits.
 
 use crate::check_faults;
 use isotherm_service::config::{Config, MAX_IMUS};

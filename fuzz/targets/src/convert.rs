@@ -1,5 +1,5 @@
-//! Input: a mapping, a zero byte, and foreign data in any format. They are converted, or refused with a message that a terminal can show. The
-//! mapping that is proposed for a text is valid.
+//! Input: a mapping, a zero byte, and foreign data in any format. They are converted, or refused with a message that a
+//! terminal can show. The mapping that is proposed for a text is valid.
 
 use isotherm_failure::{Exit, printable};
 use isotherm_recording_formats::convert::{Conversion, Mapping, Settings};

@@ -1,5 +1,5 @@
-//! Input: any bytes as a file of a recording, in whatever format its first bytes say. It is read, or refused as bad data: never an
-//! error of the operating system, since there was none.
+//! Input: any bytes as a file of a recording, in whatever format its first bytes say. It is read, or refused as bad
+//! data: never an error of the operating system, since there was none.
 
 use indicatif::ProgressBar;
 use isotherm_failure::{Exit, printable};

@@ -1,4 +1,5 @@
-//! The fuzz targets as functions of bytes, and what they share: samples with any bits, and the checks of every answer and every refusal.
+//! The fuzz targets as functions of bytes, and what they share: samples with any bits, and the checks of every answer
+//! and every refusal.
 //!
 //! A violated guarantee is a panic. `fuzz/` runs them under libFuzzer; the test of this crate runs them on the corpora.
 #![allow(clippy::expect_used, clippy::panic, clippy::missing_panics_doc, reason = "a panic is the report")]
@@ -97,7 +98,8 @@ pub fn checked(table: Option<&CoefficientTable>, raw: &RawSample) -> Compensated
             let mut expected = Expected::of(table, Some(&gyroscopes.axes), raw, &raw.gyroscopes);
             flags |= expected.flags.only(Flags::LAG_UNKNOWN);
             flags |= Flags(expected.flags.0 & !Flags::LAG_UNKNOWN.0).of_gyroscopes();
-            // A velocity increment that is NaN costs an angle nothing but its g-sensitivity. One that has nearly overflowed may cost it all.
+            // A velocity increment that is NaN costs an angle nothing but its g-sensitivity. One that has nearly
+            // overflowed may cost it all.
             let known = found.velocity_increment.iter().all(|dv| dv.is_finite());
             for (may_overflow, g_sensitivity) in expected.may_overflow.iter_mut().zip(&gyroscopes.g_sensitivity) {
                 *may_overflow |= g_sensitivity.is_some() && accelerometers.may_overflow.contains(&true);

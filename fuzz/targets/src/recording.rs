@@ -1,5 +1,5 @@
-//! Input: any bytes as a recording. Rows and error must not depend on where the source splits its bytes. Accepted samples that
-//! are written and read again must be equal to the last bit, and so must their increments.
+//! Input: any bytes as a recording. Rows and error must not depend on where the source splits its bytes. Accepted
+//! samples that are written and read again must be equal to the last bit, and so must their increments.
 
 use crate::{checked, same};
 use isotherm_recording::csv::Rows;

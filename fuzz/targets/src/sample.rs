@@ -1,6 +1,6 @@
-//! Input: a series of samples with any bits, as a peer may write them into shared memory. `checked` must accept the answer to
-//! each sample with a table of every policy and without a table. The tracked order of sessions and sequence numbers must agree
-//! with direct counting. Merging two samples must add them or change nothing.
+//! Input: a series of samples with any bits, as a peer may write them into shared memory. `checked` must accept the
+//! answer to each sample with a table of every policy and without a table. The tracked order of sessions and sequence
+//! numbers must agree with direct counting. Merging two samples must add them or change nothing.
 
 use crate::{SAMPLE, checked, sample};
 use isotherm_shared::protocol::{Arrival, SequenceTracker};

@@ -1,6 +1,7 @@
-//! Input: any text as a coefficient table. Every refusal must name a line and a reason. An accepted table that is written and
-//! read again must be the same table with the same digest. `checked` must accept its answers to a plausible sample and to samples
-//! within, at the ends of and outside its ranges. Compared with itself, whatever its provenance says, nothing has changed.
+//! Input: any text as a coefficient table. Every refusal must name a line and a reason. An accepted table that is
+//! written and read again must be the same table with the same digest. `checked` must accept its answers to a plausible
+//! sample and to samples within, at the ends of and outside its ranges. Compared with itself, whatever its provenance
+//! says, nothing has changed.
 
 use crate::{check_faults, checked};
 use isotherm_analysis::compare;

@@ -5,7 +5,8 @@ use std::collections::VecDeque;
 
 /// Number of curves: the chamber's air and set point, then the heads and the boards.
 pub(crate) const CURVES: usize = 2 + 2 * AXES;
-/// Largest number of time bins of the whole campaign. When there are more, pairs of bins are merged, and new bins are longer.
+/// Largest number of time bins of the whole campaign. When there are more, pairs of bins are merged, and new bins are
+/// longer.
 const MAX_BINS: usize = 2048;
 /// Number of the latest rows that are kept unthinned: three hours of one row every 5 s are 2160.
 const MAX_RECENT: usize = 4096;

@@ -1,5 +1,5 @@
-//! What the live page tells of a campaign's course: every start, pause, resumption, repetition and end, and what became of fit,
-//! verification and installation, from the journal.
+//! What the live page tells of a campaign's course: every start, pause, resumption, repetition and end, and what became
+//! of fit, verification and installation, from the journal.
 
 use super::journal::{Entry, JournalLine};
 use super::machine::Unit;

@@ -36,16 +36,18 @@ use std::time::{Duration, Instant};
 const TABLE: &str = "table";
 /// Why the table of an IMU that is dropped is not installed.
 const DROPPED: &str = "it is not verified: the IMU is dropped, and verification runs of it are missing";
-/// Longest time until the service has the installed table in force; it takes milliseconds if the service watches the file.
+/// Longest time until the service has the installed table in force; it takes milliseconds if the service watches the
+/// file.
 const IN_FORCE_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Options of the steps after the data.
 #[derive(Clone, Debug)]
 pub struct Finish {
-    /// What every verification run must show; bounds that are not given come from the fit ([`Requirement::of_fit`]). `None` installs
-    /// nothing.
+    /// What every verification run must show; bounds that are not given come from the fit ([`Requirement::of_fit`]).
+    /// `None` installs nothing.
     pub require: Option<Requirement>,
-    /// Whether the table gets an alignment matrix. If it is not said, the table in force decides, and the fit if there is none.
+    /// Whether the table gets an alignment matrix. If it is not said, the table in force decides, and the fit if there
+    /// is none.
     pub alignment: AlignmentChoice,
     /// How the time constant of the lag is found, from the ramps.
     pub lag: LagChoice,
@@ -54,14 +56,15 @@ pub struct Finish {
 }
 
 impl Finish {
-    /// Fits the table, verifies it with every run, and installs it if all runs show what is required, none shows that the table in force is
-    /// better, and no signal has asked to end. The journal has what becomes of each step, and so has the live page. Of a batch each IMU that is
-    /// not dropped has its own table; a failure of one does not stop the others. One that is dropped has its table, which is neither verified nor
-    /// installed, if only verification runs of it are missing.
+    /// Fits the table, verifies it with every run, and installs it if all runs show what is required, none shows that
+    /// the table in force is better, and no signal has asked to end. The journal has what becomes of each step, and so
+    /// has the live page. Of a batch each IMU that is not dropped has its own table; a failure of one does not stop the
+    /// others. One that is dropped has its table, which is neither verified nor installed, if only verification runs of
+    /// it are missing.
     ///
     /// # Errors
-    /// The step that has failed; of a batch those of all IMUs, with [`Exit::Failed`]. A failure before the installation leaves the installed table
-    /// unchanged.
+    /// The step that has failed; of a batch those of all IMUs, with [`Exit::Failed`]. A failure before the installation
+    /// leaves the installed table unchanged.
     pub fn run(
         self,
         plan: &Plan,
@@ -190,7 +193,8 @@ impl Finish {
         Ok(FittedTable { calibration, text, in_force })
     }
 
-    /// Judges the table by what is required and by every run. All runs are judged and reported before a failure ends it.
+    /// Judges the table by what is required and by every run. All runs are judged and reported before a failure ends
+    /// it.
     fn verify(
         &self,
         plan: &Plan,
@@ -267,7 +271,8 @@ impl Finish {
         Err(Refused { failure, reason: causes.join("\n"), remedy })
     }
 
-    /// Fits the table of the IMU of `plan` from the campaign's folder, and writes it with its report. Returns also the text of the table.
+    /// Fits the table of the IMU of `plan` from the campaign's folder, and writes it with its report. Returns also the
+    /// text of the table.
     fn calibrate_campaign(
         &self,
         plan: &Plan,
@@ -391,8 +396,8 @@ impl FittedTable {
         self.calibration.table.digest().to_string()
     }
 
-    /// Prints what a verification run shows, writes its report, and adds it to what is exercised. Returns the largest error, and why the table
-    /// must not be installed, one reason a line.
+    /// Prints what a verification run shows, writes its report, and adds it to what is exercised. Returns the largest
+    /// error, and why the table must not be installed, one reason a line.
     fn verify_run(
         &self,
         recording: &Path,

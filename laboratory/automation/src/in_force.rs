@@ -1,5 +1,5 @@
-//! The table that an installation would replace: reading it, and what changes with the new one. What a new table must show is in
-//! [`isotherm_verification::Gate`].
+//! The table that an installation would replace: reading it, and what changes with the new one. What a new table must
+//! show is in [`isotherm_verification::Gate`].
 
 use super::plan::Plan;
 use isotherm_failure::{Exit, Failure};
@@ -25,8 +25,8 @@ impl InForce {
     /// The table in the file `target`; `None` if there is no file.
     ///
     /// # Errors
-    /// If the table cannot be read, or is for another IMU or other telemetry than the plan: it can then not be compared with, and which axes
-    /// the vehicle has is not known.
+    /// If the table cannot be read, or is for another IMU or other telemetry than the plan: it can then not be compared
+    /// with, and which axes the vehicle has is not known.
     pub fn read(target: &Path, plan: &Plan) -> Result<Option<Self>, Failure> {
         match fs::metadata(target) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),

@@ -1,4 +1,5 @@
-//! The journal: one line of JSON for each event, only ever appended to. A unit of the data counts when its line is on the disk.
+//! The journal: one line of JSON for each event, only ever appended to. A unit of the data counts when its line is on
+//! the disk.
 //!
 //! Over 400 lines: the entries, their writing and their reading define one file format.
 
@@ -201,7 +202,8 @@ pub struct Kept {
     pub gaps: u64,
     /// Number of samples left out: telemetry too old or missing, counter saturated, interval or time invalid.
     pub left_out: u64,
-    /// The same unit of the other IMUs of a batch that are not dropped. All of them are in one line, so that a unit is complete or not.
+    /// The same unit of the other IMUs of a batch that are not dropped. All of them are in one line, so that a unit is
+    /// complete or not.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub others: Vec<Self>,
 }
@@ -329,7 +331,8 @@ impl Journal {
         let Some(length) = self.length else {
             return Err(failed(io::Error::other("it ends with an incomplete line that cannot be removed")));
         };
-        // One write for the line: SIGKILL leaves all or nothing of it. The next start removes a part that a power loss left.
+        // One write for the line: SIGKILL leaves all or nothing of it. The next start removes a part that a power loss
+        // left.
         if let Err(error) = self.file.write_all(text.as_bytes()) {
             // A full disk may have taken a part of the line.
             self.length = self.file.set_len(length).is_ok().then_some(length);
@@ -430,8 +433,9 @@ fn begin_entry(plan: &Plan) -> Entry {
     Entry::Begin { format: FORMAT, tool: tool(), plan: plan.identity() }
 }
 
-/// Checks that `plan` gives the same data as the plan in the last [`Entry::Begin`] of `lines`, of which these units are kept.
-/// Returns whether it is the same plan: verification runs that are not taken yet may differ, and so may ramps before the first run.
+/// Checks that `plan` gives the same data as the plan in the last [`Entry::Begin`] of `lines`, of which these units are
+/// kept. Returns whether it is the same plan: verification runs that are not taken yet may differ, and so may ramps
+/// before the first run.
 fn check_same_plan(path: &Path, lines: &[JournalLine], plan: &Plan, kept: &[Kept]) -> Result<bool, Failure> {
     let runs = kept.iter().filter(|kept| kept.file.starts_with(RUN_FILE)).count();
     let ramps = kept.iter().filter(|kept| kept.file.starts_with(RAMP_FILE)).count();
@@ -466,8 +470,8 @@ fn check_same_plan(path: &Path, lines: &[JournalLine], plan: &Plan, kept: &[Kept
     ))
 }
 
-/// The settings as this version writes them: one key for each verification run, and no comments. The runs of an older version went one way;
-/// those that are taken stay as they are.
+/// The settings as this version writes them: one key for each verification run, and no comments. The runs of an older
+/// version went one way; those that are taken stay as they are.
 fn of_this_version(settings: &[(String, String)]) -> Vec<(String, String)> {
     let mut found = Vec::new();
     for (key, value) in settings {

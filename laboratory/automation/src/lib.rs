@@ -5,7 +5,8 @@
 //!                         | actions             ^
 //!                      runner: station (limits, instruments), recorder (samples), journal, progress
 //! ```
-//! The machine decides the next action and has no side effects. The runner executes it. The journal lists the complete units.
+//! The machine decides the next action and has no side effects. The runner executes it. The journal lists the complete
+//! units.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -12,7 +12,8 @@ pub(crate) const ANGLE_DEG: [f64; 2] = [-720.0, 720.0];
 pub(crate) const RATE_DEG_S: f64 = 200.0;
 /// Absolute limit of each axis's acceleration \[deg/s2\].
 pub(crate) const ACCELERATION_DEG_S2: f64 = 500.0;
-/// A reading may exceed the limit of an angle \[deg\] or a rate \[deg/s\] by this much: noise and overshoot of the servo.
+/// A reading may exceed the limit of an angle \[deg\] or a rate \[deg/s\] by this much: noise and overshoot of the
+/// servo.
 const SERVO_MARGIN: f64 = 1.0;
 
 /// A plan's limits. None is wider than the absolute limit.
@@ -101,7 +102,8 @@ impl Limits {
         (acceleration > most).then(|| format!("{acceleration:?} deg/s2 is over limits.acceleration_deg_s2, {most:?}"))
     }
 
-    /// The fault of measured angles \[deg\] and rates \[deg/s\]; `None` if they are within the limits and the servo's margin.
+    /// The fault of measured angles \[deg\] and rates \[deg/s\]; `None` if they are within the limits and the servo's
+    /// margin.
     pub fn reading(&self, angles: [f64; 2], rates: [f64; 2]) -> Option<String> {
         let fast = rates.iter().find(|rate| rate.is_nan() || rate.abs() > self.rate_deg_s + SERVO_MARGIN);
         let fast = fast.map(|rate| format!("the table turns at {rate:.3} deg/s, over limits.rate_deg_s"));
@@ -111,7 +113,8 @@ impl Limits {
     fn angle(&self, angles: [f64; 2], margin: f64) -> Option<String> {
         let axes = ["outer", "inner"].into_iter().zip(angles).zip(self.angles_deg);
         axes.into_iter().find_map(|((name, angle), [low, high])| {
-            // A turntable may report -0.001 as 359.999; therefore readings (margin over 0), not commands, are taken modulo 360.
+            // A turntable may report -0.001 as 359.999; therefore readings (margin over 0), not commands, are taken
+            // modulo 360.
             let turns: &[f64] = if margin > 0.0 { &[0.0, -360.0, 360.0] } else { &[0.0] };
             let inside = turns.iter().any(|turn| (low - margin..=high + margin).contains(&(angle + turn)));
             (!inside)

@@ -1,15 +1,17 @@
-//! The campaign's state machine: it decides the next action from time, readings and samples. It does no input or output.
+//! The campaign's state machine: it decides the next action from time, readings and samples. It does no input or
+//! output.
 //!
 //! ```text
 //! approach -> soak -> [ travel -> settle -> dwell ] for each position and turn -> stay -> the next set point
 //!    ^          |            ^_______________| the turntable left its position
 //!    `----------'____________________________| the chamber left its set point, or an interruption
 //! ```
-//! In a turn the phase `turn` takes the place of `dwell`: samples are taken while the turntable rests, turns and rests again. In a ramp or a
-//! verification run it is `sweep`: samples are taken while the chamber goes there and back. A dwell, a turn, a ramp or a verification run is a
-//! unit. A unit is kept whole or not at all.
+//! In a turn the phase `turn` takes the place of `dwell`: samples are taken while the turntable rests, turns and rests
+//! again. In a ramp or a verification run it is `sweep`: samples are taken while the chamber goes there and back. A
+//! dwell, a turn, a ramp or a verification run is a unit. A unit is kept whole or not at all.
 //!
-//! Over 400 lines: this is one state machine, and its transitions are read together. Those within a turn are in [`turn`].
+//! Over 400 lines: this is one state machine, and its transitions are read together. Those within a turn are in
+//! [`turn`].
 
 use super::plan::{Plan, PlannedTurn, ThereAndBack};
 use super::stability::Trends;
@@ -19,7 +21,8 @@ use isotherm_instruments::{ChamberReading, TurntableReading, turn_deg};
 const MIN_STEP_C: f64 = 0.5;
 /// Two set points that differ by at most this are the same \[degC\]: some controllers store tenths of a degree.
 const SAME_SET_POINT_C: f64 = 0.11;
-/// Hysteresis: a set point counts as reached within this fraction of the tolerance and as left beyond the whole tolerance.
+/// Hysteresis: a set point counts as reached within this fraction of the tolerance and as left beyond the whole
+/// tolerance.
 const REACHED_FRACTION: f64 = 0.8;
 /// After a delay of the loop, the set point catches up with its ramp for at most this time, or by one step \[s\].
 const MAX_CATCH_UP_S: f64 = 60.0;
@@ -342,8 +345,8 @@ pub(crate) struct CampaignMachine<'p> {
 }
 
 impl<'p> CampaignMachine<'p> {
-    /// Goes on after `completed` units. `min_timeout_s` is the lower bound of every time-out: a fast simulated laboratory needs
-    /// some real time too.
+    /// Goes on after `completed` units. `min_timeout_s` is the lower bound of every time-out: a fast simulated
+    /// laboratory needs some real time too.
     pub(crate) const fn new(plan: &'p Plan, completed: usize, min_timeout_s: f64) -> Self {
         Self {
             plan,
@@ -379,7 +382,8 @@ impl<'p> CampaignMachine<'p> {
         self.attempts + 1 >= self.plan.patience.attempts
     }
 
-    /// Counts the attempts at the unit in progress anew: an IMU is dropped, and the earlier ones were those of other IMUs.
+    /// Counts the attempts at the unit in progress anew: an IMU is dropped, and the earlier ones were those of other
+    /// IMUs.
     pub(crate) const fn renew_attempts(&mut self) {
         self.attempts = 0;
     }
@@ -394,8 +398,8 @@ impl<'p> CampaignMachine<'p> {
         self.commanded.map(|(commanded_c, _)| commanded_c)
     }
 
-    /// Chooses the phase to go on with after an interruption of `interruption_s`. The unit in progress is lost. `reached` is when
-    /// the set point had been reached, if it had.
+    /// Chooses the phase to go on with after an interruption of `interruption_s`. The unit in progress is lost.
+    /// `reached` is when the set point had been reached, if it had.
     ///
     /// # Errors
     /// [`Halt::GivenUp`] after too many interruptions without a complete unit between them.
@@ -468,8 +472,8 @@ impl<'p> CampaignMachine<'p> {
         }
     }
 
-    /// Checks that the chamber runs at the commanded set point. If not, an operator has changed it, or it has stopped by itself:
-    /// then the campaign ends instead of commanding it again.
+    /// Checks that the chamber runs at the commanded set point. If not, an operator has changed it, or it has stopped
+    /// by itself: then the campaign ends instead of commanding it again.
     fn check_chamber_follows(&self, observation: &Observation<'_>) -> Result<(), Halt> {
         let (chamber, at) = observation.chamber;
         let Some((commanded, _)) = self.commanded.filter(|_| self.chamber_started && at > self.last_command[0]) else {
@@ -496,7 +500,8 @@ impl<'p> CampaignMachine<'p> {
     fn advance_set_point(&mut self, target: f64, ramp_c_per_s: f64, observation: &Observation<'_>) -> Option<f64> {
         let (commanded, at) = self.commanded?;
         let remaining = target - commanded;
-        // At a high speed, one turn of the loop takes long in laboratory time; therefore the bound grows with the speed.
+        // At a high speed, one turn of the loop takes long in laboratory time; therefore the bound grows with the
+        // speed.
         let max_step = MIN_STEP_C.max(ramp_c_per_s * MAX_CATCH_UP_S.max(self.min_timeout_s / 50.0));
         let allowed = (ramp_c_per_s * (observation.now - at)).min(max_step);
         if remaining == 0.0 || allowed < remaining.abs().min(MIN_STEP_C) {
@@ -538,7 +543,8 @@ impl<'p> CampaignMachine<'p> {
         self.wait_for_chamber(target, since, observation)
     }
 
-    /// Waits for the chamber's air to reach `target`, which was commanded at `since`; gives up after the patience of the plan.
+    /// Waits for the chamber's air to reach `target`, which was commanded at `since`; gives up after the patience of
+    /// the plan.
     fn wait_for_chamber(&self, target: f64, since: f64, observation: &Observation<'_>) -> Result<Action, Halt> {
         let patience = self.plan.patience.approach_s.max(self.min_timeout_s);
         if observation.now - since <= patience {
@@ -606,7 +612,8 @@ impl<'p> CampaignMachine<'p> {
         })
     }
 
-    /// The rotation of both axes from `from_deg` to `to_deg` \[deg\]. In a turn whole turns count, unless the controller counts modulo 360 degrees.
+    /// The rotation of both axes from `from_deg` to `to_deg` \[deg\]. In a turn whole turns count, unless the
+    /// controller counts modulo 360 degrees.
     fn rotation_deg(&self, from_deg: [f64; 2], to_deg: [f64; 2]) -> [f64; 2] {
         let counted = matches!(self.unit(), Some(Unit::Turn { .. })) && !self.plan.turntable.wraps();
         let rotation = |from: f64, to: f64| if counted { to - from } else { turn_deg(from, to) };

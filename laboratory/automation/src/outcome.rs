@@ -57,7 +57,8 @@ pub struct Installation {
     pub unix_s: f64,
     /// The installed file; `None` if the table was left aside.
     pub file: Option<PathBuf>,
-    /// Digest of the table in that file now; `None` if it cannot be read, or if its path is relative. Another one is there after a rollback.
+    /// Digest of the table in that file now; `None` if it cannot be read, or if its path is relative. Another one is
+    /// there after a rollback.
     pub present: Option<String>,
     /// Why the table was left aside, one reason a line. Those of a run are with the run.
     pub refused: Option<String>,

@@ -1,5 +1,5 @@
-//! The live page: state, curves and events of the campaign in one HTML file that a browser reloads by itself. The clock is UTC, as in
-//! the log.
+//! The live page: state, curves and events of the campaign in one HTML file that a browser reloads by itself. The clock
+//! is UTC, as in the log.
 
 use super::control::snapshot;
 use super::curves::PlottedCurves;

@@ -89,7 +89,8 @@ impl Plan {
         format!("{set_points} set points x {open}{positions} positions{turns}{close}{ramps}")
     }
 
-    /// The settings that determine the data, as keys and values. The journal keeps them to recognise the plan that it belongs to.
+    /// The settings that determine the data, as keys and values. The journal keeps them to recognise the plan that it
+    /// belongs to.
     #[must_use]
     pub fn identity(&self) -> Vec<(String, String)> {
         let pair = |key: &str, value: String| (key.to_owned(), value);

@@ -46,7 +46,8 @@ pub struct Snapshot {
     pub units: usize,
     /// What the machine waits for.
     pub waits_for: String,
-    /// Chamber: set point of the unit in progress, in a ramp or a verification run that of the end it goes to \[degC\]; null when all are complete.
+    /// Chamber: set point of the unit in progress, in a ramp or a verification run that of the end it goes to \[degC\];
+    /// null when all are complete.
     pub target_c: Option<f64>,
     /// Chamber: commanded set point \[degC\]; null before the first command.
     pub commanded_c: Option<f64>,
@@ -175,7 +176,8 @@ impl Progress {
         }
     }
 
-    /// Whether the status file, the bars or the log are due at laboratory time `now` \[s\]. A change of phase makes the file due.
+    /// Whether the status file, the bars or the log are due at laboratory time `now` \[s\]. A change of phase makes the
+    /// file due.
     pub fn is_due(&mut self, now: f64, phase: &'static str) -> bool {
         if phase != self.phase {
             (self.phase, self.written) = (phase, None);
@@ -192,7 +194,8 @@ impl Progress {
         self.bars.is_none() && self.logged.is_none_or(due)
     }
 
-    /// Updates what is due with the state at laboratory time `now` \[s\]. `fraction` of the unit in progress is done, 0 to 1.
+    /// Updates what is due with the state at laboratory time `now` \[s\]. `fraction` of the unit in progress is done, 0
+    /// to 1.
     pub fn update(&mut self, now: f64, fraction: f64, snapshot: &Snapshot) {
         if due(self.written, FILE_PERIOD) {
             self.written = Some(Instant::now());

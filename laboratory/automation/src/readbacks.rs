@@ -1,5 +1,5 @@
-//! Readings of chamber, turntable and IMU telemetry over the whole campaign: `readbacks.csv`, one for each IMU of a batch, and its curves for the
-//! live page.
+//! Readings of chamber, turntable and IMU telemetry over the whole campaign: `readbacks.csv`, one for each IMU of a
+//! batch, and its curves for the live page.
 
 use crate::curves::{CURVES, CurveRow, PlottedCurves};
 use crate::plan::{Plan, READBACKS};
@@ -33,8 +33,8 @@ pub(crate) struct Readbacks {
 }
 
 impl Readbacks {
-    /// Opens the file for the IMU of `plan` or creates it, and reads the curves of the rows that it has. A new file has columns of the gyroscopes if
-    /// they are calibrated.
+    /// Opens the file for the IMU of `plan` or creates it, and reads the curves of the rows that it has. A new file has
+    /// columns of the gyroscopes if they are calibrated.
     ///
     /// # Errors
     /// If it cannot be read or written.
@@ -48,7 +48,8 @@ impl Readbacks {
         Ok(Self { file, path, curves, has_gyroscopes })
     }
 
-    /// Appends a row. `telemetry` is head and board of each accelerometer, then of each gyroscope, NaN before the first sample.
+    /// Appends a row. `telemetry` is head and board of each accelerometer, then of each gyroscope, NaN before the first
+    /// sample.
     ///
     /// # Errors
     /// If it cannot be written.

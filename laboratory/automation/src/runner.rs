@@ -1,8 +1,9 @@
 //! The loop that gives the machine its observations and executes its actions.
 //!
-//! One thread talks to both instruments, one request at a time, so that nothing is commanded while a reply is outstanding.
-//! Another thread takes the samples off the stream. Every command is checked against the limits before it is sent, and every
-//! reading when it arrives. However the loop ends, the runner brings the instruments into the safe state.
+//! One thread talks to both instruments, one request at a time, so that nothing is commanded while a reply is
+//! outstanding. Another thread takes the samples off the stream. Every command is checked against the limits before it
+//! is sent, and every reading when it arrives. However the loop ends, the runner brings the instruments into the safe
+//! state.
 //!
 //! Over 400 lines: one loop and its pauses, which share the runner's state and are read together.
 
@@ -104,7 +105,8 @@ pub struct Runner<'p> {
     reached_in_journal: bool,
     /// Number of complete units in the journal.
     units_kept: usize,
-    /// When an earlier runner had reached the present set point; negative, because laboratory time 0 is this runner's start.
+    /// When an earlier runner had reached the present set point; negative, because laboratory time 0 is this runner's
+    /// start.
     reached: Option<f64>,
     /// Time from the last moment that all was well with an earlier runner until this runner's start.
     interruption_s: f64,
@@ -430,8 +432,8 @@ impl<'p> Runner<'p> {
         Ok(())
     }
 
-    /// Connects both instruments and waits for samples. Nothing is commanded but the turntable's engagement, after a stop if an
-    /// earlier runner left it engaged.
+    /// Connects both instruments and waits for samples. Nothing is commanded but the turntable's engagement, after a
+    /// stop if an earlier runner left it engaged.
     fn connect(&mut self) -> Result<(), RunnerError> {
         let reached = self.reached;
         self.wait_until_well(MIN_TIMEOUT.as_secs_f64() * self.clock.speed + self.plan.patience.stream_s)?;

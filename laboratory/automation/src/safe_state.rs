@@ -1,17 +1,18 @@
 //! The safe state: turntable stopped, chamber in standby or held at ambient.
 //!
-//! Each instrument has a thread, so that none waits for the other. First the stop orders go out, at once and whatever the line
-//! does (see `begin_orders` of the line), within [`FIRST_ORDERS`]. Then comes the usual protocol, with its waits and repetitions:
-//! what the replies to the first orders have not acknowledged is ordered again, and the state is read back. If that fails, all
-//! begins anew, the orders first: one spoiled byte loses an order, and a line that babbles lets nothing else through.
+//! Each instrument has a thread, so that none waits for the other. First the stop orders go out, at once and whatever
+//! the line does (see `begin_orders` of the line), within [`FIRST_ORDERS`]. Then comes the usual protocol, with its
+//! waits and repetitions: what the replies to the first orders have not acknowledged is ordered again, and the state is
+//! read back. If that fails, all begins anew, the orders first: one spoiled byte loses an order, and a line that
+//! babbles lets nothing else through.
 
 use super::plan::Plan;
 use isotherm_instruments::{Chamber, ChamberReading, Instrument, InstrumentFault, Turntable, TurntableReading};
 use std::time::{Duration, Instant};
 use std::{fmt, thread};
 
-/// Longest time from a signal, or from a reason to end, to the last of the first stop orders. The lines end their waits when they
-/// see a signal, which takes [`NOTICE`] at most; the rest is for the orders.
+/// Longest time from a signal, or from a reason to end, to the last of the first stop orders. The lines end their waits
+/// when they see a signal, which takes [`NOTICE`] at most; the rest is for the orders.
 pub(crate) const FIRST_ORDERS: Duration = Duration::from_secs(5);
 /// Longest time until the loop has noticed a signal.
 const NOTICE: Duration = Duration::from_secs(1);
@@ -45,8 +46,8 @@ impl fmt::Display for SafeOutcome {
     }
 }
 
-/// Brings both instruments into the safe state. Both are commanded at the same time, first at once, then with several attempts.
-/// `bool` says whether the instrument is connected. Returns the results of turntable and chamber.
+/// Brings both instruments into the safe state. Both are commanded at the same time, first at once, then with several
+/// attempts. `bool` says whether the instrument is connected. Returns the results of turntable and chamber.
 pub(crate) fn enter(
     plan: &Plan,
     (turntable, turntable_connected): (&mut (dyn Turntable + 'static), bool),
@@ -91,8 +92,8 @@ fn stop_turntable(plan: &Plan, turntable: &mut (dyn Turntable + 'static), connec
     stopped.unwrap_or_else(|fault| SafeOutcome::Unknown(format!("table NOT known to be stopped: {fault}")))
 }
 
-/// Commands standby, or ambient if the plan says so, and reads the chamber back. The first order for ambient is the set point
-/// alone, which starts no chamber.
+/// Commands standby, or ambient if the plan says so, and reads the chamber back. The first order for ambient is the set
+/// point alone, which starts no chamber.
 fn make_chamber_safe(plan: &Plan, chamber: &mut (dyn Chamber + 'static), connected: bool) -> SafeOutcome {
     let mut connected = connected;
     // The limits hold for ambient too.
@@ -142,8 +143,9 @@ fn read_back(chamber: &mut (dyn Chamber + 'static), held_c: Option<f64>) -> Resu
     Ok(SafeOutcome::Reached(format!("chamber {state}, air at {air_c:.1} degC")))
 }
 
-/// Tries up to [`SAFE_ATTEMPTS`] times. Each attempt sends `order` at once; then `confirm` gets whether it was acknowledged, and does
-/// the rest by the line's usual rules. After each failure the line is opened anew, and the instrument identified before `confirm`.
+/// Tries up to [`SAFE_ATTEMPTS`] times. Each attempt sends `order` at once; then `confirm` gets whether it was
+/// acknowledged, and does the rest by the line's usual rules. After each failure the line is opened anew, and the
+/// instrument identified before `confirm`.
 fn attempt<I: Instrument + ?Sized>(
     instrument: &mut I,
     mut connected: bool,

@@ -4,13 +4,14 @@
 //! A sample belongs to a dwell if its whole interval lies after the turntable had settled and before the next motion is
 //! commanded. Only the first condition needs a test: the motion is commanded after the last sample was received.
 //!
-//! A sample has the time of the acquisition's clock, a reading of the turntable that of the runner's. The sample of the last
-//! minutes with the shortest time from its end to its sending gives the offset between the two clocks. Other samples do not
-//! change the offset; therefore a sample that arrives late is not mistaken for one that was taken late.
+//! A sample has the time of the acquisition's clock, a reading of the turntable that of the runner's. The sample of the
+//! last minutes with the shortest time from its end to its sending gives the offset between the two clocks. Other
+//! samples do not change the offset; therefore a sample that arrives late is not mistaken for one that was taken late.
 //!
 //! # Turns
-//! The samples of a turn are one unbroken run from the rest before to the rest after it. A missing sample would be a missing angle; therefore a gap
-//! or a sample that cannot be used makes the turn useless, and all its rows are sums of the same number of samples.
+//! The samples of a turn are one unbroken run from the rest before to the rest after it. A missing sample would be a
+//! missing angle; therefore a gap or a sample that cannot be used makes the turn useless, and all its rows are sums of
+//! the same number of samples.
 //!
 //! Over 400 lines: tap, clock offset, recorder and row form one path of a sample, in this order.
 
@@ -38,7 +39,8 @@ const TAP_DEPTH: usize = 1 << 16;
 const TAP_RETRY: Duration = Duration::from_millis(500);
 /// Span of the clock offset's maximum: in laboratory time, and at least this in real time \[s\].
 const OFFSET_SPAN_S: [f64; 2] = [300.0, 30.0];
-/// Longest credible time from a sample's sending to its reception \[ns\]. Beyond it, the time of reception replaces `sent_ns`.
+/// Longest credible time from a sample's sending to its reception \[ns\]. Beyond it, the time of reception replaces
+/// `sent_ns`.
 const MAX_TRANSIT_NS: u64 = 10_000_000_000;
 
 /// Largest credible step of the timestamp from one sample to the next \[ns\]: a day.
@@ -94,7 +96,8 @@ impl SampleTap {
         Ok(Self { imu, options, tap, retry_at: None })
     }
 
-    /// The next sample and the time of its reception, `CLOCK_MONOTONIC` \[ns\]; or the next error; `None` if there is neither.
+    /// The next sample and the time of its reception, `CLOCK_MONOTONIC` \[ns\]; or the next error; `None` if there is
+    /// neither.
     pub fn take_sample(&mut self) -> Option<Result<(RawSample, u64), String>> {
         while let Some(tapped) = self.tap.pop() {
             if let StreamSample::Raw(sample) = tapped.sample {
@@ -133,8 +136,8 @@ fn start_tap(imu: &ImuId, options: &Options) -> io::Result<Tap> {
     Tap::start(&[(imu.clone(), StreamKind::Raw)], options, settings)
 }
 
-/// Offset of the acquisition's clock from laboratory time \[s\]: the largest over the last one to two spans, which is that of the
-/// sample with the least delay.
+/// Offset of the acquisition's clock from laboratory time \[s\]: the largest over the last one to two spans, which is
+/// that of the sample with the least delay.
 struct ClockOffset {
     span_s: f64,
     /// When the present span began.
@@ -271,7 +274,8 @@ impl<'p> SampleRecorder<'p> {
     /// Takes the next sample, received at `received_ns` of `CLOCK_MONOTONIC`. Returns whether it is usable.
     ///
     /// # Errors
-    /// If a row cannot be written, or if it is a sample of another unit, or of an IMU without the gyroscopes that are to be calibrated.
+    /// If a row cannot be written, or if it is a sample of another unit, or of an IMU without the gyroscopes that are
+    /// to be calibrated.
     pub fn take(&mut self, sample: &RawSample, received_ns: u64) -> Result<bool, Failure> {
         self.check_imu(sample)?;
         let sent_ns = sample.sent_ns;
@@ -413,8 +417,8 @@ impl<'p> SampleRecorder<'p> {
         Failure::io(phase, &self.plan.output.join(file), error)
     }
 
-    /// Begins a unit: samples that begin after the laboratory time `since` belong to it. `kept` is the length of the kept part of
-    /// its file \[bytes\].
+    /// Begins a unit: samples that begin after the laboratory time `since` belong to it. `kept` is the length of the
+    /// kept part of its file \[bytes\].
     ///
     /// # Errors
     /// If its file cannot be opened.
@@ -461,8 +465,8 @@ impl<'p> SampleRecorder<'p> {
         Layout { device, gyroscopes: !self.plan.turns.is_empty(), lag: false }
     }
 
-    /// Forgets the last sample and the clock offset, after an interruption: one sample with a wrong time must not make all later
-    /// ones unusable.
+    /// Forgets the last sample and the clock offset, after an interruption: one sample with a wrong time must not make
+    /// all later ones unusable.
     pub fn reset_timing(&mut self) {
         self.last = None;
         self.offset = ClockOffset::new(self.clock.speed);
@@ -631,7 +635,8 @@ impl RowSum {
     }
 }
 
-/// Writes the campaign file beside the samples. If another text is there, the log says so: the fit takes what the plan says.
+/// Writes the campaign file beside the samples. If another text is there, the log says so: the fit takes what the plan
+/// says.
 ///
 /// # Errors
 /// If it cannot be written.

@@ -6,7 +6,8 @@ use isotherm_shared::wire::{AXES, RawSample, Triad};
 use std::array;
 use std::collections::VecDeque;
 
-/// Least number of points of a window where values are frequent. More frequent values are averaged, so that memory is bounded.
+/// Least number of points of a window where values are frequent. More frequent values are averaged, so that memory is
+/// bounded.
 const POINTS_PER_WINDOW: f64 = 64.0;
 /// A window counts as full when its points span this fraction of it.
 const FULL_FRACTION: f64 = 0.9;
@@ -35,7 +36,8 @@ impl Trend {
         self.open = [0.0; 3];
     }
 
-    /// Adds `value` at `time_s`. A time before the last point clears the window first. A NaN or infinite value is ignored.
+    /// Adds `value` at `time_s`. A time before the last point clears the window first. A NaN or infinite value is
+    /// ignored.
     pub(crate) fn add(&mut self, time_s: f64, value: f64) {
         if !value.is_finite() {
             return;
@@ -50,7 +52,8 @@ impl Trend {
             self.points.push_back([time / count, sum / count]);
             self.open = [0.0; 3];
         }
-        // The first point is removed when the others fill the window without it. Where points are rare, the window gets longer.
+        // The first point is removed when the others fill the window without it. Where points are rare, the window gets
+        // longer.
         while self.points.len() > MIN_POINTS
             && self.points.get(1).is_some_and(|second| time_s - second[0] >= self.window_s)
         {
@@ -141,7 +144,8 @@ impl Trends {
         self.chamber.per_h()
     }
 
-    /// Rate of change of the fastest temperature of all IMUs \[unit/h\], and its name; `None` until all windows are full.
+    /// Rate of change of the fastest temperature of all IMUs \[unit/h\], and its name; `None` until all windows are
+    /// full.
     pub(crate) fn telemetry_per_h(&self) -> Option<(f64, String)> {
         let mut fastest: Option<(f64, String)> = None;
         for ImuTrends { name: imu, sensors } in &self.imus {

@@ -1,5 +1,5 @@
-//! Chamber and turntable: every command and every reading is checked against the limits here. Only this module and the safe state
-//! command them.
+//! Chamber and turntable: every command and every reading is checked against the limits here. Only this module and the
+//! safe state command them.
 
 use super::plan::Plan;
 use super::safe_state::{self, SafeOutcome};
@@ -39,7 +39,8 @@ impl<'p> Station<'p> {
         Self::stopped_by(plan, was_engaged, &Arc::default())
     }
 
-    /// The same. A number other than 0 in `stop_signal` ends every wait for an instrument, until the safe state is entered.
+    /// The same. A number other than 0 in `stop_signal` ends every wait for an instrument, until the safe state is
+    /// entered.
     pub fn stopped_by(plan: &'p Plan, was_engaged: bool, stop_signal: &Arc<AtomicUsize>) -> Self {
         Self {
             plan,
@@ -73,8 +74,8 @@ impl<'p> Station<'p> {
         Ok(())
     }
 
-    /// Connects and engages the turntable if it is not connected. This moves nothing. Engaging resets faults; therefore a
-    /// turntable that was engaged before is first checked for faults, and stopped.
+    /// Connects and engages the turntable if it is not connected. This moves nothing. Engaging resets faults; therefore
+    /// a turntable that was engaged before is first checked for faults, and stopped.
     ///
     /// # Errors
     /// If the turntable does not answer, has a fault or exceeds a limit.
@@ -235,8 +236,8 @@ impl<'p> Station<'p> {
         self.close_turntable();
     }
 
-    /// Brings both instruments into the safe state: turntable stopped, chamber in standby or held at ambient. Returns the results
-    /// of turntable and chamber.
+    /// Brings both instruments into the safe state: turntable stopped, chamber in standby or held at ambient. Returns
+    /// the results of turntable and chamber.
     pub fn enter_safe_state(&mut self) -> (SafeOutcome, SafeOutcome) {
         let [chamber_connected, turntable_connected] = self.connected;
         let turntable = (self.turntable.as_mut(), turntable_connected);

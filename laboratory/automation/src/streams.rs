@@ -1,7 +1,8 @@
-//! The raw streams of the IMUs, side by side: of the one IMU of a plan, or of each IMU of a batch, with what is written of it.
+//! The raw streams of the IMUs, side by side: of the one IMU of a plan, or of each IMU of a batch, with what is written
+//! of it.
 //!
-//! An IMU of a batch that fails is dropped, and the others go on. A stream that stops is the fault of its IMU only while another one sends: if all
-//! stop, it is the service or the machine, and nobody is dropped.
+//! An IMU of a batch that fails is dropped, and the others go on. A stream that stops is the fault of its IMU only
+//! while another one sends: if all stop, it is the service or the machine, and nobody is dropped.
 
 use super::journal::{History, Kept};
 use super::machine::Unit;
@@ -48,7 +49,8 @@ impl Flow {
         now - self.last
     }
 
-    /// The streams that have stopped for longer than `patience_s`, while another one has flowed for longer than `others_s`.
+    /// The streams that have stopped for longer than `patience_s`, while another one has flowed for longer than
+    /// `others_s`.
     fn silent(flows: &[(usize, Self)], now: f64, patience_s: f64, others_s: f64) -> Vec<usize> {
         let flow = flows.iter().filter(|(_, flow)| flow.age_s(now) <= FLOWS * patience_s);
         let long = flow.map(|(_, flow)| now - flow.since).fold(f64::NEG_INFINITY, f64::max) > others_s;
@@ -172,7 +174,8 @@ impl<'p> Streams<'p> {
         self.present().count() > 1
     }
 
-    /// Gives all received samples to the recorders and the trends. Returns the first IMU whose samples cannot be those of its plan.
+    /// Gives all received samples to the recorders and the trends. Returns the first IMU whose samples cannot be those
+    /// of its plan.
     ///
     /// # Errors
     /// If a row cannot be written.
@@ -214,7 +217,8 @@ impl<'p> Streams<'p> {
         silent.map(|stream| stream.silence(now, &self.domain))
     }
 
-    /// The IMUs whose streams have stopped for longer than `patience_s`, while another one has flowed for longer than `others_s`.
+    /// The IMUs whose streams have stopped for longer than `patience_s`, while another one has flowed for longer than
+    /// `others_s`.
     #[must_use]
     pub(crate) fn silent(&self, patience_s: f64, others_s: f64) -> Vec<FailedImu> {
         let now = self.clock.now();
@@ -224,8 +228,8 @@ impl<'p> Streams<'p> {
         silent.map(|imu| FailedImu { imu, reason: self.all[imu].silence(now, &self.domain) }).collect()
     }
 
-    /// The IMU that has spoiled the most attempts at the unit in progress, of several the first: if the unit is spoiled, and this is the
-    /// last attempt or the IMU has spoiled as many as the plan allows.
+    /// The IMU that has spoiled the most attempts at the unit in progress, of several the first: if the unit is
+    /// spoiled, and this is the last attempt or the IMU has spoiled as many as the plan allows.
     #[must_use]
     pub(crate) fn spoiler(&self, is_last_attempt: bool) -> Option<FailedImu> {
         let reasons = |stream: &ImuStream<'_>| {

@@ -1,4 +1,5 @@
-//! The estimated duration of a plan: its own times, and the times that turntable and chamber need for their motions and ramps.
+//! The estimated duration of a plan: its own times, and the times that turntable and chamber need for their motions and
+//! ramps.
 
 use super::machine::Unit;
 use super::plan::{Plan, PlannedTurn, ThereAndBack};
@@ -37,7 +38,8 @@ pub fn turn_s(plan: &Plan, turn: &PlannedTurn) -> f64 {
     2.0 * how.rest_s + motion + plan.motion.settle_s
 }
 
-/// Duration of the unit of index `unit` and of the motion to it, without the approach of its set point \[s\]; `None` after the last.
+/// Duration of the unit of index `unit` and of the motion to it, without the approach of its set point \[s\]; `None`
+/// after the last.
 fn own_s(plan: &Plan, unit: usize) -> Option<f64> {
     let this = Unit::of(plan, unit)?;
     let before = unit.checked_sub(1).and_then(|before| Unit::of(plan, before));

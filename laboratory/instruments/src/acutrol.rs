@@ -1,7 +1,8 @@
 //! ACUTROL 3000: the ACUTROL Command Language.
 //!
-//! A request is a line such as `:read:position? 1`, ended by CR LF. The reply to a query is a number or a word, the reply to a
-//! command is `OK`. Over TCP a reply has a header of eight bytes and may have no line end, so a pause ends it too.
+//! A request is a line such as `:read:position? 1`, ended by CR LF. The reply to a query is a number or a word, the
+//! reply to a command is `OK`. Over TCP a reply has a header of eight bytes and may have no line end, so a pause ends
+//! it too.
 
 use super::fault::{FaultKind, InstrumentFault};
 use super::instrument::{Instrument, Turntable, TurntableReading, wrapped_deg};

@@ -1,7 +1,8 @@
 //! Ideal Aerosmith: the Aerosmith Table Language.
 //!
-//! A request is a command of three letters with its argument, `MOV90.000`, ended by CR LF. For a table with two axes it also
-//! contains the number of the axis; `form` defines where. A reply is a line, which may be empty, and a line with the prompt.
+//! A request is a command of three letters with its argument, `MOV90.000`, ended by CR LF. For a table with two axes it
+//! also contains the number of the axis; `form` defines where. A reply is a line, which may be empty, and a line with
+//! the prompt.
 
 use super::fault::{FaultKind, InstrumentFault};
 use super::instrument::{Instrument, Turntable, TurntableReading, wrapped_deg};
@@ -57,7 +58,8 @@ impl AerosmithSettings {
     }
 }
 
-/// Length of the first `lines` lines of a reply, up to the carriage return of the last one; `None` while they are incomplete.
+/// Length of the first `lines` lines of a reply, up to the carriage return of the last one; `None` while they are
+/// incomplete.
 fn reply_length(lines: usize, bytes: &[u8]) -> Option<usize> {
     bytes.iter().enumerate().filter(|(_, byte)| **byte == b'\r').nth(lines - 1).map(|(end, _)| end + 1)
 }
@@ -92,7 +94,8 @@ impl Aerosmith {
         })
     }
 
-    /// Sends a command. Public drivers do not evaluate the reply to a command; a number is a late reply to an earlier query.
+    /// Sends a command. Public drivers do not evaluate the reply to a command; a number is a late reply to an earlier
+    /// query.
     fn command(&mut self, axis: u8, command: &str, value: &str) -> Result<(), InstrumentFault> {
         self.ask(axis, command, value, |reply| number(reply).is_none().then_some(()))
     }
@@ -118,8 +121,8 @@ impl Instrument for Aerosmith {
         &mut self.line
     }
 
-    /// The protocol has no identification command. Reading the status of both axes shows that a controller of this protocol
-    /// answers.
+    /// The protocol has no identification command. Reading the status of both axes shows that a controller of this
+    /// protocol answers.
     fn identify(&mut self) -> Result<String, InstrumentFault> {
         let [outer, inner] = self.settings.axes;
         self.faults()?;

@@ -1,7 +1,8 @@
 //! Voetsch and Weiss: ASCII-2.
 //!
-//! `$01I` CR reads everything: the reply has the values in a fixed order, separated by blanks, then the digital outputs as a word
-//! of 0 and 1. `$01E 0023.0 0100000000000000` CR sets the nominal values, in their order, and the digital outputs.
+//! `$01I` CR reads everything: the reply has the values in a fixed order, separated by blanks, then the digital outputs
+//! as a word of 0 and 1. `$01E 0023.0 0100000000000000` CR sets the nominal values, in their order, and the digital
+//! outputs.
 
 use super::fault::{FaultKind, InstrumentFault};
 use super::instrument::{Chamber, ChamberReading, Instrument};
@@ -130,8 +131,8 @@ impl Ascii2 {
         Ok(reading)
     }
 
-    /// Sets temperature and running state and reads them back; `None` keeps a value. The reply to `$01E` is not documented: any
-    /// reply that is not a reading is accepted.
+    /// Sets temperature and running state and reads them back; `None` keeps a value. The reply to `$01E` is not
+    /// documented: any reply that is not a reading is accepted.
     fn set(&mut self, celsius: Option<f64>, running: Option<bool>) -> Result<(), InstrumentFault> {
         let before = match self.last.clone().filter(|_| self.line.has_orders()) {
             Some(last) => last,

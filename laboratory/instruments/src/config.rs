@@ -43,8 +43,8 @@ pub enum TurntableDriver {
 }
 
 impl ChamberConfig {
-    /// Reads every key of a chamber's driver and line; errors are collected in the document. The caller may read more keys, then
-    /// finishes the section.
+    /// Reads every key of a chamber's driver and line; errors are collected in the document. The caller may read more
+    /// keys, then finishes the section.
     #[must_use]
     pub fn read(section: &Section<'_, '_>) -> Option<Self> {
         type ReadChamberDriver = fn(&Section<'_, '_>) -> ChamberDriver;
@@ -63,8 +63,8 @@ impl ChamberConfig {
 }
 
 impl TurntableConfig {
-    /// Reads every key of a turntable's driver and line; errors are collected in the document. The caller may read more keys,
-    /// then finishes the section.
+    /// Reads every key of a turntable's driver and line; errors are collected in the document. The caller may read more
+    /// keys, then finishes the section.
     #[must_use]
     pub fn read(section: &Section<'_, '_>) -> Option<Self> {
         type ReadTurntableDriver = fn(&Section<'_, '_>) -> TurntableDriver;
@@ -79,7 +79,8 @@ impl TurntableConfig {
         Some(Self { line: line?, driver })
     }
 
-    /// Whether the controller counts angles modulo 360 degrees: a whole turn takes several motions, and its read-backs do not show it.
+    /// Whether the controller counts angles modulo 360 degrees: a whole turn takes several motions, and its read-backs
+    /// do not show it.
     #[must_use]
     pub const fn wraps(&self) -> bool {
         match &self.driver {

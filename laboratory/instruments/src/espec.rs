@@ -1,8 +1,8 @@
 //! ESPEC P-300 and SCP-220: lines of ASCII.
 //!
-//! A request is a line such as `TEMP?`; on RS-485 the address comes first, `1,TEMP?`. The reply to a query is a line of values,
-//! `23.0,25.0,100.0,-50.0`. The reply to a command is `OK:..` if the chamber accepts it and `NA:PARA ERR` (or another reason) if
-//! it refuses it. All lines end with CR LF.
+//! A request is a line such as `TEMP?`; on RS-485 the address comes first, `1,TEMP?`. The reply to a query is a line of
+//! values, `23.0,25.0,100.0,-50.0`. The reply to a command is `OK:..` if the chamber accepts it and `NA:PARA ERR` (or
+//! another reason) if it refuses it. All lines end with CR LF.
 
 use super::fault::{FaultKind, InstrumentFault};
 use super::instrument::{Chamber, ChamberReading, Instrument};
@@ -87,8 +87,8 @@ fn is_mode(text: &str) -> bool {
     ["OFF", "STANDBY", "CONSTANT", "RUN"].iter().any(|mode| text.starts_with(mode))
 }
 
-/// Parses the reply to `MON?`: air temperature, mode, number of alarms. The second field is the humidity, empty in chambers
-/// without it.
+/// Parses the reply to `MON?`: air temperature, mode, number of alarms. The second field is the humidity, empty in
+/// chambers without it.
 fn parse_monitor(reply: &str) -> Option<(f64, String, u16)> {
     let fields: Vec<_> = reply.split(',').map(str::trim).collect();
     let [air, _, mode, alarms] = fields[..] else { return None };

@@ -1,8 +1,8 @@
 //! Watlow F4T: Modbus RTU, holding registers.
 //!
-//! A temperature is a 32-bit float in two registers, the low word first unless `word_order` says otherwise. Its unit is that of
-//! the controller's Modbus map; the driver reads the unit and assumes none. How a chamber is started and stopped depends on its
-//! maker; by default the driver sets the loop's control mode to automatic or off.
+//! A temperature is a 32-bit float in two registers, the low word first unless `word_order` says otherwise. Its unit is
+//! that of the controller's Modbus map; the driver reads the unit and assumes none. How a chamber is started and
+//! stopped depends on its maker; by default the driver sets the loop's control mode to automatic or off.
 
 use super::fault::{FaultKind, InstrumentFault};
 use super::instrument::{Chamber, ChamberReading, Instrument};
@@ -91,7 +91,8 @@ pub struct F4t {
     fahrenheit: Option<bool>,
 }
 
-/// Length of the reply to `request`: five bytes for an exception, else as the function defines it. `None` while it is incomplete.
+/// Length of the reply to `request`: five bytes for an exception, else as the function defines it. `None` while it is
+/// incomplete.
 fn reply_length(request: &[u8], reply: &[u8]) -> Option<usize> {
     let function = *reply.get(1)?;
     let length = match function {
@@ -140,7 +141,8 @@ impl F4t {
         )
     }
 
-    /// Writes registers and checks the reply: it repeats the request's register, and its value (one register) or count (several).
+    /// Writes registers and checks the reply: it repeats the request's register, and its value (one register) or count
+    /// (several).
     fn write(&mut self, register: u16, values: &[u16]) -> Result<(), InstrumentFault> {
         let echo = match *values {
             [value] => [register, value],
@@ -288,7 +290,8 @@ mod tests {
         settings_of(toml, F4tSettings::read)
     }
 
-    // Word order as in StaflSystems/ChamberConnectLibrary, chamberconnectlibrary/modbus.py, with low_word_first True and False.
+    // Word order as in StaflSystems/ChamberConnectLibrary, chamberconnectlibrary/modbus.py, with low_word_first True
+    // and False.
     #[test]
     fn floats_have_the_word_order_of_the_settings() {
         assert_eq!(settings("").words(25.5), [0x0000, 0x41cc]);
@@ -299,8 +302,8 @@ mod tests {
         }
     }
 
-    // The first two frames are the usual examples of the Modbus literature for functions 3 and 16. The CRC of 02 07 is the
-    // example of the specification.
+    // The first two frames are the usual examples of the Modbus literature for functions 3 and 16. The CRC of 02 07 is
+    // the example of the specification.
     #[test]
     fn frames_are_those_of_modbus_rtu() {
         let (mut modbus, mut request) = (ModbusRequest::new(0x11, ModbusProto::Rtu), Vec::new());

@@ -29,7 +29,8 @@ pub trait Chamber: Instrument {
     /// Sets the set point, reads it back and compares.
     ///
     /// # Errors
-    /// A fault of the chamber or the line; [`FaultKind::Mismatch`](super::FaultKind::Mismatch) if another set point is read back.
+    /// A fault of the chamber or the line; [`FaultKind::Mismatch`](super::FaultKind::Mismatch) if another set point is
+    /// read back.
     fn set_point(&mut self, celsius: f64) -> Result<(), InstrumentFault>;
 
     /// Starts the constant mode: the chamber holds the set point.
@@ -58,8 +59,8 @@ pub struct ChamberReading {
     pub alarms: Vec<String>,
 }
 
-/// A two-axis turntable. Angles \[deg\], rates \[deg/s\]; both are right-handed: the outer axis (0) along the laboratory's X, the inner axis (1)
-/// up where the outer one is at 0.
+/// A two-axis turntable. Angles \[deg\], rates \[deg/s\]; both are right-handed: the outer axis (0) along the
+/// laboratory's X, the inner axis (1) up where the outer one is at 0.
 pub trait Turntable: Instrument {
     /// Resets faults, closes the interlocks and powers the axes. Nothing moves.
     ///
@@ -84,8 +85,8 @@ pub trait Turntable: Instrument {
         acceleration_deg_s2: f64,
     ) -> Result<(), InstrumentFault>;
 
-    /// Enters the safe state: the motion stops, the axes are held or without power. Both axes are commanded, even if the first
-    /// one fails.
+    /// Enters the safe state: the motion stops, the axes are held or without power. Both axes are commanded, even if
+    /// the first one fails.
     ///
     /// # Errors
     /// A fault of the turntable or the line.
@@ -103,7 +104,8 @@ pub struct TurntableReading {
     pub resolution_deg: f64,
     /// Active faults as the controller names them; empty for none.
     pub faults: Vec<String>,
-    /// Axes without power (open interlocks), as the controller names them; always empty for controllers that do not report it.
+    /// Axes without power (open interlocks), as the controller names them; always empty for controllers that do not
+    /// report it.
     pub open: Vec<String>,
 }
 

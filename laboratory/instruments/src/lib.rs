@@ -1,12 +1,12 @@
 //! Temperature chambers and turntables: one trait for each, and the drivers that a configuration can name.
 //!
-//! Every driver uses a line (module `line`): it sends one request, then waits for the reply or the time-out, and never has two
-//! requests under way. An error of an instrument or its line is an [`InstrumentFault`]; its [`FaultKind`] decides how a campaign
-//! reacts. A driver repeats a request without a reply, or with a garbled one, up to `retries` times. That is safe because every
-//! request is idempotent: it reads, or it sets an absolute value.
+//! Every driver uses a line (module `line`): it sends one request, then waits for the reply or the time-out, and never
+//! has two requests under way. An error of an instrument or its line is an [`InstrumentFault`]; its [`FaultKind`]
+//! decides how a campaign reacts. A driver repeats a request without a reply, or with a garbled one, up to `retries`
+//! times. That is safe because every request is idempotent: it reads, or it sets an absolute value.
 //!
-//! [`Line::begin_orders`] is for the safe state: the same stop requests of the same drivers then go out at once, without waiting
-//! for silence on the line.
+//! [`Line::begin_orders`] is for the safe state: the same stop requests of the same drivers then go out at once,
+//! without waiting for silence on the line.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {

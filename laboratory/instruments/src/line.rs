@@ -1,17 +1,18 @@
 //! The line to an instrument: one request, then its reply or a time-out.
 //!
 //! # Rules
-//! - There are never two requests at once. Bytes that are in the input before a request do not belong to its reply and are
-//!   discarded.
-//! - These protocols do not mark which request a reply belongs to. After a time-out or a garbled reply, a late reply may still
-//!   arrive: nothing is sent until the line has been quiet for `quiet_s`.
-//! - Every wait is bounded: a request takes at most (retries + 1) times (opening + drain + sending + reply). A line that does not
-//!   keep still for `quiet_s` within [`STILL_WITHIN`] times that is at fault, and the request is not repeated.
+//! - There are never two requests at once. Bytes that are in the input before a request do not belong to its reply and
+//!   are discarded.
+//! - These protocols do not mark which request a reply belongs to. After a time-out or a garbled reply, a late reply
+//!   may still arrive: nothing is sent until the line has been quiet for `quiet_s`.
+//! - Every wait is bounded: a request takes at most (retries + 1) times (opening + drain + sending + reply). A line
+//!   that does not keep still for `quiet_s` within [`STILL_WITHIN`] times that is at fault, and the request is not
+//!   repeated.
 //! - A lost port is closed, and opened again for the next request.
-//! - A signal that asks to end also ends every wait; only a reply that is under way may still arrive for [`GRACE`]. No further
-//!   request is sent.
-//! - Orders that lead to the safe state ([`Line::begin_orders`]) break the first two rules: they go out at once, whatever arrives.
-//!   Only the reply of a line that was still counts as an acknowledgement.
+//! - A signal that asks to end also ends every wait; only a reply that is under way may still arrive for [`GRACE`]. No
+//!   further request is sent.
+//! - Orders that lead to the safe state ([`Line::begin_orders`]) break the first two rules: they go out at once,
+//!   whatever arrives. Only the reply of a line that was still counts as an acknowledgement.
 
 use super::fault::{FaultKind, InstrumentFault};
 use super::line_config::LineConfig;
@@ -33,8 +34,8 @@ const MIN_STILL_WITHIN: Duration = Duration::from_secs(1);
 const STRAY_QUIET: Duration = Duration::from_millis(50);
 /// The stop signal is looked at so often during a wait.
 const SLICE: Duration = Duration::from_millis(50);
-/// How long the reply to the request under way is waited for after the stop signal: a controller that works answers sooner, and
-/// can then take the next request.
+/// How long the reply to the request under way is waited for after the stop signal: a controller that works answers
+/// sooner, and can then take the next request.
 const GRACE: Duration = Duration::from_millis(500);
 /// Longest wait for a first order to be taken, longest wait for its reply, and longest silence before it.
 const ORDER_WAIT: Duration = Duration::from_millis(300);
@@ -81,15 +82,16 @@ impl Line {
         self.repeated
     }
 
-    /// From now on requests are orders that go out at once: until `until` the line waits for no silence, only shortly for a reply,
-    /// and repeats a request only on a port that it had to open anew. The stop signal has done its work and is no longer looked at.
+    /// From now on requests are orders that go out at once: until `until` the line waits for no silence, only shortly
+    /// for a reply, and repeats a request only on a port that it had to open anew. The stop signal has done its work
+    /// and is no longer looked at.
     pub fn begin_orders(&mut self, until: Instant) {
         self.stop_signal = Arc::default();
         self.orders_until = Some(until);
     }
 
-    /// From now on requests obey the line's rules again. Returns whether the line was still, so that the replies to the orders can
-    /// be told from others.
+    /// From now on requests obey the line's rules again. Returns whether the line was still, so that the replies to the
+    /// orders can be told from others.
     pub const fn end_orders(&mut self) -> bool {
         self.orders_until = None;
         !self.stale
@@ -190,8 +192,8 @@ impl Line {
         Err(ExchangeError(FaultKind::Stopped, "not waited for, because a signal asks to end".to_owned()))
     }
 
-    /// Opens the port, if it is not open, in a thread of its own: names are looked up there, and connections made, which has no
-    /// end that this thread could bring about. A port that opens too late is closed there.
+    /// Opens the port, if it is not open, in a thread of its own: names are looked up there, and connections made,
+    /// which has no end that this thread could bring about. A port that opens too late is closed there.
     fn open(&mut self) -> Result<(), ExchangeError> {
         if self.port.is_some() {
             return Ok(());
@@ -273,8 +275,8 @@ impl Line {
         }
     }
 
-    /// Appends the next bytes, at least one, that arrive before `deadline`. Returns whether any arrived. The stop signal ends the
-    /// wait after `grace`.
+    /// Appends the next bytes, at least one, that arrive before `deadline`. Returns whether any arrived. The stop
+    /// signal ends the wait after `grace`.
     fn receive(&mut self, bytes: &mut Vec<u8>, deadline: Instant, grace: Duration) -> Result<bool, ExchangeError> {
         let mut buffer = [0; 512];
         loop {

@@ -44,7 +44,8 @@ impl LineConfig {
         Duration::from_secs_f64((bytes * usize::from(bits)) as f64 / f64::from(self.baud))
     }
 
-    /// Reads the keys. Defaults: `baud`, 8N1, a time-out of 1 s, `quiet_s` as long as the time-out, `pause_s`, 2 retries.
+    /// Reads the keys. Defaults: `baud`, 8N1, a time-out of 1 s, `quiet_s` as long as the time-out, `pause_s`, 2
+    /// retries.
     pub(super) fn read(section: &Section<'_, '_>, baud: i64, pause_s: f64) -> Option<Self> {
         let port = section.string("port", "a device as \"/dev/ttyUSB0\", or \"tcp://host:port\"").and_then(|port| {
             let address = port.strip_prefix("tcp://");

@@ -1,4 +1,5 @@
-//! Makes an instrument with the driver that its configuration names. Nothing is opened: the first request opens the port.
+//! Makes an instrument with the driver that its configuration names. Nothing is opened: the first request opens the
+//! port.
 
 use super::config::{ChamberConfig, ChamberDriver, TurntableConfig, TurntableDriver};
 use super::instrument::{Chamber, Turntable};

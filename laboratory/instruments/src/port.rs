@@ -1,8 +1,8 @@
 //! The port of a line: a serial device or a TCP connection, as one descriptor that never blocks.
 //!
-//! Only [`InstrumentPort::open`] may block, because names are looked up and connections are made there; the line calls it in a
-//! thread of its own. Reading and writing wait with a deadline. Even a device that takes no bytes (flow control, a full
-//! window, an adapter that hangs) stops nobody for longer.
+//! Only [`InstrumentPort::open`] may block, because names are looked up and connections are made there; the line calls
+//! it in a thread of its own. Reading and writing wait with a deadline. Even a device that takes no bytes (flow
+//! control, a full window, an adapter that hangs) stops nobody for longer.
 
 use super::line_config::{LineConfig, Parity};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -104,8 +104,8 @@ impl InstrumentPort {
         }
     }
 
-    /// Does it when the descriptor is ready; returns `None` if it is not ready until `deadline`. A signal ends the wait, so that
-    /// the caller can look at it.
+    /// Does it when the descriptor is ready; returns `None` if it is not ready until `deadline`. A signal ends the
+    /// wait, so that the caller can look at it.
     fn when(
         &self,
         ready: PollFlags,

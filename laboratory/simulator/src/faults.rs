@@ -1,8 +1,9 @@
 //! Faults that are injected on request: DIR/faults has one per line and is read again whenever it changes.
 //!
-//! A line is `WHAT[:DEVICE][@WHEN]`. WHAT is one of [`InjectedFault::NAMES`]. DEVICE is `chamber` or `table`; without it both
-//! have the fault. DEVICE of `silent` is the name of an IMU; without it all IMUs have the fault. WHEN is `3` for the third request, `3-5` for the third to the fifth, or `100s-200s` for simulated seconds;
-//! without it the fault is permanent. Requests are counted from the last reading of the file.
+//! A line is `WHAT[:DEVICE][@WHEN]`. WHAT is one of [`InjectedFault::NAMES`]. DEVICE is `chamber` or `table`; without
+//! it both have the fault. DEVICE of `silent` is the name of an IMU; without it all IMUs have the fault. WHEN is `3`
+//! for the third request, `3-5` for the third to the fifth, or `100s-200s` for simulated seconds; without it the fault
+//! is permanent. Requests are counted from the last reading of the file.
 
 use super::station::StationProcess;
 use isotherm_failure::tell;
@@ -33,7 +34,8 @@ pub(crate) enum InjectedFault {
     Dead,
     /// The request is refused, or not answered if the protocol has no refusal.
     Na,
-    /// The device has an alarm: the chamber stops heating and cooling; the turntable stops, and its interlocks are at fault.
+    /// The device has an alarm: the chamber stops heating and cooling; the turntable stops, and its interlocks are at
+    /// fault.
     Alarm,
     /// The port does not exist.
     PortLoss,

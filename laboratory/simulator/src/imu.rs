@@ -1,5 +1,5 @@
-//! The process of the IMU, or of the IMUs that share a turntable: it simulates one control period after the other and publishes raw samples, as
-//! acquisitions do.
+//! The process of the IMU, or of the IMUs that share a turntable: it simulates one control period after the other and
+//! publishes raw samples, as acquisitions do.
 //!
 //! Over 400 lines: one IMU: its thermal state, its sensors and its test against closed forms.
 
@@ -29,12 +29,14 @@ const BURST: u32 = 32;
 const CONNECT_INTERVAL: Duration = Duration::from_millis(200);
 /// Longest wait for a connection, and for an increment while the queue is full.
 const REPLY_TIMEOUT: Duration = Duration::from_millis(20);
-/// Samples are dropped after the queue was full for this time, and those of a time in which this process was stopped for longer.
+/// Samples are dropped after the queue was full for this time, and those of a time in which this process was stopped
+/// for longer.
 const DROP_AFTER: Duration = Duration::from_secs(10);
 /// A new set point begins another visit if the air was at the last one for longer than this \[s\].
 const VISIT_S: f64 = 600.0;
 
-/// Runs until SIGTERM or SIGINT, or until the process of a device has ended. SIGUSR1 restarts the acquisitions: the service sees other sessions.
+/// Runs until SIGTERM or SIGINT, or until the process of a device has ended. SIGUSR1 restarts the acquisitions: the
+/// service sees other sessions.
 ///
 /// # Errors
 /// If the true coefficients of an IMU cannot be read.
@@ -158,7 +160,8 @@ impl<'a> MountedImu<'a> {
         ((self.periods + 1) * self.interval_ns) as f64 / 1e9
     }
 
-    /// Simulates a period with the turntable's motion in it. Events of the chamber take effect from the beginning of the period.
+    /// Simulates a period with the turntable's motion in it. Events of the chamber take effect from the beginning of
+    /// the period.
     fn step(&mut self) -> RawSample {
         let (begin_s, end_s) = (self.begin_s(), self.end_s());
         let motion = InertialMotion::over(self.truth, self.interval_ns as f64 / 1e9, |time_s| {
@@ -233,7 +236,8 @@ impl SampleSender {
         }
     }
 
-    /// Sends a sample. Without a service the sample is dropped, as with a real IMU. If the service is late, this waits for it.
+    /// Sends a sample. Without a service the sample is dropped, as with a real IMU. If the service is late, this waits
+    /// for it.
     fn send(&mut self, raw: &RawSample) {
         if self.acquisition.is_none()
             && self.last_attempt.is_none_or(|last_attempt| last_attempt.elapsed() > CONNECT_INTERVAL)
@@ -341,7 +345,8 @@ mod tests {
         DeviceEvent::GoTo { axis, angle_deg, rate: 10.0, acceleration: 10.0 }
     }
 
-    /// What the truth makes of the IMU's samples over `seconds`: the angles along the body's axes \[arcsec\] and the velocities \[g0 s\].
+    /// What the truth makes of the IMU's samples over `seconds`: the angles along the body's axes \[arcsec\] and the
+    /// velocities \[g0 s\].
     fn compensated(imu: &mut MountedImu<'_>, seconds: f64) -> [[f64; 3]; 2] {
         let [mut angle, mut velocity] = [[0.0; 3]; 2];
         for _ in 0..(seconds * 1e9 / imu.interval_ns as f64).round() as u64 {
@@ -353,7 +358,8 @@ mod tests {
         [angle, velocity]
     }
 
-    /// The pulses of a gyroscope are about an arc second; up to one stays in each channel at each end, and the alignment adds a thousandth.
+    /// The pulses of a gyroscope are about an arc second; up to one stays in each channel at each end, and the
+    /// alignment adds a thousandth.
     fn assert_near(found: [f64; 3], right: [f64; 3], tolerance: f64) {
         let off = found.iter().zip(right).map(|(found, right)| (found - right).abs()).fold(0.0, f64::max);
         assert!(off < tolerance, "{found:?}, not {right:?}");
@@ -390,7 +396,8 @@ mod tests {
         }
     }
 
-    /// Wherever a turn begins and ends within a period, nothing of it is lost; the sum of the error of each rest is in it.
+    /// Wherever a turn begins and ends within a period, nothing of it is lost; the sum of the error of each rest is in
+    /// it.
     #[test]
     fn a_turn_between_the_edges_of_periods_is_whole_and_repeats() {
         let mut station = station(1_000_000_000);
@@ -411,7 +418,8 @@ mod tests {
         assert!(off.abs() * 3600.0 > 1.5, "{off}");
     }
 
-    /// The station's IMU remembers its temperature: on a ramp the element is behind its head by the time constant times the rate, and a play is at its end.
+    /// The station's IMU remembers its temperature: on a ramp the element is behind its head by the time constant times
+    /// the rate, and a play is at its end.
     #[test]
     fn lag_and_hysteresis_of_the_truth_are_felt() {
         let mut station = station(1_000_000_000);

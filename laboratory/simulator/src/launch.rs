@@ -59,7 +59,8 @@ impl SimulatedStation {
     }
 }
 
-/// Makes this process end when its parent ends. Returns false if the parent, with the process id `parent`, has already ended.
+/// Makes this process end when its parent ends. Returns false if the parent, with the process id `parent`, has already
+/// ended.
 ///
 /// # Errors
 /// If the operating system refuses.
@@ -171,8 +172,8 @@ fn pair() -> io::Result<(OwnedFd, OwnedFd)> {
     Ok((first.into(), second.into()))
 }
 
-/// Whether a process listens on this address, from the kernel's table. A test connection would occupy the only one that a device
-/// accepts.
+/// Whether a process listens on this address, from the kernel's table. A test connection would occupy the only one that
+/// a device accepts.
 fn listens(address: &str) -> bool {
     let Some(port) = address.rsplit_once(':').and_then(|(_, port)| port.parse::<u16>().ok()) else { return false };
     let Ok(file) = fs::File::open("/proc/net/tcp") else { return true };

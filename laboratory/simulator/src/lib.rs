@@ -1,5 +1,5 @@
-//! A simulated station: chamber, turntable and IMU, each in its own process, with the same simulated physics. Several IMUs on the turntable share one
-//! process.
+//! A simulated station: chamber, turntable and IMU, each in its own process, with the same simulated physics. Several
+//! IMUs on the turntable share one process.
 //!
 //! A fault to inject is a line of text: what, in which process, and when.
 //! ```
@@ -14,10 +14,10 @@
 //! ```
 //!
 //! # Time
-//! All processes use one clock: simulated time is `speed` times CLOCK_MONOTONIC since the station's start. Chamber and turntable
-//! (the devices) advance to the current time at each request. The IMU advances in whole control periods. It asks both devices up
-//! to which time it knows all their events (module `link`), and does not simulate beyond it. So a process that stalls delays the
-//! others, but no event is missed.
+//! All processes use one clock: simulated time is `speed` times CLOCK_MONOTONIC since the station's start. Chamber and
+//! turntable (the devices) advance to the current time at each request. The IMU advances in whole control periods. It
+//! asks both devices up to which time it knows all their events (module `link`), and does not simulate beyond it. So a
+//! process that stalls delays the others, but no event is missed.
 //!
 //! # Processes
 //! ```text
@@ -25,7 +25,8 @@
 //!    writes DIR, supervises     +-- table     DIR/table or TCP, byte by byte      | ... and of the axes
 //!                               +-- imu       raw samples to the service   <------+
 //! ```
-//! The faults that DIR/faults lists are injected into the devices and their replies, and into the streams of the IMUs (module `faults`).
+//! The faults that DIR/faults lists are injected into the devices and their replies, and into the streams of the IMUs
+//! (module `faults`).
 
 mod chamber;
 mod faults;

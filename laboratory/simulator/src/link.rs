@@ -1,5 +1,5 @@
-//! The link from the devices to the IMU. The IMU sends `?`, and a device answers with a line: its time, and all events since the
-//! last answer. Later events have later times, so the IMU knows all events up to the time of the answer.
+//! The link from the devices to the IMU. The IMU sends `?`, and a device answers with a line: its time, and all events
+//! since the last answer. Later events have later times, so the IMU knows all events up to the time of the answer.
 
 use serde::{Deserialize, Serialize};
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};

@@ -94,8 +94,8 @@ impl SimulatedPort {
         }
     }
 
-    /// Makes the port take nothing, as by flow control, or take bytes again; what it has taken and not given is lost then. A TCP
-    /// port takes nothing because nobody reads, and needs no call.
+    /// Makes the port take nothing, as by flow control, or take bytes again; what it has taken and not given is lost
+    /// then. A TCP port takes nothing because nobody reads, and needs no call.
     pub(crate) fn set_dead(&mut self, dead: bool) -> io::Result<()> {
         if let Some(OpenPort::Terminal { user_side, .. }) = &self.open {
             tcflow(user_side, if dead { Action::OOff } else { Action::OOn })?;

@@ -1,8 +1,9 @@
 //! Where the turntable's axes come to rest: each misses its commanded angle by an error that no read-back shows.
 //!
-//! A new position has new errors, independent of all others. An angle that an axis comes back to while the other axis stands, modulo 360 degrees,
-//! has the error that it had, within the repeatability of a turn: the axis meets the same marks of its scale and the same wobble of its bearing. So
-//! a turn of whole revolutions leans on the repeatability only, in one move or in several, and any other turn on the scale, too.
+//! A new position has new errors, independent of all others. An angle that an axis comes back to while the other axis
+//! stands, modulo 360 degrees, has the error that it had, within the repeatability of a turn: the axis meets the same
+//! marks of its scale and the same wobble of its bearing. So a turn of whole revolutions leans on the repeatability
+//! only, in one move or in several, and any other turn on the scale, too.
 
 use isotherm_simulation::{Noise, RandomGenerator};
 
@@ -26,7 +27,8 @@ pub(crate) struct PositioningErrors {
 struct AxisErrors {
     commanded_deg: f64,
     rest_deg: f64,
-    /// Angles where it has been since the other axis moved \[deg\], and their errors \[deg\]; the present one is the last.
+    /// Angles where it has been since the other axis moved \[deg\], and their errors \[deg\]; the present one is the
+    /// last.
     visited: Vec<(f64, f64)>,
 }
 

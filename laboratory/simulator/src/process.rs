@@ -7,7 +7,8 @@ use isotherm_failure::{Exit, Failure};
 use std::path::Path;
 
 impl SimulatedStation {
-    /// Runs one process of the station in `folder`, until it receives a signal or another process of the station has ended.
+    /// Runs one process of the station in `folder`, until it receives a signal or another process of the station has
+    /// ended.
     ///
     /// # Errors
     /// If a file of the station cannot be read, or the port cannot be created or used.

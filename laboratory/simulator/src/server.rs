@@ -98,7 +98,8 @@ struct ProtocolServer<'a, M> {
 }
 
 impl<M: SimulatedDevice> ProtocolServer<'_, M> {
-    /// Waits for input, a question of the IMU or a time-out, and handles it. Returns `false` if the IMU's process has ended.
+    /// Waits for input, a question of the IMU or a time-out, and handles it. Returns `false` if the IMU's process has
+    /// ended.
     fn poll_once(&mut self) -> io::Result<bool> {
         let next = self.delayed.iter().map(|(due, _)| due.saturating_duration_since(Instant::now())).min();
         let most = if self.state == LineState::Babble { BABBLE_INTERVAL } else { POLL_INTERVAL };

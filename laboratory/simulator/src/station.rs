@@ -27,7 +27,8 @@ const MOUNTINGS: [[[f64; AXES]; AXES]; 4] = [
 ];
 
 impl StationImu {
-    /// IMU number `number` of `count`, counted from 0, of a station with this seed. Each has another mounting and another seed.
+    /// IMU number `number` of `count`, counted from 0, of a station with this seed. Each has another mounting and
+    /// another seed.
     #[must_use]
     pub fn new(id: &str, number: usize, count: usize, seed: u64) -> Self {
         let truth = if count == 1 { "truth.toml".to_owned() } else { format!("truth-{id}.toml") };

@@ -38,7 +38,8 @@ pub(crate) struct TurntableDevice {
 }
 
 impl TurntableDevice {
-    /// A turntable at rest at both angles 0. With `wrap` it takes angles modulo 360 degrees, goes the shorter way, and shows angles from 0 to 360.
+    /// A turntable at rest at both angles 0. With `wrap` it takes angles modulo 360 degrees, goes the shorter way, and
+    /// shows angles from 0 to 360.
     pub(crate) fn new(wrap: bool) -> Self {
         Self { wrap, ..Self::default() }
     }
@@ -103,7 +104,8 @@ impl TurntableDevice {
     }
 }
 
-/// The angle nearest to `from_deg` that is `angle_deg` modulo 360 \[deg\]. Of two that are as near it is the higher one.
+/// The angle nearest to `from_deg` that is `angle_deg` modulo 360 \[deg\]. Of two that are as near it is the higher
+/// one.
 fn nearest(angle_deg: f64, from_deg: f64) -> f64 {
     angle_deg + 360.0 * ((from_deg - angle_deg) / 360.0 + 0.5).floor()
 }

@@ -1,7 +1,8 @@
 //! Recordings in every format: CSV, Parquet and MCAP.
 //!
-//! [`mod@read`] detects the format of a file by its first bytes and reads several pieces of a recording as one. [`mod@write`]
-//! writes recordings that are complete up to the last flush at every moment. [`mod@convert`] makes raw samples of foreign data.
+//! [`mod@read`] detects the format of a file by its first bytes and reads several pieces of a recording as one.
+//! [`mod@write`] writes recordings that are complete up to the last flush at every moment. [`mod@convert`] makes raw
+//! samples of foreign data.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {

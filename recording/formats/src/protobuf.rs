@@ -1,4 +1,5 @@
-//! Rows as protobuf messages, and the descriptors of these messages. Only the part of the encoding that recordings need.
+//! Rows as protobuf messages, and the descriptors of these messages. Only the part of the encoding that recordings
+//! need.
 
 use crate::varint;
 use isotherm_recording::columns::{Column, ColumnKind, Layout};
@@ -147,8 +148,8 @@ pub(crate) struct FieldNumber {
     pub kind: u64,
 }
 
-/// The fields of the message `name` (with package) in a `google.protobuf.FileDescriptorSet`; `None` if the set does not describe
-/// it.
+/// The fields of the message `name` (with package) in a `google.protobuf.FileDescriptorSet`; `None` if the set does not
+/// describe it.
 #[must_use]
 pub(crate) fn fields(set: &[u8], name: &str) -> Option<HashMap<String, FieldNumber>> {
     let mut found = None;

@@ -1,7 +1,7 @@
 //! The ROS messages `sensor_msgs/msg/Imu` and `sensor_msgs/msg/Temperature`, byte by byte.
 //!
-//! Sources: the message definitions of ROS's common_interfaces; OMG DDSI-RTPS 9.4.2.13 and the Common Data Representation (CDR) of ROS 2;
-//! the serialization of ROS 1, which has no alignment, and a `seq` before the stamp.
+//! Sources: the message definitions of ROS's common_interfaces; OMG DDSI-RTPS 9.4.2.13 and the Common Data
+//! Representation (CDR) of ROS 2; the serialization of ROS 1, which has no alignment, and a `seq` before the stamp.
 
 /// A serialization of messages.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -115,8 +115,8 @@ impl Imu {
         Ok(Self { stamp_ns, frame_id, angular_velocity, linear_acceleration })
     }
 
-    /// Appends the message in little-endian CDR. The orientation is unknown, and so are the covariances (0). A value that does not exist is 0,
-    /// and one that could not be computed NaN, both with -1 in its covariance.
+    /// Appends the message in little-endian CDR. The orientation is unknown, and so are the covariances (0). A value
+    /// that does not exist is 0, and one that could not be computed NaN, both with -1 in its covariance.
     ///
     /// # Errors
     /// If the stamp is after 2038, which the message cannot say.

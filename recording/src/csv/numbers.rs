@@ -41,11 +41,12 @@ impl Separator {
     }
 }
 
-/// The decimal mark of the numbers of a text, as found out number by number: a point, or a comma where no comma separates the
-/// columns or the number is in quotation marks.
+/// The decimal mark of the numbers of a text, as found out number by number: a point, or a comma where no comma
+/// separates the columns or the number is in quotation marks.
 ///
-/// A comma before exactly three digits may be a thousands separator too: "1,234" is 1.234 or 1234. Where semicolons separate the columns
-/// it is taken for the decimal mark, for which they are there. Elsewhere another number must show it, such as "1,5".
+/// A comma before exactly three digits may be a thousands separator too: "1,234" is 1.234 or 1234. Where semicolons
+/// separate the columns it is taken for the decimal mark, for which they are there. Elsewhere another number must show
+/// it, such as "1,5".
 #[derive(Clone, Debug)]
 pub struct DecimalMark {
     separator: Separator,

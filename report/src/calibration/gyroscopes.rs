@@ -97,7 +97,8 @@ impl Report<'_> {
         );
     }
 
-    /// What the errors cost: those of the bias in an hour at rest, those of the scale factors and misalignments in a whole turn.
+    /// What the errors cost: those of the bias in an hour at rest, those of the scale factors and misalignments in a
+    /// whole turn.
     pub(super) fn gyroscope_budget(&self, page: &mut Page, triad: &CalibratedTriad<'_>, found: &GyroscopeCalibration) {
         self.heading(page, triad, "budget", "Error budget in navigation units");
         page.paragraph(

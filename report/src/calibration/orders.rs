@@ -105,7 +105,8 @@ impl Report<'_> {
     }
 }
 
-/// 1e-3 to 1e5 with at most five significant digits and four decimals, other values in exponent notation with three digits.
+/// 1e-3 to 1e5 with at most five significant digits and four decimals, other values in exponent notation with three
+/// digits.
 fn short(value: f64) -> String {
     if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
         let digits = 4_usize.saturating_sub(value.abs().max(1.0).log10() as usize);

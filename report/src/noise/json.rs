@@ -1,4 +1,5 @@
-//! The noise of an IMU as JSON, with keys as in the parent's [`json`](crate::json): `in_unit` is the `unit` of the same object.
+//! The noise of an IMU as JSON, with keys as in the parent's [`json`](crate::json): `in_unit` is the `unit` of the same
+//! object.
 
 use crate::json::losses;
 use core::f64::consts::SQRT_2;

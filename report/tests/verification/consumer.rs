@@ -51,8 +51,8 @@ fn temperature(part: f64) -> f64 {
 /// Errors of the biases over the range [g0]: 1, 3.5 and 6 mg0, which are 10, 34 and 58 mm/s2.
 const CONSUMER: [f64; AXES] = [1e-3, 3.5e-3, 6e-3];
 
-/// The recording of an IMU whose biases move by `errors` over the range, with white noise of 1.5 mg0 and 0.08 deg/s in a row; the gyroscopes' move by
-/// 0.3 deg/s. `moved` adds specific force [g0] and rate [deg/h] to a row.
+/// The recording of an IMU whose biases move by `errors` over the range, with white noise of 1.5 mg0 and 0.08 deg/s in
+/// a row; the gyroscopes' move by 0.3 deg/s. `moved` adds specific force [g0] and rate [deg/h] to a row.
 fn recording(errors: [f64; AXES], moved: impl Fn(u32) -> ([f64; AXES], [f64; AXES])) -> Vec<RawSample> {
     let mut random = RandomGenerator::new(8, 7);
     let seconds = INTERVAL_NS as f64 / 1e9;

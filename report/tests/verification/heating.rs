@@ -32,7 +32,8 @@ fn truth(lag_s: Option<f64>) -> Truth {
     Truth::of(CoefficientTable::new(content).unwrap())
 }
 
-/// -25 to 45 degC at 40 degC/h and back, in rows of 1 s: in longer ones telemetry that is read at their end is late for the 7600 ppm/V of A3's K+.
+/// -25 to 45 degC at 40 degC/h and back, in rows of 1 s: in longer ones telemetry that is read at their end is late for
+/// the 7600 ppm/V of A3's K+.
 fn schedule(legs: u32) -> RampSchedule {
     let noise = Noise { sensor_g0: 5e-6, telemetry: 1e-4, random_walk: 0.003, ..Noise::NONE };
     let chain = Chain { telemetry_lsb_micro: 10, ..Chain::default() };
@@ -204,7 +205,8 @@ fn what_is_left_out_is_no_steady_temperature() {
     assert_eq!(found.loops.band(0), Err("the temperature hardly changes in the windows that are judged"));
 }
 
-/// An IMU that does not begin soaked: at the start of a recording its filter does, and later it does not matter any more.
+/// An IMU that does not begin soaked: at the start of a recording its filter does, and later it does not matter any
+/// more.
 #[test]
 fn the_start_counts_only_where_the_lag_was_kept() {
     let table = truth(Some(TAU_S)).table;

@@ -236,7 +236,8 @@ fn a_run_says_what_it_covers() {
     assert!(whole.covered.parts().as_flattened().iter().all(|part| *part > 0.8), "{}", whole.covered);
 }
 
-/// All pulses are 0.5 % too many: an error along the specific force. Without gravity the output's own length would hide it.
+/// All pulses are 0.5 % too many: an error along the specific force. Without gravity the output's own length would hide
+/// it.
 #[test]
 fn an_axis_is_judged_only_if_attitude_and_gravity_are_known() {
     let attitude = Some([0.6, -0.48, 0.64]);

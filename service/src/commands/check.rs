@@ -18,10 +18,10 @@ use std::path::{Path, PathBuf};
 
 /// Validate files with the code that loads them
 ///
-/// Coefficient tables and service configurations; `isotherm check` also campaign files, campaign plans and mappings. The content of a file
-/// tells what it is. All faults of all files are reported, each with line and key. A warning tells of scale factors
-/// that look like a lost digit, and of a service configuration what serve would refuse on this machine and as this
-/// user: a core, a priority, locked memory, an address, too little shared memory.
+/// Coefficient tables and service configurations; `isotherm check` also campaign files, campaign plans and mappings.
+/// The content of a file tells what it is. All faults of all files are reported, each with line and key. A warning
+/// tells of scale factors that look like a lost digit, and of a service configuration what serve would refuse on this
+/// machine and as this user: a core, a priority, locked memory, an address, too little shared memory.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm check service.toml tables/*.toml\n  isotherm check --seal tables/imu-a.toml\n  isotherm check --against tables/imu-a.toml new.toml"
@@ -45,7 +45,8 @@ pub struct Check {
     files: Vec<PathBuf>,
 }
 
-/// Validates a campaign file, plan or mapping that was read from this path. Returns a line for the operator if it is valid.
+/// Validates a campaign file, plan or mapping that was read from this path. Returns a line for the operator if it is
+/// valid.
 pub type CheckLaboratoryFile = fn(FileKind, &str, &Path) -> Result<String, Failure>;
 
 impl Check {
@@ -156,8 +157,8 @@ impl Checker<'_> {
     }
 }
 
-/// What `serve` would refuse of a configuration on this machine, with the rights of this process. That a running service has the port of the
-/// metrics is no reason.
+/// What `serve` would refuse of a configuration on this machine, with the rights of this process. That a running
+/// service has the port of the metrics is no reason.
 fn refused_here(config: &Config) -> Vec<String> {
     let WorkerRealtime { cores, priority, lock_memory, timer_slack_ns } = &config.realtime;
     let (priority, lock_memory, timer_slack_ns) = (*priority, *lock_memory, Some(*timer_slack_ns));

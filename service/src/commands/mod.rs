@@ -26,8 +26,8 @@ pub fn domain(name: Option<&str>) -> Result<Domain, Failure> {
     isotherm_client::domain(name).map_err(|error| Failure::new(Exit::Usage, error.to_string()))
 }
 
-/// Hides `--domain` in the help of commands that join no domain, but still accepts it. Each command is given by its path, as in
-/// "simulate run".
+/// Hides `--domain` in the help of commands that join no domain, but still accepts it. Each command is given by its
+/// path, as in "simulate run".
 #[must_use]
 pub fn hide_domain(command: clap::Command, paths: &[&str]) -> clap::Command {
     fn hide(command: clap::Command, path: &str) -> clap::Command {
@@ -58,7 +58,8 @@ pub fn finish(command: clap::Command, program: &str) -> clap::Command {
     names.iter().fold(command, |command, name| command.mut_subcommand(name, |command| finish(command, program)))
 }
 
-/// Runs a program: prints help and version to stdout, errors to stderr, and turns the result of `run` into an exit code.
+/// Runs a program: prints help and version to stdout, errors to stderr, and turns the result of `run` into an exit
+/// code.
 pub fn exit_code(program: &str, run: impl FnOnce() -> Result<Result<(), Failure>, clap::Error>) -> ExitCode {
     isotherm_files::report_file_limit();
     match run() {

@@ -14,8 +14,8 @@ const TAKEN_LIMIT: Duration = Duration::from_secs(3);
 
 /// Take a table that the service refuses because it changes too much
 ///
-/// The service takes the table of this digest, and no other, although it differs from the one before by more than max_change. Its message
-/// and `status` have the digest. Without a running service the next one takes it at its start.
+/// The service takes the table of this digest, and no other, although it differs from the one before by more than
+/// max_change. Its message and `status` have the digest. Without a running service the next one takes it at its start.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  isotherm reload --imu imu-a --accept sha256:5a82..(64 digits)")]
 pub struct Reload {

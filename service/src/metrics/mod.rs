@@ -1,5 +1,5 @@
-//! Prometheus metrics, from the same snapshot as the status. A separate thread answers requests; workers and control thread never
-//! wait for it.
+//! Prometheus metrics, from the same snapshot as the status. A separate thread answers requests; workers and control
+//! thread never wait for it.
 
 mod server;
 mod text;

@@ -1,8 +1,8 @@
 //! A web server for one page and few readers, in one thread.
 //!
-//! The memory and the time that a peer can use are bounded: [`MAX_PEERS`] connections; for each of them [`MAX_REQUEST`] bytes of
-//! request, one page and [`CONNECTION_TIMEOUT`]. A further connection replaces the oldest, so idle connections keep nobody out.
-//! Each connection gets one answer.
+//! The memory and the time that a peer can use are bounded: [`MAX_PEERS`] connections; for each of them [`MAX_REQUEST`]
+//! bytes of request, one page and [`CONNECTION_TIMEOUT`]. A further connection replaces the oldest, so idle connections
+//! keep nobody out. Each connection gets one answer.
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::io::{self, ErrorKind, Read as _, Write as _};
@@ -16,7 +16,8 @@ const MAX_PEERS: usize = 16;
 const MAX_REQUEST: usize = 8 * 1024;
 /// How long a connection may last.
 const CONNECTION_TIMEOUT: Duration = Duration::from_secs(5);
-/// How often the server checks whether it is still wanted, and how long it accepts nobody after descriptors have run out.
+/// How often the server checks whether it is still wanted, and how long it accepts nobody after descriptors have run
+/// out.
 const CHECK_INTERVAL: Duration = Duration::from_secs(1);
 /// Pause after each turn, so that a flood of connections cannot take the whole processor.
 const PAUSE: Duration = Duration::from_millis(1);
@@ -50,7 +51,8 @@ impl MetricsServer {
         self.listener.local_addr()
     }
 
-    /// Answers requests while `wanted` returns true. The answer is the current `page`, or an error status if there is none.
+    /// Answers requests while `wanted` returns true. The answer is the current `page`, or an error status if there is
+    /// none.
     pub(super) fn run(mut self, wanted: impl Fn() -> bool, page: impl Fn() -> Option<String>) {
         while wanted() {
             self.wait();

@@ -1,5 +1,5 @@
-//! The metrics in Prometheus's text format, version 0.0.4. Names and units follow its conventions: base units, and counters that
-//! end in `_total`.
+//! The metrics in Prometheus's text format, version 0.0.4. Names and units follow its conventions: base units, and
+//! counters that end in `_total`.
 
 use isotherm_shared::status::{ImuStatus, LATENCY_BOUNDS_NS, ServiceStatus, TableChange, WorkerStatus};
 use isotherm_shared::wire::AXES;
@@ -217,7 +217,8 @@ impl Text {
         }
     }
 
-    /// The table gives the unit of telemetry, so the metric's name has none. An IMU without gyroscopes has no series of them.
+    /// The table gives the unit of telemetry, so the metric's name has none. An IMU without gyroscopes has no series of
+    /// them.
     fn telemetry(&mut self, status: &ServiceStatus) {
         let families: [(Metric, ChooseValue); 3] = [
             (TELEMETRY, |value, _| value),

@@ -73,8 +73,8 @@ struct Unsettled {
 }
 
 impl Channel {
-    /// Creates the streams of an IMU, and the ports of the event that wakes the worker for it. The increment publisher is created last:
-    /// clients take it as the sign that the service is ready.
+    /// Creates the streams of an IMU, and the ports of the event that wakes the worker for it. The increment publisher
+    /// is created last: clients take it as the sign that the service is ready.
     ///
     /// # Errors
     /// Why a stream or port could not be created, as a message for the operator.
@@ -143,8 +143,8 @@ impl Channel {
         Ok((channel, WakePorts { listener, notifier }))
     }
 
-    /// Takes the newest table, if there is a new one. The control thread keeps every table until the worker has released it, so
-    /// nothing is freed here.
+    /// Takes the newest table, if there is a new one. The control thread keeps every table until the worker has
+    /// released it, so nothing is freed here.
     #[inline]
     pub fn take_table(&mut self) {
         while let Ok(table) = self.tables.pop() {
@@ -155,8 +155,8 @@ impl Channel {
 
     /// Answers the next raw sample, if there is one, and returns the time just before publishing \[ns\].
     ///
-    /// What the answer does not need is left for [`settle`](Self::settle), so that the samples of other IMUs, sent at the same moment, do not
-    /// wait for it.
+    /// What the answer does not need is left for [`settle`](Self::settle), so that the samples of other IMUs, sent at
+    /// the same moment, do not wait for it.
     #[inline]
     pub fn serve(&mut self, clock: &mut Clock) -> Option<u64> {
         let sample = match receive(&self.subscriber) {
@@ -179,8 +179,8 @@ impl Channel {
             self.counters.transport_failed();
             return None;
         };
-        // The only copy out of shared memory. The optimizer must take it for changed by `black_box`, so no code below reads shared memory
-        // again: a later change by the sender has no effect.
+        // The only copy out of shared memory. The optimizer must take it for changed by `black_box`, so no code below
+        // reads shared memory again: a later change by the sender has no effect.
         self.raw = *sample;
         core::hint::black_box(&mut self.raw);
         let since = if self.raw.sent_ns == 0 { clock.now() } else { self.raw.sent_ns };
@@ -210,7 +210,8 @@ impl Channel {
         !self.subscriber.has_samples().unwrap_or(false)
     }
 
-    /// Does what is left to do for the last sample that was served: returns it, counts it, and loans the next increment.
+    /// Does what is left to do for the last sample that was served: returns it, counts it, and loans the next
+    /// increment.
     #[inline]
     pub fn settle(&mut self) {
         let Some(Unsettled { sample, arrival, flags, latency_ns, published }) = self.unsettled.take() else { return };
@@ -222,8 +223,8 @@ impl Channel {
         self.counters.answered(&self.raw, arrival, flags, latency_ns, published);
     }
 
-    /// Rehearses the next sample with the last one, and touches what only this IMU's next sample will need. A reader that has come is
-    /// connected on this occasion, and not when the next sample is on its way.
+    /// Rehearses the next sample with the last one, and touches what only this IMU's next sample will need. A reader
+    /// that has come is connected on this occasion, and not when the next sample is on its way.
     pub fn rehearse(&mut self, rehearsal: &mut Rehearsal<RawSample, CompensatedIncrement>, clock: &mut Clock) {
         rehearsal.go(&self.raw, |raw, increment| {
             answer_into(self.table.as_deref(), raw, increment);
@@ -238,9 +239,9 @@ impl Channel {
 
     /// Reclaims the samples that readers have returned, while there is nothing else to do.
     ///
-    /// The transport would do so before it sends, and the answer would then wait for two cache lines that the reader has just
-    /// written: a sixth of a round trip. This requests a loan over the limit on purpose: it fails, but the transport first
-    /// reclaims returned samples.
+    /// The transport would do so before it sends, and the answer would then wait for two cache lines that the reader
+    /// has just written: a sixth of a round trip. This requests a loan over the limit on purpose: it fails, but the
+    /// transport first reclaims returned samples.
     #[inline]
     fn reclaim(&mut self) {
         if self.reclaim_polls_left > 0 && self.spare.is_some() {

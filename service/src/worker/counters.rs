@@ -1,8 +1,9 @@
-//! Counters that a worker writes and the control thread reads. Writer and reader are types, so that a second writer does not
-//! compile.
+//! Counters that a worker writes and the control thread reads. Writer and reader are types, so that a second writer
+//! does not compile.
 //!
-//! Only the one writer stores: it needs no atomic addition, a load and a store are enough. It stores values before the counts that
-//! tell of them, and a reader loads a count before its values: a counted sample has its telemetry, a counted flag its unit.
+//! Only the one writer stores: it needs no atomic addition, a load and a store are enough. It stores values before the
+//! counts that tell of them, and a reader loads a count before its values: a counted sample has its telemetry, a
+//! counted flag its unit.
 //!
 //! A second writer does not compile:
 //! ```compile_fail,E0599
@@ -14,8 +15,8 @@
 //! let (writer, reader) = isotherm_service::worker::counters::counters();
 //! let second = reader.clone();
 //! ```
-//! Two threads that write do not compile. Stable Rust does not compare the error code, but the example below differs in one line
-//! only, and it compiles:
+//! Two threads that write do not compile. Stable Rust does not compare the error code, but the example below differs in
+//! one line only, and it compiles:
 //! ```compile_fail,E0499
 //! let (mut writer, reader) = isotherm_service::worker::counters::counters();
 //! std::thread::scope(|scope| {
@@ -63,7 +64,8 @@ struct Counters {
     other_device: AtomicU64,
     /// Time constant of the lagged telemetry of the last sample \[ns\].
     lag_ns: AtomicU64,
-    /// Temperature telemetry of the last sample, as bits of an `f64`: heads and boards of the accelerometers, then of the gyroscopes.
+    /// Temperature telemetry of the last sample, as bits of an `f64`: heads and boards of the accelerometers, then of
+    /// the gyroscopes.
     telemetry: [AtomicU64; TELEMETRY],
     latency: Histogram,
 }
@@ -93,8 +95,8 @@ pub struct CounterWriter(Arc<Counters>);
 #[derive(Clone, Debug)]
 pub struct CounterReader(Arc<Counters>);
 
-/// Adds to a counter. Only the counter's one writer may call it. Who sees the new count with `Acquire` also sees what the writer
-/// stored before it.
+/// Adds to a counter. Only the counter's one writer may call it. Who sees the new count with `Acquire` also sees what
+/// the writer stored before it.
 #[inline]
 fn add(counter: &AtomicU64, by: u64) {
     counter.store(counter.load(Relaxed).saturating_add(by), Release);
@@ -212,7 +214,8 @@ impl CounterReader {
         self.0.lag_ns.load(Relaxed)
     }
 
-    /// Telemetry of a triad in the last sample, heads and boards; `None` where it is not finite or no sample has come yet.
+    /// Telemetry of a triad in the last sample, heads and boards; `None` where it is not finite or no sample has come
+    /// yet.
     pub fn telemetry(&self, kind: SensorKind) -> [[Option<f64>; AXES]; 2] {
         let has_sample = self.received() > 0;
         let value = |place: usize| {

@@ -26,8 +26,8 @@ impl Histogram {
     /// Adds one value. Only the one writer of [`CounterWriter`](super::counters::CounterWriter) calls it.
     #[inline]
     pub(super) fn record(&self, value: u32) {
-        // The maximum is written before the count, and read after the counts: a reader never finds a counted value above the
-        // maximum.
+        // The maximum is written before the count, and read after the counts: a reader never finds a counted value
+        // above the maximum.
         if u64::from(value) > self.max.load(Relaxed) {
             self.max.store(value.into(), Relaxed);
         }
@@ -72,8 +72,8 @@ impl BucketCounts {
 
     /// Percentiles and maximum; `None` if nothing was counted.
     ///
-    /// Each is the upper end of its bucket, but not over the largest value since the start: never less than the value itself, and
-    /// at most 1/32 more.
+    /// Each is the upper end of its bucket, but not over the largest value since the start: never less than the value
+    /// itself, and at most 1/32 more.
     pub fn summary(&self) -> Option<LatencySummary> {
         let total: u64 = self.counts.iter().sum();
         let percentile = |part: f64| {
@@ -94,8 +94,8 @@ impl BucketCounts {
         })
     }
 
-    /// The same counts in fewer buckets. A fine bucket that extends over a bound counts above the bound: no value is reported too
-    /// small.
+    /// The same counts in fewer buckets. A fine bucket that extends over a bound counts above the bound: no value is
+    /// reported too small.
     pub fn distribution(&self) -> LatencyDistribution {
         let mut coarse = vec![0; LATENCY_BOUNDS_NS.len() + 1];
         let mut sum_ns = 0.0;
@@ -185,7 +185,8 @@ mod tests {
         values.iter().for_each(|value| histogram.record(*value));
         let distribution = histogram.counts().distribution();
         let filled: Vec<_> = distribution.counts.iter().enumerate().filter(|(_, count)| **count > 0).collect();
-        // 200 and 50000 are bounds, but each shares a fine bucket with larger values and therefore counts above its bound.
+        // 200 and 50000 are bounds, but each shares a fine bucket with larger values and therefore counts above its
+        // bound.
         assert_eq!(filled, [(0, &2), (1, &3), (7, &1), (8, &1), (21, &2)]);
         let exact: f64 = values.iter().map(|value| f64::from(*value) * 1e-9).sum();
         assert!((distribution.sum_s / exact - 1.0).abs() < 1.0 / 63.0);
@@ -208,8 +209,8 @@ mod tests {
 
     /// One thread writes as a worker does, while this one takes windows as the control thread does.
     ///
-    /// Most values are 0. A larger value than all before comes at most once in a window, at another moment of each: no other value
-    /// replaces its maximum if the maximum is missing.
+    /// Most values are 0. A larger value than all before comes at most once in a window, at another moment of each: no
+    /// other value replaces its maximum if the maximum is missing.
     #[test]
     fn a_window_that_counts_a_value_has_its_maximum_also_while_the_writer_goes_on() {
         let mut faults = Vec::new();
@@ -273,7 +274,8 @@ mod tests {
                 });
                 for bucket in 1..BUCKETS {
                     let (counter, max) = (&histogram.buckets[bucket], Cell::new(0));
-                    // Both are read at once each time: the maximum must not be read later than the count that it belongs to.
+                    // Both are read at once each time: the maximum must not be read later than the count that it
+                    // belongs to.
                     spin_until(|| {
                         let count = counter.load(Acquire);
                         max.set(histogram.max.load(Relaxed));

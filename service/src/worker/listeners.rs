@@ -1,7 +1,7 @@
 //! Sleeping until the sender of any IMU of the worker notifies, or until a time has passed.
 //!
-//! A notification is a system call of the sender, unless the event is still raised by one before. A worker that is awake for a sample
-//! raises the event itself: the sender then spends no time on it, and sees its answer earlier.
+//! A notification is a system call of the sender, unless the event is still raised by one before. A worker that is
+//! awake for a sample raises the event itself: the sender then spends no time on it, and sees its answer earlier.
 
 use crate::worker::wait::BOUND_NS;
 use iceoryx2::port::listener::Listener;
@@ -45,8 +45,8 @@ impl<'a> WakeListeners<'a> {
         self.raised[imu] = true;
     }
 
-    /// Lowers what was raised, before a sleep; returns whether anything was. Then a sample may have come without a notification, and the
-    /// caller looks for samples once more before it sleeps.
+    /// Lowers what was raised, before a sleep; returns whether anything was. Then a sample may have come without a
+    /// notification, and the caller looks for samples once more before it sleeps.
     pub(super) fn lower(&mut self) -> bool {
         let mut any = false;
         for (ports, raised) in self.ports.iter().zip(&mut self.raised) {
@@ -60,8 +60,9 @@ impl<'a> WakeListeners<'a> {
 
     /// Sleeps from `now` \[ns\] until a listener is notified, but at most for `time` \[ns\].
     ///
-    /// Notified listeners are drained, so that they can be notified again. After a lost wake-up the transport takes a listener
-    /// for notified, and its sender does not notify it again; therefore all listeners are drained once in [`BOUND_NS`].
+    /// Notified listeners are drained, so that they can be notified again. After a lost wake-up the transport takes a
+    /// listener for notified, and its sender does not notify it again; therefore all listeners are drained once in
+    /// [`BOUND_NS`].
     pub(super) fn sleep(&mut self, now: u64, time: u64) {
         let timeout = Timespec { tv_sec: (time / 1_000_000_000) as i64, tv_nsec: (time % 1_000_000_000) as i64 };
         let notified = match poll(&mut self.descriptors, Some(&timeout)) {

@@ -1,20 +1,22 @@
 //! A worker thread: receives, compensates and publishes for its IMUs.
 //!
 //! # Contract
-//! While samples flow the loop takes no lock, allocates nothing, logs nothing and, with `spin` and no reader that waits, makes no system call
-//! (tests/hot_loop.rs counts them). The other strategies only make the system calls that sleeping and its events need.
+//! While samples flow the loop takes no lock, allocates nothing, logs nothing and, with `spin` and no reader that
+//! waits, makes no system call (tests/hot_loop.rs counts them). The other strategies only make the system calls that
+//! sleeping and its events need.
 //!
-//! The worker never blocks on a peer: a reader that does not read loses its own increments. It takes one sample at a time from
-//! each raw queue in turn, so that a flooded queue delays the sample of another IMU by the time of one sample.
+//! The worker never blocks on a peer: a reader that does not read loses its own increments. It takes one sample at a
+//! time from each raw queue in turn, so that a flooded queue delays the sample of another IMU by the time of one
+//! sample.
 //!
-//! What an answer does not need is done when the IMU's queue is seen empty, or before its next sample ([`Channel::settle`]). When no sample
-//! waits at all, the worker rehearses ([`rehearse`]).
+//! What an answer does not need is done when the IMU's queue is seen empty, or before its next sample
+//! ([`Channel::settle`]). When no sample waits at all, the worker rehearses ([`rehearse`]).
 //!
-//! The control thread builds, checks and frees tables. The worker exchanges a pointer between two samples, so all sensors of
-//! an increment come from one table.
+//! The control thread builds, checks and frees tables. The worker exchanges a pointer between two samples, so all
+//! sensors of an increment come from one table.
 //!
-//! Readers that wait are notified after each turn that has answered (`HotLoop::serve`), which takes a system call for each reader that
-//! sleeps. While nobody waits, nothing is done for it.
+//! Readers that wait are notified after each turn that has answered (`HotLoop::serve`), which takes a system call for
+//! each reader that sleeps. While nobody waits, nothing is done for it.
 //!
 //! A wait is at most [`wait::BOUND_NS`] long, with every strategy and even if every notification is lost.
 
@@ -52,8 +54,8 @@ pub struct Worker {
     pub thread_id: i32,
     /// Counts the turns of its loop; a turn starts at least every [`wait::BOUND_NS`].
     pub heartbeat: HeartbeatReader,
-    /// What the worker is to do besides serving: a bit for each of its IMUs whose readers are to be notified, or [`STOP`]. Only the control
-    /// thread writes it.
+    /// What the worker is to do besides serving: a bit for each of its IMUs whose readers are to be notified, or
+    /// [`STOP`]. Only the control thread writes it.
     order: Arc<AtomicU64>,
     thread: JoinHandle<()>,
 }
@@ -92,7 +94,8 @@ impl Worker {
                 }
                 Err(RecvTimeoutError::Timeout) if give_up() => {
                     order.store(STOP, Relaxed);
-                    // It ends before the process does, so that what it has created is removed. If it hangs, the next service removes it.
+                    // It ends before the process does, so that what it has created is removed. If it hangs, the next
+                    // service removes it.
                     let _ = Self { thread_id: 0, heartbeat, order, thread }.join();
                     return Ok(None);
                 }
@@ -217,7 +220,8 @@ impl<'a> HotLoop<'a> {
         Self { channels, rehearsals, strategy, beat, clock, waiter, wake, news }
     }
 
-    /// Serves until the order is to stop. Whether readers are told is compiled into the loop: where nobody waits it costs no instruction.
+    /// Serves until the order is to stop. Whether readers are told is compiled into the loop: where nobody waits it
+    /// costs no instruction.
     fn run(&mut self, order: &AtomicU64) {
         loop {
             match order.load(Relaxed) {
@@ -241,7 +245,8 @@ impl<'a> HotLoop<'a> {
     /// Serves as long as the order is `current`. With `ANNOUNCE` it tells the readers of the IMUs whose bits are set.
     fn serve<const ANNOUNCE: bool>(&mut self, order: &AtomicU64, current: u64) {
         let Self { channels, rehearsals, strategy, beat, clock, waiter, wake, news } = self;
-        // The channel that was served last, whether its queue has been seen empty since, and how many polls of others have found nothing since.
+        // The channel that was served last, whether its queue has been seen empty since, and how many polls of others
+        // have found nothing since.
         let (mut latest, mut emptied, mut idle_polls) = (0, false, 0);
         let (mut unsettled, mut woken) = (true, false);
         loop {
@@ -266,8 +271,8 @@ impl<'a> HotLoop<'a> {
                     emptied = true;
                     channels[latest].settle();
                 }
-                // Poll the channel that was served last again after every idle one: its next sample then waits for the poll of one idle
-                // channel, not of all.
+                // Poll the channel that was served last again after every idle one: its next sample then waits for the
+                // poll of one idle channel, not of all.
                 if emptied
                     && turn != latest
                     && let Some(now) = channels[latest].serve(clock)

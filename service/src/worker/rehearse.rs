@@ -1,8 +1,9 @@
 //! When a worker that waits rehearses, so that the next sample finds its way warm. The rehearsal itself is
 //! [`isotherm_client::Rehearsal`], with the kernel and the table of the IMU ([`Channel::rehearse`]).
 //!
-//! A worker rehearses when `IDLE_POLLS` polls in a row have found nothing, and, if it expects a sample, at once when a sleep ends. It
-//! polls all IMUs between two rehearsals, so a sample that comes meanwhile waits for one rehearsal at most.
+//! A worker rehearses when `IDLE_POLLS` polls in a row have found nothing, and, if it expects a sample, at once when a
+//! sleep ends. It polls all IMUs between two rehearsals, so a sample that comes meanwhile waits for one rehearsal at
+//! most.
 
 use super::channel::{Channel, create_rehearsal};
 use crate::create::{CreateError, Creator};
@@ -12,7 +13,8 @@ use isotherm_failure::Failure;
 use isotherm_shared::stream::{IpcNode, RehearsalNames};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 
-/// So many polls in a row that find nothing lie between two rehearsals of a worker that spins: some tens of microseconds.
+/// So many polls in a row that find nothing lie between two rehearsals of a worker that spins: some tens of
+/// microseconds.
 const IDLE_POLLS: usize = 1024;
 
 /// The rehearsals of a worker.

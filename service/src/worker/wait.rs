@@ -1,9 +1,10 @@
 //! How the worker waits: a pure state machine. The worker calls it for every sample and whenever no sample is there.
 //!
-//! `anticipate` learns each IMU's period, sleeps until a guard time before the next sample is due, then spins for a short,
-//! bounded time. It expects samples on a grid. The **earliest** recent samples set the phase of the grid, not the last one: a
-//! late sample must not make the next prediction late. The guard time follows the measured wake-up delays. For streams that have
-//! stopped or are irregular the worker sleeps until it is notified; if the rate leaves no time to sleep, it spins.
+//! `anticipate` learns each IMU's period, sleeps until a guard time before the next sample is due, then spins for a
+//! short, bounded time. It expects samples on a grid. The **earliest** recent samples set the phase of the grid, not
+//! the last one: a late sample must not make the next prediction late. The guard time follows the measured wake-up
+//! delays. For streams that have stopped or are irregular the worker sleeps until it is notified; if the rate leaves no
+//! time to sleep, it spins.
 //!
 //! Over 400 lines: one state machine and its tests, which are nearly half of the file.
 
@@ -24,13 +25,15 @@ const PERIOD_GAIN: f64 = 1.0 / 64.0;
 const WINDOW: u32 = 32;
 /// The delay estimate covers this part of the wake-up delays.
 const COVERED: f64 = 0.98;
-/// A longer delay raises the estimate by `COVERED` times this step, any other lowers it by `1 - COVERED` times this step \[ns\].
+/// A longer delay raises the estimate by `COVERED` times this step, any other lowers it by `1 - COVERED` times this
+/// step \[ns\].
 const DELAY_STEP: f64 = 8_000.0;
 /// Guard time beyond the estimated delay \[ns\].
 const MARGIN: f64 = 10_000.0;
 /// A rehearsal that took longer was interrupted: it does not predict the next one \[ns\].
 const REHEARSAL_MAX_NS: u64 = 20_000;
-/// Limits of the guard time \[ns\], and the part of a period that it may take; the worker spins for that part of the time.
+/// Limits of the guard time \[ns\], and the part of a period that it may take; the worker spins for that part of the
+/// time.
 const GUARD_MIN: f64 = 20_000.0;
 const GUARD_MAX: f64 = 200_000.0;
 const GUARD_MAX_PART: f64 = 0.25;
@@ -38,10 +41,11 @@ const GUARD_MAX_PART: f64 = 0.25;
 const SPIN_PART: f64 = 1.0 / 3.0;
 /// Shorter sleeps are not worth their system call \[ns\].
 const SHORTEST_SLEEP_NS: u64 = 20_000;
-/// While no period is known, the worker spins for this long after a sample \[ns\]. It is then awake for an acquisition that sends
-/// as soon as it has its answer, and can measure the period of that stream.
+/// While no period is known, the worker spins for this long after a sample \[ns\]. It is then awake for an acquisition
+/// that sends as soon as it has its answer, and can measure the period of that stream.
 const SPIN_AFTER_SAMPLE_NS: u64 = 50_000;
-/// The worker stays awake for this long after a sample, so that it does not lower its event before the sender has notified \[ns\].
+/// The worker stays awake for this long after a sample, so that it does not lower its event before the sender has
+/// notified \[ns\].
 const LINGER_NS: u64 = 5_000;
 /// Predictions that may be missed in a row before a stream counts as stopped.
 const MAX_MISSES: u32 = 3;
@@ -81,7 +85,8 @@ impl Waiter {
     #[inline]
     pub fn arrived(&mut self, stream: usize, now: u64) {
         if self.strategy == Strategy::Anticipate {
-            // Only a sleep measures the delay. An estimate so long that it forbids sleep must decay, or it would stay for ever.
+            // Only a sleep measures the delay. An estimate so long that it forbids sleep must decay, or it would stay
+            // for ever.
             self.delay -= self.delay / 4096.0;
             self.last = now;
             self.grids[stream].arrived(now);
@@ -98,7 +103,8 @@ impl Waiter {
         }
     }
 
-    /// The streams whose next sample is due so soon after `now` that a sleep ends for it, or that no sleep begins before it.
+    /// The streams whose next sample is due so soon after `now` that a sleep ends for it, or that no sleep begins
+    /// before it.
     pub fn expected(&self, now: u64) -> impl Iterator<Item = usize> {
         let (guard, _) = self.guard();
         let soon = 2 * guard + LINGER_NS + SHORTEST_SLEEP_NS;
@@ -144,8 +150,8 @@ impl Waiter {
         Wait::Sleep(sleep)
     }
 
-    /// A sleep has ended at `now`. Updates the delay estimate if it has run its full time. A delay that no guard time can cover, as when the host
-    /// suspends a virtual machine, is ignored: it does not predict the next one.
+    /// A sleep has ended at `now`. Updates the delay estimate if it has run its full time. A delay that no guard time
+    /// can cover, as when the host suspends a virtual machine, is ignored: it does not predict the next one.
     pub fn woke(&mut self, now: u64) {
         if let Some(delay) = self.wake.take().and_then(|wake| now.checked_sub(wake))
             && delay as f64 <= GUARD_MAX
@@ -206,8 +212,8 @@ impl ArrivalGrid {
         }
     }
 
-    /// Moves the grid to the earliest samples: at once if this sample is before its grid point, else when [`WINDOW`] samples have
-    /// come after theirs.
+    /// Moves the grid to the earliest samples: at once if this sample is before its grid point, else when [`WINDOW`]
+    /// samples have come after theirs.
     fn adjust_phase(&mut self, late: f64) {
         self.after += 1;
         self.earliest = if self.after == 1 { late } else { self.earliest.min(late) };
@@ -238,9 +244,9 @@ impl ArrivalGrid {
         (self.confidence >= CONFIDENT).then_some(self.period)
     }
 
-    /// When the next sample is due \[ns\]; `None` if the stream is not periodic or has stopped. A prediction counts as missed
-    /// when it has passed by more than `tolerance` \[ns\] and by more than samples are usually late; then the next point of the
-    /// grid is due.
+    /// When the next sample is due \[ns\]; `None` if the stream is not periodic or has stopped. A prediction counts as
+    /// missed when it has passed by more than `tolerance` \[ns\] and by more than samples are usually late; then the
+    /// next point of the grid is due.
     fn due(&mut self, now: u64, tolerance: u64) -> Option<u64> {
         self.known_period()?;
         let usual = (self.lateness * 1.25).min(self.period / 8.0);
@@ -263,8 +269,8 @@ mod tests {
 
     const MS: u64 = 1_000_000;
 
-    /// Runs a waiter on arrivals. Returns for each arrival whether the worker was awake (spinning), and the share of time spent
-    /// spinning.
+    /// Runs a waiter on arrivals. Returns for each arrival whether the worker was awake (spinning), and the share of
+    /// time spent spinning.
     fn run(waiter: &mut Waiter, arrivals: &[(u64, usize)]) -> (Vec<bool>, f64) {
         let (mut now, mut spinning, started) = (arrivals[0].0, 0, arrivals[0].0);
         let mut awake = Vec::new();

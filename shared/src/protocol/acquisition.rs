@@ -1,5 +1,5 @@
-//! An acquisition's part of the protocol: which samples wait for an answer, which answer leaves next, and when which samples are
-//! sent again.
+//! An acquisition's part of the protocol: which samples wait for an answer, which answer leaves next, and when which
+//! samples are sent again.
 
 use super::pending::Pending;
 use crate::sequence::rises;
@@ -9,16 +9,17 @@ use std::collections::VecDeque;
 const CHECK_NS: u64 = 5_000_000;
 /// After this many polls that found nothing the clock is read, to find out whether a check is due.
 const EMPTY_POLLS: u32 = 16;
-/// If no answer comes for this long, something is sent again even to the same service; then after twice as long, and so on. A
-/// service that is only stopped gets few repeats in its queue this way.
+/// If no answer comes for this long, something is sent again even to the same service; then after twice as long, and so
+/// on. A service that is only stopped gets few repeats in its queue this way.
 const SILENCE_NS: u64 = 1_000_000_000;
 /// Samples that later answers have overtaken are sent again at once, and once more after this part of that pause.
 const OVERTAKEN_PART: u64 = 10;
 /// Repeats of single samples, after silences, that the service's queue has room for.
 const SINGLE_REPEATS: usize = 4;
 
-/// Raw samples that the service's queue holds if `depth` samples may be in flight. There is room for each of them twice: a new
-/// service finds those in its queue that were sent before the acquisition noticed it, and then all that were sent again.
+/// Raw samples that the service's queue holds if `depth` samples may be in flight. There is room for each of them
+/// twice: a new service finds those in its queue that were sent before the acquisition noticed it, and then all that
+/// were sent again.
 #[must_use]
 pub const fn queue_depth(depth: usize) -> usize {
     2 * depth + SINGLE_REPEATS
@@ -60,10 +61,11 @@ pub struct AcquisitionState<S, A> {
     resent_ns: u64,
     /// Whether an answer has been handed out since the last check.
     progress: bool,
-    /// What has been sent beside the samples in flight, since the beginning: repeats, and sends that failed. Each sample has this number
-    /// of the moment when it was first sent as its mark.
+    /// What has been sent beside the samples in flight, since the beginning: repeats, and sends that failed. Each
+    /// sample has this number of the moment when it was first sent as its mark.
     surplus: u64,
-    /// How much of that the service has taken for certain. It takes in order, so an answer shows it for the mark of its sample.
+    /// How much of that the service has taken for certain. It takes in order, so an answer shows it for the mark of its
+    /// sample.
     surplus_taken: u64,
 }
 
@@ -86,8 +88,8 @@ pub enum Resend {
 }
 
 impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
-    /// Begins a session with the service of this id, whose queue holds this many samples. At most `depth` samples, and at least
-    /// one, can be unanswered.
+    /// Begins a session with the service of this id, whose queue holds this many samples. At most `depth` samples, and
+    /// at least one, can be unanswered.
     #[must_use]
     pub fn new(session: u64, depth: usize, queue: usize, service: u128) -> Self {
         Self {
@@ -118,7 +120,8 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         self.session
     }
 
-    /// The number for the next loan: one above the highest that was loaned or sent. After the highest number of 64 bits it stays.
+    /// The number for the next loan: one above the highest that was loaned or sent. After the highest number of 64 bits
+    /// it stays.
     #[inline]
     #[must_use]
     pub const fn next_sequence(&self) -> u64 {
@@ -128,7 +131,8 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         }
     }
 
-    /// Gives a sample that is loaned now its number. If it is not sent, its number is left out, and the service reports the gap.
+    /// Gives a sample that is loaned now its number. If it is not sent, its number is left out, and the service reports
+    /// the gap.
     #[inline]
     pub const fn loan(&mut self) -> u64 {
         let number = self.next_sequence();
@@ -136,15 +140,16 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         number
     }
 
-    /// Takes the number of a loan back that stands for no control period. Only the last loan's: another one stays left out.
+    /// Takes the number of a loan back that stands for no control period. Only the last loan's: another one stays left
+    /// out.
     pub fn cancel(&mut self, number: u64) {
         if self.highest == Some(number) && rises(self.last_sequence, number) {
             self.highest = number.checked_sub(1);
         }
     }
 
-    /// Control periods of all sessions that have a number and were not sent: samples that were discarded or are still on loan, numbers
-    /// that the user left out, and samples whose sending has failed.
+    /// Control periods of all sessions that have a number and were not sent: samples that were discarded or are still
+    /// on loan, numbers that the user left out, and samples whose sending has failed.
     #[must_use]
     pub fn lost(&self) -> u64 {
         let after_last = match (self.highest, self.last_sequence) {
@@ -168,8 +173,8 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         self.pending.len()
     }
 
-    /// Whether no sample can be sent now: `depth` samples are in flight, or the service's queue may be full, which takes several
-    /// restarts within a short time.
+    /// Whether no sample can be sent now: `depth` samples are in flight, or the service's queue may be full, which
+    /// takes several restarts within a short time.
     #[inline]
     #[must_use]
     pub const fn is_full(&self) -> bool {
@@ -227,15 +232,16 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         self.pending.push(sequence, self.surplus, sample)
     }
 
-    /// Takes the last [`send`](Self::send) back: the transport failed, and the caller tells its user. Some receivers may have got
-    /// the sample, so no other sample gets its sequence.
+    /// Takes the last [`send`](Self::send) back: the transport failed, and the caller tells its user. Some receivers
+    /// may have got the sample, so no other sample gets its sequence.
     pub const fn send_failed(&mut self) {
         self.pending.pop_newest();
         self.surplus += 1;
         self.lost = self.lost.saturating_add(1);
     }
 
-    /// Keeps an answer that was handed out while the caller waits for a later one. If `depth` of them are kept, the oldest is dropped.
+    /// Keeps an answer that was handed out while the caller waits for a later one. If `depth` of them are kept, the
+    /// oldest is dropped.
     pub fn keep_aside(&mut self, answer: A) {
         if self.aside.len() >= self.depth() {
             self.aside.pop_front();
@@ -276,8 +282,8 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         answer
     }
 
-    /// An answer has come. True: it is the answer to the oldest sample, and the caller hands it out. False: it is kept until then,
-    /// or ignored because it is a repeat or of another session.
+    /// An answer has come. True: it is the answer to the oldest sample, and the caller hands it out. False: it is kept
+    /// until then, or ignored because it is a repeat or of another session.
     #[inline]
     pub fn answered(&mut self, session: u64, sequence: u64, answer: &A) -> bool {
         if session != self.session {
@@ -312,8 +318,8 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         self.pending.len() > 0
     }
 
-    /// What is sent again now that the service with this id is seen. The caller sends [`samples`](Self::samples), then calls
-    /// [`resent`](Self::resent).
+    /// What is sent again now that the service with this id is seen. The caller sends [`samples`](Self::samples), then
+    /// calls [`resent`](Self::resent).
     #[must_use]
     pub fn resend_due(&self, service: u128, now: u64) -> Option<Resend> {
         let silent = || now.saturating_sub(self.silent_since_ns) > self.resend_after_ns;
@@ -327,8 +333,8 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         }
     }
 
-    /// The samples of a resend, oldest first. Those whose answers wait for an earlier answer are among them: without them a new
-    /// service would report a gap.
+    /// The samples of a resend, oldest first. Those whose answers wait for an earlier answer are among them: without
+    /// them a new service would report a gap.
     pub fn samples(&self, resend: Resend) -> impl Iterator<Item = &S> {
         self.pending.samples(self.pending.len() - self.count(resend))
     }
@@ -363,7 +369,8 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         self.pending.len().hash(hasher);
     }
 
-    /// For the search: how long after an answer or a resend a check may send overtaken samples again, and how long the newest.
+    /// For the search: how long after an answer or a resend a check may send overtaken samples again, and how long the
+    /// newest.
     #[cfg(test)]
     pub(super) const fn pauses_ns(&self) -> [u64; 2] {
         [self.resend_after_ns / OVERTAKEN_PART + CHECK_NS, self.resend_after_ns.saturating_add(CHECK_NS)]

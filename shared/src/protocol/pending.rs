@@ -3,8 +3,9 @@
 
 /// Samples of type `S` in the order of their sequence, each with its answer of type `A` if that has come.
 ///
-/// A ring. The keys lie beside each other, apart from the copies, so that a search touches few cache lines. When the ring gets
-/// empty it begins again at its first slot, so that an acquisition with one sample in flight always uses the same memory.
+/// A ring. The keys lie beside each other, apart from the copies, so that a search touches few cache lines. When the
+/// ring gets empty it begins again at its first slot, so that an acquisition with one sample in flight always uses the
+/// same memory.
 #[derive(Clone, Debug)]
 pub(super) struct Pending<S, A> {
     keys: Box<[Key]>,
@@ -56,8 +57,8 @@ impl<S: Copy + Default, A: Copy + Default> Pending<S, A> {
         if slot < self.keys.len() { slot } else { slot - self.keys.len() }
     }
 
-    /// Keeps a copy of a sample, and a mark that comes back with its answer; returns the copy. Its sequence must be above all that are kept,
-    /// and the caller must have checked [`is_full`](Self::is_full).
+    /// Keeps a copy of a sample, and a mark that comes back with its answer; returns the copy. Its sequence must be
+    /// above all that are kept, and the caller must have checked [`is_full`](Self::is_full).
     #[inline]
     pub(super) fn push(&mut self, sequence: u64, mark: u64, sample: &S) -> &mut S {
         let slot = self.slot(self.len);
@@ -80,7 +81,8 @@ impl<S: Copy + Default, A: Copy + Default> Pending<S, A> {
     }
 
     /// Takes an answer; repeated and unknown ones are ignored. If it answers the oldest sample, removes that sample and
-    /// returns true: the caller may return the answer to its user at once. Also returns the sample's mark, 0 if it is unknown.
+    /// returns true: the caller may return the answer to its user at once. Also returns the sample's mark, 0 if it is
+    /// unknown.
     #[inline]
     pub(super) fn accept(&mut self, sequence: u64, answer: &A) -> (bool, u64) {
         let oldest = self.keys[self.first];
@@ -102,8 +104,8 @@ impl<S: Copy + Default, A: Copy + Default> Pending<S, A> {
         key.mark
     }
 
-    /// Removes the oldest sample if its answer has come, and returns that answer. So answers leave in the order in which their
-    /// samples were sent.
+    /// Removes the oldest sample if its answer has come, and returns that answer. So answers leave in the order in
+    /// which their samples were sent.
     #[inline]
     pub(super) fn pop_answered(&mut self) -> Option<A> {
         if self.len == 0 || !self.keys[self.first].answered {

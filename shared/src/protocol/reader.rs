@@ -5,7 +5,8 @@ use std::collections::VecDeque;
 /// Length of the range of sequences within which a repeat is recognised; more than can ever be in flight.
 const WINDOW: u64 = 1024;
 const WORDS: usize = (WINDOW / 64) as usize;
-/// Number of remembered sessions: the running acquisition's, and its predecessors', whose last samples may still arrive.
+/// Number of remembered sessions: the running acquisition's, and its predecessors', whose last samples may still
+/// arrive.
 const SESSIONS: usize = 4;
 
 /// Remembers (session, sequence) pairs, in bounded memory and without allocation after construction.

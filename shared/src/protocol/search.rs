@@ -219,8 +219,8 @@ mod tests {
     #[test]
     fn each_rule_is_needed() {
         let false_gap = "a false gap";
-        // An answer has overtaken an earlier one when the service is killed. The next service does not get the answered sample, and
-        // takes it for missing. Two restarts are enough for that, or one and a lost sample.
+        // An answer has overtaken an earlier one when the service is killed. The next service does not get the answered
+        // sample, and takes it for missing. Two restarts are enough for that, or one and a lost sample.
         let bounds = Bounds { service_kills: 2, resends: 0, ..CALM };
         let steps = is_found(Mutation::ResendsUnansweredOnly, bounds, false_gap);
         assert_eq!(steps.iter().filter(|step| **step == Step::KillService).count(), 2, "{steps:?}");

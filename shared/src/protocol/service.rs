@@ -1,5 +1,5 @@
-//! The service's part of the protocol: whether the samples of a session come in order, and what the increment says about it.
-//! Every session number and sequence number is valid.
+//! The service's part of the protocol: whether the samples of a session come in order, and what the increment says
+//! about it. Every session number and sequence number is valid.
 
 use crate::sequence::{Period, rises, time_step};
 use crate::wire::Flags;

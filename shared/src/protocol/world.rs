@@ -1,8 +1,8 @@
-//! A small world for the search: one acquisition, one service at a time, one reader, and the transport's queues between them. All
-//! decisions are the protocol's own; the world only carries out what the ports carry out.
+//! A small world for the search: one acquisition, one service at a time, one reader, and the transport's queues between
+//! them. All decisions are the protocol's own; the world only carries out what the ports carry out.
 //!
-//! Time: a check of the service comes either soon, or after a silence that is long enough for a resend. Between looking up the
-//! service and each sample of a resend, every other process may do something.
+//! Time: a check of the service comes either soon, or after a silence that is long enough for a resend. Between looking
+//! up the service and each sample of a resend, every other process may do something.
 //!
 //! Over 400 lines: every step works on the same state.
 
@@ -38,8 +38,8 @@ pub(super) struct Bounds {
     pub failed_sends: u8,
     /// The user leaves a sequence out.
     pub skips: u8,
-    /// Samples that the user may have on loan while it does something else, and then send, discard or cancel. With loans, every session
-    /// begins with sequence 0.
+    /// Samples that the user may have on loan while it does something else, and then send, discard or cancel. With
+    /// loans, every session begins with sequence 0.
     pub loans: usize,
     /// Whether there is a reader. It comes at any time.
     pub reader: bool,
@@ -240,7 +240,8 @@ impl World {
         }
     }
 
-    /// All that decides what can happen from here on. Times do not: see [`Step::CheckSoon`] and [`Step::CheckAfterSilence`].
+    /// All that decides what can happen from here on. Times do not: see [`Step::CheckSoon`] and
+    /// [`Step::CheckAfterSilence`].
     pub(super) fn hash_into(&self, hasher: &mut impl Hasher) {
         let left = self.left;
         let kills = [left.service_kills, left.acquisition_kills, left.new_sessions];
@@ -442,7 +443,8 @@ impl World {
         }
     }
 
-    /// A loan that stands for no period, as one that was merged into another. Only the last loan's number is taken back.
+    /// A loan that stands for no period, as one that was merged into another. Only the last loan's number is taken
+    /// back.
     fn cancel(&mut self, number: u8) {
         let last = self.acquisition.next_sequence() == u64::from(number) + 1;
         if last || self.mutation != Some(Mutation::CancelsAnyNumber) {
@@ -548,7 +550,8 @@ impl World {
         self.acquisition.begin_session(self.acquisition.session() + 1).ok()
     }
 
-    /// The acquisition dies, and another one connects to the service that is listed. What the dead one had sent stays in its queue.
+    /// The acquisition dies, and another one connects to the service that is listed. What the dead one had sent stays
+    /// in its queue.
     fn kill_acquisition(&mut self) -> Option<()> {
         spend(&mut self.left.acquisition_kills)?;
         let listed = (self.listed != 0).then_some(self.listed)?;

@@ -133,7 +133,8 @@ pub struct Content {
 /// An invalid part of a [`Content`].
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Refusal {
-    /// The key as in a table file; for a sensor it begins with its section and name, as in `axis.A1.` or `gyroscope.G3.`.
+    /// The key as in a table file; for a sensor it begins with its section and name, as in `axis.A1.` or
+    /// `gyroscope.G3.`.
     pub key: String,
     /// What is wrong, and what to write instead.
     pub message: String,
@@ -188,9 +189,9 @@ impl Content {
 
     /// The text whose bytes the digest is computed over.
     ///
-    /// It is UTF-8; each line is `KEY VALUE` and ends with one LF. A NUMBER is the 16 lower-case hexadecimal digits of its
-    /// IEEE 754 double, most significant first, with -0 as 0. A TEXT is its UTF-8 bytes in lower-case hexadecimal. The
-    /// lines, in this order:
+    /// It is UTF-8; each line is `KEY VALUE` and ends with one LF. A NUMBER is the 16 lower-case hexadecimal digits of
+    /// its IEEE 754 double, most significant first, with -0 as 0. A TEXT is its UTF-8 bytes in lower-case hexadecimal.
+    /// The lines, in this order:
     ///
     /// ```text
     /// isotherm-table 1                         the format, 1 or 2

@@ -1,8 +1,9 @@
-//! The plain difference of two tables: how much each curve and each alignment changes, without the errors of either. `compare` builds its
-//! bands on it; the service refuses a table that changes too much.
+//! The plain difference of two tables: how much each curve and each alignment changes, without the errors of either.
+//! `compare` builds its bands on it; the service refuses a table that changes too much.
 //!
-//! Curves are compared at 41 points of their common range, in units that no table's 1 g0 changes. What a scale factor changes is relative to
-//! its old value, the difference of two biases is in ug0 of 9.80665e-6 m/s2, of two rates in deg/h.
+//! Curves are compared at 41 points of their common range, in units that no table's 1 g0 changes. What a scale factor
+//! changes is relative to its old value, the difference of two biases is in ug0 of 9.80665e-6 m/s2, of two rates in
+//! deg/h.
 
 use super::content::{AXIS_NAMES, Axis, Content, GYROSCOPE_NAMES};
 use super::model::CoefficientTable;
@@ -440,8 +441,8 @@ fn rounded(value: f64) -> String {
 }
 
 impl Content {
-    /// Scale factors that a lost digit may have made: K+ and K- of a sensor, or K of the sensors of a triad, that differ by more than a factor
-    /// 2 in the middle of their ranges. A table is not refused for it.
+    /// Scale factors that a lost digit may have made: K+ and K- of a sensor, or K of the sensors of a triad, that
+    /// differ by more than a factor 2 in the middle of their ranges. A table is not refused for it.
     #[must_use]
     pub fn unlike_scale_factors(&self) -> Vec<String> {
         let gyroscopes = self.gyroscopes.as_ref().map(|gyroscopes| (SensorKind::Gyroscope, &gyroscopes.axes));

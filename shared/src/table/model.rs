@@ -118,7 +118,8 @@ impl CoefficientTable {
         self
     }
 
-    /// Whether this is no calibration: every curve is a constant, as from a data sheet, and the file does not say where it comes from.
+    /// Whether this is no calibration: every curve is a constant, as from a data sheet, and the file does not say where
+    /// it comes from.
     #[must_use]
     pub fn is_nominal(&self) -> bool {
         let content = self.content();

@@ -89,7 +89,8 @@ impl CoefficientTable {
         document.finish(table)
     }
 
-    /// The table as the text of a sealed file (one with a digest), without provenance. Its numbers read back to the same doubles.
+    /// The table as the text of a sealed file (one with a digest), without provenance. Its numbers read back to the
+    /// same doubles.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -421,7 +422,8 @@ fn polynomial(section: &Section<'_, '_>) -> Option<Polynomial> {
     }
     let given = POWERS.map(|power| section.optional_number(power));
     let coefficients: Vec<f64> = given.iter().map_while(|coefficient| *coefficient).collect();
-    // A missing lower power is more likely a mistake than a zero. A present value that is not a number has been reported above.
+    // A missing lower power is more likely a mistake than a zero. A present value that is not a number has been
+    // reported above.
     let highest = POWERS.iter().rposition(|power| section.has(power));
     for (power, _) in POWERS.iter().zip(0..=highest.unwrap_or(0)).filter(|(power, _)| !section.has(power)) {
         section.fault(power, format!("missing; give {power} = 0.0 if it is zero"));

@@ -1,5 +1,5 @@
-//! The turntable that a table was measured on, as far as the table's provenance says: how its base stood, how the IMU sat on it, and Earth's
-//! rate there.
+//! The turntable that a table was measured on, as far as the table's provenance says: how its base stood, how the IMU
+//! sat on it, and Earth's rate there.
 
 use crate::document::Unchecked;
 use crate::wire::AXES;
@@ -28,8 +28,8 @@ pub struct Turntable {
 }
 
 impl Turntable {
-    /// Reads it from the keys `earth_rate_deg_h`, `earth_rate_standard_error`, `set_points`, `tilt_rad` and `mounting` of the provenance.
-    /// `None` if Earth's rate is not there, or if one of them cannot be right.
+    /// Reads it from the keys `earth_rate_deg_h`, `earth_rate_standard_error`, `set_points`, `tilt_rad` and `mounting`
+    /// of the provenance. `None` if Earth's rate is not there, or if one of them cannot be right.
     pub(super) fn read(provenance: Unchecked<'_, '_>) -> Option<Self> {
         let within = |values: &[f64], most: f64| values.iter().map(|v| v * v).sum::<f64>().sqrt() <= most;
         let earth_rate_deg_h = <[f64; AXES]>::try_from(provenance.numbers("earth_rate_deg_h")?).ok()?;

@@ -4,7 +4,8 @@ use super::points::{DataPoint, RegressionError, center_and_scale};
 use crate::double_double::DoubleDouble;
 use serde::Serialize;
 
-/// A range of fewer units of the last digit than this is that of exact numbers, such as 0 and 1, and not of rounded ones.
+/// A range of fewer units of the last digit than this is that of exact numbers, such as 0 and 1, and not of rounded
+/// ones.
 const COARSE: f64 = 100.0;
 
 /// A column that enters linearly, beside the polynomial of x.
@@ -31,8 +32,8 @@ pub struct LinearTerm {
     pub f: Option<f64>,
     /// Probability of a larger F if the term had no effect.
     pub p: Option<f64>,
-    /// Variance inflation factor: 1/(1 - R^2) of the regression of this column on all others. 1 for a column that has nothing in
-    /// common with the others.
+    /// Variance inflation factor: 1/(1 - R^2) of the regression of this column on all others. 1 for a column that has
+    /// nothing in common with the others.
     pub variance_inflation: f64,
 }
 
@@ -64,8 +65,8 @@ impl CentredColumn {
     }
 }
 
-/// The unit of the last decimal digit in which all values are written, but at least the spacing of doubles. Values with a range of
-/// few such units are taken to be exact.
+/// The unit of the last decimal digit in which all values are written, but at least the spacing of doubles. Values with
+/// a range of few such units are taken to be exact.
 pub(super) fn resolution(values: impl Iterator<Item = f64> + Clone) -> f64 {
     let size = values.clone().fold(0.0, |size: f64, value| size.max(value.abs()));
     let (low, high) = (values.clone().fold(f64::INFINITY, f64::min), values.clone().fold(f64::NEG_INFINITY, f64::max));
@@ -84,9 +85,10 @@ pub(super) fn resolution(values: impl Iterator<Item = f64> + Clone) -> f64 {
 
 /// Refuses columns of `linear` that are constant, or that follow from other columns to within their last digits.
 ///
-/// R has the columns in the order 1, z1 .. zq, x, x^2 .. Without pivoting its diagonal element j, divided by R_00 = sqrt(sum w), is
-/// the rms of what remains of column j after its regression on the columns before it. The coefficients of this regression tell
-/// which columns it follows from; `resolution_of_x` is that of the centred and scaled x. Powers of x that follow from lower powers alone are not refused here, as without linear columns.
+/// R has the columns in the order 1, z1 .. zq, x, x^2 .. Without pivoting its diagonal element j, divided by R_00 =
+/// sqrt(sum w), is the rms of what remains of column j after its regression on the columns before it. The coefficients
+/// of this regression tell which columns it follows from; `resolution_of_x` is that of the centred and scaled x. Powers
+/// of x that follow from lower powers alone are not refused here, as without linear columns.
 pub(super) fn check_rank(
     linear: &[CentredColumn],
     x: &str,

@@ -1,12 +1,12 @@
-//! Text for a terminal. Names and values come from files and streams of others, and a terminal obeys control characters: it could
-//! be made to erase lines, to show another text than there is, or to type.
+//! Text for a terminal. Names and values come from files and streams of others, and a terminal obeys control
+//! characters: it could be made to erase lines, to show another text than there is, or to type.
 
 use std::borrow::Cow;
 use std::fmt::{Display, Write as _};
 use std::io::{self, Write as _};
 
-/// The text with every character escaped that steers a terminal, as in `\u{1b}`: control characters (C0, DEL, C1) except line
-/// ends and tabs, and the characters that change the direction of writing.
+/// The text with every character escaped that steers a terminal, as in `\u{1b}`: control characters (C0, DEL, C1)
+/// except line ends and tabs, and the characters that change the direction of writing.
 ///
 /// ```
 /// use isotherm_failure::printable;

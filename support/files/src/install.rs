@@ -9,9 +9,10 @@
 //! | `.isotherm-TABLE.new` | a file that is being written |
 //! | `.isotherm-TABLE.lock` | locked by the process that has the installation |
 //!
-//! An installation copies the table in force to `TABLE.replaced`, writes the new table, and exchanges it with TABLE. What came out still has
-//! its owner and permissions; it is renamed over the copy, and then over `TABLE.previous`. So SIGKILL loses nothing: the next process
-//! that finds a `TABLE.replaced` completes the installation, or removes the copy if it equals TABLE, which then was not replaced.
+//! An installation copies the table in force to `TABLE.replaced`, writes the new table, and exchanges it with TABLE.
+//! What came out still has its owner and permissions; it is renamed over the copy, and then over `TABLE.previous`. So
+//! SIGKILL loses nothing: the next process that finds a `TABLE.replaced` completes the installation, or removes the
+//! copy if it equals TABLE, which then was not replaced.
 
 use crate::live::{give_mode_and_owner, mode_of, target_of};
 use crate::load::Identity;
@@ -42,8 +43,8 @@ pub struct Installation {
 }
 
 impl Installation {
-    /// Waits until no other process installs a table as `target` or brings its predecessor back. If such a process was killed, its step is
-    /// completed, or taken back if the table in force was not replaced yet.
+    /// Waits until no other process installs a table as `target` or brings its predecessor back. If such a process was
+    /// killed, its step is completed, or taken back if the table in force was not replaced yet.
     ///
     /// If `target` is a link, this is about the file that it names, so that the predecessor is the same by every name.
     ///
@@ -91,11 +92,12 @@ impl Installation {
         Err(Failure::new(Exit::Failed, message))
     }
 
-    /// Installs `text`. An existing file becomes the predecessor; the new one gets its permissions and owner. Returns whether there is a new
-    /// predecessor. If `text` is installed already, nothing is changed.
+    /// Installs `text`. An existing file becomes the predecessor; the new one gets its permissions and owner. Returns
+    /// whether there is a new predecessor. If `text` is installed already, nothing is changed.
     ///
     /// # Errors
-    /// The operating system's; the installed file and its predecessor are then unchanged, or the message says what has become of them.
+    /// The operating system's; the installed file and its predecessor are then unchanged, or the message says what has
+    /// become of them.
     pub fn install(&self, text: &str) -> Result<bool, Failure> {
         self.put(text.as_bytes()).map_err(|error| self.failed("installing", &error))
     }

@@ -1,9 +1,9 @@
 //! How Isotherm's programs read and write files.
 //!
-//! Tables and configurations are checked while they are read ([`load_table`], [`read_text`]): a pipe, a file that is too large,
-//! or a file that changes during reading is refused. A result file appears whole or not at all ([`Output`]): it is written under
-//! a temporary name and renamed when it is complete. Rows that cannot be had again stay under a name of their own if the command
-//! ends early ([`LiveFile`]).
+//! Tables and configurations are checked while they are read ([`load_table`], [`read_text`]): a pipe, a file that is
+//! too large, or a file that changes during reading is refused. A result file appears whole or not at all ([`Output`]):
+//! it is written under a temporary name and renamed when it is complete. Rows that cannot be had again stay under a
+//! name of their own if the command ends early ([`LiveFile`]).
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {

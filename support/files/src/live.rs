@@ -1,7 +1,8 @@
 //! A file of rows that come from a live stream and cannot be had again.
 //!
-//! Until it is complete its name ends in `.partial`. It holds whole rows at every moment, apart from a SIGKILL or a power failure
-//! in the middle of a write, which may cut the last row. If the command ends early the file stays under that name.
+//! Until it is complete its name ends in `.partial`. It holds whole rows at every moment, apart from a SIGKILL or a
+//! power failure in the middle of a write, which may cut the last row. If the command ends early the file stays under
+//! that name.
 
 use super::signals::unfinished;
 use isotherm_failure::Failure;
@@ -58,8 +59,8 @@ impl LiveFile {
     /// Creates the file `target` under its temporary name, with the permissions and owner of the `existing` one.
     ///
     /// # Errors
-    /// If it cannot be created, if another process writes it, if there are rows in it from an earlier run, or if something else has
-    /// its name.
+    /// If it cannot be created, if another process writes it, if there are rows in it from an earlier run, or if
+    /// something else has its name.
     pub fn create(target: PathBuf, existing: Option<&Metadata>) -> io::Result<Self> {
         let path = partial_of(&target);
         let tries = (0..TRIES).find_map(|_| {
@@ -152,8 +153,8 @@ impl Drop for LiveFile {
     }
 }
 
-/// Creates the file at `path` and locks it; `None` if what was in its place has gone. Nothing is ever written into a file that was
-/// there before: anybody who may write the folder can have made it, with any permissions.
+/// Creates the file at `path` and locks it; `None` if what was in its place has gone. Nothing is ever written into a
+/// file that was there before: anybody who may write the folder can have made it, with any permissions.
 fn claim(path: &Path, existing: Option<&Metadata>) -> io::Result<Option<File>> {
     let mut options = OpenOptions::new();
     options.write(true).create_new(true).mode(mode_of(existing));
@@ -193,8 +194,8 @@ fn claim(path: &Path, existing: Option<&Metadata>) -> io::Result<Option<File>> {
     Ok(None)
 }
 
-/// Checks that an earlier run of this user can have left what is at `path`. A run of root gives its file to the owner of the
-/// `existing` one.
+/// Checks that an earlier run of this user can have left what is at `path`. A run of root gives its file to the owner
+/// of the `existing` one.
 fn check_leftover(path: &Path, existing: Option<&Metadata>) -> io::Result<()> {
     let found = fs::symlink_metadata(path)?;
     let kind = found.file_type();
@@ -221,7 +222,8 @@ pub(crate) fn mode_of(existing: Option<&Metadata>) -> u32 {
     existing.map_or(0o666, |existing| existing.mode() & 0o777)
 }
 
-/// Gives a new file owner and permissions of the `existing` one that it replaces, as far as this user and the file system allow.
+/// Gives a new file owner and permissions of the `existing` one that it replaces, as far as this user and the file
+/// system allow.
 pub(crate) fn give_mode_and_owner(file: &File, existing: Option<&Metadata>) {
     if let Some(existing) = existing {
         let _ = fchown(file, Some(existing.uid()), Some(existing.gid()));

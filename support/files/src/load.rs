@@ -1,5 +1,5 @@
-//! Reads a table or configuration. Checks the kind of file, its size and who may write it, and returns which state of the file
-//! was read.
+//! Reads a table or configuration. Checks the kind of file, its size and who may write it, and returns which state of
+//! the file was read.
 
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::document::{Fault, Faults, MAX_BYTES};
@@ -102,8 +102,8 @@ impl WorldWritable {
 /// Reads the text of a table or configuration. Returns also the state of the file from which it was read.
 ///
 /// # Errors
-/// If the file cannot be read, may be written by everybody ([`WorldWritable::Refuse`]), is no regular file, is over 1 MiB, is not
-/// UTF-8, or changes while it is read.
+/// If the file cannot be read, may be written by everybody ([`WorldWritable::Refuse`]), is no regular file, is over 1
+/// MiB, is not UTF-8, or changes while it is read.
 pub fn read_text(path: &Path, world_writable: WorldWritable) -> Result<(String, Identity), LoadError> {
     let io = |error: io::Error| LoadError::Io { path: path.to_owned(), cause: error.to_string() };
     let refused = |line, message: String| LoadError::Refused {

@@ -1,5 +1,5 @@
-//! Writing results: a regular file appears whole or not at all; pipes, devices and stdout are written directly. Rows of a live
-//! stream are kept if the command ends early ([`Output::create_live`]).
+//! Writing results: a regular file appears whole or not at all; pipes, devices and stdout are written directly. Rows of
+//! a live stream are kept if the command ends early ([`Output::create_live`]).
 
 use crate::live::{LiveFile, Partial, give_mode_and_owner, mode_of, target_of};
 use crate::signals::unfinished;
@@ -33,8 +33,8 @@ impl Output {
         Self::open(path, |target, existing| Self::stage(&target, existing))
     }
 
-    /// Opens the output of rows that come from a live stream and cannot be had again; `None` or `-` is stdout. The first line is
-    /// the header.
+    /// Opens the output of rows that come from a live stream and cannot be had again; `None` or `-` is stdout. The
+    /// first line is the header.
     ///
     /// # Errors
     /// As [`create`](Self::create), and if an earlier run has left its rows.
@@ -166,8 +166,8 @@ impl Write for Output {
     }
 }
 
-/// Refuses what another user has put into a folder that everybody may write, such as `/tmp`: a link would lead the result into a file of
-/// this user, a pipe would block.
+/// Refuses what another user has put into a folder that everybody may write, such as `/tmp`: a link would lead the
+/// result into a file of this user, a pipe would block.
 pub(crate) fn refuse_planted(path: &Path) -> io::Result<()> {
     /// Sticky, and writable by everybody.
     const SHARED: u32 = 0o1002;
@@ -227,12 +227,13 @@ impl StagedText {
         check_written(self.path.as_deref(), self.output.finish())
     }
 
-    /// Makes several texts visible that belong together: all or none. The first is the one that matters, as the table before its
-    /// report.
+    /// Makes several texts visible that belong together: all or none. The first is the one that matters, as the table
+    /// before its report.
     ///
-    /// No signal of [`end_signals`](crate::end_signals) ends the command in between. Because several files cannot be renamed at
-    /// once, SIGKILL or a power failure may leave fewer of them, but never an old one beside a new one: the old files that come
-    /// after the first get hidden names before the first is renamed. If the first cannot be renamed, they get their names again.
+    /// No signal of [`end_signals`](crate::end_signals) ends the command in between. Because several files cannot be
+    /// renamed at once, SIGKILL or a power failure may leave fewer of them, but never an old one beside a new one: the
+    /// old files that come after the first get hidden names before the first is renamed. If the first cannot be
+    /// renamed, they get their names again.
     ///
     /// # Errors
     /// As [`Output::finish`].
@@ -302,8 +303,8 @@ pub fn check_written(path: Option<&Path>, result: io::Result<()>) -> Result<(), 
     }
 }
 
-/// Refuses to overwrite a file that a command reads, and to write two results to one file. Each input has its name for the
-/// message, as in "the campaign file".
+/// Refuses to overwrite a file that a command reads, and to write two results to one file. Each input has its name for
+/// the message, as in "the campaign file".
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -27,14 +27,15 @@ impl Unfinished {
     }
 }
 
-/// The unfinished files. While this guard lives no signal ends a command that has called [`remove_unfinished_on_signals`].
+/// The unfinished files. While this guard lives no signal ends a command that has called
+/// [`remove_unfinished_on_signals`].
 pub(crate) fn unfinished() -> MutexGuard<'static, Unfinished> {
     static UNFINISHED: Mutex<Unfinished> = Mutex::new(Unfinished { files: Vec::new(), flag: None });
     UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The signals that ask a command to end: SIGINT, SIGTERM, and SIGHUP unless the process was started with it ignored, as `nohup`
-/// does.
+/// The signals that ask a command to end: SIGINT, SIGTERM, and SIGHUP unless the process was started with it ignored,
+/// as `nohup` does.
 #[must_use]
 pub fn end_signals() -> Vec<i32> {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
@@ -44,8 +45,8 @@ pub fn end_signals() -> Vec<i32> {
     [SIGINT, SIGTERM].into_iter().chain(hangup.then_some(SIGHUP)).collect()
 }
 
-/// Makes the signals of [`end_signals`] remove the unfinished files before they end the process. For commands that do not handle
-/// these signals themselves.
+/// Makes the signals of [`end_signals`] remove the unfinished files before they end the process. For commands that do
+/// not handle these signals themselves.
 ///
 /// # Errors
 /// If the operating system refuses the handlers.
@@ -69,15 +70,17 @@ pub fn remove_unfinished_on_signals() -> Result<(), Failure> {
     thread::Builder::new().name("signals".to_owned()).spawn(body).map(drop).map_err(failed)
 }
 
-/// After [`remove_unfinished_on_signals`]: the first signal from now on only sets the returned flag, so that the command can end
-/// by itself. The second one ends the process.
+/// After [`remove_unfinished_on_signals`]: the first signal from now on only sets the returned flag, so that the
+/// command can end by itself. The second one ends the process.
 #[must_use]
 pub fn end_flag() -> Arc<AtomicBool> {
     Arc::clone(unfinished().flag.insert(Arc::default()))
 }
 
-/// Makes a write beyond the limit of a file's size (`ulimit -f`) fail with an error. Without this SIGXFSZ kills the process.
+/// Makes a write beyond the limit of a file's size (`ulimit -f`) fail with an error. Without this SIGXFSZ kills the
+/// process.
 pub fn report_file_limit() {
-    // A handler that does nothing is enough: the write then returns the error. Fails only for signals that cannot be handled.
+    // A handler that does nothing is enough: the write then returns the error. Fails only for signals that cannot be
+    // handled.
     let _ = signal_hook::flag::register(SIGXFSZ, Arc::default());
 }

@@ -1,9 +1,10 @@
 //! Whether something can be written to standard output at all.
 //!
-//! If standard output is closed when a program begins, Rust's start-up code opens /dev/null in its place, and the standard library
-//! also ignores a descriptor that cannot be written. Both make every write succeed while all data are lost. Afterwards nothing
-//! distinguishes that /dev/null from one that the caller has chosen: Python's `subprocess.DEVNULL` opens it for reading and writing
-//! too. Therefore the descriptor is looked at before the start-up code runs, by a function in the section `.init_array`.
+//! If standard output is closed when a program begins, Rust's start-up code opens /dev/null in its place, and the
+//! standard library also ignores a descriptor that cannot be written. Both make every write succeed while all data are
+//! lost. Afterwards nothing distinguishes that /dev/null from one that the caller has chosen: Python's
+//! `subprocess.DEVNULL` opens it for reading and writing too. Therefore the descriptor is looked at before the start-up
+//! code runs, by a function in the section `.init_array`.
 #![allow(unsafe_code, reason = "no safe code runs before the start-up code; see docs/unsafe.md")]
 
 use rustix::fs::{OFlags, fcntl_getfl};
@@ -19,8 +20,9 @@ extern "C" fn look() {
     UNUSABLE.store(!usable, Ordering::Relaxed);
 }
 
-// SAFETY: the section holds pointers to functions that take no argument, and the C library calls each one once before `main`.
-// `look` makes one system call and one store. It uses nothing that the start-up code of Rust's standard library prepares.
+// SAFETY: the section holds pointers to functions that take no argument, and the C library calls each one once before
+// `main`. `look` makes one system call and one store. It uses nothing that the start-up code of Rust's standard library
+// prepares.
 #[used]
 #[unsafe(link_section = ".init_array")]
 static LOOK: extern "C" fn() = look;

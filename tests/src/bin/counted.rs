@@ -1,11 +1,11 @@
 //! A service and an acquisition with a counting allocator, for `tests/hot_loop.rs`, and a way to run a program without
 //! real-time permissions, for `tests/realtime.rs`.
 //!
-//! * `counted serve ...` is `isotherm serve ...`. For every line of input it prints how often its workers have allocated or
-//!   freed memory so far.
-//! * `counted send IMU SAMPLES` sends samples as fast as they are answered: first 1000, and after a line of input SAMPLES more.
-//!   After each part it prints how often the part allocated or freed memory. It ends after the second part and one more line,
-//!   or the end, of its input.
+//! * `counted serve ...` is `isotherm serve ...`. For every line of input it prints how often its workers have
+//!   allocated or freed memory so far.
+//! * `counted send IMU SAMPLES` sends samples as fast as they are answered: first 1000, and after a line of input
+//!   SAMPLES more. After each part it prints how often the part allocated or freed memory. It ends after the second
+//!   part and one more line, or the end, of its input.
 //! * `counted without-rights PROGRAM ...` executes a program that may not set real-time priorities or lock memory.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 #![expect(unsafe_code, reason = "an allocator is unsafe to implement")]
@@ -100,8 +100,8 @@ fn main() -> ExitCode {
     }
 }
 
-/// Samples that take longer than 4 ms, because the kernel suspended one of the processes, are not counted: the client then checks
-/// whether the service has been replaced, and that query of the transport allocates.
+/// Samples that take longer than 4 ms, because the kernel suspended one of the processes, are not counted: the client
+/// then checks whether the service has been replaced, and that query of the transport allocates.
 fn send(imu: &str, samples: u64) {
     const UNINTERRUPTED: Duration = Duration::from_millis(4);
     let options = Options::from_environment().unwrap();

@@ -44,8 +44,8 @@ impl Feed {
         Self { process, enough, writer, increments: domain.path("increments.csv") }
     }
 
-    /// Ends the samples, and asserts that each of them has its one increment, in order. Returns the tables of the increments: each whenever
-    /// it is another one than before.
+    /// Ends the samples, and asserts that each of them has its one increment, in order. Returns the tables of the
+    /// increments: each whenever it is another one than before.
     pub(crate) fn end(self) -> Vec<u64> {
         self.enough.store(true, Ordering::Relaxed);
         let sent = self.writer.join().unwrap();

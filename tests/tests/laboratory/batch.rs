@@ -1,4 +1,5 @@
-//! Campaigns of several IMUs on one turntable: one that fails is dropped, and the others have what they would have alone.
+//! Campaigns of several IMUs on one turntable: one that fails is dropped, and the others have what they would have
+//! alone.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_automation::journal::{Entry, Journal, Kept};
@@ -15,8 +16,9 @@ use std::path::Path;
 /// Dwells of the campaign.
 const DWELLS: usize = 3 * 12;
 
-/// Asserts that `table-{imu}.toml` of the campaign's folder is, to the byte, what `calibrate` makes of the same samples and a campaign file of this IMU
-/// alone. The time and the digest of the campaign file are left out: it is another file at another time.
+/// Asserts that `table-{imu}.toml` of the campaign's folder is, to the byte, what `calibrate` makes of the same samples
+/// and a campaign file of this IMU alone. The time and the digest of the campaign file are left out: it is another file
+/// at another time.
 fn assert_as_alone(domain: &TestDomain, folder: &str, imu: &str) {
     let campaign = fs::read_to_string(domain.path(folder).join("campaign.toml")).unwrap();
     let others = |line: &str| line.starts_with("    { id = ") && !line.contains(&format!("\"{imu}\""));
@@ -99,7 +101,8 @@ fn one_of_three_stops_sending_and_the_others_have_their_tables() {
     assert_eq!((dropped.len(), dropped[0]["imu"].as_str()), (1, Some("imu-b")));
     for imu in ["imu-a", "imu-c"] {
         assert_as_alone(domain, "station/campaign", imu);
-        // Each has its own coefficients along its own axes. How accurate they are depends on the machine at this speed of the laboratory.
+        // Each has its own coefficients along its own axes. How accurate they are depends on the machine at this speed
+        // of the laboratory.
         let fitted = table(&text(&laboratory.file(&format!("table-{imu}.toml"))));
         let against = |imu: &str| {
             let truth = fs::read_to_string(domain.path(&format!("station/truth-{imu}.toml"))).unwrap();
@@ -135,8 +138,8 @@ fn one_of_three_stops_sending_and_the_others_have_their_tables() {
     assert_eq!(laboratory.events("started").len(), 2);
 }
 
-/// A complete campaign of imu-b and imu-a from simulated samples: no instrument is needed. If `drops_b`, imu-b has its dwells and not the
-/// verification run, and is dropped; else there is no run.
+/// A complete campaign of imu-b and imu-a from simulated samples: no instrument is needed. If `drops_b`, imu-b has its
+/// dwells and not the verification run, and is dropped; else there is no run.
 fn complete_campaign(mounting_b: &str, drops_b: bool) -> (TestDomain, Plan) {
     let domain = TestDomain::new();
     let plan = include_str!("../../../examples/plan.toml")

@@ -1,4 +1,5 @@
-//! The automatic campaign, with a real service and the processes of a simulated station, hundreds of times as fast as in a laboratory.
+//! The automatic campaign, with a real service and the processes of a simulated station, hundreds of times as fast as
+//! in a laboratory.
 //!
 //! Over 400 lines: all tests share one set-up of service, station and plan.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
@@ -15,7 +16,8 @@ use std::fs;
 use std::process::Output;
 use std::time::Duration;
 
-/// A campaign of four set points and two verification runs, of an IMU with misalignments. Every fit of it is another decision.
+/// A campaign of four set points and two verification runs, of an IMU with misalignments. Every fit of it is another
+/// decision.
 #[test]
 fn from_a_plan_to_an_installed_table_and_back() {
     let verify = "\n[verify]\nruns = 2\nattitudes_deg = [[50, 130], [50, 310]]\nfrom_c = 12\nto_c = 32\nramp_c_per_h = 20\nhold_s = 60\n";
@@ -523,7 +525,8 @@ fn assert_first(orders: &[&str], requests: &[String]) {
     );
 }
 
-/// However the lines disturb, the orders arrive before any request that waits for something, and the runner says what is not sure.
+/// However the lines disturb, the orders arrive before any request that waits for something, and the runner says what
+/// is not sure.
 fn the_orders_go_out_first(connection: &[&str]) {
     for fault in ["babble", "garbled", "missing"] {
         let laboratory = with_lines(connection, "quiet_s = 0.2\nretries = 1\n");
@@ -581,8 +584,8 @@ fn with_chamber(chamber: &str, safe: &str) -> TestLaboratory {
 /// The write of 62 to register 2730.
 const F4T_STOP: &str = "\\x01\\x06\\n\\xaa\\x00>";
 
-/// A process that has not reached the chamber before orders what it knows: without the unit of a Watlow F4T its stop in place of
-/// ambient, without the outputs of an ASCII-2 chamber nothing.
+/// A process that has not reached the chamber before orders what it knows: without the unit of a Watlow F4T its stop in
+/// place of ambient, without the outputs of an ASCII-2 chamber nothing.
 #[test]
 fn a_new_process_orders_what_it_can_on_lines_that_do_not_work() {
     for (chamber, safe, fault, order, attempts) in [
@@ -614,7 +617,8 @@ fn a_new_process_orders_what_it_can_on_lines_that_do_not_work() {
     }
 }
 
-/// A line that works gives the unit in time, and the chamber is not stopped. On a loaded machine that may take several tries.
+/// A line that works gives the unit in time, and the chamber is not stopped. On a loaded machine that may take several
+/// tries.
 #[test]
 fn a_new_process_holds_a_watlow_at_ambient() {
     let laboratory = with_chamber("watlow-f4t", "ambient");

@@ -1,5 +1,5 @@
-//! What the verification runs of a campaign judge, and what the gate does with what they do not judge. The data are simulated and complete:
-//! no instrument is needed, and the command only fits, verifies and installs.
+//! What the verification runs of a campaign judge, and what the gate does with what they do not judge. The data are
+//! simulated and complete: no instrument is needed, and the command only fits, verifies and installs.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_automation::journal::{Entry, Journal, Kept};
@@ -16,15 +16,16 @@ const EXAMPLE_ATTITUDES: &str = "runs = 2\nattitudes_deg = [[50, 130], [230, 130
 const ONE: &str = "runs = 1";
 const OPPOSITE: &str = "runs = 2\nattitudes_deg = [[50, 130], [230, 130]]";
 
-/// A complete campaign of `imu-a` in `campaign`, with its plan, the file `imu-a.toml` to install and a service that watches it.
+/// A complete campaign of `imu-a` in `campaign`, with its plan, the file `imu-a.toml` to install and a service that
+/// watches it.
 struct Complete {
     domain: TestDomain,
     _service: Process,
 }
 
 impl Complete {
-    /// The samples of a simulated campaign from -20 to 40 degC, changed by `change`. Its first runs are those of `verify`, the lines of
-    /// `[verify]` with the number of runs, from `from_c` to `to_c`.
+    /// The samples of a simulated campaign from -20 to 40 degC, changed by `change`. Its first runs are those of
+    /// `verify`, the lines of `[verify]` with the number of runs, from `from_c` to `to_c`.
     fn new(change: impl Fn(&str) -> String, verify: &str, [from_c, to_c]: [f64; 2]) -> Self {
         let domain = TestDomain::new();
         let service = domain.serve(&["--allow-uncalibrated", "--imu", "imu-a=imu-a.toml"]);
@@ -150,7 +151,8 @@ fn wrong_channel(samples: &str, error: f64) -> String {
 
 const WHOLE: [f64; 2] = [-20.0, 40.0];
 
-/// A mistake in the two positions that drive one channel is in the table, and a run at one attitude shows nothing of it.
+/// A mistake in the two positions that drive one channel is in the table, and a run at one attitude shows nothing of
+/// it.
 #[test]
 fn a_mistake_in_a_channel_is_not_installed_over_a_good_table() {
     let complete = Complete::new(|samples| wrong_channel(samples, 0.002), ONE, WHOLE);
@@ -281,7 +283,8 @@ fn a_target_whose_folder_is_missing_is_found_at_the_beginning() {
     }
 }
 
-/// A service refuses a table that changes too much; the runner reports that, and accepts nothing in the operator's place.
+/// A service refuses a table that changes too much; the runner reports that, and accepts nothing in the operator's
+/// place.
 #[test]
 fn an_installation_that_the_service_refuses_is_reported() {
     let complete = Complete::new(str::to_owned, OPPOSITE, WHOLE);

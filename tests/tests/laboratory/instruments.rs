@@ -1,5 +1,5 @@
-//! The drivers of chambers and turntables, tested against the processes of the simulated station on pseudo-terminals and TCP,
-//! and against scripted peers whose requests and replies are taken from public drivers.
+//! The drivers of chambers and turntables, tested against the processes of the simulated station on pseudo-terminals
+//! and TCP, and against scripted peers whose requests and replies are taken from public drivers.
 //!
 //! Over 400 lines: all drivers pass the same tests, with the same helpers.
 #![allow(clippy::unwrap_used, reason = "in a test the panic is the report")]
@@ -337,7 +337,8 @@ fn a_late_reply_is_never_taken_for_the_next_ones() {
         turntable.engage().unwrap();
         turntable.move_to([30.0, 60.0], 20.0, 20.0).unwrap();
         wait_until("the position", || turntable.read().unwrap().angles_deg == [30.0, 60.0]);
-        // The reply with the outer rate comes after 1.5 s. By then the outer angle is requested again, and its reply is late too.
+        // The reply with the outer rate comes after 1.5 s. By then the outer angle is requested again, and its reply is
+        // late too.
         let short_timeout = keys(driver, own, "timeout_s = 1.2\nquiet_s = 4\nretries = 0\n");
         drop(turntable);
         let mut turntable = station.turntable(&short_timeout);
@@ -450,7 +451,8 @@ fn a_station_leaves_nothing_behind_even_when_it_is_killed() {
     assert_eq!(fault_kind(chamber.read()), FaultKind::Line);
 }
 
-/// A peer that expects the requests of the transcript in order and sends their replies. Any other request fails the test.
+/// A peer that expects the requests of the transcript in order and sends their replies. Any other request fails the
+/// test.
 fn scripted(transcript: &'static [(&'static [u8], &'static [u8])]) -> (String, JoinHandle<()>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port =
@@ -469,7 +471,8 @@ fn scripted(transcript: &'static [(&'static [u8], &'static [u8])]) -> (String, J
     (port, peer)
 }
 
-// The requests of AcutronicRobotics/acutrol, acutrol.py and ac117.json, and the replies that it expects after an 8-byte header.
+// The requests of AcutronicRobotics/acutrol, acutrol.py and ac117.json, and the replies that it expects after an 8-byte
+// header.
 #[test]
 fn the_acutrol_driver_sends_what_a_public_driver_sends() {
     let transcript: &[(&[u8], &[u8])] = &[
@@ -542,7 +545,8 @@ fn whole_turns_are_sent_as_they_are_unless_the_controller_counts_modulo_360() {
     }
 }
 
-// Requests and replies of StaflSystems/ChamberConnectLibrary, p300.py and especinteract.py. The leading 1 is the RS-485 address.
+// Requests and replies of StaflSystems/ChamberConnectLibrary, p300.py and especinteract.py. The leading 1 is the RS-485
+// address.
 #[test]
 fn the_espec_driver_sends_and_reads_what_a_public_driver_does() {
     let transcript: &[(&[u8], &[u8])] = &[
@@ -566,7 +570,8 @@ fn the_espec_driver_sends_and_reads_what_a_public_driver_does() {
     peer.join().unwrap();
 }
 
-// Registers from StaflSystems/ChamberConnectLibrary, watlowf4t.py; the CRC of the frames is that of the Modbus specification.
+// Registers from StaflSystems/ChamberConnectLibrary, watlowf4t.py; the CRC of the frames is that of the Modbus
+// specification.
 #[test]
 fn a_watlow_can_use_fahrenheit_and_send_the_high_word_first() {
     let transcript: &[(&[u8], &[u8])] = &[
@@ -602,7 +607,8 @@ fn a_peer_that_never_stops_sending_is_given_up() {
     peer.join().unwrap();
 }
 
-/// The peer answers nothing. The wait for its reply would take a minute, and the order would wait for silence after that.
+/// The peer answers nothing. The wait for its reply would take a minute, and the order would wait for silence after
+/// that.
 #[test]
 fn a_signal_ends_the_wait_for_a_reply_and_the_order_follows_at_once() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();

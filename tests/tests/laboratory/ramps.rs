@@ -1,4 +1,5 @@
-//! The automatic campaign with ramps: killed in them, with a real service and the processes of a simulated station whose IMU lags.
+//! The automatic campaign with ramps: killed in them, with a real service and the processes of a simulated station
+//! whose IMU lags.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_shared::table::AXIS_NAMES;
@@ -81,8 +82,8 @@ fn killed_in_ramps_it_ends_with_the_lag_of_the_truth() {
         assert_eq!(kept.len(), DWELLS + ramp);
         assert!(!laboratory.file(&format!("ramp-{}.csv", ramp + 1)).is_empty(), "it is being written");
     }
-    // Without its transient A1 is off by 100e-6 g0 at this rate, each way. The runs are off by 50e-6 g0: in the middle of a row the telemetry is
-    // some seconds old, for the scale factors too.
+    // Without its transient A1 is off by 100e-6 g0 at this rate, each way. The runs are off by 50e-6 g0: in the middle
+    // of a row the telemetry is some seconds old, for the scale factors too.
     let require = ["--require", "bias=80ug0,scale=100ppm,level=20arcsec"];
     let output = laboratory.run(&[&["--calibrate", "--alignment"], &require[..]].concat());
     let said = text(&output.stderr);
@@ -104,8 +105,8 @@ fn killed_in_ramps_it_ends_with_the_lag_of_the_truth() {
     let fitted = text(&laboratory.file("table.toml"));
     let [low, high] = interval_s(&fitted);
     let truth: f64 = LAG.parse().unwrap();
-    // Three standard errors, and 1 % for rows that a busy machine cut elsewhere. Whether 95 % intervals hold 95 % of truths
-    // is tested with many seeds in calibration/tests/transients/rates.rs.
+    // Three standard errors, and 1 % for rows that a busy machine cut elsewhere. Whether 95 % intervals hold 95 % of
+    // truths is tested with many seeds in calibration/tests/transients/rates.rs.
     let (estimate, sigma) = (f64::midpoint(low, high), (high - low) / (2.0 * 1.96));
     assert!((estimate - truth).abs() < 3.0 * sigma + 0.01 * truth, "{low} to {high} s\n{said}");
     assert!(high - low < 0.1 * truth, "{low} to {high} s\n{said}");

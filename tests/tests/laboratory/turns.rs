@@ -1,5 +1,5 @@
-//! The automatic campaign of a whole IMU: turns after the positions, disturbed and killed, with a real service and the processes of a simulated
-//! station.
+//! The automatic campaign of a whole IMU: turns after the positions, disturbed and killed, with a real service and the
+//! processes of a simulated station.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_client::device;

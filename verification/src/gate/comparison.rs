@@ -22,7 +22,8 @@ pub(super) struct Worse {
     pub allowed: f64,
 }
 
-/// The one of these, each with its errors under both tables, for which the worst error has grown most beyond what is granted.
+/// The one of these, each with its errors under both tables, for which the worst error has grown most beyond what is
+/// granted.
 pub(super) fn worst_of(found: impl Iterator<Item = (&'static str, Vec<[f64; 2]>)>, granted: f64) -> Option<Worse> {
     let found = found.filter(|(_, errors)| errors.len() >= MIN_WINDOWS).map(|(name, errors)| {
         let of = |table: usize| errors.iter().map(|pair| pair[table]).collect::<Vec<_>>();

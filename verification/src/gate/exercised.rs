@@ -1,10 +1,11 @@
-//! What the verification runs have exercised together. What no run has exercised is not judged: the gate says so, and does not install it
-//! where that can be told.
+//! What the verification runs have exercised together. What no run has exercised is not judged: the gate says so, and
+//! does not install it where that can be told.
 //!
-//! - **Channels.** A run judges the scale factor of a channel if the specific force along the accelerometer has the sign of the channel, and
-//!   at least [`DRIVEN`]. A channel that no run drives must agree with the table in force. No run at rest drives a channel of a gyroscope, see
-//!   [`super::gyroscopes`].
-//! - **Temperatures.** The runs must cover at least [`LEAST_COVERED`] of the range of every bias curve, also of the gyroscopes.
+//! - **Channels.** A run judges the scale factor of a channel if the specific force along the accelerometer has the
+//!   sign of the channel, and at least [`DRIVEN`]. A channel that no run drives must agree with the table in force. No
+//!   run at rest drives a channel of a gyroscope, see [`super::gyroscopes`].
+//! - **Temperatures.** The runs must cover at least [`LEAST_COVERED`] of the range of every bias curve, also of the
+//!   gyroscopes.
 
 use super::{Gate, RANGE_TOLERANCE};
 use crate::gate::allowed::Refusal;
@@ -52,8 +53,8 @@ impl Channel {
         Some((if self.positive { &axis.positive_scale_factor } else { &axis.negative_scale_factor }, unit))
     }
 
-    /// Largest relative difference of the channel's scale factor, of an accelerometer per m/s2, between two tables, in the range of both;
-    /// `None` if they have none in common.
+    /// Largest relative difference of the channel's scale factor, of an accelerometer per m/s2, between two tables, in
+    /// the range of both; `None` if they have none in common.
     fn difference(self, new: &CoefficientTable, old: &CoefficientTable) -> Option<f64> {
         let (new, old) = (self.curve(new)?, self.curve(old)?);
         let ([low, high], [old_low, old_high]) = (new.0.range(), old.0.range());
@@ -84,7 +85,8 @@ pub fn undriven(forces: &[[f64; AXES]]) -> Vec<Channel> {
 pub struct Exercised {
     /// Specific force of each run \[g0\].
     forces: Vec<[f64; AXES]>,
-    /// Lowest and highest telemetry of the heads. All runs of a plan have the same ramp, so that nothing between them is left out.
+    /// Lowest and highest telemetry of the heads. All runs of a plan have the same ramp, so that nothing between them
+    /// is left out.
     head: [[f64; 2]; AXES],
     /// The same of the gyroscopes.
     gyroscope_head: [[f64; 2]; AXES],

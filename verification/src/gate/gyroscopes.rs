@@ -1,11 +1,13 @@
 //! The gate for gyroscopes.
 //!
-//! A run at rest shows the whole error of a gyroscope at its attitude: of the bias, and of the g-sensitivity along the specific force. It must be
-//! within the bound `rate`, and not worse than under the table in force. The rest is **not judged by any run at rest**: scale factors,
-//! misalignments, and g-sensitivity across the specific forces of the runs. Earth's rate shows 15 deg/h times their error, some 1e-4 deg/h. They
-//! must agree with the table in force, where that has gyroscopes.
+//! A run at rest shows the whole error of a gyroscope at its attitude: of the bias, and of the g-sensitivity along the
+//! specific force. It must be within the bound `rate`, and not worse than under the table in force. The rest is **not
+//! judged by any run at rest**: scale factors, misalignments, and g-sensitivity across the specific forces of the runs.
+//! Earth's rate shows 15 deg/h times their error, some 1e-4 deg/h. They must agree with the table in force, where that
+//! has gyroscopes.
 //!
-//! The misalignments are compared against the axes of the accelerometers: how the IMU sits on the fixture turns both triads alike.
+//! The misalignments are compared against the axes of the accelerometers: how the IMU sits on the fixture turns both
+//! triads alike.
 
 use super::allowed::{GATE_FLOOR, GATE_MOST, GROUP_S, Refusal, is_unexplained};
 use super::comparison::{Worse, common_windows, errors_along, worst_of};
@@ -23,22 +25,23 @@ pub(crate) const RATE_FLOOR: f64 = 0.02;
 pub(crate) const RATE_MOST: f64 = 0.2;
 /// The same for a fit that does not explain its data, or with accepted faults \[deg/h\].
 pub(crate) const RATE_ACCEPTED: f64 = 0.05;
-/// What the noise of a group's mean may add to the upper end of the worst error, in standard deviations: of the means of 60 groups the largest
-/// is 3 off, and its interval for all groups at once is 3.3.
+/// What the noise of a group's mean may add to the upper end of the worst error, in standard deviations: of the means
+/// of 60 groups the largest is 3 off, and its interval for all groups at once is 3.3.
 const NOISE: f64 = 7.0;
 
-/// Half width of the 95 % interval of what a run at the specific force `force` \[local gravity\] shows of a gyroscope \[deg/h\]: bias,
-/// g-sensitivity and Earth's rate. `None` without degrees of freedom.
+/// Half width of the 95 % interval of what a run at the specific force `force` \[local gravity\] shows of a gyroscope
+/// \[deg/h\]: bias, g-sensitivity and Earth's rate. `None` without degrees of freedom.
 fn half_width(found: &GyroscopeCalibration, axis: usize, force: [f64; AXES]) -> Option<f64> {
     let part = &found.solution.gyroscopes[axis];
     let by_force = part.g_sensitivity_interval(CONFIDENCE)?.iter().zip(force).map(|(s, f)| s * f.abs()).sum::<f64>();
     Some(largest_interval(&part.curves[0], false)? + by_force)
 }
 
-/// The bound for the whole error of every gyroscope \[deg/h\] from the budget of a fit, for a run at the specific force `force` \[local gravity\]:
-/// three times the sum of the 95 % half widths of bias, of g-sensitivities times |force| and of Earth's rate, plus [`RATE_FLOOR`], of the worst
-/// gyroscope; at most [`RATE_MOST`], and at most [`RATE_ACCEPTED`] if the model does not explain the data or if a fault was accepted. To
-/// this comes seven times the noise that a group of the run has. `None` without gyroscopes, or if the fit does not know its errors.
+/// The bound for the whole error of every gyroscope \[deg/h\] from the budget of a fit, for a run at the specific force
+/// `force` \[local gravity\]: three times the sum of the 95 % half widths of bias, of g-sensitivities times |force| and
+/// of Earth's rate, plus [`RATE_FLOOR`], of the worst gyroscope; at most [`RATE_MOST`], and at most [`RATE_ACCEPTED`]
+/// if the model does not explain the data or if a fault was accepted. To this comes seven times the noise that a group
+/// of the run has. `None` without gyroscopes, or if the fit does not know its errors.
 #[must_use]
 pub(crate) fn rate(calibration: &Calibration, force: [f64; AXES]) -> Option<f64> {
     let found = calibration.gyroscopes.as_ref()?;
@@ -56,15 +59,16 @@ pub(crate) fn rate(calibration: &Calibration, force: [f64; AXES]) -> Option<f64>
 pub(super) struct GyroscopeBounds {
     /// In the comparison on the same runs \[deg/h\].
     pub granted: f64,
-    /// Largest difference from the table in force of what no run drives: of a scale factor, relative, and of a misalignment \[rad\].
+    /// Largest difference from the table in force of what no run drives: of a scale factor, relative, and of a
+    /// misalignment \[rad\].
     pub relative: f64,
     /// The same of the g-sensitivity \[deg/h/g0\].
     g_sensitivity: f64,
 }
 
 impl GyroscopeBounds {
-    /// Those of a fit; of a scale factor what the user has stated as `scale`, if so. Both tables have errors: twice the three half widths of the
-    /// one that is known, plus the floor. `None` without gyroscopes.
+    /// Those of a fit; of a scale factor what the user has stated as `scale`, if so. Both tables have errors: twice the
+    /// three half widths of the one that is known, plus the floor. `None` without gyroscopes.
     pub(super) fn of(require: Requirement, calibration: &Calibration, force: [f64; AXES]) -> Option<Self> {
         let found = calibration.gyroscopes.as_ref()?;
         // An error that is not known grants nothing.
@@ -85,8 +89,8 @@ impl GyroscopeBounds {
         })
     }
 
-    /// Why the table must not be installed, as far as no run shows it: what differs from the table in force beyond these bounds. `forces` are the
-    /// specific forces of the runs \[g0\].
+    /// Why the table must not be installed, as far as no run shows it: what differs from the table in force beyond
+    /// these bounds. `forces` are the specific forces of the runs \[g0\].
     pub(super) fn refuses(
         &self,
         forces: &[[f64; AXES]],
@@ -135,8 +139,8 @@ fn unseen(change: Vector3<f64>, forces: &[[f64; AXES]]) -> Vector3<f64> {
     seen.iter().fold(change, |left, seen| left - seen * seen.dot(&left))
 }
 
-/// Largest difference between two tables of a misalignment of a gyroscope against the axes of the accelerometers \[rad\], and its gyroscope;
-/// `None` if a table has not both alignment matrices.
+/// Largest difference between two tables of a misalignment of a gyroscope against the axes of the accelerometers
+/// \[rad\], and its gyroscope; `None` if a table has not both alignment matrices.
 fn misalignment(new: &CoefficientTable, old: &CoefficientTable) -> Option<(f64, &'static str)> {
     // Increments of the accelerometers' sensors times this are those of gyroscopes along the same axes.
     let of = |table: &CoefficientTable| {
@@ -159,8 +163,8 @@ pub(super) fn lost(new: &CoefficientTable, old: &CoefficientTable) -> Option<Ref
     })
 }
 
-/// The refusal of a fit whose g-sensitivities look as if the latitude had the wrong sign: no run at rest can see that, since Earth's vertical rate and
-/// gravity lie along one line at every attitude.
+/// The refusal of a fit whose g-sensitivities look as if the latitude had the wrong sign: no run at rest can see that,
+/// since Earth's vertical rate and gravity lie along one line at every attitude.
 pub(super) fn other_hemisphere(calibration: &Calibration) -> Option<Refusal> {
     let doubt =
         |finding: &&Finding| finding.name == name::LATITUDE && !calibration.options.accept.contains(&name::LATITUDE);
@@ -171,8 +175,8 @@ pub(super) fn other_hemisphere(calibration: &Calibration) -> Option<Refusal> {
     })
 }
 
-/// The comparison of [`super::Gate::refuses_run`] for the gyroscopes, if both tables have them and Earth's rate is known: why `new` is worse than
-/// `old` on the same run, by more than `granted` \[deg/h\].
+/// The comparison of [`super::Gate::refuses_run`] for the gyroscopes, if both tables have them and Earth's rate is
+/// known: why `new` is worse than `old` on the same run, by more than `granted` \[deg/h\].
 pub(super) fn worse(new: &Stability, old: &Stability, granted: f64) -> Option<String> {
     let (new, old) = (new.judged_gyroscopes()?, old.judged_gyroscopes()?);
     if new.missing().or(old.missing()).is_some() {

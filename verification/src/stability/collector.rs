@@ -70,7 +70,8 @@ impl TriadSums {
         }
     }
 
-    /// Largest difference of the means of the parts, in the base unit; `unit` is its size in that of the increments per second.
+    /// Largest difference of the means of the parts, in the base unit; `unit` is its size in that of the increments per
+    /// second.
     fn spread(&self, unit: f64) -> [f64; AXES] {
         self.parts.unwrap_or_default().map(|[low, high]| (high - low) / unit)
     }
@@ -139,8 +140,8 @@ impl TelemetryStep {
     }
 }
 
-/// Middle of the range of the windows' mean telemetry: head and board, by axis. Flagged windows are used only if all are
-/// flagged, because one invalid reading would shift the middle.
+/// Middle of the range of the windows' mean telemetry: head and board, by axis. Flagged windows are used only if all
+/// are flagged, because one invalid reading would shift the middle.
 fn middle(windows: &[WindowSums], triad: fn(&WindowSums) -> &TriadSums) -> [[f64; 2]; AXES] {
     let good = windows.iter().any(|window| !triad(window).flagged);
     let used = || windows.iter().filter(move |window| !(good && triad(window).flagged));
@@ -229,8 +230,8 @@ impl<'a> Collector<'a> {
         }
     }
 
-    /// Whether the lagged telemetry of a sample has not forgotten yet that it began soaked: equal to the telemetry, as it does where the recording of an
-    /// acquisition begins, and where it is computed from a recording that has none.
+    /// Whether the lagged telemetry of a sample has not forgotten yet that it began soaked: equal to the telemetry, as
+    /// it does where the recording of an acquisition begins, and where it is computed from a recording that has none.
     fn is_unsettled(&mut self, raw: &RawSample) -> bool {
         let lag_ns = self.table.lag_ns();
         if lag_ns == 0 {
@@ -264,7 +265,8 @@ impl<'a> Collector<'a> {
     /// The stability over all complete windows.
     ///
     /// # Errors
-    /// If the samples are of another unit, if there are too few windows, too few at the attitude, or an axis whose output is not a number.
+    /// If the samples are of another unit, if there are too few windows, too few at the attitude, or an axis whose
+    /// output is not a number.
     pub fn finish(self, setup: &Setup) -> Result<Stability, StabilityError> {
         if self.other_device > 0 && !setup.other_device {
             let serial = self.table.content().serial.as_deref().unwrap_or_default().trim().to_owned();
@@ -353,7 +355,8 @@ impl<'a> Collector<'a> {
         })
     }
 
-    /// The outputs of the static model in all windows, if the table has a lag; `unit` is the size of the base unit in that of the increments per second.
+    /// The outputs of the static model in all windows, if the table has a lag; `unit` is the size of the base unit in
+    /// that of the increments per second.
     fn static_output(&self, triad: fn(&WindowSums) -> &TriadSums, unit: f64) -> Option<Vec<[f64; AXES]>> {
         self.static_table.as_ref()?;
         let output = |sums: &WindowSums| triad(sums).static_increment.map(|sum| sum / sums.seconds / unit);

@@ -1,5 +1,5 @@
-//! What of a triad's part of a table a run exercises: the telemetry of its windows, and the channels that the specific force drives. At rest no
-//! channel of a gyroscope is driven: Earth's rate shows 1e-5 of an error of the scale factor.
+//! What of a triad's part of a table a run exercises: the telemetry of its windows, and the channels that the specific
+//! force drives. At rest no channel of a gyroscope is driven: Earth's rate shows 1e-5 of an error of the scale factor.
 
 use crate::window::Window;
 use core::fmt;
@@ -7,8 +7,8 @@ use isotherm_shared::table::Axis;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 
-/// Least specific force that drives a channel \[g0\]. The run shows the error of the scale factor times this: an error that a bound lets pass
-/// is at most 1/0.3 of the bound at 1 g0.
+/// Least specific force that drives a channel \[g0\]. The run shows the error of the scale factor times this: an error
+/// that a bound lets pass is at most 1/0.3 of the bound at 1 g0.
 pub const DRIVEN: f64 = 0.3;
 
 /// What of a table a run exercises: of the rest it says nothing.
@@ -66,7 +66,8 @@ impl Coverage {
         })
     }
 
-    /// The curve that is covered least, by axis and index: 0 for the bias, 1 for K+ and K-. Of gyroscopes only the biases count.
+    /// The curve that is covered least, by axis and index: 0 for the bias, 1 for K+ and K-. Of gyroscopes only the
+    /// biases count.
     #[must_use]
     pub fn least(&self) -> (usize, usize) {
         let parts = self.parts();

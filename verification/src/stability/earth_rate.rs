@@ -1,13 +1,15 @@
 //! What an IMU at rest feels at stated angles of the turntable that its table was measured on.
 //!
-//! Specific force and Earth's rate are constant in base coordinates (X along the outer axis, Z up at outer 0). With `R = Rx(outer) Rz(inner)`,
-//! the mounting Q, the tilt (tx, ty) and Earth's rate (w_X, w_Y, w_Z) of the table's provenance, they are in IMU coordinates
+//! Specific force and Earth's rate are constant in base coordinates (X along the outer axis, Z up at outer 0). With
+//! `R = Rx(outer) Rz(inner)`, the mounting Q, the tilt (tx, ty) and Earth's rate (w_X, w_Y, w_Z) of the table's
+//! provenance, they are in IMU coordinates
 //!
 //! ```text
 //! f = Q R' (-ty, tx, 1)' / |(-ty, tx, 1)|          w = Q R' (w_X, w_Y, w_Z)'
 //! ```
-//! w_X and w_Y have been estimated, with standard errors; w_Z follows from the stated latitude. So the standard error of w along axis i is the
-//! root of `((Q R')_iX e_X)^2 + ((Q R')_iY e_Y)^2`. An error of the stated latitude is not in it.
+//! w_X and w_Y have been estimated, with standard errors; w_Z follows from the stated latitude. So the standard error
+//! of w along axis i is the root of `((Q R')_iX e_X)^2 + ((Q R')_iY e_Y)^2`. An error of the stated latitude is not in
+//! it.
 
 use core::fmt;
 use isotherm_campaign::base_axes;
@@ -35,7 +37,8 @@ impl EarthRate {
         Self { rate: (to_imu * Vector3::from(turntable.earth_rate_deg_h)).into(), interval }
     }
 
-    /// Half width of the 95 % interval of the rate along a level axis, for the worst heading; `None` if the errors are not known.
+    /// Half width of the 95 % interval of the rate along a level axis, for the worst heading; `None` if the errors are
+    /// not known.
     #[must_use]
     pub fn largest_interval(turntable: &Turntable) -> Option<f64> {
         half_widths(turntable).map(|[x, y]| x.max(y))

@@ -92,7 +92,8 @@ pub(super) fn count_of(count: usize, noun: &str) -> String {
     format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
-/// What an output that is `ratio` times as long as gravity says about the times of the samples, if it is the factor of a unit.
+/// What an output that is `ratio` times as long as gravity says about the times of the samples, if it is the factor of
+/// a unit.
 pub(super) fn wrong_times(ratio: f64) -> Option<String> {
     let factor = UNIT_FACTORS.into_iter().find(|factor| (ratio / factor - 1.0).abs() < UNIT_TOLERANCE)?;
     Some(format!(

@@ -3,7 +3,8 @@
 use crate::window::Window;
 use isotherm_shared::wire::AXES;
 
-/// Largest part of the windows that need not be at the attitude: a reading of the telemetry that is not plausible spoils a window.
+/// Largest part of the windows that need not be at the attitude: a reading of the telemetry that is not plausible
+/// spoils a window.
 pub(super) const MAX_UNJUDGED: f64 = 0.01;
 
 /// One sensor's stability, in g0 or deg/h.

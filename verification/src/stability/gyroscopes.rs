@@ -1,13 +1,15 @@
 //! The gyroscopes of a recording at rest: the same figures as for the accelerometers, in deg/h.
 //!
-//! What a gyroscope at rest indicates is Earth's rate along it, see [`super::earth_rate`]. Where that is known it is subtracted, and the constant
-//! error is judged; the standard errors of Earth's rate are part of its interval and of that of the worst error. Where it is not known, the
-//! median of the output is subtracted instead, and only the variation is judged.
+//! What a gyroscope at rest indicates is Earth's rate along it, see [`super::earth_rate`]. Where that is known it is
+//! subtracted, and the constant error is judged; the standard errors of Earth's rate are part of its interval and of
+//! that of the worst error. Where it is not known, the median of the output is subtracted instead, and only the
+//! variation is judged.
 //!
-//! The table's g-sensitivity is part of the full model. Of the frozen coefficients it is too, with the frozen output of the accelerometers.
+//! The table's g-sensitivity is part of the full model. Of the frozen coefficients it is too, with the frozen output of
+//! the accelerometers.
 //!
-//! **Random walk** is the noise of a window times the root of the window's length: of white noise of the rate it does not depend on that length.
-//! The pulses' rounding is part of it, and is most of it in short windows.
+//! **Random walk** is the noise of a window times the root of the window's length: of white noise of the rate it does
+//! not depend on that length. The pulses' rounding is part of it, and is most of it in short windows.
 //!
 //! Scale factors and misalignments are not judged: Earth's rate and the bias are 1e-3 of what shows them.
 
@@ -38,8 +40,8 @@ const NO_EARTH_RATE: [&str; 2] = [
 /// The stability of the gyroscopes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GyroscopeStability {
-    /// All windows, in order, as those of the accelerometers; the outputs in deg/h. A window counts if that of the accelerometers does, and if
-    /// the IMU did not turn.
+    /// All windows, in order, as those of the accelerometers; the outputs in deg/h. A window counts if that of the
+    /// accelerometers does, and if the IMU did not turn.
     pub windows: Vec<Window>,
     /// The figures, by gyroscope \[deg/h\].
     pub axes: [AxisStability; AXES],
@@ -77,8 +79,8 @@ pub(super) struct Conditions<'a> {
     pub unit: &'a str,
     pub aligned: bool,
     pub middle: [[f64; 2]; AXES],
-    /// Of each window: largest difference of the means of its parts; output of the static model, if the table has a lag; whether the lagged telemetry
-    /// has not forgotten yet how it began.
+    /// Of each window: largest difference of the means of its parts; output of the static model, if the table has a
+    /// lag; whether the lagged telemetry has not forgotten yet how it began.
     pub spreads: Vec<[f64; AXES]>,
     pub static_output: Option<Vec<[f64; AXES]>>,
     pub unsettled: Vec<bool>,

@@ -1,4 +1,5 @@
-//! The loops between heating and cooling of a run: what the output is off in each direction, with the transients of the table and without.
+//! The loops between heating and cooling of a run: what the output is off in each direction, with the transients of the
+//! table and without.
 
 use crate::window::Window;
 use isotherm_shared::table::{Axis, CoefficientTable};
@@ -33,8 +34,8 @@ pub struct LoopBand {
 }
 
 impl Loops {
-    /// The loops of the windows that count, without those that are `unsettled`. `static_output` are the outputs of the static model, `right` is what the
-    /// outputs should be.
+    /// The loops of the windows that count, without those that are `unsettled`. `static_output` are the outputs of the
+    /// static model, `right` is what the outputs should be.
     pub(super) fn of(
         windows: &[Window],
         static_output: Option<&[[f64; AXES]]>,

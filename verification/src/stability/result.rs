@@ -45,13 +45,15 @@ pub struct Stability {
     pub windows_left_out: LeftOut,
     /// The loops between heating and cooling.
     pub loops: Loops,
-    /// What is left out of the loops at the beginning of a session, where the lagged telemetry begins soaked \[s\]; `None` if nothing is.
+    /// What is left out of the loops at the beginning of a session, where the lagged telemetry begins soaked \[s\];
+    /// `None` if nothing is.
     pub unsettled_s: Option<f64>,
     /// Telemetry at which the coefficients are frozen: head and board, by axis.
     pub middle: [[f64; 2]; AXES],
     /// What of the table the run exercises.
     pub covered: Coverage,
-    /// `interval_ns` over the timestamp's step between consecutive sequences, median of the windows; `None` without consecutive sequences.
+    /// `interval_ns` over the timestamp's step between consecutive sequences, median of the windows; `None` without
+    /// consecutive sequences.
     pub interval_ratio: Option<f64>,
     /// The gyroscopes, or why they are not judged; `None` if neither the table nor the recording has any.
     pub gyroscopes: Option<Result<GyroscopeStability, String>>,
@@ -70,7 +72,8 @@ impl Stability {
         self.gyroscopes.as_ref()?.as_ref().ok()
     }
 
-    /// Why nothing can be claimed of the table, if so: the figures are meaningless, or they are those of a part of the run.
+    /// Why nothing can be claimed of the table, if so: the figures are meaningless, or they are those of a part of the
+    /// run.
     #[must_use]
     pub fn nothing_claimed(&self) -> Option<String> {
         self.gravity_mismatch().or_else(|| self.unjudged())
@@ -107,7 +110,8 @@ impl Stability {
         })
     }
 
-    /// Why every figure is meaningless, if the length of the output is far from gravity in more windows than may be left out.
+    /// Why every figure is meaningless, if the length of the output is far from gravity in more windows than may be
+    /// left out.
     #[must_use]
     pub fn gravity_mismatch(&self) -> Option<String> {
         // The tolerance is wide enough for every place on Earth.

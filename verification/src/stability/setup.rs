@@ -104,8 +104,9 @@ impl Setup {
         Self { attitude, gravity, earth_rate: None, other_device: false }
     }
 
-    /// At these angles of the turntable \[deg\], if they are given: with Earth's rate and the attitude that the provenance of the table gives for
-    /// them. The attitude from the angles is the finer one, as it includes the tilt of the base.
+    /// At these angles of the turntable \[deg\], if they are given: with Earth's rate and the attitude that the
+    /// provenance of the table gives for them. The attitude from the angles is the finer one, as it includes the tilt
+    /// of the base.
     ///
     /// # Errors
     /// If the provenance has no Earth's rate, or if the stated attitude is not that of the angles.

@@ -1,14 +1,16 @@
-//! In which windows an IMU stood still at one attitude, judged from its own output. An error of the table must not decide it: a bias that drifts
-//! with the temperature moves the output slowly and counts; an IMU that is moved changes it within a window, or from one to the next.
+//! In which windows an IMU stood still at one attitude, judged from its own output. An error of the table must not
+//! decide it: a bias that drifts with the temperature moves the output slowly and counts; an IMU that is moved changes
+//! it within a window, or from one to the next.
 //!
 //! # Rules
-//! A window is **calm** if its output is a number and if the means of its tenths lie closer together than a limit, or if its own mean is that of the
-//! recording: vibration does not move the IMU away. Calm windows that follow one another
-//! with a step below a limit are one **stay**; over n windows that are not calm the step may be n + 1 times as large. The windows of the largest stay that
-//! can be at the attitude count, and those of the stays that go on from it or lead to it.
+//! A window is **calm** if its output is a number and if the means of its tenths lie closer together than a limit, or
+//! if its own mean is that of the recording: vibration does not move the IMU away. Calm windows that follow one another
+//! with a step below a limit are one **stay**; over n windows that are not calm the step may be n + 1 times as large.
+//! The windows of the largest stay that can be at the attitude count, and those of the stays that go on from it or lead
+//! to it.
 //!
-//! Each limit is 10 times what is usual in this recording, which is its median, but no less than a bound that no noise of a good sensor reaches and no more
-//! than one that no sensor at rest reaches.
+//! Each limit is 10 times what is usual in this recording, which is its median, but no less than a bound that no noise
+//! of a good sensor reaches and no more than one that no sensor at rest reaches.
 
 use crate::stability::figures::MAX_UNJUDGED;
 use crate::window::Window;
@@ -105,8 +107,9 @@ enum Cause {
     Accelerometers,
 }
 
-/// Sets `counts` and `still` of every window to whether it counts and whether the IMU was still, if they are set before. `spreads` are the largest
-/// differences of the means of the parts of each window; `can_be` says whether the median of a stay can be that of the attitude.
+/// Sets `counts` and `still` of every window to whether it counts and whether the IMU was still, if they are set
+/// before. `spreads` are the largest differences of the means of the parts of each window; `can_be` says whether the
+/// median of a stay can be that of the attitude.
 pub(super) fn mark(
     windows: &mut [Window],
     spreads: &[[f64; AXES]],
@@ -196,7 +199,8 @@ pub(super) fn mark(
     }
 }
 
-/// Why a triad is not judged over the whole run, if too many windows are left out, because they are not `at` what counts.
+/// Why a triad is not judged over the whole run, if too many windows are left out, because they are not `at` what
+/// counts.
 pub(super) fn unjudged(left_out: &LeftOut, at: &str) -> Option<String> {
     let (count, windows) = (left_out.count(), left_out.windows);
     (count as f64 > MAX_UNJUDGED * windows as f64).then(|| {

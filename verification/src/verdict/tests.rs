@@ -38,8 +38,8 @@ fn the_noise_and_a_slow_wave_are_found() {
     }
 }
 
-/// How many intervals contain the truth, which is no error \[%\]: that of the constant error, and that of the worst group. Noise is correlated
-/// from window to window by `correlation`.
+/// How many intervals contain the truth, which is no error \[%\]: that of the constant error, and that of the worst
+/// group. Noise is correlated from window to window by `correlation`.
 fn coverage(count: usize, correlation: f64, trials: u64) -> [f64; 2] {
     let innovation = (1.0 - correlation * correlation).sqrt();
     let mut inside = [0_u32; 2];
@@ -58,7 +58,8 @@ fn coverage(count: usize, correlation: f64, trials: u64) -> [f64; 2] {
     inside.map(|inside| 100.0 * f64::from(inside) / trials as f64)
 }
 
-/// 4000 trials scatter by 0.35 %. In a short run the noise and its estimate come from the same few windows: then intervals are too wide.
+/// 4000 trials scatter by 0.35 %. In a short run the noise and its estimate come from the same few windows: then
+/// intervals are too wide.
 #[test]
 fn intervals_contain_the_truth_at_their_rate() {
     for (count, highest) in [(3, 100.0), (9, 98.5), (30, 96.5), (600, 96.0)] {

@@ -1,5 +1,5 @@
-//! The paper's campaign, from the plan to the coefficient table in force, compared with `simulate campaign` and `calibrate` of
-//! the same IMU.
+//! The paper's campaign, from the plan to the coefficient table in force, compared with `simulate campaign` and
+//! `calibrate` of the same IMU.
 
 use crate::laboratory::{BenchLaboratory, TIMEOUT};
 use isotherm_benches::BenchResult;

@@ -1,4 +1,5 @@
-//! The runner is killed (SIGKILL) at random moments: completed dwells and turns stay as they were, and the campaign is completed.
+//! The runner is killed (SIGKILL) at random moments: completed dwells and turns stay as they were, and the campaign is
+//! completed.
 
 use crate::laboratory::{BenchLaboratory, SHORT, TIMEOUT};
 use isotherm_benches::BenchResult;

@@ -36,8 +36,8 @@ pub(crate) struct BenchLaboratory {
 }
 
 impl BenchLaboratory {
-    /// Starts station and service at `speed`. The turntable's angles are off by `positioning` \[arcsec\]. `changes` are made in
-    /// the station's plan; without `telemetry` its rule `telemetry_per_h` is removed, too.
+    /// Starts station and service at `speed`. The turntable's angles are off by `positioning` \[arcsec\]. `changes` are
+    /// made in the station's plan; without `telemetry` its rule `telemetry_per_h` is removed, too.
     pub(crate) fn new(speed: u32, positioning: &str, changes: &[(&str, &str)], telemetry: bool) -> BenchResult<Self> {
         let domain = BenchDomain::new()?;
         let service = domain.spawn(&["serve", "--allow-uncalibrated", "--imu", "imu-a=imu-a.toml"])?;
@@ -112,7 +112,8 @@ impl BenchLaboratory {
         Ok(())
     }
 
-    /// Checks that each unit was kept once, in order, with its bytes, and a dwell with `rows` rows. Returns what is wrong.
+    /// Checks that each unit was kept once, in order, with its bytes, and a dwell with `rows` rows. Returns what is
+    /// wrong.
     pub(crate) fn wrong(&self, units: usize, rows: u64) -> BenchResult<Option<String>> {
         let kept = self.events("kept")?;
         if kept.len() != units {

@@ -1,5 +1,6 @@
-//! The automatic campaign with the simulated station: a whole campaign (`full`), faults in every phase (`faults`, or `faults turn` for one), and kills at
-//! random moments (`kills`). All processes are real; the station runs faster than a laboratory.
+//! The automatic campaign with the simulated station: a whole campaign (`full`), faults in every phase (`faults`, or
+//! `faults turn` for one), and kills at random moments (`kills`). All processes are real; the station runs faster than
+//! a laboratory.
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
 mod faults;

@@ -1,10 +1,10 @@
 //! Counts the cache lines that a sample touches on its way through client, transport and worker, and whose they are.
 //!
-//! An IMU sends every few milliseconds, and other work takes the caches in between: then the latency of a sample is mostly the number of
-//! lines that it finds cold. This program runs itself under valgrind's tool `lackey`, which prints every access to memory, in the steps of
-//! [`subject`], and counts in each step the lines that it is the first of its process to touch. An instruction is of the innermost of its
-//! inlined frames that is not the standard library's; data are of the code that touches them first. Client and worker are one thread, but
-//! are counted as two processes.
+//! An IMU sends every few milliseconds, and other work takes the caches in between: then the latency of a sample is
+//! mostly the number of lines that it finds cold. This program runs itself under valgrind's tool `lackey`, which prints
+//! every access to memory, in the steps of [`subject`], and counts in each step the lines that it is the first of its
+//! process to touch. An instruction is of the innermost of its inlined frames that is not the standard library's; data
+//! are of the code that touches them first. Client and worker are one thread, but are counted as two processes.
 //!
 //! Not counted: the kernel, and the usual way to read the clock, which valgrind replaces by a system call.
 //!

@@ -39,7 +39,8 @@ pub(crate) const WARMING: usize = 2;
 /// A store to one of these begins a step; one to the last ends the sample.
 static MARKS: [AtomicU64; STEPS.len() + 1] = [const { AtomicU64::new(0) }; STEPS.len() + 1];
 
-/// Sends the samples, with queues of this depth. Tells on stderr, where the trace is, where the marks and the program are in memory.
+/// Sends the samples, with queues of this depth. Tells on stderr, where the trace is, where the marks and the program
+/// are in memory.
 pub(crate) fn run(depth: usize) -> BenchResult<()> {
     let (maps, program) = (fs::read_to_string("/proc/self/maps")?, std::env::current_exe()?);
     let base =

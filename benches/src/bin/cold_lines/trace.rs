@@ -47,8 +47,8 @@ pub(crate) struct Trace {
     pub base: u64,
 }
 
-/// Lines that a step is the first of its process to touch: data and code by owner, and of both those that are cold, because what keeps the
-/// process warm has not touched them. All samples together.
+/// Lines that a step is the first of its process to touch: data and code by owner, and of both those that are cold,
+/// because what keeps the process warm has not touched them. All samples together.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Lines {
     pub touched: [[usize; 3]; 2],

@@ -19,8 +19,8 @@ const COUNT: usize = 5_000;
 /// A path that takes a hundred times longer, and its round trips of a block.
 const SLOW: (&str, usize) = ("unix_socket", 300);
 
-/// The ratios that are given for this build, of the first path to the second. `iceoryx2_again` is the same path with another pair
-/// of processes: its ratio shows the random differences between pairs.
+/// The ratios that are given for this build, of the first path to the second. `iceoryx2_again` is the same path with
+/// another pair of processes: its ratio shows the random differences between pairs.
 const RATIOS: [(&str, &str); 5] = [
     ("isotherm", "iceoryx2"),
     ("isotherm_default_depth", "iceoryx2"),
@@ -78,8 +78,8 @@ pub(crate) fn measure(effort: Effort, others: &[OtherBuild]) -> BenchResult<Valu
     }))
 }
 
-/// Times a block of round trips. It counts as disturbed if one of the two processes was preempted meanwhile, or if there was
-/// steal time.
+/// Times a block of round trips. It counts as disturbed if one of the two processes was preempted meanwhile, or if
+/// there was steal time.
 pub(crate) fn block(
     path: &mut impl Path,
     peer: Option<&BenchProcess>,

@@ -21,8 +21,8 @@ struct Lines {
 impl Lines {
     fn map(path: &std::path::Path) -> BenchResult<Self> {
         let file = File::options().read(true).write(true).open(path)?;
-        // SAFETY: this is a fresh mapping of a file that is `BYTES` long and that nobody shortens. It is never unmapped. Both
-        // words are aligned, lie within it, and are only used as atomics, by both processes.
+        // SAFETY: this is a fresh mapping of a file that is `BYTES` long and that nobody shortens. It is never
+        // unmapped. Both words are aligned, lie within it, and are only used as atomics, by both processes.
         unsafe {
             let protection = ProtFlags::READ | ProtFlags::WRITE;
             let start = mmap(core::ptr::null_mut(), BYTES, protection, MapFlags::SHARED, &file, 0)?.cast::<AtomicU64>();

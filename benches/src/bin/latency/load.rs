@@ -1,5 +1,5 @@
-//! Latency under load: with and without a busy process on every core, with and without real-time settings, with and without
-//! reloads.
+//! Latency under load: with and without a busy process on every core, with and without real-time settings, with and
+//! without reloads.
 
 use crate::Effort;
 use crate::open::{self, Latencies, SendSchedule};
@@ -88,7 +88,8 @@ fn scenario(effort: Effort, cores: &[usize], neighbours: bool, realtime: bool) -
         disturbed.push(stolen_ticks() != before);
     }
     drop(reloads);
-    // Turns with steal time are left out of the ratio, because they make it less certain. The figures of both keep them.
+    // Turns with steal time are left out of the ratio, because they make it less certain. The figures of both keep
+    // them.
     let sent = |turns: &[Latencies]| {
         let undisturbed = turns.iter().zip(&disturbed).filter(|(_, disturbed)| !**disturbed);
         undisturbed.map(|(turn, _)| turn.sent.clone()).collect::<Vec<_>>()

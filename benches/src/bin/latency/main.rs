@@ -1,10 +1,12 @@
-//! Latency that users can check: Isotherm is compared with what it is built on and what it replaces, in one run on one machine.
+//! Latency that users can check: Isotherm is compared with what it is built on and what it replaces, in one run on one
+//! machine.
 //!
-//! Without a subcommand: round trips at the rate of an IMU through every path in alternating blocks, with every waiting strategy
-//! ([`paced`]), then round trips one after the other ([`closed`]). The subcommands measure under load, with many IMUs, with many samples in flight, and with a
-//! recorder.
+//! Without a subcommand: round trips at the rate of an IMU through every path in alternating blocks, with every waiting
+//! strategy ([`paced`]), then round trips one after the other ([`closed`]). The subcommands measure under load, with
+//! many IMUs, with many samples in flight, and with a recorder.
 //!
-//! All processes are real: this one is the acquisition; its children run this program as the service, an echo or a socket server.
+//! All processes are real: this one is the acquisition; its children run this program as the service, an echo or a
+//! socket server.
 #![allow(clippy::print_stdout, reason = "the tables are the product")]
 
 mod closed;

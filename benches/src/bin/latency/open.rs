@@ -1,5 +1,5 @@
-//! Samples sent by the clock. The schedule does not wait for answers, so that slow answers do not reduce the number of samples
-//! (no coordinated omission).
+//! Samples sent by the clock. The schedule does not wait for answers, so that slow answers do not reduce the number of
+//! samples (no coordinated omission).
 
 use isotherm_benches::statistics::figures;
 use isotherm_benches::{BenchResult, TIMEOUT, sample};

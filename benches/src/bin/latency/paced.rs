@@ -1,7 +1,8 @@
-//! Round trips through every path in turn, at the rate of an IMU: a sample is sent when it is due. Between two samples the
-//! acquisition's thread uses its caches for other work, as an acquisition does.
+//! Round trips through every path in turn, at the rate of an IMU: a sample is sent when it is due. Between two samples
+//! the acquisition's thread uses its caches for other work, as an acquisition does.
 //!
-//! A turn is a part of a block of some tens of milliseconds. It counts as disturbed if the host took the machine meanwhile.
+//! A turn is a part of a block of some tens of milliseconds. It counts as disturbed if the host took the machine
+//! meanwhile.
 
 use crate::Effort;
 use crate::pairs::{ANTICIPATE, DEFAULT_DEPTH, Pair, PathTimes, SHORT, Series, alternate, builds, couples, pinned};
@@ -11,15 +12,16 @@ use serde_json::{Map, Value, json};
 use std::hint::{black_box, spin_loop};
 use std::time::{Duration, Instant};
 
-/// Rates \[Hz\], round trips of a block, and of a block of a path whose ratio at p99 is judged. A round has one block of each path
-/// at each rate; its p90 needs 200 round trips.
+/// Rates \[Hz\], round trips of a block, and of a block of a path whose ratio at p99 is judged. A round has one block
+/// of each path at each rate; its p90 needs 200 round trips.
 const RATES: [(u32, usize, usize); 2] = [(400, 210, 300), (2_000, 300, 400)];
 /// Uncounted round trips at the start of each block, while the child's core warms up and the service learns the rate.
 const WARM_UP: usize = 50;
 /// Duration of a turn.
 const TURN: Duration = Duration::from_millis(50);
-/// Size of the memory that the acquisition's thread works on between two samples: more than a first-level cache holds, and about
-/// what a second-level cache does. That takes a small part of the shortest period, and is given as `own_work_us`.
+/// Size of the memory that the acquisition's thread works on between two samples: more than a first-level cache holds,
+/// and about what a second-level cache does. That takes a small part of the shortest period, and is given as
+/// `own_work_us`.
 const OWN_BYTES: usize = 1 << 20;
 /// Size of a cache line.
 const LINE_BYTES: usize = 64;
@@ -27,8 +29,8 @@ const LINE_BYTES: usize = 64;
 /// Suffix of the name of a path whose service blocks.
 const BLOCK: &str = "_block";
 
-/// The ratios that are given for this build, of the first path to the second. `iceoryx2_rehearsed` does what a client with bare
-/// streams can do to be as ready as Isotherm.
+/// The ratios that are given for this build, of the first path to the second. `iceoryx2_rehearsed` does what a client
+/// with bare streams can do to be as ready as Isotherm.
 const RATIOS: [(&str, &str); 7] = [
     ("isotherm", "iceoryx2"),
     ("isotherm_default_depth", "iceoryx2"),
@@ -39,8 +41,8 @@ const RATIOS: [(&str, &str); 7] = [
     ("isotherm_default_depth", "floor"),
 ];
 
-/// The ratios of the waiting strategies. They are given of undisturbed turns too: a worker that sleeps is hit harder when the host
-/// takes the machine.
+/// The ratios of the waiting strategies. They are given of undisturbed turns too: a worker that sleeps is hit harder
+/// when the host takes the machine.
 const STRATEGY_RATIOS: [(&str, &str); 3] = [
     ("isotherm_anticipate", "isotherm_block"),
     ("isotherm_anticipate", "isotherm_default_depth"),
@@ -193,7 +195,8 @@ fn wait_until(moment: Instant) {
     }
 }
 
-/// What the acquisition's thread does between two samples: it reads and writes one word in each cache line of its memory.
+/// What the acquisition's thread does between two samples: it reads and writes one word in each cache line of its
+/// memory.
 pub(crate) struct OwnWork(Vec<u64>);
 
 impl OwnWork {

@@ -1,8 +1,9 @@
 //! The paths that are measured beside each other: how they are started, how they take turns, and their ratios.
 //!
-//! Paths are measured in blocks, one after the other, in an order that rotates. The children that are not being measured are
-//! stopped. The round trip of a pair of processes depends on the cache slices that its memory falls into: it changes by a tenth.
-//! So after some blocks all processes are started again; this is a round. Ratios are taken within a round.
+//! Paths are measured in blocks, one after the other, in an order that rotates. The children that are not being
+//! measured are stopped. The round trip of a pair of processes depends on the cache slices that its memory falls into:
+//! it changes by a tenth. So after some blocks all processes are started again; this is a round. Ratios are taken
+//! within a round.
 
 use crate::closed;
 use crate::floor::Floor;

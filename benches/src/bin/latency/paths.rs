@@ -1,4 +1,5 @@
-//! The paths from a sample to its answer. All are used in the same way: fill a sample in, send it, wait, copy the answer out.
+//! The paths from a sample to its answer. All are used in the same way: fill a sample in, send it, wait, copy the
+//! answer out.
 
 use core::fmt::Debug;
 use core::mem::MaybeUninit;
@@ -88,8 +89,8 @@ impl Stream for Isotherm {
     }
 }
 
-/// A bare pair of iceoryx2's publish-subscribe streams, used in the fastest way: the next sample is loaned ahead, and the queues
-/// are short.
+/// A bare pair of iceoryx2's publish-subscribe streams, used in the fastest way: the next sample is loaned ahead, and
+/// the queues are short.
 pub(crate) struct Bare {
     publisher: Publisher<ipc::Service, RawSample, ()>,
     spare: Option<SampleMut<ipc::Service, RawSample, ()>>,
@@ -180,8 +181,9 @@ impl Stream for Bare {
     }
 }
 
-/// A bare pair that gets ready with a round trip through a second pair, to the same [`echo`]: the code of both processes is in
-/// their caches when the sample is sent, its memory is not. It leaves to that moment what an answer does not need.
+/// A bare pair that gets ready with a round trip through a second pair, to the same [`echo`]: the code of both
+/// processes is in their caches when the sample is sent, its memory is not. It leaves to that moment what an answer
+/// does not need.
 pub(crate) struct Rehearsed {
     pair: Bare,
     second: Bare,
@@ -243,8 +245,8 @@ impl EchoPair {
     }
 }
 
-/// The other end of `count` [`Bare`] pairs: copies each sample out and answers with its session and sequence. It compensates
-/// nothing.
+/// The other end of `count` [`Bare`] pairs: copies each sample out and answers with its session and sequence. It
+/// compensates nothing.
 pub(crate) fn echo(domain: &str, root: &str, depth: usize, count: usize) -> BenchResult<()> {
     let node = node(&Domain::new(domain, root)?)?;
     let pairs = (0..count).map(|index| EchoPair::create(&node, depth, index));

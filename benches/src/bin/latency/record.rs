@@ -1,5 +1,5 @@
-//! Four IMUs at 10 kHz with and without `isotherm record`: the rows that it loses, its processor time, and its effect on the
-//! round trips.
+//! Four IMUs at 10 kHz with and without `isotherm record`: the rows that it loses, its processor time, and its effect
+//! on the round trips.
 
 use crate::Effort;
 use crate::open::{self, SendSchedule};

@@ -1,5 +1,5 @@
-//! Latency for different numbers of IMUs: with one that sends while the others are idle; and with all sending together, beside as
-//! many bare pairs, until the last sample is answered.
+//! Latency for different numbers of IMUs: with one that sends while the others are idle; and with all sending together,
+//! beside as many bare pairs, until the last sample is answered.
 
 use crate::Effort;
 use crate::paced::{OwnWork, Pace, series_figures};

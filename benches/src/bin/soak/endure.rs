@@ -181,7 +181,8 @@ pub(crate) fn run(minutes: f64) -> BenchResult<()> {
         let killing = scope.spawn(|| -> Result<(), String> {
             let mut service = dying;
             let mut since = Instant::now();
-            // A child process ends with the thread that has started it. So this thread stays until the last answers have come.
+            // A child process ends with the thread that has started it. So this thread stays until the last answers
+            // have come.
             while !done.load(Relaxed) {
                 if since.elapsed() >= LIFE && !over() {
                     drop(service);

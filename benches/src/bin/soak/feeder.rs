@@ -1,4 +1,5 @@
-//! An acquisition and a reader that know every correct answer, because each sample is a function of its sequence number.
+//! An acquisition and a reader that know every correct answer, because each sample is a function of its sequence
+//! number.
 
 use isotherm_benches::{BenchResult, IMU, LAG_NS, TABLE, TIMEOUT};
 use isotherm_client::{Acquisition, CompensatedIncrement, IncrementReader, Options, RawSample, monotonic_ns};

@@ -12,8 +12,8 @@ use std::{fs, thread};
 const PERIOD: Duration = Duration::from_micros(500);
 /// Longest time in which a killed service must return.
 const RETURN_TIMEOUT: Duration = Duration::from_secs(15);
-/// Number of tables that are used in turn. With three of them the first answer of a new service has another table than the last
-/// answer of the old one, even if the old one has just reloaded.
+/// Number of tables that are used in turn. With three of them the first answer of a new service has another table than
+/// the last answer of the old one, even if the old one has just reloaded.
 const TABLES: usize = 3;
 
 /// A service with a feed at 2 kHz through IMU 0. IMU 1 is for acquisitions that are killed.
@@ -47,7 +47,8 @@ impl KillTarget<'_> {
         Ok(fs::rename(self.domain.path("next.toml"), self.domain.path(name))?)
     }
 
-    /// Starts the service with the next table. Returns the time from `since` to the feed's first answer under this table.
+    /// Starts the service with the next table. Returns the time from `since` to the feed's first answer under this
+    /// table.
     fn start_and_serve(&mut self, since: Instant) -> BenchResult<Duration> {
         self.turn = (self.turn + 1) % TABLES;
         self.write_table("imu-0.toml")?;
@@ -124,7 +125,8 @@ impl KillTarget<'_> {
         Ok(Row { who: "service", when: "stopping", kills, times })
     }
 
-    /// Kills the service at any moment from its first instruction to its readiness. After every tenth kill it must serve.
+    /// Kills the service at any moment from its first instruction to its readiness. After every tenth kill it must
+    /// serve.
     fn killed_while_creating(&mut self, kills: usize, start: Duration) -> BenchResult<Row> {
         let mut times = Vec::new();
         self.kill_service();
@@ -142,7 +144,8 @@ impl KillTarget<'_> {
         Ok(Row { who: "service", when: "creating", kills, times })
     }
 
-    /// Kills acquisitions of IMU 1 at any moment after their start. After every tenth kill a new acquisition must get an answer.
+    /// Kills acquisitions of IMU 1 at any moment after their start. After every tenth kill a new acquisition must get
+    /// an answer.
     fn acquisitions_killed(&mut self, kills: usize) -> BenchResult<Row> {
         let mut times = Vec::new();
         for kill in 1..=kills {

@@ -1,9 +1,9 @@
-//! Long runs and kills. They check that everything that is sent is answered exactly once, in order and to the bit, even if
-//! processes are killed meanwhile.
+//! Long runs and kills. They check that everything that is sent is answered exactly once, in order and to the bit, even
+//! if processes are killed meanwhile.
 //!
-//! `soak --minutes N` runs two services side by side. The first one keeps running under reloads, with readers that come and go
-//! and clients that are killed: its use of memory and files may not grow. The second one is killed again and again: nothing may
-//! be lost. `soak kills` kills every kind of process in every phase and counts what is lost.
+//! `soak --minutes N` runs two services side by side. The first one keeps running under reloads, with readers that come
+//! and go and clients that are killed: its use of memory and files may not grow. The second one is killed again and
+//! again: nothing may be lost. `soak kills` kills every kind of process in every phase and counts what is lost.
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
 mod endure;

@@ -10,12 +10,13 @@ use std::time::Duration;
 
 /// Make a coefficient table from a campaign in the temperature chamber
 ///
-/// Checks the samples, reduces every set point, chooses the orders, fits, and writes a sealed table with its provenance. What
-/// the positions cannot observe is refused, never guessed. A campaign with turns gives the gyroscopes too. Ramps give the lag of the sensing
-/// elements behind their telemetry, and transients of the biases where they show them; ramps alone also the bias curves at one attitude.
+/// Checks the samples, reduces every set point, chooses the orders, fits, and writes a sealed table with its
+/// provenance. What the positions cannot observe is refused, never guessed. A campaign with turns gives the gyroscopes
+/// too. Ramps give the lag of the sensing elements behind their telemetry, and transients of the biases where they show
+/// them; ramps alone also the bias curves at one attitude.
 ///
-/// Without a turntable: with --gravity-only, recordings of an IMU that was put down by hand in many attitudes take the place of the campaign. The
-/// standstills in them are found, and the length of gravity is the reference.
+/// Without a turntable: with --gravity-only, recordings of an IMU that was put down by hand in many attitudes take the
+/// place of the campaign. The standstills in them are found, and the length of gravity is the reference.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html\n  isotherm calibrate campaign.toml -o imu-a.toml --order 3 --method two-stage --exclude -25/3\n  isotherm calibrate ramps.toml -o imu-a.toml --lag 240\n  isotherm calibrate campaign.toml -o 'tables/{imu}.toml' --batch batch.html\n  isotherm calibrate --gravity-only cold.csv warm.csv --imu imu-b --gravity-local 9.8123 --gravity-reference 9.80665 --temperature-unit degC -o imu-b.toml"
@@ -24,7 +25,8 @@ pub(crate) struct Calibrate {
     /// Campaign file; it names the samples. With --gravity-only: a recording
     #[arg(value_name = "CAMPAIGN.toml")]
     pub(super) campaign: PathBuf,
-    /// Samples (CSV, Parquet, MCAP), or the pieces of one recording in any order [default: those that the campaign file names]
+    /// Samples (CSV, Parquet, MCAP), or the pieces of one recording in any order [default: those that the campaign file
+    /// names]
     #[arg(value_name = "SAMPLES")]
     pub(super) samples: Vec<PathBuf>,
     /// Where the table goes; - is stdout
@@ -41,14 +43,15 @@ pub(crate) struct Calibrate {
     /// Order of every polynomial, 0 to 7; auto chooses each from the data
     #[arg(long, value_name = "auto|N", default_value = "auto", allow_negative_numbers = true, value_parser = order)]
     pub(super) order: PolynomialOrder,
-    /// one-stage fits all dwells at once, each with its own telemetry; two-stage fits each set point first, then the polynomials [default:
-    /// one-stage]
+    /// one-stage fits all dwells at once, each with its own telemetry; two-stage fits each set point first, then the
+    /// polynomials [default: one-stage]
     #[arg(long, value_name = "one-stage|two-stage", value_parser = method)]
     pub(super) method: Option<Method>,
-    /// Give the table an alignment matrix, from the misalignments [default: if one exceeds its 99 % interval and 1e-6 rad]
+    /// Give the table an alignment matrix, from the misalignments [default: if one exceeds its 99 % interval and 1e-6
+    /// rad]
     ///
-    /// It turns the axes of the output onto those of the turntable; how the IMU sat on the fixture is part of it. With gyroscopes both triads
-    /// get one, or neither
+    /// It turns the axes of the output onto those of the turntable; how the IMU sat on the fixture is part of it. With
+    /// gyroscopes both triads get one, or neither
     #[arg(long, conflicts_with = "no_alignment")]
     pub(super) alignment: bool,
     /// Give the table no alignment matrix: outputs stay along the sensors' input axes
@@ -57,21 +60,23 @@ pub(crate) struct Calibrate {
     /// Print one JSON document to stdout instead of the text to stderr, also of a failure
     #[arg(long)]
     pub(super) json: bool,
-    /// Time constant of the lag behind the telemetry [s], for example that of a sister unit; or none, for a table without transients [default:
-    /// found in the ramps]
+    /// Time constant of the lag behind the telemetry [s], for example that of a sister unit; or none, for a table
+    /// without transients [default: found in the ramps]
     ///
-    /// Given, it need not show itself in the ramps. A transient of a bias is still written only if it predicts the sweeps left out
+    /// Given, it need not show itself in the ramps. A transient of a bias is still written only if it predicts the
+    /// sweeps left out
     #[arg(long, value_name = "S|none", value_parser = lag_choice)]
     pub(super) lag: Option<LagChoice>,
-    /// Leave a dwell or a turn out: set point in degC and number of the position or turn; may be repeated. With --gravity-only: the number of a
-    /// standstill
+    /// Leave a dwell or a turn out: set point in degC and number of the position or turn; may be repeated.
+    /// With --gravity-only: the number of a standstill
     #[arg(long, value_name = "SET_POINT/NUMBER", allow_hyphen_values = true, value_parser = excluded)]
     pub(super) exclude: Vec<Excluded>,
-    /// Make the table in spite of a fault of this name, which stands in brackets in the fault's line; several with commas, or repeated. The
-    /// names are written into the provenance
+    /// Make the table in spite of a fault of this name, which stands in brackets in the fault's line; several with
+    /// commas, or repeated. The names are written into the provenance
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = name::acceptable)]
     pub(super) accept: Vec<&'static str>,
-    /// Make the table also of samples of another unit than the campaign file's serial number says; the same as --accept other-device
+    /// Make the table also of samples of another unit than the campaign file's serial number says; the same as --accept
+    /// other-device
     #[arg(long)]
     pub(super) other_device: bool,
     /// Make no table if there is a warning that is not accepted
@@ -141,9 +146,11 @@ pub(super) struct Results {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Without a turntable")]
 pub(super) struct GravityOnlyArgs {
-    /// Calibrate the accelerometers by the length of gravity alone: the recordings are of an IMU that was put down by hand in many attitudes
+    /// Calibrate the accelerometers by the length of gravity alone: the recordings are of an IMU that was put down by
+    /// hand in many attitudes
     ///
-    /// Each file is a recording of its own. A campaign file with method = "gravity-only" does the same, and has the next four options as keys
+    /// Each file is a recording of its own. A campaign file with method = "gravity-only" does the same, and has the
+    /// next four options as keys
     #[arg(long, requires_all = ["imu", "gravity_local", "gravity_reference", "temperature_unit"])]
     pub gravity_only: bool,
     /// The IMU that was measured; of a campaign file with several, the only one whose table is made
@@ -158,7 +165,8 @@ pub(super) struct GravityOnlyArgs {
     /// Unit of the telemetry; a label
     #[arg(long, value_name = "UNIT", requires = "gravity_only")]
     pub temperature_unit: Option<String>,
-    /// single: K- = -K+; split: each a curve of its own; auto: single, unless split is significant and the attitudes allow it [default: auto]
+    /// single: K- = -K+; split: each a curve of its own; auto: single, unless split is significant and the attitudes
+    /// allow it [default: auto]
     #[arg(long, value_name = "auto|single|split", value_parser = scale_factor)]
     pub scale_factor: Option<ScaleFactorChoice>,
     /// Estimate no misalignments: they stay in the errors, and the table gets no alignment matrix
@@ -167,7 +175,8 @@ pub(super) struct GravityOnlyArgs {
     /// Length of the windows that standstills are searched with; a shorter standstill is left out [s] [default: 1]
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub window: Option<Duration>,
-    /// Where a table of order 0 is valid, in the telemetry's unit; required if the telemetry is constant [default: the measured range]
+    /// Where a table of order 0 is valid, in the telemetry's unit; required if the telemetry is constant [default: the
+    /// measured range]
     #[arg(long, value_name = "LOW,HIGH", allow_hyphen_values = true, value_parser = range)]
     pub temperature_range: Option<[f64; 2]>,
 }

@@ -21,8 +21,8 @@ impl Calibrate {
         Ok(vec![chosen.map_err(|message| Failure::new(Exit::Usage, message))?])
     }
 
-    /// Makes a table of each campaign, and the statistics of all tables. An IMU whose samples cannot be read or give no table is dropped with its
-    /// reason, and the others go on. The inner result tells which ones were dropped.
+    /// Makes a table of each campaign, and the statistics of all tables. An IMU whose samples cannot be read or give no
+    /// table is dropped with its reason, and the others go on. The inner result tells which ones were dropped.
     ///
     /// What is wrong for all of them, as the command line or a folder of the outputs, ends the command.
     pub(super) fn make_batch(&self, campaigns: &[Campaign], file: &str) -> Result<Result<(), Failure>, Refused> {
@@ -83,7 +83,8 @@ impl Calibrate {
         Ok(Err(Failure::new(Exit::Failed, message)))
     }
 
-    /// Refuses outputs that are an input of any IMU, or that are there twice. `text` is that of the campaign file, if there is one.
+    /// Refuses outputs that are an input of any IMU, or that are there twice. `text` is that of the campaign file, if
+    /// there is one.
     pub(super) fn refuse_overlaps<S: AsRef<[PathBuf]>>(
         &self,
         all: &[(&Campaign, S)],

@@ -44,7 +44,8 @@ impl Calibrate {
         Some((campaign, files))
     }
 
-    /// The table of recordings of an IMU that was put down by hand. `file` is the text of the campaign file, if there is one.
+    /// The table of recordings of an IMU that was put down by hand. `file` is the text of the campaign file, if there
+    /// is one.
     pub(super) fn of_recordings(
         &self,
         campaign: &Campaign,

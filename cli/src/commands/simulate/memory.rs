@@ -16,16 +16,19 @@ pub(super) struct MemoryOptions {
     /// Time constant of the sensing elements behind the head telemetry [s]; as in TABLE, or no lag, unless given
     #[arg(long, value_name = "S", value_parser = time_constant)]
     lag: Option<f64>,
-    /// Transients of the biases of A1, A2, A3: for each unit of telemetry by which the element is ahead of its head [1e-6 g0 per V or degC]
+    /// Transients of the biases of A1, A2, A3: for each unit of telemetry by which the element is ahead of its head
+    /// [1e-6 g0 per V or degC]
     #[arg(long, value_name = "T1,T2,T3", allow_hyphen_values = true, value_parser = numbers::<AXES>)]
     transient: Option<[f64; AXES]>,
     /// Transients of the biases of G1, G2, G3 [deg/h per V or degC]
     #[arg(long, value_name = "T1,T2,T3", allow_hyphen_values = true, value_parser = numbers::<AXES>)]
     gyroscope_transient: Option<[f64; AXES]>,
-    /// Half-width of a play, which makes hysteresis: its position follows the head telemetry, and stands within W [V or degC]; may be repeated
+    /// Half-width of a play, which makes hysteresis: its position follows the head telemetry, and stands within W [V or
+    /// degC]; may be repeated
     #[arg(long, value_name = "W", value_parser = positive)]
     play: Vec<f64>,
-    /// What the play before adds to the biases of A1, A2, A3: for each unit of telemetry by which it is ahead of its head [1e-6 g0 per V or degC]
+    /// What the play before adds to the biases of A1, A2, A3: for each unit of telemetry by which it is ahead of its
+    /// head [1e-6 g0 per V or degC]
     #[arg(long, value_name = "H1,H2,H3", allow_hyphen_values = true, value_parser = numbers::<AXES>)]
     hysteresis: Vec<[f64; AXES]>,
     /// What the play before adds to the biases of G1, G2, G3 [deg/h per V or degC]

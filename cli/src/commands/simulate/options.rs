@@ -43,7 +43,8 @@ pub(super) struct SimulatedImuOptions {
     /// White noise of an accelerometer in a mean over 1 s, one sigma [1e-6 g0]
     #[arg(long, value_name = "UG0", default_value_t = 5.0, value_parser = size)]
     sensor_noise: f64,
-    /// Random deviation of the accelerometers' bias and scale factors at each visit of a set point, one sigma [1e-6 g0, 1e-6]
+    /// Random deviation of the accelerometers' bias and scale factors at each visit of a set point, one sigma [1e-6 g0,
+    /// 1e-6]
     #[arg(long, value_name = "UG0,PPM", default_value = "0.2,0.3", value_parser = sizes)]
     repeatability: [f64; 2],
     /// Noise of a telemetry reading, one sigma [V or degC]; 0.1 mV unless given
@@ -68,8 +69,8 @@ impl SimulatedImuOptions {
         }
     }
 
-    /// The truth of each IMU. The first one is that of an IMU that is alone; the others are drawn from it and from the seeds that follow, and are in
-    /// the same laboratory.
+    /// The truth of each IMU. The first one is that of an IMU that is alone; the others are drawn from it and from the
+    /// seeds that follow, and are in the same laboratory.
     pub(super) fn truths(&self) -> Result<Vec<Truth>, Failure> {
         if let Some((_, imu)) = self.imu.iter().enumerate().find(|(index, imu)| self.imu[..*index].contains(imu)) {
             return Err(usage(format!("--imu: {imu} is there twice")));
@@ -125,8 +126,8 @@ impl SimulatedImuOptions {
         })
     }
 
-    /// Signal chain and noise, with the telemetry in the truth's unit. The positioning error is 0; a run has none, and a campaign
-    /// sets its own.
+    /// Signal chain and noise, with the telemetry in the truth's unit. The positioning error is 0; a run has none, and
+    /// a campaign sets its own.
     pub(super) fn chain_and_noise(&self, truth: &Truth, telemetry_every: f64) -> Result<(Chain, Noise), Failure> {
         let (mut chain, telemetry_noise) = chain_in(&truth.table.content().temperature_unit)?;
         chain.telemetry_lsb_micro = self.telemetry_lsb.unwrap_or(chain.telemetry_lsb_micro);

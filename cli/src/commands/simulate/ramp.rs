@@ -1,4 +1,5 @@
-//! `simulate ramp`: recordings of a stay each that warms and cools; `simulate campaign --ramps` makes them beside its positions.
+//! `simulate ramp`: recordings of a stay each that warms and cools; `simulate campaign --ramps` makes them beside its
+//! positions.
 
 use super::options::{SimulatedFiles, SimulatedImuOptions, truth_toml, usage};
 use super::rows::{AttitudeDocument, Columns, reachable, write_rows};
@@ -16,10 +17,11 @@ use std::time::Duration;
 /// Rates of the ramps unless others are given \[degC/h\].
 pub(super) const RATES: &str = "20,70";
 
-/// Ramps up and down at rest, which show transients: campaign.toml, ramp-1.csv and one more for each rate, table.toml, truth.toml
+/// Ramps up and down at rest, which show transients: campaign.toml, ramp-1.csv and one more for each rate, table.toml,
+/// truth.toml
 ///
-/// Each recording is a stay of its own: hold, up, hold, down, hold. The campaign file has the ramps alone; table.toml is the static part of the truth, and gives it
-/// what ramps do not show.
+/// Each recording is a stay of its own: hold, up, hold, down, hold. The campaign file has the ramps alone; table.toml
+/// is the static part of the truth, and gives it what ramps do not show.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm simulate ramp -o ramps --lag 240 --transient 35,-20,12\n  isotherm simulate ramp -o slow --lag 600 --transient 35,0,12 --rate 10,20,40 --hold 3600 --attitude 0.36,-0.48,0.8\n  isotherm simulate ramp -o play --play 0.2 --hysteresis -60,40,20\n  isotherm simulate ramp -o whole --gyroscopes --lag 240 --transient 35,-20,12 --gyroscope-transient 0.5,-0.3,0"

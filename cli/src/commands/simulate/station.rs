@@ -23,9 +23,10 @@ use std::{fs, io};
 
 /// A laboratory: chamber, turntable and IMU as processes of their own, until SIGTERM or SIGINT
 ///
-/// Chamber and turntable speak their protocols on pseudo-terminals DIR/chamber and DIR/table, or over TCP; the IMU publishes to the
-/// running service. DIR/plan.toml is a campaign plan for it, DIR/truth.toml the IMU's coefficients. With several --imu they share the
-/// turntable, each with another mounting, and their coefficients are DIR/truth-ID.toml. Write faults into DIR/faults to inject them.
+/// Chamber and turntable speak their protocols on pseudo-terminals DIR/chamber and DIR/table, or over TCP; the IMU
+/// publishes to the running service. DIR/plan.toml is a campaign plan for it, DIR/truth.toml the IMU's coefficients.
+/// With several --imu they share the turntable, each with another mounting, and their coefficients are
+/// DIR/truth-ID.toml. Write faults into DIR/faults to inject them.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm simulate station -o station --imu imu-a --speed 100\n  isotherm simulate station -o station --imu imu-a --chamber watlow-f4t --table aerosmith --tcp\n  isotherm simulate station -o station --imu imu-a --fault late:table@3-5 --fault never-there@7200s-9000s\n  echo port-loss:chamber > station/faults"
@@ -65,8 +66,9 @@ pub(super) struct SimulateStation {
     chamber_ramp: f64,
     /// A fault, WHAT[:chamber|:table|:IMU][@WHEN]
     ///
-    /// WHAT is garbled, late, missing, duplicated, na, alarm, port-loss, babble, dead, no-settle, overshoot or never-there, or silent for an IMU; WHEN is 3 for the
-    /// third request, 3-5 for the third to the fifth, 100s-200s for simulated seconds, always unless given
+    /// WHAT is garbled, late, missing, duplicated, na, alarm, port-loss, babble, dead, no-settle, overshoot or
+    /// never-there, or silent for an IMU; WHEN is 3 for the third request, 3-5 for the third to the fifth, 100s-200s
+    /// for simulated seconds, always unless given
     #[arg(long, value_name = "WHAT@WHEN", value_parser = fault)]
     fault: Vec<String>,
 }

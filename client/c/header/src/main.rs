@@ -1,4 +1,5 @@
-//! Generates `client/include/isotherm.h` from the code of the C interface; with `--check` only checks that it is up to date.
+//! Generates `client/include/isotherm.h` from the code of the C interface; with `--check` only checks that it is up to
+//! date.
 //!
 //!     cargo run --manifest-path client/c/header/Cargo.toml [-- --check]
 

@@ -4,7 +4,8 @@ use super::{Action, CampaignMachine, Halt, Observation, Phase, TurnStage, TurnSt
 use crate::plan::{PlannedTurn, TurnPlan};
 use isotherm_instruments::TurntableReading;
 
-/// The read-backs before and after a turn differ by its angle within this, or within two of their last digits \[deg\]: 1.4 ppm of 360 deg.
+/// The read-backs before and after a turn differ by its angle within this, or within two of their last digits
+/// \[deg\]: 1.4 ppm of 360 deg.
 const TURN_TOLERANCE_DEG: f64 = 0.0005;
 /// While the turntable turns, its angles may be this far off the way \[deg\].
 const WAY_MARGIN_DEG: f64 = 1.0;
@@ -101,7 +102,8 @@ impl CampaignMachine<'_> {
         }
     }
 
-    /// The rest after a turn. Returns the reading that follows its samples, the read-back after the turn; `None` before that.
+    /// The rest after a turn. Returns the reading that follows its samples, the read-back after the turn; `None` before
+    /// that.
     fn rest_after<'o>(
         &mut self,
         observation: &Observation<'o>,

@@ -15,14 +15,15 @@ pub struct Plan {
     pub output: PathBuf,
     /// Chamber temperatures, in order \[degC\].
     pub set_points_c: Vec<f64>,
-    /// Positions of the turntable at each set point, in order; all have angles. The directions of a batch are along the axes of an IMU without
-    /// mounting, those of one of its IMUs along its own.
+    /// Positions of the turntable at each set point, in order; all have angles. The directions of a batch are along the
+    /// axes of an IMU without mounting, those of one of its IMUs along its own.
     pub positions: Vec<Position>,
     /// When a set point counts as reached and settled.
     pub soak: Soak,
     /// The samples to take in a position.
     pub dwell: DwellPlan,
-    /// Turns of the turntable at each set point, after the positions, in order; none if the gyroscopes are not calibrated.
+    /// Turns of the turntable at each set point, after the positions, in order; none if the gyroscopes are not
+    /// calibrated.
     pub turns: Vec<PlannedTurn>,
     /// How a turn is taken.
     pub turn: TurnPlan,
@@ -82,8 +83,8 @@ pub struct DwellPlan {
     pub row_s: f64,
 }
 
-/// A turn from rest to rest about one axis of the turntable. The same of a campaign file may begin at another angle, by whole turns: the limits
-/// and the turn before decide.
+/// A turn from rest to rest about one axis of the turntable. The same of a campaign file may begin at another angle, by
+/// whole turns: the limits and the turn before decide.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlannedTurn {
     /// Its number in the samples.
@@ -151,7 +152,8 @@ pub struct Patience {
     pub attempts: u32,
 }
 
-/// The chamber's way there and back in a ramp or a verification run: it holds, ramps to the other end, holds, ramps back, and holds.
+/// The chamber's way there and back in a ramp or a verification run: it holds, ramps to the other end, holds, ramps
+/// back, and holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThereAndBack {
     /// Set point of the chamber at the beginning, and at the end \[degC\].

@@ -1,4 +1,5 @@
-//! Parsing a plan. Each part is checked where it is read, against the plan's limits too. All faults are reported at once.
+//! Parsing a plan. Each part is checked where it is read, against the plan's limits too. All faults are reported at
+//! once.
 //!
 //! Over 400 lines: one file format, with one function for each of its sections.
 
@@ -24,7 +25,8 @@ use std::path::Path;
 /// Largest number of set points of a plan.
 const MAX_SET_POINTS: usize = 1000;
 
-/// Reads a plan. A fault in one part does not stop the checks of the others. With `to_run`, the folder of `install` must exist.
+/// Reads a plan. A fault in one part does not stop the checks of the others. With `to_run`, the folder of `install`
+/// must exist.
 pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Option<Plan> {
     let format = root.number("format", "format = 1, the version of this file format");
     root.refuse("format", format.filter(|f| *f != 1.0).map(|_| "unknown; this version reads format = 1".to_owned()));

@@ -1,4 +1,5 @@
-//! What set points, ramps and verification runs of a plan have in common: the limits of the air, an attitude, and a way there and back.
+//! What set points, ramps and verification runs of a plan have in common: the limits of the air, an attitude, and a way
+//! there and back.
 
 use super::model::ThereAndBack;
 use super::number::{not_negative, positive};
@@ -26,8 +27,8 @@ impl AirLimits<'_> {
     }
 }
 
-/// The position at these angles of the turntable \[deg\]. Without a label it is named after the axis that points up, or after its
-/// angles.
+/// The position at these angles of the turntable \[deg\]. Without a label it is named after the axis that points up, or
+/// after its angles.
 pub(super) fn position_at(number: u32, label: &str, [outer, inner]: [f64; 2], mounting: &Matrix3<f64>) -> Position {
     let force = mounted(mounting, [outer, inner]);
     let up = force.iter().position(|f| (f.abs() - 1.0).abs() < 1e-9);

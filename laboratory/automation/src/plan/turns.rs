@@ -7,12 +7,14 @@ use isotherm_campaign::{Position, TableAxis, Turn, outer_axis, specific_force, t
 use isotherm_shared::document::Section;
 use nalgebra::{Matrix3, Vector3};
 
-/// Angles of the turns that a plan has if it lists none \[deg\]: the first that the limits allow. A longer turn halves the error of K.
+/// Angles of the turns that a plan has if it lists none \[deg\]: the first that the limits allow. A longer turn halves
+/// the error of K.
 const WHOLE_TURNS_DEG: [f64; 2] = [720.0, 360.0];
 /// Where those turns begin, in pairs that turn and unwind: outer and inner angle \[deg\], and the axis.
 const PAIRS: [([f64; 2], TableAxis); 3] =
     [([0.0, 0.0], TableAxis::Outer), ([0.0, 90.0], TableAxis::Outer), ([0.0, 0.0], TableAxis::Inner)];
-/// Largest angle of a row at the commanded rate \[deg\]: `calibrate` refuses rows over 30 degrees, and a servo overshoots.
+/// Largest angle of a row at the commanded rate \[deg\]: `calibrate` refuses rows over 30 degrees, and a servo
+/// overshoots.
 pub const MAX_ROW_DEG: f64 = 29.0;
 /// A turn may begin this many whole turns off its stated angle: from one end of the absolute limits to the other.
 const MAX_WHOLE_TURNS: i32 = 4;
@@ -22,7 +24,8 @@ const MAX_REST_S: f64 = 3600.0;
 /// A turn of the campaign file, and how the turntable takes it.
 pub(super) type PlanTurn = (Turn, PlannedTurn);
 
-/// The turns at each set point: those that the plan lists, or whole turns about both axes if it has `[turns]`. `None` if they are wrong.
+/// The turns at each set point: those that the plan lists, or whole turns about both axes if it has `[turns]`. `None`
+/// if they are wrong.
 pub(super) fn turns(
     root: &Section<'_, '_>,
     positions: Option<&Vec<Position>>,
@@ -63,7 +66,8 @@ pub(super) fn turns(
     complete.then_some(planned)
 }
 
-/// Whole turns in both directions: about the outer axis at two inner angles, and about the inner axis; none without a latitude.
+/// Whole turns in both directions: about the outer axis at two inner angles, and about the inner axis; none without a
+/// latitude.
 ///
 /// # Errors
 /// The limit that they exceed.
@@ -101,8 +105,8 @@ pub(super) fn whole_turns(
     Ok(turns)
 }
 
-/// How the turntable takes a turn: from the angle, of those that differ by whole turns, that is within the limits at both ends and nearest to the
-/// end of the turn before.
+/// How the turntable takes a turn: from the angle, of those that differ by whole turns, that is within the limits at
+/// both ends and nearest to the end of the turn before.
 fn within(turn: &Turn, before: Option<&PlanTurn>, limits: &Limits) -> Result<PlannedTurn, String> {
     let angles = turn.start.angles.unwrap_or_default();
     let (table_axis, sign) = turn.about.unwrap_or((TableAxis::Inner, 1.0));

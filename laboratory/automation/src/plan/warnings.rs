@@ -1,4 +1,5 @@
-//! What a valid plan leaves unseen. It is told before anything moves: runs that do not judge the whole table cost another campaign.
+//! What a valid plan leaves unseen. It is told before anything moves: runs that do not judge the whole table cost
+//! another campaign.
 
 use super::{Plan, VerificationPlan};
 use isotherm_shared::wire::AXES;

@@ -73,7 +73,8 @@ fn samples_that_come_late_are_not_taken_for_late_ones() {
     let folder = tempfile::tempdir().unwrap();
     let (mut recorder, clock) = recorder(&folder, 1.0);
     feed(&mut recorder, &clock, 1..100, SECOND);
-    // The acquisition stalls for 500 s; meanwhile the turntable moves and settles at 590 s. Then all samples arrive at once.
+    // The acquisition stalls for 500 s; meanwhile the turntable moves and settles at 590 s. Then all samples arrive at
+    // once.
     recorder.begin(DWELL, 590.0, 0).unwrap();
     for number in 100..1000 {
         let late = RawSample { sent_ns: clock.origin_ns + number.max(600) * SECOND, ..sample(&clock, number, SECOND) };
@@ -112,7 +113,8 @@ fn samples_are_summed_into_rows_that_calibrate_reads() {
     // The dwell has samples 5 to 404, with their telemetry averaged.
     assert_eq!(dwells[0].sums.positive[0], (5..405).sum::<u64>() as f64);
     assert!((dwells[0].sums.head(0) - 204.5).abs() < 1e-9);
-    // The telemetry changes by 1 per sample and is read half a sample after its middle, which `calibrate` corrects by 0.5.
+    // The telemetry changes by 1 per sample and is read half a sample after its middle, which `calibrate` corrects
+    // by 0.5.
     assert!((dwells[0].head(0) - 204.0).abs() < 1e-9 && dwells[0].board(0) == 2.0);
 }
 

@@ -1,4 +1,5 @@
-//! An ACUTROL 3000 with two axes. Over TCP a reply has a header of eight bytes and no line end, as a public driver expects it.
+//! An ACUTROL 3000 with two axes. Over TCP a reply has a header of eight bytes and no line end, as a public driver
+//! expects it.
 
 use super::line::take_line;
 use crate::server::Protocol;

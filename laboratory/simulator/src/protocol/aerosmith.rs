@@ -1,4 +1,5 @@
-//! An Ideal Aerosmith table with two axes. A request begins with the number of the axis; a reply is a line, then the prompt.
+//! An Ideal Aerosmith table with two axes. A request begins with the number of the axis; a reply is a line, then the
+//! prompt.
 
 use super::line::take_line;
 use crate::server::Protocol;
@@ -33,7 +34,8 @@ impl AerosmithProtocol {
             "ACL" => self.acceleration[axis] = number?,
             "STO" => device.stop(axis),
             "MOV" => {
-                // This model has no command for power: a move powers the axis, and resets a fault whose cause no longer exists.
+                // This model has no command for power: a move powers the axis, and resets a fault whose cause no longer
+                // exists.
                 device.reset(axis);
                 device.close(axis);
                 device.go_to(axis, number?, self.rate[axis], self.acceleration[axis]);

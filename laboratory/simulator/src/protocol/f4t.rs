@@ -12,8 +12,8 @@ const ILLEGAL_VALUE: u8 = 3;
 const BUSY: u8 = 6;
 
 impl Protocol<ChamberDevice> for F4tProtocol {
-    /// A damaged frame, or one with another address, is discarded with the rest of the input. A real controller would look for
-    /// the pause between frames instead.
+    /// A damaged frame, or one with another address, is discarded with the rest of the input. A real controller would
+    /// look for the pause between frames instead.
     fn take_request(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>> {
         let length = match input.get(1)? {
             16 => 9 + usize::from(*input.get(6)?),

@@ -1,4 +1,5 @@
-//! The protocols of the devices, byte by byte. They follow the protocols' descriptions and share no code with the drivers.
+//! The protocols of the devices, byte by byte. They follow the protocols' descriptions and share no code with the
+//! drivers.
 
 mod acutrol;
 mod aerosmith;

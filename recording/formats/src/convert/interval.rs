@@ -56,8 +56,8 @@ impl Steps {
 
     /// The mean step \[ns\], if it differs from the interval by over 100 ppm and what the jitter explains.
     ///
-    /// The variance of the mean is that of steps that are correlated with the step before: where only the stamps jitter, a step that is too
-    /// long is followed by one that is too short.
+    /// The variance of the mean is that of steps that are correlated with the step before: where only the stamps
+    /// jitter, a step that is too long is followed by one that is too short.
     pub(super) fn other_mean(&self) -> Option<f64> {
         if self.count < FEWEST {
             return None;
@@ -70,8 +70,9 @@ impl Steps {
     }
 }
 
-/// The nominal interval \[ns\] of rows with these times \[ns\]: their mean step without gaps; or the interval of a whole number of Hz, of s, or
-/// the median step, the first that is within 100 ppm of it and what the jitter of the first and the last stamp explains.
+/// The nominal interval \[ns\] of rows with these times \[ns\]: their mean step without gaps; or the interval of a
+/// whole number of Hz, of s, or the median step, the first that is within 100 ppm of it and what the jitter of the
+/// first and the last stamp explains.
 pub(super) fn nominal(times: &[u64]) -> Option<u64> {
     let steps = || times.windows(2).filter_map(|pair| pair[1].checked_sub(pair[0])).filter(|step| *step > 0);
     let mut sorted: Vec<_> = steps().collect();

@@ -1,4 +1,5 @@
-//! The mapping file: which columns of a text are time, accelerometers, gyroscopes and temperature, and what their numbers mean.
+//! The mapping file: which columns of a text are time, accelerometers, gyroscopes and temperature, and what their
+//! numbers mean.
 //!
 //! ```toml
 //! format = 1

@@ -1,8 +1,8 @@
 //! Foreign data as raw samples: text with a mapping, NovAtel logs, and `sensor_msgs/msg/Imu` in MCAP.
 //!
-//! A [`Conversion`] is an iterator over [`RawSample`]s. Pulses are `round((value - offset) / resolution)`, with the sign of the axis, on the
-//! positive or the negative channel. The sequence begins at 0; it rises by 1 from row to row, and for readings by more where the time shows
-//! that rows are missing.
+//! A [`Conversion`] is an iterator over [`RawSample`]s. Pulses are `round((value - offset) / resolution)`, with the
+//! sign of the axis, on the positive or the negative channel. The sequence begins at 0; it rises by 1 from row to row,
+//! and for readings by more where the time shows that rows are missing.
 
 mod interval;
 mod mapping;
@@ -108,8 +108,9 @@ impl Conversion {
     /// Opens foreign data. `-` is stdin, for text. The format is recognised by the first bytes.
     ///
     /// # Errors
-    /// [`Exit::Usage`] if a text has no mapping, with the mapping that would be. [`Exit::Config`] with all faults of the mapping.
-    /// [`Exit::Data`] if the data are of no known format, or do not have what the mapping names. [`Exit::Io`].
+    /// [`Exit::Usage`] if a text has no mapping, with the mapping that would be. [`Exit::Config`] with all faults of
+    /// the mapping. [`Exit::Data`] if the data are of no known format, or do not have what the mapping names.
+    /// [`Exit::Io`].
     pub fn open(path: &Path, mapping: Option<&Path>, settings: &Settings) -> Result<Self, Failure> {
         let text = match mapping {
             Some(mapping) => Some(read_text(mapping, WorldWritable::Allow)?.0),
@@ -131,8 +132,8 @@ impl Conversion {
         Self::read(path, source, mapping, settings)
     }
 
-    /// As [`open`](Self::open), of a text that is in memory. `name` stands for the data in messages; `mapping` has a name and the text of the
-    /// mapping file.
+    /// As [`open`](Self::open), of a text that is in memory. `name` stands for the data in messages; `mapping` has a
+    /// name and the text of the mapping file.
     ///
     /// # Errors
     /// As [`open`](Self::open).
@@ -243,7 +244,8 @@ impl Conversion {
         self.rows
     }
 
-    /// What the operator should know, a line each; those that begin with "warning: " concern the data's worth. Valid after the last row.
+    /// What the operator should know, a line each; those that begin with "warning: " concern the data's worth. Valid
+    /// after the last row.
     #[must_use]
     pub fn notes(&self) -> Vec<String> {
         let mut notes = self.source.notes();

@@ -1,14 +1,15 @@
 //! NovAtel's ASCII logs of raw IMU data: `RAWIMU` and `RAWIMUX`, and with short headers `RAWIMUS` and `RAWIMUSX`.
 //!
-//! Source: NovAtel OEM7 documentation, SPAN logs. A log is `%NAME,header..;body..*CRC` with a short header, `#NAME,..` with a long one. The
-//! fields of the body, with X logs `info,type,` first:
+//! Source: NovAtel OEM7 documentation, SPAN logs. A log is `%NAME,header..;body..*CRC` with a short header, `#NAME,..`
+//! with a long one. The fields of the body, with X logs `info,type,` first:
 //!
 //! ```text
 //! week, seconds, status, Z accel, -Y accel, X accel, Z gyro, -Y gyro, X gyro
 //! ```
 //!
-//! Accelerometers and gyroscopes are increments over the nominal interval of the IMU's data rate. Z comes first and the sign of Y is
-//! reversed: A1, A2, A3 are X, Y, Z with their own signs. The time is that of the body: GPS weeks and seconds, without leap seconds.
+//! Accelerometers and gyroscopes are increments over the nominal interval of the IMU's data rate. Z comes first and the
+//! sign of Y is reversed: A1, A2, A3 are X, Y, Z with their own signs. The time is that of the body: GPS weeks and
+//! seconds, without leap seconds.
 
 use super::{PLACEHOLDER, Reading, Source};
 use isotherm_recording::RecordingError;

@@ -1,6 +1,8 @@
-//! The mapping that a text would have, by the names of its columns and its first rows: for messages, to be copied into a file and checked.
+//! The mapping that a text would have, by the names of its columns and its first rows: for messages, to be copied into
+//! a file and checked.
 //!
-//! Over 400 lines: the names of columns that are recognised and the text that is made of them belong together, with their tests.
+//! Over 400 lines: the names of columns that are recognised and the text that is made of them belong together, with
+//! their tests.
 
 use super::interval::nominal;
 use isotherm_failure::printable;
@@ -36,8 +38,8 @@ struct First {
     names: Vec<String>,
 }
 
-/// Proposes a mapping for a text whose first row has not been read. The table begins with the first row that is followed by one with as many
-/// columns, of which three are numbers.
+/// Proposes a mapping for a text whose first row has not been read. The table begins with the first row that is
+/// followed by one with as many columns, of which three are numbers.
 ///
 /// # Errors
 /// If there is no such row, or the text cannot be read.
@@ -247,7 +249,8 @@ impl Found {
         names.iter().position(|name| self.has(&[name]))
     }
 
-    /// The axis that a part of the name is, or that its last part ends with. The unit in brackets does not count: it may have digits.
+    /// The axis that a part of the name is, or that its last part ends with. The unit in brackets does not count: it
+    /// may have digits.
     fn axis(&self) -> Option<usize> {
         let name = self.name.split(['[', '(']).next().unwrap_or_default();
         let parts = parts(name);
@@ -270,7 +273,8 @@ impl Found {
         nominal(&times).map(|ns| ns as f64 / 1e9)
     }
 
-    /// The unit of the time and its length \[s\]: of the name, or else the first with which the rows are less than 2 s apart.
+    /// The unit of the time and its length \[s\]: of the name, or else the first with which the rows are less than 2 s
+    /// apart.
     fn unit(&self) -> (&'static str, f64) {
         const UNITS: [(&str, &str, f64); 4] =
             [("ns", "nano", 1e-9), ("us", "micro", 1e-6), ("ms", "milli", 1e-3), ("s", "sec", 1.0)];

@@ -8,7 +8,8 @@ use std::collections::HashMap;
 /// Highest number of a field that is read.
 const MAX_FIELD: u64 = 4096;
 
-/// Field types of numbers, as numbered in `google.protobuf.FieldDescriptorProto`: double, float, int64, uint64, int32, uint32.
+/// Field types of numbers, as numbered in `google.protobuf.FieldDescriptorProto`: double, float, int64, uint64, int32,
+/// uint32.
 const NUMBERS: [u64; 6] = [1, 2, 3, 4, 5, 13];
 /// Field type of texts: string.
 const TEXTS: [u64; 1] = [9];
@@ -23,7 +24,8 @@ pub(super) struct FieldMap {
 
 /// Maps fields to wanted columns. An error if a column is missing or has an unsuitable type.
 ///
-/// A missing field has the value 0, as defined by proto3; for [`Absence::Kept`] it has none, and neither has one that the schema lacks.
+/// A missing field has the value 0, as defined by proto3; for [`Absence::Kept`] it has none, and neither has one that
+/// the schema lacks.
 pub(super) fn map_fields(wanted: &[WantedColumn], fields: &HashMap<String, FieldNumber>) -> Result<FieldMap, String> {
     let mut names: Vec<_> = fields.keys().cloned().collect();
     names.sort();
@@ -72,7 +74,8 @@ pub(super) fn decode(
     }
 }
 
-/// Converts a field's value to the kind of the wanted column; `kind` is the field's declared type. `None` if it does not fit.
+/// Converts a field's value to the kind of the wanted column; `kind` is the field's declared type. `None` if it does
+/// not fit.
 fn value_of(wanted: ValueKind, kind: u64, value: Value<'_>) -> Option<u64> {
     const SIGNED: [u64; 2] = [3, 5];
     match (wanted, value) {

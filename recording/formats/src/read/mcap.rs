@@ -1,5 +1,5 @@
-//! The fields of messages in an MCAP file, as columns. The file is read from beginning to end, without its index, so that an
-//! unfinished file is read up to its last complete record.
+//! The fields of messages in an MCAP file, as columns. The file is read from beginning to end, without its index, so
+//! that an unfinished file is read up to its last complete record.
 
 use super::fields::{FieldMap, decode, map_fields};
 use super::records::{Records, RecordsError};

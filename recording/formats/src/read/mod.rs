@@ -1,5 +1,5 @@
-//! Reads recordings. The format is detected by the first bytes. Several pieces of a recording, named in any order, are read as
-//! one.
+//! Reads recordings. The format is detected by the first bytes. Several pieces of a recording, named in any order, are
+//! read as one.
 
 mod fields;
 mod mcap;

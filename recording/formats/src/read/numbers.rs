@@ -35,12 +35,13 @@ pub struct NumberTable<T> {
     pub notes: Vec<String>,
 }
 
-/// Reads numbers of all pieces. Each of `names` is a column, or `a-b`: the difference of the columns `a` and `b`, of a file that has
-/// no column `a-b`. `parse` gets the index of a name and a text; it returns a value, or a description of a valid one. A double of a
-/// binary format is passed as text, in the shortest form that reads back as the same double.
+/// Reads numbers of all pieces. Each of `names` is a column, or `a-b`: the difference of the columns `a` and `b`, of a
+/// file that has no column `a-b`. `parse` gets the index of a name and a text; it returns a value, or a description of
+/// a valid one. A double of a binary format is passed as text, in the shortest form that reads back as the same double.
 ///
-/// The columns of a text are separated by commas, semicolons, tabs or spaces, as its header shows; [`DecimalMark`] says which decimal
-/// commas are read. Pieces are sorted by their first `recorded_ns`, else by their first `timestamp_ns`, if all of them have it.
+/// The columns of a text are separated by commas, semicolons, tabs or spaces, as its header shows; [`DecimalMark`] says
+/// which decimal commas are read. Pieces are sorted by their first `recorded_ns`, else by their first `timestamp_ns`,
+/// if all of them have it.
 ///
 /// # Errors
 /// If a piece cannot be opened, lacks a column, has several columns that a name may mean, or a value is refused.
@@ -93,8 +94,8 @@ struct Operands {
 }
 
 impl Operands {
-    /// Resolves `names` in a file; `has` tells whether the file has a column. A name that is neither a column nor a difference of
-    /// columns is taken for a column, which is then missing.
+    /// Resolves `names` in a file; `has` tells whether the file has a column. A name that is neither a column nor a
+    /// difference of columns is taken for a column, which is then missing.
     fn resolve(names: &[&str], has: impl Fn(&str) -> bool) -> Result<Self, String> {
         let mut operands = Self::default();
         for &name in names {

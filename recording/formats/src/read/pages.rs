@@ -1,6 +1,6 @@
-//! Checks the structures of a Parquet file before the library reads them: it allocates the size and the number of values of a
-//! dictionary that a page header claims, and counts through a list of booleans of any claimed length, which takes no bytes in its
-//! opinion.
+//! Checks the structures of a Parquet file before the library reads them: it allocates the size and the number of
+//! values of a dictionary that a page header claims, and counts through a list of booleans of any claimed length, which
+//! takes no bytes in its opinion.
 
 use crate::varint;
 use std::fs::File;
@@ -76,7 +76,8 @@ impl Thrift<'_> {
         Some(Sizes { decompressed: decompressed?, compressed: compressed?, dictionary })
     }
 
-    /// Calls `take` at the beginning of each field's value, with the field's number and type. `take` must consume the value.
+    /// Calls `take` at the beginning of each field's value, with the field's number and type. `take` must consume the
+    /// value.
     fn each_field(&mut self, depth: u8, take: &mut dyn FnMut(&mut Self, i64, u8) -> Option<()>) -> Option<()> {
         let mut field = 0;
         loop {
@@ -125,8 +126,8 @@ impl Thrift<'_> {
         self.skip_elements(count, &[kinds >> 4, kinds & 0xf], depth)
     }
 
-    /// Skips `count` elements, each with values of these types. Every value takes a byte, except booleans, of which Parquet has no
-    /// lists here.
+    /// Skips `count` elements, each with values of these types. Every value takes a byte, except booleans, of which
+    /// Parquet has no lists here.
     fn skip_elements(&mut self, count: u64, kinds: &[u8], depth: u8) -> Option<()> {
         if count == 0 {
             return Some(());

@@ -70,7 +70,8 @@ impl FoundColumn {
 }
 
 impl ParquetReader {
-    /// Opens a file and finds the columns that `wanted` returns, given the names of all. `bar` advances by the bytes read.
+    /// Opens a file and finds the columns that `wanted` returns, given the names of all. `bar` advances by the bytes
+    /// read.
     ///
     /// # Errors
     /// If it is not a Parquet file, belongs to another IMU than the chosen one, or lacks a column.
@@ -246,7 +247,8 @@ impl TableReader for ParquetReader {
     }
 }
 
-/// The operating system's error in an error of the library; otherwise the library's message, in an error without a code.
+/// The operating system's error in an error of the library; otherwise the library's message, in an error without a
+/// code.
 fn cause(error: ParquetError) -> io::Error {
     match error {
         ParquetError::External(source) => source.downcast::<io::Error>().map_or_else(io::Error::other, |error| *error),

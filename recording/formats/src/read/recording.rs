@@ -29,8 +29,8 @@ pub enum RowKind {
     Campaign,
 }
 
-/// An iterator over the rows of a recording that ends at the first error. [`failure`](Self::failure) turns that error into a
-/// [`Failure`] with file and place.
+/// An iterator over the rows of a recording that ends at the first error. [`failure`](Self::failure) turns that error
+/// into a [`Failure`] with file and place.
 ///
 /// The `line` of a row counts over all pieces; [`places`](Self::places) gives its file and the line or row in it.
 pub struct Recording {
@@ -61,8 +61,8 @@ enum PieceSource {
 }
 
 impl Recording {
-    /// Opens the pieces of a recording, named in any order. `-` is stdin, which must be the only piece. `bar` advances by the
-    /// bytes read.
+    /// Opens the pieces of a recording, named in any order. `-` is stdin, which must be the only piece. `bar` advances
+    /// by the bytes read.
     ///
     /// # Errors
     /// If a piece cannot be opened, is named twice, or has an invalid beginning.
@@ -125,8 +125,8 @@ impl Recording {
         Ok(Self { kind, choice, bar: bar.clone(), waiting, current, places, hash, lag, ended: false })
     }
 
-    /// Sets the time constant \[ns\] of the lagged telemetry of all further rows, 0 for none. It is computed for pieces that have no
-    /// lagged telemetry; those that have are read as they are. Each session begins soaked.
+    /// Sets the time constant \[ns\] of the lagged telemetry of all further rows, 0 for none. It is computed for pieces
+    /// that have no lagged telemetry; those that have are read as they are. Each session begins soaked.
     pub const fn set_lag(&mut self, lag_ns: u64) {
         self.lag.set_lag(lag_ns);
     }
@@ -448,9 +448,9 @@ impl Drop for HashingReader {
     }
 }
 
-/// Sorts the pieces of a recording by time. `first` reads the times of a piece's first row, `None` if the piece is empty. `times`
-/// chooses one time for each piece, by the same rule for all. Pieces without a time come first; if no piece has one, the given
-/// order is kept.
+/// Sorts the pieces of a recording by time. `first` reads the times of a piece's first row, `None` if the piece is
+/// empty. `times` chooses one time for each piece, by the same rule for all. Pieces without a time come first; if no
+/// piece has one, the given order is kept.
 pub(super) fn in_order<T>(
     paths: &[PathBuf],
     mut first: impl FnMut(&Path) -> Result<Option<T>, Failure>,

@@ -119,8 +119,8 @@ impl Records {
     }
 }
 
-/// Whether the texts of a schema or a channel end within its record. The library allocates the length that a text claims before it
-/// reads the text.
+/// Whether the texts of a schema or a channel end within its record. The library allocates the length that a text
+/// claims before it reads the text.
 fn texts_fit(opcode: u8, record: &[u8]) -> bool {
     fn length(rest: &mut &[u8]) -> Option<usize> {
         let (length, after) = rest.split_first_chunk()?;

@@ -44,7 +44,8 @@ impl ValueKind {
 /// How a missing value in a row is handled.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub(super) enum Absence {
-    /// It is an error. But a missing floating-point value is NaN, since many programs store NaN that way, and a missing text is 0.
+    /// It is an error. But a missing floating-point value is NaN, since many programs store NaN that way, and a missing
+    /// text is 0.
     Refused,
     /// The value is `None`.
     Kept,
@@ -86,8 +87,8 @@ pub(super) fn sample_columns(campaign: bool) -> Vec<WantedColumn> {
     RAW.iter().map(WantedColumn::from).chain(campaign_columns.into_iter().filter(|_| campaign)).collect()
 }
 
-/// The message about wanted columns that a file lacks, if any. `names` are the columns that it has; `hint` ends the message about columns
-/// that every file has.
+/// The message about wanted columns that a file lacks, if any. `names` are the columns that it has; `hint` ends the
+/// message about columns that every file has.
 pub(super) fn refuse_missing(wanted: &[WantedColumn], names: &[String], hint: &str) -> Result<(), String> {
     let found = |name: &str| names.iter().any(|other| other == name);
     let required = wanted.iter().filter(|column| column.set == ColumnSet::Always);
@@ -101,8 +102,8 @@ pub(super) fn refuse_missing(wanted: &[WantedColumn], names: &[String], hint: &s
 
 /// Reads the wanted columns of one file, row by row.
 pub(super) trait TableReader {
-    /// Reads a row into `values`, one for each wanted column: an integer, the bits of a double, or `None` if the file does not have the
-    /// column. Returns false at the end.
+    /// Reads a row into `values`, one for each wanted column: an integer, the bits of a double, or `None` if the file
+    /// does not have the column. Returns false at the end.
     ///
     /// # Errors
     /// If the file is invalid, with the place.

@@ -241,7 +241,8 @@ fn a_text_longer_than_its_record_is_refused() {
     }
 }
 
-/// A footer with a list of 2^31-1 booleans, which take no bytes in the library's opinion, is refused before it counts through them.
+/// A footer with a list of 2^31-1 booleans, which take no bytes in the library's opinion, is refused before it counts
+/// through them.
 #[test]
 fn a_list_longer_than_its_footer_is_refused() {
     let folder = TempDir::new().unwrap();
@@ -337,9 +338,9 @@ fn damage(random: &mut TestRandom, whole: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Any damaged file gives samples or is refused as bad data, with a place. It is never an error of the operating system, and never
-/// a panic. `ISOTHERM_MUTATIONS` sets how many damaged files of each kind are read, from the first one or the one that
-/// `ISOTHERM_MUTATION` names on.
+/// Any damaged file gives samples or is refused as bad data, with a place. It is never an error of the operating
+/// system, and never a panic. `ISOTHERM_MUTATIONS` sets how many damaged files of each kind are read, from the first
+/// one or the one that `ISOTHERM_MUTATION` names on.
 #[test]
 fn damaged_files_are_bad_data() {
     let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse::<u64>().ok());

@@ -102,7 +102,8 @@ pub enum MoreColumns {
 pub struct FileError(pub PathBuf, pub io::Error);
 
 impl Files {
-    /// Creates the files for the rows of `streams`: index in the list `imus`, and kind of the stream. `-` is the standard output.
+    /// Creates the files for the rows of `streams`: index in the list `imus`, and kind of the stream. `-` is the
+    /// standard output.
     ///
     /// # Errors
     /// If a file exists or cannot be written.
@@ -147,12 +148,13 @@ impl Files {
         Ok(files)
     }
 
-    /// Adds a row to its file. The rows before the first flush decide which columns the files have. If a later row needs more, goes on in the
-    /// next files; an MCAP file gets a channel more, and the standard output goes on without these columns.
+    /// Adds a row to its file. The rows before the first flush decide which columns the files have. If a later row
+    /// needs more, goes on in the next files; an MCAP file gets a channel more, and the standard output goes on without
+    /// these columns.
     ///
     /// # Errors
-    /// If the row cannot be encoded, or the next files cannot be written. If the disk is full, the row has not been added, and the call can be
-    /// repeated.
+    /// If the row cannot be encoded, or the next files cannot be written. If the disk is full, the row has not been
+    /// added, and the call can be repeated.
     pub fn write(&mut self, row: &RecordedRow) -> Result<Option<MoreColumns>, FileError> {
         let known = self.layouts[row.imu];
         let layout = known.with(Layout::of(&row.sample));
@@ -298,8 +300,8 @@ impl Files {
         let paths = loop {
             number += 1;
             let paths = self.paths(number);
-            // Only the first file without a number is not allowed to exist. A restarted recorder with rotation continues the numbers of
-            // existing files.
+            // Only the first file without a number is not allowed to exist. A restarted recorder with rotation
+            // continues the numbers of existing files.
             let is_named = number == 1 && !self.rotation.is_enabled();
             if is_named || !paths.iter().any(|path| fs::symlink_metadata(path).is_ok()) {
                 break paths;

@@ -25,7 +25,8 @@ pub(super) fn staged_file(path: &Path) -> io::Result<tempfile::NamedTempFile> {
     builder.tempfile_in(folder).map_err(|error| io::Error::from(error.kind()))
 }
 
-/// Collects bytes and appends them to a file, or the standard output, at a flush. A flush that fails leaves the file as it was.
+/// Collects bytes and appends them to a file, or the standard output, at a flush. A flush that fails leaves the file as
+/// it was.
 pub(super) struct GrowingFile {
     sink: GrowingSink,
     length: u64,

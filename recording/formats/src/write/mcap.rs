@@ -1,5 +1,5 @@
-//! Rows as messages in an MCAP file, in the channels `isotherm/<imu>/raw` and `isotherm/<imu>/increment`. The file contains their
-//! schemas.
+//! Rows as messages in an MCAP file, in the channels `isotherm/<imu>/raw` and `isotherm/<imu>/increment`. The file
+//! contains their schemas.
 
 use super::growing::GrowingFile;
 use crate::protobuf;
@@ -15,7 +15,8 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// An MCAP file that is being written. Every flush ends a chunk, so readers can read all flushed messages of an unfinished file.
+/// An MCAP file that is being written. Every flush ends a chunk, so readers can read all flushed messages of an
+/// unfinished file.
 ///
 /// All channels come before the first message, so that a reader knows which IMUs there are before it chooses one.
 pub(super) struct McapFile {
@@ -37,7 +38,8 @@ struct FileStream {
     layout: Layout,
 }
 
-/// The sink of the library. It is in memory, so that an error of the disk never leaves the library in an undefined state.
+/// The sink of the library. It is in memory, so that an error of the disk never leaves the library in an undefined
+/// state.
 #[derive(Clone, Default)]
 pub(super) struct Memory(Rc<RefCell<Vec<u8>>>);
 
@@ -64,7 +66,8 @@ impl Write for Memory {
 }
 
 impl McapFile {
-    /// Creates a file with a channel for each of `streams`: index in the lists `imus` and `layouts`, and kind of the stream.
+    /// Creates a file with a channel for each of `streams`: index in the lists `imus` and `layouts`, and kind of the
+    /// stream.
     ///
     /// # Errors
     /// If it exists or cannot be written.

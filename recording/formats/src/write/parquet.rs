@@ -1,9 +1,9 @@
 //! Rows in a Parquet file that is complete at every instant.
 //!
-//! A Parquet file has its footer at the end, so it cannot simply grow. Two files take turns, a visible one under the name and a
-//! hidden one. At a flush the hidden file gets the full row groups that it lacks, then the open row group, then the footer. Then
-//! the two files exchange their names in one step. A reader that opens the name, also after a crash, gets all rows up to the last
-//! flush.
+//! A Parquet file has its footer at the end, so it cannot simply grow. Two files take turns, a visible one under the
+//! name and a hidden one. At a flush the hidden file gets the full row groups that it lacks, then the open row group,
+//! then the footer. Then the two files exchange their names in one step. A reader that opens the name, also after a
+//! crash, gets all rows up to the last flush.
 //!
 //! Over 400 lines: the file that grows and the stream that does not share how a row group and a footer are encoded.
 
@@ -46,7 +46,8 @@ pub(super) struct ParquetFile {
     open: ParquetColumns,
     /// The file under the name, and how much of the body it has \[bytes\].
     visible: (File, u64),
-    /// The hidden file, in the same way; `None` before the first flush, and always between flushes if names cannot be exchanged.
+    /// The hidden file, in the same way; `None` before the first flush, and always between flushes if names cannot be
+    /// exchanged.
     hidden: Option<(NamedTempFile, u64)>,
     /// Length of open row group and footer at the last flush \[bytes\].
     tail: u64,
@@ -125,7 +126,8 @@ impl ParquetFile {
             None => self.hidden.insert((staged_file(&self.path)?, 0)),
         };
         let file = hidden.as_file();
-        // First the bytes that only the visible file has, if the hidden one is new; then the bytes in memory; then the tail.
+        // First the bytes that only the visible file has, if the hidden one is new; then the bytes in memory; then the
+        // tail.
         let recent = self.body - self.recent.len() as u64;
         if *has < recent {
             copy(&self.visible.0, file, *has, recent)?;
@@ -163,8 +165,8 @@ impl ParquetFile {
                 Err(error) => return Err(error.into()),
             }
         }
-        // The hidden file replaces the visible one, and the next flush makes a new hidden file. If the user has removed the file,
-        // this is an error, and the file is not created again.
+        // The hidden file replaces the visible one, and the next flush makes a new hidden file. If the user has removed
+        // the file, this is an error, and the file is not created again.
         fs::metadata(&self.path)?;
         if let Some((hidden, has)) = self.hidden.take() {
             self.visible = (hidden.persist(&self.path).map_err(|error| error.error)?, has);

@@ -1,8 +1,9 @@
-//! Increments as ROS messages in MCAP: `sensor_msgs/msg/Imu`, and `sensor_msgs/msg/Temperature` where the telemetry is in degC.
+//! Increments as ROS messages in MCAP: `sensor_msgs/msg/Imu`, and `sensor_msgs/msg/Temperature` where the telemetry is
+//! in degC.
 //!
-//! An increment over its interval is a mean: `linear_acceleration = velocity_increment / interval` \[m/s2\], the specific force, and
-//! `angular_velocity = angle_increment / interval` \[rad/s\]. The stamp is the end of the interval on the acquisition's clock. A metadata
-//! record `isotherm.table` names each table that computed increments.
+//! An increment over its interval is a mean: `linear_acceleration = velocity_increment / interval` \[m/s2\], the
+//! specific force, and `angular_velocity = angle_increment / interval` \[rad/s\]. The stamp is the end of the interval
+//! on the acquisition's clock. A metadata record `isotherm.table` names each table that computed increments.
 
 use super::growing::GrowingFile;
 use super::mcap::{Memory, io_error, options};
@@ -105,8 +106,8 @@ pub fn refuse_same_topics<'a>(imus: impl IntoIterator<Item = &'a ImuId>) -> Resu
 }
 
 impl<W: Write> RosWriter<W> {
-    /// Adds the channels of these IMUs, each with its index in the rows. `tables` are those that may have computed the increments. An IMU
-    /// that has one in degC has a channel of temperatures.
+    /// Adds the channels of these IMUs, each with its index in the rows. `tables` are those that may have computed the
+    /// increments. An IMU that has one in degC has a channel of temperatures.
     ///
     /// # Errors
     /// Those of the sink; [`InvalidInput`](io::ErrorKind::InvalidInput) as [`refuse_same_topics`].
