@@ -1,7 +1,6 @@
 //! From the dwells of a campaign to a coefficient table: checks, set points, orders, fit, outliers.
 
-use crate::admit::{accept, any_fault};
-use crate::checks::{Finding, RunNumber, SetPoint, Severity, check, name, set_points};
+use crate::checks::{SetPoint, check, set_points};
 use crate::diagnosis::{Diagnosis, diagnose, positions_off};
 use crate::error::CalibrationError;
 use crate::one_stage::{Curves, SetPointValues, Solution, set_point_values, solve};
@@ -12,6 +11,7 @@ use crate::reduce::{Reduced, reduce};
 use crate::result::Calibration;
 use crate::table::table_of;
 use isotherm_campaign::{Campaign, Dwell, Observability, Position, joint_range, specific_force};
+use isotherm_finding::{Finding, Location, RunNumber, Severity, any_fault, name};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{Curve, OrderTable};
@@ -70,7 +70,7 @@ pub fn calibrate_accelerometers(
     let Fit { reduced, orders, solution } = data.fit(&options)?;
     let (outliers, of_fit) = data.findings_of_fit(&reduced, &orders, &solution);
     findings.extend(of_fit);
-    accept(&mut findings[before_fit..], &options, &mut accepted);
+    options.admission().accept(&mut findings[before_fit..], &mut accepted);
     if options.strict {
         for finding in findings.iter_mut().filter(|finding| !options.accept.contains(&finding.name)) {
             finding.severity = Severity::Fault;
@@ -128,13 +128,13 @@ impl Data<'_> {
             findings.splice(..0, positions_off(campaign, dwells, set_points));
         }
         let mut diagnosis = diagnose(campaign, dwells, set_points, &mut findings);
-        accept(&mut findings, options, accepted);
+        options.admission().accept(&mut findings, accepted);
         // A diagnosis is a fault too, even where its symptoms are only warnings.
         if let Some(Diagnosis { finding, .. }) = diagnosis.take_if(|it| options.accept.contains(&it.finding.name))
             && !findings.iter().any(|known| known.name == finding.name)
         {
             let mut finding = [finding];
-            accept(&mut finding, options, accepted);
+            options.admission().accept(&mut finding, accepted);
             findings.extend(finding);
         }
         if any_fault(&findings) || diagnosis.is_some() {
@@ -212,7 +212,7 @@ impl Data<'_> {
             severity: Severity::Warning,
             name: name::OUTLIER,
             line: Some(dwell.lines[0]),
-            place: Some((set_point_c, Some(RunNumber::Position(number)))),
+            place: Some(Location::SetPoint(set_point_c, Some(RunNumber::Position(number)))),
             message,
         }
     }

@@ -6,12 +6,12 @@
 //! all set points share (a wrong position, a wrong local gravity, an angle that every turn misses) is not in it; where
 //! a warning shows one, the line says that it is left out.
 
-use crate::checks::{Finding, name};
 use crate::gyroscopes::GyroscopeCalibration;
 use crate::result::Calibration;
 use crate::triad::{CalibratedTriad, TriadUnits};
 use core::fmt;
 use isotherm_campaign::joint_range;
+use isotherm_finding::{Finding, name};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{CONFIDENCE, Curve, student_quantile};
 

@@ -3,7 +3,6 @@
 use crate::accelerometers::{accelerometers_observable, calibrate_accelerometers};
 use crate::admit::{add_findings, admit};
 use crate::checks::scale::unlike_scale_factors;
-use crate::checks::{Finding, Severity, name};
 use crate::error::CalibrationError;
 use crate::gyroscopes::observability::TriadObservability;
 use crate::gyroscopes::{Measurements, add_gyroscopes};
@@ -11,6 +10,7 @@ use crate::options::{CalibrationOptions, refuse_options};
 use crate::ramps::add_transients;
 use crate::result::Calibration;
 use isotherm_campaign::Campaign;
+use isotherm_finding::{Finding, Severity, name};
 
 /// Checks that positions and turns determine all parameters of both triads; of the accelerometers only, if the campaign
 /// file has no turns.

@@ -5,14 +5,13 @@
 //!
 //! Over 400 lines: one check after another on the same dwells, most of the text being messages.
 
-pub mod name;
 pub(crate) mod scale;
 mod telemetry;
 pub(crate) mod time;
 
 use crate::reduce::reduce;
-use core::fmt;
 use isotherm_campaign::{Block, Campaign, Dwell};
+use isotherm_finding::{Finding, Location, RunNumber, Severity, name};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{median, robust_sd};
@@ -35,95 +34,6 @@ const EXACT_PULSES: f64 = 1e6;
 const FULL_BLOCKS: usize = 20;
 /// Rates of the same pulses in the same time, summed over different numbers of rows, differ by less.
 const ROUNDING: f64 = 1e-9;
-
-/// How bad a finding is.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Severity {
-    /// No table is made.
-    Fault,
-    /// The table is made; the user should look at the message.
-    Warning,
-}
-
-/// The number of a position or of a turn, as the samples carry it in the column `position`.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum RunNumber {
-    /// Of a position.
-    Position(u32),
-    /// Of a turn.
-    Turn(u32),
-}
-
-impl RunNumber {
-    /// The number alone.
-    #[must_use]
-    pub const fn value(self) -> u32 {
-        match self {
-            Self::Position(number) | Self::Turn(number) => number,
-        }
-    }
-}
-
-/// `position 3` or `turn 15`.
-impl fmt::Display for RunNumber {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Position(number) => write!(f, "position {number}"),
-            Self::Turn(number) => write!(f, "turn {number}"),
-        }
-    }
-}
-
-/// A fault or a warning about the campaign.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Finding {
-    /// How bad it is.
-    pub severity: Severity,
-    /// What it is, one of [`name::SUBJECTS`]; `--accept` takes it.
-    pub name: &'static str,
-    /// Line of the samples, if the finding concerns one.
-    pub line: Option<u64>,
-    /// Set point \[degC\], and the position or turn, if the finding concerns one.
-    pub place: Option<(f64, Option<RunNumber>)>,
-    /// The cause and the remedy.
-    pub message: String,
-}
-
-impl Finding {
-    /// A finding about the whole campaign.
-    #[must_use]
-    pub const fn whole(severity: Severity, name: &'static str, message: String) -> Self {
-        Self { severity, name, line: None, place: None, message }
-    }
-
-    /// `fault [name]: `, then as [`located`](Self::located).
-    #[must_use]
-    pub fn tagged(&self, locate: impl Fn(u64) -> String) -> String {
-        let severity = if self.severity == Severity::Fault { "fault" } else { "warning" };
-        format!("{severity} [{}]: {}", self.name, self.located(locate))
-    }
-
-    /// The finding as text, with file and line in front if it has a line. `locate` gives file and line of a row.
-    #[must_use]
-    pub fn located(&self, locate: impl Fn(u64) -> String) -> String {
-        match self.line {
-            Some(line) => format!("{}: {self}", locate(line)),
-            None => self.to_string(),
-        }
-    }
-}
-
-/// `set point 5 degC, position 3: message`, without the line.
-impl fmt::Display for Finding {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.place {
-            Some((set_point, Some(number))) => write!(f, "set point {set_point} degC, {number}: ")?,
-            Some((set_point, None)) => write!(f, "set point {set_point} degC: ")?,
-            None => {}
-        }
-        f.write_str(&self.message)
-    }
-}
 
 /// The telemetry of one sensor.
 struct Column {
@@ -256,7 +166,7 @@ impl Checker<'_> {
     fn report_dwell(&mut self, severity: Severity, name: &'static str, dwell: usize, line: u64, message: String) {
         let dwell = &self.dwells[dwell];
         let number = RunNumber::Position(self.campaign.positions[dwell.position].number);
-        let place = Some((dwell.set_point_c, Some(number)));
+        let place = Some(Location::SetPoint(dwell.set_point_c, Some(number)));
         self.findings.push(Finding { severity, name, line: Some(line), place, message });
     }
 
@@ -268,7 +178,13 @@ impl Checker<'_> {
         line: Option<u64>,
         message: String,
     ) {
-        self.findings.push(Finding { severity, name, line, place: Some((set_point_c, None)), message });
+        self.findings.push(Finding {
+            severity,
+            name,
+            line,
+            place: Some(Location::SetPoint(set_point_c, None)),
+            message,
+        });
     }
 
     /// Whether every set point has every position of the campaign file.

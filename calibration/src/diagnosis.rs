@@ -20,8 +20,9 @@
 
 mod words;
 
-use crate::checks::{Finding, RunNumber, SetPoint, Severity, name};
+use crate::checks::SetPoint;
 use isotherm_campaign::{Campaign, Dwell, Observability, PARAMETERS, Position, specific_force};
+use isotherm_finding::{Finding, Location, RunNumber, Severity, name};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
@@ -561,7 +562,7 @@ impl<'a> Trials<'a> {
             let Hypothesis::Off(position) = hypothesis else { continue };
             let number = RunNumber::Position(self.campaign.positions[*position].number);
             let moved = |i: &usize| {
-                let place = Some((self.set_points[*i].set_point_c, Some(number)));
+                let place = Some(Location::SetPoint(self.set_points[*i].set_point_c, Some(number)));
                 findings.iter().position(|finding| finding.name == name::NOT_STILL && finding.place == place)
             };
             if let Some(Some(first)) = scope.first().map(moved)

@@ -1,10 +1,11 @@
 //! Why no table can be made of a campaign.
 
-use crate::checks::{Finding, Severity, name};
 use crate::diagnosis::Diagnosis;
+use crate::gravity_only::GravityOnlyError;
 use crate::one_stage::OneStageError;
 use crate::transients::TransientsError;
 use isotherm_failure::{Exit, Failure};
+use isotherm_finding::{Finding, Severity, name};
 use isotherm_shared::table::Refusal;
 use isotherm_statistics::RegressionError;
 use std::path::Path;
@@ -62,6 +63,9 @@ pub enum CalibrationError {
     /// The joint fit failed.
     #[error(transparent)]
     Fit(#[from] OneStageError),
+    /// The standstills of an IMU that was put down by hand do not give a table.
+    #[error(transparent)]
+    GravityOnly(#[from] GravityOnlyError),
     /// The result is not a valid table.
     #[error("the result is no valid table: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
     Table(Vec<Refusal>),
@@ -110,15 +114,17 @@ impl CalibrationError {
         let exit = match self {
             Self::Positions(_) | Self::Curves(_) => Exit::Config,
             Self::NothingToExclude(..) | Self::Options(_) => Exit::Usage,
-            Self::Fit(_) | Self::Table(_) => Exit::Failed,
-            Self::Empty | Self::Faults { .. } | Self::SetPoint { .. } | Self::Order { .. } | Self::Transients(_) => {
-                Exit::Data
-            }
+            Self::Fit(_) | Self::Table(_) | Self::GravityOnly(GravityOnlyError::Table(_)) => Exit::Failed,
+            // Options are wrong for these data; for those of another IMU they may be right.
+            Self::GravityOnly(_) | Self::Empty | Self::Faults { .. } => Exit::Data,
+            Self::SetPoint { .. } | Self::Order { .. } | Self::Transients(_) => Exit::Data,
         };
         let message = match self {
             Self::Faults { .. } => self.lines(symptoms, |finding| finding.tagged(&locate)).join("\n"),
-            Self::NothingToExclude(..) => format!("--exclude: {self}"),
-            Self::Options(_) => self.to_string(),
+            Self::NothingToExclude(..) | Self::GravityOnly(GravityOnlyError::NothingToExclude(..)) => {
+                format!("--exclude: {self}")
+            }
+            Self::Options(_) | Self::GravityOnly(_) => self.to_string(),
             // The name of the recording is in the message.
             Self::Transients(_) => format!("{}: the ramps: {self}", campaign.display()),
             Self::Positions(deficiencies) | Self::Curves(deficiencies) => {
@@ -130,7 +136,7 @@ impl CalibrationError {
         let failure = Failure::new(exit, message);
         match self {
             Self::Positions(_) | Self::Curves(_) | Self::Transients(_) => failure.at(campaign, None),
-            Self::NothingToExclude(..) | Self::Options(_) => failure,
+            Self::NothingToExclude(..) | Self::Options(_) | Self::GravityOnly(_) => failure,
             // Each finding has its own line.
             _ => failure.at(samples, None),
         }

@@ -14,7 +14,7 @@ pub(crate) mod dilution;
 mod error;
 mod model;
 mod options;
-mod provenance;
+pub(crate) mod provenance;
 pub(crate) mod reading;
 mod recording;
 mod result;
@@ -22,20 +22,21 @@ mod result;
 pub use error::GravityOnlyError;
 pub(crate) use model::Unknowns;
 pub use options::{GravityOnlyOptions, ScaleFactorChoice};
-pub use provenance::sealed_gravity_only_table;
 pub use recording::TumbleRecording;
 pub use result::GravityOnlyCalibration;
 
+use crate::checks::scale::unlike_scale_factors;
+use crate::error::CalibrationError;
 use crate::table::table_of;
-use checks::{
-    kelvin, outliers, refuse_interval, refuse_offset, refuse_other_device, refuse_silent, refuse_twice, turned,
-};
+use checks::{kelvin, of_readings, of_recordings, outliers, turned};
 use choice::Chosen;
 use isotherm_campaign::{Campaign, TUMBLED, begins_ns, find_standstills, joint_range, stretches};
+use isotherm_finding::{Finding, name};
 use isotherm_recording::{Continuity, Losses};
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_statistics::median;
-use nalgebra::Vector3;
+use model::{GravityFit, GravityModel};
+use nalgebra::{DMatrix, Vector3};
 use reading::Reading;
 
 /// Residuals over the noise of the standstills that give a warning. Real IMUs reach 3.
@@ -71,78 +72,46 @@ const CHI_SQUARE_MEDIAN: f64 = 0.454_936;
 /// ```
 ///
 /// # Errors
-/// See [`GravityOnlyError`]; what the attitudes do not determine is named.
+/// Faults that are not accepted, and see [`GravityOnlyError`]; what the attitudes do not determine is named.
 pub fn calibrate_gravity_only(
     campaign: &Campaign,
     recordings: &[TumbleRecording],
     options: &GravityOnlyOptions,
-) -> Result<GravityOnlyCalibration, GravityOnlyError> {
-    if !options.other_device {
-        refuse_other_device(campaign, recordings)?;
-    }
-    refuse_twice(recordings)?;
-    let Found { mut readings, too_short, noise } = readings(recordings, options.window_s)?;
-    let count = readings.len();
-    if let Some(missing) = options.exclude.iter().find(|number| !(1..=count).contains(number)) {
-        return Err(GravityOnlyError::NothingToExclude(*missing, count));
-    }
-    readings.retain(|reading| !options.exclude.contains(&reading.number));
-    let gravity = campaign.gravity_local / campaign.gravity_reference;
-    refuse_silent(&readings)?;
-    refuse_offset(&readings, gravity)?;
-    let levels = levels(&readings);
-    let Chosen { model, fit, dilution, reasons, mut warnings } = choice::choose(&readings, levels, gravity, options)?;
-    let unknowns = model.unknowns;
-    let freedom = readings.len() - unknowns.count();
-    let forces: Vec<_> = readings.iter().map(|reading| model.force_of(&fit.unknown, reading)).collect();
-    let of_length = |force: &Vector3<f64>, errors: [f64; AXES]| {
-        error_of_length(force, errors, |axis| model.scale_factor(&fit.unknown, axis))
+) -> Result<GravityOnlyCalibration, CalibrationError> {
+    let mut accepted = Vec::new();
+    let mut admit = |findings: Vec<Finding>| {
+        let admitted = options.admission().admit(findings, &mut accepted);
+        admitted.map_err(|findings| CalibrationError::Faults { diagnosis: None, findings })
     };
-    let errors: Vec<f64> =
-        readings.iter().zip(&forces).map(|(reading, force)| of_length(force, reading.noise)).collect();
-    let of_means = errors_of_means(&readings);
-    let least = forces.iter().zip(of_means).map(|(force, errors)| of_length(force, errors).powi(2));
-    let least = least.sum::<f64>() / readings.len() as f64;
-    let variance = (fit.squares() / freedom.max(1) as f64).max(least);
-    let covariance = fit.inverse.as_ref().filter(|_| freedom > 0).map(|inverse| inverse * variance);
+    let mut findings = admit(of_recordings(campaign, recordings))?;
+    let Found { mut readings, too_short, noise } = readings(recordings, options.window_s)?;
+    exclude(&mut readings, &options.exclude)?;
+    let gravity = campaign.gravity_local / campaign.gravity_reference;
+    findings.extend(admit(of_readings(&readings, gravity).into_iter().collect())?);
+    let levels = levels(&readings);
+    let Chosen { model, fit, dilution, reasons, warnings } = choice::choose(&readings, levels, gravity, options)?;
+    let unknowns = model.unknowns;
+    let errors = Errors::of(&model, &fit, &readings);
     let ranges = table_ranges(campaign, &readings, &unknowns, options)?;
     let curve = |axis: usize, quantity: usize| {
         let range = ranges[usize::from(quantity > 0)][axis];
-        model.curve(&fit.unknown, covariance.as_ref(), [axis, quantity], freedom, range)
+        model.curve(&fit.unknown, errors.covariance.as_ref(), [axis, quantity], errors.freedom, range)
     };
     let curves = [0, 1, 2].map(|axis| [0, 1, 2].map(|quantity| curve(axis, quantity)));
     let misalignment = model.misalignment(&fit.unknown);
     let alignment = if unknowns.misalignment { misalignment.try_inverse() } else { None };
     let table = table_of(campaign, curves.each_ref(), alignment).map_err(GravityOnlyError::Table)?;
     let table = table.measured_at(Some(campaign.gravity_local)).measured_by_hand();
-    let residuals: Vec<f64> = fit.residual.iter().copied().collect();
-    if freedom == 0 {
-        let n = readings.len();
-        warnings.push(format!(
-            "{n} standstills for {n} unknowns: nothing is left to judge the table by, so there are no standard errors; put the IMU down in more attitudes"
-        ));
-    }
-    let ratio = variance.sqrt() / least.sqrt().max(LEAST_NOISE);
-    if ratio > LACK_OF_FIT {
-        warnings.push(format!(
-            "the residuals are {ratio:.0} times what the noise of the standstills explains: recordings of different IMUs, an order that is too low, or \
-             ground that is not firm; look at the residuals"
-        ));
-    }
-    warnings.extend(kelvin(campaign, &readings));
-    warnings.extend(table.content().unlike_scale_factors());
-    let gaps = recordings.iter().map(|recording| stretches(&recording.rows).len().saturating_sub(1)).sum::<usize>();
-    if gaps > readings.len() {
-        warnings.push(format!(
-            "the recordings have {gaps} gaps, and each ends a standstill; look for samples that were lost"
-        ));
-    }
     let continuity: Vec<Continuity> = recordings.iter().map(|recording| recording.rows.iter().collect()).collect();
-    let faults =
-        recordings.iter().zip(&continuity).filter_map(|(recording, found)| Some((&recording.name, found.fault()?)));
-    warnings.extend(faults.map(|(name, fault)| format!("{name}: {fault}")));
-    warnings.extend(turned(&readings, &errors, |reading, net| model.force_of_net(&fit.unknown, net, reading)));
-    warnings.extend(outliers(&readings, &fit, freedom));
+    let mut warnings = warnings;
+    warnings.extend(errors.warnings(readings.len()));
+    warnings.extend(kelvin(campaign, &readings));
+    warnings.extend(unlike_scale_factors(&table));
+    warnings.extend(of_time(recordings, &continuity, readings.len()));
+    warnings
+        .extend(turned(&readings, &errors.of_lengths, |reading, net| model.force_of_net(&fit.unknown, net, reading)));
+    warnings.extend(outliers(&readings, &fit, errors.freedom));
+    findings.extend(admit(warnings)?);
     Ok(GravityOnlyCalibration {
         table,
         options: options.clone(),
@@ -152,17 +121,100 @@ pub fn calibrate_gravity_only(
         levels,
         unknowns,
         reasons,
-        residuals,
-        freedom,
+        residuals: fit.residual.iter().copied().collect(),
+        freedom: errors.freedom,
         dilution,
         curves,
         misalignment,
-        misalignment_error: covariance.as_ref().and_then(|covariance| model.misalignment_errors(covariance)),
-        forces: forces.into_iter().map(Into::into).collect(),
+        misalignment_error: errors.covariance.as_ref().and_then(|covariance| model.misalignment_errors(covariance)),
+        forces: errors.forces.into_iter().map(Into::into).collect(),
         losses: continuity.iter().map(Continuity::losses).fold(Losses::default(), Losses::and),
-        warnings,
+        findings,
+        accepted,
         readings,
     })
+}
+
+/// Leaves out the standstills of these numbers.
+fn exclude(readings: &mut Vec<Reading>, numbers: &[usize]) -> Result<(), GravityOnlyError> {
+    let count = readings.len();
+    if let Some(missing) = numbers.iter().find(|number| !(1..=count).contains(number)) {
+        return Err(GravityOnlyError::NothingToExclude(*missing, count));
+    }
+    readings.retain(|reading| !numbers.contains(&reading.number));
+    Ok(())
+}
+
+/// What the residuals and the noise of the standstills say of a fit.
+struct Errors {
+    freedom: usize,
+    /// Specific force of each standstill \[g0\].
+    forces: Vec<Vector3<f64>>,
+    /// Standard error of each length by the noise of its rows \[g0\].
+    of_lengths: Vec<f64>,
+    /// Residuals over what the noise of the standstills explains.
+    ratio: f64,
+    /// Of the unknowns; `None` without degrees of freedom.
+    covariance: Option<DMatrix<f64>>,
+}
+
+impl Errors {
+    fn of(model: &GravityModel<'_>, fit: &GravityFit, readings: &[Reading]) -> Self {
+        let freedom = readings.len() - model.unknowns.count();
+        let forces: Vec<_> = readings.iter().map(|reading| model.force_of(&fit.unknown, reading)).collect();
+        let of_length = |force: &Vector3<f64>, errors: [f64; AXES]| {
+            error_of_length(force, errors, |axis| model.scale_factor(&fit.unknown, axis))
+        };
+        let of_lengths = readings.iter().zip(&forces).map(|(reading, force)| of_length(force, reading.noise)).collect();
+        let of_means = errors_of_means(readings);
+        let least = forces.iter().zip(of_means).map(|(force, errors)| of_length(force, errors).powi(2));
+        let least = least.sum::<f64>() / readings.len() as f64;
+        let variance = (fit.squares() / freedom.max(1) as f64).max(least);
+        Self {
+            freedom,
+            forces,
+            of_lengths,
+            ratio: variance.sqrt() / least.sqrt().max(LEAST_NOISE),
+            covariance: fit.inverse.as_ref().filter(|_| freedom > 0).map(|inverse| inverse * variance),
+        }
+    }
+
+    fn warnings(&self, standstills: usize) -> Vec<Finding> {
+        let mut warnings = Vec::new();
+        if self.freedom == 0 {
+            let message = format!(
+                "{standstills} standstills for {standstills} unknowns: nothing is left to judge the table by, so there are no standard errors; \
+                 put the IMU down in more attitudes"
+            );
+            warnings.push(Finding::warning(name::NO_FREEDOM, message));
+        }
+        if self.ratio > LACK_OF_FIT {
+            let message = format!(
+                "the residuals are {:.0} times what the noise of the standstills explains: recordings of different IMUs, an order that is too \
+                 low, or ground that is not firm; look at the residuals",
+                self.ratio
+            );
+            warnings.push(Finding::warning(name::LACK_OF_FIT, message));
+        }
+        warnings
+    }
+}
+
+/// Gaps and faults of time in the recordings.
+fn of_time(recordings: &[TumbleRecording], continuity: &[Continuity], standstills: usize) -> Vec<Finding> {
+    let mut found = Vec::new();
+    let gaps = recordings.iter().map(|recording| stretches(&recording.rows).len().saturating_sub(1)).sum::<usize>();
+    if gaps > standstills {
+        let message =
+            format!("the recordings have {gaps} gaps, and each ends a standstill; look for samples that were lost");
+        found.push(Finding::warning(name::MISSING_ROWS, message));
+    }
+    let fault = |(recording, found): (&TumbleRecording, &Continuity)| {
+        let fault = found.fault()?;
+        Some(Finding::warning(name::TIME_STEP, fault.to_string()).at(recording.place()))
+    };
+    found.extend(recordings.iter().zip(continuity).filter_map(fault));
+    found
 }
 
 /// The standstills of all recordings.
@@ -180,7 +232,6 @@ fn readings(recordings: &[TumbleRecording], window_s: f64) -> Result<Found, Grav
     };
     let with_gyroscopes = recordings.iter().flat_map(|recording| &recording.rows).any(has_gyroscopes);
     for (index, TumbleRecording { name, rows }) in recordings.iter().enumerate() {
-        refuse_interval(name, rows)?;
         let begins_ns = begins_ns(rows);
         let standstills = find_standstills(rows, window_s, TUMBLED)
             .map_err(|error| GravityOnlyError::Standstill { name: name.clone(), error })?;

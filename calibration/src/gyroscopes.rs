@@ -25,7 +25,6 @@ pub use runs::{FittedRun, Measurements, Place, read_measurements};
 
 use crate::admit::add_findings;
 use crate::alignment::{AlignmentChoice, is_needed as accelerometers_need_alignment};
-use crate::checks::Finding;
 use crate::error::CalibrationError;
 use crate::noise::noise_of_dwells;
 use crate::one_stage::{OneStageError, SetPointValues};
@@ -37,6 +36,7 @@ use data::Data;
 use earth::{EarthCheck, LeftOver};
 use fit::{GyroscopeCurves, ReducedSetPoint, Run, TriadSolution, corrected_values, reduce, solve};
 use isotherm_campaign::Campaign;
+use isotherm_finding::Finding;
 use isotherm_shared::table::{Axis, CoefficientTable, FORMAT, Gyroscopes};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{Curve, OrderTable};

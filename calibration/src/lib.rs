@@ -28,6 +28,7 @@ mod checks;
 mod diagnosis;
 mod effects;
 mod error;
+mod fitted;
 mod gravity_only;
 mod gyroscopes;
 mod noise;
@@ -47,14 +48,15 @@ pub use accelerometers::{accelerometers_observable, calibrate_accelerometers};
 pub use accuracy::{Accuracy, largest_interval};
 pub use alignment::{AlignmentChoice, is_needed};
 pub use calibrate::{calibrate, observable};
-pub use checks::name;
+
 pub use checks::time::{CLOCK_TOLERANCE, cause, part};
-pub use checks::{Finding, RunNumber, Severity, check, set_points};
+pub use checks::{check, set_points};
 pub use error::CalibrationError;
+pub use fitted::{Fitted, Measured};
 pub use gravity_only::reading::Reading;
 pub use gravity_only::{
     GravityOnlyCalibration, GravityOnlyError, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording,
-    calibrate_gravity_only, error_of_length, errors_of_means, sealed_gravity_only_table,
+    calibrate_gravity_only, error_of_length, errors_of_means,
 };
 pub use gyroscopes::fit::GyroscopeSolution;
 pub use gyroscopes::observability::TriadObservability;
@@ -63,9 +65,7 @@ pub use gyroscopes::{FittedRun, GyroscopeCalibration, Measurements, Place, is_al
 pub use noise::noise_of_dwells;
 pub use one_stage::{OneStageError, solve};
 pub use options::{CalibrationOptions, Method};
-pub use provenance::{
-    CampaignSource, CurveErrors, Hashed, Origin, TableFile, now, sealed_ramp_table, sealed_table, sha256, tool,
-};
+pub use provenance::{CampaignSource, CurveErrors, Hashed, Origin, TableFile, now, sha256, tool};
 pub use ramps::{RampCalibration, calibrate_ramps};
 pub use reduce::reduce;
 pub use result::Calibration;

@@ -4,6 +4,7 @@ use crate::alignment::AlignmentChoice;
 use crate::error::CalibrationError;
 use crate::transients::LagChoice;
 use isotherm_campaign::Campaign;
+use isotherm_finding::Admission;
 
 /// Highest order that is considered if none is requested.
 pub(crate) const MAX_AUTO_ORDER: usize = 6;
@@ -29,7 +30,7 @@ pub struct CalibrationOptions {
     pub alignment: AlignmentChoice,
     /// Dwells to leave out: set point \[degC\] and number of the position.
     pub exclude: Vec<(f64, u32)>,
-    /// Names of faults that are only warnings; see [`name`](crate::name).
+    /// Names of faults that are only warnings; see [`name`](isotherm_finding::name).
     pub accept: Vec<&'static str>,
     /// Whether every warning that is not accepted is a fault.
     pub strict: bool,
@@ -37,6 +38,13 @@ pub struct CalibrationOptions {
     pub lag: LagChoice,
     /// Time constant of the table in force \[s\]: it is kept where it lies within the interval that the ramps show.
     pub predecessor_lag_s: Option<f64>,
+}
+
+impl CalibrationOptions {
+    /// Which findings they accept.
+    pub(crate) fn admission(&self) -> Admission<'_> {
+        Admission { accept: &self.accept, strict: self.strict }
+    }
 }
 
 impl Method {

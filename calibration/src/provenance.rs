@@ -10,7 +10,7 @@ mod source;
 mod transients;
 
 pub use origin::{CurveErrors, Origin, TableFile};
-pub use source::CampaignSource;
+pub use source::{CampaignSource, now, tool};
 
 use crate::accuracy::{Accuracy, largest_interval};
 use crate::gyroscopes::GyroscopeCalibration;
@@ -26,60 +26,19 @@ use nalgebra::Matrix3;
 use serde::Serialize;
 use sha2::{Digest as _, Sha256};
 use std::io::{self, Read, Write};
-use std::time::SystemTime;
 use transients::TransientsRecord;
 
-/// Name and version of this program, for [`CampaignSource::tool`].
-#[must_use]
-pub fn tool() -> String {
-    format!("isotherm {}", env!("CARGO_PKG_VERSION"))
-}
-
-/// The current time to the second, RFC 3339 in UTC, for [`CampaignSource::time`].
-#[must_use]
-pub fn now() -> String {
-    humantime::format_rfc3339_seconds(SystemTime::now()).to_string()
-}
-
-/// The text of a calibration's table file: the sealed table and its provenance. The text is read back and compared.
-///
-/// ```
-/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// use isotherm_calibration::{CampaignSource, TableFile, now, sealed_table, sha256, tool};
-/// # use isotherm_calibration::{CalibrationOptions, calibrate, read_measurements};
-/// # let text = include_str!("../../examples/campaign/campaign.toml");
-/// # let campaign = isotherm_campaign::Campaign::from_toml(text)?;
-/// # let samples: &[u8] = include_bytes!("../../examples/campaign/samples.csv");
-/// # let rows = isotherm_recording::CampaignCsvReader::new(samples)?;
-/// # let options = CalibrationOptions::default();
-/// # let calibration = calibrate(&campaign, read_measurements(&campaign, rows)?, options)?;
-///
-/// let source = CampaignSource {
-///     tool: tool(),
-///     time: now(),
-///     campaign: "campaign.toml".to_owned(),
-///     campaign_sha256: sha256(text.as_bytes()),
-///     samples_sha256: sha256(samples),
-///     ramps_sha256: Vec::new(),
-/// };
-/// let file = TableFile::from_toml("imu-paper.toml", &sealed_table(&campaign, &calibration, &source)?)?;
-/// assert_eq!(file.table, calibration.table);
-/// assert!(file.origin.curves[0][0].is_some()); // the provenance has the errors of the bias of A1
-/// # Ok(())
-/// # }
-/// ```
-///
-/// # Errors
-/// If the text does not give the same table, or if the provenance cannot be written.
-pub fn sealed_table(campaign: &Campaign, calibration: &Calibration, source: &CampaignSource) -> Result<String, String> {
+/// The text of the table file of a campaign.
+pub(crate) fn sealed_table(
+    campaign: &Campaign,
+    calibration: &Calibration,
+    source: &CampaignSource,
+) -> Result<String, String> {
     sealed(campaign, &calibration.table, provenance(campaign, calibration, source))
 }
 
-/// The text of the table file of ramps alone, as [`sealed_table`].
-///
-/// # Errors
-/// As [`sealed_table`].
-pub fn sealed_ramp_table(
+/// The text of the table file of ramps alone.
+pub(crate) fn sealed_ramp_table(
     campaign: &Campaign,
     calibration: &RampCalibration,
     source: &CampaignSource,

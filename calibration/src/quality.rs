@@ -1,10 +1,11 @@
 //! The quality of a calibration beyond its standard errors: level errors, lack of fit, outlying dwells.
 
-use crate::checks::{Finding, SetPoint, Severity, name};
+use crate::checks::SetPoint;
 use crate::effects::{BIAS_EFFECT, SCALE_FACTOR_EFFECT};
 use crate::one_stage::{Solution, solve};
 use crate::reduce::Reduced;
 use isotherm_campaign::{Campaign, Dwell, SAME_DIRECTION, other_zero};
+use isotherm_finding::{Finding, Severity, name};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{OrderTable, QUANTITIES, median, robust_sd};

@@ -9,12 +9,12 @@
 
 use crate::admit::admit;
 use crate::checks::scale::unlike_scale_factors;
-use crate::checks::{Finding, Severity, name};
 use crate::error::CalibrationError;
 use crate::options::{CalibrationOptions, refuse_options};
 use crate::result::Calibration;
 use crate::transients::{CurveSource, RampRecording, TransientOptions, Transients, TransientsError, fit};
 use isotherm_campaign::Campaign;
+use isotherm_finding::{Finding, Severity, name};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, Content};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::device;

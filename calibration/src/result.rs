@@ -1,13 +1,14 @@
 //! The results of a calibration.
 
 use crate::alignment::{is_needed, misalignment};
-use crate::checks::{Finding, SetPoint};
+use crate::checks::SetPoint;
 use crate::gyroscopes::result::GyroscopeCalibration;
 use crate::one_stage::Solution;
 use crate::options::CalibrationOptions;
 use crate::reduce::Reduced;
 use crate::transients::Transients;
 use isotherm_campaign::{Dwell, Observability};
+use isotherm_finding::Finding;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::OrderTable;

@@ -1,10 +1,10 @@
 //! A triad of a calibration, as it is shown: what accelerometers and gyroscopes have in common. Texts, reports,
 //! provenance and accuracy of both triads come from this.
 
-use crate::checks::Finding;
 use crate::gyroscopes::GyroscopeCalibration;
 use crate::result::Calibration;
 use isotherm_campaign::PARAMETERS;
+use isotherm_finding::Finding;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;

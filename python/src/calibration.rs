@@ -1,26 +1,25 @@
 //! The function `calibrate` and its result.
 
-use crate::errors::{CalibrationError, faults, recording};
-use crate::offline::tool;
-use crate::records::{Fields, RAW, document, python};
+use crate::errors::{CalibrationError, RecordingFault, TableError, faults, file};
+use crate::records::{Fields, RAW, document};
 use crate::table::Table;
 use isotherm_calibration::{
-    Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, CampaignSource, Finding, FittedRun, Hashed,
-    LagChoice, Measurements, Method, RampCalibration, RampRecording, Severity, calibrate as fit,
-    calibrate_ramps as fit_ramps, name, observable, read_measurements, sealed_ramp_table, sealed_table, sha256,
+    Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, FittedRun, GravityOnlyOptions, LagChoice,
+    Method, ScaleFactorChoice, sha256,
 };
 use isotherm_campaign::{Campaign, Dwell, select_imu};
 use isotherm_client::TimeConstant;
-use isotherm_recording::{CampaignCsvReader, CampaignRow, RecordingError, SequenceRule};
-use isotherm_report::{calibration, json, ramps};
-use isotherm_shared::table::CoefficientTable;
+use isotherm_failure::Exit;
+use isotherm_finding::{Finding, name};
+use isotherm_job::{CampaignFile, FitOptions, Inputs, Made, Refused, Source, no_bar};
+use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
 use isotherm_statistics::OrderTable;
 use numpy::{PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyOSError, PyValueError};
 use pyo3::prelude::*;
 use serde_json::Value;
-use std::fs::File;
-use std::path::{Path, PathBuf};
+use std::fs;
+use std::path::PathBuf;
 
 /// Size of a row: a raw sample, the set point and the position \[bytes\].
 const ROW: usize = RAW + 16;
@@ -29,30 +28,37 @@ const ROW: usize = RAW + 16;
 #[pyclass(frozen, module = "isotherm._isotherm")]
 pub struct Calibration {
     campaign: Campaign,
-    result: FittedCampaign,
-    source: CampaignSource,
-    /// File of the samples, or `samples`.
-    place: String,
-    text: String,
+    made: Made,
 }
 
-/// What the campaign gave.
-enum FittedCampaign {
-    /// Positions, and the ramps beside them.
-    Positions(Box<Figures>),
-    /// Ramps alone.
-    Ramps(Box<RampCalibration>),
+/// A recording: the path of a file, or the bytes of rows.
+#[derive(FromPyObject)]
+pub(crate) enum Recorded<'py> {
+    Rows(PyReadonlyArray1<'py, u8>),
+    File(PathBuf),
 }
 
-/// The sample files that a campaign file's text names; None with ramps alone.
-#[pyfunction]
-pub(crate) fn samples_of(text: &str, name: &str, imu: Option<&str>) -> PyResult<Option<Vec<String>>> {
-    let campaign = campaign_of(text, name, imu)?;
-    Ok((!campaign.has_ramps_alone()).then_some(campaign.samples))
+/// The options of the command, with its names.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Options {
+    order: Option<usize>,
+    method: String,
+    alignment: Option<bool>,
+    exclude: Vec<(f64, u32)>,
+    accept: Vec<String>,
+    strict: bool,
+    /// \[s\]; 0 for no transients.
+    lag: Option<f64>,
+    window: f64,
+    scale_factor: String,
+    misalignment: bool,
+    standstills: Vec<usize>,
+    temperature_range: Option<[f64; 2]>,
 }
 
 /// The campaign of `imu`, or the only one.
-pub(crate) fn campaign_of(text: &str, name: &str, imu: Option<&str>) -> PyResult<Campaign> {
+fn campaign_of(text: &str, name: &str, imu: Option<&str>) -> PyResult<Campaign> {
     let campaigns = Campaign::batch_from_toml(text).map_err(|all| faults(name, &all))?;
     select_imu(campaigns, imu).map_err(|message| PyValueError::new_err(format!("{name}: {message}")))
 }
@@ -63,132 +69,131 @@ pub(crate) fn read_text(path: PathBuf) -> PyResult<String> {
     crate::table::read_text(&path)
 }
 
-/// Calibrates: makes a table from a campaign; `samples` is a path, or the bytes of rows; None with ramps alone.
-/// `folder` is that of the campaign file, and `lag` a time constant \[s\], 0 for no transients or None.
+/// Makes a table of a campaign. `path` is that of the campaign file with this `text`, and `recordings` replace those
+/// that it names, `None` for these. `by_hand` says which kind of campaign is expected.
 #[pyfunction]
-#[expect(
-    clippy::too_many_arguments,
-    reason = "the options of the command, named in the Python function that calls this"
-)]
+#[expect(clippy::needless_pass_by_value, reason = "an argument of a Python function")]
 pub(crate) fn calibrate(
     py: Python<'_>,
-    text: &str,
-    name: String,
-    folder: PathBuf,
-    samples: Option<&Bound<'_, PyAny>>,
-    order: Option<usize>,
-    method: &str,
-    alignment: Option<bool>,
-    exclude: Vec<(f64, u32)>,
-    accept: Vec<String>,
-    strict: bool,
-    other_device: bool,
-    lag: Option<f64>,
+    text: String,
+    path: PathBuf,
     imu: Option<&str>,
+    recordings: Option<Vec<Recorded<'_>>>,
+    by_hand: bool,
+    options: Options,
 ) -> PyResult<Calibration> {
-    let campaign = campaign_of(text, &name, imu)?;
-    let found = Method::NAMES.iter().find(|(_, known)| *known == method);
-    let Some((method, _)) = found else {
-        return Err(PyValueError::new_err(format!("method is {method:?}, give \"one-stage\" or \"two-stage\"")));
-    };
-    if let Some(order) = order.filter(|order| *order > 7) {
-        return Err(PyValueError::new_err(format!("order is {order}, give None or 0 to 7")));
+    let campaign_file = CampaignFile { path, text };
+    let name = campaign_file.name();
+    let campaign = campaign_of(&campaign_file.text, &name, imu)?;
+    if campaign.gravity_only != by_hand {
+        let message = match by_hand {
+            true => format!("{name} has no method = \"gravity-only\"; use calibrate"),
+            false => format!("{name} has method = \"gravity-only\"; use calibrate_gravity_only"),
+        };
+        return Err(PyValueError::new_err(message));
     }
-    let accept = accept.iter().map(|text| name::acceptable(text)).collect::<Result<Vec<_>, _>>();
-    let mut accept = accept.map_err(|message| PyValueError::new_err(format!("accept: {message}")))?;
-    accept.extend(other_device.then_some(name::OTHER_DEVICE));
-    let alignment = AlignmentChoice::of(alignment == Some(true), alignment == Some(false));
-    let lag = match lag {
-        None => LagChoice::Search,
-        Some(0.0) => LagChoice::None,
-        Some(seconds) => {
-            let checked = TimeConstant::from_seconds(seconds);
-            checked.map_err(|error| PyValueError::new_err(format!("lag: {error}")))?;
-            LagChoice::Given(seconds)
+    if recordings.is_some() && campaign.has_ramps_alone() {
+        return Err(PyValueError::new_err("samples: positions need them, and ramps alone have none"));
+    }
+    let options = options.checked()?;
+    let recordings =
+        recordings.unwrap_or_else(|| campaign_file.samples(&campaign).into_iter().map(Recorded::File).collect());
+    let sources = sources(&recordings, by_hand)?;
+    let named = campaign_file.ramps(&campaign).into_iter().chain(campaign_file.curves(&campaign));
+    for path in recordings.iter().filter_map(Recorded::path).cloned().chain(named) {
+        fs::metadata(&path).map_err(|error| file(&path, &error))?;
+    }
+    let made = py.detach(|| {
+        let inputs = Inputs::read(&campaign, Some(&campaign_file), sources, &options, &no_bar)?;
+        inputs.fit(&campaign, Some(&campaign_file))
+    });
+    Ok(Calibration { made: made.map_err(|refused| failed(&refused))?, campaign })
+}
+
+impl Recorded<'_> {
+    fn path(&self) -> Option<&PathBuf> {
+        if let Self::File(path) = self { Some(path) } else { None }
+    }
+}
+
+impl Options {
+    fn checked(self) -> PyResult<FitOptions> {
+        let wrong = |message: String| Err(PyValueError::new_err(message));
+        let Some((method, _)) = Method::NAMES.iter().find(|(_, known)| *known == self.method) else {
+            return wrong(format!("method is {:?}, give \"one-stage\" or \"two-stage\"", self.method));
+        };
+        let Some((choice, _)) = ScaleFactorChoice::NAMES.iter().find(|(_, known)| *known == self.scale_factor) else {
+            return wrong(format!("scale_factor is {:?}, give \"auto\", \"single\" or \"split\"", self.scale_factor));
+        };
+        if let Some(order) = self.order.filter(|order| *order > 7) {
+            return wrong(format!("order is {order}, give None or 0 to 7"));
+        }
+        let accept = self.accept.iter().map(|text| name::acceptable(text)).collect::<Result<Vec<_>, _>>();
+        let accept = accept.map_err(|message| PyValueError::new_err(format!("accept: {message}")))?;
+        let lag = match self.lag {
+            None => LagChoice::Search,
+            Some(0.0) => LagChoice::None,
+            Some(seconds) => {
+                let checked = TimeConstant::from_seconds(seconds);
+                checked.map_err(|error| PyValueError::new_err(format!("lag: {error}")))?;
+                LagChoice::Given(seconds)
+            }
+        };
+        Ok(FitOptions {
+            turntable: CalibrationOptions {
+                method: *method,
+                order: self.order,
+                alignment: AlignmentChoice::of(self.alignment == Some(true), self.alignment == Some(false)),
+                exclude: self.exclude,
+                accept: accept.clone(),
+                strict: self.strict,
+                lag,
+                predecessor_lag_s: None,
+            },
+            by_hand: GravityOnlyOptions {
+                window_s: self.window,
+                order: self.order,
+                scale_factor: *choice,
+                misalignment: self.misalignment,
+                exclude: self.standstills,
+                temperature_range: self.temperature_range,
+                accept,
+                strict: self.strict,
+            },
+            symptoms: false,
+        })
+    }
+}
+
+/// The recordings as the job takes them.
+fn sources<'a>(recordings: &'a [Recorded<'_>], by_hand: bool) -> PyResult<Vec<Source<'a>>> {
+    let source = |(index, recorded): (usize, &'a Recorded<'_>)| match recorded {
+        Recorded::File(path) => Ok(Source::File(path.clone())),
+        Recorded::Rows(rows) => {
+            let bytes = rows.as_slice()?;
+            let sha256 = sha256(bytes);
+            Ok(match by_hand {
+                true => {
+                    Source::Rows { name: format!("recording {}", index + 1), sha256, rows: Box::new(raw_rows(bytes)) }
+                }
+                false => Source::Rows { name: "samples".to_owned(), sha256, rows: Box::new(campaign_rows(bytes)) },
+            })
         }
     };
-    let options =
-        CalibrationOptions { method: *method, order, alignment, exclude, accept, strict, lag, predecessor_lag_s: None };
-    let alone = campaign.has_ramps_alone();
-    if !alone {
-        observable(&campaign).map_err(|error| failed("", &error))?;
-    }
-    let no_samples = || PyValueError::new_err("samples: positions need them, and ramps alone have none");
-    let (place, (mut measurements, samples_sha256)) = match samples {
-        None if alone => (String::new(), Default::default()),
-        Some(samples) if !alone => read_samples(py, &campaign, samples)?,
-        _ => return Err(no_samples()),
-    };
-    let (recordings, ramps_sha256) = py.detach(|| read_ramps(&campaign, &folder))?;
-    let mut source = CampaignSource {
-        tool: tool(),
-        time: String::new(),
-        campaign: name,
-        campaign_sha256: sha256(text.as_bytes()),
-        samples_sha256,
-        ramps_sha256,
-    };
-    let result = match campaign.curves.as_ref().filter(|_| alone) {
-        Some(file) => {
-            let path = folder.join(file);
-            let table = CoefficientTable::from_toml(&crate::table::read_text(&path)?, Some(&campaign.imu));
-            let table = table.map_err(|all| faults(&path.display().to_string(), &all))?;
-            let fitted = py.detach(|| fit_ramps(&campaign, &recordings, &table, options));
-            FittedCampaign::Ramps(Box::new(fitted.map_err(|error| failed(&place, &error))?))
-        }
-        None => {
-            measurements.ramps = recordings;
-            let fitted = py.detach(|| fit(&campaign, measurements, options));
-            FittedCampaign::Positions(Box::new(fitted.map_err(|error| failed(&place, &error))?))
-        }
-    };
-    source.time = python(py, "_files", "now")?.call0()?.extract()?;
-    let text = match &result {
-        FittedCampaign::Positions(figures) => sealed_table(&campaign, figures, &source),
-        FittedCampaign::Ramps(figures) => sealed_ramp_table(&campaign, figures, &source),
-    };
-    let text = text.map_err(CalibrationError::new_err)?;
-    Ok(Calibration { campaign, result, source, place, text })
+    recordings.iter().enumerate().map(source).collect()
 }
 
-/// What messages call the samples, and what they are with their SHA-256.
-fn read_samples(
-    py: Python<'_>,
-    campaign: &Campaign,
-    samples: &Bound<'_, PyAny>,
-) -> PyResult<(String, (Measurements, String))> {
-    if let Ok(path) = samples.extract::<PathBuf>() {
-        let read = py.detach(|| of_file(campaign, &path)).map_err(|e| recording(&path, &e))?;
-        return Ok((path.display().to_string(), read));
-    }
-    let rows: PyReadonlyArray1<'_, u8> = samples.extract()?;
-    let rows = rows.as_slice()?;
-    let read = py.detach(|| of_rows(campaign, rows));
-    Ok(("samples".to_owned(), read.map_err(|error| recording(Path::new("samples"), &error))?))
+/// The raw samples of an array. Messages count them from 0, as in the array.
+fn raw_rows(bytes: &[u8]) -> impl Iterator<Item = Result<CampaignRow, RecordingError>> + Send {
+    bytes.chunks_exact(RAW).enumerate().map(|(line, record)| {
+        Ok(CampaignRow { line: line as u64, set_point_c: 0.0, position: None, sample: Fields(record).raw() })
+    })
 }
 
-/// The ramps of a campaign file in `folder`, with the SHA-256 of each.
-fn read_ramps(campaign: &Campaign, folder: &Path) -> PyResult<(Vec<RampRecording>, Vec<String>)> {
-    let one = |path: &Path| {
-        let mut hashed = Hashed::new(File::open(path)?);
-        let recording = RampRecording::from_csv(path.display().to_string(), &mut hashed)?;
-        Ok((recording, hashed.finish().1))
-    };
-    let paths = campaign.ramps.iter().map(|ramp| folder.join(&ramp.samples));
-    let all: PyResult<Vec<_>> = paths.map(|path| one(&path).map_err(|error| recording(&path, &error))).collect();
-    Ok(all?.into_iter().unzip())
-}
-
-fn of_file(campaign: &Campaign, path: &Path) -> Result<(Measurements, String), RecordingError> {
-    let mut hashed = Hashed::new(File::open(path)?);
-    let measurements = read_measurements(campaign, CampaignCsvReader::new(&mut hashed)?)?;
-    Ok((measurements, hashed.finish().1))
-}
-
-/// The dwells and turns of an array's rows. Messages count the rows from 0, as in the array.
-fn of_rows(campaign: &Campaign, rows: &[u8]) -> Result<(Measurements, String), RecordingError> {
+/// The rows of a campaign in an array. Messages count them from 0, as in the array.
+fn campaign_rows(bytes: &[u8]) -> impl Iterator<Item = Result<CampaignRow, RecordingError>> + Send {
     let mut rule = SequenceRule::default();
-    let row = |(line, bytes): (usize, &[u8])| {
+    bytes.chunks_exact(ROW).enumerate().map(move |(line, bytes)| {
         let mut fields = Fields(bytes);
         let (sample, set_point_c, position) = (fields.raw(), fields.float(), fields.signed());
         let line = line as u64;
@@ -211,44 +216,39 @@ fn of_rows(campaign: &Campaign, rows: &[u8]) -> Result<(Measurements, String), R
             return fault(message);
         }
         Ok(CampaignRow { line, set_point_c, position, sample })
-    };
-    let measurements = read_measurements(campaign, rows.chunks_exact(ROW).enumerate().map(row))?;
-    Ok((measurements, sha256(rows)))
+    })
 }
 
 /// Severity, line and the rest of the line that the command prints: `[name]: message`.
-fn finding(place: &str, finding: &Finding) -> (&'static str, Option<u64>, String) {
-    let severity = if finding.severity == Severity::Warning { "warning" } else { "fault" };
-    let located = match finding.line {
-        Some(line) if !place.is_empty() => format!("{place}:{line}: {finding}"),
-        _ => finding.to_string(),
-    };
-    (severity, finding.line, format!("[{}]: {located}", finding.name))
+fn finding(finding: &Finding, locate: impl Fn(u64) -> String) -> (&'static str, Option<u64>, String) {
+    (finding.severity.name(), finding.line, format!("[{}]: {}", finding.name, finding.located(locate)))
 }
 
-fn failed(place: &str, error: &isotherm_calibration::CalibrationError) -> PyErr {
-    use isotherm_calibration::CalibrationError::{Empty, Faults};
-    match error {
-        Faults { diagnosis, findings } => {
-            let locate = |line| if place.is_empty() { format!("row {line}") } else { format!("{place}:{line}") };
-            let lines = error.lines(false, |each| each.tagged(locate));
+/// The exception of what the command would end with.
+fn failed(Refused { failure, error, places, .. }: &Refused) -> PyErr {
+    use isotherm_calibration::CalibrationError::Faults;
+    let message = failure.message.clone();
+    match (error, failure.exit) {
+        (Some(Faults { diagnosis, findings }), _) => {
             // The mistake that explains them is the first, as it is in the message.
             let first = diagnosis.as_deref().map(|diagnosis| &diagnosis.finding);
-            let all: Vec<_> = first.into_iter().chain(findings).map(|each| finding(place, each)).collect();
-            CalibrationError::new_err((lines.join("\n"), all))
+            let all = first.into_iter().chain(findings).map(|each| finding(each, |line| places.locate(line)));
+            CalibrationError::new_err((message, all.collect::<Vec<_>>()))
         }
-        Empty => CalibrationError::new_err(format!("{place}: {error}")),
-        _ => CalibrationError::new_err(error.to_string()),
+        (Some(_), _) => CalibrationError::new_err(message),
+        (None, Exit::Config) => TableError::new_err((message, Vec::<(usize, String, String)>::new())),
+        (None, Exit::Data) => {
+            let line = failure.place.as_ref().and_then(|(_, line)| *line);
+            RecordingFault::new_err((message, line))
+        }
+        (None, _) => PyOSError::new_err(message),
     }
 }
 
 impl Calibration {
     /// The calibration of the positions; None with ramps alone.
     fn positions(&self) -> Option<&Figures> {
-        match &self.result {
-            FittedCampaign::Positions(figures) => Some(figures),
-            FittedCampaign::Ramps(_) => None,
-        }
+        self.made.fitted.campaign()
     }
 
     /// The dwells and turns of the gyroscopes.
@@ -261,34 +261,29 @@ impl Calibration {
 impl Calibration {
     #[getter]
     fn table(&self) -> Table {
-        let table = match &self.result {
-            FittedCampaign::Positions(figures) => &figures.table,
-            FittedCampaign::Ramps(figures) => &figures.table,
-        };
-        Table::new(table.clone(), &self.text)
+        Table::new(self.made.fitted.table().clone(), &self.made.table)
     }
 
     #[getter]
     fn text(&self) -> &str {
-        &self.text
+        &self.made.table
     }
 
     #[getter]
     fn findings(&self) -> Vec<(&'static str, Option<u64>, String)> {
-        let findings = match &self.result {
-            FittedCampaign::Positions(figures) => &figures.findings,
-            FittedCampaign::Ramps(figures) => &figures.findings,
-        };
-        findings.iter().map(|each| finding("", each)).collect()
+        let row = |line: u64| line.to_string();
+        self.made.fitted.findings().iter().map(|each| finding(&Finding { line: None, ..each.clone() }, row)).collect()
     }
 
-    /// The bottom line: of the accelerometers, or of ramps alone.
+    /// What the command prints: the bottom line, the curves, the standstills.
+    fn __str__(&self) -> String {
+        self.made.text()
+    }
+
+    /// The bottom line.
     #[getter]
     fn accuracy(&self) -> String {
-        match &self.result {
-            FittedCampaign::Positions(figures) => Accuracy::of(figures).to_string(),
-            FittedCampaign::Ramps(figures) => figures.accuracy(),
-        }
+        self.made.fitted.accuracy()
     }
 
     /// The bottom line of the gyroscopes.
@@ -300,12 +295,7 @@ impl Calibration {
     /// The document of `isotherm calibrate --json`.
     #[getter]
     fn summary<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let locate = |line| format!("{}:{line}", self.place);
-        let summary = match &self.result {
-            FittedCampaign::Positions(figures) => json::calibration(figures, locate),
-            FittedCampaign::Ramps(figures) => json::ramps(figures, locate),
-        };
-        document(py, &summary)
+        document(py, &self.made.json())
     }
 
     /// The order tables by sensor and quantity, as JSON: A1, A2, A3, then the gyroscopes if there are any.
@@ -353,9 +343,6 @@ impl Calibration {
     }
 
     fn html(&self) -> String {
-        match &self.result {
-            FittedCampaign::Positions(figures) => calibration::html(&self.campaign, figures, &self.source),
-            FittedCampaign::Ramps(figures) => ramps::html(&self.campaign, figures, &self.source),
-        }
+        self.made.html(&self.campaign)
     }
 }

@@ -1,11 +1,11 @@
 //! The functions `compare` and `batch` on tables, and their results.
 
 use crate::errors::{ComparisonError, faults};
-use crate::offline::tool;
+
 use crate::records::{document, python};
 use crate::table::Table;
 use isotherm_analysis::{Batch as Statistics, Comparison as Differences, ComparisonRequirement};
-use isotherm_calibration::TableFile;
+use isotherm_calibration::{TableFile, now, tool};
 use isotherm_report::batch::BatchSource;
 use isotherm_report::comparison::ComparisonSource;
 use isotherm_report::{batch as batch_report, comparison as report};
@@ -83,7 +83,7 @@ impl Comparison {
     #[pyo3(signature = (path, *, require = None))]
     fn report(&self, py: Python<'_>, path: PathBuf, require: Option<&str>) -> PyResult<()> {
         let required = require.map(requirement).transpose()?;
-        let time = python(py, "_files", "now")?.call0()?.extract()?;
+        let time = now();
         let page = report::html(&self.0, &ComparisonSource { tool: tool(), time, required });
         python(py, "_files", "write_text")?.call1((path, page)).map(drop)
     }
@@ -129,7 +129,7 @@ impl Batch {
     fn report(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let source = BatchSource {
             tool: tool(),
-            time: python(py, "_files", "now")?.call0()?.extract()?,
+            time: now(),
             source: format!("{} tables", self.0.units.len()),
             dropped: Vec::new(),
         };

@@ -7,8 +7,8 @@ mod compare;
 mod connection;
 mod convert;
 mod errors;
-mod gravity_only;
 mod lag;
+mod lengths;
 mod noise;
 mod offline;
 mod owned;
@@ -30,15 +30,15 @@ mod _isotherm {
     #[pymodule_export]
     use crate::acquisition::{Acquisition, Loan, LoanTriad};
     #[pymodule_export]
-    use crate::calibration::{Calibration, calibrate, read_text, samples_of};
+    use crate::calibration::{Calibration, calibrate, read_text};
     #[pymodule_export]
     use crate::compare::{Batch, Comparison, batch, compare};
     #[pymodule_export]
     use crate::convert::{convert, write_ros};
     #[pymodule_export]
-    use crate::gravity_only::{GravityOnlyCalibration, calibrate_gravity_only, lengths};
-    #[pymodule_export]
     use crate::lag::device;
+    #[pymodule_export]
+    use crate::lengths::lengths;
     #[pymodule_export]
     use crate::noise::{noise, noise_of_rates};
     #[pymodule_export]

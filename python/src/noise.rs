@@ -1,10 +1,11 @@
 //! The noise of rates and recordings.
 
 use crate::errors::NoiseError;
-use crate::offline::{tool, with_lag};
-use crate::records::{Fields, RAW, python};
+use crate::offline::with_lag;
+use crate::records::{Fields, RAW};
 use crate::table::Table;
 use isotherm_analysis::{Allan, MIN_ROWS, NoiseAnalysis, TemperatureLine, imu_yaml};
+use isotherm_calibration::{now, tool};
 use isotherm_report::noise::{NoiseSource, html, json};
 use isotherm_shared::wire::RawSample;
 use numpy::PyReadonlyArray1;
@@ -20,7 +21,7 @@ pub(crate) fn noise(
     recording: String,
 ) -> PyResult<(String, String, Option<String>)> {
     let samples = samples.as_slice()?;
-    let time = python(py, "_files", "now")?.call0()?.extract()?;
+    let time = now();
     py.detach(|| {
         let rows: Vec<RawSample> = match table {
             Some(table) => with_lag(samples, &table.0).collect(),

@@ -3,6 +3,7 @@
 use crate::errors::{StabilityError, file, recording};
 use crate::records::{Fields, INCREMENT, RAW, array, document, increment_bytes, increments, python, view};
 use crate::table::Table;
+use isotherm_calibration::{now, tool};
 use isotherm_recording::csv::{CsvColumn, Rows};
 use isotherm_recording::{
     ANGLE_CSV_COLUMNS, Continuity, INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader,
@@ -367,7 +368,7 @@ impl Stability {
     fn report(&self, py: Python<'_>, path: PathBuf, require: Option<Require>) -> PyResult<()> {
         let source = VerificationSource {
             tool: tool(),
-            time: python(py, "_files", "now")?.call0()?.extract()?,
+            time: now(),
             table: self.table.content().imu.to_string(),
             recording: self.recording.clone(),
             window_s: self.window_s,
@@ -381,9 +382,4 @@ impl Stability {
         let (a1, a2, a3) = self.factor();
         format!("Stability(factor=({a1:.2}, {a2:.2}, {a3:.2}))")
     }
-}
-
-/// Name and version of this program, for provenance.
-pub(crate) fn tool() -> String {
-    format!("isotherm {} (Python)", env!("CARGO_PKG_VERSION"))
 }

@@ -12,8 +12,9 @@ use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
 use crate::calibration::parts::{Report, remark};
 use crate::parts::{NAVIGATION, navigation, provenance};
-use isotherm_calibration::{Accuracy, CalibratedTriad, Calibration, CampaignSource, RunNumber};
+use isotherm_calibration::{Accuracy, CalibratedTriad, Calibration, CampaignSource};
 use isotherm_campaign::{Campaign, Dwell};
+use isotherm_finding::{Location, RunNumber};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use triad::Budget;
@@ -282,7 +283,7 @@ impl Report<'_> {
 
     /// Whether there is a finding about a dwell or turn.
     fn verdict(&self, set_point_c: f64, number: RunNumber) -> Cell {
-        let place = Some((set_point_c, Some(number)));
+        let place = Some(Location::SetPoint(set_point_c, Some(number)));
         if self.calibration.findings.iter().any(|finding| finding.place == place) {
             remark()
         } else {

@@ -1,12 +1,11 @@
 //! A calibration without a turntable as text, JSON and page.
 
-use super::json::losses;
+use super::json::{findings, losses};
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
 use super::text::within;
-use isotherm_calibration::{CampaignSource, GravityOnlyCalibration, GravityOnlyError, Reading, largest_interval};
+use isotherm_calibration::{CampaignSource, GravityOnlyCalibration, Reading, largest_interval};
 use isotherm_campaign::Campaign;
-use isotherm_failure::Failure;
 use isotherm_shared::table::{AXIS_NAMES, GRAVITY_ONLY, GYROSCOPE_NAMES};
 use isotherm_statistics::{CONFIDENCE, QUANTITIES, student_quantile};
 use serde_json::{Value, json};
@@ -132,9 +131,9 @@ fn head(reading: &Reading) -> f64 {
     reading.head.iter().sum::<f64>() / 3.0
 }
 
-/// A calibration as JSON.
+/// A calibration as JSON. `locate` gives file and line of a row.
 #[must_use]
-pub fn json(calibration: &GravityOnlyCalibration) -> Value {
+pub fn json(calibration: &GravityOnlyCalibration, locate: impl Fn(u64) -> String) -> Value {
     let content = calibration.table.content();
     let of = |quantity: usize, with: &dyn Fn(usize, f64) -> Value| {
         (0..3).map(|axis| with(axis, calibration.mid(axis, quantity))).collect::<Value>()
@@ -209,31 +208,13 @@ pub fn json(calibration: &GravityOnlyCalibration) -> Value {
         "not_observable": NOT_OBSERVABLE,
         "curves": (0..9).map(curve).collect::<Vec<_>>(),
         "standstill": (0..calibration.readings.len()).map(standstill).collect::<Vec<_>>(),
-        "warnings": calibration.warnings,
+        "findings": findings(&calibration.findings, locate),
     })
-}
-
-/// Why there is no table: the failure, with the parameters that are not determined.
-#[must_use]
-pub fn refusal(error: &GravityOnlyError, failure: &Failure) -> Value {
-    let mut document = super::json::failure(failure);
-    let (parameters, attitude) = match error {
-        GravityOnlyError::Attitudes { parameters, attitude, .. } => (json!(parameters), json!(attitude)),
-        _ => (Value::Null, Value::Null),
-    };
-    document["parameters"] = parameters;
-    document["attitude"] = attitude;
-    document
 }
 
 /// The page as HTML.
 #[must_use]
-pub fn html(
-    campaign: &Campaign,
-    calibration: &GravityOnlyCalibration,
-    source: &CampaignSource,
-    recordings_sha256: &[String],
-) -> String {
+pub fn html(campaign: &Campaign, calibration: &GravityOnlyCalibration, source: &CampaignSource) -> String {
     let title = format!("Calibration of {} without a turntable", campaign.imu);
     let mut page = Page::new(&title, &format!("{} · {}", source.time, source.tool));
     page.heading(2, "result", "Result");
@@ -249,8 +230,8 @@ pub fn html(
         ("1 g0", format!("{} m/s2", campaign.gravity_reference)),
     ]);
     page.paragraph(&format!("This is {NOT_OBSERVABLE}."));
-    for warning in &calibration.warnings {
-        page.note(NoteKind::Warning, "Look at this", warning);
+    for finding in &calibration.findings {
+        page.note(NoteKind::Warning, "Look at this", &finding.to_string());
     }
     let rows: Vec<Vec<Cell>> = (0..3)
         .map(|axis| {
@@ -282,7 +263,7 @@ pub fn html(
     if !source.campaign.is_empty() {
         rows.extend([("Campaign file", source.campaign.as_str()), ("its SHA-256", &source.campaign_sha256)]);
     }
-    rows.extend(recordings_sha256.iter().map(|sha256| ("SHA-256 of a recording", sha256.as_str())));
+    rows.extend(source.recordings_sha256.iter().map(|sha256| ("SHA-256 of a recording", sha256.as_str())));
     page.key_values(&rows);
     page.finish()
 }

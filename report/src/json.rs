@@ -3,12 +3,13 @@
 //! texts have none. What is not known is null.
 
 use isotherm_calibration::{
-    Accuracy, BiasTransient, CalibratedTriad, Calibration, CalibrationError, Condition, Finding, GyroscopeCalibration,
-    RampCalibration, RunNumber, Severity, Transients, TriadObservability, TriadUnits, is_alignment_needed, is_needed,
+    Accuracy, BiasTransient, CalibratedTriad, Calibration, CalibrationError, Condition, GravityOnlyError,
+    GyroscopeCalibration, RampCalibration, Transients, TriadObservability, TriadUnits, is_alignment_needed, is_needed,
     largest_interval,
 };
 use isotherm_campaign::Dwell;
 use isotherm_failure::Failure;
+use isotherm_finding::Finding;
 use isotherm_recording::Losses;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_statistics::{CONFIDENCE, QUANTITIES, band};
@@ -50,7 +51,7 @@ pub fn calibration(calibration: &Calibration, locate: impl Fn(u64) -> String) ->
         "left_without_alignment_g0": calibration.left_without_alignment(),
         "accepted": calibration.accepted,
         "losses": losses(calibration.dwells.iter().map(Dwell::losses).fold(Losses::default(), Losses::and)),
-        "findings": calibration.findings.iter().map(|each| finding(each, &locate)).collect::<Vec<_>>(),
+        "findings": findings(&calibration.findings, &locate),
     });
     if let Some(found) = &calibration.gyroscopes {
         document["gyroscopes"] = gyroscopes(calibration, found);
@@ -77,7 +78,7 @@ pub fn ramps(calibration: &RampCalibration, locate: impl Fn(u64) -> String) -> V
         "unit": content.temperature_unit,
         "transients": transients(&calibration.transients),
         "accepted": calibration.accepted,
-        "findings": calibration.findings.iter().map(|each| finding(each, &locate)).collect::<Vec<_>>(),
+        "findings": findings(&calibration.findings, &locate),
     })
 }
 
@@ -236,30 +237,22 @@ pub fn refusal(error: &CalibrationError, failure: &Failure, locate: impl Fn(u64)
         _ => (None, &[][..]),
     };
     let mut document = self::failure(failure);
-    document["diagnosis"] = diagnosis.map_or(Value::Null, |diagnosis| finding(&diagnosis.finding, &locate));
-    document["findings"] = findings.iter().map(|each| finding(each, &locate)).collect();
+    document["diagnosis"] = json!(diagnosis.map(|diagnosis| diagnosis.finding.record(&locate)));
+    document["findings"] = self::findings(findings, &locate);
+    if let CalibrationError::GravityOnly(error) = error {
+        let (parameters, attitude) = match error {
+            GravityOnlyError::Attitudes { parameters, attitude, .. } => (Some(parameters), Some(attitude)),
+            _ => (None, None),
+        };
+        document["parameters"] = json!(parameters);
+        document["attitude"] = json!(attitude);
+    }
     document
 }
 
-fn finding(finding: &Finding, locate: impl Fn(u64) -> String) -> Value {
-    let (position, turn) = match finding.place {
-        Some((_, Some(RunNumber::Position(number)))) => (Some(number), None),
-        Some((_, Some(RunNumber::Turn(number)))) => (None, Some(number)),
-        _ => (None, None),
-    };
-    let mut document = json!({
-        "name": finding.name,
-        "severity": if finding.severity == Severity::Fault { "fault" } else { "warning" },
-        "line": finding.line,
-        "place": finding.line.map(locate),
-        "set_point_c": finding.place.map(|(set_point, _)| set_point),
-        "position": position,
-        "message": finding.message,
-    });
-    if turn.is_some() {
-        document["turn"] = json!(turn);
-    }
-    document
+/// The findings as JSON documents have them. `locate` gives file and line of a row.
+pub(crate) fn findings<'a>(all: impl IntoIterator<Item = &'a Finding>, locate: impl Fn(u64) -> String) -> Value {
+    all.into_iter().map(|finding| json!(finding.record(&locate))).collect()
 }
 
 /// A verification: table 4, the verdict and the judgement of what is required. `window_s` is the length of the windows

@@ -21,6 +21,7 @@ mod axis;
 pub mod batch;
 pub mod calibration;
 pub mod comparison;
+pub mod fitted;
 pub mod gravity_only;
 pub mod json;
 pub mod lengths;

@@ -39,7 +39,7 @@ pub(crate) fn provenance(
         ("its SHA-256", &source.campaign_sha256),
     ];
     rows.extend(samples);
-    for (ramp, sha256) in campaign.ramps.iter().zip(&source.ramps_sha256) {
+    for (ramp, sha256) in campaign.ramps.iter().zip(&source.recordings_sha256) {
         rows.extend([("Ramp", ramp.samples.as_str()), ("its SHA-256", sha256)]);
     }
     rows.push(("Table", &digest));

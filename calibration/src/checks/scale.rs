@@ -1,6 +1,7 @@
 //! The checks of scale: telemetry against the set points, scale factors against each other.
 
-use super::{Checker, Column, Finding, Severity, name};
+use super::{Checker, Column};
+use isotherm_finding::{Finding, Severity, name};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::median;

@@ -1,8 +1,9 @@
 //! The telemetry of a campaign, one column after the other: sensors that do not react, broken readings, dwells and set
 //! points that were not settled, set points that were not reached.
 
-use super::{Checker, Column, Finding, SetPoint, Severity, Steps, last_digit, name};
+use super::{Checker, Column, SetPoint, Steps, last_digit};
 use isotherm_campaign::{Block, Dwell, joint_range};
+use isotherm_finding::{Finding, Severity, name};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::median;
 

@@ -1,7 +1,8 @@
 //! The checks of time: soak, intervals, missing rows, and motions and ramps that are too fast to be true.
 
-use super::{Checker, Finding, RunNumber, SetPoint, Severity, name};
+use super::{Checker, SetPoint};
 use isotherm_campaign::{Dwell, Position, UNIT_FACTORS, UNIT_TOLERANCE};
+use isotherm_finding::{Finding, Location, RunNumber, Severity, name};
 use isotherm_statistics::{median, robust_sd};
 use nalgebra::{Rotation3, Vector3};
 
@@ -196,7 +197,9 @@ impl Checker<'_> {
                 severity: Severity::Fault,
                 name: name::IMPOSSIBLE_MOTION,
                 line: here.map(|dwell| dwell.lines[0]),
-                place: here.map(|dwell| (dwell.set_point_c, Some(RunNumber::Position(position(dwell).number)))),
+                place: here.map(|dwell| {
+                    Location::SetPoint(dwell.set_point_c, Some(RunNumber::Position(position(dwell).number)))
+                }),
                 message,
             });
         }

@@ -1,8 +1,8 @@
 //! What is said about a hypothesis that holds: the mistake and its remedy.
 
 use super::{EXPLAINS, Hypothesis, PositionMistake, Trials};
-use crate::checks::name;
 use isotherm_campaign::{Position, SAME_DIRECTION, specific_force};
+use isotherm_finding::name;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use nalgebra::{Matrix3, Vector3};

@@ -1,11 +1,11 @@
 //! What is refused before the fit, and what is warned of after it.
 
-use super::error::GravityOnlyError;
 use super::model::{Ellipsoid, GravityFit, ellipsoid};
 use super::reading::Reading;
 use super::recording::TumbleRecording;
 use crate::checks::time::CLOCK_TOLERANCE;
 use isotherm_campaign::Campaign;
+use isotherm_finding::{Finding, Location, name};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::{AXES, RawSample, device};
 use isotherm_statistics::{median, student_quantile};
@@ -20,83 +20,85 @@ const NO_CELSIUS: f64 = 150.0;
 /// Probability that a standstill is named as off by chance.
 const OUTLIER: f64 = 0.01;
 
-/// Refuses samples of another unit than the campaign's serial number says. Samples without a device, and campaigns
-/// without a serial number, pass.
-pub(super) fn refuse_other_device(campaign: &Campaign, recordings: &[TumbleRecording]) -> Result<(), GravityOnlyError> {
-    let Some(serial) = campaign.serial.as_deref() else { return Ok(()) };
+/// What is wrong with the recordings, before a standstill is searched.
+pub(super) fn of_recordings(campaign: &Campaign, recordings: &[TumbleRecording]) -> Vec<Finding> {
+    let mut found: Vec<Finding> = other_device(campaign, recordings).into_iter().collect();
+    found.extend(twice(recordings));
+    found.extend(recordings.iter().filter_map(interval));
+    found
+}
+
+/// Samples of another unit than the campaign's serial number says. Samples without a device, and campaigns without a
+/// serial number, pass.
+fn other_device(campaign: &Campaign, recordings: &[TumbleRecording]) -> Option<Finding> {
+    let serial = campaign.serial.as_deref()?;
     let ours = device(serial);
     let other = |row: &RawSample| row.device != 0 && ours != 0 && row.device != ours;
-    match recordings.iter().find(|recording| recording.rows.iter().any(other)) {
-        Some(recording) => Err(GravityOnlyError::Refused(format!(
-            "{}: samples of another unit than serial number {serial}; correct the serial number, or accept them: --other-device",
-            recording.name
-        ))),
-        None => Ok(()),
-    }
+    let recording = recordings.iter().find(|recording| recording.rows.iter().any(other))?;
+    let message = format!(
+        "samples of another unit than serial number {serial}; correct the serial number, or accept them: --other-device"
+    );
+    Some(Finding::fault(name::OTHER_DEVICE, message).at(recording.place()))
 }
 
-/// Refuses a recording that is there twice: it would count as new data.
-pub(super) fn refuse_twice(recordings: &[TumbleRecording]) -> Result<(), GravityOnlyError> {
-    for (index, one) in recordings.iter().enumerate() {
-        if let Some(other) = recordings[..index].iter().find(|other| other.rows == one.rows) {
-            return Err(GravityOnlyError::Refused(format!(
-                "{} and {} are the same recording; name every recording once",
-                other.name, one.name
-            )));
-        }
-    }
-    Ok(())
+/// A recording that is there twice: it would count as new data.
+fn twice(recordings: &[TumbleRecording]) -> Option<Finding> {
+    let same = |(index, one): (usize, &TumbleRecording)| {
+        let other = recordings[..index].iter().find(|other| other.rows == one.rows)?;
+        let message = format!("{} and {} are the same recording; name every recording once", other.name, one.name);
+        Some(Finding::fault(name::SAME_RECORDING, message))
+    };
+    recordings.iter().enumerate().find_map(same)
 }
 
-/// Refuses intervals that are not the time from row to row.
-pub(super) fn refuse_interval(name: &str, rows: &[RawSample]) -> Result<(), GravityOnlyError> {
+/// Intervals that are not the time from row to row.
+fn interval(recording: &TumbleRecording) -> Option<Finding> {
     let ratio = |pair: &[RawSample]| {
         let step_ns = pair[1].timestamp_ns.saturating_sub(pair[0].timestamp_ns);
         (pair[0].session == pair[1].session && step_ns > 0).then(|| pair[1].interval_ns as f64 / step_ns as f64)
     };
-    let ratios: Vec<f64> = rows.windows(2).filter_map(ratio).collect();
+    let ratios: Vec<f64> = recording.rows.windows(2).filter_map(ratio).collect();
     let usual = if ratios.is_empty() { 1.0 } else { median(ratios) };
-    if (usual - 1.0).abs() <= CLOCK_TOLERANCE {
-        return Ok(());
-    }
-    Err(GravityOnlyError::Refused(format!(
-        "{name}: interval_ns is {usual:.4} of the time from row to row, so every scale factor would be off as much; correct interval_ns, or the \
-         timestamps; of foreign data, interval_s in the mapping file"
-    )))
+    ((usual - 1.0).abs() > CLOCK_TOLERANCE).then(|| {
+        let message = format!(
+            "interval_ns is {usual:.4} of the time from row to row, so every scale factor would be off as much; correct interval_ns, or the \
+             timestamps; of foreign data, interval_s in the mapping file"
+        );
+        Finding::fault(name::INTERVAL, message).at(recording.place())
+    })
 }
 
-/// Refuses an axis that never counts.
-pub(super) fn refuse_silent(readings: &[Reading]) -> Result<(), GravityOnlyError> {
+/// What is wrong with the standstills, before anything is fitted: an axis that never counts, or readings about a centre
+/// that no bias explains.
+pub(super) fn of_readings(readings: &[Reading], gravity: f64) -> Option<Finding> {
     let counts = |axis: usize| readings.iter().any(|reading| reading.rates[axis] != [0.0; 2]);
-    match (0..AXES).find(|axis| !counts(*axis)) {
-        Some(axis) if !readings.is_empty() => Err(GravityOnlyError::Refused(format!(
-            "{} gives no pulses in any standstill; look at its columns and its converter",
-            AXIS_NAMES[axis]
-        ))),
-        _ => Ok(()),
+    if let Some(axis) = (0..AXES).find(|axis| !counts(*axis)).filter(|_| !readings.is_empty()) {
+        let message =
+            format!("{} gives no pulses in any standstill; look at its columns and its converter", AXIS_NAMES[axis]);
+        return Some(Finding::fault(name::NO_PULSES, message));
     }
-}
-
-/// Refuses readings about a centre that no bias explains.
-pub(super) fn refuse_offset(readings: &[Reading], gravity: f64) -> Result<(), GravityOnlyError> {
-    let Some(Ellipsoid { bias, scale_factor, condition }) = ellipsoid(readings, gravity) else { return Ok(()) };
+    let Ellipsoid { bias, scale_factor, condition } = ellipsoid(readings, gravity)?;
     let offset = (0..AXES).find(|axis| bias[*axis].abs() > MAX_BIAS);
     // Few attitudes show a part of the ellipsoid, whose centre may be anywhere.
-    let Some(axis) = offset.filter(|_| condition < MAX_CONDITION) else { return Ok(()) };
-    Err(GravityOnlyError::Refused(format!(
+    let axis = offset.filter(|_| condition < MAX_CONDITION)?;
+    let message = format!(
         "the rates of {} lie about {:.0} pulse/s, which is {:.1} g0: the offset of an unsigned count is left in; take it off with isotherm convert, \
          `offset` in the mapping file",
         AXIS_NAMES[axis],
         bias[axis] * scale_factor[axis],
         bias[axis]
-    )))
+    );
+    Some(Finding::fault(name::COUNT_OFFSET, message))
 }
 
 /// A warning about telemetry in kelvin with the label of degrees Celsius.
-pub(super) fn kelvin(campaign: &Campaign, readings: &[Reading]) -> Option<String> {
+pub(super) fn kelvin(campaign: &Campaign, readings: &[Reading]) -> Option<Finding> {
     let lowest = readings.iter().flat_map(|reading| reading.head).fold(f64::INFINITY, f64::min);
     let is_kelvin = campaign.temperature_unit == "degC" && lowest > NO_CELSIUS;
-    is_kelvin.then(|| format!("the telemetry is {lowest:.1} degC at least; if it is in kelvin, say so: K"))
+    is_kelvin.then(|| {
+        let message = format!("the telemetry is {lowest:.1} degC at least; if it is in kelvin, say so: K");
+        Finding::warning(name::TELEMETRY_OFFSET, message)
+    })
 }
 
 /// Standstills in which the IMU turned: the mean of a specific force that turns by theta is theta^2/24 too short.
@@ -104,7 +106,7 @@ pub(super) fn turned(
     readings: &[Reading],
     noise: &[f64],
     force: impl Fn(&Reading, &[f64; AXES]) -> Vector3<f64>,
-) -> Vec<String> {
+) -> Vec<Finding> {
     let shown = |(reading, noise): (&Reading, &f64)| {
         let [first, last] = [0, 1].map(|third| force(reading, &reading.thirds[third]));
         // The middles of the thirds are two thirds of the standstill apart.
@@ -112,22 +114,22 @@ pub(super) fn turned(
         let short = angle * angle / 24.0;
         let named = short > *noise;
         named.then(|| {
-            format!(
-                "standstill {}: the IMU turned by {:.1} mrad in it, which makes its specific force {:.1}e-6 g0 too short, over the noise of its \
+            let message = format!(
+                "the IMU turned by {:.1} mrad in it, which makes its specific force {:.1}e-6 g0 too short, over the noise of its \
                  mean, {:.1}e-6 g0; put it on firm ground, or leave it out: --exclude {}",
-                reading.number,
                 angle * 1e3,
                 short * 1e6,
                 noise * 1e6,
                 reading.number
-            )
+            );
+            Finding::warning(name::TURNED, message).at(Location::Standstill(reading.number))
         })
     };
     readings.iter().zip(noise).filter_map(shown).collect()
 }
 
 /// Standstills whose residual no chance explains: each is judged by the scatter of the others, at 1 % shared among all.
-pub(super) fn outliers(readings: &[Reading], fit: &GravityFit, freedom: usize) -> Vec<String> {
+pub(super) fn outliers(readings: &[Reading], fit: &GravityFit, freedom: usize) -> Vec<Finding> {
     let (Some(inverse), true) = (&fit.inverse, freedom > 2) else { return Vec::new() };
     let limit = student_quantile(1.0 - OUTLIER / readings.len() as f64, freedom - 1);
     let shown = |(i, reading): (usize, &Reading)| {
@@ -141,11 +143,12 @@ pub(super) fn outliers(readings: &[Reading], fit: &GravityFit, freedom: usize) -
         let others = (fit.squares() - residual * residual / left).max(0.0) / (freedom - 1) as f64;
         let ratio = residual.abs() / (others * left).sqrt();
         (ratio > limit).then(|| {
-            format!(
-                "standstill {}, {:.0} s after the start: {:.1}e-6 g0 off, {ratio:.1} times what the others allow (limit {limit:.1}): look at it, or leave \
+            let message = format!(
+                "{:.0} s after the start, it is {:.1}e-6 g0 off, {ratio:.1} times what the others allow (limit {limit:.1}): look at it, or leave \
                  it out: --exclude {}",
-                reading.number, reading.start_s, residual * 1e6, reading.number
-            )
+                reading.start_s, residual * 1e6, reading.number
+            );
+            Finding::warning(name::OUTLIER, message).at(Location::Standstill(reading.number))
         })
     };
     readings.iter().enumerate().filter_map(shown).collect()

@@ -6,6 +6,7 @@ use super::model::{GravityFit, GravityModel, Unknowns};
 use super::options::{GravityOnlyOptions, ScaleFactorChoice};
 use super::reading::Reading;
 use crate::effects::{BIAS_EFFECT, SCALE_FACTOR_EFFECT};
+use isotherm_finding::{Finding, name};
 use isotherm_shared::polynomial::MAX_ORDER;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
@@ -25,7 +26,7 @@ pub(super) struct Chosen<'a> {
     pub dilution: Dilution,
     /// Of the order, and of the scale factors.
     pub reasons: [String; 2],
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Finding>,
 }
 
 /// A fit with its model.
@@ -120,11 +121,11 @@ pub(super) fn choose<'a>(
     }
     let (order, why_order, split, why_split) = order_and_split(data, levels, options);
     if levels == 2 && options.order.is_none() && line_is_better(data, split) {
-        warnings.push(
+        let message =
             "the two temperatures differ significantly, and the table has their mean: two temperatures show no curvature, so a line must be asked \
              for, --order 1; better is a third temperature"
-                .to_owned(),
-        );
+                .to_owned();
+        warnings.push(Finding::warning(name::TEMPERATURES, message));
     }
     let unknowns = data.unknowns(order, split);
     let (n, needed) = (readings.len(), unknowns.count());
@@ -159,12 +160,13 @@ pub(super) fn choose<'a>(
         });
     };
     if dilution.times_root_n > WARNED {
-        warnings.push(format!(
+        let message = format!(
             "the attitudes tell the parameters apart badly: D sqrt(n) is {shown}, over {WARNED}; worst: {}; what helps most: put the IMU down \
              {}",
             dilution.weakest.join(", "),
             dilution.help
-        ));
+        );
+        warnings.push(Finding::warning(name::ATTITUDES, message));
     }
     Ok(Chosen { model, fit, dilution, reasons: [why_order, why_split], warnings })
 }

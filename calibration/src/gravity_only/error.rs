@@ -1,7 +1,6 @@
 //! Why an IMU cannot be calibrated by gravity's length.
 
 use isotherm_campaign::StandstillError;
-use isotherm_failure::{Exit, Failure};
 use isotherm_shared::table::Refusal;
 
 /// Why no table can be made.
@@ -39,15 +38,4 @@ pub enum GravityOnlyError {
     /// The result is not a valid table.
     #[error("the result is no valid table: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
     Table(Vec<Refusal>),
-}
-
-impl GravityOnlyError {
-    /// The error as the failure of a program.
-    #[must_use]
-    pub fn failure(&self) -> Failure {
-        // Options are wrong for these data; for those of another IMU they may be right.
-        let exit = if matches!(self, Self::Table(_)) { Exit::Failed } else { Exit::Data };
-        let prefix = if matches!(self, Self::NothingToExclude(..)) { "--exclude: " } else { "" };
-        Failure::new(exit, format!("{prefix}{self}"))
-    }
 }

@@ -1,5 +1,7 @@
 //! Options of a calibration by gravity's length.
 
+use isotherm_finding::Admission;
+
 /// One scale factor for both channels of an axis, or two.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub enum ScaleFactorChoice {
@@ -33,8 +35,10 @@ pub struct GravityOnlyOptions {
     pub exclude: Vec<usize>,
     /// Where a table of order 0 is valid, in the telemetry's unit; the measured range if `None`.
     pub temperature_range: Option<[f64; 2]>,
-    /// Whether samples of another unit than the campaign's serial number says are used.
-    pub other_device: bool,
+    /// Names of faults that are only warnings; see [`name`](isotherm_finding::name).
+    pub accept: Vec<&'static str>,
+    /// Whether every warning that is not accepted is a fault.
+    pub strict: bool,
 }
 
 impl Default for GravityOnlyOptions {
@@ -46,7 +50,15 @@ impl Default for GravityOnlyOptions {
             misalignment: true,
             exclude: Vec::new(),
             temperature_range: None,
-            other_device: false,
+            accept: Vec::new(),
+            strict: false,
         }
+    }
+}
+
+impl GravityOnlyOptions {
+    /// Which findings they accept.
+    pub(super) fn admission(&self) -> Admission<'_> {
+        Admission { accept: &self.accept, strict: self.strict }
     }
 }

@@ -37,7 +37,10 @@ struct GravityOnlyProvenance<'a> {
     misalignment: [[f64; 3]; 3],
     #[serde(skip_serializing_if = "Option::is_none")]
     misalignment_standard_error: Option<[[f64; 3]; 3]>,
-    warnings: &'a [String],
+    /// Names of the faults that were accepted; they are among the warnings.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    accepted: &'a [&'static str],
+    warnings: Vec<String>,
     curve: Vec<CurveRecord>,
 }
 
@@ -58,16 +61,11 @@ struct CurveRecord {
     covariance: Option<Vec<Vec<f64>>>,
 }
 
-/// The text of the table file: the sealed table and its provenance. The text is read back and compared.
-/// `recordings_sha256` are those of the recordings, in hexadecimal; `source.samples_sha256` is not used.
-///
-/// # Errors
-/// If the text does not give the same table, or if the provenance cannot be written.
-pub fn sealed_gravity_only_table(
+/// The text of the table file of an IMU that was put down by hand.
+pub(crate) fn sealed_gravity_only_table(
     campaign: &Campaign,
     calibration: &GravityOnlyCalibration,
     source: &CampaignSource,
-    recordings_sha256: &[String],
 ) -> Result<String, String> {
     let document = ProvenanceFile {
         provenance: GravityOnlyProvenance {
@@ -76,7 +74,7 @@ pub fn sealed_gravity_only_table(
             method: GRAVITY_ONLY,
             campaign: &source.campaign,
             campaign_sha256: &source.campaign_sha256,
-            recordings_sha256,
+            recordings_sha256: &source.recordings_sha256,
             gravity_local: campaign.gravity_local,
             standstills: calibration.readings.len(),
             excluded: &calibration.options.exclude,
@@ -90,7 +88,8 @@ pub fn sealed_gravity_only_table(
             misalignment_standard_error: calibration
                 .misalignment_error
                 .map(|[m12, m13, m23]| [[0.0, m12, m13], [0.0, 0.0, m23], [0.0, 0.0, 0.0]]),
-            warnings: &calibration.warnings,
+            accepted: &calibration.accepted,
+            warnings: calibration.findings.iter().map(ToString::to_string).collect(),
             curve: (0..9).map(|index| curve(calibration, index / 3, index % 3)).collect(),
         },
     };

@@ -1,6 +1,7 @@
 //! A recording of an IMU that is put down by hand.
 
 use isotherm_campaign::implausible;
+use isotherm_finding::Location;
 use isotherm_recording::{CampaignRow, RecordingError};
 use isotherm_shared::wire::RawSample;
 
@@ -16,6 +17,11 @@ impl TumbleRecording {
     #[must_use]
     pub fn new(name: impl Into<String>) -> Self {
         Self { name: name.into(), rows: Vec::new() }
+    }
+
+    /// What a finding about it concerns.
+    pub(super) fn place(&self) -> Location {
+        Location::Recording(self.name.clone())
     }
 
     /// The recording of these rows.

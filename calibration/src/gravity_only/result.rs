@@ -4,6 +4,7 @@ use super::dilution::Dilution;
 use super::model::Unknowns;
 use super::options::GravityOnlyOptions;
 use super::reading::Reading;
+use isotherm_finding::Finding;
 use isotherm_recording::Losses;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::AXES;
@@ -45,8 +46,10 @@ pub struct GravityOnlyCalibration {
     pub misalignment_error: Option<[f64; AXES]>,
     /// Specific force of each standstill along the body's axes \[g0\].
     pub forces: Vec<[f64; AXES]>,
-    /// What the user must know.
-    pub warnings: Vec<String>,
+    /// Warnings.
+    pub findings: Vec<Finding>,
+    /// Names of the faults that were accepted, and are warnings now.
+    pub accepted: Vec<&'static str>,
     /// Rows that are missing within the recordings by their sequences, and steps of time.
     pub losses: Losses,
 }

@@ -2,8 +2,8 @@
 
 use super::data::Data;
 use super::runs::{AT_REST, TurnBlock, TurnRun};
-use crate::checks::{Finding, RunNumber, Severity, name};
 use isotherm_campaign::{Dwell, LEAST_TURN};
+use isotherm_finding::{Finding, Location, RunNumber, Severity, name};
 use isotherm_shared::table::GYROSCOPE_NAMES;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::median;
@@ -79,7 +79,7 @@ impl Checker<'_> {
             severity: Severity::Fault,
             name,
             line: Some(line),
-            place: Some((turn.run.set_point_c, Some(RunNumber::Turn(number)))),
+            place: Some(Location::SetPoint(turn.run.set_point_c, Some(RunNumber::Turn(number)))),
             message: message.to_owned(),
         });
     }
@@ -89,7 +89,7 @@ impl Checker<'_> {
     fn gathered(self) -> Vec<Finding> {
         let Self { data, findings } = self;
         let turn = |finding: &Finding| match finding.place {
-            Some((_, Some(RunNumber::Turn(number)))) => Some((finding.name, number)),
+            Some(Location::SetPoint(_, Some(RunNumber::Turn(number)))) => Some((finding.name, number)),
             _ => None,
         };
         let everywhere = |(_, number): (&str, u32), count: usize| {
@@ -146,7 +146,7 @@ impl Checker<'_> {
                     severity: Severity::Fault,
                     name: name::MISSING_TURN,
                     line: None,
-                    place: Some((set_point_c, None)),
+                    place: Some(Location::SetPoint(set_point_c, None)),
                     message,
                 });
             }
@@ -303,7 +303,7 @@ impl Checker<'_> {
                     severity: Severity::Fault,
                     name: name::NOT_STILL,
                     line: Some(line),
-                    place: Some((dwell.set_point_c, Some(RunNumber::Position(number)))),
+                    place: Some(Location::SetPoint(dwell.set_point_c, Some(RunNumber::Position(number)))),
                     message,
                 });
             }
@@ -344,7 +344,7 @@ impl Checker<'_> {
                             severity: Severity::Fault,
                             name: name::TELEMETRY_DRIFT,
                             line: Some(run.lines[0]),
-                            place: Some((run.set_point_c, Some(number))),
+                            place: Some(Location::SetPoint(run.set_point_c, Some(number))),
                             message,
                         });
                     }

@@ -2,8 +2,8 @@
 
 use super::fit::{RateInput, Run, TriadSolution, effects};
 use super::runs::{FittedRun, Place};
-use crate::checks::{Finding, Severity, name};
 use isotherm_campaign::{Campaign, EARTH_RATE, Position, SAME_DIRECTION, horizontal_rate, vertical_rate};
+use isotherm_finding::{Finding, Severity, name};
 use isotherm_shared::wire::AXES;
 use nalgebra::{Matrix3x2, Vector2, Vector3};
 use std::collections::BTreeMap;

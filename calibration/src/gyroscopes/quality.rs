@@ -2,9 +2,9 @@
 
 use super::fit::{GyroscopeCurves, ReducedSetPoint, Run, TriadSolution, solve};
 use super::runs::FittedRun;
-use crate::checks::{Finding, Severity, name};
 use crate::effects::{GYROSCOPE_BIAS_EFFECT, GYROSCOPE_SCALE_FACTOR_EFFECT};
 use isotherm_campaign::Campaign;
+use isotherm_finding::{Finding, Location, Severity, name};
 use isotherm_shared::table::GYROSCOPE_NAMES;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{OrderTable, QUANTITIES, median, robust_sd};
@@ -132,7 +132,7 @@ pub(super) fn outlier(
         severity: Severity::Warning,
         name: name::OUTLIER,
         line: Some(lines[0]),
-        place: Some((set_point_c, Some(number))),
+        place: Some(Location::SetPoint(set_point_c, Some(number))),
         message: format!(
             "{} is {:.2} arcsec off the fit, far more than elsewhere; kept, leave it out with --exclude {set_point_c}/{} if it is known to be bad",
             GYROSCOPE_NAMES[axis],

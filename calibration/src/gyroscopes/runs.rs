@@ -1,8 +1,8 @@
 //! The rows of a campaign with gyroscopes: its dwells, and its turns row by row.
 
-use crate::checks::{Finding, RunNumber, Severity, name};
 use crate::transients::RampRecording;
 use isotherm_campaign::{Campaign, Dwell, Turn, read_dwells};
+use isotherm_finding::{Finding, RunNumber, Severity, name};
 use isotherm_recording::{CampaignRow, RecordingError};
 use isotherm_shared::table::GYROSCOPE_NAMES;
 use isotherm_shared::wire::{AXES, RawSample, Triad, device};

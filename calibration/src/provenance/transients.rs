@@ -110,7 +110,7 @@ pub(super) fn of_ramps(
 impl<'a> TransientsRecord<'a> {
     pub(super) fn of(campaign: &'a Campaign, found: &'a Transients, source: &'a CampaignSource) -> Self {
         let tau = &found.time_constant;
-        let ramps = campaign.ramps.iter().zip(&source.ramps_sha256);
+        let ramps = campaign.ramps.iter().zip(&source.recordings_sha256);
         Self {
             verdict: found.verdict.name(),
             words: &found.words,

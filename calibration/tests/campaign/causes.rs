@@ -3,9 +3,10 @@
 use crate::checks::with_rows;
 use crate::common::{calibrated, campaign_file, csv, dwells, paper, paper_truth, quiet};
 use isotherm_calibration::{
-    Accuracy, Calibration, CalibrationOptions, OneStageError, calibrate_accelerometers, name, set_points, solve,
+    Accuracy, Calibration, CalibrationOptions, OneStageError, calibrate_accelerometers, set_points, solve,
 };
 use isotherm_campaign::{Campaign, Position};
+use isotherm_finding::name;
 use isotherm_shared::wire::RawSample;
 use isotherm_simulation::{CampaignSchedule, Noise, SimulatedRow, TILT_RAD, Truth, campaign, campaign_toml};
 use isotherm_statistics::Curve;

@@ -3,10 +3,9 @@
 //! Over 400 lines: each finding has its test beside those that it is told from.
 
 use crate::common::{calibrated, campaign_file, csv, dwells, noiseless, paper_truth as truth, quiet};
-use isotherm_calibration::{
-    Calibration, CalibrationError, CalibrationOptions, Finding, Severity, calibrate_accelerometers, name,
-};
+use isotherm_calibration::{Calibration, CalibrationError, CalibrationOptions, calibrate_accelerometers};
 use isotherm_campaign::{Campaign, Scheme, read_dwells};
+use isotherm_finding::{Finding, Severity, name};
 use isotherm_recording::CampaignRow;
 use isotherm_simulation::{CampaignSchedule, SimulatedRow, TILT_RAD, campaign};
 use std::fs;

@@ -1,8 +1,9 @@
 //! Correct data of laboratories that do things differently: no fault.
 
 use crate::common::{campaign_file, paper};
-use isotherm_calibration::{Calibration, CalibrationError, CalibrationOptions, calibrate_accelerometers, name};
+use isotherm_calibration::{Calibration, CalibrationError, CalibrationOptions, calibrate_accelerometers};
 use isotherm_campaign::read_dwells;
+use isotherm_finding::name;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::wire::RawSample;

@@ -16,7 +16,7 @@ fn report(set_points_c: Vec<f64>) -> String {
         campaign: String::new(),
         campaign_sha256: String::new(),
         samples_sha256: String::new(),
-        ramps_sha256: Vec::new(),
+        recordings_sha256: Vec::new(),
     };
     html(&file, &calibration, &source)
 }

@@ -1,7 +1,7 @@
 //! What attitudes allow: D sqrt(n) of the sets that people use, and what is refused.
 
 use crate::common::{calibrated, cube, off, put_down};
-use isotherm_calibration::{GravityOnlyError, ScaleFactorChoice};
+use isotherm_calibration::{CalibrationError, GravityOnlyError, ScaleFactorChoice};
 use isotherm_simulation::RandomGenerator;
 use nalgebra::Vector3;
 
@@ -13,13 +13,17 @@ fn cost(directions: &[Vector3<f64>], choice: ScaleFactorChoice) -> f64 {
     });
     match found {
         Ok(found) => found.dilution.times_root_n,
-        Err(GravityOnlyError::Attitudes { message, .. }) => {
+        Err(CalibrationError::GravityOnly(GravityOnlyError::Attitudes { message, .. })) => {
             let shown = message.split("D sqrt(n) is ").nth(1).unwrap_or_else(|| panic!("{message}"));
             let shown = shown.split(',').next().unwrap();
             if shown == "infinite" { f64::INFINITY } else { shown.parse().unwrap() }
         }
         // Both signs and a reading near zero.
-        Err(GravityOnlyError::Refused(message)) if message.contains("--scale-factor split") => f64::INFINITY,
+        Err(CalibrationError::GravityOnly(GravityOnlyError::Refused(message)))
+            if message.contains("--scale-factor split") =>
+        {
+            f64::INFINITY
+        }
         Err(error) => panic!("{error}"),
     }
 }
@@ -92,7 +96,9 @@ fn one_plane_and_two_planes_are_refused() {
     for (directions, missing) in [(one, "A2"), (two, "m12")] {
         let refused =
             calibrated(&put_down(&directions, &[25.0]), |options| options.temperature_range = Some([0.0, 50.0]));
-        let Err(GravityOnlyError::Attitudes { parameters, attitude, message, .. }) = refused else {
+        let Err(CalibrationError::GravityOnly(GravityOnlyError::Attitudes { parameters, attitude, message, .. })) =
+            refused
+        else {
             panic!("{refused:?}")
         };
         let list = parameters.join(", ");
@@ -118,7 +124,7 @@ fn one_attitude_many_times_is_refused() {
     let mut random = RandomGenerator::new(5, 5);
     let same: Vec<_> = (0..30).map(|_| off(&mut random, &Vector3::new(0.1, 0.2, 1.0).normalize(), 0.5)).collect();
     let refused = calibrated(&put_down(&same, &[25.0]), |options| options.temperature_range = Some([0.0, 50.0]));
-    assert!(matches!(refused, Err(GravityOnlyError::Attitudes { .. })), "{refused:?}");
+    assert!(matches!(refused, Err(CalibrationError::GravityOnly(GravityOnlyError::Attitudes { .. }))), "{refused:?}");
 }
 
 #[test]
@@ -132,7 +138,9 @@ fn tumbled_at_one_temperature_alone_is_refused_by_name() {
         rows.push(row);
     }
     let refused = calibrated(&rows, |options| options.order = Some(1)).unwrap_err();
-    let GravityOnlyError::Attitudes { parameters, attitude, .. } = &refused else { panic!("{refused}") };
+    let CalibrationError::GravityOnly(GravityOnlyError::Attitudes { parameters, attitude, .. }) = &refused else {
+        panic!("{refused}")
+    };
     assert!(parameters.iter().any(|name| name.ends_with("c1")), "{refused}");
     assert!(attitude.contains("temperature") || attitude.contains("telemetry"), "{refused}");
 }

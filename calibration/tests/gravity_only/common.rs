@@ -1,7 +1,7 @@
 //! Recordings from files, and of a simulated IMU that is put down by hand.
 
 use isotherm_calibration::{
-    GravityOnlyCalibration, GravityOnlyError, GravityOnlyOptions, TumbleRecording, calibrate_gravity_only,
+    CalibrationError, GravityOnlyCalibration, GravityOnlyOptions, TumbleRecording, calibrate_gravity_only,
 };
 use isotherm_campaign::Campaign;
 use isotherm_recording::RawCsvReader;
@@ -41,7 +41,7 @@ pub(crate) fn campaign(gravity: [f64; 2]) -> Campaign {
 pub(crate) fn calibrated(
     rows: &[RawSample],
     change: impl FnOnce(&mut GravityOnlyOptions),
-) -> Result<GravityOnlyCalibration, GravityOnlyError> {
+) -> Result<GravityOnlyCalibration, CalibrationError> {
     let mut options = GravityOnlyOptions::default();
     change(&mut options);
     calibrate_gravity_only(&campaign([9.81, 9.81]), &[recording(rows)], &options)
@@ -191,4 +191,9 @@ pub(crate) fn put_down(directions: &[Vector3<f64>], temperatures_c: &[f64]) -> V
         }
     }
     imu.rows
+}
+
+/// The findings of a calibration, a line each.
+pub(crate) fn messages(found: &GravityOnlyCalibration) -> Vec<String> {
+    found.findings.iter().map(ToString::to_string).collect()
 }

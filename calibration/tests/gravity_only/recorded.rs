@@ -1,6 +1,6 @@
 //! The recordings in tests/data/any_lab: one simulated with its truth, the others real.
 
-use crate::common::{calibrated, campaign, json, recording, samples};
+use crate::common::{calibrated, campaign, json, messages, recording, samples};
 use isotherm_calibration::{GravityOnlyCalibration, GravityOnlyOptions, ScaleFactorChoice, calibrate_gravity_only};
 use isotherm_shared::compensate::answer;
 use nalgebra::Vector3;
@@ -26,7 +26,7 @@ fn tumble3_is_calibrated_over_its_range() {
     )
     .unwrap();
     assert_eq!((found.readings.len(), found.too_short, found.levels), (78, 0, 3));
-    assert!(found.unknowns.order == 1 && found.unknowns.split && found.warnings.is_empty(), "{:?}", found.warnings);
+    assert!(found.unknowns.order == 1 && found.unknowns.split && messages(&found).is_empty(), "{:?}", messages(&found));
     let reached = json("tumble3/reference_reached.json");
     let dilution = found.dilution.times_root_n / 78_f64.sqrt();
     assert!((dilution / number(&reached["dil"]) - 1.0).abs() < 0.02, "{dilution}");
@@ -131,7 +131,7 @@ fn six_faces_are_refused_by_name_and_give_no_errors_without_misalignments() {
     assert!((found.dilution.times_root_n - number(&expected["dilution_sqrt_n"])).abs() < 1e-3);
     assert!(found.freedom == 0 && found.misalignment_error.is_none() && found.table.content().alignment.is_none());
     assert!(found.curves.iter().flatten().all(|curve| curve.standard_error(25.0).is_none()));
-    assert!(found.warnings.iter().any(|warning| warning.contains("no standard errors")), "{:?}", found.warnings);
+    assert!(messages(&found).iter().any(|warning| warning.contains("no standard errors")), "{:?}", messages(&found));
     for axis in 0..3 {
         let scale_factor = constants(&found, 1)[axis] / (constants(&found, 1)[0]);
         let right = number(&expected["scale_factor_counts_per_m_s2"][axis]);

@@ -1,8 +1,10 @@
 //! What goes wrong with recordings of people's desks.
 
-use crate::common::{INTERVAL_S, STANDARD, Simulated, Truth, calibrated, campaign, cube, put_down, recording, samples};
+use crate::common::{
+    INTERVAL_S, STANDARD, Simulated, Truth, calibrated, campaign, cube, messages, put_down, recording, samples,
+};
 use isotherm_calibration::{
-    GravityOnlyError, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording, calibrate_gravity_only,
+    CalibrationError, GravityOnlyError, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording, calibrate_gravity_only,
 };
 use isotherm_campaign::{Campaign, TUMBLED, find_standstills};
 use isotherm_shared::compensate::answer;
@@ -87,8 +89,8 @@ fn a_turn_within_a_standstill_is_named() {
         imu.gap(10.0);
     }
     let found = calibrated(&imu.rows, |options| options.temperature_range = Some([0.0, 50.0])).unwrap();
-    let turned: Vec<_> = found.warnings.iter().filter(|warning| warning.contains("the IMU turned")).collect();
-    assert!(turned.len() == 1 && turned[0].starts_with("standstill 8:"), "{:?}", found.warnings);
+    let turned: Vec<_> = messages(&found).into_iter().filter(|warning| warning.contains("the IMU turned")).collect();
+    assert!(turned.len() == 1 && turned[0].starts_with("standstill 8:"), "{:?}", messages(&found));
 }
 
 #[test]
@@ -126,10 +128,10 @@ fn rows_of_ten_seconds_and_gaps_are_used() {
 fn two_attitudes_at_two_temperatures_are_refused() {
     let directions = [Vector3::new(0.1, 0.2, 1.0).normalize(), Vector3::new(1.0, 0.1, -0.2).normalize()];
     let error = calibrated(&put_down(&directions, &[-10.0, 60.0]), |_| {}).unwrap_err();
-    assert!(matches!(error, GravityOnlyError::Attitudes { .. }), "{error}");
+    assert!(matches!(error, CalibrationError::GravityOnly(GravityOnlyError::Attitudes { .. })), "{error}");
     let many: Vec<_> = directions.iter().cycle().take(30).copied().collect();
     let error = calibrated(&put_down(&many, &[-10.0, 60.0]), |_| {}).unwrap_err();
-    assert!(matches!(error, GravityOnlyError::Attitudes { .. }), "{error}");
+    assert!(matches!(error, CalibrationError::GravityOnly(GravityOnlyError::Attitudes { .. })), "{error}");
 }
 
 #[test]
@@ -137,11 +139,15 @@ fn two_temperatures_give_a_constant_or_a_line_that_is_asked_for() {
     let rows = put_down(&cube(), &[-10.0, 60.0]);
     let found = calibrated(&rows, |_| {}).unwrap();
     assert_eq!((found.levels, found.unknowns.order), (2, 0));
-    assert!(found.warnings.iter().any(|warning| warning.contains("--order 1")), "{:?}", found.warnings);
+    assert!(messages(&found).iter().any(|warning| warning.contains("--order 1")), "{:?}", messages(&found));
     let line = calibrated(&rows, |options| options.order = Some(1)).unwrap();
     assert!(line.unknowns.order == 1 && line.residual_rms() < 0.1 * found.residual_rms());
     let error = calibrated(&rows, |options| options.order = Some(2)).unwrap_err();
-    assert!(matches!(error, GravityOnlyError::Options(_)) && error.to_string().contains("order 1 at most"), "{error}");
+    assert!(
+        matches!(error, CalibrationError::GravityOnly(GravityOnlyError::Options(_)))
+            && error.to_string().contains("order 1 at most"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -161,7 +167,7 @@ fn a_standstill_can_be_left_out_by_its_number() {
         calibrated(&rows, |options| (options.temperature_range, options.exclude) = (range, vec![3, 26])).unwrap();
     assert!(found.readings.len() == 24 && found.readings.iter().all(|reading| ![3, 26].contains(&reading.number)));
     let error = calibrated(&rows, |options| options.exclude = vec![27]).unwrap_err();
-    assert_eq!(error, GravityOnlyError::NothingToExclude(27, 26));
+    assert_eq!(error, CalibrationError::GravityOnly(GravityOnlyError::NothingToExclude(27, 26)));
 }
 
 #[test]
@@ -252,13 +258,13 @@ fn what_looks_wrong_is_named() {
     let both =
         calibrate_gravity_only(&campaign([9.81, 9.81]), &[recording(&rows), recording(&other.rows)], &options).unwrap();
     assert!(
-        both.warnings.iter().any(|warning| warning.contains("recordings of different IMUs")),
+        messages(&both).iter().any(|warning| warning.contains("recordings of different IMUs")),
         "{:?}",
-        both.warnings
+        messages(&both)
     );
     let kelvin: Vec<RawSample> = put_down(&cube(), &[298.15]);
     let found = calibrated(&kelvin, |options| options.temperature_range = Some([250.0, 350.0])).unwrap();
-    assert!(found.warnings.iter().any(|warning| warning.contains("kelvin")), "{:?}", found.warnings);
+    assert!(messages(&found).iter().any(|warning| warning.contains("kelvin")), "{:?}", messages(&found));
     let dead: Vec<RawSample> = rows
         .iter()
         .map(|row| {

@@ -3,9 +3,10 @@
 use crate::data::text;
 use crate::station::{Station, Turned};
 use isotherm_calibration::{
-    Calibration, CalibrationError, CalibrationOptions, TriadObservability, calibrate, name, read_measurements,
+    Calibration, CalibrationError, CalibrationOptions, TriadObservability, calibrate, read_measurements,
 };
 use isotherm_campaign::Campaign;
+use isotherm_finding::name;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::wire::Triad;
 use nalgebra::{Rotation3, Unit, Vector3};

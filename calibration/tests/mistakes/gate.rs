@@ -13,8 +13,9 @@
 //! the mistake.
 
 use crate::matrix::{Case, calibrated};
-use isotherm_calibration::{AlignmentChoice, Calibration, CalibrationError, CalibrationOptions, Severity, name};
+use isotherm_calibration::{AlignmentChoice, Calibration, CalibrationError, CalibrationOptions};
 use isotherm_campaign::{Position, specific_force as direction};
+use isotherm_finding::{Severity, name};
 use isotherm_report as report;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;

@@ -1,11 +1,11 @@
 //! Campaigns with ramps beside positions and alone: what is refused, what is warned of, and what the table says.
 
 use isotherm_calibration::{
-    Calibration, CalibrationError, CalibrationOptions, CampaignSource, LagChoice, RampCalibration, RampRecording,
-    TransientVerdict, calibrate, calibrate_accelerometers, calibrate_ramps, name, read_measurements, sealed_ramp_table,
-    sealed_table,
+    Calibration, CalibrationError, CalibrationOptions, CampaignSource, Fitted, LagChoice, RampCalibration,
+    RampRecording, TransientVerdict, calibrate, calibrate_accelerometers, calibrate_ramps, read_measurements,
 };
 use isotherm_campaign::Campaign;
+use isotherm_finding::name;
 use isotherm_recording::{CampaignCsvReader, RecordingError};
 use isotherm_report as report;
 use isotherm_shared::table::CoefficientTable;
@@ -57,7 +57,7 @@ fn source() -> CampaignSource {
         campaign: "campaign.toml".to_owned(),
         campaign_sha256: String::new(),
         samples_sha256: String::new(),
-        ramps_sha256: vec!["11".repeat(32), "22".repeat(32)],
+        recordings_sha256: vec!["11".repeat(32), "22".repeat(32)],
     }
 }
 
@@ -86,7 +86,7 @@ fn beside_positions_the_curves_are_the_campaigns() {
     assert_eq!(beside(lag(LagChoice::None)).unwrap().table, plain);
 
     let campaign = Campaign::from_toml(FILE).unwrap();
-    let text = sealed_table(&campaign, &calibration, &source()).unwrap();
+    let text = Fitted::Campaign(Box::new(calibration.clone())).sealed(&campaign, &source()).unwrap();
     for part in ["verdict = \"lag\"", "samples = \"ramp-2.csv\"", &"22".repeat(32), "left_out_written = "] {
         assert!(text.contains(part), "{part}\n{text}");
     }
@@ -134,7 +134,7 @@ fn ramps_alone_say_what_they_do_not_know() {
     for part in parts {
         assert!(not_known.contains(part), "{not_known}");
     }
-    let text = sealed_ramp_table(&campaign, &found, &source()).unwrap();
+    let text = Fitted::Ramps(Box::new(found.clone())).sealed(&campaign, &source()).unwrap();
     let printed = report::text::ramps(&found);
     let page = report::ramps::html(&campaign, &found, &source());
     let document = report::json::ramps(&found, |line| line.to_string());

@@ -4,13 +4,12 @@ use clap::Args;
 use isotherm_client::{Domain, ImuId, Options, RawSample};
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::print_data;
+use isotherm_job::Refused;
 use isotherm_recording::TimeFault;
 use isotherm_recording::columns::has_values;
 use isotherm_recording_formats::read::{ImuChoice, Samples};
-use isotherm_report::json;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_verification::Requirement;
-use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -52,23 +51,10 @@ impl GyroscopeWarning {
     }
 }
 
-/// A failure with the document that `--json` prints of it.
-pub(super) struct Refused {
-    pub failure: Failure,
-    pub document: Value,
-}
-
-impl<F: Into<Failure>> From<F> for Refused {
-    fn from(failure: F) -> Self {
-        let failure = failure.into();
-        Self { document: json::failure(&failure), failure }
-    }
-}
-
 /// Prints the document of a failure to stdout, if `--json` is given. A command calls this once, for everything that can
 /// fail before its results are printed.
 pub(super) fn or_document<T>(json: bool, result: Result<T, Refused>) -> Result<T, Failure> {
-    result.map_err(|Refused { failure, document }| {
+    result.map_err(|Refused { failure, document, .. }| {
         if json {
             // If stdout is closed or full there is still the message on stderr, and the exit code.
             let _ = print_data(&format!("{document:#}\n"));

@@ -1,6 +1,6 @@
 //! `compare`: what has changed between the tables of one IMU.
 
-use super::common::{Refused, or_document};
+use super::common::or_document;
 use clap::Args;
 use isotherm_analysis::{ComparisonRequirement, compare};
 use isotherm_calibration::{TableFile, now, tool};
@@ -8,6 +8,7 @@ use isotherm_failure::{Exit, Failure};
 use isotherm_files::{
     LoadError, StagedText, WorldWritable, check_stdout, check_written, print, print_data, read_text, refuse_overlap,
 };
+use isotherm_job::Refused;
 use isotherm_report::comparison::{ComparisonSource, document, html, text};
 use std::path::{Path, PathBuf};
 

@@ -2,9 +2,9 @@
 
 use crate::top;
 use clap::{Args, ValueEnum};
-use isotherm_calibration::name::{Explanation, Rank, SUBJECTS, explanations};
 use isotherm_failure::Failure;
 use isotherm_files::print_data;
+use isotherm_finding::name::{Explanation, Rank, SUBJECTS, explanations};
 use isotherm_service::commands::explain::{Topic, explain, topics, wrap};
 
 /// Columns of a page.

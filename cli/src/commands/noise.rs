@@ -1,6 +1,6 @@
 //! `noise`: the Allan deviation of a recording at rest.
 
-use super::common::{Refused, choice, inputs, joined_paths, or_document, warn_of_time};
+use super::common::{choice, inputs, joined_paths, or_document, warn_of_time};
 use crate::parse::from_zero;
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
@@ -11,6 +11,7 @@ use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{
     StagedText, WorldWritable, check_stdout, check_written, load_table, print, print_data, refuse_overlap,
 };
+use isotherm_job::Refused;
 use isotherm_recording::Continuity;
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_report::noise;

@@ -1,8 +1,7 @@
 //! `verify`: the stability of a recording under a table.
 
 use super::common::{
-    LagSetting, Refused, choice, inputs, joined, joined_paths, or_document, refuse_other_imu, warn_of_other_device,
-    warn_of_time,
+    LagSetting, choice, inputs, joined, joined_paths, or_document, refuse_other_imu, warn_of_other_device, warn_of_time,
 };
 use crate::parse::{direction, gravity, seconds};
 use crate::progress::bytes_bar;
@@ -13,6 +12,7 @@ use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{
     StagedText, WorldWritable, check_stdout, check_written, load_table, print, print_data, refuse_overlap,
 };
+use isotherm_job::Refused;
 use isotherm_recording_formats::read::Samples;
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;

@@ -10,15 +10,12 @@ use super::plan::Plan;
 use super::progress::DroppedImu;
 use super::runner::stopped_by;
 use super::samples::file_of;
-use isotherm_calibration::{
-    Accuracy, AlignmentChoice, Calibration, CalibrationOptions, CampaignSource, Hashed, LagChoice, RampRecording,
-    calibrate, now, read_measurements, sealed_table, sha256, tool,
-};
-use isotherm_campaign::Campaign;
+use isotherm_calibration::{Accuracy, AlignmentChoice, Calibration, CalibrationOptions, Fitted, LagChoice, now, tool};
 use isotherm_client::{Options, fetch_status};
 use isotherm_failure::{Exit, Failure, printable, tell};
-use isotherm_files::{Installation, LoadError, StagedText, WorldWritable, open_recording, print, read_text};
-use isotherm_recording::{CampaignCsvReader, RawCsvReader};
+use isotherm_files::{Installation, StagedText, open_recording, print};
+use isotherm_job::{CampaignFile, FitOptions, Inputs, no_bar};
+use isotherm_recording::RawCsvReader;
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
 use isotherm_shared::lag::LagCompletion;
@@ -279,65 +276,48 @@ impl Finish {
         in_force: Option<&CoefficientTable>,
     ) -> Result<(Calibration, String), Failure> {
         let folder = &plan.output;
-        let (file, samples) = (folder.join("campaign.toml"), folder.join(plan.samples_file()));
-        let (text, _) = read_text(&file, WorldWritable::Allow)?;
-        let campaigns = Campaign::batch_from_toml(&text);
-        let campaigns = campaigns.map_err(|faults| LoadError::Refused { path: file.clone(), faults })?;
-        let campaign = campaigns.into_iter().find(|campaign| campaign.imu == plan.imu);
+        let file = CampaignFile::read(&folder.join("campaign.toml"))?;
+        let campaign = file.campaigns()?.into_iter().find(|campaign| campaign.imu == plan.imu);
         let campaign = campaign.ok_or_else(|| {
-            let message =
-                format!("{}: {} is not in it; run the campaign again, which writes it anew", file.display(), plan.imu);
+            let (file, imu) = (file.path.display(), &plan.imu);
+            let message = format!("{file}: {imu} is not in it; run the campaign again, which writes it anew");
             Failure::new(Exit::Data, message)
         })?;
-        let source = open_recording(&samples).map_err(|error| Failure::io("opening the samples", &samples, &error))?;
-        let mut hashed = Hashed::new(source);
-        let measurements = CampaignCsvReader::new(&mut hashed).and_then(|rows| read_measurements(&campaign, rows));
-        let mut measurements = measurements.map_err(|error| error.failure(&samples))?;
-        let (ramps, ramps_sha256) = read_ramps(folder, &campaign)?;
-        measurements.ramps = ramps;
-        let locate = |line| format!("{}:{line}", samples.display());
-        // A vehicle is boresighted with the axes of the table in force, so an installation keeps them.
+        let options = FitOptions { turntable: self.options(in_force), ..FitOptions::default() };
+        let inputs = Inputs::read(&campaign, Some(&file), Vec::new(), &options, &no_bar);
+        let made = inputs.and_then(|inputs| inputs.fit(&campaign, Some(&file))).map_err(|refused| refused.failure)?;
+        made.findings().for_each(|finding| print_message(&finding));
+        let _ = io::stderr().write_all(printable(&made.text()).as_bytes());
+        let write = |name: &str, extension, text: &str| {
+            StagedText::create(Some(&folder.join(plan.file(name, extension))))?.write(text)
+        };
+        let texts = vec![write(TABLE, "toml", &made.table)?, write("calibration", "html", &made.html(&campaign))?];
+        StagedText::finish_together(texts)?;
+        match made.fitted {
+            Fitted::Campaign(calibration) => Ok((*calibration, made.table)),
+            _ => Err(Failure::new(Exit::Failed, "an automatic campaign has positions")),
+        }
+    }
+
+    /// The options of the fit. A vehicle is boresighted with the axes of the table in force, so an installation keeps
+    /// them.
+    fn options(&self, in_force: Option<&CoefficientTable>) -> CalibrationOptions {
         let alignment = match (self.alignment, in_force) {
             (AlignmentChoice::IfNeeded, Some(table)) => {
                 let with = table.content().alignment.is_some();
-                print_message(&format!(
-                    "{} an alignment matrix, as the table in force",
-                    if with { "with" } else { "without" }
-                ));
+                let word = if with { "with" } else { "without" };
+                print_message(&format!("{word} an alignment matrix, as the table in force"));
                 AlignmentChoice::of(with, !with)
             }
             (choice, _) => choice,
         };
-        let options = CalibrationOptions {
+        CalibrationOptions {
             alignment,
             accept: self.accept.clone(),
             lag: self.lag,
             predecessor_lag_s: in_force.and_then(|table| table.content().lag_s),
             ..CalibrationOptions::default()
-        };
-        let calibration = calibrate(&campaign, measurements, options);
-        let calibration = calibration.map_err(|error| error.failure(&file, &samples, locate))?;
-        let source = CampaignSource {
-            tool: tool(),
-            time: now(),
-            campaign: "campaign.toml".to_owned(),
-            campaign_sha256: sha256(text.as_bytes()),
-            samples_sha256: hashed.finish().1,
-            ramps_sha256,
-        };
-        let sealed = sealed_table(&campaign, &calibration, &source);
-        let sealed = sealed.map_err(|message| Failure::new(Exit::Failed, message))?;
-        for finding in &calibration.findings {
-            print_message(&finding.tagged(locate));
         }
-        let _ = io::stderr().write_all(printable(&report::text::calibration(&calibration)).as_bytes());
-        let page = StagedText::create(Some(&folder.join(plan.file("calibration", "html"))))?;
-        let page = page.write(&report::calibration::html(&campaign, &calibration, &source))?;
-        StagedText::finish_together(vec![
-            StagedText::create(Some(&folder.join(plan.file(TABLE, "toml"))))?.write(&sealed)?,
-            page,
-        ])?;
-        Ok((calibration, sealed))
     }
 }
 
@@ -458,18 +438,6 @@ impl FittedTable {
         }
         Ok(target)
     }
-}
-
-/// The ramps of the campaign in `folder`, and the SHA-256 of each.
-fn read_ramps(folder: &Path, campaign: &Campaign) -> Result<(Vec<RampRecording>, Vec<String>), Failure> {
-    let read = |name: &String| {
-        let path = folder.join(name);
-        let source = open_recording(&path).map_err(|error| Failure::io("opening the ramp", &path, &error))?;
-        let mut hashed = Hashed::new(source);
-        let recording = RampRecording::from_csv(name, &mut hashed).map_err(|error| error.failure(&path))?;
-        Ok((recording, hashed.finish().1))
-    };
-    campaign.ramps.iter().map(|ramp| read(&ramp.samples)).collect()
 }
 
 /// The stability of a recording under a table.

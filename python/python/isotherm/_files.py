@@ -7,7 +7,6 @@ import signal
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import TypeAlias
 
@@ -113,8 +112,3 @@ def write_together(texts: list[tuple[AnyPath, str]]) -> None:
     finally:
         for file in files:
             file.discard()
-
-
-def now() -> str:
-    """The present time to the second, RFC 3339 in UTC."""
-    return datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from . import _isotherm
-from ._isotherm import GravityOnlyCalibration, Table
-from ._offline import AnyPath, campaign_toml
+from ._isotherm import Table
+from ._offline import AnyPath, Calibration, campaign_text, fit_options
 from ._records import Records, is_frame, sample_bytes
 
 if TYPE_CHECKING:
@@ -29,37 +29,44 @@ def calibrate_gravity_only(
     window: float = 1.0,
     exclude: Iterable[int] = (),
     temperature_range: tuple[float, float] | None = None,
+    accept: Iterable[str] = (),
+    strict: bool = False,
     other_device: bool = False,
     imu: str | None = None,
-) -> GravityOnlyCalibration:
+) -> Calibration:
     """Makes a table of recordings of an IMU that was put down by hand in many attitudes, as `isotherm calibrate --gravity-only` does.
 
     `campaign` is the path of a campaign file with `method = "gravity-only"`, or a mapping with `imu`, `gravity_local`, `gravity_reference` [m/s2] and
     `temperature_unit`. `recordings` is one recording or a list: arrays of RAW_SAMPLE, data frames with the columns of a recording, or paths of
-    files (CSV). Without them the files that the campaign names are read.
+    files. Without them the files that the campaign names are read.
 
     `window` [s] is that of the search for standstills; a shorter one is left out. `exclude` lists numbers of standstills. Where the telemetry is
-    constant, `temperature_range` states where the table is valid. `imu` chooses one of a campaign file with `imus`. Raises CalibrationError with the parameters that the attitudes do not determine.
+    constant, `temperature_range` states where the table is valid. `imu` chooses one of a campaign file with `imus`. `accept` and `strict` are as
+    those of `calibrate`. Raises CalibrationError with the parameters that the attitudes do not determine.
     """
     _positive("window", window)
     if temperature_range is not None and not -math.inf < temperature_range[0] < temperature_range[1] < math.inf:
         raise ValueError(f"temperature_range is {temperature_range}, give the lower end first")
     if isinstance(campaign, Mapping):
-        settings = {"format": 1, "method": "gravity-only"} | dict(campaign)
-        text, name, folder = campaign_toml(settings), "campaign", Path()
-    else:
-        text, name, folder = _isotherm.read_text(campaign), Path(campaign).name, Path(campaign).parent
-    given: list[Path | npt.NDArray[np.uint8]]
-    if recordings is None:
-        given = [folder / file for file in _isotherm.samples_of(text, name, imu) or ()]
-    else:
+        campaign = {"format": 1, "method": "gravity-only"} | dict(campaign)
+    text, path = campaign_text(campaign)
+    given: list[Path | npt.NDArray[np.uint8]] | None = None
+    if recordings is not None:
         single = isinstance(recordings, (str, os.PathLike)) or is_frame(recordings) or hasattr(recordings, "dtype")
         several: Sequence[Any] = [recordings] if single else recordings  # type: ignore[assignment]
         given = [Path(each) if isinstance(each, (str, os.PathLike)) else sample_bytes(each) for each in several]
-    fixed = None if order == "auto" else order
-    return _isotherm.calibrate_gravity_only(
-        text, name, imu, given, window, fixed, scale_factor, misalignment, list(exclude), temperature_range, other_device
+    options = fit_options(
+        order=order,
+        accept=accept,
+        strict=strict,
+        other_device=other_device,
+        window=window,
+        scale_factor=scale_factor,
+        misalignment=misalignment,
+        standstills=list(exclude),
+        temperature_range=temperature_range,
     )
+    return Calibration(_isotherm.calibrate(text, path, imu, given, True, options))
 
 
 def lengths(

@@ -1,7 +1,7 @@
 # The native module. Users import `isotherm` only.
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Final, Literal, Self, final, overload
 
@@ -25,7 +25,6 @@ __all__ = [
     "Batch",
     "Calibration",
     "Comparison",
-    "GravityOnlyCalibration",
     "Increment",
     "IncrementReader",
     "Loan",
@@ -36,7 +35,6 @@ __all__ = [
     "__version__",
     "batch",
     "calibrate",
-    "calibrate_gravity_only",
     "compare",
     "convert",
     "device",
@@ -48,7 +46,6 @@ __all__ = [
     "read_text",
     "regress",
     "replay",
-    "samples_of",
     "time_warning",
     "verify",
     "write_increments",
@@ -510,24 +507,6 @@ class Calibration:
     def html(self) -> str: ...
 
 @final
-class GravityOnlyCalibration:
-    """The result of a calibration without a turntable. `str()` gives the text of `isotherm calibrate --gravity-only`."""
-
-    @property
-    def table(self) -> Table:
-        """The coefficient table."""
-    @property
-    def text(self) -> str:
-        """The text of the sealed table file: the table and its provenance."""
-    @property
-    def summary(self) -> dict[str, Any]:
-        """The document of `isotherm calibrate --gravity-only --json`: the parameters with their standard errors, the standstills, D sqrt(n), warnings."""
-    def save(self, path: _Path, *, report: _Path | None = None) -> None:
-        """Writes the sealed table file, and with `report` the report (HTML) beside it: both or none."""
-    def report(self, path: _Path) -> None:
-        """Writes the report (HTML)."""
-
-@final
 class Comparison:
     """What has changed between tables. `str()` gives the text of `isotherm compare`."""
 
@@ -569,7 +548,6 @@ def device(serial: str) -> int:
     """The number of the unit with this serial number, which every sample carries; 0 for blanks."""
 
 def read_text(path: _Path) -> str: ...
-def samples_of(text: str, name: str, imu: str | None) -> list[str] | None: ...
 def replay(table: Table, samples: _Bytes) -> _Bytes: ...
 def time_warning(samples: _Bytes) -> str | None: ...
 def read_recording(path: _Path) -> _Bytes: ...
@@ -607,32 +585,12 @@ def noise(samples: _Bytes, table: Table | None, part: tuple[float, float], recor
 def noise_of_rates(rates: _Doubles, interval_s: float, telemetry: _Doubles | None) -> str: ...
 def calibrate(
     text: str,
-    name: str,
-    folder: _Path,
-    samples: _Path | _Bytes | None,
-    order: int | None,
-    method: str,
-    alignment: bool | None,
-    exclude: Sequence[tuple[float, int]],
-    accept: Sequence[str],
-    strict: bool,
-    other_device: bool,
-    lag: float | None,
+    path: _Path,
     imu: str | None,
+    recordings: Sequence[_Path | _Bytes] | None,
+    by_hand: bool,
+    options: Mapping[str, Any],
 ) -> Calibration: ...
-def calibrate_gravity_only(
-    text: str,
-    name: str,
-    imu: str | None,
-    recordings: Sequence[_Path | _Bytes],
-    window: float,
-    order: int | None,
-    scale_factor: str,
-    misalignment: bool,
-    exclude: Sequence[int],
-    temperature_range: tuple[float, float] | None,
-    other_device: bool,
-) -> GravityOnlyCalibration: ...
 def lengths(
     table: Table, samples: _Bytes, window: float, gravity_local: float | None, other_device: bool, require: str | None
 ) -> dict[str, Any]: ...

@@ -289,6 +289,9 @@ class Calibration:
     def __repr__(self) -> str:
         return f"Calibration({self.table!r}, {len(self.dwells)} dwells)"
 
+    def __str__(self) -> str:
+        return str(self._native)
+
 
 def calibrate(
     campaign: AnyPath | Mapping[str, Any],
@@ -317,39 +320,62 @@ def calibrate(
     warning that is not accepted is a fault. Faults raise CalibrationError. Samples of another unit than the campaign's serial number says,
     or of two units, are a fault unless `other_device`.
 
-    The ramps that the campaign names are read too, as CSV files relative to it (of a mapping: to the current folder). `lag` is the time constant
+    The ramps that the campaign names are read too, relative to it (of a mapping: to the current folder). `lag` is the time constant
     of their lag [s] if you know it, "none" for a table without transients; without it the ramps show it, or not. With ramps alone there are no
     `samples`.
 
     `imu` is the one to calibrate, of a campaign file with several (`imus`).
     """
-    if isinstance(campaign, Mapping):
-        text, name, folder = campaign_toml(campaign), "campaign", Path()
-    else:
-        text, name, folder = _isotherm.read_text(campaign), Path(campaign).name, Path(campaign).parent
-    given: Any
+    text, path = campaign_text(campaign)
+    given: list[Any] | None
     if samples is None:
-        files = _isotherm.samples_of(text, name, imu)
-        if files is None:
-            given = None
-        elif len(files) != 1:
-            raise ValueError(f"{name} names {len(files)} files of samples; read them and give them as samples")
-        else:
-            given = folder / files[0]
+        given = None
     elif isinstance(samples, (str, os.PathLike)):
-        given = samples
+        given = [samples]
     else:
-        given = as_bytes(records(samples, CAMPAIGN))
-    fixed = None if order == "auto" else order
-    # Of one name alone, `list` would make its letters.
-    names = [accept] if isinstance(accept, str) else list(accept)
+        given = [as_bytes(records(samples, CAMPAIGN))]
     if lag == 0:
         raise ValueError('lag is 0, give a time constant in s, or "none"')
-    seconds = 0.0 if lag == "none" else lag
-    native = _isotherm.calibrate(
-        text, name, folder, given, fixed, method, alignment, list(exclude), names, strict, other_device, seconds, imu
+    options = fit_options(
+        order=order,
+        method=method,
+        alignment=alignment,
+        exclude=list(exclude),
+        accept=accept,
+        strict=strict,
+        other_device=other_device,
+        lag=0.0 if lag == "none" else lag,
     )
-    return Calibration(native)
+    return Calibration(_isotherm.calibrate(text, path, imu, given, False, options))
+
+
+def campaign_text(campaign: AnyPath | Mapping[str, Any]) -> tuple[str, Path]:
+    """The text of a campaign file and its path; of a mapping one in the current folder."""
+    if isinstance(campaign, Mapping):
+        return campaign_toml(campaign), Path("campaign")
+    return _isotherm.read_text(campaign), Path(campaign)
+
+
+def fit_options(
+    *, order: int | Literal["auto"], accept: Iterable[str], other_device: bool, **given: Any
+) -> dict[str, Any]:
+    """The options of a fit with those of the command that are not given."""
+    # Of one name alone, `list` would make its letters.
+    names = [accept] if isinstance(accept, str) else list(accept)
+    options: dict[str, Any] = {
+        "order": None if order == "auto" else order,
+        "method": "one-stage",
+        "alignment": None,
+        "exclude": [],
+        "accept": [*names, "other-device"] if other_device else names,
+        "lag": None,
+        "window": 1.0,
+        "scale_factor": "auto",
+        "misalignment": True,
+        "standstills": [],
+        "temperature_range": None,
+    }
+    return options | given
 
 
 def compare(*tables: Table | Calibration | AnyPath, other_unit: bool = False) -> Comparison:

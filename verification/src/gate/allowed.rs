@@ -1,7 +1,8 @@
 //! What a gate allows, whatever the sensor is, and how it refuses.
 
 use crate::verdict::MIN_GROUP;
-use isotherm_calibration::{Calibration, Finding, name};
+use isotherm_calibration::Calibration;
+use isotherm_finding::{Finding, name};
 
 /// What a gate allows in any case \[g0\]: dynamic effects of a temperature that moves, which a campaign of settled set
 /// points does not show.

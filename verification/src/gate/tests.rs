@@ -1,7 +1,8 @@
 use super::*;
 use crate::stability::{Collector, LocalGravity, Setup};
-use isotherm_calibration::{AlignmentChoice, CalibrationOptions, calibrate_accelerometers, name};
+use isotherm_calibration::{AlignmentChoice, CalibrationOptions, calibrate_accelerometers};
 use isotherm_campaign::{Campaign, Dwell, read_dwells};
+use isotherm_finding::name;
 use isotherm_recording::CampaignCsvReader;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::Content;

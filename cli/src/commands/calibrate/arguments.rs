@@ -2,9 +2,9 @@
 
 use crate::parse::{gravity, lag_choice, numbers, seconds};
 use clap::Args;
-use isotherm_calibration::{LagChoice, Method, ScaleFactorChoice, name};
+use isotherm_calibration::{LagChoice, Method, ScaleFactorChoice};
 use isotherm_client::ImuId;
-use serde_json::Value;
+use isotherm_finding::name;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -128,18 +128,6 @@ fn excluded(text: &str) -> Result<Excluded, String> {
     place.ok_or_else(|| {
         "give SET_POINT/NUMBER, for example -25/3; without a turntable the number of a standstill".to_owned()
     })
-}
-
-/// What the samples gave, ready to be written.
-pub(super) struct Results {
-    /// Text of the table file.
-    pub(super) table: String,
-    /// Each warning as a line.
-    pub(super) warnings: Vec<String>,
-    pub(super) text: String,
-    /// Empty without a report.
-    pub(super) html: String,
-    pub(super) json: Value,
 }
 
 /// The options of a calibration without a turntable.

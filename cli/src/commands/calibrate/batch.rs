@@ -1,12 +1,14 @@
 //! `calibrate` of a batch: a table for each IMU, and the statistics of all.
 
-use super::arguments::{Calibrate, Results};
-use crate::commands::common::{Refused, inputs};
+use super::arguments::Calibrate;
+use crate::commands::common::inputs;
 use isotherm_analysis::batch;
 use isotherm_calibration::{TableFile, now, tool};
 use isotherm_campaign::{Campaign, IMU, select_imu};
 use isotherm_failure::{Exit, Failure, printable, tell};
 use isotherm_files::{StagedText, refuse_overlap};
+use isotherm_job::CampaignFile;
+use isotherm_job::Refused;
 use isotherm_report::batch::{BatchSource, document, html, text};
 use serde_json::{Value, json};
 use std::io::{self, Write as _};
@@ -25,9 +27,13 @@ impl Calibrate {
     /// table is dropped with its reason, and the others go on. The inner result tells which ones were dropped.
     ///
     /// What is wrong for all of them, as the command line or a folder of the outputs, ends the command.
-    pub(super) fn make_batch(&self, campaigns: &[Campaign], file: &str) -> Result<Result<(), Failure>, Refused> {
+    pub(super) fn make_batch(
+        &self,
+        campaigns: &[Campaign],
+        file: &CampaignFile,
+    ) -> Result<Result<(), Failure>, Refused> {
         self.check_names(campaigns.len())?;
-        let samples = |campaign| Ok((campaign, self.sample_files(campaign)?));
+        let samples = |campaign| Ok((campaign, self.sample_files(campaign, file)?));
         let all = campaigns.iter().map(samples).collect::<Result<Vec<_>, Failure>>()?;
         self.refuse_overlaps(&all, Some(file))?;
         let page = self.batch.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
@@ -38,14 +44,14 @@ impl Calibrate {
                 let _ = io::stderr().write_all(format!("{imu}:\n").as_bytes());
             }
             match self.make_table(campaign, &samples, Some(file))? {
-                Ok(Results { table, json, .. }) => {
+                Ok(made) => {
                     let [output, _] = self.outputs(&campaign.imu);
                     let name = output.unwrap_or_default().display().to_string();
-                    let read = TableFile::from_toml(name.clone(), &table);
+                    let read = TableFile::from_toml(name.clone(), &made.table);
                     tables.push(read.map_err(|faults| Failure::new(Exit::Failed, format!("{name}: {faults}")))?);
-                    documents.push(json!({ "imu": imu, "table": name, "calibration": json }));
+                    documents.push(json!({ "imu": imu, "table": name, "calibration": made.json() }));
                 }
-                Err(Refused { failure, document }) => {
+                Err(Refused { failure, document, .. }) => {
                     tell("isotherm", format_args!("{imu} is dropped: {}", failure.message));
                     documents.push(json!({ "imu": imu, "dropped": document }));
                     dropped.push((imu.to_owned(), failure.message));
@@ -88,14 +94,14 @@ impl Calibrate {
     pub(super) fn refuse_overlaps<S: AsRef<[PathBuf]>>(
         &self,
         all: &[(&Campaign, S)],
-        text: Option<&str>,
+        file: Option<&CampaignFile>,
     ) -> Result<(), Failure> {
-        let others: Vec<_> =
-            all.iter().map(|(campaign, _)| (self.ramp_files(campaign), self.curves_file(campaign))).collect();
+        let named = all.iter().filter_map(|(campaign, _)| Some((file?.ramps(campaign), file?.curves(campaign))));
+        let others: Vec<_> = named.collect();
         let mut files: Vec<_> = all.iter().flat_map(|(_, samples)| inputs(samples.as_ref())).collect();
         files.extend(others.iter().flat_map(|(ramps, _)| inputs(ramps)));
         files.extend(others.iter().filter_map(|(_, curves)| Some((curves.as_deref()?, "the table curves"))));
-        files.extend(text.map(|_| (self.campaign.as_path(), "the campaign file")));
+        files.extend(file.map(|_| (self.campaign.as_path(), "the campaign file")));
         let outputs: Vec<_> =
             all.iter().flat_map(|(campaign, _)| self.outputs(&campaign.imu)).chain([self.batch.clone()]).collect();
         let outputs: Vec<_> = outputs.iter().map(Option::as_deref).collect();

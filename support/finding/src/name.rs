@@ -85,6 +85,8 @@ findings! {
         /// An accelerometer gives no pulses on the channel of its direction: a dead channel, exchanged channels or
         /// signs.
         NO_PULSES = "no-pulses", Final, "Mend the cable, the columns or the positions.";
+        /// A recording is there twice: the second shows nothing, and would halve the errors.
+        SAME_RECORDING = "same-recording", Final, "Name every recording once.";
         /// Rows are of another unit than that of `serial`, or of two units.
         OTHER_DEVICE = "other-device", Fault,
             "Give the samples of this unit, or correct `serial`. `--other-device` makes the table all the same, as \
@@ -231,6 +233,17 @@ findings! {
             "Record the axis horizontal; verify with a run of another rate: docs/temperature-in-motion.md.";
         /// Only one of ramps and table has gyroscopes.
         RAMP_GYROSCOPES = "ramp-gyroscopes", Warning, "Record ramps of the same IMU, with all of its columns.";
+    }
+    "Without a turntable" "`interval`, `lack-of-fit`, `no-freedom`, `outlier` and others above are found there too." {
+        /// The rates of an accelerometer lie about a centre of over 1 g0: the offset of an unsigned count is left in.
+        COUNT_OFFSET = "count-offset", Fault, "Take it off with `isotherm convert`, `offset` in the mapping file.";
+        /// The attitudes tell the parameters apart badly: D sqrt(n) is over 10, an error of a standstill comes out much
+        /// larger.
+        ATTITUDES = "attitudes", Warning, "Put the IMU down in the attitudes that the line names.";
+        /// Two temperatures differ, but show no curvature: the table has their mean.
+        TEMPERATURES = "temperatures", Warning, "Measure at a third temperature, or ask for a line: `--order 1`.";
+        /// The IMU turned within a standstill, which makes its specific force too short.
+        TURNED = "turned", Warning, "Put the IMU on firm ground, or leave the standstill out with `--exclude`.";
     }
 }
 

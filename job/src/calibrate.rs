@@ -1,0 +1,288 @@
+//! One calibration: read, hash, fit, seal, report.
+
+use crate::files::{Bar, CampaignFile};
+use indicatif::ProgressBar;
+use isotherm_calibration::{
+    CalibrationError, CalibrationOptions, CampaignSource, Fitted, GravityOnlyOptions, Measured, Measurements,
+    RampRecording, TumbleRecording, observable, read_measurements, sha256,
+};
+use isotherm_campaign::{Campaign, Ramp};
+use isotherm_failure::{Exit, Failure};
+use isotherm_files::{WorldWritable, load_table};
+use isotherm_recording::{CampaignRow, RecordingError};
+use isotherm_recording_formats::read::{ImuChoice, Places, Recording, RowKind};
+use isotherm_report::{fitted, json};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// Options of a fit of either kind; the campaign says which kind it is.
+#[derive(Clone, Debug, Default)]
+pub struct FitOptions {
+    /// Of a campaign on a turntable, and of ramps.
+    pub turntable: CalibrationOptions,
+    /// Of an IMU that was put down by hand.
+    pub by_hand: GravityOnlyOptions,
+    /// Whether the findings that a diagnosis explains are listed too.
+    pub symptoms: bool,
+}
+
+/// Why there is no table.
+#[derive(Debug)]
+pub struct Refused {
+    /// For the operator.
+    pub failure: Failure,
+    /// The same as JSON, with the findings.
+    pub document: Value,
+    /// What the fit refused; `None` if it was not reached.
+    pub error: Option<CalibrationError>,
+    /// File and line of each row of the samples.
+    pub places: Places,
+}
+
+impl<F: Into<Failure>> From<F> for Refused {
+    fn from(failure: F) -> Self {
+        let failure = failure.into();
+        Self { document: json::failure(&failure), failure, error: None, places: Places::default() }
+    }
+}
+
+/// What was measured, with where it comes from.
+#[derive(Clone, Debug)]
+pub struct Inputs {
+    /// The measurements.
+    pub measured: Measured,
+    /// Where they come from.
+    pub from: Origin,
+}
+
+/// Where measurements come from.
+#[derive(Clone, Debug, Default)]
+pub struct Origin {
+    /// File and line of each row of the samples.
+    pub places: Places,
+    /// What messages call the samples: their first file.
+    pub samples: PathBuf,
+    /// SHA-256 of the samples of positions, in hexadecimal.
+    pub samples_sha256: String,
+    /// SHA-256 of each recording of ramps, or of an IMU that was put down by hand.
+    pub recordings_sha256: Vec<String>,
+    /// Whether the findings that a diagnosis explains are listed too.
+    pub symptoms: bool,
+}
+
+/// A calibration with the text of its table.
+#[derive(Clone, Debug)]
+pub struct Made {
+    /// The calibration.
+    pub fitted: Fitted,
+    /// The text of the table file, sealed, with its provenance.
+    pub table: String,
+    /// Where it comes from.
+    pub source: CampaignSource,
+    /// File and line of each row of the samples.
+    pub places: Places,
+}
+
+impl Inputs {
+    /// Reads what `campaign` names. `file` is the campaign file; `None` if options describe the IMU. `samples` replace
+    /// those that the file names.
+    ///
+    /// # Errors
+    /// If positions and turns do not determine all parameters, or if a file cannot be read.
+    pub fn read(
+        campaign: &Campaign,
+        file: Option<&CampaignFile>,
+        mut samples: Vec<Source<'_>>,
+        options: &FitOptions,
+        bar: Bar<'_>,
+    ) -> Result<Self, Refused> {
+        if samples.is_empty() {
+            samples = file.map(|file| Source::files(&file.samples(campaign))).unwrap_or_default();
+        }
+        let mut from = Origin {
+            samples: samples.first().map(Source::path).or(file.map(|file| file.path.clone())).unwrap_or_default(),
+            symptoms: options.symptoms,
+            ..Origin::default()
+        };
+        let reader = Reader { imu: ImuChoice::Prefer(campaign.imu.clone()), bar };
+        if campaign.gravity_only {
+            let recordings;
+            (recordings, from.recordings_sha256) = reader.tumbles(samples)?;
+            return Ok(Self { measured: Measured::GravityOnly(recordings, options.by_hand.clone()), from });
+        }
+        let Some(file) = file else {
+            return Err(Failure::new(Exit::Usage, "a campaign on a turntable has a campaign file").into());
+        };
+        let curves = file.curves(campaign).map(|path| load_table(&path, Some(&campaign.imu), WorldWritable::Allow));
+        let curves = curves.transpose()?.map(|(table, _)| table);
+        let mut measurements = Measurements::default();
+        if curves.is_none() {
+            // Checked first, because reading may take minutes.
+            observable(campaign).map_err(|error| from.refused(error, Some(file)))?;
+            measurements = reader.positions(campaign, samples, &mut from)?;
+        }
+        let ramps;
+        (ramps, from.recordings_sha256) = reader.ramps(campaign, &file.ramps(campaign))?;
+        let options = options.turntable.clone();
+        let measured = match curves {
+            Some(curves) => Measured::Ramps(ramps, curves, options),
+            None => Measured::Campaign(Measurements { ramps, ..measurements }, options),
+        };
+        Ok(Self { measured, from })
+    }
+
+    /// Makes the table.
+    ///
+    /// # Errors
+    /// If the data do not allow a valid table.
+    pub fn fit(self, campaign: &Campaign, file: Option<&CampaignFile>) -> Result<Made, Refused> {
+        let Self { measured, from } = self;
+        let fitted = Fitted::fit(campaign, measured).map_err(|error| from.refused(error, file))?;
+        let source = CampaignSource {
+            campaign: file.map(CampaignFile::name).unwrap_or_default(),
+            campaign_sha256: file.map_or_else(String::new, |file| sha256(file.text.as_bytes())),
+            samples_sha256: from.samples_sha256,
+            recordings_sha256: from.recordings_sha256,
+            ..CampaignSource::now()
+        };
+        let table = fitted.sealed(campaign, &source).map_err(|message| Failure::new(Exit::Failed, message))?;
+        Ok(Made { fitted, table, source, places: from.places })
+    }
+}
+
+impl Origin {
+    fn refused(&self, error: CalibrationError, file: Option<&CampaignFile>) -> Refused {
+        let locate = |line| self.places.locate(line);
+        let path = file.map_or(&self.samples, |file| &file.path);
+        let failure = error.failure_with(path, &self.samples, locate, self.symptoms);
+        let document = json::refusal(&error, &failure, locate);
+        Refused { document, failure, error: Some(error), places: self.places.clone() }
+    }
+}
+
+impl Made {
+    /// What was found, in lines.
+    #[must_use]
+    pub fn text(&self) -> String {
+        fitted::text(&self.fitted)
+    }
+
+    /// What was found, as JSON.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        fitted::json(&self.fitted, |line| self.places.locate(line))
+    }
+
+    /// The report as HTML.
+    #[must_use]
+    pub fn html(&self, campaign: &Campaign) -> String {
+        fitted::html(campaign, &self.fitted, &self.source)
+    }
+
+    /// The findings, a line each.
+    pub fn findings(&self) -> impl Iterator<Item = String> {
+        self.fitted.findings().iter().map(|finding| finding.tagged(|line| self.places.locate(line)))
+    }
+}
+
+/// Where rows come from.
+pub enum Source<'a> {
+    /// A file of any format that recordings have.
+    File(PathBuf),
+    /// Rows in memory.
+    Rows {
+        /// What messages call them.
+        name: String,
+        /// SHA-256 of their bytes, in hexadecimal.
+        sha256: String,
+        /// The rows.
+        rows: Box<dyn Iterator<Item = Result<CampaignRow, RecordingError>> + Send + 'a>,
+    },
+}
+
+impl Source<'_> {
+    /// Files.
+    #[must_use]
+    pub fn files(paths: &[PathBuf]) -> Vec<Self> {
+        paths.iter().cloned().map(Self::File).collect()
+    }
+
+    fn path(&self) -> PathBuf {
+        match self {
+            Self::File(path) => path.clone(),
+            Self::Rows { name, .. } => PathBuf::from(name),
+        }
+    }
+}
+
+/// Reads the recordings of one IMU.
+struct Reader<'a> {
+    imu: ImuChoice,
+    bar: Bar<'a>,
+}
+
+impl Reader<'_> {
+    /// Dwells and turns, from the pieces of one recording.
+    fn positions(
+        &self,
+        campaign: &Campaign,
+        mut samples: Vec<Source<'_>>,
+        from: &mut Origin,
+    ) -> Result<Measurements, Failure> {
+        if let [Source::Rows { name, sha256, rows }] = samples.as_mut_slice() {
+            from.samples_sha256 = core::mem::take(sha256);
+            from.places.begin(Path::new(name), None, 0);
+            return read_measurements(campaign, rows).map_err(|error| error.failure(Path::new(name)));
+        }
+        let paths: Vec<_> = samples.iter().map(Source::path).collect();
+        let bar = (self.bar)(&paths, "reading");
+        let mut rows = Recording::open_hashed(&paths, RowKind::Campaign, self.imu.clone(), &bar)?;
+        let measurements = read_measurements(campaign, &mut rows);
+        bar.finish_and_clear();
+        let measurements = measurements.map_err(|error| rows.failure(&error))?;
+        from.places = rows.places().clone();
+        from.samples_sha256 = rows.sha256()?;
+        Ok(measurements)
+    }
+
+    /// Ramps, with the SHA-256 of each. Messages call each as the campaign file does, wherever it lies.
+    fn ramps(&self, campaign: &Campaign, paths: &[PathBuf]) -> Result<(Vec<RampRecording>, Vec<String>), Failure> {
+        let bar = (self.bar)(paths, "reading ramps");
+        let read = |(path, ramp): (&PathBuf, &Ramp)| {
+            self.recording(path, &bar, |rows| RampRecording::read(ramp.samples.clone(), rows))
+        };
+        let all = paths.iter().zip(&campaign.ramps).map(read).collect();
+        bar.finish_and_clear();
+        all
+    }
+
+    /// Recordings of an IMU that was put down by hand, with the SHA-256 of each.
+    fn tumbles(&self, samples: Vec<Source<'_>>) -> Result<(Vec<TumbleRecording>, Vec<String>), Failure> {
+        let paths: Vec<_> = samples.iter().map(Source::path).collect();
+        let bar = (self.bar)(&paths, "reading");
+        let read = |source: Source<'_>| match source {
+            Source::File(path) => {
+                self.recording(&path, &bar, |rows| TumbleRecording::read(path.display().to_string(), rows))
+            }
+            Source::Rows { name, sha256, rows } => {
+                let recording = TumbleRecording::read(name.clone(), rows);
+                Ok((recording.map_err(|error| error.failure(Path::new(&name)))?, sha256))
+            }
+        };
+        let all = samples.into_iter().map(read).collect();
+        bar.finish_and_clear();
+        all
+    }
+
+    fn recording<T>(
+        &self,
+        path: &Path,
+        bar: &ProgressBar,
+        read: impl Fn(&mut Recording) -> Result<T, RecordingError>,
+    ) -> Result<(T, String), Failure> {
+        let files = [path.to_owned()];
+        let mut rows = Recording::open_hashed(&files, RowKind::Sample, self.imu.clone(), bar)?;
+        let recording = read(&mut rows).map_err(|error| rows.failure(&error))?;
+        Ok((recording, rows.sha256()?))
+    }
+}

@@ -1,0 +1,25 @@
+//! A calibration from files: read, hash, fit, seal, report. The command, an automatic campaign and Python differ in
+//! their arguments only.
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use isotherm_calibration::CalibrationOptions;
+//! use isotherm_job::{CampaignFile, FitOptions, Inputs, no_bar};
+//! use std::path::Path;
+//!
+//! let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/campaign/campaign.toml");
+//! let file = CampaignFile::read(&path)?;
+//! let campaign = file.campaign(None)?;
+//! let options = FitOptions { turntable: CalibrationOptions::default(), ..FitOptions::default() };
+//! let inputs = Inputs::read(&campaign, Some(&file), Vec::new(), &options, &no_bar).map_err(|refused| refused.failure)?;
+//! let made = inputs.fit(&campaign, Some(&file)).map_err(|refused| refused.failure)?;
+//! assert!(made.table.contains("digest = ") && made.fitted.findings().is_empty());
+//! # Ok(())
+//! # }
+//! ```
+
+mod calibrate;
+mod files;
+
+pub use calibrate::{FitOptions, Inputs, Made, Origin, Refused, Source};
+pub use files::{Bar, CampaignFile, no_bar};

@@ -1,0 +1,35 @@
+//! Verification by the length of gravity over standstills, on arrays.
+
+use crate::errors::StabilityError;
+use crate::offline::with_lag;
+use crate::records::document;
+use crate::table::Table;
+use isotherm_report::lengths as report;
+use isotherm_verification::{Lengths, LocalGravity, Requirement};
+use numpy::PyReadonlyArray1;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+/// Compares the lengths over the standstills of samples with local gravity: the document of `isotherm
+/// verify --standstills --json`.
+#[pyfunction]
+#[expect(clippy::needless_pass_by_value, reason = "an argument of a Python function")]
+pub(crate) fn lengths<'py>(
+    py: Python<'py>,
+    table: &Table,
+    samples: PyReadonlyArray1<'py, u8>,
+    window: f64,
+    gravity_local: Option<f64>,
+    other_device: bool,
+    require: Option<&str>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let required: Option<Requirement> =
+        require.map(str::parse).transpose().map_err(|message| PyValueError::new_err(format!("require: {message}")))?;
+    let bytes = samples.as_slice()?;
+    let found = py.detach(|| {
+        let rows: Vec<_> = with_lag(bytes, &table.0).collect();
+        Lengths::of(&table.0, &rows, window, LocalGravity::of(gravity_local, &table.0), other_device)
+    });
+    let found = found.map_err(|error| StabilityError::new_err(error.to_string()))?;
+    document(py, &report::json(&found, window, required))
+}
