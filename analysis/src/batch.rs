@@ -18,6 +18,7 @@ pub use outliers::stand_outs;
 use crate::compare::{Convention, Form, FormCurve, common_range, median, points};
 use isotherm_calibration::TableFile;
 use isotherm_failure::{Exit, Failure};
+use isotherm_finding::{Finding, name};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::QUANTITIES;
@@ -112,8 +113,10 @@ pub struct Batch {
     pub curves: Vec<BatchCurve>,
     /// The values that stand out; `None` under five units. The indices are those of `units` and `quantities`.
     pub stand_outs: Option<Vec<StandOut>>,
-    /// What a reader must know about the tables.
+    /// What a reader must know about the statistics.
     pub notes: Vec<String>,
+    /// What is not looked at, because not all tables have it.
+    pub findings: Vec<Finding>,
 }
 
 /// The statistics of tables of different units of one kind.
@@ -156,13 +159,14 @@ pub fn batch(tables: &[TableFile]) -> Result<Batch, BatchError> {
         curves: Vec::new(),
         stand_outs: None,
         notes: Vec::new(),
+        findings: Vec::new(),
     };
     let convention = Convention::of(tables);
     let forms: Vec<_> = tables.iter().map(|table| Form::of(table, convention)).collect();
     found.notes.extend(convention.note().map(str::to_owned));
     let sensors = forms.iter().map(|form| form.curves.len()).min().unwrap_or(0);
     if forms.iter().any(|form| form.curves.len() != sensors) {
-        found.notes.push("Not all tables have gyroscopes: only the accelerometers are looked at.".to_owned());
+        found.skip("Not all tables have gyroscopes: only the accelerometers are looked at.".to_owned());
     }
     for kind in [SensorKind::Accelerometer, SensorKind::Gyroscope].into_iter().take(sensors / AXES) {
         for axis in 0..AXES {
@@ -184,6 +188,11 @@ pub fn batch(tables: &[TableFile]) -> Result<Batch, BatchError> {
 }
 
 impl Batch {
+    /// Notes what is not looked at.
+    fn skip(&mut self, message: String) {
+        self.findings.push(Finding::warning(name::NOT_COMPARED, message));
+    }
+
     /// Adds a curve: its values at the ends and the middle of the common range, its slope, and how it runs.
     fn add_curve(&mut self, (kind, axis, quantity): (SensorKind, usize, usize), forms: &[Form]) {
         let of = |quantity: usize| -> Vec<&FormCurve> {
@@ -192,8 +201,7 @@ impl Batch {
         };
         let (all, name) = (of(quantity), format!("{} {}", kind.names()[axis], QUANTITIES[quantity]));
         let Some(range) = common_range(all.iter().copied()) else {
-            self.notes
-                .push(format!("{name}: the units have no common range of the telemetry, so it is not looked at."));
+            self.skip(format!("{name}: the units have no common range of the telemetry, so it is not looked at."));
             return;
         };
         let telemetry = points(range);
@@ -239,7 +247,7 @@ impl Batch {
     fn add_misalignments(&mut self, kind: SensorKind, forms: &[Form]) {
         let triad = usize::from(kind == SensorKind::Gyroscope);
         let Some(matrices) = forms.iter().map(|form| form.misalignment[triad]).collect::<Option<Vec<_>>>() else {
-            self.notes.push("Not all tables have misalignments, so they are not looked at.".to_owned());
+            self.skip("Not all tables have misalignments, so they are not looked at.".to_owned());
             return;
         };
         for (i, j) in (0..AXES).flat_map(|i| (0..AXES).map(move |j| (i, j))).filter(|(i, j)| i != j) {
@@ -268,8 +276,7 @@ impl Batch {
             }
             (None, Some(all)) => add("residual".to_owned(), all),
             (None, None) => {
-                self.notes
-                    .push("Not all tables have the same kind of residuals, so they are not looked at.".to_owned());
+                self.skip("Not all tables have the same kind of residuals, so they are not looked at.".to_owned());
             }
         }
     }

@@ -29,6 +29,7 @@ pub use trend::{Trend, YEAR_S};
 
 pub(crate) use curves::{common_range, median};
 use isotherm_calibration::TableFile;
+use isotherm_finding::{Finding, name};
 pub(crate) use isotherm_shared::table::difference::points;
 use isotherm_statistics::QUANTITIES;
 pub(crate) use table::{Form, FormCurve};
@@ -71,8 +72,10 @@ pub struct Comparison {
     pub alignments: Vec<AlignmentComparison>,
     /// A line through each quantity over the dates, of three tables or more.
     pub trends: Vec<Trend>,
-    /// What a reader must know about the tables.
+    /// What a reader must know about the comparison.
     pub notes: Vec<String>,
+    /// Warnings about the tables.
+    pub findings: Vec<Finding>,
 }
 
 /// Compares tables: the first is the old one, the second the new one. Three or more are put in the order of their dates
@@ -141,8 +144,8 @@ pub fn compare(mut tables: Vec<TableFile>, other_unit: bool) -> Result<Compariso
     let triads = sensors / AXES;
     let alignments = kinds.into_iter().take(triads);
     let alignments: Vec<_> = alignments.map(|kind| AlignmentComparison::of(kind, [old, new], triads)).collect();
-    let notes = notes(&tables, convention, &curves, &alignments);
-    Ok(Comparison { tables, convention, curves, alignments, trends, notes })
+    let (notes, findings) = (notes(&tables, convention), findings(&tables, &curves, &alignments));
+    Ok(Comparison { tables, convention, curves, alignments, trends, notes, findings })
 }
 
 /// Why the tables cannot be compared, whatever their curves are.
@@ -191,36 +194,10 @@ fn dates(tables: &[TableFile]) -> Vec<String> {
     faults
 }
 
-/// What a reader must know about the tables.
-fn notes(
-    tables: &[TableFile],
-    convention: Convention,
-    curves: &[CurveComparison],
-    alignments: &[AlignmentComparison],
-) -> Vec<String> {
+/// What a reader must know about the comparison.
+fn notes(tables: &[TableFile], convention: Convention) -> Vec<String> {
     let mut notes: Vec<_> = convention.note().map(str::to_owned).into_iter().collect();
-    let missing: Vec<_> = curves.iter().filter(|curve| curve.band.is_none()).map(|curve| curve.name()).collect();
-    if !missing.is_empty() {
-        let which = if missing.len() == curves.len() { "any curve".to_owned() } else { missing.join(", ") };
-        notes.push(format!(
-            "The provenances do not have the covariances of {which} in both tables: the values alone decide, and nothing says whether a \
-             difference is more than the errors."
-        ));
-    }
-    for alignment in alignments.iter().filter(|alignment| alignment.half_width_urad.is_none()) {
-        notes.push(format!(
-            "The errors of the misalignments of the {} are not known in both tables: the values alone decide, and nothing says whether a \
-             difference is more than the errors.",
-            alignment.name()
-        ));
-    }
-    let names = |of: &dyn Fn(&TableFile) -> bool| -> Option<String> {
-        let names: Vec<_> = tables.iter().filter(|table| of(table)).map(|table| table.name.as_str()).collect();
-        (!names.is_empty() && names.len() < tables.len()).then(|| names.join(", "))
-    };
-    let without = names(&|table| !table.has_gyroscopes());
-    notes.extend(without.map(|names| format!("{names}: no gyroscopes, so that those of the others are not compared.")));
-    let without = names(&|table| table.table.content().alignment.is_none());
+    let without = names(tables, |table| table.table.content().alignment.is_none());
     notes.extend(without.map(|names| format!("{names}: no alignment matrix, which counts as the identity.")));
     let transient = |table: &TableFile| table.sensors().any(|(_, _, axis)| axis.transient != 0.0);
     if tables.iter().any(transient) {
@@ -229,17 +206,45 @@ fn notes(
     if tables.iter().all(TableFile::has_gyroscopes) {
         notes.push("The g-sensitivities of the gyroscopes are not compared.".to_owned());
     }
+    notes
+}
+
+/// The names of the tables that are `of` a kind, if some are and others are not.
+fn names(tables: &[TableFile], of: impl Fn(&TableFile) -> bool) -> Option<String> {
+    let names: Vec<_> = tables.iter().filter(|table| of(table)).map(|table| table.name.as_str()).collect();
+    (!names.is_empty() && names.len() < tables.len()).then(|| names.join(", "))
+}
+
+/// Warnings about the tables.
+fn findings(tables: &[TableFile], curves: &[CurveComparison], alignments: &[AlignmentComparison]) -> Vec<Finding> {
+    let mut found = Vec::new();
+    let mut add = |name, message| found.push(Finding::warning(name, message));
     let serials: Vec<_> = tables.iter().map(|table| table.table.content().serial.as_deref()).collect();
     if serials.windows(2).any(|pair| matches!(pair, [Some(a), Some(b)] if a != b)) {
         let list: Vec<_> = serials.iter().flatten().copied().collect();
-        notes.push(format!("The serial numbers differ: {}.", list.join(", ")));
+        add(name::SERIALS, format!("The serial numbers differ: {}.", list.join(", ")));
     }
     if let [old, new] = tables
         && old.origin.unix_s.zip(new.origin.unix_s).is_some_and(|(old, new)| new < old)
     {
-        notes.push(format!("{} is dated before {}: the new table is the older one.", new.name, old.name));
+        add(name::DATES, format!("{} is dated before {}: the new table is the older one.", new.name, old.name));
     }
-    notes
+    let unknown = "the values alone decide, and nothing says whether a difference is more than the errors.";
+    let missing: Vec<_> = curves.iter().filter(|curve| curve.band.is_none()).map(|curve| curve.name()).collect();
+    if !missing.is_empty() {
+        let which = if missing.len() == curves.len() { "any curve".to_owned() } else { missing.join(", ") };
+        let message = format!("The provenances do not have the covariances of {which} in both tables: {unknown}");
+        add(name::ERRORS_UNKNOWN, message);
+    }
+    for alignment in alignments.iter().filter(|alignment| alignment.half_width_urad.is_none()) {
+        let of = alignment.name();
+        let message = format!("The errors of the misalignments of the {of} are not known in both tables: {unknown}");
+        add(name::ERRORS_UNKNOWN, message);
+    }
+    if let Some(names) = names(tables, |table| !table.has_gyroscopes()) {
+        add(name::NOT_COMPARED, format!("{names}: no gyroscopes, so that those of the others are not compared."));
+    }
+    found
 }
 
 /// A bound, judged.

@@ -192,7 +192,7 @@ fn tables_that_are_no_batch_are_refused() {
     let text = fs::read_to_string(format!("{DATA}/any_lab/compare/far.toml")).unwrap().replace("imu-a", "imu-c");
     let far = batch(&[unit("imu-a"), TableFile::from_toml("far.toml", &text).unwrap()]).unwrap();
     assert!(
-        far.quantities.is_empty() && far.notes[0].starts_with("A1 bias: the units have no common range"),
+        far.quantities.is_empty() && far.findings[0].message.starts_with("A1 bias: the units have no common range"),
         "{far:?}"
     );
 }

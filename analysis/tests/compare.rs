@@ -186,11 +186,11 @@ fn misalignments_without_errors_are_not_known() {
     assert!(found.curves.iter().all(|curve| curve.band.is_some()) && !found.has_errors());
     assert_eq!(found.conclusion(), "Whether anything has changed by more than the errors is not known.");
     assert!(
-        found.notes.iter().any(|note| note.starts_with(
+        found.findings.iter().any(|finding| finding.message.starts_with(
             "The errors of the misalignments of the accelerometers are not known in both tables: the values alone decide"
         )),
         "{:?}",
-        found.notes
+        found.findings
     );
     let file = table("triangular_alignment");
     let known = compare(vec![with_gyroscopes(file, None, [1e-6; 2]); 2], false).unwrap();
@@ -203,7 +203,11 @@ fn misalignments_without_errors_are_not_known() {
 #[test]
 fn what_cannot_be_compared_is_said() {
     let missing = compared(&["2023", "no_covariance"]);
-    assert!(!missing.has_errors() && missing.notes[0].contains("the values alone decide"), "{:?}", missing.notes);
+    assert!(
+        !missing.has_errors() && missing.findings[0].message.contains("the values alone decide"),
+        "{:?}",
+        missing.findings
+    );
     assert_eq!(missing.conclusion(), "Whether anything has changed by more than the errors is not known.");
     // Another IMU, if the user says so.
     assert!(compare(vec![table("2023"), table("other_imu")], true).is_ok());
@@ -237,9 +241,9 @@ fn what_cannot_be_compared_is_said() {
         let found = compare(vec![table("2023"), broken], false).unwrap();
         assert_eq!(found.curves[0].band, None, "{to}");
         assert!(
-            found.curves[1].band.is_some() && found.notes[0].contains("covariances of A1 bias in both"),
+            found.curves[1].band.is_some() && found.findings[0].message.contains("covariances of A1 bias in both"),
             "{:?}",
-            found.notes
+            found.findings
         );
     }
 }
@@ -253,7 +257,8 @@ fn files_out_of_date_order_give_the_same_line() {
     assert_eq!(mixed.curves, sorted.curves);
     // Two are taken as they are given, which is said.
     let backwards = compared(&["2024", "2023"]);
-    assert_eq!(backwards.notes, ["2023.toml is dated before 2024.toml: the new table is the older one."]);
+    let messages: Vec<_> = backwards.findings.iter().map(ToString::to_string).collect();
+    assert_eq!(messages, ["2023.toml is dated before 2024.toml: the new table is the older one."]);
     assert!((backwards.curves[0].mean() + compared(&["2023", "2024"]).curves[0].mean()).abs() < 1e-9);
 }
 

@@ -144,7 +144,7 @@ fn the_closed_loop() {
     let text = fs::read_to_string(at("first.csv")).unwrap().replace(",1000000000,", ",995000000,");
     fs::write(at("first.csv"), text).unwrap();
     let (_, err) = run(folder.path(), 0, &["verify", "--table", "table.toml", "first.csv"]);
-    assert!(err.contains("warning: first.csv: interval_ns is 5000 ppm shorter than the time"), "{err}");
+    assert!(err.contains("warning [interval]: first.csv: interval_ns is 5000 ppm shorter than the time"), "{err}");
     // Too short for even three windows.
     let (_, err) = run(folder.path(), 65, &["verify", "--table", "run/truth.toml", "run/run.csv", "--window", "1e6"]);
     assert!(err.contains("windows of 1000000 s; at least 3 are needed"), "{err}");

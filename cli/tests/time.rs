@@ -50,7 +50,7 @@ fn verify_and_noise_count_what_is_missing_and_warn_of_lost_time() {
         let (words, warnings) = on(command, "lost.csv");
         assert!(words.contains(&format!("{parts}: 0 rows missing in 0 gaps, 5 time steps\n")), "{words}");
         assert!(
-            warnings.contains("warning: lost.csv: over 25 rows to sequence 49 ") && warnings.contains(TIME),
+            warnings.contains("warning [time-step]: lost.csv: over 25 rows to sequence 49 ") && warnings.contains(TIME),
             "{warnings}"
         );
         let (words, warnings) = on(command, "gaps.csv");

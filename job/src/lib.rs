@@ -1,4 +1,4 @@
-//! A calibration from files: read, hash, fit, seal, report. The command, an automatic campaign and Python differ in
+//! A calibration from files: read, hash, fit, seal, report; and a verification run.  The command, an automatic campaign and Python differ in
 //! their arguments only.
 //!
 //! ```
@@ -20,6 +20,8 @@
 
 mod calibrate;
 mod files;
+mod verify;
 
 pub use calibrate::{FitOptions, Inputs, Made, Origin, Refused, Source};
 pub use files::{Bar, CampaignFile, no_bar};
+pub use verify::Run;

@@ -50,10 +50,11 @@ pub(crate) fn convert(
         for sample in &mut conversion {
             bytes.extend_from_slice(&raw_bytes(&sample?));
         }
-        Ok((bytes, conversion.notes()))
+        let found = conversion.findings();
+        Ok((bytes, found.iter().map(|finding| format!("[{}]: {finding}", finding.name)).collect()))
     };
-    let (bytes, notes) = py.detach(read).map_err(|failure| exception(failure, named))?;
-    Ok((array(py, bytes), notes))
+    let (bytes, findings) = py.detach(read).map_err(|failure| exception(failure, named))?;
+    Ok((array(py, bytes), findings))
 }
 
 fn exception(failure: Failure, mapping: Option<(&Path, &str)>) -> PyErr {

@@ -38,6 +38,11 @@ pub fn html(batch: Result<&Batch, &str>, source: &BatchSource) -> String {
     page.finish()
 }
 
+/// What a reader must know: notes, and what is not looked at.
+fn looked_at(batch: &Batch) -> Vec<String> {
+    batch.notes.iter().cloned().chain(batch.findings.iter().map(ToString::to_string)).collect()
+}
+
 fn statistics(page: &mut Page, batch: &Batch) {
     let kind = match &batch.stand_outs {
         Some(found) if found.is_empty() => NoteKind::Good,
@@ -46,8 +51,8 @@ fn statistics(page: &mut Page, batch: &Batch) {
     for line in batch.verdict() {
         page.note(kind, "Units that stand out", &line);
     }
-    for note in &batch.notes {
-        page.note(NoteKind::Warning, "Look at this", note);
+    for line in looked_at(batch) {
+        page.note(NoteKind::Warning, "Look at this", &line);
     }
     page.paragraph(&batch.power());
     page.key_values(&[("Units", batch.units.join(", ")), ("1 g0", format!("{} m/s2", batch.gravity))]);
@@ -148,7 +153,7 @@ pub fn text(batch: &Batch) -> String {
             quantity.sd()
         );
     }
-    for line in batch.verdict().iter().chain(&batch.notes).chain([&batch.power()]).chain(&batch.families()) {
+    for line in batch.verdict().iter().chain(&looked_at(batch)).chain([&batch.power()]).chain(&batch.families()) {
         let _ = writeln!(text, "{line}");
     }
     text
@@ -196,5 +201,6 @@ pub fn document(batch: &Batch) -> Value {
         "verdict": batch.verdict(),
         "power": batch.power(),
         "notes": batch.notes,
+        "findings": crate::json::findings(&batch.findings, |line| line.to_string()),
     })
 }

@@ -60,6 +60,9 @@ fn result(page: &mut Page, comparison: &Comparison, source: &ComparisonSource) {
         };
         page.note(kind, word, &judgement.message);
     }
+    for finding in &comparison.findings {
+        page.note(NoteKind::Warning, "Look at this", &finding.to_string());
+    }
     for note in &comparison.notes {
         page.note(NoteKind::Warning, "Look at this", note);
     }

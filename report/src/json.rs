@@ -251,7 +251,7 @@ pub fn refusal(error: &CalibrationError, failure: &Failure, locate: impl Fn(u64)
 }
 
 /// The findings as JSON documents have them. `locate` gives file and line of a row.
-pub(crate) fn findings<'a>(all: impl IntoIterator<Item = &'a Finding>, locate: impl Fn(u64) -> String) -> Value {
+pub fn findings<'a>(all: impl IntoIterator<Item = &'a Finding>, locate: impl Fn(u64) -> String) -> Value {
     all.into_iter().map(|finding| json!(finding.record(&locate))).collect()
 }
 
@@ -283,6 +283,7 @@ pub fn verification(stability: &Stability, window_s: f64, required: Option<Requi
         "windows_left_out": left_out(&stability.windows_left_out),
         "samples_left_out": stability.left_out,
         "losses": losses(stability.losses),
+        "findings": findings(&stability.findings(required.is_some()), |line| line.to_string()),
         "time_warning": stability.time_fault.map(|fault| fault.to_string()),
         "attitude_stated": stability.stated,
         "specific_force_g0": stability.specific_force,

@@ -32,11 +32,11 @@ pub fn html(analysis: &NoiseAnalysis, source: &NoiseSource) -> String {
     let mut page = Page::new(&title, &format!("{} · {} · {}", file_names(&source.recording), source.time, source.tool));
     page.heading(2, "result", "Result");
     page.paragraph(&format!("{}.", text::rows(analysis)));
-    let warnings = analysis.warnings();
-    for warning in &warnings {
-        page.note(NoteKind::Warning, "To be known before the figures are used", warning);
+    let findings = analysis.findings();
+    for finding in &findings {
+        page.note(NoteKind::Warning, "To be known before the figures are used", &finding.to_string());
     }
-    if warnings.is_empty() {
+    if findings.is_empty() {
         page.note(NoteKind::Good, "The model holds for every sensor", "");
     }
     for sensor in &analysis.sensors {

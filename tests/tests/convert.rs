@@ -128,7 +128,10 @@ fn a_log_of_novatel_needs_no_mapping() {
     assert!(!stderr.contains("warning"), "{stderr}");
     let (_, stdout, stderr) = run(&domain, &["convert", "span.log", "--interval", "0.01", "-o", "-"]);
     assert!(stdout.contains("4410363,0,25,25,"));
-    assert!(stderr.contains("warning: the data have no temperature; 25 is in all rows as a placeholder"), "{stderr}");
+    assert!(
+        stderr.contains("warning [no-temperature]: the data have no temperature; 25 is in all rows as a placeholder"),
+        "{stderr}"
+    );
     domain.write("known.toml", "format = 1\n[time]\ninterval_s = 0.005\n[temperature]\nconstant = 7\n");
     assert!(domain.run_ok(&["check", "known.toml"]).contains("mapping of data whose columns are known"));
     let (_, stdout, _) = run(&domain, &["convert", "span.log", "--mapping", "known.toml", "-o", "-"]);
@@ -214,7 +217,11 @@ fn a_recorder_writes_ros_messages_of_a_running_imu() {
         assert!(status.success() && log.contains("imu-a increment: 200 rows of 1 session, 0 missing"), "{log}");
     }
     let notes = |file: &str| run(&domain, &["convert", file, "-o", "-"]).2;
-    assert!(notes("plain.mcap").contains("warning: the data have no temperature"), "{}", notes("plain.mcap"));
+    assert!(
+        notes("plain.mcap").contains("warning [no-temperature]: the data have no temperature"),
+        "{}",
+        notes("plain.mcap")
+    );
     assert!(notes("named.mcap").contains("temperature of /imu_a/temperature, in degC"), "{}", notes("named.mcap"));
     for (wrong, message) in [
         (&["--format", "ros", "--stream", "raw", "-o", "x.mcap"][..], "leave out --stream"),

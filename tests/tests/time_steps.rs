@@ -143,7 +143,7 @@ fn feed_prints_the_step_in_its_own_column_and_replay_and_record_count_it() {
     let words: Vec<_> = words.lines().collect();
     assert!(
         matches!(words[..], [warning, last]
-        if warning.starts_with("isotherm: warning: lost.csv: over 25 rows to sequence 49 timestamp_ns rises by 0.01 s more")
+        if warning.starts_with("isotherm: warning [time-step]: lost.csv: over 25 rows to sequence 49 timestamp_ns rises by 0.01 s more")
         && last == "isotherm: 600 increments, none flagged; 0 rows missing in 0 gaps, 99 time steps"),
         "{words:?}"
     );

@@ -245,7 +245,7 @@ fn the_unit_of_a_recording_is_compared_with_the_tables() {
         assert!(replayed.status.success());
         let (increments, log) = (text(&replayed.stdout), text(&replayed.stderr));
         assert_eq!(flags(&increments), [(expected.to_owned(), 40)], "{file}");
-        let warning = "warning: samples of another unit than the table's, which has the serial number \"S/N 7\"";
+        let warning = ".csv: samples of another unit than the table's, which has the serial number \"S/N 7\"";
         assert_eq!(log.contains(warning), expected != "-", "{log}");
         assert!(domain.run_ok(&[&FEED[..], &[file]].concat()) == increments, "{file}");
     }
@@ -299,7 +299,7 @@ fn a_recording_without_gyroscopes_is_warned_of() {
     let service = domain.serve_whole();
     write(&domain, "half.csv", false, Layout::default(), &whole_recording(40));
     write(&domain, "whole.csv", false, GYROSCOPES, &whole_recording(40));
-    let warning = "warning: from sequence 0 on the recording has no gyroscopes, but the table has";
+    let warning = "warning [no-gyroscopes]: from sequence 0 on the recording has no gyroscopes, but the table has";
     for (file, count) in [("half.csv", 1), ("whole.csv", 0)] {
         for command in [&REPLAY[..], &FEED[..]] {
             let output = domain.run(&[command, &[file]].concat());

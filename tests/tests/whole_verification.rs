@@ -199,7 +199,10 @@ fn samples_of_another_unit_are_refused_unless_wanted() {
     );
     assert!(err.contains("--other-device"), "{err}");
     let (other, err) = expect(&verify(&domain, &[&["other.csv", "--other-device"], &arguments[..]].concat()), 0);
-    assert!(err.contains("warning: samples of another unit than the table's") && other == own, "{err}{other}");
+    assert!(
+        err.contains("warning [other-device]: other.csv: 400 samples of another unit than the table's") && other == own,
+        "{err}{other}"
+    );
     // `replay` computes, warns once and counts.
     let (_, err) = expect(&domain.run(&["replay", "--table", "imu-g.toml", "other.csv", "-o", "increments.csv"]), 0);
     assert_eq!(err.matches("another unit").count(), 1, "{err}");
@@ -217,6 +220,6 @@ fn nothing_is_claimed_of_a_recording_in_motion() {
     let (out, err) = expect(&verify(&domain, &["half.csv"]), 0);
     assert!(out.contains("Nothing can be claimed: the output is 1.3990 g0 long"), "{out}");
     assert!(out.ends_with("hold it still.\n") && out.contains("The gyroscopes are not judged: in only "), "{out}");
-    assert!(err.contains("warning: half.csv: the output is 1.3990 g0 long"), "{err}");
+    assert!(err.contains("warning [not-gravity]: half.csv: the output is 1.3990 g0 long"), "{err}");
     expect(&verify(&domain, &["half.csv", "--require", "rate=100deg/h"]), 1);
 }

@@ -6,6 +6,7 @@
 use super::curve::{Allan, MIN_ROWS, TemperatureLine};
 use core::ops::Range;
 use isotherm_campaign::{AT_REST, StandstillError, begins_ns, find_standstills};
+use isotherm_finding::{Finding, name};
 use isotherm_recording::columns::has_values;
 use isotherm_recording::{Continuity, Losses};
 use isotherm_shared::compensate::answer;
@@ -114,37 +115,43 @@ impl SensorNoise {
         self.white_counts.is_some_and(|counts| counts < LEAST_WHITE_COUNTS)
     }
 
-    /// What is to be known before its figures are used, a sentence each, beginning with its name.
+    /// What is to be known before its figures are used; each message begins with its name.
     #[must_use]
-    pub fn warnings(&self) -> Vec<String> {
-        let name = self.name;
+    pub fn findings(&self) -> Vec<Finding> {
+        let mut found = Vec::new();
+        let mut add = |name, message: String| found.push(Finding::warning(name, format!("{}: {message}", self.name)));
         let Some(allan) = &self.allan else {
-            return vec![format!("{name}: its counts never change; look at the sensor and its cable")];
+            add(name::RATE_CONSTANT, "its counts never change; look at the sensor and its cable".to_owned());
+            return found;
         };
-        let mut warnings = Vec::new();
         if let Some(counts) = self.white_counts.filter(|_| self.has_limit_cycle()) {
-            warnings.push(format!(
-                "{name}: its noise is smaller than a count, {counts:.2} counts a row: the counts repeat a pattern (limit cycle), so Q and N are not \
-                 those of the sensor; record with a longer interval"
-            ));
+            let message = format!(
+                "its noise is smaller than a count, {counts:.2} counts a row: the counts repeat a pattern (limit cycle), so Q and N are not those of \
+                 the sensor; record with a longer interval"
+            );
+            add(name::LIMIT_CYCLE, message);
         }
         match &allan.model {
-            None => warnings.push(format!("{name}: the model cannot be fitted: the counts repeat a pattern")),
-            Some(model) if !model.holds() => warnings.push(format!(
-                "{name}: the model does not hold: chi-square {:.1} for {} degrees of freedom, at most {} allowed; no ranges are given, and the intervals \
-                 of the points are approximate",
-                model.chi_square,
-                model.freedom,
-                2 * model.freedom
-            )),
+            None => add(name::NOISE_MODEL, "the model cannot be fitted: the counts repeat a pattern".to_owned()),
+            Some(model) if !model.holds() => {
+                let message = format!(
+                    "the model does not hold: chi-square {:.1} for {} degrees of freedom, at most {} allowed; no ranges are given, and the intervals \
+                     of the points are approximate",
+                    model.chi_square,
+                    model.freedom,
+                    2 * model.freedom
+                );
+                add(name::NOISE_MODEL, message);
+            }
             Some(_) => {}
         }
         if let Some((_, from_s)) = self.contamination() {
-            warnings.push(format!(
-                "{name}: contaminated by the temperature from tau = {from_s:.4} s; what is left without a straight line in head telemetry is beside"
-            ));
+            let message = format!(
+                "contaminated by the temperature from tau = {from_s:.4} s; what is left without a straight line in head telemetry is beside"
+            );
+            add(name::NOISE_TEMPERATURE, message);
         }
-        warnings
+        found
     }
 }
 
@@ -184,8 +191,8 @@ pub struct NoiseAnalysis {
     pub sensors: Vec<SensorNoise>,
     /// Rows that are missing by their sequences, and steps of time, in the part of the recording that was asked for.
     pub losses: Losses,
-    /// What is to be known of all sensors, a sentence each.
-    pub notes: Vec<String>,
+    /// What is to be known of all sensors.
+    pub of_recording: Vec<Finding>,
     /// Unit of the telemetry, that of the table; "unit" without one.
     pub temperature_unit: String,
 }
@@ -251,15 +258,16 @@ impl NoiseAnalysis {
         let stretch = &candidates[longest.clone()];
         let steps_ns = stretch[stretch.len() - 1].timestamp_ns - stretch[0].timestamp_ns;
         let interval_s = steps_ns as f64 / 1e9 / (stretch.len() - 1) as f64;
-        let mut notes = outputs.notes.clone();
+        let mut found = outputs.findings.clone();
         let continuity: Continuity = candidates.iter().collect();
-        notes.extend(continuity.fault().map(|fault| fault.to_string()));
+        found.extend(continuity.fault().map(|fault| Finding::warning(name::TIME_STEP, fault.to_string())));
         let mean_s = stretch.iter().map(|row| row.interval_ns as f64).sum::<f64>() / 1e9 / stretch.len() as f64;
         if (mean_s / interval_s - 1.0).abs() > INTERVAL_TOLERANCE {
-            notes.push(format!(
+            let message = format!(
                 "interval_ns is {mean_s:.6} s, but the time from row to row is {interval_s:.6} s: one of them is wrong, or time is lost between rows; \
                  the noise at short tau is then another"
-            ));
+            );
+            found.push(Finding::warning(name::INTERVAL, message));
         }
         let sensors = outputs.sensors.iter().map(|sensor| sensor.noise(candidates, longest.clone(), interval_s));
         Ok(Self {
@@ -269,15 +277,15 @@ impl NoiseAnalysis {
             interval_s,
             sensors: sensors.collect(),
             losses: continuity.losses(),
-            notes,
+            of_recording: found,
             temperature_unit: table.map_or_else(|| "unit".to_owned(), |table| table.content().temperature_unit.clone()),
         })
     }
 
-    /// All warnings, a sentence each.
+    /// All findings: those of the recording, then those of each sensor.
     #[must_use]
-    pub fn warnings(&self) -> Vec<String> {
-        self.notes.iter().cloned().chain(self.sensors.iter().flat_map(SensorNoise::warnings)).collect()
+    pub fn findings(&self) -> Vec<Finding> {
+        self.of_recording.iter().cloned().chain(self.sensors.iter().flat_map(SensorNoise::findings)).collect()
     }
 }
 
@@ -303,7 +311,7 @@ fn split(rest: Range<usize>, rows: &[RawSample], outputs: &Outputs) -> Vec<Range
 /// The rates of all sensors over all rows.
 struct Outputs {
     sensors: Vec<Sensor>,
-    notes: Vec<String>,
+    findings: Vec<Finding>,
 }
 
 struct Sensor {
@@ -317,14 +325,13 @@ impl Outputs {
     fn of(rows: &[RawSample], table: Option<&CoefficientTable>) -> Self {
         let recorded = rows.iter().any(|row| has_values(&row.gyroscopes));
         let in_table = table.map(|table| table.content().gyroscopes.is_some());
-        let mut notes = Vec::new();
-        match in_table {
-            Some(true) if !recorded => notes.push("the recording has no gyroscopes, but the table has".to_owned()),
-            Some(false) if recorded => {
-                notes.push("the gyroscopes are left out: the table has none".to_owned());
-            }
-            _ => {}
-        }
+        let message = match in_table {
+            Some(true) if !recorded => Some("the recording has no gyroscopes, but the table has"),
+            Some(false) if recorded => Some("the gyroscopes are left out: the table has none"),
+            _ => None,
+        };
+        let finding = message.map(|message| Finding::warning(name::NO_GYROSCOPES, message.to_owned()));
+        let mut findings: Vec<_> = finding.into_iter().collect();
         let triads = if recorded && in_table != Some(false) {
             &[SensorKind::Accelerometer, SensorKind::Gyroscope][..]
         } else {
@@ -358,11 +365,12 @@ impl Outputs {
         }
         if let Some(table) = table.filter(|_| other_device > 0) {
             let serial = table.content().serial.as_deref().unwrap_or_default().trim();
-            notes.push(format!(
+            let message = format!(
                 "{other_device} rows are of another unit than the table's, which has the serial number {serial:?}"
-            ));
+            );
+            findings.push(Finding::warning(name::OTHER_DEVICE, message));
         }
-        Self { sensors, notes }
+        Self { sensors, findings }
     }
 
     fn is_finite(&self, row: usize) -> bool {

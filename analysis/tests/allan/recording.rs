@@ -169,7 +169,7 @@ fn with_a_table_the_units_are_g0_and_deg_h() {
     assert!(counts.sensors.len() == 6 && counts.sensors.iter().all(|sensor| sensor.kind == RateKind::Counts));
     let without = NoiseAnalysis::of(&rows, Some(&self::table(false)), ALL).unwrap();
     assert_eq!(without.sensors.len(), 3);
-    assert_eq!(without.warnings()[0], "the gyroscopes are left out: the table has none");
+    assert_eq!(without.findings()[0].message, "the gyroscopes are left out: the table has none");
     // Kalibr's file has the worst axis in SI units.
     let yaml = imu_yaml(&found, 9.8, "night\n.csv").unwrap();
     let value = |key: &str| -> f64 {
@@ -223,7 +223,10 @@ fn temperature_contaminates_what_a_line_explains() {
     assert!(without.below().unwrap() < raw.range.unwrap()[1], "{raw:?} {without:?}");
     assert!(found.sensors[1..].iter().all(|sensor| sensor.contamination().is_none() && sensor.line.is_some()));
     assert!(
-        found.warnings().iter().any(|warning| warning.starts_with("A1: contaminated by the temperature from tau = "))
+        found
+            .findings()
+            .iter()
+            .any(|finding| finding.message.starts_with("A1: contaminated by the temperature from tau = "))
     );
     // Telemetry that never changes, or is not a number, has no line.
     rows.iter_mut().for_each(|row| row.accelerometers.head_temperature = [25.0, f64::NAN, 25.0]);
@@ -237,14 +240,15 @@ fn noise_smaller_than_a_count_is_a_limit_cycle() {
     let found = NoiseAnalysis::of(&white(0.15, 32768), None, ALL).unwrap();
     for sensor in &found.sensors {
         assert!(sensor.has_limit_cycle(), "{:?}", sensor.white_counts);
-        assert!(sensor.warnings()[0].contains("smaller than a count"), "{:?}", sensor.warnings());
+        assert!(sensor.findings()[0].message.contains("smaller than a count"), "{:?}", sensor.findings());
     }
-    assert!(NoiseAnalysis::of(&white(0.7, 32768), None, ALL).unwrap().warnings().is_empty());
+    assert!(NoiseAnalysis::of(&white(0.7, 32768), None, ALL).unwrap().findings().is_empty());
     // A sensor that never counts, beside two that do.
     let mut rows = white(1.0, 4000);
     rows.iter_mut().for_each(|row| row.accelerometers.positive_pulses[2] = 7);
     let found = NoiseAnalysis::of(&rows, None, ALL).unwrap();
-    assert_eq!(found.warnings(), ["A3: its counts never change; look at the sensor and its cable"]);
+    let messages: Vec<_> = found.findings().iter().map(ToString::to_string).collect();
+    assert_eq!(messages, ["A3: its counts never change; look at the sensor and its cable"]);
     let text = noise::text::text(&found);
     assert!(text.contains("\nA3: the counts never change\n") && text.contains("\nA2 "), "{text}");
 }

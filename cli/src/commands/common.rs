@@ -4,10 +4,12 @@ use clap::Args;
 use isotherm_client::{Domain, ImuId, Options, RawSample};
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::print_data;
+use isotherm_finding::{Admission, Finding, Location, name};
 use isotherm_job::Refused;
 use isotherm_recording::TimeFault;
 use isotherm_recording::columns::has_values;
 use isotherm_recording_formats::read::{ImuChoice, Samples};
+use isotherm_report::json;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_verification::Requirement;
 use std::path::{Path, PathBuf};
@@ -44,9 +46,11 @@ impl GyroscopeWarning {
     pub(super) fn check(&mut self, sample: &RawSample) {
         if self.due && !has_values(&sample.gyroscopes) {
             self.due = false;
-            let place =
-                format_args!("from sequence {} on the recording has no gyroscopes, but the table has", sample.sequence);
-            tell("isotherm", format_args!("warning: {place}; the angle increments mean nothing"));
+            let message = format!(
+                "from sequence {} on the recording has no gyroscopes, but the table has; the angle increments mean nothing",
+                sample.sequence
+            );
+            tell("isotherm", Finding::warning(name::NO_GYROSCOPES, message).tagged(|line| line.to_string()));
         }
     }
 }
@@ -78,11 +82,50 @@ pub(super) fn inputs(recording: &[PathBuf]) -> Vec<(&Path, &'static str)> {
     recording.iter().map(|path| (path.as_path(), "the recording")).collect()
 }
 
-/// Tells that samples are of another unit than the table's.
-pub(super) fn warn_of_other_device(table: &CoefficientTable) {
+/// Which findings the user accepts.
+#[derive(Clone, Debug, Default, Args)]
+pub(super) struct Acceptance {
+    /// Go on in spite of a fault of this name, which stands in brackets in the fault's line; several with commas, or
+    /// repeated
+    #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = name::acceptable)]
+    pub accept: Vec<&'static str>,
+    /// Take every warning that is not accepted for a fault
+    #[arg(long)]
+    pub strict: bool,
+}
+
+impl Acceptance {
+    /// Prints the findings about `recording`, and returns them.
+    ///
+    /// # Errors
+    /// With the faults that are not accepted.
+    pub(super) fn admit(&self, recording: &str, findings: Vec<Finding>) -> Result<Vec<Finding>, Refused> {
+        let at = |finding: Finding| match finding.place {
+            None if !recording.is_empty() => finding.at(Location::Recording(recording.to_owned())),
+            _ => finding,
+        };
+        let findings = findings.into_iter().map(at).collect();
+        let admission = Admission { accept: &self.accept, strict: self.strict };
+        match admission.admit(findings, &mut Vec::new()) {
+            Ok(findings) => {
+                findings.iter().for_each(|finding| tell("isotherm", finding.tagged(|line| line.to_string())));
+                Ok(findings)
+            }
+            Err(findings) => {
+                let lines: Vec<_> = findings.iter().map(|finding| finding.tagged(|line| line.to_string())).collect();
+                let mut refused = Refused::from(Failure::new(Exit::Data, lines.join("\n")));
+                refused.document["findings"] = json::findings(&findings, |line| line.to_string());
+                Err(refused)
+            }
+        }
+    }
+}
+
+/// Samples of another unit than the table's.
+pub(super) fn other_device(table: &CoefficientTable) -> Finding {
     let serial = table.content().serial.as_deref().unwrap_or_default().trim();
-    let message = "warning: samples of another unit than the table's, which has the serial number";
-    tell("isotherm", format_args!("{message} {serial:?}"));
+    let message = format!("samples of another unit than the table's, which has the serial number {serial:?}");
+    Finding::warning(name::OTHER_DEVICE, message)
 }
 
 /// Refuses a recording that names another IMU than that of its table, as Parquet and MCAP do. To be called after the
@@ -111,11 +154,9 @@ pub(super) fn joined_paths(recording: &[PathBuf]) -> String {
     recording.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
 }
 
-/// Warns of a fault of time in a recording, if there is one.
-pub(super) fn warn_of_time(recording: &[PathBuf], fault: Option<TimeFault>) {
-    if let Some(fault) = fault {
-        tell("isotherm", format_args!("warning: {}: {fault}", joined_paths(recording)));
-    }
+/// A fault of time in a recording.
+pub(super) fn time_step(fault: TimeFault) -> Finding {
+    Finding::warning(name::TIME_STEP, fault.to_string())
 }
 
 /// The IMU whose samples are read for a table: `imu` if it is given, or else the table's.

@@ -1,6 +1,6 @@
 //! `compare`: what has changed between the tables of one IMU.
 
-use super::common::or_document;
+use super::common::{Acceptance, or_document};
 use clap::Args;
 use isotherm_analysis::{ComparisonRequirement, compare};
 use isotherm_calibration::{TableFile, now, tool};
@@ -38,6 +38,8 @@ pub(crate) struct Compare {
     /// Where the report goes (HTML)
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    acceptance: Acceptance,
     /// Print one JSON document instead of the text, also of a failure
     #[arg(long)]
     json: bool,
@@ -61,6 +63,7 @@ impl Compare {
         };
         let tables: Vec<_> = self.tables.iter().map(load).collect::<Result<_, Failure>>()?;
         let comparison = compare(tables, self.other_unit).map_err(Failure::from)?;
+        self.acceptance.admit("", comparison.findings.clone())?;
         if let Some(path) = &self.report {
             let source = ComparisonSource { tool: tool(), time: now(), required: require };
             StagedText::create(Some(path))?.write(&html(&comparison, &source))?.finish()?;

@@ -1,5 +1,6 @@
 //! `convert`: makes a recording of foreign data.
 
+use super::common::Acceptance;
 use crate::parse::interval;
 use clap::Args;
 use isotherm_client::ImuId;
@@ -49,6 +50,8 @@ pub(crate) struct Convert {
     /// Name of the IMU, which a Parquet file has
     #[arg(long, value_name = "ID", default_value = "imu")]
     imu: ImuId,
+    #[command(flatten)]
+    acceptance: Acceptance,
 }
 
 enum Writer {
@@ -96,10 +99,12 @@ impl Convert {
                 return check_written(path, Err(error));
             }
         }
-        check_written(path, writer.finish())?;
         for note in conversion.notes() {
             tell("isotherm", note);
         }
+        // Before the file is put in place: what is refused leaves none.
+        self.acceptance.admit("", conversion.findings()).map_err(|refused| refused.failure)?;
+        check_written(path, writer.finish())?;
         let to = if self.output == Path::new("-") { "stdout".into() } else { self.output.display().to_string() };
         tell("isotherm", format_args!("{} rows in {to}", conversion.rows()));
         Ok(())

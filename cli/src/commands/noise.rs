@@ -1,13 +1,13 @@
 //! `noise`: the Allan deviation of a recording at rest.
 
-use super::common::{choice, inputs, joined_paths, or_document, warn_of_time};
+use super::common::{Acceptance, choice, inputs, joined_paths, or_document, time_step};
 use crate::parse::from_zero;
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
 use isotherm_analysis::{NoiseAnalysis, imu_yaml};
 use isotherm_calibration::{now, tool};
 use isotherm_client::{ImuId, RawSample};
-use isotherm_failure::{Exit, Failure, tell};
+use isotherm_failure::{Exit, Failure};
 use isotherm_files::{
     StagedText, WorldWritable, check_stdout, check_written, load_table, print, print_data, refuse_overlap,
 };
@@ -53,6 +53,8 @@ pub(crate) struct Noise {
     /// Where the noise goes as Kalibr's imu.yaml: N and K of the worst axis of each triad, in m/s2 and rad/s
     #[arg(long, value_name = "FILE.yaml", requires = "table")]
     kalibr: Option<PathBuf>,
+    #[command(flatten)]
+    acceptance: Acceptance,
     /// Print one JSON document instead of the text, also of a failure
     #[arg(long)]
     json: bool,
@@ -93,13 +95,12 @@ impl Noise {
         let analysis = NoiseAnalysis::of(&rows, table.as_ref(), part);
         spinner.finish_and_clear();
         let analysis = analysis.map_err(|error| {
-            warn_of_time(&self.recording, rows.iter().collect::<Continuity>().fault());
+            let fault = rows.iter().collect::<Continuity>().fault().map(time_step);
+            let _ = Acceptance::default().admit(&recording, fault.into_iter().collect());
             let failure = Failure::new(Exit::Data, format!("{recording}: {error}"));
             if let [file] = self.recording.as_slice() { failure.at(file, None) } else { failure }
         })?;
-        for warning in analysis.warnings() {
-            tell("isotherm", format_args!("warning: {recording}: {warning}"));
-        }
+        self.acceptance.admit(&recording, analysis.findings())?;
         let mut texts = Vec::new();
         if let (Some(yaml), Some(table)) = (yaml, &table) {
             let text = imu_yaml(&analysis, table.content().gravity, &recording);

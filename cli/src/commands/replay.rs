@@ -1,6 +1,6 @@
 //! `replay`: compensates a recording with the kernel.
 
-use super::common::{GyroscopeWarning, LagSetting};
+use super::common::{Acceptance, GyroscopeWarning, LagSetting, joined_paths, other_device, time_step};
 use clap::Args;
 use indicatif::ProgressBar;
 use isotherm_client::{Flags, ImuId};
@@ -83,10 +83,10 @@ impl Replay {
             let unit = &table.content().temperature_unit;
             tell("isotherm", format_args!("no sensor_msgs/msg/Temperature: the telemetry is in {unit}, not in degC"));
         }
-        if flags.count(Flags::OTHER_DEVICE) > 0 {
-            super::common::warn_of_other_device(&table);
-        }
-        super::common::warn_of_time(&self.recording, continuity.fault());
+        let other = (flags.count(Flags::OTHER_DEVICE) > 0).then(|| other_device(&table));
+        let findings = continuity.fault().map(time_step).into_iter().chain(other).collect();
+        // What is written stands: nothing is refused.
+        Acceptance::default().admit(&joined_paths(&self.recording), findings).map_err(|refused| refused.failure)?;
         let losses = Some(continuity.losses()).filter(|losses| !losses.is_none());
         let losses = losses.map(|losses| format!("; {losses}")).unwrap_or_default();
         tell("isotherm", format_args!("{flags}{losses}"));

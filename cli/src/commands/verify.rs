@@ -1,7 +1,8 @@
 //! `verify`: the stability of a recording under a table.
 
 use super::common::{
-    LagSetting, choice, inputs, joined, joined_paths, or_document, refuse_other_imu, warn_of_other_device, warn_of_time,
+    Acceptance, LagSetting, choice, inputs, joined, joined_paths, or_document, other_device, refuse_other_imu,
+    time_step,
 };
 use crate::parse::{direction, gravity, seconds};
 use crate::progress::bytes_bar;
@@ -12,13 +13,12 @@ use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{
     StagedText, WorldWritable, check_stdout, check_written, load_table, print, print_data, refuse_overlap,
 };
-use isotherm_job::Refused;
-use isotherm_recording_formats::read::Samples;
+use isotherm_job::{Refused, Run};
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{AXES, RawSample};
-use isotherm_verification::{Collector, Lengths, LengthsError, LocalGravity, Requirement, Setup};
+use isotherm_verification::{Lengths, LengthsError, LocalGravity, Requirement, Setup};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -100,6 +100,8 @@ pub(crate) struct Verify {
     /// Where the report goes (HTML)
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    acceptance: Acceptance,
     /// Print one JSON document instead of the text, also of a failure
     #[arg(long)]
     json: bool,
@@ -150,9 +152,8 @@ impl Verify {
         require: Option<Requirement>,
     ) -> Result<Result<(), Failure>, Refused> {
         let window_s = self.window.map_or(STANDSTILL_WINDOW_S, |window| window.as_secs_f64());
-        if lengths.other_device > 0 {
-            warn_of_other_device(table);
-        }
+        let other = (lengths.other_device > 0).then(|| other_device(table));
+        self.acceptance.admit(&recording, other.into_iter().collect())?;
         if let Some(page) = page {
             let source = self.source(recording.clone(), window_s, require);
             page.write(&report::lengths::html(table, lengths, &source))?.finish()?;
@@ -189,19 +190,17 @@ impl Verify {
         let page = self.report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let bar = bytes_bar(&self.recording, "reading");
         let window_s = self.window.map_or(WINDOW_S, |window| window.as_secs_f64());
-        let mut collector = Collector::new(&table, window_s);
-        let mut samples = Samples::open(&self.recording, choice(self.imu.clone(), &table), &bar)?;
-        samples.set_lag(self.lag.ns.unwrap_or(table.lag_ns()));
+        let imu = choice(self.imu.clone(), &table);
+        let mut run = Run::open(&table, &self.recording, imu, self.lag.ns, window_s, &bar)?;
         let by_hand = table.is_gravity_only() && self.attitude.is_none() && self.angles.is_none();
         let mut rows = Vec::new();
         let mut keep = self.standstills || by_hand;
-        let first = samples.next();
-        if let Some(Ok(_)) = first {
-            refuse_other_imu(&samples, &self.recording, (&table, &self.table), self.other_imu)?;
-        }
-        for sample in first.into_iter().chain(samples) {
+        let mut first = true;
+        while let Some(sample) = run.next() {
             let sample = sample?;
-            collector.add(&sample);
+            if core::mem::take(&mut first) {
+                refuse_other_imu(run.samples(), &self.recording, (&table, &self.table), self.other_imu)?;
+            }
             if keep {
                 rows.push(sample);
                 keep = rows.len() < MOST_ROWS;
@@ -209,22 +208,16 @@ impl Verify {
         }
         bar.finish_and_clear();
         let recording = joined_paths(&self.recording);
-        warn_of_time(&self.recording, collector.continuity().fault());
+        let fault: Vec<_> = run.collector().continuity().fault().map(time_step).into_iter().collect();
         if let Some(lengths) = self.lengths(&table, &rows, keep, &recording)? {
+            self.acceptance.admit(&recording, fault)?;
             return self.show_lengths(&table, &lengths, recording, page, require);
         }
-        let stability = collector.finish(&setup).map_err(|error| {
-            let failure = Failure::new(Exit::Data, format!("{recording}: {error}"));
-            if let [file] = self.recording.as_slice() { failure.at(file, None) } else { failure }
+        let stability = run.finish(&setup).inspect_err(|_| {
+            let _ = Acceptance::default().admit(&recording, fault);
         })?;
-        if stability.other_device > 0 {
-            warn_of_other_device(&table);
-        }
-        // With a requirement the failure at the end says it.
-        let nothing = stability.nothing_claimed().filter(|_| require.is_none());
-        for warning in nothing.into_iter().chain(stability.interval_warning()).chain(stability.attitude_warning()) {
-            tell("isotherm", format_args!("warning: {recording}: {warning}"));
-        }
+        // With a requirement the failure at the end says why nothing is claimed.
+        self.acceptance.admit(&recording, stability.findings(require.is_some()))?;
         // Before the results are printed: then nothing but the judgement can fail after them.
         if let Some(page) = page {
             let source = self.source(recording.clone(), window_s, require);

@@ -13,15 +13,14 @@ use super::samples::file_of;
 use isotherm_calibration::{Accuracy, AlignmentChoice, Calibration, CalibrationOptions, Fitted, LagChoice, now, tool};
 use isotherm_client::{Options, fetch_status};
 use isotherm_failure::{Exit, Failure, printable, tell};
-use isotherm_files::{Installation, StagedText, open_recording, print};
-use isotherm_job::{CampaignFile, FitOptions, Inputs, no_bar};
-use isotherm_recording::RawCsvReader;
+use isotherm_files::{Installation, StagedText, print};
+use isotherm_job::{CampaignFile, FitOptions, Inputs, Run, no_bar};
+use isotherm_recording_formats::read::ImuChoice;
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
-use isotherm_shared::lag::LagCompletion;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_verification::{
-    Collector, EarthRate, Estimate, Exercised, GATE_FLOOR, Gate, LocalGravity, Refusal, Requirement, Setup, Stability,
+    EarthRate, Estimate, Exercised, GATE_FLOOR, Gate, LocalGravity, Refusal, Requirement, Setup, Stability,
 };
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
@@ -442,18 +441,8 @@ impl FittedTable {
 
 /// The stability of a recording under a table.
 fn stability(table: &CoefficientTable, recording: &Path, setup: &Setup) -> Result<Stability, Failure> {
-    let source = open_recording(recording).map_err(|error| Failure::io("opening", recording, &error))?;
-    let mut collector = Collector::new(table, WINDOW_S);
-    let mut lag = LagCompletion::new(table.lag_ns());
-    let reader = RawCsvReader::new(source).map_err(|error| error.failure(recording))?;
-    let has_lag = reader.has_lag();
-    for sample in reader {
-        let mut sample = sample.map_err(|error| error.failure(recording))?;
-        lag.complete(&mut sample, has_lag);
-        collector.add(&sample);
-    }
-    let stability = collector.finish(setup);
-    stability.map_err(|error| Failure::new(Exit::Data, format!("{}: {error}", recording.display())))
+    let (files, imu) = ([recording.to_owned()], ImuChoice::Prefer(table.content().imu.clone()));
+    Run::open(table, &files, imu, None, WINDOW_S, &no_bar(&files, "reading"))?.finish(setup)
 }
 
 /// Notes in the journal why a step has failed. If that fails too, the failure says both.

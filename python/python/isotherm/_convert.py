@@ -61,10 +61,9 @@ def convert(
     if temperature is not None and not np.isfinite(temperature):
         raise ValueError(f"temperature is {temperature}, give a finite number")
     data = source if isinstance(source, (str, os.PathLike)) else table_csv(source)
-    samples, notes = _isotherm.convert(data, text, temperature, interval_ns, topic, temperature_topic)
-    for note in notes:
-        if note.startswith("warning: "):
-            warnings.warn(note.removeprefix("warning: "), stacklevel=2)
+    samples, findings = _isotherm.convert(data, text, temperature, interval_ns, topic, temperature_topic)
+    for finding in findings:
+        warnings.warn(finding, stacklevel=2)
     return samples.view(RAW_SAMPLE)
 
 

@@ -56,7 +56,7 @@ fn a_real_recording_becomes_the_expected_one_byte_for_byte() {
     conversion.try_for_each(|sample| sample.map(|sample| writer.write("", &sample).unwrap())).unwrap();
     let written = String::from_utf8(writer.finish().unwrap()).unwrap();
     assert_eq!(written, fs::read_to_string(data("source.expected.csv")).unwrap());
-    assert_eq!((conversion.rows(), conversion.notes()), (300, Vec::new()));
+    assert_eq!((conversion.rows(), told(&conversion)), (300, Vec::new()));
 }
 
 /// The mapping that is proposed for the real recording differs from the right one in nothing that counts.
@@ -269,13 +269,15 @@ fn gaps_are_told_and_leave_gaps_in_the_sequence() {
     let sequences: Vec<_> = (&mut conversion).map(|sample| sample.unwrap().sequence).collect();
     assert_eq!(sequences, [0, 1, 5, 6, 10, 11]);
     assert_eq!(
-        conversion.notes(),
-        ["warning: 2 gaps, 6 rows missing by the time, the first before row 3; the sequence rises by them"]
+        told(&conversion),
+        [
+            "warning [missing-rows]: 2 gaps, 6 rows missing by the time, the first before row 3; the sequence rises by them"
+        ]
     );
     let wrong = MAPPING.replace("0.01", "0.001");
     let mut conversion = of_text(text, Some(&wrong), &Settings::default()).unwrap();
     assert_eq!((&mut conversion).count(), 6);
-    assert!(conversion.notes()[0].ends_with("is 0.001 s right?"), "{:?}", conversion.notes());
+    assert!(told(&conversion)[0].ends_with("is 0.001 s right?"), "{:?}", told(&conversion));
     let increments = MAPPING.replace("reading", "increment");
     // A late row has all that was counted since the row before: nothing is missing.
     let mut conversion = of_text(text, Some(&increments), &Settings::default()).unwrap();
@@ -284,9 +286,9 @@ fn gaps_are_told_and_leave_gaps_in_the_sequence() {
     assert_eq!(intervals, [10, 11, 39, 10, 40, 10]);
     assert_eq!(late.iter().map(|sample| sample.sequence).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5]);
     assert_eq!(
-        conversion.notes(),
+        told(&conversion),
         [
-            "warning: 2 rows come over 1.5 nominal intervals after the row before, the first is row 3; their counts are taken as \
+            "warning [time-step]: 2 rows come over 1.5 nominal intervals after the row before, the first is row 3; their counts are taken as \
           those of this whole time"
         ]
     );
@@ -307,7 +309,7 @@ fn the_nominal_interval_is_found_or_the_rows_are_counted() {
     let of = |text: &str, mapping: &str| {
         let mut conversion = of_text(text, Some(mapping), &Settings::default()).unwrap();
         let sample = (&mut conversion).last().unwrap().unwrap();
-        (sample.interval_ns, sample.timestamp_ns, conversion.notes())
+        (sample.interval_ns, sample.timestamp_ns, told(&conversion))
     };
     let rows =
         |times: &[&str]| format!("t,x,y,z\n{}", times.iter().map(|t| format!("{t},1,2,3\n")).collect::<String>());
@@ -340,13 +342,14 @@ fn an_interval_that_is_not_that_of_the_rows_is_told() {
     let notes = |step_ns: u64, mapping: &str| {
         let mut conversion = of_text(&rows(step_ns), Some(mapping), &Settings::default()).unwrap();
         let intervals: Vec<_> = (&mut conversion).map(|sample| sample.unwrap().interval_ns).collect();
-        (intervals[0], conversion.notes())
+        (intervals[0], told(&conversion))
     };
-    let warning = "warning: rows are 5 ms apart on average, but the interval is 10 ms; correct interval_s".to_owned();
+    let warning =
+        "warning [interval]: rows are 5 ms apart on average, but the interval is 10 ms; correct interval_s".to_owned();
     assert_eq!(notes(5_000_000, &mapping), (10_000_000, vec![warning]));
     assert_eq!(notes(10_000_500, &mapping), (10_000_000, vec![]));
     let (_, rounded) = notes(2_401_537, &mapping.replace("0.01", "0.002403846"));
-    assert!(rounded[0].starts_with("warning: rows are 2.401537 ms apart on average"), "{rounded:?}");
+    assert!(rounded[0].starts_with("warning [interval]: rows are 2.401537 ms apart on average"), "{rounded:?}");
     let (found, told) = notes(2_401_537, &mapping.replace("interval_s = 0.01\n", ""));
     assert_eq!((found, told.len()), (2_401_537, 1));
     assert!(told[0].contains("0.002401537 s, found from the first 1000 rows"), "{told:?}");
@@ -409,4 +412,10 @@ fn no_text_makes_it_panic() {
             }
         }
     }
+}
+
+/// Findings and notes of a conversion, a line each.
+fn told(conversion: &Conversion) -> Vec<String> {
+    let findings = conversion.findings().into_iter().map(|finding| finding.tagged(|line| line.to_string()));
+    findings.chain(conversion.notes()).collect()
 }

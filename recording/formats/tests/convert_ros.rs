@@ -73,7 +73,7 @@ fn convert(bytes: &[u8], settings: &Settings) -> Result<(Vec<RawSample>, Vec<Str
     fs::write(&path, bytes).unwrap();
     let mut conversion = Conversion::open(&path, None, settings)?;
     let samples = (&mut conversion).collect::<Result<_, _>>()?;
-    Ok((samples, conversion.notes()))
+    Ok((samples, told(&conversion)))
 }
 
 fn imu(number: u64) -> Imu {
@@ -106,7 +106,7 @@ fn stamps_readings_and_temperatures_are_those_of_the_messages() {
     }
     let notes = notes.join("\n");
     assert!(notes.contains("temperature of /t, in degC"), "{notes}");
-    assert!(notes.contains("warning: 1 rows before the first temperature have that one"), "{notes}");
+    assert!(notes.contains("warning [no-temperature]: 1 rows before the first temperature have that one"), "{notes}");
     assert!(notes.contains("the nominal interval is 0.005 s, found from"), "{notes}");
 }
 
@@ -219,7 +219,9 @@ fn without_a_temperature_there_is_a_placeholder_and_a_warning() {
     let (samples, notes) = bag.convert(&Settings::default()).unwrap();
     assert_eq!(samples[0].accelerometers.head_temperature, [25.0; 3]);
     assert!(
-        notes.iter().any(|note| note.starts_with("warning: the data have no temperature; 25 is in all rows")),
+        notes
+            .iter()
+            .any(|note| note.starts_with("warning [no-temperature]: the data have no temperature; 25 is in all rows")),
         "{notes:?}"
     );
 }
@@ -393,4 +395,10 @@ fn the_recorder_writes_messages_of_several_imus() {
     let (rows, notes) = convert(&second[..end], &settings).unwrap();
     assert_eq!(rows.len(), 4);
     assert!(notes.iter().any(|note| note.contains("not ended properly")), "{notes:?}");
+}
+
+/// Findings and notes of a conversion, a line each.
+fn told(conversion: &Conversion) -> Vec<String> {
+    let findings = conversion.findings().into_iter().map(|finding| finding.tagged(|line| line.to_string()));
+    findings.chain(conversion.notes()).collect()
 }

@@ -86,6 +86,7 @@ pub fn document(comparison: &Comparison, required: Option<&ComparisonRequirement
         "errors_known": comparison.has_errors(),
         "conclusion": comparison.conclusion(),
         "notes": comparison.notes,
+        "findings": crate::json::findings(&comparison.findings, |line| line.to_string()),
         "not_in_the_errors": NOT_IN_THE_ERRORS,
         "judgements": required.map(|required| {
             let judgements = comparison.judge(required).into_iter();

@@ -59,6 +59,9 @@ pub fn text(comparison: &Comparison, required: Option<&ComparisonRequirement>) -
         );
     }
     let _ = writeln!(text, "\n{}", comparison.conclusion());
+    for finding in &comparison.findings {
+        let _ = writeln!(text, "{finding}");
+    }
     for note in &comparison.notes {
         let _ = writeln!(text, "{note}");
     }

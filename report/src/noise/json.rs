@@ -21,7 +21,7 @@ pub fn document(analysis: &NoiseAnalysis) -> Value {
         "interval_s": analysis.interval_s,
         "losses": losses(analysis.losses),
         "sensors": analysis.sensors.iter().map(|each| sensor(each, &analysis.temperature_unit)).collect::<Vec<_>>(),
-        "warnings": analysis.warnings(),
+        "findings": crate::json::findings(&analysis.findings(), |line| line.to_string()),
     })
 }
 

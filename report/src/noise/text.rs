@@ -29,8 +29,8 @@ pub(crate) fn rows(analysis: &NoiseAnalysis) -> String {
     if !analysis.losses.is_none() {
         text += &format!("\nin the recording: {}", analysis.losses);
     }
-    for note in &analysis.notes {
-        text += &format!("\n{note}");
+    for finding in &analysis.of_recording {
+        text += &format!("\n{finding}");
     }
     text
 }

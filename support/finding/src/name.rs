@@ -245,6 +245,44 @@ findings! {
         /// The IMU turned within a standstill, which makes its specific force too short.
         TURNED = "turned", Warning, "Put the IMU on firm ground, or leave the standstill out with `--exclude`.";
     }
+    "Recordings" "Of `verify`, `noise` and `convert`, with `interval`, `missing-rows`, `time-step` and `other-device`." {
+        /// The end of a file is missing: its writer was killed, or the copy is not complete.
+        TRUNCATED = "truncated", Warning, "Copy the file again; what is there is used.";
+        /// Only one of recording and table has gyroscopes: they are left out.
+        NO_GYROSCOPES = "no-gyroscopes", Warning, "Give the table and the recording of the same IMU.";
+        /// The data have no temperature, or none at their beginning: a placeholder, or the first one, stands there.
+        NO_TEMPERATURE = "no-temperature", Warning, "Give `--temperature`, or a source that has one.";
+        /// The IMU itself reports errors in some rows.
+        IMU_ERROR = "imu-error", Warning, "Look at the IMU; leave these rows out.";
+    }
+    "Verification" "" {
+        /// The length of the output is not that of gravity in too many windows: nothing is claimed.
+        NOT_GRAVITY = "not-gravity", Warning, "Keep the IMU at rest; give the table and the intervals of this IMU.";
+        /// Too many windows are left out: nothing is claimed of the whole run.
+        UNJUDGED = "unjudged", Warning, "Keep the IMU at one attitude; look at the windows that the line counts.";
+        /// The output is on average over 5 mg0 off the stated attitude.
+        ATTITUDE_OFF = "attitude-off", Warning, "State the attitude of the run, or look for the table's error.";
+    }
+    "Noise at rest" "" {
+        /// The counts of a sensor never change.
+        RATE_CONSTANT = "rate-constant", Warning, "Look at the sensor and its cable.";
+        /// The noise of a row is smaller than a count: the counts repeat a pattern, so Q and N are not the sensor's.
+        LIMIT_CYCLE = "limit-cycle", Warning, "Record with a longer interval.";
+        /// The model of Q, N, B and K does not hold, or cannot be fitted: no ranges are given.
+        NOISE_MODEL = "noise-model", Warning, "Look at the curve: a knock, a filter or a pattern is no noise of the model.";
+        /// From some tau on the temperature explains the Allan deviation.
+        NOISE_TEMPERATURE = "noise-temperature", Warning, "Record at a steadier temperature.";
+    }
+    "Tables" "Of `compare` and of the statistics of a batch." {
+        /// A provenance has no errors: nothing says whether a difference is more than the errors.
+        ERRORS_UNKNOWN = "errors-unknown", Warning, "Make the table again with `calibrate`, which writes them.";
+        /// A part is not compared, because not all tables have it.
+        NOT_COMPARED = "not-compared", Warning, "Give tables that have it.";
+        /// The serial numbers of the tables differ.
+        SERIALS = "serials", Warning, "Give the tables of one unit.";
+        /// The new table is older than the old one, by its date.
+        DATES = "dates", Warning, "Give the old table first.";
+    }
 }
 
 /// Every name with its explanation.

@@ -5,6 +5,7 @@ use crate::stability::error::{OTHER_ATTITUDE, count_of, wrong_times};
 use crate::stability::stillness::unjudged;
 use crate::verdict::{MIN_GROUP, Verdict};
 use crate::{AxisStability, Coverage, Force, GyroscopeStability, LeftOut, LocalGravity, Loops, Window};
+use isotherm_finding::{Finding, name};
 use isotherm_recording::{Losses, TimeFault};
 use isotherm_shared::wire::AXES;
 
@@ -92,6 +93,25 @@ impl Stability {
         let more = of_gyroscopes.filter(|left_out| left_out.count() > left_out.by_accelerometers);
         let more = more.map(|left_out| format!("; of the gyroscopes {left_out}")).unwrap_or_default();
         format!("{}{more}", self.windows_left_out)
+    }
+
+    /// What is wrong with the recording, or with the run: the cause first. Without a requirement, which says it too,
+    /// also why nothing is claimed.
+    #[must_use]
+    pub fn findings(&self, required: bool) -> Vec<Finding> {
+        let mut found = Vec::new();
+        let mut add = |name, message: Option<String>| found.extend(message.map(|text| Finding::warning(name, text)));
+        add(name::TIME_STEP, self.time_fault.map(|fault| fault.to_string()));
+        let other = "samples of another unit than the table's";
+        add(name::OTHER_DEVICE, (self.other_device > 0).then(|| format!("{} {other}", self.other_device)));
+        add(name::INTERVAL, self.interval_warning());
+        if !required {
+            let mismatch = self.gravity_mismatch();
+            add(name::UNJUDGED, self.unjudged().filter(|_| mismatch.is_none()));
+            add(name::NOT_GRAVITY, mismatch);
+        }
+        add(name::ATTITUDE_OFF, self.attitude_warning());
+        found
     }
 
     /// A warning if the output is far off the stated attitude.

@@ -17,6 +17,7 @@ pub use mapping::{ColumnRef, Decimal, Kind, KnownColumns, Mapping, Sensors, Temp
 use interval::{GAP, Steps};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{LoadError, WorldWritable, open_recording, read_text};
+use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
 use isotherm_recording::columns::{Layout, MCAP_MAGIC};
 use isotherm_recording::csv::Rows;
@@ -76,7 +77,14 @@ trait Source {
     }
 
     /// What the operator should know. Valid after the last row.
-    fn notes(&self) -> Vec<String>;
+    fn notes(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// What concerns the data's worth. Valid after the last row.
+    fn findings(&self) -> Vec<Finding> {
+        Vec::new()
+    }
 }
 
 /// An iterator over the raw samples of foreign data that ends at the first error.
@@ -244,40 +252,57 @@ impl Conversion {
         self.rows
     }
 
-    /// What the operator should know, a line each; those that begin with "warning: " concern the data's worth. Valid
-    /// after the last row.
+    /// What the operator should know, a line each. Valid after the last row.
     #[must_use]
     pub fn notes(&self) -> Vec<String> {
         let mut notes = self.source.notes();
-        let seconds = self.nominal_ns as f64 / 1e9;
         if let Some(rows) = self.found_from {
+            let seconds = self.nominal_ns as f64 / 1e9;
             notes.push(format!(
                 "the nominal interval is {seconds} s, found from the first {rows} rows; for recordings that belong together give it"
             ));
         }
+        notes
+    }
+
+    /// What concerns the data's worth. Valid after the last row.
+    #[must_use]
+    pub fn findings(&self) -> Vec<Finding> {
+        let mut found = self.source.findings();
+        let mut add = |name, message| found.push(Finding::warning(name, message));
+        let seconds = self.nominal_ns as f64 / 1e9;
         let Gaps { count, missing, first } = self.gaps;
         if count > self.rows / 2 {
-            notes.push(format!("warning: most rows are over {GAP} nominal intervals apart; is {seconds} s right?"));
-            return notes;
+            add(name::INTERVAL, format!("most rows are over {GAP} nominal intervals apart; is {seconds} s right?"));
+            return found;
         }
         if count > 0 && self.source.counts_since_the_row_before() {
-            notes.push(format!(
-                "warning: {count} rows come over {GAP} nominal intervals after the row before, the first is row {first}; their counts are taken as \
+            add(
+                name::TIME_STEP,
+                format!(
+                    "{count} rows come over {GAP} nominal intervals after the row before, the first is row {first}; their counts are taken as \
                  those of this whole time"
-            ));
+                ),
+            );
         } else if count > 0 {
-            notes.push(format!(
-                "warning: {count} gaps, {missing} rows missing by the time, the first before row {first}; the sequence rises by them"
-            ));
+            add(
+                name::MISSING_ROWS,
+                format!(
+                    "{count} gaps, {missing} rows missing by the time, the first before row {first}; the sequence rises by them"
+                ),
+            );
         }
         if let Some(mean_ns) = self.steps.other_mean() {
-            notes.push(format!(
-                "warning: rows are {} ms apart on average, but the interval is {} ms; correct interval_s",
-                mean_ns.round() / 1e6,
-                self.nominal_ns as f64 / 1e6
-            ));
+            add(
+                name::INTERVAL,
+                format!(
+                    "rows are {} ms apart on average, but the interval is {} ms; correct interval_s",
+                    mean_ns.round() / 1e6,
+                    self.nominal_ns as f64 / 1e6
+                ),
+            );
         }
-        notes
+        found
     }
 
     fn advance(&mut self) -> Result<Option<RawSample>, RecordingError> {
@@ -387,12 +412,13 @@ fn refuse(path: &Path, faults: Faults) -> Failure {
 }
 
 /// Tells that the telemetry is a placeholder, if it is not given.
-fn placeholder(temperature: Option<f64>) -> Option<String> {
+fn placeholder(temperature: Option<f64>) -> Option<Finding> {
     let warning = || {
-        format!(
-            "warning: the data have no temperature; {PLACEHOLDER} is in all rows as a placeholder; give --temperature, or \
+        let message = format!(
+            "the data have no temperature; {PLACEHOLDER} is in all rows as a placeholder; give --temperature, or \
              temperature.constant in a mapping"
-        )
+        );
+        Finding::warning(name::NO_TEMPERATURE, message)
     };
     temperature.is_none().then(warning)
 }

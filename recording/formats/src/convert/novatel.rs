@@ -12,6 +12,7 @@
 //! seconds, without leap seconds.
 
 use super::{PLACEHOLDER, Reading, Source};
+use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
 use isotherm_shared::wire::AXES;
 use std::io::{BufRead as _, BufReader, Read};
@@ -156,11 +157,13 @@ impl Source for NovatelSource {
         if self.others + self.abbreviated > 0 {
             notes.push(format!("{} other logs and {} other lines left out", self.others, self.abbreviated));
         }
-        if self.errors > 0 {
-            notes.push(format!("warning: in {} rows the IMU reports an error (IMU info, bit 0)", self.errors));
-        }
-        notes.extend(super::placeholder(self.temperature));
         notes
+    }
+
+    fn findings(&self) -> Vec<Finding> {
+        let message = || format!("in {} rows the IMU reports an error (IMU info, bit 0)", self.errors);
+        let errors = (self.errors > 0).then(|| Finding::warning(name::IMU_ERROR, message()));
+        errors.into_iter().chain(super::placeholder(self.temperature)).collect()
     }
 }
 

@@ -8,6 +8,7 @@ use crate::read::records::{Records, RecordsError};
 use crate::ros::{Encoding, IMU, Imu, TEMPERATURE, Temperature};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::open_recording;
+use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
 use isotherm_shared::wire::AXES;
 use mcap::records::Record;
@@ -172,18 +173,18 @@ impl Source for RosSource {
     }
 
     fn notes(&self) -> Vec<String> {
-        let mut notes: Vec<_> =
-            self.messages.records.truncation().map(|text| format!("warning: {text}")).into_iter().collect();
-        notes.push(format!("{}: A1, A2, A3 are x, y, z; one pulse is {RESOLUTION} m/s2 or rad/s", self.topic));
+        let scale = format!("{}: A1, A2, A3 are x, y, z; one pulse is {RESOLUTION} m/s2 or rad/s", self.topic);
+        let temperature = self.temperatures.topic.iter().map(|topic| format!("temperature of {topic}, in degC"));
+        core::iter::once(scale).chain(temperature).collect()
+    }
+
+    fn findings(&self) -> Vec<Finding> {
+        let truncation = self.messages.records.truncation().map(|text| Finding::warning(name::TRUNCATED, text));
         let Temperatures { topic, before, .. } = &self.temperatures;
-        match topic {
-            Some(topic) => notes.push(format!("temperature of {topic}, in degC")),
-            None => notes.extend(super::placeholder(self.temperature)),
-        }
-        if *before > 0 {
-            notes.push(format!("warning: {before} rows before the first temperature have that one"));
-        }
-        notes
+        let none = if topic.is_none() { super::placeholder(self.temperature) } else { None };
+        let late = || format!("{before} rows before the first temperature have that one");
+        let late = (*before > 0).then(|| Finding::warning(name::NO_TEMPERATURE, late()));
+        truncation.into_iter().chain(none).chain(late).collect()
     }
 }
 

@@ -187,10 +187,6 @@ impl Source for TextSource {
     fn counts_since_the_row_before(&self) -> bool {
         self.kind == Kind::Increment
     }
-
-    fn notes(&self) -> Vec<String> {
-        Vec::new()
-    }
 }
 
 impl Axes {

@@ -9,6 +9,7 @@ use super::table::{ImuChoice, TableReader, WantedColumn, sample_columns};
 use indicatif::ProgressBar;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::open_recording;
+use isotherm_finding::{Finding, Location, name};
 use isotherm_recording::columns::{ColumnSet, GYROSCOPES, LAG_NS, MCAP_MAGIC, PARQUET_MAGIC, RAW, store};
 use isotherm_recording::{CampaignCsvReader, CampaignRow, RawCsvReader, RecordingError, SequenceRule};
 use isotherm_shared::lag::LagCompletion;
@@ -150,8 +151,9 @@ impl Recording {
             }
             rule = self.current.source.sequence_rule();
             if let Some(warning) = self.current.source.truncation() {
-                let path = self.current.path.display();
-                tell("isotherm", format_args!("warning: {path}: {warning}"));
+                let place = Location::Recording(self.current.path.display().to_string());
+                let finding = Finding::warning(name::TRUNCATED, warning).at(place);
+                tell("isotherm", finding.tagged(|line| line.to_string()));
             }
             let Some(next) = self.waiting.pop() else { return Ok(None) };
             let before = self.places.before() + self.current.source.place();
