@@ -27,7 +27,7 @@ pub use requirement::{ComparisonRequirement, Verdict};
 pub use table::Convention;
 pub use trend::{Trend, YEAR_S};
 
-pub(crate) use curves::{common_range, median};
+pub(crate) use curves::common_range;
 use isotherm_calibration::TableFile;
 pub(crate) use isotherm_shared::table::difference::points;
 use isotherm_statistics::QUANTITIES;
