@@ -107,8 +107,7 @@ fn transients(found: &Transients, unit: &str) -> String {
     let mut text =
         "transients, rms of the sweeps left out, and hysteresis band without and with the estimate:\n".to_owned();
     let (unit, estimate) = (format!("unit, per {unit}"), "estimate +- its error");
-    let header = ["static", "hysteresis", "with lag", "in a table"];
-    let [fixed, hysteresis, lag, table] = header;
+    let [fixed, hysteresis, lag, table] = ["static", "hysteresis", "with lag", "in a table"];
     text += &line(["", &unit, "written", estimate, "t tau / s", fixed, hysteresis, lag, table, "without", "with"]);
     for bias in &found.biases {
         let units = TriadUnits::of(bias.kind);

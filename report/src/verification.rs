@@ -1,6 +1,4 @@
 //! The report of a verification: the paper's table 4 and figure 6 for a recording.
-//!
-//! Over 400 lines: one page, with one function for each of its parts.
 
 use super::loops::pictures;
 use super::page::{Cell, Column, NoteKind, Page};

@@ -88,11 +88,11 @@ view! { GyroscopesView<'a>(
     range_in_unit: [f64; 2] = accuracy.range,
     axes: [GyroscopeView<'a>; AXES] = [0, 1, 2].map(|axis| GyroscopeView::of(found, triad, accuracy, axis)),
     curves: Vec<CurveView<'a>> = curves(triad),
-    earth: Option<EarthView> = found.earth.map(|earth| EarthView::of(found, [earth.found, earth.expected], earth.along_z)),
-    left_over: Option<LeftOverView<'a>> =
-        found.left_over.as_ref().map(|left| {
-            LeftOverView::of([left.bias, left.scale_factor, left.g_sensitivity, left.misalignment], &left.from)
-        }),
+    earth: Option<EarthView> =
+        found.earth.map(|earth| EarthView::of(found, [earth.found, earth.expected], earth.along_z)),
+    left_over: Option<LeftOverView<'a>> = found.left_over.as_ref().map(|left| {
+        LeftOverView::of([left.bias, left.scale_factor, left.g_sensitivity, left.misalignment], &left.from)
+    }),
     alignment_needed: bool = is_alignment_needed(&found.solution),
     left_without_alignment_rad: Option<f64> = found.left_without_alignment(&calibration.table),
     observability: ObservabilityView = ObservabilityView::of(&found.observability),
