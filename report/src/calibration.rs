@@ -19,6 +19,9 @@ use isotherm_shared::wire::AXES;
 use isotherm_statistics::Curve;
 use triad::Budget;
 
+/// An accelerometer, and its errors before and after.
+type BeforeAfter<'a> = (&'a str, &'a [Vec<f64>; 2]);
+
 /// Label of errors of accelerometers.
 const ERROR: &str = "Error / 1e-6 g0";
 
@@ -182,7 +185,7 @@ impl Report<'_> {
         };
         page.plots(&[[0, 1, 2].map(over_time), [0, 1, 2].map(over_head)].concat());
         let rms = |v: &[f64]| (v.iter().map(|v| v * v).sum::<f64>() / v.len() as f64).sqrt();
-        let columns: [Column<'_, (&str, &[Vec<f64>; 2])>; 4] = [
+        let columns: [Column<'_, BeforeAfter<'_>>; 4] = [
             ("Axis", &|(name, _)| Cell::text(*name)),
             ("Before", &|(_, [before, _])| Cell::number(rms(before), 3)),
             ("After", &|(_, [_, after])| Cell::number(rms(after), 3)),

@@ -13,6 +13,9 @@ use isotherm_statistics::CONFIDENCE;
 /// Column headings of a run's residuals.
 pub(super) const RESIDUALS: [&str; AXES] = ["G1 / arcsec", "G2 / arcsec", "G3 / arcsec"];
 
+/// The label of an error, and its size: a rate \[deg/h\], or a part of the rate.
+type ErrorCost = (String, Option<f64>, Option<f64>);
+
 /// A whole turn \[arcsec\].
 const WHOLE_TURN: f64 = 1_296_000.0;
 
@@ -119,7 +122,7 @@ impl Report<'_> {
             let in_motion = in_motion.map(|(label, part)| (format!("{name} {label}"), None, part));
             at_rest.into_iter().chain(in_motion)
         };
-        let columns: [Column<'_, (String, Option<f64>, Option<f64>)>; 5] = [
+        let columns: [Column<'_, ErrorCost>; 5] = [
             ("Error", &|(label, ..)| Cell::text(label)),
             ("Rate / deg/h", &|(_, rate, _)| Cell::known(*rate, 5)),
             ("In 60 s / arcsec", &|(_, rate, _)| Cell::known(rate.map(|rate| rate * 60.0), 3)),
