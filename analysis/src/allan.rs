@@ -31,7 +31,7 @@ pub(crate) mod model;
 pub(crate) mod moments;
 pub(crate) mod recording;
 
-pub use curve::{Allan, MIN_ROWS, TemperatureLine};
+pub use curve::{Allan, AllanPoint, MIN_ROWS, TemperatureLine};
 pub use model::{COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit};
 pub use recording::{NoiseAnalysis, NoiseError, NoiseUnits, RateKind, SensorNoise};
 

@@ -9,19 +9,15 @@ mod outliers;
 
 pub use family::Family;
 pub(crate) use outliers::FEWEST_UNITS;
-pub use outliers::StandOut;
-pub use outliers::least_found;
-pub use outliers::leave_one_out;
-pub use outliers::limit;
-pub use outliers::stand_outs;
+pub use outliers::{StandOut, least_found, leave_one_out, limit, stand_outs};
 
-use crate::compare::{Convention, Form, FormCurve, common_range, median, points};
+use crate::compare::{Convention, Form, FormCurve, common_range, points};
 use isotherm_calibration::TableFile;
 use isotherm_failure::{Exit, Failure};
 use isotherm_finding::{Finding, name};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::QUANTITIES;
+use isotherm_statistics::{QUANTITIES, median};
 
 /// Why there are no statistics of tables.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
@@ -57,7 +53,7 @@ impl Quantity {
     /// The median of the units.
     #[must_use]
     pub fn median(&self) -> f64 {
-        median(self.values.clone())
+        median(self.values.iter().copied())
     }
 
     /// Standard deviation of the units.

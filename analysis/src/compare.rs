@@ -27,7 +27,7 @@ pub use requirement::{ComparisonRequirement, Verdict};
 pub use table::Convention;
 pub use trend::{Trend, YEAR_S};
 
-pub(crate) use curves::{common_range, median};
+pub(crate) use curves::common_range;
 use isotherm_calibration::TableFile;
 use isotherm_finding::{Finding, name};
 pub(crate) use isotherm_shared::table::difference::points;
@@ -150,17 +150,7 @@ pub fn compare(mut tables: Vec<TableFile>, other_unit: bool) -> Result<Compariso
 
 /// Why the tables cannot be compared, whatever their curves are.
 fn faults(tables: &[TableFile], other_unit: bool) -> Vec<String> {
-    let different = |of: fn(&TableFile) -> &str| {
-        let mut names: Vec<_> = tables.iter().map(of).collect();
-        let mut seen = Vec::new();
-        names.retain(|name| {
-            !seen.contains(name) && {
-                seen.push(*name);
-                true
-            }
-        });
-        Some(names).filter(|names| names.len() > 1)
-    };
+    let different = |of: fn(&TableFile) -> &str| Some(unique(tables.iter().map(of))).filter(|names| names.len() > 1);
     let few = (tables.len() < 2).then(|| "there are fewer than two; give an old one and a new one".to_owned());
     let imus = different(|table| table.table.content().imu.as_str()).filter(|_| !other_unit);
     let imus = imus.map(|imus| {
@@ -173,6 +163,16 @@ fn faults(tables: &[TableFile], other_unit: bool) -> Vec<String> {
     let units = different(|table| &table.table.content().temperature_unit);
     let units = units.map(|units| format!("telemetry in {}; give tables with one telemetry", units.join(" and ")));
     few.into_iter().chain(imus).chain(units).collect()
+}
+
+/// Texts in their order, each once.
+fn unique<'a>(texts: impl IntoIterator<Item = &'a str>) -> Vec<&'a str> {
+    texts.into_iter().fold(Vec::new(), |mut found, text| {
+        if !found.contains(&text) {
+            found.push(text);
+        }
+        found
+    })
 }
 
 /// Why there is no line over the dates.
@@ -363,14 +363,7 @@ impl Comparison {
         if missed.is_empty() {
             return Ok(());
         }
-        let mut remedies: Vec<_> = missed.iter().filter_map(|judgement| judgement.remedy).collect();
-        let mut seen = Vec::new();
-        remedies.retain(|remedy| {
-            !seen.contains(remedy) && {
-                seen.push(*remedy);
-                true
-            }
-        });
+        let remedies = unique(missed.iter().filter_map(|judgement| judgement.remedy));
         let part = |remedy: &&'static str| {
             let lines = missed.iter().filter(|judgement| judgement.remedy == Some(*remedy));
             let lines: String = lines.map(|judgement| format!("\n  {}", judgement.message)).collect();

@@ -7,6 +7,11 @@ use crate::raw::{RawCsvReader, SequenceRule};
 use isotherm_shared::wire::RawSample;
 use std::io::Read;
 
+/// What a set point is, for messages.
+pub const SET_POINT: &str = "the chamber's set point in degC";
+/// What a position is, for messages.
+pub const POSITION: &str = "the number of a position, or nothing while the turntable moves";
+
 /// One row of a campaign.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CampaignRow {
@@ -36,8 +41,8 @@ pub struct CampaignRow {
 /// ```
 pub struct CampaignCsvReader<R> {
     samples: RawCsvReader<R>,
-    set_point: CsvColumn,
-    position: CsvColumn,
+    /// Set point and position.
+    campaign: Option<[CsvColumn; 2]>,
 }
 
 impl<R: Read> CampaignCsvReader<R> {
@@ -48,12 +53,21 @@ impl<R: Read> CampaignCsvReader<R> {
     pub fn new(source: R) -> Result<Self, RecordingError> {
         let samples = RawCsvReader::new(source)?;
         let hint = "a campaign's rows are raw samples with the set point and the number of the position";
-        let [set_point, position] = samples
-            .rows
-            .columns(&CAMPAIGN.map(|column| column.name), hint)?
-            .try_into()
-            .unwrap_or_else(|_| [CsvColumn::default(), CsvColumn::default()]);
-        Ok(Self { samples, set_point, position })
+        let columns = samples.rows.columns(&CAMPAIGN.map(|column| column.name), hint)?;
+        Ok(Self { samples, campaign: columns.try_into().ok() })
+    }
+
+    /// Reads raw samples as rows without position, whose set point is 0.
+    ///
+    /// # Errors
+    /// As [`RawCsvReader::new`].
+    pub fn of_samples(source: R) -> Result<Self, RecordingError> {
+        Ok(Self { samples: RawCsvReader::new(source)?, campaign: None })
+    }
+
+    /// The reader of the rows' samples.
+    pub const fn samples(&self) -> &RawCsvReader<R> {
+        &self.samples
     }
 
     /// Sets the rule's state: that after the last sample of the previous piece of the recording.
@@ -61,44 +75,16 @@ impl<R: Read> CampaignCsvReader<R> {
         self.samples.set_sequence_rule(rule);
     }
 
-    /// The rule's state after the last sample.
-    #[must_use]
-    pub const fn sequence_rule(&self) -> SequenceRule {
-        self.samples.sequence_rule()
-    }
-
-    /// Line of the last row, from 1.
-    #[must_use]
-    pub const fn line(&self) -> u64 {
-        self.samples.line()
-    }
-
-    /// As [`RawCsvReader::has_lag`].
-    #[must_use]
-    pub const fn has_lag(&self) -> bool {
-        self.samples.has_lag()
-    }
-
-    /// As [`RawCsvReader::truncation`].
-    #[must_use]
-    pub fn truncation(&self) -> Option<String> {
-        self.samples.truncation()
-    }
-
     fn row(&self, sample: RawSample) -> Result<CampaignRow, RecordingError> {
         let rows = &self.samples.rows;
-        let finite = |text: &str| text.parse().ok().filter(|value: &f64| value.is_finite());
-        let number = |text: &str| if text.is_empty() { Some(None) } else { text.parse().ok().map(Some) };
-        Ok(CampaignRow {
-            line: rows.line(),
-            set_point_c: rows.parse(&self.set_point, "the chamber's set point in degC", finite)?,
-            position: rows.parse(
-                &self.position,
-                "the number of a position, or nothing while the turntable moves",
-                number,
-            )?,
-            sample,
-        })
+        let mut row = CampaignRow { line: rows.line(), set_point_c: 0.0, position: None, sample };
+        if let Some([set_point, position]) = &self.campaign {
+            let finite = |text: &str| text.parse().ok().filter(|value: &f64| value.is_finite());
+            let number = |text: &str| if text.is_empty() { Some(None) } else { text.parse().ok().map(Some) };
+            row.set_point_c = rows.parse(set_point, SET_POINT, finite)?;
+            row.position = rows.parse(position, POSITION, number)?;
+        }
+        Ok(row)
     }
 }
 

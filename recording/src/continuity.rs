@@ -56,7 +56,7 @@ pub struct Continuity {
 }
 
 /// How many rows are missing, and how often time steps.
-#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq, serde::Serialize)]
 pub struct Losses {
     /// Rows that are missing within a session by their sequences.
     pub missing: u64,

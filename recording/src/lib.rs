@@ -31,7 +31,7 @@ mod increments;
 mod raw;
 pub mod rows;
 
-pub use campaign::{CampaignCsvReader, CampaignRow};
+pub use campaign::{CampaignCsvReader, CampaignRow, POSITION, SET_POINT};
 pub use columns::Layout;
 pub use continuity::{Continuity, Losses, TimeFault};
 pub use error::RecordingError;

@@ -1,9 +1,11 @@
 //! The results of a batch: the page, the text and the JSON.
 
-use super::page::{Cell, NoteKind, Page};
+use super::page::{Cell, Column, NoteKind, Page};
 use super::plot::{Plot, Style};
-use isotherm_analysis::{Batch, BatchCurve, Family, Quantity};
-use serde_json::{Value, json};
+use super::view::{value, view};
+use crate::json::records;
+use isotherm_analysis::{Batch, BatchCurve, Family, Quantity, StandOut};
+use serde_json::Value;
 use std::fmt::Write as _;
 
 /// Most units whose curves are drawn each by itself; a picture of more shows nothing.
@@ -32,7 +34,11 @@ pub fn html(batch: Result<&Batch, &str>, source: &BatchSource) -> String {
         page.note(NoteKind::Bad, &format!("{imu} is dropped"), reason);
     }
     match batch {
-        Ok(batch) => statistics(&mut page, batch),
+        Ok(batch) => {
+            verdict(&mut page, batch);
+            spread(&mut page, batch);
+            families(&mut page, batch);
+        }
         Err(reason) => page.note(NoteKind::Warning, "No statistics", reason),
     }
     page.finish()
@@ -43,11 +49,9 @@ fn looked_at(batch: &Batch) -> Vec<String> {
     batch.notes.iter().cloned().chain(batch.findings.iter().map(ToString::to_string)).collect()
 }
 
-fn statistics(page: &mut Page, batch: &Batch) {
-    let kind = match &batch.stand_outs {
-        Some(found) if found.is_empty() => NoteKind::Good,
-        _ => NoteKind::Warning,
-    };
+fn verdict(page: &mut Page, batch: &Batch) {
+    let is_good = batch.stand_outs.as_ref().is_some_and(Vec::is_empty);
+    let kind = if is_good { NoteKind::Good } else { NoteKind::Warning };
     for line in batch.verdict() {
         page.note(kind, "Units that stand out", &line);
     }
@@ -56,83 +60,67 @@ fn statistics(page: &mut Page, batch: &Batch) {
     }
     page.paragraph(&batch.power());
     page.key_values(&[("Units", batch.units.join(", ")), ("1 g0", format!("{} m/s2", batch.gravity))]);
+}
+
+fn spread(page: &mut Page, batch: &Batch) {
     page.heading(2, "spread", "Spread of the units");
-    let largest = |quantity: &Quantity| {
-        let sizes = quantity.t.iter().zip(&batch.units).filter_map(|(t, unit)| Some(((*t)?, unit)));
+    let number = |it: &Quantity, value: f64| Cell::number(value, it.places);
+    let farthest = |it: &Quantity| {
+        let sizes = it.t.iter().zip(&batch.units).filter_map(|(t, unit)| Some(((*t)?, unit)));
         let farthest = sizes.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()));
-        farthest.map_or_else(|| "-".to_owned(), |(t, unit)| format!("{t:.2}, {unit}"))
+        Cell::Number(farthest.map_or_else(|| "-".to_owned(), |(t, unit)| format!("{t:.2}, {unit}")))
     };
-    let row = |quantity: &Quantity| {
-        let places = quantity.places;
-        let [low, high] = quantity.range();
-        vec![
-            Cell::text(&quantity.name),
-            Cell::text(&quantity.unit),
-            Cell::number(quantity.median(), places),
-            Cell::number(quantity.sd(), places),
-            Cell::number(low, places),
-            Cell::number(high, places),
-            Cell::Number(largest(quantity)),
-        ]
-    };
-    let rows: Vec<_> = batch.quantities.iter().map(row).collect();
-    let header = ["Quantity", "Unit", "Median", "Standard deviation", "Least", "Most", "Farthest, t"];
-    page.table(
-        &format!("{} units; curves at telemetry in {}", batch.units.len(), batch.temperature_unit),
-        &header,
-        &rows,
-    );
+    let columns: [Column<'_, &Quantity>; 7] = [
+        ("Quantity", &|it| Cell::text(&it.name)),
+        ("Unit", &|it| Cell::text(&it.unit)),
+        ("Median", &|it| number(it, it.median())),
+        ("Standard deviation", &|it| number(it, it.sd())),
+        ("Least", &|it| number(it, it.range()[0])),
+        ("Most", &|it| number(it, it.range()[1])),
+        ("Farthest, t", &|it| farthest(it)),
+    ];
+    let caption = format!("{} units; curves at telemetry in {}", batch.units.len(), batch.temperature_unit);
+    page.columns(&caption, &batch.quantities, &columns);
     page.paragraph(
         "t: a unit's value less the mean of the others, over the standard deviation of such a difference. It is judged by Student's t with two degrees of \
          freedom less than there are units; 5 % are shared among all units and quantities. Units are taken out one at a time, a quarter at most.",
     );
-    let numbered = |unit: usize| {
-        let points = batch
-            .quantities
-            .iter()
-            .enumerate()
-            .filter_map(move |(q, quantity)| Some((q as f64 + 1.0, quantity.t[unit]?)));
-        points.collect::<Vec<_>>()
-    };
-    let plot = Plot::new("Distance of each unit from the others", "Quantity, by its row", "t").zero_line();
-    let plot = batch
-        .units
-        .iter()
-        .enumerate()
-        .take(MOST_DRAWN)
-        .fold(plot, |plot, (index, unit)| plot.series(unit, Style::Points, numbered(index)));
-    let caption =
-        batch.limit().map_or_else(String::new, |limit| format!("A unit stands out beyond {limit:.1} to either side."));
-    page.figure(&plot.svg(), &caption);
+    let mut plot = Plot::new("Distance of each unit from the others", "Quantity, by its row", "t").zero_line();
+    for (index, unit) in batch.units.iter().enumerate().take(MOST_DRAWN) {
+        let rows = (1..).map(f64::from).zip(&batch.quantities);
+        plot = plot.series(unit, Style::Points, rows.filter_map(|(row, it)| Some((row, it.t[index]?))));
+    }
+    let caption = |limit: f64| format!("A unit stands out beyond {limit:.1} to either side.");
+    page.figure(&plot.svg(), &batch.limit().map_or_else(String::new, caption));
+}
+
+fn families(page: &mut Page, batch: &Batch) {
     page.heading(2, "family", "One curve for all");
     page.paragraph(
         "Each curve less its mid value, against the mean of the other units. A family curve is useful if it halves the rms and three quarters of the units \
          gain: then a new unit's constants with this curve are a coarse table.",
     );
-    let row = |curve: &BatchCurve| {
-        let family = curve.family.as_ref()?;
-        let useful = if family.is_useful() { "useful" } else { "not useful" };
-        let gains = format!("{} of {}", family.gains(), batch.units.len());
-        Some(vec![Cell::text(&curve.name), Cell::number(family.ratio(), 2), Cell::Number(gains), Cell::text(useful)])
-    };
-    let rows: Vec<_> = batch.curves.iter().filter_map(row).collect();
-    page.table("What the mean of the others leaves", &["Curve", "rms left / rms alone", "Units that gain", ""], &rows);
+    let gains = |family: &Family| format!("{} of {}", family.gains(), batch.units.len());
+    let columns: [Column<'_, (&String, &Family)>; 4] = [
+        ("Curve", &|(name, _)| Cell::text(*name)),
+        ("rms left / rms alone", &|(_, family)| Cell::number(family.ratio(), 2)),
+        ("Units that gain", &|(_, family)| Cell::Number(gains(family))),
+        ("", &|(_, family)| Cell::text(if family.is_useful() { "useful" } else { "not useful" })),
+    ];
+    let families = batch.curves.iter().filter_map(|curve| Some((&curve.name, curve.family.as_ref()?)));
+    page.columns("What the mean of the others leaves", families, &columns);
+    if batch.units.len() > MOST_DRAWN {
+        page.paragraph(&format!("The figures show the first {MOST_DRAWN} units."));
+    }
     let figure = |curve: &BatchCurve| {
         let label = format!("Less mid value / {}", curve.unit);
         let plot = Plot::new(&curve.name, &format!("Telemetry / {}", batch.temperature_unit), &label);
         let units = batch.units.iter().zip(&curve.curves).take(MOST_DRAWN);
-        let plot = units.fold(plot, |plot, (unit, values)| {
+        units.fold(plot, |plot, (unit, values)| {
             plot.series(unit, Style::Line, curve.telemetry.iter().copied().zip(values.iter().copied()))
-        });
-        (plot.svg(), String::new())
+        })
     };
-    if batch.units.len() > MOST_DRAWN {
-        page.paragraph(&format!("The figures show the first {MOST_DRAWN} units."));
-    }
-    let figures: Vec<_> = batch.curves.iter().map(figure).collect();
-    for figures in figures.chunks(3) {
-        page.figures(figures);
-    }
+    page.rows_of_plots(&batch.curves.iter().map(figure).collect::<Vec<_>>());
 }
 
 /// The lines that `calibrate --batch` prints.
@@ -162,45 +150,48 @@ pub fn text(batch: &Batch) -> String {
 /// The statistics as JSON. Figures with `in_unit` are in the `unit` of the same object, in the order of `units`.
 #[must_use]
 pub fn document(batch: &Batch) -> Value {
-    let quantity = |quantity: &Quantity| {
-        json!({
-            "name": quantity.name,
-            "unit": quantity.unit,
-            "median_in_unit": quantity.median(),
-            "standard_deviation_in_unit": quantity.sd(),
-            "range_in_unit": quantity.range(),
-            "values_in_unit": quantity.values,
-            "t": quantity.t,
-        })
-    };
-    let curve = |curve: &BatchCurve| {
-        json!({
-            "name": curve.name,
-            "unit": curve.unit,
-            "rms_alone_in_unit": curve.family.as_ref().map(|family| &family.alone),
-            "rms_left_in_unit": curve.family.as_ref().map(|family| &family.left),
-            "ratio": curve.family.as_ref().map(Family::ratio),
-            "gains": curve.family.as_ref().map(Family::gains),
-            "useful": curve.family.as_ref().map(Family::is_useful),
-        })
-    };
-    let stand_outs = batch.stand_outs.as_ref().map(|found| {
-        let one = |it: &isotherm_analysis::StandOut| {
-            json!({ "unit": batch.units[it.unit], "quantity": batch.quantities[it.quantity].name, "t": it.t, "limit_t": it.limit })
-        };
-        found.iter().map(one).collect::<Vec<_>>()
-    });
-    json!({
-        "units": batch.units,
-        "gravity_m_s2": batch.gravity,
-        "telemetry_unit": batch.temperature_unit,
-        "quantities": batch.quantities.iter().map(quantity).collect::<Vec<_>>(),
-        "families": batch.curves.iter().map(curve).collect::<Vec<_>>(),
-        "limit_t": batch.limit(),
-        "stand_outs": stand_outs,
-        "verdict": batch.verdict(),
-        "power": batch.power(),
-        "notes": batch.notes,
-        "findings": crate::json::findings(&batch.findings, |line| line.to_string()),
-    })
+    value(&BatchView::of(batch))
 }
+
+view! { BatchView<'a>(batch: &'a Batch) {
+    units: &'a [String] = &batch.units,
+    gravity_m_s2: f64 = batch.gravity,
+    telemetry_unit: &'a str = &batch.temperature_unit,
+    quantities: Vec<QuantityView<'a>> = batch.quantities.iter().map(QuantityView::of).collect(),
+    families: Vec<FamilyView<'a>> =
+        batch.curves.iter().map(|curve| FamilyView::of(curve, curve.family.as_ref())).collect(),
+    limit_t: Option<f64> = batch.limit(),
+    stand_outs: Option<Vec<StandOutView<'a>>> =
+        batch.stand_outs.as_ref().map(|all| all.iter().map(|it| StandOutView::of(batch, it)).collect()),
+    verdict: Vec<String> = batch.verdict(),
+    power: String = batch.power(),
+    notes: &'a [String] = &batch.notes,
+    findings: Value = records(&batch.findings),
+}}
+
+view! { QuantityView<'a>(quantity: &'a Quantity) {
+    name: &'a str = &quantity.name,
+    unit: &'a str = &quantity.unit,
+    median_in_unit: f64 = quantity.median(),
+    standard_deviation_in_unit: f64 = quantity.sd(),
+    range_in_unit: [f64; 2] = quantity.range(),
+    values_in_unit: &'a [f64] = &quantity.values,
+    t: &'a [Option<f64>] = &quantity.t,
+}}
+
+view! { FamilyView<'a>(curve: &'a BatchCurve, family: Option<&'a Family>) {
+    name: &'a str = &curve.name,
+    unit: &'a str = curve.unit,
+    rms_alone_in_unit: Option<&'a [f64]> = family.map(|family| &family.alone[..]),
+    rms_left_in_unit: Option<&'a [f64]> = family.map(|family| &family.left[..]),
+    ratio: Option<f64> = family.map(Family::ratio),
+    gains: Option<usize> = family.map(Family::gains),
+    useful: Option<bool> = family.map(Family::is_useful),
+}}
+
+view! { StandOutView<'a>(batch: &'a Batch, found: &StandOut) {
+    unit: &'a str = &batch.units[found.unit],
+    quantity: &'a str = &batch.quantities[found.quantity].name,
+    t: f64 = found.t,
+    limit_t: f64 = found.limit,
+}}

@@ -4,15 +4,13 @@ mod json;
 mod text;
 mod words;
 
-use crate::comparison::words::{dated, places, slope_interval, which, word};
+use crate::comparison::words::{dated, places, probability, slope_interval, which, word};
 pub use json::document;
 pub use text::text;
 
-use super::page::{Cell, NoteKind, Page};
+use super::page::{Cell, Column, NoteKind, Page};
 use super::plot::{Plot, Style};
-use isotherm_analysis::{
-    AlignmentComparison, Comparison, ComparisonRequirement, CurveComparison, NOT_IN_THE_ERRORS, Trend, Verdict,
-};
+use isotherm_analysis::{Comparison, ComparisonRequirement, CurveComparison, NOT_IN_THE_ERRORS, Trend, Verdict};
 use isotherm_shared::table::AXIS_NAMES;
 
 /// What the page states besides the comparison; only the caller knows it.
@@ -36,10 +34,8 @@ pub fn html(comparison: &Comparison, source: &ComparisonSource) -> String {
     alignments(&mut page, comparison);
     trends(&mut page, comparison);
     page.heading(2, "provenance", "Provenance");
-    let digests: Vec<_> =
-        comparison.tables.iter().map(|table| (dated(table), table.table.digest().to_string())).collect();
     let mut rows = vec![("Tool".to_owned(), source.tool.clone()), ("Time".to_owned(), source.time.clone())];
-    rows.extend(digests);
+    rows.extend(comparison.tables.iter().map(|table| (dated(table), table.table.digest().to_string())));
     page.key_values(&rows);
     page.finish()
 }
@@ -71,66 +67,53 @@ fn result(page: &mut Page, comparison: &Comparison, source: &ComparisonSource) {
 
 fn curves(page: &mut Page, comparison: &Comparison) {
     page.heading(2, "curves", "Curves");
-    let row = |curve: &CurveComparison| {
-        let places = places(curve.unit);
-        let (largest, at) = curve.largest();
-        let number = |value: Option<f64>, places: usize| Cell::number(value.unwrap_or(f64::NAN), places);
-        vec![
-            Cell::text(curve.name()),
-            Cell::text(curve.unit),
-            Cell::number(curve.mean(), places),
-            Cell::number(largest, places),
-            Cell::number(at, 3),
-            number(curve.standard_error(), places),
-            number(curve.lower(), places),
-            number(curve.upper(), places),
-            Cell::text(word(curve.is_changed())),
-        ]
-    };
-    let rows: Vec<_> = comparison.curves.iter().map(row).collect();
-    let header =
-        ["Curve", "Unit", "Mean", "Largest", "at", "Standard error", "At least", "At most", "By more than the errors"];
-    page.table("Differences over the common range, new less old", &header, &rows);
+    let columns: [Column<'_, &CurveComparison>; 9] = [
+        ("Curve", &|it| Cell::text(it.name())),
+        ("Unit", &|it| Cell::text(it.unit)),
+        ("Mean", &|it| Cell::number(it.mean(), places(it.unit))),
+        ("Largest", &|it| Cell::number(it.largest().0, places(it.unit))),
+        ("at", &|it| Cell::number(it.largest().1, 3)),
+        ("Standard error", &|it| Cell::known(it.standard_error(), places(it.unit))),
+        ("At least", &|it| Cell::known(it.lower(), places(it.unit))),
+        ("At most", &|it| Cell::known(it.upper(), places(it.unit))),
+        ("By more than the errors", &|it| Cell::text(word(it.is_changed()))),
+    ];
+    page.columns("Differences over the common range, new less old", &comparison.curves, &columns);
     page.paragraph(
         "Biases in ug0 of 9.80665e-6 m/s2 or in deg/h, scale factors in ppm of the old one. At least, at most: the largest difference with the band \
          of both tables' errors, which holds the whole curve. Standard error: the median over the range.",
     );
     let unit = &comparison.new_table().table.content().temperature_unit;
     let figure = |curve: &CurveComparison| {
-        let label = format!("New less old / {}", curve.unit);
         let points = || curve.telemetry.iter().copied().zip(curve.differences.iter().copied());
+        let label = format!("New less old / {}", curve.unit);
         let plot = Plot::new(&curve.name(), &format!("Telemetry / {unit}"), &label).zero_line();
-        let mut plot = plot.series("Difference", Style::Line, points());
-        if let Some(halves) = curve.half_widths() {
-            plot = plot.band(points().zip(halves).map(|((u, d), half)| (u, d - half, d + half)));
+        let plot = plot.series("Difference", Style::Line, points());
+        match curve.half_widths() {
+            Some(halves) => plot.band(points().zip(halves).map(|((u, d), half)| (u, d - half, d + half))),
+            None => plot,
         }
-        (plot.svg(), String::new())
     };
-    let figures: Vec<_> = comparison.curves.iter().map(figure).collect();
-    for figures in figures.chunks(3) {
-        page.figures(figures);
-    }
+    page.rows_of_plots(&comparison.curves.iter().map(figure).collect::<Vec<_>>());
 }
 
 fn alignments(page: &mut Page, comparison: &Comparison) {
     page.heading(2, "alignment", "Alignment");
-    let row = |alignment: &AlignmentComparison, i: usize| {
-        let entry = |j: usize| {
-            let value = alignment.difference_urad[i][j];
-            Cell::Number(match alignment.half_width_urad {
-                Some(halves) => format!("{value:.3} ± {:.3}", halves[i][j]),
-                None => format!("{value:.3}"),
-            })
-        };
-        let mut row = vec![Cell::text(format!("Row {}", i + 1))];
-        row.extend((0..AXIS_NAMES.len()).map(entry));
-        row
-    };
     for alignment in &comparison.alignments {
-        let rows: Vec<_> = (0..AXIS_NAMES.len()).map(|i| row(alignment, i)).collect();
+        let entry = |i: usize, j: usize| {
+            let value = alignment.difference_urad[i][j];
+            let half = alignment.half_width_urad.map_or_else(String::new, |halves| format!(" ± {:.3}", halves[i][j]));
+            Cell::Number(format!("{value:.3}{half}"))
+        };
+        let columns: [Column<'_, usize>; 4] = [
+            ("", &|i| Cell::text(format!("Row {}", i + 1))),
+            ("Column 1", &|i| entry(*i, 0)),
+            ("Column 2", &|i| entry(*i, 1)),
+            ("Column 3", &|i| entry(*i, 2)),
+        ];
         let caption =
             format!("Matrix of the {}, new less old [1e-6 rad]: {}", alignment.name(), word(alignment.is_changed()));
-        page.table(&caption, &["", "Column 1", "Column 2", "Column 3"], &rows);
+        page.columns(&caption, 0..AXIS_NAMES.len(), &columns);
     }
 }
 
@@ -139,20 +122,20 @@ fn trends(page: &mut Page, comparison: &Comparison) {
         return;
     }
     page.heading(2, "trends", "Over the dates");
-    let row = |trend: &Trend| {
-        let places = places(trend.unit);
-        vec![
-            Cell::text(trend.name()),
-            Cell::text(format!("{}/year", trend.unit)),
-            Cell::Number(format!("{:.places$} ± {:.places$}", trend.slope, slope_interval(trend))),
-            Cell::number(trend.slope_error, places),
-            Cell::Number(trend.p.map_or_else(|| "-".to_owned(), |p| format!("{p:.2e}"))),
-            Cell::number(trend.telemetry, 3),
-        ]
+    let slope = |it: &Trend| {
+        let places = places(it.unit);
+        Cell::Number(format!("{:.places$} ± {:.places$}", it.slope, slope_interval(it)))
     };
-    let rows: Vec<_> = comparison.trends.iter().map(row).collect();
-    let header = ["Curve", "Unit", "Slope", "Standard error", "p", "At telemetry"];
-    page.table("Straight lines over the dates, at the middle of the common range", &header, &rows);
+    let columns: [Column<'_, &Trend>; 6] = [
+        ("Curve", &|it| Cell::text(it.name())),
+        ("Unit", &|it| Cell::text(format!("{}/year", it.unit))),
+        ("Slope", &|it| slope(it)),
+        ("Standard error", &|it| Cell::number(it.slope_error, places(it.unit))),
+        ("p", &|it| Cell::Number(probability(it))),
+        ("At telemetry", &|it| Cell::number(it.telemetry, 3)),
+    ];
+    let caption = "Straight lines over the dates, at the middle of the common range";
+    page.columns(caption, &comparison.trends, &columns);
     let weighted = comparison.trends.iter().all(|trend| trend.standard_errors.is_some());
     page.paragraph(if weighted {
         "Each value weighs by its error. The slope's interval is 95 %; its error is that of the scatter where this is larger. p: the probability of \
@@ -168,10 +151,7 @@ fn trends(page: &mut Page, comparison: &Comparison) {
         let label = format!("Less the first / {}", trend.unit);
         let plot = Plot::new(&trend.name(), &format!("Years since {first}"), &label);
         let plot = plot.series("Table", Style::Points, points).errors(trend.standard_errors.iter().flatten().copied());
-        (plot.series("Line", Style::Line, line).svg(), String::new())
+        plot.series("Line", Style::Line, line)
     };
-    let figures: Vec<_> = comparison.trends.iter().map(figure).collect();
-    for figures in figures.chunks(3) {
-        page.figures(figures);
-    }
+    page.rows_of_plots(&comparison.trends.iter().map(figure).collect::<Vec<_>>());
 }

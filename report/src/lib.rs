@@ -31,11 +31,13 @@ mod page;
 mod parts;
 mod plot;
 pub mod ramps;
+mod shown;
 mod svg;
 pub mod text;
 mod thin;
 mod transients;
 pub mod verification;
+mod view;
 
 pub use page::{Cell, NoteKind, Page};
 pub use plot::{Plot, Style};

@@ -3,11 +3,13 @@
 pub mod json;
 pub mod text;
 
-use super::page::{Cell, NoteKind, Page};
+use super::page::{Cell, Column, NoteKind, Page};
 use super::plot::{Plot, Style};
 use crate::parts::file_names;
 use core::f64::consts::SQRT_2;
-use isotherm_analysis::{Allan, COEFFICIENTS, FLICKER_FLOOR, NoiseAnalysis, NoiseUnits};
+use isotherm_analysis::{
+    Allan, AllanPoint, COEFFICIENTS, Coefficient, FLICKER_FLOOR, NoiseAnalysis, NoiseUnits, SensorNoise,
+};
 use maud::Markup;
 
 /// What the report states besides the analysis; only the caller knows it.
@@ -39,32 +41,8 @@ pub fn html(analysis: &NoiseAnalysis, source: &NoiseSource) -> String {
     if findings.is_empty() {
         page.note(NoteKind::Good, "The model holds for every sensor", "");
     }
-    for sensor in &analysis.sensors {
-        page.heading(2, sensor.name, sensor.name);
-        let Some(allan) = &sensor.allan else {
-            page.paragraph("The counts never change.");
-            continue;
-        };
-        let units = sensor.kind.units();
-        let what = |suffix: &str| format!("{}{suffix}", sensor.name);
-        coefficients(&mut page, &what(""), allan, &units);
-        let mut figures = vec![figure(&what(""), allan, &units)];
-        if let Some(line) = &sensor.line {
-            let from = line.contaminated_from_s.map_or_else(
-                || "no contamination shows".to_owned(),
-                |from_s| {
-                    format!("contaminated from tau = {from_s:.4} s: there the curve without it leaves the intervals")
-                },
-            );
-            let slope = text::slope(line, &units);
-            page.paragraph(&format!("Slope over head telemetry: {slope} per {}; {from}.", analysis.temperature_unit));
-            if line.contaminated_from_s.is_some() {
-                coefficients(&mut page, &what(" without the line in head telemetry"), &line.without, &units);
-                figures.push(figure(&what(" without the line in head telemetry"), &line.without, &units));
-            }
-        }
-        page.figures(&figures);
-        page.paragraph(&text::width(sensor.name, allan).map_or_else(String::new, |sentence| sentence + "."));
+    for each in &analysis.sensors {
+        sensor(&mut page, each, &analysis.temperature_unit);
     }
     meaning(&mut page);
     deviations(&mut page, analysis);
@@ -78,36 +56,59 @@ pub fn html(analysis: &NoiseAnalysis, source: &NoiseSource) -> String {
     page.finish()
 }
 
+/// A sensor: its coefficients, its curve, and its line in head telemetry.
+fn sensor(page: &mut Page, sensor: &SensorNoise, temperature_unit: &str) {
+    page.heading(2, sensor.name, sensor.name);
+    let Some(allan) = &sensor.allan else {
+        return page.paragraph("The counts never change.");
+    };
+    let units = sensor.kind.units();
+    coefficients(page, sensor.name, allan, &units);
+    let mut figures = vec![figure(sensor.name, allan, &units)];
+    if let Some(line) = &sensor.line {
+        let from = line.contaminated_from_s.map_or_else(
+            || "no contamination shows".to_owned(),
+            |from_s| format!("contaminated from tau = {from_s:.4} s: there the curve without it leaves the intervals"),
+        );
+        let slope = text::slope(line, &units);
+        page.paragraph(&format!("Slope over head telemetry: {slope} per {temperature_unit}; {from}."));
+        if line.contaminated_from_s.is_some() {
+            let without = format!("{} without the line in head telemetry", sensor.name);
+            coefficients(page, &without, &line.without, &units);
+            figures.push(figure(&without, &line.without, &units));
+        }
+    }
+    page.figures(&figures);
+    page.paragraph(&text::width(sensor.name, allan).map_or_else(String::new, |sentence| sentence + "."));
+}
+
 /// The coefficients of a sensor, what belongs to them, and whether the model holds.
 fn coefficients(page: &mut Page, what: &str, allan: &Allan, units: &NoiseUnits) {
-    let mut figures = Vec::new();
+    let mut facts = Vec::new();
     if let Some(model) = &allan.model {
-        let rows = model.coefficients.iter().enumerate().map(|(k, coefficient)| {
-            let (unit, factor) = units.coefficients[k];
-            let [value, range] = text::shown(coefficient, factor);
-            let name = format!("{} {}", COEFFICIENTS[k], units.names[k]);
-            vec![Cell::text(name), Cell::Number(value), Cell::Number(range), Cell::text(unit)]
-        });
-        let rows: Vec<_> = rows.collect();
-        page.table(&format!("Coefficients of {what}"), &["Coefficient", "Value", "95 % range", "Unit"], &rows);
+        let columns: [Column<'_, (usize, &Coefficient)>; 4] = [
+            ("Coefficient", &|(k, _)| Cell::text(format!("{} {}", COEFFICIENTS[*k], units.names[*k]))),
+            ("Value", &|(k, it)| Cell::Number(text::shown(it, units.coefficients[*k].1)[0].clone())),
+            ("95 % range", &|(k, it)| Cell::Number(text::shown(it, units.coefficients[*k].1)[1].clone())),
+            ("Unit", &|(k, _)| Cell::text(units.coefficients[*k].0)),
+        ];
+        page.columns(&format!("Coefficients of {what}"), model.coefficients.iter().enumerate(), &columns);
         let [_, white, flicker, _] = &model.coefficients;
         let density = |factor: f64| format!("{} {}", text::either(white, factor), units.density);
-        figures.extend([
-            ("Density of N, two-sided".to_owned(), density(1.0)),
-            ("Density of N, one-sided as in data sheets".to_owned(), density(SQRT_2)),
-            ("Floor of B, 0.664 B".to_owned(), format!("{} {}", text::either(flicker, FLICKER_FLOOR), units.rate)),
-            (
-                (if model.holds() { "The model holds" } else { "The model does not hold" }).to_owned(),
-                format!("chi-square {:.1} for {} degrees of freedom", model.chi_square, model.freedom),
-            ),
+        let fit = format!("chi-square {:.1} for {} degrees of freedom", model.chi_square, model.freedom);
+        facts.extend([
+            ("Density of N, two-sided", density(1.0)),
+            ("Density of N, one-sided as in data sheets", density(SQRT_2)),
+            ("Floor of B, 0.664 B", format!("{} {}", text::either(flicker, FLICKER_FLOOR), units.rate)),
+            (if model.holds() { "The model holds" } else { "The model does not hold" }, fit),
         ]);
     }
     if let Some(point) = allan.minimum() {
         let end = if allan.falls_to_the_end() { ", the longest tau" } else { "" };
-        let text = format!("{:.3e} {} at tau = {:.4} s{end}", point.adev, units.rate, point.tau_s);
-        figures.push(("Minimum of the curve".to_owned(), text));
+        let minimum = format!("{:.3e} {} at tau = {:.4} s{end}", point.adev, units.rate, point.tau_s);
+        facts.push(("Minimum of the curve", minimum));
     }
-    page.key_values(&figures);
+    page.key_values(&facts);
 }
 
 /// The curve with its band, the model and its parts.
@@ -119,14 +120,14 @@ fn figure(what: &str, allan: &Allan, units: &NoiseUnits) -> (Markup, String) {
     let mut plot = Plot::new(what, "tau / s", &label).series("Measured", Style::Both, points).band(band);
     // Parts far from the curve would only make the figure higher.
     let measured = || allan.points.iter().map(|point| point.adev).filter(|adev| *adev > 0.0);
-    let (lowest, highest) = (measured().fold(f64::INFINITY, f64::min), measured().fold(0.0, f64::max));
+    let lowest = 0.3 * measured().fold(f64::INFINITY, f64::min);
+    let highest = 3.0 * measured().fold(0.0, f64::max);
     if let Some(model) = &allan.model {
         let times = || allan.points.iter().map(|point| point.tau_s);
         plot = plot.series("Model", Style::Line, times().map(|tau| (tau, model.deviation(tau).0)));
         for (k, name) in COEFFICIENTS.iter().enumerate() {
-            let part: Vec<_> = times().map(|tau| (tau, model.deviation(tau).1[k])).collect();
-            let part: Vec<_> =
-                part.into_iter().filter(|(_, value)| *value > 0.3 * lowest && *value < 3.0 * highest).collect();
+            let part = times().map(|tau| (tau, model.deviation(tau).1[k]));
+            let part: Vec<_> = part.filter(|(_, value)| *value > lowest && *value < highest).collect();
             if !part.is_empty() {
                 plot = plot.series(name, Style::Line, part);
             }
@@ -152,18 +153,17 @@ fn meaning(page: &mut Page) {
 /// The points of all sensors.
 fn deviations(page: &mut Page, analysis: &NoiseAnalysis) {
     page.heading(2, "points", "Allan deviations");
+    let known = |value: Option<String>| Cell::Number(value.unwrap_or_else(|| "–".to_owned()));
+    let end = |it: &AllanPoint, end: usize| known(it.interval.map(|ends| format!("{:.3e}", ends[end])));
+    let columns: [Column<'_, &AllanPoint>; 5] = [
+        ("tau / s", &|it| Cell::Number(format!("{:.4}", it.tau_s))),
+        ("Allan deviation", &|it| Cell::Number(format!("{:.3e}", it.adev))),
+        ("from", &|it| end(it, 0)),
+        ("to", &|it| end(it, 1)),
+        ("Degrees of freedom", &|it| known(it.freedom.map(|freedom| format!("{freedom:.1}")))),
+    ];
     for sensor in &analysis.sensors {
         let Some(allan) = &sensor.allan else { continue };
-        let number =
-            |value: Option<f64>| Cell::Number(value.map_or_else(|| "–".to_owned(), |value| format!("{value:.3e}")));
-        let rows = allan.points.iter().map(|point| {
-            let [low, high] = point.interval.map_or([None; 2], |ends| ends.map(Some));
-            let freedom = point.freedom.map_or_else(|| "–".to_owned(), |freedom| format!("{freedom:.1}"));
-            let tau = Cell::Number(format!("{:.4}", point.tau_s));
-            vec![tau, number(Some(point.adev)), number(low), number(high), Cell::Number(freedom)]
-        });
-        let rows: Vec<_> = rows.collect();
-        let caption = format!("{} [{}]", sensor.name, sensor.kind.units().rate);
-        page.table(&caption, &["tau / s", "Allan deviation", "from", "to", "Degrees of freedom"], &rows);
+        page.columns(&format!("{} [{}]", sensor.name, sensor.kind.units().rate), &allan.points, &columns);
     }
 }

@@ -5,6 +5,7 @@
 //! runs nothing, so it can be archived and read on any device. It follows the reader's light or dark preference and
 //! prints in the light palette.
 
+use crate::plot::Plot;
 use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 
 const STYLE: &str = include_str!("style.css");
@@ -69,6 +70,11 @@ impl Cell {
         Self::Number(if value.is_finite() { format!("{value:.decimals$}") } else { "–".into() })
     }
 
+    /// A number that may be unknown; then a dash.
+    pub(crate) fn known(value: Option<f64>, decimals: usize) -> Self {
+        Self::number(value.unwrap_or(f64::NAN), decimals)
+    }
+
     fn class(&self) -> Option<&'static str> {
         match self {
             Self::Text(text) => (text.len() > LONG_TEXT).then_some("long"),
@@ -86,6 +92,9 @@ impl Render for Cell {
         }
     }
 }
+
+/// A column of a table: its title, and the cell of an item.
+pub(crate) type Column<'a, T> = (&'a str, &'a dyn Fn(&T) -> Cell);
 
 /// A document that is built by appending to it.
 #[derive(Clone, Debug)]
@@ -194,6 +203,23 @@ impl Page {
         });
     }
 
+    /// Adds a table with a row for each of `items`.
+    pub(crate) fn columns<T>(&mut self, caption: &str, items: impl IntoIterator<Item = T>, columns: &[Column<'_, T>]) {
+        let header: Vec<_> = columns.iter().map(|(title, _)| *title).collect();
+        let row = |item: T| columns.iter().map(|(_, cell)| cell(&item)).collect();
+        self.table(caption, &header, &items.into_iter().map(row).collect::<Vec<_>>());
+    }
+
+    /// Adds figures without captions, side by side as far as the width allows.
+    pub(crate) fn plots(&mut self, plots: &[Plot]) {
+        self.figures(&plots.iter().map(|plot| (plot.svg(), "")).collect::<Vec<_>>());
+    }
+
+    /// As [`plots`](Self::plots), three in a row.
+    pub(crate) fn rows_of_plots(&mut self, plots: &[Plot]) {
+        plots.chunks(3).for_each(|row| self.plots(row));
+    }
+
     /// Adds a figure, as [`Plot::svg`](super::plot::Plot::svg) draws it.
     pub fn figure(&mut self, svg: &Markup, caption: &str) {
         self.add(&figure(svg, caption));
@@ -265,7 +291,7 @@ fn is_hidden(c: char) -> bool {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::plot::{Plot, Style};
+    use crate::plot::Style;
 
     /// Fails unless every tag is closed in order and no text holds a bare `<`, `>` or `&`.
     pub(crate) fn assert_well_formed(markup: &str) {

@@ -192,80 +192,23 @@ impl Plot {
     /// The figure as SVG for [`Page::figure`](super::page::Page::figure).
     #[must_use]
     pub fn svg(&self) -> Markup {
-        let drawn = |&&(x, y): &&(f64, f64)| usable(x) && usable(y);
-        let points = || self.series.iter().flat_map(|s| s.points.iter().filter(drawn));
-        let rows = || self.series.iter().flat_map(|s| s.band.iter().filter(|row| complete(row)));
-        let xs = points().map(|p| p.0).chain(rows().map(|r| r.0)).chain(self.markers.iter().map(|m| m.0));
-        let bars = || self.series.iter().flat_map(PlotSeries::bars);
-        let ys = points().map(|p| p.1).chain(rows().flat_map(|r| [r.1, r.2])).chain(self.zero.then_some(0.0));
-        let ys = ys.chain(bars().flat_map(|(_, low, high)| [low, high])).chain(self.also_y.iter().copied());
-        let (x_axis, y_axis) = if self.logarithmic {
-            (PlotAxis::decades(xs), PlotAxis::decades(ys))
-        } else {
-            (PlotAxis::new(xs, 0.03, 6), PlotAxis::new(ys, 0.06, 8))
-        };
-
-        let left = 10.0 + y_axis.ticks.iter().map(|(_, label)| text_width(label)).fold(22.0, f64::max);
-        let x = |value: f64| left + x_axis.fraction(value) * (RIGHT - left);
-        let labels = self.marker_labels(x);
-        let marker_rows = labels.iter().map(|label| label.0 + 1).max().unwrap_or(0);
-        let upper = 48.0 + if self.upper.is_some() { LINE_HEIGHT } else { 0.0 };
-        let gap = if self.upper.is_some() && marker_rows > 0 { 6.0 } else { 0.0 };
-        let top = upper + gap + marker_rows as f64 * LINE_HEIGHT;
-        let bottom = top + PLOT_HEIGHT;
-        let y = |value: f64| bottom - y_axis.fraction(value) * PLOT_HEIGHT;
-
+        let frame = self.frame();
         let mut out = Svg(String::new());
-        out.text("t", 2.0, 16.0, &cut(&self.title, WIDTH * 0.92), "");
-        let upper_label = self.upper.as_ref().map_or(String::new(), |axis| cut(&axis.label, WIDTH / 3.0));
-        let room = RIGHT - text_width(&y_axis.note) - text_width(&upper_label) - 8.0;
-        out.text("a", 2.0, 37.0, &cut(&self.y_label, room), &y_axis.note);
-        out.text("a e", RIGHT, 37.0, &upper_label, "");
-        let (mut grid, mut frame) = (String::new(), String::new());
-        for (value, label) in &y_axis.ticks {
-            grid += &format!("M{} {}H{RIGHT}", short(left), short(y(*value)));
-            out.text("k e", left - 6.0, y(*value) + 4.5, label, "");
-        }
-        for (value, label) in &x_axis.ticks {
-            grid += &format!("M{} {}V{}", short(x(*value)), short(top), short(bottom));
-            frame += &format!("M{} {}v4", short(x(*value)), short(bottom));
-            out.text("k m", x(*value), bottom + 17.0, label, "");
-        }
-        if self.upper.is_some() {
-            frame += &format!("M{} {}H{RIGHT}", short(left), short(upper));
-        }
-        for (at, label) in self.upper_ticks(left, x) {
-            frame += &format!("M{} {}v-4", short(at), short(upper));
-            out.text("k m", at, upper - 7.0, label, "");
-        }
-        out.path("grid", &grid);
-        frame += &format!("M{} {}V{}H{RIGHT}", short(left), short(top), short(bottom));
-        out.path("frame", &frame);
-        let middle = f64::midpoint(left, RIGHT);
-        let x_label = cut(&self.x_label, WIDTH - 24.0 - text_width(&x_axis.note));
-        out.text("a m", middle, bottom + 35.0, &x_label, &x_axis.note);
-        if self.zero {
-            out.path("zero", &format!("M{} {}H{RIGHT}", short(left), short(y(0.0))));
-        }
-        for (value, _) in &self.markers {
-            out.path("mark", &format!("M{} {}V{}", short(x(*value)), short(top - 4.0), short(bottom)));
-        }
-        for (row, at, label) in &labels {
-            out.text("g m", *at, top - 8.0 - *row as f64 * LINE_HEIGHT, label, "");
+        self.titles(&mut out, &frame);
+        self.axes(&mut out, &frame);
+        self.markers(&mut out, &frame);
+        for (index, series) in self.series.iter().enumerate() {
+            out.band(index, &series.band, &frame);
         }
         for (index, series) in self.series.iter().enumerate() {
-            out.band(index, &series.band, x, y);
+            out.series(index, series, &frame);
         }
-        for (index, series) in self.series.iter().enumerate() {
-            out.series(index, series, x, y);
+        if self.points().next().is_none() && self.bands().next().is_none() {
+            out.text("a m", frame.middle(), f64::midpoint(frame.top, frame.bottom), "no data", "");
         }
-        if points().next().is_none() && rows().next().is_none() {
-            out.text("a m", middle, f64::midpoint(top, bottom), "no data", "");
-        }
-        let height = self.legend(&mut out, bottom + 42.0);
+        let height = self.legend(&mut out, frame.bottom + 42.0);
         let summary = format!("{}: {} over {}", self.title, self.y_label, self.x_label);
-        let count = |series: &PlotSeries| series.points.iter().filter(drawn).count();
-        let names: Vec<_> = self.series.iter().map(|s| format!("{} ({} points)", s.name, count(s))).collect();
+        let names: Vec<_> = self.series.iter().map(|s| format!("{} ({} points)", s.name, s.drawn().count())).collect();
         html! {
             svg.plot viewBox={ "0 0 " (WIDTH) " " (short(height)) } role="img" aria-label=(summary) {
                 title { (self.title) }
@@ -275,12 +218,95 @@ impl Plot {
         }
     }
 
+    /// The points that can be drawn.
+    fn points(&self) -> impl Iterator<Item = &(f64, f64)> {
+        self.series.iter().flat_map(PlotSeries::drawn)
+    }
+
+    /// The rows of bands that can be drawn.
+    fn bands(&self) -> impl Iterator<Item = &(f64, f64, f64)> {
+        self.series.iter().flat_map(|series| series.band.iter().filter(|row| complete(row)))
+    }
+
+    /// The axes over all that is drawn, and where the plot area is.
+    fn frame(&self) -> Frame {
+        let xs = self.points().map(|p| p.0).chain(self.bands().map(|r| r.0)).chain(self.markers.iter().map(|m| m.0));
+        let ys = self.points().map(|p| p.1).chain(self.bands().flat_map(|r| [r.1, r.2]));
+        let bars = self.series.iter().flat_map(PlotSeries::bars).flat_map(|(_, low, high)| [low, high]);
+        let ys = ys.chain(self.zero.then_some(0.0)).chain(bars).chain(self.also_y.iter().copied());
+        let (x_axis, y_axis) = if self.logarithmic {
+            (PlotAxis::decades(xs), PlotAxis::decades(ys))
+        } else {
+            (PlotAxis::new(xs, 0.03, 6), PlotAxis::new(ys, 0.06, 8))
+        };
+        let left = 10.0 + y_axis.ticks.iter().map(|(_, label)| text_width(label)).fold(22.0, f64::max);
+        let mut frame = Frame { x_axis, y_axis, left, upper: 48.0, top: 0.0, bottom: 0.0 };
+        let rows = self.marker_labels(|value| frame.x(value)).iter().map(|label| label.0 + 1).max().unwrap_or(0);
+        frame.upper += if self.upper.is_some() { LINE_HEIGHT } else { 0.0 };
+        let gap = if self.upper.is_some() && rows > 0 { 6.0 } else { 0.0 };
+        frame.top = frame.upper + gap + rows as f64 * LINE_HEIGHT;
+        frame.bottom = frame.top + PLOT_HEIGHT;
+        frame
+    }
+
+    /// The title, and the labels above the plot area.
+    fn titles(&self, out: &mut Svg, frame: &Frame) {
+        out.text("t", 2.0, 16.0, &cut(&self.title, WIDTH * 0.92), "");
+        let (note, upper_label) = (&frame.y_axis.note, self.upper.as_ref().map_or("", |axis| &axis.label));
+        let upper_label = cut(upper_label, WIDTH / 3.0);
+        let room = RIGHT - text_width(note) - text_width(&upper_label) - 8.0;
+        out.text("a", 2.0, 37.0, &cut(&self.y_label, room), note);
+        out.text("a e", RIGHT, 37.0, &upper_label, "");
+    }
+
+    /// Grid, frame, ticks with their labels, the label of x and the line at 0.
+    fn axes(&self, out: &mut Svg, frame: &Frame) {
+        let Frame { x_axis, y_axis, left, upper, top, bottom } = frame;
+        let [left_edge, upper_edge, top_edge, bottom_edge] = [*left, *upper, *top, *bottom].map(short);
+        let (mut grid, mut lines) = (String::new(), String::new());
+        for (value, label) in &y_axis.ticks {
+            let y = frame.y(*value);
+            grid += &format!("M{left_edge} {}H{RIGHT}", short(y));
+            out.text("k e", left - 6.0, y + 4.5, label, "");
+        }
+        for (value, label) in &x_axis.ticks {
+            let (at, x) = (frame.x(*value), short(frame.x(*value)));
+            grid += &format!("M{x} {top_edge}V{bottom_edge}");
+            lines += &format!("M{x} {bottom_edge}v4");
+            out.text("k m", at, bottom + 17.0, label, "");
+        }
+        if self.upper.is_some() {
+            lines += &format!("M{left_edge} {upper_edge}H{RIGHT}");
+        }
+        for (at, label) in self.upper_ticks(frame) {
+            lines += &format!("M{} {upper_edge}v-4", short(at));
+            out.text("k m", at, upper - 7.0, label, "");
+        }
+        out.path("grid", &grid);
+        out.path("frame", &format!("{lines}M{left_edge} {top_edge}V{bottom_edge}H{RIGHT}"));
+        let label = cut(&self.x_label, WIDTH - 24.0 - text_width(&x_axis.note));
+        out.text("a m", frame.middle(), bottom + 35.0, &label, &x_axis.note);
+        if self.zero {
+            out.path("zero", &format!("M{left_edge} {}H{RIGHT}", short(frame.y(0.0))));
+        }
+    }
+
+    fn markers(&self, out: &mut Svg, frame: &Frame) {
+        for (value, _) in &self.markers {
+            let (x, top, bottom) = (short(frame.x(*value)), short(frame.top - 4.0), short(frame.bottom));
+            out.path("mark", &format!("M{x} {top}V{bottom}"));
+        }
+        for (row, at, label) in self.marker_labels(|value| frame.x(value)) {
+            out.text("g m", at, frame.top - 8.0 - row as f64 * LINE_HEIGHT, &label, "");
+        }
+    }
+
     /// Position and label of the ticks of the upper axis.
-    fn upper_ticks(&self, left: f64, x: impl Fn(f64) -> f64) -> Vec<(f64, &str)> {
+    fn upper_ticks(&self, frame: &Frame) -> Vec<(f64, &str)> {
         let (mut end, mut ticks) = (f64::NEG_INFINITY, Vec::new());
         for (value, label) in self.upper.iter().flat_map(|axis| &axis.ticks) {
-            let (at, half) = (x(*value), text_width(label) / 2.0);
-            if (left..=RIGHT).contains(&at) && at + half <= WIDTH && at - half >= end {
+            let (at, half) = (frame.x(*value), text_width(label) / 2.0);
+            if (frame.left..=RIGHT).contains(&at) && at + half <= WIDTH && at - half >= end {
                 end = at + half + 6.0;
                 ticks.push((at, label.as_str()));
             }
@@ -338,8 +364,34 @@ impl Plot {
     }
 }
 
+/// Where the plot area is in the drawing, and what its edges mean.
+struct Frame {
+    x_axis: PlotAxis,
+    y_axis: PlotAxis,
+    left: f64,
+    /// Where the upper axis is.
+    upper: f64,
+    top: f64,
+    bottom: f64,
+}
+
+impl Frame {
+    fn x(&self, value: f64) -> f64 {
+        self.left + self.x_axis.fraction(value) * (RIGHT - self.left)
+    }
+
+    fn y(&self, value: f64) -> f64 {
+        self.bottom - self.y_axis.fraction(value) * PLOT_HEIGHT
+    }
+
+    /// The middle between left and right.
+    const fn middle(&self) -> f64 {
+        f64::midpoint(self.left, RIGHT)
+    }
+}
+
 impl Svg {
-    fn band(&mut self, index: usize, rows: &[(f64, f64, f64)], x: impl Fn(f64) -> f64, y: impl Fn(f64) -> f64) {
+    fn band(&mut self, index: usize, rows: &[(f64, f64, f64)], frame: &Frame) {
         let edge = |upper: bool| -> Vec<(f64, f64)> {
             let value = |r: &(f64, f64, f64)| if upper { r.2 } else { r.1 };
             rows.iter().map(|r| (r.0, if complete(r) { value(r) } else { f64::NAN })).collect()
@@ -348,16 +400,16 @@ impl Svg {
         kept.extend(upper);
         let mut d = String::new();
         for segment in segments(&kept, |i| complete(&rows[i])) {
-            let lower = segment.iter().map(|&i| (x(rows[i].0), y(rows[i].1)));
-            let upper = segment.iter().rev().map(|&i| (x(rows[i].0), y(rows[i].2)));
+            let lower = segment.iter().map(|&i| (frame.x(rows[i].0), frame.y(rows[i].1)));
+            let upper = segment.iter().rev().map(|&i| (frame.x(rows[i].0), frame.y(rows[i].2)));
             d += &path(lower.chain(upper));
             d.push('z');
         }
         self.path(&class("b", index), &d);
     }
 
-    fn series(&mut self, index: usize, series: &PlotSeries, x: impl Fn(f64) -> f64, y: impl Fn(f64) -> f64) {
-        let at = |i: usize| (x(series.points[i].0), y(series.points[i].1));
+    fn series(&mut self, index: usize, series: &PlotSeries, frame: &Frame) {
+        let at = |i: usize| (frame.x(series.points[i].0), frame.y(series.points[i].1));
         let (mut line, mut single) = (String::new(), BTreeSet::new());
         if series.style != Style::Line {
             single = scatter(&series.points, MAX_VERTICES);
@@ -373,7 +425,7 @@ impl Svg {
         }
         let size = point_size(single.len());
         let bars = single.iter().filter_map(|&i| series.bar(i));
-        let bars: String = bars.map(|(at, low, high)| error_bar(x(at), [y(low), y(high)])).collect();
+        let bars: String = bars.map(|(at, low, high)| error_bar(frame.x(at), [frame.y(low), frame.y(high)])).collect();
         self.path(&class("er", index), &bars);
         let points: String = single.into_iter().map(|i| shape(index, at(i).0, at(i).1, size)).collect();
         self.path(&class(if is_dense(series) { "l f" } else { "l d" }, index), &line);
@@ -382,6 +434,11 @@ impl Svg {
 }
 
 impl PlotSeries {
+    /// The points that can be drawn.
+    fn drawn(&self) -> impl Iterator<Item = &(f64, f64)> {
+        self.points.iter().filter(|(x, y)| usable(*x) && usable(*y))
+    }
+
     /// x, lower and upper end of the error bar of a point; `None` if it has none.
     fn bar(&self, index: usize) -> Option<(f64, f64, f64)> {
         let (&(x, y), half) = (self.points.get(index)?, self.errors.get(index)?.abs());

@@ -2,8 +2,9 @@
 //!
 //! Over 400 lines: the lines of calibrations and of verifications, which have the same layout.
 
+use super::shown::{DEGREES_PER_HOUR, FLAGGED, MICRO_G0, SOAKED, Shown, named_errors};
 use isotherm_calibration::{
-    Accuracy, CalibratedTriad, Calibration, GyroscopeCalibration, RampCalibration, Transients, TriadUnits,
+    Accuracy, CalibratedTriad, Calibration, GyroscopeCalibration, Prediction, RampCalibration, Transients, TriadUnits,
     largest_interval,
 };
 use isotherm_campaign::Dwell;
@@ -12,7 +13,7 @@ use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{BINS, CONFIDENCE, QUANTITIES, band};
 use isotherm_verification::{
-    AxisStability, Errors, Estimate, Force, GyroscopeStability, Judgement, LoopBand, Loops, Stability,
+    AxisStability, Errors, Estimate, Force, GyroscopeStability, Judgement, LoopBand, Loops, Stability, Window,
 };
 use std::fmt::Write as _;
 
@@ -33,18 +34,17 @@ pub fn calibration(calibration: &Calibration) -> String {
         calibration.table.digest(),
     );
     text.extend(triads.iter().map(curves));
-    // Writing to a String cannot fail.
     for (axis, line) in misalignments(&triads[0]).into_iter().enumerate() {
-        let _ = writeln!(text, "{line}; residuals {:.3}e-6 g0 rms", calibration.residual_sd(axis) * 1e6);
+        text += &format!("{line}; residuals {:.3}e-6 g0 rms\n", calibration.residual_sd(axis) * 1e6);
     }
     if let (Some(found), Some(triad)) = (gyroscopes, triads.get(1)) {
         for (axis, line) in misalignments(triad).into_iter().enumerate() {
-            let _ = writeln!(text, "{line}; random walk {:.5} deg/sqrt(h)", found.random_walk(axis));
+            text += &format!("{line}; random walk {:.5} deg/sqrt(h)\n", found.random_walk(axis));
         }
         text += &g_sensitivities(found);
     }
     if let Some([x, y]) = calibration.solution.tilt {
-        let _ = writeln!(text, "  base tilted by {:.2} and {:.2} [1e-6 rad] about X and Y", x * 1e6, y * 1e6);
+        text += &format!("  base tilted by {:.2} and {:.2} [1e-6 rad] about X and Y\n", x * 1e6, y * 1e6);
     }
     text.extend(gyroscopes.and_then(earth));
     text += &alignment(calibration);
@@ -53,22 +53,28 @@ pub fn calibration(calibration: &Calibration) -> String {
         text.extend(within(found.losses, "the ramps"));
         text += &transients(found, &calibration.table.content().temperature_unit);
     }
-    text.push('\n');
-    for triad in &triads {
+    text + "\n" + &accuracy(calibration, &triads)
+}
+
+/// The bottom line of each triad.
+fn accuracy(calibration: &Calibration, triads: &[CalibratedTriad<'_>]) -> String {
+    let line = |triad: &CalibratedTriad<'_>| {
         let accuracy = Accuracy::of_triad(calibration, triad);
         // Of one triad it is clear what is meant.
         let whose = if triads.len() > 1 { format!("{}s: ", triad.units.sensor) } else { String::new() };
-        let _ = writeln!(text, "{whose}{accuracy}");
-        if let Some(caution) = accuracy.caution() {
-            let _ = writeln!(text, "  caution: {caution}");
-        }
-    }
-    text
+        let caution = accuracy.caution().map_or_else(String::new, |caution| format!("  caution: {caution}\n"));
+        format!("{whose}{accuracy}\n{caution}")
+    };
+    triads.iter().map(line).collect()
 }
 
 /// The line of what is missing within a recording or its parts, if anything is.
 pub(super) fn within(losses: Losses, parts: &str) -> Option<String> {
-    (!losses.is_none()).then(|| format!("  within {parts}: {losses}\n"))
+    missing_within(losses, parts).map(|missing| format!("  {missing}\n"))
+}
+
+fn missing_within(losses: Losses, parts: &str) -> Option<String> {
+    (!losses.is_none()).then(|| format!("within {parts}: {losses}"))
 }
 
 /// A calibration from ramps alone in a few lines: what the table does not know, and the transients.
@@ -92,87 +98,68 @@ pub fn ramps(calibration: &RampCalibration) -> String {
 
 /// The verdict of the ramps with its reasons, then the biases, a line each.
 fn transients(found: &Transients, unit: &str) -> String {
+    let line = |[name, unit, written, estimate, t_tau, fixed, hysteresis, lag, table, without, with]: [&str; 11]| {
+        format!(
+            "  {name:4} {unit:<13} {written:>12} {estimate:>24} {t_tau:>13}   {fixed:>10} {hysteresis:>10} {lag:>10} {table:>10}   \
+             {without:>10} {with:>10}\n"
+        )
+    };
     let mut text =
         "transients, rms of the sweeps left out, and hysteresis band without and with the estimate:\n".to_owned();
-    // Writing to a String cannot fail.
-    let _ = writeln!(
-        text,
-        "  {:4} {:<13} {:>12} {:>24} {:>13}   {:>10} {:>10} {:>10} {:>10}   {:>10} {:>10}",
-        "",
-        format!("unit, per {unit}"),
-        "written",
-        "estimate +- its error",
-        "t tau / s",
-        "static",
-        "hysteresis",
-        "with lag",
-        "in a table",
-        "without",
-        "with"
-    );
+    let (unit, estimate) = (format!("unit, per {unit}"), "estimate +- its error");
+    let [fixed, hysteresis, lag, table] = ["static", "hysteresis", "with lag", "in a table"];
+    text += &line(["", &unit, "written", estimate, "t tau / s", fixed, hysteresis, lag, table, "without", "with"]);
     for bias in &found.biases {
         let units = TriadUnits::of(bias.kind);
-        let decimals = units.bias_decimals;
-        let shown = |value: f64| format!("{:.decimals$}", value * units.bias_factor);
+        let shown = |value: f64| format!("{:.*}", units.bias_decimals, value * units.bias_factor);
         let known = |value: Option<f64>| value.map_or_else(|| "not known".to_owned(), shown);
-        let prediction = |of: fn(&isotherm_calibration::Prediction) -> f64| known(bias.prediction.as_ref().map(of));
-        let _ = writeln!(
-            text,
-            "  {:4} {:<13} {:>12} {:>24} {:>13}   {:>10} {:>10} {:>10} {:>10}   {:>10} {:>10}",
+        let prediction = |of: fn(&Prediction) -> f64| known(bias.prediction.as_ref().map(of));
+        text += &line([
             bias.name(),
             units.bias,
-            shown(bias.transient),
-            format!("{} +- {}", shown(bias.estimate), shown(bias.standard_error)),
-            format!("{:.1}", bias.estimate * units.bias_factor * found.time_constant.value_s),
-            prediction(|it| it.static_curve),
-            prediction(|it| it.hysteresis),
-            prediction(|it| it.lag_and_hysteresis),
-            prediction(|it| it.written),
-            known(band(&bias.before)),
-            known(band(&bias.after)),
-        );
+            &shown(bias.transient),
+            &format!("{} +- {}", shown(bias.estimate), shown(bias.standard_error)),
+            &format!("{:.1}", bias.estimate * units.bias_factor * found.time_constant.value_s),
+            &prediction(|it| it.static_curve),
+            &prediction(|it| it.hysteresis),
+            &prediction(|it| it.lag_and_hysteresis),
+            &prediction(|it| it.written),
+            &known(band(&bias.before)),
+            &known(band(&bias.after)),
+        ]);
     }
-    for sentence in &found.words {
-        let _ = writeln!(text, "  {sentence}");
-    }
+    text.extend(found.words.iter().map(|sentence| format!("  {sentence}\n")));
     text
 }
 
 /// The curves of a triad, a line each.
 fn curves(triad: &CalibratedTriad<'_>) -> String {
-    let mut text = String::new();
-    for (axis, tables) in triad.orders.iter().enumerate() {
-        for (quantity, orders) in tables.iter().enumerate() {
-            let fit = &orders.regression.fits()[orders.choice.order];
-            let size = fit.coefficients.first().map_or(1.0, |c| c.abs());
-            // An interval of K is relative already.
-            let (factor, of_interval, decimals, unit) = match quantity {
-                0 => (
-                    triad.units.bias_factor,
-                    triad.units.bias_factor,
-                    triad.units.bias_decimals,
-                    triad.units.in_table(0),
-                ),
-                _ => (1e6 / size, 1e6, 3, "ppm"),
-            };
-            let shown = |value: f64| format!("{value:.decimals$} {unit}");
-            let _ = writeln!(
-                text,
-                "  {} {:22}  {:5}  {:>14}  {:>27}  {:>13}  {}",
-                triad.names[axis],
-                QUANTITIES[quantity],
-                orders.choice.order,
-                figure(largest_interval(&triad.curves[axis][quantity], quantity > 0), &|interval| format!(
-                    "+- {:>7.decimals$} {unit}",
-                    interval * of_interval
-                )),
-                figure(fit.leave_one_out_rms, &|rms| shown(rms * factor)),
-                figure(fit.residual_sd, &|sd| shown(sd * factor)),
-                orders.choice.reason.split(';').next().unwrap_or_default()
-            );
-        }
-    }
-    text
+    (0..9).map(|index| curve(triad, index / 3, index % 3)).collect()
+}
+
+fn curve(triad: &CalibratedTriad<'_>, axis: usize, quantity: usize) -> String {
+    let orders = &triad.orders[axis][quantity];
+    let fit = orders.chosen();
+    let (units, size) = (triad.units, fit.coefficients.first().map_or(1.0, |c| c.abs()));
+    // An interval of K is relative already.
+    let (factor, of_interval, decimals, unit) = match quantity {
+        0 => (units.bias_factor, units.bias_factor, units.bias_decimals, units.in_table(0)),
+        _ => (1e6 / size, 1e6, 3, "ppm"),
+    };
+    // A figure does not exist without degrees of freedom.
+    let known = |value: Option<String>| value.unwrap_or_else(|| "not known".to_owned());
+    let shown = |value: Option<f64>| known(value.map(|value| format!("{:.decimals$} {unit}", value * factor)));
+    let interval = largest_interval(&triad.curves[axis][quantity], quantity > 0);
+    format!(
+        "  {} {:22}  {:5}  {:>14}  {:>27}  {:>13}  {}\n",
+        triad.names[axis],
+        QUANTITIES[quantity],
+        orders.choice.order,
+        known(interval.map(|interval| format!("+- {:>7.decimals$} {unit}", interval * of_interval))),
+        shown(fit.leave_one_out_rms),
+        shown(fit.residual_sd),
+        orders.choice.reason.split(';').next().unwrap_or_default()
+    )
 }
 
 /// The misalignments of each sensor of a triad, without the end of the line.
@@ -236,70 +223,60 @@ fn alignment(calibration: &Calibration) -> String {
     }
 }
 
-/// A figure that does not exist without degrees of freedom.
-fn figure(value: Option<f64>, text: &dyn Fn(f64) -> String) -> String {
-    value.map_or_else(|| "not known".to_owned(), text)
-}
-
 /// The stability of a recording: how many windows are judged, the paper's table 4, the hysteresis band, then the
 /// verdict. `window` is the length of the windows \[s\]; `aligned` says whether the table has an alignment matrix.
 #[must_use]
 pub fn stability(stability: &Stability, window: f64, aligned: bool) -> String {
-    let counted = stability.windows.iter().filter(|window| window.counts).count();
     let mut text = format!(
         "{}\nLocal gravity {}\n\nOutput stability: means over {window} s of output minus specific force [1e-6 g0]\n{}",
         stability.judged_windows(),
         stability.gravity_source,
-        figures(&AXIS_NAMES, &stability.axes, MICRO_G0)
+        figures(AXIS_NAMES, &stability.axes, MICRO_G0)
     );
-    // Writing to a String cannot fail.
+    text += &lines(remarks(stability));
+    text += &hysteresis(AXIS_NAMES, &stability.loops, stability.unsettled_s, MICRO_G0);
+    text.push('\n');
+    text += &verdict(stability, aligned);
+    match &stability.gyroscopes {
+        Some(Ok(found)) => text + &gyroscopes(found, window, stability.unsettled_s),
+        Some(Err(reason)) => text + &format!("The gyroscopes are not judged: {reason}.\n"),
+        None => text,
+    }
+}
+
+/// What is said of a recording below its figures, a line each.
+fn remarks(stability: &Stability) -> [Option<String>; 9] {
     let origin = match (stability.stated, stability.verdict.gravity_known) {
         (true, true) => "stated",
         (true, false) => "its direction stated, its length the median of the output",
         (false, _) => "the median of the output",
     };
-    let _ = writeln!(text, "  specific force {}, {origin}", Force(stability.specific_force));
-    let _ = writeln!(text, "  {counted} of {} windows at this attitude", stability.windows.len());
-    if stability.left_out > 0 {
-        let _ = writeln!(text, "  {} samples left out: their interval is 0 or over an hour", stability.left_out);
-    }
-    text.extend(within(stability.losses, "the recording"));
-    let flagged = stability.windows.iter().filter(|window| window.flagged).count();
-    if flagged > 0 {
-        let _ = writeln!(
-            text,
-            "  {flagged} windows have flagged samples: telemetry out of the table's range or not plausible, or a lag that is not the table's"
-        );
-    }
-    let _ = writeln!(text, "  covered: {}", stability.covered);
-    let time = stability.time_fault.map(|fault| fault.to_string());
-    for warning in time.into_iter().chain(stability.interval_warning()).chain(stability.attitude_warning()) {
-        let _ = writeln!(text, "  {warning}");
-    }
-    text.push_str(&hysteresis(&AXIS_NAMES, &stability.loops, stability.unsettled_s, MICRO_G0, "1e-6 g0"));
-    text.push('\n');
-    text.push_str(&verdict(stability, aligned));
-    match &stability.gyroscopes {
-        Some(Ok(found)) => text.push_str(&gyroscopes(found, window, stability.unsettled_s)),
-        Some(Err(reason)) => {
-            let _ = writeln!(text, "The gyroscopes are not judged: {reason}.");
-        }
-        None => {}
-    }
-    text
+    let count = |of: fn(&Window) -> bool| stability.windows.iter().filter(|window| of(window)).count();
+    let (counted, flagged, left_out) = (count(|it| it.counts), count(|it| it.flagged), stability.left_out);
+    [
+        Some(format!("specific force {}, {origin}", Force(stability.specific_force))),
+        Some(format!("{counted} of {} windows at this attitude", stability.windows.len())),
+        (left_out > 0).then(|| format!("{left_out} samples left out: their interval is 0 or over an hour")),
+        missing_within(stability.losses, "the recording"),
+        (flagged > 0).then(|| format!("{flagged} windows have flagged samples: {FLAGGED}")),
+        Some(format!("covered: {}", stability.covered)),
+        stability.time_fault.map(|fault| fault.to_string()),
+        stability.interval_warning(),
+        stability.attitude_warning(),
+    ]
 }
 
-/// Factor from a triad's base unit to that of a table, and its decimals.
-type Shown = (f64, usize);
-const MICRO_G0: Shown = (1e6, 3);
-const DEGREES_PER_HOUR: Shown = (1.0, 4);
+/// Remarks that there are, a line each.
+fn lines<const COUNT: usize>(remarks: [Option<String>; COUNT]) -> String {
+    remarks.into_iter().flatten().map(|remark| format!("  {remark}\n")).collect()
+}
 
 /// Table 4 of the paper for a triad, with its header.
-fn figures(names: &[&str; AXES], axes: &[AxisStability; AXES], (factor, places): Shown) -> String {
+fn figures(names: [&str; AXES], axes: &[AxisStability; AXES], Shown { factor, places, .. }: Shown) -> String {
     let mut text = "          frozen at mid temperature        full model\n          std. deviation  rms about zero   std. deviation  \
                     rms about zero   factor (std. dev.)\n"
         .to_owned();
-    for (name, axis) in names.iter().zip(axes) {
+    for (name, axis) in names.into_iter().zip(axes) {
         let _ = writeln!(
             text,
             "  {name} {:>18.places$} {:>15.places$} {:>16.places$} {:>15.places$} {:>12.2}",
@@ -314,13 +291,8 @@ fn figures(names: &[&str; AXES], axes: &[AxisStability; AXES], (factor, places):
 }
 
 /// The hysteresis bands of a triad, with their header. If no axis is judged, a line says why.
-fn hysteresis(
-    names: &[&str; AXES],
-    loops: &Loops,
-    unsettled_s: Option<f64>,
-    (factor, places): Shown,
-    unit: &str,
-) -> String {
+fn hysteresis(names: [&str; AXES], loops: &Loops, unsettled_s: Option<f64>, shown: Shown) -> String {
+    let Shown { factor, places, unit, .. } = shown;
     let bands = [0, 1, 2].map(|axis| loops.band(axis));
     if let [Err(a), Err(b), Err(c)] = bands
         && a == b
@@ -328,41 +300,32 @@ fn hysteresis(
     {
         return format!("  hysteresis band not judged: {a}\n");
     }
-    let mut text = format!(
+    let line = |(name, band): (&str, Result<LoopBand, &str>)| match band {
+        Ok(LoopBand { static_model, full, bins }) => {
+            let static_model = static_model.map_or_else(|| "-".to_owned(), |it| format!("{:.places$}", it * factor));
+            format!("  {name} {static_model:>17} {:>12.places$} {bins:>3} of {BINS}\n", full * factor)
+        }
+        Err(why) => format!("  {name} not judged: {why}\n"),
+    };
+    let lines: String = names.into_iter().zip(bands).map(line).collect();
+    let models = match loops.static_model {
+        Some(_) => "static model: the table without its transients",
+        None => "the table has no lag: there is one model only",
+    };
+    let left_out = unsettled_s.map_or_else(String::new, |seconds| {
+        format!("  the first {seconds} s are left out of it, 3 time constants: {SOAKED}\n")
+    });
+    format!(
         "\nHysteresis band: error in heating less that in cooling, rms over the bins of telemetry that have both [{unit}]\n          static model   \
-         full model   bins\n"
-    );
-    // Writing to a String cannot fail.
-    for (name, band) in names.iter().zip(bands) {
-        let _ = match band {
-            Ok(LoopBand { static_model, full, bins }) => {
-                let static_model =
-                    static_model.map_or_else(|| "-".to_owned(), |it| format!("{:.places$}", it * factor));
-                let full = full * factor;
-                writeln!(text, "  {name} {static_model:>17} {full:>12.places$} {bins:>3} of {BINS}")
-            }
-            Err(why) => writeln!(text, "  {name} not judged: {why}"),
-        };
-    }
-    if loops.static_model.is_some() {
-        text.push_str("  static model: the table without its transients\n");
-    } else {
-        text.push_str("  the table has no lag: there is one model only\n");
-    }
-    if let Some(seconds) = unsettled_s {
-        let _ = writeln!(
-            text,
-            "  the first {seconds} s are left out of it, 3 time constants: there the lagged telemetry begins soaked, which the IMU may not have been"
-        );
-    }
-    text
+         full model   bins\n{lines}  {models}\n{left_out}"
+    )
 }
 
 const ERRORS_HEADER: &str =
     "          constant            largest variation   worst               noise of a window   largest window";
 
 /// A line of the table below that header, without its end.
-fn errors_line(name: &str, errors: &Errors, (factor, places): Shown) -> String {
+fn errors_line(name: &str, errors: &Errors, Shown { factor, places, .. }: Shown) -> String {
     let estimate = |it: Estimate| format!("{:.places$} +- {:.places$}", it.value * factor, it.interval * factor);
     format!(
         "  {name:<6}  {:<19} {:<19} {:<19} {:<19.places$} {:.places$}",
@@ -377,42 +340,42 @@ fn errors_line(name: &str, errors: &Errors, (factor, places): Shown) -> String {
 /// The stability of the gyroscopes, then their errors.
 fn gyroscopes(found: &GyroscopeStability, window: f64, unsettled_s: Option<f64>) -> String {
     let what = if found.earth_rate.is_some() { "Earth's rate" } else { "its median" };
+    let count = |of: fn(&Window) -> bool| found.windows.iter().filter(|window| of(window)).count();
+    let (counted, flagged) = (count(|it| it.counts), count(|it| it.flagged));
     let mut text = format!(
         "\nGyroscopes: means over {window} s of output minus {what} [deg/h]\n{}",
-        figures(&GYROSCOPE_NAMES, &found.axes, DEGREES_PER_HOUR)
+        figures(GYROSCOPE_NAMES, &found.axes, DEGREES_PER_HOUR)
     );
-    if let Some(earth_rate) = found.earth_rate {
-        let _ = writeln!(text, "  Earth's rate {earth_rate}");
-    }
-    let counted = found.windows.iter().filter(|window| window.counts).count();
-    let _ = writeln!(text, "  {counted} of {} windows at rest", found.windows.len());
-    let flagged = found.windows.iter().filter(|window| window.flagged).count();
-    if flagged > 0 {
-        let _ = writeln!(text, "  {flagged} windows have flagged samples of the gyroscopes");
-    }
-    let _ = writeln!(text, "  covered: {}", found.covered);
-    text.push_str(&hysteresis(&GYROSCOPE_NAMES, &found.loops, unsettled_s, DEGREES_PER_HOUR, "deg/h"));
-    let _ = writeln!(
-        text,
-        "\nErrors of the full model, means of {} groups of {} windows in order of time, 95 % [deg/h]\n{ERRORS_HEADER}      random walk [deg/sqrt(h)]",
+    let remarks = [
+        found.earth_rate.map(|earth_rate| format!("Earth's rate {earth_rate}")),
+        Some(format!("{counted} of {} windows at rest", found.windows.len())),
+        (flagged > 0).then(|| format!("{flagged} windows have flagged samples of the gyroscopes")),
+        Some(format!("covered: {}", found.covered)),
+    ];
+    text += &lines(remarks);
+    text += &hysteresis(GYROSCOPE_NAMES, &found.loops, unsettled_s, DEGREES_PER_HOUR);
+    text += &gyroscope_errors(found);
+    text + &found.conclusion() + "\n"
+}
+
+/// The errors of the gyroscopes, and what is to be said of them.
+fn gyroscope_errors(found: &GyroscopeStability) -> String {
+    let mut text = format!(
+        "\nErrors of the full model, means of {} groups of {} windows in order of time, 95 % [deg/h]\n{ERRORS_HEADER}      random walk [deg/sqrt(h)]\n",
         found.groups, found.windows_in_group
     );
     for ((name, errors), walk) in GYROSCOPE_NAMES.iter().zip(&found.errors).zip(found.random_walk) {
         let line = errors_line(name, errors, DEGREES_PER_HOUR);
-        let _ = writeln!(text, "{line:<109} {:.5} +- {:.5}", walk.value, walk.interval);
+        text += &format!("{line:<109} {:.5} +- {:.5}\n", walk.value, walk.interval);
     }
-    if !found.aligned {
-        text.push_str(
-            "  the table has no alignment matrix of the gyroscopes: misalignments are part of these errors\n",
-        );
-    }
-    if found.earth_rate.is_some() {
-        text.push_str("  intervals: as above, those of constant and worst with the errors of Earth's rate\n");
-    }
-    if let Some([missing, remedy]) = found.missing() {
-        let _ = writeln!(text, "  {missing}; {remedy}");
-    }
-    let _ = writeln!(text, "{}", found.conclusion());
+    let misaligned = "the table has no alignment matrix of the gyroscopes: misalignments are part of these errors";
+    let intervals = "intervals: as above, those of constant and worst with the errors of Earth's rate";
+    let remarks = [
+        (!found.aligned).then(|| misaligned.to_owned()),
+        found.earth_rate.map(|_| intervals.to_owned()),
+        found.missing().map(|parts| parts.join("; ")),
+    ];
+    text += &lines(remarks);
     text
 }
 
@@ -423,34 +386,28 @@ fn verdict(stability: &Stability, aligned: bool) -> String {
         "Errors of the full model, means of {} groups of {} windows in order of time, 95 % [1e-6 g0]\n{ERRORS_HEADER}\n",
         verdict.groups, verdict.windows
     );
-    let length = verdict.length.iter().map(|errors| ("length", errors));
-    for (name, errors) in AXIS_NAMES.iter().copied().zip(&verdict.axes).chain(length).chain([("level", &verdict.level)])
-    {
-        let _ = writeln!(text, "{}", errors_line(name, errors, MICRO_G0));
-    }
-    match (&verdict.length, stability.gravity_source.value()) {
-        (Some(_), _) => {
-            let still = stability.windows.iter().filter(|window| window.still).count();
-            let _ = writeln!(
-                text,
-                "  length: |output| minus local gravity, {still} still windows; level: across the specific force, 1e-6 rad"
-            );
-        }
-        (None, Some(_)) => text.push_str("  the IMU was never still: the length of its output is not judged\n"),
-        (None, None) => text.push_str("  local gravity is unknown: the length of the output is not judged\n"),
-    }
-    if !aligned {
-        text.push_str("  the table has no alignment matrix: misalignments are part of these errors\n");
-    }
-    text.push_str("  intervals: of constant from slow changes of the run too, of variation and worst from the noise\n");
-    if let Some([missing, remedy]) = verdict.missing() {
-        let _ = writeln!(text, "  {missing}; {remedy}");
-    }
-    let _ = match stability.nothing_claimed() {
-        Some(reason) => writeln!(text, "Nothing can be claimed: {reason}."),
-        None => writeln!(text, "{}", verdict.conclusion()),
+    text.extend(named_errors(stability).map(|(name, errors)| errors_line(name, errors, MICRO_G0) + "\n"));
+    let still = stability.windows.iter().filter(|window| window.still).count();
+    let length = match (&verdict.length, stability.gravity_source.value()) {
+        (Some(_), _) => format!(
+            "length: |output| minus local gravity, {still} still windows; level: across the specific force, 1e-6 rad"
+        ),
+        (None, Some(_)) => "the IMU was never still: the length of its output is not judged".to_owned(),
+        (None, None) => "local gravity is unknown: the length of the output is not judged".to_owned(),
     };
-    text
+    let misaligned = "the table has no alignment matrix: misalignments are part of these errors";
+    let intervals = "intervals: of constant from slow changes of the run too, of variation and worst from the noise";
+    let remarks = [
+        Some(length),
+        (!aligned).then(|| misaligned.to_owned()),
+        Some(intervals.to_owned()),
+        verdict.missing().map(|parts| parts.join("; ")),
+    ];
+    text += &lines(remarks);
+    match stability.nothing_claimed() {
+        Some(reason) => text + &format!("Nothing can be claimed: {reason}.\n"),
+        None => text + &verdict.conclusion() + "\n",
+    }
 }
 
 /// The judgement of each bound of a requirement, a line each.

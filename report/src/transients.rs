@@ -2,9 +2,9 @@
 //! time constant.
 
 use super::loops::pictures;
-use super::page::{Cell, NoteKind, Page};
+use super::page::{Cell, Column, NoteKind, Page};
 use super::plot::{Plot, Style};
-use isotherm_calibration::{BiasTransient, Condition, TransientVerdict, Transients, TriadUnits};
+use isotherm_calibration::{BiasTransient, Condition, Prediction, TransientVerdict, Transients, TriadUnits};
 use isotherm_statistics::band;
 
 /// The sections. `unit` is that of the telemetry.
@@ -51,81 +51,58 @@ fn time_constant(found: &Transients) -> Vec<(&'static str, String)> {
 }
 
 fn biases(page: &mut Page, found: &Transients, unit: &str) {
-    let row = |bias: &BiasTransient| {
-        let units = TriadUnits::of(bias.kind);
-        let decimals = units.bias_decimals;
-        let number = |value: f64| Cell::number(value * units.bias_factor, decimals);
-        let known = |value: Option<f64>| number(value.unwrap_or(f64::NAN));
-        let prediction = |of: fn(&isotherm_calibration::Prediction) -> f64| known(bias.prediction.as_ref().map(of));
-        vec![
-            Cell::text(bias.name()),
-            Cell::text(units.bias_on_page),
-            number(bias.transient),
-            number(bias.estimate),
-            number(bias.standard_error),
-            Cell::number(bias.estimate * units.bias_factor * found.time_constant.value_s, 1),
-            prediction(|it| it.static_curve),
-            prediction(|it| it.hysteresis),
-            prediction(|it| it.lag_and_hysteresis),
-            prediction(|it| it.written),
-            known(band(&bias.before)),
-            known(band(&bias.after)),
-        ]
+    let number = |it: &BiasTransient, value: f64| {
+        let units = TriadUnits::of(it.kind);
+        Cell::number(value * units.bias_factor, units.bias_decimals)
     };
-    let header = [
-        "Bias",
-        "Unit",
-        "Written",
-        "Estimate",
-        "Its error",
-        "t tau",
-        "Static curve",
-        "Hysteresis",
-        "Lag and hysteresis",
-        "As written",
-        "Band without",
-        "Band with",
+    let known = |it: &BiasTransient, value: Option<f64>| number(it, value.unwrap_or(f64::NAN));
+    let predicted = |it: &BiasTransient, of: fn(&Prediction) -> f64| known(it, it.prediction.as_ref().map(of));
+    let t_tau = |it: &BiasTransient| it.estimate * TriadUnits::of(it.kind).bias_factor * found.time_constant.value_s;
+    let columns: [Column<'_, &BiasTransient>; 12] = [
+        ("Bias", &|it| Cell::text(it.name())),
+        ("Unit", &|it| Cell::text(TriadUnits::of(it.kind).bias_on_page)),
+        ("Written", &|it| number(it, it.transient)),
+        ("Estimate", &|it| number(it, it.estimate)),
+        ("Its error", &|it| number(it, it.standard_error)),
+        ("t tau", &|it| Cell::number(t_tau(it), 1)),
+        ("Static curve", &|it| predicted(it, |it| it.static_curve)),
+        ("Hysteresis", &|it| predicted(it, |it| it.hysteresis)),
+        ("Lag and hysteresis", &|it| predicted(it, |it| it.lag_and_hysteresis)),
+        ("As written", &|it| predicted(it, |it| it.written)),
+        ("Band without", &|it| known(it, band(&it.before))),
+        ("Band with", &|it| known(it, band(&it.after))),
     ];
-    page.table(
-        &format!(
-            "Transients per {unit}, t tau in its unit times seconds per {unit}; rms of sweeps left out, by model; hysteresis band"
-        ),
-        &header,
-        &found.biases.iter().map(row).collect::<Vec<_>>(),
+    let caption = format!(
+        "Transients per {unit}, t tau in its unit times seconds per {unit}; rms of sweeps left out, by model; hysteresis band"
     );
+    page.columns(&caption, &found.biases, &columns);
 }
 
 fn conditions(page: &mut Page, found: &Transients) {
-    let row = |of: &str, condition: &Condition| {
-        let verdict = match (condition.met, condition.decides) {
-            (true, _) => Cell::Verdict(NoteKind::Good, "met".to_owned()),
-            (false, true) => Cell::Verdict(NoteKind::Bad, "not met".to_owned()),
-            (false, false) => Cell::Verdict(NoteKind::Warning, "not met, does not decide".to_owned()),
-        };
-        let side = if condition.above { "above" } else { "below" };
-        let figure = |value: f64| if value.is_finite() { format!("{value:.3}") } else { "–".to_owned() };
-        vec![
-            Cell::text(of),
-            Cell::text(condition.name),
-            // Biases differ by many powers of ten.
-            Cell::Number(if condition.name == "matters" {
-                format!("{:.2e}", condition.figure)
-            } else {
-                figure(condition.figure)
-            }),
-            Cell::text(if condition.name == "matters" {
-                format!("{side} {:e}", condition.limit)
-            } else {
-                format!("{side} {}", figure(condition.limit))
-            }),
-            verdict,
-        ]
+    // What matters differs by many powers of ten between biases.
+    let is_power = |it: &Condition| it.name == "matters";
+    let figure = |value: f64| if value.is_finite() { format!("{value:.3}") } else { "–".to_owned() };
+    let limit = |it: &Condition| {
+        let limit = if is_power(it) { format!("{:e}", it.limit) } else { figure(it.limit) };
+        format!("{} {limit}", if it.above { "above" } else { "below" })
     };
-    let all = found.conditions.iter().map(|condition| row("time constant", condition));
-    let of_biases =
-        found.biases.iter().flat_map(|bias| bias.conditions.iter().map(|condition| row(bias.name(), condition)));
-    let rows: Vec<_> = all.chain(of_biases).collect();
-    page.table("Conditions for a transient to be written", &["Of", "Condition", "Figure", "Must be", ""], &rows);
+    let verdict = |it: &Condition| match (it.met, it.decides) {
+        (true, _) => Cell::Verdict(NoteKind::Good, "met".to_owned()),
+        (false, true) => Cell::Verdict(NoteKind::Bad, "not met".to_owned()),
+        (false, false) => Cell::Verdict(NoteKind::Warning, "not met, does not decide".to_owned()),
+    };
+    let columns: [Column<'_, (&str, &Condition)>; 5] = [
+        ("Of", &|(of, _)| Cell::text(*of)),
+        ("Condition", &|(_, it)| Cell::text(it.name)),
+        ("Figure", &|(_, it)| {
+            Cell::Number(if is_power(it) { format!("{:.2e}", it.figure) } else { figure(it.figure) })
+        }),
+        ("Must be", &|(_, it)| Cell::text(limit(it))),
+        ("", &|(_, it)| verdict(it)),
+    ];
+    let of_all = found.conditions.iter().map(|condition| ("time constant", condition));
+    let of_biases = found.biases.iter().flat_map(|it| it.conditions.iter().map(|condition| (it.name(), condition)));
+    page.columns("Conditions for a transient to be written", of_all.chain(of_biases), &columns);
 }
 
 fn search(page: &mut Page, found: &Transients) {

@@ -1,16 +1,16 @@
 //! The report of a verification: the paper's table 4 and figure 6 for a recording.
-//!
-//! Over 400 lines: one page, with one function for each of its parts.
 
 use super::loops::pictures;
-use super::page::{Cell, NoteKind, Page};
+use super::page::{Cell, Column, NoteKind, Page};
 use super::plot::{Plot, Style};
+use super::shown::{DEGREES_PER_HOUR, FLAGGED, MICRO_G0, RANDOM_WALK, SOAKED, Shown, named_errors};
 use crate::parts::{NAVIGATION, file_names, navigation};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::BINS;
-use isotherm_verification::{AxisStability, Errors, Estimate, Force, LoopBand, Loops, Requirement, Stability, Window};
-use maud::Markup;
+use isotherm_verification::{
+    AxisStability, Errors, Estimate, Force, GyroscopeStability, LoopBand, Loops, Requirement, Stability, Window,
+};
 
 /// What the report states besides the table and the stability; only the caller knows it.
 #[derive(Clone, Debug)]
@@ -38,7 +38,7 @@ pub fn html(table: &CoefficientTable, stability: &Stability, source: &Verificati
     verdict(&mut page, stability);
     figures(&mut page, table, stability);
     page.heading(2, "loops", "Heating and cooling");
-    hysteresis(&mut page, AXIS_NAMES, &stability.loops, stability.unsettled_s, (MICRO_G0, "ug0"));
+    hysteresis(&mut page, AXIS_NAMES, &stability.loops, stability.unsettled_s, MICRO_G0);
     length(&mut page, table, stability);
     budget(&mut page, table, stability);
     gyroscopes(&mut page, table, stability, source.window_s);
@@ -63,46 +63,40 @@ fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, sour
         let remedy = judgement.remedy.map(|remedy| format!(" ({remedy})")).unwrap_or_default();
         page.note(kind, word, &(judgement.message + &remedy));
     }
-    let flagged = stability.windows.iter().filter(|window| window.flagged).count();
-    if flagged > 0 {
-        let text = format!(
-            "In {flagged} windows samples are flagged: telemetry out of the table's range or not plausible, or a lag that is not the table's."
-        );
-        page.note(NoteKind::Warning, "Flagged samples", &text);
-    }
-    if let Some(reason) = stability.nothing_claimed().filter(|_| source.required.is_none()) {
-        page.note(NoteKind::Bad, "Nothing can be claimed", &format!("Look at this: {reason}."));
-    }
-    if let Some([missing, remedy]) = stability.verdict.missing() {
-        page.note(NoteKind::Warning, "Not all is judged", &format!("{missing}; {remedy}"));
-    }
-    if let Some(fault) = stability.time_fault {
-        page.note(NoteKind::Warning, "Time", &format!("{fault}; {}", stability.losses));
-    }
-    if let Some(warning) = stability.interval_warning() {
-        page.note(NoteKind::Warning, "Intervals", &warning);
-    }
-    if let Some(warning) = stability.attitude_warning() {
-        page.note(NoteKind::Warning, "Attitude", &warning);
-    }
-    if stability.stated && table.content().alignment.is_none() {
-        let text =
-            "The table has no alignment matrix: the rms about zero includes what misalignments make of this attitude.";
-        page.note(NoteKind::Warning, "Misalignments count", text);
-    }
+    warnings(page, table, stability, source.required.is_none());
     let caption = format!("Means over {} s of output less specific force [1e-6 g0]", source.window_s);
     figures_table(page, &caption, AXIS_NAMES, &stability.axes, MICRO_G0);
     page.paragraph(
         "Before: the coefficients frozen at the run's mid temperature. After: the full model. sd: about the mean; rms: about zero. \
          Factor: sd before over sd after.",
     );
-    let middle = stability.middle.map(|[head, board]| format!("{head:.4}, {board:.4}")).join("; ");
     page.key_values(&[
         ("Specific force", Force(stability.specific_force).to_string()),
-        ("Frozen at head, board", format!("{middle} {}", table.content().temperature_unit)),
+        ("Frozen at head, board", frozen_at(&stability.middle, table)),
         ("Covered", stability.covered.to_string()),
         ("Windows at this attitude", format!("{} of {}", counted(stability).count(), stability.windows.len())),
     ]);
+}
+
+/// What is to be known before the figures are used. Where nothing is `required`, also that nothing can be claimed.
+fn warnings(page: &mut Page, table: &CoefficientTable, stability: &Stability, nothing_required: bool) {
+    let flagged = Some(stability.windows.iter().filter(|window| window.flagged).count()).filter(|count| *count > 0);
+    warn(page, "Flagged samples", flagged.map(|count| format!("In {count} windows samples are flagged: {FLAGGED}.")));
+    if let Some(reason) = stability.nothing_claimed().filter(|_| nothing_required) {
+        page.note(NoteKind::Bad, "Nothing can be claimed", &format!("Look at this: {reason}."));
+    }
+    warn(page, "Not all is judged", stability.verdict.missing().map(|parts| parts.join("; ")));
+    warn(page, "Time", stability.time_fault.map(|fault| format!("{fault}; {}", stability.losses)));
+    warn(page, "Intervals", stability.interval_warning());
+    warn(page, "Attitude", stability.attitude_warning());
+    let misaligned =
+        "The table has no alignment matrix: the rms about zero includes what misalignments make of this attitude.";
+    let counts = stability.stated && table.content().alignment.is_none();
+    warn(page, "Misalignments count", counts.then(|| misaligned.to_owned()));
+}
+
+fn warn(page: &mut Page, title: &str, text: Option<String>) {
+    text.iter().for_each(|text| page.note(NoteKind::Warning, title, text));
 }
 
 /// The errors with their intervals, and the largest of them in words.
@@ -115,9 +109,7 @@ fn verdict(page: &mut Page, stability: &Stability) {
         verdict.conclusion()
     };
     page.paragraph(&text);
-    let length = verdict.length.iter().map(|errors| ("length", errors));
-    let errors = AXIS_NAMES.iter().copied().zip(&verdict.axes).chain(length).chain([("level", &verdict.level)]);
-    let rows: Vec<_> = errors.map(|(name, errors)| errors_row(name, errors, MICRO_G0)).collect();
+    let rows: Vec<_> = named_errors(stability).map(|(name, errors)| errors_row(name, errors, MICRO_G0)).collect();
     let caption = format!(
         "Errors of the full model, {} groups of {} windows [1e-6 g0, level 1e-6 rad]",
         verdict.groups, verdict.windows
@@ -134,32 +126,35 @@ fn counted(stability: &Stability) -> impl Iterator<Item = &Window> + Clone {
     stability.windows.iter().filter(|window| window.counts)
 }
 
-/// Factor from a triad's base unit to that of the page, and its decimals.
-type Shown = (f64, usize);
-const MICRO_G0: Shown = (1e6, 3);
-const DEGREES_PER_HOUR: Shown = (1.0, 4);
+/// The telemetry at which the coefficients are frozen.
+fn frozen_at(middle: &[[f64; 2]; AXES], table: &CoefficientTable) -> String {
+    let middle = middle.map(|[head, board]| format!("{head:.4}, {board:.4}")).join("; ");
+    format!("{middle} {}", table.content().temperature_unit)
+}
 
 /// Table 4 of the paper for a triad.
 fn figures_table(page: &mut Page, caption: &str, names: [&str; AXES], axes: &[AxisStability; AXES], shown: Shown) {
-    let (factor, places) = shown;
-    let row = |(name, axis): (&str, &AxisStability)| {
-        let figures = [axis.sd_before, axis.sd_after, axis.rms_before, axis.rms_after];
-        let figures = figures.map(|figure| Cell::number(figure * factor, places));
-        [Cell::text(name), Cell::number(axis.factor(), 2)].into_iter().chain(figures).collect::<Vec<_>>()
-    };
-    let rows: Vec<_> = names.into_iter().zip(axes).map(row).collect();
-    page.table(caption, &["Axis", "Factor", "sd before", "sd after", "rms before", "rms after"], &rows);
+    let number = |figure: f64| Cell::number(figure * shown.factor, shown.places);
+    let columns: [Column<'_, (&str, &AxisStability)>; 6] = [
+        ("Axis", &|(name, _)| Cell::text(*name)),
+        ("Factor", &|(_, axis)| Cell::number(axis.factor(), 2)),
+        ("sd before", &|(_, axis)| number(axis.sd_before)),
+        ("sd after", &|(_, axis)| number(axis.sd_after)),
+        ("rms before", &|(_, axis)| number(axis.rms_before)),
+        ("rms after", &|(_, axis)| number(axis.rms_after)),
+    ];
+    page.columns(caption, names.into_iter().zip(axes), &columns);
 }
 
 const ERRORS_HEADER: [&str; 6] = ["", "constant", "largest variation", "worst", "noise of a window", "largest window"];
 
 /// A value with its interval.
-fn estimate(it: Estimate, (factor, places): Shown) -> Cell {
+fn estimate(it: Estimate, Shown { factor, places, .. }: Shown) -> Cell {
     Cell::Number(format!("{:.places$} ± {:.places$}", it.value * factor, it.interval * factor))
 }
 
 fn errors_row(name: &str, errors: &Errors, shown: Shown) -> Vec<Cell> {
-    let (factor, places) = shown;
+    let Shown { factor, places, .. } = shown;
     vec![
         Cell::text(name),
         errors.constant.map_or_else(|| Cell::Number("not judged".to_owned()), |it| estimate(it, shown)),
@@ -177,8 +172,7 @@ struct TriadView<'a> {
     windows: Vec<&'a Window>,
     /// What the output should be.
     right: [f64; AXES],
-    factor: f64,
-    unit: &'static str,
+    shown: Shown,
 }
 
 /// The gyroscopes, if there are any.
@@ -193,20 +187,39 @@ fn gyroscopes(page: &mut Page, table: &CoefficientTable, stability: &Stability, 
     };
     page.heading(2, "gyroscopes", "Gyroscopes");
     page.paragraph(&found.conclusion());
-    if let Some([missing, remedy]) = found.missing() {
-        page.note(NoteKind::Warning, "Not all is judged", &format!("{missing}; {remedy}"));
+    warn(page, "Not all is judged", found.missing().map(|parts| parts.join("; ")));
+    let misaligned =
+        "The table has no alignment matrix of the gyroscopes: what misalignments make of Earth's rate counts.";
+    warn(page, "Misalignments count", (!found.aligned).then(|| misaligned.to_owned()));
+    gyroscope_errors(page, found, window_s);
+    let view = TriadView {
+        names: GYROSCOPE_NAMES,
+        windows: found.windows.iter().filter(|window| window.counts).collect(),
+        right: found.subtracted,
+        shown: DEGREES_PER_HOUR,
+    };
+    let earth_rate = found.earth_rate.map_or_else(|| "not known".to_owned(), |earth_rate| earth_rate.to_string());
+    page.key_values(&[
+        ("Earth's rate", earth_rate),
+        ("Frozen at head, board", frozen_at(&found.middle, table)),
+        ("Covered", found.covered.to_string()),
+        ("Windows at rest", format!("{} of {}", view.windows.len(), found.windows.len())),
+    ]);
+    for plots in error_figures(&view, &table.content().temperature_unit) {
+        page.plots(&plots);
     }
-    if !found.aligned {
-        let text =
-            "The table has no alignment matrix of the gyroscopes: what misalignments make of Earth's rate counts.";
-        page.note(NoteKind::Warning, "Misalignments count", text);
-    }
+    page.heading(3, "gyroscope-loops", "Heating and cooling");
+    hysteresis(page, GYROSCOPE_NAMES, &found.loops, stability.unsettled_s, DEGREES_PER_HOUR);
+}
+
+/// The figures and the errors of the gyroscopes.
+fn gyroscope_errors(page: &mut Page, found: &GyroscopeStability, window_s: f64) {
     let what = if found.earth_rate.is_some() { "Earth's rate" } else { "its median" };
     let caption = format!("Means over {window_s} s of output less {what} [deg/h]");
     figures_table(page, &caption, GYROSCOPE_NAMES, &found.axes, DEGREES_PER_HOUR);
     let rows = GYROSCOPE_NAMES.iter().zip(&found.errors).zip(found.random_walk).map(|((name, errors), walk)| {
         let mut row = errors_row(name, errors, DEGREES_PER_HOUR);
-        row.push(estimate(walk, (1.0, 5)));
+        row.push(estimate(walk, RANDOM_WALK));
         row
     });
     let caption =
@@ -217,76 +230,33 @@ fn gyroscopes(page: &mut Page, table: &CoefficientTable, stability: &Stability, 
         "As for the accelerometers. The intervals of constant and worst contain the errors of Earth's rate. Random walk: noise of a window times the \
          root of its length, rounding of the pulses included.",
     );
-    let earth_rate = found.earth_rate.map_or_else(|| "not known".to_owned(), |earth_rate| earth_rate.to_string());
-    let middle = found.middle.map(|[head, board]| format!("{head:.4}, {board:.4}")).join("; ");
-    let view = TriadView {
-        names: GYROSCOPE_NAMES,
-        windows: found.windows.iter().filter(|window| window.counts).collect(),
-        right: found.subtracted,
-        factor: 1.0,
-        unit: "deg/h",
-    };
-    page.key_values(&[
-        ("Earth's rate", earth_rate),
-        ("Frozen at head, board", format!("{middle} {}", table.content().temperature_unit)),
-        ("Covered", found.covered.to_string()),
-        ("Windows at rest", format!("{} of {}", view.windows.len(), found.windows.len())),
-    ]);
-    let [both, after, rates] = error_figures(&view, &table.content().temperature_unit);
-    page.figures(&both);
-    page.figures(&after);
-    page.figures(&rates);
-    page.heading(3, "gyroscope-loops", "Heating and cooling");
-    hysteresis(page, GYROSCOPE_NAMES, &found.loops, stability.unsettled_s, (DEGREES_PER_HOUR, "deg/h"));
 }
 
 /// The hysteresis bands of a triad with their loops, where the run shows them.
-fn hysteresis(
-    page: &mut Page,
-    names: [&str; AXES],
-    loops: &Loops,
-    unsettled_s: Option<f64>,
-    ((factor, places), unit): (Shown, &str),
-) {
-    let row = |(axis, name): (usize, &&str)| {
-        let figure = |it: Option<f64>, none: &str| {
-            Cell::Number(it.map_or_else(|| none.to_owned(), |it| format!("{:.places$}", it * factor)))
-        };
-        match loops.band(axis) {
-            Ok(LoopBand { static_model, full, bins }) => vec![
-                Cell::text(*name),
-                figure(static_model, "no lag"),
-                figure(Some(full), ""),
-                Cell::Number(format!("{bins} of {BINS}")),
-                Cell::text(""),
-            ],
-            Err(why) => {
-                vec![
-                    Cell::text(*name),
-                    figure(None, ""),
-                    figure(None, ""),
-                    figure(None, ""),
-                    Cell::text(format!("not judged: {why}")),
-                ]
-            }
-        }
-    };
-    let caption = format!("Hysteresis band [{unit}]");
-    let rows: Vec<_> = names.iter().enumerate().map(row).collect();
-    page.table(&caption, &["Axis", "Static model", "Full model", "Bins", ""], &rows);
+fn hysteresis(page: &mut Page, names: [&str; AXES], loops: &Loops, unsettled_s: Option<f64>, shown: Shown) {
+    let band = |axis: &usize| loops.band(*axis).ok();
+    let number = |value: Option<f64>| value.map(|it| format!("{:.*}", shown.places, it * shown.factor));
+    let judged = |text: Option<String>| Cell::Number(text.unwrap_or_default());
+    let of_static = |band: LoopBand| number(band.static_model).unwrap_or_else(|| "no lag".to_owned());
+    let columns: [Column<'_, usize>; 5] = [
+        ("Axis", &|axis| Cell::text(names[*axis])),
+        ("Static model", &|axis| judged(band(axis).map(of_static))),
+        ("Full model", &|axis| judged(number(band(axis).map(|band| band.full)))),
+        ("Bins", &|axis| judged(band(axis).map(|band| format!("{} of {BINS}", band.bins)))),
+        ("", &|axis| Cell::text(loops.band(*axis).err().map_or_else(String::new, |why| format!("not judged: {why}")))),
+    ];
+    page.columns(&format!("Hysteresis band [{}]", shown.unit_of_band), 0..AXES, &columns);
     page.paragraph(
         "The error in heating less that in cooling, rms over those of 12 bins of telemetry that have both. The static model is the table without its \
          transients. Lag, hysteresis and a drift with time all open the loop.",
     );
     if let Some(seconds) = unsettled_s {
-        page.paragraph(&format!(
-            "The first {seconds} s are left out, 3 time constants: there the lagged telemetry begins soaked, which the IMU may not have been."
-        ));
+        page.paragraph(&format!("The first {seconds} s are left out, 3 time constants: {SOAKED}."));
     }
     let figures = (0..AXES).filter(|axis| loops.band(*axis).is_ok()).flat_map(|axis| {
         let full = &loops.full[axis];
         let static_model = loops.static_model.as_ref().map_or(full, |points| &points[axis]);
-        pictures(names[axis], unit, factor, static_model, full)
+        pictures(names[axis], shown.unit_of_band, shown.factor, static_model, full)
     });
     let figures: Vec<_> = figures.collect();
     if !figures.is_empty() {
@@ -301,58 +271,67 @@ fn figures(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
         names: AXIS_NAMES,
         windows: counted(stability).collect(),
         right: stability.specific_force,
-        factor: 1e6,
-        unit: "1e-6 g0",
+        shown: MICRO_G0,
     };
     let [both, after, rates] = error_figures(&view, &table.content().temperature_unit);
-    page.figures(&both);
+    page.plots(&both);
     page.heading(3, "after", "What is left");
-    page.figures(&after);
+    page.plots(&after);
     page.heading(3, "drift", "What is left, against dU/dt");
-    page.figures(&rates);
+    page.plots(&rates);
     page.paragraph("A trend against dU/dt means that heads or boards lag behind their telemetry.");
 }
 
 /// The errors before and after, those after alone, and those after against the drift; each over time, then over
 /// temperature, by sensor.
-fn error_figures(view: &TriadView<'_>, temperature_unit: &str) -> [Vec<(Markup, String)>; 3] {
+fn error_figures(view: &TriadView<'_>, temperature_unit: &str) -> [Vec<Plot>; 3] {
     let head = format!("Head telemetry / {temperature_unit}");
-    let drift = format!("dU/dt of the head / ({temperature_unit} per h)");
-    let label = format!("Error / {}", view.unit);
-    let error = |value: f64, axis: usize| (value - view.right[axis]) * view.factor;
+    let (mut both, mut after) = (Vec::new(), Vec::new());
     type WindowView<'a> = (&'a str, &'a str, &'a dyn Fn(&Window, usize) -> f64, Style);
     let views: [WindowView<'_>; 2] = [
         ("over time", "Time / h", &|window, _| window.time_s / 3600.0, Style::Line),
         ("over temperature", &head, &|window, axis| window.head[axis], Style::Points),
     ];
-    let (mut both, mut after, mut rates) = (Vec::new(), Vec::new(), Vec::new());
     for (title, x_label, x, style) in views {
         for (axis, name) in view.names.iter().enumerate() {
-            let line = |of: fn(&Window) -> &[f64; 3]| -> Vec<(f64, f64)> {
-                view.windows.iter().map(|window| (x(window, axis), error(of(window)[axis], axis))).collect()
+            let line = |of: fn(&Window) -> &[f64; 3]| {
+                view.windows.iter().map(move |window| (x(window, axis), view.error(of(window)[axis], axis)))
             };
-            let plot = |title: String| Plot::new(&title, x_label, &label).zero_line();
-            let plot_both =
-                plot(format!("{name} {title}")).series("Before", Style::Line, line(|window| &window.before));
-            both.push((plot_both.series("After", Style::Line, line(|window| &window.after)).svg(), String::new()));
-            let plot_after = plot(format!("{name} after, {title}"));
-            after.push((plot_after.series("After", style, line(|window| &window.after)).svg(), String::new()));
+            let plot = view.plot(&format!("{name} {title}"), x_label);
+            let plot = plot.series("Before", Style::Line, line(|window| &window.before));
+            both.push(plot.series("After", Style::Line, line(|window| &window.after)));
+            let plot = view.plot(&format!("{name} after, {title}"), x_label);
+            after.push(plot.series("After", style, line(|window| &window.after)));
         }
     }
-    for (axis, name) in view.names.iter().enumerate() {
-        let rate = |pair: &[&Window]| {
-            let seconds = pair[1].time_s - pair[0].time_s;
-            let error = error(0.5 * (pair[0].after[axis] + pair[1].after[axis]), axis);
-            ((pair[1].head[axis] - pair[0].head[axis]) / seconds * 3600.0, error)
-        };
-        // dU/dt is taken over at least a minute; over a shorter time the telemetry's noise hides it.
-        let step = (60.0 / view.windows.first().map_or(60.0, |window| window.seconds)).ceil().max(1.0) as usize;
-        let thinned: Vec<_> = view.windows.iter().copied().step_by(step).collect();
-        let points: Vec<_> = thinned.windows(2).map(rate).collect();
-        let plot = Plot::new(&format!("{name} after, against drift"), &drift, &label).zero_line();
-        rates.push((plot.series("After", Style::Points, points).svg(), String::new()));
+    [both, after, view.drift_figures(&format!("dU/dt of the head / ({temperature_unit} per h)"))]
+}
+
+impl TriadView<'_> {
+    fn error(&self, value: f64, axis: usize) -> f64 {
+        (value - self.right[axis]) * self.shown.factor
     }
-    [both, after, rates]
+
+    fn plot(&self, title: &str, x_label: &str) -> Plot {
+        Plot::new(title, x_label, &format!("Error / {}", self.shown.unit)).zero_line()
+    }
+
+    /// The errors after against dU/dt, by sensor.
+    fn drift_figures(&self, x_label: &str) -> Vec<Plot> {
+        // dU/dt is taken over at least a minute; over a shorter time the telemetry's noise hides it.
+        let step = (60.0 / self.windows.first().map_or(60.0, |window| window.seconds)).ceil().max(1.0) as usize;
+        let thinned: Vec<_> = self.windows.iter().copied().step_by(step).collect();
+        let figure = |(axis, name): (usize, &&str)| {
+            let rate = |pair: &[&Window]| {
+                let seconds = pair[1].time_s - pair[0].time_s;
+                let error = self.error(0.5 * (pair[0].after[axis] + pair[1].after[axis]), axis);
+                ((pair[1].head[axis] - pair[0].head[axis]) / seconds * 3600.0, error)
+            };
+            let plot = self.plot(&format!("{name} after, against drift"), x_label);
+            plot.series("After", Style::Points, thinned.windows(2).map(rate))
+        };
+        self.names.iter().enumerate().map(figure).collect()
+    }
 }
 
 fn length(page: &mut Page, table: &CoefficientTable, stability: &Stability) {

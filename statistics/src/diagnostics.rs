@@ -28,6 +28,7 @@ pub struct Diagnostics {
     /// Indices of points whose residuals are outliers.
     pub outliers: Vec<usize>,
     /// A message for each significant statistic.
+    #[serde(skip)]
     pub warnings: Vec<String>,
 }
 

@@ -24,7 +24,7 @@ mod order;
 mod regression;
 
 pub use curve::{CONFIDENCE, Curve, student_quantile, student_quantile_of};
-pub use diagnostics::{Test, median, robust_sd};
+pub use diagnostics::{Diagnostics, Test, median, robust_sd};
 pub use double_double::DoubleDouble;
 pub use hysteresis::{BINS, LoopPoint, Sweep, band, shared_bins, sweeps};
 pub use least_squares::{LeastSquares, MAX_SVD_STEPS, least_squares};

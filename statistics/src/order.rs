@@ -9,7 +9,8 @@ use crate::diagnostics::Diagnostics;
 use crate::regression::{DataPoint, Fit, LinearTerm, Partial, Regression, RegressionError, f_limit};
 use core::fmt::Write as _;
 use isotherm_shared::polynomial::MAX_ORDER;
-use serde_json::{Value, json};
+use serde::Serialize;
+use serde_json::Value;
 
 /// Names of the three curves of an accelerometer, as in a table.
 pub use isotherm_shared::table::difference::QUANTITIES;
@@ -205,31 +206,30 @@ impl OrderTable {
         Self::new(regression, choice)
     }
 
+    /// The fit of the chosen order.
+    #[must_use]
+    pub fn chosen(&self) -> &Fit {
+        &self.regression.fits()[self.choice.order]
+    }
+
     /// The table as a JSON document: the output of `isotherm regress --json` without the facts about the file.
     #[must_use]
     pub fn json(&self) -> Value {
         let Self { regression, choice, diagnostics } = self;
-        let linear: Vec<_> = regression.linear().collect();
-        let mut document = json!({
-            "n": regression.n(),
-            "center": regression.center(),
-            "scale": regression.scale(),
-            "orders": self.shown().iter().map(fit_json).collect::<Vec<_>>(),
-            "selected": choice.order,
-            "reason": choice.reason,
-            "residuals": regression.residuals(choice.order),
-            "diagnostics": {
-                "lag1": diagnostics.lag1,
-                "runs": diagnostics.runs,
-                "heating_cooling": diagnostics.heating_cooling,
-                "outliers": diagnostics.outliers,
-            },
-            "warnings": diagnostics.warnings,
-        });
-        if !linear.is_empty() {
-            document["linear"] = json!(linear);
-        }
-        document
+        let document = Document {
+            n: regression.n(),
+            center: regression.center(),
+            scale: regression.scale(),
+            orders: self.shown().iter().map(LimitedFit::of).collect(),
+            selected: choice.order,
+            reason: &choice.reason,
+            residuals: regression.residuals(choice.order),
+            diagnostics,
+            warnings: &diagnostics.warnings,
+            linear: regression.linear().collect(),
+        };
+        // It fails for maps alone whose keys are no texts.
+        serde_json::to_value(document).unwrap_or_default()
     }
 
     /// The fits that the table shows. Order 0 is of interest only with linear columns.
@@ -336,13 +336,48 @@ fn linear_text(terms: &[LinearTerm]) -> String {
     text
 }
 
-fn fit_json(fit: &Fit) -> Value {
-    let mut value = serde_json::to_value(fit).unwrap_or_default();
-    let terms = fit.order + fit.linear.len();
-    let limit = |d1: usize, p: f64| (fit.df_residual > 0).then(|| f_limit(p, d1 as f64, fit.df_residual as f64));
-    value["f_limit"] = json!({"0.05": limit(terms, 0.05), "0.01": limit(terms, 0.01)});
-    value["partial_f_limit"] = json!({"0.05": limit(1, 0.05), "0.01": limit(1, 0.01)});
-    value
+/// An order table as JSON.
+#[derive(Serialize)]
+struct Document<'a> {
+    n: usize,
+    center: f64,
+    scale: f64,
+    orders: Vec<LimitedFit<'a>>,
+    selected: usize,
+    reason: &'a str,
+    residuals: Vec<f64>,
+    diagnostics: &'a Diagnostics,
+    warnings: &'a [String],
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    linear: Vec<&'a str>,
+}
+
+/// A fit with what its F and its partial F must exceed.
+#[derive(Serialize)]
+struct LimitedFit<'a> {
+    #[serde(flatten)]
+    fit: &'a Fit,
+    f_limit: Limits,
+    partial_f_limit: Limits,
+}
+
+/// By the probability of a larger F by chance.
+#[derive(Serialize)]
+struct Limits {
+    #[serde(rename = "0.05")]
+    five_percent: Option<f64>,
+    #[serde(rename = "0.01")]
+    one_percent: Option<f64>,
+}
+
+impl<'a> LimitedFit<'a> {
+    fn of(fit: &'a Fit) -> Self {
+        let limits = |terms: usize| {
+            let limit = |p: f64| (fit.df_residual > 0).then(|| f_limit(p, terms as f64, fit.df_residual as f64));
+            Limits { five_percent: limit(0.05), one_percent: limit(0.01) }
+        };
+        Self { fit, f_limit: limits(fit.order + fit.linear.len()), partial_f_limit: limits(1) }
+    }
 }
 
 fn number(value: Option<f64>, width: usize) -> String {

@@ -5,7 +5,7 @@ use super::table::FormCurve;
 use core::ops::Deref;
 use isotherm_shared::table::difference::{self, CurveDifference, unit_factor};
 use isotherm_shared::units::SensorKind;
-use isotherm_statistics::f_limit;
+use isotherm_statistics::{f_limit, median};
 
 /// Probability that any curve counts as changed where none has. It is shared among all curves.
 const FALSE_ALARM: f64 = 0.05;
@@ -45,17 +45,6 @@ pub(crate) fn common_range<'a>(curves: impl IntoIterator<Item = &'a FormCurve>) 
     difference::common_range(curves.into_iter().map(|curve| &curve.curve))
 }
 
-/// The median; not a number for none.
-pub(crate) fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let middle = values.len() / 2;
-    match values.len() {
-        0 => f64::NAN,
-        odd if odd % 2 == 1 => values[middle],
-        _ => f64::midpoint(values[middle - 1], values[middle]),
-    }
-}
-
 /// Welch's degrees of freedom of the sum of two variances, each with its own.
 pub(super) fn welch(variances: [f64; 2], freedoms: [f64; 2]) -> f64 {
     let [a, b] = variances;
@@ -76,7 +65,7 @@ impl CurveComparison {
         let variances: Option<Vec<[f64; 2]>> =
             telemetry.iter().map(|u| Some([old.variance(*u)?, new.variance(*u)?])).collect();
         let band = variances.zip(old.freedom().zip(new.freedom())).map(|(variances, (a, b))| {
-            let freedom = median(variances.iter().map(|pair| welch(*pair, [a, b])).collect());
+            let freedom = median(variances.iter().map(|pair| welch(*pair, [a, b])));
             let k = old.coefficients().max(new.coefficients()) as f64;
             let error = |([a, b], factor): (&[f64; 2], &f64)| (a + b).sqrt() * factor.abs();
             Band {
@@ -102,7 +91,7 @@ impl CurveComparison {
     /// Standard error of the difference; the median over the points.
     #[must_use]
     pub fn standard_error(&self) -> Option<f64> {
-        self.band.as_ref().map(|band| median(band.standard_errors.clone()))
+        self.band.as_ref().map(|band| median(band.standard_errors.iter().copied()))
     }
 
     /// The most that the difference can be anywhere, by its band.

@@ -50,7 +50,6 @@ pub enum Convention {
 impl Convention {
     /// The one that all tables can be compared by.
     #[must_use]
-    /// All curves of a table, in the units of `convention`.
     pub fn of(tables: &[TableFile]) -> Self {
         let has = |found: Written| tables.iter().any(|table| written(table) == found);
         if has(Written::Full) && has(Written::Triangular) { Self::Triangular } else { Self::AsWritten }

@@ -89,6 +89,7 @@ impl Recorder {
         realtime: Realtime,
     ) -> Result<Self, Failure> {
         let sources: Vec<_> = streams.iter().map(|&(imu, kind)| (imus[imu].clone(), kind)).collect();
+        let domain = options.domain.name().to_owned();
         let settings = TapSettings { depth: QUEUE * imus.len(), pause: TAP_PAUSE, realtime };
         let tap = Tap::start(&sources, &options, settings).map_err(|error| {
             remove(&files);
@@ -106,7 +107,7 @@ impl Recorder {
             waiting: None,
             reported: Reported { connected: 0, waiting: false, lost: 0, lost_at: None, checked: now },
             rotations: 0,
-            domain: options.domain.name().to_owned(),
+            domain,
             imus,
             streams,
             files,
@@ -138,19 +139,7 @@ impl Recorder {
                 self.reported.checked = Instant::now();
             }
             if ended && !came {
-                if self.stalled {
-                    self.flush()?;
-                }
-                if !self.stalled {
-                    // The disk was not full, or has room again: write the rest of the queue.
-                    while !self.stalled && self.take()? {}
-                }
-                if let Some(row) = &self.waiting {
-                    // There is no room at the end either, unless this succeeds.
-                    self.files[self.route[row.imu]].write(row)?;
-                    self.waiting = None;
-                }
-                return Ok(());
+                return self.write_rest();
             }
             let over = duration.zip(self.first_row).is_some_and(|(duration, first)| first.elapsed() >= duration);
             if over || end.load(Ordering::Relaxed) {
@@ -160,6 +149,21 @@ impl Recorder {
                 thread::sleep(PAUSE);
             }
         }
+    }
+
+    /// Writes what is left after the tap has ended.
+    fn write_rest(&mut self) -> Result<(), FileError> {
+        if self.stalled {
+            self.flush()?;
+        }
+        // The disk was not full, or has room again.
+        while !self.stalled && self.take()? {}
+        if let Some(row) = &self.waiting {
+            // There is no room at the end either, unless this succeeds.
+            self.files[self.route[row.imu]].write(row)?;
+            self.waiting = None;
+        }
+        Ok(())
     }
 
     /// Writes up to [`BATCH`] rows from the queue. Returns whether there was one.
@@ -279,27 +283,8 @@ impl Recorder {
             self.counts.iter_mut().for_each(StreamCounts::count_missing_at_ends);
         }
         for (place, &(imu, stream)) in self.streams.iter().enumerate() {
-            let Tally { rows, sessions, missing, late, .. } = *self.counts[imu].tally(stream);
             let repeats = repeats.as_ref().map_or(0, |repeats| repeats[place]);
-            let sessions = format!("{sessions} session{}", if sessions == 1 { "" } else { "s" });
-            let late = match (late, stream) {
-                (0, _) => String::new(),
-                (_, StreamKind::Raw) => format!(", {late} too late and left out"),
-                (_, StreamKind::Increment) => format!(", {late} behind a later one"),
-            };
-            let continuity = self.counts[imu].continuity(stream);
-            let steps = match continuity.losses().time_steps {
-                0 => String::new(),
-                1 => ", 1 time step".to_owned(),
-                steps => format!(", {steps} time steps"),
-            };
-            let (imu, name) = (&self.imus[imu], stream.name());
-            print_message(&format!(
-                "{imu} {name}: {rows} rows of {sessions}, {missing} missing, {repeats} repeats{late}{steps}"
-            ));
-            if let Some(fault) = continuity.fault() {
-                print_message(&format!("warning: {imu} {name}: {fault}"));
-            }
+            print_totals(&self.imus[imu], stream, &self.counts[imu], repeats);
         }
         if overflow > 0 {
             print_message(&format!(
@@ -309,20 +294,40 @@ impl Recorder {
         if lost > 0 {
             print_message(&format!("{lost} rows at the end could not be written"));
         }
-        let (count, rotations) = (self.names.len(), self.rotations);
-        let seconds = self.started.elapsed().as_secs_f64();
         if let Some(last) = self.names.last() {
-            let files = if count == 1 { "file" } else { "files" };
-            print_message(&format!(
-                "{seconds:.1} s, {count} {files}, the last {}, {rotations} rotations",
-                last.display()
-            ));
+            let (seconds, count, rotations) = (self.started.elapsed().as_secs_f64(), self.names.len(), self.rotations);
+            let (files, last) = (if count == 1 { "file" } else { "files" }, last.display());
+            print_message(&format!("{seconds:.1} s, {count} {files}, the last {last}, {rotations} rotations"));
         }
         match result {
             Err(FileError(_, error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
             Err(error) => Err(file_failure(&error)),
             Ok(()) => repeats.map(|_| ()).map_err(Failure::from),
         }
+    }
+}
+
+/// Prints the totals of a stream.
+fn print_totals(imu: &ImuId, stream: StreamKind, counts: &StreamCounts, repeats: u64) {
+    let Tally { rows, sessions, missing, late, .. } = *counts.tally(stream);
+    let sessions = format!("{sessions} session{}", if sessions == 1 { "" } else { "s" });
+    let late = match (late, stream) {
+        (0, _) => String::new(),
+        (_, StreamKind::Raw) => format!(", {late} too late and left out"),
+        (_, StreamKind::Increment) => format!(", {late} behind a later one"),
+    };
+    let continuity = counts.continuity(stream);
+    let steps = match continuity.losses().time_steps {
+        0 => String::new(),
+        1 => ", 1 time step".to_owned(),
+        steps => format!(", {steps} time steps"),
+    };
+    let name = stream.name();
+    print_message(&format!(
+        "{imu} {name}: {rows} rows of {sessions}, {missing} missing, {repeats} repeats{late}{steps}"
+    ));
+    if let Some(fault) = continuity.fault() {
+        print_message(&format!("warning: {imu} {name}: {fault}"));
     }
 }
 

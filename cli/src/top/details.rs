@@ -238,45 +238,51 @@ fn draw_increments(frame: &mut Frame<'_>, area: Rect, model: &Model, triad: Sens
     };
     frame.render_widget(title, head);
     let rows: [Rect; AXES] = Layout::vertical([Constraint::Fill(1); AXES]).areas(below);
-    let last = model.points.back().copied().flatten();
-    for ((axis, name), row) in triad.names().into_iter().enumerate().zip(rows) {
-        let [means, curve] = Layout::horizontal([Constraint::Length(MEAN_COLUMNS), Constraint::Min(0)]).areas(row);
-        let rate = |point: CurvePoint| point.of_triad(triad).rate[axis] * quantity.factor;
-        let points = model.points.iter().rev().take(width.into()).copied();
-        let values: Vec<_> = points.map(|point| point.map(rate).filter(|value| value.is_finite())).collect();
-        let finite = || values.iter().copied().flatten();
-        let (low, high) = (finite().reduce(f64::min).unwrap_or(0.0), finite().reduce(f64::max).unwrap_or(0.0));
-        let increment = last.map(|point| point.of_triad(triad).increment[axis]);
-        let ([_, decimals], rate_decimals) = (quantity.increment_decimals, quantity.rate_decimals);
-        let text = match increment.zip(last.map(rate)) {
-            Some((increment, rate)) => {
-                format!("{increment:>+12.decimals$}{rate:>+12.rate_decimals$}{:>9}", significant(high - low))
-            }
-            None => format!("{:>12}{:>12}{:>9}", "-", "-", "-"),
-        };
-        let level = if increment.is_some_and(f64::is_nan) { AlertLevel::Bad } else { AlertLevel::Good };
-        let style = if level == AlertLevel::Bad { theme.level(level) } else { theme.heading() };
-        let line = Line::from(vec![Span::styled(format!("{name:<4}"), theme.label()), Span::styled(text, style)]);
-        frame.render_widget(line, means);
-        // From an eighth to the full height, so that the lowest point can be seen too.
-        let levels = 8 * u64::from(curve.height.max(1));
-        let part = |value: f64| if high > low { (value - low) / (high - low) } else { 0.5 };
-        let scale = |value: f64| 1 + ((levels - 1) as f64 * part(value)).round() as u64;
-        let bars = values.iter().map(|value| SparklineBar::from(value.map(scale)));
-        let curve_widget = Sparkline::default().data(bars).max(levels).direction(RenderDirection::RightToLeft);
-        frame.render_widget(curve_widget.bar_set(theme.bars()).absent_value_symbol(" ").style(theme.curve()), curve);
+    for (axis, row) in rows.into_iter().enumerate() {
+        draw_increment(frame, row, model, triad, axis);
     }
+}
+
+/// Draws the mean of an axis and its curve.
+fn draw_increment(frame: &mut Frame<'_>, row: Rect, model: &Model, triad: SensorKind, axis: usize) {
+    let (theme, quantity) = (model.theme, Quantity::of(triad));
+    let [means, curve] = Layout::horizontal([Constraint::Length(MEAN_COLUMNS), Constraint::Min(0)]).areas(row);
+    let rate = |point: CurvePoint| point.of_triad(triad).rate[axis] * quantity.factor;
+    let points = model.points.iter().rev().take(curve.width.into()).copied();
+    let values: Vec<_> = points.map(|point| point.map(rate).filter(|value| value.is_finite())).collect();
+    let finite = || values.iter().copied().flatten();
+    let (low, high) = (finite().reduce(f64::min).unwrap_or(0.0), finite().reduce(f64::max).unwrap_or(0.0));
+    let last = model.points.back().copied().flatten();
+    let increment = last.map(|point| point.of_triad(triad).increment[axis]);
+    let ([_, decimals], rate_decimals) = (quantity.increment_decimals, quantity.rate_decimals);
+    let text = match increment.zip(last.map(rate)) {
+        Some((increment, rate)) => {
+            format!("{increment:>+12.decimals$}{rate:>+12.rate_decimals$}{:>9}", significant(high - low))
+        }
+        None => format!("{:>12}{:>12}{:>9}", "-", "-", "-"),
+    };
+    let is_bad = increment.is_some_and(f64::is_nan);
+    let style = if is_bad { theme.level(AlertLevel::Bad) } else { theme.heading() };
+    let name = Span::styled(format!("{:<4}", triad.names()[axis]), theme.label());
+    frame.render_widget(Line::from(vec![name, Span::styled(text, style)]), means);
+    // From an eighth to the full height, so that the lowest point can be seen too.
+    let levels = 8 * u64::from(curve.height.max(1));
+    let part = |value: f64| if high > low { (value - low) / (high - low) } else { 0.5 };
+    let scale = |value: f64| 1 + ((levels - 1) as f64 * part(value)).round() as u64;
+    let bars = values.iter().map(|value| SparklineBar::from(value.map(scale)));
+    let sparkline = Sparkline::default().data(bars).max(levels).direction(RenderDirection::RightToLeft);
+    frame.render_widget(sparkline.bar_set(theme.bars()).absent_value_symbol(" ").style(theme.curve()), curve);
 }
 
 fn draw_latency(frame: &mut Frame<'_>, area: Rect, model: &Model, imu: &ImuStatus) {
     let theme = model.theme;
     let [figures, picture] = Layout::horizontal([Constraint::Length(LATENCY_COLUMNS), Constraint::Min(0)]).areas(area);
+    draw_distribution(frame, picture, model);
     let budget = model.status().map_or(0.0, |status| status.budget_us);
     let head = format!("{:<10}{:>7}{:>8}{:>8}{:>8}", "latency us", "p50", "p99", "p99.9", "max");
     let mut lines = vec![Line::styled(head, theme.label())];
-    for (name, latency) in
-        [("second", imu.latency_second_ns), ("minute", imu.latency_minute_ns), ("all", imu.latency_ns)]
-    {
+    let latencies = [("second", imu.latency_second_ns), ("minute", imu.latency_minute_ns), ("all", imu.latency_ns)];
+    for (name, latency) in latencies {
         let text = match latency {
             Some(latency) => {
                 let [p50, p99, p999, max] =
@@ -290,12 +296,16 @@ fn draw_latency(frame: &mut Frame<'_>, area: Rect, model: &Model, imu: &ImuStatu
     let late = imu.flagged.get("late").copied().unwrap_or(0);
     lines.push(Line::raw(format!("  budget {budget} us, {late} were late")));
     frame.render_widget(Paragraph::new(lines), figures);
+}
 
+/// Draws the histogram of the latency.
+fn draw_distribution(frame: &mut Frame<'_>, picture: Rect, model: &Model) {
+    let theme = model.theme;
     let [head, bars, axis] =
         Layout::vertical([Constraint::Length(1), Constraint::Min(0), Constraint::Length(1)]).areas(picture);
     let (counts, seconds) = model.distribution();
     let columns = (picture.width / (LATENCY_BOUNDS_NS.len() as u16 + 1)).clamp(1, 3);
-    let budget_ns = budget * 1e3;
+    let budget_ns = model.status().map_or(0.0, |status| status.budget_us) * 1e3;
     let bar = |(index, count): (usize, &u64)| {
         let over = LATENCY_BOUNDS_NS.get(index).is_none_or(|bound| *bound as f64 > budget_ns);
         let height = if *count > 0 { (100.0 * (1.0 + (*count as f64).log10())) as u64 } else { 0 };

@@ -232,44 +232,33 @@ impl Model {
     /// The condition of an IMU: the first in this order that applies.
     pub(super) fn condition(&self, index: usize, imu: &ImuStatus) -> ImuCondition {
         let (bad, warning) = (AlertLevel::Bad, AlertLevel::Warning);
-        let condition = |text, level| {
-            debug_assert!(STATES.iter().any(|(name, _)| *name == text), "{text} is not explained");
-            ImuCondition { text, level }
-        };
-        let rises = |count: fn(&ImuStatus) -> u64| self.rate(index, count).is_some_and(|rate| rate > 0.0);
-        let workers = self.status().map_or(&[][..], |status| &status.workers);
-        if self.waiting.is_some() {
-            condition("not served", bad)
-        } else if workers.iter().any(|worker| worker.stands_still && worker.imus.contains(&imu.id)) {
-            condition("stands still", bad)
-        } else if imu.table.is_none() {
-            condition("no table", bad)
-        } else if imu.last_reload_error.is_some() {
-            condition("file REFUSED", bad)
-        } else if imu.other_device.is_some() {
-            condition("other unit", bad)
-        } else if !imu.acquisition_connected {
-            condition("no acquisition", warning)
-        } else if !rises(|imu| imu.received) {
-            condition("no samples", warning)
-        } else if rises(|imu| imu.missing) {
-            condition("losing samples", bad)
-        } else if rises(|imu| imu.flagged.get("time-step").copied().unwrap_or(0)) {
-            condition("time steps", bad)
-        } else if Thermometer::all_of(imu).any(|place| place.fraction().is_none_or(|part| !(0.0..=1.0).contains(&part)))
-        {
-            condition("out of range", bad)
-        } else if rises(|imu| imu.flagged.get("lag-unknown").copied().unwrap_or(0)) {
-            condition("lag unknown", warning)
-        } else if rises(|imu| imu.flagged.iter().filter(|(name, _)| *name != "late").map(|(_, count)| count).sum()) {
-            condition("flagged", warning)
-        } else if rises(|imu| imu.flagged.get("late").copied().unwrap_or(0)) {
-            condition("late", warning)
-        } else if Thermometer::all_of(imu).any(|place| place.level() != AlertLevel::Good) {
-            condition("near range end", warning)
-        } else {
-            condition("ok", AlertLevel::Good)
-        }
+        let rises = |count: &dyn Fn(&ImuStatus) -> u64| self.rate(index, count).is_some_and(|rate| rate > 0.0);
+        let is_raised = |flag: &'static str| rises(&|imu: &ImuStatus| imu.flagged.get(flag).copied().unwrap_or(0));
+        let other_flags =
+            |imu: &ImuStatus| imu.flagged.iter().filter(|(name, _)| *name != "late").map(|(_, count)| count).sum();
+        let mut workers = self.status().into_iter().flat_map(|status| &status.workers);
+        let mut thermometers = Thermometer::all_of(imu);
+        let is_outside = |place: Thermometer| place.fraction().is_none_or(|part| !(0.0..=1.0).contains(&part));
+        let conditions = [
+            ("not served", bad, self.waiting.is_some()),
+            ("stands still", bad, workers.any(|it| it.stands_still && it.imus.contains(&imu.id))),
+            ("no table", bad, imu.table.is_none()),
+            ("file REFUSED", bad, imu.last_reload_error.is_some()),
+            ("other unit", bad, imu.other_device.is_some()),
+            ("no acquisition", warning, !imu.acquisition_connected),
+            ("no samples", warning, !rises(&|imu| imu.received)),
+            ("losing samples", bad, rises(&|imu| imu.missing)),
+            ("time steps", bad, is_raised("time-step")),
+            ("out of range", bad, Thermometer::all_of(imu).any(is_outside)),
+            ("lag unknown", warning, is_raised("lag-unknown")),
+            ("flagged", warning, rises(&other_flags)),
+            ("late", warning, is_raised("late")),
+            ("near range end", warning, thermometers.any(|place| place.level() != AlertLevel::Good)),
+        ];
+        let found = conditions.into_iter().find(|(.., applies)| *applies);
+        let (text, level) = found.map_or(("ok", AlertLevel::Good), |(text, level, _)| (text, level));
+        debug_assert!(STATES.iter().any(|(name, _)| *name == text), "{text} is not explained");
+        ImuCondition { text, level }
     }
 }
 

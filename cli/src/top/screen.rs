@@ -7,6 +7,7 @@ use super::style::AlertLevel;
 use super::{details, overview};
 use humantime::format_rfc3339_seconds;
 use isotherm_failure::printable;
+use isotherm_shared::status::WorkerStatus;
 use isotherm_shared::units::SensorKind;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -78,35 +79,24 @@ pub(super) fn draw(frame: &mut Frame<'_>, model: &mut Model) {
 }
 
 fn header(model: &Model, width: u16) -> Line<'static> {
-    let style = model.theme.inverse();
-    let Some(status) = model.status() else {
-        return Line::styled(
-            format!("{:width$}", format!(" Isotherm, domain {}", model.domain), width = width.into()),
-            style,
-        );
+    let worker = |worker: &WorkerStatus| {
+        let held_ms = worker.held_back_ms;
+        let held = if held_ms >= 1.0 { format!(", held {held_ms:.0} ms") } else { String::new() };
+        format!("{:.0} %{held}", worker.cpu_percent)
     };
-    let workers: Vec<_> = status
-        .workers
-        .iter()
-        .map(|worker| {
-            let held = if worker.held_back_ms >= 1.0 {
-                format!(", held {:.0} ms", worker.held_back_ms)
-            } else {
-                String::new()
-            };
-            format!("{:.0} %{held}", worker.cpu_percent)
-        })
-        .collect();
-    let text = format!(
-        " Isotherm {}  {}  pid {}  up {}  {}  cpu {}",
-        status.version,
-        status.domain.name,
-        status.pid,
-        age(status.uptime_s),
-        status.wait,
-        workers.join(" | ")
-    );
-    Line::styled(format!("{text:width$}", width = width.into()), style)
+    let text = match model.status() {
+        None => format!(" Isotherm, domain {}", model.domain),
+        Some(status) => format!(
+            " Isotherm {}  {}  pid {}  up {}  {}  cpu {}",
+            status.version,
+            status.domain.name,
+            status.pid,
+            age(status.uptime_s),
+            status.wait,
+            status.workers.iter().map(worker).collect::<Vec<_>>().join(" | ")
+        ),
+    };
+    Line::styled(format!("{text:width$}", width = width.into()), model.theme.inverse())
 }
 
 fn banner(model: &Model, waiting: &Waiting) -> String {

@@ -1,16 +1,20 @@
 //! The sections of a calibration's page that only gyroscopes have.
 
-use super::parts::{Report, remark};
+use super::parts::{Report, angle, remark};
 use super::triad::Budget;
-use crate::page::{Cell, Page};
+use crate::page::{Cell, Column, Page};
 use crate::plot::{Plot, Style};
-use isotherm_calibration::{CalibratedTriad, FittedRun, GyroscopeCalibration, Place};
+use isotherm_calibration::{CalibratedTriad, FittedRun, GyroscopeCalibration, Place, TriadObservability};
+use isotherm_campaign::Turn;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::CONFIDENCE;
 
 /// Column headings of a run's residuals.
 pub(super) const RESIDUALS: [&str; AXES] = ["G1 / arcsec", "G2 / arcsec", "G3 / arcsec"];
+
+/// The label of an error, and its size: a rate \[deg/h\], or a part of the rate.
+type ErrorCost = (String, Option<f64>, Option<f64>);
 
 /// A whole turn \[arcsec\].
 const WHOLE_TURN: f64 = 1_296_000.0;
@@ -20,31 +24,15 @@ impl Report<'_> {
     pub(super) fn gyroscope_facts(&self) -> Vec<(&'static str, String)> {
         let Some(found) = &self.calibration.gyroscopes else { return Vec::new() };
         let walks = (0..AXES).map(|axis| format!("{:.5}", found.random_walk(axis)));
-        let observability = &found.observability;
+        let TriadObservability { condition, rank, unknowns, .. } = &found.observability;
+        let condition = format!("{condition:.1}, with {rank} of {unknowns} unknowns of a set point determined");
         let mut rows = vec![
             ("Turns", found.turns().to_string()),
-            (
-                "Condition of positions and turns",
-                format!(
-                    "{:.1}, with {} of {} unknowns of a set point determined",
-                    observability.condition, observability.rank, observability.unknowns
-                ),
-            ),
+            ("Condition of positions and turns", condition),
             ("Random walk, G1 to G3", format!("{} deg/sqrt(h)", walks.collect::<Vec<_>>().join(", "))),
         ];
-        if let (Some(earth), Some([x, y]), Some(latitude)) =
-            (found.earth, found.solution.earth, self.campaign.latitude_deg)
-        {
-            let interval = found.horizontal_rate_interval(CONFIDENCE).unwrap_or(f64::NAN);
-            let horizontal = format!(
-                "{:.4} +- {interval:.4} deg/h, 95 %; at a latitude of {latitude} degrees it is {:.4} deg/h",
-                earth.found, earth.expected
-            );
-            rows.push(("Earth's horizontal rate", horizontal));
-            let components = format!("{x:.4}, {y:.4}, {:.4} deg/h; Z is that of the latitude", earth.along_z);
-            rows.push(("Earth's rate along the base's X, Y, Z", components));
-        }
-        if let Some(left) = &found.left_over {
+        rows.extend(self.earth_facts(found).into_iter().flatten());
+        rows.extend(found.left_over.as_ref().map(|left| {
             let text = format!(
                 "at most {:.4} deg/h of bias, {:.2} ppm of scale factor, {:.4} deg/h/g0 of g-sensitivity, {:.2}e-6 rad of misalignment",
                 left.bias,
@@ -52,9 +40,20 @@ impl Report<'_> {
                 left.g_sensitivity,
                 left.misalignment * 1e6
             );
-            rows.push(("Left of Earth's rate", text));
-        }
+            ("Left of Earth's rate", text)
+        }));
         rows
+    }
+
+    fn earth_facts(&self, found: &GyroscopeCalibration) -> Option<[(&'static str, String); 2]> {
+        let (earth, [x, y], latitude) = (found.earth?, found.solution.earth?, self.campaign.latitude_deg?);
+        let interval = found.horizontal_rate_interval(CONFIDENCE).unwrap_or(f64::NAN);
+        let horizontal = format!(
+            "{:.4} +- {interval:.4} deg/h, 95 %; at a latitude of {latitude} degrees it is {:.4} deg/h",
+            earth.found, earth.expected
+        );
+        let components = format!("{x:.4}, {y:.4}, {:.4} deg/h; Z is that of the latitude", earth.along_z);
+        Some([("Earth's horizontal rate", horizontal), ("Earth's rate along the base's X, Y, Z", components)])
     }
 
     /// Residuals of the gyroscopes in each dwell and turn.
@@ -68,10 +67,9 @@ impl Report<'_> {
             };
             let title = format!("{}: residuals over time", GYROSCOPE_NAMES[axis]);
             let plot = Plot::new(&title, "Time / h", "Residual / (arcsec/sqrt(s))").zero_line();
-            let plot = plot.series("Dwells", Style::Points, points(false)).series("Turns", Style::Points, points(true));
-            (plot.svg(), String::new())
+            plot.series("Dwells", Style::Points, points(false)).series("Turns", Style::Points, points(true))
         };
-        page.figures(&[figure(0), figure(1), figure(2)]);
+        page.plots(&[0, 1, 2].map(figure));
         page.paragraph(
             "Residuals over the root of the run's length, as the fit weighs them: of a random walk of the angle, dwells and turns scatter alike.",
         );
@@ -79,18 +77,16 @@ impl Report<'_> {
 
     pub(super) fn g_sensitivities(&self, page: &mut Page, found: &GyroscopeCalibration) {
         page.heading(2, "g-sensitivities", "g-sensitivities");
-        let mut rows = Vec::new();
-        for (name, part) in GYROSCOPE_NAMES.iter().zip(&found.solution.gyroscopes) {
-            let errors = part.g_sensitivity_error.unwrap_or([f64::NAN; AXES]);
-            let intervals = part.g_sensitivity_interval(CONFIDENCE).unwrap_or([f64::NAN; AXES]);
-            for (k, along) in AXIS_NAMES.iter().enumerate() {
-                let mut row = vec![Cell::text(format!("{name} along {along}"))];
-                row.extend([part.g_sensitivity[k], errors[k], intervals[k]].map(|value| Cell::number(value, 4)));
-                rows.push(row);
-            }
-        }
-        let header = ["g-sensitivity", "Value", "Standard error", "95 % interval +-"];
-        page.table("g-sensitivities [deg/h/g0]", &header, &rows);
+        let part = |axis: &usize| &found.solution.gyroscopes[*axis];
+        let interval = |axis: &usize| part(axis).g_sensitivity_interval(CONFIDENCE);
+        let columns: [Column<'_, (usize, usize)>; 4] = [
+            ("g-sensitivity", &|(axis, k)| Cell::text(format!("{} along {}", GYROSCOPE_NAMES[*axis], AXIS_NAMES[*k]))),
+            ("Value", &|(axis, k)| Cell::number(part(axis).g_sensitivity[*k], 4)),
+            ("Standard error", &|(axis, k)| Cell::known(part(axis).g_sensitivity_error.map(|it| it[*k]), 4)),
+            ("95 % interval +-", &|(axis, k)| Cell::known(interval(axis).map(|it| it[*k]), 4)),
+        ];
+        let rows = (0..AXES * AXES).map(|index| (index / AXES, index % AXES));
+        page.columns("g-sensitivities [deg/h/g0]", rows, &columns);
         page.paragraph(
             "The part along the vertical comes with Earth's vertical rate, which the dwells cannot tell from it: that rate is taken from the latitude. \
              0.1 degrees of latitude are 0.02 deg/h/g0.",
@@ -105,8 +101,7 @@ impl Report<'_> {
             "Standard errors are means over the range. An error of 1 deg/h turns the attitude by 1 arcsec in a second, 60 arcsec in a minute; an error of \
              1 ppm, or of 1e-6 rad of misalignment, by 1.296 arcsec in a whole turn.",
         );
-        let mut rows = Vec::new();
-        for (axis, name) in triad.names.into_iter().enumerate() {
+        let of_axis = |(axis, name): (usize, &str)| {
             let Budget { standard_error, leave_one_out, slope, misalignment } = Budget::of(triad, axis);
             let s = found.solution.gyroscopes[axis].g_sensitivity_error;
             let at_rest = [
@@ -123,22 +118,19 @@ impl Report<'_> {
                 ("misalignments, turning across", misalignment),
                 ("board telemetry 0.001 off, K at its steepest", Some(slope[1].max(slope[2]))),
             ];
-            let row = |label: &str, [rate, minute, ppm, turn]: [f64; 4]| {
-                let numbers = [(rate, 5), (minute, 3), (ppm, 3), (turn, 3)];
-                let cells = numbers.map(|(value, decimals)| Cell::number(value, decimals));
-                [Cell::text(format!("{name} {label}"))].into_iter().chain(cells).collect::<Vec<_>>()
-            };
-            rows.extend(at_rest.map(|(label, value)| {
-                let rate = value.unwrap_or(f64::NAN);
-                row(label, [rate, rate * 60.0, f64::NAN, f64::NAN])
-            }));
-            rows.extend(in_motion.map(|(label, value)| {
-                let part = value.unwrap_or(f64::NAN);
-                row(label, [f64::NAN, f64::NAN, part * 1e6, part * WHOLE_TURN])
-            }));
-        }
-        let header = ["Error", "Rate / deg/h", "In 60 s / arcsec", "Scale / 1e-6", "In a turn / arcsec"];
-        page.table("Errors and what they cost", &header, &rows);
+            let at_rest = at_rest.map(|(label, rate)| (format!("{name} {label}"), rate, None));
+            let in_motion = in_motion.map(|(label, part)| (format!("{name} {label}"), None, part));
+            at_rest.into_iter().chain(in_motion)
+        };
+        let columns: [Column<'_, ErrorCost>; 5] = [
+            ("Error", &|(label, ..)| Cell::text(label)),
+            ("Rate / deg/h", &|(_, rate, _)| Cell::known(*rate, 5)),
+            ("In 60 s / arcsec", &|(_, rate, _)| Cell::known(rate.map(|rate| rate * 60.0), 3)),
+            ("Scale / 1e-6", &|(.., part)| Cell::known(part.map(|part| part * 1e6), 3)),
+            ("In a turn / arcsec", &|(.., part)| Cell::known(part.map(|part| part * WHOLE_TURN), 3)),
+        ];
+        let errors = triad.names.into_iter().enumerate().flat_map(of_axis);
+        page.columns("Errors and what they cost", errors, &columns);
     }
 
     /// The residuals of the gyroscopes in the dwell whose first row is on this line; `None` without gyroscopes.
@@ -182,23 +174,19 @@ impl Report<'_> {
         if self.calibration.gyroscopes.is_none() {
             return;
         }
-        let rows: Vec<_> = self
-            .campaign
-            .turns
-            .iter()
-            .map(|turn| {
-                let angle = |k: usize| turn.start.angles.map_or("-".to_owned(), |angles| angles[k].to_string());
-                let mut row = vec![Cell::text(turn.start.number.to_string()), Cell::Number(turn.angle_deg.to_string())];
-                row.extend(turn.axis.map(|part| Cell::number(part, 6)));
-                row.extend([Cell::Number(angle(0)), Cell::Number(angle(1))]);
-                row.extend(turn.start.specific_force.map(|f| Cell::number(f, 6)));
-                row
-            })
-            .collect();
-        let axis = ["about A1", "A2", "A3"];
-        let header =
-            ["Number", "Angle / deg"].into_iter().chain(axis).chain(["Outer / deg", "Inner / deg", "A1", "A2", "A3"]);
+        let columns: [Column<'_, &Turn>; 10] = [
+            ("Number", &|it| Cell::text(it.start.number.to_string())),
+            ("Angle / deg", &|it| Cell::Number(it.angle_deg.to_string())),
+            ("about A1", &|it| Cell::number(it.axis[0], 6)),
+            ("A2", &|it| Cell::number(it.axis[1], 6)),
+            ("A3", &|it| Cell::number(it.axis[2], 6)),
+            ("Outer / deg", &|it| angle(&it.start, 0)),
+            ("Inner / deg", &|it| angle(&it.start, 1)),
+            ("A1", &|it| Cell::number(it.start.specific_force[0], 6)),
+            ("A2", &|it| Cell::number(it.start.specific_force[1], 6)),
+            ("A3", &|it| Cell::number(it.start.specific_force[2], 6)),
+        ];
         let caption = "Turns: axis, where they begin, and the specific force there in units of the local gravity";
-        page.table(caption, &header.collect::<Vec<_>>(), &rows);
+        page.columns(caption, &self.campaign.turns, &columns);
     }
 }

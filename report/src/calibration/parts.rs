@@ -2,7 +2,8 @@
 
 use crate::page::{Cell, NoteKind};
 use isotherm_calibration::{CalibratedTriad, Calibration, CampaignSource};
-use isotherm_campaign::Campaign;
+use isotherm_campaign::{Campaign, Position};
+
 /// Intervals between the points of a drawn curve.
 pub(super) const CURVE_INTERVALS: usize = 120;
 
@@ -25,4 +26,9 @@ pub(super) fn remark() -> Cell {
 /// Evenly spaced telemetry over a range, both ends included, for drawing and averaging.
 pub(super) fn grid([low, high]: [f64; 2]) -> impl Iterator<Item = f64> {
     (0..=CURVE_INTERVALS).map(move |i| low + (high - low) * i as f64 / CURVE_INTERVALS as f64)
+}
+
+/// An angle of the turntable in a position, outer or inner; a dash without angles.
+pub(super) fn angle(position: &Position, axis: usize) -> Cell {
+    Cell::Number(position.angles.map_or_else(|| "-".to_owned(), |angles| angles[axis].to_string()))
 }

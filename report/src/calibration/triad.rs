@@ -1,7 +1,7 @@
 //! The sections of a calibration's page that are the same for accelerometers and gyroscopes.
 
 use super::parts::{CURVE_INTERVALS, QUANTITY_NAMES, Report, grid};
-use crate::page::{Cell, Page};
+use crate::page::{Cell, Column, Page};
 use crate::plot::{Plot, Style};
 use isotherm_calibration::{CalibratedTriad, Method, ReducedSensor};
 use isotherm_shared::wire::AXES;
@@ -49,25 +49,37 @@ impl Report<'_> {
              residuals below. Upper scale: the chamber's set points, with straight lines between them."
         });
         for (quantity, name) in QUANTITY_NAMES.iter().enumerate() {
-            let figure = |axis: usize| {
+            page.plots(&[0, 1, 2].map(|axis| {
                 let curve = &triad.curves[axis][quantity];
                 let (factor, unit) = (triad.units.factor(quantity), triad.units.on_page(quantity));
-                let line = grid(curve.range()).map(|u| (u, curve.at(u) * factor));
-                let band = grid(curve.range()).filter_map(|u| {
-                    let half = curve.interval(u, CONFIDENCE)?;
-                    Some((u, (curve.at(u) - half) * factor, (curve.at(u) + half) * factor))
-                });
-                let title = format!("{name} of {}", triad.names[axis]);
-                let plot = self
-                    .plot_over_telemetry(triad, &title, &format!("{name} / {unit}"), axis, quantity)
-                    .series(&format!("Table, order {}, 95 %", curve.order()), Style::Line, line)
-                    .band(band)
-                    .series("Set points, 95 %", Style::Points, points(triad, axis, quantity, |_| 0.0, factor))
-                    .errors(errors(triad, axis, quantity).into_iter().map(|half| half * factor));
-                (plot.svg(), String::new())
-            };
-            page.figures(&[figure(0), figure(1), figure(2)]);
+                let (title, label) = (format!("{name} of {}", triad.names[axis]), format!("{name} / {unit}"));
+                let order = format!("Table, order {}, 95 %", curve.order());
+                self.plot_of_curve(triad, [&title, &label, &order], [axis, quantity], factor, &|_| 0.0)
+            }));
         }
+    }
+
+    /// A curve with its band and its set points, all less `from` and times `factor`. The labels are the title, that of
+    /// y and that of the curve.
+    fn plot_of_curve(
+        &self,
+        triad: &CalibratedTriad<'_>,
+        [title, y_label, label]: [&str; 3],
+        [axis, quantity]: [usize; 2],
+        factor: f64,
+        from: &dyn Fn(f64) -> f64,
+    ) -> Plot {
+        let curve = &triad.curves[axis][quantity];
+        let value = |u: f64| curve.at(u) - from(u);
+        let band = grid(curve.range()).filter_map(|u| {
+            let half = curve.interval(u, CONFIDENCE)?;
+            Some((u, (value(u) - half) * factor, (value(u) + half) * factor))
+        });
+        self.plot_over_telemetry(triad, title, y_label, axis, quantity)
+            .series(label, Style::Line, grid(curve.range()).map(|u| (u, value(u) * factor)))
+            .band(band)
+            .series("Set points, 95 %", Style::Points, points(triad, axis, quantity, from, factor))
+            .errors(errors(triad, axis, quantity).into_iter().map(|half| half * factor))
     }
 
     pub(super) fn set_point_residuals(&self, page: &mut Page, triad: &CalibratedTriad<'_>) {
@@ -78,52 +90,41 @@ impl Report<'_> {
              true curve; more of them are a sign of an order that is too low, or of an error that changes between set points.",
         );
         for (quantity, name) in QUANTITY_NAMES.iter().enumerate() {
-            let figure = |axis: usize| {
+            page.plots(&[0, 1, 2].map(|axis| {
                 let curve = &triad.curves[axis][quantity];
                 let [low, high] = curve.range();
                 let (size, unit) = match quantity {
                     0 => (triad.units.factor(0), triad.units.on_page(0)),
                     _ => (1e6 / curve.at(0.5 * (low + high)).abs(), "ppm"),
                 };
-                let band = grid([low, high]).filter_map(|u| {
-                    let half = curve.interval(u, CONFIDENCE)? * size;
-                    Some((u, -half, half))
-                });
                 let title = format!("{name} of {}: set point less table", triad.names[axis]);
-                let plot = self
-                    .plot_over_telemetry(triad, &title, &format!("Residual / {unit}"), axis, quantity)
-                    .series("Table, 95 %", Style::Line, grid([low, high]).map(|u| (u, 0.0)))
-                    .band(band)
-                    .series("Set points, 95 %", Style::Points, points(triad, axis, quantity, |x| curve.at(x), size))
-                    .errors(errors(triad, axis, quantity).into_iter().map(|half| half * size));
-                (plot.svg(), String::new())
-            };
-            page.figures(&[figure(0), figure(1), figure(2)]);
+                let label = format!("Residual / {unit}");
+                self.plot_of_curve(triad, [&title, &label, "Table, 95 %"], [axis, quantity], size, &|u| curve.at(u))
+            }));
         }
     }
 
     pub(super) fn misalignments(&self, page: &mut Page, triad: &CalibratedTriad<'_>) {
         self.heading(page, triad, "misalignments", "Misalignments");
-        let mut rows = Vec::new();
-        for (axis, misalignment) in triad.misalignment.iter().enumerate() {
-            for (k, m) in misalignment.iter().enumerate() {
-                let error = triad.misalignment_error[axis].map_or(f64::NAN, |errors| errors[k]);
-                let interval = triad.misalignment_interval[axis].map_or(f64::NAN, |half| half[k]);
-                rows.push(vec![
-                    Cell::text(format!("{} onto {}", triad.names[axis], triad.names[(axis + 1 + k) % AXES])),
-                    Cell::number(m * 1e6, 3),
-                    Cell::number(error * 1e6, 3),
-                    Cell::number(interval * 1e6, 3),
-                ]);
-            }
-        }
-        let header = ["Misalignment", "Value", "Standard error", "95 % interval +-"];
-        page.table("Misalignments [1e-6 rad]", &header, &rows);
+        let names = |axis: usize, k: usize| [triad.names[axis], triad.names[(axis + 1 + k) % AXES]].join(" onto ");
+        let micro = |values: Option<[f64; 2]>, k: usize| Cell::known(values.map(|values| values[k] * 1e6), 3);
+        let columns: [Column<'_, (usize, usize)>; 4] = [
+            ("Misalignment", &|(axis, k)| Cell::text(names(*axis, *k))),
+            ("Value", &|(axis, k)| micro(Some(triad.misalignment[*axis]), *k)),
+            ("Standard error", &|(axis, k)| micro(triad.misalignment_error[*axis], *k)),
+            ("95 % interval +-", &|(axis, k)| micro(triad.misalignment_interval[*axis], *k)),
+        ];
+        page.columns("Misalignments [1e-6 rad]", (0..2 * AXES).map(|index| (index / 2, index % 2)), &columns);
+        page.paragraph(self.alignment(triad));
+    }
+
+    /// What is said of the table's alignment matrix.
+    fn alignment(&self, triad: &CalibratedTriad<'_>) -> &'static str {
         let left = match triad.gyroscopes {
             None => self.calibration.left_without_alignment(),
             Some(found) => found.left_without_alignment(&self.calibration.table),
         };
-        page.paragraph(match (self.calibration.table.content().alignment, left) {
+        match (self.calibration.table.content().alignment, left) {
             (Some(_), _) => {
                 "The table has the alignment matrix that undoes them. It turns the axes of the output onto those of the turntable: how the IMU sat on \
                  the fixture is part of it."
@@ -136,7 +137,7 @@ impl Report<'_> {
                 "The table has no alignment matrix, and needs none: no misalignment exceeds its 99 % interval and 1e-6 rad. Outputs stay along the \
                  sensors' input axes."
             }
-        });
+        }
     }
 
     pub(super) fn set_points(&self, page: &mut Page, triad: &CalibratedTriad<'_>) {
@@ -223,10 +224,10 @@ impl Budget {
 
 /// Telemetry of a quantity at each set point, and its value less `from` times `factor`.
 fn points<'a>(
-    triad: &CalibratedTriad<'a>,
+    triad: &'a CalibratedTriad<'_>,
     axis: usize,
     quantity: usize,
-    from: impl Fn(f64) -> f64 + 'a,
+    from: &'a dyn Fn(f64) -> f64,
     factor: f64,
 ) -> impl Iterator<Item = (f64, f64)> + 'a {
     let points = triad.orders[axis][quantity].regression.points().iter();

@@ -1,23 +1,37 @@
 //! A comparison in lines.
 
-use super::words::{places, slope_interval, which, word};
-use isotherm_analysis::{Comparison, ComparisonRequirement, NOT_IN_THE_ERRORS};
+use super::words::{places, probability, slope_interval, which, word};
+use isotherm_analysis::{
+    AlignmentComparison, Comparison, ComparisonRequirement, CurveComparison, NOT_IN_THE_ERRORS, Trend,
+};
 use std::fmt::Write as _;
 
 /// The lines that `compare` prints: differences, changes, lines over the dates, what is required, and notes.
 #[must_use]
 pub fn text(comparison: &Comparison, required: Option<&ComparisonRequirement>) -> String {
-    let content = comparison.new_table().table.content();
-    let mut text = format!(
-        "{}: {}\n\n  curve                              mean    largest         at  standard error   at least    at most\n",
-        content.imu,
-        which(comparison)
-    );
-    // Writing to a String cannot fail.
-    for curve in &comparison.curves {
+    let imu = &comparison.new_table().table.content().imu;
+    let mut text = format!("{imu}: {}\n\n{}", which(comparison), curves(&comparison.curves));
+    text.extend(comparison.alignments.iter().map(alignment));
+    text += &trends(&comparison.trends);
+    text += &format!("\n{}\n", comparison.conclusion());
+    let judgements = required.iter().flat_map(|required| comparison.judge(required)).map(|judgement| judgement.message);
+    let findings = comparison.findings.iter().map(ToString::to_string);
+    let lines =
+        findings.chain(comparison.notes.iter().cloned()).chain([NOT_IN_THE_ERRORS.to_owned()]).chain(judgements);
+    text.extend(lines.map(|line| line + "\n"));
+    text
+}
+
+/// The differences, a line each, with their header.
+fn curves(curves: &[CurveComparison]) -> String {
+    let mut text =
+        "  curve                              mean    largest         at  standard error   at least    at most\n"
+            .to_owned();
+    for curve in curves {
         let places = places(curve.unit);
         let (largest, at) = curve.largest();
         let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.places$}"));
+        // Writing to a String cannot fail.
         let _ = writeln!(
             text,
             "  {:<24} {:>5} {:>9.places$} {largest:>10.places$} {at:>10.4} {:>15} {:>10} {:>10}  {}",
@@ -30,44 +44,28 @@ pub fn text(comparison: &Comparison, required: Option<&ComparisonRequirement>) -
             word(curve.is_changed()),
         );
     }
-    for alignment in &comparison.alignments {
-        let within = match (alignment.lower_urad(), alignment.upper_urad()) {
-            (Some(lower), Some(upper)) => format!(", with its band {lower:.3} to {upper:.3}"),
-            _ => String::new(),
-        };
-        let _ = writeln!(
-            text,
-            "  alignment of the {}: largest difference {:.3} [1e-6 rad]{within}: {}",
-            alignment.name(),
-            alignment.largest_urad(),
-            word(alignment.is_changed())
-        );
-    }
-    if !comparison.trends.is_empty() {
+    text
+}
+
+fn alignment(alignment: &AlignmentComparison) -> String {
+    let within = match (alignment.lower_urad(), alignment.upper_urad()) {
+        (Some(lower), Some(upper)) => format!(", with its band {lower:.3} to {upper:.3}"),
+        _ => String::new(),
+    };
+    let (name, largest, changed) = (alignment.name(), alignment.largest_urad(), word(alignment.is_changed()));
+    format!("  alignment of the {name}: largest difference {largest:.3} [1e-6 rad]{within}: {changed}\n")
+}
+
+/// The lines over the dates with their header; nothing if there are none.
+fn trends(trends: &[Trend]) -> String {
+    let mut text = String::new();
+    if !trends.is_empty() {
         text += "\n  over the dates, at mid range          slope   95 % interval          p\n";
     }
-    for trend in &comparison.trends {
-        let places = places(trend.unit);
-        let p = trend.p.map_or_else(|| "-".to_owned(), |p| format!("{p:.2e}"));
-        let unit = format!("{}/year", trend.unit);
-        let interval = slope_interval(trend);
-        let _ = writeln!(
-            text,
-            "  {:<24} {unit:>10} {:>8.places$} {interval:>15.places$} {p:>10}",
-            trend.name(),
-            trend.slope
-        );
-    }
-    let _ = writeln!(text, "\n{}", comparison.conclusion());
-    for finding in &comparison.findings {
-        let _ = writeln!(text, "{finding}");
-    }
-    for note in &comparison.notes {
-        let _ = writeln!(text, "{note}");
-    }
-    let _ = writeln!(text, "{NOT_IN_THE_ERRORS}");
-    for judgement in required.iter().flat_map(|required| comparison.judge(required)) {
-        let _ = writeln!(text, "{}", judgement.message);
+    for trend in trends {
+        let (places, unit) = (places(trend.unit), format!("{}/year", trend.unit));
+        let (name, slope, interval, p) = (trend.name(), trend.slope, slope_interval(trend), probability(trend));
+        let _ = writeln!(text, "  {name:<24} {unit:>10} {slope:>8.places$} {interval:>15.places$} {p:>10}");
     }
     text
 }

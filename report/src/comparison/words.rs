@@ -3,6 +3,7 @@
 use isotherm_analysis::{Comparison, Trend};
 use isotherm_calibration::TableFile;
 use isotherm_statistics::f_limit;
+
 /// Decimals of a figure in `unit`.
 pub(super) fn places(unit: &str) -> usize {
     if unit == "deg/h" { 5 } else { 3 }
@@ -29,6 +30,11 @@ pub(super) const fn word(changed: Option<bool>) -> &'static str {
 /// Half the width of the 95 % interval of a slope.
 pub(super) fn slope_interval(trend: &Trend) -> f64 {
     f_limit(0.05, 1.0, trend.freedom as f64).sqrt() * trend.slope_error
+}
+
+/// The probability of such a slope where there is none.
+pub(super) fn probability(trend: &Trend) -> String {
+    trend.p.map_or_else(|| "-".to_owned(), |p| format!("{p:.2e}"))
 }
 
 /// A table's file with its date.

@@ -1,28 +1,19 @@
 //! The noise of an IMU as JSON, with keys as in the parent's [`json`](crate::json): `in_unit` is the `unit` of the same
 //! object.
 
-use crate::json::losses;
+use crate::json::records;
+use crate::view::{value, view};
 use core::f64::consts::SQRT_2;
 use isotherm_analysis::{
     Allan, COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit, NoiseAnalysis, NoiseUnits, SensorNoise, TemperatureLine,
 };
-use serde_json::{Value, json};
+use isotherm_recording::Losses;
+use serde_json::Value;
 
 /// The document of `isotherm noise --json`. Rows are counted from 1.
 #[must_use]
 pub fn document(analysis: &NoiseAnalysis) -> Value {
-    json!({
-        "rows": analysis.used.len(),
-        "first_row": analysis.used.start + 1,
-        "last_row": analysis.used.end,
-        "recorded_rows": analysis.rows,
-        "from_s": analysis.used_s[0],
-        "to_s": analysis.used_s[1],
-        "interval_s": analysis.interval_s,
-        "losses": losses(analysis.losses),
-        "sensors": analysis.sensors.iter().map(|each| sensor(each, &analysis.temperature_unit)).collect::<Vec<_>>(),
-        "findings": crate::json::findings(&analysis.findings(), |line| line.to_string()),
-    })
+    value(&NoiseView::of(analysis))
 }
 
 /// The noise of rates whose unit is not known, which is called "unit", beside their line in telemetry.
@@ -34,79 +25,94 @@ pub fn rates(allan: &Allan, line: Option<&TemperatureLine>) -> Value {
         density: "unit/sqrt(Hz)",
         names: ["quantisation noise", "white noise", "bias instability", "random walk of the rate"],
     };
-    let mut document = curve(allan, &units);
-    document["temperature"] = json!(line.map(|line| temperature(line, &units, "unit of the telemetry")));
-    document
+    value(&RatesView::of(allan, line, &units))
 }
 
+view! { NoiseView<'a>(analysis: &'a NoiseAnalysis) {
+    rows: usize = analysis.used.len(),
+    first_row: usize = analysis.used.start + 1,
+    last_row: usize = analysis.used.end,
+    recorded_rows: usize = analysis.rows,
+    from_s: f64 = analysis.used_s[0],
+    to_s: f64 = analysis.used_s[1],
+    interval_s: f64 = analysis.interval_s,
+    losses: Losses = analysis.losses,
+    sensors: Vec<SensorView<'a>> =
+        analysis.sensors.iter().map(|it| SensorView::of(it, &it.kind.units(), &analysis.temperature_unit)).collect(),
+    findings: Value = records(&analysis.findings()),
+}}
+
+view! { RatesView(allan: &Allan, line: Option<&TemperatureLine>, units: &NoiseUnits) {
+    #[serde(flatten)]
+    curve: CurveView = CurveView::of(allan, units),
+    temperature: Option<TemperatureView> = line.map(|it| TemperatureView::of(it, units, "unit of the telemetry")),
+}}
+
+view! {
 /// One sensor: its curve, the noise of a row, and its rate against telemetry.
-fn sensor(sensor: &SensorNoise, temperature_unit: &str) -> Value {
-    let units = sensor.kind.units();
-    let mut document =
-        sensor.allan.as_ref().map_or_else(|| json!({ "unit": units.rate }), |allan| curve(allan, &units));
-    document["axis"] = json!(sensor.name);
-    document["white_noise_counts"] = json!(sensor.white_counts);
-    document["limit_cycle"] = json!(sensor.has_limit_cycle());
-    document["temperature"] = json!(sensor.line.as_ref().map(|line| temperature(line, &units, temperature_unit)));
-    document
-}
+SensorView<'a>(sensor: &SensorNoise, units: &NoiseUnits, temperature_unit: &str) {
+    axis: &'a str = sensor.name,
+    unit: &'a str = units.rate,
+    #[serde(flatten)]
+    curve: Option<CurveView> = sensor.allan.as_ref().map(|allan| CurveView::of(allan, units)),
+    white_noise_counts: Option<f64> = sensor.white_counts,
+    limit_cycle: bool = sensor.has_limit_cycle(),
+    temperature: Option<TemperatureView> =
+        sensor.line.as_ref().map(|line| TemperatureView::of(line, units, temperature_unit)),
+}}
 
-fn temperature(line: &TemperatureLine, units: &NoiseUnits, temperature_unit: &str) -> Value {
-    json!({
-        "unit": format!("{} per {temperature_unit}", units.rate),
-        "slope_in_unit": line.slope,
-        "standard_error_in_unit": line.slope_error,
-        "contaminated_from_s": line.contaminated_from_s,
-        "without": curve(&line.without, units),
-    })
-}
+view! { TemperatureView(line: &TemperatureLine, units: &NoiseUnits, temperature_unit: &str) {
+    unit: String = format!("{} per {temperature_unit}", units.rate),
+    slope_in_unit: f64 = line.slope,
+    standard_error_in_unit: Option<f64> = line.slope_error,
+    contaminated_from_s: Option<f64> = line.contaminated_from_s,
+    without: CurveView = CurveView::of(&line.without, units),
+}}
 
+view! {
 /// The points as columns, the minimum and the model.
-fn curve(allan: &Allan, units: &NoiseUnits) -> Value {
-    json!({
-        "unit": units.rate,
-        "tau_s": allan.points.iter().map(|point| point.tau_s).collect::<Vec<_>>(),
-        "adev_in_unit": allan.points.iter().map(|point| point.adev).collect::<Vec<_>>(),
-        "interval_in_unit": allan.points.iter().map(|point| point.interval).collect::<Vec<_>>(),
-        "degrees_of_freedom": allan.points.iter().map(|point| point.freedom).collect::<Vec<_>>(),
-        "minimum": allan.minimum().map(|point| json!({
-            "unit": units.rate,
-            "tau_s": point.tau_s,
-            "adev_in_unit": point.adev,
-            "interval_in_unit": point.interval,
-            "at_end": allan.falls_to_the_end(),
-        })),
-        "model": allan.model.as_ref().map(|fit| model(fit, units)),
-    })
-}
+CurveView(allan: &Allan, units: &NoiseUnits) {
+    unit: &'static str = units.rate,
+    tau_s: Vec<f64> = allan.points.iter().map(|point| point.tau_s).collect(),
+    adev_in_unit: Vec<f64> = allan.points.iter().map(|point| point.adev).collect(),
+    interval_in_unit: Vec<Option<[f64; 2]>> = allan.points.iter().map(|point| point.interval).collect(),
+    degrees_of_freedom: Vec<Option<f64>> = allan.points.iter().map(|point| point.freedom).collect(),
+    minimum: Option<MinimumView> = allan.minimum().map(|_| MinimumView::of(allan, units)),
+    model: Option<ModelView> = allan.model.as_ref().map(|fit| ModelView::of(fit, units)),
+}}
 
-fn model(model: &ModelFit, units: &NoiseUnits) -> Value {
-    let coefficients = model.coefficients.iter().enumerate().map(|(k, coefficient)| {
-        let (unit, factor) = units.coefficients[k];
-        let mut document = scaled(coefficient, unit, factor);
-        document["letter"] = json!(COEFFICIENTS[k]);
-        document["name"] = json!(units.names[k]);
-        document
-    });
-    let [_, white, flicker, _] = &model.coefficients;
-    json!({
-        "holds": model.holds(),
-        "chi_square": model.chi_square,
-        "degrees_of_freedom": model.freedom,
-        "fitted_s": model.fitted_s,
-        "coefficients": coefficients.collect::<Vec<_>>(),
-        "two_sided_density": scaled(white, units.density, 1.0),
-        "one_sided_density": scaled(white, units.density, SQRT_2),
-        "flicker_floor": scaled(flicker, units.rate, FLICKER_FLOOR),
-    })
-}
+view! { MinimumView(allan: &Allan, units: &NoiseUnits) {
+    unit: &'static str = units.rate,
+    tau_s: Option<f64> = allan.minimum().map(|point| point.tau_s),
+    adev_in_unit: Option<f64> = allan.minimum().map(|point| point.adev),
+    interval_in_unit: Option<[f64; 2]> = allan.minimum().and_then(|point| point.interval),
+    at_end: bool = allan.falls_to_the_end(),
+}}
 
+view! { ModelView(model: &ModelFit, units: &NoiseUnits) {
+    holds: bool = model.holds(),
+    chi_square: f64 = model.chi_square,
+    degrees_of_freedom: usize = model.freedom,
+    fitted_s: [f64; 2] = model.fitted_s,
+    coefficients: [NamedView; 4] = [0, 1, 2, 3].map(|k| NamedView::of(&model.coefficients[k], units, k)),
+    two_sided_density: CoefficientView = CoefficientView::of(&model.coefficients[1], units.density, 1.0),
+    one_sided_density: CoefficientView = CoefficientView::of(&model.coefficients[1], units.density, SQRT_2),
+    flicker_floor: CoefficientView = CoefficientView::of(&model.coefficients[2], units.rate, FLICKER_FLOOR),
+}}
+
+view! { NamedView(coefficient: &Coefficient, units: &NoiseUnits, k: usize) {
+    letter: &'static str = COEFFICIENTS[k],
+    name: &'static str = units.names[k],
+    #[serde(flatten)]
+    coefficient: CoefficientView =
+        CoefficientView::of(coefficient, units.coefficients[k].0, units.coefficients[k].1),
+}}
+
+view! {
 /// A coefficient times a factor: value and range, or what it is below.
-fn scaled(coefficient: &Coefficient, unit: &str, factor: f64) -> Value {
-    json!({
-        "unit": unit,
-        "value_in_unit": coefficient.value * factor,
-        "range_in_unit": coefficient.range.map(|range| range.map(|end| end * factor)),
-        "below_in_unit": coefficient.below().map(|below| below * factor),
-    })
-}
+CoefficientView(coefficient: &Coefficient, unit: &'static str, factor: f64) {
+    unit: &'static str = unit,
+    value_in_unit: f64 = coefficient.value * factor,
+    range_in_unit: Option<[f64; 2]> = coefficient.range.map(|range| range.map(|end| end * factor)),
+    below_in_unit: Option<f64> = coefficient.below().map(|below| below * factor),
+}}

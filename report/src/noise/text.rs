@@ -1,7 +1,8 @@
 //! The noise of an IMU as the text that the command prints.
 
+use core::f64::consts::SQRT_2;
 use isotherm_analysis::{
-    Allan, COEFFICIENTS, Coefficient, FLICKER_FLOOR, NoiseAnalysis, NoiseUnits, SensorNoise, TemperatureLine,
+    Allan, COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit, NoiseAnalysis, NoiseUnits, SensorNoise, TemperatureLine,
 };
 use std::fmt::Write as _;
 
@@ -65,46 +66,41 @@ pub(crate) fn slope(line: &TemperatureLine, units: &NoiseUnits) -> String {
 
 /// The coefficients, what is to be said of them, and the minimum of the curve.
 fn curve(allan: &Allan, units: &NoiseUnits, indent: &str) -> String {
-    let mut text = String::new();
-    if let Some(model) = &allan.model {
-        for (k, coefficient) in model.coefficients.iter().enumerate() {
-            let (unit, factor) = units.coefficients[k];
-            let name = format!("{indent}{} {}", COEFFICIENTS[k], units.names[k]);
-            let [value, range] = shown(coefficient, factor);
-            let _ = writeln!(text, "{name:30} {value:>11}   {range:24} {unit}");
-        }
-        let [_, white, flicker, _] = &model.coefficients;
-        let density = |factor: f64| either(white, factor);
-        let _ = writeln!(
-            text,
-            "{indent}density of N: two-sided {}, one-sided (data sheets) {} {}",
-            density(1.0),
-            density(core::f64::consts::SQRT_2),
-            units.density
-        );
-        let _ = writeln!(text, "{indent}floor of B, 0.664 B: {} {}", either(flicker, FLICKER_FLOOR), units.rate);
-        let _ = writeln!(
-            text,
-            "{indent}the model {}: chi-square {:.1} for {} degrees of freedom, tau from {:.4} s to {:.4} s",
-            if model.holds() { "holds" } else { "does not hold, no ranges are given" },
-            model.chi_square,
-            model.freedom,
-            model.fitted_s[0],
-            model.fitted_s[1]
-        );
-    } else {
-        let _ = writeln!(text, "{indent}the model cannot be fitted: the counts repeat a pattern");
-    }
+    let mut lines = match &allan.model {
+        Some(model) => fit(model, units, indent),
+        None => vec!["the model cannot be fitted: the counts repeat a pattern".to_owned()],
+    };
     if let Some(point) = allan.minimum() {
         let interval = point.interval.map_or_else(String::new, |[low, high]| format!(" ({low:.3e} .. {high:.3e})"));
         let end = if allan.falls_to_the_end() { ", the longest tau: it may fall further" } else { "" };
-        let _ = writeln!(
-            text,
-            "{indent}minimum of the curve: {:.3e}{interval} {} at tau = {:.4} s{end}",
-            point.adev, units.rate, point.tau_s
-        );
+        let (adev, tau_s, rate) = (point.adev, point.tau_s, units.rate);
+        lines.push(format!("minimum of the curve: {adev:.3e}{interval} {rate} at tau = {tau_s:.4} s{end}"));
     }
-    text
+    lines.iter().map(|line| format!("{indent}{line}\n")).collect()
+}
+
+/// The lines of a model, which will be indented.
+fn fit(model: &ModelFit, units: &NoiseUnits, indent: &str) -> Vec<String> {
+    let coefficient = |(k, coefficient): (usize, &Coefficient)| {
+        let (unit, factor) = units.coefficients[k];
+        let [value, range] = shown(coefficient, factor);
+        let (name, width) = (format!("{} {}", COEFFICIENTS[k], units.names[k]), 30 - indent.len());
+        format!("{name:width$} {value:>11}   {range:24} {unit}")
+    };
+    let mut lines: Vec<_> = model.coefficients.iter().enumerate().map(coefficient).collect();
+    let [_, white, flicker, _] = &model.coefficients;
+    let (two_sided, one_sided) = (either(white, 1.0), either(white, SQRT_2));
+    let holds = if model.holds() { "holds" } else { "does not hold, no ranges are given" };
+    let [from_s, to_s] = model.fitted_s;
+    lines.extend([
+        format!("density of N: two-sided {two_sided}, one-sided (data sheets) {one_sided} {}", units.density),
+        format!("floor of B, 0.664 B: {} {}", either(flicker, FLICKER_FLOOR), units.rate),
+        format!(
+            "the model {holds}: chi-square {:.1} for {} degrees of freedom, tau from {from_s:.4} s to {to_s:.4} s",
+            model.chi_square, model.freedom
+        ),
+    ]);
+    lines
 }
 
 /// Value and range of a coefficient.

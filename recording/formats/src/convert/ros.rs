@@ -4,7 +4,7 @@
 //! its time; so the file is read twice, first for the topics and the temperatures.
 
 use super::{Reading, Settings, Source, pulses};
-use crate::read::records::{Records, RecordsError};
+use crate::read::records::Records;
 use crate::ros::{Encoding, IMU, Imu, TEMPERATURE, Temperature};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::open_recording;
@@ -65,6 +65,22 @@ struct Channel {
     schema: String,
     kind: MessageKind,
     encoding: Encoding,
+}
+
+impl Channel {
+    fn new(topic: String, schema: String, encoding: &str) -> Self {
+        let encoding = match encoding {
+            "cdr" => Some(Encoding::Cdr),
+            "ros1" => Some(Encoding::Ros1),
+            _ => None,
+        };
+        let kind = match (schema.replace("/msg/", "/").as_str(), encoding) {
+            ("sensor_msgs/Imu", Some(_)) => MessageKind::Imu,
+            ("sensor_msgs/Temperature", Some(_)) => MessageKind::Temperature,
+            _ => MessageKind::Other,
+        };
+        Self { topic, schema, kind, encoding: encoding.unwrap_or(Encoding::Cdr) }
+    }
 }
 
 /// A message and its channel.
@@ -265,29 +281,15 @@ impl Messages {
     /// The next message and its channel.
     fn next(&mut self) -> Result<Option<OfChannel>, RecordingError> {
         loop {
-            let record = match self.records.next() {
-                Ok(Some(record)) => record,
-                Ok(None) => return Ok(None),
-                Err(RecordsError::Io(error)) => return Err(error.into()),
-                Err(RecordsError::Invalid(message)) => return Err(self.error(self.count, message)),
-            };
+            let record = self.records.next();
+            let record = record.map_err(|error| error.located(|message| self.error(self.count, message)))?;
+            let Some(record) = record else { return Ok(None) };
             match record {
                 Record::Schema { header, .. } => drop(self.schemas.insert(header.id, header.name)),
                 Record::Channel(channel) => {
                     let schema = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
-                    let encoding = match channel.message_encoding.as_str() {
-                        "cdr" => Some(Encoding::Cdr),
-                        "ros1" => Some(Encoding::Ros1),
-                        _ => None,
-                    };
-                    let kind = match (schema.replace("/msg/", "/").as_str(), encoding) {
-                        ("sensor_msgs/Imu", Some(_)) => MessageKind::Imu,
-                        ("sensor_msgs/Temperature", Some(_)) => MessageKind::Temperature,
-                        _ => MessageKind::Other,
-                    };
-                    let encoding = encoding.unwrap_or(Encoding::Cdr);
-                    let id = channel.id;
-                    self.channels.insert(id, Rc::new(Channel { topic: channel.topic, schema, kind, encoding }));
+                    let encoding = &channel.message_encoding;
+                    self.channels.insert(channel.id, Rc::new(Channel::new(channel.topic, schema, encoding)));
                 }
                 Record::Message { header, data } => {
                     self.count += 1;

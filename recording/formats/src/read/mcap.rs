@@ -2,12 +2,12 @@
 //! that an unfinished file is read up to its last complete record.
 
 use super::fields::{FieldMap, decode, map_fields};
-use super::records::{Records, RecordsError};
+use super::records::Records;
 use super::table::{ImuChoice, TableReader, WantedColumn};
 use crate::protobuf;
 use isotherm_recording::RecordingError;
 use isotherm_shared::stream::ImuId;
-use mcap::records::Record;
+use mcap::records::{Channel, Record};
 use std::collections::{BTreeSet, HashMap};
 use std::io::Read;
 use std::rc::Rc;
@@ -68,42 +68,49 @@ impl McapReader {
                     None => {}
                 }
             }
-            Record::Channel(channel) => {
-                let topic = channel.topic.trim_start_matches('/').to_owned();
-                let stream = topic.strip_prefix("isotherm/").and_then(|rest| rest.rsplit_once('/'));
-                let imu = stream.and_then(|(imu, _)| ImuId::new(imu));
-                let is_raw = imu.is_some() && stream.is_some_and(|(_, stream)| stream == "raw");
-                if let Some(fields) = self.schemas.get(&channel.schema_id)
-                    && channel.message_encoding == "protobuf"
-                    && (is_raw || !self.raw)
-                {
-                    let fields = Rc::clone(fields);
-                    self.channels.insert(channel.id, OpenChannel { topic, imu, fields, selected: false });
-                    self.new_channel = true;
-                }
-            }
-            Record::Message { header, data } => {
-                self.messages += 1;
-                if std::mem::take(&mut self.new_channel) {
-                    self.check_choice()?;
-                    let selected =
-                        self.channels.iter().filter(|(_, channel)| self.is_selected(channel)).map(|(id, _)| *id);
-                    for id in selected.collect::<Vec<_>>() {
-                        self.channels.entry(id).and_modify(|channel| channel.selected = true);
-                    }
-                }
-                if let Some(channel) = self.channels.get(&header.channel_id).filter(|channel| channel.selected) {
-                    if self.delivered.is_none() {
-                        self.delivered = Some(self.stream_of(channel).to_owned());
-                    }
-                    let fields = Rc::clone(&channel.fields);
-                    decode(&data, &self.wanted, &fields, values).map_err(|message| self.error(message))?;
-                    return Ok(true);
-                }
-            }
+            Record::Channel(channel) => self.take_channel(&channel),
+            Record::Message { header, data } => return self.take_message(header.channel_id, &data, values),
             _ => {}
         }
         Ok(false)
+    }
+
+    /// Keeps a channel that has the wanted columns.
+    fn take_channel(&mut self, channel: &Channel) {
+        let topic = channel.topic.trim_start_matches('/').to_owned();
+        let stream = topic.strip_prefix("isotherm/").and_then(|rest| rest.rsplit_once('/'));
+        let imu = stream.and_then(|(imu, _)| ImuId::new(imu));
+        let is_raw = imu.is_some() && stream.is_some_and(|(_, stream)| stream == "raw");
+        if let Some(fields) = self.schemas.get(&channel.schema_id)
+            && channel.message_encoding == "protobuf"
+            && (is_raw || !self.raw)
+        {
+            let fields = Rc::clone(fields);
+            self.channels.insert(channel.id, OpenChannel { topic, imu, fields, selected: false });
+            self.new_channel = true;
+        }
+    }
+
+    fn take_message(
+        &mut self,
+        channel: u16,
+        data: &[u8],
+        values: &mut Vec<Option<u64>>,
+    ) -> Result<bool, RecordingError> {
+        self.messages += 1;
+        if std::mem::take(&mut self.new_channel) {
+            self.check_choice()?;
+            let selected = self.channels.iter().filter(|(_, channel)| self.is_selected(channel)).map(|(id, _)| *id);
+            for id in selected.collect::<Vec<_>>() {
+                self.channels.entry(id).and_modify(|channel| channel.selected = true);
+            }
+        }
+        let Some(channel) = self.channels.get(&channel).filter(|channel| channel.selected) else { return Ok(false) };
+        if self.delivered.is_none() {
+            self.delivered = Some(self.stream_of(channel).to_owned());
+        }
+        decode(data, &self.wanted, &channel.fields, values).map_err(|message| self.error(message))?;
+        Ok(true)
     }
 
     /// The name that identifies a channel's stream: the IMU's name, or the topic if any stream is wanted.
@@ -153,19 +160,14 @@ impl McapReader {
 
     fn nothing_to_read(&self) -> String {
         let streams = self.streams();
-        let names = || streams.iter().copied().collect::<Vec<_>>().join(", ");
+        let why = self.unreadable.as_ref().map(|why| format!("; {why}")).unwrap_or_default();
         match (&self.choice, self.raw) {
             (ImuChoice::Only(wanted) | ImuChoice::Prefer(wanted), true) if !streams.is_empty() => {
-                format!("no raw samples of {wanted}, but of {}; choose with --imu", names())
+                let names = streams.into_iter().collect::<Vec<_>>().join(", ");
+                format!("no raw samples of {wanted}, but of {names}; choose with --imu")
             }
-            (_, true) => {
-                let why = self.unreadable.as_ref().map(|why| format!("; {why}")).unwrap_or_default();
-                format!("no raw samples (a channel isotherm/<imu>/raw with messages isotherm.RawSample){why}")
-            }
-            (_, false) => {
-                let why = self.unreadable.as_ref().map(|why| format!("; {why}")).unwrap_or_default();
-                format!("no channel with protobuf messages that have these columns{why}")
-            }
+            (_, true) => format!("no raw samples (a channel isotherm/<imu>/raw with messages isotherm.RawSample){why}"),
+            (_, false) => format!("no channel with protobuf messages that have these columns{why}"),
         }
     }
 }
@@ -177,12 +179,8 @@ impl TableReader for McapReader {
 
     fn read(&mut self, values: &mut Vec<Option<u64>>) -> Result<bool, RecordingError> {
         loop {
-            let record = match self.records.next() {
-                Ok(record) => record,
-                Err(RecordsError::Io(error)) => return Err(error.into()),
-                Err(RecordsError::Invalid(message)) => return Err(self.error(message)),
-            };
-            match record {
+            let record = self.records.next();
+            match record.map_err(|error| error.located(|message| self.error(message)))? {
                 Some(record) => {
                     if self.take_record(record, values)? {
                         return Ok(true);

@@ -81,33 +81,15 @@ impl ParquetReader {
         choice: &ImuChoice,
         bar: &ProgressBar,
     ) -> Result<Self, RecordingError> {
-        let wrong = |message: String| RecordingError::Place { place: "footer".to_owned(), message };
         let size = file.metadata()?.len();
-        let cut = || wrong("the end of the Parquet file is missing; is it cut?".to_owned());
-        let mut tail = [0; 8];
-        file.read_exact_at(&mut tail, size.checked_sub(8).ok_or_else(cut)?)?;
-        let [length @ .., _, _, _, _] = tail;
-        let length = u64::from(u32::from_le_bytes(length));
-        if !tail.ends_with(PARQUET_MAGIC) || length > size {
-            return Err(cut());
-        }
-        if length > MAX_FOOTER {
-            return Err(wrong(format!("{length} bytes; at most {MAX_FOOTER} are read: make larger row groups")));
-        }
-        let mut footer = vec![0; length as usize];
-        file.read_exact_at(&mut footer, (size - 8).checked_sub(length).ok_or_else(cut)?)?;
-        if !pages::is_footer(&footer) {
-            return Err(wrong("not a valid Parquet file".to_owned()));
-        }
-        let opened = catch_panic(|| file.try_clone().map(SerializedFileReader::new));
-        let reader = match opened {
+        check_footer(&file, size)?;
+        let reader = match catch_panic(|| file.try_clone().map(SerializedFileReader::new)) {
             Some(Ok(Ok(reader))) => reader,
             Some(Ok(Err(error))) => {
-                let error = cause(error);
-                return Err(located(error, |error| wrong(format!("not a valid Parquet file: {error}"))));
+                return Err(located(cause(error), |error| in_footer(format!("{NOT_VALID}: {error}"))));
             }
             Some(Err(error)) => return Err(error.into()),
-            None => return Err(wrong("not a valid Parquet file".to_owned())),
+            None => return Err(in_footer(NOT_VALID.to_owned())),
         };
         let metadata = reader.metadata().file_metadata();
         let imu = metadata.key_value_metadata().into_iter().flatten().find(|entry| entry.key == "isotherm.imu");
@@ -115,14 +97,14 @@ impl ParquetReader {
         if let (ImuChoice::Only(wanted), Some(imu)) = (choice, &imu)
             && imu != wanted.as_str()
         {
-            return Err(wrong(format!("samples of {}, not of {wanted}; choose with --imu", imu.escape_debug())));
+            return Err(in_footer(format!("samples of {}, not of {wanted}; choose with --imu", imu.escape_debug())));
         }
         let rows = u64::try_from(metadata.num_rows()).unwrap_or(0);
         let schema = metadata.schema_descr();
         let names: Vec<_> = (0..schema.num_columns()).map(|index| schema.column(index).path().string()).collect();
-        let wanted = wanted(&names).map_err(wrong)?;
-        let columns = find(schema, &names, &wanted).map_err(wrong)?;
-        check_compression(&reader, &columns).map_err(wrong)?;
+        let wanted = wanted(&names).map_err(in_footer)?;
+        let columns = find(schema, &names, &wanted).map_err(in_footer)?;
+        check_compression(&reader, &columns).map_err(in_footer)?;
         Ok(Self {
             file,
             reader,
@@ -247,6 +229,30 @@ impl TableReader for ParquetReader {
     }
 }
 
+const NOT_VALID: &str = "not a valid Parquet file";
+
+fn in_footer(message: String) -> RecordingError {
+    RecordingError::Place { place: "footer".to_owned(), message }
+}
+
+/// Checks that a file of this size has a footer that the library can read.
+fn check_footer(file: &File, size: u64) -> Result<(), RecordingError> {
+    let cut = || in_footer("the end of the Parquet file is missing; is it cut?".to_owned());
+    let mut tail = [0; 8];
+    file.read_exact_at(&mut tail, size.checked_sub(8).ok_or_else(cut)?)?;
+    let [length @ .., _, _, _, _] = tail;
+    let length = u64::from(u32::from_le_bytes(length));
+    if !tail.ends_with(PARQUET_MAGIC) || length > size {
+        return Err(cut());
+    }
+    if length > MAX_FOOTER {
+        return Err(in_footer(format!("{length} bytes; at most {MAX_FOOTER} are read: make larger row groups")));
+    }
+    let mut footer = vec![0; length as usize];
+    file.read_exact_at(&mut footer, (size - 8).checked_sub(length).ok_or_else(cut)?)?;
+    if pages::is_footer(&footer) { Ok(()) } else { Err(in_footer(NOT_VALID.to_owned())) }
+}
+
 /// The operating system's error in an error of the library; otherwise the library's message, in an error without a
 /// code.
 fn cause(error: ParquetError) -> io::Error {
@@ -333,18 +339,12 @@ fn batch<T: DataType>(
     for row in 0..rows {
         // A column that may lack values has a level for each row: 0 where the value is missing.
         let present = levels.get(row).is_none_or(|level| *level > 0);
-        let next = match (present, found.absence) {
-            (true, _) => Some(values.next().and_then(&value)),
-            (false, Absence::Kept) => None,
-            (false, Absence::Refused) => Some(missing),
-        };
-        decoded.push(match next {
-            None => None,
-            Some(Some(bits)) => Some(bits),
-            Some(None) => {
-                return Err(io::Error::other(format!("no value, or not {}", found.kind.expected())));
-            }
-        });
+        let next = if present { values.next().and_then(&value) } else { missing };
+        let is_kept = !present && found.absence == Absence::Kept;
+        if !is_kept && next.is_none() {
+            return Err(io::Error::other(format!("no value, or not {}", found.kind.expected())));
+        }
+        decoded.push(next.filter(|_| !is_kept));
     }
     Ok(())
 }

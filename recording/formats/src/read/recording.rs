@@ -11,7 +11,7 @@ use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::open_recording;
 use isotherm_finding::{Finding, Location, name};
 use isotherm_recording::columns::{ColumnSet, GYROSCOPES, LAG_NS, MCAP_MAGIC, PARQUET_MAGIC, RAW, store};
-use isotherm_recording::{CampaignCsvReader, CampaignRow, RawCsvReader, RecordingError, SequenceRule};
+use isotherm_recording::{CampaignCsvReader, CampaignRow, POSITION, RecordingError, SET_POINT, SequenceRule};
 use isotherm_shared::lag::LagCompletion;
 use isotherm_shared::wire::{RawSample, Triad};
 use sha2::{Digest as _, Sha256};
@@ -56,8 +56,7 @@ struct Piece {
 }
 
 enum PieceSource {
-    Csv(Box<RawCsvReader<Box<dyn Read>>>),
-    CampaignCsv(Box<CampaignCsvReader<Box<dyn Read>>>),
+    Csv(Box<CampaignCsvReader<Box<dyn Read>>>),
     Table(Box<dyn TableReader>, SequenceRule, Vec<Option<u64>>),
 }
 
@@ -98,12 +97,7 @@ impl Recording {
             let row = row.map_err(|error| error.failure(path))?;
             if let Some(imu) = piece.source.imu() {
                 let (first, of) = known.get_or_insert_with(|| (path.to_owned(), imu.to_owned()));
-                if of != imu {
-                    let (first, path, imu, of) =
-                        (first.display(), path.display(), imu.escape_debug(), of.escape_debug());
-                    let message = format!("{path} is of {imu}, but {first} of {of}; give the pieces of one IMU");
-                    return Err(Failure::new(Exit::Data, message));
-                }
+                refuse_other_imu((path, imu), (first, of))?;
             }
             Ok(row.map(|row| (piece.source.recorded_ns(), row.sample.timestamp_ns)))
         };
@@ -263,10 +257,13 @@ impl Piece {
         let failed = |error: RecordingError| error.failure(path);
         let columns = || sample_columns(kind == RowKind::Campaign);
         let source = match open_source(path, bar, hash)? {
-            Opened::Csv(source) if kind == RowKind::Campaign => {
-                PieceSource::CampaignCsv(Box::new(CampaignCsvReader::new(source).map_err(failed)?))
+            Opened::Csv(source) => {
+                let reader = match kind {
+                    RowKind::Sample => CampaignCsvReader::of_samples(source),
+                    RowKind::Campaign => CampaignCsvReader::new(source),
+                };
+                PieceSource::Csv(Box::new(reader.map_err(failed)?))
             }
-            Opened::Csv(source) => PieceSource::Csv(Box::new(RawCsvReader::new(source).map_err(failed)?)),
             Opened::Mcap(source) => table_source(McapReader::new(source, columns(), choice.clone(), true)),
             Opened::Parquet(file) => {
                 table_source(ParquetReader::open(file, |_| Ok(columns()), choice, bar).map_err(failed)?)
@@ -280,50 +277,41 @@ impl Piece {
         match &mut self.source {
             PieceSource::Csv(reader) => {
                 reader.set_sequence_rule(rule);
-                let sample = reader.next().transpose()?;
-                let line = reader.line();
-                Ok(sample.map(|sample| CampaignRow { line, set_point_c: 0.0, position: None, sample }))
-            }
-            PieceSource::CampaignCsv(reader) => {
-                reader.set_sequence_rule(rule);
                 reader.next().transpose()
             }
             PieceSource::Table(reader, own_rule, values) => {
                 if !reader.read(values)? {
                     return Ok(None);
                 }
-                let mut sample = RawSample::default();
-                for (index, value) in values.iter().enumerate().take(RAW.len()) {
-                    value.iter().for_each(|value| store(&mut sample, index, *value));
-                }
-                // Without gyroscopes the file may still have columns for their lagged telemetry.
-                if values[GYROSCOPES].is_none() {
-                    sample.gyroscopes = Triad::default();
-                }
                 *own_rule = rule;
-                own_rule.check(&sample).map_err(|message| reader.error(message))?;
-                let number = |index: usize| values.get(RAW.len() + index).copied().flatten().map(f64::from_bits);
-                let set_point_c = number(0).unwrap_or(0.0);
-                if !set_point_c.is_finite() {
-                    return Err(
-                        reader.error(format!("set_point_c is {set_point_c}, give the chamber's set point in degC"))
-                    );
-                }
-                // Programs that cannot write a missing integer write NaN.
-                let position = number(1).filter(|position| !position.is_nan());
-                let to_integer = |number: f64| {
-                    (number.fract() == 0.0 && (0.0..4_294_967_296.0).contains(&number)).then_some(number as u32)
-                };
-                let position = match position.map(|number| to_integer(number).ok_or(number)).transpose() {
-                    Ok(position) => position,
-                    Err(number) => {
-                        let expected = "the number of a position, or nothing while the turntable moves";
-                        return Err(reader.error(format!("position is {number}, give {expected}")));
-                    }
-                };
-                Ok(Some(CampaignRow { line: reader.row(), set_point_c, position, sample }))
+                row_of(values, reader.row(), own_rule).map(Some).map_err(|message| reader.error(message))
             }
         }
+    }
+}
+
+/// The row that the values of a binary format are; `number` is its own. `Err` says what is wrong with it.
+fn row_of(values: &[Option<u64>], number: u64, rule: &mut SequenceRule) -> Result<CampaignRow, String> {
+    let mut sample = RawSample::default();
+    for (index, value) in values.iter().enumerate().take(RAW.len()) {
+        value.iter().for_each(|value| store(&mut sample, index, *value));
+    }
+    // Without gyroscopes the file may still have columns for their lagged telemetry.
+    if values[GYROSCOPES].is_none() {
+        sample.gyroscopes = Triad::default();
+    }
+    rule.check(&sample)?;
+    let campaign = |index: usize| values.get(RAW.len() + index).copied().flatten().map(f64::from_bits);
+    let set_point_c = campaign(0).unwrap_or(0.0);
+    if !set_point_c.is_finite() {
+        return Err(format!("set_point_c is {set_point_c}, give {SET_POINT}"));
+    }
+    // Programs that cannot write a missing integer write NaN.
+    let position = campaign(1).filter(|position| !position.is_nan());
+    let is_number = |position: &f64| position.fract() == 0.0 && (0.0..4_294_967_296.0).contains(position);
+    match position {
+        Some(position) if !is_number(&position) => Err(format!("position is {position}, give {POSITION}")),
+        _ => Ok(CampaignRow { line: number, set_point_c, position: position.map(|number| number as u32), sample }),
     }
 }
 
@@ -334,8 +322,7 @@ fn table_source(reader: impl TableReader + 'static) -> PieceSource {
 impl PieceSource {
     fn sequence_rule(&self) -> SequenceRule {
         match self {
-            Self::Csv(reader) => reader.sequence_rule(),
-            Self::CampaignCsv(reader) => reader.sequence_rule(),
+            Self::Csv(reader) => reader.samples().sequence_rule(),
             Self::Table(_, rule, _) => *rule,
         }
     }
@@ -343,8 +330,7 @@ impl PieceSource {
     /// Line or number of the last row.
     fn place(&self) -> u64 {
         match self {
-            Self::Csv(reader) => reader.line(),
-            Self::CampaignCsv(reader) => reader.line(),
+            Self::Csv(reader) => reader.samples().line(),
             Self::Table(reader, ..) => reader.row(),
         }
     }
@@ -352,7 +338,7 @@ impl PieceSource {
     /// The unit that [`place`](Self::place) counts; `None` for lines.
     fn unit(&self) -> Option<&'static str> {
         match self {
-            Self::Csv(_) | Self::CampaignCsv(_) => None,
+            Self::Csv(_) => None,
             Self::Table(reader, ..) => Some(reader.unit()),
         }
     }
@@ -360,7 +346,7 @@ impl PieceSource {
     /// The IMU of the rows, where the piece names it. Valid after the first row.
     fn imu(&self) -> Option<&str> {
         match self {
-            Self::Csv(_) | Self::CampaignCsv(_) => None,
+            Self::Csv(_) => None,
             Self::Table(reader, ..) => reader.imu(),
         }
     }
@@ -368,8 +354,7 @@ impl PieceSource {
     /// When the recorder received the last row, Unix time \[ns\].
     fn recorded_ns(&self) -> Option<u64> {
         match self {
-            Self::Csv(reader) => reader.recorded_ns(),
-            Self::CampaignCsv(_) => None,
+            Self::Csv(reader) => reader.samples().recorded_ns(),
             Self::Table(_, _, values) => values.first().copied().flatten().filter(|ns| *ns > 0),
         }
     }
@@ -377,8 +362,7 @@ impl PieceSource {
     /// Whether the last row has lagged telemetry.
     fn has_lag(&self) -> bool {
         match self {
-            Self::Csv(reader) => reader.has_lag(),
-            Self::CampaignCsv(reader) => reader.has_lag(),
+            Self::Csv(reader) => reader.samples().has_lag(),
             Self::Table(_, _, values) => values.get(LAG_NS).is_some_and(Option::is_some),
         }
     }
@@ -386,8 +370,7 @@ impl PieceSource {
     /// A warning if the end of the piece is missing.
     fn truncation(&self) -> Option<String> {
         match self {
-            Self::Csv(reader) => reader.truncation(),
-            Self::CampaignCsv(reader) => reader.truncation(),
+            Self::Csv(reader) => reader.samples().truncation(),
             Self::Table(reader, ..) => reader.truncation(),
         }
     }
@@ -479,6 +462,15 @@ pub(super) fn in_order<T>(
     // The sort is stable, and `None` is less than any time.
     pieces.sort_by_key(|(time, _)| *time);
     Ok(pieces.into_iter().map(|(_, path)| path.clone()).collect())
+}
+
+/// Refuses a piece of another IMU than that of the first piece.
+fn refuse_other_imu((path, imu): (&Path, &str), (first, of): (&Path, &str)) -> Result<(), Failure> {
+    if imu == of {
+        return Ok(());
+    }
+    let (first, path, imu, of) = (first.display(), path.display(), imu.escape_debug(), of.escape_debug());
+    Err(Failure::new(Exit::Data, format!("{path} is of {imu}, but {first} of {of}; give the pieces of one IMU")))
 }
 
 /// An optional column with a time by which pieces are sorted.

@@ -1,6 +1,7 @@
 //! The schemas, channels and messages of an MCAP file, from beginning to end, without its index.
 
 use super::panics::catch_panic;
+use isotherm_recording::RecordingError;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{McapError, parse_record};
@@ -28,6 +29,16 @@ pub(crate) enum RecordsError {
     Io(io::Error),
     /// The file is not valid.
     Invalid(String),
+}
+
+impl RecordsError {
+    /// The error of a reader: `invalid` tells where the file is not valid.
+    pub(crate) fn located(self, invalid: impl FnOnce(String) -> RecordingError) -> RecordingError {
+        match self {
+            Self::Io(error) => error.into(),
+            Self::Invalid(message) => invalid(message),
+        }
+    }
 }
 
 /// An event of the library's reader.

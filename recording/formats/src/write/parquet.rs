@@ -34,16 +34,11 @@ const MAGIC: &[u8] = b"PAR1";
 /// A Parquet file of one stream that is being written.
 pub(super) struct ParquetFile {
     path: PathBuf,
-    layout: Layout,
-    schema: TypePtr,
-    properties: WriterPropertiesPtr,
+    encoder: Encoder,
     /// Length of the body: magic number and full row groups \[bytes\].
     body: u64,
     /// The end of the body: the bytes that are not yet in both files.
     recent: Vec<u8>,
-    groups: Vec<RowGroupMetaData>,
-    /// The open row group.
-    open: ParquetColumns,
     /// The file under the name, and how much of the body it has \[bytes\].
     visible: (File, u64),
     /// The hidden file, in the same way; `None` before the first flush, and always between flushes if names cannot be
@@ -61,20 +56,16 @@ impl ParquetFile {
     /// # Errors
     /// If it exists or cannot be written.
     pub(super) fn create(path: &Path, imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<Self> {
-        let (schema, properties, open) = begin(imu, stream, layout).map_err(io_error)?;
+        let mut encoder = Encoder::new(imu, stream, layout)?;
         let mut bytes = MAGIC.to_vec();
-        bytes.append(&mut footer(&schema, &properties, &mut Vec::new(), None).map_err(io_error)?);
-        let body = MAGIC.len() as u64;
+        bytes.append(&mut encoder.footer(None)?);
+        let (visible, body) = (create(path, &bytes)?, MAGIC.len() as u64);
         Ok(Self {
             path: path.to_owned(),
-            layout,
-            schema,
-            properties,
+            encoder,
             body,
             recent: Vec::new(),
-            groups: Vec::new(),
-            open,
-            visible: (create(path, &bytes)?, body),
+            visible: (visible, body),
             hidden: None,
             tail: 0,
             exchanges: true,
@@ -86,11 +77,9 @@ impl ParquetFile {
     /// # Errors
     /// If the library refuses it.
     pub(super) fn change_layout(&mut self, imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<()> {
-        if layout == self.layout {
-            return Ok(());
+        if layout != self.encoder.layout {
+            self.encoder = Encoder::new(imu, stream, layout)?;
         }
-        let (schema, properties, open) = begin(imu, stream, layout).map_err(io_error)?;
-        (self.layout, self.schema, self.properties, self.open) = (layout, schema, properties, open);
         Ok(())
     }
 
@@ -99,15 +88,11 @@ impl ParquetFile {
     /// # Errors
     /// If the library refuses it.
     pub(super) fn write(&mut self, row: &RecordedRow) -> io::Result<()> {
-        self.open.push(row, self.layout);
-        if self.open.rows < ROW_GROUP {
-            return Ok(());
+        if self.encoder.push(row) {
+            let mut bytes = self.encoder.end_group(self.body)?;
+            self.body += bytes.len() as u64;
+            self.recent.append(&mut bytes);
         }
-        let (mut bytes, group) = self.encode_open()?;
-        self.open.clear();
-        self.groups.push(group);
-        self.body += bytes.len() as u64;
-        self.recent.append(&mut bytes);
         Ok(())
     }
 
@@ -116,11 +101,11 @@ impl ParquetFile {
     /// # Errors
     /// If the disk is full, for example. Rows that were visible stay so, and the call can be repeated.
     pub(super) fn flush(&mut self) -> io::Result<()> {
-        let (mut tail, open) = match self.open.rows {
+        let (mut tail, open) = match self.encoder.open.rows {
             0 => (Vec::new(), None),
-            _ => self.encode_open().map(|(bytes, group)| (bytes, Some(group)))?,
+            _ => self.encoder.encode_open(self.body).map(|(bytes, group)| (bytes, Some(group)))?,
         };
-        tail.append(&mut footer(&self.schema, &self.properties, &mut self.groups, open).map_err(io_error)?);
+        tail.append(&mut self.encoder.footer(open)?);
         let (hidden, has) = match &mut self.hidden {
             Some(hidden) => hidden,
             None => self.hidden.insert((staged_file(&self.path)?, 0)),
@@ -173,23 +158,14 @@ impl ParquetFile {
         }
         Ok(())
     }
-
-    /// Encodes the open row group for the position after the body.
-    fn encode_open(&self) -> io::Result<(Vec<u8>, RowGroupMetaData)> {
-        encode(&self.schema, &self.properties, &self.open, self.body, self.groups.len()).map_err(io_error)
-    }
 }
 
 /// Rows that become one Parquet file from beginning to end, in any sink. Nothing can be read before it is finished.
 pub struct ParquetStream<W> {
     sink: W,
-    layout: Layout,
-    schema: TypePtr,
-    properties: WriterPropertiesPtr,
+    encoder: Encoder,
     /// Bytes written.
     length: u64,
-    groups: Vec<RowGroupMetaData>,
-    open: ParquetColumns,
 }
 
 impl<W: io::Write> ParquetStream<W> {
@@ -198,10 +174,9 @@ impl<W: io::Write> ParquetStream<W> {
     /// # Errors
     /// Those of the sink and of the library.
     pub fn new(mut sink: W, imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<Self> {
-        let (schema, properties, open) = begin(imu, stream, layout).map_err(io_error)?;
+        let encoder = Encoder::new(imu, stream, layout)?;
         sink.write_all(MAGIC)?;
-        let length = MAGIC.len() as u64;
-        Ok(Self { sink, layout, schema, properties, length, groups: Vec::new(), open })
+        Ok(Self { sink, encoder, length: MAGIC.len() as u64 })
     }
 
     /// Adds a row.
@@ -209,15 +184,11 @@ impl<W: io::Write> ParquetStream<W> {
     /// # Errors
     /// Those of the sink and of the library.
     pub fn write(&mut self, row: &RecordedRow) -> io::Result<()> {
-        self.open.push(row, self.layout);
-        if self.open.rows < ROW_GROUP { Ok(()) } else { self.end_group() }
+        if self.encoder.push(row) { self.end_group() } else { Ok(()) }
     }
 
     fn end_group(&mut self) -> io::Result<()> {
-        let (schema, properties, ordinal) = (&self.schema, &self.properties, self.groups.len());
-        let (bytes, group) = encode(schema, properties, &self.open, self.length, ordinal).map_err(io_error)?;
-        self.open.clear();
-        self.groups.push(group);
+        let bytes = self.encoder.end_group(self.length)?;
         self.length += bytes.len() as u64;
         self.sink.write_all(&bytes)
     }
@@ -227,23 +198,56 @@ impl<W: io::Write> ParquetStream<W> {
     /// # Errors
     /// Those of the sink and of the library.
     pub fn finish(mut self) -> io::Result<W> {
-        if self.open.rows > 0 {
+        if self.encoder.open.rows > 0 {
             self.end_group()?;
         }
-        let footer = footer(&self.schema, &self.properties, &mut self.groups, None).map_err(io_error)?;
-        self.sink.write_all(&footer)?;
+        self.sink.write_all(&self.encoder.footer(None)?)?;
         self.sink.flush()?;
         Ok(self.sink)
     }
 }
 
-/// What a file begins with: schema and properties, and an open row group without rows.
-type Beginning = (TypePtr, WriterPropertiesPtr, ParquetColumns);
+/// Makes the bytes of a file of one stream: row groups, then the footer.
+struct Encoder {
+    layout: Layout,
+    schema: TypePtr,
+    properties: WriterPropertiesPtr,
+    /// The full row groups so far.
+    groups: Vec<RowGroupMetaData>,
+    open: ParquetColumns,
+}
 
-fn begin(imu: &ImuId, stream: StreamKind, layout: Layout) -> Result<Beginning, ParquetError> {
-    let columns = columns(stream, layout);
-    let (schema, properties) = (schema(&columns)?, properties(&columns, imu, stream)?);
-    Ok((Arc::new(schema), Arc::new(properties), ParquetColumns::new(&columns)))
+impl Encoder {
+    fn new(imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<Self> {
+        let columns = columns(stream, layout);
+        let schema = Arc::new(schema(&columns).map_err(io_error)?);
+        let properties = Arc::new(properties(&columns, imu, stream).map_err(io_error)?);
+        Ok(Self { layout, schema, properties, groups: Vec::new(), open: ParquetColumns::new(&columns) })
+    }
+
+    /// Adds a row to the open row group. Returns whether the group is full.
+    fn push(&mut self, row: &RecordedRow) -> bool {
+        self.open.push(row, self.layout);
+        self.open.rows >= ROW_GROUP
+    }
+
+    /// Ends the open row group, which begins at `offset`. Returns its bytes.
+    fn end_group(&mut self, offset: u64) -> io::Result<Vec<u8>> {
+        let (bytes, group) = self.encode_open(offset)?;
+        self.open.clear();
+        self.groups.push(group);
+        Ok(bytes)
+    }
+
+    /// The bytes of the open row group, and its entry in the footer of a file in which it begins at `offset`.
+    fn encode_open(&self, offset: u64) -> io::Result<(Vec<u8>, RowGroupMetaData)> {
+        encode(&self.schema, &self.properties, &self.open, offset, self.groups.len()).map_err(io_error)
+    }
+
+    /// The footer of a file with the full row groups, and then `open`.
+    fn footer(&mut self, open: Option<RowGroupMetaData>) -> io::Result<Vec<u8>> {
+        footer(&self.schema, &self.properties, &mut self.groups, open).map_err(io_error)
+    }
 }
 
 fn copy(from: &File, to: &File, begin: u64, end: u64) -> io::Result<()> {
@@ -285,14 +289,19 @@ fn encode(
     bytes.truncate(end);
     bytes.drain(..MAGIC.len());
 
+    Ok((bytes, moved(&group, offset, ordinal)?))
+}
+
+/// The entry of a row group that begins at `offset`, and not behind the magic number.
+fn moved(group: &RowGroupMetaData, offset: u64, ordinal: usize) -> Result<RowGroupMetaData, ParquetError> {
     let shift = offset as i64 - MAGIC.len() as i64;
-    let moved = group.columns().iter().map(|column| {
+    let columns = group.columns().iter().map(|column| {
         let moved = column.clone().into_builder().set_data_page_offset(column.data_page_offset() + shift);
         moved.set_dictionary_page_offset(column.dictionary_page_offset().map(|offset| offset + shift)).build()
     });
-    let moved = moved.collect::<Result<Vec<_>, _>>()?;
-    let builder = (*group).clone().into_builder().set_column_metadata(moved).set_file_offset(offset as i64);
-    Ok((bytes, builder.set_ordinal(ordinal as i32).build()?))
+    let columns = columns.collect::<Result<Vec<_>, _>>()?;
+    let builder = group.clone().into_builder().set_column_metadata(columns).set_file_offset(offset as i64);
+    builder.set_ordinal(ordinal as i32).build()
 }
 
 /// Encodes the footer of a file with these row groups.

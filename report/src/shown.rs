@@ -1,0 +1,33 @@
+//! What text and page of a verification show in the same way.
+
+use isotherm_shared::table::AXIS_NAMES;
+use isotherm_verification::{Errors, Stability};
+
+/// How figures of a triad are shown.
+#[derive(Clone, Copy)]
+pub(crate) struct Shown {
+    /// From the triad's base unit to that of the page.
+    pub(crate) factor: f64,
+    /// Decimals.
+    pub(crate) places: usize,
+    pub(crate) unit: &'static str,
+    /// The unit of hysteresis bands on a page, which is the same in other words.
+    pub(crate) unit_of_band: &'static str,
+}
+
+pub(crate) const MICRO_G0: Shown = Shown { factor: 1e6, places: 3, unit: "1e-6 g0", unit_of_band: "ug0" };
+pub(crate) const DEGREES_PER_HOUR: Shown = Shown { factor: 1.0, places: 4, unit: "deg/h", unit_of_band: "deg/h" };
+pub(crate) const RANDOM_WALK: Shown = Shown { places: 5, unit: "deg/sqrt(h)", ..DEGREES_PER_HOUR };
+
+/// Why samples are flagged.
+pub(crate) const FLAGGED: &str =
+    "telemetry out of the table's range or not plausible, or a lag that is not the table's";
+/// Why the hysteresis band begins late.
+pub(crate) const SOAKED: &str = "there the lagged telemetry begins soaked, which the IMU may not have been";
+
+/// The errors of each accelerometer, of the length and of the level, with their names.
+pub(crate) fn named_errors(stability: &Stability) -> impl Iterator<Item = (&'static str, &Errors)> {
+    let verdict = &stability.verdict;
+    let length = verdict.length.iter().map(|errors| ("length", errors));
+    AXIS_NAMES.into_iter().zip(&verdict.axes).chain(length).chain([("level", &verdict.level)])
+}
