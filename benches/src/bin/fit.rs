@@ -3,42 +3,53 @@
 //! 15 set points, 12 positions, 300 s each at 100 Hz: 5.4 million rows, unless `--smoke`.
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
-use isotherm_benches::BenchResult;
+use clap::Parser;
+use isotherm_benches::text::number;
+use isotherm_benches::{BenchDomain, BenchResult, Common, no_role, run, status_number};
 use isotherm_calibration::{CalibrationOptions, calibrate_accelerometers};
 use isotherm_campaign::{Campaign, read_dwells};
 use isotherm_recording::{CampaignCsvReader, RawCsvWriter};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_simulation::{CampaignSchedule, Truth, campaign, campaign_toml};
+use serde_json::{Value, json};
 use std::fs::{self, File};
 use std::io::{BufRead as _, BufReader, BufWriter};
 use std::path::Path;
 use std::process::ExitCode;
-use std::time::{Duration, Instant};
-
-fn main() -> ExitCode {
-    let smoke = std::env::args().nth(1).as_deref() == Some("--smoke");
-    match bench(smoke) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            println!("fit: {error}");
-            ExitCode::FAILURE
-        }
-    }
-}
+use std::time::Instant;
 
 /// The truth of the simulated campaign.
 const TABLE: &str = include_str!("../../../examples/tables/imu-paper.toml");
 
-fn bench(smoke: bool) -> BenchResult<()> {
-    let folder = tempfile::Builder::new().prefix("iso-").tempdir()?;
-    let path = folder.path().join("samples.csv");
+/// What is timed.
+const STEPS: [&str; 4] = [
+    "CSV parser alone (csv-core)",
+    "and numbers from text",
+    "and dwells, checked",
+    "checks, orders and fit of the dwells",
+];
+
+/// Measures the time from a campaign's file to its table
+#[derive(Debug, Parser)]
+struct FitArguments {
+    #[command(flatten)]
+    common: Common,
+}
+
+fn main() -> ExitCode {
+    run(no_role, bench)
+}
+
+fn bench(FitArguments { common }: FitArguments) -> BenchResult<()> {
+    let folder = BenchDomain::new()?;
+    let path = folder.path("samples.csv");
     let table = CoefficientTable::from_toml(TABLE, None)?;
     let truth = Truth::of(table);
-    let plan =
-        CampaignSchedule { interval_ns: if smoke { 1_000_000_000 } else { 10_000_000 }, ..CampaignSchedule::default() };
-    let (stated, rows) = (write(&truth, &plan, &path)?, plan.rows());
-    let rounds = if smoke { 2 } else { 7 };
-    let mut times: [Vec<Duration>; 4] = Default::default();
+    let interval_ns = if common.smoke { 1_000_000_000 } else { 10_000_000 };
+    let plan = CampaignSchedule { interval_ns, ..CampaignSchedule::default() };
+    let stated = write(&truth, &plan, &path)?;
+    let rounds = common.rounds(2, 7);
+    let mut times: [Vec<f64>; STEPS.len()] = Default::default();
     for _ in 0..rounds {
         // Alternating, so that other load of the machine affects all alike.
         times[0].push(timed(|| parse(&path))?.0);
@@ -47,27 +58,35 @@ fn bench(smoke: bool) -> BenchResult<()> {
         times[2].push(elapsed);
         times[3].push(timed(|| Ok(calibrate_accelerometers(&stated, dwells, CalibrationOptions::default())?))?.0);
     }
-    let size = fs::metadata(&path)?.len() as f64;
-    println!("{rows} rows, {:.0} MB, {rounds} rounds; the fastest and the slowest of each", size / 1e6);
-    let names = [
-        "CSV parser alone (csv-core)",
-        "and numbers from text",
-        "and dwells, checked",
-        "checks, orders and fit of the dwells",
-    ];
-    for (name, times) in names.iter().zip(&mut times) {
-        times.sort_unstable();
-        let [best, worst] = [times[0], times[times.len() - 1]].map(|time| time.as_secs_f64());
+    times.iter_mut().for_each(|times| times.sort_unstable_by(f64::total_cmp));
+    let step = |(name, times): (_, &Vec<f64>)| json!({"step": name, "best_s": times.first(), "worst_s": times.last()});
+    let document = json!({
+        "rows": plan.rows(),
+        "bytes": fs::metadata(&path)?.len(),
+        "rounds": rounds,
+        "steps": STEPS.iter().zip(&times).map(step).collect::<Vec<_>>(),
+        "dwells/parser": times[2].first().zip(times[0].first()).map(|(dwells, parser)| dwells / parser),
+        "peak_memory_kb": status_number(Path::new("/proc/self"), "VmHWM"),
+    });
+    common.show(document, print);
+    Ok(())
+}
+
+fn print(document: &Value) {
+    let figure = |name: &str| document[name].as_f64().unwrap_or_default();
+    let (rows, bytes) = (figure("rows"), figure("bytes"));
+    println!("{rows} rows, {:.0} MB, {} rounds; the fastest and the slowest of each", bytes / 1e6, figure("rounds"));
+    for step in document["steps"].as_array().into_iter().flatten() {
+        let [best, worst] = ["best_s", "worst_s"].map(|figure| step[figure].as_f64().unwrap_or_default());
         println!(
-            "{name:38} {best:7.3} to {worst:7.3} s, {:6.2} million rows/s, {:5.0} MB/s",
-            rows as f64 / best / 1e6,
-            size / best / 1e6
+            "{:38} {best:7.3} to {worst:7.3} s, {:6.2} million rows/s, {:5.0} MB/s",
+            step["step"].as_str().unwrap_or_default(),
+            rows / best / 1e6,
+            bytes / best / 1e6
         );
     }
-    let ratio = times[2][0].as_secs_f64() / times[0][0].as_secs_f64();
-    println!("reading into dwells takes {ratio:.2} times as long as the parser alone");
-    println!("peak memory {:.1} MB", peak()?);
-    Ok(())
+    println!("reading into dwells takes {} times as long as the parser alone", number(&document["dwells/parser"], 2));
+    println!("peak memory {:.1} MB", figure("peak_memory_kb") / 1e3);
 }
 
 fn write(truth: &Truth, plan: &CampaignSchedule, path: &Path) -> BenchResult<Campaign> {
@@ -82,10 +101,10 @@ fn write(truth: &Truth, plan: &CampaignSchedule, path: &Path) -> BenchResult<Cam
     Ok(Campaign::from_toml(&text)?)
 }
 
-fn timed<T>(work: impl FnOnce() -> BenchResult<T>) -> BenchResult<(Duration, T)> {
+fn timed<T>(work: impl FnOnce() -> BenchResult<T>) -> BenchResult<(f64, T)> {
     let begin = Instant::now();
     let result = work()?;
-    Ok((begin.elapsed(), result))
+    Ok((begin.elapsed().as_secs_f64(), result))
 }
 
 /// Splits the file into rows and fields and does nothing with them.
@@ -115,12 +134,4 @@ fn samples(path: &Path) -> BenchResult<usize> {
         count += usize::from(core::hint::black_box(row?).position.is_some());
     }
     Ok(count)
-}
-
-/// Peak resident memory of this process \[MB\].
-fn peak() -> BenchResult<f64> {
-    let status = fs::read_to_string("/proc/self/status")?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).ok_or("no VmHWM in /proc/self/status")?;
-    let kilobytes: f64 = line.trim().trim_end_matches("kB").trim().parse()?;
-    Ok(kilobytes / 1e3)
 }
