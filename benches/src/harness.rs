@@ -61,15 +61,14 @@ impl Common {
         if self.smoke { 40 } else { usual }
     }
 
-    /// Shows the figures: as a JSON document, or by `print`. The machine and the time of the bench are added.
-    pub fn show(self, mut document: Value, print: impl FnOnce(&Value)) {
+    /// Shows the figures, as text tables or as a JSON document. The machine and the time of the bench are added.
+    pub fn show(self, document: Value) {
+        let mut document = document;
         document["machine"] = machine();
         document["seconds"] = self.started.elapsed().as_secs_f64().into();
-        if self.json {
-            println!("{document:#}");
-        } else {
-            print(&document);
-            text::footer(&document);
+        match &document {
+            Value::Object(figures) if !self.json => text::print(figures),
+            _ => println!("{document:#}"),
         }
     }
 }

@@ -8,7 +8,7 @@ mod machine;
 mod sample;
 mod series;
 mod statistics;
-pub mod text;
+mod text;
 
 pub use domain::{BenchDomain, BenchProcess, imu, served_by};
 pub use harness::{BenchResult, Common, OtherBuild, child_of, no_role, own_folder, run};

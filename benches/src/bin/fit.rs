@@ -1,17 +1,15 @@
 //! The time from a campaign's file to its table, compared with the CSV parser alone on the same file, in one run.
 //!
 //! 15 set points, 12 positions, 300 s each at 100 Hz: 5.4 million rows, unless `--smoke`.
-#![allow(clippy::print_stdout, reason = "the figures are the product")]
 
 use clap::Parser;
-use isotherm_benches::text::number;
 use isotherm_benches::{BenchDomain, BenchResult, Common, no_role, run, status_number};
 use isotherm_calibration::{CalibrationOptions, calibrate_accelerometers};
 use isotherm_campaign::{Campaign, read_dwells};
 use isotherm_recording::{CampaignCsvReader, RawCsvWriter};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_simulation::{CampaignSchedule, Truth, campaign, campaign_toml};
-use serde_json::{Value, json};
+use serde_json::json;
 use std::fs::{self, File};
 use std::io::{BufRead as _, BufReader, BufWriter};
 use std::path::Path;
@@ -48,7 +46,7 @@ fn bench(FitArguments { common }: FitArguments) -> BenchResult<()> {
     let interval_ns = if common.smoke { 1_000_000_000 } else { 10_000_000 };
     let plan = CampaignSchedule { interval_ns, ..CampaignSchedule::default() };
     let stated = write(&truth, &plan, &path)?;
-    let rounds = common.rounds(2, 7);
+    let rounds = common.rounds(2, 7).max(1);
     let mut times: [Vec<f64>; STEPS.len()] = Default::default();
     for _ in 0..rounds {
         // Alternating, so that other load of the machine affects all alike.
@@ -59,34 +57,27 @@ fn bench(FitArguments { common }: FitArguments) -> BenchResult<()> {
         times[3].push(timed(|| Ok(calibrate_accelerometers(&stated, dwells, CalibrationOptions::default())?))?.0);
     }
     times.iter_mut().for_each(|times| times.sort_unstable_by(f64::total_cmp));
-    let step = |(name, times): (_, &Vec<f64>)| json!({"step": name, "best_s": times.first(), "worst_s": times.last()});
+    let (rows, bytes) = (plan.rows(), fs::metadata(&path)?.len());
+    let steps = STEPS.iter().zip(&times).map(|(name, times)| {
+        let best = times[0];
+        json!({
+            "step": name,
+            "best_s": best,
+            "worst_s": times.last(),
+            "rows_per_s": (rows as f64 / best).round(),
+            "mb_per_s": bytes as f64 / best / 1e6,
+        })
+    });
     let document = json!({
-        "rows": plan.rows(),
-        "bytes": fs::metadata(&path)?.len(),
+        "rows": rows,
+        "bytes": bytes,
         "rounds": rounds,
-        "steps": STEPS.iter().zip(&times).map(step).collect::<Vec<_>>(),
-        "dwells/parser": times[2].first().zip(times[0].first()).map(|(dwells, parser)| dwells / parser),
+        "steps": steps.collect::<Vec<_>>(),
+        "dwells/parser": times[2][0] / times[0][0],
         "peak_memory_kb": status_number(Path::new("/proc/self"), "VmHWM"),
     });
-    common.show(document, print);
+    common.show(document);
     Ok(())
-}
-
-fn print(document: &Value) {
-    let figure = |name: &str| document[name].as_f64().unwrap_or_default();
-    let (rows, bytes) = (figure("rows"), figure("bytes"));
-    println!("{rows} rows, {:.0} MB, {} rounds; the fastest and the slowest of each", bytes / 1e6, figure("rounds"));
-    for step in document["steps"].as_array().into_iter().flatten() {
-        let [best, worst] = ["best_s", "worst_s"].map(|figure| step[figure].as_f64().unwrap_or_default());
-        println!(
-            "{:38} {best:7.3} to {worst:7.3} s, {:6.2} million rows/s, {:5.0} MB/s",
-            step["step"].as_str().unwrap_or_default(),
-            rows / best / 1e6,
-            bytes / best / 1e6
-        );
-    }
-    println!("reading into dwells takes {} times as long as the parser alone", number(&document["dwells/parser"], 2));
-    println!("peak memory {:.1} MB", figure("peak_memory_kb") / 1e3);
 }
 
 fn write(truth: &Truth, plan: &CampaignSchedule, path: &Path) -> BenchResult<Campaign> {

@@ -12,12 +12,10 @@
 //! `callgrind`. Each function is counted with all that it calls, and the count of a run is taken from that of a longer
 //! one: what happens only once does not count. Under valgrind, which is slow, each reading of the clock is one of the
 //! kernel's clock, in every build.
-#![allow(clippy::print_stdout, reason = "the table is the product")]
 
 use clap::Parser;
-use isotherm_benches::text::number;
 use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, Common, IMU, no_role, own_folder, run};
-use serde_json::{Value, json};
+use serde_json::json;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -91,30 +89,14 @@ fn bench(arguments: InstructionsArguments) -> BenchResult<()> {
     }
     let document =
         |(Count(name, .., bound), counts): &(&Count, Vec<f64>)| json!({"name": name, "counts": counts, "bound": bound});
-    common.show(json!({"folders": folders, "instructions": rows.iter().map(document).collect::<Vec<_>>()}), print);
+    common.show(json!({"folders": folders, "instructions": rows.iter().map(document).collect::<Vec<_>>()}));
     if check { rows.iter().try_for_each(|(count, counts)| count.check(counts)) } else { Ok(()) }
-}
-
-fn print(document: &Value) {
-    let list = |value: &Value| value.as_array().cloned().unwrap_or_default();
-    let folders: Vec<_> = list(&document["folders"]).iter().map(|folder| text(folder).to_owned()).collect();
-    println!("{:<24}{:>8}  {}", "instructions a sample", "bound", folders.join(", "));
-    for row in list(&document["instructions"]) {
-        let counts: String = list(&row["counts"]).iter().map(|count| format!("{:>10}", number(count, 1))).collect();
-        println!("{:<24}{:>8}{counts}", text(&row["name"]), number(&row["bound"], 0));
-    }
-}
-
-fn text(value: &Value) -> &str {
-    value.as_str().unwrap_or_default()
 }
 
 /// The profiles of the programs of a run.
 struct Profiles {
     samples: u64,
-    daemon: String,
-    acquisition: String,
-    python: String,
+    of: [String; 3],
 }
 
 impl Count {
@@ -135,11 +117,7 @@ impl Count {
     /// Instructions of a call.
     fn of(&self, shorter: &Profiles, longer: &Profiles) -> BenchResult<f64> {
         let Self(name, program, function, _) = self;
-        let profile = |profiles: &Profiles| match program {
-            Program::Daemon => calls(&profiles.daemon, function),
-            Program::Acquisition => calls(&profiles.acquisition, function),
-            Program::Python => calls(&profiles.python, function),
-        };
+        let profile = |profiles: &Profiles| calls(&profiles.of[*program as usize], function);
         let ((few, little), (many, much)) = (profile(shorter), profile(longer));
         let (more, samples) = (many.saturating_sub(few), longer.samples - shorter.samples);
         if more < samples {
@@ -166,7 +144,7 @@ fn profile(folder: &Path, samples: u64, python: Option<&Path>) -> BenchResult<Pr
     daemon.terminate();
     ends(&mut daemon, &domain)?;
     let read = |name: &str| fs::read_to_string(domain.path(&format!("{name}.callgrind"))).unwrap_or_default();
-    Ok(Profiles { samples, daemon: read("daemon"), acquisition: read("acquisition"), python: read("python") })
+    Ok(Profiles { samples, of: ["daemon", "acquisition", "python"].map(read) })
 }
 
 /// Waits until a process has ended.

@@ -4,10 +4,8 @@
 //!
 //! The tables are measured in turns of some milliseconds, so that other load of the machine affects all alike. The
 //! ratio is the median of the ratios of the turns.
-#![allow(clippy::print_stdout, reason = "the table is the product")]
 
 use clap::Parser;
-use isotherm_benches::text::number;
 use isotherm_benches::{BenchResult, Common, LAG_NS, TABLE, cores, median, no_role, pin, run, sample};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::{CoefficientTable, Content};
@@ -51,7 +49,7 @@ fn bench(KernelArguments { common }: KernelArguments) -> BenchResult<()> {
         }
     }
     let results = cases.iter().map(|case| case.figures(&cases[0])).collect::<Vec<_>>();
-    common.show(json!({"samples_per_turn": COUNT, "turns": turns, "cases": results}), print);
+    common.show(json!({"samples_per_turn": COUNT, "turns": turns, "cases": results}));
     Ok(())
 }
 
@@ -60,18 +58,6 @@ impl Case {
         let ratio = median(self.times.iter().zip(&first.times).map(|(time, first)| time / first).collect());
         let fastest = self.times.iter().copied().fold(f64::INFINITY, f64::min);
         json!({"table": self.name, "ns": median(self.times.clone()), "fastest_ns": fastest, "ratio": ratio})
-    }
-}
-
-fn print(document: &Value) {
-    println!("{:<28}{:>10}{:>10}{:>10}", "ns a sample", "median", "fastest", "ratio");
-    for case in document["cases"].as_array().into_iter().flatten() {
-        let [ns, fastest] = ["ns", "fastest_ns"].map(|figure| number(&case[figure], 1));
-        println!(
-            "{:<28}{ns:>10}{fastest:>10}{:>10}",
-            case["table"].as_str().unwrap_or_default(),
-            number(&case["ratio"], 3)
-        );
     }
 }
 

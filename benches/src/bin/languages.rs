@@ -16,12 +16,11 @@
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
 use clap::Parser;
-use isotherm_benches::text::{heading, path_rows, ratios};
 use isotherm_benches::{
     BenchDomain, BenchResult, Common, Series, Spin, imu, own_folder, pin_apart, run, sample, served_by,
 };
 use isotherm_client::{Acquisition, Options, RawSample, domain};
-use serde_json::{Map, Value, json};
+use serde_json::{Map, json};
 use std::hint::black_box;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _, stdin, stdout};
 use std::path::{Path, PathBuf};
@@ -110,7 +109,7 @@ fn bench(LanguagesArguments { python, common }: LanguagesArguments) -> BenchResu
     series.sort();
     let couples: Vec<_> = languages[1..].iter().map(|language| format!("{}/rust", language.name)).collect();
     let paths: Map<_, _> = series.paths().map(|(name, times)| (name.clone(), times.figures().into())).collect();
-    common.show(json!({"rounds": rounds, "paths": paths, "ratios": series.ratios(&couples)}), print);
+    common.show(json!({"rounds": rounds, "paths": paths, "ratios": series.ratios(&couples)}));
     Ok(())
 }
 
@@ -174,10 +173,4 @@ impl Drop for Running {
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
-}
-
-fn print(document: &Value) {
-    heading(&format!("round trips, one sample in flight, {} rounds of new processes [ns]", document["rounds"]));
-    path_rows(&document["paths"]);
-    ratios("ratio, 95 % interval", &document["ratios"]);
 }

@@ -1,12 +1,10 @@
 //! How long a new table takes from `rename` to the first increment under it, while samples flow at 2 kHz.
-#![allow(clippy::print_stdout, reason = "the figures are the product")]
 
 use clap::Parser;
-use isotherm_benches::text::number;
 use isotherm_benches::{BenchDomain, BenchResult, Common, IMU, TABLE, TIMEOUT, nearest_rank, no_role, run};
 use isotherm_client::{Acquisition, RawSample};
 use isotherm_shared::table::CoefficientTable;
-use serde_json::{Value, json};
+use serde_json::json;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -47,17 +45,8 @@ fn bench(ReloadArguments { common }: ReloadArguments) -> BenchResult<()> {
     }
     times.sort_unstable_by(f64::total_cmp);
     let [p50, p90, p99, max] = [0.5, 0.9, 0.99, 1.0].map(|part| nearest_rank(&times, part));
-    common.show(json!({"reloads": reloads, "p50_ms": p50, "p90_ms": p90, "p99_ms": p99, "max_ms": max}), print);
+    common.show(json!({"reloads": reloads, "p50_ms": p50, "p90_ms": p90, "p99_ms": p99, "max_ms": max}));
     Ok(())
-}
-
-fn print(document: &Value) {
-    let [p50, p90, p99, max] = ["p50_ms", "p90_ms", "p99_ms", "max_ms"].map(|figure| number(&document[figure], 2));
-    println!(
-        "from rename to the first increment under the new table, {} reloads at 2 kHz [ms]:\np50 {p50}, p90 {p90}, \
-         p99 {p99}, max {max}",
-        document["reloads"]
-    );
 }
 
 /// Sends the next sample when it is due. Returns the id of the table that it was compensated with.

@@ -5,13 +5,11 @@ use crate::open::{self, Latencies, SendSchedule};
 use isotherm_benches::{BenchDomain, BenchResult, Common, IMU, TABLE, cores, pin_apart, pooled_ratio, stolen_ticks};
 use isotherm_client::Realtime;
 use serde_json::{Map, Value, json};
-use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::Relaxed;
-use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
+use std::thread;
 use std::time::Duration;
-use std::{fs, thread};
 
 /// Rate of the samples \[Hz\].
 const RATE: u32 = 2_000;
@@ -56,12 +54,21 @@ fn scenario(common: Common, neighbours: &[usize], realtime: bool) -> BenchResult
     let core = cores().get(1).map(|core| format!("core = {core}\n")).unwrap_or_default();
     let more = if realtime { format!("priority = {}\nlock_memory = true\n", PRIORITIES.0) } else { String::new() };
     let _service = domain.serve(None, &format!("[realtime]\n{core}{more}"))?;
-    let reloads = Reloads::start(domain.path("table.toml"));
-    // Only now, because processes and threads that this thread starts inherit its settings.
-    pin_apart();
-    if realtime {
-        Realtime { priority: Some(PRIORITIES.1), lock_memory: true, ..Realtime::default() }.apply()?;
-    }
+    let on = AtomicBool::new(false);
+    let (end, ended) = mpsc::channel();
+    thread::scope(|scope| {
+        scope.spawn(|| reload(&domain, &on, &{ ended }));
+        let _end = end;
+        // Only now, because processes and threads that this thread starts inherit its settings.
+        pin_apart();
+        if realtime {
+            Realtime { priority: Some(PRIORITIES.1), lock_memory: true, ..Realtime::default() }.apply()?;
+        }
+        send(common, &domain, &on)
+    })
+}
+
+fn send(common: Common, domain: &BenchDomain, on: &AtomicBool) -> BenchResult<Value> {
     let mut acquisition = [domain.acquisition(IMU)?];
     let schedule = SendSchedule {
         period: Duration::from_secs(1) / RATE,
@@ -71,13 +78,12 @@ fn scenario(common: Common, neighbours: &[usize], realtime: bool) -> BenchResult
     let (mut without, mut with, mut disturbed) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..common.rounds(6, TURNS) {
         let before = stolen_ticks();
-        for (on, turns) in [(false, &mut without), (true, &mut with)] {
-            reloads.on(on);
+        for (reloads, turns) in [(false, &mut without), (true, &mut with)] {
+            on.store(reloads, Relaxed);
             turns.push(open::run(&mut acquisition, schedule)?);
         }
         disturbed.push(stolen_ticks() != before);
     }
-    drop(reloads);
     Ok(figures(without, with, &disturbed))
 }
 
@@ -105,43 +111,14 @@ fn figures(without: Vec<Latencies>, with: Vec<Latencies>, disturbed: &[bool]) ->
     })
 }
 
-/// A thread that replaces the table ten times a second while it is switched on.
-struct Reloads {
-    on: Arc<AtomicBool>,
-    end: Option<mpsc::Sender<()>>,
-    thread: Option<thread::JoinHandle<()>>,
-}
-
-impl Reloads {
-    fn start(table: PathBuf) -> Self {
-        let on = Arc::new(AtomicBool::new(false));
-        let (end, ended) = mpsc::channel::<()>();
-        let asked = Arc::clone(&on);
-        let thread = thread::spawn(move || {
-            let next = table.with_extension("new");
-            let mut number = 0;
-            while ended.recv_timeout(Duration::from_secs(1) / RELOADS_PER_SECOND) == Err(RecvTimeoutError::Timeout) {
-                if asked.load(Relaxed) {
-                    number = (number + 1) % 9;
-                    let text = TABLE.replace("9.8015", &format!("9.80{number}"));
-                    // If this fails, a reload is missing; the latencies stay valid.
-                    let _ = fs::write(&next, text).and_then(|()| fs::rename(&next, &table));
-                }
-            }
-        });
-        Self { on, end: Some(end), thread: Some(thread) }
-    }
-
-    fn on(&self, on: bool) {
-        self.on.store(on, Relaxed);
-    }
-}
-
-impl Drop for Reloads {
-    fn drop(&mut self) {
-        self.end.take();
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
+/// Replaces the table ten times a second while `on` is set, until the other side of the channel is gone.
+fn reload(domain: &BenchDomain, on: &AtomicBool, ended: &Receiver<()>) {
+    let mut number = 0;
+    while ended.recv_timeout(Duration::from_secs(1) / RELOADS_PER_SECOND) == Err(RecvTimeoutError::Timeout) {
+        if on.load(Relaxed) {
+            number = (number + 1) % 9;
+            // If this fails, a reload is missing; the latencies stay valid.
+            let _ = domain.replace("table.toml", &TABLE.replace("9.8015", &format!("9.80{number}")));
         }
     }
 }

@@ -7,7 +7,6 @@
 //!
 //! All processes are real: this one is the acquisition; its children run this program as the service, an echo or a
 //! socket server.
-#![allow(clippy::print_stdout, reason = "the tables are the product")]
 
 mod closed;
 mod floor;
@@ -18,7 +17,6 @@ mod pairs;
 mod paths;
 mod readers;
 mod record;
-mod report;
 mod scale;
 mod socket;
 mod throughput;
@@ -92,11 +90,6 @@ fn bench(LatencyArguments { command, common, other }: LatencyArguments) -> Bench
         Some(LatencyCommand::Record) => record::measure(common)?,
         Some(LatencyCommand::Readers) => readers::measure(common)?,
     };
-    let print = match command {
-        Some(LatencyCommand::Record) => record::print,
-        Some(LatencyCommand::Readers) => readers::print,
-        _ => report::print,
-    };
-    common.show(document, print);
+    common.show(document);
     Ok(())
 }

@@ -1,7 +1,6 @@
 //! What a reader of increments costs that waits at the rate of an IMU: processor time of its thread beside one that
 //! polls and beside one that does nothing but wait for an eventfd, all three woken by the same samples.
 
-use isotherm_benches::text::{number, with_interval};
 use isotherm_benches::{BenchDomain, BenchResult, Common, IMU, TIMEOUT, median, pooled_ratio, sample};
 use isotherm_client::{
     Acquisition, CompensatedIncrement, ConnectError, IncrementReader, Options, RawSample, monotonic_ns,
@@ -63,19 +62,6 @@ pub(crate) fn measure(common: Common) -> BenchResult<Value> {
     let ratios = json!({"waiting/eventfd": ratio(&waiting, &bare), "polling/eventfd": ratio(&polling, &bare)});
     let readers = json!({"waiting": figures(&waiting), "polling": figures(&polling), "eventfd": figures(&bare)});
     Ok(json!({"readers": readers, "ratios": ratios, "rate_hz": RATE, "blocks": blocks}))
-}
-
-/// Prints the document as a table.
-pub(crate) fn print(document: &Value) {
-    println!("Readers at {} Hz, processor time of the thread", document["rate_hz"]);
-    for name in ["waiting", "polling", "eventfd"] {
-        let figures = &document["readers"][name];
-        let [ns, share] = ["ns_a_sample_p50", "percent_of_a_core"].map(|figure| number(&figures[figure], 2));
-        println!("{name:<10} {ns:>10} ns a sample, {share:>6} % of a core");
-    }
-    for name in ["waiting/eventfd", "polling/eventfd"] {
-        println!("{name:<16} {}", with_interval(&document["ratios"][name]));
-    }
 }
 
 /// Sends at the rate of the samples, and writes the eventfd with each of them.

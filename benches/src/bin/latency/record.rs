@@ -2,7 +2,6 @@
 //! on the round trips.
 
 use crate::open::{self, SendSchedule};
-use isotherm_benches::text::{heading, number, ratios, row};
 use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, Common, TIMEOUT, figures, imu, pooled_ratio};
 use isotherm_client::Realtime;
 use serde_json::{Map, Value, json};
@@ -115,31 +114,6 @@ fn alternate(
     });
     let documents: Map<_, _> = documents.collect();
     Ok(json!({"record": documents, "imus": IMUS, "rate_hz": 1e9 / PERIOD.as_nanos() as f64, "real_time": realtime}))
-}
-
-/// Prints the document as tables.
-pub(crate) fn print(document: &Value) {
-    println!(
-        "Recording {} IMUs at {} Hz each, raw samples and increments, real-time priorities: {}",
-        document["imus"], document["rate_hz"], document["real_time"]
-    );
-    println!("{:<8} {:>10} {:>8} {:>11} {:>10}", "format", "rows", "lost", "bytes/row", "% of core");
-    let recorded = &document["record"];
-    for state in &STATES[1..] {
-        let figure = |name: &str, digits| number(&recorded[state][name], digits);
-        println!(
-            "{state:<8} {:>10} {:>8} {:>11} {:>10}",
-            figure("rows_sent", 0),
-            figure("rows_lost", 0),
-            figure("bytes_a_row", 2),
-            figure("cpu_percent", 2)
-        );
-    }
-    heading("round trip beside the recorder, from the actual moment [ns]");
-    STATES.iter().for_each(|state| row(state, &recorded[state]["round_trip_from_send"]));
-    let to_none: Map<_, _> =
-        STATES[1..].iter().map(|state| (format!("{state}/none"), recorded[state]["ratio_to_none"].clone())).collect();
-    ratios("ratio, 95 % interval", &to_none.into());
 }
 
 /// Starts a recorder of all IMUs, and waits until it has found their streams.
