@@ -36,7 +36,7 @@ pub fn run(bytes: &[u8]) {
         }
     }
     track(&samples);
-    samples.array_windows().for_each(|[first, second]| merge(first, second));
+    samples.windows(2).for_each(|pair| merge(&pair[0], &pair[1]));
 }
 
 /// Compares the tracked order with counting.
