@@ -1,5 +1,5 @@
-//! A document as text tables. An object with figures is a line: its path in the document, then its cells. Lines with the
-//! same first column are a table; where a line has no cell of a column there is a `-`.
+//! A document as text tables. An object with figures is a line: its path in the document, then its cells. Lines with
+//! the same first column are a table; where a line has no cell of a column there is a `-`.
 
 use serde_json::{Map, Value};
 use std::collections::BTreeSet;

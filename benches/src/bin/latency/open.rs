@@ -1,6 +1,6 @@
 //! Samples sent by the clock. The schedule does not wait for answers, so that slow answers do not reduce the number of
-//! samples (no coordinated omission). The sender sleeps once it has all answers: the operating system would throttle one
-//! that spins at a real-time priority.
+//! samples (no coordinated omission). The sender sleeps once it has all answers: the operating system would throttle
+//! one that spins at a real-time priority.
 
 use isotherm_benches::{BenchResult, TIMEOUT, figures, sample};
 use isotherm_client::{Acquisition, RawSample, monotonic_ns};
