@@ -2,6 +2,7 @@
 //! these ratios.
 
 use serde_json::{Map, Value, json};
+use std::time::Duration;
 
 /// A percentile with fewer samples beyond it is not given.
 const BEYOND: usize = 20;
@@ -9,15 +10,29 @@ const BEYOND: usize = 20;
 const RESAMPLINGS: usize = 2000;
 
 /// The percentiles that are given, by name.
-pub const PARTS: [(&str, f64); 5] = [("p50", 0.5), ("p90", 0.9), ("p99", 0.99), ("p999", 0.999), ("p9999", 0.9999)];
+const PARTS: [(&str, f64); 5] = [("p50", 0.5), ("p90", 0.9), ("p99", 0.99), ("p999", 0.999), ("p9999", 0.9999)];
 
 /// The percentiles of which ratios are given.
 const RATIO_PARTS: [(&str, f64); 4] = [PARTS[0], PARTS[1], PARTS[2], PARTS[3]];
 
+/// A duration \[ns\]; over 4 s it is the largest number.
+#[inline]
+pub fn nanoseconds(time: Duration) -> u32 {
+    u32::try_from(time.as_nanos()).unwrap_or(u32::MAX)
+}
+
+/// The value of sorted ones that a part of them does not exceed.
+pub fn nearest_rank<T: Copy>(sorted: &[T], part: f64) -> Option<T> {
+    sorted.get(rank(sorted.len(), part) - 1).copied()
+}
+
+fn rank(count: usize, part: f64) -> usize {
+    ((count as f64 * part).ceil() as usize).max(1)
+}
+
 /// The percentile of sorted values, if enough of them lie beyond it.
-pub fn percentile(sorted: &[u32], part: f64) -> Option<f64> {
-    let rank = ((sorted.len() as f64 * part).ceil() as usize).max(1);
-    (sorted.len() >= rank + BEYOND).then(|| f64::from(sorted[rank - 1]))
+fn percentile(sorted: &[u32], part: f64) -> Option<f64> {
+    nearest_rank(sorted, part).filter(|_| sorted.len() >= rank(sorted.len(), part) + BEYOND).map(f64::from)
 }
 
 /// All percentiles \[ns\], the largest value and how many there are.
@@ -40,19 +55,23 @@ pub fn ratios(upper: &[Vec<u32>], lower: &[Vec<u32>]) -> Value {
         let all: Option<Vec<f64>> = upper.iter().zip(lower).map(one).collect();
         all.and_then(|all| interval(&all)).unwrap_or_else(|| pooled_ratio(upper, lower, part))
     };
-    RATIO_PARTS.iter().map(|(name, part)| ((*name).to_owned(), of(*part))).collect::<Map<_, _>>().into()
+    by_part(of)
 }
 
 /// As [`ratios`], every percentile taken from all rounds together: for rounds of which some have few samples, or none.
-pub fn pooled_ratios(upper: &[Vec<u32>], lower: &[Vec<u32>]) -> Value {
-    let of = |part| pooled_ratio(upper, lower, part);
-    RATIO_PARTS.iter().map(|(name, part)| ((*name).to_owned(), of(*part))).collect::<Map<_, _>>().into()
+pub(crate) fn pooled_ratios(upper: &[Vec<u32>], lower: &[Vec<u32>]) -> Value {
+    by_part(|part| pooled_ratio(upper, lower, part))
+}
+
+fn by_part(ratio: impl Fn(f64) -> Value) -> Value {
+    RATIO_PARTS.iter().map(|(name, part)| ((*name).to_owned(), ratio(*part))).collect::<Map<_, _>>().into()
 }
 
 fn interval(values: &[f64]) -> Option<Value> {
     let center = median(values.to_vec())?;
-    let mut draw = Draw::new(values.len());
-    let medians = (0..RESAMPLINGS).filter_map(|_| median((0..values.len()).map(|_| values[draw.next()]).collect()));
+    let mut draw = Random::default();
+    let medians =
+        (0..RESAMPLINGS).filter_map(|_| median((0..values.len()).map(|_| values[draw.below(values.len())]).collect()));
     Some(around(center, medians.collect()))
 }
 
@@ -68,8 +87,8 @@ pub fn pooled_ratio(upper: &[Vec<u32>], lower: &[Vec<u32>], part: f64) -> Value 
     let ratio = |chosen: &[usize]| Some(of(upper, chosen)? / of(lower, chosen)?);
     let turns = upper.len().min(lower.len());
     let Some(center) = ratio(&(0..turns).collect::<Vec<_>>()) else { return Value::Null };
-    let mut draw = Draw::new(turns);
-    let drawn = (0..RESAMPLINGS / 10).filter_map(|_| ratio(&(0..turns).map(|_| draw.next()).collect::<Vec<_>>()));
+    let mut draw = Random::default();
+    let drawn = (0..RESAMPLINGS / 10).filter_map(|_| ratio(&(0..turns).map(|_| draw.below(turns)).collect::<Vec<_>>()));
     around(center, drawn.collect())
 }
 
@@ -79,23 +98,32 @@ fn around(center: f64, mut drawn: Vec<f64>) -> Value {
     json!({"ratio": center, "low": at(0.025), "high": at(0.975)})
 }
 
-/// Pseudo-random indices below `below`, the same in every run.
-struct Draw {
-    state: u64,
-    below: u64,
+/// Pseudo-random numbers, the same in every run.
+pub struct Random(u64);
+
+impl Default for Random {
+    fn default() -> Self {
+        Self(0x9E37_79B9_7F4A_7C15)
+    }
 }
 
-impl Draw {
-    const fn new(below: usize) -> Self {
-        Self { state: 0x9E37_79B9_7F4A_7C15, below: below as u64 }
+impl Random {
+    /// A number from 0 to 1.
+    pub fn unit(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    fn next(&mut self) -> usize {
+    /// An index below `below`.
+    fn below(&mut self, below: usize) -> usize {
+        (self.next() % below as u64) as usize
+    }
+
+    const fn next(&mut self) -> u64 {
         // xorshift64
-        self.state ^= self.state << 13;
-        self.state ^= self.state >> 7;
-        self.state ^= self.state << 17;
-        (self.state % self.below) as usize
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        self.0
     }
 }
 

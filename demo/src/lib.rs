@@ -3,8 +3,9 @@
 
 mod acquisition;
 mod imu;
+mod report;
 
-use acquisition::{MeanStability, Message, RunOutcome};
+use acquisition::{Message, RunOutcome};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use isotherm_client::{Domain, ImuId, Options, STATE_VARIABLE, fetch_status};
@@ -13,10 +14,10 @@ use isotherm_files::{StagedText, print};
 use isotherm_service::clean::clean;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::status::ServiceStatus;
-use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
-use isotherm_shared::wire::AXES;
+use isotherm_shared::table::CoefficientTable;
+use report::Report;
 use rustix::process::{Pid, Signal, kill_process};
-use std::fmt::{Display, Write as _};
+use std::fmt::Display;
 use std::fs::{self, File};
 use std::io::{self, BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
@@ -130,7 +131,8 @@ fn run_processes(domain: &Domain, imu: &ImuId, truth: &CoefficientTable) -> Resu
             ),
         ));
     }
-    Ok(report(&outcome, &status, &frozen, truth, started.elapsed()))
+    let report = Report { outcome: &outcome, status: &status, tables: [&frozen, truth], elapsed: started.elapsed() };
+    Ok(report.to_string())
 }
 
 /// Samples without an answer, counted by the acquisition, plus missed samples, counted by the service.
@@ -228,115 +230,4 @@ impl Drop for ChildProcess {
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
-}
-
-fn report(
-    outcome: &RunOutcome,
-    status: &ServiceStatus,
-    frozen: &CoefficientTable,
-    truth: &CoefficientTable,
-    elapsed: Duration,
-) -> String {
-    let mut text = String::new();
-    // Writing to a String cannot fail.
-    let _ = write_report(&mut text, outcome, status, frozen, truth, elapsed);
-    text
-}
-
-fn write_report(
-    text: &mut String,
-    outcome: &RunOutcome,
-    status: &ServiceStatus,
-    frozen: &CoefficientTable,
-    truth: &CoefficientTable,
-    elapsed: Duration,
-) -> std::fmt::Result {
-    writeln!(text, "Isotherm {}: {}.", status.version, imu::DESCRIPTION)?;
-    let RunOutcome { before, after, .. } = outcome;
-    writeln!(text, "\nOutput stability: 10 s means of output minus specific force [1e-6 g0]")?;
-    write_stability(text, &AXIS_NAMES, [before.accelerometers, after.accelerometers], (1e6, 2))?;
-    writeln!(text, "\nOutput stability: 100 s means of output minus Earth's rate [deg/h]")?;
-    write_stability(text, &GYROSCOPE_NAMES, [before.gyroscopes, after.gyroscopes], (1.0, 3))?;
-    writeln!(
-        text,
-        "  ({} and {} means of 10 s. This IMU follows its table except for the noise; a real one keeps what no",
-        before.accelerometers[0].means, after.accelerometers[0].means
-    )?;
-    writeln!(text, "  polynomial knows: the source paper reports factors of 10 to 16 for accelerometers.)")?;
-    let reloads = status.imus.first().map_or(0, |imu| imu.reloads);
-    writeln!(text, "\nHot reload in flight: {} reload, table {:016x} -> {:016x}", reloads, frozen.id(), truth.id())?;
-    writeln!(
-        text,
-        "  {:.2} ms from asking to the first increment under the new table, {} increments meanwhile,",
-        outcome.reload_ns as f64 / 1e6,
-        outcome.during_reload
-    )?;
-    writeln!(
-        text,
-        "  {} samples in all, {} lost, {} out of order",
-        outcome.sent,
-        lost(outcome, status),
-        outcome.out_of_order
-    )?;
-    let percentile = |part: f64| {
-        let rank = ((outcome.round_trips_ns.len() as f64 * part).ceil() as usize)
-            .clamp(1, outcome.round_trips_ns.len().max(1));
-        f64::from(outcome.round_trips_ns.get(rank - 1).copied().unwrap_or_default()) / 1e3
-    };
-    writeln!(
-        text,
-        "\nLatency, one sample in flight, as fast as answered [us]        p50       p99     p99.9       max"
-    )?;
-    writeln!(
-        text,
-        "  round trip, seen by the acquisition                     {:>9.2} {:>9.2} {:>9.2} {:>9.2}",
-        percentile(0.5),
-        percentile(0.99),
-        percentile(0.999),
-        percentile(1.0)
-    )?;
-    if let Some(latency) = status.imus.first().and_then(|imu| imu.latency_ns) {
-        let us = |ns: u64| ns as f64 / 1e3;
-        writeln!(
-            text,
-            "  from sending to just before publishing                  {:>9.2} {:>9.2} {:>9.2} {:>9.2}",
-            us(latency.p50),
-            us(latency.p99),
-            us(latency.p999),
-            us(latency.max)
-        )?;
-    }
-    writeln!(
-        text,
-        "  (this machine, as it is; `cargo run --profile dist -p isotherm-benches --bin latency` compares)"
-    )?;
-    writeln!(text, "\nDone in {:.1} s.", elapsed.as_secs_f64())
-}
-
-/// The stability of a triad before and after, a line for each sensor, in a unit of which `unit` are one of the
-/// statistics, with this number of digits.
-fn write_stability(
-    text: &mut String,
-    names: &[&str; AXES],
-    [before, after]: [[MeanStability; AXES]; 2],
-    (unit, digits): (f64, usize),
-) -> std::fmt::Result {
-    writeln!(text, "        table frozen at mid temperature      full model")?;
-    writeln!(
-        text,
-        "        std. deviation   rms about zero      std. deviation   rms about zero      factor (std. dev.)"
-    )?;
-    for (name, (before, after)) in names.iter().zip(before.iter().zip(&after)) {
-        let MeanStability { deviation, rms, .. } = before;
-        writeln!(
-            text,
-            "  {name}    {:>14.digits$}   {:>14.digits$}      {:>14.digits$}   {:>14.digits$}      {:>6.1}",
-            deviation * unit,
-            rms * unit,
-            after.deviation * unit,
-            after.rms * unit,
-            deviation / after.deviation
-        )?;
-    }
-    Ok(())
 }

@@ -30,12 +30,8 @@ impl Strategy {
         [(Self::Spin, "spin"), (Self::Anticipate, "anticipate"), (Self::Block, "block")];
 
     /// The name that configurations use.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Spin => "spin",
-            Self::Anticipate => "anticipate",
-            Self::Block => "block",
-        }
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|(value, _)| *value == self).map_or("", |(_, name)| name)
     }
 }
 
@@ -195,30 +191,7 @@ fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
         config.max_change = max_change(&reload, config.max_change);
         reload.finish();
     }
-    let sections = root.list("imu");
-    if sections.is_empty() || sections.len() > MAX_IMUS {
-        root.fault(
-            "imu",
-            format!("{} of them; give one to {MAX_IMUS} [[imu]], each with id and table", sections.len()),
-        );
-    }
-    let mut known = BTreeSet::new();
-    for section in sections {
-        let id = section.imu_id("id");
-        let table = section.string("table", "the path of the IMU's coefficient table");
-        section.refuse("table", table.filter(|table| table.is_empty()).map(|_| "is empty, give a path".to_owned()));
-        if let Some(id) = &id
-            && !known.insert(id.clone())
-        {
-            section.fault("id", format!("{id} is there twice; give every IMU once"));
-        }
-        let depth = section.optional_integer("depth", 1..=RAW_DEPTH as i64).map_or(RAW_DEPTH, |depth| depth as usize);
-        let worker = section.optional_integer("worker", 0..=MAX_IMUS as i64 - 1).map_or(0, |worker| worker as usize);
-        let max_change = max_change(&section, config.max_change);
-        section.finish();
-        let imu = |(id, table)| Imu { id, table: folder.join(table), depth, worker, max_change };
-        config.imus.extend(id.zip(table).map(imu));
-    }
+    config.imus = imus(root, folder, config.max_change);
     let idle = (0..config.workers()).find(|worker| config.imus.iter().all(|imu| imu.worker != *worker));
     root.refuse("imu", idle.map(|idle| format!("worker {idle} has none; number the workers from 0 without holes")));
     if let Some(wait) = root.optional_section("wait") {
@@ -234,29 +207,59 @@ fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
         }
         latency.finish();
     }
-    if let Some(realtime) = root.optional_section("realtime") {
-        let cores = realtime.optional_integers("core", 0..=1023).unwrap_or_default();
-        let slack = realtime.optional_integer("timer_slack_ns", 1..=1_000_000_000);
-        config.realtime = WorkerRealtime {
-            cores: cores.into_iter().map(|core| core as usize).collect(),
-            priority: realtime.optional_integer("priority", 1..=99).map(|priority| priority as i32),
-            lock_memory: realtime.optional_bool("lock_memory").unwrap_or_default(),
-            timer_slack_ns: slack.and_then(|slack| NonZeroU64::new(slack as u64)).unwrap_or(NonZeroU64::MIN),
-        };
-        realtime.refuse("core", cores_fault(&config));
-        realtime.finish();
+    if let Some(section) = root.optional_section("realtime") {
+        config.realtime = realtime(&section);
+        section.refuse("core", cores_fault(&config));
+        section.finish();
     }
     if let Some(metrics) = root.optional_section("metrics") {
-        if let Some(listen) = metrics.optional_string("listen") {
-            config.metrics = listen.parse().ok();
-            if config.metrics.is_none() {
-                metrics
-                    .fault("listen", format!("is {listen:?}, give an address and a port, for example 127.0.0.1:9464"));
-            }
-        }
+        config.metrics = metrics.optional_string("listen").and_then(|listen| {
+            let address = listen.parse().ok();
+            let wrong = || format!("is {listen:?}, give an address and a port, for example 127.0.0.1:9464");
+            metrics.refuse("listen", address.is_none().then(wrong));
+            address
+        });
         metrics.finish();
     }
     config
+}
+
+fn imus(root: &Section<'_, '_>, folder: &Path, changes: MaxChange) -> Vec<Imu> {
+    let sections = root.list("imu");
+    if sections.is_empty() || sections.len() > MAX_IMUS {
+        root.fault(
+            "imu",
+            format!("{} of them; give one to {MAX_IMUS} [[imu]], each with id and table", sections.len()),
+        );
+    }
+    let (mut imus, mut known) = (Vec::new(), BTreeSet::new());
+    for section in sections {
+        let id = section.imu_id("id");
+        let table = section.string("table", "the path of the IMU's coefficient table");
+        section.refuse("table", table.filter(|table| table.is_empty()).map(|_| "is empty, give a path".to_owned()));
+        if let Some(id) = &id
+            && !known.insert(id.clone())
+        {
+            section.fault("id", format!("{id} is there twice; give every IMU once"));
+        }
+        let depth = section.optional_integer("depth", 1..=RAW_DEPTH as i64).map_or(RAW_DEPTH, |depth| depth as usize);
+        let worker = section.optional_integer("worker", 0..=MAX_IMUS as i64 - 1).map_or(0, |worker| worker as usize);
+        let max_change = max_change(&section, changes);
+        section.finish();
+        imus.extend(id.zip(table).map(|(id, table)| Imu { id, table: folder.join(table), depth, worker, max_change }));
+    }
+    imus
+}
+
+fn realtime(section: &Section<'_, '_>) -> WorkerRealtime {
+    let cores = section.optional_integers("core", 0..=1023).unwrap_or_default();
+    let slack = section.optional_integer("timer_slack_ns", 1..=1_000_000_000);
+    WorkerRealtime {
+        cores: cores.into_iter().map(|core| core as usize).collect(),
+        priority: section.optional_integer("priority", 1..=99).map(|priority| priority as i32),
+        lock_memory: section.optional_bool("lock_memory").unwrap_or_default(),
+        timer_slack_ns: slack.and_then(|slack| NonZeroU64::new(slack as u64)).unwrap_or(NonZeroU64::MIN),
+    }
 }
 
 #[cfg(test)]

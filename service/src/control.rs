@@ -66,15 +66,7 @@ pub(crate) fn run(
     let state = guard::state_folder(domain);
     let first_tables = load_tables(domain, config, state.as_deref().ok(), allow_uncalibrated, world_writable)?;
     let metrics = config.metrics.map(Metrics::start).transpose()?;
-    // Before the threads and the streams are created, so that all their memory is locked.
-    let lock = Realtime { lock_memory: config.realtime.lock_memory, ..Realtime::default() };
-    lock.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime.{error}")))?;
-    leftovers::use_domain_config(domain);
-    check_owner(domain)?;
-    create::remove_half_created(domain);
-    check_domain(domain)?;
-    leftovers::make_room(domain, config.imus.len());
-    check_room(config.imus.len())?;
+    make_room(domain, config)?;
     let node = join(domain)?;
     let publisher = StatusPublisher::create(&node, domain)?;
 
@@ -91,19 +83,10 @@ pub(crate) fn run(
         info!("stopped while starting");
         return Ok(());
     };
-    let states: Result<Vec<_>, _> = pending.into_iter().map(|imu| imu.open_streams(&node)).collect();
-    let mut imus = states?;
+    let imus = pending.into_iter().map(|imu| imu.open_streams(&node)).collect::<Result<Vec<_>, _>>()?;
     guard::tell_if_not_kept(&state);
     reserve(domain)?;
-    let paths: Vec<_> = config.imus.iter().map(|imu| imu.table.clone()).collect();
-    let (_watcher, failures) = reload::watch(&paths, move |name| {
-        // Sending fails only after the control loop has ended.
-        let _ = events.send(ControlEvent::File(name));
-    });
-    for cause in failures {
-        warn!("watching a table's folder: {cause}; its files are checked every {} ms instead", TICK.as_millis());
-    }
-
+    let _watcher = watch(config, events);
     let threads = threads_of(config, &workers);
     manager.ready();
     let leftovers = Leftovers::new(domain, &node);
@@ -115,10 +98,12 @@ pub(crate) fn run(
         node,
         publisher,
         metrics,
+        logged: Logged { held_back: vec![false; workers.len()], unpublished: false },
         threads,
         workers,
         manager,
         leftovers,
+        imus,
     };
     info!(
         domain = domain.name(),
@@ -128,7 +113,41 @@ pub(crate) fn run(
         pid = std::process::id(),
         "ready"
     );
-    service.run(&mut imus, &inbox)
+    service.run(&inbox)
+}
+
+/// Locks memory, removes what killed processes have left, and looks whether there is room for all streams.
+fn make_room(domain: &Domain, config: &Config) -> Result<(), Failure> {
+    // Before the threads and the streams are created, so that all their memory is locked.
+    let lock = Realtime { lock_memory: config.realtime.lock_memory, ..Realtime::default() };
+    lock.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime.{error}")))?;
+    leftovers::use_domain_config(domain);
+    check_owner(domain)?;
+    create::remove_half_created(domain);
+    check_domain(domain)?;
+    leftovers::make_room(domain, config.imus.len());
+    Ok(check_room(config.imus.len())?)
+}
+
+/// Watches the folders of the tables, as far as that is possible.
+fn watch(config: &Config, events: mpsc::Sender<ControlEvent>) -> Option<impl Sized + use<>> {
+    let paths: Vec<_> = config.imus.iter().map(|imu| imu.table.clone()).collect();
+    let (watcher, failures) = reload::watch(&paths, move |name| {
+        // Sending fails only after the control loop has ended.
+        let _ = events.send(ControlEvent::File(name));
+    });
+    for cause in failures {
+        warn!("watching a table's folder: {cause}; its files are checked every {} ms instead", TICK.as_millis());
+    }
+    watcher
+}
+
+/// What is logged once, until it changes.
+struct Logged {
+    /// Of each worker.
+    held_back: Vec<bool>,
+    /// Whether the last status could not be published.
+    unpublished: bool,
 }
 
 struct Service<'a> {
@@ -143,29 +162,22 @@ struct Service<'a> {
     threads: Vec<WorkerThread>,
     manager: ServiceManager,
     leftovers: Leftovers,
+    imus: Vec<ImuState>,
+    logged: Logged,
 }
 
 impl Service<'_> {
-    fn run(mut self, imus: &mut [ImuState], inbox: &Receiver<ControlEvent>) -> Result<(), Failure> {
+    fn run(mut self, inbox: &Receiver<ControlEvent>) -> Result<(), Failure> {
         let (mut next_tick, mut next_status, mut next_housekeeping) = (self.started, self.started, self.started);
-        let (mut unpublished, mut held_back) = (false, vec![false; self.workers.len()]);
         loop {
             match inbox.recv_timeout(next_tick.saturating_duration_since(Instant::now())) {
-                Ok(ControlEvent::Signal(SIGHUP)) => {
-                    info!("SIGHUP: loading all tables");
-                    self.manager.reloading();
-                    for imu in imus.iter_mut() {
-                        let change = imu.file.load().into();
-                        imu.apply(change, true);
-                    }
-                    self.manager.ready();
-                }
+                Ok(ControlEvent::Signal(SIGHUP)) => self.load_all(),
                 Ok(ControlEvent::Signal(signal)) => {
                     info!("{}: stopping", if signal == SIGINT { "SIGINT" } else { "SIGTERM" });
-                    return self.stop(imus);
+                    return self.stop();
                 }
                 Ok(ControlEvent::File(name)) => {
-                    for imu in imus.iter_mut().filter(|imu| imu.file.path().file_name() == Some(&name)) {
+                    for imu in self.imus.iter_mut().filter(|imu| imu.file.path().file_name() == Some(&name)) {
                         let change = imu.file.load_complete(Instant::now());
                         imu.apply(change, false);
                     }
@@ -178,11 +190,7 @@ impl Service<'_> {
             let now = Instant::now();
             if now >= next_tick {
                 next_tick = now + TICK;
-                poll_tables(imus);
-                for (index, worker) in self.workers.iter().enumerate() {
-                    worker.announce(imus.iter().filter(|imu| imu.imu.worker == index).map(ImuState::is_awaited));
-                }
-                self.check_heartbeats(now);
+                self.tick(now);
             }
             if self.workers.iter().any(Worker::is_finished) {
                 return stop_all(self.workers).and(Err(Failure::new(Exit::Failed, "a worker thread ended by itself")));
@@ -190,45 +198,76 @@ impl Service<'_> {
             let housekeeping = now >= next_housekeeping;
             if housekeeping {
                 next_housekeeping = now + HOUSEKEEPING_INTERVAL;
-                self.node.try_cleanup_dead_nodes();
-                let ports: Vec<_> = imus.iter().flat_map(ImuState::ports).collect();
-                self.leftovers.sweep(&self.node, &ports);
-                for imu in imus.iter_mut() {
-                    imu.windows.end_second(imu.counters.latency());
-                    imu.log_losses(false);
-                    imu.log_other_device();
-                    imu.note_closing(self.domain);
-                }
-                for (index, (thread, logged)) in self.threads.iter_mut().zip(&mut held_back).enumerate() {
-                    thread.measure();
-                    if let Some(time) = thread.held_back().filter(|_| !*logged) {
-                        *logged = true;
-                        warn!(
-                            worker = index,
-                            "held back for {} ms of the last second in spite of its real-time priority: another thread of at least its \
-                             priority has its core, or the kernel's limit on real-time threads ({}); docs/operate.md tells what to do",
-                            time.as_millis(),
-                            threads::kernel_limit()
-                        );
-                    }
-                }
-                self.manager.status(&summary(imus));
+                self.keep_house();
             }
             if housekeeping || (now >= next_status && self.publisher.has_readers()) {
                 next_status = now + STATUS_INTERVAL;
-                let status = Arc::new(self.status(imus));
-                let result = self.publisher.publish(&status);
-                if let Some(metrics) = &self.metrics {
-                    metrics.update(&status);
-                }
-                if let Err(cause) = &result
-                    && !unpublished
-                {
-                    error!("publishing the status: {cause}");
-                }
-                unpublished = result.is_err();
+                self.publish();
             }
         }
+    }
+
+    fn load_all(&mut self) {
+        info!("SIGHUP: loading all tables");
+        self.manager.reloading();
+        for imu in &mut self.imus {
+            let change = imu.file.load().into();
+            imu.apply(change, true);
+        }
+        self.manager.ready();
+    }
+
+    /// Looks at the files of the tables, at the readers that wait, and at the workers.
+    fn tick(&mut self, now: Instant) {
+        for imu in &mut self.imus {
+            let change = imu.file.poll(Instant::now());
+            imu.apply(change, false);
+            imu.take_accepted();
+            imu.flush();
+        }
+        for (index, worker) in self.workers.iter().enumerate() {
+            worker.announce(self.imus.iter().filter(|imu| imu.imu.worker == index).map(ImuState::is_awaited));
+        }
+        self.check_heartbeats(now);
+    }
+
+    /// Removes what dead peers have left, logs losses, and measures the workers.
+    fn keep_house(&mut self) {
+        self.node.try_cleanup_dead_nodes();
+        let ports: Vec<_> = self.imus.iter().flat_map(ImuState::ports).collect();
+        self.leftovers.sweep(&self.node, &ports);
+        for imu in &mut self.imus {
+            imu.windows.end_second(imu.counters.latency());
+            imu.log_news(self.domain, false);
+        }
+        for (index, (thread, logged)) in self.threads.iter_mut().zip(&mut self.logged.held_back).enumerate() {
+            thread.measure();
+            if let Some(time) = thread.held_back().filter(|_| !*logged) {
+                *logged = true;
+                warn!(
+                    worker = index,
+                    "held back for {} ms of the last second in spite of its real-time priority: another thread of at least its \
+                     priority has its core, or the kernel's limit on real-time threads ({}); docs/operate.md tells what to do",
+                    time.as_millis(),
+                    threads::kernel_limit()
+                );
+            }
+        }
+        self.manager.status(&summary(&self.imus));
+    }
+
+    fn publish(&mut self) {
+        let status = Arc::new(self.status());
+        let result = self.publisher.publish(&status);
+        if let Some(metrics) = &self.metrics {
+            metrics.update(&status);
+        }
+        if let Err(cause) = &result
+            && !self.logged.unpublished
+        {
+            error!("publishing the status: {cause}");
+        }
+        self.logged.unpublished = result.is_err();
     }
 
     /// Logs each worker that stops or resumes. While no worker stands still, feeds the service manager's watchdog.
@@ -249,7 +288,7 @@ impl Service<'_> {
         }
     }
 
-    fn status(&self, imus: &[ImuState]) -> ServiceStatus {
+    fn status(&self) -> ServiceStatus {
         ServiceStatus {
             domain: self.domain.into(),
             pid: std::process::id(),
@@ -261,17 +300,15 @@ impl Service<'_> {
             budget_us: self.config.budget_us,
             workers: self.threads.iter().map(WorkerThread::status).collect(),
             memory_locked_kb: process_kb("VmLck").unwrap_or(0),
-            imus: imus.iter().map(imu_status).collect(),
+            imus: self.imus.iter().map(imu_status).collect(),
         }
     }
 
-    fn stop(mut self, imus: &mut [ImuState]) -> Result<(), Failure> {
+    fn stop(mut self) -> Result<(), Failure> {
         self.manager.stopping();
         stop_all(self.workers)?;
-        for imu in imus {
-            imu.log_losses(true);
-            imu.log_other_device();
-            imu.note_closing(self.domain);
+        for imu in &mut self.imus {
+            imu.log_news(self.domain, true);
             let counters = &imu.counters;
             let (received, compensated, missing) = (counters.received(), counters.compensated(), counters.missing());
             info!(imu = %imu.imu.id, received, compensated, missing, "stopped");
@@ -337,15 +374,6 @@ fn summary(imus: &[ImuState]) -> String {
     let (compensated, missing) = (sum(CounterReader::compensated), sum(CounterReader::missing));
     let refused = imus.iter().filter(|imu| imu.last_error.is_some()).count();
     format!("{} IMUs, {compensated} increments, {missing} samples missing, {refused} table files refused", imus.len())
-}
-
-fn poll_tables(imus: &mut [ImuState]) {
-    for imu in imus {
-        let change = imu.file.poll(Instant::now());
-        imu.apply(change, false);
-        imu.take_accepted();
-        imu.flush();
-    }
 }
 
 fn forward_signals(events: mpsc::Sender<ControlEvent>) -> Result<(), Failure> {

@@ -87,13 +87,12 @@ impl PendingImu {
         if let Some((table, admission)) = first {
             guard.taken(&table, admission);
         }
-        let (reloads, windows, logged) = (0, Windows::default(), LoggedLosses::default());
         let refusals = u64::from(last_error.is_some());
         Ok(ImuState {
             imu,
             file,
             counters,
-            reloads,
+            reloads: 0,
             refusals,
             last_error,
             raw,
@@ -101,9 +100,9 @@ impl PendingImu {
             wake,
             arrival,
             rehearsal,
-            windows,
+            windows: Windows::default(),
             tables,
-            logged,
+            logged: LoggedLosses::default(),
             logged_device: LoggedDevice::default(),
             closed: None,
             guard,
@@ -299,9 +298,17 @@ impl ImuState {
         }
     }
 
+    /// Logs what was lost, came from another unit or was left by an acquisition that closed; `last` as in
+    /// [`log_losses`](Self::log_losses).
+    pub(crate) fn log_news(&mut self, domain: &Domain, last: bool) {
+        self.log_losses(last);
+        self.log_other_device();
+        self.note_closing(domain);
+    }
+
     /// Logs the losses since the last log line. After a log line there is none for [`LOSS_LOG_INTERVAL`], except at the
     /// `last` call.
-    pub(crate) fn log_losses(&mut self, last: bool) {
+    fn log_losses(&mut self, last: bool) {
         if !last && self.logged.at.is_some_and(|logged| logged.elapsed() < LOSS_LOG_INTERVAL) {
             return;
         }
@@ -318,7 +325,7 @@ impl ImuState {
     }
 
     /// Looks for what an acquisition had lost when it closed, and logs it once.
-    pub(crate) fn note_closing(&mut self, domain: &Domain) {
+    fn note_closing(&mut self, domain: &Domain) {
         let closed = last_closing(domain, &self.imu.id);
         if closed.is_none() || closed == self.closed {
             return;
@@ -333,7 +340,7 @@ impl ImuState {
     }
 
     /// Logs that samples came from another unit than the table's: once for each session, table and unit.
-    pub(crate) fn log_other_device(&mut self) {
+    fn log_other_device(&mut self) {
         let samples = self.counters.flagged(Flags::OTHER_DEVICE.0.trailing_zeros());
         let device = self.counters.other_device();
         let now = Some((self.counters.sessions(), self.counters.table(), device));

@@ -1,44 +1,53 @@
 //! The time from a campaign's file to its table, compared with the CSV parser alone on the same file, in one run.
 //!
 //! 15 set points, 12 positions, 300 s each at 100 Hz: 5.4 million rows, unless `--smoke`.
-#![allow(clippy::print_stdout, reason = "the figures are the product")]
 
-use isotherm_benches::BenchResult;
+use clap::Parser;
+use isotherm_benches::{BenchDomain, BenchResult, Common, no_role, run, status_number};
 use isotherm_calibration::{CalibrationOptions, calibrate_accelerometers};
 use isotherm_campaign::{Campaign, read_dwells};
 use isotherm_recording::{CampaignCsvReader, RawCsvWriter};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_simulation::{CampaignSchedule, Truth, campaign, campaign_toml};
+use serde_json::json;
 use std::fs::{self, File};
 use std::io::{BufRead as _, BufReader, BufWriter};
 use std::path::Path;
 use std::process::ExitCode;
-use std::time::{Duration, Instant};
-
-fn main() -> ExitCode {
-    let smoke = std::env::args().nth(1).as_deref() == Some("--smoke");
-    match bench(smoke) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            println!("fit: {error}");
-            ExitCode::FAILURE
-        }
-    }
-}
+use std::time::Instant;
 
 /// The truth of the simulated campaign.
 const TABLE: &str = include_str!("../../../examples/tables/imu-paper.toml");
 
-fn bench(smoke: bool) -> BenchResult<()> {
-    let folder = tempfile::Builder::new().prefix("iso-").tempdir()?;
-    let path = folder.path().join("samples.csv");
+/// What is timed.
+const STEPS: [&str; 4] = [
+    "CSV parser alone (csv-core)",
+    "and numbers from text",
+    "and dwells, checked",
+    "checks, orders and fit of the dwells",
+];
+
+/// Measures the time from a campaign's file to its table
+#[derive(Debug, Parser)]
+struct FitArguments {
+    #[command(flatten)]
+    common: Common,
+}
+
+fn main() -> ExitCode {
+    run(no_role, bench)
+}
+
+fn bench(FitArguments { common }: FitArguments) -> BenchResult<()> {
+    let folder = BenchDomain::new()?;
+    let path = folder.path("samples.csv");
     let table = CoefficientTable::from_toml(TABLE, None)?;
     let truth = Truth::of(table);
-    let plan =
-        CampaignSchedule { interval_ns: if smoke { 1_000_000_000 } else { 10_000_000 }, ..CampaignSchedule::default() };
-    let (stated, rows) = (write(&truth, &plan, &path)?, plan.rows());
-    let rounds = if smoke { 2 } else { 7 };
-    let mut times: [Vec<Duration>; 4] = Default::default();
+    let interval_ns = if common.smoke { 1_000_000_000 } else { 10_000_000 };
+    let plan = CampaignSchedule { interval_ns, ..CampaignSchedule::default() };
+    let stated = write(&truth, &plan, &path)?;
+    let rounds = common.rounds(2, 7).max(1);
+    let mut times: [Vec<f64>; STEPS.len()] = Default::default();
     for _ in 0..rounds {
         // Alternating, so that other load of the machine affects all alike.
         times[0].push(timed(|| parse(&path))?.0);
@@ -47,26 +56,27 @@ fn bench(smoke: bool) -> BenchResult<()> {
         times[2].push(elapsed);
         times[3].push(timed(|| Ok(calibrate_accelerometers(&stated, dwells, CalibrationOptions::default())?))?.0);
     }
-    let size = fs::metadata(&path)?.len() as f64;
-    println!("{rows} rows, {:.0} MB, {rounds} rounds; the fastest and the slowest of each", size / 1e6);
-    let names = [
-        "CSV parser alone (csv-core)",
-        "and numbers from text",
-        "and dwells, checked",
-        "checks, orders and fit of the dwells",
-    ];
-    for (name, times) in names.iter().zip(&mut times) {
-        times.sort_unstable();
-        let [best, worst] = [times[0], times[times.len() - 1]].map(|time| time.as_secs_f64());
-        println!(
-            "{name:38} {best:7.3} to {worst:7.3} s, {:6.2} million rows/s, {:5.0} MB/s",
-            rows as f64 / best / 1e6,
-            size / best / 1e6
-        );
-    }
-    let ratio = times[2][0].as_secs_f64() / times[0][0].as_secs_f64();
-    println!("reading into dwells takes {ratio:.2} times as long as the parser alone");
-    println!("peak memory {:.1} MB", peak()?);
+    times.iter_mut().for_each(|times| times.sort_unstable_by(f64::total_cmp));
+    let (rows, bytes) = (plan.rows(), fs::metadata(&path)?.len());
+    let steps = STEPS.iter().zip(&times).map(|(name, times)| {
+        let best = times[0];
+        json!({
+            "step": name,
+            "best_s": best,
+            "worst_s": times.last(),
+            "rows_per_s": (rows as f64 / best).round(),
+            "mb_per_s": bytes as f64 / best / 1e6,
+        })
+    });
+    let document = json!({
+        "rows": rows,
+        "bytes": bytes,
+        "rounds": rounds,
+        "steps": steps.collect::<Vec<_>>(),
+        "dwells/parser": times[2][0] / times[0][0],
+        "peak_memory_kb": status_number(Path::new("/proc/self"), "VmHWM"),
+    });
+    common.show(document);
     Ok(())
 }
 
@@ -82,10 +92,10 @@ fn write(truth: &Truth, plan: &CampaignSchedule, path: &Path) -> BenchResult<Cam
     Ok(Campaign::from_toml(&text)?)
 }
 
-fn timed<T>(work: impl FnOnce() -> BenchResult<T>) -> BenchResult<(Duration, T)> {
+fn timed<T>(work: impl FnOnce() -> BenchResult<T>) -> BenchResult<(f64, T)> {
     let begin = Instant::now();
     let result = work()?;
-    Ok((begin.elapsed(), result))
+    Ok((begin.elapsed().as_secs_f64(), result))
 }
 
 /// Splits the file into rows and fields and does nothing with them.
@@ -115,12 +125,4 @@ fn samples(path: &Path) -> BenchResult<usize> {
         count += usize::from(core::hint::black_box(row?).position.is_some());
     }
     Ok(count)
-}
-
-/// Peak resident memory of this process \[MB\].
-fn peak() -> BenchResult<f64> {
-    let status = fs::read_to_string("/proc/self/status")?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).ok_or("no VmHWM in /proc/self/status")?;
-    let kilobytes: f64 = line.trim().trim_end_matches("kB").trim().parse()?;
-    Ok(kilobytes / 1e3)
 }

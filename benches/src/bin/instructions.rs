@@ -12,10 +12,9 @@
 //! `callgrind`. Each function is counted with all that it calls, and the count of a run is taken from that of a longer
 //! one: what happens only once does not count. Under valgrind, which is slow, each reading of the clock is one of the
 //! kernel's clock, in every build.
-#![allow(clippy::print_stdout, reason = "the table is the product")]
 
 use clap::Parser;
-use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, IMU};
+use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, Common, IMU, no_role, own_folder, run};
 use serde_json::json;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -57,9 +56,8 @@ struct InstructionsArguments {
     /// Fail if a count is over its bound
     #[arg(long)]
     check: bool,
-    /// Print one JSON document
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    common: Common,
 }
 
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -70,72 +68,56 @@ enum Program {
 }
 
 fn main() -> ExitCode {
-    match bench(&InstructionsArguments::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            println!("instructions: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    run(no_role, bench)
 }
 
-fn bench(arguments: &InstructionsArguments) -> BenchResult<()> {
-    let mut folders = arguments.folders.clone();
+fn bench(arguments: InstructionsArguments) -> BenchResult<()> {
+    let InstructionsArguments { mut folders, python, check, common } = arguments;
     if folders.is_empty() {
-        folders.push(std::env::current_exe()?.parent().ok_or("this program is in no folder")?.to_owned());
+        folders.push(own_folder()?);
     }
-    let of_python: &[Count] = if arguments.python.is_some() { &PYTHON } else { &[] };
-    let counts: Vec<_> = COUNTS.iter().chain(of_python).collect();
-    // Of each folder.
-    let mut found = Vec::new();
+    let of_python: &[Count] = if python.is_some() { &PYTHON } else { &[] };
+    let mut profiles = Vec::new();
     for folder in &folders {
-        let [shorter, longer] = SAMPLES.map(|samples| run(folder, samples, arguments.python.as_deref()));
-        let (shorter, longer) = (shorter?, longer?);
-        found.push(counts.iter().map(|count| count.of(&shorter, &longer)).collect::<BenchResult<Vec<_>>>()?);
+        let [shorter, longer] = SAMPLES.map(|samples| profile(folder, samples, python.as_deref()));
+        profiles.push((shorter?, longer?));
     }
-    let of = |row: usize| found.iter().map(move |found| found[row]);
-    if arguments.json {
-        let rows = counts.iter().enumerate().map(|(row, Count(name, .., bound))| {
-            json!({"name": name, "counts": of(row).collect::<Vec<_>>(), "bound": bound})
-        });
-        println!("{:#}", json!({"folders": folders, "instructions": rows.collect::<Vec<_>>()}));
-    } else {
-        let names: Vec<_> = folders.iter().map(|folder| folder.display().to_string()).collect();
-        println!("{:<24}{:>8}  {}", "instructions a sample", "bound", names.join(", "));
-        for (row, Count(name, .., bound)) in counts.iter().enumerate() {
-            let figures: String = of(row).map(|count| format!("{count:>10.1}")).collect();
-            println!("{name:<24}{bound:>8}{figures}");
-        }
+    let mut rows = Vec::new();
+    for count in COUNTS.iter().chain(of_python) {
+        let counts = profiles.iter().map(|(shorter, longer)| count.of(shorter, longer));
+        rows.push((count, counts.collect::<BenchResult<Vec<_>>>()?));
     }
-    for (row, Count(name, .., bound)) in counts.iter().enumerate().filter(|_| arguments.check) {
-        let (most, least) = (of(row).fold(0.0, f64::max), of(row).fold(f64::INFINITY, f64::min));
+    let document =
+        |(Count(name, .., bound), counts): &(&Count, Vec<f64>)| json!({"name": name, "counts": counts, "bound": bound});
+    common.show(json!({"folders": folders, "instructions": rows.iter().map(document).collect::<Vec<_>>()}));
+    if check { rows.iter().try_for_each(|(count, counts)| count.check(counts)) } else { Ok(()) }
+}
+
+/// The profiles of the programs of a run.
+struct Profiles {
+    samples: u64,
+    of: [String; 3],
+}
+
+impl Count {
+    /// Fails if the count of a build is over the bound, or if the builds differ too much.
+    fn check(&self, counts: &[f64]) -> BenchResult<()> {
+        let Self(name, .., bound) = self;
+        let most = counts.iter().copied().fold(0.0, f64::max);
+        let least = counts.iter().copied().fold(f64::INFINITY, f64::min);
         if most > *bound {
             return Err(format!("{name}: {most:.1} instructions, over the bound of {bound}").into());
         }
         if most > least * MAX_RATIO {
             return Err(format!("{name}: {most:.1} instructions in one build, {least:.1} in the other").into());
         }
+        Ok(())
     }
-    Ok(())
-}
 
-/// The profiles of the programs of a run.
-struct Profiles {
-    samples: u64,
-    daemon: String,
-    acquisition: String,
-    python: String,
-}
-
-impl Count {
     /// Instructions of a call.
     fn of(&self, shorter: &Profiles, longer: &Profiles) -> BenchResult<f64> {
         let Self(name, program, function, _) = self;
-        let profile = |profiles: &Profiles| match program {
-            Program::Daemon => calls(&profiles.daemon, function),
-            Program::Acquisition => calls(&profiles.acquisition, function),
-            Program::Python => calls(&profiles.python, function),
-        };
+        let profile = |profiles: &Profiles| calls(&profiles.of[*program as usize], function);
         let ((few, little), (many, much)) = (profile(shorter), profile(longer));
         let (more, samples) = (many.saturating_sub(few), longer.samples - shorter.samples);
         if more < samples {
@@ -146,7 +128,7 @@ impl Count {
 }
 
 /// Counts the programs of a folder.
-fn run(folder: &Path, samples: u64, python: Option<&Path>) -> BenchResult<Profiles> {
+fn profile(folder: &Path, samples: u64, python: Option<&Path>) -> BenchResult<Profiles> {
     let folder = fs::canonicalize(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let domain = BenchDomain::new()?;
     let acquisition = domain.compiled("instructions.c", &folder)?;
@@ -162,14 +144,14 @@ fn run(folder: &Path, samples: u64, python: Option<&Path>) -> BenchResult<Profil
     daemon.terminate();
     ends(&mut daemon, &domain)?;
     let read = |name: &str| fs::read_to_string(domain.path(&format!("{name}.callgrind"))).unwrap_or_default();
-    Ok(Profiles { samples, daemon: read("daemon"), acquisition: read("acquisition"), python: read("python") })
+    Ok(Profiles { samples, of: ["daemon", "acquisition", "python"].map(read) })
 }
 
 /// Waits until a process has ended.
 fn ends(process: &mut BenchProcess, domain: &BenchDomain) -> BenchResult<()> {
     match process.succeeds_within(TIMEOUT) {
         Ok(true) => Ok(()),
-        _ => Err(format!("a program failed or did not end; the log:\n{}", domain.log()).into()),
+        _ => Err(domain.failure("a program failed or did not end; the log")),
     }
 }
 

@@ -4,15 +4,13 @@
 //!
 //! The tables are measured in turns of some milliseconds, so that other load of the machine affects all alike. The
 //! ratio is the median of the ratios of the turns.
-#![allow(clippy::print_stdout, reason = "the table is the product")]
 
 use clap::Parser;
-use isotherm_benches::statistics::median;
-use isotherm_benches::{BenchResult, LAG_NS, TABLE, cores, pin, sample};
+use isotherm_benches::{BenchResult, Common, LAG_NS, TABLE, cores, median, no_role, pin, run, sample};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::{CoefficientTable, Content};
 use isotherm_shared::wire::{AXES, RawSample, Triad};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::hint::black_box;
 use std::process::ExitCode;
 use std::time::Instant;
@@ -25,12 +23,8 @@ const SAMPLES: usize = 256;
 /// Measures the kernel under tables of both formats
 #[derive(Debug, Parser)]
 struct KernelArguments {
-    /// Print one JSON document
-    #[arg(long)]
-    json: bool,
-    /// A few turns only, to see that everything works
-    #[arg(long)]
-    smoke: bool,
+    #[command(flatten)]
+    common: Common,
 }
 
 /// A table, and the time of a sample in each turn \[ns\].
@@ -41,44 +35,30 @@ struct Case {
 }
 
 fn main() -> ExitCode {
-    match bench(&KernelArguments::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            println!("kernel: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    run(no_role, bench)
 }
 
-fn bench(arguments: &KernelArguments) -> BenchResult<()> {
+fn bench(KernelArguments { common }: KernelArguments) -> BenchResult<()> {
     pin(cores().first().copied());
     let mut cases = cases()?;
     let samples: Vec<_> = (0..SAMPLES).map(varied).collect();
-    let turns = if arguments.smoke { 3 } else { 400 };
+    let turns = common.rounds(3, 400);
     for _ in 0..turns {
         for case in &mut cases {
             case.times.push(turn(&case.table, &samples));
         }
     }
-    let [first, ..] = &cases;
-    let results = cases.iter().map(|case| {
-        let ratio = median(case.times.iter().zip(&first.times).map(|(time, first)| time / first).collect());
-        let fastest = case.times.iter().copied().fold(f64::INFINITY, f64::min);
-        (case.name, median(case.times.clone()), fastest, ratio)
-    });
-    if arguments.json {
-        let cases: Vec<_> = results
-            .map(|(name, ns, fastest, ratio)| json!({"table": name, "ns": ns, "fastest_ns": fastest, "ratio": ratio}))
-            .collect();
-        println!("{:#}", json!({"samples_per_turn": COUNT, "turns": turns, "cases": cases}));
-        return Ok(());
-    }
-    println!("{:<28}{:>10}{:>10}{:>10}", "ns a sample", "median", "fastest", "ratio");
-    for (name, ns, fastest, ratio) in results {
-        let [ns, ratio] = [ns, ratio].map(Option::unwrap_or_default);
-        println!("{name:<28}{ns:>10.1}{fastest:>10.1}{ratio:>10.3}");
-    }
+    let results = cases.iter().map(|case| case.figures(&cases[0])).collect::<Vec<_>>();
+    common.show(json!({"samples_per_turn": COUNT, "turns": turns, "cases": results}));
     Ok(())
+}
+
+impl Case {
+    fn figures(&self, first: &Self) -> Value {
+        let ratio = median(self.times.iter().zip(&first.times).map(|(time, first)| time / first).collect());
+        let fastest = self.times.iter().copied().fold(f64::INFINITY, f64::min);
+        json!({"table": self.name, "ns": median(self.times.clone()), "fastest_ns": fastest, "ratio": ratio})
+    }
 }
 
 /// The time of a sample in one turn \[ns\].

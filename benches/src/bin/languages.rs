@@ -16,14 +16,15 @@
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
 use clap::Parser;
-use isotherm_benches::statistics::{figures, ratios};
-use isotherm_benches::{BenchDomain, BenchResult, Spin, become_child, cores, imu, pin, sample};
+use isotherm_benches::{
+    BenchDomain, BenchResult, Common, Series, Spin, imu, own_folder, pin_apart, run, sample, served_by,
+};
 use isotherm_client::{Acquisition, Options, RawSample, domain};
-use serde_json::Value;
+use serde_json::{Map, json};
 use std::hint::black_box;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _, stdin, stdout};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, Command, ExitCode, Stdio};
+use std::process::{Child, ChildStdin, ChildStdout, ExitCode, Stdio};
 use std::time::{Duration, Instant};
 
 const FOLDER: &str = env!("CARGO_MANIFEST_DIR");
@@ -38,33 +39,17 @@ struct LanguagesArguments {
     /// An interpreter that has the package `isotherm`
     #[arg(long)]
     python: Option<PathBuf>,
-    /// A few samples only, to see that everything works
-    #[arg(long)]
-    smoke: bool,
+    #[command(flatten)]
+    common: Common,
 }
 
 fn main() -> ExitCode {
-    let words: Vec<_> = std::env::args().skip(1).collect();
-    let words: Vec<_> = words.iter().map(String::as_str).collect();
-    let result = match words.as_slice() {
-        ["serve", ..] => {
-            become_child();
-            return isotherm_service::main(env!("CARGO_PKG_VERSION"));
-        }
-        ["--imu", imu, "--domain", name] => acquisition(imu, name),
-        _ => bench(&LanguagesArguments::parse()),
-    };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            println!("languages: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    run(acquisition, bench)
 }
 
 /// The acquisition in Rust.
-fn acquisition(imu: &str, name: &str) -> BenchResult<()> {
+fn acquisition(words: &[&str]) -> BenchResult<ExitCode> {
+    let ["--imu", imu, "--domain", name] = words else { return Err("unknown words".into()) };
     let options = Options::new(domain(Some(name))?, Duration::from_secs(5));
     let mut acquisition = Acquisition::connect(&imu.parse()?, &options)?;
     println!("ready");
@@ -79,7 +64,7 @@ fn acquisition(imu: &str, name: &str) -> BenchResult<()> {
         stdout().write_all(&bytes)?;
         stdout().flush()?;
     }
-    Ok(())
+    Ok(ExitCode::SUCCESS)
 }
 
 fn round_trip(acquisition: &mut Acquisition) -> BenchResult<u64> {
@@ -101,51 +86,47 @@ struct Language {
     script: Option<PathBuf>,
 }
 
-fn bench(arguments: &LanguagesArguments) -> BenchResult<()> {
-    let (rounds, blocks, count) = if arguments.smoke { (2, 2, 300) } else { (20, 5, BLOCK) };
+fn bench(LanguagesArguments { python, common }: LanguagesArguments) -> BenchResult<()> {
+    let (rounds, blocks, count) = (common.rounds(2, 20), common.of(2, 5), if common.smoke { 300 } else { BLOCK });
     let folder = BenchDomain::new()?;
+    let languages = languages(&folder, python.as_deref())?;
+    // The acquisitions inherit this core; the service is pinned to another one.
+    let settings = served_by("spin", pin_apart());
+    let mut series = Series::default();
+    for round in 0..rounds {
+        let domain = BenchDomain::new()?;
+        let _service = domain.serve_many(languages.len(), 1, &settings)?;
+        let start = |(index, language)| Running::start(language, &domain, &imu((index + round) % languages.len()));
+        let mut running = languages.iter().enumerate().map(start).collect::<BenchResult<Vec<_>>>()?;
+        series.begin_round(languages.iter().map(|language| language.name.to_owned()));
+        for turn in (0..blocks).flat_map(|block| (block..).take(languages.len())) {
+            let index = (round + turn) % languages.len();
+            running[index].go(WARM_UP)?;
+            series.path(index).add(&running[index].go(count)?, false);
+        }
+        running.into_iter().try_for_each(Running::end)?;
+    }
+    series.sort();
+    let couples: Vec<_> = languages[1..].iter().map(|language| format!("{}/rust", language.name)).collect();
+    let paths: Map<_, _> = series.paths().map(|(name, times)| (name.clone(), times.figures().into())).collect();
+    common.show(json!({"rounds": rounds, "paths": paths, "ratios": series.ratios(&couples)}));
+    Ok(())
+}
+
+/// All languages; the C program is compiled into the folder.
+fn languages(folder: &BenchDomain, python: Option<&Path>) -> BenchResult<Vec<Language>> {
     let own = std::env::current_exe()?;
     let language = |name, program| Language { name, program, script: None };
     let mut languages = vec![
         language("rust", own.clone()),
-        language("rust_again", own.clone()),
-        language("c", folder.compiled("round_trip.c", own.parent().ok_or("this program is in no folder")?)?),
+        language("rust_again", own),
+        language("c", folder.compiled("round_trip.c", &own_folder()?)?),
     ];
-    if let Some(python) = &arguments.python {
+    if let Some(python) = python {
         let script = Some(Path::new(FOLDER).join("src/round_trip.py"));
-        languages.push(Language { name: "python", program: python.clone(), script });
+        languages.push(Language { name: "python", program: std::path::absolute(python)?, script });
     }
-    let cores = cores();
-    let service_core = cores.get(1).map(|core| format!("[realtime]\ncore = {core}\n")).unwrap_or_default();
-
-    // The acquisitions inherit this core; the service is pinned to another one.
-    pin(cores.first().copied().filter(|_| cores.len() > 1));
-    // Round trips by language and round \[ns\].
-    let mut series = vec![Vec::new(); languages.len()];
-    for round in 0..rounds {
-        let domain = BenchDomain::new()?;
-        let _service =
-            domain.serve_many(languages.len(), 1, &format!("[wait]\nstrategy = \"spin\"\n{service_core}"))?;
-        let mut running = Vec::new();
-        for (index, language) in languages.iter().enumerate() {
-            running.push(Running::start(language, &domain, &imu((index + round) % languages.len()))?);
-        }
-        series.iter_mut().for_each(|series| series.push(Vec::new()));
-        for block in 0..blocks {
-            for turn in 0..languages.len() {
-                let index = (round + block + turn) % languages.len();
-                running[index].go(WARM_UP)?;
-                let times = running[index].go(count)?;
-                series[index][round].extend(times);
-            }
-        }
-        for running in running {
-            running.end()?;
-        }
-        series.iter_mut().for_each(|series| series[round].sort_unstable());
-    }
-    print(&languages, &series, rounds);
-    Ok(())
+    Ok(languages)
 }
 
 /// The process of an acquisition. It waits for the next `go N`.
@@ -158,9 +139,9 @@ struct Running {
 
 impl Running {
     fn start(language: &Language, domain: &BenchDomain, imu: &str) -> BenchResult<Self> {
-        let mut command = Command::new(&language.program);
+        let mut command = domain.command(&language.program);
         command.args(&language.script).args(["--imu", imu, "--domain", domain.as_domain().name()]);
-        command.env("ISOTHERM_ROOT", domain.path("")).stdin(Stdio::piped()).stdout(Stdio::piped());
+        command.stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut process = command.spawn().map_err(|error| format!("{}: {error}", language.program.display()))?;
         let input = process.stdin.take();
         let output = BufReader::new(process.stdout.take().ok_or("no output")?);
@@ -192,30 +173,4 @@ impl Drop for Running {
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
-}
-
-fn print(languages: &[Language], series: &[Vec<Vec<u32>>], rounds: usize) {
-    println!("round trips, one sample in flight, {rounds} rounds of new processes [ns]");
-    println!("{:<12} {:>9} {:>9} {:>9} {:>11} {:>9}", "", "p50", "p99", "p99.9", "max", "count");
-    for (language, rounds) in languages.iter().zip(series) {
-        let figures = figures(rounds.concat());
-        let cell = |name: &str| figures[name].as_f64().map_or_else(|| "-".to_owned(), |value| format!("{value:.0}"));
-        let [p50, p99, p999, max, count] = ["p50_ns", "p99_ns", "p999_ns", "max_ns", "count"].map(cell);
-        println!("{:<12} {p50:>9} {p99:>9} {p999:>9} {max:>11} {count:>9}", language.name);
-    }
-    println!("\n{:<18} {:>20} {:>20} {:>20}", "ratio, 95 % interval", "p50", "p99", "p99.9");
-    for (language, rounds) in languages.iter().zip(series).skip(1) {
-        let ratios = ratios(rounds, &series[0]);
-        let [p50, p99, p999] = ["p50", "p99", "p999"].map(|part| with_interval(&ratios[part]));
-        println!("{:<20} {p50:>18} {p99:>20} {p999:>20}", format!("{}/rust", language.name));
-    }
-    println!(
-        "- : fewer than 20 samples beyond it. Absolute times mean nothing on a shared machine; ratios of one run do."
-    );
-}
-
-fn with_interval(value: &Value) -> String {
-    let of = |name: &str| value[name].as_f64();
-    let Some(((ratio, low), high)) = of("ratio").zip(of("low")).zip(of("high")) else { return "-".to_owned() };
-    format!("{ratio:.2} ({low:.2} {high:.2})")
 }

@@ -4,7 +4,7 @@
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
 use clap::Parser;
-use isotherm_benches::{BenchResult, IMU, TIMEOUT};
+use isotherm_benches::{BenchResult, IMU, TIMEOUT, nearest_rank, no_role, run};
 use isotherm_client::{
     Acquisition, CompensatedIncrement, ImuId, IncrementReader, Options, RawSample, domain, monotonic_ns,
 };
@@ -44,17 +44,10 @@ enum NetworkCommand {
 }
 
 fn main() -> ExitCode {
-    let result = match NetworkCommand::parse() {
+    run(no_role, |command| match command {
         NetworkCommand::Compare { near, far, idle } => compare(&near, &far, Duration::from_secs_f64(idle)),
         NetworkCommand::RoundTrips { near, far, link, blocks } => round_trips(&near, &far, &link, blocks),
-    };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            println!("network: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    })
 }
 
 fn options(name: &str) -> BenchResult<Options> {
@@ -144,8 +137,7 @@ fn bits(increment: &CompensatedIncrement) -> [u64; 13] {
 }
 
 fn percentiles(sorted: &[u64], unit: f64) -> String {
-    let at =
-        |part: f64| sorted[((sorted.len() as f64 * part).ceil() as usize).clamp(1, sorted.len()) - 1] as f64 / unit;
+    let at = |part| nearest_rank(sorted, part).unwrap_or_default() as f64 / unit;
     format!("p50 {:.2}, p99 {:.2}, p99.9 {:.2}, max {:.2}", at(0.5), at(0.99), at(0.999), at(1.0))
 }
 
@@ -207,13 +199,13 @@ fn round_trips(near: &str, far: &str, link: &Path, blocks: usize) -> BenchResult
         let _link = if with == 1 { Some(Link(Command::new(link).stdin(Stdio::null()).spawn()?)) } else { None };
         let (mut far, started) = (reader(far)?, Instant::now());
         while with == 1 && far.receive()?.is_none() {
-            run(&mut acquisition, Duration::from_millis(10), &mut Vec::new())?;
+            send(&mut acquisition, Duration::from_millis(10), &mut Vec::new())?;
             if started.elapsed() > 4 * TIMEOUT {
                 return Err("nothing arrives at the far side".into());
             }
         }
-        run(&mut acquisition, Duration::from_millis(200), &mut Vec::new())?;
-        run(&mut acquisition, Duration::from_secs(2), &mut times[with])?;
+        send(&mut acquisition, Duration::from_millis(200), &mut Vec::new())?;
+        send(&mut acquisition, Duration::from_secs(2), &mut times[with])?;
     }
     for (name, times) in ["without", "with"].iter().zip(&mut times) {
         times.sort_unstable();
@@ -223,7 +215,7 @@ fn round_trips(near: &str, far: &str, link: &Path, blocks: usize) -> BenchResult
 }
 
 /// Round trips at 2 kHz, spinning for the answer.
-fn run(acquisition: &mut Acquisition, duration: Duration, times: &mut Vec<u64>) -> BenchResult<()> {
+fn send(acquisition: &mut Acquisition, duration: Duration, times: &mut Vec<u64>) -> BenchResult<()> {
     let started = Instant::now();
     let mut due = started;
     while started.elapsed() < duration {

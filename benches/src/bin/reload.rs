@@ -1,35 +1,31 @@
 //! How long a new table takes from `rename` to the first increment under it, while samples flow at 2 kHz.
-#![allow(clippy::print_stdout, reason = "the figures are the product")]
 
-use isotherm_benches::{BenchDomain, BenchResult, IMU, TABLE, TIMEOUT};
+use clap::Parser;
+use isotherm_benches::{BenchDomain, BenchResult, Common, IMU, TABLE, TIMEOUT, nearest_rank, no_role, run};
 use isotherm_client::{Acquisition, RawSample};
 use isotherm_shared::table::CoefficientTable;
-use std::fs;
+use serde_json::json;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 const PERIOD: Duration = Duration::from_micros(500);
 
-fn main() -> ExitCode {
-    let mut words = std::env::args().skip(1);
-    let reloads = match words.next().as_deref() {
-        Some("serve") => return isotherm_service::main(env!("CARGO_PKG_VERSION")),
-        Some("--smoke") => 10,
-        _ => 300,
-    };
-    match bench(reloads) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            println!("reload: {error}");
-            ExitCode::FAILURE
-        }
-    }
+/// Measures how long a new table takes until it is in force
+#[derive(Debug, Parser)]
+struct ReloadArguments {
+    #[command(flatten)]
+    common: Common,
 }
 
-fn bench(reloads: usize) -> BenchResult<()> {
+fn main() -> ExitCode {
+    run(no_role, bench)
+}
+
+fn bench(ReloadArguments { common }: ReloadArguments) -> BenchResult<()> {
+    let reloads = common.rounds(10, 300);
     let domain = BenchDomain::new()?;
-    let _service = domain.serve("")?;
-    let mut acquisition = Acquisition::connect(&IMU.parse()?, &domain.options())?;
+    let _service = domain.serve(None, "")?;
+    let mut acquisition = domain.acquisition(IMU)?;
     let texts = [1, 2].map(|number| TABLE.replace("9.8015", &format!("9.801{number}")));
     let ids = texts.each_ref().map(|text| CoefficientTable::from_toml(text, None).map(|table| table.id()));
     let (mut due, mut times) = (Instant::now(), Vec::with_capacity(reloads));
@@ -39,21 +35,17 @@ fn bench(reloads: usize) -> BenchResult<()> {
         for _ in 0..20 {
             round_trip(&mut acquisition, &mut due)?;
         }
-        fs::write(domain.path("next.toml"), &texts[reload % 2])?;
-        let renamed = Instant::now();
-        fs::rename(domain.path("next.toml"), domain.path("table.toml"))?;
+        let renamed = domain.replace("table.toml", &texts[reload % 2])?;
         while round_trip(&mut acquisition, &mut due)? != id {
             if renamed.elapsed() > TIMEOUT {
                 return Err("the new table is not taken".into());
             }
         }
-        times.push(renamed.elapsed());
+        times.push(renamed.elapsed().as_secs_f64() * 1e3);
     }
-    times.sort_unstable();
-    let at =
-        |part: f64| times[((times.len() as f64 * part).ceil() as usize).clamp(1, times.len()) - 1].as_secs_f64() * 1e3;
-    println!("from rename to the first increment under the new table, {reloads} reloads at 2 kHz [ms]:");
-    println!("p50 {:.2}, p90 {:.2}, p99 {:.2}, max {:.2}", at(0.5), at(0.9), at(0.99), at(1.0));
+    times.sort_unstable_by(f64::total_cmp);
+    let [p50, p90, p99, max] = [0.5, 0.9, 0.99, 1.0].map(|part| nearest_rank(&times, part));
+    common.show(json!({"reloads": reloads, "p50_ms": p50, "p90_ms": p90, "p99_ms": p99, "max_ms": max}));
     Ok(())
 }
 

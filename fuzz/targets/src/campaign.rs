@@ -10,7 +10,7 @@ use isotherm_calibration::{
     AlignmentChoice, CalibrationOptions, Method, RampRecording, accelerometers_observable as observable,
     calibrate_accelerometers, calibrate_ramps, check, set_points,
 };
-use isotherm_campaign::{Campaign, read_dwells};
+use isotherm_campaign::{Campaign, Dwell, read_dwells};
 use isotherm_recording::CampaignCsvReader;
 use isotherm_shared::table::{CoefficientTable, Content};
 
@@ -30,10 +30,7 @@ pub fn run(bytes: &[u8]) {
     let samples = bytes.get(end + 1..);
     if campaign.has_ramps_alone() {
         assert!(!campaign.ramps.is_empty() && campaign.curves.is_some());
-        if let Some(samples) = samples {
-            ramps_alone(&campaign, samples);
-        }
-        return;
+        return samples.map_or((), |samples| ramps_alone(&campaign, samples));
     }
     for (index, position) in campaign.positions.iter().enumerate() {
         let length = position.specific_force.iter().map(|f| f * f).sum::<f64>().sqrt();
@@ -44,26 +41,34 @@ pub fn run(bytes: &[u8]) {
     let observable = observable(&campaign);
     let Some(samples) = samples else { return };
     let Ok(dwells) = CampaignCsvReader::new(samples).and_then(|rows| read_dwells(&campaign, rows)) else { return };
-    for dwell in &dwells {
+    check_dwells(&campaign, &dwells);
+    if observable.is_ok() {
+        both_methods(&campaign, &dwells);
+    }
+}
+
+/// Checks the dwells, and what is found in them.
+fn check_dwells(campaign: &Campaign, dwells: &[Dwell]) {
+    for dwell in dwells {
         assert!(dwell.rows >= 1 && dwell.lines[0] <= dwell.lines[1] && dwell.position < campaign.positions.len());
         assert!((1..=512).contains(&dwell.blocks.len()));
     }
-    let stays = set_points(&dwells, campaign.positions.len());
+    let stays = set_points(dwells, campaign.positions.len());
     assert_eq!(stays.iter().map(|stay| stay.dwells.len()).sum::<usize>(), dwells.len());
-    for finding in check(&campaign, &dwells, &stays, &[]) {
+    for finding in check(campaign, dwells, &stays, &[]) {
         assert!(!finding.message.is_empty());
     }
-    if observable.is_err() {
-        return;
-    }
+}
+
+fn both_methods(campaign: &Campaign, dwells: &[Dwell]) {
     for method in [Method::OneStage, Method::TwoStage] {
         let options = CalibrationOptions {
             method,
             alignment: AlignmentChoice::of(method == Method::TwoStage, false),
             ..CalibrationOptions::default()
         };
-        if let Ok(calibration) = calibrate_accelerometers(&campaign, dwells.clone(), options) {
-            same_when_read_again(&campaign, &calibration.table);
+        if let Ok(calibration) = calibrate_accelerometers(campaign, dwells.to_vec(), options) {
+            same_when_read_again(campaign, &calibration.table);
         }
     }
 }

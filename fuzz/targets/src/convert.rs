@@ -1,22 +1,17 @@
 //! Input: a mapping, a zero byte, and foreign data in any format. They are converted, or refused with a message that a
 //! terminal can show. The mapping that is proposed for a text is valid.
 
+use crate::{check_faults, memory_file};
 use isotherm_failure::{Exit, printable};
 use isotherm_recording_formats::convert::{Conversion, Mapping, Settings};
-use isotherm_shared::document::{Faults, MAX_BYTES};
+use isotherm_shared::document::MAX_BYTES;
 use isotherm_shared::wire::MAX_INTERVAL_NS;
-use rustix::fs::{MemfdFlags, memfd_create};
 use std::fs::{self, File};
-use std::os::fd::AsRawFd as _;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 /// The data, in memory, and a path that opens them.
-static INPUT: LazyLock<(File, PathBuf)> = LazyLock::new(|| {
-    let file = File::from(memfd_create("foreign", MemfdFlags::empty()).expect("a file in memory"));
-    let path = format!("/proc/self/fd/{}", file.as_raw_fd());
-    (file, PathBuf::from(path))
-});
+static INPUT: LazyLock<(File, PathBuf)> = LazyLock::new(memory_file);
 
 /// Runs the target.
 pub fn run(bytes: &[u8]) {
@@ -29,7 +24,7 @@ pub fn run(bytes: &[u8]) {
         return;
     }
     if let Err(faults) = Mapping::from_toml(mapping) {
-        check(mapping, &faults);
+        check_faults(mapping, &faults);
     }
     fs::write(&INPUT.1, data).expect("memory takes all");
     convert(Some(mapping));
@@ -37,10 +32,6 @@ pub fn run(bytes: &[u8]) {
         Mapping::from_toml(&proposal).unwrap_or_else(|faults| panic!("{faults}\n{proposal}"));
         convert(Some(&proposal));
     }
-}
-
-fn check(text: &str, faults: &Faults) {
-    crate::check_faults(text, faults);
 }
 
 /// Converts the data. Returns the mapping that is proposed.

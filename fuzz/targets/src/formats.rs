@@ -1,21 +1,16 @@
 //! Input: any bytes as a file of a recording, in whatever format its first bytes say. It is read, or refused as bad
 //! data: never an error of the operating system, since there was none.
 
+use crate::memory_file;
 use indicatif::ProgressBar;
 use isotherm_failure::{Exit, printable};
 use isotherm_recording_formats::read::{ImuChoice, Samples};
-use rustix::fs::{MemfdFlags, memfd_create};
 use std::fs::{self, File};
-use std::os::fd::AsRawFd as _;
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
 /// The file, in memory, and a path that opens it.
-static INPUT: LazyLock<(File, PathBuf)> = LazyLock::new(|| {
-    let file = File::from(memfd_create("input", MemfdFlags::empty()).expect("a file in memory"));
-    let path = format!("/proc/self/fd/{}", file.as_raw_fd());
-    (file, PathBuf::from(path))
-});
+static INPUT: LazyLock<(File, PathBuf)> = LazyLock::new(memory_file);
 
 /// Runs the target.
 pub fn run(bytes: &[u8]) {

@@ -15,8 +15,12 @@ pub mod table;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::document::Faults;
 use isotherm_shared::polynomial::Polynomial;
-use isotherm_shared::table::{Axis, CoefficientTable, OutOfRange};
+use isotherm_shared::table::{Axis, CoefficientTable, Gyroscopes, OutOfRange};
 use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, MAX_INTERVAL_NS, RawSample, Triad};
+use rustix::fs::{MemfdFlags, memfd_create};
+use std::fs::File;
+use std::os::fd::AsRawFd as _;
+use std::path::PathBuf;
 
 /// Size of a sample in shared memory \[bytes\].
 pub const SAMPLE: usize = size_of::<RawSample>();
@@ -77,48 +81,73 @@ pub fn checked(table: Option<&CoefficientTable>, raw: &RawSample) -> Compensated
     assert_eq!((found.timestamp_ns, found.interval_ns), (raw.timestamp_ns, raw.interval_ns));
     assert_eq!((found.table, found.latency_ns), (table.map_or(0, CoefficientTable::id), 0));
 
-    let mut flags = Flags::default();
-    let mut flag = |condition: bool, flag: Flags| flags |= if condition { flag } else { Flags::default() };
-    flag(!has_valid_interval(raw), Flags::INTERVAL);
-    flag(table.is_none(), Flags::NO_TABLE);
-    let age = raw.timestamp_ns.saturating_sub(raw.telemetry_ns) as f64 / 1e9;
-    let limit = table.and_then(|table| table.content().max_age_s);
-    flag(raw.telemetry_ns != 0 && limit.is_some_and(|limit| age > limit), Flags::TELEMETRY_STALE);
-    let own = table.map_or(0, CoefficientTable::device);
-    flag(![0, raw.device].contains(&own) && raw.device != 0, Flags::OTHER_DEVICE);
-
     let accelerometers = Expected::of(table, table.map(|table| &table.content().axes), raw, &raw.accelerometers);
     let accelerometers =
         accelerometers.aligned(table.and_then(|table| table.content().alignment.as_ref()).map(|matrix| matrix.amax()));
-    flags |= accelerometers.flags;
     accelerometers.check(&found.velocity_increment, raw);
-    match table.and_then(|table| table.content().gyroscopes.as_ref()) {
-        None => assert!(found.angle_increment.iter().all(|angle| angle.is_nan()), "{found:?}"),
-        Some(gyroscopes) => {
-            let mut expected = Expected::of(table, Some(&gyroscopes.axes), raw, &raw.gyroscopes);
-            flags |= expected.flags.only(Flags::LAG_UNKNOWN);
-            flags |= Flags(expected.flags.0 & !Flags::LAG_UNKNOWN.0).of_gyroscopes();
-            // A velocity increment that is NaN costs an angle nothing but its g-sensitivity. One that has nearly
-            // overflowed may cost it all.
-            let known = found.velocity_increment.iter().all(|dv| dv.is_finite());
-            for (may_overflow, g_sensitivity) in expected.may_overflow.iter_mut().zip(&gyroscopes.g_sensitivity) {
-                *may_overflow |= g_sensitivity.is_some() && accelerometers.may_overflow.contains(&true);
-            }
-            if gyroscopes.g_sensitivity.iter().any(Option::is_some) && !known {
-                flags |= Flags::G_UNKNOWN;
-            }
-            expected
-                .aligned(gyroscopes.alignment.as_ref().map(|matrix| matrix.amax()))
-                .check(&found.angle_increment, raw);
+    let of_gyroscopes = match table.and_then(|table| Some((table, table.content().gyroscopes.as_ref()?))) {
+        Some((table, gyroscopes)) => checked_gyroscopes(table, gyroscopes, raw, &accelerometers, &found),
+        None => {
+            assert!(found.angle_increment.iter().all(|angle| angle.is_nan()), "{found:?}");
+            Flags::default()
         }
-    }
+    };
+    let flags = of_sample(table, raw) | accelerometers.flags | of_gyroscopes;
     assert_eq!(found.flags, flags.0, "{} instead of {flags}", Flags(found.flags));
     assert_eq!(flags.only(Flags::SAMPLE), flags);
     found
 }
 
+/// The flags that no sensor gives.
+fn of_sample(table: Option<&CoefficientTable>, raw: &RawSample) -> Flags {
+    let age = raw.timestamp_ns.saturating_sub(raw.telemetry_ns) as f64 / 1e9;
+    let limit = table.and_then(|table| table.content().max_age_s);
+    let own = table.map_or(0, CoefficientTable::device);
+    union([
+        (!has_valid_interval(raw), Flags::INTERVAL),
+        (table.is_none(), Flags::NO_TABLE),
+        (raw.telemetry_ns != 0 && limit.is_some_and(|limit| age > limit), Flags::TELEMETRY_STALE),
+        (![0, raw.device].contains(&own) && raw.device != 0, Flags::OTHER_DEVICE),
+    ])
+}
+
+/// The flags whose conditions hold.
+fn union(flags: impl IntoIterator<Item = (bool, Flags)>) -> Flags {
+    let holding = flags.into_iter().filter(|(holds, _)| *holds);
+    holding.fold(Flags::default(), |all, (_, flag)| all | flag)
+}
+
+/// Checks the angle increments. Returns the flags of the gyroscopes.
+fn checked_gyroscopes(
+    table: &CoefficientTable,
+    gyroscopes: &Gyroscopes,
+    raw: &RawSample,
+    accelerometers: &Expected,
+    found: &CompensatedIncrement,
+) -> Flags {
+    let mut expected = Expected::of(Some(table), Some(&gyroscopes.axes), raw, &raw.gyroscopes);
+    let lag_unknown = expected.flags.only(Flags::LAG_UNKNOWN);
+    let flags = lag_unknown | Flags(expected.flags.0 & !Flags::LAG_UNKNOWN.0).of_gyroscopes();
+    // A velocity increment that is NaN costs an angle nothing but its g-sensitivity. One that has nearly overflowed may
+    // cost it all.
+    let known = found.velocity_increment.iter().all(|dv| dv.is_finite());
+    for (may_overflow, g_sensitivity) in expected.may_overflow.iter_mut().zip(&gyroscopes.g_sensitivity) {
+        *may_overflow |= g_sensitivity.is_some() && accelerometers.may_overflow.contains(&true);
+    }
+    let unknown = gyroscopes.g_sensitivity.iter().any(Option::is_some) && !known;
+    expected.aligned(gyroscopes.alignment.as_ref().map(|matrix| matrix.amax())).check(&found.angle_increment, raw);
+    flags | union([(unknown, Flags::G_UNKNOWN)])
+}
+
 const fn has_valid_interval(raw: &RawSample) -> bool {
     raw.interval_ns != 0 && raw.interval_ns <= MAX_INTERVAL_NS
+}
+
+/// A file in memory, and a path that opens it: for what reads files alone.
+fn memory_file() -> (File, PathBuf) {
+    let file = File::from(memfd_create("input", MemfdFlags::empty()).expect("a file in memory"));
+    let path = format!("/proc/self/fd/{}", file.as_raw_fd());
+    (file, PathBuf::from(path))
 }
 
 /// What must be true of a triad's increments.
@@ -133,41 +162,45 @@ struct Expected {
 
 impl Expected {
     fn of(table: Option<&CoefficientTable>, axes: Option<&[Axis; AXES]>, raw: &RawSample, triad: &Triad) -> Self {
-        let mut flags = Flags::default();
-        let mut flag = |condition: bool, flag: Flags| flags |= if condition { flag } else { Flags::default() };
         let invalid = !has_valid_interval(raw);
-        let (mut without, mut may_overflow) = ([invalid || table.is_none(); AXES], [false; AXES]);
+        let mut expected =
+            Self { flags: Flags::default(), without: [invalid || table.is_none(); AXES], may_overflow: [false; AXES] };
         for index in 0..AXES {
-            let (head, board) = (triad.head_temperature[index], triad.board_temperature[index]);
-            let finite = head.is_finite() && board.is_finite();
-            flag(!finite, Flags::not_finite(index));
-            without[index] |= !finite;
-            let (Some(table), Some(axes)) = (table, axes) else { continue };
-            let axis = &axes[index];
-            let below = |p: &Polynomial, telemetry: f64| telemetry.is_finite() && telemetry < p.range()[0];
-            let above = |p: &Polynomial, telemetry: f64| telemetry.is_finite() && telemetry > p.range()[1];
-            let scale_factors = [&axis.positive_scale_factor, &axis.negative_scale_factor];
-            let sides = [
-                (below(&axis.bias, head), Flags::head_below(index)),
-                (above(&axis.bias, head), Flags::head_above(index)),
-                (scale_factors.iter().any(|p| below(p, board)), Flags::board_below(index)),
-                (scale_factors.iter().any(|p| above(p, board)), Flags::board_above(index)),
-            ];
-            sides.iter().for_each(|side| flag(side.0, side.1));
-            let outside = sides.iter().any(|side| side.0);
-            let policy = table.content().out_of_range;
-            without[index] |= outside && policy == OutOfRange::Reject;
-            may_overflow[index] = outside && policy == OutOfRange::Extrapolate;
-            let pulses = u64::from(triad.positive_pulses[index]) + u64::from(triad.negative_pulses[index]);
-            let rate = pulses as f64 / (raw.interval_ns as f64 / 1e9);
-            flag(!invalid && axis.max_rate.is_some_and(|limit| rate > limit), Flags::rate(index));
-            let difference = triad.head_lagged[index] - head;
-            let [low, high] = axis.bias.range();
-            let usable = difference.is_finite() && difference.abs() <= high - low;
-            let lag_known = table.lag_ns() != 0 && raw.lag_ns == table.lag_ns() && usable;
-            flag(axis.transient != 0.0 && !lag_known, Flags::LAG_UNKNOWN);
+            let finite = triad.head_temperature[index].is_finite() && triad.board_temperature[index].is_finite();
+            expected.flags |= union([(!finite, Flags::not_finite(index))]);
+            expected.without[index] |= !finite;
+            if let (Some(table), Some(axes)) = (table, axes) {
+                expected.add(index, table, &axes[index], raw, triad);
+            }
         }
-        Self { flags, without, may_overflow }
+        expected
+    }
+
+    /// Adds what the table says of a sensor.
+    fn add(&mut self, index: usize, table: &CoefficientTable, axis: &Axis, raw: &RawSample, triad: &Triad) {
+        let (head, board) = (triad.head_temperature[index], triad.board_temperature[index]);
+        let below = |p: &Polynomial, telemetry: f64| telemetry.is_finite() && telemetry < p.range()[0];
+        let above = |p: &Polynomial, telemetry: f64| telemetry.is_finite() && telemetry > p.range()[1];
+        let scale_factors = [&axis.positive_scale_factor, &axis.negative_scale_factor];
+        let sides = [
+            (below(&axis.bias, head), Flags::head_below(index)),
+            (above(&axis.bias, head), Flags::head_above(index)),
+            (scale_factors.iter().any(|p| below(p, board)), Flags::board_below(index)),
+            (scale_factors.iter().any(|p| above(p, board)), Flags::board_above(index)),
+        ];
+        let outside = sides.iter().any(|side| side.0);
+        let policy = table.content().out_of_range;
+        self.without[index] |= outside && policy == OutOfRange::Reject;
+        self.may_overflow[index] = outside && policy == OutOfRange::Extrapolate;
+        let pulses = u64::from(triad.positive_pulses[index]) + u64::from(triad.negative_pulses[index]);
+        let rate = pulses as f64 / (raw.interval_ns as f64 / 1e9);
+        let fast = has_valid_interval(raw) && axis.max_rate.is_some_and(|limit| rate > limit);
+        let difference = triad.head_lagged[index] - head;
+        let [low, high] = axis.bias.range();
+        let usable = difference.is_finite() && difference.abs() <= high - low;
+        let lag_known = table.lag_ns() != 0 && raw.lag_ns == table.lag_ns() && usable;
+        let others = [(fast, Flags::rate(index)), (axis.transient != 0.0 && !lag_known, Flags::LAG_UNKNOWN)];
+        self.flags |= union(sides.into_iter().chain(others));
     }
 
     /// An alignment, given by its largest entry, combines the sensors: what holds for one then holds for all.

@@ -5,7 +5,7 @@ use crate::{checked, same};
 use isotherm_recording::csv::Rows;
 use isotherm_recording::{IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader, RawCsvWriter, RecordingError};
 use isotherm_shared::table::CoefficientTable;
-use isotherm_shared::wire::{Flags, RawSample, StreamSample};
+use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample, StreamSample};
 use std::io::Read;
 use std::sync::LazyLock;
 
@@ -56,25 +56,26 @@ pub fn run(bytes: &[u8]) {
     let layout = needed.fold(Layout::default(), Layout::with);
     let raw = RawCsvWriter::with_layout(Vec::new(), "session", true, layout);
     let mut raw = raw.expect("memory takes all");
-    let of_increments = IncrementLayout { gyroscopes: true, delivery: true };
-    let mut increments = IncrementCsvWriter::new(Vec::new(), of_increments).expect("memory takes all");
-    let mut answers = Vec::new();
     for sample in &samples {
         raw.write(sample.session, sample).expect("memory takes all");
-        let answer = checked(Some(&TABLE), sample);
-        increments.write(&answer).expect("memory takes all");
-        answers.push(answer);
     }
     let (again, error) = read(&*raw.finish().expect("memory takes all"));
     assert_eq!((all(&again), error), (all(&samples), None));
+    increments(&samples.iter().map(|sample| checked(Some(&TABLE), sample)).collect::<Vec<_>>());
+}
 
-    let written = increments.finish().expect("memory takes all");
+/// Writes answers, and compares what is written.
+fn increments(answers: &[CompensatedIncrement]) {
+    let layout = IncrementLayout { gyroscopes: true, delivery: true };
+    let mut writer = IncrementCsvWriter::new(Vec::new(), layout).expect("memory takes all");
+    answers.iter().for_each(|answer| writer.write(answer).expect("memory takes all"));
+    let written = writer.finish().expect("memory takes all");
     let mut rows = Rows::new(&*written);
     assert!(rows.next_row().expect("a header"));
     let names =
         [&["sequence", "timestamp_ns", "interval_ns"][..], &INCREMENTS, &["table", "flags", "delivery"]].concat();
     let columns = rows.columns(&names, "").expect("every column");
-    for answer in &answers {
+    for answer in answers {
         assert!(rows.next_row().expect("a row"));
         let integers = [0, 1, 2].map(|column| rows.integer::<u64>(&columns[column]).expect("an integer"));
         assert_eq!(integers, [answer.sequence, answer.timestamp_ns, answer.interval_ns]);

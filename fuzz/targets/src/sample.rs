@@ -30,14 +30,22 @@ static TABLES: LazyLock<Vec<CoefficientTable>> = LazyLock::new(|| {
 pub fn run(bytes: &[u8]) {
     let (chunks, _) = bytes.as_chunks::<SAMPLE>();
     let samples: Vec<_> = chunks.iter().map(sample).collect();
-    let mut tracker = SequenceTracker::default();
-    // The session, and its sequence numbers so far.
-    let (mut session, mut sequences) = (None, Vec::<u64>::new());
-    let (mut missing, mut new) = (0_u128, 0_u128);
     for raw in &samples {
         for table in TABLES.iter().map(Some).chain([None]) {
             checked(table, raw);
         }
+    }
+    track(&samples);
+    samples.windows(2).for_each(|pair| merge(&pair[0], &pair[1]));
+}
+
+/// Compares the tracked order with counting.
+fn track(samples: &[RawSample]) {
+    let mut tracker = SequenceTracker::default();
+    // The session, and its sequence numbers so far.
+    let (mut session, mut sequences) = (None, Vec::<u64>::new());
+    let (mut missing, mut new) = (0_u128, 0_u128);
+    for raw in samples {
         if session != Some(raw.session) {
             (session, sequences, missing, new) = (Some(raw.session), Vec::new(), 0, 0);
         }
@@ -56,27 +64,29 @@ pub fn run(bytes: &[u8]) {
         let highest = sequences.iter().max().expect("not empty");
         assert_eq!(missing + new, u128::from(highest - sequences[0]) + 1);
     }
-    for pair in samples.windows(2) {
-        let (mut sum, later) = (pair[0], &pair[1]);
-        let merged = sum.merge(later).is_ok();
-        let pulses = |raw: &RawSample| {
-            let triads = [&raw.accelerometers, &raw.gyroscopes];
-            let counts = triads.map(|triad| [triad.positive_pulses, triad.negative_pulses]);
-            counts.as_flattened().as_flattened().iter().map(|n| u64::from(*n)).collect::<Vec<_>>()
-        };
-        let added: Vec<_> = pulses(&pair[0]).iter().zip(pulses(later)).map(|(a, b)| a + b).collect();
-        let interval = u128::from(pair[0].interval_ns) + u128::from(later.interval_ns);
-        let fits = added.iter().all(|n| *n <= u64::from(u32::MAX)) && interval <= u128::from(MAX_INTERVAL_NS);
-        assert_eq!(merged, fits);
-        let (pulses_now, interval_now) = (pulses(&sum), u128::from(sum.interval_ns));
-        if merged {
-            assert_eq!((pulses_now, interval_now), (added, interval));
-            assert_eq!(
-                (sum.session, sum.sequence, sum.lag_ns, sum.device),
-                (pair[0].session, pair[0].sequence, later.lag_ns, later.device)
-            );
-        } else {
-            assert_eq!((pulses_now, sum.interval_ns), (pulses(&pair[0]), pair[0].interval_ns));
-        }
+}
+
+fn pulses(raw: &RawSample) -> Vec<u64> {
+    let triads = [&raw.accelerometers, &raw.gyroscopes];
+    let counts = triads.map(|triad| [triad.positive_pulses, triad.negative_pulses]);
+    counts.as_flattened().as_flattened().iter().map(|n| u64::from(*n)).collect()
+}
+
+/// Merges two samples: they are added, or nothing changes.
+fn merge(first: &RawSample, later: &RawSample) {
+    let mut sum = *first;
+    let merged = sum.merge(later).is_ok();
+    let added: Vec<_> = pulses(first).iter().zip(pulses(later)).map(|(a, b)| a + b).collect();
+    let interval = u128::from(first.interval_ns) + u128::from(later.interval_ns);
+    let fits = added.iter().all(|n| *n <= u64::from(u32::MAX)) && interval <= u128::from(MAX_INTERVAL_NS);
+    assert_eq!(merged, fits);
+    if merged {
+        assert_eq!((pulses(&sum), u128::from(sum.interval_ns)), (added, interval));
+        assert_eq!(
+            (sum.session, sum.sequence, sum.lag_ns, sum.device),
+            (first.session, first.sequence, later.lag_ns, later.device)
+        );
+    } else {
+        assert_eq!((pulses(&sum), sum.interval_ns), (pulses(first), first.interval_ns));
     }
 }

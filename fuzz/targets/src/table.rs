@@ -26,6 +26,19 @@ pub fn run(bytes: &[u8]) {
     let same = compare(vec![file.clone(), file], false).expect("the same ranges");
     assert!(same.changed().is_empty() && same.curves.iter().all(|curve| curve.largest().0 == 0.0), "{same:?}");
 
+    let plausible = plausible(&table);
+    checked(Some(&table), &plausible);
+    let axes = &table.content().axes;
+    let gyroscopes = table.content().gyroscopes.as_ref().map_or(axes, |gyroscopes| &gyroscopes.axes);
+    for part in [0.0, 0.5, 1.0, -1.0, 2.0] {
+        for of_board in [|axis: &Axis| axis.positive_scale_factor, |axis: &Axis| axis.negative_scale_factor] {
+            let (accelerometers, gyroscopes) = (at(part, of_board, axes), at(part, of_board, gyroscopes));
+            checked(Some(&table), &RawSample { interval_ns: MAX_INTERVAL_NS, accelerometers, gyroscopes, ..plausible });
+        }
+    }
+}
+
+fn plausible(table: &CoefficientTable) -> RawSample {
     let triad = Triad {
         positive_pulses: [234, 0, 17],
         negative_pulses: [0, 204, 18],
@@ -33,7 +46,7 @@ pub fn run(bytes: &[u8]) {
         board_temperature: [1.2; 3],
         head_lagged: [1.05; 3],
     };
-    let plausible = RawSample {
+    RawSample {
         timestamp_ns: 60_000_000_000,
         telemetry_ns: 1,
         interval_ns: 2_500_000,
@@ -42,30 +55,23 @@ pub fn run(bytes: &[u8]) {
         accelerometers: triad,
         gyroscopes: triad,
         ..RawSample::default()
+    }
+}
+
+/// A triad with all counts, at a part of the ranges of its biases and of one of the scale factors.
+fn at(part: f64, of_board: fn(&Axis) -> Polynomial, axes: &[Axis; AXES]) -> Triad {
+    let at = |of: fn(&Axis) -> Polynomial| {
+        axes.each_ref().map(|axis| {
+            let [low, high] = of(axis).range();
+            low * (1.0 - part) + high * part
+        })
     };
-    checked(Some(&table), &plausible);
-    let axes = &table.content().axes;
-    let gyroscopes = table.content().gyroscopes.as_ref().map_or(axes, |gyroscopes| &gyroscopes.axes);
-    for part in [0.0, 0.5, 1.0, -1.0, 2.0] {
-        for of_board in [|axis: &Axis| axis.positive_scale_factor, |axis: &Axis| axis.negative_scale_factor] {
-            let triad = |axes: &[Axis; AXES]| {
-                let at = |of: fn(&Axis) -> Polynomial| {
-                    axes.each_ref().map(|axis| {
-                        let [low, high] = of(axis).range();
-                        low * (1.0 - part) + high * part
-                    })
-                };
-                Triad {
-                    positive_pulses: [u32::MAX; AXES],
-                    head_temperature: at(|axis| axis.bias),
-                    board_temperature: at(of_board),
-                    // The other end of the range: no lag difference that is used is larger.
-                    head_lagged: axes.each_ref().map(|axis| axis.bias.range()[usize::from(part < 0.5)]),
-                    ..Triad::default()
-                }
-            };
-            let (accelerometers, gyroscopes) = (triad(axes), triad(gyroscopes));
-            checked(Some(&table), &RawSample { interval_ns: MAX_INTERVAL_NS, accelerometers, gyroscopes, ..plausible });
-        }
+    Triad {
+        positive_pulses: [u32::MAX; AXES],
+        head_temperature: at(|axis| axis.bias),
+        board_temperature: at(of_board),
+        // The other end of the range: no lag difference that is used is larger.
+        head_lagged: axes.each_ref().map(|axis| axis.bias.range()[usize::from(part < 0.5)]),
+        ..Triad::default()
     }
 }

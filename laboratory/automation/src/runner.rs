@@ -589,7 +589,7 @@ impl<'p> Runner<'p> {
         }
     }
 
-    fn snapshot(&self) -> Snapshot {
+    fn snapshot(&mut self) -> Snapshot {
         let waits_for = match self.machine.phase() {
             Phase::Soak { .. } => {
                 let left = self.machine.reached().unwrap_or_default() + self.plan.soak.time_s - self.clock.now();

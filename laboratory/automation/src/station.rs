@@ -58,8 +58,8 @@ impl<'p> Station<'p> {
     }
 
     /// Repeated requests to chamber and turntable.
-    pub fn repeated(&self) -> [u64; 2] {
-        [self.chamber.line().repeated(), self.turntable.line().repeated()]
+    pub fn repeated(&mut self) -> [u64; 2] {
+        [self.chamber.line_mut().repeated(), self.turntable.line_mut().repeated()]
     }
 
     /// Connects and identifies the chamber if it is not connected. This commands nothing.

@@ -132,10 +132,6 @@ impl Acutrol {
 }
 
 impl Instrument for Acutrol {
-    fn line(&self) -> &Line {
-        &self.line
-    }
-
     fn line_mut(&mut self) -> &mut Line {
         &mut self.line
     }

@@ -113,10 +113,6 @@ impl Aerosmith {
 }
 
 impl Instrument for Aerosmith {
-    fn line(&self) -> &Line {
-        &self.line
-    }
-
     fn line_mut(&mut self) -> &mut Line {
         &mut self.line
     }

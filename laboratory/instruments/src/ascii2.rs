@@ -172,10 +172,6 @@ const fn on(running: bool) -> &'static str {
 }
 
 impl Instrument for Ascii2 {
-    fn line(&self) -> &Line {
-        &self.line
-    }
-
     fn line_mut(&mut self) -> &mut Line {
         &mut self.line
     }

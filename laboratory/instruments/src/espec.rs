@@ -102,10 +102,6 @@ fn parse_set_point(reply: &str) -> Option<f64> {
 }
 
 impl Instrument for Espec {
-    fn line(&self) -> &Line {
-        &self.line
-    }
-
     fn line_mut(&mut self) -> &mut Line {
         &mut self.line
     }

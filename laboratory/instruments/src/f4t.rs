@@ -226,10 +226,6 @@ impl F4t {
 }
 
 impl Instrument for F4t {
-    fn line(&self) -> &Line {
-        &self.line
-    }
-
     fn line_mut(&mut self) -> &mut Line {
         &mut self.line
     }

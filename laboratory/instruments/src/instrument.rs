@@ -5,9 +5,6 @@ use super::line::Line;
 
 /// An instrument on a line.
 pub trait Instrument: Send {
-    /// The line to it.
-    fn line(&self) -> &Line;
-
     /// The line to it, to open or close it, or to change how it sends.
     fn line_mut(&mut self) -> &mut Line;
 

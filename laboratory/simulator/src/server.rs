@@ -33,8 +33,13 @@ pub(crate) trait SimulatedDevice {
 
 /// The protocol of a device.
 pub(crate) trait Protocol<M> {
-    /// Takes the first complete request out of the input.
-    fn take_request(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>>;
+    /// Takes the first complete request out of the input: a line, without its end `\r`, `\n` or `\r\n`.
+    fn take_request(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>> {
+        let blank = input.iter().take_while(|byte| matches!(byte, b'\r' | b'\n')).count();
+        input.drain(..blank);
+        let end = input.iter().position(|byte| matches!(byte, b'\r' | b'\n'))?;
+        Some(input.drain(..=end).take(end).collect())
+    }
     /// Executes a request and returns the reply; empty if there is no reply.
     fn answer(&mut self, request: &[u8], device: &mut M) -> Vec<u8>;
     /// The reply that refuses a request; empty if the protocol has none.
@@ -101,21 +106,8 @@ impl<M: SimulatedDevice> ProtocolServer<'_, M> {
     /// Waits for input, a question of the IMU or a time-out, and handles it. Returns `false` if the IMU's process has
     /// ended.
     fn poll_once(&mut self) -> io::Result<bool> {
-        let next = self.delayed.iter().map(|(due, _)| due.saturating_duration_since(Instant::now())).min();
-        let most = if self.state == LineState::Babble { BABBLE_INTERVAL } else { POLL_INTERVAL };
-        let timeout = Timespec::try_from(next.unwrap_or(most).min(most)).map_err(io::Error::other)?;
-        let mut ready = vec![PollFd::new(&self.link.0, PollFlags::IN)];
-        // Nobody looks at a dead port.
-        let port = self.port.readable().filter(|_| self.state != LineState::Dead);
-        ready.extend(port.as_ref().map(|port| PollFd::new(port, PollFlags::IN)));
-        match poll(&mut ready, Some(&timeout)) {
-            Ok(_) | Err(rustix::io::Errno::INTR) => {}
-            Err(error) => return Err(error.into()),
-        }
-        let query_waits = !ready[0].revents().is_empty();
-        let input_waits = ready.get(1).is_some_and(|port| !port.revents().is_empty());
-
-        let active = self.advance();
+        let [query_waits, input_waits] = self.wait()?;
+        let (_, active) = self.advance();
         self.change_state(&active)?;
         if matches!(self.state, LineState::Normal | LineState::Babble) {
             if input_waits {
@@ -140,26 +132,39 @@ impl<M: SimulatedDevice> ProtocolServer<'_, M> {
         }
         if query_waits {
             // The answer comes last, so that all later events have later times.
-            let now_s = self.station.now_s();
-            let active = self.faults.active(now_s);
-            self.device.advance(now_s, &active);
+            let (now_s, _) = self.advance();
             return self.link.answer(&Answer { now_s, events: self.device.events() });
         }
         Ok(true)
     }
 
+    /// Waits for a question of the IMU, for input or for the next moment at which something is to be done. Returns
+    /// whether a question waits, and whether input does.
+    fn wait(&self) -> io::Result<[bool; 2]> {
+        let next = self.delayed.iter().map(|(due, _)| due.saturating_duration_since(Instant::now())).min();
+        let most = if self.state == LineState::Babble { BABBLE_INTERVAL } else { POLL_INTERVAL };
+        let timeout = Timespec::try_from(next.unwrap_or(most).min(most)).map_err(io::Error::other)?;
+        let mut ready = vec![PollFd::new(&self.link.0, PollFlags::IN)];
+        // Nobody looks at a dead port.
+        let port = self.port.readable().filter(|_| self.state != LineState::Dead);
+        ready.extend(port.as_ref().map(|port| PollFd::new(port, PollFlags::IN)));
+        match poll(&mut ready, Some(&timeout)) {
+            Ok(_) | Err(rustix::io::Errno::INTR) => {}
+            Err(error) => return Err(error.into()),
+        }
+        Ok([0, 1].map(|index| ready.get(index).is_some_and(|ready| !ready.revents().is_empty())))
+    }
+
     /// Loses the port, makes it dead, or brings it back.
     fn change_state(&mut self, active: &[InjectedFault]) -> io::Result<()> {
         let before = self.state;
-        self.state = if active.contains(&InjectedFault::PortLoss) {
-            LineState::Lost
-        } else if active.contains(&InjectedFault::Dead) {
-            LineState::Dead
-        } else if active.contains(&InjectedFault::Babble) {
-            LineState::Babble
-        } else {
-            LineState::Normal
-        };
+        let states = [
+            (InjectedFault::PortLoss, LineState::Lost),
+            (InjectedFault::Dead, LineState::Dead),
+            (InjectedFault::Babble, LineState::Babble),
+        ];
+        let state = states.iter().find(|(fault, _)| active.contains(fault));
+        self.state = state.map_or(LineState::Normal, |(_, state)| *state);
         if matches!(self.state, LineState::Lost | LineState::Dead) {
             self.input.clear();
             self.delayed.clear();
@@ -175,11 +180,12 @@ impl<M: SimulatedDevice> ProtocolServer<'_, M> {
         Ok(())
     }
 
-    fn advance(&mut self) -> Vec<InjectedFault> {
+    /// Brings the device to the present. Returns the simulated time and the faults that are active.
+    fn advance(&mut self) -> (f64, Vec<InjectedFault>) {
         let now_s = self.station.now_s();
         let active = self.faults.active(now_s);
         self.device.advance(now_s, &active);
-        active
+        (now_s, active)
     }
 
     /// Appends a request to the file of requests, if somebody has made one.
@@ -193,7 +199,7 @@ impl<M: SimulatedDevice> ProtocolServer<'_, M> {
 
     fn reply(&mut self, request: &[u8]) {
         self.faults.count_request();
-        let active = self.advance();
+        let (_, active) = self.advance();
         self.note(request);
         let is = |fault| active.contains(&fault);
         let mut reply = if is(InjectedFault::Na) {

@@ -106,12 +106,8 @@ impl StationProcess {
 
     /// The name, as in file names and messages.
     #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Chamber => "chamber",
-            Self::Turntable => "table",
-            Self::Imu => "imu",
-        }
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|(value, _)| *value == self).map_or("", |(_, name)| name)
     }
 }
 

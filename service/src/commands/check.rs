@@ -94,42 +94,47 @@ impl Checker<'_> {
                 let message = format!("{}: {}; only tables are {what}", path.display(), kind.name());
                 Err(Failure::new(Exit::Config, message))
             }
-            FileKind::Table => {
-                let policy = if seal { Seal::Renewed } else { Seal::Checked };
-                let table = CoefficientTable::from_toml_with(&text, None, policy).map_err(refuse)?;
-                let changes = self.compare(path, &table)?;
-                let sealed = if seal {
-                    write_digest(path, &text, &table)?;
-                    "sealed"
-                } else if Document::parse(&text).is_ok_and(|document| document.has("digest")) {
-                    "seal intact"
-                } else {
-                    "not sealed"
-                };
-                let content = table.content();
-                self.warn(path, content.unlike_scale_factors())?;
-                Ok(format!("table of {}, {}, {sealed}{}{changes}", content.imu, table.digest(), format_2(content)))
-            }
+            FileKind::Table => self.table(path, &text),
             kind @ (FileKind::Plan | FileKind::Campaign | FileKind::Mapping) => laboratory(kind, &text, path),
             FileKind::Configuration => {
                 let config = Config::from_toml(&text, path.parent().unwrap_or(Path::new(""))).map_err(refuse)?;
-                let loaded = config.imus.iter().map(|imu| load_table(&imu.table, Some(&imu.id), world_writable));
-                let mut failures = Vec::new();
-                let mut warnings = refused_here(&config);
-                for (imu, loaded) in config.imus.iter().zip(loaded) {
-                    match loaded {
-                        Ok((table, _)) => {
-                            let unlike = table.content().unlike_scale_factors().into_iter();
-                            warnings.extend(unlike.map(|warning| format!("{}: {warning}", imu.table.display())));
-                        }
-                        Err(error) => failures.push(error.into()),
-                    }
-                }
-                Failure::all(failures).map_or(Ok(()), Err)?;
-                self.warn(path, warnings)?;
-                Ok(format!("service configuration of {} IMUs, their tables valid", config.imus.len()))
+                self.configuration(path, &config)
             }
         }
+    }
+
+    fn table(&self, path: &Path, text: &str) -> Result<String, Failure> {
+        let policy = if self.command.seal { Seal::Renewed } else { Seal::Checked };
+        let table = CoefficientTable::from_toml_with(text, None, policy)
+            .map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
+        let changes = self.compare(path, &table)?;
+        let sealed = if self.command.seal {
+            write_digest(path, text, &table)?;
+            "sealed"
+        } else if Document::parse(text).is_ok_and(|document| document.has("digest")) {
+            "seal intact"
+        } else {
+            "not sealed"
+        };
+        let content = table.content();
+        self.warn(path, content.unlike_scale_factors())?;
+        Ok(format!("table of {}, {}, {sealed}{}{changes}", content.imu, table.digest(), format_2(content)))
+    }
+
+    fn configuration(&self, path: &Path, config: &Config) -> Result<String, Failure> {
+        let (mut failures, mut warnings) = (Vec::new(), refused_here(config));
+        for imu in &config.imus {
+            match load_table(&imu.table, Some(&imu.id), self.world_writable) {
+                Ok((table, _)) => {
+                    let unlike = table.content().unlike_scale_factors().into_iter();
+                    warnings.extend(unlike.map(|warning| format!("{}: {warning}", imu.table.display())));
+                }
+                Err(error) => failures.push(error.into()),
+            }
+        }
+        Failure::all(failures).map_or(Ok(()), Err)?;
+        self.warn(path, warnings)?;
+        Ok(format!("service configuration of {} IMUs, their tables valid", config.imus.len()))
     }
 
     /// What changes from the table that is compared with, in words; an error if it is too much.

@@ -70,15 +70,28 @@ fn describe(status: &ServiceStatus) -> String {
 }
 
 fn describe_imu(text: &mut String, imu: &ImuStatus, budget_us: f64) -> std::fmt::Result {
-    let acquisition = if imu.acquisition_connected { "connected" } else { "not connected" };
     writeln!(text, "\n{}", imu.id)?;
-    writeln!(
-        text,
-        "  table        {} ({}), {} reloads",
-        imu.table.as_deref().unwrap_or("none"),
-        imu.table_file,
-        imu.reloads
-    )?;
+    describe_table(text, imu)?;
+    if let Some(ranges) = &imu.ranges {
+        let telemetry = [&imu.head_temperature, &imu.board_temperature];
+        describe_triad(text, SensorKind::Accelerometer, ranges, telemetry)?;
+    }
+    if let Some(GyroscopeStatus { ranges, head_temperature, board_temperature }) = &imu.gyroscopes {
+        describe_triad(text, SensorKind::Gyroscope, ranges, [head_temperature, board_temperature])?;
+    }
+    describe_samples(text, imu)?;
+    if imu.flagged.get("late").is_some_and(|count| *count > 0) {
+        writeln!(
+            text,
+            "               late: the increment is right, but it took longer than the budget of {budget_us} us"
+        )?;
+    }
+    describe_latency(text, imu)
+}
+
+fn describe_table(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
+    let table = imu.table.as_deref().unwrap_or("none");
+    writeln!(text, "  table        {table} ({}), {} reloads", imu.table_file, imu.reloads)?;
     if let Some(error) = &imu.last_reload_error {
         writeln!(text, "  REFUSED      {}", error.replace('\n', "\n               "))?;
     }
@@ -92,22 +105,17 @@ fn describe_imu(text: &mut String, imu: &ImuStatus, budget_us: f64) -> std::fmt:
             "  OTHER UNIT   the samples are of unit {device}, the table of {own}, serial number {serial:?}"
         )?;
     }
-    if let Some(lag_s) = imu.lag_s {
-        writeln!(text, "  lag          {lag_s} s")?;
-        if let Some(other) = imu.other_lag() {
-            writeln!(
-                text,
-                "  OTHER LAG    that of the samples is {other}: the transient terms are left out, flagged lag-unknown"
-            )?;
-        }
-    }
-    if let Some(ranges) = &imu.ranges {
-        let telemetry = [&imu.head_temperature, &imu.board_temperature];
-        describe_triad(text, SensorKind::Accelerometer, ranges, telemetry)?;
-    }
-    if let Some(GyroscopeStatus { ranges, head_temperature, board_temperature }) = &imu.gyroscopes {
-        describe_triad(text, SensorKind::Gyroscope, ranges, [head_temperature, board_temperature])?;
-    }
+    let Some(lag_s) = imu.lag_s else { return Ok(()) };
+    writeln!(text, "  lag          {lag_s} s")?;
+    let Some(other) = imu.other_lag() else { return Ok(()) };
+    writeln!(
+        text,
+        "  OTHER LAG    that of the samples is {other}: the transient terms are left out, flagged lag-unknown"
+    )
+}
+
+fn describe_samples(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
+    let acquisition = if imu.acquisition_connected { "connected" } else { "not connected" };
     writeln!(text, "  acquisition  {acquisition}, {} sessions, {} readers", imu.sessions, imu.readers)?;
     writeln!(
         text,
@@ -126,13 +134,10 @@ fn describe_imu(text: &mut String, imu: &ImuStatus, budget_us: f64) -> std::fmt:
     }
     let flagged: Vec<_> =
         imu.flagged.iter().filter(|(_, count)| **count > 0).map(|(name, count)| format!("{name} {count}")).collect();
-    writeln!(text, "  flagged      {}", if flagged.is_empty() { "none".to_owned() } else { flagged.join(", ") })?;
-    if imu.flagged.get("late").is_some_and(|count| *count > 0) {
-        writeln!(
-            text,
-            "               late: the increment is right, but it took longer than the budget of {budget_us} us"
-        )?;
-    }
+    writeln!(text, "  flagged      {}", if flagged.is_empty() { "none".to_owned() } else { flagged.join(", ") })
+}
+
+fn describe_latency(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
     writeln!(text, "  latency [us]        p50       p99     p99.9       max     count")?;
     for (name, summary) in
         [("second", imu.latency_second_ns), ("minute", imu.latency_minute_ns), ("all", imu.latency_ns)]

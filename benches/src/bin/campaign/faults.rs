@@ -117,7 +117,7 @@ fn case(fault: &str, instrument: &str, phase: &str) -> BenchResult<CaseResult> {
     if well {
         wrong = wrong.or(laboratory.wrong(UNITS, 6)?);
     } else if safe.is_empty() {
-        wrong = Some(format!("no safe state:\n{}", laboratory.domain.log()));
+        wrong = Some(laboratory.domain.failure("no safe state").to_string());
     }
     Ok(CaseResult { words, wrong })
 }

@@ -8,7 +8,6 @@ use isotherm_simulation::{worst_errors, worst_gyroscope_errors};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
-use std::process::Command;
 use std::time::Instant;
 
 /// Laboratory time divided by real time.
@@ -24,7 +23,7 @@ fn campaign(positioning: &str) -> BenchResult<()> {
     let begun = Instant::now();
     let mut runner = laboratory.run(&["--calibrate", "--alignment", "--require", "10"])?;
     if !runner.succeeds_within(TIMEOUT)? {
-        return Err(format!("the campaign has failed:\n{}", laboratory.domain.log()).into());
+        return Err(laboratory.domain.failure("the campaign has failed"));
     }
     let took = begun.elapsed().as_secs_f64();
     let kept = laboratory.events("kept")?;
@@ -73,9 +72,8 @@ fn errors(table: &CoefficientTable, truth: &CoefficientTable) -> BenchResult<Str
 /// The coefficient table from `simulate campaign`, which uses no instruments.
 fn simulated(laboratory: &BenchLaboratory, positioning: &str) -> BenchResult<std::path::PathBuf> {
     let run = |words: &[&str]| -> BenchResult<()> {
-        let status =
-            Command::new(std::env::current_exe()?).args(words).current_dir(laboratory.domain.path("")).output()?;
-        if status.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&status.stderr).into()) }
+        let output = laboratory.domain.command(&std::env::current_exe()?).args(words).output()?;
+        if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into()) }
     };
     run(&["simulate", "campaign", "-o", "simulated", "--imu", "imu-a", "--gyroscopes", "--positioning", positioning])?;
     run(&["calibrate", "simulated/campaign.toml", "-o", "simulated.toml", "--alignment"])?;

@@ -2,7 +2,7 @@
 //! completed.
 
 use crate::laboratory::{BenchLaboratory, SHORT, TIMEOUT};
-use isotherm_benches::BenchResult;
+use isotherm_benches::{BenchResult, Random};
 use std::time::{Duration, Instant};
 
 /// Laboratory time divided by real time.
@@ -20,7 +20,7 @@ const LIFE_S: f64 = 6.0;
 /// Kills 30 runners; with `smoke` one.
 pub(crate) fn bench(smoke: bool) -> BenchResult<()> {
     let (campaigns, kills) = if smoke { (1, 1) } else { (6, 5) };
-    let mut random = XorShift(0x9e37_79b9_7f4a_7c15);
+    let mut random = Random::default();
     let (mut lost, mut differences) = (0, 0);
     println!("{campaigns} campaigns of {UNITS} dwells and turns, each runner killed {kills} times at random moments");
     println!("  campaign   killed in                                         units repeated    s");
@@ -35,7 +35,7 @@ pub(crate) fn bench(smoke: bool) -> BenchResult<()> {
             laboratory.wait_until("the runner", || {
                 Ok(laboratory.events("started")?.len() > started || !laboratory.phase().is_empty())
             })?;
-            std::thread::sleep(Duration::from_secs_f64(LIFE_S * random.next()));
+            std::thread::sleep(Duration::from_secs_f64(LIFE_S * random.unit()));
             drop(runner);
             let phase = laboratory.phase();
             repeated += usize::from(["travel", "settle", "dwell", "turn"].contains(&phase.as_str()));
@@ -45,9 +45,8 @@ pub(crate) fn bench(smoke: bool) -> BenchResult<()> {
             differences += usize::from(!samples.starts_with(&before));
             before = samples.get(..end as usize).ok_or("samples that the journal lists are not there")?.to_vec();
         }
-        let mut runner = laboratory.run(&[])?;
-        if !runner.succeeds_within(TIMEOUT)? {
-            return Err(format!("campaign {campaign} was not completed:\n{}", laboratory.domain.log()).into());
+        if !laboratory.run(&[])?.succeeds_within(TIMEOUT)? {
+            return Err(laboratory.domain.failure(&format!("campaign {campaign} was not completed")));
         }
         differences += usize::from(!laboratory.file("campaign.csv").starts_with(&before));
         if let Some(wrong) = laboratory.wrong(UNITS, ROWS)? {
@@ -62,16 +61,4 @@ pub(crate) fn bench(smoke: bool) -> BenchResult<()> {
         campaigns * kills
     );
     if differences > 0 { Err("completed units were changed".into()) } else { Ok(()) }
-}
-
-/// Pseudo-random numbers from 0 to 1, the same in every run.
-struct XorShift(u64);
-
-impl XorShift {
-    fn next(&mut self) -> f64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-    }
 }

@@ -4,7 +4,7 @@ use isotherm_benches::{BenchDomain, BenchProcess, BenchResult};
 use serde_json::Value;
 use std::fs;
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Longest wait; after it the bench fails.
 pub(crate) const TIMEOUT: Duration = Duration::from_secs(600);
@@ -102,14 +102,7 @@ impl BenchLaboratory {
 
     /// Waits until `condition` holds. `what` names it in the error.
     pub(crate) fn wait_until(&self, what: &str, condition: impl Fn() -> BenchResult<bool>) -> BenchResult<()> {
-        let begun = Instant::now();
-        while !condition()? {
-            if begun.elapsed() > TIMEOUT {
-                return Err(format!("{what} did not come to be:\n{}", self.domain.log()).into());
-            }
-            std::thread::sleep(POLL_PAUSE);
-        }
-        Ok(())
+        self.domain.wait_until(&format!("{what} did not come to be"), [TIMEOUT, POLL_PAUSE], condition)
     }
 
     /// Checks that each unit was kept once, in order, with its bytes, and a dwell with `rows` rows. Returns what is

@@ -8,37 +8,46 @@ mod full;
 mod kills;
 mod laboratory;
 
-use isotherm_benches::BenchResult;
+use clap::{Parser, Subcommand};
+use isotherm_benches::{BenchResult, run};
 use std::process::ExitCode;
 
-fn main() -> ExitCode {
-    let words: Vec<String> = std::env::args().skip(1).collect();
-    let smoke = words.iter().any(|word| word == "--smoke");
-    let result = match words.first().map(String::as_str) {
-        // All processes of the laboratory run this program, too.
-        Some("--domain" | "serve" | "simulate" | "campaign" | "status" | "calibrate") => {
-            return isotherm_cli::main();
-        }
-        Some("full") => full::bench(),
-        Some("faults") => faults::bench(smoke, words.get(1).map(String::as_str).filter(|word| *word != "--smoke")),
-        Some("kills") => kills::bench(smoke),
-        Some("--smoke") => faults::bench(true, None).and_then(|()| kills::bench(true)),
-        None => all(),
-        Some(other) => {
-            Err(format!("{other:?}: give full, faults or kills; --smoke for a short look whether they work").into())
-        }
-    };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            println!("campaign: {error}");
-            ExitCode::FAILURE
-        }
-    }
+/// Runs automatic campaigns with the simulated station; without a subcommand all three
+#[derive(Debug, Parser)]
+struct CampaignArguments {
+    #[command(subcommand)]
+    command: Option<CampaignCommand>,
+    /// A short look whether faults and kills work
+    #[arg(long, global = true)]
+    smoke: bool,
 }
 
-fn all() -> BenchResult<()> {
-    full::bench()?;
-    faults::bench(false, None)?;
-    kills::bench(false)
+#[derive(Debug, Subcommand)]
+enum CampaignCommand {
+    /// A whole campaign, compared with its simulation without instruments
+    Full,
+    /// Each fault of an instrument in each phase, or in one
+    Faults { phase: Option<String> },
+    /// Kills of the runner at random moments
+    Kills,
+}
+
+fn main() -> ExitCode {
+    // All processes of the laboratory run this program, too.
+    run(|_| Ok(isotherm_cli::main()), bench)
+}
+
+fn bench(CampaignArguments { command, smoke }: CampaignArguments) -> BenchResult<()> {
+    match command {
+        Some(CampaignCommand::Full) => full::bench(),
+        Some(CampaignCommand::Faults { phase }) => faults::bench(smoke, phase.as_deref()),
+        Some(CampaignCommand::Kills) => kills::bench(smoke),
+        None => {
+            if !smoke {
+                full::bench()?;
+            }
+            faults::bench(smoke, None)?;
+            kills::bench(smoke)
+        }
+    }
 }

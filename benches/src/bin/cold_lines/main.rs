@@ -14,34 +14,33 @@
 mod subject;
 mod trace;
 
-use isotherm_benches::BenchResult;
+use clap::Parser;
+use isotherm_benches::{BenchResult, child_of, run};
 use isotherm_shared::stream::RAW_DEPTH;
 use std::collections::HashMap;
 use std::io::{BufReader, Seek as _, Write as _};
+use std::path::Path;
 use std::process::{Command, ExitCode, Stdio};
 use subject::{COUNTED, STEPS};
 use trace::{Kind, Owner, Source, Trace};
 
+/// Counts the cache lines that a sample touches
+#[derive(Debug, Parser)]
+struct ColdLinesArguments;
+
 fn main() -> ExitCode {
-    let words: Vec<_> = std::env::args().skip(1).collect();
-    let words: Vec<_> = words.iter().map(String::as_str).collect();
-    let result = match words.as_slice() {
-        ["subject", depth] => depth.parse().map_err(Into::into).and_then(subject::run),
-        [] => [2, RAW_DEPTH].into_iter().try_for_each(measure),
-        _ => Err("takes no arguments".into()),
-    };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            println!("cold_lines: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    run(traced, |ColdLinesArguments| [2, RAW_DEPTH].into_iter().try_for_each(measure))
+}
+
+fn traced(words: &[&str]) -> BenchResult<ExitCode> {
+    let ["subject", depth] = words else { return Err("unknown words".into()) };
+    subject::run(depth.parse()?)?;
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Traces samples in queues of this depth, and prints the counts.
 fn measure(depth: usize) -> BenchResult<()> {
-    let mut child = Command::new("valgrind");
+    let mut child = child_of(Path::new("valgrind"));
     child
         .args(["--tool=lackey", "--trace-mem=yes"])
         .arg(std::env::current_exe()?)

@@ -1,7 +1,7 @@
 //! What is traced: samples on their way through client, transport and worker, in one thread. A mark begins each step.
 
 use isotherm_benches::{BenchDomain, BenchResult, IMU, TABLE, sample};
-use isotherm_client::{Acquisition, Clock, RawSample, join};
+use isotherm_client::{Clock, RawSample, join};
 use isotherm_service::config::Imu;
 use isotherm_service::create::Creator;
 use isotherm_service::worker::channel::{Channel, ChannelLink};
@@ -60,7 +60,7 @@ pub(crate) fn run(depth: usize) -> BenchResult<()> {
     channel.take_table();
     let rehearsals = Rehearsals::open(&node, &Creator::new(&node, domain), 0, 1);
     let mut rehearsals = rehearsals.map_err(|failure| failure.to_string())?;
-    let (mut clock, mut acquisition) = (Clock::new(), Acquisition::connect(&IMU.parse()?, &bench.options())?);
+    let (mut clock, mut acquisition) = (Clock::new(), bench.acquisition(IMU)?);
     let filled = sample();
     for count in 0..WARM_UP + COUNTED {
         let begin = |step: usize| {

@@ -1,9 +1,10 @@
 //! Round trips through every path in turn. Each sample is sent when the one before it has been answered.
 
-use crate::Effort;
-use crate::pairs::{DEFAULT_DEPTH, Pair, PathTimes, SHORT, alternate, builds, couples, pinned};
+use crate::pairs::{DEFAULT_DEPTH, Pair, SHORT, alternate, builds, pinned};
 use crate::paths::Path;
-use isotherm_benches::{BenchProcess, BenchResult, OtherBuild, preemptions, sample, stolen_ticks};
+use isotherm_benches::{
+    BenchProcess, BenchResult, Common, OtherBuild, PathTimes, nanoseconds, preemptions, sample, stolen_ticks,
+};
 use isotherm_client::RawSample;
 use serde_json::{Map, Value, json};
 use std::hint::black_box;
@@ -21,32 +22,31 @@ const SLOW: (&str, usize) = ("unix_socket", 300);
 
 /// The ratios that are given for this build, of the first path to the second. `iceoryx2_again` is the same path with
 /// another pair of processes: its ratio shows the random differences between pairs.
-const RATIOS: [(&str, &str); 5] = [
-    ("isotherm", "iceoryx2"),
-    ("isotherm_default_depth", "iceoryx2"),
-    ("iceoryx2_again", "iceoryx2"),
-    ("isotherm", "floor"),
-    ("unix_socket", "isotherm"),
+const RATIOS: [&str; 5] = [
+    "isotherm/iceoryx2",
+    "isotherm_default_depth/iceoryx2",
+    "iceoryx2_again/iceoryx2",
+    "isotherm/floor",
+    "unix_socket/isotherm",
 ];
 
 /// All ratios. Every other build is compared with the bare transport, and this build with it, at both queue depths.
-fn all_ratios(others: &[OtherBuild]) -> Vec<(String, String)> {
+fn all_ratios(others: &[OtherBuild]) -> Vec<String> {
     let of_others = others.iter().flat_map(|OtherBuild { name, .. }| {
         let deep = format!("{name}{DEFAULT_DEPTH}");
-        let own_deep = format!("isotherm{DEFAULT_DEPTH}");
-        let (bare, own) = ("iceoryx2".to_owned(), "isotherm".to_owned());
-        [(name.clone(), bare.clone()), (deep.clone(), bare), (own, name.clone()), (own_deep, deep)]
+        [
+            format!("{name}/iceoryx2"),
+            format!("{deep}/iceoryx2"),
+            format!("isotherm/{name}"),
+            format!("isotherm{DEFAULT_DEPTH}/{deep}"),
+        ]
     });
-    couples(&RATIOS).into_iter().chain(of_others).collect()
+    RATIOS.map(str::to_owned).into_iter().chain(of_others).collect()
 }
 
 /// Measures every path, and the services of other builds beside them.
-pub(crate) fn measure(effort: Effort, others: &[OtherBuild]) -> BenchResult<Value> {
-    let (rounds, blocks) = match effort {
-        Effort::Smoke => (2, 2),
-        Effort::Usual => (14, BLOCKS),
-        Effort::Long => (140, BLOCKS),
-    };
+pub(crate) fn measure(common: Common, others: &[OtherBuild]) -> BenchResult<Value> {
+    let (rounds, blocks) = (common.rounds(2, 14), if common.smoke { 2 } else { BLOCKS });
     let [series] = alternate(
         rounds,
         blocks,
@@ -63,7 +63,7 @@ pub(crate) fn measure(effort: Effort, others: &[OtherBuild]) -> BenchResult<Valu
         },
         |Pair { name, path, peer }, _, times| {
             let count = if name == SLOW.0 { SLOW.1 } else { COUNT };
-            path.closed(peer.as_ref(), effort.of_block(count), times)
+            path.closed(peer.as_ref(), common.block(count), times)
         },
     )?;
     let paths: Map<_, _> = series.paths().map(|(name, times)| (name.clone(), times.figures().into())).collect();
@@ -111,7 +111,7 @@ pub(crate) fn block(
 fn timed(path: &mut impl Path, sample: &RawSample) -> BenchResult<u32> {
     let sent = Instant::now();
     black_box(path.round_trip(black_box(sample))?);
-    Ok(u32::try_from(sent.elapsed().as_nanos()).unwrap_or(u32::MAX))
+    Ok(nanoseconds(sent.elapsed()))
 }
 
 /// The cost of reading the clock \[ns\], which is a part of every round trip.

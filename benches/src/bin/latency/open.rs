@@ -1,8 +1,8 @@
 //! Samples sent by the clock. The schedule does not wait for answers, so that slow answers do not reduce the number of
-//! samples (no coordinated omission).
+//! samples (no coordinated omission). The sender sleeps once it has all answers: the operating system would throttle
+//! one that spins at a real-time priority.
 
-use isotherm_benches::statistics::figures;
-use isotherm_benches::{BenchResult, TIMEOUT, sample};
+use isotherm_benches::{BenchResult, TIMEOUT, figures, sample};
 use isotherm_client::{Acquisition, RawSample, monotonic_ns};
 use serde_json::{Map, Value};
 use std::collections::VecDeque;
@@ -17,8 +17,6 @@ pub(crate) struct SendSchedule {
     pub warm_up: usize,
     /// Periods that are counted.
     pub count: usize,
-    /// Whether the sender spins from one period to the next, or sleeps once it has all answers.
-    pub spin: bool,
 }
 
 /// Latencies in the order of sending \[ns\].
@@ -52,15 +50,11 @@ struct Sent {
     counted: bool,
 }
 
-/// Sends by `schedule`; `started` is called when the counted part begins.
+/// Sends by `schedule`.
 ///
 /// # Errors
 /// If an answer does not come.
-pub(crate) fn run(
-    acquisitions: &mut [Acquisition],
-    schedule: SendSchedule,
-    mut started: impl FnMut(),
-) -> BenchResult<Latencies> {
+pub(crate) fn run(acquisitions: &mut [Acquisition], schedule: SendSchedule) -> BenchResult<Latencies> {
     let mut latencies = Latencies::default();
     let mut in_flight: Vec<VecDeque<Sent>> = acquisitions.iter().map(|_| VecDeque::new()).collect();
     let period = u64::try_from(schedule.period.as_nanos())?;
@@ -73,13 +67,10 @@ pub(crate) fn run(
             if now >= due {
                 break;
             }
-            if !schedule.spin && in_flight.iter().all(VecDeque::is_empty) {
+            if in_flight.iter().all(VecDeque::is_empty) {
                 std::thread::sleep(Duration::from_nanos(due - now));
             }
             core::hint::spin_loop();
-        }
-        if turn == schedule.warm_up {
-            started();
         }
         for index in 0..acquisitions.len() {
             let full = |in_flight: &[VecDeque<Sent>], acquisitions: &[Acquisition]| {

@@ -4,10 +4,11 @@
 //! A turn is a part of a block of some tens of milliseconds. It counts as disturbed if the host took the machine
 //! meanwhile.
 
-use crate::Effort;
-use crate::pairs::{ANTICIPATE, DEFAULT_DEPTH, Pair, PathTimes, SHORT, Series, alternate, builds, couples, pinned};
+use crate::pairs::{ANTICIPATE, DEFAULT_DEPTH, Pair, SHORT, alternate, builds, pinned};
 use crate::paths::Path;
-use isotherm_benches::{BenchProcess, BenchResult, OtherBuild, sample, stolen_ticks, worker_time};
+use isotherm_benches::{
+    BenchProcess, BenchResult, Common, OtherBuild, PathTimes, Series, nanoseconds, sample, stolen_ticks, worker_time,
+};
 use serde_json::{Map, Value, json};
 use std::hint::{black_box, spin_loop};
 use std::time::{Duration, Instant};
@@ -31,40 +32,39 @@ const BLOCK: &str = "_block";
 
 /// The ratios that are given for this build, of the first path to the second. `iceoryx2_rehearsed` does what a client
 /// with bare streams can do to be as ready as Isotherm.
-const RATIOS: [(&str, &str); 7] = [
-    ("isotherm", "iceoryx2"),
-    ("isotherm_default_depth", "iceoryx2"),
-    ("isotherm", "iceoryx2_rehearsed"),
-    ("isotherm_default_depth", "iceoryx2_rehearsed"),
-    ("iceoryx2_rehearsed", "iceoryx2"),
-    ("iceoryx2_again", "iceoryx2"),
-    ("isotherm_default_depth", "floor"),
+const RATIOS: [&str; 7] = [
+    "isotherm/iceoryx2",
+    "isotherm_default_depth/iceoryx2",
+    "isotherm/iceoryx2_rehearsed",
+    "isotherm_default_depth/iceoryx2_rehearsed",
+    "iceoryx2_rehearsed/iceoryx2",
+    "iceoryx2_again/iceoryx2",
+    "isotherm_default_depth/floor",
 ];
 
 /// The ratios of the waiting strategies. They are given of undisturbed turns too: a worker that sleeps is hit harder
 /// when the host takes the machine.
-const STRATEGY_RATIOS: [(&str, &str); 3] = [
-    ("isotherm_anticipate", "isotherm_block"),
-    ("isotherm_anticipate", "isotherm_default_depth"),
-    ("isotherm_block", "isotherm_default_depth"),
+const STRATEGY_RATIOS: [&str; 3] = [
+    "isotherm_anticipate/isotherm_block",
+    "isotherm_anticipate/isotherm_default_depth",
+    "isotherm_block/isotherm_default_depth",
 ];
 
 /// All ratios. Every other build is compared with the bare transport, and this build with it.
-fn all_ratios(others: &[OtherBuild]) -> Vec<(String, String)> {
+fn all_ratios(others: &[OtherBuild]) -> Vec<String> {
     let of_others = others.iter().flat_map(|OtherBuild { name, .. }| {
-        let (deep, anticipating) = (format!("{name}{DEFAULT_DEPTH}"), format!("{name}{ANTICIPATE}"));
         [
-            (deep.clone(), "iceoryx2".to_owned()),
-            (format!("isotherm{DEFAULT_DEPTH}"), deep),
-            (format!("isotherm{ANTICIPATE}"), anticipating),
+            format!("{name}{DEFAULT_DEPTH}/iceoryx2"),
+            format!("isotherm{DEFAULT_DEPTH}/{name}{DEFAULT_DEPTH}"),
+            format!("isotherm{ANTICIPATE}/{name}{ANTICIPATE}"),
         ]
     });
-    couples(&RATIOS).into_iter().chain(couples(&STRATEGY_RATIOS)).chain(of_others).collect()
+    RATIOS.iter().chain(&STRATEGY_RATIOS).map(ToString::to_string).chain(of_others).collect()
 }
 
 /// Measures every path at every rate, and the services of other builds beside them.
-pub(crate) fn measure(effort: Effort, others: &[OtherBuild]) -> BenchResult<Value> {
-    let rounds = effort.of(1, 8);
+pub(crate) fn measure(common: Common, others: &[OtherBuild]) -> BenchResult<Value> {
+    let rounds = common.rounds(1, 8);
     let mut own = OwnWork::new();
     let walk = own.cost();
     let series: [Series; RATES.len()] = alternate(
@@ -87,7 +87,7 @@ pub(crate) fn measure(effort: Effort, others: &[OtherBuild]) -> BenchResult<Valu
             let (rate, count, long) = RATES[kind];
             let judged = [DEFAULT_DEPTH, ANTICIPATE, BLOCK].iter().any(|suffix| name.ends_with(suffix));
             let period = Duration::from_secs(1) / rate;
-            let count = effort.of_block(if judged { long } else { count });
+            let count = common.block(if judged { long } else { count });
             path.paced(peer.as_ref(), &mut Pace { period, count, own: &mut own }, times)
         },
     )?;
@@ -95,7 +95,7 @@ pub(crate) fn measure(effort: Effort, others: &[OtherBuild]) -> BenchResult<Valu
     let mut document = Map::new();
     for ((rate, ..), series) in RATES.iter().zip(&series) {
         let mut at_rate = series_figures(series, &ratios);
-        at_rate["undisturbed_ratios"] = series.undisturbed_ratios(&couples(&STRATEGY_RATIOS)).into();
+        at_rate["undisturbed_ratios"] = series.undisturbed_ratios(&STRATEGY_RATIOS).into();
         document.insert(rate.to_string(), at_rate);
     }
     document.insert("rounds".to_owned(), rounds.into());
@@ -105,7 +105,7 @@ pub(crate) fn measure(effort: Effort, others: &[OtherBuild]) -> BenchResult<Valu
 }
 
 /// The figures of all paths, and their ratios.
-pub(crate) fn series_figures(series: &Series, ratios: &[(String, String)]) -> Value {
+pub(crate) fn series_figures(series: &Series, ratios: &[impl AsRef<str>]) -> Value {
     let paths: Map<_, _> = series.paths().map(|(name, times)| (name.clone(), figures(times))).collect();
     json!({
         "paths": paths,
@@ -118,7 +118,7 @@ pub(crate) fn series_figures(series: &Series, ratios: &[(String, String)]) -> Va
 /// The figures of a path, with those from the moments at which samples were due, and the worker's share of a core.
 fn figures(times: &PathTimes) -> Value {
     let mut figures = times.figures();
-    let from_due = isotherm_benches::statistics::figures(times.from_due.clone());
+    let from_due = isotherm_benches::figures(times.from_due.clone());
     figures.insert("from_due".to_owned(), from_due.into());
     if !times.worker.is_zero() {
         let share = times.worker.as_secs_f64() / times.counted.as_secs_f64();
@@ -182,10 +182,6 @@ pub(crate) fn block(
         peer.pause();
     }
     Ok(())
-}
-
-fn nanoseconds(time: Duration) -> u32 {
-    u32::try_from(time.as_nanos()).unwrap_or(u32::MAX)
 }
 
 /// Spins until a moment.

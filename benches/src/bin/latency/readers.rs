@@ -1,10 +1,10 @@
 //! What a reader of increments costs that waits at the rate of an IMU: processor time of its thread beside one that
 //! polls and beside one that does nothing but wait for an eventfd, all three woken by the same samples.
 
-use crate::Effort;
-use isotherm_benches::statistics::{median, pooled_ratio};
-use isotherm_benches::{BenchDomain, BenchResult, IMU, TIMEOUT, sample};
-use isotherm_client::{Acquisition, IncrementReader, Options, RawSample, monotonic_ns};
+use isotherm_benches::{BenchDomain, BenchResult, Common, IMU, TIMEOUT, median, pooled_ratio, sample};
+use isotherm_client::{
+    Acquisition, CompensatedIncrement, ConnectError, IncrementReader, Options, RawSample, monotonic_ns,
+};
 use rustix::event::{EventfdFlags, eventfd};
 use rustix::fd::OwnedFd;
 use rustix::time::{ClockId, clock_gettime};
@@ -22,12 +22,12 @@ const WARM_UP: usize = 400;
 /// Processor time of a thread, block by block \[ns\].
 type Blocks = Vec<u32>;
 
-pub(crate) fn measure(effort: Effort) -> BenchResult<Value> {
-    let blocks = effort.of(1, 160);
+pub(crate) fn measure(common: Common) -> BenchResult<Value> {
+    let blocks = common.rounds(1, 160);
     let samples = WARM_UP + blocks * BLOCK;
     let domain = BenchDomain::new()?;
-    let _service = domain.serve("")?;
-    let mut acquisition = Acquisition::connect(&IMU.parse()?, &domain.options())?;
+    let _service = domain.serve(None, "")?;
+    let mut acquisition = domain.acquisition(IMU)?;
     let event = eventfd(0, EventfdFlags::CLOEXEC)?;
     let [waiting, polling, bare] = thread::scope(|scope| {
         let options = domain.options();
@@ -38,11 +38,9 @@ pub(crate) fn measure(effort: Effort) -> BenchResult<Value> {
             scope.spawn(|| wait_for_event(&event, samples)),
         ];
         // Readers see what is published after they have connected.
-        let connected = || domain.readers().is_ok_and(|readers| readers >= 3);
-        let deadline = monotonic_ns() + TIMEOUT.as_nanos() as u64;
-        while !connected() && monotonic_ns() < deadline {
-            thread::sleep(Duration::from_millis(10));
-        }
+        let connected = || Ok(domain.readers().is_ok_and(|readers| readers >= 3));
+        // Without them it is measured what fails.
+        let _ = domain.wait_until("the readers do not come", [TIMEOUT, Duration::from_millis(10)], connected);
         let sent = send(&mut acquisition, &event, samples);
         if sent.is_err() {
             // Lets the reader of the eventfd end.
@@ -66,21 +64,6 @@ pub(crate) fn measure(effort: Effort) -> BenchResult<Value> {
     Ok(json!({"readers": readers, "ratios": ratios, "rate_hz": RATE, "blocks": blocks}))
 }
 
-/// Prints the document as a table.
-pub(crate) fn print(document: &Value) {
-    let number = |value: &Value| value.as_f64().map_or("-".to_owned(), |value| format!("{value:.2}"));
-    println!("Readers at {} Hz, processor time of the thread", document["rate_hz"]);
-    for name in ["waiting", "polling", "eventfd"] {
-        let figures = &document["readers"][name];
-        let us = figures["ns_a_sample_p50"].as_f64().map_or("-".to_owned(), |ns| format!("{:.2}", ns / 1e3));
-        println!("{name:<10} {us:>8} us a sample, {:>6} % of a core", number(&figures["percent_of_a_core"]));
-    }
-    for name in ["waiting/eventfd", "polling/eventfd"] {
-        let ratio = &document["ratios"][name];
-        println!("{name:<16} {} ({} {})", number(&ratio["ratio"]), number(&ratio["low"]), number(&ratio["high"]));
-    }
-}
-
 /// Sends at the rate of the samples, and writes the eventfd with each of them.
 fn send(acquisition: &mut Acquisition, event: &OwnedFd, samples: usize) -> BenchResult<()> {
     let period = 1_000_000_000 / RATE;
@@ -101,7 +84,7 @@ fn send(acquisition: &mut Acquisition, event: &OwnedFd, samples: usize) -> Bench
 fn read<E: ToString>(
     options: &Options,
     samples: usize,
-    receive: fn(&mut IncrementReader, Duration) -> Result<Option<isotherm_client::CompensatedIncrement>, E>,
+    receive: fn(&mut IncrementReader, Duration) -> Result<Option<CompensatedIncrement>, E>,
 ) -> Result<Blocks, String> {
     let imu = IMU.parse().map_err(|error: isotherm_shared::stream::InvalidName| error.to_string())?;
     let mut reader = IncrementReader::connect(imu, options).map_err(|error| error.to_string())?;
@@ -112,10 +95,7 @@ fn read<E: ToString>(
 }
 
 /// As a reader does that cannot wait.
-fn poll(
-    reader: &mut IncrementReader,
-    timeout: Duration,
-) -> Result<Option<isotherm_client::CompensatedIncrement>, isotherm_client::ConnectError> {
+fn poll(reader: &mut IncrementReader, timeout: Duration) -> Result<Option<CompensatedIncrement>, ConnectError> {
     let deadline = monotonic_ns() + timeout.as_nanos() as u64;
     loop {
         let received = reader.receive()?;

@@ -1,11 +1,9 @@
 //! Four IMUs at 10 kHz with and without `isotherm record`: the rows that it loses, its processor time, and its effect
 //! on the round trips.
 
-use crate::Effort;
 use crate::open::{self, SendSchedule};
-use isotherm_benches::statistics::{figures, pooled_ratio};
-use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, TIMEOUT, imu};
-use isotherm_client::{Acquisition, Realtime};
+use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, Common, TIMEOUT, figures, imu, pooled_ratio};
+use isotherm_client::Realtime;
 use serde_json::{Map, Value, json};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
@@ -33,7 +31,18 @@ struct Recorded {
     seconds: f64,
 }
 
-pub(crate) fn measure(effort: Effort) -> BenchResult<Value> {
+impl Recorded {
+    fn describe(&self, entry: &mut Value) {
+        entry["rows_sent"] = self.sent.into();
+        entry["rows_lost"] = self.sent.saturating_sub(self.rows).into();
+        entry["rows_missing_as_told"] = self.missing.into();
+        entry["bytes_a_row"] = (self.bytes as f64 / self.rows.max(1) as f64).into();
+        entry["cpu_percent"] = (self.cpu_s / self.seconds * 100.0).into();
+        entry["seconds"] = self.seconds.into();
+    }
+}
+
+pub(crate) fn measure(common: Common) -> BenchResult<Value> {
     let domain = BenchDomain::new()?;
     // Whether a priority is permitted is tried in a new thread, because the thread keeps it.
     let realtime = thread::spawn(|| priority(PRIORITIES.0).apply().is_ok()).join().unwrap_or(false);
@@ -55,7 +64,7 @@ pub(crate) fn measure(effort: Effort) -> BenchResult<Value> {
         };
         // In a new thread, because real-time settings apply to a thread and stay.
         let sending =
-            scope.spawn(move || alternate(effort, starting, realtime, start).map_err(|error| error.to_string()));
+            scope.spawn(move || alternate(common, starting, realtime, start).map_err(|error| error.to_string()));
         let result = sending.join().map_err(|_| "the bench panicked")?;
         Ok(result?)
     })
@@ -66,7 +75,7 @@ fn priority(number: i32) -> Realtime {
 }
 
 fn alternate(
-    effort: Effort,
+    common: Common,
     domain: &BenchDomain,
     realtime: bool,
     start: impl Fn(&'static str) -> BenchResult<BenchProcess>,
@@ -74,20 +83,18 @@ fn alternate(
     if realtime {
         priority(PRIORITIES.1).apply()?;
     }
-    let connect =
-        |index| -> BenchResult<Acquisition> { Ok(Acquisition::connect(&imu(index).parse()?, &domain.options())?) };
-    let mut acquisitions = (0..IMUS).map(connect).collect::<BenchResult<Vec<_>>>()?;
-    let schedule = SendSchedule { period: PERIOD, warm_up: WARM_UP, count: effort.of(2_000, 20_000), spin: false };
+    let mut acquisitions = (0..IMUS).map(|index| domain.acquisition(&imu(index))).collect::<BenchResult<Vec<_>>>()?;
+    let schedule = SendSchedule { period: PERIOD, warm_up: WARM_UP, count: common.of(2_000, 20_000) };
     let mut sent = STATES.map(|_| Vec::new());
     let mut recorded = STATES.map(|_| Recorded::default());
-    for _ in 0..effort.of(1, 10) {
+    for _ in 0..common.rounds(1, 10) {
         for (index, state) in STATES.iter().enumerate() {
             for acquisition in &mut acquisitions {
                 acquisition.begin_session()?;
             }
             let recorder = if index == 0 { None } else { Some(start(state)?) };
             let started = Instant::now();
-            sent[index].push(open::run(&mut acquisitions, schedule, || ())?.sent);
+            sent[index].push(open::run(&mut acquisitions, schedule)?.sent);
             if let Some(recorder) = recorder {
                 let total = &mut recorded[index];
                 total.seconds += started.elapsed().as_secs_f64();
@@ -96,65 +103,23 @@ fn alternate(
             }
         }
     }
-    let mut document = Map::new();
-    for (index, state) in STATES.iter().enumerate() {
-        let mut entry = json!({ "round_trip_from_send": figures(sent[index].concat()) });
-        if index > 0 {
-            let Recorded { sent: rows_sent, rows, missing, bytes, cpu_s, seconds } = recorded[index];
-            let ratio = |part: f64| pooled_ratio(&sent[index], &sent[0], part);
-            entry["rows_sent"] = rows_sent.into();
-            entry["rows_lost"] = rows_sent.saturating_sub(rows).into();
-            entry["rows_missing_as_told"] = missing.into();
-            entry["bytes_a_row"] = (bytes as f64 / rows.max(1) as f64).into();
-            entry["cpu_percent"] = (cpu_s / seconds * 100.0).into();
-            entry["seconds"] = seconds.into();
+    let documents = STATES.iter().zip(&sent).zip(&recorded).map(|((state, times), recorded)| {
+        let mut entry = json!({ "round_trip_from_send": figures(times.concat()) });
+        if *state != STATES[0] {
+            let ratio = |part: f64| pooled_ratio(times, &sent[0], part);
+            recorded.describe(&mut entry);
             entry["ratio_to_none"] = json!({"p50": ratio(0.5), "p99": ratio(0.99), "p999": ratio(0.999)});
         }
-        document.insert((*state).to_owned(), entry);
-    }
-    Ok(json!({"record": document, "imus": IMUS, "rate_hz": 1e9 / PERIOD.as_nanos() as f64, "real_time": realtime}))
-}
-
-/// Prints the document as tables.
-pub(crate) fn print(document: &Value) {
-    let number = |value: &Value| value.as_f64().map_or("-".to_owned(), |value| format!("{value:.2}"));
-    let ratio =
-        |value: &Value| format!("{} ({} {})", number(&value["ratio"]), number(&value["low"]), number(&value["high"]));
-    println!(
-        "Recording {} IMUs at {} Hz each, raw samples and increments, real-time priorities: {}",
-        document["imus"], document["rate_hz"], document["real_time"]
-    );
-    println!(
-        "{:<8} {:>10} {:>8} {:>11} {:>10}   round trip with/without recorder: {:<18} {:<18} p99.9",
-        "format", "rows", "lost", "bytes/row", "% of core", "p50", "p99"
-    );
-    for state in &STATES[1..] {
-        let entry = &document["record"][state];
-        let ratios = &entry["ratio_to_none"];
-        println!(
-            "{state:<8} {:>10} {:>8} {:>11} {:>10}   {:33} {:<18} {:<18} {}",
-            entry["rows_sent"].to_string(),
-            entry["rows_lost"].to_string(),
-            number(&entry["bytes_a_row"]),
-            number(&entry["cpu_percent"]),
-            "",
-            ratio(&ratios["p50"]),
-            ratio(&ratios["p99"]),
-            ratio(&ratios["p999"])
-        );
-    }
-    for state in STATES {
-        let trip = &document["record"][state]["round_trip_from_send"];
-        let us = |name: &str| trip[name].as_f64().map_or("-".to_owned(), |ns| format!("{:.1}", ns / 1e3));
-        let [p50, p99, p999, max] = ["p50_ns", "p99_ns", "p999_ns", "max_ns"].map(us);
-        println!("round trip, {state:<8} [us]: p50 {p50}, p99 {p99}, p99.9 {p999}, max {max}");
-    }
+        ((*state).to_owned(), entry)
+    });
+    let documents: Map<_, _> = documents.collect();
+    Ok(json!({"record": documents, "imus": IMUS, "rate_hz": 1e9 / PERIOD.as_nanos() as f64, "real_time": realtime}))
 }
 
 /// Starts a recorder of all IMUs, and waits until it has found their streams.
 fn start(domain: &BenchDomain, format: &str, realtime: bool) -> BenchResult<BenchProcess> {
     fs::create_dir_all(domain.path("recorded"))?;
-    fs::write(domain.path("log"), "")?;
+    domain.clear_log()?;
     let name = if format == "mcap" { "recorded/all.mcap".to_owned() } else { format!("recorded/{{imu}}.{format}") };
     let ids: Vec<_> = (0..IMUS).map(imu).collect();
     let mut words = vec!["record", "-o", &name];
@@ -176,7 +141,7 @@ fn end(domain: &BenchDomain, recorder: BenchProcess, total: &mut Recorded) -> Be
     total.cpu_s += ticks.filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() / TICKS;
     recorder.terminate();
     wait(domain, "the recorder does not end", |log| log.contains(" rotations\n"))?;
-    for line in fs::read_to_string(domain.path("log"))?.lines() {
+    for line in domain.whole_log().lines() {
         let Some((_, counts)) = line.split_once(": imu-").and_then(|(_, line)| line.split_once(": ")) else { continue };
         let numbers: Vec<u64> = counts.split([' ', ',']).filter_map(|word| word.parse().ok()).collect();
         if let [rows, _sessions, missing, _repeats, ..] = numbers[..] {
@@ -194,12 +159,5 @@ fn end(domain: &BenchDomain, recorder: BenchProcess, total: &mut Recorded) -> Be
 }
 
 fn wait(domain: &BenchDomain, failure: &str, condition: impl Fn(&str) -> bool) -> BenchResult<()> {
-    let deadline = Instant::now() + 2 * TIMEOUT;
-    while !condition(&fs::read_to_string(domain.path("log"))?) {
-        if Instant::now() > deadline {
-            return Err(format!("{failure}:\n{}", domain.log()).into());
-        }
-        thread::sleep(Duration::from_millis(10));
-    }
-    Ok(())
+    domain.wait_until(failure, [2 * TIMEOUT, Duration::from_millis(10)], || Ok(condition(&domain.whole_log())))
 }

@@ -1,10 +1,8 @@
 //! Throughput with many samples in flight, compared with a bare iceoryx2 pair that is used in the same way.
 
-use crate::Effort;
+use crate::pairs::spawn_echo;
 use crate::paths::{Bare, Isotherm, Stream};
-use isotherm_benches::statistics::median;
-use isotherm_benches::{BenchDomain, BenchResult, IMU, Spin, cores, pin, sample};
-use isotherm_client::Acquisition;
+use isotherm_benches::{BenchDomain, BenchResult, Common, IMU, Spin, median, pin_apart, sample, served_by};
 use serde_json::{Value, json};
 use std::time::Instant;
 
@@ -13,21 +11,16 @@ const IN_FLIGHT: usize = 16;
 /// Samples of a block.
 const BLOCK: usize = 50_000;
 
-pub(crate) fn measure(effort: Effort) -> BenchResult<Value> {
-    let cores = cores();
-    let (mine, theirs) = (cores.first().copied(), cores.get(1).copied());
-    pin(mine.filter(|_| theirs.is_some()));
-    let core = theirs.map(|core| format!("[realtime]\ncore = {core}\n")).unwrap_or_default();
-    let pinned = theirs.map(|core| core.to_string()).unwrap_or_default();
-    let rounds = effort.of(2, 20);
+pub(crate) fn measure(common: Common) -> BenchResult<Value> {
+    let core = pin_apart();
+    let rounds = common.rounds(2, 20);
     let (mut isotherm, mut iceoryx2) = (Vec::new(), Vec::new());
     for _ in 0..rounds {
         let (one, other) = (BenchDomain::new()?, BenchDomain::new()?);
-        let service = one.serve(&format!("[wait]\nstrategy = \"spin\"\n{core}"))?;
-        let mut path = Isotherm(Acquisition::connect(&IMU.parse()?, &one.options())?);
+        let service = one.serve(None, &served_by("spin", core))?;
+        let mut path = Isotherm(one.acquisition(IMU)?);
         service.pause();
-        let (name, root) = (other.as_domain().name(), other.as_domain().root_path());
-        let echo = other.spawn(&["child", &pinned, "echo", name, root, &IN_FLIGHT.to_string(), "1"])?;
+        let echo = spawn_echo(&other, core, IN_FLIGHT, 1)?;
         let mut bare = Bare::connect(other.as_domain(), IN_FLIGHT)?;
         echo.pause();
 

@@ -1,8 +1,10 @@
 //! The soak: one service keeps running and must not grow; another one is killed repeatedly and must not lose anything.
 
-use crate::feeder::{FeedProgress, feed, read, table_text, tables};
-use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, imu};
+use crate::feeder::{FeedProgress, check, describe, failures, feed, read, table_text, tables};
+use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, imu, shared_memory, status_number};
 use isotherm_shared::table::CoefficientTable;
+use std::os::unix::fs::MetadataExt as _;
+use std::path::PathBuf;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::thread::{self, ScopedJoinHandle};
@@ -55,29 +57,7 @@ impl FedService {
     fn reload(&self, count: u64) -> BenchResult<()> {
         let id = imu(count as usize % IMUS);
         let text = table_text(&id, (count / IMUS as u64 % u64::from(TABLES)) as u32);
-        fs::write(self.domain.path("next.toml"), text)?;
-        Ok(fs::rename(self.domain.path("next.toml"), self.domain.path(&format!("{id}.toml")))?)
-    }
-
-    fn sum(&self, count: fn(&FeedProgress) -> &AtomicU64) -> u64 {
-        self.progress.iter().map(|progress| count(progress).load(Relaxed)).sum()
-    }
-
-    fn describe(&self, name: &str) -> String {
-        let lost: u64 = self.progress.iter().map(FeedProgress::lost).sum();
-        format!(
-            "{name}: {} samples sent, {} increments checked, {} wrong, {} out of order or repeated, {lost} lost",
-            self.sum(|progress| &progress.sent),
-            self.sum(|progress| &progress.answered),
-            self.sum(|progress| &progress.wrong),
-            self.sum(|progress| &progress.disorder),
-        )
-    }
-
-    fn failures(&self) -> u64 {
-        self.progress.iter().map(FeedProgress::lost).sum::<u64>()
-            + self.sum(|progress| &progress.wrong)
-            + self.sum(|progress| &progress.disorder)
+        self.domain.replace(&format!("{id}.toml"), &text).map(drop)
     }
 }
 
@@ -94,29 +74,21 @@ struct ResourceUse {
 
 impl ResourceUse {
     fn of(system: &FedService, service: &BenchProcess) -> Self {
-        let count = |folder: &str| fs::read_dir(folder).map_or(0, Iterator::count);
-        let resident = |process: &str| {
-            let status = fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
-            let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-            line.and_then(|line| line.trim().split(' ').next()?.parse().ok()).unwrap_or(0)
-        };
-        let (domain, pid) = (system.domain.as_domain(), service.pid().to_string());
-        let (mut shared_objects, mut shared_kb) = (0, 0);
-        for entry in fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
-            if entry.file_name().to_string_lossy().starts_with(&domain.prefix()) {
-                use std::os::unix::fs::MetadataExt as _;
-                shared_objects += 1;
-                shared_kb += entry.metadata().map_or(0, |metadata| metadata.blocks() / 2);
-            }
-        }
+        let count = |folder: PathBuf| fs::read_dir(folder).map_or(0, Iterator::count);
+        let (domain, own) = (system.domain.as_domain(), PathBuf::from("/proc/self"));
+        let of_service = PathBuf::from(format!("/proc/{}", service.pid()));
+        let blocks: Vec<_> = shared_memory(&domain.prefix())
+            .map(|entry| entry.metadata().map_or(0, |metadata| metadata.blocks()))
+            .collect();
+        let resident = |process| status_number(process, "VmRSS").unwrap_or(0);
         Self {
-            service_kb: resident(&pid),
-            service_descriptors: count(&format!("/proc/{pid}/fd")),
-            bench_kb: resident("self"),
-            bench_descriptors: count("/proc/self/fd"),
-            shared_objects,
-            shared_kb,
-            files: ["nodes", "services"].iter().map(|name| count(&format!("{}/{name}", domain.root_path()))).sum(),
+            service_kb: resident(&of_service),
+            service_descriptors: count(of_service.join("fd")),
+            bench_kb: resident(&own),
+            bench_descriptors: count(own.join("fd")),
+            shared_objects: blocks.len(),
+            shared_kb: blocks.iter().sum::<u64>() / 2,
+            files: ["nodes", "services"].map(|name| count(PathBuf::from(domain.root_path()).join(name))).iter().sum(),
         }
     }
 }
@@ -137,105 +109,138 @@ impl fmt::Display for ResourceUse {
     }
 }
 
-pub(crate) fn run(minutes: f64) -> BenchResult<()> {
-    let time = Duration::from_secs_f64(minutes * 60.0);
-    let (steady, living) = FedService::new()?;
-    let (killed, dying) = FedService::new()?;
-    let (stop, done) = (AtomicBool::new(false), AtomicBool::new(false));
-    let (reloads, kills, lives) = (AtomicU64::new(0), AtomicU64::new(0), AtomicU64::new(0));
-    let read_counts = [(); 3].map(|()| AtomicU64::new(0));
-    println!("soak of {minutes} minutes: 2 services, {IMUS} IMUs each at 400 Hz");
-    let started = Instant::now();
-    let over = || started.elapsed() >= time;
-    thread::scope(|scope| {
-        let feeding: Vec<_> = [&steady, &killed].into_iter().flat_map(|system| system.feed(scope, &stop)).collect();
-        let reloading = scope.spawn(|| -> Result<(), String> {
-            while !over() {
-                let count = reloads.fetch_add(1, Relaxed);
-                for system in [&steady, &killed] {
-                    system.reload(count).map_err(|error| error.to_string())?;
-                }
-                thread::sleep(RELOAD);
+/// Both services, and what is done to them.
+struct Soak {
+    steady: FedService,
+    killed: FedService,
+    started: Instant,
+    time: Duration,
+    reloads: AtomicU64,
+    kills: AtomicU64,
+    lives: AtomicU64,
+    /// What the readers have read, how many of it were wrong, and how many came twice.
+    read: [AtomicU64; 3],
+}
+
+impl Soak {
+    fn over(&self) -> bool {
+        self.started.elapsed() >= self.time
+    }
+
+    fn reload(&self) -> BenchResult<()> {
+        while !self.over() {
+            let count = self.reloads.fetch_add(1, Relaxed);
+            [&self.steady, &self.killed].into_iter().try_for_each(|system| system.reload(count))?;
+            thread::sleep(RELOAD);
+        }
+        Ok(())
+    }
+
+    /// Reads, and kills another reader.
+    fn read(&self) -> BenchResult<()> {
+        let FedService { domain, tables, .. } = &self.steady;
+        for life in 0.. {
+            let index = life % IMUS;
+            let counts = read(&imu(index), &domain.options(), Duration::from_millis(700), &tables[index])?;
+            for (sum, count) in self.read.iter().zip(counts) {
+                sum.fetch_add(count, Relaxed);
             }
-            Ok(())
-        });
-        let reading = scope.spawn(|| -> Result<(), String> {
-            let options = steady.domain.options();
-            for life in 0.. {
-                let index = life % IMUS;
-                let counts = read(&imu(index), &options, Duration::from_millis(700), &steady.tables[index]);
-                let counts = counts.map_err(|error| error.to_string())?;
-                for (sum, count) in read_counts.iter().zip(counts) {
-                    sum.fetch_add(count, Relaxed);
-                }
-                let child = steady.domain.spawn(&["read", &imu(index)]).map_err(|error| error.to_string())?;
-                thread::sleep(Duration::from_millis(300));
-                drop(child);
-                lives.fetch_add(1, Relaxed);
-                if over() {
-                    break;
-                }
+            let child = domain.spawn(&["read", &imu(index)])?;
+            thread::sleep(Duration::from_millis(300));
+            drop(child);
+            self.lives.fetch_add(1, Relaxed);
+            if self.over() {
+                break;
             }
-            Ok(())
-        });
-        let killing = scope.spawn(|| -> Result<(), String> {
-            let mut service = dying;
-            let mut since = Instant::now();
-            // A child process ends with the thread that has started it. So this thread stays until the last answers
-            // have come.
-            while !done.load(Relaxed) {
-                if since.elapsed() >= LIFE && !over() {
-                    drop(service);
-                    let next = killed.domain.spawn(&["serve", "--config", "service.toml"]);
-                    service = next.map_err(|error| error.to_string())?;
-                    kills.fetch_add(1, Relaxed);
-                    since = Instant::now();
-                }
-                thread::sleep(Duration::from_millis(20));
+        }
+        Ok(())
+    }
+
+    /// Kills the second service and starts it again. A child process ends with the thread that has started it. So this
+    /// thread stays until it is `done`: the last answers have come.
+    fn kill(&self, mut service: BenchProcess, done: &AtomicBool) -> BenchResult<()> {
+        let mut since = Instant::now();
+        while !done.load(Relaxed) {
+            if since.elapsed() >= LIFE && !self.over() {
+                drop(service);
+                service = self.killed.domain.serve_again()?;
+                self.kills.fetch_add(1, Relaxed);
+                since = Instant::now();
             }
-            Ok(())
-        });
-        let mut next = WARM_UP.min(time / 3);
-        while !over() {
-            if started.elapsed() >= next {
-                println!("{:>5.0} s  {}", started.elapsed().as_secs_f64(), ResourceUse::of(&steady, &living));
-                println!("         {}", latency(&steady));
-                next += (time - WARM_UP.min(time / 3)).div_f64(6.0).max(Duration::from_secs(1));
+            thread::sleep(Duration::from_millis(20));
+        }
+        Ok(())
+    }
+
+    /// Prints what the first service uses, seven times and at the end.
+    fn watch(&self, service: &BenchProcess) {
+        let print = || {
+            println!("{:>5.0} s  {}", self.started.elapsed().as_secs_f64(), ResourceUse::of(&self.steady, service));
+            println!("         {}", latency(&self.steady));
+        };
+        let warm_up = WARM_UP.min(self.time / 3);
+        let mut next = warm_up;
+        while !self.over() {
+            if self.started.elapsed() >= next {
+                print();
+                next += (self.time - warm_up).div_f64(6.0).max(Duration::from_secs(1));
             }
             thread::sleep(Duration::from_millis(50));
         }
-        let joined =
-            |result: thread::Result<Result<(), String>>| result.map_err(|_| "a thread panicked".to_owned()).flatten();
-        let others = joined(reloading.join()).and(joined(reading.join()));
-        println!("{:>5.0} s  {}", started.elapsed().as_secs_f64(), ResourceUse::of(&steady, &living));
-        println!("         {}", latency(&steady));
-        stop.store(true, Relaxed);
-        let fed = feeding.into_iter().map(|feed| joined(feed.join())).fold(Ok(()), Result::and);
-        done.store(true, Relaxed);
-        others.and(fed).and(joined(killing.join()))
-    })?;
-    let [read, wrong, twice] = read_counts.each_ref().map(|count| count.load(Relaxed));
-    println!("{}", steady.describe("the service that lives"));
-    println!(
-        "  {} reloads; {} readers came and went, as many were killed: {read} increments read, {wrong} wrong, {twice} twice",
-        reloads.load(Relaxed),
-        lives.load(Relaxed)
-    );
-    println!("{}", killed.describe(&format!("the service that was killed {} times", kills.load(Relaxed))));
-    if steady.failures() + killed.failures() + wrong + twice > 0 {
-        return Err("something was lost, repeated or wrong".into());
+        print();
     }
-    Ok(())
+
+    /// Runs everything until the time is over and the last answers have come.
+    fn run(&self, living: &BenchProcess, dying: BenchProcess) -> Result<(), String> {
+        let (stop, done) = (AtomicBool::new(false), AtomicBool::new(false));
+        let text = |result: BenchResult<()>| result.map_err(|error| error.to_string());
+        let joined =
+            |thread: ScopedJoinHandle<'_, _>| thread.join().map_err(|_| "a thread panicked".to_owned()).flatten();
+        thread::scope(|scope| {
+            let systems = [&self.steady, &self.killed].into_iter();
+            let feeding: Vec<_> = systems.flat_map(|system| system.feed(scope, &stop)).collect();
+            let reloading = scope.spawn(|| text(self.reload()));
+            let reading = scope.spawn(|| text(self.read()));
+            let killing = scope.spawn(|| text(self.kill(dying, &done)));
+            self.watch(living);
+            let others = joined(reloading).and(joined(reading));
+            stop.store(true, Relaxed);
+            let fed = feeding.into_iter().map(joined).fold(Ok(()), Result::and);
+            done.store(true, Relaxed);
+            others.and(fed).and(joined(killing))
+        })
+    }
+}
+
+pub(crate) fn run(minutes: f64) -> BenchResult<()> {
+    let (steady, living) = FedService::new()?;
+    let (killed, dying) = FedService::new()?;
+    println!("soak of {minutes} minutes: 2 services, {IMUS} IMUs each at 400 Hz");
+    let soak = Soak {
+        steady,
+        killed,
+        started: Instant::now(),
+        time: Duration::from_secs_f64(minutes * 60.0),
+        reloads: AtomicU64::new(0),
+        kills: AtomicU64::new(0),
+        lives: AtomicU64::new(0),
+        read: Default::default(),
+    };
+    soak.run(&living, dying)?;
+    let [read, wrong, twice] = soak.read.each_ref().map(|count| count.load(Relaxed));
+    let [reloads, lives, kills] = [&soak.reloads, &soak.lives, &soak.kills].map(|count| count.load(Relaxed));
+    println!("{}", describe("the service that lives", &soak.steady.progress));
+    println!(
+        "  {reloads} reloads; {lives} readers came and went, as many were killed: {read} increments read, {wrong} wrong, {twice} twice"
+    );
+    println!("{}", describe(&format!("the service that was killed {kills} times"), &soak.killed.progress));
+    check(failures(&soak.steady.progress) + failures(&soak.killed.progress) + wrong + twice)
 }
 
 /// The latency of the last minute, from the status of the service.
 fn latency(system: &FedService) -> String {
     let ask = || -> BenchResult<String> {
-        let output = std::process::Command::new(std::env::current_exe()?)
-            .args(["status", "--json"])
-            .env("ISOTHERM_DOMAIN", system.domain.as_domain().name())
-            .env("ISOTHERM_ROOT", system.domain.path(""))
-            .output()?;
+        let output = system.domain.command(&std::env::current_exe()?).args(["status", "--json"]).output()?;
         let status: serde_json::Value = serde_json::from_slice(&output.stdout)?;
         let minute = &status["imus"][0]["latency_minute_ns"];
         let figure = |name: &str| minute[name].as_u64().unwrap_or(0);

@@ -2,7 +2,7 @@
 //! number.
 
 use isotherm_benches::{BenchResult, IMU, LAG_NS, TABLE, TIMEOUT};
-use isotherm_client::{Acquisition, CompensatedIncrement, IncrementReader, Options, RawSample, monotonic_ns};
+use isotherm_client::{Acquisition, CompensatedIncrement, IncrementReader, Options, RawSample};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::Triad;
@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 /// Samples in flight at most.
 const WINDOW: usize = 16;
 /// Longest time in which a killed service must return.
-const RETURN_TIMEOUT: Duration = Duration::from_secs(15);
+pub(crate) const RETURN_TIMEOUT: Duration = Duration::from_secs(15);
 
 /// The text of table `number` for an IMU: each has a gravity of its own.
 pub(crate) fn table_text(imu: &str, number: u32) -> String {
@@ -76,14 +76,32 @@ pub(crate) struct FeedProgress {
     pub disorder: AtomicU64,
     /// Id of the table of the last answer.
     pub table: AtomicU64,
-    /// Monotonic time of the last answer \[ns\].
-    pub answered_ns: AtomicU64,
 }
 
-impl FeedProgress {
-    pub(crate) fn lost(&self) -> u64 {
-        self.sent.load(Relaxed) - self.answered.load(Relaxed)
-    }
+/// The counts of several feeds together: samples sent, answers, wrong ones, and those out of order or repeated.
+fn counts(feeds: &[FeedProgress]) -> [u64; 4] {
+    let of = |feed: &FeedProgress| [&feed.sent, &feed.answered, &feed.wrong, &feed.disorder].map(|it| it.load(Relaxed));
+    feeds.iter().map(of).fold([0; 4], |sum, counts| std::array::from_fn(|index| sum[index] + counts[index]))
+}
+
+/// What feeds have come to.
+pub(crate) fn describe(name: &str, feeds: &[FeedProgress]) -> String {
+    let [sent, answered, wrong, disorder] = counts(feeds);
+    format!(
+        "{name}: {sent} samples sent, {answered} increments checked, {wrong} wrong, {disorder} out of order or repeated, {} lost",
+        sent - answered
+    )
+}
+
+/// How many samples of feeds were lost, or have a wrong or repeated answer.
+pub(crate) fn failures(feeds: &[FeedProgress]) -> u64 {
+    let [sent, answered, wrong, disorder] = counts(feeds);
+    sent - answered + wrong + disorder
+}
+
+/// Fails if anything failed.
+pub(crate) fn check(failures: u64) -> BenchResult<()> {
+    if failures > 0 { Err("something was lost, repeated or wrong".into()) } else { Ok(()) }
 }
 
 /// Sends a sample every `period` until `stop` is set, then waits for the answers that are missing.
@@ -103,7 +121,6 @@ pub(crate) fn feed(
         progress.disorder.fetch_add(u64::from(increment.sequence != expected), Relaxed);
         expected = increment.sequence + 1;
         progress.table.store(increment.table, Relaxed);
-        progress.answered_ns.store(monotonic_ns(), Relaxed);
         progress.answered.fetch_add(1, Relaxed);
         Ok(true)
     };

@@ -1,17 +1,15 @@
 //! The kill matrix: which process was killed, when and how often, and what was lost.
 
-use crate::feeder::{FeedProgress, feed, table_text, tables};
-use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, imu};
-use isotherm_client::{Acquisition, RawSample};
+use crate::feeder::{FeedProgress, RETURN_TIMEOUT, check, describe, failures, feed, table_text, tables};
+use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, Random, imu, nearest_rank};
+use isotherm_client::RawSample;
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::Relaxed;
+use std::thread;
 use std::time::{Duration, Instant};
-use std::{fs, thread};
 
 /// Period of the feed, which must lose nothing.
 const PERIOD: Duration = Duration::from_micros(500);
-/// Longest time in which a killed service must return.
-const RETURN_TIMEOUT: Duration = Duration::from_secs(15);
 /// Number of tables that are used in turn. With three of them the first answer of a new service has another table than
 /// the last answer of the old one, even if the old one has just reloaded.
 const TABLES: usize = 3;
@@ -23,7 +21,7 @@ struct KillTarget<'a> {
     progress: &'a FeedProgress,
     ids: [u64; TABLES],
     turn: usize,
-    random_state: u64,
+    random: Random,
 }
 
 /// One line of the matrix.
@@ -37,33 +35,23 @@ struct Row {
 impl KillTarget<'_> {
     /// Sleeps for a pseudo-random time up to `longest`.
     fn pause(&mut self, longest: Duration) {
-        self.random_state =
-            self.random_state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        thread::sleep(longest.mul_f64((self.random_state >> 33) as f64 / f64::from(1_u32 << 31)));
+        thread::sleep(longest.mul_f64(self.random.unit()));
     }
 
-    fn write_table(&self, name: &str) -> BenchResult<()> {
-        fs::write(self.domain.path("next.toml"), table_text(&imu(0), self.turn as u32))?;
-        Ok(fs::rename(self.domain.path("next.toml"), self.domain.path(name))?)
+    /// Gives the service its next table.
+    fn next_table(&mut self) -> BenchResult<()> {
+        self.turn = (self.turn + 1) % TABLES;
+        self.domain.replace("imu-0.toml", &table_text(&imu(0), self.turn as u32)).map(drop)
     }
 
     /// Starts the service with the next table. Returns the time from `since` to the feed's first answer under this
     /// table.
     fn start_and_serve(&mut self, since: Instant) -> BenchResult<Duration> {
-        self.turn = (self.turn + 1) % TABLES;
-        self.write_table("imu-0.toml")?;
-        self.service = Some(self.domain.spawn(&["serve", "--config", "service.toml"])?);
-        while self.progress.table.load(Relaxed) != self.ids[self.turn] {
-            if since.elapsed() > RETURN_TIMEOUT {
-                return Err(format!(
-                    "the service did not come back within {} s\n{}",
-                    RETURN_TIMEOUT.as_secs(),
-                    self.domain.log()
-                )
-                .into());
-            }
-            thread::sleep(Duration::from_micros(200));
-        }
+        self.next_table()?;
+        self.service = Some(self.domain.serve_again()?);
+        let what = format!("the service did not come back within {} s", RETURN_TIMEOUT.as_secs());
+        let served = || Ok(self.progress.table.load(Relaxed) == self.ids[self.turn]);
+        self.domain.wait_until(&what, [RETURN_TIMEOUT, Duration::from_micros(200)], served)?;
         Ok(since.elapsed())
     }
 
@@ -88,41 +76,45 @@ impl KillTarget<'_> {
         Ok(())
     }
 
-    fn killed_while_running(&mut self, kills: usize) -> BenchResult<Row> {
+    /// Kills the service some time after `disturb`.
+    fn service_killed(
+        &mut self,
+        when: &'static str,
+        kills: usize,
+        disturb: impl Fn(&mut Self) -> BenchResult<()>,
+    ) -> BenchResult<Row> {
         let mut times = Vec::new();
         for _ in 0..kills {
-            self.pause(Duration::from_millis(200));
+            disturb(self)?;
             let killed = self.kill_service();
             times.push(self.start_and_serve(killed)?);
         }
-        Ok(Row { who: "service", when: "running", kills, times })
+        Ok(Row { who: "service", when, kills, times })
+    }
+
+    fn killed_while_running(&mut self, kills: usize) -> BenchResult<Row> {
+        self.service_killed("running", kills, |target| {
+            target.pause(Duration::from_millis(200));
+            Ok(())
+        })
     }
 
     fn killed_while_reloading(&mut self, kills: usize) -> BenchResult<Row> {
-        let mut times = Vec::new();
-        for _ in 0..kills {
-            self.pause(Duration::from_millis(100));
-            self.turn = (self.turn + 1) % TABLES;
-            self.write_table("imu-0.toml")?;
-            self.pause(Duration::from_millis(2));
-            let killed = self.kill_service();
-            times.push(self.start_and_serve(killed)?);
-        }
-        Ok(Row { who: "service", when: "reloading", kills, times })
+        self.service_killed("reloading", kills, |target| {
+            target.pause(Duration::from_millis(100));
+            target.next_table()?;
+            target.pause(Duration::from_millis(2));
+            Ok(())
+        })
     }
 
     fn killed_while_stopping(&mut self, kills: usize) -> BenchResult<Row> {
-        let mut times = Vec::new();
-        for _ in 0..kills {
-            self.pause(Duration::from_millis(100));
-            if let Some(service) = &self.service {
-                service.terminate();
-            }
-            self.pause(Duration::from_millis(20));
-            let killed = self.kill_service();
-            times.push(self.start_and_serve(killed)?);
-        }
-        Ok(Row { who: "service", when: "stopping", kills, times })
+        self.service_killed("stopping", kills, |target| {
+            target.pause(Duration::from_millis(100));
+            target.service.iter().for_each(BenchProcess::terminate);
+            target.pause(Duration::from_millis(20));
+            Ok(())
+        })
     }
 
     /// Kills the service at any moment from its first instruction to its readiness. After every tenth kill it must
@@ -131,7 +123,7 @@ impl KillTarget<'_> {
         let mut times = Vec::new();
         self.kill_service();
         for kill in 1..=kills {
-            let service = self.domain.spawn(&["serve", "--config", "service.toml"])?;
+            let service = self.domain.serve_again()?;
             self.pause(start);
             drop(service);
             if kill.is_multiple_of(10) || kill == kills {
@@ -154,7 +146,7 @@ impl KillTarget<'_> {
             drop(acquisition);
             if kill.is_multiple_of(10) {
                 let killed = Instant::now();
-                let mut next = Acquisition::connect(&imu(1).parse()?, &self.domain.options())?;
+                let mut next = self.domain.acquisition(&imu(1))?;
                 let mut loan = next.loan()?;
                 let (session, sequence) = (loan.session, loan.sequence);
                 *loan = RawSample { session, sequence, interval_ns: 500_000, ..RawSample::default() };
@@ -190,8 +182,14 @@ pub(crate) fn run(smoke: bool) -> BenchResult<()> {
     thread::scope(|scope| {
         let feeding = scope
             .spawn(|| feed(&imu(0), &options, PERIOD, &known, &progress, &stop).map_err(|error| error.to_string()));
-        let mut target =
-            KillTarget { domain: &domain, service: Some(service), progress: &progress, ids, turn: 0, random_state: 1 };
+        let mut target = KillTarget {
+            domain: &domain,
+            service: Some(service),
+            progress: &progress,
+            ids,
+            turn: 0,
+            random: Random::default(),
+        };
         let result: BenchResult<()> = (|| {
             let killed = target.kill_service();
             let start = target.start_and_serve(killed)?;
@@ -206,22 +204,18 @@ pub(crate) fn run(smoke: bool) -> BenchResult<()> {
         let fed = feeding.join().map_err(|_| "the feed panicked".to_owned()).flatten();
         result.and(fed.map_err(Into::into))
     })?;
-    let (sent, wrong, disorder) =
-        (progress.sent.load(Relaxed), progress.wrong.load(Relaxed), progress.disorder.load(Relaxed));
-    println!(
-        "{sent} samples through IMU 0 at 2 kHz: {} lost, {disorder} out of order or repeated, {wrong} wrong",
-        progress.lost()
-    );
-    if progress.lost() + wrong + disorder > 0 { Err("something was lost, repeated or wrong".into()) } else { Ok(()) }
+    let feeds = std::slice::from_ref(&progress);
+    println!("{}", describe("IMU 0 at 2 kHz", feeds));
+    check(failures(feeds))
 }
 
 fn print(row: Row, lost: u64, disorder: u64, wrong: u64) {
     let Row { who, when, kills, mut times } = row;
     times.sort_unstable();
-    let at = |index: usize| {
-        times.get(index).map_or_else(|| "-".to_owned(), |time| format!("{:.0}", time.as_secs_f64() * 1e3))
-    };
-    let (median, longest) = (at(times.len() / 2), at(times.len().saturating_sub(1)));
+    let [median, longest] = [0.5, 1.0].map(|part| {
+        let time = nearest_rank(&times, part);
+        time.map_or_else(|| "-".to_owned(), |time| format!("{:.0}", time.as_secs_f64() * 1e3))
+    });
     println!(
         "{who:<12} {when:<20} {kills:>6} {lost:>8} {disorder:>13} {wrong:>8}   {median} / {longest} ({} times)",
         times.len()

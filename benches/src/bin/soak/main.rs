@@ -11,7 +11,7 @@ mod feeder;
 mod kills;
 
 use clap::{Parser, Subcommand};
-use isotherm_benches::{BenchResult, become_child};
+use isotherm_benches::{BenchResult, run};
 use isotherm_client::Options;
 use std::process::ExitCode;
 
@@ -35,34 +35,19 @@ enum SoakCommand {
 }
 
 fn main() -> ExitCode {
-    let words: Vec<_> = std::env::args().skip(1).collect();
-    let words: Vec<_> = words.iter().map(String::as_str).collect();
-    let result = match words[..] {
-        // This program is also the service.
-        ["serve" | "status", ..] => {
-            become_child();
-            return isotherm_service::main(env!("CARGO_PKG_VERSION"));
-        }
-        ["send", imu] => child(|options| feeder::send_for_ever(imu, options)),
-        ["read", imu] => child(|options| feeder::read_for_ever(imu, options)),
-        _ => {
-            let arguments = SoakArguments::parse();
-            match arguments.command {
-                Some(SoakCommand::Kills) => kills::run(arguments.smoke),
-                None => endure::run(if arguments.smoke { 0.15 } else { arguments.minutes }),
-            }
-        }
-    };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            println!("soak: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    run(child, |SoakArguments { command, minutes, smoke }| match command {
+        Some(SoakCommand::Kills) => kills::run(smoke),
+        None => endure::run(if smoke { 0.15 } else { minutes }),
+    })
 }
 
-fn child(role: impl FnOnce(&Options) -> BenchResult<()>) -> BenchResult<()> {
-    become_child();
-    role(&Options::from_environment()?)
+/// Runs this program as a client that is killed.
+fn child(words: &[&str]) -> BenchResult<ExitCode> {
+    let options = Options::from_environment()?;
+    match words {
+        ["send", imu] => feeder::send_for_ever(imu, &options)?,
+        ["read", imu] => feeder::read_for_ever(imu, &options)?,
+        _ => return Err("unknown words".into()),
+    }
+    Ok(ExitCode::SUCCESS)
 }

@@ -1,7 +1,6 @@
 //! An ACUTROL 3000 with two axes. Over TCP a reply has a header of eight bytes and no line end, as a public driver
 //! expects it.
 
-use super::line::take_line;
 use crate::server::Protocol;
 use crate::turntable::{Interlock, TurntableDevice};
 
@@ -87,10 +86,6 @@ impl AcutrolProtocol {
 }
 
 impl Protocol<TurntableDevice> for AcutrolProtocol {
-    fn take_request(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>> {
-        take_line(input)
-    }
-
     fn answer(&mut self, request: &[u8], device: &mut TurntableDevice) -> Vec<u8> {
         for index in [0, 1] {
             self.axes[index].in_position_mode &= device.interlock(index) == Interlock::Closed;

@@ -1,7 +1,6 @@
 //! An Ideal Aerosmith table with two axes. A request begins with the number of the axis; a reply is a line, then the
 //! prompt.
 
-use super::line::take_line;
 use crate::server::Protocol;
 use crate::turntable::{Interlock, TurntableDevice};
 
@@ -47,10 +46,6 @@ impl AerosmithProtocol {
 }
 
 impl Protocol<TurntableDevice> for AerosmithProtocol {
-    fn take_request(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>> {
-        take_line(input)
-    }
-
     fn answer(&mut self, request: &[u8], device: &mut TurntableDevice) -> Vec<u8> {
         let reply = self.command(String::from_utf8_lossy(request).trim(), device);
         reply.map_or_else(Vec::new, |line| format!("{line}\r\n>\r\n").into_bytes())

@@ -1,16 +1,11 @@
 //! A Voetsch chamber with temperature and humidity: ASCII-2, address 1.
 
-use super::line::take_line;
 use crate::chamber::{ChamberDevice, Mode};
 use crate::server::Protocol;
 
 pub(super) struct Ascii2Protocol;
 
 impl Protocol<ChamberDevice> for Ascii2Protocol {
-    fn take_request(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>> {
-        take_line(input)
-    }
-
     fn answer(&mut self, request: &[u8], device: &mut ChamberDevice) -> Vec<u8> {
         // A request with another address or without meaning has no reply.
         let text = String::from_utf8_lossy(request);

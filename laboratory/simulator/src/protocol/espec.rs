@@ -1,16 +1,11 @@
 //! An ESPEC P-300 without humidity.
 
-use super::line::take_line;
 use crate::chamber::{ChamberDevice, Mode, RANGE_C};
 use crate::server::Protocol;
 
 pub(super) struct EspecProtocol;
 
 impl Protocol<ChamberDevice> for EspecProtocol {
-    fn take_request(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>> {
-        take_line(input)
-    }
-
     fn answer(&mut self, request: &[u8], device: &mut ChamberDevice) -> Vec<u8> {
         let text = String::from_utf8_lossy(request);
         let reply = answer(text.trim(), device).unwrap_or_else(|reason| format!("NA:{reason}"));

@@ -6,7 +6,6 @@ mod aerosmith;
 mod ascii2;
 mod espec;
 mod f4t;
-mod line;
 
 use crate::chamber::ChamberDevice;
 use crate::server::Protocol;
