@@ -411,7 +411,7 @@ fn json_is_one_document_also_of_a_failure() {
     let (document, _) = json(0, &calibrate);
     assert!(document["digest"].is_string() && document.get("error").is_none(), "{document}");
     let verify = ["verify", "--table", "t.toml", "run/run.csv", "--attitude", "0.6,-0.48,0.64"];
-    run(folder.path(), 0, &["simulate", "run", "-o", "run"]);
+    run(folder.path(), 0, &["simulate", "run", "-o", "run", "--interval", "1"]);
     let (document, _) = json(0, &verify);
     assert!(
         document["axes"][0]["worst_g0"]["value"].is_number() && document["level"]["worst_rad"]["value"].is_number()

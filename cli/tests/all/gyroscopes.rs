@@ -1,4 +1,4 @@
-//! `calibrate` of a whole IMU, as a user types it: the campaign with a known truth and an independent fit, see
+//! `calibrate` of a whole IMU, as a user types it: the campaign with a known truth, see
 //! `calibration/tests/data/gyro/README.md`, and what becomes of it when something is wrong.
 //!
 //! Over 400 lines: one campaign, and one mistake after another in it.
@@ -70,36 +70,26 @@ fn document(folder: &Path, code: i32, more: &[&str]) -> Value {
     serde_json::from_str(&run(folder, code, &arguments).0).unwrap()
 }
 
-/// Largest differences of the table from a right value: D \[deg/h\], K \[ppm\], s \[deg/h/g0\]. `right` gives them by
-/// gyroscope: key and telemetry to value.
-fn differences(table: &CoefficientTable, against: &Value, reference: bool) -> [f64; 3] {
+/// Largest differences of the table from the truth: D \[deg/h\], K \[ppm\], s \[deg/h/g0\].
+fn differences(table: &CoefficientTable, truth: &Value) -> [f64; 3] {
     let gyroscopes = table.content().gyroscopes.as_ref().unwrap();
     let mut worst = [0.0_f64; 3];
     for (axis, name) in GYROSCOPE_NAMES.into_iter().enumerate() {
         let part = &gyroscopes.axes[axis];
-        let right = &against["gyroscopes"][name];
-        let keys = match reference {
-            true => ["bias_deg_h", "positive_scale_factor", "negative_scale_factor"],
-            false => ["bias", "kp", "kn"],
-        };
+        let right = &truth["gyroscopes"][name];
         let curves = [&part.bias, &part.positive_scale_factor, &part.negative_scale_factor];
-        for (q, (key, curve)) in keys.into_iter().zip(curves).enumerate() {
+        for (q, (key, curve)) in ["bias", "kp", "kn"].into_iter().zip(curves).enumerate() {
             let values = numbers(&right[key]);
-            let points: Vec<(f64, f64)> = if reference {
-                numbers(&right[if q == 0 { "head" } else { "board" }]).into_iter().zip(values).collect()
-            } else {
-                let [low, high] = curve.range();
-                let at = |step: i32| low + (high - low) * f64::from(step) / 64.0;
-                (0..=64).map(|step| (at(step), polynomial(&values, at(step)))).collect()
-            };
-            for (u, right) in points {
+            let [low, high] = curve.range();
+            for step in 0..=64 {
+                let u = low + (high - low) * f64::from(step) / 64.0;
+                let right = polynomial(&values, u);
                 let error = (curve.at(u) - right).abs();
                 let (place, error) = if q == 0 { (0, error) } else { (1, error / right.abs() * 1e6) };
                 worst[place] = worst[place].max(error);
             }
         }
-        let key = if reference { "g_sensitivity_deg_h_g0" } else { "g_sensitivity" };
-        for (got, right) in gyroscopes.g_sensitivity[axis].unwrap().into_iter().zip(numbers(&right[key])) {
+        for (got, right) in gyroscopes.g_sensitivity[axis].unwrap().into_iter().zip(numbers(&right["g_sensitivity"])) {
             worst[2] = worst[2].max((got - right).abs());
         }
     }
@@ -107,7 +97,7 @@ fn differences(table: &CoefficientTable, against: &Value, reference: bool) -> [f
 }
 
 #[test]
-fn the_campaign_with_a_known_truth_and_an_independent_fit() {
+fn the_campaign_with_a_known_truth() {
     let folder = folder();
     campaign(folder.path(), |file| file, same);
     let err = calibrate(folder.path(), 0, &["--report", "r.html"]);
@@ -130,19 +120,13 @@ fn the_campaign_with_a_known_truth_and_an_independent_fit() {
     let table = CoefficientTable::from_toml(&written, None).unwrap();
     assert!(err.contains(&table.digest().to_string()), "{err}");
     assert!(run(folder.path(), 0, &["check", "table.toml"]).0.contains("seal intact"));
-    let (truth, reference) = (json("truth.json"), json("reference.json"));
-    let (off, from_reference) = (differences(&table, &truth, false), differences(&table, &reference, true));
-    println!("truth {off:?}, reference {from_reference:?}");
+    let truth = json("truth.json");
+    let off = differences(&table, &truth);
     assert!(off[0] < 0.013 && off[1] < 4.0 && off[2] < 0.006, "{off:?}");
-    assert!(from_reference[0] < 0.0005 && from_reference[1] < 0.05 && from_reference[2] < 0.0002, "{from_reference:?}");
     let misalignment = provenance(&written, "gyroscope_misalignment");
     for axis in 0..3 {
         let (found, right) = (numbers(&misalignment[axis]), numbers(&truth["gyroscope_misalignment"][axis]));
         assert!(found.iter().zip(&right).all(|(found, right)| (found - right).abs() < 7e-7), "{found:?} {right:?}");
-        // In the order of the columns, without the diagonal.
-        let reference = numbers(&reference["gyroscopes"][GYROSCOPE_NAMES[axis]]["misalignment_rad"]);
-        let columns = (0..3).filter(|column| *column != axis);
-        assert!(columns.zip(reference).all(|(column, right)| (found[column] - right).abs() < 2e-8), "{found:?}");
     }
     // What a verification run takes from it.
     assert_eq!(provenance(&written, "latitude_deg"), 39.9);

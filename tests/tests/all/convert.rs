@@ -56,7 +56,8 @@ fn what_is_wrong_has_its_exit_code_and_a_remedy() {
     let domain = domain();
     let (code, stdout, stderr) = run(&domain, &["convert", "source.csv", "-o", "run.csv"]);
     assert_eq!((code, stdout.as_str()), (64, ""));
-    let proposal = stderr.split_once("\n\n").unwrap().1;
+    let (message, proposal) = stderr.split_once("\n\n").unwrap();
+    assert!(message.contains("source.csv: which columns are what? Give --mapping"), "{message}");
     domain.write("proposed.toml", proposal);
     assert_eq!(
         run(&domain, &["convert", "source.csv", "--mapping", "proposed.toml", "-o", "run.csv"]).0,

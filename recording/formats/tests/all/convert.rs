@@ -3,8 +3,7 @@
 //! Over 400 lines: all kinds of texts and mappings are tested alike, by the same few functions.
 
 use isotherm_failure::{Exit, Failure};
-use isotherm_recording::RawCsvWriter;
-use isotherm_recording_formats::convert::{Conversion, Mapping, Settings};
+use isotherm_recording_formats::convert::{Conversion, Settings};
 use isotherm_shared::wire::RawSample;
 use std::fs;
 use std::io::Cursor;
@@ -45,29 +44,6 @@ fn net(sample: &RawSample) -> [i64; 6] {
 
 const MAPPING: &str = "format = 1\n[time]\ncolumn = \"t\"\nunit = \"s\"\ninterval_s = 0.01\n[accelerometer]\n\
      columns = [\"x\", \"y\", \"z\"]\nkind = \"reading\"\n[temperature]\nconstant = 25\n";
-
-#[test]
-fn a_real_recording_becomes_the_expected_one_byte_for_byte() {
-    let settings = Settings::default();
-    let mut conversion = Conversion::open(&data("source.csv"), Some(&data("mapping.toml")), &settings).unwrap();
-    let writer = RawCsvWriter::with_layout(Vec::new(), "", false, conversion.layout()).unwrap();
-    let mut writer = writer.with_plain_whole_numbers();
-    conversion.try_for_each(|sample| sample.map(|sample| writer.write("", &sample).unwrap())).unwrap();
-    let written = String::from_utf8(writer.finish().unwrap()).unwrap();
-    assert_eq!(written, fs::read_to_string(data("source.expected.csv")).unwrap());
-    assert_eq!((conversion.rows(), conversion.notes()), (300, Vec::new()));
-}
-
-/// The mapping that is proposed for the real recording differs from the right one in nothing that counts.
-#[test]
-fn the_proposed_mapping_of_the_real_recording_is_the_right_one() {
-    let failure = Conversion::open(&data("source.csv"), None, &Settings::default()).err().unwrap();
-    assert_eq!(failure.exit, Exit::Usage);
-    let (message, proposal) = failure.message.split_once("\n\n").unwrap();
-    assert!(message.contains("source.csv: which columns are what? Give --mapping"), "{message}");
-    let right = Mapping::from_toml(&fs::read_to_string(data("mapping.toml")).unwrap()).unwrap();
-    assert_eq!(Mapping::from_toml(proposal).unwrap(), right);
-}
 
 /// The same numbers, with the separators and decimal marks of several countries.
 #[test]
