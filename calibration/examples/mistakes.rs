@@ -4,7 +4,7 @@
 //!     cargo run -p isotherm-calibration --example mistakes NAME          lines about mistakes named so, seed 1
 //!     cargo run -p isotherm-calibration --example mistakes correct [N]   refusals of 200 correct campaigns
 //!
-//! `tests/mistakes/gate.rs` says how the gate is tried, and what a wrong table is.
+//! `tests/all/mistakes/gate.rs` says how the gate is tried, and what a wrong table is.
 #![allow(
     clippy::panic,
     clippy::print_stdout,
@@ -12,9 +12,9 @@
     reason = "a program of the developers prints its result, and a panic is its report"
 )]
 
-#[path = "../tests/mistakes/gate.rs"]
+#[path = "../tests/all/mistakes/gate.rs"]
 mod gate;
-#[path = "../tests/mistakes/matrix.rs"]
+#[path = "../tests/all/mistakes/matrix.rs"]
 mod matrix;
 
 use gate::{ANGLES_DEG, Good, Installation, WRONG, faults, gate, install, true_error};

@@ -2,8 +2,8 @@
 //!
 //! # Contract
 //! While samples flow the loop takes no lock, allocates nothing, logs nothing and, with `spin` and no reader that
-//! waits, makes no system call (tests/hot_loop.rs counts them). The other strategies only make the system calls that
-//! sleeping and its events need.
+//! waits, makes no system call (tests/tests/all/hot_loop.rs counts them). The other strategies only make the system
+//! calls that sleeping and its events need.
 //!
 //! The worker never blocks on a peer: a reader that does not read loses its own increments. It takes one sample at a
 //! time from each raw queue in turn, so that a flooded queue delays the sample of another IMU by the time of one

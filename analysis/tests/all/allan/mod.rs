@@ -1,0 +1,5 @@
+//! The Allan deviation and the model of it, on simulated noise with a known truth.
+
+mod coverage;
+mod recording;
+mod simulated;

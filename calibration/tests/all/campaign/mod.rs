@@ -1,0 +1,10 @@
+//! Simulated campaigns, from their rows to their tables.
+
+mod accuracy;
+mod batch;
+mod causes;
+mod checks;
+mod common;
+mod coverage;
+mod laboratories;
+mod report;

@@ -1,0 +1,52 @@
+//! The report of a calibration: what its figures show of errors and temperatures.
+
+use super::common::{calibrated, paper_truth};
+use isotherm_calibration::{CalibrationOptions, CampaignSource};
+use isotherm_report::calibration::html;
+use isotherm_simulation::{CampaignSchedule, TILT_RAD};
+
+fn report(set_points_c: Vec<f64>) -> String {
+    let truth = paper_truth(TILT_RAD, 9.8);
+    let schedule = CampaignSchedule { set_points_c, ..CampaignSchedule::default() };
+    let options = CalibrationOptions { order: Some(1), ..CalibrationOptions::default() };
+    let (file, calibration) = calibrated(&truth, &schedule, 1, options).unwrap();
+    let source = CampaignSource {
+        tool: String::new(),
+        time: String::new(),
+        campaign: String::new(),
+        campaign_sha256: String::new(),
+        samples_sha256: String::new(),
+        recordings_sha256: Vec::new(),
+    };
+    html(&file, &calibration, &source)
+}
+
+/// The figures whose label begins so.
+fn figures<'a>(html: &'a str, label: &'a str) -> Vec<&'a str> {
+    let parts = html.split("<svg ").skip(1).filter_map(|part| part.split("</svg>").next());
+    parts.filter(|part| part.contains(&format!("aria-label=\"{label}"))).collect()
+}
+
+#[test]
+fn curves_have_error_bars_bands_and_temperatures() {
+    // 5 degC is visited twice, warming and cooling.
+    let html = report(vec![-15.0, 5.0, 25.0, 45.0, 5.0]);
+    for quantity in ["Bias", "K+", "K-"] {
+        for axis in ["A1", "A2", "A3"] {
+            for label in [format!("{quantity} of {axis}: {quantity}"), format!("{quantity} of {axis}: set point")] {
+                let found = figures(&html, &label);
+                let [figure] = found[..] else { panic!("{label}: {} figures", found.len()) };
+                let bars = figure.split("<path class=\"er s2\" d=\"").nth(1).and_then(|path| path.split('"').next());
+                assert_eq!(bars.map(|bars| bars.matches('V').count()), Some(5), "{label}: {figure}");
+                assert!(
+                    figure.contains("<path class=\"b s1\"") && figure.contains(">Set points, 95 %</text>"),
+                    "{label}"
+                );
+                assert!(figure.contains(">Set point / degC</text>"), "{label}");
+                assert!(["0", "20", "40"].iter().all(|c| figure.contains(&format!(">{c}</text>"))), "{figure}");
+            }
+        }
+    }
+    assert_eq!(html.matches(">Set point / degC</text>").count(), 18 + 3, "and the dwells' errors over temperature");
+    assert!(html.contains("Bars: 95 % of each set point"), "what the bars are");
+}

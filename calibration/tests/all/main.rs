@@ -1,0 +1,8 @@
+//! Fits of campaigns, turns, ramps and standstills, and the mistakes that they must refuse.
+#![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
+
+mod campaign;
+mod gravity_only;
+mod gyroscopes;
+mod mistakes;
+mod transients;

@@ -1,0 +1,8 @@
+//! Transients: ramps with a known truth, from their rows to the decision.
+
+mod campaign;
+mod consumer;
+mod data;
+mod rates;
+mod simulated;
+mod traps;

@@ -1,0 +1,149 @@
+//! The command line's own behaviour: exit codes, help, and what goes to stdout and stderr.
+
+use std::process::{Command, Output};
+
+fn isotherm(arguments: &[&str]) -> Output {
+    // No service runs in this domain, and none of these commands leaves anything in it.
+    let folder = tempfile::tempdir().unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_isotherm"));
+    command.args(arguments).env("ISOTHERM_DOMAIN", "cli-test").env("ISOTHERM_ROOT", folder.path());
+    let output = command.output().unwrap();
+    assert_eq!(folder.path().read_dir().unwrap().count(), 0, "{arguments:?} left something behind");
+    output
+}
+
+#[test]
+fn exit_codes_are_those_of_sysexits() {
+    let data = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data");
+    let (run, table) = (format!("{data}/run.csv"), format!("{data}/imu-a.toml"));
+    let cases: [(&[&str], i32); 14] = [
+        (&["--help"], 0),
+        (&["--version"], 0),
+        (&[], 64),
+        (&["frobnicate"], 64),
+        (&["feed", "--imu", "IMU", &run], 64),
+        (&["feed", "--imu", "imu-a", "--rate", "0", &run], 64),
+        (&["--domain", "No Domain", "status"], 64),
+        (&["serve"], 64),
+        (&["status"], 69),
+        (&["feed", "--imu", "imu-a", "--timeout", "0.1", &run], 69),
+        (&["replay", "--table", &table, "/nowhere/run.csv"], 74),
+        (&["replay", "--table", &table, &table], 65),
+        (&["replay", "--table", &run, &run], 78),
+        (&["serve", "--config", &table], 78),
+    ];
+    for (arguments, code) in cases {
+        let output = isotherm(arguments);
+        let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}\n{out}\n{err}");
+        assert_eq!(
+            code == 0,
+            err.is_empty(),
+            "{arguments:?}: words go to stderr, and only if something is wrong\n{err}"
+        );
+        assert_eq!(code == 0, !out.is_empty(), "{arguments:?}: nothing but data goes to stdout\n{out}");
+    }
+}
+
+/// The help of every command and subcommand, by its path.
+fn helps(path: &[&str], helps: &mut Vec<(String, String)>) {
+    let output = isotherm(&[path, &["--help"]].concat());
+    let help = String::from_utf8(output.stdout).unwrap();
+    let names = help.split("\nCommands:\n").nth(1).and_then(|rest| rest.split("\n\n").next()).unwrap_or_default();
+    // A description's second line is indented further.
+    let names = names.lines().filter_map(|line| line.strip_prefix("  ")).filter(|line| !line.starts_with(' '));
+    for name in names.filter_map(|line| line.split(' ').next()).filter(|name| *name != "help") {
+        self::helps(&[path, &[name]].concat(), helps);
+    }
+    helps.push((path.join(" "), help));
+}
+
+#[test]
+fn every_help_has_examples_and_exit_codes_and_the_domain_where_there_is_one() {
+    let mut all = Vec::new();
+    helps(&[], &mut all);
+    assert!(all.len() > 22, "{}", all.len());
+    let without = [
+        "calibrate",
+        "check",
+        "compare",
+        "completions",
+        "convert",
+        "demo",
+        "explain",
+        "man",
+        "noise",
+        "regress",
+        "replay",
+        "rollback",
+        "verify",
+    ];
+    let without_below =
+        ["campaign check", "campaign status", "campaign stop", "simulate campaign", "simulate ramp", "simulate run"];
+    for (path, help) in all {
+        assert!(help.contains("Examples:"), "{path}");
+        assert!(help.contains("Exit codes: 0 done, 1 failed, 64 usage"), "{path}:\n{help}");
+        let without = without.contains(&path.as_str()) || without_below.contains(&path.as_str());
+        assert_eq!(help.contains("--domain <NAME>"), !without, "{path}:\n{help}");
+    }
+}
+
+#[test]
+fn the_domain_is_accepted_where_it_is_not_shown() {
+    let data = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data");
+    let (run, table) = (format!("{data}/run.csv"), format!("{data}/imu-a.toml"));
+    let plan = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/plan.toml");
+    for arguments in [
+        &["replay", "--domain", "other", "--table", &table, &run][..],
+        &["--domain", "other", "check", &table],
+        &["campaign", "check", "--domain", "other", plan],
+    ] {
+        let output = isotherm(arguments);
+        assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+    assert_eq!(isotherm(&["check", "--domain", "No Domain", &table]).status.code(), Some(64));
+}
+
+#[test]
+fn columns_that_are_missing_are_named_beside_those_that_are_there() {
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+    let (run, table) = (format!("{root}/tests/data/run.csv"), format!("{root}/tests/data/imu-a.toml"));
+    let (cubic, campaign) = (format!("{root}/examples/cubic.csv"), format!("{root}/examples/campaign/campaign.toml"));
+    for (arguments, missing, found) in [
+        (
+            &["replay", "--table", &table, &cubic][..],
+            "missing columns: sequence, timestamp_ns, interval_ns, a1_positive",
+            "; found: x, y",
+        ),
+        (&["regress", &cubic, "--x", "u", "--y", "y"], "missing columns: u", "; found: x, y"),
+        (
+            &["calibrate", &campaign, &run, "-o", "/dev/null"],
+            "missing columns: set_point_c, position",
+            "; found: sequence, timestamp_ns",
+        ),
+    ] {
+        let output = isotherm(arguments);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(65), "{arguments:?}: {said}");
+        assert!(said.contains(missing) && said.contains(found), "{arguments:?}: {said}");
+    }
+}
+
+#[test]
+fn a_csv_given_for_a_toml_is_recognised() {
+    let run = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/run.csv");
+    for (arguments, wanted) in [
+        (&["calibrate", run, "-o", "/dev/null"][..], "give the campaign file that names it"),
+        (&["check", run], "give a coefficient table, a service configuration, a campaign file or a campaign plan"),
+        (&["campaign", "check", run], "give the campaign plan"),
+        (&["replay", "--table", run, run], "give the coefficient table"),
+        (&["serve", "--config", run], "give the service configuration"),
+        (&["serve", "--imu", &format!("imu-a={run}")], "give the coefficient table"),
+    ] {
+        let output = isotherm(arguments);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(78), "{arguments:?}: {said}");
+        assert!(said.contains("CSV") && said.contains(wanted), "{arguments:?}: {said}");
+        assert_eq!(said.lines().count(), 1, "{said}");
+    }
+}

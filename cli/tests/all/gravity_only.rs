@@ -1,0 +1,115 @@
+//! `calibrate --gravity-only` and `verify` of its tables, as a user types them.
+
+use crate::common::{assert_page, folder, isotherm, run};
+use serde_json::Value;
+use std::fs;
+
+const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/tests/data/any_lab");
+
+fn arguments<'a>(recording: &'a str, gravity: [&'a str; 2], more: &[&'a str]) -> Vec<&'a str> {
+    let [local, reference] = gravity;
+    let options = ["--imu", "imu-t", "--gravity-local", local, "--gravity-reference", reference];
+    let unit = ["--temperature-unit", "degC", "-o", "table.toml"];
+    [&["calibrate", "--gravity-only", recording][..], &options, &unit, more].concat()
+}
+
+#[test]
+fn a_table_without_a_turntable_is_verified_by_lengths() {
+    let folder = folder();
+    let tumble = format!("{DATA}/tumble3/recording.csv");
+    let calibrate = arguments(&tumble, ["9.79179", "9.80665"], &["--report", "r.html"]);
+    let (out, err) = run(folder.path(), 0, &calibrate);
+    assert!(
+        out.is_empty() && err.starts_with("78 standstills at 3 temperatures, 0 too short, digest sha256:"),
+        "{out}{err}"
+    );
+    assert!(err.contains("not observable without a turntable: a rotation"), "{err}");
+    let (out, _) = run(folder.path(), 0, &["check", "table.toml"]);
+    assert!(out.contains("seal intact"), "{out}");
+    assert_page(&folder.path().join("r.html"), 9, &["without a turntable", "SHA-256 of a recording"]);
+    // Local gravity is that of the provenance, and the lengths are compared without being asked for.
+    let verify = ["verify", "--table", "table.toml", &tumble, "--require", "scale=50ppm", "--report", "v.html"];
+    let (out, _) = run(folder.path(), 0, &verify);
+    assert!(out.starts_with("78 standstills, 0 too short\nLocal gravity 9.79179 m/s2, from the provenance"), "{out}");
+    assert!(out.contains("at most 50.000 ppm is required: met"), "{out}");
+    assert_page(&folder.path().join("v.html"), 0, &["Met", "scale: the length"]);
+    let (out, err) = run(folder.path(), 1, &[&verify[..5], &["scale=1ppm,bias=20ug0"]].concat());
+    assert!(out.contains("missed") && err.contains("bias: not judged, standstills"), "{out}{err}");
+    let (out, _) = run(folder.path(), 0, &["verify", "--table", "table.toml", &tumble, "--json"]);
+    let document: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((&document["judged_by"], &document["standstills"]), (&"standstills".into(), &78.into()));
+    // Compensated by replay, a standstill has the length that verify says.
+    run(folder.path(), 0, &["replay", "--table", "table.toml", &tumble, "-o", "increments.csv"]);
+    let rows: Vec<Vec<f64>> = fs::read_to_string(folder.path().join("increments.csv"))
+        .unwrap()
+        .lines()
+        .skip(1)
+        .take(86)
+        .map(|line| line.split(',').take(6).map(|field| field.parse().unwrap()).collect())
+        .collect();
+    let sum = |column: usize| rows.iter().map(|row| row[column]).sum::<f64>() / (86.0 * 0.05);
+    let length = sum(3).hypot(sum(4)).hypot(sum(5)) / 9.80665 - 9.79179 / 9.80665;
+    let first = document["standstill"][0].clone();
+    assert_eq!(first["rows"], 86);
+    assert!((length - first["error_g0"].as_f64().unwrap()).abs() < 1e-9, "{length} {first}");
+}
+
+#[test]
+fn a_campaign_file_and_the_options_give_the_same_digest() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    let xsens = format!("{DATA}/xsens/recording.csv");
+    run(folder.path(), 0, &arguments(&xsens, ["9.81", "9.81"], &["--temperature-range", "0,50"]));
+    fs::copy(&xsens, at("desk.csv")).unwrap();
+    let file = "format = 1\nmethod = \"gravity-only\"\nimu = \"imu-t\"\nsamples = \"desk.csv\"\ngravity_reference = 9.81\ngravity_local = 9.81\n\
+                temperature_unit = \"degC\"\n";
+    fs::write(at("campaign.toml"), file).unwrap();
+    let (out, _) = run(folder.path(), 0, &["check", "campaign.toml"]);
+    assert!(out.contains("campaign.toml"), "{out}");
+    let calibrate = ["calibrate", "campaign.toml", "--temperature-range", "0,50", "-o", "other.toml", "--json"];
+    let (out, _) = run(folder.path(), 0, &calibrate);
+    let document: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(document["standstills"], 39);
+    assert_eq!(document["scale_factor"], "single");
+    let digest = |name: &str| {
+        let text = fs::read_to_string(at(name)).unwrap();
+        text.lines().find(|line| line.starts_with("digest = ")).unwrap().to_owned()
+    };
+    assert_eq!(digest("table.toml"), digest("other.toml"));
+    // Verified at one attitude, the run is one as any other.
+    let (_, err) = run(folder.path(), 64, &["calibrate", "campaign.toml", "-o", "x.toml", "--method", "two-stage"]);
+    assert!(err.contains("--method is for campaigns on a turntable"), "{err}");
+    let plain = format!("{}/../examples/campaign/campaign.toml", env!("CARGO_MANIFEST_DIR"));
+    let (_, err) = run(folder.path(), 64, &["calibrate", &plain, "-o", "x.toml", "--scale-factor", "single"]);
+    assert!(err.contains("--scale-factor is for calibrations without a turntable"), "{err}");
+    let (_, err) = run(folder.path(), 64, &["calibrate", &plain, "-o", "x.toml", "--exclude", "3"]);
+    assert!(err.contains("SET_POINT/NUMBER"), "{err}");
+}
+
+#[test]
+fn a_refusal_names_parameters_and_writes_nothing() {
+    let folder = folder();
+    let ferraris = format!("{DATA}/ferraris/recording.csv");
+    let gravity = ["9.81", "9.81"];
+    let json = isotherm(folder.path(), &arguments(&ferraris, gravity, &["--temperature-range", "0,50", "--json"]));
+    assert_eq!(json.status.code(), Some(65));
+    let document: Value = serde_json::from_slice(&json.stdout).unwrap();
+    assert_eq!(document["parameters"], serde_json::json!(["m12", "m13", "m23"]));
+    assert!(document["attitude"].as_str().unwrap().contains("up"), "{document}");
+    let (_, err) = run(folder.path(), 65, &arguments(&ferraris, gravity, &[]));
+    assert!(err.contains("6 standstills for 9 unknowns"), "{err}");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+    let without = arguments(&ferraris, gravity, &["--temperature-range", "0,50", "--no-misalignment", "--json"]);
+    let (out, _) = run(folder.path(), 0, &without);
+    let document: Value = serde_json::from_str(&out).unwrap();
+    assert!(document["bias_standard_error_g0"].is_null() && document["degrees_of_freedom"] == 0, "{document}");
+    // All four facts are needed.
+    let (_, err) = run(folder.path(), 64, &["calibrate", "--gravity-only", &ferraris, "-o", "t.toml", "--imu", "i"]);
+    assert!(err.contains("--gravity-local"), "{err}");
+    let (_, err) = run(
+        folder.path(),
+        65,
+        &arguments(&ferraris, gravity, &["--strict", "--no-misalignment", "--temperature-range", "0,50"]),
+    );
+    assert!(err.contains("fault [no-freedom]: "), "{err}");
+}

@@ -1,0 +1,15 @@
+//! The commands as a user types them.
+#![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
+
+mod batch;
+mod calibration;
+mod cli;
+mod common;
+mod compare;
+mod gravity_only;
+mod gyroscopes;
+mod noise;
+mod ramps;
+mod simulate;
+mod simulate_ramps;
+mod time;

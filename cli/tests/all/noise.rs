@@ -1,0 +1,96 @@
+//! `noise` as a user types it: text, document, report and Kalibr's file, and what is refused.
+
+use crate::common::{assert_page, folder, run};
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+
+/// A recording of 18 minutes at rest in `night`, with its table; 40e-6 g0 of white noise, 1.1 to 1.2 counts a row.
+fn recording(folder: &Path) {
+    let simulate = ["simulate", "run", "-o", "night", "--temperatures", "20,20.3", "--ramp", "1", "--hold", "1"];
+    run(folder, 0, &[&simulate[..], &["--sensor-noise", "40", "--seed", "3"]].concat());
+}
+
+const NOISE: [&str; 4] = ["noise", "night/run.csv", "--table", "night/truth.toml"];
+
+fn document(folder: &Path, arguments: &[&str]) -> Value {
+    serde_json::from_str(&run(folder, 0, &[arguments, &["--json"]].concat()).0).unwrap()
+}
+
+fn white(sensor: &Value) -> (f64, [f64; 2]) {
+    let coefficient = &sensor["model"]["coefficients"][1];
+    assert_eq!(coefficient["letter"], "N");
+    let range = &coefficient["range_in_unit"];
+    (coefficient["value_in_unit"].as_f64().unwrap(), [0, 1].map(|end| range[end].as_f64().unwrap()))
+}
+
+#[test]
+fn a_recording_at_rest() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    recording(folder.path());
+    let (text, err) = run(folder.path(), 0, &[&NOISE[..], &["--report", "r.html", "--kalibr", "imu.yaml"]].concat());
+    assert!(text.starts_with("rows 1 to 10820 of 10820, 0.0 s to 1082.0 s, one every 0.100000 s: "), "{text}");
+    assert!(text.contains("velocity random walk") && text.contains("g0/sqrt(Hz)"), "{text}");
+    assert_eq!(err, "");
+    let with_table = document(folder.path(), &NOISE);
+    assert_eq!((&with_table["first_row"], &with_table["last_row"]), (&1.into(), &10820.into()));
+    for sensor in with_table["sensors"].as_array().unwrap() {
+        let (value, [low, high]) = white(sensor);
+        assert!((low..=high).contains(&40e-6) && (value / 40e-6 - 1.0).abs() < 0.05, "{sensor}");
+        let [two, one] = ["two_sided_density", "one_sided_density"].map(|key| &sensor["model"][key]["value_in_unit"]);
+        assert!((one.as_f64().unwrap() / two.as_f64().unwrap() - 2_f64.sqrt()).abs() < 1e-12, "{sensor}");
+        let walk = &sensor["model"]["coefficients"][3];
+        assert!(walk["below_in_unit"].is_number() && sensor["limit_cycle"] == false, "{walk}");
+        let columns = ["tau_s", "adev_in_unit", "interval_in_unit", "degrees_of_freedom"];
+        let lengths = columns.map(|key| sensor[key].as_array().unwrap().len());
+        assert_eq!(lengths, [33; 4], "{sensor}");
+        let last = &sensor["interval_in_unit"][32];
+        assert!((6.0..30.0).contains(&(last[1].as_f64().unwrap() / last[0].as_f64().unwrap())), "{last}");
+    }
+    // Counts a second without a table: A1 has about 9e4 of them for 1 g0.
+    let counts = document(folder.path(), &NOISE[..2]);
+    let ratio = white(&counts["sensors"][0]).0 / white(&with_table["sensors"][0]).0;
+    assert!(counts["sensors"][0]["unit"] == "pulse/s" && (8e4..1e5).contains(&ratio), "{ratio}");
+    assert_page(&at("r.html"), 2, &["Floor of B, 0.664 B", "one-sided as in data sheets", "times apart"]);
+    let yaml = fs::read_to_string(at("imu.yaml")).unwrap();
+    for start in
+        ["rostopic: ", "update_rate: 10.000000", "accelerometer_noise_density: 3.", "accelerometer_random_walk: "]
+    {
+        assert!(yaml.lines().any(|line| line.starts_with(start)), "{start}: {yaml}");
+    }
+    assert!(
+        yaml.contains("# gyroscope_noise_density: not written, the recording or the table has no gyroscopes"),
+        "{yaml}"
+    );
+    // A part of it.
+    let part = document(folder.path(), &[&NOISE[..], &["--from", "100", "--to", "600.0"]].concat());
+    assert_eq!((&part["first_row"], &part["last_row"], &part["rows"]), (&1001.into(), &6000.into(), &5000.into()));
+    assert_eq!((&part["from_s"], &part["to_s"]), (&100.0.into(), &600.0.into()));
+}
+
+#[test]
+fn what_is_refused() {
+    let folder = folder();
+    recording(folder.path());
+    let refused = |code, more: &[&str]| run(folder.path(), code, &[&NOISE[..], more].concat()).1;
+    let err = refused(65, &["--to", "50"]);
+    let reason = "night/run.csv: the longest stretch without a gap, a movement, a new session or an output that is not a number has 500 rows, 1 to 500; \
+                  at least 1000 rows are needed: record longer at rest";
+    assert!(err.contains(reason), "{err}");
+    assert!(refused(65, &["--from", "2000"]).contains("no row from "), "{err}");
+    assert!(refused(64, &["--from", "5", "--to", "5"]).contains("--from is not before --to"));
+    assert!(refused(64, &["--from", "-1"]).contains("give a number of seconds from 0"));
+    refused(64, &["--report", "night/run.csv"]);
+    refused(74, &["--report", "nowhere/r.html"]);
+    let (_, err) = run(folder.path(), 64, &["noise", "night/run.csv", "--kalibr", "imu.yaml"]);
+    assert!(err.contains("--table"), "{err}");
+    run(folder.path(), 74, &["noise", "none.csv"]);
+    run(folder.path(), 78, &["noise", "night/run.csv", "--table", "night/run.csv"]);
+    let (out, _) = run(folder.path(), 65, &[&NOISE[..], &["--to", "50", "--json"]].concat());
+    let document: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((&document["exit_code"], &document["file"]), (&65.into(), &"night/run.csv".into()));
+    // Nothing is written when nothing is found.
+    refused(65, &["--to", "50", "--report", "r.html", "--kalibr", "imu.yaml"]);
+    assert!(!folder.path().join("r.html").exists() && !folder.path().join("imu.yaml").exists());
+}

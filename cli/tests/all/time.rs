@@ -1,0 +1,122 @@
+//! Recordings and campaigns that have lost time, and what `check` says of settings that this machine refuses.
+
+use crate::common::{folder, isotherm, run};
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+
+const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+
+/// Leaves out every 7th of the rows `lost`, counted from 0, and renumbers the others. `sequence` is the column of the
+/// sequence; with `None` the holes stay.
+fn lose(text: &str, lost: core::ops::Range<usize>, sequence: Option<usize>) -> String {
+    let (header, body) = text.split_once('\n').unwrap();
+    let kept = body.lines().enumerate().filter(|(row, _)| !(lost.contains(row) && row % 7 == 6));
+    let lines = kept.enumerate().map(|(number, (_, line))| {
+        let mut fields: Vec<_> = line.split(',').map(str::to_owned).collect();
+        if let Some(column) = sequence {
+            fields[column] = number.to_string();
+        }
+        fields.join(",") + "\n"
+    });
+    format!("{header}\n") + &lines.collect::<String>()
+}
+
+/// Ten minutes at rest at 10 Hz in `run`, with the table `truth.toml`.
+fn recording(folder: &Path) -> String {
+    let simulate = ["simulate", "run", "-o", "run", "--temperatures", "20,20.3", "--ramp", "1", "--hold", "1"];
+    run(folder, 0, &[&simulate[..], &["--sensor-noise", "40", "--seed", "3"]].concat());
+    fs::read_to_string(folder.join("run/run.csv")).unwrap()
+}
+
+const TIME: &str = "periods are lost without a hole in sequence, or interval_ns is too short";
+
+#[test]
+fn verify_and_noise_count_what_is_missing_and_warn_of_lost_time() {
+    let folder = folder();
+    let text = recording(folder.path());
+    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
+    write("lost.csv", &lose(&text, 0..35, Some(0)));
+    write("gaps.csv", &lose(&text, 0..35, None));
+    let verify = ["verify", "--table", "run/truth.toml", "--window", "10"];
+    let noise = ["noise", "--table", "run/truth.toml"];
+    let on = |command: &[&str], file: &str| run(folder.path(), 0, &[command, &[file]].concat());
+    for (command, parts) in [(&verify[..], "within the recording"), (&noise[..], "in the recording")] {
+        let (words, warnings) = on(command, "run/run.csv");
+        assert!(!words.contains(parts) && !warnings.contains("timestamp_ns"), "{words}\n{warnings}");
+        let (words, warnings) = on(command, "lost.csv");
+        assert!(words.contains(&format!("{parts}: 0 rows missing in 0 gaps, 5 time steps\n")), "{words}");
+        assert!(
+            warnings.contains("warning [time-step]: lost.csv: over 25 rows to sequence 49 ") && warnings.contains(TIME),
+            "{warnings}"
+        );
+        let (words, warnings) = on(command, "gaps.csv");
+        assert!(words.contains(&format!("{parts}: 5 rows missing in 5 gaps, 0 time steps\n")), "{words}");
+        assert!(!warnings.contains("timestamp_ns"), "{warnings}");
+        let document: Value = serde_json::from_str(&on(&[command, &["--json"]].concat(), "lost.csv").0).unwrap();
+        assert_eq!(document["losses"], serde_json::json!({ "missing": 0, "gaps": 0, "time_steps": 5 }));
+    }
+    let document: Value = serde_json::from_str(&on(&[&verify[..], &["--json"]].concat(), "lost.csv").0).unwrap();
+    assert!(document["time_warning"].as_str().unwrap().ends_with(TIME));
+    // Intervals that are 1000 times too short: what verify refuses, replay counts.
+    let (header, body) = text.split_once('\n').unwrap();
+    let short = body.replace(",100000000,", ",100000,");
+    write("short.csv", &format!("{header}\n{short}"));
+    let (_, words) = run(folder.path(), 0, &["replay", "--table", "run/truth.toml", "short.csv", "-o", "i.csv"]);
+    let rows = body.lines().count();
+    assert!(words.ends_with(&format!("; 0 rows missing in 0 gaps, {} time steps\n", rows - 1)), "{words}");
+    assert!(words.contains("s more than interval_ns, 0.0001 s: "), "{words}");
+}
+
+#[test]
+fn calibrate_finds_lost_time_within_a_dwell_and_none_between_dwells() {
+    let folder = folder();
+    let simulate = ["simulate", "campaign", "-o", "c", "--set-points=-20:40:10", "--interval=1"];
+    let simulated = isotherm(folder.path(), &simulate);
+    assert!(simulated.status.success(), "{}", String::from_utf8_lossy(&simulated.stderr));
+    let samples = folder.path().join("c/samples.csv");
+    let text = fs::read_to_string(&samples).unwrap();
+    let calibrate = ["calibrate", "c/campaign.toml", "-o", "t.toml"];
+    let (_, whole) = run(folder.path(), 0, &calibrate);
+    assert!(!whole.contains("time-step") && !whole.contains("missing"), "{whole}");
+    // Three periods of the first dwell.
+    let text = lose(&text, 20..41, Some(2));
+    fs::write(&samples, text).unwrap();
+    let (_, words) = run(folder.path(), 0, &calibrate);
+    assert!(
+        words.contains("warning [time-step]: c/samples.csv:") && words.contains("position 1: over 25 rows"),
+        "{words}"
+    );
+    assert!(
+        words.contains(TIME) && words.contains("  within the dwells: 0 rows missing in 0 gaps, 3 time steps\n"),
+        "{words}"
+    );
+    let (_, words) = run(folder.path(), 65, &[&calibrate[..], &["--strict"]].concat());
+    assert!(words.contains("fault [time-step]: "), "{words}");
+    let (_, words) = run(folder.path(), 0, &[&calibrate[..], &["--accept", "time-step"]].concat());
+    assert!(words.contains("warning [time-step]: "), "{words}");
+}
+
+#[test]
+fn check_warns_of_a_core_that_this_machine_does_not_have() {
+    let folder = folder();
+    let table = fs::read_to_string(Path::new(ROOT).join("tests/data/imu-a.toml")).unwrap();
+    fs::write(folder.path().join("imu-a.toml"), table).unwrap();
+    let write = |realtime: &str| {
+        let text = format!("[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n{realtime}");
+        fs::write(folder.path().join("service.toml"), text).unwrap();
+    };
+    write("[realtime]\ncore = 1023\n");
+    let (words, warnings) = run(folder.path(), 0, &["check", "service.toml"]);
+    assert!(words.contains("service configuration of 1 IMUs"), "{words}");
+    let warning = "service.toml: warning: serve would refuse it here: realtime.core: binding to core 1023: ";
+    assert!(
+        warnings.starts_with(&format!("isotherm: {warning}")) && warnings.contains("this process may use"),
+        "{warnings}"
+    );
+    let (words, failure) = run(folder.path(), 78, &["check", "--strict", "service.toml"]);
+    assert!(words.is_empty() && failure.contains(warning), "{failure}");
+    // What the machine has and allows gives no warning.
+    write("");
+    assert_eq!(run(folder.path(), 0, &["check", "--strict", "service.toml"]).1, "");
+}

@@ -1,0 +1,7 @@
+//! Recordings and foreign data, as other programs write them.
+#![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
+
+mod continuity;
+mod convert;
+mod convert_ros;
+mod layouts;

@@ -1,0 +1,110 @@
+//! The plain difference of two tables, and the limits of what a service takes.
+
+use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::table::difference::{MaxChange, POINTS, TableDifference};
+use proptest::prelude::*;
+
+const TABLE: &str = include_str!("../../../tests/data/imu-a.toml");
+/// With gyroscopes, both alignments, g-sensitivity and transients.
+const WHOLE: &str = include_str!("../../../tests/data/imu-g.toml");
+
+fn table(text: &str) -> CoefficientTable {
+    CoefficientTable::from_toml(text, None).unwrap()
+}
+
+/// What the default limits say of the change of one text of the table into another.
+fn refusals(text: &str, from: &str, to: &str) -> Vec<String> {
+    let changed = text.replacen(from, to, 1);
+    assert_ne!(changed, text, "{from}");
+    MaxChange::default().refusals(&TableDifference::of(&table(text), &table(&changed)))
+}
+
+#[test]
+fn a_table_does_not_differ_from_itself() {
+    for text in [TABLE, WHOLE] {
+        let difference = TableDifference::of(&table(text), &table(text));
+        assert!(difference.changes.iter().all(|change| change.size == 0.0));
+        assert!(difference.incomparable.is_empty() && difference.others.is_empty());
+        assert_eq!(difference.to_string(), "no curve changes");
+    }
+}
+
+#[test]
+fn every_part_of_a_table_has_a_limit() {
+    // Of standard gravity, whatever the table calls 1 g0.
+    assert!(refusals(TABLE, "c0 = 793.55", "c0 = 100793.55").is_empty());
+    let beyond = refusals(TABLE, "c0 = 793.55", "c0 = 100893.55");
+    assert!(
+        beyond[0].starts_with("A1 bias changes by 100047 ug0, from ")
+            && beyond[0].ends_with("at most 100 mg0 is taken (max_change.bias)"),
+        "{beyond:?}"
+    );
+    // The slope is 2 % at the far end.
+    assert!(refusals(TABLE, "91733.0", "100600.0").is_empty());
+    assert!(refusals(TABLE, "91733.0", "101000.0")[0].contains("max_change.scale"));
+    assert!(refusals(TABLE, "-90072.0", "-99000.0").is_empty());
+    assert!(refusals(TABLE, "-90072.0", "-99500.0")[0].starts_with("A1 negative_scale_factor"));
+    for (from, to, name) in WHOLE_CHANGES {
+        let beyond = refusals(WHOLE, from, to);
+        assert!(beyond.len() == 1 && beyond[0].starts_with(name), "{beyond:?}");
+    }
+}
+
+/// Changes of [`WHOLE`] beyond a limit, and how the refusal begins.
+const WHOLE_CHANGES: [(&str, &str, &str); 7] = [
+    (
+        "transient = -35.0",
+        "transient = -31000.0",
+        "A1 transient changes by 102131 ug0, from -34.9816 to -30983.7 ug0 a unit",
+    ),
+    ("c0 = 6.213", "c0 = 3606.5", "G1 bias changes by 3600.29 deg/h, from "),
+    ("c0 = 1.05214", "c0 = 1.1575", "G1 positive_scale_factor changes by 100"),
+    ("transient = 0.83", "transient = 1092.0", "G1 transient changes by 3600.86 deg/h"),
+    ("a1 = 0.731", "a1 = -3599.9", "G1 g_sensitivity changes by 3600.63 deg/h, from [0.731, -0.214, 0.0875] to"),
+    ("-0.0003,", "0.0998,", "alignment changes by 100.1 mrad, from -0.0003 to 0.0998 in row 1, column 2"),
+    ("0.00031,", "0.1004,", "gyroscope_alignment changes by 100.09 mrad"),
+];
+
+#[test]
+fn a_unit_of_telemetry_and_half_of_the_range_must_stay() {
+    assert!(refusals(TABLE, "unit = \"V\"", "unit = \"K\"")[0].starts_with("temperature.unit"));
+    for (range, is_taken) in
+        [("[2.54, 4.2]", true), ("[2.56, 4.2]", false), ("[-9.0, 2.56]", true), ("[4.2, 9.0]", false)]
+    {
+        let refusals = refusals(TABLE, "range = [0.9, 4.2]", &format!("range = {range}"));
+        assert_eq!(refusals.is_empty(), is_taken, "{range}: {refusals:?}");
+    }
+}
+
+proptest! {
+    /// A polynomial in other coefficients, centred and scaled or in another unit, is the same curve.
+    #[test]
+    fn the_same_curve_in_another_form_has_no_difference(center in -3.0..3.0_f64, scale in 0.3..3.0_f64) {
+        // c0 + c1 U of A1's bias, in U and in (U - center)/scale.
+        let plain = TABLE.replace("c0 = 793.55, c1 = -1074.70, c2 = 420.81, c3 = -53.712", "c0 = 793.55, c1 = -1074.70");
+        let (c0, c1) = ((793.55 - 1074.70 * center) / 1e3, -1074.70 * scale / 1e3);
+        let other = plain.replace(
+            "bias = { unit = \"ug0\", range = [0.9, 4.2], c0 = 793.55, c1 = -1074.70",
+            &format!("bias = {{ unit = \"mg0\", center = {center:?}, scale = {scale:?}, range = [0.9, 4.2], c0 = {c0:?}, c1 = {c1:?}"),
+        );
+        prop_assert_ne!(&plain, &other);
+        let difference = TableDifference::of(&table(&plain), &table(&other));
+        prop_assert!(difference.changes.iter().all(|change| change.size < 1e-8), "{}", difference);
+    }
+
+    /// The size is the largest at the points, whichever table is the old one, and is refused exactly beyond the limit.
+    #[test]
+    fn sizes_are_those_of_the_points(c0 in -2e5..2e5_f64, c3 in -2e3..2e3_f64, limit in 1e-4..0.2_f64) {
+        let changed = TABLE.replace("c0 = 793.55", &format!("c0 = {c0:?}")).replace("c3 = -53.712", &format!("c3 = {c3:?}"));
+        let (old, new) = (table(TABLE), table(&changed));
+        let size = |from, to| TableDifference::of(from, to).changes.into_iter().find(|change| change.name == "A1 bias").unwrap().size;
+        let found = size(&old, &new);
+        let at = |i: usize| 0.9 + 3.3 * i as f64 / (POINTS - 1) as f64;
+        let difference = |u: f64| ((c0 - 793.55) + (c3 + 53.712) * u.powi(3)).abs() * 9.8015 / 9.806_65;
+        let largest = (0..POINTS).map(|i| difference(at(i))).fold(0.0, f64::max);
+        prop_assert!((found - largest).abs() <= 1e-9 * largest + 1e-6, "{} {}", found, largest);
+        prop_assert!((found - size(&new, &old)).abs() <= 1e-9 * found);
+        let limits = MaxChange { bias: limit, ..MaxChange::default() };
+        prop_assert_eq!(limits.refusals(&TableDifference::of(&old, &new)).len(), usize::from(found > limit * 1e6));
+    }
+}

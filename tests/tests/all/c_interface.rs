@@ -1,0 +1,201 @@
+//! The C interface: C and C++ programs as users write them, compiled with all warnings as errors, with a real service.
+
+use isotherm_client::{Flags, RawSample};
+use isotherm_recording::RawCsvReader;
+use isotherm_tests::programs::{C, CPP, SERIAL, assert_exact, compile, rows, run, start, whole_csv};
+use isotherm_tests::{
+    Needs, RUN, TABLE, TestDomain, WHOLE_TABLE, completed, recording, skip, table, wait_until, whole_recording,
+};
+use std::fs::{self, File};
+use std::io::Write as _;
+use std::path::Path;
+use std::process::Command;
+
+/// A recording of a whole IMU for [`WHOLE_TABLE`].
+const WHOLE_RUN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data/run-g.csv");
+
+#[test]
+fn the_examples_compensate_exactly() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    for (language, source) in [(C, "examples/c/acquisition.c"), (CPP, "examples/cpp/acquisition.cpp")] {
+        let Some(program) = compile(&domain, language, source) else { continue };
+        run(&domain, &program, &["imu-a", RUN], "out.csv");
+        assert_exact(&rows(&domain, "out.csv"), TABLE, &recording());
+    }
+    service.terminate();
+}
+
+/// Gyroscopes, the lag of the telemetry, and the unit, in C and C++: as the kernel computes them from the samples with
+/// what the library adds.
+#[test]
+fn the_examples_compensate_a_whole_imu_exactly() {
+    let domain = TestDomain::new();
+    // The table is of another unit, which every increment tells.
+    let other = WHOLE_TABLE.replace("gravity =", "serial = \"SN 43\"\ngravity =");
+    domain.write("imu-g.toml", &other);
+    let service = domain.serve(&["--imu", "imu-g=imu-g.toml"]);
+    let samples = whole_recording(1000);
+    let (header, lines) = whole_csv(&samples);
+    let recording = domain.write("whole.csv", &(header + &lines.concat()));
+    let expected = completed(&samples, table(WHOLE_TABLE).lag_ns(), SERIAL);
+    for (language, source) in [(C, "examples/c/acquisition.c"), (CPP, "examples/cpp/acquisition.cpp")] {
+        let Some(program) = compile(&domain, language, source) else { continue };
+        run(&domain, &program, &["imu-g", recording.to_str().unwrap()], "out.csv");
+        assert_exact(&rows(&domain, "out.csv"), &other, &expected);
+        assert!(rows(&domain, "out.csv").lines().all(|line| line.contains("other-device")));
+    }
+    service.terminate();
+}
+
+/// A recording of a whole IMU with every peculiarity that a sample can have, and its increments in IEEE double, of
+/// another hand than this code.
+#[test]
+fn all_bits_pass_through_the_structures_of_c_and_cpp() {
+    let domain = TestDomain::new();
+    let service = domain.serve_whole();
+    let samples: Vec<RawSample> =
+        RawCsvReader::new(File::open(WHOLE_RUN).unwrap()).unwrap().map(Result::unwrap).collect();
+    let bytes: Vec<u8> = samples.iter().flat_map(sample_bytes).collect();
+    let double = fs::read_to_string(WHOLE_RUN.replace(".csv", ".double.csv")).unwrap();
+    let (_, double) = double.split_once('\n').unwrap();
+    for language in [C, CPP] {
+        let Some(program) = compile(&domain, language, "tests/programs/bytes.c") else { continue };
+        let mut running = start(&domain, &program, &["imu-g"], "out");
+        running.stdin.take().unwrap().write_all(&bytes).unwrap();
+        assert!(running.wait().unwrap().success());
+        let out = fs::read(domain.path("out")).unwrap();
+        let (increments, rest) = out.as_chunks::<104>();
+        assert_eq!((increments.len(), rest.len(), double.lines().count()), (samples.len(), 0, samples.len()));
+        for (increment, row) in increments.iter().zip(double.lines()) {
+            let longs: Vec<_> = increment.as_chunks().0.iter().map(|long| u64::from_ne_bytes(*long)).collect();
+            let row: Vec<_> = row.split(',').collect();
+            let expected = [0, 1, 2].map(|index| row[index].parse::<u64>().unwrap());
+            assert_eq!(longs[1..4], expected);
+            // A text has one NaN.
+            let bits = |value: f64| if value.is_nan() { u64::MAX } else { value.to_bits() };
+            let expected: Vec<_> = row[3..9].iter().map(|value| bits(value.parse().unwrap())).collect();
+            assert_eq!(longs[4..10].iter().map(|value| bits(f64::from_bits(*value))).collect::<Vec<_>>(), expected);
+            assert_eq!(Flags(longs[11]).only(Flags::SAMPLE).to_string(), row[9]);
+        }
+    }
+    service.terminate();
+}
+
+/// The bytes of a sample in the order of its fields, which have no padding.
+fn sample_bytes(raw: &RawSample) -> Vec<u8> {
+    let longs = [raw.session, raw.sequence, raw.timestamp_ns, raw.interval_ns, raw.sent_ns, raw.telemetry_ns];
+    let mut bytes = longs.into_iter().chain([raw.lag_ns, raw.device]).flat_map(u64::to_ne_bytes).collect::<Vec<_>>();
+    for triad in [&raw.accelerometers, &raw.gyroscopes] {
+        let pulses = [triad.positive_pulses, triad.negative_pulses];
+        let telemetry = [triad.head_temperature, triad.board_temperature, triad.head_lagged];
+        bytes.extend(pulses.as_flattened().iter().flat_map(|count| count.to_ne_bytes()));
+        bytes.extend(telemetry.as_flattened().iter().flat_map(|value| value.to_ne_bytes()));
+    }
+    bytes
+}
+
+#[test]
+fn the_c_reader_prints_every_increment() {
+    // Fewer than the reader's queue holds, so that a slow reader loses none.
+    const SENT: usize = 200;
+    let domain = TestDomain::new();
+    let [reader, acquisition] =
+        ["examples/c/reader.c", "examples/c/acquisition.c"].map(|source| compile(&domain, C, source).unwrap());
+    // The reader starts before the service.
+    let mut reading = start(&domain, &reader, &["imu-a", &SENT.to_string()], "read.csv");
+    let service = domain.serve_recording();
+    wait_until("the reader", || domain.imu_status()["readers"] == 1);
+    let head: String =
+        fs::read_to_string(RUN).unwrap().lines().take(SENT + 1).map(|line| format!("{line}\n")).collect();
+    let head = domain.write("head.csv", &head);
+    run(&domain, &acquisition, &["imu-a", head.to_str().unwrap()], "out.csv");
+    assert!(reading.wait().unwrap().success());
+    assert_exact(&fs::read_to_string(domain.path("read.csv")).unwrap(), TABLE, &recording()[..SENT]);
+    service.terminate();
+}
+
+#[test]
+fn a_c_program_loses_nothing_when_the_service_is_killed() {
+    let domain = TestDomain::new();
+    let mut service = domain.serve_recording();
+    let program = compile(&domain, C, "examples/c/acquisition.c").unwrap();
+    let mut running = start(&domain, &program, &["imu-a", "/dev/stdin"], "out.csv");
+    let mut reader = domain.reader("imu-a");
+    let mut input = running.stdin.take().unwrap();
+    let text = fs::read_to_string(RUN).unwrap();
+    let (header, samples) = text.split_once('\n').unwrap();
+    writeln!(input, "{header}").unwrap();
+    let lines: Vec<_> = samples.split_inclusive('\n').collect();
+    for part in lines.chunks(1000) {
+        // The program soon has as many unanswered samples as allowed, and holds the next one.
+        service.stop();
+        input.write_all(part[..500].concat().as_bytes()).unwrap();
+        service.kill();
+        service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+        input.write_all(part[500..].concat().as_bytes()).unwrap();
+        let first: u64 = part[0].split_once(',').unwrap().0.parse().unwrap();
+        wait_until("increments", || {
+            reader.receive().unwrap().is_some_and(|increment| increment.sequence >= first + 500)
+        });
+    }
+    drop(input);
+    assert!(running.wait().unwrap().success());
+    assert_exact(&rows(&domain, "out.csv"), TABLE, &recording());
+    service.terminate();
+}
+
+#[test]
+fn every_misuse_returns_an_error_code() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let program = compile(&domain, C, "tests/programs/abuse.c").unwrap();
+    run(&domain, &program, &["imu-a", &service.pid().to_string()], "out");
+    // The service is not affected.
+    assert_eq!(domain.imu_status()["transport_errors"], 0);
+    service.terminate();
+}
+
+#[test]
+fn the_cpp_wrapper_behaves_as_documented() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let Some(program) = compile(&domain, CPP, "tests/programs/wrapper.cpp") else { return };
+    run(&domain, &program, &["imu-a"], "out");
+    service.terminate();
+}
+
+#[test]
+fn round_trips_allocate_nothing() {
+    let domain = TestDomain::new();
+    // With gyroscopes, transient terms and a lag.
+    domain.write("imu-a.toml", &WHOLE_TABLE.replace("\"imu-g\"", "\"imu-a\""));
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    let program = compile(&domain, C, "tests/programs/allocations.c").unwrap();
+    run(&domain, &program, &["imu-a", "20000"], "out");
+    assert_eq!(fs::read_to_string(domain.path("out")).unwrap(), "0\n");
+    service.terminate();
+}
+
+/// Valgrind finds no invalid access and no leak.
+#[test]
+fn valgrind_finds_no_errors() {
+    if Command::new("valgrind").arg("--version").output().is_err() {
+        skip("there is no valgrind", Needs::Program);
+        return;
+    }
+    for (source, recording) in [("examples/c/acquisition.c", true), ("tests/programs/abuse.c", false)] {
+        let domain = TestDomain::new();
+        let service = domain.serve_recording();
+        let program = compile(&domain, C, source).unwrap();
+        let pid = service.pid().to_string();
+        let lost = ["--show-leak-kinds=definite,indirect", "--errors-for-leak-kinds=definite,indirect"];
+        // Valgrind runs one thread at a time. Without fair scheduling a spinning thread could keep the other one from
+        // running.
+        let options = ["--quiet", "--fair-sched=yes", "--error-exitcode=9", "--leak-check=full", lost[0], lost[1]];
+        let last = if recording { RUN } else { &pid };
+        let words = [&options[..], &[program.to_str().unwrap(), "imu-a", last]].concat();
+        run(&domain, Path::new("valgrind"), &words, "out.csv");
+        service.terminate();
+    }
+}

@@ -1,0 +1,334 @@
+//! A table that changes too much does not go into force: not by a reload, not by a restart, only by its digest.
+
+use isotherm_tests::{
+    Process, TABLE, TestDomain, WHOLE_TABLE, recording, round_trip, table, text, variant, wait_until,
+};
+use rustix::process::Signal;
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
+
+/// A digit of K+ of A1 is lost.
+fn lost_digit() -> String {
+    let text = TABLE.replace("91733.0", "9173.0");
+    assert_ne!(text, TABLE);
+    text
+}
+
+fn digest(text: &str) -> String {
+    table(text).digest().to_string()
+}
+
+/// Tries to start the service with the table `imu-a.toml`, which must be refused. Returns what it says.
+fn refused_start(domain: &TestDomain) -> String {
+    let output = domain.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
+    assert_eq!(output.status.code(), Some(78), "{}", text(&output.stderr));
+    text(&output.stderr)
+}
+
+/// Runs `reload` of a program, which must end with this exit code. Returns what it says.
+fn reload(domain: &TestDomain, program: &str, accept: &str, code: i32) -> String {
+    let output = domain.finish(domain.program(program, &["reload", "--imu", "imu-a", "--accept", accept]));
+    assert_eq!(output.status.code(), Some(code), "{}", text(&output.stderr));
+    text(&output.stderr)
+}
+
+fn in_force(domain: &TestDomain) -> String {
+    domain.imu_status()["table"].as_str().unwrap().to_owned()
+}
+
+/// Installs a table that the service must refuse; returns why.
+fn refuse(domain: &TestDomain, service: &Process, table: &str) -> String {
+    let refused = service.count_in_log("table refused") + 1;
+    domain.replace("imu-a.toml", table);
+    service.wait_for_log_lines("table refused", refused);
+    domain.imu_status()["last_reload_error"].as_str().unwrap().to_owned()
+}
+
+#[test]
+fn a_lost_digit_is_refused_while_running_and_at_the_next_start_until_its_digest_is_accepted() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let mut acquisition = domain.acquisition("imu-a");
+    let (good, bad) = (digest(TABLE), digest(&lost_digit()));
+    let reason = refuse(&domain, &service, &lost_digit());
+    for part in [
+        "A1 positive_scale_factor changes by 911470 ppm, from 90578.9 to 8018.93 pulse/(s*g0) at 4.2; at most 10 % is taken (max_change.scale)",
+        &format!("in force last, {good}"),
+        &format!("`reload --imu imu-a --accept {bad}`"),
+    ] {
+        assert!(reason.contains(part), "no {part:?} in {reason}");
+    }
+    // The old table stays, and file and table in force differ as long as it is so.
+    assert_eq!(round_trip(&mut acquisition, &recording()[0]).table, table(TABLE).id());
+    let status = domain.imu_status();
+    assert_eq!((status["table"].as_str(), status["refused_table"].as_str()), (Some(&*good), Some(&*bad)));
+    assert!(domain.run_ok(&["status"]).contains("  REFUSED      A1 positive_scale_factor changes by 911470 ppm"));
+
+    // One digest is accepted, and by it no other table.
+    let words = reload(&domain, "isotherm", &digest(&variant(1)), 78);
+    assert!(words.contains(&format!("this is not the table of imu-a.toml, which has {bad}")), "{words}");
+    assert_eq!(in_force(&domain), good);
+    for wrong in ["117fc01d0047a7a2", "sha256:117fc01d0047a7a2"] {
+        reload(&domain, "isotherm", wrong, 64);
+    }
+
+    // A restart, ordered or not, does not install what the reload has refused; nor does one after the domain was
+    // removed.
+    service.kill();
+    let words = refused_start(&domain);
+    assert!(words.contains("imu-a.toml: A1 positive_scale_factor changes by") && words.contains("--accept sha256:"));
+    drop(acquisition);
+    domain.run_ok(&["clean"]);
+    refused_start(&domain);
+
+    // Accepted without a service, it is taken at the next start, once.
+    let words = reload(&domain, "isothermd", &bad, 0);
+    assert!(words.contains("no service runs; the next one takes this table of imu-a at its start"), "{words}");
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    assert!(service.log().contains("; accepted by its digest") && service.log().contains("look for a lost digit"));
+    assert_eq!(in_force(&domain), bad);
+    // The way back changes as much; it is accepted while the service runs.
+    let reason = refuse(&domain, &service, TABLE);
+    assert!(reason.contains("changes by 10295600 ppm"), "{reason}");
+    assert!(reload(&domain, "isothermd", &good, 0).contains(&format!("imu-a: {good} is in force")));
+    let status = domain.imu_status();
+    assert_eq!((in_force(&domain), &status["refused_table"]), (good, &serde_json::Value::Null));
+    assert_eq!(status["last_reload_error"], serde_json::Value::Null);
+    // An acceptance is used up.
+    refuse(&domain, &service, &lost_digit());
+    service.terminate();
+    refused_start(&domain);
+}
+
+#[test]
+fn a_refusal_lasts_as_long_as_the_file_and_an_acceptance_is_for_the_next_table_only() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let bad = digest(&lost_digit());
+    refuse(&domain, &service, &lost_digit());
+    // SIGHUP loads it again and changes nothing.
+    service.signal(Signal::HUP);
+    service.wait_for_log_lines("table refused", 2);
+    assert_eq!((in_force(&domain), &domain.imu_status()["refused_table"]), (digest(TABLE), &bad.clone().into()));
+    // The file that is in force again is good.
+    domain.replace("imu-a.toml", TABLE);
+    service.wait_for_log("table file is good again");
+    assert_eq!(domain.imu_status()["refused_table"], serde_json::Value::Null);
+    // A second service is refused before it touches what the first one keeps.
+    domain.write("other.toml", &variant(1));
+    let output = domain.run(&["serve", "--imu", "imu-a=other.toml"]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    service.terminate();
+    // Accepted for the next start; but another table is taken then, and the acceptance does not wait for later.
+    domain.write("imu-a.toml", &variant(2));
+    reload(&domain, "isotherm", &bad, 0);
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    refuse(&domain, &service, &lost_digit());
+    service.terminate();
+    // Compared is with the table that was in force, also where the service starts without one.
+    fs::remove_file(domain.path("imu-a.toml")).unwrap();
+    let service = domain.serve(&["--allow-uncalibrated", "--imu", "imu-a=imu-a.toml"]);
+    let reason = refuse(&domain, &service, &lost_digit());
+    assert!(reason.contains(&format!("in force last, {}", digest(&variant(2)))), "{reason}");
+    assert!(service.log().contains("table refused, there is none in force: "), "{}", service.log());
+    domain.replace("imu-a.toml", &variant(3));
+    wait_until("the table", || domain.imu_status()["table"].as_str() == Some(&digest(&variant(3))));
+    service.terminate();
+}
+
+#[test]
+fn what_a_calibration_changes_is_taken_and_told_for_each_curve() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    assert!(service.log().contains("it is not known which table was in force before"));
+    assert_eq!(domain.imu_status()["table_changes"], serde_json::json!([]));
+    let next =
+        TABLE.replace("c0 = 793.55", "c0 = 893.55").replace("91733.0", "91742.0").replace("\"clamp\"", "\"reject\"");
+    domain.replace("imu-a.toml", &next);
+    wait_until("the next table", || in_force(&domain) == digest(&next));
+    let log = service.log();
+    let taken = log.lines().find(|line| line.contains("table taken")).unwrap();
+    assert!(taken.contains("A1 bias changes by 99.9475 ug0, A1 positive_scale_factor by 99.3"), "{taken}");
+    assert!(taken.contains("; besides: out_of_range clamp -> reject"), "{taken}");
+    let status = domain.imu_status();
+    let changes = status["table_changes"].as_array().unwrap();
+    let names: Vec<_> = changes.iter().map(|change| change["name"].as_str().unwrap()).collect();
+    assert_eq!(names.len(), 9, "{names:?}");
+    assert_eq!((names[0], &changes[0]["unit"]), ("A1 bias", &"ug0".into()));
+    assert!((changes[0]["size"].as_f64().unwrap() - 100.0 * 9.8015 / 9.80665).abs() < 1e-6);
+    assert_eq!((&changes[2]["size"], &changes[2]["unit"]), (&0.0.into(), &"ppm".into()));
+    assert!(
+        domain
+            .run_ok(&["status"])
+            .contains("  changed      by the table in force, at most: 99.947 ug0 (A1 bias), 99.3")
+    );
+    // A restart compares with the table that is in force now: the same.
+    service.kill();
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    assert!(service.log().contains("table loaded: the same as before"), "{}", service.log());
+    service.terminate();
+}
+
+#[test]
+fn limits_are_those_of_the_configuration_and_of_each_imu() {
+    let domain = TestDomain::new();
+    domain.write("imu-a.toml", TABLE);
+    domain.write("imu-b.toml", &TABLE.replace("\"imu-a\"", "\"imu-b\""));
+    let config = "[reload]\nmax_change = { bias = \"50ug0\", scale = \"40ppm\" }\n[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n\
+                  [[imu]]\nid = \"imu-b\"\ntable = \"imu-b.toml\"\nmax_change = { bias = \"200ug0\" }\n";
+    domain.write("service.toml", config);
+    domain.run_ok(&["check", "--strict", "service.toml"]);
+    // Those of the configuration hold for an IMU of the command line, too.
+    let of = |imu: &str, text: &str| text.replace("\"imu-a\"", &format!("\"{imu}\""));
+    domain.write("imu-c.toml", &of("imu-c", TABLE));
+    let service = domain.serve(&["--config", "service.toml", "--imu", "imu-c=imu-c.toml"]);
+    let next = TABLE.replace("c0 = 793.55", "c0 = 893.55");
+    let reason = refuse(&domain, &service, &next);
+    assert!(
+        reason.contains("A1 bias changes by 99.9475 ug0") && reason.contains("at most 0.05 mg0 is taken"),
+        "{reason}"
+    );
+    domain.replace("imu-b.toml", &of("imu-b", &next));
+    wait_until("the table of imu-b", || {
+        domain.status()["imus"][1]["table"].as_str() == Some(&digest(&of("imu-b", &next)))
+    });
+    domain.replace("imu-b.toml", &of("imu-b", &next.replace("91733.0", "91738.0")));
+    domain.replace("imu-c.toml", &of("imu-c", &next));
+    service.wait_for_log_lines("table refused", 3);
+    let status = domain.status();
+    let reason = |imu: usize| status["imus"][imu]["last_reload_error"].as_str().unwrap();
+    assert!(reason(1).contains("at most 0.004 % is taken"), "{status}");
+    assert!(reason(2).contains("at most 0.05 mg0 is taken"), "{status}");
+    service.terminate();
+}
+
+#[test]
+fn a_table_that_is_no_calibration_is_no_reference() {
+    let domain = TestDomain::new();
+    let constant = |line: &str| match line.find(", c1 = ") {
+        Some(end) => format!("{} }}\n", &line[..end]),
+        None => format!("{line}\n"),
+    };
+    let nominal: String = TABLE.lines().map(constant).collect();
+    let nominal = nominal.replace("91733.0", "45000.0");
+    domain.write("imu-a.toml", &nominal);
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    // Kept over a restart it is none either.
+    service.kill();
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    assert!(service.log().contains("K+ and K- of A1 differ by more than a factor 2"), "{}", service.log());
+    domain.replace("imu-a.toml", TABLE);
+    wait_until("the first calibration", || in_force(&domain) == digest(TABLE));
+    assert!(service.log().contains("table taken: the one before is no calibration, so it is compared with none"));
+    // With a provenance constant curves are a calibration, and stay one over a restart.
+    let calibrated = format!("{nominal}[provenance]\ntool = \"by hand\"\n");
+    refuse(&domain, &service, &calibrated);
+    reload(&domain, "isotherm", &digest(&calibrated), 0);
+    service.terminate();
+    domain.replace("imu-a.toml", TABLE);
+    assert!(refused_start(&domain).contains("A1 positive_scale_factor changes by"));
+}
+
+#[test]
+fn another_unit_of_telemetry_or_range_is_refused_and_gyroscopes_may_appear() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    for (next, why) in [
+        (
+            TABLE.replace("unit = \"V\"", "unit = \"degC\""),
+            "temperature.unit: the telemetry was in \"V\", now it is in \"degC\"",
+        ),
+        (TABLE.replacen("range = [0.9, 4.2]", "range = [2.6, 4.2]", 1), "has less than half of the range before"),
+        (TABLE.replacen("range = [0.9, 4.2]", "range = [5.0, 6.0]", 1), "has less than half of the range before"),
+    ] {
+        assert_ne!(next, TABLE);
+        let reason = refuse(&domain, &service, &next);
+        assert!(reason.contains(why), "{reason}");
+    }
+    let whole = WHOLE_TABLE.replace("\"imu-g\"", "\"imu-a\"");
+    domain.replace("imu-a.toml", &whole);
+    wait_until("gyroscopes", || in_force(&domain) == digest(&whole));
+    let log = service.log();
+    assert!(log.contains("gyroscopes none -> yes") && log.contains("lag none -> 240"), "{log}");
+    service.terminate();
+}
+
+#[test]
+fn what_cannot_be_kept_or_read_is_told_and_the_service_runs() {
+    let domain = TestDomain::new();
+    let state = |value: &str| {
+        domain.write("imu-a.toml", TABLE);
+        let mut command = domain.isotherm(&["serve", "--imu", "imu-a=imu-a.toml"]);
+        command.env("ISOTHERM_STATE", value);
+        let service = domain.start(command);
+        service.wait_for_log("ready");
+        service
+    };
+    let service = state("/proc/none");
+    assert!(service.log().contains("keeping the table in force as /proc/none/"), "{}", service.log());
+    service.terminate();
+    // In memory it is lost with the machine.
+    let memory = format!("/dev/shm/{}state", domain.client_domain().prefix());
+    let service = state(&memory);
+    assert!(service.log().contains(" is in memory; name another folder in ISOTHERM_STATE"), "{}", service.log());
+    service.terminate();
+    fs::remove_dir_all(&memory).unwrap();
+    // A folder that others may write is not believed; a damaged file is told.
+    let folder = domain.path("state").display().to_string();
+    let service = state(&folder);
+    assert!(!service.log().contains("WARN"), "{}", service.log());
+    service.terminate();
+    let inner = format!("{folder}/{}", domain.client_domain().name());
+    let kept = format!("{inner}/imu-a.toml");
+    assert_eq!(digest(&fs::read_to_string(&kept).unwrap()), digest(TABLE));
+    fs::set_permissions(&inner, fs::Permissions::from_mode(0o777)).unwrap();
+    let service = state(&folder);
+    assert!(service.log().contains("cannot be read: ") && service.log().contains("or others may write it"));
+    service.terminate();
+    fs::set_permissions(&inner, fs::Permissions::from_mode(0o700)).unwrap();
+    fs::write(&kept, "format = 1\n").unwrap();
+    let service = state(&folder);
+    assert!(service.log().contains("the table that was in force last cannot be read: "), "{}", service.log());
+    service.terminate();
+    // The next start compares again.
+    assert_eq!(digest(&fs::read_to_string(&kept).unwrap()), digest(TABLE));
+}
+
+#[test]
+fn check_compares_with_a_table_as_the_service_does() {
+    let domain = TestDomain::new();
+    domain.write("old.toml", TABLE);
+    domain.write("new.toml", &TABLE.replace("c0 = 793.55", "c0 = 893.55"));
+    domain.write("bad.toml", &lost_digit());
+    let words = domain.run_ok(&["check", "--against", "old.toml", "new.toml", "old.toml"]);
+    assert!(words.contains("not sealed\n  A1 bias changes by 99.9475 ug0\nold.toml: "), "{words}");
+    assert!(words.ends_with("not sealed\n  no curve changes\n"), "{words}");
+    let output = domain.run(&["check", "--against", "old.toml", "bad.toml"]);
+    assert_eq!(output.status.code(), Some(78));
+    assert!(text(&output.stderr).contains("bad.toml: A1 positive_scale_factor changes by 911470 ppm, from 90578.9"));
+    // Alone it is valid, with a warning.
+    let output = domain.run(&["check", "bad.toml"]);
+    let warning =
+        "bad.toml: warning: K+ and K- of A1 differ by more than a factor 2: 8282.47 and -90717.9 pulse/(s*g0)";
+    assert!(output.status.success() && text(&output.stderr).contains(warning), "{}", text(&output.stderr));
+    assert_eq!(domain.run(&["check", "--strict", "bad.toml"]).status.code(), Some(78));
+    // Refused, a table is not sealed either.
+    let output = domain.run(&["check", "--seal", "--against", "old.toml", "bad.toml"]);
+    assert_eq!(output.status.code(), Some(78));
+    assert_eq!(fs::read_to_string(domain.path("bad.toml")).unwrap(), lost_digit());
+    // A table that is no calibration is no reference, and one of another IMU none for this one.
+    let constant = |line: &str| line.find(", c1 = ").map_or(line.to_owned(), |end| format!("{} }}", &line[..end]));
+    let nominal: Vec<_> = TABLE.lines().map(constant).collect();
+    domain.write("nominal.toml", &nominal.join("\n").replace("91733.0", "60000.0"));
+    let words = domain.run_ok(&["check", "--against", "nominal.toml", "old.toml"]);
+    assert!(
+        words.ends_with("not sealed\n  the one before is no calibration, so it is compared with none\n"),
+        "{words}"
+    );
+    domain.write("other.toml", &TABLE.replace("imu-a", "imu-b"));
+    let output = domain.run(&["check", "--against", "old.toml", "other.toml"]);
+    assert!(text(&output.stderr).contains("imu.id: the table before is of imu-a, this one of imu-b"));
+    domain.write("service.toml", "[[imu]]\nid = \"imu-a\"\ntable = \"old.toml\"\n");
+    let output = domain.run(&["check", "--against", "old.toml", "service.toml"]);
+    assert!(text(&output.stderr).contains("only tables are compared"), "{}", text(&output.stderr));
+}

@@ -1,0 +1,47 @@
+//! End-to-end tests: real processes, shared memory, files and signals.
+//!
+//! One program for all of them: these tests wait for processes, clocks and the simulated station far longer than they
+//! compute, so they run beside each other.
+#![allow(
+    clippy::panic,
+    clippy::print_stderr,
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    reason = "in a test the panic is the report"
+)]
+
+mod c_interface;
+mod convert;
+mod daemon;
+mod documents;
+mod endings;
+mod feed;
+mod formats;
+mod guard;
+mod harness;
+mod hostile;
+mod hot_loop;
+mod install;
+mod laboratory;
+mod lag;
+mod lag_restarts;
+mod life;
+mod metrics;
+mod neighbours;
+mod paced;
+mod readers;
+mod realtime;
+mod record;
+mod rehearsal;
+mod relay;
+mod reload;
+mod resources;
+mod round_trip;
+mod tables;
+mod terminal;
+mod time_steps;
+mod top;
+mod watchdog;
+mod whole_imu;
+mod whole_recordings;
+mod whole_verification;
