@@ -1,6 +1,6 @@
 //! A domain of a bench's own, its processes, and their removal, even if the bench is killed.
 
-use crate::harness::{BenchResult, GUARDIAN, child_of};
+use crate::child::{BenchResult, GUARDIAN, child_of};
 use crate::machine::shared_memory;
 use crate::sample::{IMU, TABLE, TIMEOUT};
 use isotherm_client::{Acquisition, Domain, Options, fetch_status};

@@ -1,5 +1,6 @@
 //! The frame of every bench: its common arguments, its child processes, and how its figures are shown.
 
+use crate::child::{BenchResult, CHILD, GUARDIAN};
 use crate::domain::guard;
 use crate::machine::{machine, unpin};
 use crate::text;
@@ -7,20 +8,11 @@ use clap::{Args, Parser};
 use rustix::process::{Signal, set_parent_process_death_signal};
 use serde_json::Value;
 use std::env;
-use std::error::Error;
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode};
+use std::path::PathBuf;
+use std::process::ExitCode;
 use std::str::FromStr;
 use std::time::Instant;
-
-/// The result of a step of a bench.
-pub type BenchResult<T> = Result<T, Box<dyn Error>>;
-
-/// The environment variable that makes the program of a bench one of its child processes.
-const CHILD: &str = "ISOTHERM_BENCH_CHILD";
-/// The role of the process that outlives a bench that is killed.
-pub(crate) const GUARDIAN: &str = "guardian";
 
 /// What every bench that shows figures can be told.
 #[derive(Args, Clone, Copy, Debug)]
@@ -127,13 +119,6 @@ pub fn run<A: Parser>(
 /// Always.
 pub fn no_role(words: &[&str]) -> BenchResult<ExitCode> {
     Err(format!("unknown role {words:?}").into())
-}
-
-/// A command whose program, if it is that of a bench, runs as a child process.
-pub fn child_of(program: &Path) -> Command {
-    let mut command = Command::new(program);
-    command.env(CHILD, "");
-    command
 }
 
 /// The child ends with its parent, and may use every core even if its parent is pinned.

@@ -1,7 +1,7 @@
 //! Why no table can be made of a campaign.
 
 use crate::diagnosis::Diagnosis;
-use crate::gravity_only::GravityOnlyError;
+use crate::gravity_only::error::GravityOnlyError;
 use crate::one_stage::OneStageError;
 use crate::transients::TransientsError;
 use isotherm_failure::{Exit, Failure};

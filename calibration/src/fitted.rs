@@ -30,7 +30,8 @@ pub enum Measured {
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// use isotherm_calibration::{CalibrationOptions, CampaignSource, Fitted, Measured, TableFile, read_measurements, sha256};
+/// use isotherm_calibration::{CalibrationOptions, CampaignSource, Fitted, Measured, TableFile};
+/// use isotherm_calibration::{read_measurements, sha256};
 ///
 /// let text = include_str!("../../examples/campaign/campaign.toml");
 /// let samples: &[u8] = include_bytes!("../../examples/campaign/samples.csv");

@@ -11,7 +11,7 @@
 mod checks;
 mod choice;
 pub(crate) mod dilution;
-mod error;
+pub(crate) mod error;
 mod model;
 mod options;
 pub(crate) mod provenance;

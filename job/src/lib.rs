@@ -1,5 +1,5 @@
-//! A calibration from files: read, hash, fit, seal, report; and a verification run.  The command, an automatic campaign and Python differ in
-//! their arguments only.
+//! A calibration from files: read, hash, fit, seal, report; and a verification run. The command, an automatic campaign
+//! and Python differ in their arguments only.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -11,7 +11,8 @@
 //! let file = CampaignFile::read(&path)?;
 //! let campaign = file.campaign(None)?;
 //! let options = FitOptions { turntable: CalibrationOptions::default(), ..FitOptions::default() };
-//! let inputs = Inputs::read(&campaign, Some(&file), Vec::new(), &options, &no_bar).map_err(|refused| refused.failure)?;
+//! let inputs = Inputs::read(&campaign, Some(&file), Vec::new(), &options, &no_bar);
+//! let inputs = inputs.map_err(|refused| refused.failure)?;
 //! let made = inputs.fit(&campaign, Some(&file)).map_err(|refused| refused.failure)?;
 //! assert!(made.table.contains("digest = ") && made.fitted.findings().is_empty());
 //! # Ok(())

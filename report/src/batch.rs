@@ -3,7 +3,7 @@
 use super::page::{Cell, Column, NoteKind, Page};
 use super::plot::{Plot, Style};
 use super::view::{value, view};
-use crate::json::records;
+use crate::findings::records;
 use isotherm_analysis::{Batch, BatchCurve, Family, Quantity, StandOut};
 use serde_json::Value;
 use std::fmt::Write as _;

@@ -1,6 +1,7 @@
 //! A calibration without a turntable as text, JSON and page.
 
-use super::json::{findings, losses};
+use super::findings::findings;
+use super::json::losses;
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
 use super::text::within;

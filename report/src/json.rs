@@ -9,11 +9,11 @@ mod verification;
 pub use verification::verification;
 pub(crate) use verification::{Figures, JudgedView, with_unit};
 
+pub use crate::findings::findings;
 use crate::view::{value, view};
 use calibration::CalibrationView;
 use isotherm_calibration::{Calibration, CalibrationError, GravityOnlyError, RampCalibration};
 use isotherm_failure::Failure;
-use isotherm_finding::Finding;
 use isotherm_recording::Losses;
 use serde_json::{Value, json};
 use std::borrow::Cow;
@@ -82,7 +82,7 @@ pub fn refusal(error: &CalibrationError, failure: &Failure, locate: impl Fn(u64)
     };
     let mut document = self::failure(failure);
     document["diagnosis"] = json!(diagnosis.map(|diagnosis| diagnosis.finding.record(&locate)));
-    document["findings"] = self::findings(findings, &locate);
+    document["findings"] = crate::findings::findings(findings, &locate);
     if let CalibrationError::GravityOnly(error) = error {
         let (parameters, attitude) = match error {
             GravityOnlyError::Attitudes { parameters, attitude, .. } => (Some(parameters), Some(attitude)),
@@ -92,16 +92,6 @@ pub fn refusal(error: &CalibrationError, failure: &Failure, locate: impl Fn(u64)
         document["attitude"] = json!(attitude);
     }
     document
-}
-
-/// The findings as JSON documents have them. `locate` gives file and line of a row.
-pub fn findings<'a>(all: impl IntoIterator<Item = &'a Finding>, locate: impl Fn(u64) -> String) -> Value {
-    all.into_iter().map(|finding| json!(finding.record(&locate))).collect()
-}
-
-/// The findings of tables or of a whole recording, as views have them.
-pub(crate) fn records(all: &[Finding]) -> Value {
-    findings(all, |line| line.to_string())
 }
 
 /// Rows that are missing by their sequences, and steps of time.

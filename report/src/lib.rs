@@ -21,6 +21,7 @@ mod axis;
 pub mod batch;
 pub mod calibration;
 pub mod comparison;
+mod findings;
 pub mod fitted;
 pub mod gravity_only;
 pub mod json;

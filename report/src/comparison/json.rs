@@ -1,6 +1,6 @@
 //! A comparison as JSON. Figures with `in_unit` are in the `unit` of the same object; those of `telemetry` in its own.
 
-use crate::json::records;
+use crate::findings::records;
 use crate::view::{value, view};
 use isotherm_analysis::{
     AlignmentComparison, Comparison, ComparisonRequirement, CurveComparison, Judgement, NOT_IN_THE_ERRORS, Trend,

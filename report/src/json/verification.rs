@@ -1,6 +1,6 @@
 //! A verification: table 4, the verdict and the judgement of what is required.
 
-use crate::json::records;
+use crate::findings::records;
 use crate::view::{value, view};
 use isotherm_recording::Losses;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};

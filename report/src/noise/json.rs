@@ -1,7 +1,7 @@
 //! The noise of an IMU as JSON, with keys as in the parent's [`json`](crate::json): `in_unit` is the `unit` of the same
 //! object.
 
-use crate::json::records;
+use crate::findings::records;
 use crate::view::{value, view};
 use core::f64::consts::SQRT_2;
 use isotherm_analysis::{
