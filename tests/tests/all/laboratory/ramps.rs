@@ -109,6 +109,15 @@ fn killed_in_ramps_it_ends_with_the_lag_of_the_truth() {
     let (estimate, sigma) = (f64::midpoint(low, high), (high - low) / (2.0 * 1.96));
     assert!((estimate - truth).abs() < 3.0 * sigma + 0.01 * truth, "{low} to {high} s\n{said}");
     assert!(high - low < 0.1 * truth, "{low} to {high} s\n{said}");
+    // The command makes the same of the campaign's folder: the table byte for byte, but for the time, and the findings.
+    let again = domain.run(&["calibrate", "station/campaign/campaign.toml", "-o", "again.toml", "--alignment"]);
+    stdout_of_success(&again);
+    let without_time =
+        |text: &str| text.lines().filter(|line| !line.starts_with("time = ")).collect::<Vec<_>>().join("\n");
+    assert_eq!(without_time(&fs::read_to_string(domain.path("again.toml")).unwrap()), without_time(&fitted));
+    let findings =
+        |said: &str| said.lines().filter(|line| line.contains("warning [")).map(str::to_owned).collect::<Vec<_>>();
+    assert_eq!(findings(&text(&again.stderr)), findings(&said));
     let content = table(&fitted).content().clone();
     let lag_s = content.lag_s.unwrap();
     for ((axis, name), truth_ug0) in content.axes.iter().zip(AXIS_NAMES).zip(TRANSIENTS) {
