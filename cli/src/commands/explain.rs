@@ -51,14 +51,14 @@ fn findings_page() -> String {
     let paragraph = |text: &str| wrap(text, PAGE_WIDTH, "", "");
     let mut page = "# Findings\n\n".to_owned();
     page += &paragraph(
-        "What `isotherm calibrate` and an automatic campaign refuse, and what they warn of. For the laboratory. \
-         `isotherm explain NAME` prints one entry; this page is printed by `isotherm explain --markdown findings`.",
+        "What `calibrate` and an automatic campaign refuse, and what they, `verify`, `noise`, `compare` and `convert` warn \
+         of. `isotherm explain NAME` prints one entry; this page is printed by `isotherm explain --markdown findings`.",
     );
     page.push('\n');
     page += &paragraph(
         "One **fault** is enough for exit code 65 and no table: its limit is where no true data can be. What may be \
          true is a **warning**. `--accept NAME,NAME` makes the table in spite of faults: they are then warnings, and \
-         the provenance has their names. A fault with * leaves nothing to fit and cannot be accepted. `--strict` makes \
+         the provenance has their names. The other commands have both options too. A fault with * leaves nothing to fit and cannot be accepted. `--strict` makes \
          every warning a fault. At most ten lines are printed, faults before warnings; `-v` lists all.",
     );
     for subject in SUBJECTS {
