@@ -128,26 +128,7 @@ impl LeftOver {
         set_points: usize,
         solution: &TriadSolution,
     ) -> Option<Self> {
-        // In a position or turn the heading is the same at every set point, but nobody knows it: two directions a
-        // place.
-        let mut sources: BTreeMap<(bool, usize), [RateInput; 2]> = BTreeMap::new();
-        for (index, (run, place)) in runs.iter().zip(places).enumerate() {
-            let directions = match (run.turn, run.group) {
-                (Some(turn), _) => {
-                    level_direction(turn.axis, run.force.normalize()).map(|along| [along, Vector3::zeros()])
-                }
-                (None, None) => Some(across(run.force.normalize())),
-                (None, Some(_)) => None,
-            };
-            let key = match place.place {
-                Place::Position(position) => (false, position),
-                Place::Turn(turn) => (true, turn),
-            };
-            if let Some(directions) = directions {
-                let of_place = sources.entry(key).or_default();
-                (0..2).for_each(|k| of_place[k].push((index, directions[k])));
-            }
-        }
+        let sources = Self::sources(runs, places);
         if sources.is_empty() {
             return None;
         }
@@ -176,6 +157,30 @@ impl LeftOver {
             g_sensitivity: largest(5..8),
             from,
         })
+    }
+
+    /// The runs that see the unknown rate, by position or turn (then true). In each the heading is the same at every set
+    /// point, but nobody knows it: two directions a place.
+    fn sources(runs: &[Run<'_>], places: &[FittedRun]) -> BTreeMap<(bool, usize), [RateInput; 2]> {
+        let mut sources: BTreeMap<(bool, usize), [RateInput; 2]> = BTreeMap::new();
+        for (index, (run, place)) in runs.iter().zip(places).enumerate() {
+            let directions = match (run.turn, run.group) {
+                (Some(turn), _) => {
+                    level_direction(turn.axis, run.force.normalize()).map(|along| [along, Vector3::zeros()])
+                }
+                (None, None) => Some(across(run.force.normalize())),
+                (None, Some(_)) => None,
+            };
+            let key = match place.place {
+                Place::Position(position) => (false, position),
+                Place::Turn(turn) => (true, turn),
+            };
+            if let Some(directions) = directions {
+                let of_place = sources.entry(key).or_default();
+                (0..2).for_each(|k| of_place[k].push((index, directions[k])));
+            }
+        }
+        sources
     }
 
     pub(super) fn finding(&self) -> Finding {
