@@ -206,8 +206,7 @@ fn describe_signs(flipped: &[usize], place: &str, along: bool, or_file: &str) ->
             let mirrored = if along && *axis == 0 { ", or the sign of every inner_deg" } else { "" };
             let text = format!(
                 "the two channels of {name} look exchanged{place}, or the sign of {name} in every specific_force{mirrored} (the data are the \
-                     same): exchange a{column}_positive and a{column}_negative{}",
-                or_file
+                 same): exchange a{column}_positive and a{column}_negative{or_file}"
             );
             (name::CHANNELS_EXCHANGED, text)
         }
@@ -215,7 +214,7 @@ fn describe_signs(flipped: &[usize], place: &str, along: bool, or_file: &str) ->
             let about = 3 - a - b;
             let text = format!(
                 "the IMU looks turned by 180 degrees about {} against the campaign file{place} (heading, inner_deg or mounting), or the \
-                     channels of {} and {} are exchanged (the data are the same): correct the angles and specific_force of every position{}",
+                 channels of {} and {} are exchanged (the data are the same): correct the angles and specific_force of every position{}",
                 AXIS_NAMES[about],
                 AXIS_NAMES[*a],
                 AXIS_NAMES[*b],
@@ -230,7 +229,7 @@ fn describe_signs(flipped: &[usize], place: &str, along: bool, or_file: &str) ->
             };
             let text = format!(
                 "every specific_force looks to have the wrong sign{place}{outer}, or all channels are exchanged (the data are the same): the \
-                     specific force of an axis that points up is +1; correct the positions{add}, or exchange the columns"
+                 specific force of an axis that points up is +1; correct the positions{add}, or exchange the columns"
             );
             (name::CHANNELS_EXCHANGED, text)
         }
