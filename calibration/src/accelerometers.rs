@@ -3,16 +3,19 @@
 use crate::checks::{SetPoint, check, set_points};
 use crate::diagnosis::{Diagnosis, diagnose, positions_off};
 use crate::error::CalibrationError;
+use crate::level::{level_error, position_that_explains};
 use crate::one_stage::{Curves, SetPointValues, Solution, set_point_values, solve};
 use crate::options::{CalibrationOptions, MAX_AUTO_ORDER, Method};
 use crate::orders::OrderRules;
-use crate::quality::{lack_of_fit, level_error, order_findings, outliers, position_that_explains};
-use crate::reduce::{Reduced, reduce};
+use crate::quality::{FittedTriad, Outlier};
+use crate::reduce::{Reduced, reduce, sensors};
 use crate::result::Calibration;
+use crate::sensor::TriadUnits;
 use crate::table::table_of;
 use isotherm_campaign::{Campaign, Dwell, Observability, Position, joint_range, specific_force};
-use isotherm_finding::{Finding, Location, RunNumber, Severity, any_fault, name};
+use isotherm_finding::{Finding, RunNumber, Severity, any_fault};
 use isotherm_shared::table::AXIS_NAMES;
+use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{Curve, OrderTable};
 use nalgebra::{Matrix3, Vector3};
@@ -188,33 +191,25 @@ impl Data<'_> {
         solution: &Solution,
     ) -> (Vec<(usize, usize)>, Vec<Finding>) {
         let Self { campaign, dwells, set_points } = *self;
-        let mut findings: Vec<_> = level_error(campaign, dwells, set_points, solution).into_iter().collect();
-        let (unfit, of_curves) = lack_of_fit(orders, reduced);
-        findings.extend(of_curves);
-        // Residuals about a curve that does not fit do not show outlying dwells.
-        let mut outliers = outliers(campaign, dwells, set_points, solution);
-        outliers.retain(|(_, axis)| !unfit[*axis]);
-        findings.extend(outliers.iter().map(|outlier| self.outlier(solution, *outlier)));
-        findings.extend(order_findings(orders));
-        (outliers, findings)
-    }
-
-    fn outlier(&self, solution: &Solution, (index, axis): (usize, usize)) -> Finding {
-        let (dwell, residual) = (&self.dwells[index], solution.residuals[index][axis]);
-        let (set_point_c, number) = (dwell.set_point_c, self.campaign.positions[dwell.position].number);
-        let message = format!(
-            "{} is {:.2}e-6 g0 off the fit, far more than the other dwells; kept, leave it out with \
-             --exclude {set_point_c}/{number} if it is known to be bad",
-            AXIS_NAMES[axis],
-            residual * 1e6
-        );
-        Finding {
-            severity: Severity::Warning,
-            name: name::OUTLIER,
-            line: Some(dwell.lines[0]),
-            place: Some(Location::SetPoint(set_point_c, Some(RunNumber::Position(number)))),
-            message,
-        }
+        let triad = FittedTriad {
+            units: TriadUnits::of(SensorKind::Accelerometer),
+            orders,
+            set_points: set_points.iter().zip(reduced).map(|(it, reduced)| sensors(reduced, it.dwells.len())).collect(),
+            places: dwells.iter().map(|dwell| dwell.position).collect(),
+            residuals: &solution.residuals,
+        };
+        let curves = [0, 1, 2].map(|axis| solution.axes[axis].curves.clone());
+        let refit = |left_out: &[usize]| {
+            solve(campaign, dwells, set_points, &curves, left_out).ok().map(|solution| solution.residuals)
+        };
+        let (outliers, of_fit) = triad.findings(refit, |run, axis| Outlier {
+            line: dwells[run].lines[0],
+            set_point_c: dwells[run].set_point_c,
+            number: RunNumber::Position(campaign.positions[dwells[run].position].number),
+            off: format!("{:.2}e-6 g0", solution.residuals[run][axis] * 1e6),
+        });
+        let level = level_error(campaign, dwells, set_points, solution);
+        (outliers, level.into_iter().chain(of_fit).collect())
     }
 }
 

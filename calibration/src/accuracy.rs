@@ -8,7 +8,8 @@
 
 use crate::gyroscopes::GyroscopeCalibration;
 use crate::result::Calibration;
-use crate::triad::{CalibratedTriad, TriadUnits};
+use crate::sensor::TriadUnits;
+use crate::triad::CalibratedTriad;
 use core::fmt;
 use isotherm_campaign::joint_range;
 use isotherm_finding::{Finding, name};

@@ -289,19 +289,9 @@ impl Checker<'_> {
         let mut scale_factors: [Option<[f64; 2]>; AXES] = [None; AXES];
         for (axis, accelerometer) in AXIS_NAMES.iter().enumerate() {
             let [up, down] = self.nominal(axis);
-            for (k, side, sign) in [(up, "up", "+"), (down, "down", "-")] {
-                if k.is_nan() || k <= 1.0 {
-                    let message = if k.is_nan() {
-                        format!("no dwell is left in which {accelerometer} points {side}")
-                    } else {
-                        format!(
-                            "{accelerometer} gives no pulses on its {sign} channel in the positions where it points {side}; is the \
-                             channel dead, or are the channels or the signs of the specific force exchanged?"
-                        )
-                    };
-                    self.findings.push(Finding::whole(Severity::Fault, name::NO_PULSES, message));
-                }
-            }
+            let sides = [(up, "up", "+"), (down, "down", "-")];
+            self.findings
+                .extend(sides.into_iter().filter_map(|(k, side, sign)| no_pulses(accelerometer, k, side, sign)));
             if [up, down].iter().any(|k| k.is_nan() || *k <= 1.0) {
                 continue;
             }
@@ -312,26 +302,27 @@ impl Checker<'_> {
                 scale_factors[axis] = Some([0, 1].map(|channel| median(found.iter().map(|k| k[channel].abs()))));
                 continue;
             }
-            for dwell in 0..self.dwells.len() {
-                let asked = self.campaign.positions[self.dwells[dwell].position].specific_force[axis] * gravity;
-                let [positive, negative] = self.dwells[dwell].sums.rates(axis);
-                let indicated = (positive / up - negative / down) * gravity;
-                if (indicated - asked).abs() > WRONG_POSITION {
-                    let message = format!(
-                        "{accelerometer} indicates {indicated:.3} g0 where the position asks for {asked:.3}: another position, or the \
-                         table moved; mend the rows or leave the dwell out with --exclude"
-                    );
-                    self.report_dwell(
-                        Severity::Fault,
-                        name::WRONG_POSITION,
-                        dwell,
-                        self.dwells[dwell].lines[0],
-                        message,
-                    );
-                }
-            }
+            self.wrong_positions(axis, [up, down], gravity);
         }
         self.scale_factors(&scale_factors);
+    }
+
+    /// Dwells whose indicated specific force is not that of their position, with K+ and |K-| of the accelerometer.
+    fn wrong_positions(&mut self, axis: usize, [up, down]: [f64; 2], gravity: f64) {
+        let accelerometer = AXIS_NAMES[axis];
+        for dwell in 0..self.dwells.len() {
+            let asked = self.campaign.positions[self.dwells[dwell].position].specific_force[axis] * gravity;
+            let [positive, negative] = self.dwells[dwell].sums.rates(axis);
+            let indicated = (positive / up - negative / down) * gravity;
+            if (indicated - asked).abs() > WRONG_POSITION {
+                let message = format!(
+                    "{accelerometer} indicates {indicated:.3} g0 where the position asks for {asked:.3}: another position, or the \
+                     table moved; mend the rows or leave the dwell out with --exclude"
+                );
+                let line = self.dwells[dwell].lines[0];
+                self.report_dwell(Severity::Fault, name::WRONG_POSITION, dwell, line, message);
+            }
+        }
     }
 
     /// Whether all blocks of a dwell agree.
@@ -371,4 +362,19 @@ impl Checker<'_> {
             }
         }
     }
+}
+
+/// A fault if the scale factor `k` of one side shows that the channel gives no pulses there.
+fn no_pulses(accelerometer: &str, k: f64, side: &str, sign: &str) -> Option<Finding> {
+    let message = if k.is_nan() {
+        format!("no dwell is left in which {accelerometer} points {side}")
+    } else if k <= 1.0 {
+        format!(
+            "{accelerometer} gives no pulses on its {sign} channel in the positions where it points {side}; is the \
+             channel dead, or are the channels or the signs of the specific force exchanged?"
+        )
+    } else {
+        return None;
+    };
+    Some(Finding::fault(name::NO_PULSES, message))
 }

@@ -285,6 +285,21 @@ fn with_exchanged(a: [usize; 2], b: [usize; 2]) -> Columns {
     })
 }
 
+/// Root mean square.
+fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let n = values.len() as f64;
+    (values.map(|v| v * v).sum::<f64>() / n).sqrt()
+}
+
+/// A hypothesis that explains the data.
+struct Explanation {
+    hypothesis: Hypothesis,
+    /// Residual with it \[g0\].
+    after: f64,
+    /// The set points where it holds.
+    scope: Vec<usize>,
+}
+
 /// A residual in words.
 fn size(g0: f64) -> String {
     if g0 < 1e-3 { format!("{:.1}e-6 g0", g0 * 1e6) } else { format!("{g0:.3} g0") }
@@ -369,13 +384,9 @@ impl<'a> Trials<'a> {
             for axis in 0..AXES {
                 let (row, first) = (AXES * d + axis, PARAMETERS * axis);
                 let [positive, negative] = rates(dwell, axis);
-                let values = [
-                    -1.0,
-                    positive / nominal[axis][0],
-                    negative / nominal[axis][1],
-                    -force[(axis + 1) % AXES],
-                    -force[(axis + 2) % AXES],
-                ];
+                let [by_positive, by_negative] = nominal[axis];
+                let (next, after) = (force[(axis + 1) % AXES], force[(axis + 2) % AXES]);
+                let values = [-1.0, positive / by_positive, negative / by_negative, -next, -after];
                 for (k, value) in values.into_iter().enumerate() {
                     matrix[(row, first + k)] = value;
                 }
@@ -385,23 +396,7 @@ impl<'a> Trials<'a> {
                 right[row] = force[axis];
             }
         }
-        let mut normal = matrix.tr_mul(&matrix);
-        let mut projection = matrix.tr_mul(&right);
-        for k in AXES * PARAMETERS..unknowns {
-            normal[(k, k)] += LEVEL_WEIGHT * LEVEL_WEIGHT;
-        }
-        let scale = DVector::from_fn(unknowns, |k, _| match normal[(k, k)].sqrt() {
-            size if size > 0.0 => size,
-            _ => 1.0,
-        });
-        for i in 0..unknowns {
-            for k in 0..unknowns {
-                normal[(i, k)] /= scale[i] * scale[k];
-            }
-            normal[(i, i)] = normal[(i, i)].max(RIDGE) + RIDGE;
-            projection[i] /= scale[i];
-        }
-        let solution = normal.cholesky()?.solve(&projection).component_div(&scale);
+        let solution = solve(&matrix, &right)?;
         let residual = right - &matrix * &solution;
         let sign = [0, 1, 2].map(|axis| match (solution[PARAMETERS * axis + 1], solution[PARAMETERS * axis + 2]) {
             (plus, minus) if plus > 0.0 && minus < 0.0 => 1,
@@ -414,37 +409,28 @@ impl<'a> Trials<'a> {
 
     /// Residual of a set point under a hypothesis \[g0\]; infinite if its scale factors have another sign.
     fn residual(&self, hypothesis: &Hypothesis, set_point: &SetPoint) -> f64 {
-        let right = |reduction: Reduction, sign: [i8; AXES]| (reduction.sign == sign).then_some(reduction.sd);
-        let sd = match hypothesis {
-            Hypothesis::Positions(_, positions) => {
-                self.try_positions(set_point, &[], |position| positions[position]).and_then(|r| right(r, [1; AXES]))
-            }
-            Hypothesis::Off(position) => {
-                self.try_positions(set_point, &[*position], |position| position).and_then(|r| right(r, [1; AXES]))
-            }
+        let (stated, in_place, as_counted) =
+            (|dwell: &Dwell| self.directions[dwell.position], in_order([0, 1, 2]), |_: &Dwell| 1.0);
+        let (reduction, sign) = match hypothesis {
+            Hypothesis::Positions(_, positions) => (self.try_positions(set_point, &[], |at| positions[at]), [1; AXES]),
+            Hypothesis::Off(position) => (self.try_positions(set_point, &[*position], |at| at), [1; AXES]),
             Hypothesis::Axes { order, sign } => {
-                let direction = |dwell: &Dwell| self.directions[dwell.position];
-                self.reduce(set_point, &[], &direction, in_order(*order), &|_| 1.0).and_then(|r| right(r, *sign))
+                (self.reduce(set_point, &[], &stated, in_order(*order), &as_counted), *sign)
             }
             Hypothesis::Cables(a, b) => {
-                let direction = |dwell: &Dwell| self.directions[dwell.position];
-                let found = self.reduce(set_point, &[], &direction, with_exchanged(*a, *b), &|_| 1.0);
-                found.and_then(|r| right(r, [1; AXES]))
+                (self.reduce(set_point, &[], &stated, with_exchanged(*a, *b), &as_counted), [1; AXES])
             }
             Hypothesis::Angles([outer, inner]) => {
-                let direction = |dwell: &Dwell| self.turned(dwell.position, *outer, *inner);
-                self.reduce(set_point, &[], &direction, in_order([0, 1, 2]), &|_| 1.0).and_then(|r| right(r, [1; AXES]))
+                let turned = |dwell: &Dwell| self.turned(dwell.position, *outer, *inner);
+                (self.reduce(set_point, &[], &turned, in_place, &as_counted), [1; AXES])
             }
             Hypothesis::Intervals => {
-                let direction = |dwell: &Dwell| self.directions[dwell.position];
-                let time = |dwell: &Dwell| {
-                    let ratio = dwell.interval_ratio();
-                    if ratio > 0.0 { ratio.recip() } else { 1.0 }
-                };
-                self.reduce(set_point, &[], &direction, in_order([0, 1, 2]), &time).and_then(|r| right(r, [1; AXES]))
+                let time =
+                    |dwell: &Dwell| Some(dwell.interval_ratio()).filter(|ratio| *ratio > 0.0).map_or(1.0, f64::recip);
+                (self.reduce(set_point, &[], &stated, in_place, &time), [1; AXES])
             }
         };
-        sd.unwrap_or(f64::INFINITY)
+        reduction.filter(|reduction| reduction.sign == sign).map_or(f64::INFINITY, |reduction| reduction.sd)
     }
 
     /// The direction of a position whose angles are off.
@@ -461,18 +447,7 @@ impl<'a> Trials<'a> {
 
     /// The hypotheses. `worst` is the set point that is worst explained by the campaign file.
     fn hypotheses(&self, worst: &SetPoint, with_off: bool) -> Vec<Hypothesis> {
-        let count = self.campaign.positions.len();
-        let mut all = Vec::new();
-        for order in [[0, 1, 2], [1, 0, 2], [0, 2, 1], [2, 1, 0], [1, 2, 0], [2, 0, 1]] {
-            let direction = |dwell: &Dwell| self.directions[dwell.position];
-            let found = self.reduce(worst, &[], &direction, in_order(order), &|_| 1.0);
-            if let Some(Reduction { sign, .. }) = found
-                && !sign.contains(&0)
-                && (order, sign) != ([0, 1, 2], [1; AXES])
-            {
-                all.push(Hypothesis::Axes { order, sign });
-            }
-        }
+        let mut all = self.orders(worst);
         for (a, b) in [(0, 1), (0, 2), (1, 2)] {
             let channels = [[0, 0], [0, 1], [1, 0], [1, 1]];
             all.extend(channels.map(|[first, second]| Hypothesis::Cables([a, first], [b, second])));
@@ -484,28 +459,43 @@ impl<'a> Trials<'a> {
                 if exact { &[] } else { &[[0.0, 90.0], [0.0, 180.0], [0.0, -90.0], [180.0, 0.0]] };
             all.extend([[90.0, 0.0], [-90.0, 0.0]].iter().chain(turned).map(|off| Hypothesis::Angles(*off)));
         }
+        let count = self.campaign.positions.len();
         if count <= MAX_POSITIONS {
-            for i in 0..count {
-                for j in i + 1..count {
-                    if self.directions[i] != self.directions[j] {
-                        let mut positions: Vec<usize> = (0..count).collect();
-                        positions.swap(i, j);
-                        all.push(Hypothesis::Positions(PositionMistake::Exchanged(i, j), positions));
-                    }
-                }
-            }
-            for by in [1, -1] {
-                let shifted = |position: usize| (position as isize + by).rem_euclid(count as isize) as usize;
-                all.push(Hypothesis::Positions(PositionMistake::Shifted(by), (0..count).map(shifted).collect()));
-            }
+            all.extend(self.renumbered(count));
+            let off = (0..count).filter(|position| with_off && self.spread(&[*position], *position).is_some());
+            all.extend(off.map(Hypothesis::Off));
         }
-        let off = (0..count)
-            .filter(|position| with_off && count <= MAX_POSITIONS && self.spread(&[*position], *position).is_some());
-        all.extend(off.map(Hypothesis::Off));
         if self.dwells.iter().any(|dwell| (dwell.interval_ratio() - 1.0).abs() > 0.01) {
             all.push(Hypothesis::Intervals);
         }
         all
+    }
+
+    /// The orders of the accelerometers whose scale factors have signs at this set point, but the stated one.
+    fn orders(&self, set_point: &SetPoint) -> Vec<Hypothesis> {
+        let orders = [[0, 1, 2], [1, 0, 2], [0, 2, 1], [2, 1, 0], [1, 2, 0], [2, 0, 1]].into_iter();
+        let direction = |dwell: &Dwell| self.directions[dwell.position];
+        let signed = orders.filter_map(|order| {
+            let Reduction { sign, .. } = self.reduce(set_point, &[], &direction, in_order(order), &|_| 1.0)?;
+            let stated = (order, sign) == ([0, 1, 2], [1; AXES]);
+            (!sign.contains(&0) && !stated).then_some(Hypothesis::Axes { order, sign })
+        });
+        signed.collect()
+    }
+
+    /// Two of the `count` positions exchanged, or all shifted.
+    fn renumbered(&self, count: usize) -> impl Iterator<Item = Hypothesis> {
+        let pairs = (0..count).flat_map(move |i| (i + 1..count).map(move |j| (i, j)));
+        let exchanged = pairs.filter(|(i, j)| self.directions[*i] != self.directions[*j]).map(move |(i, j)| {
+            let mut positions: Vec<usize> = (0..count).collect();
+            positions.swap(i, j);
+            Hypothesis::Positions(PositionMistake::Exchanged(i, j), positions)
+        });
+        let shifted = [1, -1].map(|by| {
+            let shifted = |position: usize| (position as isize + by).rem_euclid(count as isize) as usize;
+            Hypothesis::Positions(PositionMistake::Shifted(by), (0..count).map(shifted).collect())
+        });
+        exchanged.chain(shifted)
     }
 
     /// The hypothesis that explains the residuals. Where a position is off in dwells in which the IMU moved, by one of
@@ -516,77 +506,66 @@ impl<'a> Trials<'a> {
         if self.stated[worst] < GOOD {
             return None;
         }
-        let rms = |values: &[f64]| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
-        let before: Vec<f64> = reducible.iter().map(|&i| self.stated[i]).collect();
-        let before = rms(&before);
-        let holds = |stated: f64, residual: f64| residual < stated / EXPLAINS && residual < MAX_GOOD;
-        let mut found: Vec<(f64, Hypothesis, Vec<usize>)> = Vec::new();
-        for hypothesis in self.hypotheses(&self.set_points[worst], with_off) {
-            if !holds(self.stated[worst], self.residual(&hypothesis, &self.set_points[worst])) {
-                continue;
-            }
-            let mut scope = Vec::new();
-            let after: Vec<f64> = reducible
-                .iter()
-                .map(|&i| match self.residual(&hypothesis, &self.set_points[i]) {
-                    residual if holds(self.stated[i], residual) => {
-                        scope.push(i);
-                        residual
-                    }
-                    _ => self.stated[i],
-                })
-                .collect();
-            let after = rms(&after);
-            // A smaller difference is an outlier: it is named after the fit, and kept.
-            let is_outlier = |position: usize| {
-                let offset = self.measured(position, &scope, &[position]).map_or(0.0, |(offset, _)| offset.norm());
-                let spread = self.spread(&[position], position).unwrap_or(f64::INFINITY);
-                offset < POSITION_OFF.max(POSITION_OFF_OTHERS * spread * after)
-            };
-            if holds(before, after) && !matches!(hypothesis, Hypothesis::Off(position) if is_outlier(position)) {
-                found.push((after, hypothesis, scope));
-            }
-        }
-        found.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let best = found.first()?.0;
-        found.retain(|(after, ..)| *after < AS_GOOD * best);
+        let before = rms(reducible.iter().map(|&i| self.stated[i]));
+        let tried = self.hypotheses(&self.set_points[worst], with_off).into_iter();
+        let mut found: Vec<_> =
+            tried.filter_map(|hypothesis| self.holds(hypothesis, &reducible, worst, before)).collect();
+        found.sort_by(|a, b| a.after.total_cmp(&b.after));
+        let best = found.first()?.after;
+        found.retain(|explanation| explanation.after < AS_GOOD * best);
         if found.len() > MAX_AMBIGUOUS {
             return None;
         }
-        let signs = found.iter().flat_map(|(.., scope)| scope).any(|&i| self.stated[i] == WRONG_SIGN);
+        let signs = found.iter().flat_map(|it| &it.scope).any(|&i| self.stated[i] == WRONG_SIGN);
         let residuals = match signs {
             true => format!("as it is, scale factors have a wrong sign; corrected, residuals are {}", size(best)),
             false => format!("residuals {} -> {}", size(before), size(best)),
         };
-        for (_, hypothesis, scope) in &found {
-            let Hypothesis::Off(position) = hypothesis else { continue };
-            let number = RunNumber::Position(self.campaign.positions[*position].number);
-            let moved = |i: &usize| {
-                let place = Some(Location::SetPoint(self.set_points[*i].set_point_c, Some(number)));
-                findings.iter().position(|finding| finding.name == name::NOT_STILL && finding.place == place)
-            };
-            if let Some(Some(first)) = scope.first().map(moved)
-                && scope.iter().all(|i| moved(i).is_some())
-            {
-                let mut finding = findings[first].clone();
-                finding.severity = Severity::Fault;
-                finding.message += &format!(" (without this position {residuals})");
-                return Some(Diagnosis { finding, explains: OF_FORCES, promoted: Some(first) });
-            }
+        if let Some(first) = found.iter().find_map(|explanation| self.motion(explanation, findings)) {
+            let mut finding = findings[first].clone();
+            finding.severity = Severity::Fault;
+            finding.message += &format!(" (without this position {residuals})");
+            return Some(Diagnosis { finding, explains: OF_FORCES, promoted: Some(first) });
         }
-        let texts: Vec<_> = found.iter().map(|(_, hypothesis, scope)| self.describe(hypothesis, scope)).collect();
+        let texts: Vec<_> = found.iter().map(|it| self.describe(&it.hypothesis, &it.scope)).collect();
         let name = texts.first()?.0;
         let text = texts.into_iter().map(|(_, text)| text).collect::<Vec<_>>().join("; or ");
-        let message = format!("{text} ({residuals})");
-        Some(diagnosis(
-            name,
-            message,
-            if name == name::INTERVAL {
-                &[name::INTERVAL, name::WRONG_POSITION, name::POSITION_OFF]
-            } else {
-                OF_FORCES
-            },
-        ))
+        let of_intervals = &[name::INTERVAL, name::WRONG_POSITION, name::POSITION_OFF];
+        let explains = if name == name::INTERVAL { of_intervals } else { OF_FORCES };
+        Some(diagnosis(name, format!("{text} ({residuals})"), explains))
+    }
+
+    /// The hypothesis as an explanation, if it holds at the set point `worst` and over all that are `reducible`, whose
+    /// residuals are `before` without it.
+    fn holds(&self, hypothesis: Hypothesis, reducible: &[usize], worst: usize, before: f64) -> Option<Explanation> {
+        let holds = |stated: f64, residual: f64| residual < stated / EXPLAINS && residual < MAX_GOOD;
+        let residual =
+            |i: usize| Some(self.residual(&hypothesis, &self.set_points[i])).filter(|it| holds(self.stated[i], *it));
+        residual(worst)?;
+        let with: Vec<_> = reducible.iter().map(|&i| (i, residual(i))).collect();
+        let after = rms(with.iter().map(|(i, residual)| residual.unwrap_or(self.stated[*i])));
+        let scope: Vec<usize> = with.iter().filter(|(_, residual)| residual.is_some()).map(|(i, _)| *i).collect();
+        // A smaller difference is an outlier: it is named after the fit, and kept.
+        let is_outlier = |position: usize| {
+            let offset = self.measured(position, &scope, &[position]).map_or(0.0, |(offset, _)| offset.norm());
+            let spread = self.spread(&[position], position).unwrap_or(f64::INFINITY);
+            offset < POSITION_OFF.max(POSITION_OFF_OTHERS * spread * after)
+        };
+        let only_outlier = matches!(hypothesis, Hypothesis::Off(position) if is_outlier(position));
+        (holds(before, after) && !only_outlier).then_some(Explanation { hypothesis, after, scope })
+    }
+
+    /// The finding that the IMU moved in the position that is off, if it did wherever the position is off: the index of
+    /// the first.
+    fn motion(&self, Explanation { hypothesis, scope, .. }: &Explanation, findings: &[Finding]) -> Option<usize> {
+        let Hypothesis::Off(position) = hypothesis else { return None };
+        let number = RunNumber::Position(self.campaign.positions[*position].number);
+        let moved = |i: &usize| {
+            let place = Some(Location::SetPoint(self.set_points[*i].set_point_c, Some(number)));
+            findings.iter().position(|finding| finding.name == name::NOT_STILL && finding.place == place)
+        };
+        let all: Option<Vec<usize>> = scope.iter().map(moved).collect();
+        all?.first().copied()
     }
 
     /// The specific force that was measured in a position, less the stated one, in units of the local gravity: a mean
@@ -646,6 +625,28 @@ impl<'a> Trials<'a> {
         let squares = squares.filter(|squares| !squares.is_empty())?;
         Some((squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
     }
+}
+
+/// The solution by scaled normal equations, in which the base is nearly level.
+fn solve(matrix: &DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
+    let unknowns = matrix.ncols();
+    let mut normal = matrix.tr_mul(matrix);
+    let mut projection = matrix.tr_mul(right);
+    for k in AXES * PARAMETERS..unknowns {
+        normal[(k, k)] += LEVEL_WEIGHT * LEVEL_WEIGHT;
+    }
+    let scale = DVector::from_fn(unknowns, |k, _| match normal[(k, k)].sqrt() {
+        size if size > 0.0 => size,
+        _ => 1.0,
+    });
+    for i in 0..unknowns {
+        for k in 0..unknowns {
+            normal[(i, k)] /= scale[i] * scale[k];
+        }
+        normal[(i, i)] = normal[(i, i)].max(RIDGE) + RIDGE;
+        projection[i] /= scale[i];
+    }
+    Some(normal.cholesky()?.solve(&projection).component_div(&scale))
 }
 
 /// Faults of positions that are not where the campaign file states them, by more than their errors and the others'

@@ -16,7 +16,6 @@ mod data;
 pub(crate) mod earth;
 pub(crate) mod fit;
 pub(crate) mod observability;
-mod quality;
 pub(crate) mod result;
 pub(crate) mod runs;
 
@@ -30,7 +29,9 @@ use crate::noise::noise_of_dwells;
 use crate::one_stage::{OneStageError, SetPointValues};
 use crate::options::{CalibrationOptions, MAX_AUTO_ORDER, Method};
 use crate::orders::OrderRules;
+use crate::quality::{FittedTriad, Outlier};
 use crate::result::Calibration;
+use crate::sensor::TriadUnits;
 use crate::table::gyroscope_axes;
 use data::Data;
 use earth::{EarthCheck, LeftOver};
@@ -38,6 +39,7 @@ use fit::{GyroscopeCurves, ReducedSetPoint, Run, TriadSolution, corrected_values
 use isotherm_campaign::Campaign;
 use isotherm_finding::Finding;
 use isotherm_shared::table::{Axis, CoefficientTable, FORMAT, Gyroscopes};
+use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{Curve, OrderTable};
 use nalgebra::{DVector, Matrix3};
@@ -95,14 +97,8 @@ fn estimate(
         None => LeftOver::of(data.campaign, &runs, &places, reduced.len(), &solution),
     };
     findings.extend(left_over.as_ref().map(LeftOver::finding));
-    let (unfit, fit_findings) = quality::lack_of_fit(&orders, &reduced);
-    findings.extend(fit_findings);
-    let mut outliers = quality::outliers(&runs, &places, reduced.len(), &solution);
-    // Residuals about a curve that does not fit do not show outlying runs.
-    outliers.retain(|(_, axis)| !unfit[*axis]);
-    findings
-        .extend(outliers.iter().map(|outlier| quality::outlier(data.campaign, &data.set_points_c, &places, outlier)));
-    findings.extend(quality::order_findings(&orders));
+    let (outliers, of_fit) = quality(data, &runs, &places, &reduced, &orders, &solution);
+    findings.extend(of_fit);
     let noise = noise_of_dwells(data.dwells.iter().map(|(_, dwell)| *dwell), &axes(&solution)?);
     let found = GyroscopeCalibration {
         runs: places,
@@ -117,6 +113,36 @@ fn estimate(
         noise,
     };
     Ok((found, findings))
+}
+
+/// The outlying runs, by index and gyroscope, and what is to be said of the fit.
+fn quality(
+    data: &Data<'_>,
+    runs: &[Run<'_>],
+    places: &[FittedRun],
+    reduced: &[ReducedSetPoint],
+    orders: &[[OrderTable; 3]; AXES],
+    solution: &TriadSolution,
+) -> (Vec<(usize, usize)>, Vec<Finding>) {
+    let triad = FittedTriad {
+        units: TriadUnits::of(SensorKind::Gyroscope),
+        orders,
+        set_points: reduced.iter().map(ReducedSetPoint::sensors).collect(),
+        places: places.iter().map(|run| run.place).collect(),
+        residuals: &solution.residuals,
+    };
+    let curves: GyroscopeCurves = [0, 1, 2].map(|axis| solution.gyroscopes[axis].curves.clone());
+    let refit =
+        |left_out: &[usize]| solve(runs, reduced.len(), &curves, left_out).ok().map(|solution| solution.residuals);
+    triad.findings(refit, |run, axis| {
+        let FittedRun { set_point, place, lines, residual, .. } = &places[run];
+        Outlier {
+            line: lines[0],
+            set_point_c: data.set_points_c[*set_point],
+            number: place.number(data.campaign),
+            off: format!("{:.2} arcsec", residual[axis]),
+        }
+    })
 }
 
 /// A set point by itself, from the curves `start`.

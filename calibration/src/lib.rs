@@ -31,6 +31,7 @@ mod error;
 mod fitted;
 mod gravity_only;
 mod gyroscopes;
+mod level;
 mod noise;
 mod one_stage;
 mod options;
@@ -40,6 +41,7 @@ mod quality;
 mod ramps;
 mod reduce;
 mod result;
+mod sensor;
 mod table;
 mod transients;
 mod triad;
@@ -69,8 +71,9 @@ pub use provenance::{CampaignSource, CurveErrors, Hashed, Origin, TableFile, now
 pub use ramps::{RampCalibration, calibrate_ramps};
 pub use reduce::reduce;
 pub use result::Calibration;
+pub use sensor::{ReducedSensor, TriadUnits};
 pub use transients::{
     BiasTransient, Condition, CurveSource, LagChoice, Prediction, RampRecording, TransientOptions, TransientVerdict,
     Transients, TransientsError, fit,
 };
-pub use triad::{CalibratedTriad, ReducedSensor, TriadUnits};
+pub use triad::CalibratedTriad;

@@ -323,15 +323,7 @@ pub(crate) fn provenance(
             set_points: calibration.set_points.len(),
             dwells: calibration.dwells.len(),
             excluded: calibration.options.exclude.iter().map(|&(s, n)| place(s, n)).collect(),
-            outliers: calibration
-                .outliers
-                .iter()
-                .map(|&(dwell, axis)| {
-                    let dwell = &calibration.dwells[dwell];
-                    let place = place(dwell.set_point_c, campaign.positions[dwell.position].number);
-                    format!("{place} {}", AXIS_NAMES[axis])
-                })
-                .collect(),
+            outliers: outliers(campaign, calibration),
             accuracy: accuracy.to_string(),
             bias_interval_ug0: millionths(accuracy.bias),
             scale_factor_interval_ppm: millionths(accuracy.scale_factor),
@@ -345,27 +337,37 @@ pub(crate) fn provenance(
             gyroscopes: gyroscopes.as_ref().map(|(found, triad)| of_triad(campaign, calibration, found, triad)),
             transients: calibration.transients.as_ref().map(|found| TransientsRecord::of(campaign, found, source)),
             curve: curves(&accelerometers).chain(of_gyroscopes).collect(),
-            two_stage: calibration
-                .set_points
-                .iter()
-                .zip(&calibration.reduced)
-                .flat_map(|(set_point, reduced)| {
-                    AXIS_NAMES.iter().zip(reduced).map(|(axis, reduced)| SetPointRecord {
-                        set_point_c: set_point.set_point_c,
-                        axis,
-                        head: reduced.telemetry[0],
-                        board: reduced.telemetry[1],
-                        bias_ug0: reduced.values[0] * 1e6,
-                        positive_scale_factor: reduced.values[1],
-                        negative_scale_factor: reduced.values[2],
-                        misalignment_rad: [reduced.values[3], reduced.values[4]],
-                    })
-                })
-                .collect(),
+            two_stage: two_stage(calibration).collect(),
             gyroscope_two_stage: gyroscopes.iter().flat_map(|(found, _)| reduced(calibration, found)).collect(),
         },
     };
     toml::to_string(&document)
+}
+
+/// `-25/3 A1` for each outlying dwell.
+fn outliers(campaign: &Campaign, calibration: &Calibration) -> Vec<String> {
+    let outlier = |&(dwell, axis): &(usize, usize)| {
+        let dwell = &calibration.dwells[dwell];
+        format!("{} {}", place(dwell.set_point_c, campaign.positions[dwell.position].number), AXIS_NAMES[axis])
+    };
+    calibration.outliers.iter().map(outlier).collect()
+}
+
+/// The accelerometers at each set point.
+fn two_stage(calibration: &Calibration) -> impl Iterator<Item = SetPointRecord> {
+    let set_points = calibration.set_points.iter().zip(&calibration.reduced);
+    set_points.flat_map(|(set_point, reduced)| {
+        AXIS_NAMES.iter().zip(reduced).map(|(axis, reduced)| SetPointRecord {
+            set_point_c: set_point.set_point_c,
+            axis,
+            head: reduced.telemetry[0],
+            board: reduced.telemetry[1],
+            bias_ug0: reduced.values[0] * 1e6,
+            positive_scale_factor: reduced.values[1],
+            negative_scale_factor: reduced.values[2],
+            misalignment_rad: [reduced.values[3], reduced.values[4]],
+        })
+    })
 }
 
 fn misalignment_error(triad: &CalibratedTriad<'_>) -> Option<[[f64; 3]; 3]> {

@@ -75,23 +75,7 @@ impl RampCalibration {
                 "the constant of each bias: not measured; at mid range it is that of curves, since that of the ramps contains {earth}"
             ),
         ];
-        let before = self.curves.content();
-        let shorter = self.transients.biases.iter().filter(|bias| {
-            let [low, high] = bias.curve.range();
-            let axes = match (bias.kind, &before.gyroscopes) {
-                (SensorKind::Gyroscope, Some(gyroscopes)) => &gyroscopes.axes,
-                _ => &before.axes,
-            };
-            let [was_low, was_high] = axes[bias.axis].bias.range();
-            low > was_low || high < was_high
-        });
-        let unit = &content.temperature_unit;
-        let ranges: Vec<_> = shorter
-            .map(|bias| {
-                let [low, high] = bias.curve.range();
-                format!("{} {low:.3} .. {high:.3} {unit}", bias.name())
-            })
-            .collect();
+        let ranges = self.shorter_ranges();
         if !ranges.is_empty() {
             sentences.push(format!(
                 "the biases beyond the telemetry of the ramps, where curves had a bias: the new ranges are {}",
@@ -113,6 +97,22 @@ impl RampCalibration {
             );
         }
         sentences
+    }
+
+    /// The ranges of the biases that reach less far than those of `curves`.
+    fn shorter_ranges(&self) -> Vec<String> {
+        let (before, unit) = (self.curves.content(), &self.table.content().temperature_unit);
+        let shorter = self.transients.biases.iter().filter_map(|bias| {
+            let [low, high] = bias.curve.range();
+            let axes = match (bias.kind, &before.gyroscopes) {
+                (SensorKind::Gyroscope, Some(gyroscopes)) => &gyroscopes.axes,
+                _ => &before.axes,
+            };
+            let [was_low, was_high] = axes[bias.axis].bias.range();
+            let is_shorter = low > was_low || high < was_high;
+            is_shorter.then(|| format!("{} {low:.3} .. {high:.3} {unit}", bias.name()))
+        });
+        shorter.collect()
     }
 }
 

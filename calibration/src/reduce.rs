@@ -13,6 +13,7 @@
 //! The temperature changes a little between the positions. Each result therefore has its own **effective telemetry**:
 //! the mean over the dwells with the weights that they have in this result, not the plain mean.
 
+use crate::sensor::ReducedSensor;
 use isotherm_campaign::{Campaign, Dwell, PARAMETERS};
 use isotherm_shared::wire::AXES;
 use nalgebra::{DMatrix, DVector};
@@ -30,6 +31,16 @@ pub struct Reduced {
     pub telemetry: [f64; 3],
     /// Residual standard deviation \[g0\]; includes the effect of the base's tilt, if the tilt is not given.
     pub residual_sd: f64,
+}
+
+/// What both triads have, of a set point with `dwells` dwells.
+pub(crate) fn sensors(reduced: &[Reduced; AXES], dwells: usize) -> [ReducedSensor<'_>; AXES] {
+    reduced.each_ref().map(|Reduced { telemetry, values, standard_errors, .. }| ReducedSensor {
+        telemetry: *telemetry,
+        values,
+        standard_errors,
+        freedom: dwells.saturating_sub(PARAMETERS),
+    })
 }
 
 /// Reduces `dwells` of one set point for accelerometer `axis`, with the base tilted by `tilt`. `None` if the dwells do

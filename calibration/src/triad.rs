@@ -2,107 +2,14 @@
 //! provenance and accuracy of both triads come from this.
 
 use crate::gyroscopes::GyroscopeCalibration;
+use crate::reduce::sensors;
 use crate::result::Calibration;
-use isotherm_campaign::PARAMETERS;
+use crate::sensor::{ReducedSensor, TriadUnits};
 use isotherm_finding::Finding;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{CONFIDENCE, Curve, OrderTable};
-
-/// What the figures of a triad are shown in.
-#[derive(Debug)]
-pub struct TriadUnits {
-    /// One of its sensors.
-    pub sensor: &'static str,
-    /// Unit of the bias in the table and in texts.
-    pub bias: &'static str,
-    /// Factor from a bias of the fit to that unit.
-    pub bias_factor: f64,
-    /// Decimals of a bias in that unit.
-    pub bias_decimals: usize,
-    /// Decimals of its accuracy in the bottom line.
-    pub accuracy_decimals: usize,
-    /// Unit of the bias in the fit.
-    pub fitted_bias: &'static str,
-    /// Unit of the bias on a page, which is as large as `bias`.
-    pub bias_on_page: &'static str,
-    /// Unit of a scale factor.
-    pub scale_factor: &'static str,
-    /// The same on a page.
-    pub scale_factor_on_page: &'static str,
-    /// Decimals of a scale factor.
-    pub scale_factor_decimals: usize,
-}
-
-const ACCELEROMETERS: TriadUnits = TriadUnits {
-    sensor: "accelerometer",
-    bias: "ug0",
-    bias_factor: 1e6,
-    bias_decimals: 3,
-    accuracy_decimals: 2,
-    fitted_bias: "g0",
-    bias_on_page: "1e-6 g0",
-    scale_factor: "pulse/(s*g0)",
-    scale_factor_on_page: "pulse/(s g0)",
-    scale_factor_decimals: 3,
-};
-
-const GYROSCOPES: TriadUnits = TriadUnits {
-    sensor: "gyroscope",
-    bias: "deg/h",
-    bias_factor: 1.0,
-    bias_decimals: 4,
-    accuracy_decimals: 4,
-    fitted_bias: "deg/h",
-    bias_on_page: "deg/h",
-    scale_factor: "pulse/arcsec",
-    scale_factor_on_page: "pulse/arcsec",
-    scale_factor_decimals: 7,
-};
-
-impl TriadUnits {
-    /// Those of a kind of sensors.
-    pub const fn of(kind: SensorKind) -> &'static Self {
-        match kind {
-            SensorKind::Accelerometer => &ACCELEROMETERS,
-            SensorKind::Gyroscope => &GYROSCOPES,
-        }
-    }
-
-    /// Unit of a quantity in the table: of the bias, then of K+ and K-.
-    pub const fn in_table(&self, quantity: usize) -> &'static str {
-        if quantity == 0 { self.bias } else { self.scale_factor }
-    }
-
-    /// Unit of a quantity in the fit.
-    pub const fn in_fit(&self, quantity: usize) -> &'static str {
-        if quantity == 0 { self.fitted_bias } else { self.scale_factor }
-    }
-
-    /// Unit of a quantity on a page.
-    pub const fn on_page(&self, quantity: usize) -> &'static str {
-        if quantity == 0 { self.bias_on_page } else { self.scale_factor_on_page }
-    }
-
-    /// Factor from a value of the fit to the units of the table and of a page.
-    pub const fn factor(&self, quantity: usize) -> f64 {
-        if quantity == 0 { self.bias_factor } else { 1.0 }
-    }
-}
-
-/// A sensor at one set point, reduced by itself.
-#[derive(Debug)]
-pub struct ReducedSensor<'a> {
-    /// Effective telemetry of bias, K+ and K-.
-    pub telemetry: [f64; 3],
-    /// Bias, K+, K-, the misalignments \[rad\], and whatever comes after them.
-    pub values: &'a [f64],
-    /// Their standard errors.
-    pub standard_errors: &'a [f64],
-    /// Degrees of freedom of the errors.
-    pub freedom: usize,
-}
 
 /// A triad of a calibration.
 #[derive(Debug)]
@@ -142,19 +49,10 @@ impl<'a> CalibratedTriad<'a> {
         let all = calibration.findings.len();
         let first_of_gyroscopes = calibration.gyroscopes.as_ref().map_or(all, |found| found.first_finding);
         let set_points = calibration.set_points.iter().zip(&calibration.reduced);
-        let reduced = set_points.map(|(stay, sensors)| {
-            let freedom = stay.dwells.len().saturating_sub(PARAMETERS);
-            let sensor = |axis: usize| ReducedSensor {
-                telemetry: sensors[axis].telemetry,
-                values: &sensors[axis].values,
-                standard_errors: &sensors[axis].standard_errors,
-                freedom,
-            };
-            (stay.set_point_c, [sensor(0), sensor(1), sensor(2)])
-        });
+        let reduced = set_points.map(|(stay, reduced)| (stay.set_point_c, sensors(reduced, stay.dwells.len())));
         Self {
             names: AXIS_NAMES,
-            units: &ACCELEROMETERS,
+            units: TriadUnits::of(SensorKind::Accelerometer),
             curves: axes.each_ref().map(|axis| &axis.curves),
             orders: &calibration.orders,
             misalignment: axes.each_ref().map(|axis| axis.misalignment),
@@ -170,18 +68,10 @@ impl<'a> CalibratedTriad<'a> {
     pub fn gyroscopes(calibration: &'a Calibration, found: &'a GyroscopeCalibration) -> Self {
         let axes = &found.solution.gyroscopes;
         let set_points = calibration.set_points.iter().zip(&found.reduced);
-        let reduced = set_points.map(|(stay, sensors)| {
-            let sensor = |axis: usize| ReducedSensor {
-                telemetry: sensors.telemetry[axis],
-                values: &sensors.values[axis],
-                standard_errors: &sensors.standard_errors[axis],
-                freedom: sensors.freedom,
-            };
-            (stay.set_point_c, [sensor(0), sensor(1), sensor(2)])
-        });
+        let reduced = set_points.map(|(stay, sensors)| (stay.set_point_c, sensors.sensors()));
         Self {
             names: GYROSCOPE_NAMES,
-            units: &GYROSCOPES,
+            units: TriadUnits::of(SensorKind::Gyroscope),
             curves: axes.each_ref().map(|axis| &axis.curves),
             orders: &found.orders,
             misalignment: axes.each_ref().map(|axis| axis.misalignment),

@@ -173,26 +173,9 @@ impl Dwell {
                 + f64::from(sample.accelerometers.negative_pulses[axis]))
                 / seconds
         };
-        let block = match self.blocks.last_mut() {
-            Some(block) if block.sums.seconds < self.block_length => block,
-            _ => {
-                if self.blocks.len() == MAX_BLOCKS {
-                    self.merge_pairs();
-                }
-                self.blocks.push(Block {
-                    line: row.line,
-                    sums: DwellSums::default(),
-                    head: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
-                    board: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
-                    rate: [0.0; 3],
-                    steps: RowSteps::default(),
-                });
-                let last = self.blocks.len() - 1;
-                &mut self.blocks[last]
-            }
-        };
-        block.sums.add(sample);
         let last = self.last.replace((sample.session, sample.sequence, sample.timestamp_ns));
+        let block = self.open_block(row.line);
+        block.sums.add(sample);
         if let Some((session, sequence, timestamp_ns)) = last
             && session == sample.session
             && sequence < sample.sequence
@@ -206,6 +189,25 @@ impl Dwell {
             extend(&mut block.board[axis], [sample.accelerometers.board_temperature[axis]; 2]);
             block.rate[axis] = block.rate[axis].max(rate(axis));
         }
+    }
+
+    /// The block that a row belongs to, which is a new one if the last is full.
+    fn open_block(&mut self, line: u64) -> &mut Block {
+        if self.blocks.last().is_none_or(|block| block.sums.seconds >= self.block_length) {
+            if self.blocks.len() == MAX_BLOCKS {
+                self.merge_pairs();
+            }
+            self.blocks.push(Block {
+                line,
+                sums: DwellSums::default(),
+                head: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
+                board: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
+                rate: [0.0; 3],
+                steps: RowSteps::default(),
+            });
+        }
+        let last = self.blocks.len() - 1;
+        &mut self.blocks[last]
     }
 
     fn merge_pairs(&mut self) {

@@ -6,13 +6,13 @@ use crate::gravity::gravity_fault;
 use crate::members::{check_files, check_mountings, members, of_member};
 use crate::model::Campaign;
 use crate::mount::{contradiction, mount};
-use crate::position::Position;
+use crate::position::{Position, angles};
 use crate::ramp::ramps;
-use crate::turn::turns;
+use crate::turn::{Turn, turns};
 use isotherm_shared::document::{Document, Faults, Section};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{GRAVITY_ONLY, GRAVITY_RANGE, OutOfRange};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 impl Campaign {
     /// Reads the text of a campaign file of one IMU.
@@ -108,82 +108,33 @@ fn campaigns(root: &Section<'_, '_>) -> Option<Vec<Campaign>> {
     Some(members?.iter().map(|member| of_member(&batch, member)).collect())
 }
 
-/// The campaign of one IMU, whose axes are those that the file's directions refer to.
+/// The campaign of one IMU, whose axes are those that the file's directions refer to. All keys are asked for before the
+/// first one that is missing ends this function.
 fn campaign(root: &Section<'_, '_>, imu: Option<ImuId>, serial: Option<String>) -> Option<Campaign> {
-    let gravity_only = root.optional_choice("method", &[((), GRAVITY_ONLY)]).is_some();
-    let others =
-        ["position", "turn", "ramp", "curves", "soak_s"].into_iter().filter(|key| gravity_only && root.has(key));
-    for key in others {
-        root.ignore(key);
-        root.fault(key, format!("is not for method = \"{GRAVITY_ONLY}\", which knows no directions; leave it out"));
-    }
+    let gravity_only = gravity_only(root);
     let temperature_range = temperature_range(root, gravity_only);
-    // Ramps have their own files.
     let ramps_alone = root.has("ramp") && !root.has("position") && !gravity_only;
-    let samples = if ramps_alone && !root.has("samples") {
-        Some(Vec::new())
-    } else {
-        root.strings("samples", "the file of the samples, for example \"samples.csv\", or a list of files")
-    };
-    let gravity = |key, right| {
-        let value = root.number(key, right);
-        let [low, high] = GRAVITY_RANGE;
-        let wrong = value.filter(|value| !(low..=high).contains(value));
-        root.refuse(key, wrong.map(|value| format!("is {value:?}, give {low} to {high} m/s2")));
-        value
-    };
-    let gravity_reference = gravity("gravity_reference", "the value of 1 g0 in m/s2, for example 9.8015");
-    let gravity_local = gravity("gravity_local", "gravity at the station in m/s2");
+    let samples = samples(root, ramps_alone);
+    let gravity_reference = gravity(root, "gravity_reference", "the value of 1 g0 in m/s2, for example 9.8015");
+    let gravity_local = gravity(root, "gravity_local", "gravity at the station in m/s2");
     let latitude_deg = place(root, gravity_local);
     let unit = root.string("temperature_unit", "the unit of the telemetry, for example \"V\"").map(str::to_owned);
     let out_of_range = root.optional_choice("out_of_range", &OutOfRange::NAMES);
-    let positive = |key| {
-        let value = root.optional_number(key);
-        let wrong = value.filter(|value| *value <= 0.0);
-        root.refuse(key, wrong.map(|value| format!("is {value:?}, give a number over 0")));
-        value
-    };
-    let (max_age_s, max_rate, soak_s) = (positive("max_age_s"), positive("max_rate"), positive("soak_s"));
+    let [max_age_s, max_rate, soak_s] = ["max_age_s", "max_rate", "soak_s"].map(|key| positive(root, key));
     let sections = root.list("position");
     if sections.is_empty() && !ramps_alone && !gravity_only {
         root.fault("position", "none; give one [[position]] each, with number and specific_force");
     }
     let curves = curves(root, ramps_alone);
     let ramps = ramps(root);
-    let mut positions: Vec<Position> = Vec::new();
-    let mut complete = true;
-    for section in sections {
-        match position(&section) {
-            Some(position) if positions.iter().any(|other| other.number == position.number) => {
-                section.fault("number", format!("{} is there twice", position.number));
-            }
-            Some(position) => positions.push(position),
-            None => complete = false,
-        }
-        section.finish();
-    }
-    if complete {
-        root.refuse("position", contradiction(&positions));
-    }
+    let (mut positions, complete) = positions(root, sections);
     let mount = mount(&positions);
-    if let Some(rotation) = mount.filter(|rotation| *rotation == rotation.map(f64::round)) {
-        for position in &mut positions {
-            let [outer, inner] = position.angles.unwrap_or_default();
-            position.specific_force = (rotation * Vector3::from(specific_force(outer, inner))).map(|f| f + 0.0).into();
-        }
-    }
-    // All keys are asked for before the first one that is missing ends this function.
-    if ramps_alone && root.has("turn") {
-        root.fault(
-            "turn",
-            "turns need positions, and there are none; give [[position]] and samples, or leave them out",
-        );
-    }
-    let turns = turns(root, complete.then_some(&positions), mount, latitude_deg);
+    take_exact_directions(&mut positions, mount);
+    let turns = turns_of(root, complete.then_some(&positions), ramps_alone, mount, latitude_deg);
     Some(Campaign {
         imu: imu?,
         serial,
-        samples: samples?.into_iter().map(str::to_owned).collect(),
+        samples: samples?,
         gravity_reference: gravity_reference?,
         gravity_local: gravity_local?,
         temperature_unit: unit?,
@@ -200,6 +151,88 @@ fn campaign(root: &Section<'_, '_>, imu: Option<ImuId>, serial: Option<String>) 
         gravity_only,
         temperature_range: temperature_range?,
     })
+}
+
+/// Whether the method needs no turntable. It refuses the keys of one.
+fn gravity_only(root: &Section<'_, '_>) -> bool {
+    let gravity_only = root.optional_choice("method", &[((), GRAVITY_ONLY)]).is_some();
+    let others =
+        ["position", "turn", "ramp", "curves", "soak_s"].into_iter().filter(|key| gravity_only && root.has(key));
+    for key in others {
+        root.ignore(key);
+        root.fault(key, format!("is not for method = \"{GRAVITY_ONLY}\", which knows no directions; leave it out"));
+    }
+    gravity_only
+}
+
+/// The files of the samples. Ramps have their own.
+fn samples(root: &Section<'_, '_>, ramps_alone: bool) -> Option<Vec<String>> {
+    if ramps_alone && !root.has("samples") {
+        return Some(Vec::new());
+    }
+    let samples =
+        root.strings("samples", "the file of the samples, for example \"samples.csv\", or a list of files")?;
+    Some(samples.into_iter().map(str::to_owned).collect())
+}
+
+fn gravity(root: &Section<'_, '_>, key: &'static str, right: &'static str) -> Option<f64> {
+    let value = root.number(key, right);
+    let [low, high] = GRAVITY_RANGE;
+    let wrong = value.filter(|value| !(low..=high).contains(value));
+    root.refuse(key, wrong.map(|value| format!("is {value:?}, give {low} to {high} m/s2")));
+    value
+}
+
+fn positive(root: &Section<'_, '_>, key: &'static str) -> Option<f64> {
+    let value = root.optional_number(key);
+    let wrong = value.filter(|value| *value <= 0.0);
+    root.refuse(key, wrong.map(|value| format!("is {value:?}, give a number over 0")));
+    value
+}
+
+/// The positions that are right, and whether all are.
+fn positions(root: &Section<'_, '_>, sections: Vec<Section<'_, '_>>) -> (Vec<Position>, bool) {
+    let mut positions: Vec<Position> = Vec::new();
+    let mut complete = true;
+    for section in sections {
+        match position(&section) {
+            Some(position) if positions.iter().any(|other| other.number == position.number) => {
+                section.fault("number", format!("{} is there twice", position.number));
+            }
+            Some(position) => positions.push(position),
+            None => complete = false,
+        }
+        section.finish();
+    }
+    if complete {
+        root.refuse("position", contradiction(&positions));
+    }
+    (positions, complete)
+}
+
+/// Where the mounting only exchanges axes, the directions are those of the angles to the last digit.
+fn take_exact_directions(positions: &mut [Position], mount: Option<Matrix3<f64>>) {
+    let Some(rotation) = mount.filter(|rotation| *rotation == rotation.map(f64::round)) else { return };
+    for position in positions {
+        let [outer, inner] = position.angles.unwrap_or_default();
+        position.specific_force = (rotation * Vector3::from(specific_force(outer, inner))).map(|f| f + 0.0).into();
+    }
+}
+
+fn turns_of(
+    root: &Section<'_, '_>,
+    positions: Option<&Vec<Position>>,
+    ramps_alone: bool,
+    mount: Option<Matrix3<f64>>,
+    latitude_deg: Option<f64>,
+) -> Option<Vec<Turn>> {
+    if ramps_alone && root.has("turn") {
+        root.fault(
+            "turn",
+            "turns need positions, and there are none; give [[position]] and samples, or leave them out",
+        );
+    }
+    turns(root, positions, mount, latitude_deg)
 }
 
 /// Where a table without a turntable is valid; the outer `None` if the key is wrong.
@@ -278,11 +311,7 @@ fn position(section: &Section<'_, '_>) -> Option<Position> {
         section.fault("number", "missing; give the number that the samples carry");
     }
     let label = section.optional_string("up").unwrap_or_default().to_owned();
-    let (outer, inner) = (section.optional_number("outer_deg"), section.optional_number("inner_deg"));
-    if outer.is_some() != inner.is_some() {
-        section.fault("", "give both outer_deg and inner_deg, or neither");
-    }
-    let angles = outer.zip(inner).map(|(outer, inner)| [outer, inner]);
+    let (angles, _) = angles(section);
     let force = if section.has("specific_force") {
         direction(section)
     } else if let Some([outer, inner]) = angles {

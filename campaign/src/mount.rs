@@ -126,27 +126,7 @@ pub(crate) fn contradiction(positions: &[Position]) -> Option<String> {
         return None;
     }
     let pairs = pairs(positions)?;
-    // Two directions give a rotation, and a reflection. That of two right positions explains all other right ones.
-    let frame = |a: Vector3<f64>, b: Vector3<f64>, sign: f64| {
-        let across = a.cross(&b);
-        let third = across.try_normalize(MIN_ANGLE)?;
-        Some(Matrix3::from_columns(&[a, third * sign, a.cross(&third)]))
-    };
-    let neighbours = |i: usize| i + 1..pairs.len().min(i + 1 + NEIGHBOURS);
-    let candidates =
-        (0..pairs.len().min(CANDIDATES)).flat_map(|i| neighbours(i).map(move |j| (i, j))).flat_map(|(i, j)| {
-            let ((at_a, stated_a), (at_b, stated_b)) = (pairs[i], pairs[j]);
-            [1.0, -1.0]
-                .into_iter()
-                .filter_map(move |sign| Some(frame(stated_a, stated_b, sign)? * frame(at_a, at_b, 1.0)?.transpose()))
-        });
-    let fitting = |rotation: &Matrix3<f64>| -> Vec<Pair> {
-        // Few digits of two directions are worth less than those of all.
-        pairs.iter().copied().filter(|pair| misfit(rotation, pair) < 3.0 * SAME_DIRECTION).collect()
-    };
-    let most = candidates.map(|rotation| (rotation, fitting(&rotation))).max_by_key(|(_, fitting)| fitting.len());
-    let (rotation, fitting) = most.filter(|(_, fitting)| 4 * fitting.len() >= 3 * pairs.len())?;
-    let rotation = best_rotation(&fitting).unwrap_or(rotation);
+    let rotation = rotation_of_most(&pairs)?;
     let off: Vec<_> =
         positions.iter().zip(&pairs).filter(|(_, pair)| misfit(&rotation, pair) >= SAME_DIRECTION).collect();
     let numbers: Vec<_> = off.iter().map(|(position, _)| position.number.to_string()).collect();
@@ -171,6 +151,32 @@ pub(crate) fn contradiction(positions: &[Position]) -> Option<String> {
             pairs.len() - off.len()
         )),
     }
+}
+
+/// The mounting that explains three quarters of the positions at least.
+fn rotation_of_most(pairs: &[Pair]) -> Option<Matrix3<f64>> {
+    // Two directions give a rotation, and a reflection. That of two right positions explains all other right ones.
+    let neighbours = |i: usize| i + 1..pairs.len().min(i + 1 + NEIGHBOURS);
+    let candidates = (0..pairs.len().min(CANDIDATES)).flat_map(|i| neighbours(i).map(move |j| (i, j)));
+    let candidates = candidates.flat_map(|(i, j)| {
+        let ((at_a, stated_a), (at_b, stated_b)) = (pairs[i], pairs[j]);
+        let rotation = move |sign| Some(frame(stated_a, stated_b, sign)? * frame(at_a, at_b, 1.0)?.transpose());
+        [1.0, -1.0].into_iter().filter_map(rotation)
+    });
+    let fitting = |rotation: &Matrix3<f64>| -> Vec<Pair> {
+        // Few digits of two directions are worth less than those of all.
+        pairs.iter().copied().filter(|pair| misfit(rotation, pair) < 3.0 * SAME_DIRECTION).collect()
+    };
+    let most = candidates.map(|rotation| (rotation, fitting(&rotation))).max_by_key(|(_, fitting)| fitting.len());
+    let (rotation, fitting) = most.filter(|(_, fitting)| 4 * fitting.len() >= 3 * pairs.len())?;
+    Some(best_rotation(&fitting).unwrap_or(rotation))
+}
+
+/// The axes that two directions give, with the third one in the direction `sign`.
+fn frame(a: Vector3<f64>, b: Vector3<f64>, sign: f64) -> Option<Matrix3<f64>> {
+    let across = a.cross(&b);
+    let third = across.try_normalize(MIN_ANGLE)?;
+    Some(Matrix3::from_columns(&[a, third * sign, a.cross(&third)]))
 }
 
 /// What to add to every outer angle, so that angles and stated directions fit: 90 or -90 \[deg\]; `None` if neither

@@ -1,6 +1,7 @@
 //! One position of the turntable.
 
 use crate::geometry::{laboratory_axes, specific_force};
+use isotherm_shared::document::Section;
 use isotherm_shared::wire::AXES;
 
 /// One position of the turntable.
@@ -46,3 +47,12 @@ impl Position {
 
 /// Two directions are the same if all components agree within this: a few digits are enough to state a direction.
 pub const SAME_DIRECTION: f64 = 2e-3;
+
+/// Outer and inner angle of the turntable, if both are stated; and whether neither is.
+pub(crate) fn angles(section: &Section<'_, '_>) -> (Option<[f64; 2]>, bool) {
+    let (outer, inner) = (section.optional_number("outer_deg"), section.optional_number("inner_deg"));
+    if outer.is_some() != inner.is_some() {
+        section.fault("", "give both outer_deg and inner_deg, or neither");
+    }
+    (outer.zip(inner).map(|(outer, inner)| [outer, inner]), outer.is_none() && inner.is_none())
+}

@@ -80,31 +80,38 @@ pub const UNIT_TOLERANCE: f64 = 0.01;
 /// previous sample. The automatic campaign leaves such samples out, `calibrate` refuses them.
 #[must_use]
 pub fn implausible(sample: &RawSample, previous_ns: Option<u64>) -> Option<String> {
-    let RawSample { timestamp_ns, interval_ns, .. } = *sample;
+    let RawSample { interval_ns, .. } = *sample;
     if interval_ns == 0 || interval_ns > MAX_INTERVAL_NS {
         return Some(format!("interval_ns is {interval_ns}, give 1 to {MAX_INTERVAL_NS}"));
     }
-    if let Some(previous_ns) = previous_ns {
-        if timestamp_ns <= previous_ns {
-            let cause = if timestamp_ns == previous_ns { "; is the row there twice?" } else { "" };
-            return Some(format!(
-                "timestamp_ns {timestamp_ns} after {previous_ns}; time must rise from row to row{cause}"
-            ));
-        }
-        // Up to 1.5 times the elapsed time is clock jitter; more is a wrong unit or an overlap.
-        if interval_ns / 3 * 2 > timestamp_ns - previous_ns {
-            let passed = timestamp_ns - previous_ns;
-            let ratio = interval_ns as f64 / passed as f64;
-            let unit = UNIT_FACTORS.into_iter().find(|factor| (ratio / factor - 1.0).abs() < UNIT_TOLERANCE);
-            let cause = unit.map(|factor| {
-                format!(": {factor} times as long, so interval_ns or timestamp_ns is in another unit than nanoseconds")
-            });
-            return Some(format!(
-                "interval_ns is {interval_ns}, but only {passed} ns have passed since the row before; pulses would be counted twice{}",
-                cause.unwrap_or_default()
-            ));
-        }
+    previous_ns.and_then(|previous_ns| implausible_step(sample, previous_ns)).or_else(|| implausible_values(sample))
+}
+
+/// The same, by the time since the previous sample.
+fn implausible_step(sample: &RawSample, previous_ns: u64) -> Option<String> {
+    let RawSample { timestamp_ns, interval_ns, .. } = *sample;
+    if timestamp_ns <= previous_ns {
+        let cause = if timestamp_ns == previous_ns { "; is the row there twice?" } else { "" };
+        return Some(format!("timestamp_ns {timestamp_ns} after {previous_ns}; time must rise from row to row{cause}"));
     }
+    let passed = timestamp_ns - previous_ns;
+    // Up to 1.5 times the elapsed time is clock jitter; more is a wrong unit or an overlap.
+    if interval_ns / 3 * 2 <= passed {
+        return None;
+    }
+    let ratio = interval_ns as f64 / passed as f64;
+    let unit = UNIT_FACTORS.into_iter().find(|factor| (ratio / factor - 1.0).abs() < UNIT_TOLERANCE);
+    let cause = unit.map(|factor| {
+        format!(": {factor} times as long, so interval_ns or timestamp_ns is in another unit than nanoseconds")
+    });
+    Some(format!(
+        "interval_ns is {interval_ns}, but only {passed} ns have passed since the row before; pulses would be counted twice{}",
+        cause.unwrap_or_default()
+    ))
+}
+
+/// The same, by telemetry and counters.
+fn implausible_values(sample: &RawSample) -> Option<String> {
     for (axis, accelerometer) in AXIS_NAMES.iter().enumerate() {
         for (telemetry, name) in [
             (sample.accelerometers.head_temperature[axis], "head"),

@@ -1,7 +1,7 @@
 //! The turns of a campaign file: `[[turn]]`, from rest to rest about one axis of the turntable.
 
 use crate::geometry::{outer_axis, specific_force};
-use crate::position::{Position, SAME_DIRECTION};
+use crate::position::{Position, SAME_DIRECTION, angles};
 use isotherm_shared::document::Section;
 use isotherm_shared::wire::AXES;
 use nalgebra::{Matrix3, Vector3};
@@ -114,32 +114,8 @@ fn turn(section: &Section<'_, '_>, angles_wanted: Option<bool>, mount: Option<Ma
         section.fault("number", "missing; give the number that the samples carry in the column position");
     }
     let axis = unit(section, "axis", section.numbers("axis", AXIS), AXIS);
-    let angle_deg = section.number("angle_deg", "the angle in degrees, right-handed about the axis, signed");
-    let angle_deg = angle_deg.filter(|angle| {
-        let fault = match angle.abs() {
-            0.0 => Some("is 0; give the angle of the turn".to_owned()),
-            size if size > LARGEST_ANGLE => Some(format!("is {angle:?}, give at most {LARGEST_ANGLE} degrees")),
-            _ => None,
-        };
-        let right = fault.is_none();
-        section.refuse("angle_deg", fault);
-        right
-    });
-    let (outer, inner) = (section.optional_number("outer_deg"), section.optional_number("inner_deg"));
-    if outer.is_some() != inner.is_some() {
-        section.fault("", "give both outer_deg and inner_deg, or neither");
-    }
-    let angles = outer.zip(inner).map(|(outer, inner)| [outer, inner]);
-    match (angles_wanted, angles) {
-        (Some(true), None) if outer.is_none() && inner.is_none() => {
-            section.fault("", "give outer_deg and inner_deg, where the turn begins: the positions have them too");
-        }
-        (Some(false), Some(_)) => {
-            section
-                .fault("outer_deg", "the positions have no angles; give outer_deg and inner_deg everywhere or nowhere");
-        }
-        _ => {}
-    }
+    let angle_deg = angle_of_turn(section);
+    let angles = angles_at_start(section, angles_wanted);
     let stated = if section.has("specific_force") {
         Some(unit(section, "specific_force", section.numbers("specific_force", FORCE), FORCE)?)
     } else {
@@ -155,6 +131,35 @@ fn turn(section: &Section<'_, '_>, angles_wanted: Option<bool>, mount: Option<Ma
     let number = u32::try_from(number?).ok()?;
     let start = Position { number, label: String::new(), angles, specific_force: force.into() };
     Some(Turn { start, axis: axis.into(), angle_deg: angle_deg?, about })
+}
+
+/// The angle of the turn \[deg\].
+fn angle_of_turn(section: &Section<'_, '_>) -> Option<f64> {
+    let angle = section.number("angle_deg", "the angle in degrees, right-handed about the axis, signed")?;
+    let fault = match angle.abs() {
+        0.0 => Some("is 0; give the angle of the turn".to_owned()),
+        size if size > LARGEST_ANGLE => Some(format!("is {angle:?}, give at most {LARGEST_ANGLE} degrees")),
+        _ => None,
+    };
+    let right = fault.is_none();
+    section.refuse("angle_deg", fault);
+    right.then_some(angle)
+}
+
+/// The angles at which the turn begins.
+fn angles_at_start(section: &Section<'_, '_>, angles_wanted: Option<bool>) -> Option<[f64; 2]> {
+    let (angles, neither) = angles(section);
+    match (angles_wanted, angles) {
+        (Some(true), None) if neither => {
+            section.fault("", "give outer_deg and inner_deg, where the turn begins: the positions have them too");
+        }
+        (Some(false), Some(_)) => {
+            section
+                .fault("outer_deg", "the positions have no angles; give outer_deg and inner_deg everywhere or nowhere");
+        }
+        _ => {}
+    }
+    angles
 }
 
 type OnTheTable = (Vector3<f64>, Vector3<f64>, Option<(TableAxis, f64)>);

@@ -6,6 +6,7 @@
 use crate::requirement::{Judgement, Requirement, all_met};
 use crate::stability::LocalGravity;
 use crate::verdict::Estimate;
+use core::ops::Range;
 use isotherm_calibration::{Reading, error_of_length, errors_of_means};
 use isotherm_campaign::{StandstillError, TUMBLED, begins_ns, find_standstills};
 use isotherm_shared::compensate::answer;
@@ -73,6 +74,34 @@ pub enum LengthsError {
     Invalid,
 }
 
+impl Length {
+    /// The output over a standstill; `None` if it is not valid. `errors` are those of the mean, `gravity` is in g0.
+    fn of(
+        table: &CoefficientTable,
+        rows: &[RawSample],
+        reading: Reading,
+        errors: [f64; AXES],
+        gravity: f64,
+    ) -> Option<Self> {
+        let mut sum = Vector3::zeros();
+        for row in &rows[reading.rows.clone()] {
+            sum += Vector3::from(answer(Some(table), row).velocity_increment);
+        }
+        let force = sum / reading.seconds / table.content().gravity;
+        if !force.norm().is_finite() {
+            return None;
+        }
+        let scale_factor = |axis: usize| {
+            let at = &table.content().axes[axis].positive_scale_factor;
+            at.at(at.clamp(reading.board[axis]))
+        };
+        let half = error_of_length(&force, errors, scale_factor) * student_quantile(CONFIDENCE, NOISE_FREEDOM);
+        let error = Estimate { value: force.norm() - gravity, interval: half };
+        let out_of_range = is_out_of_range(table, &reading);
+        Some(Self { reading, force: force.into(), error, out_of_range })
+    }
+}
+
 impl Lengths {
     /// Compares the lengths over the standstills of `rows`, with windows of `window_s` seconds for the search.
     /// `other_device` says whether samples of another unit than the table's are judged.
@@ -91,40 +120,18 @@ impl Lengths {
         if others > 0 && !other_device {
             return Err(LengthsError::OtherDevice(others));
         }
-        let unit = table.content().gravity;
-        let gravity = gravity_source.value().ok_or(LengthsError::Gravity)? / unit;
+        let gravity = gravity_source.value().ok_or(LengthsError::Gravity)? / table.content().gravity;
         let found = find_standstills(rows, window_s, TUMBLED)?;
         let begins_ns = begins_ns(rows);
-        let readings: Vec<Reading> = found
-            .found
-            .into_iter()
-            .enumerate()
-            .map(|(index, range)| {
-                let start_s = begins_ns[range.start] as f64 / 1e9;
-                Reading::of(index + 1, 0, rows, range, start_s, found.noise, false)
-            })
-            .collect();
-        let noise = errors_of_means(&readings);
-        let count = readings.len();
-        let mut standstills = Vec::new();
-        for (reading, errors) in readings.into_iter().zip(noise) {
-            let mut sum = Vector3::zeros();
-            for row in &rows[reading.rows.clone()] {
-                sum += Vector3::from(answer(Some(table), row).velocity_increment);
-            }
-            let force = sum / reading.seconds / unit;
-            if !force.norm().is_finite() {
-                continue;
-            }
-            let scale_factor = |axis: usize| {
-                let at = &table.content().axes[axis].positive_scale_factor;
-                at.at(at.clamp(reading.board[axis]))
-            };
-            let half = error_of_length(&force, errors, scale_factor) * student_quantile(CONFIDENCE, NOISE_FREEDOM);
-            let error = Estimate { value: force.norm() - gravity, interval: half };
-            let out_of_range = is_out_of_range(table, &reading);
-            standstills.push(Length { reading, force: force.into(), error, out_of_range });
-        }
+        let reading = |(index, range): (usize, Range<usize>)| {
+            let start_s = begins_ns[range.start] as f64 / 1e9;
+            Reading::of(index + 1, 0, rows, range, start_s, found.noise, false)
+        };
+        let readings: Vec<Reading> = found.found.into_iter().enumerate().map(reading).collect();
+        let (noise, count) = (errors_of_means(&readings), readings.len());
+        let lengths =
+            readings.into_iter().zip(noise).map(|(reading, errors)| Length::of(table, rows, reading, errors, gravity));
+        let standstills: Vec<Length> = lengths.flatten().collect();
         if standstills.is_empty() {
             return Err(LengthsError::Invalid);
         }

@@ -83,38 +83,15 @@ impl Checker<'_> {
                 add(&mut offset, column, most);
             }
         }
-        let mut report = |severity, name, message| self.findings.push(Finding::whole(severity, name, message));
-        if let Some((columns, slope)) = steep {
-            let cause = if (slope - 1.8).abs() < 0.15 {
-                "it looks like degrees Fahrenheit; convert it, (F - 32) / 1.8, or state the unit that it has".to_owned()
-            } else {
-                "state the unit that it has as temperature_unit".to_owned()
-            };
-            let message = format!(
-                "telemetry ({}) changes by {slope:.2} for each degC of the set points, under temperature_unit = \"{unit}\": {cause}",
-                list(&columns)
-            );
-            report(Severity::Fault, name::TELEMETRY_SLOPE, message);
-        }
-        if let Some((columns, usual)) = far {
-            let cause = match usual {
-                230.0..=320.0 => "it looks like kelvin; state temperature_unit = \"K\", or convert it",
-                -320.0..=-230.0 => "it looks like degC; state temperature_unit = \"degC\", or convert it",
-                _ => "state the unit that it has as temperature_unit",
-            };
-            let message = format!(
-                "telemetry ({}) is {usual:.0} {unit} off the set points, more than any IMU from its chamber: {cause}",
-                list(&columns)
-            );
-            report(Severity::Fault, name::TELEMETRY_OFFSET, message);
-        }
-        if let Some((columns, most)) = offset {
+        self.findings.extend(steep.map(|(columns, slope)| too_steep(&columns, slope, &unit)));
+        self.findings.extend(far.map(|(columns, usual)| too_far(&columns, usual, &unit)));
+        self.findings.extend(offset.map(|(columns, most)| {
             let message = format!(
                 "telemetry ({}) is up to {most:.0} {unit} off the set points; is the IMU heated, and is {unit} its unit?",
                 list(&columns)
             );
-            report(Severity::Warning, name::TELEMETRY_OFFSET, message);
-        }
+            Finding::warning(name::TELEMETRY_OFFSET, message)
+        }));
     }
 
     /// `[K+, |K-|]` of each accelerometer, where its dwells are consistent, against each other.
@@ -213,6 +190,34 @@ fn exchanged(means: &[(f64, f64)]) -> Option<[f64; 2]> {
     let mut found = (0..values.len()).flat_map(|i| (i + 1..values.len()).map(move |j| (i, j))).filter(ordered);
     let (i, j) = found.next()?;
     found.next().is_none().then(|| [values[i], values[j]])
+}
+
+/// Telemetry that changes by more than the set points.
+fn too_steep(columns: &[String], slope: f64, unit: &str) -> Finding {
+    let cause = if (slope - 1.8).abs() < 0.15 {
+        "it looks like degrees Fahrenheit; convert it, (F - 32) / 1.8, or state the unit that it has"
+    } else {
+        "state the unit that it has as temperature_unit"
+    };
+    let message = format!(
+        "telemetry ({}) changes by {slope:.2} for each degC of the set points, under temperature_unit = \"{unit}\": {cause}",
+        list(columns)
+    );
+    Finding::fault(name::TELEMETRY_SLOPE, message)
+}
+
+/// Telemetry that no IMU has at these set points.
+fn too_far(columns: &[String], usual: f64, unit: &str) -> Finding {
+    let cause = match usual {
+        230.0..=320.0 => "it looks like kelvin; state temperature_unit = \"K\", or convert it",
+        -320.0..=-230.0 => "it looks like degC; state temperature_unit = \"degC\", or convert it",
+        _ => "state the unit that it has as temperature_unit",
+    };
+    let message = format!(
+        "telemetry ({}) is {usual:.0} {unit} off the set points, more than any IMU from its chamber: {cause}",
+        list(columns)
+    );
+    Finding::fault(name::TELEMETRY_OFFSET, message)
 }
 
 #[cfg(test)]

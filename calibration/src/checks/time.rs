@@ -91,14 +91,24 @@ impl Checker<'_> {
                 format!("the intervals add up to {ratio:.4} of the time that passed: {cause}"),
             );
         }
+        self.duration(line);
+        self.short_dwells();
+    }
+
+    /// A campaign that lasts too long.
+    fn duration(&mut self, line: Option<u64>) {
         let all_s = match (self.dwells.first(), self.dwells.last()) {
             (Some(first), Some(last)) => last.time_ns[1].saturating_sub(first.time_ns[0]) as f64 / 1e9,
             _ => 0.0,
         };
         if all_s > LONG_CAMPAIGN {
             let message = format!("the campaign lasts {:.0} days; are the times in ns?", all_s / 86_400.0);
-            report(Severity::Warning, name::DURATION, message);
+            self.findings.push(Finding { line, ..Finding::warning(name::DURATION, message) });
         }
+    }
+
+    /// Dwells that are cut short.
+    fn short_dwells(&mut self) {
         let usual = median(self.dwells.iter().map(|dwell| dwell.sums.seconds));
         for dwell in 0..self.dwells.len() {
             let (seconds, lines) = (self.dwells[dwell].sums.seconds, self.dwells[dwell].lines);

@@ -14,64 +14,31 @@ impl Trials<'_> {
 
     /// Name and words of a hypothesis that holds at the set points `scope`.
     pub(super) fn describe(&self, hypothesis: &Hypothesis, scope: &[usize]) -> (&'static str, String) {
-        let mut values: Vec<String> = scope.iter().map(|&i| self.set_points[i].set_point_c.to_string()).collect();
-        values.dedup();
         let everywhere = scope.len() == self.set_points.len();
-        let place = match (everywhere, scope) {
-            (true, _) => String::new(),
-            (false, [one]) => format!(" at set point {} degC", self.set_points[*one].set_point_c),
-            (false, _) => {
-                format!(" at {} of {} set points ({} degC)", scope.len(), self.set_points.len(), values.join(", "))
-            }
-        };
-        let file = |mend: &str| {
-            if everywhere {
-                format!("{mend} in the campaign file")
-            } else {
-                format!("{mend} in these rows of the samples")
-            }
-        };
+        let place = self.place(scope);
+        let file = if everywhere { "in the campaign file" } else { "in these rows of the samples" };
         match hypothesis {
             Hypothesis::Positions(PositionMistake::Exchanged(i, j), _) => {
                 let (i, j) = (self.number(*i).min(self.number(*j)), self.number(*i).max(self.number(*j)));
-                let mend = file("exchange their numbers");
-                (name::POSITIONS_EXCHANGED, format!("positions {i} and {j} look exchanged{place}: {mend}"))
+                let text = format!("positions {i} and {j} look exchanged{place}: exchange their numbers {file}");
+                (name::POSITIONS_EXCHANGED, text)
             }
             Hypothesis::Positions(PositionMistake::Shifted(by), positions) => {
-                let (first, actual) = (self.number(0), self.number(positions[0]));
+                let (first, actual, by) = (self.number(0), self.number(positions[0]), by.abs());
                 let text = format!(
-                    "the position numbers look shifted by {} along the campaign file's list{place}: rows of number {first} were measured in \
-                     position {actual}, and so on; {}",
-                    by.abs(),
-                    file("correct the numbers")
+                    "the position numbers look shifted by {by} along the campaign file's list{place}: rows of number {first} were measured in \
+                     position {actual}, and so on; correct the numbers {file}"
                 );
                 (name::POSITIONS_EXCHANGED, text)
             }
             Hypothesis::Axes { order, sign } => self.describe_axes(*order, *sign, &place, everywhere),
-            Hypothesis::Cables([a, first], [b, second]) => {
-                let word = |channel: usize| ["+", "-"][channel];
-                let column =
-                    |axis: usize, channel: usize| format!("a{}_{}", axis + 1, ["positive", "negative"][channel]);
-                let here = if everywhere { "" } else { " in these rows" };
-                let text = format!(
-                    "the {} channel of {} and the {} channel of {} look exchanged{place}: exchange their cables, or the columns {} and {}{here}",
-                    word(*first),
-                    AXIS_NAMES[*a],
-                    word(*second),
-                    AXIS_NAMES[*b],
-                    column(*a, *first),
-                    column(*b, *second)
-                );
-                (name::CHANNELS_EXCHANGED, text)
-            }
+            Hypothesis::Cables(a, b) => (name::CHANNELS_EXCHANGED, describe_cables(*a, *b, &place, everywhere)),
             Hypothesis::Angles(off) => {
                 let (key, off) = if off[0] != 0.0 { ("outer_deg", off[0]) } else { ("inner_deg", off[1]) };
-                (
-                    name::HEADING,
-                    format!(
-                        "{key} of every position looks off by {off} degrees{place}: add {off} to it, and correct specific_force"
-                    ),
-                )
+                let text = format!(
+                    "{key} of every position looks off by {off} degrees{place}: add {off} to it, and correct specific_force"
+                );
+                (name::HEADING, text)
             }
             Hypothesis::Off(position) => {
                 (name::POSITION_OFF, self.describe_off(*position, scope, &[*position], &place))
@@ -83,6 +50,18 @@ impl Trials<'_> {
                 );
                 (name::INTERVAL, text)
             }
+        }
+    }
+
+    /// ` at set point 5 degC`; nothing for all set points.
+    fn place(&self, scope: &[usize]) -> String {
+        let of = |i: usize| self.set_points[i].set_point_c;
+        let mut values: Vec<String> = scope.iter().map(|&i| of(i).to_string()).collect();
+        values.dedup();
+        match scope {
+            _ if scope.len() == self.set_points.len() => String::new(),
+            [one] => format!(" at set point {} degC", of(*one)),
+            _ => format!(" at {} of {} set points ({} degC)", scope.len(), self.set_points.len(), values.join(", ")),
         }
     }
 
@@ -109,39 +88,7 @@ impl Trials<'_> {
         // Then the angles may be wrong alone, in a file without directions too.
         let along = self.campaign.mount == Some(Matrix3::identity());
         match (own.as_slice(), flipped.as_slice()) {
-            ([_, _, _], [axis]) => {
-                let (name, column) = (AXIS_NAMES[*axis], axis + 1);
-                let mirrored = if along && *axis == 0 { ", or the sign of every inner_deg" } else { "" };
-                let text = format!(
-                    "the two channels of {name} look exchanged{place}, or the sign of {name} in every specific_force{mirrored} (the data are the \
-                     same): exchange a{column}_positive and a{column}_negative{}",
-                    or_file("correct the positions")
-                );
-                (name::CHANNELS_EXCHANGED, text)
-            }
-            ([_, _, _], [a, b]) => {
-                let about = 3 - a - b;
-                let text = format!(
-                    "the IMU looks turned by 180 degrees about {} against the campaign file{place} (heading, inner_deg or mounting), or the \
-                     channels of {} and {} are exchanged (the data are the same): correct the angles and specific_force of every position{}",
-                    AXIS_NAMES[about],
-                    AXIS_NAMES[*a],
-                    AXIS_NAMES[*b],
-                    if along && about == 2 { "; add 180 to every inner_deg" } else { "" }
-                );
-                (name::HEADING, text)
-            }
-            ([_, _, _], _) => {
-                let (outer, add) = match along {
-                    true => (", or outer_deg of every position is off by 180 degrees", "; add 180 to every outer_deg"),
-                    false => ("", ""),
-                };
-                let text = format!(
-                    "every specific_force looks to have the wrong sign{place}{outer}, or all channels are exchanged (the data are the same): the \
-                     specific force of an axis that points up is +1; correct the positions{add}, or exchange the columns"
-                );
-                (name::CHANNELS_EXCHANGED, text)
-            }
+            ([_, _, _], flipped) => describe_signs(flipped, place, along, &or_file("correct the positions")),
             ([_], []) => {
                 let pair: Vec<_> = (0..AXES).filter(|axis| !own.contains(axis)).map(|axis| AXIS_NAMES[axis]).collect();
                 let text = format!(
@@ -233,5 +180,58 @@ impl Trials<'_> {
             true => format!(", as at outer_deg = {outer_at:.2} instead of {outer}"),
             false => format!(", as at inner_deg = {inner_at:.2} instead of {inner}"),
         })
+    }
+}
+
+/// Single channels of two accelerometers that are exchanged.
+fn describe_cables(a: [usize; 2], b: [usize; 2], place: &str, everywhere: bool) -> String {
+    let channel = |[axis, channel]: [usize; 2]| format!("the {} channel of {}", ["+", "-"][channel], AXIS_NAMES[axis]);
+    let column = |[axis, channel]: [usize; 2]| format!("a{}_{}", axis + 1, ["positive", "negative"][channel]);
+    let here = if everywhere { "" } else { " in these rows" };
+    format!(
+        "{} and {} look exchanged{place}: exchange their cables, or the columns {} and {}{here}",
+        channel(a),
+        channel(b),
+        column(a),
+        column(b)
+    )
+}
+
+/// Every accelerometer in its own columns, and those in `flipped` with the other sign. `along` says whether the IMU is
+/// along the turntable's axes, `or_file` how the campaign file can be corrected instead.
+fn describe_signs(flipped: &[usize], place: &str, along: bool, or_file: &str) -> (&'static str, String) {
+    match flipped {
+        [axis] => {
+            let (name, column) = (AXIS_NAMES[*axis], axis + 1);
+            let mirrored = if along && *axis == 0 { ", or the sign of every inner_deg" } else { "" };
+            let text = format!(
+                "the two channels of {name} look exchanged{place}, or the sign of {name} in every specific_force{mirrored} (the data are the \
+                 same): exchange a{column}_positive and a{column}_negative{or_file}"
+            );
+            (name::CHANNELS_EXCHANGED, text)
+        }
+        [a, b] => {
+            let about = 3 - a - b;
+            let text = format!(
+                "the IMU looks turned by 180 degrees about {} against the campaign file{place} (heading, inner_deg or mounting), or the \
+                 channels of {} and {} are exchanged (the data are the same): correct the angles and specific_force of every position{}",
+                AXIS_NAMES[about],
+                AXIS_NAMES[*a],
+                AXIS_NAMES[*b],
+                if along && about == 2 { "; add 180 to every inner_deg" } else { "" }
+            );
+            (name::HEADING, text)
+        }
+        _ => {
+            let (outer, add) = match along {
+                true => (", or outer_deg of every position is off by 180 degrees", "; add 180 to every outer_deg"),
+                false => ("", ""),
+            };
+            let text = format!(
+                "every specific_force looks to have the wrong sign{place}{outer}, or all channels are exchanged (the data are the same): the \
+                 specific force of an axis that points up is +1; correct the positions{add}, or exchange the columns"
+            );
+            (name::CHANNELS_EXCHANGED, text)
+        }
     }
 }

@@ -126,34 +126,40 @@ impl Checker<'_> {
             );
             self.findings.push(Finding::whole(Severity::Fault, name::MISSING_TURN, message));
         }
-        for (index, &set_point_c) in self.data.set_points_c.iter().enumerate() {
-            let has =
-                |turn: usize| self.data.turns.iter().any(|(place, run)| *place == index && run.run.position == turn);
-            let missing: Vec<_> = (0..self.data.campaign.turns.len())
-                .filter(|turn| !has(*turn))
-                .map(|turn| self.data.campaign.turns[turn].start.number)
-                .filter(|number| !excluded.contains(&(set_point_c, *number)) && !nowhere.contains(number))
-                .map(|number| number.to_string())
-                .collect();
-            if !missing.is_empty() {
-                let (noun, verb, it) = if missing.len() == 1 { ("turn", "is", "it") } else { ("turns", "are", "each") };
-                let message = format!(
-                    "{noun} {} of the campaign file {verb} missing; take {it}, or leave {it} out knowingly with --exclude {set_point_c}/{}; if no other turn drives its channel there, leave every position and turn of the set point out",
-                    missing.join(", "),
-                    missing[0]
-                );
-                self.findings.push(Finding {
-                    severity: Severity::Fault,
-                    name: name::MISSING_TURN,
-                    line: None,
-                    place: Some(Location::SetPoint(set_point_c, None)),
-                    message,
-                });
-            }
+        for index in 0..self.data.set_points_c.len() {
+            self.missing_at(index, excluded, &nowhere);
         }
         for turn in &self.data.strays {
             let message = "there are no positions at this set point; measure them, or take the rows of the turn out";
             self.fault(name::MISSING_POSITION, turn, turn.run.lines[0], message);
+        }
+    }
+
+    /// Turns that are missing at one set point, but not `nowhere`.
+    fn missing_at(&mut self, set_point: usize, excluded: &[(f64, u32)], nowhere: &[u32]) {
+        let set_point_c = self.data.set_points_c[set_point];
+        let has =
+            |turn: usize| self.data.turns.iter().any(|(place, run)| *place == set_point && run.run.position == turn);
+        let missing: Vec<_> = (0..self.data.campaign.turns.len())
+            .filter(|turn| !has(*turn))
+            .map(|turn| self.data.campaign.turns[turn].start.number)
+            .filter(|number| !excluded.contains(&(set_point_c, *number)) && !nowhere.contains(number))
+            .map(|number| number.to_string())
+            .collect();
+        if !missing.is_empty() {
+            let (noun, verb, it) = if missing.len() == 1 { ("turn", "is", "it") } else { ("turns", "are", "each") };
+            let message = format!(
+                "{noun} {} of the campaign file {verb} missing; take {it}, or leave {it} out knowingly with --exclude {set_point_c}/{}; if no other turn drives its channel there, leave every position and turn of the set point out",
+                missing.join(", "),
+                missing[0]
+            );
+            self.findings.push(Finding {
+                severity: Severity::Fault,
+                name: name::MISSING_TURN,
+                line: None,
+                place: Some(Location::SetPoint(set_point_c, None)),
+                message,
+            });
         }
     }
 

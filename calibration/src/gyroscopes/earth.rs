@@ -128,26 +128,7 @@ impl LeftOver {
         set_points: usize,
         solution: &TriadSolution,
     ) -> Option<Self> {
-        // In a position or turn the heading is the same at every set point, but nobody knows it: two directions a
-        // place.
-        let mut sources: BTreeMap<(bool, usize), [RateInput; 2]> = BTreeMap::new();
-        for (index, (run, place)) in runs.iter().zip(places).enumerate() {
-            let directions = match (run.turn, run.group) {
-                (Some(turn), _) => {
-                    level_direction(turn.axis, run.force.normalize()).map(|along| [along, Vector3::zeros()])
-                }
-                (None, None) => Some(across(run.force.normalize())),
-                (None, Some(_)) => None,
-            };
-            let key = match place.place {
-                Place::Position(position) => (false, position),
-                Place::Turn(turn) => (true, turn),
-            };
-            if let Some(directions) = directions {
-                let of_place = sources.entry(key).or_default();
-                (0..2).for_each(|k| of_place[k].push((index, directions[k])));
-            }
-        }
+        let sources = Self::sources(runs, places);
         if sources.is_empty() {
             return None;
         }
@@ -176,6 +157,30 @@ impl LeftOver {
             g_sensitivity: largest(5..8),
             from,
         })
+    }
+
+    /// The runs that see the unknown rate, by position or turn (then true). In each the heading is the same at every
+    /// set point, but nobody knows it: two directions a place.
+    fn sources(runs: &[Run<'_>], places: &[FittedRun]) -> BTreeMap<(bool, usize), [RateInput; 2]> {
+        let mut sources: BTreeMap<(bool, usize), [RateInput; 2]> = BTreeMap::new();
+        for (index, (run, place)) in runs.iter().zip(places).enumerate() {
+            let directions = match (run.turn, run.group) {
+                (Some(turn), _) => {
+                    level_direction(turn.axis, run.force.normalize()).map(|along| [along, Vector3::zeros()])
+                }
+                (None, None) => Some(across(run.force.normalize())),
+                (None, Some(_)) => None,
+            };
+            let key = match place.place {
+                Place::Position(position) => (false, position),
+                Place::Turn(turn) => (true, turn),
+            };
+            if let Some(directions) = directions {
+                let of_place = sources.entry(key).or_default();
+                (0..2).for_each(|k| of_place[k].push((index, directions[k])));
+            }
+        }
+        sources
     }
 
     pub(super) fn finding(&self) -> Finding {
@@ -215,9 +220,8 @@ fn level_direction(axis: Vector3<f64>, up: Vector3<f64>) -> Option<Vector3<f64>>
 /// - Turns of a set point about the same axis, up or down, from the same specific force begin at the same heading. What
 ///   is across the axis is the same in all of them. What is along the axis, if it is not vertical, is left out.
 pub(super) fn eliminate_horizontal(runs: &mut [Run<'_>], places: &[FittedRun]) {
-    let (mut groups, mut next) = (0, 0);
+    let (mut group, mut next) = (0, 0);
     let set_points = places.iter().map(|place| place.set_point + 1).max().unwrap_or(0);
-    let same = |a: &Vector3<f64>, b: &Vector3<f64>| (a - b).amax() < SAME_DIRECTION;
     for set_point in 0..set_points {
         let here: Vec<usize> = (0..runs.len()).filter(|run| places[*run].set_point == set_point).collect();
         let mut done = vec![false; runs.len()];
@@ -225,55 +229,77 @@ pub(super) fn eliminate_horizontal(runs: &mut [Run<'_>], places: &[FittedRun]) {
             if done[first] {
                 continue;
             }
-            let (force, axis) = (runs[first].force.normalize(), runs[first].turn.map(|turn| turn.axis));
-            let alike = |run: &usize| {
-                let other = &runs[*run];
-                let axes = match (axis, other.turn) {
-                    (Some(axis), Some(turn)) => same(&axis, &turn.axis) || same(&axis, &-turn.axis),
-                    (None, None) => true,
-                    _ => false,
-                };
-                axes && same(&force, &other.force.normalize())
-            };
-            let members: Vec<usize> = here.iter().copied().filter(alike).collect();
+            let members: Vec<usize> = here.iter().copied().filter(|run| alike(&runs[first], &runs[*run])).collect();
             members.iter().for_each(|member| done[*member] = true);
-            let directions = across(force);
-            if let Some(axis) = axis {
-                let unknown = match level_direction(axis, force) {
-                    None => directions.to_vec(),
-                    Some(along) => vec![force.cross(&along)],
-                };
-                for &member in &members {
-                    runs[member].horizontal = (next..).zip(unknown.iter().copied()).collect();
-                    runs[member].group = Some(groups);
-                }
-                next += unknown.len();
-                groups += 1;
-                continue;
-            }
-            let mut positions: Vec<usize> = members.iter().map(|member| place_number(places[*member].place)).collect();
-            positions.sort_unstable();
-            positions.dedup();
-            if positions.len() % 2 == 1 {
-                continue;
-            }
-            let last = positions.len() - 1;
-            for &member in &members {
-                let number = positions.iter().position(|p| *p == place_number(places[member].place)).unwrap_or(last);
-                let component = |k: usize, sign: f64| {
-                    directions.iter().enumerate().map(move |(d, direction)| (next + 2 * k + d, direction * sign))
-                };
-                runs[member].horizontal = if number == last {
-                    (0..last).flat_map(|k| component(k, -1.0)).collect()
-                } else {
-                    component(number, 1.0).collect()
-                };
-                runs[member].group = Some(groups);
-            }
-            next += 2 * last;
-            groups += 1;
+            let unknowns = match runs[first].turn {
+                Some(turn) => of_turns(runs, &members, turn.axis, runs[first].force.normalize(), next),
+                None => of_positions(runs, &members, places, runs[first].force.normalize(), next),
+            };
+            let Some(unknowns) = unknowns else { continue };
+            members.iter().for_each(|member| runs[*member].group = Some(group));
+            next += unknowns;
+            group += 1;
         }
     }
+}
+
+/// Whether two runs have the same specific force, and turns the same axis, up or down.
+fn alike(first: &Run<'_>, other: &Run<'_>) -> bool {
+    let same = |a: &Vector3<f64>, b: &Vector3<f64>| (a - b).amax() < SAME_DIRECTION;
+    let axes = match (first.turn, other.turn) {
+        (Some(first), Some(other)) => same(&first.axis, &other.axis) || same(&first.axis, &-other.axis),
+        (None, None) => true,
+        _ => false,
+    };
+    axes && same(&first.force.normalize(), &other.force.normalize())
+}
+
+/// Gives alike turns the unknowns from `next` on, and returns their number.
+fn of_turns(
+    runs: &mut [Run<'_>],
+    members: &[usize],
+    axis: Vector3<f64>,
+    force: Vector3<f64>,
+    next: usize,
+) -> Option<usize> {
+    let unknown = match level_direction(axis, force) {
+        None => across(force).to_vec(),
+        Some(along) => vec![force.cross(&along)],
+    };
+    for &member in members {
+        runs[member].horizontal = (next..).zip(unknown.iter().copied()).collect();
+    }
+    Some(unknown.len())
+}
+
+/// Gives runs in alike positions the unknowns from `next` on, and returns their number: two for each position but the
+/// last, which has the opposite of their sum. `None` if the number of positions is odd.
+fn of_positions(
+    runs: &mut [Run<'_>],
+    members: &[usize],
+    places: &[FittedRun],
+    force: Vector3<f64>,
+    next: usize,
+) -> Option<usize> {
+    let mut positions: Vec<usize> = members.iter().map(|member| place_number(places[*member].place)).collect();
+    positions.sort_unstable();
+    positions.dedup();
+    if positions.len() % 2 == 1 {
+        return None;
+    }
+    let (last, directions) = (positions.len() - 1, across(force));
+    let component = |k: usize, sign: f64| {
+        directions.iter().enumerate().map(move |(d, direction)| (next + 2 * k + d, direction * sign))
+    };
+    for &member in members {
+        let number = positions.iter().position(|p| *p == place_number(places[member].place)).unwrap_or(last);
+        runs[member].horizontal = if number == last {
+            (0..last).flat_map(|k| component(k, -1.0)).collect()
+        } else {
+            component(number, 1.0).collect()
+        };
+    }
+    Some(2 * last)
 }
 
 fn place_number(place: Place) -> usize {

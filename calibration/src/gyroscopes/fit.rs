@@ -23,6 +23,7 @@
 
 use super::runs::{AT_REST, TurnBlock};
 use crate::one_stage::{OneStageError, SetPointValues};
+use crate::sensor::ReducedSensor;
 use isotherm_shared::units::ARCSEC;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{Curve, LeastSquares, MAX_SVD_STEPS, least_squares, student_quantile};
@@ -670,6 +671,18 @@ pub struct ReducedSetPoint {
     pub freedom: usize,
     /// Condition number of the equations.
     pub condition: f64,
+}
+
+impl ReducedSetPoint {
+    /// What both triads have.
+    pub(crate) fn sensors(&self) -> [ReducedSensor<'_>; AXES] {
+        [0, 1, 2].map(|axis| ReducedSensor {
+            telemetry: self.telemetry[axis],
+            values: &self.values[axis],
+            standard_errors: &self.standard_errors[axis],
+            freedom: self.freedom,
+        })
+    }
 }
 
 /// Reduces the runs of one set point. `start` has constant curves.

@@ -13,7 +13,7 @@ use isotherm_campaign::{
 };
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// Length of a dwell \[s\].
 const DWELL: f64 = 300.0;
@@ -213,44 +213,37 @@ type Candidate = (String, Vec<Position>, Vec<Turn>);
 /// What could be added: faces in four headings and turns of the turntable; without angles, faces in two headings and
 /// turns about the vertical.
 fn candidates(campaign: &Campaign) -> Vec<Candidate> {
+    match campaign.mount {
+        Some(mount) => at_angles(mount),
+        None => (0..AXES).flat_map(|axis| [1.0, -1.0].map(|sign| (axis, sign))).flat_map(about_vertical).collect(),
+    }
+}
+
+fn position(force: Vector3<f64>, angles: Option<[f64; 2]>) -> Position {
+    Position { number: 0, label: String::new(), angles, specific_force: force.map(|f| f + 0.0).into() }
+}
+
+/// A turn in each direction.
+fn both_turns(start: &Position, axis: Vector3<f64>) -> Vec<Turn> {
+    let turn = |angle_deg| Turn { start: start.clone(), axis: axis.into(), angle_deg, about: None };
+    vec![turn(360.0), turn(-360.0)]
+}
+
+/// Positions, and turns, with one axis up or down.
+fn about_vertical((axis, sign): (usize, f64)) -> [Candidate; 2] {
+    let mut force = Vector3::zeros();
+    force[axis] = sign;
+    let start = position(force, None);
+    let name = AXIS_NAMES[axis];
+    let word = if sign > 0.0 { "up" } else { "down" };
+    let positions = format!("two positions with {name} {word}, in headings 180 degrees apart");
+    let turns = format!("turns of 360 and -360 degrees about {} with {name} {word}", vector_words(force.abs()));
+    [(positions, vec![start.clone(), start.clone()], Vec::new()), (turns, Vec::new(), both_turns(&start, force.abs()))]
+}
+
+/// Faces in four headings, and turns about the axes of the turntable.
+fn at_angles(mount: Matrix3<f64>) -> Vec<Candidate> {
     let quarters = [0.0, 90.0, 180.0, 270.0];
-    let position = |force: Vector3<f64>, angles| Position {
-        number: 0,
-        label: String::new(),
-        angles,
-        specific_force: force.map(|f| f + 0.0).into(),
-    };
-    let turns = |start: &Position, axis: Vector3<f64>| {
-        let turn = |angle_deg| Turn { start: start.clone(), axis: axis.into(), angle_deg, about: None };
-        vec![turn(360.0), turn(-360.0)]
-    };
-    let Some(mount) = campaign.mount else {
-        return (0..AXES)
-            .flat_map(|axis| [1.0, -1.0].map(|sign| (axis, sign)))
-            .flat_map(|(axis, sign)| {
-                let mut force = Vector3::zeros();
-                force[axis] = sign;
-                let start = position(force, None);
-                let word = if sign > 0.0 { "up" } else { "down" };
-                [
-                    (
-                        format!("two positions with {} {word}, in headings 180 degrees apart", AXIS_NAMES[axis]),
-                        vec![start.clone(), start.clone()],
-                        Vec::new(),
-                    ),
-                    (
-                        format!(
-                            "turns of 360 and -360 degrees about {} with {} {word}",
-                            vector_words(force.abs()),
-                            AXIS_NAMES[axis]
-                        ),
-                        Vec::new(),
-                        turns(&start, force.abs()),
-                    ),
-                ]
-            })
-            .collect();
-    };
     let at =
         |outer: f64, inner: f64| position(mount * Vector3::from(specific_force(outer, inner)), Some([outer, inner]));
     let faces = quarters.into_iter().flat_map(|outer| quarters.map(|inner| (outer, inner))).map(|(outer, inner)| {
@@ -262,7 +255,7 @@ fn candidates(campaign: &Campaign) -> Vec<Candidate> {
             "turns of 360 and -360 degrees about {} at outer_deg = 0 and inner_deg = {inner}",
             vector_words(axis)
         );
-        (words, Vec::new(), turns(&at(0.0, inner), axis))
+        (words, Vec::new(), both_turns(&at(0.0, inner), axis))
     });
     faces.chain(axes).collect()
 }

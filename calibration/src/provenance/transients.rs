@@ -3,8 +3,8 @@
 
 use super::source::CampaignSource;
 use crate::ramps::RampCalibration;
+use crate::sensor::TriadUnits;
 use crate::transients::{BiasTransient, Condition, Transients};
-use crate::triad::TriadUnits;
 use isotherm_campaign::Campaign;
 use isotherm_statistics::band;
 use serde::Serialize;

@@ -276,34 +276,10 @@ impl Bias {
         };
         for (number, recording) in recordings.iter().enumerate() {
             let times_ns: Vec<_> = recording.bins().iter().map(super::recording::Bin::middle_ns).collect();
-            let (heads, boards) = (recording.heads(sensor), recording.boards(sensor));
-            for (part, readings) in [("head", &heads), ("board", &boards)] {
-                if let Some(Reading { telemetry, time_ns }) = spike(readings) {
-                    let name = kind.names()[axis];
-                    return Err(TransientsError::Recording(format!(
-                        "{}: the {part} telemetry of {name} is {telemetry} at {time_ns} ns, unlike the readings before and after it: a broken reading; leave \
-                         its rows out",
-                        recording.name()
-                    )));
-                }
-            }
-            if heads.is_empty() || boards.is_empty() {
-                return Err(TransientsError::Recording(format!("{}: no telemetry", recording.name())));
-            }
+            let (heads, boards) = readings(recording, sensor, kind.names()[axis])?;
             let head = interpolated(&heads, &times_ns);
             let board = interpolated(&boards, &times_ns);
-            let of_bin = |(bin, (head, board)): (&super::recording::Bin, (&f64, &f64))| {
-                let [positive, negative] = bin.rates(sensor);
-                let [positive_k, negative_k] =
-                    [&coefficients.positive_scale_factor, &coefficients.negative_scale_factor]
-                        .map(|polynomial| polynomial.at(*board));
-                let curve = match curves {
-                    CurveSource::Campaign => coefficients.bias_at(*head).0,
-                    CurveSource::Ramps => 0.0,
-                };
-                positive / positive_k + negative / negative_k - curve
-            };
-            let values: Vec<f64> = recording.bins().iter().zip(head.iter().zip(&board)).map(of_bin).collect();
+            let values = indicated(recording, sensor, coefficients, curves, &head, &board);
             let own = blocks.iter().filter(|block| block.recording == number);
             let means: Vec<f64> = own.clone().map(|block| mean(&values[block.bins.clone()])).collect();
             let centre = mean(&means);
@@ -358,6 +334,49 @@ impl Bias {
         };
         self.plays = blocks.iter().map(of).collect();
     }
+}
+
+/// Head and board telemetry of a sensor in a recording.
+fn readings(
+    recording: &RampRecording,
+    sensor: usize,
+    name: &str,
+) -> Result<(Vec<Reading>, Vec<Reading>), TransientsError> {
+    let (heads, boards) = (recording.heads(sensor), recording.boards(sensor));
+    for (part, readings) in [("head", &heads), ("board", &boards)] {
+        if let Some(Reading { telemetry, time_ns }) = spike(readings) {
+            return Err(TransientsError::Recording(format!(
+                "{}: the {part} telemetry of {name} is {telemetry} at {time_ns} ns, unlike the readings before and after it: a broken reading; leave \
+                 its rows out",
+                recording.name()
+            )));
+        }
+    }
+    if heads.is_empty() || boards.is_empty() {
+        return Err(TransientsError::Recording(format!("{}: no telemetry", recording.name())));
+    }
+    Ok((heads, boards))
+}
+
+/// What a sensor indicates in each bin, less the campaign's curve.
+fn indicated(
+    recording: &RampRecording,
+    sensor: usize,
+    coefficients: &Axis,
+    curves: CurveSource,
+    head: &[f64],
+    board: &[f64],
+) -> Vec<f64> {
+    let of_bin = |(bin, (head, board)): (&super::recording::Bin, (&f64, &f64))| {
+        let [positive, negative] = bin.rates(sensor);
+        let (k_plus, k_minus) = (&coefficients.positive_scale_factor, &coefficients.negative_scale_factor);
+        let curve = match curves {
+            CurveSource::Campaign => coefficients.bias_at(*head).0,
+            CurveSource::Ramps => 0.0,
+        };
+        positive / k_plus.at(*board) + negative / k_minus.at(*board) - curve
+    };
+    recording.bins().iter().zip(head.iter().zip(board)).map(of_bin).collect()
 }
 
 /// Whether the telemetry is beyond the range of a polynomial by more than 2 % of it: so far the polynomial goes on, and

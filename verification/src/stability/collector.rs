@@ -10,7 +10,7 @@ use crate::stability::gyroscopes::{Conditions, GyroscopeStability};
 use crate::stability::loops::{Loops, SOAK, static_table};
 use crate::stability::result::Stability;
 use crate::stability::setup::Setup;
-use crate::stability::stillness::{ACCELEROMETERS, PARTS, mark};
+use crate::stability::stillness::{ACCELEROMETERS, LeftOut, PARTS, mark};
 use crate::verdict::Verdict;
 use crate::window::{MIN_WINDOWS, Window};
 use isotherm_calibration::CLOCK_TOLERANCE;
@@ -268,6 +268,56 @@ impl<'a> Collector<'a> {
     /// If the samples are of another unit, if there are too few windows, too few at the attitude, or an axis whose
     /// output is not a number.
     pub fn finish(self, setup: &Setup) -> Result<Stability, StabilityError> {
+        let interval_ratio = self.checked(setup)?;
+        let content = self.table.content();
+        let middle = middle(&self.windows, |sums| &sums.accelerometers);
+        let mut windows = self.accelerometers(middle)?;
+        let known = setup.gravity.value().map(|gravity| gravity / content.gravity);
+        let gravity = |output: [f64; AXES]| known.unwrap_or_else(|| output.iter().map(|f| f * f).sum::<f64>().sqrt());
+        let force =
+            |output: [f64; AXES]| setup.attitude.map_or(output, |direction| direction.map(|f| f * gravity(output)));
+        let stated = setup.attitude.is_some();
+        let windows_left_out = self.mark(&mut windows, |output| stated.then(|| force(output)));
+        let counted: Vec<_> = windows.iter().filter(|window| window.counts).collect();
+        if counted.len() < MIN_WINDOWS {
+            let output = [0, 1, 2].map(|axis| median(&windows, axis));
+            let (counted, windows, force) = (counted.len(), windows.len(), Force(force(output)));
+            return Err(StabilityError::OffAttitude { counted, windows, force, output: Force(output), stated });
+        }
+        // The windows that do not count are those of another output.
+        let output = [0, 1, 2].map(|axis| isotherm_statistics::median(counted.iter().map(|window| window.after[axis])));
+        let (specific_force, gravity) = (force(output), gravity(output));
+        let axes = figures(&counted, specific_force);
+        let covered = Coverage::of(&windows, SensorKind::Accelerometer, &content.axes, &content.temperature_unit);
+        let unsettled: Vec<_> = self.windows.iter().map(|sums| sums.unsettled).collect();
+        let static_output = self.static_output(|sums| &sums.accelerometers, content.gravity);
+        let loops = Loops::of(&windows, static_output.as_deref(), &unsettled, specific_force, &content.axes);
+        let soak_s = SOAK as f64 * self.table.lag_ns() as f64 / 1e9;
+        Ok(Stability {
+            windows_left_out,
+            loops,
+            unsettled_s: unsettled.contains(&true).then_some(soak_s),
+            covered: covered.driven_by(specific_force),
+            interval_ratio: Some(interval_ratio).filter(|ratio| ratio.is_finite()),
+            verdict: Verdict::of(&windows, specific_force, stated, known),
+            gyroscopes: self.gyroscopes(setup, &windows),
+            windows,
+            specific_force,
+            stated,
+            axes,
+            gravity,
+            gravity_source: setup.gravity,
+            resolution: self.telemetry.map(|parts| parts.map(|t| Some(t.step).filter(|step| step.is_finite()))),
+            left_out: self.left_out,
+            middle,
+            other_device: self.other_device,
+            losses: self.continuity.losses(),
+            time_fault: self.continuity.fault(),
+        })
+    }
+
+    /// Refuses samples that cannot be judged. The ratio of the intervals to the time that passed.
+    fn checked(&self, setup: &Setup) -> Result<f64, StabilityError> {
         if self.other_device > 0 && !setup.other_device {
             let serial = self.table.content().serial.as_deref().unwrap_or_default().trim().to_owned();
             return Err(StabilityError::OtherDevice { samples: self.other_device, serial });
@@ -279,79 +329,36 @@ impl<'a> Collector<'a> {
             return Err(StabilityError::Interval { ratio });
         }
         if self.windows.len() < MIN_WINDOWS {
-            return Err(StabilityError::TooShort {
-                windows: self.windows.len(),
-                window_s: self.window_s,
-                ratio: self.length_ratio(setup),
-            });
+            let (windows, window_s) = (self.windows.len(), self.window_s);
+            return Err(StabilityError::TooShort { windows, window_s, ratio: self.length_ratio(setup) });
         }
+        Ok(ratio)
+    }
+
+    /// The windows of the accelerometers, with outputs that are numbers.
+    fn accelerometers(&self, middle: [[f64; 2]; AXES]) -> Result<Vec<Window>, StabilityError> {
         let content = self.table.content();
-        let middle = middle(&self.windows, |sums| &sums.accelerometers);
         let frozen = FrozenCoefficients::new(&content.axes, content.alignment, middle);
         let window = |sums: &WindowSums| {
             let before = frozen.output(&sums.accelerometers, sums.seconds, [0.0; AXES]);
             sums.window(&sums.accelerometers, before, content.gravity)
         };
-        let mut windows: Vec<_> = self.windows.iter().map(window).collect();
-        let output = [0, 1, 2].map(|axis| median(&windows, axis));
-        if let Some(axis) =
-            (0..AXES).find(|&axis| output[axis].is_nan() || windows.iter().all(|w| w.after[axis].is_nan()))
-        {
-            return Err(StabilityError::NotANumber { axis: AXIS_NAMES[axis], index: axis + 1 });
+        let windows: Vec<_> = self.windows.iter().map(window).collect();
+        let no_number =
+            |axis: &usize| median(&windows, *axis).is_nan() || windows.iter().all(|w| w.after[*axis].is_nan());
+        match (0..AXES).find(no_number) {
+            Some(axis) => Err(StabilityError::NotANumber { axis: AXIS_NAMES[axis], index: axis + 1 }),
+            None => Ok(windows),
         }
-        let known = setup.gravity.value().map(|gravity| gravity / self.table.content().gravity);
-        let gravity = |output: [f64; AXES]| known.unwrap_or_else(|| output.iter().map(|f| f * f).sum::<f64>().sqrt());
-        let force =
-            |output: [f64; AXES]| setup.attitude.map_or(output, |direction| direction.map(|f| f * gravity(output)));
-        let spreads: Vec<_> = self.windows.iter().map(|sums| sums.accelerometers.spread(content.gravity)).collect();
-        let windows_left_out = mark(&mut windows, &spreads, &ACCELEROMETERS, |middle| {
-            let stated = setup.attitude.map(|_| force(output));
+    }
+
+    /// Marks the windows at the attitude. `stated` gives the specific force of a stated attitude from an output.
+    fn mark(&self, windows: &mut [Window], stated: impl Fn([f64; AXES]) -> Option<[f64; AXES]>) -> LeftOut {
+        let stated = stated([0, 1, 2].map(|axis| median(windows, axis)));
+        let gravity = self.table.content().gravity;
+        let spreads: Vec<_> = self.windows.iter().map(|sums| sums.accelerometers.spread(gravity)).collect();
+        mark(windows, &spreads, &ACCELEROMETERS, |middle| {
             stated.is_none_or(|force| (0..AXES).all(|axis| (middle[axis] - force[axis]).abs() < OTHER_ATTITUDE))
-        });
-        let counted: Vec<_> = windows.iter().filter(|window| window.counts).collect();
-        if counted.len() < MIN_WINDOWS {
-            let (counted, windows) = (counted.len(), windows.len());
-            return Err(StabilityError::OffAttitude {
-                counted,
-                windows,
-                force: Force(force(output)),
-                output: Force(output),
-                stated: setup.attitude.is_some(),
-            });
-        }
-        // The windows that do not count are those of another output.
-        let output = [0, 1, 2].map(|axis| isotherm_statistics::median(counted.iter().map(|window| window.after[axis])));
-        let (specific_force, gravity) = (force(output), gravity(output));
-        let axes = figures(&counted, specific_force);
-        let resolution = self.telemetry.map(|parts| parts.map(|t| Some(t.step).filter(|step| step.is_finite())));
-        let verdict = Verdict::of(&windows, specific_force, setup.attitude.is_some(), known);
-        let covered = Coverage::of(&windows, SensorKind::Accelerometer, &content.axes, &content.temperature_unit);
-        let covered = covered.driven_by(specific_force);
-        let gyroscopes = self.gyroscopes(setup, &windows);
-        let unsettled: Vec<_> = self.windows.iter().map(|sums| sums.unsettled).collect();
-        let static_output = self.static_output(|sums| &sums.accelerometers, content.gravity);
-        let loops = Loops::of(&windows, static_output.as_deref(), &unsettled, specific_force, &content.axes);
-        let soak_s = SOAK as f64 * self.table.lag_ns() as f64 / 1e9;
-        Ok(Stability {
-            windows_left_out,
-            loops,
-            unsettled_s: unsettled.contains(&true).then_some(soak_s),
-            covered,
-            interval_ratio: Some(ratio).filter(|ratio| ratio.is_finite()),
-            windows,
-            specific_force,
-            stated: setup.attitude.is_some(),
-            axes,
-            gravity,
-            gravity_source: setup.gravity,
-            verdict,
-            resolution,
-            left_out: self.left_out,
-            middle,
-            gyroscopes,
-            other_device: self.other_device,
-            losses: self.continuity.losses(),
-            time_fault: self.continuity.fault(),
         })
     }
 

@@ -88,6 +88,20 @@ impl LeftOut {
     }
 }
 
+impl LeftOut {
+    fn of(bounds: &Bounds, causes: &[Option<Cause>]) -> Self {
+        let count = |of: Cause| causes.iter().filter(|cause| **cause == Some(of)).count();
+        Self {
+            kind: bounds.kind,
+            windows: causes.len(),
+            not_a_number: count(Cause::NotANumber),
+            moved: count(Cause::Moved),
+            elsewhere: count(Cause::Elsewhere),
+            by_accelerometers: count(Cause::Accelerometers),
+        }
+    }
+}
+
 /// The number of windows that are left out, with the causes; or that all are judged.
 impl fmt::Display for LeftOut {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -117,32 +131,13 @@ pub(super) fn mark(
     can_be: impl Fn([f64; AXES]) -> bool,
 ) -> LeftOut {
     let outputs: Vec<_> = windows.iter().map(|window| window.after).collect();
-    let finite = |output: &[f64; AXES]| output.iter().all(|value| value.is_finite());
-    let limit = |values: &dyn Fn(usize) -> Vec<f64>, [least, most]: [f64; 2]| {
-        // `max` leaves NaN out, which is the median of nothing.
-        [0, 1, 2].map(|axis| (TIMES_USUAL * median(values(axis))).max(least).min(most))
-    };
-    let spread = limit(&|axis| spreads.iter().map(|spread| spread[axis]).collect(), bounds.attitude);
-    let middle = [0, 1, 2].map(|axis| median(outputs.iter().map(|output| output[axis])));
-    let near_middle =
-        |output: &[f64; AXES]| (0..AXES).all(|axis| (output[axis] - middle[axis]).abs() < bounds.attitude[0]);
-    let mut causes: Vec<Option<Cause>> = (windows.iter().zip(spreads))
-        .map(|(window, of_parts)| match window {
-            _ if !window.counts => Some(Cause::Accelerometers),
-            _ if !finite(&window.after) => Some(Cause::NotANumber),
-            // NaN is below no limit.
-            _ if !(0..AXES).all(|axis| of_parts[axis] < spread[axis]) && !near_middle(&window.after) => {
-                Some(Cause::Moved)
-            }
-            _ => None,
-        })
-        .collect();
+    let mut causes = moved(windows, spreads, bounds);
     let steps = |axis: usize| {
         let pairs = outputs.windows(2).map(|pair| (pair[1][axis] - pair[0][axis]).abs());
         let calm = causes.windows(2).map(|pair| pair == [None, None]);
         pairs.zip(calm).filter_map(|(step, calm)| calm.then_some(step)).collect()
     };
-    let (step, still) = (limit(&steps, bounds.attitude), limit(&steps, bounds.still));
+    let (step, still) = (limits(&steps, bounds.attitude), limits(&steps, bounds.still));
     let within = |a: usize, b: usize, limit: &dyn Fn(usize) -> f64| {
         (0..AXES).all(|axis| (outputs[a][axis] - outputs[b][axis]).abs() < limit(axis))
     };
@@ -155,6 +150,45 @@ pub(super) fn mark(
         let times = a.abs_diff(b) as f64;
         within(a, b, &|axis| (step[axis] * times).min(bounds.attitude[1]))
     };
+    let stays = stays(&causes, follows);
+    let middle_of = |stay: &[usize]| [0, 1, 2].map(|axis| median(stay.iter().map(|index| outputs[*index][axis])));
+    // Of two stays of one size, the first.
+    let possible = (0..stays.len()).rev().filter(|stay| can_be(middle_of(&stays[*stay])));
+    let main = possible.max_by_key(|stay| stays[*stay].len());
+    for (stay, _) in stays.iter().zip(at_attitude(&stays, main, follows)).filter(|(_, at_attitude)| !at_attitude) {
+        stay.iter().for_each(|index| causes[*index] = Some(Cause::Elsewhere));
+    }
+    for (window, cause) in windows.iter_mut().zip(&causes) {
+        window.counts = cause.is_none();
+    }
+    LeftOut::of(bounds, &causes)
+}
+
+/// The limit of each axis: some times the usual value, within bounds.
+fn limits(values: &dyn Fn(usize) -> Vec<f64>, [least, most]: [f64; 2]) -> [f64; AXES] {
+    // `max` leaves NaN out, which is the median of nothing.
+    [0, 1, 2].map(|axis| (TIMES_USUAL * median(values(axis))).max(least).min(most))
+}
+
+/// Why a window does not count, as far as it shows that alone.
+fn moved(windows: &[Window], spreads: &[[f64; AXES]], bounds: &Bounds) -> Vec<Option<Cause>> {
+    let finite = |output: &[f64; AXES]| output.iter().all(|value| value.is_finite());
+    let spread = limits(&|axis| spreads.iter().map(|spread| spread[axis]).collect(), bounds.attitude);
+    let middle = [0, 1, 2].map(|axis| median(windows.iter().map(|window| window.after[axis])));
+    let near_middle =
+        |output: &[f64; AXES]| (0..AXES).all(|axis| (output[axis] - middle[axis]).abs() < bounds.attitude[0]);
+    let cause = |(window, of_parts): (&Window, &[f64; AXES])| match window {
+        _ if !window.counts => Some(Cause::Accelerometers),
+        _ if !finite(&window.after) => Some(Cause::NotANumber),
+        // NaN is below no limit.
+        _ if !(0..AXES).all(|axis| of_parts[axis] < spread[axis]) && !near_middle(&window.after) => Some(Cause::Moved),
+        _ => None,
+    };
+    windows.iter().zip(spreads).map(cause).collect()
+}
+
+/// The windows that count so far, in stays: each window follows the one before it.
+fn stays(causes: &[Option<Cause>], follows: impl Fn(usize, usize) -> bool) -> Vec<Vec<usize>> {
     let mut stays: Vec<Vec<usize>> = Vec::new();
     for index in (0..causes.len()).filter(|index| causes[*index].is_none()) {
         match stays.last_mut() {
@@ -162,41 +196,27 @@ pub(super) fn mark(
             _ => stays.push(vec![index]),
         }
     }
-    let middle_of = |stay: &[usize]| [0, 1, 2].map(|axis| median(stay.iter().map(|index| outputs[*index][axis])));
-    // Of two stays of one size, the first.
-    let possible = (0..stays.len()).rev().filter(|stay| can_be(middle_of(&stays[*stay])));
-    let main = possible.max_by_key(|stay| stays[*stay].len());
+    stays
+}
+
+/// Which stays are at the attitude of the stay `main`: from there on, and back from there, each that follows the last.
+fn at_attitude(stays: &[Vec<usize>], main: Option<usize>, follows: impl Fn(usize, usize) -> bool) -> Vec<bool> {
     let mut at_attitude = vec![false; stays.len()];
-    if let Some(main) = main {
-        at_attitude[main] = true;
-        let ends = |stay: usize| [stays[stay][0], stays[stay][stays[stay].len() - 1]];
-        let mut reached = ends(main);
-        for (stay, at_attitude) in at_attitude.iter_mut().enumerate().skip(main + 1) {
-            if follows(reached[1], ends(stay)[0]) {
-                (*at_attitude, reached[1]) = (true, ends(stay)[1]);
-            }
-        }
-        for (stay, at_attitude) in at_attitude.iter_mut().enumerate().take(main).rev() {
-            if follows(reached[0], ends(stay)[1]) {
-                (*at_attitude, reached[0]) = (true, ends(stay)[0]);
-            }
+    let Some(main) = main else { return at_attitude };
+    at_attitude[main] = true;
+    let ends = |stay: usize| [stays[stay][0], stays[stay][stays[stay].len() - 1]];
+    let [mut first, mut last] = ends(main);
+    for (stay, at_attitude) in at_attitude.iter_mut().enumerate().skip(main + 1) {
+        if follows(last, ends(stay)[0]) {
+            (*at_attitude, last) = (true, ends(stay)[1]);
         }
     }
-    for (stay, _) in stays.iter().zip(at_attitude).filter(|(_, at_attitude)| !at_attitude) {
-        stay.iter().for_each(|index| causes[*index] = Some(Cause::Elsewhere));
+    for (stay, at_attitude) in at_attitude.iter_mut().enumerate().take(main).rev() {
+        if follows(first, ends(stay)[1]) {
+            (*at_attitude, first) = (true, ends(stay)[0]);
+        }
     }
-    for (window, cause) in windows.iter_mut().zip(&causes) {
-        window.counts = cause.is_none();
-    }
-    let count = |of: Cause| causes.iter().filter(|cause| **cause == Some(of)).count();
-    LeftOut {
-        kind: bounds.kind,
-        windows: windows.len(),
-        not_a_number: count(Cause::NotANumber),
-        moved: count(Cause::Moved),
-        elsewhere: count(Cause::Elsewhere),
-        by_accelerometers: count(Cause::Accelerometers),
-    }
+    at_attitude
 }
 
 /// Why a triad is not judged over the whole run, if too many windows are left out, because they are not `at` what
