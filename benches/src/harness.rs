@@ -87,8 +87,8 @@ impl FromStr for OtherBuild {
     }
 }
 
-/// Runs the program of a bench: `bench` with its arguments, or one of its child processes, see [`child_of`]. Those are
-/// the service, and what `role` makes of other words.
+/// Runs the program of a bench: `bench` with its arguments, or one of its child processes, see
+/// [`child_of`](crate::child_of). Those are the service, and what `role` makes of other words.
 pub fn run<A: Parser>(
     role: fn(&[&str]) -> BenchResult<ExitCode>,
     bench: impl FnOnce(A) -> BenchResult<()>,

@@ -21,7 +21,7 @@ pub enum Measured {
     /// A campaign on a turntable, with the ramps beside its positions.
     Campaign(Measurements, CalibrationOptions),
     /// Ramps alone, and the table that gives everything else.
-    Ramps(Vec<RampRecording>, CoefficientTable, CalibrationOptions),
+    Ramps(Vec<RampRecording>, Box<CoefficientTable>, CalibrationOptions),
     /// An IMU that was put down by hand.
     GravityOnly(Vec<TumbleRecording>, GravityOnlyOptions),
 }

@@ -33,16 +33,14 @@ pub struct Refused {
     pub failure: Failure,
     /// The same as JSON, with the findings.
     pub document: Value,
-    /// What the fit refused; `None` if it was not reached.
-    pub error: Option<CalibrationError>,
-    /// File and line of each row of the samples.
-    pub places: Places,
+    /// What the fit refused, with file and line of each row of the samples; `None` if it was not reached.
+    pub fit: Option<Box<(CalibrationError, Places)>>,
 }
 
 impl<F: Into<Failure>> From<F> for Refused {
     fn from(failure: F) -> Self {
         let failure = failure.into();
-        Self { document: json::failure(&failure), failure, error: None, places: Places::default() }
+        Self { document: json::failure(&failure), failure, fit: None }
     }
 }
 
@@ -125,7 +123,7 @@ impl Inputs {
         (ramps, from.recordings_sha256) = reader.ramps(campaign, &file.ramps(campaign))?;
         let options = options.turntable.clone();
         let measured = match curves {
-            Some(curves) => Measured::Ramps(ramps, curves, options),
+            Some(curves) => Measured::Ramps(ramps, Box::new(curves), options),
             None => Measured::Campaign(Measurements { ramps, ..measurements }, options),
         };
         Ok(Self { measured, from })
@@ -156,7 +154,7 @@ impl Origin {
         let path = file.map_or(&self.samples, |file| &file.path);
         let failure = error.failure_with(path, &self.samples, locate, self.symptoms);
         let document = json::refusal(&error, &failure, locate);
-        Refused { document, failure, error: Some(error), places: self.places.clone() }
+        Refused { document, failure, fit: Some(Box::new((error, self.places.clone()))) }
     }
 }
 

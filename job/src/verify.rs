@@ -51,7 +51,7 @@ impl<'t> Run<'t> {
     /// # Errors
     /// If a sample that is left cannot be read, or if nothing can be judged.
     pub fn finish(mut self, setup: &Setup) -> Result<Stability, Failure> {
-        (&mut self).try_for_each(|sample| sample.map(drop))?;
+        self.try_for_each(|sample| sample.map(drop))?;
         let names: Vec<_> = self.recording.iter().map(|path| path.display().to_string()).collect();
         self.collector.finish(setup).map_err(|error| {
             let failure = Failure::new(Exit::Data, format!("{}: {error}", names.join(", ")));

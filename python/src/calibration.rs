@@ -72,7 +72,6 @@ pub(crate) fn read_text(path: PathBuf) -> PyResult<String> {
 /// Makes a table of a campaign. `path` is that of the campaign file with this `text`, and `recordings` replace those
 /// that it names, `None` for these. `by_hand` says which kind of campaign is expected.
 #[pyfunction]
-#[expect(clippy::needless_pass_by_value, reason = "an argument of a Python function")]
 pub(crate) fn calibrate(
     py: Python<'_>,
     text: String,
@@ -225,11 +224,11 @@ fn finding(finding: &Finding, locate: impl Fn(u64) -> String) -> (&'static str, 
 }
 
 /// The exception of what the command would end with.
-fn failed(Refused { failure, error, places, .. }: &Refused) -> PyErr {
+fn failed(Refused { failure, fit, .. }: &Refused) -> PyErr {
     use isotherm_calibration::CalibrationError::Faults;
     let message = failure.message.clone();
-    match (error, failure.exit) {
-        (Some(Faults { diagnosis, findings }), _) => {
+    match (fit.as_deref(), failure.exit) {
+        (Some((Faults { diagnosis, findings }, places)), _) => {
             // The mistake that explains them is the first, as it is in the message.
             let first = diagnosis.as_deref().map(|diagnosis| &diagnosis.finding);
             let all = first.into_iter().chain(findings).map(|each| finding(each, |line| places.locate(line)));

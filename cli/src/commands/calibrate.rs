@@ -20,6 +20,9 @@ use std::fmt::Write as _;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
+/// Set point \[degC\] and number of a dwell or turn that is left out.
+type Dwell = (f64, u32);
+
 impl Calibrate {
     pub(crate) fn run(self) -> Result<(), Failure> {
         or_document(self.json, self.make_tables())?
@@ -83,7 +86,7 @@ impl Calibrate {
         let made = inputs.fit(campaign, file);
         spinner.finish_and_clear();
         made.map_err(|mut refused| {
-            let left = refused.error.as_ref().map(|error| error.acceptable()).unwrap_or_default();
+            let left = refused.fit.as_ref().map(|fit| fit.0.acceptable()).unwrap_or_default();
             self.add_names(&mut refused, &left);
             refused
         })
@@ -186,7 +189,7 @@ impl Calibrate {
     }
 
     /// What `--exclude` leaves out: dwells and turns, or standstills of an IMU that was put down by hand.
-    fn excluded(&self, by_hand: bool) -> Result<(Vec<(f64, u32)>, Vec<usize>), Failure> {
+    fn excluded(&self, by_hand: bool) -> Result<(Vec<Dwell>, Vec<usize>), Failure> {
         let (mut dwells, mut standstills) = (Vec::new(), Vec::new());
         for excluded in &self.exclude {
             match (excluded, by_hand) {
