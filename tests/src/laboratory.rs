@@ -6,6 +6,7 @@ use rustix::process::Pid;
 use serde_json::Value;
 use std::fs;
 use std::process::Output;
+use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Laboratory time divided by real time.
@@ -47,6 +48,33 @@ pub struct TestLaboratory {
     pub service: Process,
     /// The station.
     pub station: Process,
+    /// Dropped last: when the processes have ended.
+    _place: Place,
+}
+
+/// Most simulated laboratories at a time: with more, replies are late on two cores.
+const PLACES: usize = 6;
+static TAKEN: Mutex<usize> = Mutex::new(0);
+static FREED: Condvar = Condvar::new();
+
+/// The place of a simulated laboratory on this machine.
+struct Place;
+
+impl Place {
+    /// Waits for a place.
+    fn take() -> Self {
+        let taken = TAKEN.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut taken = FREED.wait_while(taken, |taken| *taken >= PLACES).unwrap_or_else(PoisonError::into_inner);
+        *taken += 1;
+        Self
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        *TAKEN.lock().unwrap_or_else(PoisonError::into_inner) -= 1;
+        FREED.notify_one();
+    }
 }
 
 /// Replacements in the station's plan that make the campaign as short as the simulated physics allows.
@@ -82,6 +110,7 @@ impl TestLaboratory {
 
     /// The same, with these IMUs on the turntable.
     pub fn with_imus(imus: &[&str], more_truth: &str, more: &[&str], changes: &[(&str, &str)]) -> Self {
+        let place = Place::take();
         let domain = TestDomain::new();
         // A linear truth, so that a few set points are enough to choose the order.
         let truth: String = TABLE.lines().map(linear).collect();
@@ -131,7 +160,7 @@ impl TestLaboratory {
         plan =
             plan.lines().filter(|line| !line.starts_with("telemetry_per_h")).map(|line| format!("{line}\n")).collect();
         domain.write("station/plan.toml", &plan);
-        Self { domain, service, station }
+        Self { domain, service, station, _place: place }
     }
 
     fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
