@@ -640,7 +640,7 @@ fn a_new_process_holds_a_watlow_at_ambient() {
 fn a_dead_turntable_does_not_hold_the_chambers_order() {
     for connection in [&[][..], &["--tcp"]] {
         // On a busy machine the chamber that lives needs more than a second for a reply.
-        let laboratory = with_lines(connection, "timeout_s = 4\nquiet_s = 0.2\nretries = 1\n");
+        let laboratory = with_lines(connection, "timeout_s = 2\nquiet_s = 0.2\nretries = 1\n");
         let runner = laboratory.spawn();
         laboratory.wait_for("kept", 1);
         laboratory.faults("dead:table");
