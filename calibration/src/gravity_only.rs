@@ -209,10 +209,8 @@ fn of_time(recordings: &[TumbleRecording], continuity: &[Continuity], standstill
             format!("the recordings have {gaps} gaps, and each ends a standstill; look for samples that were lost");
         found.push(Finding::warning(name::MISSING_ROWS, message));
     }
-    let fault = |(recording, found): (&TumbleRecording, &Continuity)| {
-        let fault = found.fault()?;
-        Some(Finding::warning(name::TIME_STEP, fault.to_string()).at(recording.place()))
-    };
+    let fault =
+        |(recording, found): (&TumbleRecording, &Continuity)| Some(found.fault()?.finding().at(recording.place()));
     found.extend(recordings.iter().zip(continuity).filter_map(fault));
     found
 }

@@ -15,6 +15,7 @@
 //! begins anew, and so does an interval that stands alone: time went on as before.
 
 use core::fmt;
+use isotherm_finding::{Finding, name};
 use isotherm_shared::sequence::{Period, excess_ns, time_step};
 use isotherm_shared::wire::MAX_INTERVAL_NS;
 use std::collections::VecDeque;
@@ -224,6 +225,14 @@ impl fmt::Display for Losses {
         let s = |count: &u64| if *count == 1 { "" } else { "s" };
         write!(f, "{missing} row{} missing in {gaps} gap{}, ", s(missing), s(gaps))?;
         write!(f, "{time_steps} time step{}", s(time_steps))
+    }
+}
+
+impl TimeFault {
+    /// The fault as a finding.
+    #[must_use]
+    pub fn finding(&self) -> Finding {
+        Finding::warning(name::TIME_STEP, self.to_string())
     }
 }
 

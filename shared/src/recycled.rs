@@ -4,7 +4,8 @@
 //! [`Rc`](std::rc::Rc) that is one allocation for each sample. Here the memory of a sample that was sent is reused for
 //! the next loan, so that a running system allocates nothing.
 //!
-//! Like `Rc` it is neither `Send` nor `Sync`. Each thread has its own list of at most 64 free blocks.
+//! Like `Rc` it is neither `Send` nor `Sync`. Each thread has its own list of at most 64 free blocks, which
+//! begins full: how many samples are in use at once depends on how busy the machine is, and none of them allocates.
 #![expect(unsafe_code, reason = "no safe reference count lets its memory be chosen")]
 
 use core::cell::{Cell, RefCell};
@@ -143,7 +144,7 @@ impl Drop for FreeBlocks {
 }
 
 thread_local! {
-    static FREE: RefCell<FreeBlocks> = RefCell::new(FreeBlocks(Vec::with_capacity(MAX_FREE)));
+    static FREE: RefCell<FreeBlocks> = RefCell::new(FreeBlocks((0..MAX_FREE).map(|_| fresh(BLOCK)).collect()));
 }
 
 /// The layout to allocate: [`BLOCK`] where `layout` fits into it.
@@ -155,10 +156,13 @@ fn allocate(layout: Layout) -> NonNull<u8> {
     let layout = rounded(layout);
     // The list may have been destroyed already while the thread ends.
     let free = if layout == BLOCK { FREE.try_with(|free| free.borrow_mut().0.pop()).ok().flatten() } else { None };
-    free.unwrap_or_else(|| {
-        // SAFETY: the layout is not empty: it has room for a count at least.
-        NonNull::new(unsafe { alloc(layout) }).unwrap_or_else(|| handle_alloc_error(layout))
-    })
+    free.unwrap_or_else(|| fresh(layout))
+}
+
+/// New memory of a layout that has room for a count at least.
+fn fresh(layout: Layout) -> NonNull<u8> {
+    // SAFETY: the layout is not empty.
+    NonNull::new(unsafe { alloc(layout) }).unwrap_or_else(|| handle_alloc_error(layout))
 }
 
 fn release(block: NonNull<u8>, layout: Layout) {

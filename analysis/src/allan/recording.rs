@@ -260,7 +260,7 @@ impl NoiseAnalysis {
         let interval_s = steps_ns as f64 / 1e9 / (stretch.len() - 1) as f64;
         let mut found = outputs.findings.clone();
         let continuity: Continuity = candidates.iter().collect();
-        found.extend(continuity.fault().map(|fault| Finding::warning(name::TIME_STEP, fault.to_string())));
+        found.extend(continuity.fault().map(|fault| fault.finding()));
         let mean_s = stretch.iter().map(|row| row.interval_ns as f64).sum::<f64>() / 1e9 / stretch.len() as f64;
         if (mean_s / interval_s - 1.0).abs() > INTERVAL_TOLERANCE {
             let message = format!(
@@ -337,7 +337,7 @@ impl Outputs {
         } else {
             &[SensorKind::Accelerometer][..]
         };
-        let mut other_device = 0;
+        let mut other_device = 0_u64;
         let mut sensors: Vec<Sensor> = (triads.iter().flat_map(|kind| (0..AXES).map(|axis| (*kind, axis))))
             .map(|(kind, axis)| {
                 let rate = match (table, kind) {
@@ -352,7 +352,7 @@ impl Outputs {
             let seconds = row.interval_ns as f64 / 1e9;
             let compensated = table.map(|table| (answer(Some(table), row), table.content().gravity));
             other_device +=
-                usize::from(compensated.is_some_and(|(it, _)| Flags(it.flags).intersects(Flags::OTHER_DEVICE)));
+                u64::from(compensated.is_some_and(|(it, _)| Flags(it.flags).intersects(Flags::OTHER_DEVICE)));
             for sensor in &mut sensors {
                 let increment = match (compensated, sensor.kind) {
                     (None, kind) => net_counts(triad(row, kind), sensor.axis),
@@ -364,11 +364,7 @@ impl Outputs {
             }
         }
         if let Some(table) = table.filter(|_| other_device > 0) {
-            let serial = table.content().serial.as_deref().unwrap_or_default().trim();
-            let message = format!(
-                "{other_device} rows are of another unit than the table's, which has the serial number {serial:?}"
-            );
-            findings.push(Finding::warning(name::OTHER_DEVICE, message));
+            findings.push(isotherm_recording::other_device(table, other_device));
         }
         Self { sensors, findings }
     }

@@ -153,7 +153,7 @@ impl Calibrate {
 
     /// Names of the faults that are accepted.
     fn accepted(&self) -> Vec<&'static str> {
-        self.accept.iter().copied().chain(self.other_device.then_some(name::OTHER_DEVICE)).collect()
+        self.acceptance.accept.iter().copied().chain(self.other_device.then_some(name::OTHER_DEVICE)).collect()
     }
 
     /// The options of the fit, `by_hand` or on a turntable.
@@ -170,7 +170,7 @@ impl Calibrate {
             alignment: AlignmentChoice::of(self.alignment, self.no_alignment),
             exclude: dwells,
             accept: self.accepted(),
-            strict: self.strict,
+            strict: self.acceptance.strict,
             lag: self.lag.unwrap_or_default(),
             predecessor_lag_s: None,
         };
@@ -183,7 +183,7 @@ impl Calibrate {
             exclude: standstills,
             temperature_range: args.temperature_range,
             accept: self.accepted(),
-            strict: self.strict,
+            strict: self.acceptance.strict,
         };
         Ok(options)
     }

@@ -83,9 +83,12 @@ struct RunCampaign {
     /// without transients [default: found in the ramps]
     #[arg(long, value_name = "S|none", requires = "calibrate", value_parser = lag_choice)]
     lag: Option<LagChoice>,
-    /// Make the table in spite of a fault of this name; may be repeated
-    #[arg(long, value_name = "NAME", requires = "calibrate", value_parser = name::acceptable)]
+    /// Make the table in spite of a fault of this name; several with commas, or repeated
+    #[arg(long, value_name = "NAME", requires = "calibrate", value_delimiter = ',', value_parser = name::acceptable)]
     accept: Vec<&'static str>,
+    /// Take every warning of the fit that is not accepted for a fault
+    #[arg(long, requires = "calibrate")]
+    strict: bool,
     /// Take the samples of another unit than the plan's serial number says
     #[arg(long)]
     other_device: bool,
@@ -188,7 +191,13 @@ impl RunCampaign {
         let finished = if self.calibrate {
             let (mut journal, _) = Journal::open(&plan)?;
             let alignment = AlignmentChoice::of(self.alignment, self.no_alignment);
-            let finish = Finish { require, alignment, lag: self.lag.unwrap_or_default(), accept: self.accept };
+            let finish = Finish {
+                require,
+                alignment,
+                lag: self.lag.unwrap_or_default(),
+                accept: self.accept,
+                strict: self.strict,
+            };
             finish.run(&plan, &mut journal, &options, &ended)
         } else {
             Ok(())

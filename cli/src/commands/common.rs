@@ -6,7 +6,6 @@ use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::print_data;
 use isotherm_finding::{Admission, Finding, Location, name};
 use isotherm_job::Refused;
-use isotherm_recording::TimeFault;
 use isotherm_recording::columns::has_values;
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_report::json;
@@ -86,7 +85,7 @@ pub(super) fn inputs(recording: &[PathBuf]) -> Vec<(&Path, &'static str)> {
 #[derive(Clone, Debug, Default, Args)]
 pub(super) struct Acceptance {
     /// Go on in spite of a fault of this name, which stands in brackets in the fault's line; several with commas, or
-    /// repeated
+    /// repeated. The provenance of a table has the names
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = name::acceptable)]
     pub accept: Vec<&'static str>,
     /// Take every warning that is not accepted for a fault
@@ -121,13 +120,6 @@ impl Acceptance {
     }
 }
 
-/// Samples of another unit than the table's.
-pub(super) fn other_device(table: &CoefficientTable) -> Finding {
-    let serial = table.content().serial.as_deref().unwrap_or_default().trim();
-    let message = format!("samples of another unit than the table's, which has the serial number {serial:?}");
-    Finding::warning(name::OTHER_DEVICE, message)
-}
-
 /// Refuses a recording that names another IMU than that of its table, as Parquet and MCAP do. To be called after the
 /// first row.
 ///
@@ -152,11 +144,6 @@ pub(super) fn refuse_other_imu(
 /// The files of a recording, for messages.
 pub(super) fn joined_paths(recording: &[PathBuf]) -> String {
     recording.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
-}
-
-/// A fault of time in a recording.
-pub(super) fn time_step(fault: TimeFault) -> Finding {
-    Finding::warning(name::TIME_STEP, fault.to_string())
 }
 
 /// The IMU whose samples are read for a table: `imu` if it is given, or else the table's.

@@ -105,50 +105,7 @@ impl Feed {
             lag_unknown: None,
             lost_angles: false,
         };
-        let mut asked = served.table;
-        let period = self.rate.map(|rate| Duration::from_secs_f64(1.0 / rate));
-        let (mut due, mut session) = (last_activity, None);
-        let device = self.serial.as_deref().map(device);
-        let mut warning = GyroscopeWarning::new(served.gyroscopes);
-        let result = (|| {
-            loop {
-                // A reload has brought another time constant: a few samples more are flagged until the next one.
-                if let (None, Some(table)) = (self.lag.ns, feeder.lag_unknown.take())
-                    && table != asked
-                    && let Ok(now) = ServedTable::fetch(&self.imu, &options(self.timeout))
-                {
-                    asked = now.table;
-                    samples.set_lag(now.lag_ns);
-                }
-                let Some(sample) = samples.next() else { break };
-                let sample = match sample {
-                    Ok(sample) => sample,
-                    Err(error) => {
-                        // Write the answers to what has been sent, as `replay` would.
-                        feeder.drain()?;
-                        return Err(error.into());
-                    }
-                };
-                if session.is_some_and(|session| session != sample.session) {
-                    feeder.drain()?;
-                    feeder
-                        .acquisition
-                        .begin_session()
-                        .map_err(|error| Failure::new(Exit::Failed, error.to_string()))?;
-                }
-                session = Some(sample.session);
-                warning.check(&sample);
-                let sample = RawSample { device: device.unwrap_or(sample.device), ..sample };
-                if let Some(period) = period {
-                    feeder.receive_until(due)?;
-                    due += period;
-                }
-                feeder.send(&sample)?;
-            }
-            feeder.drain()?;
-            // The program that writes to our stdin may have got the same signal: this is not the whole recording then.
-            feeder.check_interrupted()
-        })();
+        let result = self.play(&mut feeder, &mut samples, &served, &options);
         progress.finish_and_clear();
         let result = match result {
             Ok(()) => check_written(path, feeder.writer.finish().and_then(Output::finish)),
@@ -163,6 +120,53 @@ impl Feed {
             Some(partial) => partial.explain(failure),
             None => failure,
         })
+    }
+
+    /// Sends the samples, each session and each period as the recording has them, and receives all answers.
+    fn play(
+        &self,
+        feeder: &mut Feeder,
+        samples: &mut Samples,
+        served: &ServedTable,
+        options: &impl Fn(Duration) -> Options,
+    ) -> Result<(), FeedError> {
+        let period = self.rate.map(|rate| Duration::from_secs_f64(1.0 / rate));
+        let (mut due, mut session, mut asked) = (Instant::now(), None, served.table);
+        let device = self.serial.as_deref().map(device);
+        let mut warning = GyroscopeWarning::new(served.gyroscopes);
+        loop {
+            // A reload has brought another time constant: a few samples more are flagged until the next one.
+            if let (None, Some(table)) = (self.lag.ns, feeder.lag_unknown.take())
+                && table != asked
+                && let Ok(now) = ServedTable::fetch(&self.imu, &options(self.timeout))
+            {
+                asked = now.table;
+                samples.set_lag(now.lag_ns);
+            }
+            let Some(sample) = samples.next() else { break };
+            let sample = match sample {
+                Ok(sample) => sample,
+                Err(error) => {
+                    // Write the answers to what has been sent, as `replay` would.
+                    feeder.drain()?;
+                    return Err(error.into());
+                }
+            };
+            if session.replace(sample.session).is_some_and(|session| session != sample.session) {
+                feeder.drain()?;
+                let begun = feeder.acquisition.begin_session();
+                begun.map_err(|error| Failure::new(Exit::Failed, error.to_string()))?;
+            }
+            warning.check(&sample);
+            if let Some(period) = period {
+                feeder.receive_until(due)?;
+                due += period;
+            }
+            feeder.send(&RawSample { device: device.unwrap_or(sample.device), ..sample })?;
+        }
+        feeder.drain()?;
+        // The program that writes to our stdin may have got the same signal: this is not the whole recording then.
+        feeder.check_interrupted()
     }
 }
 

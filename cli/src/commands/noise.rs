@@ -1,6 +1,6 @@
 //! `noise`: the Allan deviation of a recording at rest.
 
-use super::common::{Acceptance, choice, inputs, joined_paths, or_document, time_step};
+use super::common::{Acceptance, choice, inputs, joined_paths, or_document};
 use crate::parse::from_zero;
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
@@ -95,7 +95,7 @@ impl Noise {
         let analysis = NoiseAnalysis::of(&rows, table.as_ref(), part);
         spinner.finish_and_clear();
         let analysis = analysis.map_err(|error| {
-            let fault = rows.iter().collect::<Continuity>().fault().map(time_step);
+            let fault = rows.iter().collect::<Continuity>().fault().map(|fault| fault.finding());
             let _ = Acceptance::default().admit(&recording, fault.into_iter().collect());
             let failure = Failure::new(Exit::Data, format!("{recording}: {error}"));
             if let [file] = self.recording.as_slice() { failure.at(file, None) } else { failure }

@@ -1,13 +1,13 @@
 //! `replay`: compensates a recording with the kernel.
 
-use super::common::{Acceptance, GyroscopeWarning, LagSetting, joined_paths, other_device, time_step};
+use super::common::{Acceptance, GyroscopeWarning, LagSetting, joined_paths};
 use clap::Args;
 use indicatif::ProgressBar;
 use isotherm_client::{Flags, ImuId};
 use isotherm_failure::{Failure, tell};
 use isotherm_files::{Output, WorldWritable, check_written, load_table, refuse_overlap};
 use isotherm_recording::rows::RecordedRow;
-use isotherm_recording::{Continuity, IncrementCsvWriter, IncrementLayout};
+use isotherm_recording::{Continuity, IncrementCsvWriter, IncrementLayout, other_device};
 use isotherm_recording_formats::read::Samples;
 use isotherm_recording_formats::write::{RosTable, RosWriter};
 use isotherm_shared::compensate::answer;
@@ -83,8 +83,9 @@ impl Replay {
             let unit = &table.content().temperature_unit;
             tell("isotherm", format_args!("no sensor_msgs/msg/Temperature: the telemetry is in {unit}, not in degC"));
         }
-        let other = (flags.count(Flags::OTHER_DEVICE) > 0).then(|| other_device(&table));
-        let findings = continuity.fault().map(time_step).into_iter().chain(other).collect();
+        let others = flags.count(Flags::OTHER_DEVICE);
+        let other = (others > 0).then(|| other_device(&table, others));
+        let findings = continuity.fault().map(|fault| fault.finding()).into_iter().chain(other).collect();
         // What is written stands: nothing is refused.
         Acceptance::default().admit(&joined_paths(&self.recording), findings).map_err(|refused| refused.failure)?;
         let losses = Some(continuity.losses()).filter(|losses| !losses.is_none());

@@ -1,9 +1,6 @@
 //! `verify`: the stability of a recording under a table.
 
-use super::common::{
-    Acceptance, LagSetting, choice, inputs, joined, joined_paths, or_document, other_device, refuse_other_imu,
-    time_step,
-};
+use super::common::{Acceptance, LagSetting, choice, inputs, joined, joined_paths, or_document, refuse_other_imu};
 use crate::parse::{direction, gravity, seconds};
 use crate::progress::bytes_bar;
 use clap::Args;
@@ -14,6 +11,7 @@ use isotherm_files::{
     StagedText, WorldWritable, check_stdout, check_written, load_table, print, print_data, refuse_overlap,
 };
 use isotherm_job::{Refused, Run};
+use isotherm_recording::other_device;
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
 use isotherm_shared::table::CoefficientTable;
@@ -152,7 +150,7 @@ impl Verify {
         require: Option<Requirement>,
     ) -> Result<Result<(), Failure>, Refused> {
         let window_s = self.window.map_or(STANDSTILL_WINDOW_S, |window| window.as_secs_f64());
-        let other = (lengths.other_device > 0).then(|| other_device(table));
+        let other = (lengths.other_device > 0).then(|| other_device(table, lengths.other_device as u64));
         self.acceptance.admit(&recording, other.into_iter().collect())?;
         if let Some(page) = page {
             let source = self.source(recording.clone(), window_s, require);
@@ -208,7 +206,7 @@ impl Verify {
         }
         bar.finish_and_clear();
         let recording = joined_paths(&self.recording);
-        let fault: Vec<_> = run.collector().continuity().fault().map(time_step).into_iter().collect();
+        let fault: Vec<_> = run.collector().continuity().fault().map(|fault| fault.finding()).into_iter().collect();
         if let Some(lengths) = self.lengths(&table, &rows, keep, &recording)? {
             self.acceptance.admit(&recording, fault)?;
             return self.show_lengths(&table, &lengths, recording, page, require);

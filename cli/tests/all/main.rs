@@ -6,6 +6,7 @@ mod calibration;
 mod cli;
 mod common;
 mod compare;
+mod findings;
 mod gravity_only;
 mod gyroscopes;
 mod noise;

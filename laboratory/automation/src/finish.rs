@@ -49,6 +49,8 @@ pub struct Finish {
     pub lag: LagChoice,
     /// Names of faults that count as warnings.
     pub accept: Vec<&'static str>,
+    /// Whether every warning that is not accepted is a fault.
+    pub strict: bool,
 }
 
 impl Finish {
@@ -313,6 +315,7 @@ impl Finish {
         CalibrationOptions {
             alignment,
             accept: self.accept.clone(),
+            strict: self.strict,
             lag: self.lag,
             predecessor_lag_s: in_force.and_then(|table| table.content().lag_s),
             ..CalibrationOptions::default()

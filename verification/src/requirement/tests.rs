@@ -132,7 +132,7 @@ fn a_bound_is_met_only_if_the_whole_interval_is_within_it() {
             },
             interval_ratio: None,
             gyroscopes: None,
-            other_device: 0,
+            other_device: None,
             losses: Default::default(),
             time_fault: None,
         }

@@ -14,7 +14,7 @@ use crate::stability::stillness::{ACCELEROMETERS, LeftOut, PARTS, mark};
 use crate::verdict::Verdict;
 use crate::window::{MIN_WINDOWS, Window};
 use isotherm_calibration::CLOCK_TOLERANCE;
-use isotherm_recording::Continuity;
+use isotherm_recording::{Continuity, other_device};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Gyroscopes};
@@ -310,7 +310,7 @@ impl<'a> Collector<'a> {
             resolution: self.telemetry.map(|parts| parts.map(|t| Some(t.step).filter(|step| step.is_finite()))),
             left_out: self.left_out,
             middle,
-            other_device: self.other_device,
+            other_device: (self.other_device > 0).then(|| other_device(self.table, self.other_device)),
             losses: self.continuity.losses(),
             time_fault: self.continuity.fault(),
         })

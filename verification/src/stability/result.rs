@@ -58,8 +58,8 @@ pub struct Stability {
     pub interval_ratio: Option<f64>,
     /// The gyroscopes, or why they are not judged; `None` if neither the table nor the recording has any.
     pub gyroscopes: Option<Result<GyroscopeStability, String>>,
-    /// Number of samples of another unit than the table's.
-    pub other_device: u64,
+    /// That samples are of another unit than the table's, if some are.
+    pub other_device: Option<Finding>,
     /// Rows that are missing by their sequences, and steps of time.
     pub losses: Losses,
     /// The first fault of time.
@@ -99,11 +99,9 @@ impl Stability {
     /// also why nothing is claimed.
     #[must_use]
     pub fn findings(&self, required: bool) -> Vec<Finding> {
-        let mut found = Vec::new();
+        let time = self.time_fault.as_ref().map(TimeFault::finding);
+        let mut found: Vec<Finding> = time.into_iter().chain(self.other_device.clone()).collect();
         let mut add = |name, message: Option<String>| found.extend(message.map(|text| Finding::warning(name, text)));
-        add(name::TIME_STEP, self.time_fault.map(|fault| fault.to_string()));
-        let other = "samples of another unit than the table's";
-        add(name::OTHER_DEVICE, (self.other_device > 0).then(|| format!("{} {other}", self.other_device)));
         add(name::INTERVAL, self.interval_warning());
         if !required {
             let mismatch = self.gravity_mismatch();

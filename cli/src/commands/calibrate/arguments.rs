@@ -1,10 +1,10 @@
 //! Arguments of `calibrate`, and what it prints.
 
+use crate::commands::common::Acceptance;
 use crate::parse::{gravity, lag_choice, numbers, seconds};
 use clap::Args;
 use isotherm_calibration::{LagChoice, Method, ScaleFactorChoice};
 use isotherm_client::ImuId;
-use isotherm_finding::name;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -71,17 +71,12 @@ pub(crate) struct Calibrate {
     /// With --gravity-only: the number of a standstill
     #[arg(long, value_name = "SET_POINT/NUMBER", allow_hyphen_values = true, value_parser = excluded)]
     pub(super) exclude: Vec<Excluded>,
-    /// Make the table in spite of a fault of this name, which stands in brackets in the fault's line; several with
-    /// commas, or repeated. The names are written into the provenance
-    #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = name::acceptable)]
-    pub(super) accept: Vec<&'static str>,
+    #[command(flatten)]
+    pub(super) acceptance: Acceptance,
     /// Make the table also of samples of another unit than the campaign file's serial number says; the same as --accept
     /// other-device
     #[arg(long)]
     pub(super) other_device: bool,
-    /// Make no table if there is a warning that is not accepted
-    #[arg(long)]
-    pub(super) strict: bool,
     /// List all faults and warnings of a refused campaign, not the first ten, also those that a diagnosis explains
     #[arg(short, long)]
     pub(super) verbose: bool,
