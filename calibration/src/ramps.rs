@@ -12,7 +12,7 @@ use crate::checks::scale::unlike_scale_factors;
 use crate::error::CalibrationError;
 use crate::options::{CalibrationOptions, refuse_options};
 use crate::result::Calibration;
-use crate::transients::{CurveSource, RampRecording, TransientOptions, Transients, TransientsError, fit};
+use crate::transients::{CurveSource, RampRecording, TransientOptions, Transients, fit};
 use isotherm_campaign::Campaign;
 use isotherm_finding::{Finding, Severity, name};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, Content};
@@ -222,7 +222,8 @@ fn refuse_twice(ramps: &[RampRecording]) -> Result<(), CalibrationError> {
         if let Some(same) = ramps[..number].iter().find(|other| ramp.has_rows_of(other)) {
             let message =
                 format!("{} has the rows of {}; one recording is one [[ramp]]: take one out", ramp.name(), same.name());
-            return Err(TransientsError::Recording(message).into());
+            let findings = vec![Finding::fault(name::SAME_RECORDING, message)];
+            return Err(CalibrationError::Faults { diagnosis: None, findings });
         }
     }
     Ok(())

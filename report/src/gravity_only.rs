@@ -1,15 +1,17 @@
 //! A calibration without a turntable as text, JSON and page.
 
 use super::findings::findings;
-use super::json::losses;
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
 use super::text::within;
+use super::view::{value, view};
 use isotherm_calibration::{CampaignSource, GravityOnlyCalibration, Reading, largest_interval};
 use isotherm_campaign::Campaign;
+use isotherm_recording::Losses;
 use isotherm_shared::table::{AXIS_NAMES, GRAVITY_ONLY, GYROSCOPE_NAMES};
-use isotherm_statistics::{CONFIDENCE, QUANTITIES, student_quantile};
-use serde_json::{Value, json};
+use isotherm_shared::wire::AXES;
+use isotherm_statistics::{CONFIDENCE, Curve, QUANTITIES, student_quantile};
+use serde_json::Value;
 use std::fmt::Write as _;
 
 /// What no calibration without a turntable shows.
@@ -135,82 +137,79 @@ fn head(reading: &Reading) -> f64 {
 /// A calibration as JSON. `locate` gives file and line of a row.
 #[must_use]
 pub fn json(calibration: &GravityOnlyCalibration, locate: impl Fn(u64) -> String) -> Value {
-    let content = calibration.table.content();
-    let of = |quantity: usize, with: &dyn Fn(usize, f64) -> Value| {
-        (0..3).map(|axis| with(axis, calibration.mid(axis, quantity))).collect::<Value>()
+    value(&CalibrationView::of(calibration, findings(&calibration.findings, locate)))
+}
+
+view! { CalibrationView<'a>(found: &'a GravityOnlyCalibration, all: Value) {
+    imu: &'a str = found.table.content().imu.as_str(),
+    digest: String = found.table.digest().to_string(),
+    method: &'a str = GRAVITY_ONLY,
+    standstills: usize = found.readings.len(),
+    too_short: usize = found.too_short,
+    losses: Losses = found.losses,
+    temperatures: usize = found.levels,
+    unit: &'a str = &found.table.content().temperature_unit,
+    order: usize = found.unknowns.order,
+    order_reason: &'a str = &found.reasons[0],
+    scale_factor: &'a str = if found.unknowns.split { "split" } else { "single" },
+    scale_factor_reason: &'a str = &found.reasons[1],
+    parameters: usize = found.unknowns.count(),
+    degrees_of_freedom: usize = found.freedom,
+    residual_rms_g0: f64 = found.residual_rms(),
+    dilution_sqrt_n: f64 = found.dilution.times_root_n,
+    bias_g0: [f64; AXES] = values(found, 0),
+    bias_standard_error_g0: Option<[f64; AXES]> = errors(found, 0),
+    positive_scale_factor_pulse_per_s_g0: [f64; AXES] = values(found, 1),
+    positive_scale_factor_standard_error_ppm: Option<[f64; AXES]> = errors(found, 1),
+    negative_scale_factor_pulse_per_s_g0: [f64; AXES] = values(found, 2),
+    negative_scale_factor_standard_error_ppm: Option<[f64; AXES]> = errors(found, 2),
+    m12_m13_m23_rad: Option<Vec<f64>> = Some(misalignments(found).into_iter().map(|(_, value, _)| value).collect())
+        .filter(|values: &Vec<f64>| !values.is_empty()),
+    m_standard_error_rad: Option<[f64; AXES]> = found.misalignment_error,
+    gyroscope_rate_pulse_per_s: Option<[f64; AXES]> = found.gyroscope_rates(),
+    not_observable: &'a str = NOT_OBSERVABLE,
+    curves: Vec<CurveView<'a>> =
+        (0..9).map(|index| CurveView::of(&found.curves[index / 3][index % 3], index / 3, index % 3)).collect(),
+    standstill: Vec<StandstillView> =
+        (0..found.readings.len()).map(|index| StandstillView::of(found, &found.readings[index], index)).collect(),
+    findings: Value = all,
+}}
+
+view! { CurveView<'a>(curve: &Curve, number: usize, of: usize) {
+    axis: &'a str = AXIS_NAMES[number],
+    quantity: &'a str = QUANTITIES[of],
+    unit: &'a str = if of == 0 { "g0" } else { "pulse/(s*g0)" },
+    order: usize = curve.order(),
+    range_in_unit_of_telemetry: [f64; 2] = curve.range(),
+    largest_interval_in_unit: Option<f64> = largest_interval(curve, false),
+}}
+
+view! { StandstillView(found: &GravityOnlyCalibration, reading: &Reading, index: usize) {
+    number: usize = reading.number,
+    recording: usize = reading.recording + 1,
+    start_s: f64 = reading.start_s,
+    length_s: f64 = reading.seconds,
+    rows: usize = reading.rows.len(),
+    specific_force_g0: [f64; AXES] = found.forces[index],
+    head_in_unit_of_telemetry: [f64; AXES] = reading.head,
+    board_in_unit_of_telemetry: [f64; AXES] = reading.board,
+    residual_g0: f64 = found.residuals[index],
+    gyroscope_rate_pulse_per_s: Option<[f64; AXES]> = reading.gyroscopes,
+}}
+
+/// A quantity of each axis at mid telemetry.
+fn values(found: &GravityOnlyCalibration, quantity: usize) -> [f64; AXES] {
+    [0, 1, 2].map(|axis| found.curves[axis][quantity].at(found.mid(axis, quantity)))
+}
+
+/// Their standard errors, those of scale factors in ppm; `None` if one of them is not known.
+fn errors(found: &GravityOnlyCalibration, quantity: usize) -> Option<[f64; AXES]> {
+    let error = |axis: usize| {
+        let (curve, at) = (&found.curves[axis][quantity], found.mid(axis, quantity));
+        let relative = if quantity == 0 { 1.0 } else { 1e6 / curve.at(at).abs() };
+        Some(curve.standard_error(at)? * relative)
     };
-    let value = |quantity: usize| of(quantity, &|axis, at| json!(calibration.curves[axis][quantity].at(at)));
-    let error = |quantity: usize| {
-        let known = (0..3)
-            .all(|axis| calibration.curves[axis][quantity].standard_error(calibration.mid(axis, quantity)).is_some());
-        if !known {
-            return Value::Null;
-        }
-        of(quantity, &|axis, at| {
-            let curve = &calibration.curves[axis][quantity];
-            let relative = if quantity == 0 { 1.0 } else { 1e6 / curve.at(at).abs() };
-            json!(curve.standard_error(at).map(|error| error * relative))
-        })
-    };
-    let curve = |index: usize| {
-        let (axis, quantity) = (index / 3, index % 3);
-        let curve = &calibration.curves[axis][quantity];
-        json!({
-            "axis": AXIS_NAMES[axis],
-            "quantity": QUANTITIES[quantity],
-            "unit": if quantity == 0 { "g0" } else { "pulse/(s*g0)" },
-            "order": curve.order(),
-            "range_in_unit_of_telemetry": curve.range(),
-            "largest_interval_in_unit": largest_interval(curve, false),
-        })
-    };
-    let standstill = |index: usize| {
-        let reading = &calibration.readings[index];
-        json!({
-            "number": reading.number,
-            "recording": reading.recording + 1,
-            "start_s": reading.start_s,
-            "length_s": reading.seconds,
-            "rows": reading.rows.len(),
-            "specific_force_g0": calibration.forces[index],
-            "head_in_unit_of_telemetry": reading.head,
-            "board_in_unit_of_telemetry": reading.board,
-            "residual_g0": calibration.residuals[index],
-            "gyroscope_rate_pulse_per_s": reading.gyroscopes,
-        })
-    };
-    let m = misalignments(calibration);
-    json!({
-        "imu": content.imu.to_string(),
-        "digest": calibration.table.digest().to_string(),
-        "method": GRAVITY_ONLY,
-        "standstills": calibration.readings.len(),
-        "too_short": calibration.too_short,
-        "losses": losses(calibration.losses),
-        "temperatures": calibration.levels,
-        "unit": content.temperature_unit,
-        "order": calibration.unknowns.order,
-        "order_reason": calibration.reasons[0],
-        "scale_factor": if calibration.unknowns.split { "split" } else { "single" },
-        "scale_factor_reason": calibration.reasons[1],
-        "parameters": calibration.unknowns.count(),
-        "degrees_of_freedom": calibration.freedom,
-        "residual_rms_g0": calibration.residual_rms(),
-        "dilution_sqrt_n": calibration.dilution.times_root_n,
-        "bias_g0": value(0),
-        "bias_standard_error_g0": error(0),
-        "positive_scale_factor_pulse_per_s_g0": value(1),
-        "positive_scale_factor_standard_error_ppm": error(1),
-        "negative_scale_factor_pulse_per_s_g0": value(2),
-        "negative_scale_factor_standard_error_ppm": error(2),
-        "m12_m13_m23_rad": (!m.is_empty()).then(|| m.iter().map(|(_, value, _)| *value).collect::<Vec<_>>()),
-        "m_standard_error_rad": calibration.misalignment_error,
-        "gyroscope_rate_pulse_per_s": calibration.gyroscope_rates(),
-        "not_observable": NOT_OBSERVABLE,
-        "curves": (0..9).map(curve).collect::<Vec<_>>(),
-        "standstill": (0..calibration.readings.len()).map(standstill).collect::<Vec<_>>(),
-        "findings": findings(&calibration.findings, locate),
-    })
+    Some([error(0)?, error(1)?, error(2)?])
 }
 
 /// The page as HTML.

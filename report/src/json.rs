@@ -14,7 +14,6 @@ use crate::view::{value, view};
 use calibration::CalibrationView;
 use isotherm_calibration::{Calibration, CalibrationError, GravityOnlyError, RampCalibration};
 use isotherm_failure::Failure;
-use isotherm_recording::Losses;
 use serde_json::{Value, json};
 use std::borrow::Cow;
 use transients::TransientsView;
@@ -92,9 +91,4 @@ pub fn refusal(error: &CalibrationError, failure: &Failure, locate: impl Fn(u64)
         document["attitude"] = json!(attitude);
     }
     document
-}
-
-/// Rows that are missing by their sequences, and steps of time.
-pub(super) fn losses(found: Losses) -> Value {
-    value(&found)
 }

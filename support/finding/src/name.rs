@@ -237,7 +237,7 @@ findings! {
     "Without a turntable" "`interval`, `lack-of-fit`, `no-freedom`, `outlier` and others above are found there too." {
         /// The rates of an accelerometer lie about a centre of over 1 g0: the offset of an unsigned count is left in.
         COUNT_OFFSET = "count-offset", Fault, "Take it off with `isotherm convert`, `offset` in the mapping file.";
-        /// The attitudes tell the parameters apart badly: D sqrt(n) is over 10, an error of a standstill comes out much
+        /// The attitudes tell the parameters apart badly: D sqrt(n) is over 20, an error of a standstill comes out much
         /// larger.
         ATTITUDES = "attitudes", Warning, "Put the IMU down in the attitudes that the line names.";
         /// Two temperatures differ, but show no curvature: the table has their mean.
