@@ -244,7 +244,7 @@ fn the_unit_of_a_recording_is_compared_with_the_tables() {
         assert!(replayed.status.success());
         let (increments, log) = (text(&replayed.stdout), text(&replayed.stderr));
         assert_eq!(flags(&increments), [(expected.to_owned(), 40)], "{file}");
-        let warning = ".csv: samples of another unit than the table's, which has the serial number \"S/N 7\"";
+        let warning = ".csv: 40 samples are of another unit than the table's, which has the serial number \"S/N 7\"";
         assert_eq!(log.contains(warning), expected != "-", "{log}");
         assert!(domain.run_ok(&[&FEED[..], &[file]].concat()) == increments, "{file}");
     }
