@@ -199,7 +199,8 @@ fn samples_of_another_unit_are_refused_unless_wanted() {
     assert!(err.contains("--other-device"), "{err}");
     let (other, err) = expect(&verify(&domain, &[&["other.csv", "--other-device"], &arguments[..]].concat()), 0);
     assert!(
-        err.contains("warning [other-device]: other.csv: 400 samples are of another unit than the table's") && other == own,
+        err.contains("warning [other-device]: other.csv: 400 samples are of another unit than the table's")
+            && other == own,
         "{err}{other}"
     );
     // `replay` computes, warns once and counts.
