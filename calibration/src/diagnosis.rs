@@ -156,8 +156,7 @@ fn missing_everywhere(
         (0..campaign.positions.len()).any(|position| elsewhere(position) && !has(set_point, position))
     };
     let found = findings.iter().filter(|finding| finding.name == name::MISSING_POSITION).count();
-    let others = found != set_points.len() || set_points.iter().any(lacks);
-    if missing.is_empty() || others || set_points.len() < 2 {
+    if missing.is_empty() || found != set_points.len() || found < 2 || set_points.iter().any(lacks) {
         return None;
     }
     let (verb, it, list) = match missing.as_slice() {
@@ -182,8 +181,14 @@ fn dead_channels(campaign: &Campaign, dwells: &[Dwell]) -> Option<Diagnosis> {
     };
     let found: Vec<_> =
         (0..AXES).flat_map(|axis| (0..2).map(move |channel| (axis, channel))).filter(|&(a, c)| dead(a, c)).collect();
+    let message = without_pulses(&found)?;
+    Some(diagnosis(name::NO_PULSES, message, &[name::NO_PULSES, name::WRONG_POSITION, name::CHANNELS_DIFFER]))
+}
+
+/// What is said of the channels without pulses `dead`, each an axis and 0 for + or 1 for -.
+fn without_pulses(dead: &[(usize, usize)]) -> Option<String> {
     let word = |channel: usize| ["+", "-"][channel];
-    let message = match found.as_slice() {
+    Some(match dead {
         [(axis, channel)] => format!(
             "the {} channel of {} gives no pulse in the whole campaign: mend its converter or cable, or the column a{}_{}, and measure again",
             word(*channel),
@@ -217,8 +222,7 @@ fn dead_channels(campaign: &Campaign, dwells: &[Dwell]) -> Option<Diagnosis> {
                 parts.join(", ")
             )
         }
-    };
-    Some(diagnosis(name::NO_PULSES, message, &[name::NO_PULSES, name::WRONG_POSITION, name::CHANNELS_DIFFER]))
+    })
 }
 
 /// Intervals or all times in a wrong unit: the checks have said which.
@@ -377,34 +381,16 @@ impl<'a> Trials<'a> {
         if freedom == 0 || (!off.is_empty() && freedom < MIN_FREEDOM) {
             return None;
         }
-        let mut matrix = DMatrix::zeros(AXES * dwells.len(), unknowns);
-        let mut right = DVector::zeros(AXES * dwells.len());
-        for (d, dwell) in dwells.iter().enumerate() {
-            let (force, by_tilt) = direction(dwell);
-            for axis in 0..AXES {
-                let (row, first) = (AXES * d + axis, PARAMETERS * axis);
-                let [positive, negative] = rates(dwell, axis);
-                let [by_positive, by_negative] = nominal[axis];
-                let (next, after) = (force[(axis + 1) % AXES], force[(axis + 2) % AXES]);
-                let values = [-1.0, positive / by_positive, negative / by_negative, -next, -after];
-                for (k, value) in values.into_iter().enumerate() {
-                    matrix[(row, first + k)] = value;
-                }
-                for k in AXES * PARAMETERS..unknowns {
-                    matrix[(row, k)] = -by_tilt[axis][k - AXES * PARAMETERS];
-                }
-                right[row] = force[axis];
-            }
-        }
+        let shares = |dwell: &Dwell, axis: usize| {
+            let [positive, negative] = rates(dwell, axis);
+            [positive / nominal[axis][0], negative / nominal[axis][1]]
+        };
+        let directions: Vec<_> = dwells.iter().map(|dwell| direction(dwell)).collect();
+        let (matrix, right) = equations(&directions, unknowns, |d, axis| shares(dwells[d], axis));
         let solution = solve(&matrix, &right)?;
         let residual = right - &matrix * &solution;
-        let sign = [0, 1, 2].map(|axis| match (solution[PARAMETERS * axis + 1], solution[PARAMETERS * axis + 2]) {
-            (plus, minus) if plus > 0.0 && minus < 0.0 => 1,
-            (plus, minus) if plus < 0.0 && minus > 0.0 => -1,
-            _ => 0,
-        });
         let sd = (residual.norm_squared() / freedom as f64).sqrt();
-        Some(Reduction { sd, sign, unknowns: solution, nominal })
+        Some(Reduction { sd, sign: signs(&solution), unknowns: solution, nominal })
     }
 
     /// Residual of a set point under a hypothesis \[g0\]; infinite if its scale factors have another sign.
@@ -625,6 +611,41 @@ impl<'a> Trials<'a> {
         let squares = squares.filter(|squares| !squares.is_empty())?;
         Some((squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
     }
+}
+
+/// 1 for each axis whose scale factors have the right signs, -1 where both are opposite, else 0.
+fn signs(solution: &DVector<f64>) -> [i8; AXES] {
+    [0, 1, 2].map(|axis| match (solution[PARAMETERS * axis + 1], solution[PARAMETERS * axis + 2]) {
+        (plus, minus) if plus > 0.0 && minus < 0.0 => 1,
+        (plus, minus) if plus < 0.0 && minus > 0.0 => -1,
+        _ => 0,
+    })
+}
+
+/// The equations of dwells with these `directions`: the unknowns of each axis, then the base's tilt. `shares` gives the
+/// rates of a dwell's channels, by axis, over the largest ones.
+fn equations(
+    directions: &[Direction],
+    unknowns: usize,
+    shares: impl Fn(usize, usize) -> [f64; 2],
+) -> (DMatrix<f64>, DVector<f64>) {
+    let mut matrix = DMatrix::zeros(AXES * directions.len(), unknowns);
+    let mut right = DVector::zeros(AXES * directions.len());
+    for (d, (force, by_tilt)) in directions.iter().enumerate() {
+        for axis in 0..AXES {
+            let (row, first) = (AXES * d + axis, PARAMETERS * axis);
+            let [positive, negative] = shares(d, axis);
+            let (next, after) = (force[(axis + 1) % AXES], force[(axis + 2) % AXES]);
+            for (k, value) in [-1.0, positive, negative, -next, -after].into_iter().enumerate() {
+                matrix[(row, first + k)] = value;
+            }
+            for k in AXES * PARAMETERS..unknowns {
+                matrix[(row, k)] = -by_tilt[axis][k - AXES * PARAMETERS];
+            }
+            right[row] = force[axis];
+        }
+    }
+    (matrix, right)
 }
 
 /// The solution by scaled normal equations, in which the base is nearly level.

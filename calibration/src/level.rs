@@ -34,32 +34,33 @@ pub(crate) fn level_error(
         AXIS_NAMES[axis]
     );
     let missing = format!("{}, so that the base's tilt is not estimated", why_no_tilt(campaign));
-    let paired = set_points.iter().all(|set_point| is_paired(campaign, dwells, set_point));
-    let message = match (solution.tilt, paired) {
+    let message = match (solution.tilt, set_points.iter().all(|set_point| is_paired(campaign, dwells, set_point))) {
         (Some(_), _) if size < UNEXPLAINED => return None,
         (Some(_), _) => format!(
             "{shown}, which no tilt of the base explains: correct its angles, or its number if it was exchanged with another position, or measure \
              it again"
         ),
         (None, true) if size == 0.0 => return None,
-        (None, true) => {
-            format!(
-                "{missing}; {shown}, which cancels only if each direction was measured at two opposite headings; state the angles"
-            )
-        }
+        (None, true) => format!(
+            "{missing}; {shown}, which cancels only if each direction was measured at two opposite headings; state the angles"
+        ),
         (None, false) => {
-            let why = match campaign.mount {
-                Some(_) => "these positions do not tell the base's tilt from the other parameters",
-                None => &missing,
-            };
-            let shown = if size > 0.0 { format!("; {shown}") } else { String::new() };
-            format!(
-                "{why}, and not every direction was measured at two opposite headings, where it cancels: 1e-6 rad of tilt may put some 1e-6 g0 \
-                 into bias, scale factors and misalignments{shown}; state the angles, or measure pairs"
-            )
+            without_pairs(campaign, &missing, if size > 0.0 { format!("; {shown}") } else { String::new() })
         }
     };
     Some(Finding::warning(name::LEVEL, message))
+}
+
+/// What is said where the tilt is not estimated and does not cancel.
+fn without_pairs(campaign: &Campaign, missing: &str, shown: String) -> String {
+    let why = match campaign.mount {
+        Some(_) => "these positions do not tell the base's tilt from the other parameters",
+        None => missing,
+    };
+    format!(
+        "{why}, and not every direction was measured at two opposite headings, where it cancels: 1e-6 rad of tilt may put some 1e-6 g0 \
+         into bias, scale factors and misalignments{shown}; state the angles, or measure pairs"
+    )
 }
 
 /// The largest median residual of a position that shows a level error, the position's index, and the axis.

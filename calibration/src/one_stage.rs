@@ -147,8 +147,7 @@ pub(crate) fn fixed_solution(
             model.unknown[model.misalignments[axis] + k] = *value;
         }
     }
-    let residual = |dwell: &Dwell| [0, 1, 2].map(|axis| model.row(dwell, axis, |_, _| {}).0);
-    let residuals = dwells.iter().map(residual).collect();
+    let residuals = dwells.iter().map(|dwell| [0, 1, 2].map(|axis| model.row(dwell, axis, |_, _| {}).0)).collect();
     let freedom = set_points.len().saturating_sub(1);
     let axis = |(curves, m): ([Curve; QUANTITIES], [(f64, f64); 2])| AxisSolution {
         curves,

@@ -66,6 +66,38 @@ struct Fit {
     searched: Option<TimeConstant>,
 }
 
+impl Fit {
+    /// Writes the transients whose conditions are met; the other axes have the curve of an axis without one.
+    fn write(&mut self, ramps: &Ramps, table: &CoefficientTable, lag: LagChoice) {
+        let written = lag != LagChoice::None && decision::met(&self.conditions);
+        for (bias, of) in self.biases.iter_mut().zip(&ramps.biases) {
+            if written && decision::met(&bias.conditions) {
+                bias.transient = bias.estimate;
+            }
+            if bias.transient == 0.0 {
+                bias.curve = static_curve(ramps, of, coefficients(table, of));
+            }
+        }
+    }
+
+    fn words(&self, verdict: TransientVerdict, lag: LagChoice) -> Vec<String> {
+        match lag {
+            LagChoice::None => vec!["no transient is written, as asked for".to_owned()],
+            _ => decision::words(verdict, &self.time_constant, &self.conditions, &self.biases),
+        }
+    }
+
+    fn warnings(&self, recordings: &[RampRecording]) -> Vec<String> {
+        let time_constant_s = self.time_constant.value_s;
+        let mut warnings = self.searched.as_ref().map_or_else(Vec::new, |searched| {
+            decision::warnings(searched, &self.conditions, &self.biases, time_constant_s)
+        });
+        warnings.extend(recordings.iter().filter_map(|recording| gap(recording, time_constant_s)));
+        warnings.extend(carried(&self.biases));
+        warnings
+    }
+}
+
 /// Estimates lag and transients from ramps. `table` gives the scale factors, and the bias curves of a campaign.
 ///
 /// # Errors
@@ -85,31 +117,13 @@ pub fn fit(
         LagChoice::Given(tau_s) => given(&mut ramps, table, tau_s)?,
     };
     fit.conditions.insert(0, decision::both_directions(ramps.shared));
-    if options.lag != LagChoice::None && decision::met(&fit.conditions) {
-        for bias in fit.biases.iter_mut().filter(|bias| decision::met(&bias.conditions)) {
-            bias.transient = bias.estimate;
-        }
-    }
-    for (bias, of) in fit.biases.iter_mut().zip(&ramps.biases) {
-        if bias.transient == 0.0 {
-            bias.curve = static_curve(&ramps, of, coefficients(table, of));
-        }
-    }
+    fit.write(&ramps, table, options.lag);
     let verdict = decision::verdict(fit.time_constant.given, &fit.biases);
-    let mut words = decision::words(verdict, &fit.time_constant, &fit.conditions, &fit.biases);
-    if options.lag == LagChoice::None {
-        words = vec!["no transient is written, as asked for".to_owned()];
-    }
-    let mut warnings = fit.searched.as_ref().map_or_else(Vec::new, |searched| {
-        decision::warnings(searched, &fit.conditions, &fit.biases, fit.time_constant.value_s)
-    });
-    warnings.extend(recordings.iter().filter_map(|recording| gap(recording, fit.time_constant.value_s)));
-    warnings.extend(carried(&fit.biases));
-    warnings.extend(outside);
+    let warnings = fit.warnings(recordings).into_iter().chain(outside).collect();
     Ok(Transients {
         options: *options,
         verdict,
-        words,
+        words: fit.words(verdict, options.lag),
         time_constant: fit.time_constant,
         conditions: fit.conditions,
         biases: fit.biases,
@@ -196,15 +210,7 @@ fn estimates(
         let whole = equations.solve(used);
         let still = equations.solve(&ramps.columns_of(&[Column::Constant, Column::Curve]));
         let transient = ramps.columns(Column::Transient).start;
-        let with_transient = ramps.columns_of(&[Column::Constant, Column::Curve, Column::Transient]);
         let differences: Vec<f64> = rows.iter().map(|row| row[transient]).collect();
-        let of_columns = |coefficients: &Coefficients, columns: &[usize]| {
-            let residual = |block: usize| {
-                let row = &rows[block];
-                of.values[block] - columns.iter().map(|column| coefficients.values[*column] * row[*column]).sum::<f64>()
-            };
-            loop_points(ramps, of, SOAK * tau_s, residual)
-        };
         let mut bias = BiasTransient {
             kind: of.kind,
             axis: of.axis,
@@ -213,8 +219,8 @@ fn estimates(
             standard_error: *error,
             prediction: *prediction,
             conditions: Vec::new(),
-            before: of_columns(&still, &with_transient),
-            after: of_columns(&whole, &with_transient),
+            before: residual_loop(ramps, of, &rows, tau_s, &still),
+            after: residual_loop(ramps, of, &rows, tau_s, &whole),
             curve: curve(ramps, of, &whole, coefficients(table, of)),
             carried_g0: of.carried_g0,
         };
@@ -222,6 +228,13 @@ fn estimates(
         bias
     };
     ramps.biases.iter().zip(errors).zip(predictions).map(one).collect()
+}
+
+/// What constant, curve and transient of a solution leave over, after the soak.
+fn residual_loop(ramps: &Ramps, of: &Bias, rows: &[Vec<f64>], tau_s: f64, solution: &Coefficients) -> Vec<LoopPoint> {
+    let columns = ramps.columns_of(&[Column::Constant, Column::Curve, Column::Transient]);
+    let explained = |row: &[f64]| columns.iter().map(|column| solution.values[*column] * row[*column]).sum::<f64>();
+    loop_points(ramps, of, SOAK * tau_s, |block| of.values[block] - explained(&rows[block]))
 }
 
 /// The residuals of the blocks after `soak_s`, with their direction.

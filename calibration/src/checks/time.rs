@@ -179,40 +179,43 @@ impl Checker<'_> {
 
     /// Positions and temperatures that follow each other faster than is possible.
     pub(super) fn motion(&mut self, set_points: &[SetPoint]) {
+        let found = [self.fast_turns(), self.fast_ramps(set_points)];
+        self.findings.extend(found.into_iter().flatten());
+    }
+
+    /// Positions that are far apart and follow each other at once.
+    fn fast_turns(&self) -> Option<Finding> {
         let position = |dwell: &Dwell| &self.campaign.positions[dwell.position];
-        let pairs = || self.dwells.windows(2).map(|pair| (&pair[0], &pair[1]));
         let turn = |pair: &(&Dwell, &Dwell)| turn_deg(position(pair.0), position(pair.1)) > FAST_TURN;
-        let usual_s = median(pairs().filter(turn).map(|(before, after)| gap_s(before, after)));
-        let fast: Vec<_> = pairs().filter(turn).filter(|(before, after)| gap_s(before, after) < FAST_TURN_S).collect();
-        if let Some((before, after)) = fast.first() {
-            let more = if fast.len() > 1 { format!(", and {} more such turns", fast.len() - 1) } else { String::new() };
-            let factor = [1e3, 1e6, 1e9].into_iter().find(|factor| usual_s * factor >= PLAUSIBLE_TURN_S);
-            let all = factor.filter(|_| usual_s > 0.0 && fast.len() * 2 > pairs().filter(turn).count());
-            let cause = match all {
-                Some(factor) => format!(
-                    "all times look {factor} times too short: give timestamp_ns and interval_ns in nanoseconds (multiply both by {factor})"
-                ),
-                None => "times or positions are wrong; mend the rows, with the true time of each".to_owned(),
-            };
-            let message = format!(
-                "positions {} and {} are {:.0} degrees apart, {:.4} s after each other{more}; no turntable moves so fast: {cause}",
-                position(before).number,
-                position(after).number,
-                turn_deg(position(before), position(after)),
-                gap_s(before, after)
-            );
-            // The unit of all times concerns no single dwell: `diagnosis::clock` tells the two by the place.
-            let here = all.is_none().then_some(*after);
-            self.findings.push(Finding {
-                severity: Severity::Fault,
-                name: name::IMPOSSIBLE_MOTION,
-                line: here.map(|dwell| dwell.lines[0]),
-                place: here.map(|dwell| {
-                    Location::SetPoint(dwell.set_point_c, Some(RunNumber::Position(position(dwell).number)))
-                }),
-                message,
-            });
-        }
+        let turns = || self.pairs().filter(turn);
+        let usual_s = median(turns().map(|(before, after)| gap_s(before, after)));
+        let fast: Vec<_> = turns().filter(|(before, after)| gap_s(before, after) < FAST_TURN_S).collect();
+        let (before, after) = *fast.first()?;
+        let more = if fast.len() > 1 { format!(", and {} more such turns", fast.len() - 1) } else { String::new() };
+        let all = usual_s > 0.0 && fast.len() * 2 > turns().count();
+        let factor = [1e3, 1e6, 1e9].into_iter().find(|factor| all && usual_s * factor >= PLAUSIBLE_TURN_S);
+        let cause = match factor {
+            Some(factor) => format!(
+                "all times look {factor} times too short: give timestamp_ns and interval_ns in nanoseconds (multiply both by {factor})"
+            ),
+            None => "times or positions are wrong; mend the rows, with the true time of each".to_owned(),
+        };
+        let message = format!(
+            "positions {} and {} are {:.0} degrees apart, {:.4} s after each other{more}; no turntable moves so fast: {cause}",
+            position(before).number,
+            position(after).number,
+            turn_deg(position(before), position(after)),
+            gap_s(before, after)
+        );
+        // The unit of all times concerns no single dwell: `diagnosis::clock` tells the two by the place.
+        let place = Location::SetPoint(after.set_point_c, Some(RunNumber::Position(position(after).number)));
+        let whole = Finding::whole(Severity::Fault, name::IMPOSSIBLE_MOTION, message);
+        let here = Finding { line: Some(after.lines[0]), place: Some(place), ..whole.clone() };
+        Some(if factor.is_some() { whole } else { here })
+    }
+
+    /// Temperatures that change faster from set point to set point than those of any IMU.
+    fn fast_ramps(&self, set_points: &[SetPoint]) -> Option<Finding> {
         // Degrees per unit of telemetry, from the set points; the heads' mean, because one may be broken.
         let head = |dwell: &Dwell| (0..3).map(|axis| dwell.sums.head(axis)).sum::<f64>() / 3.0;
         let means: Vec<(f64, f64)> = set_points
@@ -221,20 +224,22 @@ impl Checker<'_> {
             .collect();
         let slope = super::scale::slope(&means);
         let ramp = |(before, after): (&Dwell, &Dwell)| {
-            let (asked, change) =
-                ((after.set_point_c - before.set_point_c).abs(), (head(after) - head(before)) / slope);
+            let asked = (after.set_point_c - before.set_point_c).abs();
             // Where telemetry hardly depends on the chamber its noise is a large change of the temperature.
-            let change = change.abs().min(2.0 * asked);
+            let change = ((head(after) - head(before)) / slope).abs().min(2.0 * asked);
             (asked > 0.0 && change > RAMP * asked).then(|| change / gap_s(before, after).max(1e-9))
         };
-        let rate = median(pairs().filter_map(ramp));
-        if rate > FAST_RAMP && rate.is_finite() {
-            let message = format!(
-                "from set point to set point the temperature changes by {rate:.1} degC/s; no IMU does: timestamp_ns is not in \
-                 nanoseconds, or not the time of the rows"
-            );
-            self.findings.push(Finding::whole(Severity::Fault, name::IMPOSSIBLE_RAMP, message));
-        }
+        let rate = median(self.pairs().filter_map(ramp));
+        let message = format!(
+            "from set point to set point the temperature changes by {rate:.1} degC/s; no IMU does: timestamp_ns is not in \
+             nanoseconds, or not the time of the rows"
+        );
+        (rate > FAST_RAMP && rate.is_finite()).then(|| Finding::whole(Severity::Fault, name::IMPOSSIBLE_RAMP, message))
+    }
+
+    /// Each dwell with the next one.
+    fn pairs(&self) -> impl Iterator<Item = (&Dwell, &Dwell)> {
+        self.dwells.windows(2).map(|pair| (&pair[0], &pair[1]))
     }
 }
 

@@ -79,40 +79,13 @@ impl Trials<'_> {
         // Determinant of the signed order: 1 for a turned IMU.
         let transposed = if own.len() == 1 { -1 } else { 1 };
         let proper = transposed * i32::from(sign[0] * sign[1] * sign[2]) == 1;
-        // The columns a1, a2, a3 carry these accelerometers of the campaign file.
-        let carried = [0, 1, 2].map(|column| {
-            let axis = (0..AXES).find(|&axis| order[axis] == column).unwrap_or(column);
-            format!("{}{}", if sign[axis] < 0 { "-" } else { "" }, AXIS_NAMES[axis])
-        });
-        let carried = format!("the columns a1, a2, a3 carry {}", carried.join(", "));
+        let carried = carried(order, sign);
         // Then the angles may be wrong alone, in a file without directions too.
         let along = self.campaign.mount == Some(Matrix3::identity());
         match (own.as_slice(), flipped.as_slice()) {
             ([_, _, _], flipped) => describe_signs(flipped, place, along, &or_file("correct the positions")),
-            ([_], []) => {
-                let pair: Vec<_> = (0..AXES).filter(|axis| !own.contains(axis)).map(|axis| AXIS_NAMES[axis]).collect();
-                let text = format!(
-                    "{} look exchanged{place}: exchange their cables or columns{}",
-                    pair.join(" and "),
-                    or_file("their components in every specific_force")
-                );
-                (name::AXES_EXCHANGED, text)
-            }
-            ([about], [one]) if proper && one != about => {
-                let inner = match (along, about, sign[0]) {
-                    (true, 2, first) => {
-                        let off = if first < 0 { 90 } else { -90 };
-                        format!("; add {off} to every inner_deg")
-                    }
-                    _ => String::new(),
-                };
-                let text = format!(
-                    "the IMU looks turned by 90 degrees about {} against the campaign file{place} (heading, inner_deg or mounting), {carried}: \
-                     correct the angles and specific_force of every position{inner}",
-                    AXIS_NAMES[*about]
-                );
-                (name::HEADING, text)
-            }
+            ([own], []) => describe_pair(*own, place, &or_file("their components in every specific_force")),
+            ([about], [one]) if proper && one != about => describe_turn(*about, sign[0], place, along, &carried),
             _ => {
                 let what = if proper {
                     "the IMU looks mounted otherwise than the campaign file states"
@@ -195,6 +168,36 @@ fn describe_cables(a: [usize; 2], b: [usize; 2], place: &str, everywhere: bool) 
         column(a),
         column(b)
     )
+}
+
+/// The accelerometers of the campaign file that the columns carry, in words.
+fn carried(order: [usize; AXES], sign: [i8; AXES]) -> String {
+    let carried = [0, 1, 2].map(|column| {
+        let axis = (0..AXES).find(|&axis| order[axis] == column).unwrap_or(column);
+        format!("{}{}", if sign[axis] < 0 { "-" } else { "" }, AXIS_NAMES[axis])
+    });
+    format!("the columns a1, a2, a3 carry {}", carried.join(", "))
+}
+
+/// Both axes but `own` are exchanged; `or_file` is the remedy in the campaign file.
+fn describe_pair(own: usize, place: &str, or_file: &str) -> (&'static str, String) {
+    let pair: Vec<_> = (0..AXES).filter(|axis| *axis != own).map(|axis| AXIS_NAMES[axis]).collect();
+    let text = format!("{} look exchanged{place}: exchange their cables or columns{or_file}", pair.join(" and "));
+    (name::AXES_EXCHANGED, text)
+}
+
+/// The IMU is turned by 90 degrees about the axis `about`; `first` is the sign of the first axis.
+fn describe_turn(about: usize, first: i8, place: &str, along: bool, carried: &str) -> (&'static str, String) {
+    let inner = match (along, about) {
+        (true, 2) => format!("; add {} to every inner_deg", if first < 0 { 90 } else { -90 }),
+        _ => String::new(),
+    };
+    let text = format!(
+        "the IMU looks turned by 90 degrees about {} against the campaign file{place} (heading, inner_deg or mounting), {carried}: \
+         correct the angles and specific_force of every position{inner}",
+        AXIS_NAMES[about]
+    );
+    (name::HEADING, text)
 }
 
 /// Every accelerometer in its own columns, and those in `flipped` with the other sign. `along` says whether the IMU is

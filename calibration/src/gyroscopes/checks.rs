@@ -334,27 +334,32 @@ impl Checker<'_> {
                     self.findings.push(Finding::whole(Severity::Fault, name::TELEMETRY_CONSTANT, message));
                     continue;
                 }
-                let campaign = self.data.campaign;
-                let position = |run: &Dwell| RunNumber::Position(campaign.positions[run.position].number);
-                let turn = |run: &Dwell| RunNumber::Turn(campaign.turns[run.position].start.number);
-                let dwells = self.data.dwells.iter().map(|(_, dwell)| (*dwell, position(dwell)));
-                let turns = self.data.turns.iter().map(|(_, turned)| (&turned.run, turn(&turned.run)));
-                for (run, number) in dwells.chain(turns) {
-                    let [low, high] = of(run, axis);
-                    if high - low > DRIFT * step {
-                        let message = format!(
-                            "{column} runs from {low} to {high}, while set points are {step:.3} apart: a broken reading, or a temperature that was not \
-                             settled; mend the rows or leave them out with --exclude"
-                        );
-                        self.findings.push(Finding {
-                            severity: Severity::Fault,
-                            name: name::TELEMETRY_DRIFT,
-                            line: Some(run.lines[0]),
-                            place: Some(Location::SetPoint(run.set_point_c, Some(number))),
-                            message,
-                        });
-                    }
-                }
+                self.drift(&column, |run| of(run, axis), step);
+            }
+        }
+    }
+
+    /// Runs whose telemetry `column` covers more than a part of the `step` between set points.
+    fn drift(&mut self, column: &str, range: impl Fn(&Dwell) -> [f64; 2], step: f64) {
+        let campaign = self.data.campaign;
+        let position = |run: &Dwell| RunNumber::Position(campaign.positions[run.position].number);
+        let turn = |run: &Dwell| RunNumber::Turn(campaign.turns[run.position].start.number);
+        let dwells = self.data.dwells.iter().map(|(_, dwell)| (*dwell, position(dwell)));
+        let turns = self.data.turns.iter().map(|(_, turned)| (&turned.run, turn(&turned.run)));
+        for (run, number) in dwells.chain(turns) {
+            let [low, high] = range(run);
+            if high - low > DRIFT * step {
+                let message = format!(
+                    "{column} runs from {low} to {high}, while set points are {step:.3} apart: a broken reading, or a temperature that was not \
+                     settled; mend the rows or leave them out with --exclude"
+                );
+                self.findings.push(Finding {
+                    severity: Severity::Fault,
+                    name: name::TELEMETRY_DRIFT,
+                    line: Some(run.lines[0]),
+                    place: Some(Location::SetPoint(run.set_point_c, Some(number))),
+                    message,
+                });
             }
         }
     }

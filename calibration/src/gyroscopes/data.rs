@@ -5,7 +5,7 @@ use super::fit::{Run, RunTurn};
 use super::runs::{FittedRun, GyroscopeRuns, Place, TurnRun};
 use crate::error::CalibrationError;
 use crate::result::Calibration;
-use isotherm_campaign::{Campaign, Dwell, joint_range};
+use isotherm_campaign::{Campaign, Dwell, Position, joint_range};
 use isotherm_shared::wire::AXES;
 use nalgebra::Vector3;
 
@@ -66,45 +66,39 @@ impl<'a> Data<'a> {
 
     /// The runs for the fit: the dwells, then the turns; with the place of each.
     pub(super) fn runs(&self) -> (Vec<Run<'a>>, Vec<FittedRun>) {
-        let mut runs = Vec::new();
-        let mut places = Vec::new();
-        let hand = self.campaign.mount.map_or(1.0, |mount| mount.determinant().signum());
-        let dwells = self.dwells.iter().map(|(set_point, dwell)| (*set_point, *dwell, None));
-        let turns = self.turns.iter().map(|(set_point, turn)| (*set_point, &turn.run, Some(*turn)));
-        for (set_point, run, turn) in dwells.chain(turns) {
-            let (place, start) = match turn {
-                Some(_) => (Place::Turn(run.position), &self.campaign.turns[run.position].start),
-                None => (Place::Position(run.position), &self.campaign.positions[run.position]),
-            };
-            let earth::Start { force, earth, by_horizontal } = earth::Start::of(self.campaign, start, self.tilt);
-            places.push(FittedRun {
-                set_point,
-                place,
-                lines: run.lines,
-                start_ns: run.time_ns[0],
-                seconds: run.sums.seconds,
-                residual: [0.0; AXES],
-            });
-            runs.push(Run {
-                set_point,
-                seconds: run.sums.seconds,
-                pulses: [0, 1, 2].map(|axis| [run.sums.positive[axis], run.sums.negative[axis]]),
-                head: [0, 1, 2].map(|axis| run.head(axis)),
-                board: [0, 1, 2].map(|axis| run.board(axis)),
-                force,
-                earth,
-                by_horizontal,
-                horizontal: Vec::new(),
-                group: None,
-                turn: turn.map(|turn| RunTurn {
-                    axis: Vector3::from(self.campaign.turns[run.position].axis),
-                    angle: self.campaign.turns[run.position].angle_deg * 3600.0,
-                    hand,
-                    blocks: &turn.blocks,
-                }),
-            });
+        let dwells = self.dwells.iter().map(|(set_point, dwell)| {
+            let start = &self.campaign.positions[dwell.position];
+            (self.run(*set_point, dwell, start, None), placed(*set_point, dwell, Place::Position(dwell.position)))
+        });
+        let turns = self.turns.iter().map(|(set_point, turn)| {
+            let start = &self.campaign.turns[turn.run.position].start;
+            let place = Place::Turn(turn.run.position);
+            (self.run(*set_point, &turn.run, start, Some(turn)), placed(*set_point, &turn.run, place))
+        });
+        dwells.chain(turns).unzip()
+    }
+
+    /// A dwell, or the run of a `turn`, that began at `start`.
+    fn run(&self, set_point: usize, run: &Dwell, start: &Position, turn: Option<&'a TurnRun>) -> Run<'a> {
+        let earth::Start { force, earth, by_horizontal } = earth::Start::of(self.campaign, start, self.tilt);
+        Run {
+            set_point,
+            seconds: run.sums.seconds,
+            pulses: [0, 1, 2].map(|axis| [run.sums.positive[axis], run.sums.negative[axis]]),
+            head: [0, 1, 2].map(|axis| run.head(axis)),
+            board: [0, 1, 2].map(|axis| run.board(axis)),
+            force,
+            earth,
+            by_horizontal,
+            horizontal: Vec::new(),
+            group: None,
+            turn: turn.map(|turn| RunTurn {
+                axis: Vector3::from(self.campaign.turns[run.position].axis),
+                angle: self.campaign.turns[run.position].angle_deg * 3600.0,
+                hand: self.campaign.mount.map_or(1.0, |mount| mount.determinant().signum()),
+                blocks: &turn.blocks,
+            }),
         }
-        (runs, places)
     }
 
     /// Lowest and highest telemetry of all runs: head and board, by gyroscope.
@@ -114,4 +108,10 @@ impl<'a> Data<'a> {
             [joint_range(runs().map(|run| run.head_range(axis))), joint_range(runs().map(|run| run.board_range(axis)))]
         })
     }
+}
+
+/// A run with its place, not yet fitted.
+fn placed(set_point: usize, run: &Dwell, place: Place) -> FittedRun {
+    let (start_ns, seconds) = (run.time_ns[0], run.sums.seconds);
+    FittedRun { set_point, place, lines: run.lines, start_ns, seconds, residual: [0.0; AXES] }
 }

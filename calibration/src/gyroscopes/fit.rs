@@ -340,30 +340,37 @@ impl<'a> JointModel<'a> {
                 groups.entry(group).or_default().push(index);
             }
         }
-        let projector = |runs: Vec<usize>| {
-            let mut numbers: Vec<usize> =
-                runs.iter().flat_map(|run| self.runs[*run].horizontal.iter().map(|(number, _)| *number)).collect();
-            numbers.sort_unstable();
-            numbers.dedup();
-            let mut matrix: DMatrix<f64> = DMatrix::zeros(AXES * runs.len(), numbers.len());
-            for (i, index) in runs.iter().enumerate() {
-                let run = &self.runs[*index];
-                for (number, direction) in &run.horizontal {
-                    let column = numbers.binary_search(number).ok()?;
-                    let angle = operators[*index] * direction / run.seconds.sqrt();
-                    for axis in 0..AXES {
-                        matrix[(AXES * i + axis, column)] += self.sensitivity(axis).dot(&angle);
-                    }
+        groups
+            .into_values()
+            .map(|runs| {
+                let projector = self.projector(&runs, operators)?;
+                Some((runs, projector))
+            })
+            .collect()
+    }
+
+    /// The projector of the rows of `runs` off the components of Earth's rate that they share.
+    fn projector(&self, runs: &[usize], operators: &[Matrix3<f64>]) -> Option<DMatrix<f64>> {
+        let mut numbers: Vec<usize> =
+            runs.iter().flat_map(|run| self.runs[*run].horizontal.iter().map(|(number, _)| *number)).collect();
+        numbers.sort_unstable();
+        numbers.dedup();
+        let mut matrix: DMatrix<f64> = DMatrix::zeros(AXES * runs.len(), numbers.len());
+        for (i, index) in runs.iter().enumerate() {
+            let run = &self.runs[*index];
+            for (number, direction) in &run.horizontal {
+                let column = numbers.binary_search(number).ok()?;
+                let angle = operators[*index] * direction / run.seconds.sqrt();
+                for axis in 0..AXES {
+                    matrix[(AXES * i + axis, column)] += self.sensitivity(axis).dot(&angle);
                 }
             }
-            let basis = matrix.clone().try_svd(true, false, f64::EPSILON, MAX_SVD_STEPS)?;
-            let limit = 1e-9 * basis.singular_values.max();
-            let columns: Vec<_> =
-                (0..basis.singular_values.len()).filter(|k| basis.singular_values[*k] > limit).collect();
-            let u = basis.u?.select_columns(&columns);
-            Some((runs, DMatrix::identity(u.nrows(), u.nrows()) - &u * u.transpose()))
-        };
-        groups.into_values().map(projector).collect()
+        }
+        let basis = matrix.try_svd(true, false, f64::EPSILON, MAX_SVD_STEPS)?;
+        let limit = 1e-9 * basis.singular_values.max();
+        let columns: Vec<_> = (0..basis.singular_values.len()).filter(|k| basis.singular_values[*k] > limit).collect();
+        let u = basis.u?.select_columns(&columns);
+        Some(DMatrix::identity(u.nrows(), u.nrows()) - &u * u.transpose())
     }
 
     /// Applies the projectors to the rows of `matrix`.

@@ -211,10 +211,7 @@ fn collect(
     runs.present |= row.sample.gyroscopes != Triad::default();
     let place = Some((row.set_point_c, row.position));
     let goes_on = core::mem::replace(previous, place) == place;
-    let Some(number) = row.position else { return Ok(()) };
-    if campaign.turns.is_empty() {
-        return Ok(());
-    }
+    let Some(number) = row.position.filter(|_| !campaign.turns.is_empty()) else { return Ok(()) };
     if let Some(wrong) = implausible(&row.sample.gyroscopes) {
         let message = format!("set point {} degC, position {number}: {wrong}", row.set_point_c);
         return Err(RecordingError::Data { line: row.line, message });

@@ -116,26 +116,29 @@ impl Origin {
         };
         let records = provenance.get("curve").and_then(Value::as_array);
         for record in records.into_iter().flatten().filter_map(Value::as_table) {
-            let word = |key: &str| record.get(key).and_then(Value::as_str);
-            let quantity = QUANTITIES.iter().position(|name| Some(*name) == word("quantity"));
-            let kinds = [SensorKind::Accelerometer, SensorKind::Gyroscope];
-            let names = kinds.iter().flat_map(|kind| kind.names().map(|name| (*kind, name)));
-            let sensor = names.enumerate().find(|(_, (_, name))| Some(*name) == word("axis"));
-            let (Some(quantity), Some((index, (kind, _)))) = (quantity, sensor) else { continue };
-            let content = table.content();
-            let axis = match kind {
-                SensorKind::Accelerometer => Some(&content.axes[index]),
-                SensorKind::Gyroscope => content.gyroscopes.as_ref().map(|gyroscopes| &gyroscopes.axes[index - AXES]),
-            };
-            let Some(axis) = axis else { continue };
-            let (polynomial, unit) = quantity_of(axis, kind, quantity);
-            // Errors in another unit than the table's are not the table's.
-            if word("unit").is_none_or(|stated| stated == unit) {
-                origin.curves[index][quantity] = curve_errors(record, polynomial);
+            if let Some((sensor, quantity, errors)) = errors_of_record(record, table) {
+                origin.curves[sensor][quantity] = errors;
             }
         }
         origin
     }
+}
+
+/// The sensor, the quantity and the errors that a `[[provenance.curve]]` has; `None` if the table has no such curve, or
+/// in another unit: then the errors are not the table's.
+fn errors_of_record(record: &Table, table: &CoefficientTable) -> Option<(usize, usize, Option<CurveErrors>)> {
+    let word = |key: &str| record.get(key).and_then(Value::as_str);
+    let quantity = QUANTITIES.iter().position(|name| Some(*name) == word("quantity"))?;
+    let kinds = [SensorKind::Accelerometer, SensorKind::Gyroscope];
+    let mut names = kinds.iter().flat_map(|kind| kind.names().map(|name| (*kind, name))).enumerate();
+    let (sensor, (kind, _)) = names.find(|(_, (_, name))| Some(*name) == word("axis"))?;
+    let content = table.content();
+    let axis = match kind {
+        SensorKind::Accelerometer => &content.axes[sensor],
+        SensorKind::Gyroscope => &content.gyroscopes.as_ref()?.axes[sensor - AXES],
+    };
+    let (polynomial, unit) = quantity_of(axis, kind, quantity);
+    word("unit").is_none_or(|stated| stated == unit).then(|| (sensor, quantity, curve_errors(record, polynomial)))
 }
 
 /// The polynomial of a quantity with its unit in the table.

@@ -261,8 +261,6 @@ impl Bias {
         coefficients: &Axis,
         curves: CurveSource,
     ) -> Result<Self, TransientsError> {
-        let sensor = axis + if kind == SensorKind::Gyroscope { AXES } else { 0 };
-        debug_assert!(sensor < SENSORS);
         let mut bias = Self {
             kind,
             axis,
@@ -275,28 +273,8 @@ impl Bias {
             recordings: Vec::new(),
         };
         for (number, recording) in recordings.iter().enumerate() {
-            let times_ns: Vec<_> = recording.bins().iter().map(super::recording::Bin::middle_ns).collect();
-            let (heads, boards) = readings(recording, sensor, kind.names()[axis])?;
-            let head = interpolated(&heads, &times_ns);
-            let board = interpolated(&boards, &times_ns);
-            let values = indicated(recording, sensor, coefficients, curves, &head, &board);
-            let own = blocks.iter().filter(|block| block.recording == number);
-            let means: Vec<f64> = own.clone().map(|block| mean(&values[block.bins.clone()])).collect();
-            let centre = mean(&means);
-            if kind == SensorKind::Accelerometer {
-                bias.carried_g0 = bias.carried_g0.max(centre.abs());
-            }
-            bias.values.extend(means.iter().map(|value| value - centre));
-            bias.telemetry.extend(own.clone().map(|block| mean(&head[block.bins.clone()])));
-            bias.outside.extend(own.map(|block| {
-                let [head, board] = [&head, &board].map(|values| mean(&values[block.bins.clone()]));
-                curves == CurveSource::Campaign && beyond(&coefficients.bias, head)
-                    || beyond(&coefficients.positive_scale_factor, board)
-                    || beyond(&coefficients.negative_scale_factor, board)
-            }));
-            let [low, high] = range_of(&heads.iter().map(|reading| reading.telemetry).collect::<Vec<_>>());
-            bias.range = [bias.range[0].min(low), bias.range[1].max(high)];
-            bias.recordings.push(Telemetry { readings: heads, times_ns, values: head });
+            let own: Vec<&Block> = blocks.iter().filter(|block| block.recording == number).collect();
+            bias.add(recording, &own, coefficients, curves)?;
         }
         let [low, high] = bias.range;
         let changes = high - low > 1e-9 * (high.abs() + low.abs());
@@ -308,6 +286,38 @@ impl Bias {
         }
         bias.add_plays(blocks);
         Ok(bias)
+    }
+
+    /// Adds a recording with its `blocks`.
+    fn add(
+        &mut self,
+        recording: &RampRecording,
+        blocks: &[&Block],
+        coefficients: &Axis,
+        curves: CurveSource,
+    ) -> Result<(), TransientsError> {
+        let sensor = self.axis + if self.kind == SensorKind::Gyroscope { AXES } else { 0 };
+        debug_assert!(sensor < SENSORS);
+        let times_ns: Vec<_> = recording.bins().iter().map(super::recording::Bin::middle_ns).collect();
+        let (heads, boards) = readings(recording, sensor, self.kind.names()[self.axis])?;
+        let head = interpolated(&heads, &times_ns);
+        let board = interpolated(&boards, &times_ns);
+        let values = indicated(recording, sensor, coefficients, curves, &head, &board);
+        let means_of =
+            |values: &[f64]| blocks.iter().map(|block| mean(&values[block.bins.clone()])).collect::<Vec<_>>();
+        let (means, heads_of_blocks) = (means_of(&values), means_of(&head));
+        let centre = mean(&means);
+        if self.kind == SensorKind::Accelerometer {
+            self.carried_g0 = self.carried_g0.max(centre.abs());
+        }
+        self.values.extend(means.iter().map(|value| value - centre));
+        let places = heads_of_blocks.iter().zip(means_of(&board));
+        self.outside.extend(places.map(|(head, board)| outside(coefficients, curves, *head, board)));
+        self.telemetry.extend(heads_of_blocks);
+        let [low, high] = range_of(&heads.iter().map(|reading| reading.telemetry).collect::<Vec<_>>());
+        self.range = [self.range[0].min(low), self.range[1].max(high)];
+        self.recordings.push(Telemetry { readings: heads, times_ns, values: head });
+        Ok(())
     }
 
     /// The plays' columns (z - U)/w. Each recording begins in the middle of the play.
@@ -377,6 +387,13 @@ fn indicated(
         positive / k_plus.at(*board) + negative / k_minus.at(*board) - curve
     };
     recording.bins().iter().zip(head.iter().zip(board)).map(of_bin).collect()
+}
+
+/// Whether a curve of the table does not reach this telemetry.
+fn outside(coefficients: &Axis, curves: CurveSource, head: f64, board: f64) -> bool {
+    curves == CurveSource::Campaign && beyond(&coefficients.bias, head)
+        || beyond(&coefficients.positive_scale_factor, board)
+        || beyond(&coefficients.negative_scale_factor, board)
 }
 
 /// Whether the telemetry is beyond the range of a polynomial by more than 2 % of it: so far the polynomial goes on, and
