@@ -34,7 +34,8 @@ pub(crate) fn level_error(
         AXIS_NAMES[axis]
     );
     let missing = format!("{}, so that the base's tilt is not estimated", why_no_tilt(campaign));
-    let message = match (solution.tilt, set_points.iter().all(|set_point| is_paired(campaign, dwells, set_point))) {
+    let paired = set_points.iter().all(|set_point| is_paired(campaign, dwells, set_point));
+    let message = match (solution.tilt, paired) {
         (Some(_), _) if size < UNEXPLAINED => return None,
         (Some(_), _) => format!(
             "{shown}, which no tilt of the base explains: correct its angles, or its number if it was exchanged with another position, or measure \
@@ -44,15 +45,15 @@ pub(crate) fn level_error(
         (None, true) => format!(
             "{missing}; {shown}, which cancels only if each direction was measured at two opposite headings; state the angles"
         ),
-        (None, false) => {
-            without_pairs(campaign, &missing, if size > 0.0 { format!("; {shown}") } else { String::new() })
-        }
+        (None, false) => without_pairs(campaign, &missing, (size > 0.0).then_some(shown.as_str())),
     };
     Some(Finding::warning(name::LEVEL, message))
 }
 
-/// What is said where the tilt is not estimated and does not cancel.
-fn without_pairs(campaign: &Campaign, missing: &str, shown: String) -> String {
+/// What is said where the tilt is not estimated and does not cancel. `shown` is the largest level error, if there is
+/// one.
+fn without_pairs(campaign: &Campaign, missing: &str, shown: Option<&str>) -> String {
+    let shown = shown.map(|shown| format!("; {shown}")).unwrap_or_default();
     let why = match campaign.mount {
         Some(_) => "these positions do not tell the base's tilt from the other parameters",
         None => missing,

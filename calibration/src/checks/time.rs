@@ -208,10 +208,11 @@ impl Checker<'_> {
             gap_s(before, after)
         );
         // The unit of all times concerns no single dwell: `diagnosis::clock` tells the two by the place.
-        let place = Location::SetPoint(after.set_point_c, Some(RunNumber::Position(position(after).number)));
+        let here = factor.is_none().then_some(after);
+        let place =
+            |dwell: &Dwell| Location::SetPoint(dwell.set_point_c, Some(RunNumber::Position(position(dwell).number)));
         let whole = Finding::whole(Severity::Fault, name::IMPOSSIBLE_MOTION, message);
-        let here = Finding { line: Some(after.lines[0]), place: Some(place), ..whole.clone() };
-        Some(if factor.is_some() { whole } else { here })
+        Some(Finding { line: here.map(|dwell| dwell.lines[0]), place: here.map(place), ..whole })
     }
 
     /// Temperatures that change faster from set point to set point than those of any IMU.
