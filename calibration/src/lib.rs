@@ -57,8 +57,8 @@ pub use error::CalibrationError;
 pub use fitted::{Fitted, Measured};
 pub use gravity_only::reading::Reading;
 pub use gravity_only::{
-    GravityOnlyCalibration, GravityOnlyError, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording,
-    calibrate_gravity_only, error_of_length, errors_of_means,
+    Evidence, GravityOnlyCalibration, GravityOnlyError, GravityOnlyOptions, Groups, ScaleFactorChoice, TumbleRecording,
+    calibrate_gravity_only, error_of_length, errors_of_means, telemetry_steps,
 };
 pub use gyroscopes::fit::GyroscopeSolution;
 pub use gyroscopes::observability::TriadObservability;

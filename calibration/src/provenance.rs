@@ -456,7 +456,7 @@ fn curve<'a>(triad: &CalibratedTriad<'a>, axis: usize, quantity: usize) -> Curve
         r_squared: fit.r_squared,
         leave_one_set_point_out_rms: fit.leave_one_out_rms.map(|rms| rms * factor),
         leave_one_set_point_out_max: fit.leave_one_out_max.map(|max| max * factor),
-        degrees_of_freedom: curve.freedom(),
+        degrees_of_freedom: curve.freedom() as usize,
         largest_interval: largest_interval(curve, false).map(|half| half * factor),
         standard_errors: covariance.as_ref().map(|c| c.diagonal().iter().map(|v| v.max(0.0).sqrt()).collect()),
         covariance: covariance.map(|c| c.row_iter().map(|row| row.iter().copied().collect()).collect()),

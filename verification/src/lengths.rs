@@ -7,7 +7,7 @@ use crate::requirement::{Judgement, Requirement, all_met};
 use crate::stability::LocalGravity;
 use crate::verdict::Estimate;
 use core::ops::Range;
-use isotherm_calibration::{Reading, error_of_length, errors_of_means};
+use isotherm_calibration::{Reading, error_of_length, errors_of_means, telemetry_steps};
 use isotherm_campaign::{StandstillError, TUMBLED, begins_ns, find_standstills};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::polynomial::Polynomial;
@@ -122,10 +122,10 @@ impl Lengths {
         }
         let gravity = gravity_source.value().ok_or(LengthsError::Gravity)? / table.content().gravity;
         let found = find_standstills(rows, window_s, TUMBLED)?;
-        let begins_ns = begins_ns(rows);
+        let (begins_ns, steps) = (begins_ns(rows), telemetry_steps(rows));
         let reading = |(index, range): (usize, Range<usize>)| {
             let start_s = begins_ns[range.start] as f64 / 1e9;
-            Reading::of(index + 1, 0, rows, range, start_s, found.noise, false)
+            Reading::of(index + 1, 0, rows, range, start_s, found.noise, &steps, false)
         };
         let readings: Vec<Reading> = found.found.into_iter().enumerate().map(reading).collect();
         let (noise, count) = (errors_of_means(&readings), readings.len());

@@ -1,20 +1,22 @@
 //! What is refused before the fit, and what is warned of after it.
 
-use super::model::{Ellipsoid, GravityFit, ellipsoid};
+use super::model::{Ellipsoid, ellipsoid};
 use super::reading::Reading;
 use super::recording::TumbleRecording;
+use super::weighted::Weighted;
 use crate::checks::time::CLOCK_TOLERANCE;
 use isotherm_campaign::Campaign;
 use isotherm_finding::{Finding, Location, name};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::{AXES, RawSample, device};
 use isotherm_statistics::{median, student_quantile};
-use nalgebra::Vector3;
 
 /// A bias beyond this is an offset of the counts, not of a sensor \[g0\].
 const MAX_BIAS: f64 = 1.0;
 /// Condition number of the ellipsoid up to which its centre is believed.
 const MAX_CONDITION: f64 = 30.0;
+/// Its readings are beyond this share of gravity on both sides.
+const AROUND: f64 = 0.5;
 /// No IMU is warmer in a calibration \[degC\].
 const NO_CELSIUS: f64 = 150.0;
 /// Probability that a standstill is named as off by chance.
@@ -77,10 +79,14 @@ pub(super) fn of_readings(readings: &[Reading], gravity: f64) -> Option<Finding>
             format!("{} gives no pulses in any standstill; look at its columns and its converter", AXIS_NAMES[axis]);
         return Some(Finding::fault(name::NO_PULSES, message));
     }
-    let Ellipsoid { bias, scale_factor, condition } = ellipsoid(readings, gravity)?;
-    let offset = (0..AXES).find(|axis| bias[*axis].abs() > MAX_BIAS);
+    let Ellipsoid { bias, scale_factor, condition, is_closed } = ellipsoid(readings, gravity)?;
     // Few attitudes show a part of the ellipsoid, whose centre may be anywhere.
-    let axis = offset.filter(|_| condition < MAX_CONDITION)?;
+    let about = |axis: usize| {
+        let off = |reading: &Reading| (reading.net(axis) / scale_factor[axis] - bias[axis]) / gravity;
+        readings.iter().any(|reading| off(reading) > AROUND) && readings.iter().any(|reading| off(reading) < -AROUND)
+    };
+    let axis = (0..AXES).find(|axis| bias[*axis].abs() > MAX_BIAS && about(*axis));
+    let axis = axis.filter(|_| is_closed && condition < MAX_CONDITION)?;
     let message = format!(
         "the rates of {} lie about {:.0} pulse/s, which is {:.1} g0: the offset of an unsigned count is left in; take it off with isotherm convert, \
          `offset` in the mapping file",
@@ -101,52 +107,35 @@ pub(super) fn kelvin(campaign: &Campaign, readings: &[Reading]) -> Option<Findin
     })
 }
 
-/// Standstills in which the IMU turned: the mean of a specific force that turns by theta is theta^2/24 too short.
-pub(super) fn turned(
-    readings: &[Reading],
-    noise: &[f64],
-    force: impl Fn(&Reading, &[f64; AXES]) -> Vector3<f64>,
-) -> Vec<Finding> {
-    let shown = |(reading, noise): (&Reading, &f64)| {
-        let [first, last] = [0, 1].map(|third| force(reading, &reading.thirds[third]));
-        // The middles of the thirds are two thirds of the standstill apart.
-        let angle = 1.5 * first.angle(&last);
-        let short = angle * angle / 24.0;
-        let named = short > *noise;
-        named.then(|| {
-            let message = format!(
-                "the IMU turned by {:.1} mrad in it, which makes its specific force {:.1}e-6 g0 too short, over the noise of its \
-                 mean, {:.1}e-6 g0; put it on firm ground, or leave it out: --exclude {}",
-                angle * 1e3,
-                short * 1e6,
-                noise * 1e6,
-                reading.number
-            );
-            Finding::warning(name::TURNED, message).at(Location::Standstill(reading.number))
-        })
+/// Standstills that no chance explains: each is judged by what the others say under the fit's covariance and by their
+/// scatter, at 1 % shared among all.
+///
+/// ```text
+/// P = V^-1 - V^-1 J C J'V^-1,   off_i = (P f)_i / P_ii,   t_i^2 = off_i^2 P_ii (m - 1) / (f'P f - off_i^2 P_ii)
+/// ```
+pub(super) fn outliers(readings: &[Reading], weighted: &Weighted<'_>) -> Vec<Finding> {
+    let Some(freedom) = readings.len().checked_sub(weighted.jacobian.ncols()).filter(|freedom| *freedom > 2) else {
+        return Vec::new();
     };
-    readings.iter().zip(noise).filter_map(shown).collect()
-}
-
-/// Standstills whose residual no chance explains: each is judged by the scatter of the others, at 1 % shared among all.
-pub(super) fn outliers(readings: &[Reading], fit: &GravityFit, freedom: usize) -> Vec<Finding> {
-    let (Some(inverse), true) = (&fit.inverse, freedom > 2) else { return Vec::new() };
+    let by_unknowns = &weighted.inverse * &weighted.jacobian;
+    let projector = &weighted.inverse - &by_unknowns * &weighted.covariance * by_unknowns.transpose();
+    let projected = &projector * &weighted.residual;
+    let all = weighted.residual.dot(&projected);
     let limit = student_quantile(1.0 - OUTLIER / readings.len() as f64, freedom - 1);
     let shown = |(i, reading): (usize, &Reading)| {
-        let row = fit.jacobian.row(i);
-        let left = 1.0 - (row * inverse * row.transpose())[0];
+        let left = projector[(i, i)];
         // A standstill that the others do not check has no residual.
-        if left < 1e-6 {
+        if left < 1e-6 * weighted.inverse[(i, i)] {
             return None;
         }
-        let residual = fit.residual[i];
-        let others = (fit.squares() - residual * residual / left).max(0.0) / (freedom - 1) as f64;
-        let ratio = residual.abs() / (others * left).sqrt();
+        let off = projected[i] / left;
+        let own = off * off * left;
+        let ratio = (own * (freedom - 1) as f64 / (all - own).max(f64::MIN_POSITIVE)).sqrt();
         (ratio > limit).then(|| {
             let message = format!(
                 "{:.0} s after the start, it is {:.1}e-6 g0 off, {ratio:.1} times what the others allow (limit {limit:.1}): look at it, or leave \
                  it out: --exclude {}",
-                reading.start_s, residual * 1e6, reading.number
+                reading.start_s, off * 1e6, reading.number
             );
             Finding::warning(name::OUTLIER, message).at(Location::Standstill(reading.number))
         })

@@ -242,6 +242,22 @@ findings! {
         ATTITUDES = "attitudes", Warning, "Put the IMU down in the attitudes that the line names.";
         /// Two temperatures differ, but show no curvature: the table has their mean.
         TEMPERATURES = "temperatures", Warning, "Measure at a third temperature, or ask for a line: `--order 1`.";
+        /// Files, power-ups or temperatures differ beyond what temperature explains. The intervals hold what they share.
+        GROUPS_DIFFER = "groups-differ", FaultOrWarning,
+            "Look whether a file is of another unit, or the telemetry not the element's; else take more files.";
+        /// The bias walks while the IMU is put down in its attitudes. The intervals hold it.
+        WALK = "walk", Warning, "Wait until temperature and power are steady, then tumble without a pause.";
+        /// The accelerometers are behind their telemetry, or ahead of it.
+        BEHIND_TELEMETRY = "behind-telemetry", Warning, "Wait until the telemetry stands still, then tumble.";
+        /// Telemetry moved so much in a tumble that an element up to 60 s behind it is most of the error.
+        TELEMETRY_MOVES = "telemetry-moves", Warning, "Wait until the telemetry stands still, then tumble.";
+        /// Readings of the telemetry that the standstill's others exclude, such as the error codes 85, -127 and 0. They
+        /// are out of means and ranges; a standstill of many is left out.
+        TELEMETRY_GLITCH = "telemetry-glitch", Warning, "Look at the thermometer's cable.";
+        /// An axis does not feel gravity in one file or temperature.
+        DEAD_AXIS = "dead-axis", Fault, "Look at its column and its converter.";
+        /// An axis counts by another factor in one file or temperature.
+        SCALE_CHANGED = "scale-changed", Fault, "Give all files in one unit, of one IMU and one range.";
         /// The IMU turned within a standstill, which makes its specific force too short.
         TURNED = "turned", Warning, "Put the IMU on firm ground, or leave the standstill out with `--exclude`.";
     }

@@ -267,8 +267,9 @@ fn values_that_overflow_do_not_keep_the_fit_from_ending() {
         let file = campaign_file(&truth, &schedule);
         let dwells = dwells(&file, &csv(rows)).unwrap();
         let set_points = set_points(&dwells, file.positions.len());
-        let curve =
-            |constant: f64| Curve::new([2.5, 1.0], DVector::from_vec(vec![constant, 1e-3, 1e-3]), None, 1, [1.0, 4.0]);
+        let curve = |constant: f64| {
+            Curve::new([2.5, 1.0], DVector::from_vec(vec![constant, 1e-3, 1e-3]), None, 1.0, [1.0, 4.0])
+        };
         let curves = [(); 3].map(|()| [curve(1e-3), curve(9e4), curve(-9e4)]);
         let _ = send.send(solve(&file, &dwells, &set_points, &curves, &[]).map(|_| ()));
     });

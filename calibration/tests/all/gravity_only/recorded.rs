@@ -25,7 +25,7 @@ fn tumble3_is_calibrated_over_its_range() {
         &GravityOnlyOptions::default(),
     )
     .unwrap();
-    assert_eq!((found.readings.len(), found.too_short, found.levels), (78, 0, 3));
+    assert_eq!((found.readings.len(), found.too_short, found.groups.levels), (78, 0, 3));
     assert!(found.unknowns.order == 1 && found.unknowns.split && messages(&found).is_empty(), "{:?}", messages(&found));
     let reached = json("tumble3/reference_reached.json");
     let dilution = found.dilution.times_root_n / 78_f64.sqrt();
