@@ -28,9 +28,9 @@ pub use result::GravityOnlyCalibration;
 use crate::checks::scale::unlike_scale_factors;
 use crate::error::CalibrationError;
 use crate::table::table_of;
-use checks::{kelvin, of_readings, of_recordings, outliers, turned};
+use checks::{kelvin, of_readings, of_recordings, outliers};
 use choice::Chosen;
-use isotherm_campaign::{Campaign, TUMBLED, begins_ns, find_standstills, joint_range, stretches};
+use isotherm_campaign::{Campaign, Standstills, begins_ns, find_standstills, joint_range, stretches};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::{Continuity, Losses};
 use isotherm_shared::wire::{AXES, RawSample};
@@ -84,7 +84,7 @@ pub fn calibrate_gravity_only(
         admitted.map_err(|findings| CalibrationError::Faults { diagnosis: None, findings })
     };
     let mut findings = admit(of_recordings(campaign, recordings))?;
-    let Found { mut readings, too_short, noise } = readings(recordings, options.window_s)?;
+    let Found { mut readings, too_short, turned, noise } = readings(recordings, options.window_s)?;
     exclude(&mut readings, &options.exclude)?;
     let gravity = campaign.gravity_local / campaign.gravity_reference;
     findings.extend(admit(of_readings(&readings, gravity).into_iter().collect())?);
@@ -108,8 +108,7 @@ pub fn calibrate_gravity_only(
     warnings.extend(kelvin(campaign, &readings));
     warnings.extend(unlike_scale_factors(&table));
     warnings.extend(of_time(recordings, &continuity, readings.len()));
-    warnings
-        .extend(turned(&readings, &errors.of_lengths, |reading, net| model.force_of_net(&fit.unknown, net, reading)));
+    warnings.extend(checks::turned(turned, readings.len()));
     warnings.extend(outliers(&readings, &fit, errors.freedom));
     findings.extend(admit(warnings)?);
     Ok(GravityOnlyCalibration {
@@ -150,8 +149,6 @@ struct Errors {
     freedom: usize,
     /// Specific force of each standstill \[g0\].
     forces: Vec<Vector3<f64>>,
-    /// Standard error of each length by the noise of its rows \[g0\].
-    of_lengths: Vec<f64>,
     /// Residuals over what the noise of the standstills explains.
     ratio: f64,
     /// Of the unknowns; `None` without degrees of freedom.
@@ -165,7 +162,6 @@ impl Errors {
         let of_length = |force: &Vector3<f64>, errors: [f64; AXES]| {
             error_of_length(force, errors, |axis| model.scale_factor(&fit.unknown, axis))
         };
-        let of_lengths = readings.iter().zip(&forces).map(|(reading, force)| of_length(force, reading.noise)).collect();
         let of_means = errors_of_means(readings);
         let least = forces.iter().zip(of_means).map(|(force, errors)| of_length(force, errors).powi(2));
         let least = least.sum::<f64>() / readings.len() as f64;
@@ -173,7 +169,6 @@ impl Errors {
         Self {
             freedom,
             forces,
-            of_lengths,
             ratio: variance.sqrt() / least.sqrt().max(LEAST_NOISE),
             covariance: fit.inverse.as_ref().filter(|_| freedom > 0).map(|inverse| inverse * variance),
         }
@@ -205,8 +200,7 @@ fn of_time(recordings: &[TumbleRecording], continuity: &[Continuity], standstill
     let mut found = Vec::new();
     let gaps = recordings.iter().map(|recording| stretches(&recording.rows).len().saturating_sub(1)).sum::<usize>();
     if gaps > standstills {
-        let message =
-            format!("the recordings have {gaps} gaps, and each ends a standstill; look for samples that were lost");
+        let message = format!("the recordings have {gaps} gaps; look for samples that were lost");
         found.push(Finding::warning(name::MISSING_ROWS, message));
     }
     let fault =
@@ -219,11 +213,12 @@ fn of_time(recordings: &[TumbleRecording], continuity: &[Continuity], standstill
 struct Found {
     readings: Vec<Reading>,
     too_short: usize,
+    turned: usize,
     noise: Vec<[f64; AXES]>,
 }
 
-fn readings(recordings: &[TumbleRecording], window_s: f64) -> Result<Found, GravityOnlyError> {
-    let mut found = Found { readings: Vec::new(), too_short: 0, noise: Vec::new() };
+fn readings(recordings: &[TumbleRecording], window_s: Option<f64>) -> Result<Found, GravityOnlyError> {
+    let mut found = Found { readings: Vec::new(), too_short: 0, turned: 0, noise: Vec::new() };
     let has_gyroscopes = |row: &RawSample| {
         let triad = &row.gyroscopes;
         triad.positive_pulses.iter().chain(&triad.negative_pulses).any(|pulses| *pulses > 0)
@@ -231,14 +226,17 @@ fn readings(recordings: &[TumbleRecording], window_s: f64) -> Result<Found, Grav
     let with_gyroscopes = recordings.iter().flat_map(|recording| &recording.rows).any(has_gyroscopes);
     for (index, TumbleRecording { name, rows }) in recordings.iter().enumerate() {
         let begins_ns = begins_ns(rows);
-        let standstills = find_standstills(rows, window_s, TUMBLED)
+        let standstills = find_standstills(rows, window_s)
+            .and_then(Standstills::without_turned)
             .map_err(|error| GravityOnlyError::Standstill { name: name.clone(), error })?;
-        for range in standstills.found {
+        for standstill in &standstills.found {
             let number = found.readings.len() + 1;
+            let range = standstill.rows.clone();
             let start_s = begins_ns[range.start] as f64 / 1e9;
-            found.readings.push(Reading::of(number, index, rows, range, start_s, standstills.noise, with_gyroscopes));
+            found.readings.push(Reading::of(number, index, rows, range, start_s, &standstills, with_gyroscopes));
         }
         found.too_short += standstills.too_short;
+        found.turned += standstills.turned;
         found.noise.push(standstills.noise);
     }
     Ok(found)

@@ -9,7 +9,6 @@ use isotherm_finding::{Finding, Location, name};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::{AXES, RawSample, device};
 use isotherm_statistics::{median, student_quantile};
-use nalgebra::Vector3;
 
 /// A bias beyond this is an offset of the counts, not of a sensor \[g0\].
 const MAX_BIAS: f64 = 1.0;
@@ -101,31 +100,16 @@ pub(super) fn kelvin(campaign: &Campaign, readings: &[Reading]) -> Option<Findin
     })
 }
 
-/// Standstills in which the IMU turned: the mean of a specific force that turns by theta is theta^2/24 too short.
-pub(super) fn turned(
-    readings: &[Reading],
-    noise: &[f64],
-    force: impl Fn(&Reading, &[f64; AXES]) -> Vector3<f64>,
-) -> Vec<Finding> {
-    let shown = |(reading, noise): (&Reading, &f64)| {
-        let [first, last] = [0, 1].map(|third| force(reading, &reading.thirds[third]));
-        // The middles of the thirds are two thirds of the standstill apart.
-        let angle = 1.5 * first.angle(&last);
-        let short = angle * angle / 24.0;
-        let named = short > *noise;
-        named.then(|| {
-            let message = format!(
-                "the IMU turned by {:.1} mrad in it, which makes its specific force {:.1}e-6 g0 too short, over the noise of its \
-                 mean, {:.1}e-6 g0; put it on firm ground, or leave it out: --exclude {}",
-                angle * 1e3,
-                short * 1e6,
-                noise * 1e6,
-                reading.number
-            );
-            Finding::warning(name::TURNED, message).at(Location::Standstill(reading.number))
-        })
-    };
-    readings.iter().zip(noise).filter_map(shown).collect()
+/// Standstills that were left out because the IMU turned in them: the mean of a specific force that turns by theta is
+/// theta^2/24 too short.
+pub(super) fn turned(turned: usize, used: usize) -> Option<Finding> {
+    (turned > 0).then(|| {
+        let message = format!(
+            "{turned} of {} standstills are left out: the IMU turned by over 5 mrad in each; put it on firm ground",
+            turned + used
+        );
+        Finding::warning(name::TURNED, message)
+    })
 }
 
 /// Standstills whose residual no chance explains: each is judged by the scatter of the others, at 1 % shared among all.

@@ -197,13 +197,6 @@ impl<'a> GravityModel<'a> {
         self.force(unknown, &reading.rates, [&reading.head, &reading.board]).0
     }
 
-    /// As [`force_of`](Self::force_of), from net rates.
-    #[must_use]
-    pub fn force_of_net(&self, unknown: &DVector<f64>, net: &[f64; AXES], reading: &Reading) -> Vector3<f64> {
-        let rates = net.map(|net| [net.max(0.0), (-net).max(0.0)]);
-        self.force(unknown, &rates, [&reading.head, &reading.board]).0
-    }
-
     /// Derivatives by the unknowns of the specific force that is indicated where it is `force`, `part` of the way
     /// through the telemetry's range, 0 to 1.
     #[must_use]

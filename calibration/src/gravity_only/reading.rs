@@ -1,5 +1,6 @@
 //! What the IMU indicated over one standstill.
 
+use isotherm_campaign::Standstills;
 use isotherm_shared::wire::{AXES, RawSample};
 use std::ops::Range;
 
@@ -14,7 +15,7 @@ pub struct Reading {
     pub rows: Range<usize>,
     /// Its start after the start of the recording's first interval \[s\].
     pub start_s: f64,
-    /// Sum of its intervals \[s\].
+    /// Sum of the intervals of its rows without glitches \[s\].
     pub seconds: f64,
     /// Rate of the positive and of the negative channel of each accelerometer \[pulse/s\].
     pub rates: [[f64; 2]; AXES],
@@ -28,8 +29,6 @@ pub struct Reading {
     pub board_range: [[f64; 2]; AXES],
     /// Standard error of the net rates from the noise of the rows \[pulse/s\].
     pub noise: [f64; AXES],
-    /// Net rates over the first and over the last third of the rows \[pulse/s\].
-    pub thirds: [[f64; AXES]; 2],
     /// Net rates over the first and over the second half of the rows \[pulse/s\].
     pub halves: [[f64; AXES]; 2],
     /// Mean net rate of each gyroscope \[pulse/s\]; Earth's rate is in it. `None` where the rows have no gyroscopes.
@@ -37,8 +36,7 @@ pub struct Reading {
 }
 
 impl Reading {
-    /// The means of the rows `range` of a recording, which begins at `start_s`. `noise` is the standard deviation of
-    /// the counts of a row.
+    /// The means of the rows `range` of a recording without its glitches; the standstill begins at `start_s`.
     #[must_use]
     pub fn of(
         number: usize,
@@ -46,10 +44,11 @@ impl Reading {
         all: &[RawSample],
         range: Range<usize>,
         start_s: f64,
-        noise: [f64; AXES],
+        standstills: &Standstills,
         with_gyroscopes: bool,
     ) -> Self {
-        let rows = &all[range.clone()];
+        let rows: Vec<RawSample> = standstills.rows(all, range.clone()).copied().collect();
+        let rows = rows.as_slice();
         let count = rows.len() as f64;
         let seconds = seconds(rows);
         let channel = |rows: &[RawSample], pulses: fn(&RawSample) -> [u32; AXES], axis: usize| {
@@ -68,7 +67,6 @@ impl Reading {
         };
         let [head, board]: [fn(&RawSample) -> [f64; AXES]; 2] =
             [|row| row.accelerometers.head_temperature, |row| row.accelerometers.board_temperature];
-        let third = rows.len() / 3;
         let gyroscope = |axis: usize| {
             let of = |row: &RawSample| {
                 f64::from(row.gyroscopes.positive_pulses[axis]) - f64::from(row.gyroscopes.negative_pulses[axis])
@@ -87,8 +85,7 @@ impl Reading {
             head_range: range_of(head),
             board_range: range_of(board),
             // The noise of a rate over n rows is that of a row over n^(1/2).
-            noise: noise.map(|counts| counts * count.sqrt() / seconds),
-            thirds: [net(&rows[..third]), net(&rows[rows.len() - third..])],
+            noise: standstills.noise.map(|counts| counts * count.sqrt() / seconds),
             halves: [net(&rows[..rows.len() / 2]), net(&rows[rows.len() / 2..])],
             gyroscopes: with_gyroscopes.then(|| [0, 1, 2].map(gyroscope)),
         }

@@ -242,8 +242,8 @@ findings! {
         ATTITUDES = "attitudes", Warning, "Put the IMU down in the attitudes that the line names.";
         /// Two temperatures differ, but show no curvature: the table has their mean.
         TEMPERATURES = "temperatures", Warning, "Measure at a third temperature, or ask for a line: `--order 1`.";
-        /// The IMU turned within a standstill, which makes its specific force too short.
-        TURNED = "turned", Warning, "Put the IMU on firm ground, or leave the standstill out with `--exclude`.";
+        /// The IMU turned within standstills, which makes their specific force too short: they are left out.
+        TURNED = "turned", Warning, "Put the IMU on firm ground.";
     }
     "Recordings" "Of `verify`, `noise` and `convert`, with `interval`, `missing-rows`, `time-step` and `other-device`." {
         /// The end of a file is missing: its writer was killed, or the copy is not complete.
