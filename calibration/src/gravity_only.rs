@@ -40,7 +40,7 @@ use crate::error::CalibrationError;
 use crate::table::table_of;
 use checks::{kelvin, of_readings, of_recordings, outliers};
 use choice::{Chosen, Data, Fitted};
-use isotherm_campaign::{Campaign, TUMBLED, begins_ns, find_standstills, joint_range, stretches};
+use isotherm_campaign::{Campaign, Standstills, begins_ns, find_standstills, joint_range, stretches};
 use isotherm_finding::{Finding, Location, name};
 use isotherm_recording::{Continuity, Losses};
 use isotherm_shared::wire::{AXES, RawSample};
@@ -95,7 +95,7 @@ pub fn calibrate_gravity_only(
         admitted.map_err(|findings| CalibrationError::Faults { diagnosis: None, findings })
     };
     let mut findings = admit(of_recordings(campaign, recordings))?;
-    let Found { mut readings, too_short, noise } = readings(recordings, options.window_s)?;
+    let Found { mut readings, too_short, turned, noise } = readings(recordings, options.window_s)?;
     exclude(&mut readings, &options.exclude)?;
     let (readings, mut warnings) = without_glitches(readings);
     let gravity = campaign.gravity_local / campaign.gravity_reference;
@@ -137,6 +137,7 @@ pub fn calibrate_gravity_only(
     warnings.extend(kelvin(campaign, &readings));
     warnings.extend(unlike_scale_factors(&table));
     warnings.extend(of_time(recordings, &continuity, readings.len()));
+    warnings.extend(checks::turned(turned, readings.len()));
     warnings.extend(fitted.weighted.as_ref().map_or_else(Vec::new, |weighted| outliers(&readings, weighted)));
     findings.extend(admit(warnings)?);
     let dilution = fitted.dilution.clone();
@@ -247,8 +248,7 @@ fn of_time(recordings: &[TumbleRecording], continuity: &[Continuity], standstill
     let mut found = Vec::new();
     let gaps = recordings.iter().map(|recording| stretches(&recording.rows).len().saturating_sub(1)).sum::<usize>();
     if gaps > standstills {
-        let message =
-            format!("the recordings have {gaps} gaps, and each ends a standstill; look for samples that were lost");
+        let message = format!("the recordings have {gaps} gaps; look for samples that were lost");
         found.push(Finding::warning(name::MISSING_ROWS, message));
     }
     let fault =
@@ -261,11 +261,12 @@ fn of_time(recordings: &[TumbleRecording], continuity: &[Continuity], standstill
 struct Found {
     readings: Vec<Reading>,
     too_short: usize,
+    turned: usize,
     noise: Vec<[f64; AXES]>,
 }
 
-fn readings(recordings: &[TumbleRecording], window_s: f64) -> Result<Found, GravityOnlyError> {
-    let mut found = Found { readings: Vec::new(), too_short: 0, noise: Vec::new() };
+fn readings(recordings: &[TumbleRecording], window_s: Option<f64>) -> Result<Found, GravityOnlyError> {
+    let mut found = Found { readings: Vec::new(), too_short: 0, turned: 0, noise: Vec::new() };
     let has_gyroscopes = |row: &RawSample| {
         let triad = &row.gyroscopes;
         triad.positive_pulses.iter().chain(&triad.negative_pulses).any(|pulses| *pulses > 0)
@@ -274,10 +275,12 @@ fn readings(recordings: &[TumbleRecording], window_s: f64) -> Result<Found, Grav
     for (index, TumbleRecording { name, rows }) in recordings.iter().enumerate() {
         let begins_ns = begins_ns(rows);
         let steps = telemetry_steps(rows);
-        let standstills = find_standstills(rows, window_s, TUMBLED)
+        let standstills = find_standstills(rows, window_s)
+            .and_then(Standstills::without_turned)
             .map_err(|error| GravityOnlyError::Standstill { name: name.clone(), error })?;
-        for range in standstills.found {
+        for standstill in &standstills.found {
             let number = found.readings.len() + 1;
+            let range = standstill.rows.clone();
             let start_s = begins_ns[range.start] as f64 / 1e9;
             found.readings.push(Reading::of(
                 number,
@@ -285,12 +288,13 @@ fn readings(recordings: &[TumbleRecording], window_s: f64) -> Result<Found, Grav
                 rows,
                 range,
                 start_s,
-                standstills.noise,
+                &standstills,
                 &steps,
                 with_gyroscopes,
             ));
         }
         found.too_short += standstills.too_short;
+        found.turned += standstills.turned;
         found.noise.push(standstills.noise);
     }
     Ok(found)

@@ -43,5 +43,7 @@ pub use position::{Position, SAME_DIRECTION};
 pub use positions::{MAX_CONDITION, Observability, PARAMETERS, Scheme};
 pub use ramp::Ramp;
 pub use rows::{UNIT_FACTORS, UNIT_TOLERANCE, implausible, read_dwells};
-pub use standstill::{AT_REST, StandstillError, TUMBLED, begins_ns, find_standstills, stretches};
+pub use standstill::{
+    STANDSTILL_WINDOW_S, Standstill, StandstillError, Standstills, begins_ns, find_standstills, stretches,
+};
 pub use turn::{LEAST_TURN, TableAxis, Turn, turns, vector_words};

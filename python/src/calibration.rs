@@ -50,7 +50,7 @@ pub(crate) struct Options {
     strict: bool,
     /// \[s\]; 0 for no transients.
     lag: Option<f64>,
-    window: f64,
+    window: Option<f64>,
     scale_factor: String,
     misalignment: bool,
     standstills: Vec<usize>,

@@ -4,6 +4,7 @@ use crate::errors::StabilityError;
 use crate::offline::with_lag;
 use crate::records::document;
 use crate::table::Table;
+use isotherm_campaign::STANDSTILL_WINDOW_S;
 use isotherm_report::lengths as report;
 use isotherm_verification::{Lengths, LocalGravity, Requirement};
 use numpy::PyReadonlyArray1;
@@ -18,7 +19,7 @@ pub(crate) fn lengths<'py>(
     py: Python<'py>,
     table: &Table,
     samples: PyReadonlyArray1<'py, u8>,
-    window: f64,
+    window: Option<f64>,
     gravity_local: Option<f64>,
     other_device: bool,
     require: Option<&str>,
@@ -31,5 +32,5 @@ pub(crate) fn lengths<'py>(
         Lengths::of(&table.0, &rows, window, LocalGravity::of(gravity_local, &table.0), other_device)
     });
     let found = found.map_err(|error| StabilityError::new_err(error.to_string()))?;
-    document(py, &report::json(&found, window, required))
+    document(py, &report::json(&found, window.unwrap_or(STANDSTILL_WINDOW_S), required))
 }

@@ -70,6 +70,7 @@ view! { LengthsView<'a>(lengths: &'a Lengths, window_s: f64, judged: JudgedView)
     window_s: f64 = window_s,
     standstills: usize = lengths.standstills.len(),
     too_short: usize = lengths.too_short,
+    turned: usize = lengths.turned,
     invalid: usize = lengths.invalid,
     gravity_local_m_s2: Option<f64> = lengths.gravity_source.value(),
     gravity_source: &'a str = lengths.gravity_source.name(),

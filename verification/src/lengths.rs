@@ -6,9 +6,8 @@
 use crate::requirement::{Judgement, Requirement, all_met};
 use crate::stability::LocalGravity;
 use crate::verdict::Estimate;
-use core::ops::Range;
 use isotherm_calibration::{Reading, error_of_length, errors_of_means, telemetry_steps};
-use isotherm_campaign::{StandstillError, TUMBLED, begins_ns, find_standstills};
+use isotherm_campaign::{Standstill, StandstillError, Standstills, begins_ns, find_standstills};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::CoefficientTable;
@@ -43,6 +42,8 @@ pub struct Lengths {
     pub standstills: Vec<Length>,
     /// Standstills that were left out because they are too short.
     pub too_short: usize,
+    /// Standstills that were left out because the IMU turned in them.
+    pub turned: usize,
     /// Standstills without a valid output in a row; they are left out.
     pub invalid: usize,
     /// Samples of another unit than the table's, which were accepted.
@@ -58,7 +59,7 @@ pub struct Lengths {
 }
 
 /// Why lengths cannot be compared.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LengthsError {
     /// There is no usable standstill.
     #[error(transparent)]
@@ -78,13 +79,14 @@ impl Length {
     /// The output over a standstill; `None` if it is not valid. `errors` are those of the mean, `gravity` is in g0.
     fn of(
         table: &CoefficientTable,
-        rows: &[RawSample],
+        rows: (&[RawSample], &Standstills),
         reading: Reading,
         errors: [f64; AXES],
         gravity: f64,
     ) -> Option<Self> {
         let mut sum = Vector3::zeros();
-        for row in &rows[reading.rows.clone()] {
+        let (all, standstills) = rows;
+        for row in standstills.rows(all, reading.rows.clone()) {
             sum += Vector3::from(answer(Some(table), row).velocity_increment);
         }
         let force = sum / reading.seconds / table.content().gravity;
@@ -103,7 +105,8 @@ impl Length {
 }
 
 impl Lengths {
-    /// Compares the lengths over the standstills of `rows`, with windows of `window_s` seconds for the search.
+    /// Compares the lengths over the standstills of `rows`, with windows of `window_s` seconds for the
+    /// search; see [`find_standstills`].
     /// `other_device` says whether samples of another unit than the table's are judged.
     ///
     /// # Errors
@@ -111,7 +114,7 @@ impl Lengths {
     pub fn of(
         table: &CoefficientTable,
         rows: &[RawSample],
-        window_s: f64,
+        window_s: Option<f64>,
         gravity_source: LocalGravity,
         other_device: bool,
     ) -> Result<Self, LengthsError> {
@@ -121,16 +124,18 @@ impl Lengths {
             return Err(LengthsError::OtherDevice(others));
         }
         let gravity = gravity_source.value().ok_or(LengthsError::Gravity)? / table.content().gravity;
-        let found = find_standstills(rows, window_s, TUMBLED)?;
+        let found = find_standstills(rows, window_s)?.without_turned()?;
         let (begins_ns, steps) = (begins_ns(rows), telemetry_steps(rows));
-        let reading = |(index, range): (usize, Range<usize>)| {
-            let start_s = begins_ns[range.start] as f64 / 1e9;
-            Reading::of(index + 1, 0, rows, range, start_s, found.noise, &steps, false)
+        let reading = |(index, standstill): (usize, &Standstill)| {
+            let start_s = begins_ns[standstill.rows.start] as f64 / 1e9;
+            Reading::of(index + 1, 0, rows, standstill.rows.clone(), start_s, &found, &steps, false)
         };
-        let readings: Vec<Reading> = found.found.into_iter().enumerate().map(reading).collect();
+        let readings: Vec<Reading> = found.found.iter().enumerate().map(reading).collect();
         let (noise, count) = (errors_of_means(&readings), readings.len());
-        let lengths =
-            readings.into_iter().zip(noise).map(|(reading, errors)| Length::of(table, rows, reading, errors, gravity));
+        let lengths = readings
+            .into_iter()
+            .zip(noise)
+            .map(|(reading, errors)| Length::of(table, (rows, &found), reading, errors, gravity));
         let standstills: Vec<Length> = lengths.flatten().collect();
         if standstills.is_empty() {
             return Err(LengthsError::Invalid);
@@ -146,6 +151,7 @@ impl Lengths {
         Ok(Self {
             invalid: count - standstills.len(),
             too_short: found.too_short,
+            turned: found.turned,
             other_device: others,
             gravity,
             gravity_source,

@@ -107,6 +107,18 @@ pub(super) fn kelvin(campaign: &Campaign, readings: &[Reading]) -> Option<Findin
     })
 }
 
+/// Standstills that were left out because the IMU turned in them: the mean of a specific force that turns by theta is
+/// theta^2/24 too short.
+pub(super) fn turned(turned: usize, used: usize) -> Option<Finding> {
+    (turned > 0).then(|| {
+        let message = format!(
+            "{turned} of {} standstills are left out: the IMU turned by over 5 mrad in each; put it on firm ground",
+            turned + used
+        );
+        Finding::warning(name::TURNED, message)
+    })
+}
+
 /// Standstills that no chance explains: each is judged by what the others say under the fit's covariance and by their
 /// scatter, at 1 % shared among all.
 ///

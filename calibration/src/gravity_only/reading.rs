@@ -1,6 +1,7 @@
 //! What the IMU indicated over one standstill.
 
 use super::telemetry::{Cleaned, Telemetry, noise as telemetry_noise, of_row};
+use isotherm_campaign::Standstills;
 use isotherm_shared::wire::{AXES, RawSample};
 use std::ops::Range;
 
@@ -17,7 +18,7 @@ pub struct Reading {
     pub rows: Range<usize>,
     /// Its start after the start of the recording's first interval \[s\].
     pub start_s: f64,
-    /// Sum of its intervals \[s\].
+    /// Sum of the intervals of its rows without glitches \[s\].
     pub seconds: f64,
     /// Rate of the positive and of the negative channel of each accelerometer \[pulse/s\].
     pub rates: [[f64; 2]; AXES],
@@ -39,8 +40,6 @@ pub struct Reading {
     pub telemetry_step: f64,
     /// Standard error of the net rates from the noise of the rows \[pulse/s\].
     pub noise: [f64; AXES],
-    /// Net rates over the first and over the last third of the rows \[pulse/s\].
-    pub thirds: [[f64; AXES]; 2],
     /// Net rates over the first and over the second half of the rows \[pulse/s\].
     pub halves: [[f64; AXES]; 2],
     /// Mean net rate of each gyroscope \[pulse/s\]; Earth's rate is in it. `None` where the rows have no gyroscopes.
@@ -48,8 +47,7 @@ pub struct Reading {
 }
 
 impl Reading {
-    /// The means of the rows `range` of a recording, which begins at `start_s`. `noise` is the standard deviation of
-    /// the counts of a row.
+    /// The means of the rows `range` of a recording without its glitches; the standstill begins at `start_s`.
     #[must_use]
     pub fn of(
         number: usize,
@@ -57,11 +55,12 @@ impl Reading {
         all: &[RawSample],
         range: Range<usize>,
         start_s: f64,
-        noise: [f64; AXES],
+        standstills: &Standstills,
         steps: &Telemetry,
         with_gyroscopes: bool,
     ) -> Self {
-        let rows = &all[range.clone()];
+        let rows: Vec<RawSample> = standstills.rows(all, range.clone()).copied().collect();
+        let rows = rows.as_slice();
         let count = rows.len() as f64;
         let seconds = seconds(rows);
         let channel = |rows: &[RawSample], pulses: fn(&RawSample) -> [u32; AXES], axis: usize| {
@@ -77,7 +76,6 @@ impl Reading {
         let cleaned =
             [0, 1].map(|sensor| [0, 1, 2].map(|axis| Cleaned::of(&telemetry(sensor, axis), steps[sensor][axis])));
         let [head, board] = &cleaned;
-        let third = rows.len() / 3;
         let gyroscope = |axis: usize| {
             let of = |row: &RawSample| {
                 f64::from(row.gyroscopes.positive_pulses[axis]) - f64::from(row.gyroscopes.negative_pulses[axis])
@@ -102,8 +100,7 @@ impl Reading {
                 / AXES as f64,
             telemetry_step: steps[0].iter().copied().fold(0.0, f64::max),
             // The noise of a rate over n rows is that of a row over n^(1/2).
-            noise: noise.map(|counts| counts * count.sqrt() / seconds),
-            thirds: [net(&rows[..third]), net(&rows[rows.len() - third..])],
+            noise: standstills.noise.map(|counts| counts * count.sqrt() / seconds),
             halves: [net(&rows[..rows.len() / 2]), net(&rows[rows.len() / 2..])],
             gyroscopes: with_gyroscopes.then(|| [0, 1, 2].map(gyroscope)),
         }

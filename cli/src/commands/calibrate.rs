@@ -176,7 +176,7 @@ impl Calibrate {
         };
         let args = &self.without_turntable;
         options.by_hand = GravityOnlyOptions {
-            window_s: args.window.map_or(GravityOnlyOptions::default().window_s, |window| window.as_secs_f64()),
+            window_s: args.window.map(|window| window.as_secs_f64()),
             order,
             scale_factor: args.scale_factor.unwrap_or_default(),
             misalignment: !args.no_misalignment,

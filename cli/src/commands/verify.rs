@@ -5,6 +5,7 @@ use crate::parse::{direction, gravity, seconds};
 use crate::progress::bytes_bar;
 use clap::Args;
 use isotherm_calibration::{now, tool};
+use isotherm_campaign::STANDSTILL_WINDOW_S;
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{
@@ -22,8 +23,6 @@ use std::time::Duration;
 
 /// Length of the windows, if none is given \[s\].
 const WINDOW_S: f64 = 10.0;
-/// Length of the windows that standstills are searched with, if none is given \[s\].
-const STANDSTILL_WINDOW_S: f64 = 1.0;
 /// Most rows that are searched for standstills; each takes 256 bytes.
 const MOST_ROWS: usize = 4_000_000;
 
@@ -60,7 +59,7 @@ pub(crate) struct Verify {
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
     /// Length of the windows that means are taken over [s]; of standstills, that of the windows they are searched with
-    /// [default: 10, and 1 for standstills]
+    /// [default: 10, and 0.5 for standstills]
     #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = seconds)]
     window: Option<Duration>,
     /// Compare the lengths over the standstills of an IMU that was put down by hand in many attitudes, also with a
@@ -130,7 +129,7 @@ impl Verify {
             }
             return Ok(None);
         }
-        let window_s = self.window.map_or(STANDSTILL_WINDOW_S, |window| window.as_secs_f64());
+        let window_s = self.window.map(|window| window.as_secs_f64());
         let gravity = LocalGravity::of(self.gravity_local, table);
         let lengths = Lengths::of(table, rows, window_s, gravity, self.other_device);
         match lengths {

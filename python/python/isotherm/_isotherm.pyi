@@ -592,5 +592,5 @@ def calibrate(
     options: Mapping[str, Any],
 ) -> Calibration: ...
 def lengths(
-    table: Table, samples: _Bytes, window: float, gravity_local: float | None, other_device: bool, require: str | None
+    table: Table, samples: _Bytes, window: float | None, gravity_local: float | None, other_device: bool, require: str | None
 ) -> dict[str, Any]: ...

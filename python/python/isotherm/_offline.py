@@ -369,7 +369,7 @@ def fit_options(
         "exclude": [],
         "accept": [*names, "other-device"] if other_device else names,
         "lag": None,
-        "window": 1.0,
+        "window": None,
         "scale_factor": "auto",
         "misalignment": True,
         "standstills": [],

@@ -258,8 +258,8 @@ findings! {
         DEAD_AXIS = "dead-axis", Fault, "Look at its column and its converter.";
         /// An axis counts by another factor in one file or temperature.
         SCALE_CHANGED = "scale-changed", Fault, "Give all files in one unit, of one IMU and one range.";
-        /// The IMU turned within a standstill, which makes its specific force too short.
-        TURNED = "turned", Warning, "Put the IMU on firm ground, or leave the standstill out with `--exclude`.";
+        /// The IMU turned within standstills, which makes their specific force too short: they are left out.
+        TURNED = "turned", Warning, "Put the IMU on firm ground.";
     }
     "Recordings" "Of `verify`, `noise` and `convert`, with `interval`, `missing-rows`, `time-step` and `other-device`." {
         /// The end of a file is missing: its writer was killed, or the copy is not complete.

@@ -155,7 +155,8 @@ pub(super) struct GravityOnlyArgs {
     /// Estimate no misalignments: they stay in the errors, and the table gets no alignment matrix
     #[arg(long)]
     pub no_misalignment: bool,
-    /// Length of the windows that standstills are searched with; a shorter standstill is left out [s] [default: 1]
+    /// Length of the windows that standstills are searched with [s] [default: 0.5, and 1 if the noise is correlated
+    /// over that]
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub window: Option<Duration>,
     /// Where a table of order 0 is valid, in the telemetry's unit; required if the telemetry is constant [default: the
