@@ -30,6 +30,8 @@ const MISFIT_G0: f64 = 2e-3;
 const WRONG_G0: f64 = 10e-3;
 /// Gains of the groups that differ by more make no table.
 const WRONG_GAIN: f64 = 0.01;
+/// Scatter of the groups below this is none.
+const UNSEEN: f64 = 1e-8;
 /// Share of the variance that lags make beyond which it is said.
 const MOSTLY_LAG: f64 = 0.5;
 
@@ -140,9 +142,10 @@ impl Evidence {
         (self.noises > MISFIT).then(|| Finding::warning(name::LACK_OF_FIT, message))
     }
 
+    /// Groups whose biases and gains differ. What differs as an element behind its telemetry does is said there.
     fn groups_differ(&self, groups: &Groups) -> Option<Finding> {
-        let wrong = self.group_bias > WRONG_G0 || self.group_gain > WRONG_GAIN;
-        if groups.count < 2 || (!wrong && self.groups >= SIGNIFICANCE) {
+        let unseen = self.group_bias < UNSEEN && self.group_gain < UNSEEN;
+        if groups.count < 2 || self.groups >= SIGNIFICANCE || (unseen && self.lag_share > MOSTLY_LAG) {
             return None;
         }
         let what = if groups.count == 2 { "the two groups of standstills" } else { "the groups of standstills" };
@@ -154,6 +157,7 @@ impl Evidence {
             self.group_gain * 1e6,
             self.groups
         );
+        let wrong = self.group_bias > WRONG_G0 || self.group_gain > WRONG_GAIN;
         let make = if wrong { Finding::fault } else { Finding::warning };
         Some(make(name::GROUPS_DIFFER, message))
     }

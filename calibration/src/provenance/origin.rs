@@ -6,6 +6,7 @@ use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::QUANTITIES;
+use isotherm_statistics::SlopeError;
 use nalgebra::{DMatrix, Matrix3};
 use toml::{Table, Value};
 
@@ -19,6 +20,10 @@ pub struct CurveErrors {
     pub covariance: DMatrix<f64>,
     /// Degrees of freedom, 1 to 1e6.
     pub freedom: f64,
+    /// Telemetry that was measured, out of which the errors are not known; `None` if they are known everywhere.
+    pub measured: Option<[f64; 2]>,
+    /// What a slope that the curve lacks adds, in the unit of the covariance.
+    pub slope: Option<SlopeError>,
 }
 
 /// When a table was made, and its errors. A part that is missing, or that cannot be right, is `None`: the provenance is
@@ -110,7 +115,7 @@ impl Origin {
             misalignment: ["misalignment", "gyroscope_misalignment"].map(|key| square(&matrix(provenance.get(key)?)?)),
             misalignment_error: ["misalignment_standard_error", "gyroscope_misalignment_standard_error"]
                 .map(|key| square(&matrix(provenance.get(key)?)?).filter(|errors| errors.min() >= 0.0)),
-            residual_sd_g0: provenance.get("residual_sd_g0").and_then(residuals),
+            residual_sd_g0: provenance.get("residual_sd_g0").and_then(numbers),
             residual_rms_g0: provenance.get("residual_rms_g0").and_then(number),
             ..Self::default()
         };
@@ -155,7 +160,14 @@ fn curve_errors(record: &Table, polynomial: &Polynomial) -> Option<CurveErrors> 
     let rows = matrix(record.get("covariance")?)?;
     let count = polynomial.coefficients().len();
     let square = rows.len() == count && rows.iter().all(|row| row.len() == count);
-    square.then(|| CurveErrors { covariance: DMatrix::from_fn(count, count, |i, j| rows[i][j]), freedom })
+    let value = |key: &str| record.get(key).and_then(number);
+    let slope = value("slope_error").zip(value("slope_about"));
+    square.then(|| CurveErrors {
+        covariance: DMatrix::from_fn(count, count, |i, j| rows[i][j]),
+        freedom,
+        measured: record.get("measured").and_then(numbers),
+        slope: slope.map(|(per_unit, about)| SlopeError { per_unit, about }),
+    })
 }
 
 fn square(rows: &[Vec<f64>]) -> Option<Matrix3<f64>> {
@@ -163,7 +175,7 @@ fn square(rows: &[Vec<f64>]) -> Option<Matrix3<f64>> {
     right.then(|| Matrix3::from_fn(|i, j| rows[i][j]))
 }
 
-fn residuals(value: &Value) -> Option<[f64; AXES]> {
+fn numbers<const N: usize>(value: &Value) -> Option<[f64; N]> {
     let numbers: Option<Vec<f64>> = value.as_array()?.iter().map(number).collect();
     numbers?.try_into().ok()
 }

@@ -370,10 +370,9 @@ fn mistaken(name: &str, random: &mut RandomGenerator) -> (Mems, Vec<Vec<RawSampl
     if name == "unit" {
         let mut sign = || if random.uniform() < 0.5 { 1.0 } else { -1.0 };
         let [bias, gain] = [0, 1].map(|_| Vector3::from_fn(|_, _| sign() * 1.5e-3));
-        let mut other = Mems::new(random, false, 0.02);
-        other.misalignment = mems.misalignment;
-        other.bias[0] = mems.bias[0] + bias;
-        other.gain[0] = mems.gain[0] + gain;
+        let mut other = mems.clone();
+        other.bias[0] += bias;
+        other.gain[0] += gain;
         let last = files.len() - 1;
         files[last] = afternoon.tumble(random, &other, last, afternoon.temperatures[last], Vector3::zeros());
     }
