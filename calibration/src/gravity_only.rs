@@ -115,7 +115,7 @@ pub fn calibrate_gravity_only(
     };
     let Chosen { fitted, reasons, warnings: of_choice } = chosen;
     let evidence = fitted.weighted.as_ref().map(|weighted| Evidence::of(weighted, &groups));
-    if evidence.as_ref().is_some_and(|evidence| evidence.groups < evidence::SIGNIFICANCE) {
+    if evidence.as_ref().is_some_and(Evidence::is_against) {
         findings.extend(admit(cause().into_iter().collect())?);
     }
     let unknowns = fitted.model.unknowns;

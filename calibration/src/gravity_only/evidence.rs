@@ -93,7 +93,12 @@ impl Evidence {
         }
     }
 
-    /// Faults and warnings. `dilution` is the error of the output for an error of 1 in each standstill.
+    /// Whether groups differ, or the residuals are more than noise: a single mistake may explain it.
+    pub(super) fn is_against(&self) -> bool {
+        self.groups < SIGNIFICANCE || self.noises > MISFIT
+    }
+
+    /// Faults and warnings.
     pub(super) fn findings(&self, fitted: &Fitted<'_>, groups: &Groups) -> Vec<Finding> {
         let dilution = fitted.dilution.times_root_n / (groups.of.len() as f64).sqrt();
         let mut found: Vec<Finding> = self.misfit(dilution).into_iter().collect();

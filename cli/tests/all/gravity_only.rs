@@ -20,7 +20,7 @@ fn a_table_without_a_turntable_is_verified_by_lengths() {
     let calibrate = arguments(&tumble, ["9.79179", "9.80665"], &["--report", "r.html"]);
     let (out, err) = run(folder.path(), 0, &calibrate);
     assert!(
-        out.is_empty() && err.starts_with("78 standstills at 3 temperatures, 0 too short, digest sha256:"),
+        out.is_empty() && err.starts_with("78 standstills in 3 groups at 3 temperatures, 0 too short, digest sha256:"),
         "{out}{err}"
     );
     assert!(err.contains("not observable without a turntable: a rotation"), "{err}");
