@@ -102,7 +102,7 @@ impl Evidence {
     pub(super) fn findings(&self, fitted: &Fitted<'_>, groups: &Groups) -> Vec<Finding> {
         let dilution = fitted.dilution.times_root_n / (groups.of.len() as f64).sqrt();
         let mut found: Vec<Finding> = self.misfit(dilution).into_iter().collect();
-        found.extend(self.groups_differ(groups));
+        found.extend(self.groups_differ(groups, fitted.model.unknowns.order));
         if self.walk < SIGNIFICANCE {
             let message = format!(
                 "the bias walks by {:.0}e-6 g0 in a tumble (p {:.1e}): temperature or power that is not steady yet; the intervals are as \
@@ -148,7 +148,7 @@ impl Evidence {
     }
 
     /// Groups whose biases and gains differ. What differs as an element behind its telemetry does is said there.
-    fn groups_differ(&self, groups: &Groups) -> Option<Finding> {
+    fn groups_differ(&self, groups: &Groups, order: usize) -> Option<Finding> {
         let unseen = self.group_bias < UNSEEN && self.group_gain < UNSEEN;
         if groups.count < 2 || self.groups >= SIGNIFICANCE || (unseen && self.lag_share > MOSTLY_LAG) {
             return None;
@@ -162,7 +162,9 @@ impl Evidence {
             self.group_gain * 1e6,
             self.groups
         );
-        let wrong = self.group_bias > WRONG_G0 || self.group_gain > WRONG_GAIN;
+        // A constant over two temperatures is known to be that: a line is asked for there.
+        let constant = order == 0 && groups.levels == 2;
+        let wrong = !constant && (self.group_bias > WRONG_G0 || self.group_gain > WRONG_GAIN);
         let make = if wrong { Finding::fault } else { Finding::warning };
         Some(make(name::GROUPS_DIFFER, message))
     }
