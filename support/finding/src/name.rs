@@ -227,6 +227,19 @@ findings! {
         NO_TURNS = "no-turns", Warning, "Take turns, for a table with gyroscopes.";
     }
     "Ramps" "" {
+        /// A bias steps within a ramp: the IMU was bumped, or a sensor jumps. A warning up to a fifth of what its curve
+        /// spans.
+        RAMP_STEP = "ramp-step", FaultOrWarning,
+            "Record the ramp again with the IMU held fast, or give the part before or after it as a ramp of its own.";
+        /// A ramp has another shape than the others, while the sweeps of each agree: it is of another unit.
+        RAMP_UNIT = "ramp-unit", Fault, "Give the ramps of one unit.";
+        /// Sweeps differ by over 4 of their jackknife errors, and by more than a lag explains.
+        RAMP_SWEEPS = "ramp-sweeps", Warning,
+            "Allow for the error of the curves that is stated; hold the IMU and its fixture steadier, begin soaked.";
+        /// No ramp heats and cools over half of the range: the error of its curves is not known, and those of `curves`
+        /// depend on temperature, or have an error.
+        ONE_DIRECTION = "one-direction", Fault,
+            "Heat and cool in one recording. `--replace-curves` makes the table all the same.";
         /// About a transient that is written: the ramps have specific force along the axis, so that a converter behind
         /// its thermometer would look the same; or the time constant was given, and the ramps would not show it.
         TRANSIENT = "transient", Warning,
