@@ -147,6 +147,9 @@ findings! {
         /// more, of over a million pulses a dwell) and nowhere more: the converter is full. A warning with fewer
         /// pulses.
         SATURATED = "saturated", FaultOrWarning, "Take a larger range, or leave the set points out.";
+        /// A channel counts over 1.25 times as much in short rows, such as those of turns, as in longer ones: its counter
+        /// wraps within a row.
+        COUNTER_WRAPS = "counter-wraps", Fault, "Record short rows throughout.";
         /// A dwell is over 0.1 g0 off what its position asks for: another position, or a table that moved. Of a ramp:
         /// an accelerometer indicates over 0.1 g0 more or less, on average, than the `specific_force` of the ramp says.
         WRONG_POSITION = "wrong-position", Fault,
@@ -193,10 +196,13 @@ findings! {
         trial." {
         /// Two positions are exchanged, everywhere or at some set points, or all numbers are shifted.
         POSITIONS_EXCHANGED = "positions-exchanged", Fault, "Correct the numbers, as the line says.";
-        /// Two accelerometers are exchanged, or the IMU is mounted otherwise.
+        /// Two accelerometers or gyroscopes are exchanged, or the IMU is mounted otherwise.
         AXES_EXCHANGED = "axes-exchanged", Fault, "Correct columns or positions, as the line says.";
         /// The channels of an accelerometer are exchanged, or one with one of another, or a sign of the specific force.
         CHANNELS_EXCHANGED = "channels-exchanged", Fault, "Correct columns or signs, as the line says.";
+        /// From a set point on the misalignments are others, while each set point agrees with itself: another unit, or
+        /// an IMU that was turned on its fixture.
+        OTHER_UNIT = "other-unit", Fault, "Take out the rows of one, or measure again.";
         /// The IMU is turned against the campaign file, or `outer_deg` or `inner_deg` of all positions is off by 90 or
         /// 180.
         HEADING = "heading", Fault, "Correct the positions, as the line says.";
