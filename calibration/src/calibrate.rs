@@ -100,7 +100,7 @@ fn calibrate_static(
     }
     // Wrong counts look like wrong positions.
     let mut accepted = Vec::new();
-    let wrapped = admit(wrapped, &options, &mut accepted)?;
+    let wrapped = admit(wrapped.into_iter().collect(), &options, &mut accepted)?;
     if campaign.turns.is_empty() {
         let mut calibration = calibrate_accelerometers(campaign, dwells, options)?;
         calibration.accepted.extend(accepted);

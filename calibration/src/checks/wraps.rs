@@ -14,8 +14,8 @@ const MORE: f64 = 1.25;
 /// A channel below this counts nothing that matters \[pulse/s\].
 const LEAST: f64 = 1000.0;
 
-/// The faults of a campaign whose rows have different lengths, as those of dwells and of turns have.
-pub(crate) fn wraps(measurements: &Measurements) -> Vec<Finding> {
+/// The fault of a campaign whose rows have different lengths, as those of dwells and of turns have.
+pub(crate) fn wraps(measurements: &Measurements) -> Option<Finding> {
     let turns = &measurements.gyroscopes.turns;
     let accelerometers: Vec<&Dwell> =
         measurements.dwells.iter().chain(turns.iter().map(|turn| &turn.accelerometers)).collect();
@@ -24,7 +24,14 @@ pub(crate) fn wraps(measurements: &Measurements) -> Vec<Finding> {
     let channels = triads.iter().flat_map(|(names, runs)| {
         (0..AXES).flat_map(move |axis| (0..2).filter_map(move |channel| of_channel(names[axis], runs, axis, channel)))
     });
-    channels.collect()
+    let found: Vec<(String, u64, String)> = channels.collect();
+    let (_, line, words) = found.first()?;
+    let all: Vec<_> = found.iter().map(|(channel, ..)| channel.as_str()).collect();
+    let message = format!(
+        "the counters of {} wrap within a row: {words}; record short rows throughout, or read the counters more often",
+        all.join(", ")
+    );
+    Some(Finding { line: Some(*line), ..Finding::fault(name::COUNTER_WRAPS, message) })
 }
 
 /// Mean length of a run's rows \[s\].
@@ -32,21 +39,21 @@ fn row_s(run: &Dwell) -> f64 {
     run.sums.seconds / run.rows as f64
 }
 
-fn of_channel(sensor: &str, runs: &[&Dwell], axis: usize, channel: usize) -> Option<Finding> {
+/// A channel that wraps: its name, the line of the longer rows, and the two rates in words.
+fn of_channel(sensor: &str, runs: &[&Dwell], axis: usize, channel: usize) -> Option<(String, u64, String)> {
     let rate = |run: &Dwell| run.sums.rates(axis)[channel];
     let fastest = runs.iter().max_by(|a, b| rate(a).total_cmp(&rate(b)))?;
     let longer = runs.iter().filter(|run| row_s(run) > LONGER * row_s(fastest));
     let other = longer.max_by(|a, b| rate(a).total_cmp(&rate(b)))?;
     (rate(fastest) > LEAST && rate(fastest) > MORE * rate(other)).then(|| {
-        let message = format!(
-            "{sensor}: the {} channel counts {:.0} pulse/s in rows of {:.3} s, and at most {:.0} in rows of {:.3} s: its counter wraps within the longer \
-             rows; record short rows throughout",
-            ["+", "-"][channel],
+        let name = format!("{sensor}{}", ["+", "-"][channel]);
+        let words = format!(
+            "{name} counts {:.0} pulse/s in rows of {:.3} s, and at most {:.0} in rows of {:.3} s",
             rate(fastest),
             row_s(fastest),
             rate(other),
             row_s(other)
         );
-        Finding { line: Some(other.lines[0]), ..Finding::fault(name::COUNTER_WRAPS, message) }
+        (name, other.lines[0], words)
     })
 }

@@ -17,7 +17,7 @@ type Misalignments = [f64; 2 * AXES];
 /// The groups differ by over this many times the scatter within them ..
 const SCATTERS: f64 = 10.0;
 /// .. and by over this many times the residuals of the set points \[rad, g0\] ..
-const RESIDUALS: f64 = 5.0;
+const RESIDUALS: f64 = 2.0;
 /// .. and by over this \[rad\], rms.
 const DIFFERENT: f64 = 5e-5;
 /// What is not a turn is below this part of the difference, rms.
