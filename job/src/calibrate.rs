@@ -8,10 +8,11 @@ use isotherm_calibration::{
 };
 use isotherm_campaign::{Campaign, Ramp};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{WorldWritable, load_table};
+use isotherm_files::{WorldWritable, load_table, read_text};
 use isotherm_recording::{CampaignRow, RecordingError};
 use isotherm_recording_formats::read::{ImuChoice, Places, Recording, RowKind};
 use isotherm_report::{fitted, json};
+use isotherm_shared::table::CoefficientTable;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -111,8 +112,7 @@ impl Inputs {
         let Some(file) = file else {
             return Err(Failure::new(Exit::Usage, "a campaign on a turntable has a campaign file").into());
         };
-        let curves = file.curves(campaign).map(|path| load_table(&path, Some(&campaign.imu), WorldWritable::Allow));
-        let curves = curves.transpose()?.map(|(table, _)| table);
+        let curves = file.curves(campaign).map(|path| curves(&path, campaign)).transpose()?;
         let mut measurements = Measurements::default();
         if curves.is_none() {
             // Checked first, because reading may take minutes.
@@ -123,7 +123,9 @@ impl Inputs {
         (ramps, from.recordings_sha256) = reader.ramps(campaign, &file.ramps(campaign))?;
         let options = options.turntable.clone();
         let measured = match curves {
-            Some(curves) => Measured::Ramps(ramps, Box::new(curves), options),
+            Some((curves, curves_have_errors)) => {
+                Measured::Ramps(ramps, Box::new(curves), CalibrationOptions { curves_have_errors, ..options })
+            }
             None => Measured::Campaign(Measurements { ramps, ..measurements }, options),
         };
         Ok(Self { measured, from })
@@ -181,6 +183,14 @@ impl Made {
     pub fn findings(&self) -> impl Iterator<Item = String> {
         self.fitted.findings().iter().map(|finding| finding.tagged(|line| self.places.locate(line)))
     }
+}
+
+/// The table that ramps alone begin with, and whether its provenance states errors of its bias curves.
+fn curves(path: &Path, campaign: &Campaign) -> Result<(CoefficientTable, bool), Failure> {
+    let (table, _) = load_table(path, Some(&campaign.imu), WorldWritable::Allow)?;
+    let (text, _) = read_text(path, WorldWritable::Allow)?;
+    let has_errors = isotherm_calibration::Origin::of_toml(&text, &table).has_bias_errors();
+    Ok((table, has_errors))
 }
 
 /// Where rows come from.

@@ -83,7 +83,8 @@ pub fn ramps(calibration: &RampCalibration) -> String {
     let (content, count) = (calibration.table.content(), calibration.recordings);
     let noun = if count == 1 { "recording" } else { "recordings" };
     let mut text = format!(
-        "{count} {noun} of ramps alone, curves {}, digest {}\n\nnot known:\n",
+        "{}\n{count} {noun} of ramps alone, curves {}, digest {}\n\nnot known:\n",
+        calibration.transients.curve_errors(),
         calibration.curves.digest(),
         calibration.table.digest()
     );

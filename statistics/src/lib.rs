@@ -22,6 +22,7 @@ mod hysteresis;
 mod least_squares;
 mod order;
 mod regression;
+mod sweep_band;
 
 pub use curve::{CONFIDENCE, Curve, SlopeError, student_quantile, student_quantile_of};
 pub use diagnostics::{Diagnostics, Test, median, robust_sd};
@@ -32,3 +33,4 @@ pub use order::{OrderTable, QUANTITIES, Rule, choose, default_order};
 pub use regression::{
     DataPoint, Fit, LinearColumn, MAX_ORDER, Partial, Regression, RegressionError, beta_tail, f_limit, f_tail,
 };
+pub use sweep_band::{Disagreement, SweepBand, SweepValues, sweep_band};

@@ -19,6 +19,8 @@ const MAX_CONDITION: f64 = 30.0;
 const AROUND: f64 = 0.5;
 /// No IMU is warmer in a calibration \[degC\].
 const NO_CELSIUS: f64 = 150.0;
+/// No IMU is as hot \[K\]: thousandths of a degree are larger.
+const NO_KELVIN: f64 = 1000.0;
 /// Probability that a standstill is named as off by chance.
 const OUTLIER: f64 = 0.01;
 
@@ -102,7 +104,11 @@ pub(super) fn kelvin(campaign: &Campaign, readings: &[Reading]) -> Option<Findin
     let lowest = readings.iter().flat_map(|reading| reading.head).fold(f64::INFINITY, f64::min);
     let is_kelvin = campaign.temperature_unit == "degC" && lowest > NO_CELSIUS;
     is_kelvin.then(|| {
-        let message = format!("the telemetry is {lowest:.1} degC at least; if it is in kelvin, say so: K");
+        let cause = match lowest > NO_KELVIN {
+            true => "it looks like milli-degC: convert it, or state its unit",
+            false => "if it is in kelvin, say so: K",
+        };
+        let message = format!("the telemetry is {lowest:.1} degC at least; {cause}");
         Finding::warning(name::TELEMETRY_OFFSET, message)
     })
 }

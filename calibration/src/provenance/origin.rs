@@ -43,6 +43,8 @@ pub struct Origin {
     pub misalignment_error: [Option<Matrix3<f64>>; 2],
     /// Standard deviation of the residuals of A1, A2, A3 \[g0\].
     pub residual_sd_g0: Option<[f64; AXES]>,
+    /// Whether ramps gave bias curves with their errors.
+    pub has_ramp_errors: bool,
     /// Rms of the residuals of a calibration that has one for all accelerometers \[g0\].
     pub residual_rms_g0: Option<f64>,
 }
@@ -117,6 +119,7 @@ impl Origin {
                 .map(|key| square(&matrix(provenance.get(key)?)?).filter(|errors| errors.min() >= 0.0)),
             residual_sd_g0: provenance.get("residual_sd_g0").and_then(numbers),
             residual_rms_g0: provenance.get("residual_rms_g0").and_then(number),
+            has_ramp_errors: ramp_errors(provenance),
             ..Self::default()
         };
         let records = provenance.get("curve").and_then(Value::as_array);
@@ -127,6 +130,19 @@ impl Origin {
         }
         origin
     }
+
+    /// Whether an error of a bias curve is stated.
+    #[must_use]
+    pub fn has_bias_errors(&self) -> bool {
+        self.has_ramp_errors || self.residual_rms_g0.is_some() || self.curves.iter().any(|[bias, ..]| bias.is_some())
+    }
+}
+
+/// Whether ramps alone stated the error of a curve.
+fn ramp_errors(provenance: &Table) -> bool {
+    let alone = provenance.get("method").and_then(Value::as_str) == Some("ramps");
+    let biases = provenance.get("transients").and_then(|it| it.get("bias")).and_then(Value::as_array);
+    alone && biases.into_iter().flatten().any(|bias| bias.get("curve_error").is_some())
 }
 
 /// The sensor, the quantity and the errors that a `[[provenance.curve]]` has; `None` if the table has no such curve, or

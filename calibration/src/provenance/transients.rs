@@ -78,6 +78,11 @@ struct BiasRecord {
     band_without: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     band_with: Option<f64>,
+    /// Error of the curve: half of the largest difference of two sweeps, and the telemetry there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    curve_error: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    curve_error_at: Option<f64>,
     carried_g0: f64,
     not_met: Vec<&'static str>,
 }
@@ -141,6 +146,8 @@ fn bias(bias: &BiasTransient) -> BiasRecord {
         left_out_written: known(prediction.map(|it| it.written)),
         band_without: known(band(&bias.before)),
         band_with: known(band(&bias.after)),
+        curve_error: known(bias.curve_error.as_ref().map(|band| band.half_width)),
+        curve_error_at: bias.curve_error.as_ref().map(|band| band.at),
         carried_g0: bias.carried_g0,
         not_met: not_met(&bias.conditions),
     }

@@ -153,7 +153,9 @@ impl Calibrate {
 
     /// Names of the faults that are accepted.
     fn accepted(&self) -> Vec<&'static str> {
-        self.acceptance.accept.iter().copied().chain(self.other_device.then_some(name::OTHER_DEVICE)).collect()
+        let also = [(self.other_device, name::OTHER_DEVICE), (self.replace_curves, name::ONE_DIRECTION)];
+        let also = also.into_iter().filter_map(|(given, name)| given.then_some(name));
+        self.acceptance.accept.iter().copied().chain(also).collect()
     }
 
     /// The options of the fit, `by_hand` or on a turntable.
@@ -173,6 +175,7 @@ impl Calibrate {
             strict: self.acceptance.strict,
             lag: self.lag.unwrap_or_default(),
             predecessor_lag_s: None,
+            ..CalibrationOptions::default()
         };
         let args = &self.without_turntable;
         options.by_hand = GravityOnlyOptions {

@@ -147,6 +147,9 @@ findings! {
         /// more, of over a million pulses a dwell) and nowhere more: the converter is full. A warning with fewer
         /// pulses.
         SATURATED = "saturated", FaultOrWarning, "Take a larger range, or leave the set points out.";
+        /// A channel counts over 1.25 times as much in short rows, such as those of turns, as in longer ones: its counter
+        /// wraps within a row.
+        COUNTER_WRAPS = "counter-wraps", Fault, "Record short rows throughout.";
         /// A dwell is over 0.1 g0 off what its position asks for: another position, or a table that moved. Of a ramp:
         /// an accelerometer indicates over 0.1 g0 more or less, on average, than the `specific_force` of the ramp says.
         WRONG_POSITION = "wrong-position", Fault,
@@ -193,10 +196,13 @@ findings! {
         trial." {
         /// Two positions are exchanged, everywhere or at some set points, or all numbers are shifted.
         POSITIONS_EXCHANGED = "positions-exchanged", Fault, "Correct the numbers, as the line says.";
-        /// Two accelerometers are exchanged, or the IMU is mounted otherwise.
+        /// Two accelerometers or gyroscopes are exchanged, or the IMU is mounted otherwise.
         AXES_EXCHANGED = "axes-exchanged", Fault, "Correct columns or positions, as the line says.";
         /// The channels of an accelerometer are exchanged, or one with one of another, or a sign of the specific force.
         CHANNELS_EXCHANGED = "channels-exchanged", Fault, "Correct columns or signs, as the line says.";
+        /// From a set point on the misalignments are others, while each set point agrees with itself: another unit, or
+        /// an IMU that was turned on its fixture.
+        OTHER_UNIT = "other-unit", Fault, "Take out the rows of one, or measure again.";
         /// The IMU is turned against the campaign file, or `outer_deg` or `inner_deg` of all positions is off by 90 or
         /// 180.
         HEADING = "heading", Fault, "Correct the positions, as the line says.";
@@ -227,6 +233,19 @@ findings! {
         NO_TURNS = "no-turns", Warning, "Take turns, for a table with gyroscopes.";
     }
     "Ramps" "" {
+        /// A bias steps within a ramp: the IMU was bumped, or a sensor jumps. A warning up to a fifth of what its curve
+        /// spans.
+        RAMP_STEP = "ramp-step", FaultOrWarning,
+            "Record the ramp again with the IMU held fast, or give the part before or after it as a ramp of its own.";
+        /// A ramp has another shape than the others, while the sweeps of each agree: it is of another unit.
+        RAMP_UNIT = "ramp-unit", Fault, "Give the ramps of one unit.";
+        /// Sweeps differ by over 4 of their jackknife errors, and by more than a lag explains.
+        RAMP_SWEEPS = "ramp-sweeps", Warning,
+            "Allow for the error of the curves that is stated; hold the IMU and its fixture steadier, begin soaked.";
+        /// No ramp heats and cools over half of the range: the error of its curves is not known, and those of `curves`
+        /// depend on temperature, or have an error.
+        ONE_DIRECTION = "one-direction", Fault,
+            "Heat and cool in one recording. `--replace-curves` makes the table all the same.";
         /// About a transient that is written: the ramps have specific force along the axis, so that a converter behind
         /// its thermometer would look the same; or the time constant was given, and the ramps would not show it.
         TRANSIENT = "transient", Warning,
