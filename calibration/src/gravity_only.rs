@@ -83,7 +83,8 @@ pub fn calibrate_gravity_only(
         let admitted = options.admission().admit(findings, &mut accepted);
         admitted.map_err(|findings| CalibrationError::Faults { diagnosis: None, findings })
     };
-    let mut findings = admit(of_recordings(campaign, recordings))?;
+    let continuity: Vec<Continuity> = recordings.iter().map(|recording| recording.rows.iter().collect()).collect();
+    let mut findings = admit(of_recordings(campaign, recordings, &continuity))?;
     let Found { mut readings, too_short, noise } = readings(recordings, options.window_s)?;
     exclude(&mut readings, &options.exclude)?;
     let gravity = campaign.gravity_local / campaign.gravity_reference;
@@ -102,7 +103,6 @@ pub fn calibrate_gravity_only(
     let alignment = if unknowns.misalignment { misalignment.try_inverse() } else { None };
     let table = table_of(campaign, curves.each_ref(), alignment).map_err(GravityOnlyError::Table)?;
     let table = table.measured_at(Some(campaign.gravity_local)).measured_by_hand();
-    let continuity: Vec<Continuity> = recordings.iter().map(|recording| recording.rows.iter().collect()).collect();
     let mut warnings = warnings;
     warnings.extend(errors.warnings(readings.len()));
     warnings.extend(kelvin(campaign, &readings));

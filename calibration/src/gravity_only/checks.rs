@@ -3,12 +3,12 @@
 use super::model::{Ellipsoid, GravityFit, ellipsoid};
 use super::reading::Reading;
 use super::recording::TumbleRecording;
-use crate::checks::time::CLOCK_TOLERANCE;
 use isotherm_campaign::Campaign;
 use isotherm_finding::{Finding, Location, name};
+use isotherm_recording::Continuity;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::{AXES, RawSample, device};
-use isotherm_statistics::{median, student_quantile};
+use isotherm_statistics::student_quantile;
 use nalgebra::Vector3;
 
 /// A bias beyond this is an offset of the counts, not of a sensor \[g0\].
@@ -21,10 +21,14 @@ const NO_CELSIUS: f64 = 150.0;
 const OUTLIER: f64 = 0.01;
 
 /// What is wrong with the recordings, before a standstill is searched.
-pub(super) fn of_recordings(campaign: &Campaign, recordings: &[TumbleRecording]) -> Vec<Finding> {
+pub(super) fn of_recordings(
+    campaign: &Campaign,
+    recordings: &[TumbleRecording],
+    continuity: &[Continuity],
+) -> Vec<Finding> {
     let mut found: Vec<Finding> = other_device(campaign, recordings).into_iter().collect();
     found.extend(twice(recordings));
-    found.extend(recordings.iter().filter_map(interval));
+    found.extend(recordings.iter().zip(continuity).filter_map(|(recording, found)| interval(recording, found)));
     found
 }
 
@@ -52,20 +56,8 @@ fn twice(recordings: &[TumbleRecording]) -> Option<Finding> {
 }
 
 /// Intervals that are not the time from row to row.
-fn interval(recording: &TumbleRecording) -> Option<Finding> {
-    let ratio = |pair: &[RawSample]| {
-        let step_ns = pair[1].timestamp_ns.saturating_sub(pair[0].timestamp_ns);
-        (pair[0].session == pair[1].session && step_ns > 0).then(|| pair[1].interval_ns as f64 / step_ns as f64)
-    };
-    let ratios: Vec<f64> = recording.rows.windows(2).filter_map(ratio).collect();
-    let usual = if ratios.is_empty() { 1.0 } else { median(ratios) };
-    ((usual - 1.0).abs() > CLOCK_TOLERANCE).then(|| {
-        let message = format!(
-            "interval_ns is {usual:.4} of the time from row to row, so every scale factor would be off as much; correct interval_ns, or the \
-             timestamps; of foreign data, interval_s in the mapping file"
-        );
-        Finding::fault(name::INTERVAL, message).at(recording.place())
-    })
+fn interval(recording: &TumbleRecording, continuity: &Continuity) -> Option<Finding> {
+    Some(continuity.interval()?.finding().at(recording.place()))
 }
 
 /// What is wrong with the standstills, before anything is fitted: an axis that never counts, or readings about a centre

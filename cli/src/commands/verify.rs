@@ -10,8 +10,9 @@ use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{
     StagedText, WorldWritable, check_stdout, check_written, load_table, print, print_data, refuse_overlap,
 };
+use isotherm_finding::name;
 use isotherm_job::{Refused, Run};
-use isotherm_recording::other_device;
+use isotherm_recording::{MISSING, other_device};
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
 use isotherm_shared::table::CoefficientTable;
@@ -206,13 +207,15 @@ impl Verify {
         }
         bar.finish_and_clear();
         let recording = joined_paths(&self.recording);
-        let fault: Vec<_> = run.collector().continuity().fault().map(|fault| fault.finding()).into_iter().collect();
+        let of_time = run.collector().continuity().findings(MISSING);
         if let Some(lengths) = self.lengths(&table, &rows, keep, &recording)? {
-            self.acceptance.admit(&recording, fault)?;
+            self.acceptance.admit(&recording, of_time)?;
             return self.show_lengths(&table, &lengths, recording, page, require);
         }
         let stability = run.finish(&setup).inspect_err(|_| {
-            let _ = Acceptance::default().admit(&recording, fault);
+            // An interval that is wrong is the error itself.
+            let of_time = of_time.into_iter().filter(|finding| finding.name != name::INTERVAL).collect();
+            let _ = Acceptance::default().admit(&recording, of_time);
         })?;
         // With a requirement the failure at the end says why nothing is claimed.
         self.acceptance.admit(&recording, stability.findings(require.is_some()))?;

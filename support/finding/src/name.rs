@@ -98,7 +98,7 @@ findings! {
         /// the interval of a single sample under sums, or a nominal interval. A warning, with the error of the scale
         /// factors, if in all dwells by over 200 ppm and 5 standard errors.
         INTERVAL = "interval", FaultOrWarning, "Give the measured time of each row, in nanoseconds.";
-        /// Over 1 % of the rows are missing, by sequence or time.
+        /// Over 1 % of the rows are missing, by sequence or time; of `replay` any.
         MISSING_ROWS = "missing-rows", Warning, "Give all pieces of the recording; else look for what loses them.";
         /// Time is lost, or counted twice, within a dwell or a ramp, without a hole in `sequence`. In a turn it is
         /// `turn-gap`.

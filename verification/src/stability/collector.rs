@@ -13,8 +13,7 @@ use crate::stability::setup::Setup;
 use crate::stability::stillness::{ACCELEROMETERS, LeftOut, PARTS, mark};
 use crate::verdict::Verdict;
 use crate::window::{MIN_WINDOWS, Window};
-use isotherm_calibration::CLOCK_TOLERANCE;
-use isotherm_recording::{Continuity, other_device};
+use isotherm_recording::{Continuity, MISSING, other_device};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Gyroscopes};
@@ -313,6 +312,7 @@ impl<'a> Collector<'a> {
             other_device: (self.other_device > 0).then(|| other_device(self.table, self.other_device)),
             losses: self.continuity.losses(),
             time_fault: self.continuity.fault(),
+            of_time: self.continuity.findings(MISSING),
         })
     }
 
@@ -325,8 +325,8 @@ impl<'a> Collector<'a> {
         // A window without consecutive sequences has 0/0, which the median leaves out.
         let windows = self.windows.iter().chain([&self.open]);
         let ratio = isotherm_statistics::median(windows.map(|sums| sums.steps[0] / sums.steps[1]));
-        if (ratio - 1.0).abs() > CLOCK_TOLERANCE {
-            return Err(StabilityError::Interval { ratio });
+        if let Some(fault) = self.continuity.interval() {
+            return Err(StabilityError::Interval(fault));
         }
         if self.windows.len() < MIN_WINDOWS {
             let (windows, window_s) = (self.windows.len(), self.window_s);

@@ -64,6 +64,8 @@ pub struct Stability {
     pub losses: Losses,
     /// The first fault of time.
     pub time_fault: Option<TimeFault>,
+    /// What is to be said of times and missing rows.
+    pub of_time: Vec<Finding>,
 }
 
 impl Stability {
@@ -99,8 +101,7 @@ impl Stability {
     /// also why nothing is claimed.
     #[must_use]
     pub fn findings(&self, required: bool) -> Vec<Finding> {
-        let time = self.time_fault.as_ref().map(TimeFault::finding);
-        let mut found: Vec<Finding> = time.into_iter().chain(self.other_device.clone()).collect();
+        let mut found: Vec<Finding> = self.of_time.iter().cloned().chain(self.other_device.clone()).collect();
         let mut add = |name, message: Option<String>| found.extend(message.map(|text| Finding::warning(name, text)));
         add(name::INTERVAL, self.interval_warning());
         if !required {
