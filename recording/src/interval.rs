@@ -17,6 +17,8 @@ pub const UNIT_TOLERANCE: f64 = 0.01;
 const BLOCK: u32 = 1050;
 /// With fewer blocks the two figures must agree within a factor of two.
 const MANY_BLOCKS: usize = 10;
+/// A step over this many mean steps is a pause that the sequence does not show; bursts are shorter.
+const PAUSE: f64 = 40.0;
 /// Fewest steps that are judged.
 const LEAST_STEPS: u32 = 9;
 /// Most values that a median is taken of.
@@ -96,6 +98,10 @@ impl Intervals {
     /// Takes the step of the time to a row, and the interval of the row \[ns\].
     pub(crate) fn add(&mut self, step_ns: i128, interval_ns: u64) {
         let (step, interval) = (step_ns as f64, interval_ns as f64);
+        let Sums { count, step: passed, .. } = self.all;
+        if count >= LEAST_STEPS && step * f64::from(count) > PAUSE * passed {
+            return;
+        }
         self.single.add(if step > 0.0 { interval / step } else { f64::INFINITY });
         self.open.add(interval, step);
         self.all.add(interval, step);
@@ -216,7 +222,10 @@ mod tests {
             let late = |i: i128| i * 7919 % 61 * MS / 10;
             assert_eq!(fault((0..count).map(|i| 10 * MS + late(i + 1) - late(i)), 10_000_000), None);
         }
-        // And a wrong one is found beside them.
+        // A wrong one is found beside pauses, ..
+        let paused = fault((0..400).map(|i| if i % 80 == 79 { 10_000 * MS } else { 10 * MS }), 12_000_000);
+        assert!(paused.is_some_and(|found| (found.ratio - 1.2).abs() < 1e-9), "{paused:?}");
+        // .. and bursts.
         assert!(fault((1..=30_000).map(bursts(10)), 10_300_000).is_some_and(|found| (found.ratio - 1.03).abs() < 1e-3));
         assert!(fault((0..9).map(|_| 10 * MS), 1).is_some() && fault((0..8).map(|_| 10 * MS), 1).is_none());
     }
