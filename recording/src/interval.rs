@@ -99,7 +99,7 @@ impl Intervals {
     pub(crate) fn add(&mut self, step_ns: i128, interval_ns: u64) {
         let (step, interval) = (step_ns as f64, interval_ns as f64);
         let Sums { count, step: passed, .. } = self.all;
-        if count >= LEAST_STEPS && step * f64::from(count) > PAUSE * passed {
+        if count >= PAUSE as u32 && step * f64::from(count) > PAUSE * passed {
             return;
         }
         self.single.add(if step > 0.0 { interval / step } else { f64::INFINITY });
