@@ -17,8 +17,8 @@ pub const UNIT_TOLERANCE: f64 = 0.01;
 const BLOCK: u32 = 1050;
 /// With fewer blocks the two figures must agree within a factor of two.
 const MANY_BLOCKS: usize = 10;
-/// A step over this many mean steps is a pause that the sequence does not show; bursts are shorter.
-const PAUSE: f64 = 40.0;
+/// Where the middle half of the steps lies within this part of their median, it alone decides.
+const REGULAR: f64 = 0.1;
 /// Fewest steps that are judged.
 const LEAST_STEPS: u32 = 9;
 /// Most values that a median is taken of.
@@ -87,10 +87,11 @@ impl Thinned {
         }
     }
 
-    fn median(&self) -> f64 {
+    /// The value below which a part of them lies.
+    fn quantile(&self, part: f64) -> f64 {
         let mut values = self.values.clone();
-        let half = values.len() / 2;
-        if values.is_empty() { f64::NAN } else { *values.select_nth_unstable_by(half, f64::total_cmp).1 }
+        let place = (values.len() as f64 * part) as usize;
+        if values.is_empty() { f64::NAN } else { *values.select_nth_unstable_by(place, f64::total_cmp).1 }
     }
 }
 
@@ -98,10 +99,6 @@ impl Intervals {
     /// Takes the step of the time to a row, and the interval of the row \[ns\].
     pub(crate) fn add(&mut self, step_ns: i128, interval_ns: u64) {
         let (step, interval) = (step_ns as f64, interval_ns as f64);
-        let Sums { count, step: passed, .. } = self.all;
-        if count >= PAUSE as u32 && step * f64::from(count) > PAUSE * passed {
-            return;
-        }
         self.single.add(if step > 0.0 { interval / step } else { f64::INFINITY });
         self.open.add(interval, step);
         self.all.add(interval, step);
@@ -116,9 +113,14 @@ impl Intervals {
         if self.all.count < LEAST_STEPS {
             return None;
         }
-        let single = self.single.median();
+        let [low, single, high] = [0.25, 0.5, 0.75].map(|part| self.single.quantile(part));
+        let regular = (high - low).abs() < REGULAR * single;
         let many = self.blocks.values.len() >= MANY_BLOCKS;
-        let whole = if many { self.blocks.median() } else { self.all.ratio() };
+        let whole = match (regular, many) {
+            (true, _) => single,
+            (false, true) => self.blocks.quantile(0.5),
+            (false, false) => self.all.ratio(),
+        };
         let agree = many || (0.5..2.0).contains(&(single / whole));
         // What is lost and renumbered is in the second figure, bursts are in the first.
         let ratio = if single.ln().abs() < whole.ln().abs() { single } else { whole };
