@@ -114,7 +114,8 @@ impl Intervals {
             return None;
         }
         let [low, single, high] = [0.25, 0.5, 0.75].map(|part| self.single.quantile(part));
-        let regular = (high - low).abs() < REGULAR * single;
+        // The steps within a burst are regular too, and far shorter.
+        let regular = (high - low).abs() < REGULAR * single && single < 2.0;
         let many = self.blocks.values.len() >= MANY_BLOCKS;
         let whole = match (regular, many) {
             (true, _) => single,
@@ -221,7 +222,7 @@ mod tests {
             // Stamps in ms at 416 Hz; a fifth lost and renumbered; jitter of 6 ms.
             assert_eq!(fault((0..count).map(|i| ((i + 1) * 1000 / 416 - i * 1000 / 416) * MS), 2_403_846), None);
             assert_eq!(fault((0..count).map(|i| if i % 5 == 0 { 20 * MS } else { 10 * MS }), 10_000_000), None);
-            let late = |i: i128| i * 7919 % 61 * MS / 10;
+            let late = |i: i128| i * i % 1009 * 7919 % 61 * MS / 10;
             assert_eq!(fault((0..count).map(|i| 10 * MS + late(i + 1) - late(i)), 10_000_000), None);
         }
         // A wrong one is found beside pauses, ..
