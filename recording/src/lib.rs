@@ -30,6 +30,7 @@ mod device;
 mod error;
 mod increments;
 mod interval;
+mod marks;
 mod raw;
 pub mod rows;
 
@@ -40,4 +41,5 @@ pub use device::other_device;
 pub use error::RecordingError;
 pub use increments::{ANGLE_CSV_COLUMNS, CSV_COLUMNS as INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout};
 pub use interval::{CLOCK_TOLERANCE, IntervalFault, UNIT_FACTORS, UNIT_TOLERANCE, cause, part, unit_factor};
+pub use marks::{Marks, share_rows};
 pub use raw::{RawCsvReader, RawCsvWriter, SequenceRule};

@@ -5,7 +5,7 @@ use super::reading::Reading;
 use super::recording::TumbleRecording;
 use isotherm_campaign::Campaign;
 use isotherm_finding::{Finding, Location, name};
-use isotherm_recording::Continuity;
+use isotherm_recording::{Continuity, share_rows};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::{AXES, RawSample, device};
 use isotherm_statistics::student_quantile;
@@ -48,8 +48,12 @@ fn other_device(campaign: &Campaign, recordings: &[TumbleRecording]) -> Option<F
 /// A recording that is there twice: it would count as new data.
 fn twice(recordings: &[TumbleRecording]) -> Option<Finding> {
     let same = |(index, one): (usize, &TumbleRecording)| {
-        let other = recordings[..index].iter().find(|other| other.rows == one.rows)?;
-        let message = format!("{} and {} are the same recording; name every recording once", other.name, one.name);
+        let other =
+            recordings[..index].iter().find(|other| other.rows == one.rows || share_rows(&other.rows, &one.rows))?;
+        let message = format!(
+            "{} and {} are the same recording, as rows of both are equal; name every recording once",
+            other.name, one.name
+        );
         Some(Finding::fault(name::SAME_RECORDING, message))
     };
     recordings.iter().enumerate().find_map(same)
