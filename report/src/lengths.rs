@@ -5,7 +5,7 @@ use super::page::{Cell, Column, NoteKind, Page};
 use super::plot::{Plot, Style};
 use super::verification::VerificationSource;
 use super::view::{value, view};
-use crate::parts::file_names;
+use crate::parts::{self, file_names};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_verification::{Length, Lengths, Requirement};
 use serde_json::Value;
@@ -19,7 +19,8 @@ pub const NOT_JUDGED: &str = "not judged: the direction of the output, and error
 pub fn text(lengths: &Lengths) -> String {
     let Lengths { standstills, mean, rms, .. } = lengths;
     let largest = lengths.largest();
-    let mut text = format!(
+    let mut text = parts::first_line(lengths.made_the_table);
+    text += &format!(
         "{}\nLocal gravity {}\n\nLength of the output less local gravity [1e-6 g0], 95 %\n  largest  {} in standstill {}\n  mean     {}\n  rms      {:.3}\n  {NOT_JUDGED}\n\n",
         counts(lengths),
         lengths.gravity_source,
@@ -71,6 +72,7 @@ view! { LengthsView<'a>(lengths: &'a Lengths, window_s: f64, judged: JudgedView)
     standstills: usize = lengths.standstills.len(),
     too_short: usize = lengths.too_short,
     invalid: usize = lengths.invalid,
+    made_the_table: bool = lengths.made_the_table,
     gravity_local_m_s2: Option<f64> = lengths.gravity_source.value(),
     gravity_source: &'a str = lengths.gravity_source.name(),
     largest: LargestView = LargestView::of(lengths.largest()),
@@ -112,6 +114,7 @@ pub fn html(table: &CoefficientTable, lengths: &Lengths, source: &VerificationSo
 
 fn result(page: &mut Page, table: &CoefficientTable, lengths: &Lengths, source: &VerificationSource) {
     page.heading(2, "result", "Result");
+    parts::own_recording(page, lengths.made_the_table);
     let largest = lengths.largest();
     let error = shown(largest.error.value, largest.error.interval);
     page.key_values(&[

@@ -3,7 +3,7 @@
 //!
 //! It shows neither the direction of the output nor an error across the specific force.
 
-use crate::requirement::{Judgement, Requirement, all_met};
+use crate::requirement::{Judgement, Requirement, all_met, no_evidence};
 use crate::stability::LocalGravity;
 use crate::verdict::Estimate;
 use core::ops::Range;
@@ -47,6 +47,8 @@ pub struct Lengths {
     pub invalid: usize,
     /// Samples of another unit than the table's, which were accepted.
     pub other_device: usize,
+    /// Whether the table was made from this recording, as its provenance says; the caller looks.
+    pub made_the_table: bool,
     /// Local gravity \[g0\].
     pub gravity: f64,
     /// Where local gravity comes from.
@@ -147,6 +149,7 @@ impl Lengths {
             invalid: count - standstills.len(),
             too_short: found.too_short,
             other_device: others,
+            made_the_table: false,
             gravity,
             gravity_source,
             mean: Estimate { value: mean, interval },
@@ -206,7 +209,9 @@ impl Lengths {
                 remedy: Some("record at one attitude, and state it"),
             });
         }
-        found
+        let Some(nothing) = no_evidence(self.made_the_table) else { return found };
+        let void = |it: Judgement| Judgement { met: false, remedy: None, ..it };
+        found.into_iter().map(void).chain([nothing]).collect()
     }
 
     /// Checks that every bound is met.

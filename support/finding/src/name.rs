@@ -256,6 +256,10 @@ findings! {
         IMU_ERROR = "imu-error", Warning, "Look at the IMU; leave these rows out.";
     }
     "Verification" "" {
+        /// The table was made from this recording, or from rows that are in it: it fits, whatever the IMU does now.
+        OWN_RECORDING = "own-recording", Warning, "Verify with a recording that the table was not made from.";
+        /// A channel, or a part of the telemetry's range, is not driven in any standstill: a bound is not shown there.
+        NOT_DRIVEN = "not-driven", Warning, "Put the IMU down in the attitudes that the line names.";
         /// The length of the output is not that of gravity in too many windows: nothing is claimed.
         NOT_GRAVITY = "not-gravity", Warning, "Keep the IMU at rest; give the table and the intervals of this IMU.";
         /// Too many windows are left out: nothing is claimed of the whole run.
@@ -278,6 +282,9 @@ findings! {
         ERRORS_UNKNOWN = "errors-unknown", Warning, "Make the table again with `calibrate`, which writes them.";
         /// A part is not compared, because not all tables have it.
         NOT_COMPARED = "not-compared", Warning, "Give tables that have it.";
+        /// Two tables have the same coefficients, under whatever name; or they were made from the same rows, so that
+        /// what differs is not the IMU.
+        SAME_TABLE = "same-table", Warning, "Give tables of two campaigns.";
         /// The serial numbers of the tables differ.
         SERIALS = "serials", Warning, "Give the tables of one unit.";
         /// The new table is older than the old one, by its date.
