@@ -53,33 +53,45 @@ impl Calibrate {
         self.refuse_overlaps(&all, Some(file))?;
         let page = self.batch.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let (mut tables, mut dropped, mut documents): (_, _, Vec<Value>) = (Vec::new(), Vec::new(), Vec::new());
-        let mut staged = Vec::new();
+        let (mut staged, mut ended) = (Vec::new(), None);
         for (campaign, samples) in all {
-            let imu = campaign.imu.as_str();
-            match self.stage(campaign, &samples, Some(file))? {
-                Ok(made) => {
+            match self.stage(campaign, &samples, Some(file)) {
+                Ok(Ok(made)) => {
                     let [output, _] = self.outputs(&campaign.imu);
                     let name = output.unwrap_or_default().display().to_string();
                     let read = TableFile::from_toml(name.clone(), &made.made.table);
                     tables.push(read.map_err(|faults| Failure::new(Exit::Failed, format!("{name}: {faults}")))?);
-                    let document = made.made.json();
-                    staged.push((campaign, made));
-                    documents.push(json!({ "imu": imu, "table": name, "calibration": document }));
+                    documents
+                        .push(json!({ "imu": campaign.imu.as_str(), "table": name, "calibration": made.made.json() }));
+                    staged.push((campaign, Ok(made)));
                 }
-                Err(Refused { failure, document, .. }) => {
-                    tell("isotherm", format_args!("{imu} is dropped: {}", failure.message));
-                    documents.push(json!({ "imu": imu, "dropped": document }));
-                    dropped.push((imu.to_owned(), failure.message));
+                Ok(Err(Refused { failure, document, .. })) => {
+                    documents.push(json!({ "imu": campaign.imu.as_str(), "dropped": document }));
+                    staged.push((campaign, Err(failure.message)));
+                }
+                Err(refused) => {
+                    ended = Some(refused);
+                    break;
                 }
             }
         }
-        // Whose rows they are is not known, so that none of these tables is written.
+        // Whose rows they are is not known, so that no table is written.
         refuse_same(&same_rows(&tables))?;
-        for (campaign, Staged { made, table, page }) in staged {
+        for (campaign, made) in staged {
+            let imu = campaign.imu.as_str();
             if !self.json {
-                let _ = io::stderr().write_all(format!("{}:\n", campaign.imu).as_bytes());
+                let _ = io::stderr().write_all(format!("{imu}:\n").as_bytes());
             }
-            self.write(campaign, &made, table, page)?;
+            match made {
+                Ok(Staged { made, table, page }) => self.write(campaign, &made, table, page)?,
+                Err(message) => {
+                    tell("isotherm", format_args!("{imu} is dropped: {message}"));
+                    dropped.push((imu.to_owned(), message));
+                }
+            }
+        }
+        if let Some(refused) = ended {
+            return Err(refused);
         }
         let statistics = batch(&tables);
         let found = statistics.as_ref();
