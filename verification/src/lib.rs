@@ -32,7 +32,7 @@ mod window;
 pub use gate::exercised::DRIVEN;
 pub use gate::exercised::{Exercised, undriven};
 pub use gate::{GATE_FLOOR, Gate, Refusal};
-pub use lengths::{Length, Lengths, LengthsError};
+pub use lengths::{Length, Lengths, LengthsError, Shown};
 pub use requirement::{Judgement, OWN_RECORDING, Requirement, own_recording};
 pub use stability::Window;
 pub use stability::{

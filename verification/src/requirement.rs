@@ -318,7 +318,13 @@ impl Requirement {
         let errors = [Bound::Bias, Bound::Scale, Bound::Level, Bound::Rate].into_iter().filter_map(|bound| {
             let most = self.most(bound)?;
             let (name, error) = bound.error(stability);
-            Some(Judged::error(bound, name, error, most))
+            let mut judged = Judged::error(bound, name, error, most);
+            // One attitude drives half of the channels.
+            let undriven = stability.covered.undriven();
+            if matches!(bound, Bound::Scale) && judged.remedy.is_none() && !undriven.is_empty() {
+                judged.word += &format!("; not shown: {}", undriven.join(", "));
+            }
+            Some(judged)
         });
         factor.into_iter().chain(errors).map(|judged| judged.judgement(is_void)).chain(conditions).collect()
     }

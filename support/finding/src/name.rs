@@ -258,8 +258,6 @@ findings! {
     "Verification" "" {
         /// The table was made from this recording, or from rows that are in it: it fits, whatever the IMU does now.
         OWN_RECORDING = "own-recording", Warning, "Verify with a recording that the table was not made from.";
-        /// A channel, or a part of the telemetry's range, is not driven in any standstill: a bound is not shown there.
-        NOT_DRIVEN = "not-driven", Warning, "Put the IMU down in the attitudes that the line names.";
         /// The length of the output is not that of gravity in too many windows: nothing is claimed.
         NOT_GRAVITY = "not-gravity", Warning, "Keep the IMU at rest; give the table and the intervals of this IMU.";
         /// Too many windows are left out: nothing is claimed of the whole run.
