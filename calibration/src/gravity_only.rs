@@ -94,7 +94,8 @@ pub fn calibrate_gravity_only(
         let admitted = options.admission().admit(findings, &mut accepted);
         admitted.map_err(|findings| CalibrationError::Faults { diagnosis: None, findings })
     };
-    let mut findings = admit(of_recordings(campaign, recordings))?;
+    let continuity: Vec<Continuity> = recordings.iter().map(|recording| recording.rows.iter().collect()).collect();
+    let mut findings = admit(of_recordings(campaign, recordings, &continuity))?;
     let Found { mut readings, too_short, turned, noise } = readings(recordings, options.window_s)?;
     exclude(&mut readings, &options.exclude)?;
     let (readings, mut warnings) = without_glitches(readings);
@@ -127,7 +128,6 @@ pub fn calibrate_gravity_only(
     let table = table_of(campaign, curves.each_ref(), alignment).map_err(GravityOnlyError::Table)?;
     let table = table.measured_at(Some(campaign.gravity_local)).measured_by_hand();
     let forces: Vec<Vector3<f64>> = readings.iter().map(|reading| fitted.model.force_of(unknown, reading)).collect();
-    let continuity: Vec<Continuity> = recordings.iter().map(|recording| recording.rows.iter().collect()).collect();
     match &evidence {
         Some(evidence) => warnings.extend(evidence.findings(&fitted, &groups)),
         None => warnings.push(no_freedom(readings.len())),

@@ -51,7 +51,6 @@ pub use accuracy::{Accuracy, largest_interval};
 pub use alignment::{AlignmentChoice, is_needed};
 pub use calibrate::{calibrate, observable};
 
-pub use checks::time::{CLOCK_TOLERANCE, cause, part};
 pub use checks::{check, set_points};
 pub use error::CalibrationError;
 pub use fitted::{Fitted, Measured};

@@ -143,6 +143,9 @@ struct Provenance<'a> {
     campaign: &'a str,
     campaign_sha256: &'a str,
     samples_sha256: &'a str,
+    /// Hashes of some of the rows, see [`Marks`](isotherm_recording::Marks).
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    rows: Vec<String>,
     gravity_local: f64,
     set_points: usize,
     dwells: usize,
@@ -319,6 +322,7 @@ pub(crate) fn provenance(
             campaign: &source.campaign,
             campaign_sha256: &source.campaign_sha256,
             samples_sha256: &source.samples_sha256,
+            rows: source.marks(),
             gravity_local: campaign.gravity_local,
             set_points: calibration.set_points.len(),
             dwells: calibration.dwells.len(),

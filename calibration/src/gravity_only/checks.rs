@@ -4,12 +4,12 @@ use super::model::{Ellipsoid, ellipsoid};
 use super::reading::Reading;
 use super::recording::TumbleRecording;
 use super::weighted::Weighted;
-use crate::checks::time::CLOCK_TOLERANCE;
 use isotherm_campaign::Campaign;
 use isotherm_finding::{Finding, Location, name};
+use isotherm_recording::{Continuity, share_rows};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::{AXES, RawSample, device};
-use isotherm_statistics::{median, student_quantile};
+use isotherm_statistics::student_quantile;
 
 /// A bias beyond this is an offset of the counts, not of a sensor \[g0\].
 const MAX_BIAS: f64 = 1.0;
@@ -25,10 +25,14 @@ const NO_KELVIN: f64 = 1000.0;
 const OUTLIER: f64 = 0.01;
 
 /// What is wrong with the recordings, before a standstill is searched.
-pub(super) fn of_recordings(campaign: &Campaign, recordings: &[TumbleRecording]) -> Vec<Finding> {
+pub(super) fn of_recordings(
+    campaign: &Campaign,
+    recordings: &[TumbleRecording],
+    continuity: &[Continuity],
+) -> Vec<Finding> {
     let mut found: Vec<Finding> = other_device(campaign, recordings).into_iter().collect();
     found.extend(twice(recordings));
-    found.extend(recordings.iter().filter_map(interval));
+    found.extend(recordings.iter().zip(continuity).filter_map(|(recording, found)| interval(recording, found)));
     found
 }
 
@@ -48,28 +52,20 @@ fn other_device(campaign: &Campaign, recordings: &[TumbleRecording]) -> Option<F
 /// A recording that is there twice: it would count as new data.
 fn twice(recordings: &[TumbleRecording]) -> Option<Finding> {
     let same = |(index, one): (usize, &TumbleRecording)| {
-        let other = recordings[..index].iter().find(|other| other.rows == one.rows)?;
-        let message = format!("{} and {} are the same recording; name every recording once", other.name, one.name);
+        let other =
+            recordings[..index].iter().find(|other| other.rows == one.rows || share_rows(&other.rows, &one.rows))?;
+        let message = format!(
+            "{} and {} are the same recording, as rows of both are equal; name every recording once",
+            other.name, one.name
+        );
         Some(Finding::fault(name::SAME_RECORDING, message))
     };
     recordings.iter().enumerate().find_map(same)
 }
 
 /// Intervals that are not the time from row to row.
-fn interval(recording: &TumbleRecording) -> Option<Finding> {
-    let ratio = |pair: &[RawSample]| {
-        let step_ns = pair[1].timestamp_ns.saturating_sub(pair[0].timestamp_ns);
-        (pair[0].session == pair[1].session && step_ns > 0).then(|| pair[1].interval_ns as f64 / step_ns as f64)
-    };
-    let ratios: Vec<f64> = recording.rows.windows(2).filter_map(ratio).collect();
-    let usual = if ratios.is_empty() { 1.0 } else { median(ratios) };
-    ((usual - 1.0).abs() > CLOCK_TOLERANCE).then(|| {
-        let message = format!(
-            "interval_ns is {usual:.4} of the time from row to row, so every scale factor would be off as much; correct interval_ns, or the \
-             timestamps; of foreign data, interval_s in the mapping file"
-        );
-        Finding::fault(name::INTERVAL, message).at(recording.place())
-    })
+fn interval(recording: &TumbleRecording, continuity: &Continuity) -> Option<Finding> {
+    Some(continuity.interval()?.finding().at(recording.place()))
 }
 
 /// What is wrong with the standstills, before anything is fitted: an axis that never counts, or readings about a centre

@@ -22,6 +22,9 @@ struct GravityOnlyProvenance<'a> {
     campaign: &'a str,
     campaign_sha256: &'a str,
     recordings_sha256: &'a [String],
+    /// Hashes of some of the rows, see [`Marks`](isotherm_recording::Marks).
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    rows: Vec<String>,
     gravity_local: f64,
     standstills: usize,
     /// Numbers of the standstills that were left out.
@@ -85,6 +88,7 @@ pub(crate) fn sealed_gravity_only_table(
             campaign: &source.campaign,
             campaign_sha256: &source.campaign_sha256,
             recordings_sha256: &source.recordings_sha256,
+            rows: source.marks(),
             gravity_local: campaign.gravity_local,
             standstills: calibration.readings.len(),
             excluded: &calibration.options.exclude,

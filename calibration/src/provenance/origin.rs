@@ -1,5 +1,6 @@
 //! What programs read of a table's `[provenance]`: when the table was made, and its errors.
 
+use isotherm_recording::Marks;
 use isotherm_shared::document::Faults;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};
@@ -47,6 +48,10 @@ pub struct Origin {
     pub has_ramp_errors: bool,
     /// Rms of the residuals of a calibration that has one for all accelerometers \[g0\].
     pub residual_rms_g0: Option<f64>,
+    /// SHA-256 of the recordings, in hexadecimal.
+    pub sha256: Vec<String>,
+    /// The marks of the recordings.
+    pub rows: Vec<Marks>,
 }
 
 /// A table with the name of its file, and what its provenance says.
@@ -120,6 +125,8 @@ impl Origin {
             residual_sd_g0: provenance.get("residual_sd_g0").and_then(numbers),
             residual_rms_g0: provenance.get("residual_rms_g0").and_then(number),
             has_ramp_errors: ramp_errors(provenance),
+            sha256: hashes(provenance),
+            rows: texts(provenance.get("rows")).filter_map(|marks| marks.parse().ok()).collect(),
             ..Self::default()
         };
         let records = provenance.get("curve").and_then(Value::as_array);
@@ -143,6 +150,34 @@ fn ramp_errors(provenance: &Table) -> bool {
     let alone = provenance.get("method").and_then(Value::as_str) == Some("ramps");
     let biases = provenance.get("transients").and_then(|it| it.get("bias")).and_then(Value::as_array);
     alone && biases.into_iter().flatten().any(|bias| bias.get("curve_error").is_some())
+}
+
+impl Origin {
+    /// Whether the table was made from a recording with these marks, or with a file of this SHA-256.
+    #[must_use]
+    pub fn is_made_from(&self, rows: &Marks, sha256: &str) -> bool {
+        self.sha256.iter().any(|known| known == sha256) || self.rows.iter().any(|known| known.share_rows_with(rows))
+    }
+
+    /// Whether both tables were made from the same rows. Their files may be one, with the rows of several IMUs.
+    #[must_use]
+    pub fn shares_rows_with(&self, other: &Self) -> bool {
+        self.rows.iter().any(|rows| other.rows.iter().any(|others| rows.share_rows_with(others)))
+    }
+}
+
+/// Texts of an array; none if it is none.
+fn texts(value: Option<&Value>) -> impl Iterator<Item = &str> {
+    value.and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str)
+}
+
+/// The hashes of all files with rows.
+fn hashes(provenance: &Table) -> Vec<String> {
+    let ramps = provenance.get("transients").and_then(|transients| transients.get("ramp")).and_then(Value::as_array);
+    let ramps = ramps.into_iter().flatten().filter_map(|ramp| ramp.get("sha256").and_then(Value::as_str));
+    let samples = provenance.get("samples_sha256").and_then(Value::as_str);
+    let all = samples.into_iter().chain(texts(provenance.get("recordings_sha256"))).chain(ramps);
+    all.filter(|hash| !hash.is_empty()).map(str::to_owned).collect()
 }
 
 /// The sensor, the quantity and the errors that a `[[provenance.curve]]` has; `None` if the table has no such curve, or

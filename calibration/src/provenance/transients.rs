@@ -24,6 +24,9 @@ struct RampsProvenance<'a> {
     not_known: Vec<String>,
     campaign: &'a str,
     campaign_sha256: &'a str,
+    /// Hashes of some of the rows, see [`Marks`](isotherm_recording::Marks).
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    rows: Vec<String>,
     /// The table that gave what is not known.
     curves: &'a str,
     curves_digest: String,
@@ -102,6 +105,7 @@ pub(super) fn of_ramps(
             not_known: calibration.not_known(),
             campaign: &source.campaign,
             campaign_sha256: &source.campaign_sha256,
+            rows: source.marks(),
             curves: campaign.curves.as_deref().unwrap_or_default(),
             curves_digest: calibration.curves.digest().to_string(),
             gravity_local: campaign.gravity_local,

@@ -98,7 +98,7 @@ findings! {
         /// the interval of a single sample under sums, or a nominal interval. A warning, with the error of the scale
         /// factors, if in all dwells by over 200 ppm and 5 standard errors.
         INTERVAL = "interval", FaultOrWarning, "Give the measured time of each row, in nanoseconds.";
-        /// Over 1 % of the rows are missing, by sequence or time.
+        /// Over 1 % of the rows are missing, by sequence or time; of `replay` any.
         MISSING_ROWS = "missing-rows", Warning, "Give all pieces of the recording; else look for what loses them.";
         /// Time is lost, or counted twice, within a dwell or a ramp, without a hole in `sequence`. In a turn it is
         /// `turn-gap`.
@@ -291,6 +291,8 @@ findings! {
         IMU_ERROR = "imu-error", Warning, "Look at the IMU; leave these rows out.";
     }
     "Verification" "" {
+        /// The table was made from this recording, or from rows that are in it: it fits, whatever the IMU does now.
+        OWN_RECORDING = "own-recording", Warning, "Verify with a recording that the table was not made from.";
         /// The length of the output is not that of gravity in too many windows: nothing is claimed.
         NOT_GRAVITY = "not-gravity", Warning, "Keep the IMU at rest; give the table and the intervals of this IMU.";
         /// Too many windows are left out: nothing is claimed of the whole run.
@@ -313,6 +315,9 @@ findings! {
         ERRORS_UNKNOWN = "errors-unknown", Warning, "Make the table again with `calibrate`, which writes them.";
         /// A part is not compared, because not all tables have it.
         NOT_COMPARED = "not-compared", Warning, "Give tables that have it.";
+        /// Two tables have the same coefficients, under whatever name; or they were made from the same rows, so that
+        /// what differs is not the IMU.
+        SAME_TABLE = "same-table", Warning, "Give tables of two campaigns.";
         /// The serial numbers of the tables differ.
         SERIALS = "serials", Warning, "Give the tables of one unit.";
         /// The new table is older than the old one, by its date.

@@ -292,3 +292,27 @@ fn lengths_of_another_unit_are_refused() {
     let error = calibrate_gravity_only(&campaign, &[recording(&others)], &options).unwrap_err().to_string();
     assert!(error.contains("another unit than serial number 17"), "{error}");
 }
+
+#[test]
+fn standstills_that_never_drive_an_axis_do_not_meet_a_bound() {
+    let options = GravityOnlyOptions { temperature_range: Some([0.0, 50.0]), ..GravityOnlyOptions::default() };
+    let all = put_down(&cube(), &[25.0]);
+    let found = calibrate_gravity_only(&campaign([9.81, 9.81]), &[recording(&all)], &options).unwrap();
+    let judged = |directions: &[[f64; 3]]| {
+        let directions: Vec<_> = directions.iter().map(|direction| Vector3::from(*direction)).collect();
+        let rows = put_down(&directions, &[25.0]);
+        let lengths = Lengths::of(&found.table, &rows, None, LocalGravity::Stated(9.81), false).unwrap();
+        let met = lengths.judge(&"scale=20000ppm".parse().unwrap()).remove(0);
+        (lengths.shown, met)
+    };
+    let in_plane =
+        [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.7, 0.0, 0.7], [-0.7, 0.0, 0.7]];
+    let (shown, judgement) = judged(&in_plane);
+    assert_eq!(shown.undriven, ["K+ of A2", "K- of A2"]);
+    assert!(shown.driven[1] == [0.0, 0.0] && (shown.driven[0][0] - 2.0 / 6.0).abs() < 0.02, "{shown}");
+    assert!(shown.telemetry < 0.1, "{shown}");
+    let words = ": not shown, no standstill drives K+ of A2, K- of A2";
+    assert!(!judgement.met && judgement.message.ends_with(words), "{judgement:?}");
+    let (shown, judgement) = judged(&[&in_plane[..], &[[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]].concat());
+    assert!(judgement.met && shown.undriven.is_empty(), "{judgement:?}");
+}

@@ -60,6 +60,7 @@ fn source() -> CampaignSource {
         campaign_sha256: String::new(),
         samples_sha256: String::new(),
         recordings_sha256: vec!["11".repeat(32), "22".repeat(32)],
+        rows: Vec::new(),
     }
 }
 
