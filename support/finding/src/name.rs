@@ -287,6 +287,11 @@ findings! {
         NO_GYROSCOPES = "no-gyroscopes", Warning, "Give the table and the recording of the same IMU.";
         /// The data have no temperature, or none at their beginning: a placeholder, or the first one, stands there.
         NO_TEMPERATURE = "no-temperature", Warning, "Give `--temperature`, or a source that has one.";
+        /// The stamps of foreign data jitter, or come in bursts: their rows are put on an even clock. Rows that are lost
+        /// cannot be told there.
+        STAMPS = "stamps", Warning, "Stamp the samples where they are taken, or give `interval_s`.";
+        /// A counter of the time rolled over, and was joined.
+        ROLLOVER = "rollover", Warning, "Nothing, if the recording is as long as that.";
         /// The IMU itself reports errors in some rows.
         IMU_ERROR = "imu-error", Warning, "Look at the IMU; leave these rows out.";
     }
