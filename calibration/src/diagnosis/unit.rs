@@ -29,7 +29,7 @@ pub(super) fn other_unit(campaign: &Campaign, dwells: &[Dwell], set_points: &[Se
         set_points.iter().map(|set_point| misalignments(campaign, dwells, set_point)).collect();
     let (values, residuals): (Vec<Misalignments>, Vec<f64>) = reduced?.into_iter().unzip();
     let residual = residuals.into_iter().fold(0.0, f64::max);
-    if values.len() < 3 || !(residual < MAX_GOOD) {
+    if values.len() < 3 || residual >= MAX_GOOD {
         return None;
     }
     let split = |at: usize| {
