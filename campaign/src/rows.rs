@@ -2,7 +2,7 @@
 
 use crate::dwell::Dwell;
 use crate::model::Campaign;
-use isotherm_recording::{CampaignRow, RecordingError};
+use isotherm_recording::{CampaignRow, RecordingError, unit_factor};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::{MAX_INTERVAL_NS, RawSample};
 
@@ -70,12 +70,6 @@ pub fn read_dwells(
     Ok(dwells)
 }
 
-/// Factors between units of time that are exchanged by mistake.
-pub const UNIT_FACTORS: [f64; 4] = [60.0, 1e3, 1e6, 1e9];
-
-/// A ratio is such a factor if it differs from it by less than this part.
-pub const UNIT_TOLERANCE: f64 = 0.01;
-
 /// The reason why a raw sample of a campaign cannot be used; `None` if it can. `previous_ns` is the timestamp of the
 /// previous sample. The automatic campaign leaves such samples out, `calibrate` refuses them.
 #[must_use]
@@ -100,7 +94,7 @@ fn implausible_step(sample: &RawSample, previous_ns: u64) -> Option<String> {
         return None;
     }
     let ratio = interval_ns as f64 / passed as f64;
-    let unit = UNIT_FACTORS.into_iter().find(|factor| (ratio / factor - 1.0).abs() < UNIT_TOLERANCE);
+    let unit = unit_factor(ratio).filter(|factor| *factor > 1.0);
     let cause = unit.map(|factor| {
         format!(": {factor} times as long, so interval_ns or timestamp_ns is in another unit than nanoseconds")
     });

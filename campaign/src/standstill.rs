@@ -190,8 +190,7 @@ pub fn begins_ns(rows: &[RawSample]) -> Vec<u64> {
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// use isotherm_campaign::find_standstills;
-/// use crate::counts;
-use isotherm_shared::wire::RawSample;
+/// use isotherm_shared::wire::RawSample;
 ///
 /// // 10 samples a second: 20 s at rest on A3, 5 s of movement, 20 s at rest on A1. Noise of a few counts.
 /// let row = |i: u64| {

@@ -148,6 +148,7 @@ impl Options {
                 strict: self.strict,
                 lag,
                 predecessor_lag_s: None,
+                ..CalibrationOptions::default()
             },
             by_hand: GravityOnlyOptions {
                 window_s: self.window,

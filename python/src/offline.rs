@@ -3,7 +3,8 @@
 use crate::errors::{StabilityError, file, recording};
 use crate::records::{Fields, INCREMENT, RAW, array, document, increment_bytes, increments, python, view};
 use crate::table::Table;
-use isotherm_calibration::{now, tool};
+use isotherm_calibration::{Origin, now, tool};
+use isotherm_finding::Finding;
 use isotherm_recording::csv::{CsvColumn, Rows};
 use isotherm_recording::{
     ANGLE_CSV_COLUMNS, Continuity, INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader,
@@ -267,7 +268,8 @@ pub(crate) fn verify(
     let figures = py.detach(|| {
         let mut collector = Collector::new(&table.0, window);
         with_lag(samples, &table.0).for_each(|sample| collector.add(&sample));
-        collector.finish(&setup)
+        let made_the_table = Origin::of_toml(table.text(), &table.0).is_made_from(collector.marks(), "");
+        collector.finish(&setup).map(|stability| Figures { made_the_table, ..stability })
     });
     let figures = figures.map_err(|error| StabilityError::new_err(error.to_string()))?;
     Ok(Stability { table: Arc::clone(&table.0), figures, window_s: window, recording })
@@ -330,6 +332,13 @@ impl Stability {
     #[getter]
     fn time_warning(&self) -> Option<String> {
         self.figures.time_fault.map(|fault| fault.to_string())
+    }
+
+    /// What the command prints: severity and the rest of the line, without the recording.
+    #[getter]
+    fn findings(&self) -> Vec<(&'static str, String)> {
+        let line = |finding: &Finding| (finding.severity.name(), format!("[{}]: {finding}", finding.name));
+        self.figures.findings(false).iter().map(line).collect()
     }
 
     /// The document of `isotherm verify --json`.

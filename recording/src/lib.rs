@@ -29,13 +29,17 @@ pub mod csv;
 mod device;
 mod error;
 mod increments;
+mod interval;
+mod marks;
 mod raw;
 pub mod rows;
 
 pub use campaign::{CampaignCsvReader, CampaignRow, POSITION, SET_POINT};
 pub use columns::Layout;
-pub use continuity::{Continuity, Losses, TimeFault};
+pub use continuity::{Continuity, Losses, MISSING, TimeFault};
 pub use device::other_device;
 pub use error::RecordingError;
 pub use increments::{ANGLE_CSV_COLUMNS, CSV_COLUMNS as INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout};
+pub use interval::{CLOCK_TOLERANCE, IntervalFault, UNIT_FACTORS, UNIT_TOLERANCE, cause, part, unit_factor};
+pub use marks::{Marks, share_rows};
 pub use raw::{RawCsvReader, RawCsvWriter, SequenceRule};

@@ -8,7 +8,7 @@ use core::ops::Range;
 use isotherm_campaign::{STANDSTILL_WINDOW_S, StandstillError, begins_ns, find_standstills};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::columns::has_values;
-use isotherm_recording::{Continuity, Losses};
+use isotherm_recording::{Continuity, Losses, MISSING};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::units::{ARCSEC, SensorKind};
@@ -18,8 +18,6 @@ use isotherm_statistics::median;
 /// The time from row to row, and the interval of the row over that of the row before, lie within these parts of the
 /// interval.
 const REGULAR: [f64; 2] = [0.5, 1.5];
-/// A mean interval that differs from the time from row to row by more than this part gives a warning.
-const INTERVAL_TOLERANCE: f64 = 0.01;
 /// Least rows of a window in which movement is looked for: with fewer, chance ends a long standstill.
 const LEAST_WINDOW_ROWS: f64 = 10.0;
 /// White noise of fewer counts a row gives a warning: the counts then repeat a pattern.
@@ -261,15 +259,7 @@ impl NoiseAnalysis {
         let interval_s = steps_ns as f64 / 1e9 / (stretch.len() - 1) as f64;
         let mut found = outputs.findings.clone();
         let continuity: Continuity = candidates.iter().collect();
-        found.extend(continuity.fault().map(|fault| fault.finding()));
-        let mean_s = stretch.iter().map(|row| row.interval_ns as f64).sum::<f64>() / 1e9 / stretch.len() as f64;
-        if (mean_s / interval_s - 1.0).abs() > INTERVAL_TOLERANCE {
-            let message = format!(
-                "interval_ns is {mean_s:.6} s, but the time from row to row is {interval_s:.6} s: one of them is wrong, or time is lost between rows; \
-                 the noise at short tau is then another"
-            );
-            found.push(Finding::warning(name::INTERVAL, message));
-        }
+        found.extend(continuity.findings(MISSING).into_iter().map(Finding::warned));
         let sensors = outputs.sensors.iter().map(|sensor| sensor.noise(candidates, longest.clone(), interval_s));
         Ok(Self {
             rows: rows.len(),

@@ -77,6 +77,10 @@ pub(crate) struct Calibrate {
     /// other-device
     #[arg(long)]
     pub(super) other_device: bool,
+    /// Write the curves of ramps alone also where their error is not known, and those that they replace depend on
+    /// temperature or have an error; the same as --accept one-direction
+    #[arg(long)]
+    pub(super) replace_curves: bool,
     /// List all faults and warnings of a refused campaign, not the first ten, also those that a diagnosis explains
     #[arg(short, long)]
     pub(super) verbose: bool,

@@ -12,6 +12,12 @@ const MOST: f64 = 5e-3;
 const ERRORS: f64 = 3.0;
 /// Fewest steps that are judged.
 const FEWEST: u64 = 3;
+/// A usual step is within this part of the median.
+const USUAL: f64 = 0.2;
+/// Steps of more medians show no interval.
+const MOST_MEDIANS: u64 = 10;
+/// A step over this many times the 99 % quantile is a gap, where stamps jitter.
+const LATE: u64 = 3;
 
 /// The steps of the time between rows without a gap, as deviations from one interval.
 pub(super) struct Steps {
@@ -70,24 +76,67 @@ impl Steps {
     }
 }
 
-/// The nominal interval \[ns\] of rows with these times \[ns\]: their mean step without gaps; or the interval of a
-/// whole number of Hz, of s, or the median step, the first that is within 100 ppm of it and what the jitter of the
-/// first and the last stamp explains.
-pub(super) fn nominal(times: &[u64]) -> Option<u64> {
-    let steps = || times.windows(2).filter_map(|pair| pair[1].checked_sub(pair[0])).filter(|step| *step > 0);
-    let mut sorted: Vec<_> = steps().collect();
+/// The nominal interval, and how the stamps keep it.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(super) struct Nominal {
+    pub interval_ns: u64,
+    /// Whether half of the time lies in steps within 20 % of the median step. Else the stamps jitter, or come in bursts.
+    pub is_regular: bool,
+    /// A stamp of those that is further off is after a gap: 3 times the 99 % quantile of the steps \[ns\].
+    pub gap_ns: u64,
+}
+
+/// The nominal interval of rows with these times \[ns\]; `None` if they do not show one.
+///
+/// Where the steps are regular it is their sum over the number of median steps in each, of steps up to 10 medians. Else
+/// it is the mean step of the longest stretch without a gap. The interval of a whole number of Hz, of s, or the median
+/// step takes its place, the first that is within 100 ppm of it and what the jitter of the stamps explains.
+pub(super) fn nominal(times: &[u64]) -> Option<Nominal> {
+    let steps: Vec<u64> = times.windows(2).filter_map(|pair| pair[1].checked_sub(pair[0])).collect();
+    let mut sorted = steps.clone();
     sorted.sort_unstable();
     let median = *sorted.get(sorted.len() / 2)?;
-    let mut all = Steps::new(median);
-    steps().for_each(|step| all.take(step));
-    let mean = all.mean();
-    let jitter = ERRORS * all.variance().sqrt() / all.count as f64;
-    let near = (COUNTS * mean + jitter).min(MOST * mean);
+    let gap_ns = sorted[(sorted.len() - 1) * 99 / 100].saturating_mul(LATE);
+    let total: f64 = sorted.iter().map(|step| *step as f64).sum();
+    let usual = |step: &&u64| (**step as f64 - median as f64).abs() <= USUAL * median as f64;
+    let in_usual: f64 = sorted.iter().filter(usual).map(|step| *step as f64).sum();
+    // A pause is no step of the rows.
+    let is_regular = median > 0 && in_usual >= 0.5 * (total - pauses(&sorted, median));
+    let (mean, error) = if is_regular { regular(&steps, median) } else { of_stretch(&steps, gap_ns)? };
+    let near = (COUNTS * mean + error).min(MOST * mean);
     let hertz = 1e9 / (1e9 / mean).round();
     let seconds = (mean / 1e9).round() * 1e9;
-    let round = [hertz, seconds, median as f64].into_iter().find(|round| (round - mean).abs() <= near);
+    let middle = if is_regular { median as f64 } else { mean };
+    let round = [hertz, seconds, middle].into_iter().find(|round| (round - mean).abs() <= near);
     let found = round.unwrap_or(mean).round() as u64;
-    (1..=MAX_INTERVAL_NS).contains(&found).then_some(found)
+    (1..=MAX_INTERVAL_NS).contains(&found).then_some(Nominal { interval_ns: found, is_regular, gap_ns })
+}
+
+/// Time in few steps that are far beyond all others: under 1 % of the steps, over 100 medians each.
+fn pauses(sorted: &[u64], median: u64) -> f64 {
+    let long = sorted.iter().rev().take(sorted.len() / 100).filter(|step| **step > median.saturating_mul(100));
+    long.map(|step| *step as f64).sum()
+}
+
+/// The mean step of regular stamps, and what their jitter explains \[ns\].
+fn regular(steps: &[u64], median: u64) -> (f64, f64) {
+    let (mut sum, mut count) = (0.0, 0.0);
+    let mut all = Steps::new(median);
+    for step in steps.iter().filter(|step| **step > 0) {
+        all.take(*step);
+        if *step <= median.saturating_mul(MOST_MEDIANS) {
+            sum += *step as f64;
+            count += (*step as f64 / median as f64).round();
+        }
+    }
+    (sum / count, ERRORS * all.variance().sqrt() / all.count as f64)
+}
+
+/// The mean step of the longest stretch without a step over `gap_ns`, and what the jitter of its ends explains.
+fn of_stretch(steps: &[u64], gap_ns: u64) -> Option<(f64, f64)> {
+    let stretch = steps.split(|step| *step > gap_ns).max_by_key(|stretch| stretch.len())?;
+    let (sum, count) = (stretch.iter().map(|step| *step as f64).sum::<f64>(), stretch.len() as f64);
+    (sum > 0.0).then(|| (sum / count, gap_ns as f64 / LATE as f64 / count))
 }
 
 #[cfg(test)]
@@ -99,6 +148,32 @@ mod tests {
         (0..rows).map(|row| (5e9 + row as f64 * 1e9 / hertz) as u64 / unit * unit).collect()
     }
 
+    fn interval(times: &[u64]) -> Option<u64> {
+        nominal(times).map(|nominal| nominal.interval_ns)
+    }
+
+    #[test]
+    fn jitter_bursts_losses_and_pauses_change_it_by_little() {
+        let off = |times: &[u64]| interval(times).unwrap() as f64 / 1e7 - 1.0;
+        let row = |row: u64| 5_000_000_000 + row * 10_000_000;
+        let random = |row: u64| (row.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40) as f64 / (1_u64 << 24) as f64;
+        let jitter: Vec<_> = (0..20_000).map(|k| row(k) + (random(k) * 9e6) as u64).collect();
+        assert!(off(&jitter).abs() < 1.3e-3 && !nominal(&jitter).unwrap().is_regular, "{}", off(&jitter));
+        for size in [10, 25, 64] {
+            let bursts: Vec<_> = (0..20_000).map(|k| row(k / size * size + size) + k % size * 50_000).collect();
+            assert!(off(&bursts).abs() < 1.3e-3 && !nominal(&bursts).unwrap().is_regular, "{size} {}", off(&bursts));
+        }
+        for share in [0.05, 0.2] {
+            let lost: Vec<_> = (0..2000).filter(|k| random(*k) > share).map(row).collect();
+            assert!(off(&lost).abs() < 1e-9 && nominal(&lost).unwrap().is_regular, "{share} {}", off(&lost));
+        }
+        let pause: Vec<_> = (0..1000).map(|k| row(k) + if k > 500 { 3_600_000_000_000 } else { 0 }).collect();
+        assert!(off(&pause).abs() < 1e-9 && nominal(&pause).unwrap().is_regular, "{}", off(&pause));
+        // Whole milliseconds of 2 kHz: half of the stamps are those before.
+        let times: Vec<_> = (0..20_000_u64).map(|k| k / 2 * 1_000_000).collect();
+        assert_eq!(nominal(&times).map(|it| (it.interval_ns, it.is_regular)), Some((500_000, false)));
+    }
+
     fn other_mean(times: &[u64], interval_ns: u64) -> Option<f64> {
         let mut steps = Steps::new(interval_ns);
         times.windows(2).for_each(|pair| steps.take(pair[1] - pair[0]));
@@ -108,14 +183,14 @@ mod tests {
     #[test]
     fn only_a_rate_that_is_a_whole_number_of_hertz_is_rounded() {
         for unit in [1, 1000, 100_000] {
-            assert_eq!(nominal(&stamps(416.0, unit, 1000)), Some(2_403_846), "{unit}");
-            let found = nominal(&stamps(416.4, unit, 1000)).unwrap() as f64 * 416.4 / 1e9;
+            assert_eq!(interval(&stamps(416.0, unit, 1000)), Some(2_403_846), "{unit}");
+            let found = interval(&stamps(416.4, unit, 1000)).unwrap() as f64 * 416.4 / 1e9;
             assert!((found - 1.0).abs() < 1e-4, "{unit}: {found}");
         }
-        assert_eq!(nominal(&stamps(200.01, 1, 1000)), Some(5_000_000));
-        assert_eq!(nominal(&stamps(300.0, 1_000_000, 1000)), Some(3_333_333));
-        assert_eq!(nominal(&[0, 1_000_000_000]), Some(1_000_000_000));
-        assert_eq!((nominal(&[]), nominal(&[7, 7]), nominal(&[0, u64::MAX])), (None, None, None));
+        assert_eq!(interval(&stamps(200.01, 1, 1000)), Some(5_000_000));
+        assert_eq!(interval(&stamps(300.0, 1_000_000, 1000)), Some(3_333_333));
+        assert_eq!(interval(&[0, 1_000_000_000]), Some(1_000_000_000));
+        assert_eq!((interval(&[]), interval(&[7, 7]), interval(&[0, u64::MAX])), (None, None, None));
     }
 
     #[test]

@@ -270,7 +270,7 @@ impl Found {
     fn interval_s(&self, unit: f64) -> Option<f64> {
         let times = self.values.iter().filter(|value| **value >= 0.0);
         let times: Vec<_> = times.map(|value| (value * unit * 1e9).round() as u64).collect();
-        nominal(&times).map(|ns| ns as f64 / 1e9)
+        nominal(&times).filter(|nominal| nominal.is_regular).map(|nominal| nominal.interval_ns as f64 / 1e9)
     }
 
     /// The unit of the time and its length \[s\]: of the name, or else the first with which the rows are less than 2 s
