@@ -40,7 +40,7 @@ use crate::error::CalibrationError;
 use crate::table::table_of;
 use checks::{kelvin, of_readings, of_recordings, outliers};
 use choice::{Chosen, Data, Fitted};
-use isotherm_campaign::{Campaign, Standstills, begins_ns, find_standstills, joint_range, stretches};
+use isotherm_campaign::{Campaign, Standstills, begins_ns, faults, find_standstills, joint_range, stretches};
 use isotherm_finding::{Finding, Location, name};
 use isotherm_recording::{Continuity, Losses};
 use isotherm_shared::wire::{AXES, RawSample};
@@ -96,7 +96,8 @@ pub fn calibrate_gravity_only(
     };
     let continuity: Vec<Continuity> = recordings.iter().map(|recording| recording.rows.iter().collect()).collect();
     let mut findings = admit(of_recordings(campaign, recordings, &continuity))?;
-    let Found { mut readings, too_short, turned, noise } = readings(recordings, options.window_s)?;
+    let Found { mut readings, too_short, turned, noise, counts } = readings(recordings, options.window_s)?;
+    findings.extend(admit(counts)?);
     exclude(&mut readings, &options.exclude)?;
     let (readings, mut warnings) = without_glitches(readings);
     let gravity = campaign.gravity_local / campaign.gravity_reference;
@@ -263,16 +264,19 @@ struct Found {
     too_short: usize,
     turned: usize,
     noise: Vec<[f64; AXES]>,
+    /// What is wrong with the counts.
+    counts: Vec<Finding>,
 }
 
 fn readings(recordings: &[TumbleRecording], window_s: Option<f64>) -> Result<Found, GravityOnlyError> {
-    let mut found = Found { readings: Vec::new(), too_short: 0, turned: 0, noise: Vec::new() };
+    let mut found = Found { readings: Vec::new(), too_short: 0, turned: 0, noise: Vec::new(), counts: Vec::new() };
     let has_gyroscopes = |row: &RawSample| {
         let triad = &row.gyroscopes;
         triad.positive_pulses.iter().chain(&triad.negative_pulses).any(|pulses| *pulses > 0)
     };
     let with_gyroscopes = recordings.iter().flat_map(|recording| &recording.rows).any(has_gyroscopes);
-    for (index, TumbleRecording { name, rows }) in recordings.iter().enumerate() {
+    for (index, recording) in recordings.iter().enumerate() {
+        let TumbleRecording { name, rows } = recording;
         let begins_ns = begins_ns(rows);
         let steps = telemetry_steps(rows);
         let standstills = find_standstills(rows, window_s)
@@ -293,6 +297,8 @@ fn readings(recordings: &[TumbleRecording], window_s: Option<f64>) -> Result<Fou
                 with_gyroscopes,
             ));
         }
+        let at_rest: Vec<_> = standstills.found.iter().map(|standstill| standstill.rows.clone()).collect();
+        found.counts.extend(faults(rows, &at_rest).into_iter().map(|finding| finding.at(recording.place())));
         found.too_short += standstills.too_short;
         found.turned += standstills.turned;
         found.noise.push(standstills.noise);

@@ -16,6 +16,7 @@
 //! # }
 //! ```
 
+mod counts;
 mod direction;
 mod dwell;
 mod file;
@@ -31,6 +32,7 @@ mod rows;
 mod standstill;
 mod turn;
 
+pub use counts::faults;
 pub use dwell::{Block, Dwell, joint_range};
 pub use geometry::{
     EARTH_RATE, base_axes, horizontal_rate, laboratory_axes, outer_axis, specific_force, vertical_rate,

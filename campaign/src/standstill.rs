@@ -13,11 +13,13 @@
 mod level;
 mod windows;
 
+use crate::counts;
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_statistics::median;
 use level::{Level, norm};
 use std::ops::Range;
 use windows::{Counts, Windows};
+pub(crate) use windows::{net, steps};
 
 /// Length of the windows of [`find_standstills`] \[s\], if no other is asked for.
 pub const STANDSTILL_WINDOW_S: f64 = 0.5;
@@ -25,6 +27,10 @@ pub const STANDSTILL_WINDOW_S: f64 = 0.5;
 const MOST_WANDER: f64 = 0.4;
 /// Windows for noise that is correlated over half a second \[s\], and the most R with them.
 const LONGER: (f64, f64) = (1.0, 0.3);
+/// Windows that are tried for a message where rows are averaged over a second or more \[s\].
+const AVERAGED_WINDOW_S: f64 = 1.5;
+/// Half the mean squared change from row to row over the variance, 1 for white noise: less where rows are averaged.
+const SMOOTH: f64 = 0.3;
 /// R over white noise's, and scatter of the means \[rad\]: what scatters so is a hand, no sensor.
 const HAND: (f64, f64) = (0.1, 5e-3);
 /// Means of two windows at one attitude differ by at most so many standard errors.
@@ -82,16 +88,19 @@ pub enum StandstillError {
     Empty,
     /// No two windows follow each other without a pause.
     #[error(
-        "no standstill: two windows of {window_rows} rows never follow each other without a pause; record longer, or give a shorter --window"
+        "{cause}no standstill is found: two windows of {window_rows} rows never follow each other without a pause; record longer, or give a \
+         shorter --window"
     )]
     TooFewRows {
         /// Rows of a window.
         window_rows: usize,
+        /// What the counts show, or nothing.
+        cause: String,
     },
     /// At no level does averaging help.
     #[error(
-        "never at rest, no standstill: over {window_rows} rows, the means wander by {wander:.2} of the rows' variance where it is lowest, at \
-         rest by under {most}"
+        "{cause}no standstill is found: over {window_rows} rows, the means wander by {wander:.2} of the rows' variance where they are \
+         quietest, at rest by under {most}, and scatter by {:.1} mrad{}", scatter_rad * 1e3, averaged(*longer)
     )]
     NeverAtRest {
         /// Rows of a window.
@@ -100,10 +109,16 @@ pub enum StandstillError {
         wander: f64,
         /// The limit.
         most: f64,
+        /// Scatter of these means over the specific force \[rad\].
+        scatter_rad: f64,
+        /// Standstills that are found with longer windows, where the rows are correlated.
+        longer: usize,
+        /// What the counts show, or nothing.
+        cause: String,
     },
     /// The quietest level moves as a whole.
     #[error(
-        "never at rest, no standstill: over {window_rows} rows, the quietest means scatter by {:.1} mrad, at rest by under {:.0} mrad",
+        "{cause}no standstill is found: over {window_rows} rows, the quietest means scatter by {:.1} mrad, at rest by under {:.0} mrad",
         scatter_rad * 1e3, HAND.1 * 1e3
     )]
     Moving {
@@ -111,9 +126,12 @@ pub enum StandstillError {
         window_rows: usize,
         /// Scatter of the means over the specific force \[rad\].
         scatter_rad: f64,
+        /// What the counts show, or nothing.
+        cause: String,
     },
     /// All standstills turn.
-    #[error("never at rest: {standstills} standstills are found, and the IMU turns in them, usually by {:.1} mrad", turn_rad * 1e3)]
+    #[error("{standstills} standstills are found, but the IMU turns in them, usually by {:.1} mrad, at rest by under {:.0} mrad",
+        turn_rad * 1e3, USUAL_TURN_RAD * 1e3)]
     Turning {
         /// Standstills.
         standstills: usize,
@@ -199,9 +217,10 @@ pub fn find_standstills(rows: &[RawSample], window_s: Option<f64>) -> Result<Sta
         return Err(StandstillError::Empty);
     }
     let (windows, level) = quietest(rows, window_s)?;
+    let window_rows = windows.window_rows;
     let scatter_rad = level.scatter_rad(&windows);
-    if level.wander > 1.0 / windows.window_rows as f64 + HAND.0 && scatter_rad > HAND.1 {
-        return Err(StandstillError::Moving { window_rows: windows.window_rows, scatter_rad });
+    if level.wander > 1.0 / window_rows as f64 + HAND.0 && scatter_rad > HAND.1 {
+        return Err(StandstillError::Moving { window_rows, scatter_rad, cause: counts::cause(rows) });
     }
     let least = windows.window_rows.max((LEAST_LENGTH_S * 1e9 / windows.interval_ns).round() as usize);
     let pieces = windows.runs(&level.at_rest(&windows), level.allan);
@@ -214,7 +233,7 @@ pub fn find_standstills(rows: &[RawSample], window_s: Option<f64>) -> Result<Sta
         return Err(StandstillError::TooShort { too_short, turned: 0, least_s });
     }
     Ok(Standstills {
-        window_rows: windows.window_rows,
+        window_rows,
         found,
         too_short,
         turned: 0,
@@ -228,22 +247,48 @@ pub fn find_standstills(rows: &[RawSample], window_s: Option<f64>) -> Result<Sta
 fn quietest(rows: &[RawSample], window_s: Option<f64>) -> Result<(Windows, Level), StandstillError> {
     let usual = [(STANDSTILL_WINDOW_S, MOST_WANDER), LONGER];
     let asked = window_s.map(|window_s| [(window_s, MOST_WANDER)]);
-    let mut refused = StandstillError::Empty;
+    let (mut window_rows, mut lowest) = (0, None);
     for &(window_s, most) in asked.as_ref().map_or(&usual[..], |asked| asked) {
         let windows = Windows::new(rows, window_s);
-        let window_rows = windows.window_rows;
         for live_alone in [true, false] {
             match Level::quietest(&windows, live_alone, most) {
                 Ok(level) => return Ok((windows, level)),
-                Err(wander) if wander.is_finite() => {
-                    refused = StandstillError::NeverAtRest { window_rows, wander, most };
+                Err(level) => {
+                    lowest = level
+                        .map(|level| (windows.window_rows, most, level.wander, level.scatter_rad(&windows)))
+                        .or(lowest)
                 }
-                Err(_) if refused == StandstillError::Empty => refused = StandstillError::TooFewRows { window_rows },
-                Err(_) => {}
             }
         }
+        window_rows = windows.window_rows;
     }
-    Err(refused)
+    let cause = counts::cause(rows);
+    let Some((window_rows, most, wander, scatter_rad)) = lowest else {
+        return Err(StandstillError::TooFewRows { window_rows, cause });
+    };
+    let longer = if window_s.is_none() { averaged_standstills(rows) } else { 0 };
+    Err(StandstillError::NeverAtRest { window_rows, wander, most, scatter_rad, longer, cause })
+}
+
+/// Standstills that are found with windows of 1.5 s, where the rows are averaged or filtered: neighbours differ by far
+/// less than the rows of a window scatter.
+fn averaged_standstills(rows: &[RawSample]) -> usize {
+    let windows = Windows::new(rows, AVERAGED_WINDOW_S);
+    let smooth = |level: &Level| level.roughness(&windows) < SMOOTH;
+    if !Level::quietest(&windows, true, LONGER.1).is_ok_and(|level| smooth(&level)) {
+        return 0;
+    }
+    let found = find_standstills(rows, Some(AVERAGED_WINDOW_S)).and_then(Standstills::without_turned);
+    found.map_or(0, |standstills| standstills.found.len())
+}
+
+fn averaged(standstills: usize) -> String {
+    if standstills == 0 {
+        return String::new();
+    }
+    format!(
+        "; neighbouring rows are alike, as averaged or filtered ones are: --window {AVERAGED_WINDOW_S} finds {standstills} standstills"
+    )
 }
 
 impl Standstills {

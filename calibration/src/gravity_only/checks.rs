@@ -68,15 +68,8 @@ fn interval(recording: &TumbleRecording, continuity: &Continuity) -> Option<Find
     Some(continuity.interval()?.finding().at(recording.place()))
 }
 
-/// What is wrong with the standstills, before anything is fitted: an axis that never counts, or readings about a centre
-/// that no bias explains.
+/// What is wrong with the standstills, before anything is fitted: readings about a centre that no bias explains.
 pub(super) fn of_readings(readings: &[Reading], gravity: f64) -> Option<Finding> {
-    let counts = |axis: usize| readings.iter().any(|reading| reading.rates[axis] != [0.0; 2]);
-    if let Some(axis) = (0..AXES).find(|axis| !counts(*axis)).filter(|_| !readings.is_empty()) {
-        let message =
-            format!("{} gives no pulses in any standstill; look at its columns and its converter", AXIS_NAMES[axis]);
-        return Some(Finding::fault(name::NO_PULSES, message));
-    }
     let Ellipsoid { bias, scale_factor, condition, is_closed } = ellipsoid(readings, gravity)?;
     // Few attitudes show a part of the ellipsoid, whose centre may be anywhere.
     let about = |axis: usize| {

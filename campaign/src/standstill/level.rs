@@ -30,24 +30,24 @@ pub(super) struct Level {
 }
 
 impl Level {
-    /// The lowest level at which averaging helps: R is under `most`. Otherwise R of the lowest level that was seen,
-    /// infinite if no two windows follow each other.
-    pub(super) fn quietest(windows: &Windows, live_alone: bool, most: f64) -> Result<Self, f64> {
+    /// The lowest level at which averaging helps: R is under `most`. Otherwise the lowest level that was seen,
+    /// none if no two windows follow each other.
+    pub(super) fn quietest(windows: &Windows, live_alone: bool, most: f64) -> Result<Self, Option<Self>> {
         let whole = (0..windows.len()).filter(|window| windows.whole[*window]);
         let total = whole.clone().count() as f64;
         let left = whole.filter(|window| !live_alone || windows.live[*window]);
         let mut left: Vec<f64> = left.map(|window| windows.levels[window]).collect();
         left.sort_unstable_by(f64::total_cmp);
-        let mut lowest = f64::INFINITY;
+        let mut lowest = None;
         while left.len() as f64 >= (LEAST_SHARE * total).max(1.0) {
             let mode = mode(&left);
             let spread = spread(&left, mode);
             let width = (2.0 * spread).max(LEAST_WIDTH);
             if let Some(level) = Self::of(windows, |level| (level - mode).abs() <= width) {
-                lowest = level.wander;
-                if lowest < most && windows.share_below(mode - FAR) < LEAST_SHARE {
+                if level.wander < most && windows.share_below(mode - FAR) < LEAST_SHARE {
                     return Ok(level);
                 }
+                lowest = Some(level);
             }
             let next = mode - spread.min(FAR);
             left.truncate(left.partition_point(|level| *level < next).min(left.len() - 1));
@@ -85,6 +85,18 @@ impl Level {
         let at_level = (0..windows.len()).filter(|window| self.windows[*window]);
         let force = median(at_level.map(|window| norm(windows.means[window])));
         self.allan.iter().sum::<f64>().sqrt() / force
+    }
+
+    /// Half the mean squared change from row to row in the windows at the level, over the variance within: 1 for white
+    /// noise, less where neighbouring rows are alike.
+    pub(super) fn roughness(&self, windows: &Windows) -> f64 {
+        let change =
+            |row: usize, axis: usize| (windows.counts[row + 1][axis] - windows.counts[row][axis]).powi(2) / 2.0;
+        let at_level: Vec<usize> = (0..windows.len()).filter(|window| self.windows[*window]).collect();
+        let of = |axis: usize| {
+            at_level.iter().map(|row| change(*row, axis)).sum::<f64>() / at_level.len() as f64 / self.variance[axis]
+        };
+        (0..AXES).map(of).sum::<f64>() / AXES as f64
     }
 
     /// Whether each window is at rest: no louder than the level, and no frozen one far below it.

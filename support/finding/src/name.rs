@@ -287,6 +287,12 @@ findings! {
         NO_GYROSCOPES = "no-gyroscopes", Warning, "Give the table and the recording of the same IMU.";
         /// The data have no temperature, or none at their beginning: a placeholder, or the first one, stands there.
         NO_TEMPERATURE = "no-temperature", Warning, "Give `--temperature`, or a source that has one.";
+        /// All accelerometers are 0 at once in some rows, which no attitude gives: values were lost.
+        ZEROS = "zeros", Warning, "Look at the logger; leave these rows out.";
+        /// Counts jump by their whole range, there and back: a counter wraps, or signed counts were read as unsigned.
+        WRAPPED = "wrapped", Fault, "Take a larger range, or convert the data anew with the right type.";
+        /// With the two bytes of each count exchanged, the counts change far less from row to row.
+        BYTE_ORDER = "byte-order", Fault, "Convert the data anew with the other order of bytes.";
         /// The stamps of foreign data jitter, or come in bursts: their rows are put on an even clock. Rows that are lost
         /// cannot be told there.
         STAMPS = "stamps", Warning, "Stamp the samples where they are taken, or give `interval_s`.";
