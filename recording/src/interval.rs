@@ -1,7 +1,7 @@
 //! Whether `interval_ns` is the time from row to row, in any recording.
 //!
 //! Two figures of interval over step, over the steps without a gap: the median of the single steps, and the median over
-//! blocks of 100 steps of sum over sum. Stamps that jitter, or that come in bursts, change the first; rows that were
+//! blocks of 1050 steps of sum over sum. Stamps that jitter, or that come in bursts, change the first; rows that were
 //! lost and renumbered change the second. Only a wrong interval changes both.
 
 use core::fmt;

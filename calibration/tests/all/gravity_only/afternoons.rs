@@ -1,5 +1,5 @@
-//! Simulated afternoons of people at home: a MEMS IMU is put down by hand in many attitudes, in a freezer, in a room and
-//! in an oven. What is stated must hold the truth, honest data must not be refused, and a mistake must not pass in
+//! Simulated afternoons of people at home: a MEMS IMU is put down by hand in many attitudes, in a freezer, in a room
+//! and in an oven. What is stated must hold the truth, honest data must not be refused, and a mistake must not pass in
 //! silence.
 
 use super::common::{campaign, cube};
@@ -65,7 +65,8 @@ struct Afternoon {
     /// Walk of the bias over a tumble \[g0\].
     walk: f64,
     shuffle: bool,
-    /// Temperature of the room, time constants of the housing and of the element \[s\]: the IMU comes out of the freezer.
+    /// Temperature of the room, time constants of the housing and of the element \[s\]: the IMU comes out of the
+    /// freezer.
     freezer: Option<[f64; 3]>,
 }
 
