@@ -5,4 +5,5 @@ mod afternoons;
 mod attitudes;
 mod common;
 mod recorded;
+mod standstills;
 mod traps;
