@@ -4,5 +4,6 @@ mod accuracy;
 mod afternoons;
 mod attitudes;
 mod common;
+mod local_gravity;
 mod recorded;
 mod traps;
