@@ -133,6 +133,7 @@ impl Data<'_> {
             findings.splice(..0, positions_off(campaign, dwells, set_points));
         }
         let mut diagnosis = diagnose(campaign, dwells, set_points, &mut findings);
+        findings.extend(campaign.gravity_warning());
         options.admission().accept(&mut findings, accepted);
         // A diagnosis is a fault too, even where its symptoms are only warnings.
         if let Some(Diagnosis { finding, .. }) = diagnosis.take_if(|it| options.accept.contains(&it.finding.name))

@@ -122,7 +122,8 @@ pub fn calibrate_gravity_only(
     }
     let unknowns = fitted.model.unknowns;
     let (ranges, measured) = table_ranges(campaign, &readings, &unknowns, options)?;
-    let Stated { curves, misalignment: errors } = stated::stated(&fitted, &groups, &ranges, &measured, 0.0);
+    let Stated { curves, misalignment: errors } =
+        stated::stated(&fitted, &groups, &ranges, &measured, campaign.gravity_source.half_width());
     let unknown = fitted.weighted.as_ref().map_or(&fitted.fit.unknown, |weighted| &weighted.unknown);
     let misalignment = fitted.model.misalignment(unknown);
     let alignment = if unknowns.misalignment { misalignment.try_inverse() } else { None };
@@ -135,6 +136,7 @@ pub fn calibrate_gravity_only(
     }
     warnings.extend(of_choice);
     warnings.extend(not_stated(&fitted, &groups));
+    warnings.extend(campaign.gravity_warning());
     warnings.extend(kelvin(campaign, &readings));
     warnings.extend(unlike_scale_factors(&table));
     warnings.extend(of_time(recordings, &continuity, readings.len()));
@@ -144,6 +146,7 @@ pub fn calibrate_gravity_only(
     let dilution = fitted.dilution.clone();
     Ok(GravityOnlyCalibration {
         table,
+        gravity_source: campaign.gravity_source,
         options: options.clone(),
         too_short,
         rows: recordings.iter().map(|recording| recording.rows.len()).sum(),

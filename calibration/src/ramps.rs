@@ -185,7 +185,8 @@ pub fn calibrate_ramps(
     transients.apply(&mut content);
     let found = warnings(ramps, curves, &transients).into_iter().chain(one_direction(curves, &transients, &options));
     findings.extend(admit(found.collect(), &options, &mut accepted)?);
-    findings.extend(admit(unlike_scale_factors(curves), &options, &mut accepted)?);
+    let of_facts = unlike_scale_factors(curves).into_iter().chain(campaign.gravity_warning()).collect();
+    findings.extend(admit(of_facts, &options, &mut accepted)?);
     let table = CoefficientTable::new(content).map_err(CalibrationError::Table)?;
     Ok(RampCalibration {
         table: table.measured_at(Some(campaign.gravity_local)),

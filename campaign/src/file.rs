@@ -2,7 +2,7 @@
 
 use crate::direction::{DIRECTION, direction};
 use crate::geometry::specific_force;
-use crate::gravity::gravity_fault;
+use crate::gravity::{GravitySource, Place, gravity_fault};
 use crate::members::{check_files, check_mountings, members, of_member};
 use crate::model::Campaign;
 use crate::mount::{contradiction, mount};
@@ -116,8 +116,9 @@ fn campaign(root: &Section<'_, '_>, imu: Option<ImuId>, serial: Option<String>) 
     let ramps_alone = root.has("ramp") && !root.has("position") && !gravity_only;
     let samples = samples(root, ramps_alone);
     let gravity_reference = gravity(root, "gravity_reference", "the value of 1 g0 in m/s2, for example 9.8015");
-    let gravity_local = gravity(root, "gravity_local", "gravity at the station in m/s2");
-    let latitude_deg = place(root, gravity_local);
+    let [latitude_deg, height_m] = place(root);
+    let place = latitude_deg.zip(height_m).and_then(|(latitude, height)| Place::new(latitude, height).ok());
+    let (gravity_local, gravity_source) = gravity_local(root, place.filter(|_| gravity_only), place);
     let unit = root.string("temperature_unit", "the unit of the telemetry, for example \"V\"").map(str::to_owned);
     let out_of_range = root.optional_choice("out_of_range", &OutOfRange::NAMES);
     let [max_age_s, max_rate, soak_s] = ["max_age_s", "max_rate", "soak_s"].map(|key| positive(root, key));
@@ -137,6 +138,7 @@ fn campaign(root: &Section<'_, '_>, imu: Option<ImuId>, serial: Option<String>) 
         samples: samples?,
         gravity_reference: gravity_reference?,
         gravity_local: gravity_local?,
+        gravity_source,
         temperature_unit: unit?,
         out_of_range,
         max_age_s,
@@ -146,6 +148,7 @@ fn campaign(root: &Section<'_, '_>, imu: Option<ImuId>, serial: Option<String>) 
         positions: complete.then_some(positions)?,
         mount,
         latitude_deg,
+        height_m,
         ramps: ramps?,
         curves: curves?.map(str::to_owned),
         gravity_only,
@@ -283,9 +286,25 @@ fn curves<'d>(root: &Section<'d, '_>, ramps_alone: bool) -> Option<Option<&'d st
     right.then_some(curves)
 }
 
-/// Checks local gravity by the place of the station, if it is stated. Returns the latitude \[deg\].
-fn place(root: &Section<'_, '_>, gravity_local: Option<f64>) -> Option<f64> {
-    let ranges = [("latitude_deg", -90.0..=90.0), ("height_m", -1000.0..=9000.0)];
+/// Local gravity \[m/s2\] and its source: as stated, and checked by the place of the station; normal gravity at
+/// `unstated` if it is not stated.
+fn gravity_local(
+    root: &Section<'_, '_>,
+    unstated: Option<Place>,
+    place: Option<Place>,
+) -> (Option<f64>, GravitySource) {
+    const KEY: &str = "gravity_local";
+    if let Some(place) = unstated.filter(|_| !root.has(KEY)) {
+        return (Some(place.normal_gravity()), GravitySource::Normal(place));
+    }
+    let stated = gravity(root, KEY, "gravity at the station in m/s2");
+    root.refuse(KEY, stated.zip(place).and_then(|(gravity, place)| gravity_fault(gravity, place)));
+    (stated, GravitySource::Stated)
+}
+
+/// Latitude \[deg\] and height \[m\] of the station, if they are stated.
+fn place(root: &Section<'_, '_>) -> [Option<f64>; 2] {
+    let ranges = [("latitude_deg", Place::LATITUDES), ("height_m", Place::HEIGHTS)];
     let [latitude, height] = ranges.map(|(key, range)| {
         let value = root.optional_number(key);
         let wrong = value.filter(|value| !range.contains(value));
@@ -293,16 +312,13 @@ fn place(root: &Section<'_, '_>, gravity_local: Option<f64>) -> Option<f64> {
         value.filter(|value| range.contains(value))
     });
     match (latitude, height) {
-        (Some(latitude), Some(height)) => {
-            root.refuse("gravity_local", gravity_local.and_then(|gravity| gravity_fault(gravity, latitude, height)));
-        }
-        (None, None) => {}
+        (Some(_), Some(_)) | (None, None) => {}
         _ if root.has("latitude_deg") && root.has("height_m") => {}
         // The turns of gyroscopes need the latitude alone.
         (Some(_), None) if root.has("turn") => {}
         _ => root.fault("", "give both latitude_deg and height_m, or neither; the latitude alone is for turns: [[turn]], in a plan [turns]"),
     }
-    latitude
+    [latitude, height]
 }
 
 fn position(section: &Section<'_, '_>) -> Option<Position> {

@@ -37,7 +37,7 @@ pub use dwell::{Block, Dwell, joint_range};
 pub use geometry::{
     EARTH_RATE, base_axes, horizontal_rate, laboratory_axes, outer_axis, specific_force, vertical_rate,
 };
-pub use gravity::normal_gravity;
+pub use gravity::{GravitySource, NORMAL_GRAVITY_HALF_WIDTH, Place, normal_gravity};
 pub use members::{IMU, MOST_IMUS, Member, members, select_imu};
 pub use model::Campaign;
 pub use mount::{mount, mounting, nearest_rotation, other_zero};

@@ -1,8 +1,10 @@
 //! What a campaign file says.
 
+use crate::gravity::{GravitySource, Place, gravity_warning};
 use crate::position::Position;
 use crate::ramp::Ramp;
 use crate::turn::Turn;
+use isotherm_finding::Finding;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::OutOfRange;
 use isotherm_shared::wire::AXES;
@@ -22,6 +24,8 @@ pub struct Campaign {
     pub gravity_reference: f64,
     /// Gravity at the station \[m/s2\].
     pub gravity_local: f64,
+    /// Where it comes from; normal gravity only with `gravity_only`.
+    pub gravity_source: GravitySource,
     /// Unit of the telemetry; only a label.
     pub temperature_unit: String,
     /// The table's policy for telemetry out of range, if stated; else a fitted table clamps, and one of ramps alone
@@ -43,6 +47,8 @@ pub struct Campaign {
     pub turns: Vec<Turn>,
     /// Latitude of the station \[deg\], north positive; always there with turns.
     pub latitude_deg: Option<f64>,
+    /// Height of the station \[m\], see [`Place`]: with the latitude it checks local gravity.
+    pub height_m: Option<f64>,
     /// The ramps, for the transients; none if they are not estimated.
     pub ramps: Vec<Ramp>,
     /// The table that gives what ramps alone do not show, relative to the campaign file. There with ramps alone, and
@@ -75,6 +81,7 @@ impl Campaign {
             samples: Vec::new(),
             gravity_reference,
             gravity_local,
+            gravity_source: GravitySource::Stated,
             temperature_unit: temperature_unit.to_owned(),
             out_of_range: None,
             max_age_s: None,
@@ -84,11 +91,34 @@ impl Campaign {
             mount: None,
             turns: Vec::new(),
             latitude_deg: None,
+            height_m: None,
             ramps: Vec::new(),
             curves: None,
             gravity_only: true,
             temperature_range: None,
         }
+    }
+
+    /// The campaign at a place, which checks its local gravity.
+    #[must_use]
+    pub const fn at_place(mut self, place: Place) -> Self {
+        (self.latitude_deg, self.height_m) = (Some(place.latitude_deg()), Some(place.height_m()));
+        self
+    }
+
+    /// The campaign with normal gravity at a place, where local gravity is not known.
+    #[must_use]
+    pub fn with_normal_gravity(self, place: Place) -> Self {
+        let (gravity_local, gravity_source) = (place.normal_gravity(), GravitySource::Normal(place));
+        Self { gravity_local, gravity_source, ..self.at_place(place) }
+    }
+
+    /// The warning that local gravity is over 0.002 m/s2 off normal gravity at the station, if latitude and height are
+    /// stated.
+    #[must_use]
+    pub fn gravity_warning(&self) -> Option<Finding> {
+        let place = Place::new(self.latitude_deg?, self.height_m?).ok()?;
+        gravity_warning(self.gravity_local, place)
     }
 
     /// Whether there are ramps, and no positions: the samples give bias curves and transients, nothing else.

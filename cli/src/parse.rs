@@ -1,7 +1,7 @@
 //! Parsers of option values. clap shows their errors as usage errors.
 
 use isotherm_calibration::LagChoice;
-use isotherm_campaign::Scheme;
+use isotherm_campaign::{Place, Scheme};
 use isotherm_client::TimeConstant;
 use isotherm_shared::table::GRAVITY_RANGE;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS};
@@ -137,8 +137,17 @@ pub(crate) fn gravity(text: &str) -> Result<f64, String> {
 pub(crate) fn latitude(text: &str) -> Result<f64, String> {
     list(text, ',')
         .map(|[latitude]| latitude)
-        .filter(|latitude: &f64| latitude.abs() <= 90.0)
+        .filter(|latitude| Place::LATITUDES.contains(latitude))
         .ok_or_else(|| "give a number from -90 to 90, north positive".to_owned())
+}
+
+/// Height \[m\].
+pub(crate) fn height(text: &str) -> Result<f64, String> {
+    let range = Place::HEIGHTS;
+    list(text, ',')
+        .map(|[height]| height)
+        .filter(|height| range.contains(height))
+        .ok_or_else(|| format!("give a number of metres from {} to {}", range.start(), range.end()))
 }
 
 pub(crate) fn interval(text: &str) -> Result<Duration, String> {

@@ -7,7 +7,7 @@ use isotherm_calibration::{
     Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, FittedRun, GravityOnlyOptions, LagChoice,
     Method, ScaleFactorChoice, sha256,
 };
-use isotherm_campaign::{Campaign, Dwell, select_imu};
+use isotherm_campaign::{Campaign, Dwell, Place, select_imu};
 use isotherm_client::TimeConstant;
 use isotherm_failure::Exit;
 use isotherm_finding::{Finding, name};
@@ -55,6 +55,8 @@ pub(crate) struct Options {
     misalignment: bool,
     standstills: Vec<usize>,
     temperature_range: Option<[f64; 2]>,
+    /// Latitude \[deg\] and height \[m\] that check local gravity.
+    place: Option<[f64; 2]>,
 }
 
 /// The campaign of `imu`, or the only one.
@@ -83,7 +85,10 @@ pub(crate) fn calibrate(
 ) -> PyResult<Calibration> {
     let campaign_file = CampaignFile { path, text };
     let name = campaign_file.name();
-    let campaign = campaign_of(&campaign_file.text, &name, imu)?;
+    let mut campaign = campaign_of(&campaign_file.text, &name, imu)?;
+    if let Some([latitude_deg, height_m]) = options.place {
+        campaign = campaign.at_place(Place::new(latitude_deg, height_m).map_err(PyValueError::new_err)?);
+    }
     if campaign.gravity_only != by_hand {
         let message = match by_hand {
             true => format!("{name} has no method = \"gravity-only\"; use calibrate"),

@@ -58,3 +58,36 @@ def test_what_is_not_determined_is_refused_by_name() -> None:
         isotherm.calibrate_gravity_only(CAMPAIGN, ferraris, window=0.0)
     with pytest.raises(ValueError, match="scale_factor"):
         isotherm.calibrate_gravity_only(CAMPAIGN, ferraris, scale_factor="both")  # type: ignore[arg-type]
+
+
+def test_local_gravity_is_that_of_latitude_and_height(tmp_path: Path) -> None:
+    output = tmp_path / "x.toml"
+    arguments = ["--imu", "imu-x", "--latitude", "50", "--height", "-20.5", "--gravity-reference", "9.81", "--temperature-unit", "degC"]
+    command = [BINARY, "calibrate", "--gravity-only", XSENS, *arguments, "--temperature-range", "0,50", "-o", output]
+    subprocess.run(command, check=True, capture_output=True, timeout=200)
+    unknown = {key: value for key, value in CAMPAIGN.items() if key != "gravity_local"}
+    found = isotherm.calibrate_gravity_only(unknown, XSENS, latitude=50, height=-20.5, temperature_range=RANGE)
+    assert without_what_differs(found.text) == without_what_differs(output.read_text())
+    assert 'gravity_source = "normal"' in found.text
+    assert found.summary["gravity_half_width_ppm"] == pytest.approx(102.0)
+    # Stated, it is checked.
+    right = isotherm.calibrate_gravity_only(CAMPAIGN, XSENS, latitude=50, height=200, temperature_range=RANGE)
+    wrong = isotherm.calibrate_gravity_only(CAMPAIGN, XSENS, latitude=50, height=1400, temperature_range=RANGE)
+    assert not any("local-gravity" in str(each) for each in right.findings)
+    assert sum("local-gravity" in str(each) for each in wrong.findings) == 1
+    assert right.summary["gravity_half_width_ppm"] is None
+
+
+@pytest.mark.parametrize(
+    "given, message",
+    [
+        ({"latitude": 50}, "both latitude and height"),
+        ({"height": 50}, "both latitude and height"),
+        ({"latitude": 91, "height": 0}, "latitude is 91, give -90 to 90 deg"),
+        ({"latitude": float("nan"), "height": 0}, "latitude is nan"),
+        ({"latitude": 0, "height": float("inf")}, "height is inf, give -1000 to 9000 m"),
+    ],
+)
+def test_a_place_that_is_none_is_refused(given: dict[str, float], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        isotherm.calibrate_gravity_only(CAMPAIGN, XSENS, temperature_range=RANGE, **given)

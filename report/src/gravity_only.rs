@@ -6,7 +6,7 @@ use super::plot::{Plot, Style};
 use super::text::within;
 use super::view::{value, view};
 use isotherm_calibration::{CampaignSource, GravityOnlyCalibration, Reading, largest_interval};
-use isotherm_campaign::Campaign;
+use isotherm_campaign::{Campaign, GravitySource};
 use isotherm_recording::Losses;
 use isotherm_shared::table::{AXIS_NAMES, GRAVITY_ONLY, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
@@ -72,7 +72,8 @@ pub fn text(calibration: &GravityOnlyCalibration) -> String {
     }
     let _ = writeln!(
         text,
-        "  residuals {:.2}e-6 g0 rms, {freedom} degrees of freedom{}\n  D sqrt(n) {:.2}: an error of 1 in each standstill is one of {:.2} in the output\n  {NOT_OBSERVABLE}",
+        "{}  residuals {:.2}e-6 g0 rms, {freedom} degrees of freedom{}\n  D sqrt(n) {:.2}: an error of 1 in each standstill is one of {:.2} in the output\n  {NOT_OBSERVABLE}",
+        normal_gravity(calibration).map_or_else(String::new, |gravity| format!("  local gravity {gravity}\n")),
         calibration.residual_rms() * 1e6,
         shared(calibration),
         calibration.dilution.times_root_n,
@@ -104,6 +105,18 @@ pub fn text(calibration: &GravityOnlyCalibration) -> String {
         );
     }
     text
+}
+
+/// Local gravity with its error and its source, if nobody stated it.
+fn normal_gravity(calibration: &GravityOnlyCalibration) -> Option<String> {
+    let (source, local) = (calibration.gravity_source, calibration.table.gravity_local()?);
+    let GravitySource::Normal(place) = source else { return None };
+    let half = source.half_width();
+    Some(format!(
+        "{local:.5} +- {:.5} m/s2, normal gravity at {place}: its {:.0} ppm are in the intervals of the scale factors",
+        half * local,
+        half * 1e6
+    ))
 }
 
 fn counted(count: usize, one: &str, many: &str) -> String {
@@ -171,6 +184,10 @@ view! { CalibrationView<'a>(found: &'a GravityOnlyCalibration, all: Value) {
     groups: usize = found.groups.count,
     temperatures: usize = found.groups.levels,
     unit: &'a str = &found.table.content().temperature_unit,
+    gravity_local_m_s2: Option<f64> = found.table.gravity_local(),
+    gravity_source: &'a str = found.gravity_source.name(),
+    gravity_half_width_ppm: Option<f64> =
+        Some(found.gravity_source.half_width() * 1e6).filter(|half| *half > 0.0),
     order: usize = found.unknowns.order,
     order_reason: &'a str = &found.reasons[0],
     scale_factor: &'a str = if found.unknowns.split { "split" } else { "single" },
@@ -250,7 +267,7 @@ pub fn html(campaign: &Campaign, calibration: &GravityOnlyCalibration, source: &
         ("Residuals", format!("{:.2}e-6 g0 rms", calibration.residual_rms() * 1e6)),
         ("Degrees of freedom", calibration.freedom.to_string()),
         ("D sqrt(n)", format!("{:.2}", calibration.dilution.times_root_n)),
-        ("Local gravity", format!("{} m/s2", campaign.gravity_local)),
+        ("Local gravity", normal_gravity(calibration).unwrap_or_else(|| format!("{} m/s2", campaign.gravity_local))),
         ("1 g0", format!("{} m/s2", campaign.gravity_reference)),
     ]);
     page.paragraph(&format!("This is {NOT_OBSERVABLE}."));

@@ -26,6 +26,15 @@ struct GravityOnlyProvenance<'a> {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     rows: Vec<String>,
     gravity_local: f64,
+    /// `stated` or `normal`.
+    gravity_source: &'static str,
+    /// Half width of its 95 % interval [m/s2]; only of normal gravity.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    gravity_half_width: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    latitude_deg: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    height_m: Option<f64>,
     standstills: usize,
     /// Numbers of the standstills that were left out.
     excluded: &'a [usize],
@@ -90,6 +99,10 @@ pub(crate) fn sealed_gravity_only_table(
             recordings_sha256: &source.recordings_sha256,
             rows: source.marks(),
             gravity_local: campaign.gravity_local,
+            gravity_source: campaign.gravity_source.name(),
+            gravity_half_width: half_width(campaign),
+            latitude_deg: campaign.latitude_deg,
+            height_m: campaign.height_m,
             standstills: calibration.readings.len(),
             excluded: &calibration.options.exclude,
             temperatures: calibration.groups.levels,
@@ -108,6 +121,11 @@ pub(crate) fn sealed_gravity_only_table(
         },
     };
     sealed(campaign, &calibration.table, toml::to_string(&document))
+}
+
+fn half_width(campaign: &Campaign) -> Option<f64> {
+    let half = campaign.gravity_source.half_width() * campaign.gravity_local;
+    (half > 0.0).then_some(half)
 }
 
 fn curve(calibration: &GravityOnlyCalibration, axis: usize, quantity: usize) -> CurveRecord {

@@ -6,6 +6,7 @@ use super::groups::Groups;
 use super::model::Unknowns;
 use super::options::GravityOnlyOptions;
 use super::reading::Reading;
+use isotherm_campaign::GravitySource;
 use isotherm_finding::Finding;
 use isotherm_recording::Losses;
 use isotherm_shared::table::CoefficientTable;
@@ -18,6 +19,8 @@ use nalgebra::Matrix3;
 pub struct GravityOnlyCalibration {
     /// The coefficient table.
     pub table: CoefficientTable,
+    /// Where local gravity comes from; the table has its value.
+    pub gravity_source: GravitySource,
     /// The options it was made with.
     pub options: GravityOnlyOptions,
     /// The standstills of the fit.

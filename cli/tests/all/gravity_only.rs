@@ -129,3 +129,48 @@ fn a_refusal_names_parameters_and_writes_nothing() {
     );
     assert!(err.contains("fault [no-freedom]: "), "{err}");
 }
+
+/// Gravity of a place that the person does not know, and a check where he does.
+#[test]
+fn local_gravity_comes_from_latitude_and_height() {
+    let folder = folder();
+    let tumble = format!("{DATA}/tumble3/recording.csv");
+    let facts = ["--imu", "imu-t", "--gravity-reference", "9.80665", "--temperature-unit", "degC", "-o", "table.toml"];
+    let calibrate = |code, more: &[&str]| {
+        run(folder.path(), code, &[&["calibrate", "--gravity-only", &tumble][..], &facts, more].concat())
+    };
+    let place = ["--latitude", "28.9", "--height", "200"];
+    let (_, err) = calibrate(0, &[&place[..], &["--report", "r.html"]].concat());
+    let words =
+        "local gravity 9.79178 +- 0.00100 m/s2, normal gravity at latitude 28.9 and height 200 m: its 102 ppm are in";
+    assert!(err.contains(words) && err.contains(" +- 102.3 ppm") && !err.contains("local-gravity"), "{err}");
+    let table = fs::read_to_string(folder.path().join("table.toml")).unwrap();
+    let keys = "gravity_source = \"normal\"\ngravity_half_width = 0.00099876";
+    assert!(table.contains(keys) && table.contains("\nlatitude_deg = 28.9\nheight_m = 200.0\n"), "{table}");
+    let page = fs::read_to_string(folder.path().join("r.html")).unwrap();
+    assert!(page.contains("9.79178 +- 0.00100 m/s2, normal gravity at latitude 28.9"));
+    let (out, _) = calibrate(0, &[&place[..], &["--json"]].concat());
+    let document: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(document["gravity_source"], "normal");
+    assert!((document["gravity_half_width_ppm"].as_f64().unwrap() - 102.0).abs() < 1e-9, "{document}");
+    let (_, err) = calibrate(0, &[&place[..], &["--gravity-local", "9.79179"]].concat());
+    assert!(err.contains(" +- 7.8 ppm") && !err.contains("local gravity"), "{err}");
+    let wrong = ["--latitude", "-28.9", "--height", "1200", "--gravity-local", "9.79179"];
+    let (_, err) = calibrate(0, &wrong);
+    assert!(
+        err.contains("warning [local-gravity]: local gravity is 9.79179, but normal gravity at latitude -28.9"),
+        "{err}"
+    );
+    let (_, err) = calibrate(65, &[&wrong[..], &["--strict"]].concat());
+    assert!(err.contains("fault [local-gravity]: "), "{err}");
+    for (more, words) in [
+        (&["--latitude", "28.9"][..], "--height <M>"),
+        (&["--height", "200", "--gravity-local", "9.79179"], "--latitude <DEG>"),
+        (&["--latitude", "NaN", "--height", "200"], "give a number from -90 to 90, north positive"),
+        (&["--latitude", "28.9", "--height", "-1001"], "give a number of metres from -1000 to 9000"),
+        (&[], "--gravity-local <G>|--latitude <DEG>"),
+    ] {
+        let (_, err) = calibrate(64, more);
+        assert!(err.contains(words), "{more:?}: {err}");
+    }
+}

@@ -29,6 +29,8 @@ def calibrate_gravity_only(
     window: float | None = None,
     exclude: Iterable[int] = (),
     temperature_range: tuple[float, float] | None = None,
+    latitude: float | None = None,
+    height: float | None = None,
     accept: Iterable[str] = (),
     strict: bool = False,
     other_device: bool = False,
@@ -41,14 +43,18 @@ def calibrate_gravity_only(
     files. Without them the files that the campaign names are read.
 
     `window` [s] is that of the search for standstills, 0.5 or 1 s without it. `exclude` lists numbers of standstills. Where the telemetry is
-    constant, `temperature_range` states where the table is valid. `imu` chooses one of a campaign file with `imus`. `accept` and `strict` are as
+    constant, `temperature_range` states where the table is valid. `latitude` [deg], north positive, with `height` [m] checks the `gravity_local` of a
+    mapping, or gives normal gravity where it has none: its 102 ppm (95 %) are then in the intervals of the scale factors. `imu` chooses one of a campaign file with `imus`. `accept` and `strict` are as
     those of `calibrate`. Raises CalibrationError with the parameters that the attitudes do not determine.
     """
     _positive("window", window)
     if temperature_range is not None and not -math.inf < temperature_range[0] < temperature_range[1] < math.inf:
         raise ValueError(f"temperature_range is {temperature_range}, give the lower end first")
+    place = _place(campaign, latitude, height)
     if isinstance(campaign, Mapping):
-        campaign = {"format": 1, "method": "gravity-only"} | dict(campaign)
+        stated = place is None or "gravity_local" in campaign
+        of_place = {} if stated else {"latitude_deg": latitude, "height_m": height}
+        campaign = {"format": 1, "method": "gravity-only"} | dict(campaign) | of_place
     text, path = campaign_text(campaign)
     given: list[Path | npt.NDArray[np.uint8]] | None = None
     if recordings is not None:
@@ -65,6 +71,7 @@ def calibrate_gravity_only(
         misalignment=misalignment,
         standstills=list(exclude),
         temperature_range=temperature_range,
+        place=place,
     )
     return Calibration(_isotherm.calibrate(text, path, imu, given, True, options))
 
@@ -87,6 +94,20 @@ def lengths(
     if gravity_local is not None and not 9.7 <= gravity_local <= 9.9:
         raise ValueError(f"gravity_local is {gravity_local}, give 9.7 to 9.9 m/s2")
     return _isotherm.lengths(table, sample_bytes(samples), window, gravity_local, other_device, require)
+
+
+def _place(campaign: AnyPath | Mapping[str, Any], latitude: float | None, height: float | None) -> tuple[float, float] | None:
+    """Latitude and height, if they are given."""
+    if latitude is None and height is None:
+        return None
+    if latitude is None or height is None:
+        raise ValueError("give both latitude and height, or neither")
+    if not isinstance(campaign, Mapping):
+        raise ValueError("latitude and height are for a mapping; the campaign file has the keys latitude_deg and height_m")
+    for name, value, low, high, unit in (("latitude", latitude, -90, 90, "deg"), ("height", height, -1000, 9000, "m")):
+        if not low <= value <= high:
+            raise ValueError(f"{name} is {value}, give {low} to {high} {unit}")
+    return float(latitude), float(height)
 
 
 def _positive(name: str, seconds: float | None) -> None:

@@ -374,6 +374,7 @@ def fit_options(
         "misalignment": True,
         "standstills": [],
         "temperature_range": None,
+        "place": None,
     }
     return options | given
 

@@ -165,6 +165,9 @@ findings! {
         NOT_STILL = "not-still", FaultOrWarning, "Leave the dwell out with `--exclude`.";
         /// K+ and |K-| of one accelerometer differ by over a factor of 1.5: one channel is divided, or loses pulses.
         CHANNELS_DIFFER = "channels-differ", Fault, "Mend it and measure again.";
+        /// Local gravity is over 0.002 m/s2 off normal gravity at the stated latitude and height. It is in proportion in
+        /// all scale factors.
+        LOCAL_GRAVITY = "local-gravity", Warning, "Look up local gravity; state the height in metres.";
         /// Scale factors of a triad, or K+ and K- of a sensor, differ by over a factor of 2.
         AXES_DIFFER = "axes-differ", Warning, "Look for a lost digit, or for pulses that are divided.";
     }

@@ -4,6 +4,7 @@ mod accuracy;
 mod afternoons;
 mod attitudes;
 mod common;
+mod local_gravity;
 mod recorded;
 mod standstills;
 mod traps;

@@ -1,8 +1,8 @@
 //! Arguments of `calibrate`, and what it prints.
 
 use crate::commands::common::Acceptance;
-use crate::parse::{gravity, lag_choice, numbers, seconds};
-use clap::Args;
+use crate::parse::{gravity, height, lag_choice, latitude, numbers, seconds};
+use clap::{ArgGroup, Args};
 use isotherm_calibration::{LagChoice, Method, ScaleFactorChoice};
 use isotherm_client::ImuId;
 use std::path::PathBuf;
@@ -131,14 +131,17 @@ fn excluded(text: &str) -> Result<Excluded, String> {
 
 /// The options of a calibration without a turntable.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "Without a turntable")]
+#[command(
+    next_help_heading = "Without a turntable",
+    group = ArgGroup::new("local").args(["gravity_local", "latitude"]).multiple(true)
+)]
 pub(super) struct GravityOnlyArgs {
     /// Calibrate the accelerometers by the length of gravity alone: the recordings are of an IMU that was put down by
     /// hand in many attitudes
     ///
     /// Each file is a recording of its own. A campaign file with method = "gravity-only" does the same, and has the
-    /// next four options as keys
-    #[arg(long, requires_all = ["imu", "gravity_local", "gravity_reference", "temperature_unit"])]
+    /// next six options as keys
+    #[arg(long, requires_all = ["imu", "local", "gravity_reference", "temperature_unit"])]
     pub gravity_only: bool,
     /// The IMU that was measured; of a campaign file with several, the only one whose table is made
     #[arg(long, value_name = "ID")]
@@ -146,6 +149,13 @@ pub(super) struct GravityOnlyArgs {
     /// Gravity where the recordings were made [m/s2]
     #[arg(long, value_name = "G", requires = "gravity_only", value_parser = gravity)]
     pub gravity_local: Option<f64>,
+    /// Geodetic latitude there, north positive [deg]: with --height it checks --gravity-local, or gives normal gravity,
+    /// whose error of 102 ppm (95 %) is then in the scale factors
+    #[arg(long, value_name = "DEG", requires_all = ["gravity_only", "height"], allow_hyphen_values = true, value_parser = latitude)]
+    pub latitude: Option<f64>,
+    /// Height above the sea there [m]
+    #[arg(long, value_name = "M", requires_all = ["gravity_only", "latitude"], allow_hyphen_values = true, value_parser = height)]
+    pub height: Option<f64>,
     /// The value of 1 g0 [m/s2]; it is written into the table
     #[arg(long, value_name = "G", requires = "gravity_only", value_parser = gravity)]
     pub gravity_reference: Option<f64>,

@@ -1,7 +1,7 @@
 //! `calibrate --gravity-only`: a table without a turntable, from recordings of an IMU that was put down by hand.
 
 use super::arguments::{Calibrate, GravityOnlyArgs};
-use isotherm_campaign::Campaign;
+use isotherm_campaign::{Campaign, Place};
 use isotherm_failure::{Exit, Failure};
 use std::path::PathBuf;
 
@@ -30,8 +30,15 @@ impl Calibrate {
     /// The campaign that the options describe, whose recordings are the files.
     pub(super) fn described(&self) -> Option<(Campaign, Vec<PathBuf>)> {
         let args = &self.without_turntable;
-        let gravity = [args.gravity_local?, args.gravity_reference?];
+        let place = args.latitude.zip(args.height).and_then(|(latitude, height)| Place::new(latitude, height).ok());
+        let gravity_local = args.gravity_local.or(place.map(Place::normal_gravity))?;
+        let gravity = [gravity_local, args.gravity_reference?];
         let campaign = Campaign::gravity_only(args.imu.clone()?, gravity, args.temperature_unit.as_deref()?);
+        let campaign = match place {
+            Some(place) if args.gravity_local.is_some() => campaign.at_place(place),
+            Some(place) => campaign.with_normal_gravity(place),
+            None => campaign,
+        };
         let files = core::iter::once(&self.campaign).chain(&self.samples).cloned().collect();
         Some((campaign, files))
     }
