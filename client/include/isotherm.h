@@ -49,6 +49,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <math.h>
 
 /** The version of this header; isotherm_version() is the version of the library. */
 #define ISOTHERM_VERSION "0.1.0"
@@ -575,7 +576,7 @@ typedef struct {
      */
     isotherm_triad accelerometers;
     /**
-     * G1, G2, G3; all zero where the IMU has none.
+     * G1, G2, G3; where the IMU has none, no pulses and telemetry NaN (or 0).
      */
     isotherm_triad gyroscopes;
 } isotherm_raw_sample;
@@ -688,10 +689,10 @@ isotherm_code isotherm_acquisition_close(isotherm_acquisition *acquisition);
  * Loans a sample in shared memory, to be filled in; sending does not copy it. `*sample` is yours until it is sent or
  * discarded, or until the handle is closed. At most ISOTHERM_LOANS samples may be on loan at once.
  *
- * `session` and `sequence` are set already; all other fields are 0. Set them, except `sent_ns`, `device` and what
- * isotherm_reading is for: `lag_ns` and `head_lagged`. `sequence` is one above the highest that was loaned or sent in
- * the session: a sample that is discarded leaves its sequence out, and the service flags the gap. If periods were lost
- * before they could be loaned, raise `sequence` by their number.
+ * `session` and `sequence` are set already, the gyroscopes' telemetry is NaN, all other fields are 0. Set them, except
+ * `sent_ns`, `device` and what isotherm_reading is for: `lag_ns` and `head_lagged`. `sequence` is one above the highest
+ * that was loaned or sent in the session: a sample that is discarded leaves its sequence out, and the service flags
+ * the gap. If periods were lost before they could be loaned, raise `sequence` by their number.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_TRANSPORT.
  */
@@ -1021,5 +1022,13 @@ ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, flags) == 88);
 ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, latency_ns) == 96);
 ISOTHERM_ASSERT(sizeof(isotherm_lagged_reading) == 32 && sizeof(isotherm_lag) == 192);
 #undef ISOTHERM_ASSERT
+
+/**
+ * A sample of your own, of an IMU without gyroscopes, as isotherm_loan gives it: all 0, the gyroscopes' telemetry NaN, so that a
+ * table with gyroscopes gives NaN and flags it. A zeroed sample has telemetry 0. For C and C++.
+ */
+#define ISOTHERM_RAW_SAMPLE_INIT \
+    {0, 0, 0, 0, 0, 0, 0, 0, {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}}, \
+     {{0, 0, 0}, {0, 0, 0}, {NAN, NAN, NAN}, {NAN, NAN, NAN}, {0, 0, 0}}}
 
 #endif /* ISOTHERM_H */

@@ -69,7 +69,7 @@ impl Layout {
     pub fn of(sample: &StreamSample) -> Self {
         match sample {
             StreamSample::Raw(raw) => {
-                let gyroscopes = has_values(&raw.gyroscopes);
+                let gyroscopes = !raw.gyroscopes.is_absent();
                 Self { device: raw.device != 0, gyroscopes, lag: raw.lag_ns != 0 }
             }
             StreamSample::Increment(increment) => {
@@ -114,14 +114,6 @@ impl Layout {
 
 /// The flags that only an increment under a table with gyroscopes has.
 const GYROSCOPE_FLAGS: Flags = Flags(Flags((1 << 18) - 1).of_gyroscopes().0 | Flags::G_UNKNOWN.0);
-
-/// Whether any bit of a triad is set. That of an IMU without gyroscopes is all zero.
-#[must_use]
-pub fn has_values(triad: &Triad) -> bool {
-    let floats = [triad.head_temperature, triad.board_temperature, triad.head_lagged];
-    let pulses = [triad.positive_pulses, triad.negative_pulses];
-    floats.iter().flatten().any(|value| value.to_bits() != 0) || pulses.iter().flatten().any(|count| *count != 0)
-}
 
 const fn column(number: u64, set: ColumnSet, name: &'static str, kind: ColumnKind, unit: &'static str) -> Column {
     Column { name, number, set, kind, unit }

@@ -447,7 +447,7 @@ mod tests {
             kept.device = 0;
         }
         if !layout.gyroscopes {
-            kept.gyroscopes = Triad::default();
+            kept.gyroscopes = Triad::ABSENT;
         }
         if !layout.lag {
             kept.lag_ns = 0;

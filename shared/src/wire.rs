@@ -17,7 +17,7 @@ pub const AXES: usize = 3;
 pub const MAX_INTERVAL_NS: u64 = 3_600_000_000_000;
 
 /// What three sensors of one kind, accelerometers or gyroscopes, have measured in a control period.
-#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, Default, ZeroCopySend)]
 #[repr(C)]
 #[type_name("isotherm.Triad")]
 pub struct Triad {
@@ -33,8 +33,44 @@ pub struct Triad {
     pub head_lagged: [f64; AXES],
 }
 
+impl Triad {
+    /// Sensors that the IMU does not have: no pulses, and telemetry that is NaN. A table that has them gives NaN,
+    /// flagged `not-finite`.
+    pub const ABSENT: Self = Self {
+        positive_pulses: [0; AXES],
+        negative_pulses: [0; AXES],
+        head_temperature: [f64::NAN; AXES],
+        board_temperature: [f64::NAN; AXES],
+        head_lagged: [0.0; AXES],
+    };
+
+    /// Whether this is the triad of an IMU without these sensors: no pulses, and all telemetry NaN, as in
+    /// [`ABSENT`](Self::ABSENT), or all +0, as in a zeroed structure of C.
+    #[must_use]
+    pub fn is_absent(&self) -> bool {
+        let telemetry = [self.head_temperature, self.board_temperature];
+        let all = |is: fn(f64) -> bool| telemetry.as_flattened().iter().all(|&value| is(value));
+        let unlagged = self.head_lagged.iter().all(|lagged| lagged.is_nan() || lagged.to_bits() == 0);
+        let unused = self.positive_pulses == [0; AXES] && self.negative_pulses == [0; AXES] && unlagged;
+        unused && (all(f64::is_nan) || all(|value| value.to_bits() == 0))
+    }
+}
+
+/// NaN, which is telemetry that nobody has read, equals NaN.
+impl PartialEq for Triad {
+    fn eq(&self, other: &Self) -> bool {
+        let same =
+            |a: &[f64; AXES], b: &[f64; AXES]| a.iter().zip(b).all(|(a, b)| a == b || (a.is_nan() && b.is_nan()));
+        self.positive_pulses == other.positive_pulses
+            && self.negative_pulses == other.negative_pulses
+            && same(&self.head_temperature, &other.head_temperature)
+            && same(&self.board_temperature, &other.board_temperature)
+            && same(&self.head_lagged, &other.head_lagged)
+    }
+}
+
 /// One control period as the acquisition saw it: the pulses of both channels and the latest temperature telemetry.
-#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
 #[repr(C)]
 #[type_name("isotherm.RawSample.v2")]
 pub struct RawSample {
@@ -56,8 +92,27 @@ pub struct RawSample {
     pub device: u64,
     /// A1, A2, A3.
     pub accelerometers: Triad,
-    /// G1, G2, G3; all zero where the IMU has none.
+    /// G1, G2, G3; where the IMU has none, no pulses and telemetry NaN (or 0).
     pub gyroscopes: Triad,
+}
+
+/// All 0, without gyroscopes: [`Triad::ABSENT`].
+impl Default for RawSample {
+    #[inline]
+    fn default() -> Self {
+        Self {
+            session: 0,
+            sequence: 0,
+            timestamp_ns: 0,
+            interval_ns: 0,
+            sent_ns: 0,
+            telemetry_ns: 0,
+            lag_ns: 0,
+            device: 0,
+            accelerometers: Triad::default(),
+            gyroscopes: Triad::ABSENT,
+        }
+    }
 }
 
 /// The number of the unit with this serial number: the first 8 bytes of the SHA-256 of its UTF-8, big-endian. Outer
@@ -479,6 +534,17 @@ mod tests {
             },
             gyroscopes: Triad { negative_pulses: [u32::MAX - 3, 8, 9], ..Triad::default() },
         }
+    }
+
+    #[test]
+    fn a_sample_has_no_gyroscopes_unless_they_are_filled_in() {
+        let raw = RawSample::default();
+        assert!(raw.gyroscopes.is_absent() && raw.gyroscopes.head_temperature.iter().all(|value| value.is_nan()));
+        assert!(raw == RawSample::default() && Triad::default().is_absent() && Triad::ABSENT != Triad::default());
+        let one = Triad { head_temperature: [f64::NAN, 2.5, f64::NAN], ..Triad::ABSENT };
+        let pulse = Triad { positive_pulses: [0, 1, 0], ..Triad::ABSENT };
+        let minus_zero = Triad { board_temperature: [0.0, 0.0, -0.0], ..Triad::default() };
+        assert!([one, pulse, minus_zero].iter().all(|triad| !triad.is_absent()));
     }
 
     #[test]

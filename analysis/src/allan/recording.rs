@@ -7,7 +7,7 @@ use super::curve::{Allan, MIN_ROWS, TemperatureLine};
 use core::ops::Range;
 use isotherm_campaign::{STANDSTILL_WINDOW_S, StandstillError, begins_ns, find_standstills};
 use isotherm_finding::{Finding, name};
-use isotherm_recording::columns::has_values;
+
 use isotherm_recording::{Continuity, Losses, MISSING};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
@@ -320,7 +320,7 @@ struct Sensor {
 
 impl Outputs {
     fn of(rows: &[RawSample], table: Option<&CoefficientTable>) -> Self {
-        let recorded = rows.iter().any(|row| has_values(&row.gyroscopes));
+        let recorded = rows.iter().any(|row| !row.gyroscopes.is_absent());
         let in_table = table.map(|table| table.content().gyroscopes.is_some());
         let message = match in_table {
             Some(true) if !recorded => Some("the recording has no gyroscopes, but the table has"),

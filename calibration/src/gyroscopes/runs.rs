@@ -212,7 +212,7 @@ fn collect(
     previous: &mut Option<(f64, Option<u32>)>,
     row: &CampaignRow,
 ) -> Result<(), RecordingError> {
-    runs.present |= row.sample.gyroscopes != Triad::default();
+    runs.present |= !row.sample.gyroscopes.is_absent();
     let place = Some((row.set_point_c, row.position));
     let goes_on = core::mem::replace(previous, place) == place;
     let Some(number) = row.position.filter(|_| !campaign.turns.is_empty()) else { return Ok(()) };

@@ -2,7 +2,7 @@
 
 use core::ops::Range;
 use isotherm_campaign::implausible;
-use isotherm_recording::columns::has_values;
+
 use isotherm_recording::{CampaignRow, Continuity, RawCsvReader, RecordingError};
 use isotherm_shared::lag::{LaggedReading, SENSORS};
 use isotherm_shared::table::Axis;
@@ -173,7 +173,7 @@ impl RampRecording {
         }
         self.previous_ns = Some(raw.timestamp_ns);
         self.continuity.add(raw);
-        self.has_gyroscopes |= has_values(&raw.gyroscopes);
+        self.has_gyroscopes |= !raw.gyroscopes.is_absent();
         // 0 is a unit that nobody has named.
         let free = self.devices.iter_mut().find(|known| **known == 0 || **known == raw.device);
         free.into_iter().for_each(|known| *known = raw.device);

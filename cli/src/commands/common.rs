@@ -6,7 +6,7 @@ use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::print_data;
 use isotherm_finding::{Admission, Finding, Location, name};
 use isotherm_job::Refused;
-use isotherm_recording::columns::has_values;
+
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_report::json;
 use isotherm_shared::table::CoefficientTable;
@@ -29,26 +29,27 @@ pub(super) struct LagSetting {
     pub ns: Option<u64>,
 }
 
-/// Warns once if a table has gyroscopes and a sample has none: nothing in such an increment tells that its angles mean
-/// nothing, where the telemetry 0 is inside the range.
+/// Warns once if only one of table and samples has gyroscopes.
 pub(super) struct GyroscopeWarning {
+    table_has: bool,
     due: bool,
 }
 
 impl GyroscopeWarning {
     /// For a table with or without gyroscopes.
     pub(super) const fn new(table_has_gyroscopes: bool) -> Self {
-        Self { due: table_has_gyroscopes }
+        Self { table_has: table_has_gyroscopes, due: true }
     }
 
     /// Looks at a sample.
     pub(super) fn check(&mut self, sample: &RawSample) {
-        if self.due && !has_values(&sample.gyroscopes) {
+        if self.due && sample.gyroscopes.is_absent() == self.table_has {
             self.due = false;
-            let message = format!(
-                "from sequence {} on the recording has no gyroscopes, but the table has; the angle increments mean nothing",
-                sample.sequence
-            );
+            let what = match self.table_has {
+                true => "the recording has no gyroscopes, but the table has; the angle increments mean nothing",
+                false => "the recording has gyroscopes, but the table has none; the angle increments are NaN",
+            };
+            let message = format!("from sequence {} on {what}", sample.sequence);
             tell("isotherm", Finding::warning(name::NO_GYROSCOPES, message).tagged(|line| line.to_string()));
         }
     }

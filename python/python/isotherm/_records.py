@@ -77,7 +77,7 @@ WINDOW: np.dtype[np.void] = np.dtype(
 """Means over one window of a verification."""
 
 OPTIONAL = frozenset({"session", "sent_ns", "telemetry_ns", "lag_ns", "device", "gyroscopes", "head_lagged"})
-"""Fields that may be missing; they become 0 then."""
+"""Fields that may be missing; they become 0 then, and the telemetry of missing gyroscopes NaN."""
 
 Path: TypeAlias = tuple[str, ...]
 """Where a value is in a record: the name of a field, or of a triad and its field."""
@@ -255,6 +255,9 @@ def _exact(name: str, values: npt.NDArray[Any], dtype: np.dtype[Any]) -> npt.NDA
 def _assembled(parts: Mapping[Path, Any], count: int, dtype: np.dtype[np.void]) -> Records:
     """Records assembled from values, which are arrays or lists of columns."""
     records = np.zeros(count, dtype)
+    if not any(path[0] == "gyroscopes" for path in parts):
+        for name in ("head_temperature", "board_temperature"):
+            records["gyroscopes"][name] = np.nan
     for path, part in parts.items():
         name, field = ".".join(path), _at(records, path)
         if isinstance(part, list):

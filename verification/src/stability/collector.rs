@@ -185,7 +185,7 @@ impl<'a> Collector<'a> {
         let increment = answer(Some(self.table), raw);
         let flags = Flags(increment.flags);
         self.other_device += u64::from(flags.intersects(Flags::OTHER_DEVICE));
-        self.has_gyroscopes |= raw.gyroscopes != Triad::default();
+        self.has_gyroscopes |= !raw.gyroscopes.is_absent();
         let unsettled = self.is_unsettled(raw);
         if flags.intersects(Flags::INTERVAL) {
             self.left_out += 1;

@@ -353,7 +353,7 @@ fn samples_of_another_unit_or_without_gyroscopes_are_refused() {
     let refused = |recorder: &mut SampleRecorder<'_>, sample: RawSample| {
         recorder.take(&sample, sample.sent_ns + 1000).map_err(|failure| (failure.exit, failure.to_string()))
     };
-    let without = RawSample { gyroscopes: Triad::default(), ..right };
+    let without = RawSample { gyroscopes: Triad::ABSENT, ..right };
     let (exit, message) = refused(&mut recorder, without).unwrap_err();
     assert!(
         exit == Exit::Data && message.contains("have no gyroscopes") && message.contains("leave [turns] out"),

@@ -452,7 +452,7 @@ impl Conversion {
 
     fn made(&mut self, reading: &Reading, sequence: u64, timestamp_ns: u64, interval_ns: u64) -> RawSample {
         self.last = Some((timestamp_ns, sequence));
-        let gyroscopes = if self.source.has_gyroscopes() { triad(reading, AXES) } else { Triad::default() };
+        let gyroscopes = if self.source.has_gyroscopes() { triad(reading, AXES) } else { Triad::ABSENT };
         RawSample {
             sequence,
             timestamp_ns,

@@ -322,7 +322,7 @@ fn row_of(values: &[Option<u64>], number: u64, rule: &mut SequenceRule) -> Resul
     }
     // Without gyroscopes the file may still have columns for their lagged telemetry.
     if values[GYROSCOPES].is_none() {
-        sample.gyroscopes = Triad::default();
+        sample.gyroscopes = Triad::ABSENT;
     }
     rule.check(&sample)?;
     let campaign = |index: usize| values.get(RAW.len() + index).copied().flatten().map(f64::from_bits);

@@ -67,7 +67,7 @@ fn write(folder: &Path, format: Format, name: &str, imus: &[ImuId], samples: &[R
     for (count, raw) in samples.iter().enumerate() {
         for imu in 0..imus.len() {
             let raw = RawSample { timestamp_ns: raw.timestamp_ns ^ imu as u64, ..*raw };
-            let angle_increment = if raw.gyroscopes == Triad::default() { [f64::NAN; 3] } else { [0.5; 3] };
+            let angle_increment = if raw.gyroscopes.is_absent() { [f64::NAN; 3] } else { [0.5; 3] };
             let (session, sequence) = (raw.session, raw.sequence);
             let increment = CompensatedIncrement { session, sequence, angle_increment, ..Default::default() };
             for sample in [StreamSample::Raw(raw), StreamSample::Increment(increment)] {

@@ -293,11 +293,8 @@ fn columns_that_come_late_begin_the_next_files() {
     let folder = TempDir::new().unwrap();
     let (table, whole) = (table("imu-g.toml"), whole());
     let parts: [Vec<RawSample>; 3] = [
-        whole[..20]
-            .iter()
-            .map(|raw| RawSample { lag_ns: 0, device: 0, gyroscopes: Triad::default(), ..*raw })
-            .collect(),
-        whole[20..40].iter().map(|raw| RawSample { gyroscopes: Triad::default(), ..*raw }).collect(),
+        whole[..20].iter().map(|raw| RawSample { lag_ns: 0, device: 0, gyroscopes: Triad::ABSENT, ..*raw }).collect(),
+        whole[20..40].iter().map(|raw| RawSample { gyroscopes: Triad::ABSENT, ..*raw }).collect(),
         whole[40..60].to_vec(),
     ];
     let expected: Vec<_> = parts.concat().iter().map(kept).collect();
@@ -310,7 +307,7 @@ fn columns_that_come_late_begin_the_next_files() {
         for part in &parts {
             // A table without gyroscopes for samples without, as before a reload.
             let plain = CoefficientTable::from_toml(&plain_table(), None).unwrap();
-            let table = if part[0].gyroscopes == Triad::default() { &plain } else { &table };
+            let table = if part[0].gyroscopes.is_absent() { &plain } else { &table };
             next += recorder.write(0, table, part);
             recorder.flush();
         }
