@@ -271,6 +271,7 @@ impl<'p> Runner<'p> {
                 chamber: (&self.chamber.0, self.chamber.1),
                 turntable: (&self.turntable.0, self.turntable.1),
                 trends: &self.trends,
+                clocks_known: self.streams.know_clocks(),
                 collected_s: self.streams.collected_s(),
                 complete: self.streams.complete(),
                 spoiled: spoiled.as_deref(),

@@ -270,6 +270,12 @@ impl<'p> Streams<'p> {
         stream.plan
     }
 
+    /// Whether the clocks of all IMUs are known, see [`SampleRecorder::knows_clock`].
+    #[must_use]
+    pub(crate) fn know_clocks(&self) -> bool {
+        self.present().all(|stream| stream.recorder.knows_clock())
+    }
+
     /// Counted time of the unit in progress \[s\]: that of the slowest IMU.
     #[must_use]
     pub(crate) fn collected_s(&self) -> f64 {
