@@ -6,4 +6,5 @@ mod attitudes;
 mod common;
 mod local_gravity;
 mod recorded;
+mod standstills;
 mod traps;
