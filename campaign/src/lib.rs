@@ -42,6 +42,6 @@ pub use mount::{mount, mounting, nearest_rotation, other_zero};
 pub use position::{Position, SAME_DIRECTION};
 pub use positions::{MAX_CONDITION, Observability, PARAMETERS, Scheme};
 pub use ramp::Ramp;
-pub use rows::{UNIT_FACTORS, UNIT_TOLERANCE, implausible, read_dwells};
+pub use rows::{UNIT_FACTORS, UNIT_TOLERANCE, counted_twice, implausible, read_dwells};
 pub use standstill::{AT_REST, StandstillError, TUMBLED, begins_ns, find_standstills, stretches};
 pub use turn::{LEAST_TURN, TableAxis, Turn, turns, vector_words};

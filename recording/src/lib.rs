@@ -29,6 +29,7 @@ pub mod csv;
 mod device;
 mod error;
 mod increments;
+mod overlap;
 mod raw;
 pub mod rows;
 
@@ -38,4 +39,5 @@ pub use continuity::{Continuity, Losses, TimeFault};
 pub use device::other_device;
 pub use error::RecordingError;
 pub use increments::{ANGLE_CSV_COLUMNS, CSV_COLUMNS as INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout};
+pub use overlap::Overlap;
 pub use raw::{RawCsvReader, RawCsvWriter, SequenceRule};

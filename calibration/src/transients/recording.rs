@@ -1,6 +1,6 @@
 //! One recording of a ramp, reduced while it is read: pulses by bins of a second, and the readings of the telemetry.
 
-use isotherm_campaign::implausible;
+use isotherm_campaign::{counted_twice, implausible};
 use isotherm_recording::columns::has_values;
 use isotherm_recording::{CampaignRow, Continuity, RawCsvReader, RecordingError};
 use isotherm_shared::lag::{LaggedReading, SENSORS};
@@ -87,11 +87,16 @@ impl RampRecording {
         rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,
     ) -> Result<Self, RecordingError> {
         let mut recording = Self::new(name);
+        let mut last = 0;
         for row in rows {
             let CampaignRow { line, sample, .. } = row?;
             recording.add(&sample).map_err(|message| RecordingError::Data { line, message })?;
+            last = line;
         }
-        Ok(recording)
+        match recording.continuity.overlap() {
+            Some(overlap) => Err(RecordingError::Data { line: last, message: counted_twice(overlap) }),
+            None => Ok(recording),
+        }
     }
 
     /// The recording in a CSV file of raw samples.
@@ -147,6 +152,9 @@ impl RampRecording {
         }
         self.previous_ns = Some(raw.timestamp_ns);
         self.continuity.add(raw);
+        if let Some(overlap) = self.continuity.overlap_so_far() {
+            return Err(counted_twice(overlap));
+        }
         self.has_gyroscopes |= has_values(&raw.gyroscopes);
         // 0 is a unit that nobody has named.
         let free = self.devices.iter_mut().find(|known| **known == 0 || **known == raw.device);
