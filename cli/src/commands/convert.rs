@@ -78,6 +78,7 @@ impl Convert {
             interval_ns: self.interval.map(|interval| interval.as_nanos() as u64),
             topic: self.topic,
             temperature_topic: self.temperature_topic,
+            session: 0,
         };
         let mut conversion = Conversion::open(&self.input, self.mapping.as_deref(), &settings)?;
         let layout = conversion.layout();

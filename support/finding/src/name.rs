@@ -104,6 +104,11 @@ findings! {
         /// `turn-gap`.
         TIME_STEP = "time-step", Warning,
             "Look for time that the acquisition loses: docs/recordings.md#missing-rows-and-lost-time.";
+        /// The stamps of foreign data jitter, or come in bursts: they are those of arrival. `convert` gives the rows the
+        /// times of an even clock; it cannot tell lost rows from jitter.
+        STAMPS = "stamps", Warning, "Give the interval; stamp where the rows are measured.";
+        /// A counter of time of foreign data rolls over, as micros() does after 71.6 minutes: `convert` joins it.
+        ROLLOVER = "rollover", Warning, "Look whether the logger was started again at that row.";
         /// A dwell is shorter than 0.6 of the usual.
         SHORT_DWELL = "short-dwell", Warning, "Look whether the file is cut.";
         /// There are less than `soak_s` between two set points. A warning below 3600 s if `soak_s` is not given.

@@ -70,24 +70,135 @@ impl Steps {
     }
 }
 
-/// The nominal interval \[ns\] of rows with these times \[ns\]: their mean step without gaps; or the interval of a
-/// whole number of Hz, of s, or the median step, the first that is within 100 ppm of it and what the jitter of the
-/// first and the last stamp explains.
+/// How the stamps of rows lie.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Shape {
+    /// The time from row to row \[ns\].
+    pub period_ns: f64,
+    /// Whether the stamps are those of the rows; else they jitter or come in bursts.
+    pub is_even: bool,
+    /// A longer step is a gap \[ns\].
+    pub gap_ns: u64,
+    /// Rows that usually come at once, 1 without bursts.
+    pub burst: usize,
+    /// The period may be off by this part where it is rounded.
+    near: f64,
+    median_ns: u64,
+}
+
+/// A step over this number of times the 99 % quantile of all steps is a gap.
+const LONG: u64 = 3;
+/// Steps within this part of the usual step are usual.
+const USUAL: f64 = 0.2;
+/// Steps over this number of usual ones tell nothing of the usual step.
+const FEW: f64 = 10.0;
+/// Fewer rows than this do not tell jitter from lost rows.
+const FEWEST_UNEVEN: usize = 100;
+/// Most steps of 0 between even stamps.
+const STANDING: f64 = 0.01;
+
+/// The nominal interval \[ns\] of rows with these times \[ns\]: their usual step; or the interval of a whole number of Hz,
+/// of s, or the median step, the first that the data allow.
 pub(super) fn nominal(times: &[u64]) -> Option<u64> {
-    let steps = || times.windows(2).filter_map(|pair| pair[1].checked_sub(pair[0])).filter(|step| *step > 0);
-    let mut sorted: Vec<_> = steps().collect();
-    sorted.sort_unstable();
-    let median = *sorted.get(sorted.len() / 2)?;
-    let mut all = Steps::new(median);
-    steps().for_each(|step| all.take(step));
-    let mean = all.mean();
-    let jitter = ERRORS * all.variance().sqrt() / all.count as f64;
-    let near = (COUNTS * mean + jitter).min(MOST * mean);
+    rounded(&found(times)?)
+}
+
+/// The nominal interval of rows of this shape \[ns\].
+pub(super) fn rounded(shape: &Shape) -> Option<u64> {
+    let mean = shape.period_ns;
     let hertz = 1e9 / (1e9 / mean).round();
     let seconds = (mean / 1e9).round() * 1e9;
-    let round = [hertz, seconds, median as f64].into_iter().find(|round| (round - mean).abs() <= near);
+    let near = shape.near.min(MOST) * mean;
+    let median = if shape.is_even { shape.median_ns as f64 } else { mean };
+    let round = [hertz, seconds, median].into_iter().find(|round| (round - mean).abs() <= near);
     let found = round.unwrap_or(mean).round() as u64;
     (1..=MAX_INTERVAL_NS).contains(&found).then_some(found)
+}
+
+/// The shape of these times \[ns\], which do not fall; `None` if none of them rises.
+pub(super) fn found(times: &[u64]) -> Option<Shape> {
+    let all: Vec<_> = times.windows(2).filter_map(|pair| pair[1].checked_sub(pair[0])).collect();
+    let mut sorted: Vec<_> = all.iter().copied().filter(|step| *step > 0).collect();
+    sorted.sort_unstable();
+    let median_ns = *sorted.get(sorted.len() / 2)?;
+    let gap_ns = sorted[(sorted.len() - 1) * 99 / 100].saturating_mul(LONG);
+    let (longest, gap_ns) = longest(times, gap_ns);
+    let period_ns = usual(&all, median_ns);
+    let is_even = is_even(longest, period_ns);
+    if is_even {
+        let mut steps = Steps::new(median_ns);
+        all.iter().filter(|step| **step > 0).for_each(|step| steps.take(*step));
+        let jitter = ERRORS * steps.variance().sqrt() / steps.count.max(1) as f64;
+        let near = COUNTS + jitter / period_ns;
+        return Some(Shape { period_ns, is_even, gap_ns, burst: 1, near, median_ns });
+    }
+    let period_ns = slope(longest).filter(|period_ns| *period_ns > 0.0)?;
+    let rows = longest.len() as f64;
+    let long = longest.windows(2).filter(|pair| (pair[1] - pair[0]) as f64 > period_ns * 1.5).count();
+    let short = longest.windows(2).filter(|pair| ((pair[1] - pair[0]) as f64) < period_ns * 0.5).count();
+    // In bursts most steps are short, and the others long.
+    let is_bursts = short > 2 * long;
+    let burst = if is_bursts { (rows / (long + 1) as f64).round() as usize } else { 1 };
+    let late = longest.iter().enumerate().map(|(row, time)| (time - longest[0]) as f64 - row as f64 * period_ns);
+    let (low, high) = late.fold((0.0, 0.0), |(low, high): (f64, f64), late| (low.min(late), high.max(late)));
+    let near = COUNTS + (high - low) / period_ns / rows.powf(1.5);
+    Some(Shape { period_ns, is_even, gap_ns, burst, near, median_ns })
+}
+
+/// The longest stretch without a longer step, and that step; all times, without a limit, if it has under half of them.
+fn longest(times: &[u64], gap_ns: u64) -> (&[u64], u64) {
+    let stretches = times.chunk_by(|earlier, later| (*earlier..=earlier.saturating_add(gap_ns)).contains(later));
+    let longest = stretches.max_by_key(|stretch| stretch.len()).unwrap_or(times);
+    let rises = times.windows(2).all(|pair| pair[0] <= pair[1]);
+    let is_enough = !rises || 2 * longest.len() >= times.len();
+    if is_enough { (longest, gap_ns) } else { (times, u64::MAX) }
+}
+
+/// The usual step \[ns\]: the sum of all that tell it over the number of rows that they are long.
+fn usual(steps: &[u64], median_ns: u64) -> f64 {
+    let mut near = Steps::new(median_ns);
+    steps.iter().filter(|step| **step > 0).for_each(|step| near.take(*step));
+    let first = near.mean();
+    let few = steps.iter().map(|step| *step as f64).filter(|step| *step > 0.0 && *step <= FEW * first);
+    let (sum, rows) = few.fold((0.0, 0.0), |(sum, rows), step| (sum + step, rows + (step / first).round()));
+    if rows > 0.0 { sum / rows } else { first }
+}
+
+/// Whether half of the time lies in usual steps: within a fifth of the period, or one unit of coarse stamps.
+fn is_even(times: &[u64], period_ns: f64) -> bool {
+    let steps = || times.windows(2).map(|pair| pair[1] - pair[0]);
+    let unit_ns = steps().fold(0, gcd) as f64;
+    let coarse = if unit_ns < period_ns / 2.0 { unit_ns } else { 0.0 };
+    let is_usual = |step: u64| {
+        let off = (step as f64 - period_ns).abs();
+        off <= USUAL * period_ns || off < coarse
+    };
+    let usual: f64 = steps().filter(|step| is_usual(*step)).map(|step| step as f64).sum();
+    let stand = steps().filter(|step| *step == 0).count() as f64;
+    let is_few = times.len() <= FEWEST_UNEVEN;
+    is_few || stand <= STANDING * times.len() as f64 && 2.0 * usual >= steps().map(|step| step as f64).sum::<f64>()
+}
+
+fn gcd(a: u64, b: u64) -> u64 {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+/// The time from row to row \[ns\], if rows arrive late and never early: the slope of the edge of the lower convex hull
+/// that is over the middle row.
+fn slope(times: &[u64]) -> Option<f64> {
+    let (first, middle) = (*times.first()?, times.len() as f64 / 2.0);
+    let mut hull: Vec<(f64, f64)> = Vec::new();
+    for (row, time) in times.iter().enumerate() {
+        let point = (row as f64, (time - first) as f64);
+        while let [.., (x0, y0), (x1, y1)] = hull[..]
+            && (y1 - y0) * (point.0 - x1) >= (point.1 - y1) * (x1 - x0)
+        {
+            hull.pop();
+        }
+        hull.push(point);
+    }
+    let edge = hull.windows(2).find(|pair| pair[1].0 >= middle)?;
+    Some((edge[1].1 - edge[0].1) / (edge[1].0 - edge[0].0))
 }
 
 #[cfg(test)]
@@ -116,6 +227,34 @@ mod tests {
         assert_eq!(nominal(&stamps(300.0, 1_000_000, 1000)), Some(3_333_333));
         assert_eq!(nominal(&[0, 1_000_000_000]), Some(1_000_000_000));
         assert_eq!((nominal(&[]), nominal(&[7, 7]), nominal(&[0, u64::MAX])), (None, None, None));
+    }
+
+    #[test]
+    fn lost_rows_gaps_and_coarse_stamps_do_not_change_it() {
+        let stamps = |hertz: f64, unit: u64, is_lost: &dyn Fn(u64) -> bool| {
+            let all = (0..1000).filter(|row| !is_lost(*row));
+            let time = |row: u64| 5e9 + row as f64 * 1e9 / hertz + if row > 600 { 3.6e12 } else { 0.0 };
+            all.map(|row| time(row) as u64 / unit * unit).collect::<Vec<_>>()
+        };
+        for hertz in [50.0, 100.0, 200.0, 300.0, 416.0, 420.0, 450.0] {
+            for unit in [1, 1_000_000] {
+                for lost in [0, 5, 20] {
+                    let is_lost = |row: u64| row * 7919 % 101 < lost;
+                    let found = nominal(&stamps(hertz, unit, &is_lost)).unwrap() as f64 * hertz / 1e9;
+                    assert!((found - 1.0).abs() < 1.3e-3, "{hertz} Hz, {unit} ns, {lost} lost: {found}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn stamps_that_stand_or_come_in_bursts_are_not_even() {
+        let shape = |time: &dyn Fn(u64) -> u64| found(&(0..1000).map(time).collect::<Vec<_>>()).unwrap();
+        assert!(shape(&|row| row * 5_000_000).is_even && shape(&|row| row * 2_381_000 / 1_000_000).is_even);
+        let bursts = shape(&|row| row / 25 * 125_000_000 + row % 25 * 50_000);
+        assert!(!bursts.is_even && bursts.burst == 25 && (bursts.period_ns / 5e6 - 1.0).abs() < 1e-3, "{bursts:?}");
+        let standing = shape(&|row| row / 2 * 1_000_000);
+        assert!(!standing.is_even && (standing.period_ns / 5e5 - 1.0).abs() < 2e-3, "{standing:?}");
     }
 
     #[test]

@@ -4,15 +4,19 @@
 //! sign of the axis, on the positive or the negative channel. The sequence begins at 0; it rises by 1 from row to row,
 //! and for readings by more where the time shows that rows are missing.
 
+mod calendar;
+mod clock;
 mod interval;
 mod mapping;
 mod novatel;
 mod proposal;
 mod refused;
+mod rollover;
 mod ros;
+mod stamped;
 mod text;
 
-pub use mapping::{ColumnRef, Decimal, Kind, KnownColumns, Mapping, Sensors, Temperature, Time};
+pub use mapping::{ColumnRef, Decimal, Kind, KnownColumns, Mapping, Sensors, Temperature, Time, TimeUnit};
 
 use interval::{GAP, Steps};
 use isotherm_failure::{Exit, Failure};
@@ -23,14 +27,15 @@ use isotherm_recording::columns::{Layout, MCAP_MAGIC};
 use isotherm_recording::csv::Rows;
 use isotherm_shared::document::Faults;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, Triad};
-use std::collections::VecDeque;
+use rollover::Counter;
+use stamped::Stamped;
 use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
 
 /// Telemetry of data that have none, unless it is given. A placeholder.
 pub const PLACEHOLDER: f64 = 25.0;
-/// Rows from which the nominal interval is found.
-const FOUND_FROM: usize = 1000;
+/// Intervals that an IMU has \[ns\]: 50 kHz to 0.01 Hz.
+const PLAUSIBLE_NS: std::ops::RangeInclusive<u64> = 20_000..=100_000_000_000;
 /// Bytes by which the format is recognised.
 const BEGINNING: u64 = 1 << 16;
 
@@ -45,6 +50,8 @@ pub struct Settings {
     pub topic: Option<String>,
     /// The topic of the `sensor_msgs/msg/Temperature`, if there are several.
     pub temperature_topic: Option<String>,
+    /// The session of all samples; 0 unless given.
+    pub session: u64,
 }
 
 /// A row of a source.
@@ -76,6 +83,16 @@ trait Source {
         false
     }
 
+    /// What the stamps read so far can roll over at.
+    fn counter(&self) -> Counter {
+        Counter::None
+    }
+
+    /// The unit of the time, where nothing in the data says it.
+    fn guessed_unit(&self) -> Option<&'static str> {
+        None
+    }
+
     /// What the operator should know. Valid after the last row.
     fn notes(&self) -> Vec<String> {
         Vec::new()
@@ -90,12 +107,11 @@ trait Source {
 /// An iterator over the raw samples of foreign data that ends at the first error.
 pub struct Conversion {
     path: PathBuf,
-    source: Box<dyn Source>,
-    /// Rows that have been read to find the nominal interval.
-    ahead: VecDeque<Reading>,
+    input: Stamped,
+    session: u64,
     nominal_ns: u64,
     /// Number of rows that the nominal interval was found from, unless it was given.
-    found_from: Option<usize>,
+    found_from: Option<u64>,
     /// Time and sequence of the last row.
     last: Option<(u64, u64)>,
     rows: u64,
@@ -168,6 +184,7 @@ impl Conversion {
             return Err(Failure::new(Exit::Data, format!("{}: {message}", path.display())));
         }
         let (is_mcap, is_novatel) = (beginning.starts_with(MCAP_MAGIC), novatel::is_log(&beginning));
+        let no_text = refused::no_text(&beginning);
         let source: Box<dyn Read> = Box::new(Cursor::new(beginning).chain(source));
         if !is_mcap && (settings.topic.is_some() || settings.temperature_topic.is_some()) {
             return Err(Failure::new(
@@ -186,7 +203,11 @@ impl Conversion {
             } else {
                 Box::new(novatel::NovatelSource::new(source, temperature))
             };
-            return Self::begin(path, source, settings.interval_ns.or(known.interval_ns)).map_err(failed);
+            let interval_ns = settings.interval_ns.or(known.interval_ns);
+            return Self::begin(path, source, interval_ns, settings.session).map_err(failed);
+        }
+        if let Some(message) = no_text {
+            return Err(Failure::new(Exit::Data, format!("{}: {message}", path.display())));
         }
         let mut rows = Rows::new(source);
         let Some((file, text)) = mapping else {
@@ -201,35 +222,32 @@ impl Conversion {
         }
         let interval_ns = settings.interval_ns.or(mapping.time.interval_ns);
         let source = text::TextSource::new(rows, mapping).map_err(failed)?;
-        Self::begin(path, Box::new(source), interval_ns).map_err(failed)
+        Self::begin(path, Box::new(source), interval_ns, settings.session).map_err(failed)
     }
 
-    /// Reads as many rows as are needed to find the nominal interval, if it is not given.
-    fn begin(path: &Path, mut source: Box<dyn Source>, interval_ns: Option<u64>) -> Result<Self, RecordingError> {
-        let mut ahead = VecDeque::new();
-        let most = if interval_ns.is_some() { 1 } else { FOUND_FROM };
-        while ahead.len() < most
-            && let Some(reading) = source.read()?
-        {
-            ahead.push_back(reading);
-        }
-        let Some(first) = ahead.front().map(|reading: &Reading| reading.place) else {
-            return Err(source.error(0, "there are no rows".to_owned()));
-        };
-        let nominal_ns = match interval_ns {
-            Some(nominal_ns) => nominal_ns,
-            None => interval::nominal(&ahead.iter().filter_map(|row| row.timestamp_ns).collect::<Vec<_>>())
-                .ok_or_else(|| {
+    /// Reads the first rows, to judge their stamps and to find the nominal interval if it is not given.
+    fn begin(
+        path: &Path,
+        source: Box<dyn Source>,
+        interval_ns: Option<u64>,
+        session: u64,
+    ) -> Result<Self, RecordingError> {
+        let mut input = Stamped::new(source)?;
+        let (nominal_ns, found_from) = match interval_ns {
+            Some(nominal_ns) => (nominal_ns, None),
+            None => match input.nominal()? {
+                Some((nominal_ns, rows)) => (nominal_ns, Some(rows)),
+                None => {
                     let message =
                         "the nominal interval cannot be found from the time; give time.interval_s or --interval";
-                    source.error(first, message.to_owned())
-                })?,
+                    return Err(input.source.error(input.first(), message.to_owned()));
+                }
+            },
         };
-        let found_from = interval_ns.is_none().then_some(ahead.len());
         Ok(Self {
             path: path.to_owned(),
-            source,
-            ahead,
+            input,
+            session,
             nominal_ns,
             found_from,
             last: None,
@@ -243,7 +261,7 @@ impl Conversion {
     /// Which columns the samples need.
     #[must_use]
     pub fn layout(&self) -> Layout {
-        Layout { gyroscopes: self.source.has_gyroscopes(), ..Layout::default() }
+        Layout { gyroscopes: self.input.source.has_gyroscopes(), ..Layout::default() }
     }
 
     /// Number of rows so far.
@@ -255,11 +273,15 @@ impl Conversion {
     /// What the operator should know, a line each. Valid after the last row.
     #[must_use]
     pub fn notes(&self) -> Vec<String> {
-        let mut notes = self.source.notes();
+        let mut notes = self.input.source.notes();
         if let Some(rows) = self.found_from {
             let seconds = self.nominal_ns as f64 / 1e9;
+            let guess = self.input.source.guessed_unit().map(|unit| {
+                format!(". Its unit is a guess, unless you know that the time is in {unit}: the column does not say it")
+            });
             notes.push(format!(
-                "the nominal interval is {seconds} s, found from the first {rows} rows; for recordings that belong together give it"
+                "the nominal interval is {seconds} s, found from the first {rows} rows; for recordings that belong together give it{}",
+                guess.unwrap_or_default()
             ));
         }
         notes
@@ -268,15 +290,24 @@ impl Conversion {
     /// What concerns the data's worth. Valid after the last row.
     #[must_use]
     pub fn findings(&self) -> Vec<Finding> {
-        let mut found = self.source.findings();
+        let mut found = self.input.findings(self.found_from.is_some());
+        found.extend(self.input.source.findings());
         let mut add = |name, message| found.push(Finding::warning(name, message));
         let seconds = self.nominal_ns as f64 / 1e9;
+        if !PLAUSIBLE_NS.contains(&self.nominal_ns) {
+            let hertz = 1.0 / seconds;
+            let limits = "no IMU has under 0.01 Hz or over 50 kHz";
+            add(
+                name::INTERVAL,
+                format!("the interval is {seconds} s, {hertz:.3e} Hz: {limits}; is the unit of the time right?"),
+            );
+        }
         let Gaps { count, missing, first } = self.gaps;
         if count > self.rows / 2 {
             add(name::INTERVAL, format!("most rows are over {GAP} nominal intervals apart; is {seconds} s right?"));
             return found;
         }
-        if count > 0 && self.source.counts_since_the_row_before() {
+        if count > 0 && self.input.source.counts_since_the_row_before() {
             add(
                 name::TIME_STEP,
                 format!(
@@ -306,14 +337,8 @@ impl Conversion {
     }
 
     fn advance(&mut self) -> Result<Option<RawSample>, RecordingError> {
-        let reading = match self.ahead.pop_front() {
-            Some(reading) => reading,
-            None => match self.source.read()? {
-                Some(reading) => reading,
-                None => return Ok(None),
-            },
-        };
-        let sample = self.sample(&reading).map_err(|message| self.source.error(reading.place, message))?;
+        let Some(reading) = self.input.next()? else { return Ok(None) };
+        let sample = self.sample(&reading).map_err(|message| self.input.source.error(reading.place, message))?;
         self.rows += 1;
         Ok(Some(sample))
     }
@@ -324,7 +349,8 @@ impl Conversion {
         let (mut sequence, mut interval_ns) = (0, nominal_ns);
         if let Some((last_ns, last)) = self.last {
             let step_ns = timestamp_ns.checked_sub(last_ns).filter(|step| *step > 0).ok_or_else(|| {
-                format!("the time is {timestamp_ns} ns after {last_ns} ns; it must rise from row to row")
+                let cause = "is a row there twice?";
+                format!("the time is {timestamp_ns} ns after {last_ns} ns; it must rise from row to row; {cause}")
             })?;
             self.steps.take(step_ns);
             let mut missing = 0;
@@ -336,7 +362,7 @@ impl Conversion {
                     self.gaps.first = self.rows + 1;
                 }
             }
-            if self.source.counts_since_the_row_before() {
+            if self.input.source.counts_since_the_row_before() {
                 if step_ns > MAX_INTERVAL_NS {
                     let most = MAX_INTERVAL_NS / 1_000_000_000;
                     return Err(format!(
@@ -352,8 +378,9 @@ impl Conversion {
                 .ok_or_else(|| format!("the time steps by {step_ns} ns, over all that a sequence can count"))?;
         }
         self.last = Some((timestamp_ns, sequence));
-        let gyroscopes = if self.source.has_gyroscopes() { triad(reading, AXES) } else { Triad::default() };
+        let gyroscopes = if self.input.source.has_gyroscopes() { triad(reading, AXES) } else { Triad::default() };
         Ok(RawSample {
+            session: self.session,
             sequence,
             timestamp_ns,
             interval_ns,
