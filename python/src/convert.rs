@@ -26,6 +26,7 @@ pub(crate) enum Foreign {
 /// The raw samples of foreign data as bytes, and what the user should know. `mapping` is the name and the text of a
 /// mapping file.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "those of the function of the package, which have names there")]
 pub(crate) fn convert(
     py: Python<'_>,
     source: Foreign,

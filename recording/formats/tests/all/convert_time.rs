@@ -16,7 +16,9 @@ fn open(data: impl Into<Vec<u8>>, mapping: &str, settings: &Settings) -> Result<
 }
 
 /// The samples, the findings in lines, and the notes.
-fn convert(times: &[String], mapping: &str) -> Result<(Vec<RawSample>, Vec<String>, Vec<String>), String> {
+type Converted = (Vec<RawSample>, Vec<String>, Vec<String>);
+
+fn convert(times: &[String], mapping: &str) -> Result<Converted, String> {
     let rows = times.iter().map(|time| format!("{time},1,2,3\n"));
     let text = rows.fold("t,x,y,z\n".to_owned(), |all, row| all + &row);
     let mut conversion = open(text, mapping, &Settings::default())?;
