@@ -115,6 +115,20 @@ pub struct Batch {
     pub findings: Vec<Finding>,
 }
 
+/// A fault for each two tables that were made from the same rows: one of them is of another unit than it says.
+#[must_use]
+pub fn same_rows(tables: &[TableFile]) -> Vec<Finding> {
+    let pairs =
+        tables.iter().enumerate().flat_map(|(index, one)| tables[..index].iter().map(move |other| (other, one)));
+    let same = pairs.filter(|(one, other)| one.origin.shares_rows_with(&other.origin));
+    let fault = |(one, other): (&TableFile, &TableFile)| {
+        let [one, other] = [one, other].map(|table| &table.table.content().imu);
+        let message = format!("{one} and {other} have the same recording; give each unit its own");
+        Finding::fault(name::SAME_RECORDING, message)
+    };
+    same.map(fault).collect()
+}
+
 /// The statistics of tables of different units of one kind.
 ///
 /// ```
@@ -132,7 +146,8 @@ pub struct Batch {
 /// ```
 ///
 /// # Errors
-/// If there are fewer than two, if two are of one IMU, or if their telemetry is in different units.
+/// If there are fewer than two, if two are of one IMU or from one recording, or if their telemetry is in different
+/// units.
 pub fn batch(tables: &[TableFile]) -> Result<Batch, BatchError> {
     let units: Vec<_> = tables.iter().map(|table| table.table.content().imu.to_string()).collect();
     let Some(first) = tables.first().filter(|_| tables.len() > 1) else {
@@ -140,6 +155,9 @@ pub fn batch(tables: &[TableFile]) -> Result<Batch, BatchError> {
     };
     if let Some(twice) = units.iter().enumerate().find(|(index, unit)| units[..*index].contains(unit)) {
         return Err(BatchError(format!("two tables are of {}; give one of each unit", twice.1)));
+    }
+    if let Some(refused) = same_rows(tables).into_iter().next() {
+        return Err(BatchError(refused.message));
     }
     let content = first.table.content();
     let unit = &content.temperature_unit;

@@ -35,6 +35,7 @@ use isotherm_statistics::QUANTITIES;
 pub(crate) use table::{Form, FormCurve};
 
 use isotherm_failure::{Exit, Failure};
+use isotherm_shared::table::Content;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use std::fmt;
@@ -215,10 +216,30 @@ fn names(tables: &[TableFile], of: impl Fn(&TableFile) -> bool) -> Option<String
     (!names.is_empty() && names.len() < tables.len()).then(|| names.join(", "))
 }
 
+/// That two tables have the same content, whatever they are called, or come from the same rows.
+fn same(one: &TableFile, other: &TableFile) -> Option<String> {
+    let (a, b) = (one.table.content(), other.table.content());
+    let copy = Content { imu: a.imu.clone(), serial: a.serial.clone(), ..b.clone() };
+    let (of, and) = (&one.name, &other.name);
+    match () {
+        () if one.table.digest() == other.table.digest() => Some(format!("the same table: {of} and {and}")),
+        () if *a == copy => Some(format!("the same table under another name: {of} of {}, {and} of {}", a.imu, b.imu)),
+        () if one.origin.shares_rows_with(&other.origin) => {
+            Some(format!("from the same recording: {of} and {and}; what differs is not the IMU"))
+        }
+        () => None,
+    }
+}
+
 /// Warnings about the tables.
 fn findings(tables: &[TableFile], curves: &[CurveComparison], alignments: &[AlignmentComparison]) -> Vec<Finding> {
     let mut found = Vec::new();
     let mut add = |name, message| found.push(Finding::warning(name, message));
+    for (index, one) in tables.iter().enumerate() {
+        for other in &tables[index + 1..] {
+            same(one, other).into_iter().for_each(|message| add(name::SAME_TABLE, message));
+        }
+    }
     let serials: Vec<_> = tables.iter().map(|table| table.table.content().serial.as_deref()).collect();
     if serials.windows(2).any(|pair| matches!(pair, [Some(a), Some(b)] if a != b)) {
         let list: Vec<_> = serials.iter().flatten().copied().collect();

@@ -28,7 +28,9 @@ pub use allan::{
     Allan, AllanPoint, COEFFICIENTS, Coefficient, FLICKER_FLOOR, MIN_ROWS, ModelFit, NoiseAnalysis, NoiseError,
     NoiseUnits, RateKind, SensorNoise, TemperatureLine,
 };
-pub use batch::{Batch, BatchCurve, Family, Quantity, StandOut, batch, least_found, leave_one_out, limit, stand_outs};
+pub use batch::{
+    Batch, BatchCurve, Family, Quantity, StandOut, batch, least_found, leave_one_out, limit, same_rows, stand_outs,
+};
 pub use compare::{
     AlignmentComparison, Comparison, ComparisonRequirement, Convention, CurveComparison, Judgement, NOT_IN_THE_ERRORS,
     Trend, Verdict, YEAR_S, compare,

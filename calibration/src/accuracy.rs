@@ -100,7 +100,7 @@ impl Accuracy {
             range: joint_range(curves().map(|curve| curve.range())),
             unit: calibration.table.content().temperature_unit.clone(),
             set_points: calibration.set_points.len(),
-            freedom: curves().map(Curve::freedom).min().unwrap_or_default(),
+            freedom: curves().map(|curve| curve.freedom() as usize).min().unwrap_or_default(),
             without: without(calibration, triad.findings, suspect_position),
             units: triad.units,
         }
@@ -140,11 +140,11 @@ impl ConstantsAccuracy {
     }
 }
 
-/// The largest half width of the 95 % interval of a curve over its range, in the curve's unit or relative to its value;
-/// `None` without degrees of freedom.
+/// The largest half width of the 95 % interval of a curve over the measured telemetry, in the curve's unit or relative
+/// to its value; `None` without degrees of freedom.
 #[must_use]
 pub fn largest_interval(curve: &Curve, relative: bool) -> Option<f64> {
-    let [low, high] = curve.range();
+    let [low, high] = curve.measured();
     let points = (0..=STEPS).map(|step| low + (high - low) * f64::from(step) / f64::from(STEPS));
     let widths = points.map(|u| Some(curve.interval(u, CONFIDENCE)? / if relative { curve.at(u).abs() } else { 1.0 }));
     widths.collect::<Option<Vec<_>>>().map(|widths| widths.into_iter().fold(0.0, f64::max))

@@ -3,6 +3,7 @@
 use crate::accelerometers::{accelerometers_observable, calibrate_accelerometers};
 use crate::admit::{add_findings, admit};
 use crate::checks::scale::unlike_scale_factors;
+use crate::checks::wraps::wraps;
 use crate::error::CalibrationError;
 use crate::gyroscopes::observability::TriadObservability;
 use crate::gyroscopes::{Measurements, add_gyroscopes};
@@ -90,14 +91,20 @@ fn calibrate_static(
     measurements: Measurements,
     options: CalibrationOptions,
 ) -> Result<Calibration, CalibrationError> {
+    let wrapped = wraps(&measurements);
     let Measurements { dwells, gyroscopes, other_device, .. } = measurements;
     let devices: Vec<_> = other_device.map(|other| other.finding(campaign)).into_iter().collect();
     // Before anything is said about samples of another unit.
     if !devices.is_empty() && !options.accept.contains(&name::OTHER_DEVICE) {
         return Err(CalibrationError::Faults { diagnosis: None, findings: devices });
     }
+    // Wrong counts look like wrong positions.
+    let mut accepted = Vec::new();
+    let wrapped = admit(wrapped.into_iter().collect(), &options, &mut accepted)?;
     if campaign.turns.is_empty() {
         let mut calibration = calibrate_accelerometers(campaign, dwells, options)?;
+        calibration.accepted.extend(accepted);
+        add_findings(&mut calibration, wrapped)?;
         add_findings(&mut calibration, devices)?;
         if gyroscopes.present {
             let message = "the samples have gyroscopes, but the campaign file has no [[turn]]: only the accelerometers are calibrated";
@@ -115,6 +122,8 @@ fn calibrate_static(
     let for_accelerometers = CalibrationOptions { exclude: excluded_dwells, ..options.clone() };
     let mut calibration = calibrate_accelerometers(campaign, dwells, for_accelerometers)?;
     calibration.options = options;
+    calibration.accepted.extend(accepted);
+    add_findings(&mut calibration, wrapped)?;
     add_findings(&mut calibration, devices)?;
     add_gyroscopes(campaign, &mut calibration, &gyroscopes, observability, &excluded_turns)?;
     Ok(calibration)

@@ -8,6 +8,7 @@
 pub(crate) mod scale;
 mod telemetry;
 pub(crate) mod time;
+pub(crate) mod wraps;
 
 use crate::reduce::reduce;
 use isotherm_campaign::{Block, Campaign, Dwell};

@@ -18,6 +18,7 @@
 //!
 //! Over 400 lines: every hypothesis is tried by the same reduction.
 
+mod unit;
 mod words;
 
 use crate::checks::SetPoint;
@@ -108,6 +109,9 @@ fn single_cause(
 ) -> Option<Diagnosis> {
     if dwells.len() > MAX_DWELLS {
         return None;
+    }
+    if let Some(other) = unit::other_unit(campaign, dwells, set_points) {
+        return Some(other);
     }
     let faults = |names: &[&str]| findings.iter().any(|f| f.severity == Severity::Fault && names.contains(&f.name));
     let mut causes: Vec<Diagnosis> = Vec::new();

@@ -114,6 +114,12 @@ impl CalibrationError {
         let exit = match self {
             Self::Positions(_) | Self::Curves(_) => Exit::Config,
             Self::NothingToExclude(..) | Self::Options(_) => Exit::Usage,
+            // Nothing is wrong with the data: they show too little for what they would replace.
+            Self::Faults { diagnosis: None, findings }
+                if findings.iter().all(|it| it.severity != Severity::Fault || it.name == name::ONE_DIRECTION) =>
+            {
+                Exit::Failed
+            }
             Self::Fit(_) | Self::Table(_) | Self::GravityOnly(GravityOnlyError::Table(_)) => Exit::Failed,
             // Options are wrong for these data; for those of another IMU they may be right.
             Self::GravityOnly(_) | Self::Empty | Self::Faults { .. } => Exit::Data,

@@ -10,41 +10,52 @@
 
 mod checks;
 mod choice;
+mod covariance;
+mod diagnosis;
 pub(crate) mod dilution;
 pub(crate) mod error;
+mod evidence;
+mod groups;
 mod model;
 mod options;
 pub(crate) mod provenance;
 pub(crate) mod reading;
 mod recording;
 mod result;
+mod stated;
+mod telemetry;
+mod weighted;
 
 pub use error::GravityOnlyError;
+pub use evidence::Evidence;
+pub use groups::Groups;
 pub(crate) use model::Unknowns;
 pub use options::{GravityOnlyOptions, ScaleFactorChoice};
 pub use recording::TumbleRecording;
 pub use result::GravityOnlyCalibration;
+pub use telemetry::telemetry_steps;
 
 use crate::checks::scale::unlike_scale_factors;
 use crate::error::CalibrationError;
 use crate::table::table_of;
-use checks::{kelvin, of_readings, of_recordings, outliers, turned};
-use choice::Chosen;
-use isotherm_campaign::{Campaign, TUMBLED, begins_ns, find_standstills, joint_range, stretches};
-use isotherm_finding::{Finding, name};
+use checks::{kelvin, of_readings, of_recordings, outliers};
+use choice::{Chosen, Data, Fitted};
+use isotherm_campaign::{Campaign, Standstills, begins_ns, faults, find_standstills, joint_range, stretches};
+use isotherm_finding::{Finding, Location, name};
 use isotherm_recording::{Continuity, Losses};
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_statistics::median;
-use model::{GravityFit, GravityModel};
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::Vector3;
 use reading::Reading;
+use stated::{Ranges, Stated};
 
-/// Residuals over the noise of the standstills that give a warning. Real IMUs reach 3.
-const LACK_OF_FIT: f64 = 20.0;
+/// Share of a standstill's rows beyond which glitches of the telemetry break it.
+const MOST_GLITCHES: f64 = 0.2;
+/// An error code is one if the telemetry of both neighbours is as many steps, of at least so much, off it.
+const ELSEWHERE: f64 = 10.0;
+const ELSEWHERE_LEAST: f64 = 0.1;
 /// Noise of a standstill that is taken at least for that \[g0\].
 const LEAST_NOISE: f64 = 1e-6;
-/// Share of the telemetry's range that a temperature is no wider than.
-const LEVEL: f64 = 0.1;
 /// Median of chi-square with one degree of freedom.
 const CHI_SQUARE_MEDIAN: f64 = 0.454_936;
 
@@ -65,7 +76,7 @@ const CHI_SQUARE_MEDIAN: f64 = 0.454_936;
 ///     recording.add(&raw?)?;
 /// }
 /// let found = calibrate_gravity_only(&campaign, &[recording], &GravityOnlyOptions::default())?;
-/// assert_eq!((found.readings.len(), found.levels), (78, 3)); // standstills, temperatures
+/// assert_eq!((found.readings.len(), found.groups.levels), (78, 3)); // standstills, temperatures
 /// assert!(found.residual_rms() < 1e-3); // g0
 /// # Ok(())
 /// # }
@@ -83,55 +94,143 @@ pub fn calibrate_gravity_only(
         let admitted = options.admission().admit(findings, &mut accepted);
         admitted.map_err(|findings| CalibrationError::Faults { diagnosis: None, findings })
     };
-    let mut findings = admit(of_recordings(campaign, recordings))?;
-    let Found { mut readings, too_short, noise } = readings(recordings, options.window_s)?;
+    let continuity: Vec<Continuity> = recordings.iter().map(|recording| recording.rows.iter().collect()).collect();
+    let mut findings = admit(of_recordings(campaign, recordings, &continuity))?;
+    let Found { mut readings, too_short, turned, noise, counts } = readings(recordings, options.window_s)?;
+    findings.extend(admit(counts)?);
     exclude(&mut readings, &options.exclude)?;
+    let (readings, mut warnings) = without_glitches(readings);
     let gravity = campaign.gravity_local / campaign.gravity_reference;
-    findings.extend(admit(of_readings(&readings, gravity).into_iter().collect())?);
-    let levels = levels(&readings);
-    let Chosen { model, fit, dilution, reasons, warnings } = choice::choose(&readings, levels, gravity, options)?;
-    let unknowns = model.unknowns;
-    let errors = Errors::of(&model, &fit, &readings);
-    let ranges = table_ranges(campaign, &readings, &unknowns, options)?;
-    let curve = |axis: usize, quantity: usize| {
-        let range = ranges[usize::from(quantity > 0)][axis];
-        model.curve(&fit.unknown, errors.covariance.as_ref(), [axis, quantity], errors.freedom, range)
+    let groups = Groups::of(&readings);
+    let names = |group: usize| group_name(recordings, &readings, &groups.members(group));
+    let counts = of_readings(&readings, gravity);
+    let counts = counts.or_else(|| diagnosis::of_counts(&readings, &errors_of_means(&readings), &groups, &names));
+    findings.extend(admit(counts.into_iter().collect())?);
+    let data = Data { readings: &readings, groups: &groups, gravity, misalignment: options.misalignment };
+    let cause = || if groups.count > 1 { diagnosis::of_groups(data, &names) } else { None };
+    let chosen = match choice::choose(data, options) {
+        Err(refused @ GravityOnlyError::Refused(_)) => {
+            admit(cause().into_iter().collect())?;
+            return Err(refused.into());
+        }
+        chosen => chosen?,
     };
-    let curves = [0, 1, 2].map(|axis| [0, 1, 2].map(|quantity| curve(axis, quantity)));
-    let misalignment = model.misalignment(&fit.unknown);
+    let Chosen { fitted, reasons, warnings: of_choice } = chosen;
+    let evidence = fitted.weighted.as_ref().map(|weighted| Evidence::of(weighted, &groups));
+    if evidence.as_ref().is_some_and(Evidence::is_against) {
+        findings.extend(admit(cause().into_iter().collect())?);
+    }
+    let unknowns = fitted.model.unknowns;
+    let (ranges, measured) = table_ranges(campaign, &readings, &unknowns, options)?;
+    let Stated { curves, misalignment: errors } = stated::stated(&fitted, &groups, &ranges, &measured, 0.0);
+    let unknown = fitted.weighted.as_ref().map_or(&fitted.fit.unknown, |weighted| &weighted.unknown);
+    let misalignment = fitted.model.misalignment(unknown);
     let alignment = if unknowns.misalignment { misalignment.try_inverse() } else { None };
     let table = table_of(campaign, curves.each_ref(), alignment).map_err(GravityOnlyError::Table)?;
     let table = table.measured_at(Some(campaign.gravity_local)).measured_by_hand();
-    let continuity: Vec<Continuity> = recordings.iter().map(|recording| recording.rows.iter().collect()).collect();
-    let mut warnings = warnings;
-    warnings.extend(errors.warnings(readings.len()));
+    let forces: Vec<Vector3<f64>> = readings.iter().map(|reading| fitted.model.force_of(unknown, reading)).collect();
+    match &evidence {
+        Some(evidence) => warnings.extend(evidence.findings(&fitted, &groups)),
+        None => warnings.push(no_freedom(readings.len())),
+    }
+    warnings.extend(of_choice);
+    warnings.extend(not_stated(&fitted, &groups));
     warnings.extend(kelvin(campaign, &readings));
     warnings.extend(unlike_scale_factors(&table));
     warnings.extend(of_time(recordings, &continuity, readings.len()));
-    warnings
-        .extend(turned(&readings, &errors.of_lengths, |reading, net| model.force_of_net(&fit.unknown, net, reading)));
-    warnings.extend(outliers(&readings, &fit, errors.freedom));
+    warnings.extend(checks::turned(turned, readings.len()));
+    warnings.extend(fitted.weighted.as_ref().map_or_else(Vec::new, |weighted| outliers(&readings, weighted)));
     findings.extend(admit(warnings)?);
+    let dilution = fitted.dilution.clone();
     Ok(GravityOnlyCalibration {
         table,
         options: options.clone(),
         too_short,
         rows: recordings.iter().map(|recording| recording.rows.len()).sum(),
         noise,
-        levels,
+        evidence,
         unknowns,
         reasons,
-        residuals: fit.residual.iter().copied().collect(),
-        freedom: errors.freedom,
+        residuals: forces.iter().map(|force| force.norm() - gravity).collect(),
+        freedom: readings.len() - unknowns.count(),
         dilution,
         curves,
         misalignment,
-        misalignment_error: errors.covariance.as_ref().and_then(|covariance| model.misalignment_errors(covariance)),
-        forces: errors.forces.into_iter().map(Into::into).collect(),
+        misalignment_error: errors.map(|(errors, _)| errors),
+        misalignment_freedom: errors.map_or(0.0, |(_, freedom)| freedom),
+        forces: forces.into_iter().map(Into::into).collect(),
         losses: continuity.iter().map(Continuity::losses).fold(Losses::default(), Losses::and),
         findings,
         accepted,
+        groups,
         readings,
+    })
+}
+
+/// What a message calls a group: its file and standstills.
+fn group_name(recordings: &[TumbleRecording], readings: &[Reading], members: &[usize]) -> String {
+    let [first, last] = [members[0], members[members.len() - 1]].map(|index| &readings[index]);
+    format!("{}, standstills {} to {}", recordings[first.recording].name, first.number, last.number)
+}
+
+/// The readings without those whose telemetry is broken, with a line for each that has glitches.
+fn without_glitches(readings: Vec<Reading>) -> (Vec<Reading>, Vec<Finding>) {
+    let is_code = |index: usize| {
+        let at = |index: usize| readings.get(index).map(|reading: &Reading| reading.telemetry_medians);
+        let off = |other: Option<[[f64; AXES]; 2]>, sensor: usize, axis: usize, code: f64| {
+            let step = readings[index].telemetry_step;
+            other.is_none_or(|other| (other[sensor][axis] - code).abs() > ELSEWHERE * step.max(ELSEWHERE_LEAST))
+        };
+        let neighbours = [index.checked_sub(1).and_then(at), at(index + 1)];
+        let medians = readings[index].telemetry_medians;
+        (0..2).flat_map(|sensor| (0..AXES).map(move |axis| (sensor, axis))).any(|(sensor, axis)| {
+            let code = medians[sensor][axis];
+            telemetry::ERROR_CODES.contains(&code)
+                && neighbours.iter().any(Option::is_some)
+                && neighbours.iter().all(|other| off(*other, sensor, axis, code))
+        })
+    };
+    let broken: Vec<bool> = (0..readings.len())
+        .map(|index| {
+            let reading = &readings[index];
+            reading.telemetry_glitches as f64 > MOST_GLITCHES * reading.rows.len() as f64 || is_code(index)
+        })
+        .collect();
+    let finding = |(reading, broken): (&Reading, &bool)| {
+        let message = match (*broken, reading.telemetry_glitches) {
+            (false, 0) => return None,
+            (false, rows) => {
+                let rows = if rows == 1 { "one row".to_owned() } else { format!("{rows} rows") };
+                format!("{rows} of the telemetry are glitches of the thermometer: left out of mean and range")
+            }
+            (true, _) => "the telemetry is broken: the standstill is left out".to_owned(),
+        };
+        Some(Finding::warning(name::TELEMETRY_GLITCH, message).at(Location::Standstill(reading.number)))
+    };
+    let findings = readings.iter().zip(&broken).filter_map(finding).collect();
+    let mut broken = broken.into_iter();
+    let kept = readings.iter().filter(|_| !broken.next().unwrap_or_default()).cloned().collect();
+    (kept, findings)
+}
+
+fn no_freedom(standstills: usize) -> Finding {
+    let message = format!(
+        "{standstills} standstills for {standstills} unknowns: nothing is left to judge the table by, so there are no standard errors; put the \
+         IMU down in more attitudes"
+    );
+    Finding::warning(name::NO_FREEDOM, message)
+}
+
+/// Curves that take all that differs between groups.
+fn not_stated(fitted: &Fitted<'_>, groups: &Groups) -> Option<Finding> {
+    let order = fitted.model.unknowns.order;
+    (groups.count > 1 && groups.count <= order + 1).then(|| {
+        let message = format!(
+            "{} groups of standstills, by file, power-up and temperature, for order {order}: nothing is left to tell what a group shares from \
+             temperature, so no errors of biases and scale factors are stated; take one more group, or a lower order",
+            groups.count
+        );
+        Finding::warning(name::NO_FREEDOM, message)
     })
 }
 
@@ -145,68 +244,12 @@ fn exclude(readings: &mut Vec<Reading>, numbers: &[usize]) -> Result<(), Gravity
     Ok(())
 }
 
-/// What the residuals and the noise of the standstills say of a fit.
-struct Errors {
-    freedom: usize,
-    /// Specific force of each standstill \[g0\].
-    forces: Vec<Vector3<f64>>,
-    /// Standard error of each length by the noise of its rows \[g0\].
-    of_lengths: Vec<f64>,
-    /// Residuals over what the noise of the standstills explains.
-    ratio: f64,
-    /// Of the unknowns; `None` without degrees of freedom.
-    covariance: Option<DMatrix<f64>>,
-}
-
-impl Errors {
-    fn of(model: &GravityModel<'_>, fit: &GravityFit, readings: &[Reading]) -> Self {
-        let freedom = readings.len() - model.unknowns.count();
-        let forces: Vec<_> = readings.iter().map(|reading| model.force_of(&fit.unknown, reading)).collect();
-        let of_length = |force: &Vector3<f64>, errors: [f64; AXES]| {
-            error_of_length(force, errors, |axis| model.scale_factor(&fit.unknown, axis))
-        };
-        let of_lengths = readings.iter().zip(&forces).map(|(reading, force)| of_length(force, reading.noise)).collect();
-        let of_means = errors_of_means(readings);
-        let least = forces.iter().zip(of_means).map(|(force, errors)| of_length(force, errors).powi(2));
-        let least = least.sum::<f64>() / readings.len() as f64;
-        let variance = (fit.squares() / freedom.max(1) as f64).max(least);
-        Self {
-            freedom,
-            forces,
-            of_lengths,
-            ratio: variance.sqrt() / least.sqrt().max(LEAST_NOISE),
-            covariance: fit.inverse.as_ref().filter(|_| freedom > 0).map(|inverse| inverse * variance),
-        }
-    }
-
-    fn warnings(&self, standstills: usize) -> Vec<Finding> {
-        let mut warnings = Vec::new();
-        if self.freedom == 0 {
-            let message = format!(
-                "{standstills} standstills for {standstills} unknowns: nothing is left to judge the table by, so there are no standard errors; \
-                 put the IMU down in more attitudes"
-            );
-            warnings.push(Finding::warning(name::NO_FREEDOM, message));
-        }
-        if self.ratio > LACK_OF_FIT {
-            let message = format!(
-                "the residuals are {:.0} times what the noise of the standstills explains: recordings of different IMUs, an order that is too \
-                 low, or ground that is not firm; look at the residuals",
-                self.ratio
-            );
-            warnings.push(Finding::warning(name::LACK_OF_FIT, message));
-        }
-        warnings
-    }
-}
-
 /// Gaps and faults of time in the recordings.
 fn of_time(recordings: &[TumbleRecording], continuity: &[Continuity], standstills: usize) -> Vec<Finding> {
     let mut found = Vec::new();
     let gaps = recordings.iter().map(|recording| stretches(&recording.rows).len().saturating_sub(1)).sum::<usize>();
     if gaps > standstills {
-        let message =
-            format!("the recordings have {gaps} gaps, and each ends a standstill; look for samples that were lost");
+        let message = format!("the recordings have {gaps} gaps; look for samples that were lost");
         found.push(Finding::warning(name::MISSING_ROWS, message));
     }
     let fault =
@@ -219,60 +262,61 @@ fn of_time(recordings: &[TumbleRecording], continuity: &[Continuity], standstill
 struct Found {
     readings: Vec<Reading>,
     too_short: usize,
+    turned: usize,
     noise: Vec<[f64; AXES]>,
+    /// What is wrong with the counts.
+    counts: Vec<Finding>,
 }
 
-fn readings(recordings: &[TumbleRecording], window_s: f64) -> Result<Found, GravityOnlyError> {
-    let mut found = Found { readings: Vec::new(), too_short: 0, noise: Vec::new() };
+fn readings(recordings: &[TumbleRecording], window_s: Option<f64>) -> Result<Found, GravityOnlyError> {
+    let mut found = Found { readings: Vec::new(), too_short: 0, turned: 0, noise: Vec::new(), counts: Vec::new() };
     let has_gyroscopes = |row: &RawSample| {
         let triad = &row.gyroscopes;
         triad.positive_pulses.iter().chain(&triad.negative_pulses).any(|pulses| *pulses > 0)
     };
     let with_gyroscopes = recordings.iter().flat_map(|recording| &recording.rows).any(has_gyroscopes);
-    for (index, TumbleRecording { name, rows }) in recordings.iter().enumerate() {
+    for (index, recording) in recordings.iter().enumerate() {
+        let TumbleRecording { name, rows } = recording;
         let begins_ns = begins_ns(rows);
-        let standstills = find_standstills(rows, window_s, TUMBLED)
+        let steps = telemetry_steps(rows);
+        let standstills = find_standstills(rows, window_s)
+            .and_then(Standstills::without_turned)
             .map_err(|error| GravityOnlyError::Standstill { name: name.clone(), error })?;
-        for range in standstills.found {
+        for standstill in &standstills.found {
             let number = found.readings.len() + 1;
+            let range = standstill.rows.clone();
             let start_s = begins_ns[range.start] as f64 / 1e9;
-            found.readings.push(Reading::of(number, index, rows, range, start_s, standstills.noise, with_gyroscopes));
+            found.readings.push(Reading::of(
+                number,
+                index,
+                rows,
+                range,
+                start_s,
+                &standstills,
+                &steps,
+                with_gyroscopes,
+            ));
         }
+        let at_rest: Vec<_> = standstills.found.iter().map(|standstill| standstill.rows.clone()).collect();
+        found.counts.extend(faults(rows, &at_rest).into_iter().map(|finding| finding.at(recording.place())));
         found.too_short += standstills.too_short;
+        found.turned += standstills.turned;
         found.noise.push(standstills.noise);
     }
     Ok(found)
 }
 
-/// Number of temperatures: groups of standstills whose head telemetry is no further apart than a tenth of the whole
-/// range.
-fn levels(readings: &[Reading]) -> usize {
-    let mut all: Vec<f64> = readings.iter().map(|reading| reading.head.iter().sum::<f64>() / AXES as f64).collect();
-    all.sort_by(f64::total_cmp);
-    let (Some(first), Some(last)) = (all.first(), all.last()) else { return 0 };
-    let width = (last - first) * LEVEL;
-    let mut levels = 1;
-    let mut start = *first;
-    for telemetry in &all {
-        if telemetry - start > width {
-            levels += 1;
-            start = *telemetry;
-        }
-    }
-    levels
-}
-
-/// The telemetry's range of head and board of each axis for the table.
+/// The telemetry's range of head and board of each axis for the table, and as measured.
 fn table_ranges(
     campaign: &Campaign,
     readings: &[Reading],
     unknowns: &Unknowns,
     options: &GravityOnlyOptions,
-) -> Result<[[[f64; 2]; AXES]; 2], GravityOnlyError> {
+) -> Result<(Ranges, Ranges), GravityOnlyError> {
     let of = |ranges: fn(&Reading) -> [[f64; 2]; AXES]| {
         [0, 1, 2].map(|axis| joint_range(readings.iter().map(|reading| ranges(reading)[axis])))
     };
-    let mut measured = [of(|reading| reading.head_range), of(|reading| reading.board_range)];
+    let measured = [of(|reading| reading.head_range), of(|reading| reading.board_range)];
     let constant = measured.iter().flatten().any(|[low, high]| low == high);
     match options.temperature_range.or(campaign.temperature_range) {
         None if constant => Err(GravityOnlyError::Refused(
@@ -283,17 +327,14 @@ fn table_ranges(
             "--temperature-range: the recordings show a range of their own, and a curve beyond it is a guess; leave it out, or give --order 0".to_owned(),
         )),
         Some([low, high]) => {
-            for [from, to] in measured.iter_mut().flatten() {
-                if *from < low || *to > high {
-                    return Err(GravityOnlyError::Options(format!(
-                        "--temperature-range {low},{high}: the telemetry of the standstills is {from} to {to}; give a range that holds it"
-                    )));
-                }
-                (*from, *to) = (low, high);
+            if let Some([from, to]) = measured.iter().flatten().find(|[from, to]| *from < low || *to > high) {
+                return Err(GravityOnlyError::Options(format!(
+                    "--temperature-range {low},{high}: the telemetry of the standstills is {from} to {to}; give a range that holds it"
+                )));
             }
-            Ok(measured)
+            Ok(([[[low, high]; AXES]; 2], measured))
         }
-        None => Ok(measured),
+        None => Ok((measured, measured)),
     }
 }
 

@@ -79,7 +79,7 @@ fn estimate(
     let (ranges, first) = (data.ranges(), checks::first_scale_factors(data));
     let constant = |axis: usize, q: usize| {
         let value = if q == 0 { 0.0 } else { first[axis][q - 1] };
-        Curve::new([0.0, 1.0], DVector::from_element(1, value), None, 0, ranges[axis][q.min(1)])
+        Curve::new([0.0, 1.0], DVector::from_element(1, value), None, 0.0, ranges[axis][q.min(1)])
     };
     let start = [0, 1, 2].map(|axis| [0, 1, 2].map(|q| constant(axis, q)));
     let reduced = (0..data.set_points_c.len()).map(|index| reduce_set_point(data, &runs, index, &start));

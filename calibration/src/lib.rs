@@ -51,14 +51,13 @@ pub use accuracy::{Accuracy, largest_interval};
 pub use alignment::{AlignmentChoice, is_needed};
 pub use calibrate::{calibrate, observable};
 
-pub use checks::time::{CLOCK_TOLERANCE, cause, part};
 pub use checks::{check, set_points};
 pub use error::CalibrationError;
 pub use fitted::{Fitted, Measured};
 pub use gravity_only::reading::Reading;
 pub use gravity_only::{
-    GravityOnlyCalibration, GravityOnlyError, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording,
-    calibrate_gravity_only, error_of_length, errors_of_means,
+    Evidence, GravityOnlyCalibration, GravityOnlyError, GravityOnlyOptions, Groups, ScaleFactorChoice, TumbleRecording,
+    calibrate_gravity_only, error_of_length, errors_of_means, telemetry_steps,
 };
 pub use gyroscopes::fit::GyroscopeSolution;
 pub use gyroscopes::observability::TriadObservability;

@@ -318,7 +318,7 @@ impl<'a> JointModel<'a> {
                     given.basis(),
                     coefficients,
                     covariance,
-                    set_point_count.saturating_sub(count),
+                    set_point_count.saturating_sub(count) as f64,
                     given.range(),
                 )
             };

@@ -38,6 +38,8 @@ pub struct CalibrationOptions {
     pub lag: LagChoice,
     /// Time constant of the table in force \[s\]: it is kept where it lies within the interval that the ramps show.
     pub predecessor_lag_s: Option<f64>,
+    /// Whether the table that ramps alone begin with has errors of its bias curves in its provenance.
+    pub curves_have_errors: bool,
 }
 
 impl CalibrationOptions {

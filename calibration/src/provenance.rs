@@ -143,6 +143,9 @@ struct Provenance<'a> {
     campaign: &'a str,
     campaign_sha256: &'a str,
     samples_sha256: &'a str,
+    /// Hashes of some of the rows, see [`Marks`](isotherm_recording::Marks).
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    rows: Vec<String>,
     gravity_local: f64,
     set_points: usize,
     dwells: usize,
@@ -319,6 +322,7 @@ pub(crate) fn provenance(
             campaign: &source.campaign,
             campaign_sha256: &source.campaign_sha256,
             samples_sha256: &source.samples_sha256,
+            rows: source.marks(),
             gravity_local: campaign.gravity_local,
             set_points: calibration.set_points.len(),
             dwells: calibration.dwells.len(),
@@ -456,7 +460,7 @@ fn curve<'a>(triad: &CalibratedTriad<'a>, axis: usize, quantity: usize) -> Curve
         r_squared: fit.r_squared,
         leave_one_set_point_out_rms: fit.leave_one_out_rms.map(|rms| rms * factor),
         leave_one_set_point_out_max: fit.leave_one_out_max.map(|max| max * factor),
-        degrees_of_freedom: curve.freedom(),
+        degrees_of_freedom: curve.freedom() as usize,
         largest_interval: largest_interval(curve, false).map(|half| half * factor),
         standard_errors: covariance.as_ref().map(|c| c.diagonal().iter().map(|v| v.max(0.0).sqrt()).collect()),
         covariance: covariance.map(|c| c.row_iter().map(|row| row.iter().copied().collect()).collect()),

@@ -51,8 +51,9 @@ impl RampCalibration {
         let count = self.recordings;
         let noun = if count == 1 { "recording" } else { "recordings" };
         format!(
-            "the change of the biases of {} with temperature, at one attitude, from {count} {noun} of ramps; nothing else was measured",
-            names.join(", ")
+            "the change of the biases of {} with temperature, at one attitude, from {count} {noun} of ramps; {}; nothing else was measured",
+            names.join(", "),
+            self.transients.curve_errors()
         )
     }
 
@@ -75,6 +76,10 @@ impl RampCalibration {
                 "the constant of each bias: not measured; at mid range it is that of curves, since that of the ramps contains {earth}"
             ),
         ];
+        sentences.push(format!(
+            "a tilt of the fixture with temperature{}: it looks like a bias",
+            if measured(SensorKind::Accelerometer) { " (1 urad is 1 ug0 on a horizontal axis)" } else { "" }
+        ));
         let ranges = self.shorter_ranges();
         if !ranges.is_empty() {
             sentences.push(format!(
@@ -178,7 +183,8 @@ pub fn calibrate_ramps(
     let of_gyroscopes = content.gyroscopes.iter_mut().flat_map(|gyroscopes| &mut gyroscopes.axes);
     content.axes.iter_mut().chain(of_gyroscopes).for_each(|axis| axis.transient = 0.0);
     transients.apply(&mut content);
-    findings.extend(admit(warnings(ramps, curves, &transients), &options, &mut accepted)?);
+    let found = warnings(ramps, curves, &transients).into_iter().chain(one_direction(curves, &transients, &options));
+    findings.extend(admit(found.collect(), &options, &mut accepted)?);
     findings.extend(admit(unlike_scale_factors(curves), &options, &mut accepted)?);
     let table = CoefficientTable::new(content).map_err(CalibrationError::Table)?;
     Ok(RampCalibration {
@@ -300,10 +306,30 @@ fn devices(campaign: &Campaign, ramps: &[RampRecording], table: &CoefficientTabl
     })
 }
 
-/// What is to be said of the ramps: the warnings of the estimate, and triads that do not match.
+/// The fault that curves whose errors are not known would replace curves that depend on temperature, or have errors.
+fn one_direction(curves: &CoefficientTable, found: &Transients, options: &CalibrationOptions) -> Option<Finding> {
+    let unknown = found.biases.iter().find(|bias| bias.curve_error.is_none())?;
+    let content = curves.content();
+    let gyroscopes = content.gyroscopes.iter().flat_map(|gyroscopes| &gyroscopes.axes);
+    let order = content.axes.iter().chain(gyroscopes).map(|axis| axis.bias.coefficients().len() - 1).max()?;
+    let worth = match (order, options.curves_have_errors) {
+        (0, false) => return None,
+        (0, true) => "state their errors".to_owned(),
+        (order, _) => format!("are of order {order}"),
+    };
+    let message = format!(
+        "no ramp heats and cools over half of the range of {}: the errors of the new curves are not known, and the bias curves of curves \
+         {worth}; heat and cool in one recording, or replace them all the same with --replace-curves",
+        unknown.name()
+    );
+    Some(Finding::fault(name::ONE_DIRECTION, message))
+}
+
+/// What is to be said of the ramps: the sweeps, the warnings of the estimate, and triads that do not match.
 fn warnings(ramps: &[RampRecording], table: &CoefficientTable, found: &Transients) -> Vec<Finding> {
     let warning = |name, message| Finding::whole(Severity::Warning, name, message);
-    let mut all: Vec<_> = found.warnings.iter().map(|message| warning(name::TRANSIENT, message.clone())).collect();
+    let mut all = found.findings.clone();
+    all.extend(found.warnings.iter().map(|message| warning(name::TRANSIENT, message.clone())));
     all.extend(ramps.iter().filter_map(|ramp| {
         let (losses, fault) = (ramp.continuity().losses(), ramp.continuity().fault()?);
         Some(warning(name::TIME_STEP, format!("{}: {fault}; in all {losses}", ramp.name())))

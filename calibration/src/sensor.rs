@@ -73,6 +73,12 @@ const GYROSCOPES: TriadUnits = TriadUnits {
 };
 
 impl TriadUnits {
+    /// A bias of the fit with its unit, as texts give its accuracy.
+    #[must_use]
+    pub fn bias_text(&self, bias: f64) -> String {
+        format!("{:.*} {}", self.accuracy_decimals, bias * self.bias_factor, self.bias)
+    }
+
     /// Those of a kind of sensors.
     pub const fn of(kind: SensorKind) -> &'static Self {
         match kind {

@@ -19,6 +19,8 @@
 //!    time for the standard errors of log tau and t (jackknife): the residuals are correlated, so no F test holds.
 //! 4. `prediction`: one sweep is left out at a time, and predicted by each model.
 //! 5. `decision`: what may be written, and why.
+//! 6. `sweeps`: the band between the sweeps, each fitted alone, with what is written: the error of the curve. `steps`:
+//!    what a bump leaves.
 //!
 //! With a time constant that is given there are no columns of plays, start and time: what comes before three time
 //! constants is left out. One sweep each way is enough then; a quarter of a sweep is left out at a time to try the
@@ -32,6 +34,8 @@ mod prediction;
 mod recording;
 mod result;
 mod search;
+mod steps;
+mod sweeps;
 
 pub use options::{CurveSource, LagChoice, TransientOptions, TransientsError};
 pub use recording::RampRecording;
@@ -44,13 +48,15 @@ pub use result::Transients;
 
 use blocks::{Bias, Column, Ramps};
 use equations::Coefficients;
+use isotherm_finding::Finding;
 use isotherm_recording::Losses;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
-use isotherm_statistics::LoopPoint;
+use isotherm_statistics::{LoopPoint, SweepValues};
 use options::SOAK;
 use search::{Grid, total};
+use steps::Step;
 
 /// A gap that is longer than this part of the time constant is warned of.
 const GAP: f64 = 0.5;
@@ -62,26 +68,66 @@ struct Fit {
     time_constant: TimeConstant,
     conditions: Vec<Condition>,
     biases: Vec<BiasTransient>,
+    /// Of constant, curve, transient and what is beside them, by bias.
+    solutions: Vec<Coefficients>,
+    /// Steps, by recording.
+    steps: Vec<Vec<Step>>,
     /// What the ramps show, if the time constant is given.
     searched: Option<TimeConstant>,
 }
 
 impl Fit {
-    /// Writes the transients whose conditions are met; the other axes have the curve of an axis without one.
-    fn write(&mut self, ramps: &Ramps, table: &CoefficientTable, lag: LagChoice) {
-        let written = lag != LagChoice::None && decision::met(&self.conditions);
-        for (bias, of) in self.biases.iter_mut().zip(&ramps.biases) {
+    /// Writes the transients whose conditions are met; the other axes have the curve of the static model on all rows.
+    fn write(&mut self, ramps: &Ramps, table: &CoefficientTable, still: &[Coefficients], written: bool) {
+        let tau_s = self.time_constant.value_s;
+        for (i, (bias, of)) in self.biases.iter_mut().zip(&ramps.biases).enumerate() {
+            let rows = ramps.rows(of, tau_s);
             if written && decision::met(&bias.conditions) {
                 bias.transient = bias.estimate;
-            }
-            if bias.transient == 0.0 {
-                bias.curve = static_curve(ramps, of, coefficients(table, of));
+                // The lagged telemetry begins soaked; where that leaves too little, the start counts too.
+                let of_soak = |soak_s| {
+                    sweeps::curve_error(&sweeps_without(ramps, of, &rows, soak_s, &self.solutions[i]), of.range)
+                };
+                bias.curve_error = of_soak(SOAK * tau_s).or_else(|| of_soak(0.0));
+            } else {
+                bias.curve = curve(ramps, of, &still[i], coefficients(table, of));
+                bias.curve_error = sweeps::curve_error(&sweeps_without(ramps, of, &rows, 0.0, &still[i]), of.range);
             }
         }
     }
 
-    fn words(&self, verdict: TransientVerdict, lag: LagChoice) -> Vec<String> {
+    /// What a bias's curves span, over the range of the ramps.
+    fn spans(&self, ramps: &Ramps, table: &CoefficientTable, curves: CurveSource) -> Vec<f64> {
+        let of_bias = |(bias, of): (&BiasTransient, &Bias)| match curves {
+            CurveSource::Ramps => sweeps::span(&bias.curve, of.range),
+            CurveSource::Campaign => {
+                let axis = coefficients(table, of);
+                sweeps::span(&axis.bias, of.range) * axis.bias_unit.factor()
+            }
+        };
+        self.biases.iter().zip(&ramps.biases).map(of_bias).collect()
+    }
+
+    /// What is wrong with the sweeps. `still` are the static models.
+    fn findings(
+        &self,
+        ramps: &Ramps,
+        recordings: &[RampRecording],
+        still: &[Coefficients],
+        spans: &[f64],
+    ) -> Vec<Finding> {
+        let tau_s = self.time_constant.value_s;
+        let of_model = |soak_s: f64, solutions: &[Coefficients]| -> Vec<Vec<SweepValues>> {
+            let of_bias = |(of, solution)| sweeps_without(ramps, of, &ramps.rows(of, tau_s), soak_s, solution);
+            ramps.biases.iter().zip(solutions).map(of_bias).collect()
+        };
+        let models = [of_model(0.0, still), of_model(SOAK * tau_s, &self.solutions)];
+        sweeps::findings(ramps, recordings, &self.steps, &self.biases, &models, spans)
+    }
+
+    fn words(&self, verdict: TransientVerdict, lag: LagChoice, stepped: bool) -> Vec<String> {
         match lag {
+            _ if stepped => vec![decision::STEPPED.to_owned()],
             LagChoice::None => vec!["no transient is written, as asked for".to_owned()],
             _ => decision::words(verdict, &self.time_constant, &self.conditions, &self.biases),
         }
@@ -112,22 +158,32 @@ pub fn fit(
     }
     let mut ramps = Ramps::new(recordings, table, options.curves)?;
     let outside = outside(&ramps, options.curves);
+    let still: Vec<_> = ramps.biases.iter().map(|of| static_model(&ramps, of)).collect();
     let mut fit = match options.lag {
         LagChoice::Search | LagChoice::None => search(&ramps, table, options.predecessor_s),
         LagChoice::Given(tau_s) => given(&mut ramps, table, tau_s)?,
     };
     fit.conditions.insert(0, decision::both_directions(ramps.shared));
-    fit.write(&ramps, table, options.lag);
-    let verdict = decision::verdict(fit.time_constant.given, &fit.biases);
+    let spans = fit.spans(&ramps, table, options.curves);
+    let stepped = fit.steps.iter().any(|steps| sweeps::spoils(steps, &spans));
+    let written = options.lag != LagChoice::None && !stepped && decision::met(&fit.conditions);
+    fit.write(&ramps, table, &still, written);
+    // A step parts sweeps as hysteresis does.
+    let verdict = match stepped {
+        true => TransientVerdict::Undetermined,
+        false => decision::verdict(fit.time_constant.given, &fit.biases),
+    };
+    let findings = fit.findings(&ramps, recordings, &still, &spans);
     let warnings = fit.warnings(recordings).into_iter().chain(outside).collect();
     Ok(Transients {
         options: *options,
         verdict,
-        words: fit.words(verdict, options.lag),
+        words: fit.words(verdict, options.lag, stepped),
         time_constant: fit.time_constant,
         conditions: fit.conditions,
         biases: fit.biases,
         warnings,
+        findings,
         losses: recordings.iter().map(|ramp| ramp.continuity().losses()).fold(Losses::default(), Losses::and),
     })
 }
@@ -154,8 +210,11 @@ fn search(ramps: &Ramps, table: &CoefficientTable, predecessor_s: Option<f64>) -
         search: grid.taus_s.iter().copied().zip(best.objective).collect(),
     };
     let predictions = prediction::predictions(ramps, &grid, None);
-    let biases = estimates(ramps, table, value_s, &used, &errors, &predictions);
-    Fit { time_constant, conditions, biases, searched: None }
+    let (biases, solutions) = estimates(ramps, table, value_s, &used, &errors, &predictions);
+    let residuals: Vec<Vec<f64>> =
+        ramps.biases.iter().zip(&solutions).map(|(of, it)| left_over(ramps, of, value_s, it)).collect();
+    let steps = steps::steps(ramps, &residuals);
+    Fit { time_constant, conditions, biases, solutions, steps, searched: None }
 }
 
 /// The fit with a time constant that is given. What the search says of it is reported, but does not decide.
@@ -174,7 +233,7 @@ fn given(ramps: &mut Ramps, table: &CoefficientTable, tau_s: f64) -> Result<Fit,
     let used = ramps.columns_of(&[Constant, Curve, Transient]);
     let (_, errors) = grid.jackknife(&used, tau_s);
     let predictions = prediction::predictions(ramps, &grid, Some(tau_s));
-    let mut biases = estimates(ramps, table, tau_s, &used, &errors, &predictions);
+    let (mut biases, solutions) = estimates(ramps, table, tau_s, &used, &errors, &predictions);
     for (bias, other) in biases.iter_mut().zip(&searched.biases) {
         for (condition, other) in bias.conditions.iter_mut().zip(&other.conditions) {
             if condition.name == "lag-not-hysteresis" {
@@ -192,10 +251,17 @@ fn given(ramps: &mut Ramps, table: &CoefficientTable, tau_s: f64) -> Result<Fit,
         search: searched.time_constant.search.clone(),
     };
     let conditions = conditions.collect();
-    Ok(Fit { time_constant, conditions, biases, searched: Some(searched.time_constant) })
+    Ok(Fit {
+        time_constant,
+        conditions,
+        biases,
+        solutions,
+        steps: searched.steps,
+        searched: Some(searched.time_constant),
+    })
 }
 
-/// The estimates of all biases at a time constant, none of them written yet.
+/// The estimates of all biases at a time constant, none of them written yet, with the solutions.
 fn estimates(
     ramps: &Ramps,
     table: &CoefficientTable,
@@ -203,7 +269,7 @@ fn estimates(
     used: &[usize],
     errors: &[f64],
     predictions: &[Option<Prediction>],
-) -> Vec<BiasTransient> {
+) -> (Vec<BiasTransient>, Vec<Coefficients>) {
     let one = |((of, error), prediction): ((&Bias, &f64), &Option<Prediction>)| {
         let rows = ramps.rows(of, tau_s);
         let equations = total(ramps, &ramps.equations(&rows));
@@ -222,19 +288,48 @@ fn estimates(
             before: residual_loop(ramps, of, &rows, tau_s, &still),
             after: residual_loop(ramps, of, &rows, tau_s, &whole),
             curve: curve(ramps, of, &whole, coefficients(table, of)),
+            curve_error: None,
             carried_g0: of.carried_g0,
         };
         bias.conditions = decision::of_bias(&bias, standard_deviation(&differences));
-        bias
+        (bias, whole)
     };
-    ramps.biases.iter().zip(errors).zip(predictions).map(one).collect()
+    ramps.biases.iter().zip(errors).zip(predictions).map(one).unzip()
 }
 
 /// What constant, curve and transient of a solution leave over, after the soak.
 fn residual_loop(ramps: &Ramps, of: &Bias, rows: &[Vec<f64>], tau_s: f64, solution: &Coefficients) -> Vec<LoopPoint> {
+    loop_points(ramps, of, SOAK * tau_s, residual(ramps, of, rows, solution))
+}
+
+/// What constant, curve and transient of a solution leave over, by block.
+fn residual<'a>(
+    ramps: &Ramps,
+    of: &'a Bias,
+    rows: &'a [Vec<f64>],
+    solution: &'a Coefficients,
+) -> impl Fn(usize) -> f64 + 'a {
     let columns = ramps.columns_of(&[Column::Constant, Column::Curve, Column::Transient]);
-    let explained = |row: &[f64]| columns.iter().map(|column| solution.values[*column] * row[*column]).sum::<f64>();
-    loop_points(ramps, of, SOAK * tau_s, |block| of.values[block] - explained(&rows[block]))
+    move |block| {
+        let explained = columns.iter().map(|column| solution.values[*column] * rows[block][*column]).sum::<f64>();
+        of.values[block] - explained
+    }
+}
+
+/// The same by sweep, after `soak_s`.
+fn sweeps_without(
+    ramps: &Ramps,
+    of: &Bias,
+    rows: &[Vec<f64>],
+    soak_s: f64,
+    solution: &Coefficients,
+) -> Vec<SweepValues> {
+    sweeps::values(ramps, of, soak_s, residual(ramps, of, rows, solution))
+}
+
+/// What all columns of a solution leave over, by block.
+fn left_over(ramps: &Ramps, of: &Bias, tau_s: f64, solution: &Coefficients) -> Vec<f64> {
+    of.values.iter().zip(ramps.rows(of, tau_s)).map(|(value, row)| value - solution.of(&row)).collect()
 }
 
 /// The residuals of the blocks after `soak_s`, with their direction.
@@ -243,17 +338,17 @@ fn loop_points(ramps: &Ramps, of: &Bias, soak_s: f64, residual: impl Fn(usize) -
         let heating = sweep.heating;
         sweep.pieces.iter().flat_map(Clone::clone).map(move |block| (block, heating)).collect::<Vec<_>>()
     };
-    let soaked = |block: &blocks::Block| block.age_s > soak_s && !block.left_out;
+    let soaked = |block: &blocks::Block| block.age_s > soak_s && block.is_fitted();
     let shown = ramps.sweeps.iter().flat_map(of_sweep).filter(|(block, _)| soaked(&ramps.blocks[*block]));
     shown
         .map(|(block, heating)| LoopPoint { telemetry: of.telemetry[block], residual: residual(block), heating })
         .collect()
 }
 
-/// The curve of the static model.
-fn static_curve(ramps: &Ramps, of: &Bias, axis: &Axis) -> Polynomial {
+/// The static model on all blocks that are fitted now.
+fn static_model(ramps: &Ramps, of: &Bias) -> Coefficients {
     let equations = total(ramps, &ramps.equations(&ramps.rows(of, ramps.least_tau_s)));
-    curve(ramps, of, &equations.solve(&ramps.columns_of(&[Column::Constant, Column::Curve])), axis)
+    equations.solve(&ramps.columns_of(&[Column::Constant, Column::Curve]))
 }
 
 /// The fitted curve over the range of the telemetry \[g0 or deg/h\], shifted so that it is the axis's own at mid range.

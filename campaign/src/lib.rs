@@ -16,6 +16,7 @@
 //! # }
 //! ```
 
+mod counts;
 mod direction;
 mod dwell;
 mod file;
@@ -31,6 +32,7 @@ mod rows;
 mod standstill;
 mod turn;
 
+pub use counts::faults;
 pub use dwell::{Block, Dwell, joint_range};
 pub use geometry::{
     EARTH_RATE, base_axes, horizontal_rate, laboratory_axes, outer_axis, specific_force, vertical_rate,
@@ -42,6 +44,8 @@ pub use mount::{mount, mounting, nearest_rotation, other_zero};
 pub use position::{Position, SAME_DIRECTION};
 pub use positions::{MAX_CONDITION, Observability, PARAMETERS, Scheme};
 pub use ramp::Ramp;
-pub use rows::{UNIT_FACTORS, UNIT_TOLERANCE, counted_twice, implausible, read_dwells};
-pub use standstill::{AT_REST, StandstillError, TUMBLED, begins_ns, find_standstills, stretches};
+pub use rows::{implausible, read_dwells};
+pub use standstill::{
+    STANDSTILL_WINDOW_S, Standstill, StandstillError, Standstills, begins_ns, find_standstills, stretches,
+};
 pub use turn::{LEAST_TURN, TableAxis, Turn, turns, vector_words};

@@ -2,7 +2,7 @@
 
 use crate::dwell::Dwell;
 use crate::model::Campaign;
-use isotherm_recording::{CampaignRow, Continuity, Overlap, RecordingError};
+use isotherm_recording::{CampaignRow, Continuity, RecordingError};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::{MAX_INTERVAL_NS, RawSample};
 
@@ -25,8 +25,8 @@ use isotherm_shared::wire::{MAX_INTERVAL_NS, RawSample};
 ///
 /// # Errors
 /// At the first row that cannot be read or used, with its line: an unknown position, a timestamp that does not
-/// increase, an interval out of range, telemetry that is not finite, a full counter. At the row where [`Overlap`]
-/// shows.
+/// increase, an interval out of range, telemetry that is not finite, a full counter. At the row where
+/// [`Overlap`](isotherm_recording::Overlap) shows.
 pub fn read_dwells(
     campaign: &Campaign,
     rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,
@@ -50,7 +50,7 @@ pub fn read_dwells(
         }
         continuity.add(sample);
         if let Some(overlap) = continuity.overlap_so_far() {
-            return fault(counted_twice(overlap));
+            return fault(overlap.to_string());
         }
         let same = |last: &CampaignRow| (last.set_point_c, last.position) == (row.set_point_c, row.position);
         open &= previous.as_ref().is_some_and(same);
@@ -73,16 +73,10 @@ pub fn read_dwells(
         }
     }
     match (continuity.overlap(), previous) {
-        (Some(overlap), Some(row)) => Err(RecordingError::Data { line: row.line, message: counted_twice(overlap) }),
+        (Some(overlap), Some(row)) => Err(RecordingError::Data { line: row.line, message: overlap.to_string() }),
         _ => Ok(dwells),
     }
 }
-
-/// Factors between units of time that are exchanged by mistake.
-pub const UNIT_FACTORS: [f64; 4] = [60.0, 1e3, 1e6, 1e9];
-
-/// A ratio is such a factor if it differs from it by less than this part.
-pub const UNIT_TOLERANCE: f64 = 0.01;
 
 /// The reason why a raw sample of a campaign cannot be used; `None` if it can. `previous_ns` is the timestamp of the
 /// previous sample. The automatic campaign leaves such samples out, `calibrate` refuses them.
@@ -101,21 +95,6 @@ fn implausible_step(sample: &RawSample, previous_ns: u64) -> Option<String> {
     let cause = if timestamp_ns == previous_ns { "; is the row there twice?" } else { "" };
     let message = || format!("timestamp_ns {timestamp_ns} after {previous_ns}; time must rise from row to row{cause}");
     (timestamp_ns <= previous_ns).then(message)
-}
-
-/// What is wrong with rows that overlap.
-#[must_use]
-pub fn counted_twice(overlap: Overlap) -> String {
-    let Overlap { rows, intervals_ns, elapsed_ns, ratio } = overlap;
-    let unit = UNIT_FACTORS.into_iter().find(|factor| (ratio / factor - 1.0).abs() < UNIT_TOLERANCE);
-    let cause = unit.map(|factor| {
-        format!(": {factor} times as long, so interval_ns or timestamp_ns is in another unit than nanoseconds")
-    });
-    format!(
-        "the intervals of the {rows} rows up to here add up to {intervals_ns} ns, but only {elapsed_ns} ns have \
-         passed; pulses would be counted twice{}",
-        cause.unwrap_or_default()
-    )
 }
 
 /// The same, by telemetry and counters.

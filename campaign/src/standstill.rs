@@ -1,74 +1,152 @@
 //! Standstills: the parts of a recording in which the IMU was at rest, found from its counts alone.
 //!
-//! The variance of each accelerometer's counts over windows of W rows is compared with the noise of the recording
-//! itself, so that no threshold is to be set:
+//! A window of W rows is at rest if it is as quiet as the quietest lasting level of the recording, and if at that level
+//! averaging helps: the means of neighbouring windows differ by far less than the rows within them. Movement fails the
+//! second at every level, so that no noise has to be known beforehand.
 //!
 //! ```text
-//! S = ln( mean over the axes of max(variance, 1/4) / noise^2 ),    noise^2: the mode of the windows' variances
-//! at rest: S < m + z s,    m: mode of S,  s^2 = mean of (S - m)^2 over the windows below m
-//!          z: normal quantile of 1 - W/rows
+//! S = mean over the axes of ln max(variance, step^2/4),    m: half-sample mode of S,    s: its spread below
+//! R = Allan variance of the means / variance within, over |S - m| <= max(2 s, 0.1):    1/W for white noise
+//! at rest: R < 0.4, otherwise the next lower level: S < m - min(s, 1.5)
 //! ```
-//! Counts of one that alternate have a variance of 1/4. Movement cannot make a window quieter, so the windows below the
-//! mode show the scatter of those at rest. It is at least sqrt(2/(3 (W - 1))), that of white noise on three axes. z
-//! stands for a false alarms in a recording: one where standstills are wanted, far fewer where a long stretch is.
 
+mod level;
+mod windows;
+
+use crate::counts;
 use isotherm_shared::wire::{AXES, RawSample};
-use statrs::function::erf::erfc_inv;
+use isotherm_statistics::median;
+use level::{Level, norm};
 use std::ops::Range;
+use windows::{Counts, Windows};
+pub(crate) use windows::{net, steps};
 
-/// Least rows of a window.
-const LEAST_ROWS: usize = 10;
+/// Length of the windows of [`find_standstills`] \[s\], if no other is asked for.
+pub const STANDSTILL_WINDOW_S: f64 = 0.5;
+/// Most R of the level at rest.
+const MOST_WANDER: f64 = 0.4;
+/// Windows for noise that is correlated over half a second \[s\], and the most R with them.
+const LONGER: (f64, f64) = (1.0, 0.3);
+/// Windows that are tried for a message where rows are averaged over a second or more \[s\].
+const AVERAGED_WINDOW_S: f64 = 1.5;
+/// Half the mean squared change from row to row over the variance, 1 for white noise: less where rows are averaged.
+const SMOOTH: f64 = 0.3;
+/// R over white noise's, and scatter of the means \[rad\]: what scatters so is a hand, no sensor.
+const HAND: (f64, f64) = (0.1, 5e-3);
+/// Means of two windows at one attitude differ by at most so many standard errors.
+const SAME_MEAN: f64 = 5.0;
+/// The outermost window of a standstill that differs from its neighbour by more is a movement's.
+const EDGE: f64 = 3.0;
+/// Least length of a standstill \[s\].
+const LEAST_LENGTH_S: f64 = 1.0;
+/// A standstill that turns by more from its first to its last third is left out \[rad\] ..
+const MOST_TURN_RAD: f64 = 5e-3;
+/// .. if that is so many standard errors.
+const SIGNIFICANT: f64 = 5.0;
+/// Standstills that usually turn by more are none \[rad\]. Real ones reach 1.5e-3.
+const USUAL_TURN_RAD: f64 = 2e-3;
+/// Fewest standstills that are judged by their usual turn.
+const LEAST_TURNS: usize = 3;
 /// A row that comes later than this many intervals after the row before has a gap before it.
 const GAP: f64 = 1.5;
-/// Variance of counts of one that alternate \[count^2\].
-const LEAST_VARIANCE: f64 = 0.25;
-/// Windows at rest scatter by less than this many times what white noise does.
-const MOST_SCATTER: f64 = 3.0;
-/// Means of two windows at one attitude differ by less than this many standard deviations.
-const SAME_MEAN: f64 = 5.0;
-/// Least normal quantile, for recordings of a few windows.
-const LEAST_QUANTILE: f64 = 1.0;
+
+/// A part of a recording in which the IMU was at rest.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Standstill {
+    /// Its rows; glitches among them are in [`Standstills::glitches`].
+    pub rows: Range<usize>,
+    /// Turn of the specific force from the first to the last third \[rad\]; a change of length is in it.
+    pub turn_rad: f64,
+    /// The turn over its standard error.
+    pub significance: f64,
+}
 
 /// What [`find_standstills`] found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Standstills {
     /// Rows of a window, W.
     pub window_rows: usize,
-    /// The rows of each standstill, at least W.
-    pub found: Vec<Range<usize>>,
-    /// Standstills that are shorter than W when half a window is cut off towards each movement.
+    /// The standstills in order of time; each has at least W rows, and a second of them.
+    pub found: Vec<Standstill>,
+    /// Standstills that are shorter.
     pub too_short: usize,
-    /// Standard deviation of the counts of a row at rest, of each accelerometer, at least 1/2.
+    /// Standstills that [`Standstills::without_turned`] left out.
+    pub turned: usize,
+    /// Standard deviation of the counts of a row at rest, of each accelerometer, at least half a step.
     pub noise: [f64; AXES],
-    /// Scatter of the windows at rest, over that of white noise, at least 1.
-    pub scatter: f64,
+    /// Rows, in order, that leave their neighbours by far: they belong into no mean.
+    pub glitches: Vec<usize>,
+    /// Allan variance of the means of neighbouring windows at rest, over the variance within them, R.
+    pub wander: f64,
 }
 
-/// False alarms in a recording that was at rest all the time, on average: where each of many standstills is short.
-pub const TUMBLED: f64 = 1.0;
-/// The same where one long standstill is wanted.
-pub const AT_REST: f64 = 1e-4;
-
 /// Why there are no standstills.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StandstillError {
     /// There are no rows.
     #[error("there are no rows; is it the right recording?")]
     Empty,
-    /// No stretch of the recording is as long as a window.
-    #[error("no {window_rows} rows without a gap; a standstill needs as many: record longer, or give a shorter window")]
+    /// No two windows follow each other without a pause.
+    #[error(
+        "{cause}no standstill is found: two windows of {window_rows} rows never follow each other without a pause; record longer, or give a \
+         shorter --window"
+    )]
     TooFewRows {
         /// Rows of a window.
         window_rows: usize,
+        /// What the counts show, or nothing.
+        cause: String,
     },
-    /// The quietest windows differ by more than noise does.
+    /// At no level does averaging help.
     #[error(
-        "never at rest: the noise of the quietest windows scatters {scatter:.1} times as much as that of an IMU at rest, over {MOST_SCATTER} times; \
-         put the IMU down and take the hand off, 3 s for each attitude"
+        "{cause}no standstill is found: over {window_rows} rows, the means wander by {wander:.2} of the rows' variance where they are \
+         quietest, at rest by under {most}, and scatter by {:.1} mrad{}", scatter_rad * 1e3, averaged(*longer)
     )]
     NeverAtRest {
-        /// The scatter, over that of white noise.
-        scatter: f64,
+        /// Rows of a window.
+        window_rows: usize,
+        /// Allan variance of the windows' means over the variance within, at the lowest level.
+        wander: f64,
+        /// The limit.
+        most: f64,
+        /// Scatter of these means over the specific force \[rad\].
+        scatter_rad: f64,
+        /// Standstills that are found with longer windows, where the rows are correlated.
+        longer: usize,
+        /// What the counts show, or nothing.
+        cause: String,
+    },
+    /// The quietest level moves as a whole.
+    #[error(
+        "{cause}no standstill is found: over {window_rows} rows, the quietest means scatter by {:.1} mrad, at rest by under {:.0} mrad",
+        scatter_rad * 1e3, HAND.1 * 1e3
+    )]
+    Moving {
+        /// Rows of a window.
+        window_rows: usize,
+        /// Scatter of the means over the specific force \[rad\].
+        scatter_rad: f64,
+        /// What the counts show, or nothing.
+        cause: String,
+    },
+    /// All standstills turn.
+    #[error("{standstills} standstills are found, but the IMU turns in them, usually by {:.1} mrad, at rest by under {:.0} mrad",
+        turn_rad * 1e3, USUAL_TURN_RAD * 1e3)]
+    Turning {
+        /// Standstills.
+        standstills: usize,
+        /// Their median turn from the first to the last third \[rad\].
+        turn_rad: f64,
+    },
+    /// There is none of the length that is needed.
+    #[error("none of the {} standstills can be used: {too_short} are under {least_s:.1} s long without their ends, in {turned} the IMU turned", too_short + turned)]
+    TooShort {
+        /// Standstills that are too short.
+        too_short: usize,
+        /// Standstills in which the IMU turned.
+        turned: usize,
+        /// Least length \[s\].
+        least_s: f64,
     },
 }
 
@@ -106,12 +184,12 @@ pub fn begins_ns(rows: &[RawSample]) -> Vec<u64> {
     begins
 }
 
-/// Finds the standstills of a recording. A window has `window_s` seconds, at least ten rows. `false_alarms` is
-/// [`TUMBLED`] or [`AT_REST`].
+/// Finds the standstills of a recording, with windows of `window_s` seconds, at least five rows. Without it windows
+/// have [`STANDSTILL_WINDOW_S`], or twice as much where the noise is correlated over them.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// use isotherm_campaign::{TUMBLED, find_standstills};
+/// use isotherm_campaign::find_standstills;
 /// use isotherm_shared::wire::RawSample;
 ///
 /// // 10 samples a second: 20 s at rest on A3, 5 s of movement, 20 s at rest on A1. Noise of a few counts.
@@ -126,153 +204,179 @@ pub fn begins_ns(rows: &[RawSample]) -> Vec<u64> {
 ///     raw
 /// };
 /// let rows: Vec<_> = (0..450).map(row).collect();
-/// let standstills = find_standstills(&rows, 4.0, TUMBLED)?;
-/// assert_eq!((standstills.window_rows, standstills.found.len()), (40, 2));
+/// let standstills = find_standstills(&rows, None)?;
+/// assert_eq!((standstills.window_rows, standstills.found.len()), (10, 2));
 /// # Ok(())
 /// # }
 /// ```
 ///
 /// # Errors
-/// If no stretch is as long as a window, or if the IMU was never at rest.
-pub fn find_standstills(rows: &[RawSample], window_s: f64, false_alarms: f64) -> Result<Standstills, StandstillError> {
+/// If no two windows follow each other, if the IMU was never at rest, or if no standstill is long enough.
+pub fn find_standstills(rows: &[RawSample], window_s: Option<f64>) -> Result<Standstills, StandstillError> {
     if rows.is_empty() {
         return Err(StandstillError::Empty);
     }
-    let interval_ns = middle(rows.iter().map(|row| row.interval_ns as f64).collect()).max(1.0);
-    // A window that is longer than the recording is as good as any other that is.
-    let window_rows = ((window_s * 1e9 / interval_ns).round().min((rows.len() + 1) as f64) as usize).max(LEAST_ROWS);
-    let stretches: Vec<_> =
-        stretches(rows).into_iter().map(|stretch| Windows::new(rows, stretch, interval_ns, window_rows)).collect();
-    let all = || stretches.iter().flat_map(|windows| &windows.variances);
-    if all().next().is_none() {
-        return Err(StandstillError::TooFewRows { window_rows });
+    let (windows, level) = quietest(rows, window_s)?;
+    let window_rows = windows.window_rows;
+    let scatter_rad = level.scatter_rad(&windows);
+    if level.wander > 1.0 / window_rows as f64 + HAND.0 && scatter_rad > HAND.1 {
+        return Err(StandstillError::Moving { window_rows, scatter_rad, cause: counts::cause(rows) });
     }
-    let variance = [0, 1, 2].map(|axis| mode(all().map(|variances| variances[axis].ln()).collect()).exp());
-    let level = |variances: &[f64; AXES]| {
-        (variances.iter().zip(variance).map(|(variance, noise)| variance / noise).sum::<f64>() / AXES as f64).ln()
-    };
-    let levels: Vec<f64> = all().map(level).collect();
-    let usual = mode(levels.clone());
-    let below: Vec<f64> = levels.iter().map(|level| level - usual).filter(|below| *below < 0.0).collect();
-    let of_noise = (2.0 / (3.0 * (window_rows - 1) as f64)).sqrt();
-    let scatter = (below.iter().map(|below| below * below).sum::<f64>() / below.len().max(1) as f64).sqrt() / of_noise;
-    if scatter > MOST_SCATTER {
-        return Err(StandstillError::NeverAtRest { scatter });
+    let least = windows.window_rows.max((LEAST_LENGTH_S * 1e9 / windows.interval_ns).round() as usize);
+    let pieces = windows.runs(&level.at_rest(&windows), level.allan);
+    let pieces: Vec<_> = pieces.into_iter().map(|run| windows.without_ends(run, level.allan)).collect();
+    let long = pieces.iter().filter(|piece| piece.len() >= least);
+    let found: Vec<_> = long.map(|piece| windows.standstill(piece.clone(), level.allan)).collect();
+    let too_short = pieces.len() - found.len();
+    if found.is_empty() {
+        let least_s = least as f64 * windows.interval_ns / 1e9;
+        return Err(StandstillError::TooShort { too_short, turned: 0, least_s });
     }
-    let scatter = scatter.max(1.0);
-    let limit = usual + scatter * of_noise * quantile(false_alarms * window_rows as f64 / rows.len() as f64);
-    let noise = variance.map(f64::sqrt);
-    let (mut found, mut too_short) = (Vec::new(), 0);
-    for windows in &stretches {
-        let at_rest: Vec<bool> = windows.variances.iter().map(|variances| level(variances) < limit).collect();
-        for standstill in windows.standstills(&at_rest, noise) {
-            if standstill.len() >= window_rows {
-                found.push(standstill);
-            } else {
-                too_short += 1;
-            }
-        }
-    }
-    Ok(Standstills { window_rows, found, too_short, noise, scatter })
+    Ok(Standstills {
+        window_rows,
+        found,
+        too_short,
+        turned: 0,
+        noise: level.variance.map(f64::sqrt),
+        glitches: windows.glitches,
+        wander: level.wander,
+    })
 }
 
-/// The windows of a stretch, one from each row on.
-struct Windows {
-    rows: Range<usize>,
-    window_rows: usize,
-    /// Mean of each axis over each window \[counts of a usual interval\].
-    means: Vec<[f64; AXES]>,
-    /// Variance of each axis over each window, at least [`LEAST_VARIANCE`].
-    variances: Vec<[f64; AXES]>,
+/// The windows and the level at rest: first without windows that do not change, which may be frozen.
+fn quietest(rows: &[RawSample], window_s: Option<f64>) -> Result<(Windows, Level), StandstillError> {
+    let usual = [(STANDSTILL_WINDOW_S, MOST_WANDER), LONGER];
+    let asked = window_s.map(|window_s| [(window_s, MOST_WANDER)]);
+    let (mut window_rows, mut lowest) = (0, None);
+    for &(window_s, most) in asked.as_ref().map_or(&usual[..], |asked| asked) {
+        let windows = Windows::new(rows, window_s);
+        for live_alone in [true, false] {
+            match Level::quietest(&windows, live_alone, most) {
+                Ok(level) => return Ok((windows, level)),
+                Err(level) => {
+                    lowest = level
+                        .map(|level| (windows.window_rows, most, level.wander, level.scatter_rad(&windows)))
+                        .or(lowest)
+                }
+            }
+        }
+        window_rows = windows.window_rows;
+    }
+    let cause = counts::cause(rows);
+    let Some((window_rows, most, wander, scatter_rad)) = lowest else {
+        return Err(StandstillError::TooFewRows { window_rows, cause });
+    };
+    let longer = if window_s.is_none() { averaged_standstills(rows) } else { 0 };
+    Err(StandstillError::NeverAtRest { window_rows, wander, most, scatter_rad, longer, cause })
+}
+
+/// Standstills that are found with windows of 1.5 s, where the rows are averaged or filtered: neighbours differ by far
+/// less than the rows of a window scatter.
+fn averaged_standstills(rows: &[RawSample]) -> usize {
+    let windows = Windows::new(rows, AVERAGED_WINDOW_S);
+    let smooth = |level: &Level| level.roughness(&windows) < SMOOTH;
+    if !Level::quietest(&windows, true, LONGER.1).is_ok_and(|level| smooth(&level)) {
+        return 0;
+    }
+    let found = find_standstills(rows, Some(AVERAGED_WINDOW_S)).and_then(Standstills::without_turned);
+    found.map_or(0, |standstills| standstills.found.len())
+}
+
+fn averaged(standstills: usize) -> String {
+    if standstills == 0 {
+        return String::new();
+    }
+    format!(
+        "; neighbouring rows are alike, as averaged or filtered ones are: --window {AVERAGED_WINDOW_S} finds {standstills} standstills"
+    )
+}
+
+impl Standstills {
+    /// Rows of a standstill without glitches.
+    pub fn rows<'a>(&'a self, rows: &'a [RawSample], of: Range<usize>) -> impl Iterator<Item = &'a RawSample> {
+        let first = self.glitches.partition_point(|row| *row < of.start);
+        let mut glitches = self.glitches[first..].iter().peekable();
+        of.filter(move |row| glitches.next_if(|glitch| *glitch == row).is_none()).map(|row| &rows[row])
+    }
+
+    /// Leaves out those in which the IMU turned, where the length of the mean is wanted: a turn by theta makes it
+    /// theta^2/24 too short.
+    ///
+    /// # Errors
+    /// If the IMU usually turned, or if none is left.
+    pub fn without_turned(mut self) -> Result<Self, StandstillError> {
+        let n = self.found.len();
+        let squares = self.found.iter().map(|standstill| standstill.significance.powi(2)).sum::<f64>() / n as f64;
+        let turn_rad = median(self.found.iter().map(|standstill| standstill.turn_rad));
+        // Chi-square with 3 n degrees of freedom, at rest.
+        let by_chance = 3.0 + 3.0 * (6.0 / n as f64).sqrt();
+        if n >= LEAST_TURNS && squares > by_chance && turn_rad > USUAL_TURN_RAD {
+            return Err(StandstillError::Turning { standstills: n, turn_rad });
+        }
+        self.found.retain(|standstill| !standstill.has_turned());
+        self.turned += n - self.found.len();
+        match self.found.is_empty() {
+            true => Err(StandstillError::TooShort {
+                too_short: self.too_short,
+                turned: self.turned,
+                least_s: LEAST_LENGTH_S,
+            }),
+            false => Ok(self),
+        }
+    }
+}
+
+impl Standstill {
+    fn has_turned(&self) -> bool {
+        self.turn_rad > MOST_TURN_RAD && self.significance > SIGNIFICANT
+    }
 }
 
 impl Windows {
-    fn new(rows: &[RawSample], stretch: Range<usize>, interval_ns: f64, window_rows: usize) -> Self {
-        let counts: Vec<[f64; AXES]> = rows[stretch.clone()]
-            .iter()
-            .map(|row| {
-                let usual = interval_ns / row.interval_ns.max(1) as f64;
-                let triad = &row.accelerometers;
-                let net = |axis: usize| f64::from(triad.positive_pulses[axis]) - f64::from(triad.negative_pulses[axis]);
-                [0, 1, 2].map(|axis| net(axis) * usual)
-            })
-            .collect();
-        let n = window_rows as f64;
-        let (mut means, mut variances) = (Vec::new(), Vec::new());
-        // Sums of differences from a row nearby: counts are large, their scatter is small.
-        for start in (0..counts.len()).step_by(window_rows) {
-            let near = counts[start];
-            let off = |row: usize| [0, 1, 2].map(|axis| counts[row][axis] - near[axis]);
-            let (mut sum, mut squares) = ([0.0; AXES], [0.0; AXES]);
-            for end in start + 1..=counts.len().min(start + 2 * window_rows - 1) {
-                let leaving = end.checked_sub(window_rows + 1).filter(|row| *row >= start).map(off).unwrap_or_default();
-                let entering = off(end - 1);
-                for axis in 0..AXES {
-                    sum[axis] += entering[axis] - leaving[axis];
-                    squares[axis] += entering[axis].powi(2) - leaving[axis].powi(2);
-                }
-                if end >= start + window_rows {
-                    let variance = |axis: usize| (squares[axis] - sum[axis].powi(2) / n) / (n - 1.0);
-                    variances.push([0, 1, 2].map(|axis| variance(axis).max(LEAST_VARIANCE)));
-                    means.push([0, 1, 2].map(|axis| near[axis] + sum[axis] / n));
-                }
-            }
-        }
-        Self { rows: stretch, window_rows, means, variances }
-    }
-
-    /// The rows of each standstill, less half a window towards each movement.
-    fn standstills(&self, at_rest: &[bool], noise: [f64; AXES]) -> Vec<Range<usize>> {
-        // First and last window of each.
+    /// First and last window of each run at rest. A false alarm between two of one mean is passed over.
+    fn runs(&self, at_rest: &[bool], allan: Counts) -> Vec<[usize; 2]> {
         let mut runs: Vec<[usize; 2]> = Vec::new();
         for window in (0..at_rest.len()).filter(|window| at_rest[*window]) {
+            let goes_on = |last: usize| {
+                let near = window <= last + self.window_rows && self.are_together(last, window);
+                window == last + 1 || (near && !self.differ(last, window, SAME_MEAN, allan))
+            };
             match runs.last_mut() {
-                // Every row up to this window is in one at rest: a false alarm lies between, unless the attitude is
-                // another.
-                Some([_, last]) if window <= *last + self.window_rows && self.is_same(*last, window, noise) => {
-                    *last = window;
-                }
+                Some([_, last]) if goes_on(*last) => *last = window,
                 _ => runs.push([window, window]),
             }
         }
-        let half = self.window_rows.div_ceil(2);
-        let first = self.rows.start;
-        let rows = |&[start, last]: &[usize; 2]| {
-            let end = last + self.window_rows;
-            let start = if start == 0 { 0 } else { start + half };
-            let end = if end == self.rows.len() { end } else { end - half };
-            first + start..first + end.max(start)
-        };
-        runs.iter().map(rows).collect()
+        runs
     }
 
-    fn is_same(&self, before: usize, after: usize, noise: [f64; AXES]) -> bool {
-        let limit = SAME_MEAN * (2.0 / self.window_rows as f64).sqrt();
-        after == before + 1
-            || (0..AXES).all(|axis| (self.means[after][axis] - self.means[before][axis]).abs() < limit * noise[axis])
+    /// The rows of a run, numbered without glitches, less what may belong to a movement before or after it: half a
+    /// window, and more while the outermost window differs from its neighbour.
+    fn without_ends(&self, [first, last]: [usize; 2], allan: Counts) -> Range<usize> {
+        let (n, cut) = (self.window_rows, self.window_rows / 2);
+        let before = first.checked_sub(1).is_some_and(|window| self.whole[window]);
+        let after = self.whole.get(last + 1).is_some_and(|whole| *whole);
+        let mut start = first + if before { cut } else { 0 };
+        let mut end = last + n - if after { cut } else { 0 };
+        while before && end >= start + 2 * n && self.differ(start, start + n, EDGE, allan) {
+            start += cut;
+        }
+        while after && end >= start + 2 * n && self.differ(end - n, end - 2 * n, EDGE, allan) {
+            end -= cut;
+        }
+        start..end
     }
-}
 
-/// The normal quantile of 1 - `tail`.
-fn quantile(tail: f64) -> f64 {
-    (core::f64::consts::SQRT_2 * erfc_inv((2.0 * tail).min(1.0))).max(LEAST_QUANTILE)
-}
-
-fn middle(mut values: Vec<f64>) -> f64 {
-    let half = values.len() / 2;
-    if values.is_empty() { 1.0 } else { *values.select_nth_unstable_by(half, f64::total_cmp).1 }
-}
-
-/// The half-sample mode: the half of the values that lies closest together, again and again (Bickel and
-/// Fruehwirth 2006).
-fn mode(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let mut part = values.as_slice();
-    while part.len() > 2 {
-        let half = part.len().div_ceil(2);
-        let width = |start: usize| part[start + half - 1] - part[start];
-        let closest = (0..=part.len() - half).min_by(|a, b| width(*a).total_cmp(&width(*b))).unwrap_or(0);
-        part = &part[closest..closest + half];
+    /// A standstill of rows that are numbered without glitches.
+    fn standstill(&self, piece: Range<usize>, allan: Counts) -> Standstill {
+        let third = (piece.len() / 3).max(1);
+        let [first, last] =
+            [piece.start..piece.start + third, piece.end - third..piece.end].map(|part| self.mean(part));
+        let difference = [0, 1, 2].map(|axis| last[axis] - first[axis]);
+        let error = |axis: usize| 2.0 * allan[axis] * self.window_rows as f64 / third as f64;
+        Standstill {
+            turn_rad: norm(difference) / norm(self.mean(piece.clone())),
+            significance: (0..AXES).map(|axis| difference[axis].powi(2) / error(axis)).sum::<f64>().sqrt(),
+            rows: self.rows[piece.start]..self.rows[piece.end - 1] + 1,
+        }
     }
-    part.iter().sum::<f64>() / part.len().max(1) as f64
 }

@@ -8,10 +8,11 @@ use isotherm_calibration::{
 };
 use isotherm_campaign::{Campaign, Ramp};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{WorldWritable, load_table};
-use isotherm_recording::{CampaignRow, RecordingError};
+use isotherm_files::{WorldWritable, load_table, read_text};
+use isotherm_recording::{CampaignRow, Marks, RecordingError};
 use isotherm_recording_formats::read::{ImuChoice, Places, Recording, RowKind};
 use isotherm_report::{fitted, json};
+use isotherm_shared::table::CoefficientTable;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -64,6 +65,8 @@ pub struct Origin {
     pub samples_sha256: String,
     /// SHA-256 of each recording of ramps, or of an IMU that was put down by hand.
     pub recordings_sha256: Vec<String>,
+    /// The marks of all recordings.
+    pub rows: Vec<Marks>,
     /// Whether the findings that a diagnosis explains are listed too.
     pub symptoms: bool,
 }
@@ -104,26 +107,25 @@ impl Inputs {
         };
         let reader = Reader { imu: ImuChoice::Prefer(campaign.imu.clone()), bar };
         if campaign.gravity_only {
-            let recordings;
-            (recordings, from.recordings_sha256) = reader.tumbles(samples)?;
+            let recordings = from.take(reader.tumbles(samples)?);
             return Ok(Self { measured: Measured::GravityOnly(recordings, options.by_hand.clone()), from });
         }
         let Some(file) = file else {
             return Err(Failure::new(Exit::Usage, "a campaign on a turntable has a campaign file").into());
         };
-        let curves = file.curves(campaign).map(|path| load_table(&path, Some(&campaign.imu), WorldWritable::Allow));
-        let curves = curves.transpose()?.map(|(table, _)| table);
+        let curves = file.curves(campaign).map(|path| curves(&path, campaign)).transpose()?;
         let mut measurements = Measurements::default();
         if curves.is_none() {
             // Checked first, because reading may take minutes.
             observable(campaign).map_err(|error| from.refused(error, Some(file)))?;
             measurements = reader.positions(campaign, samples, &mut from)?;
         }
-        let ramps;
-        (ramps, from.recordings_sha256) = reader.ramps(campaign, &file.ramps(campaign))?;
+        let ramps = from.take(reader.ramps(campaign, &file.ramps(campaign))?);
         let options = options.turntable.clone();
         let measured = match curves {
-            Some(curves) => Measured::Ramps(ramps, Box::new(curves), options),
+            Some((curves, curves_have_errors)) => {
+                Measured::Ramps(ramps, Box::new(curves), CalibrationOptions { curves_have_errors, ..options })
+            }
             None => Measured::Campaign(Measurements { ramps, ..measurements }, options),
         };
         Ok(Self { measured, from })
@@ -141,6 +143,7 @@ impl Inputs {
             campaign_sha256: file.map_or_else(String::new, |file| sha256(file.text.as_bytes())),
             samples_sha256: from.samples_sha256,
             recordings_sha256: from.recordings_sha256,
+            rows: from.rows,
             ..CampaignSource::now()
         };
         let table = fitted.sealed(campaign, &source).map_err(|message| Failure::new(Exit::Failed, message))?;
@@ -149,6 +152,16 @@ impl Inputs {
 }
 
 impl Origin {
+    /// Takes hashes and marks of recordings; returns the recordings.
+    fn take<T>(&mut self, read: Vec<Read<T>>) -> Vec<T> {
+        let recording = |Read { recording, sha256, rows }| {
+            self.recordings_sha256.push(sha256);
+            self.rows.push(rows);
+            recording
+        };
+        read.into_iter().map(recording).collect()
+    }
+
     fn refused(&self, error: CalibrationError, file: Option<&CampaignFile>) -> Refused {
         let locate = |line| self.places.locate(line);
         let path = file.map_or(&self.samples, |file| &file.path);
@@ -183,6 +196,14 @@ impl Made {
     }
 }
 
+/// The table that ramps alone begin with, and whether its provenance states errors of its bias curves.
+fn curves(path: &Path, campaign: &Campaign) -> Result<(CoefficientTable, bool), Failure> {
+    let (table, _) = load_table(path, Some(&campaign.imu), WorldWritable::Allow)?;
+    let (text, _) = read_text(path, WorldWritable::Allow)?;
+    let has_errors = isotherm_calibration::Origin::of_toml(&text, &table).has_bias_errors();
+    Ok((table, has_errors))
+}
+
 /// Where rows come from.
 pub enum Source<'a> {
     /// A file of any format that recordings have.
@@ -213,6 +234,20 @@ impl Source<'_> {
     }
 }
 
+/// A recording that was read, with the SHA-256 of its file, and its marks.
+struct Read<T> {
+    recording: T,
+    sha256: String,
+    rows: Marks,
+}
+
+type Row = Result<CampaignRow, RecordingError>;
+
+/// The rows, which `marks` takes as they pass.
+fn marked<'a>(rows: impl Iterator<Item = Row> + 'a, marks: &'a mut Marks) -> impl Iterator<Item = Row> + 'a {
+    rows.inspect(|row| row.iter().for_each(|row| marks.add(&row.sample)))
+}
+
 /// Reads the recordings of one IMU.
 struct Reader<'a> {
     imu: ImuChoice,
@@ -230,12 +265,17 @@ impl Reader<'_> {
         if let [Source::Rows { name, sha256, rows }] = samples.as_mut_slice() {
             from.samples_sha256 = core::mem::take(sha256);
             from.places.begin(Path::new(name), None, 0);
-            return read_measurements(campaign, rows).map_err(|error| error.failure(Path::new(name)));
+            let mut marks = Marks::default();
+            let measurements = read_measurements(campaign, marked(rows, &mut marks));
+            from.rows.push(marks);
+            return measurements.map_err(|error| error.failure(Path::new(name)));
         }
         let paths: Vec<_> = samples.iter().map(Source::path).collect();
         let bar = (self.bar)(&paths, "reading");
         let mut rows = Recording::open_hashed(&paths, RowKind::Campaign, self.imu.clone(), &bar)?;
-        let measurements = read_measurements(campaign, &mut rows);
+        let mut marks = Marks::default();
+        let measurements = read_measurements(campaign, marked(&mut rows, &mut marks));
+        from.rows.push(marks);
         bar.finish_and_clear();
         let measurements = measurements.map_err(|error| rows.failure(&error))?;
         from.places = rows.places().clone();
@@ -244,7 +284,7 @@ impl Reader<'_> {
     }
 
     /// Ramps, with the SHA-256 of each. Messages call each as the campaign file does, wherever it lies.
-    fn ramps(&self, campaign: &Campaign, paths: &[PathBuf]) -> Result<(Vec<RampRecording>, Vec<String>), Failure> {
+    fn ramps(&self, campaign: &Campaign, paths: &[PathBuf]) -> Result<Vec<Read<RampRecording>>, Failure> {
         let bar = (self.bar)(paths, "reading ramps");
         let read = |(path, ramp): (&PathBuf, &Ramp)| {
             self.recording(path, &bar, |rows| RampRecording::read(ramp.samples.clone(), rows))
@@ -255,7 +295,7 @@ impl Reader<'_> {
     }
 
     /// Recordings of an IMU that was put down by hand, with the SHA-256 of each.
-    fn tumbles(&self, samples: Vec<Source<'_>>) -> Result<(Vec<TumbleRecording>, Vec<String>), Failure> {
+    fn tumbles(&self, samples: Vec<Source<'_>>) -> Result<Vec<Read<TumbleRecording>>, Failure> {
         let paths: Vec<_> = samples.iter().map(Source::path).collect();
         let bar = (self.bar)(&paths, "reading");
         let read = |source: Source<'_>| match source {
@@ -263,8 +303,10 @@ impl Reader<'_> {
                 self.recording(&path, &bar, |rows| TumbleRecording::read(path.display().to_string(), rows))
             }
             Source::Rows { name, sha256, rows } => {
-                let recording = TumbleRecording::read(name.clone(), rows);
-                Ok((recording.map_err(|error| error.failure(Path::new(&name)))?, sha256))
+                let mut marks = Marks::default();
+                let recording = TumbleRecording::read(name.clone(), marked(rows, &mut marks));
+                let recording = recording.map_err(|error| error.failure(Path::new(&name)))?;
+                Ok(Read { recording, sha256, rows: marks })
             }
         };
         let all = samples.into_iter().map(read).collect();
@@ -276,11 +318,13 @@ impl Reader<'_> {
         &self,
         path: &Path,
         bar: &ProgressBar,
-        read: impl Fn(&mut Recording) -> Result<T, RecordingError>,
-    ) -> Result<(T, String), Failure> {
+        read: impl Fn(&mut dyn Iterator<Item = Row>) -> Result<T, RecordingError>,
+    ) -> Result<Read<T>, Failure> {
         let files = [path.to_owned()];
         let mut rows = Recording::open_hashed(&files, RowKind::Sample, self.imu.clone(), bar)?;
-        let recording = read(&mut rows).map_err(|error| rows.failure(&error))?;
-        Ok((recording, rows.sha256()?))
+        let mut marks = Marks::default();
+        let recording = read(&mut marked(&mut rows, &mut marks));
+        let recording = recording.map_err(|error| rows.failure(&error))?;
+        Ok(Read { recording, sha256: rows.sha256()?, rows: marks })
     }
 }

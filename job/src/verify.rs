@@ -1,6 +1,7 @@
 //! One verification run: the samples of a recording under a table.
 
 use indicatif::ProgressBar;
+use isotherm_calibration::Origin;
 use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_shared::table::CoefficientTable;
@@ -29,7 +30,7 @@ impl<'t> Run<'t> {
         window_s: f64,
         bar: &ProgressBar,
     ) -> Result<Self, Failure> {
-        let mut samples = Samples::open(recording, imu, bar)?;
+        let mut samples = Samples::open_hashed(recording, imu, bar)?;
         samples.set_lag(lag_ns.unwrap_or(table.lag_ns()));
         Ok(Self { samples, recording: recording.to_vec(), collector: Collector::new(table, window_s) })
     }
@@ -44,6 +45,12 @@ impl<'t> Run<'t> {
     #[must_use]
     pub const fn collector(&self) -> &Collector<'t> {
         &self.collector
+    }
+
+    /// Whether the table of this origin was made from this recording, by the samples so far.
+    #[must_use]
+    pub fn made(&self, origin: &Origin) -> bool {
+        origin.is_made_from(self.collector.marks(), &self.samples.sha256_so_far())
     }
 
     /// What the run shows, after its last sample.

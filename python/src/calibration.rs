@@ -50,7 +50,7 @@ pub(crate) struct Options {
     strict: bool,
     /// \[s\]; 0 for no transients.
     lag: Option<f64>,
-    window: f64,
+    window: Option<f64>,
     scale_factor: String,
     misalignment: bool,
     standstills: Vec<usize>,
@@ -148,6 +148,7 @@ impl Options {
                 strict: self.strict,
                 lag,
                 predecessor_lag_s: None,
+                ..CalibrationOptions::default()
             },
             by_hand: GravityOnlyOptions {
                 window_s: self.window,

@@ -4,8 +4,10 @@ use crate::errors::StabilityError;
 use crate::offline::with_lag;
 use crate::records::document;
 use crate::table::Table;
+use isotherm_calibration::Origin;
+use isotherm_campaign::STANDSTILL_WINDOW_S;
 use isotherm_report::lengths as report;
-use isotherm_verification::{Lengths, LocalGravity, Requirement};
+use isotherm_verification::{Lengths, LengthsError, LocalGravity, Requirement};
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -18,7 +20,7 @@ pub(crate) fn lengths<'py>(
     py: Python<'py>,
     table: &Table,
     samples: PyReadonlyArray1<'py, u8>,
-    window: f64,
+    window: Option<f64>,
     gravity_local: Option<f64>,
     other_device: bool,
     require: Option<&str>,
@@ -28,8 +30,11 @@ pub(crate) fn lengths<'py>(
     let bytes = samples.as_slice()?;
     let found = py.detach(|| {
         let rows: Vec<_> = with_lag(bytes, &table.0).collect();
-        Lengths::of(&table.0, &rows, window, LocalGravity::of(gravity_local, &table.0), other_device)
+        let lengths = Lengths::of(&table.0, &rows, window, LocalGravity::of(gravity_local, &table.0), other_device)?;
+        let origin = Origin::of_toml(table.text(), &table.0);
+        let made_the_table = origin.is_made_from(&rows.into_iter().collect(), "");
+        Ok::<_, LengthsError>(Lengths { made_the_table, ..lengths })
     });
     let found = found.map_err(|error| StabilityError::new_err(error.to_string()))?;
-    document(py, &report::json(&found, window, required))
+    document(py, &report::json(&found, window.unwrap_or(STANDSTILL_WINDOW_S), required))
 }

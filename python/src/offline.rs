@@ -3,7 +3,8 @@
 use crate::errors::{StabilityError, file, recording};
 use crate::records::{Fields, INCREMENT, RAW, array, document, increment_bytes, increments, python, view};
 use crate::table::Table;
-use isotherm_calibration::{now, tool};
+use isotherm_calibration::{Origin, now, tool};
+use isotherm_finding::Finding;
 use isotherm_recording::csv::{CsvColumn, Rows};
 use isotherm_recording::{
     ANGLE_CSV_COLUMNS, Continuity, INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader,
@@ -48,12 +49,13 @@ pub(crate) fn replay<'py>(
     Ok(out)
 }
 
-/// What the commands warn of where time is lost in these samples; `None` if time is whole.
+/// What the commands warn of: intervals that are not the time from row to row, lost time, missing rows.
 #[pyfunction]
-pub(crate) fn time_warning(py: Python<'_>, samples: PyReadonlyArray1<'_, u8>) -> PyResult<Option<String>> {
+pub(crate) fn time_warnings(py: Python<'_>, samples: PyReadonlyArray1<'_, u8>) -> PyResult<Vec<String>> {
     let samples = samples.as_slice()?;
     let rows = samples.chunks_exact(RAW).map(|record| Period::from(&Fields(record).raw()));
-    Ok(py.detach(|| rows.collect::<Continuity>().fault()).map(|fault| fault.to_string()))
+    let found = py.detach(|| rows.collect::<Continuity>().findings(0.0));
+    Ok(found.into_iter().map(|finding| finding.message).collect())
 }
 
 /// The samples of an array. If none has a time constant, the lagged telemetry is computed with the table's, as the
@@ -267,7 +269,8 @@ pub(crate) fn verify(
     let figures = py.detach(|| {
         let mut collector = Collector::new(&table.0, window);
         with_lag(samples, &table.0).for_each(|sample| collector.add(&sample));
-        collector.finish(&setup)
+        let made_the_table = Origin::of_toml(table.text(), &table.0).is_made_from(collector.marks(), "");
+        collector.finish(&setup).map(|stability| Figures { made_the_table, ..stability })
     });
     let figures = figures.map_err(|error| StabilityError::new_err(error.to_string()))?;
     Ok(Stability { table: Arc::clone(&table.0), figures, window_s: window, recording })
@@ -330,6 +333,13 @@ impl Stability {
     #[getter]
     fn time_warning(&self) -> Option<String> {
         self.figures.time_fault.map(|fault| fault.to_string())
+    }
+
+    /// What the command prints: severity and the rest of the line, without the recording.
+    #[getter]
+    fn findings(&self) -> Vec<(&'static str, String)> {
+        let line = |finding: &Finding| (finding.severity.name(), format!("[{}]: {finding}", finding.name));
+        self.figures.findings(false).iter().map(line).collect()
     }
 
     /// The document of `isotherm verify --json`.

@@ -14,12 +14,16 @@
 //! compared. A gap, a new session, a row without a timestamp or with an interval that cannot be (0, over an hour)
 //! begins anew, and so does an interval that stands alone: time went on as before.
 
+use crate::interval::{IntervalFault, Intervals};
 use crate::overlap::{Overlap, Span};
 use core::fmt;
 use isotherm_finding::{Finding, name};
 use isotherm_shared::sequence::{Period, excess_ns, time_step};
 use isotherm_shared::wire::MAX_INTERVAL_NS;
 use std::collections::VecDeque;
+
+/// More missing rows than this share of all are worth a warning.
+pub const MISSING: f64 = 0.01;
 
 /// Rows over which the sums are compared.
 const ROWS: usize = 1000;
@@ -31,8 +35,8 @@ const LARGE_STEP: i128 = 10;
 /// readings are wrong, and no time is lost. They are time steps.
 const ODD_ROWS: u32 = 10;
 
-/// What is missing in a recording: counts over its rows, and its first fault of time. A row costs a few operations, the
-/// memory is 2 kB.
+/// What is missing in a recording: counts over its rows, its first fault of time, and whether its intervals are the
+/// time from row to row. A row costs a few operations, the memory is at most 70 kB.
 ///
 /// ```
 /// use isotherm_recording::Continuity;
@@ -49,6 +53,8 @@ const ODD_ROWS: u32 = 10;
 pub struct Continuity {
     last: Option<Period>,
     losses: Losses,
+    rows: u64,
+    intervals: Intervals,
     fault: Option<TimeFault>,
     stretch: Stretch,
     /// Interval of the last row whose time went on by it.
@@ -109,6 +115,10 @@ impl Continuity {
         self.overlap = self.overlap.or(overlap);
         let last = self.last.replace(row);
         let excess = last.and_then(|last| excess_ns(last, row));
+        self.rows += 1;
+        if let Some(excess_ns) = excess.filter(|_| (1..=MAX_INTERVAL_NS).contains(&row.interval_ns)) {
+            self.intervals.add(excess_ns + i128::from(row.interval_ns), row.interval_ns);
+        }
         if let Some(last) = last {
             self.losses.time_steps += u64::from(time_step(last, row));
             let missing = if last.session == row.session { row.sequence.saturating_sub(last.sequence) } else { 0 };
@@ -166,6 +176,38 @@ impl Continuity {
     #[must_use]
     pub const fn fault(&self) -> Option<TimeFault> {
         self.fault
+    }
+
+    /// The intervals, if they are not the time from row to row. Gaps do not count.
+    #[must_use]
+    pub fn interval(&self) -> Option<IntervalFault> {
+        self.intervals.fault()
+    }
+
+    /// What is to be said of the rows: intervals that are not the time from row to row, a fault; or else lost time, a
+    /// warning. Then rows that are missing, if they are over this share of all.
+    ///
+    /// ```
+    /// use isotherm_recording::Continuity;
+    /// use isotherm_shared::sequence::Period;
+    ///
+    /// // Samples of 2.5 ms whose intervals are in microseconds.
+    /// let row = |n| Period { session: 1, sequence: n, timestamp_ns: (n + 1) * 2_500_000, interval_ns: 2500 };
+    /// let found = (0..100).map(row).collect::<Continuity>().findings(0.01);
+    /// assert!(found[0].message.starts_with("interval_ns is 1.000e-3 of the time from row to row, 0.0000025 s"));
+    /// assert_eq!(found.len(), 1);
+    /// ```
+    #[must_use]
+    pub fn findings(&self, share: f64) -> Vec<Finding> {
+        let interval = self.interval().map(|fault| fault.finding());
+        let time = self.fault.filter(|_| interval.is_none()).map(|fault| fault.finding());
+        let Losses { missing, gaps, .. } = self.losses;
+        let all = missing.saturating_add(self.rows);
+        let lost = (missing as f64 > share * all as f64).then(|| {
+            let [rows, holes] = [(missing, "row"), (gaps, "gap")].map(|(n, word)| counted(n, word));
+            Finding::warning(name::MISSING_ROWS, format!("{rows} missing in {holes}, of {all}"))
+        });
+        interval.into_iter().chain(time).chain(lost).collect()
     }
 }
 
@@ -239,10 +281,15 @@ impl Losses {
 impl fmt::Display for Losses {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { missing, gaps, time_steps } = self;
-        let s = |count: &u64| if *count == 1 { "" } else { "s" };
-        write!(f, "{missing} row{} missing in {gaps} gap{}, ", s(missing), s(gaps))?;
-        write!(f, "{time_steps} time step{}", s(time_steps))
+        let [rows, gaps, steps] =
+            [(missing, "row"), (gaps, "gap"), (time_steps, "time step")].map(|(n, word)| counted(*n, word));
+        write!(f, "{rows} missing in {gaps}, {steps}")
     }
+}
+
+/// `1 row`, `3 rows`.
+fn counted(count: u64, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
 impl TimeFault {

@@ -1,5 +1,7 @@
 //! Intervals that add up to more time than has passed.
 
+use crate::interval::unit_factor;
+use core::fmt;
 use isotherm_shared::sequence::Period;
 
 /// Rows over which the sums are compared.
@@ -19,6 +21,25 @@ pub struct Overlap {
     pub elapsed_ns: u64,
     /// Interval of the last one over the time since the row before it.
     pub ratio: f64,
+}
+
+/// Both values, and the cause if it is a unit.
+impl fmt::Display for Overlap {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { rows, intervals_ns, elapsed_ns, ratio } = *self;
+        write!(
+            f,
+            "the intervals of the {rows} rows up to here add up to {intervals_ns} ns, but only {elapsed_ns} ns have \
+             passed; pulses would be counted twice"
+        )?;
+        match unit_factor(ratio).filter(|factor| *factor > 1.0) {
+            Some(factor) => write!(
+                f,
+                ": {factor} times as long, so interval_ns or timestamp_ns is in another unit than nanoseconds"
+            ),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Rows of a session, up to [`ROWS`].

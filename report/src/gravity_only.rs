@@ -10,7 +10,7 @@ use isotherm_campaign::Campaign;
 use isotherm_recording::Losses;
 use isotherm_shared::table::{AXIS_NAMES, GRAVITY_ONLY, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{CONFIDENCE, Curve, QUANTITIES, student_quantile};
+use isotherm_statistics::{CONFIDENCE, Curve, QUANTITIES, student_quantile_of};
 use serde_json::Value;
 use std::fmt::Write as _;
 
@@ -23,11 +23,13 @@ const CURVE_INTERVALS: usize = 60;
 /// A calibration in a few lines, then a line for each standstill.
 #[must_use]
 pub fn text(calibration: &GravityOnlyCalibration) -> String {
-    let GravityOnlyCalibration { readings, too_short, levels, unknowns, reasons, freedom, .. } = calibration;
+    let GravityOnlyCalibration { readings, too_short, groups, unknowns, reasons, freedom, .. } = calibration;
+    let levels = groups.levels;
     let mut text = format!(
-        "{} standstills at {levels} {}, {too_short} too short, digest {}\n\n  order {}: {}\n  {}: {}\n\n",
+        "{} standstills in {} at {levels} {}, {too_short} too short, digest {}\n\n  order {}: {}\n  {}: {}\n\n",
         readings.len(),
-        if *levels == 1 { "temperature" } else { "temperatures" },
+        counted(groups.count, "group", "groups"),
+        if levels == 1 { "temperature" } else { "temperatures" },
         calibration.table.digest(),
         unknowns.order,
         reasons[0],
@@ -51,7 +53,7 @@ pub fn text(calibration: &GravityOnlyCalibration) -> String {
         );
     }
     for (name, value, error) in misalignments(calibration) {
-        let interval = error.map(|error| error * student_quantile(CONFIDENCE, *freedom));
+        let interval = error.map(|error| error * student_quantile_of(CONFIDENCE, calibration.misalignment_freedom));
         let _ = writeln!(text, "  {name} {} [1e-6 rad]", with_interval((value, interval), 1e6, 2));
     }
     let worst = |quantity, relative| {
@@ -70,8 +72,9 @@ pub fn text(calibration: &GravityOnlyCalibration) -> String {
     }
     let _ = writeln!(
         text,
-        "  residuals {:.2}e-6 g0 rms, {freedom} degrees of freedom\n  D sqrt(n) {:.2}: an error of 1 in each standstill is one of {:.2} in the output\n  {NOT_OBSERVABLE}",
+        "  residuals {:.2}e-6 g0 rms, {freedom} degrees of freedom{}\n  D sqrt(n) {:.2}: an error of 1 in each standstill is one of {:.2} in the output\n  {NOT_OBSERVABLE}",
         calibration.residual_rms() * 1e6,
+        shared(calibration),
         calibration.dilution.times_root_n,
         calibration.dilution.times_root_n / (readings.len() as f64).sqrt()
     );
@@ -101,6 +104,24 @@ pub fn text(calibration: &GravityOnlyCalibration) -> String {
         );
     }
     text
+}
+
+fn counted(count: usize, one: &str, many: &str) -> String {
+    format!("{count} {}", if count == 1 { one } else { many })
+}
+
+/// What the standstills of a group share.
+fn shared(calibration: &GravityOnlyCalibration) -> String {
+    let Some(evidence) = &calibration.evidence else { return String::new() };
+    let walk = format!("bias walks {:.1}e-6 g0 in a tumble", evidence.walk_bias * 1e6);
+    if calibration.groups.count == 1 {
+        return format!("\n  {walk}; one group: what another power-up changes is not in the intervals");
+    }
+    format!(
+        "\n  between groups: bias {:.1}e-6 g0, scale factor {:.1} ppm; {walk}",
+        evidence.group_bias * 1e6,
+        evidence.group_gain * 1e6
+    )
 }
 
 /// Value at mid telemetry with the half width of its 95 % interval.
@@ -147,7 +168,8 @@ view! { CalibrationView<'a>(found: &'a GravityOnlyCalibration, all: Value) {
     standstills: usize = found.readings.len(),
     too_short: usize = found.too_short,
     losses: Losses = found.losses,
-    temperatures: usize = found.levels,
+    groups: usize = found.groups.count,
+    temperatures: usize = found.groups.levels,
     unit: &'a str = &found.table.content().temperature_unit,
     order: usize = found.unknowns.order,
     order_reason: &'a str = &found.reasons[0],
@@ -181,6 +203,7 @@ view! { CurveView<'a>(curve: &Curve, number: usize, of: usize) {
     unit: &'a str = if of == 0 { "g0" } else { "pulse/(s*g0)" },
     order: usize = curve.order(),
     range_in_unit_of_telemetry: [f64; 2] = curve.range(),
+    measured_in_unit_of_telemetry: [f64; 2] = curve.measured(),
     largest_interval_in_unit: Option<f64> = largest_interval(curve, false),
 }}
 
@@ -220,7 +243,8 @@ pub fn html(campaign: &Campaign, calibration: &GravityOnlyCalibration, source: &
     page.heading(2, "result", "Result");
     page.key_values(&[
         ("Standstills", format!("{}, {} too short", calibration.readings.len(), calibration.too_short)),
-        ("Temperatures", calibration.levels.to_string()),
+        ("Groups by file, power-up and temperature", calibration.groups.count.to_string()),
+        ("Temperatures", calibration.groups.levels.to_string()),
         ("Order", format!("{}: {}", calibration.unknowns.order, calibration.reasons[0])),
         ("Scale factors", calibration.reasons[1].clone()),
         ("Residuals", format!("{:.2}e-6 g0 rms", calibration.residual_rms() * 1e6)),

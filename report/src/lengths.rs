@@ -5,7 +5,7 @@ use super::page::{Cell, Column, NoteKind, Page};
 use super::plot::{Plot, Style};
 use super::verification::VerificationSource;
 use super::view::{value, view};
-use crate::parts::file_names;
+use crate::parts::{self, file_names};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_verification::{Length, Lengths, Requirement};
 use serde_json::Value;
@@ -19,10 +19,12 @@ pub const NOT_JUDGED: &str = "not judged: the direction of the output, and error
 pub fn text(lengths: &Lengths) -> String {
     let Lengths { standstills, mean, rms, .. } = lengths;
     let largest = lengths.largest();
-    let mut text = format!(
-        "{}\nLocal gravity {}\n\nLength of the output less local gravity [1e-6 g0], 95 %\n  largest  {} in standstill {}\n  mean     {}\n  rms      {:.3}\n  {NOT_JUDGED}\n\n",
+    let mut text = parts::first_line(lengths.made_the_table);
+    text += &format!(
+        "{}\nLocal gravity {}\n{}\n\nLength of the output less local gravity [1e-6 g0], 95 %\n  largest  {} in standstill {}\n  mean     {}\n  rms      {:.3}\n  {NOT_JUDGED}\n\n",
         counts(lengths),
         lengths.gravity_source,
+        lengths.shown,
         shown(largest.error.value, largest.error.interval),
         largest.reading.number,
         shown(mean.value, mean.interval),
@@ -70,7 +72,12 @@ view! { LengthsView<'a>(lengths: &'a Lengths, window_s: f64, judged: JudgedView)
     window_s: f64 = window_s,
     standstills: usize = lengths.standstills.len(),
     too_short: usize = lengths.too_short,
+    turned: usize = lengths.turned,
     invalid: usize = lengths.invalid,
+    made_the_table: bool = lengths.made_the_table,
+    driven_parts: [[f64; 2]; 3] = lengths.shown.driven,
+    not_shown: &'a [String] = &lengths.shown.undriven,
+    telemetry_part: f64 = lengths.shown.telemetry,
     gravity_local_m_s2: Option<f64> = lengths.gravity_source.value(),
     gravity_source: &'a str = lengths.gravity_source.name(),
     largest: LargestView = LargestView::of(lengths.largest()),
@@ -112,11 +119,13 @@ pub fn html(table: &CoefficientTable, lengths: &Lengths, source: &VerificationSo
 
 fn result(page: &mut Page, table: &CoefficientTable, lengths: &Lengths, source: &VerificationSource) {
     page.heading(2, "result", "Result");
+    parts::own_recording(page, lengths.made_the_table);
     let largest = lengths.largest();
     let error = shown(largest.error.value, largest.error.interval);
     page.key_values(&[
         ("Standstills", counts(lengths)),
         ("Local gravity", lengths.gravity_source.to_string()),
+        ("Shown", lengths.shown.to_string()),
         ("Largest error", format!("{error}e-6 g0, standstill {}", largest.reading.number)),
         ("Mean error", format!("{}e-6 g0", shown(lengths.mean.value, lengths.mean.interval))),
         ("Rms error", format!("{:.3}e-6 g0", lengths.rms * 1e6)),

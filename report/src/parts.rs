@@ -1,9 +1,10 @@
 //! Parts that several pages have.
 
-use crate::page::{Cell, Page};
+use crate::page::{Cell, NoteKind, Page};
 use isotherm_calibration::CampaignSource;
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::CoefficientTable;
+use isotherm_verification::OWN_RECORDING;
 
 /// Column headings of a table whose rows [`navigation`] makes.
 pub(crate) const NAVIGATION: [&str; 5] =
@@ -20,6 +21,18 @@ pub(crate) fn navigation(what: &str, error: f64) -> Vec<Cell> {
         Cell::number(acceleration * 60.0, 3),
         Cell::number(0.5 * acceleration * 3600.0, 1),
     ]
+}
+
+/// The first line of a text about a recording that made the table.
+pub(crate) fn first_line(made_the_table: bool) -> String {
+    if made_the_table { format!("{OWN_RECORDING}\n") } else { String::new() }
+}
+
+/// The note about a recording that made the table.
+pub(crate) fn own_recording(page: &mut Page, made_the_table: bool) {
+    if made_the_table {
+        page.note(NoteKind::Bad, "No evidence", &format!("Look at this: {OWN_RECORDING}."));
+    }
 }
 
 /// The section on where a table comes from. `samples` are lines on the samples of the positions.

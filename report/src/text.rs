@@ -2,6 +2,7 @@
 //!
 //! Over 400 lines: the lines of calibrations and of verifications, which have the same layout.
 
+use super::parts;
 use super::shown::{DEGREES_PER_HOUR, FLAGGED, MICRO_G0, SOAKED, Shown, named_errors};
 use isotherm_calibration::{
     Accuracy, CalibratedTriad, Calibration, GyroscopeCalibration, Prediction, RampCalibration, Transients, TriadUnits,
@@ -83,7 +84,8 @@ pub fn ramps(calibration: &RampCalibration) -> String {
     let (content, count) = (calibration.table.content(), calibration.recordings);
     let noun = if count == 1 { "recording" } else { "recordings" };
     let mut text = format!(
-        "{count} {noun} of ramps alone, curves {}, digest {}\n\nnot known:\n",
+        "{}\n{count} {noun} of ramps alone, curves {}, digest {}\n\nnot known:\n",
+        calibration.transients.curve_errors(),
         calibration.curves.digest(),
         calibration.table.digest()
     );
@@ -227,7 +229,8 @@ fn alignment(calibration: &Calibration) -> String {
 /// verdict. `window` is the length of the windows \[s\]; `aligned` says whether the table has an alignment matrix.
 #[must_use]
 pub fn stability(stability: &Stability, window: f64, aligned: bool) -> String {
-    let mut text = format!(
+    let mut text = parts::first_line(stability.made_the_table);
+    text += &format!(
         "{}\nLocal gravity {}\n\nOutput stability: means over {window} s of output minus specific force [1e-6 g0]\n{}",
         stability.judged_windows(),
         stability.gravity_source,

@@ -58,7 +58,7 @@ fn biases(page: &mut Page, found: &Transients, unit: &str) {
     let known = |it: &BiasTransient, value: Option<f64>| number(it, value.unwrap_or(f64::NAN));
     let predicted = |it: &BiasTransient, of: fn(&Prediction) -> f64| known(it, it.prediction.as_ref().map(of));
     let t_tau = |it: &BiasTransient| it.estimate * TriadUnits::of(it.kind).bias_factor * found.time_constant.value_s;
-    let columns: [Column<'_, &BiasTransient>; 12] = [
+    let columns: [Column<'_, &BiasTransient>; 13] = [
         ("Bias", &|it| Cell::text(it.name())),
         ("Unit", &|it| Cell::text(TriadUnits::of(it.kind).bias_on_page)),
         ("Written", &|it| number(it, it.transient)),
@@ -71,6 +71,7 @@ fn biases(page: &mut Page, found: &Transients, unit: &str) {
         ("As written", &|it| predicted(it, |it| it.written)),
         ("Band without", &|it| known(it, band(&it.before))),
         ("Band with", &|it| known(it, band(&it.after))),
+        ("Error of the curve", &|it| known(it, it.curve_error.as_ref().map(|band| band.half_width))),
     ];
     let caption = format!(
         "Transients per {unit}, t tau in its unit times seconds per {unit}; rms of sweeps left out, by model; hysteresis band"

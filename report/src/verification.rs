@@ -4,7 +4,7 @@ use super::loops::pictures;
 use super::page::{Cell, Column, NoteKind, Page};
 use super::plot::{Plot, Style};
 use super::shown::{DEGREES_PER_HOUR, FLAGGED, MICRO_G0, RANDOM_WALK, SOAKED, Shown, named_errors};
-use crate::parts::{NAVIGATION, file_names, navigation};
+use crate::parts::{NAVIGATION, file_names, navigation, own_recording};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::BINS;
@@ -56,6 +56,7 @@ pub fn html(table: &CoefficientTable, stability: &Stability, source: &Verificati
 
 fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, source: &VerificationSource) {
     page.heading(2, "result", "Stability");
+    own_recording(page, stability.made_the_table);
     page.paragraph(&format!("{}.", stability.judged_windows()));
     for judgement in source.required.iter().flat_map(|required| required.judge(stability)) {
         let (kind, word) =

@@ -34,8 +34,19 @@ pub struct Curve {
     scale: f64,
     coefficients: DVector<f64>,
     covariance: Option<DMatrix<f64>>,
-    freedom: usize,
+    freedom: f64,
     range: [f64; 2],
+    measured: [f64; 2],
+    slope: Option<SlopeError>,
+}
+
+/// What a slope that a curve lacks adds to its interval: `per_unit` times the distance from `about`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SlopeError {
+    /// Half width of the 95 % interval per unit of telemetry, in the value's unit.
+    pub per_unit: f64,
+    /// Telemetry at which it adds nothing.
+    pub about: f64,
 }
 
 impl Curve {
@@ -46,17 +57,25 @@ impl Curve {
         [center, scale]: [f64; 2],
         coefficients: DVector<f64>,
         covariance: Option<DMatrix<f64>>,
-        freedom: usize,
+        freedom: f64,
         range: [f64; 2],
     ) -> Self {
-        Self { center, scale, coefficients, covariance: covariance.filter(|_| freedom > 0), freedom, range }
+        let covariance = covariance.filter(|_| freedom > 0.0);
+        Self { center, scale, coefficients, covariance, freedom, range, measured: range, slope: None }
+    }
+
+    /// The curve with what is known of its error: the telemetry that was measured, out of which no interval is known,
+    /// and what a slope that it lacks adds.
+    #[must_use]
+    pub fn known(self, measured: [f64; 2], slope: Option<SlopeError>) -> Self {
+        Self { measured, slope, ..self }
     }
 
     /// The curve of the fit of `order`.
     #[must_use]
     pub fn of(regression: &Regression, order: usize, range: [f64; 2]) -> Self {
         let (coefficients, covariance) = regression.centred(order);
-        let freedom = regression.fits()[order].df_residual;
+        let freedom = regression.fits()[order].df_residual as f64;
         Self::new([regression.center(), regression.scale()], coefficients, covariance, freedom, range)
     }
 
@@ -66,15 +85,28 @@ impl Curve {
         self.coefficients.len() - 1
     }
 
-    /// Lowest and highest telemetry of the data.
+    /// Lowest and highest telemetry of the curve.
     #[must_use]
     pub const fn range(&self) -> [f64; 2] {
         self.range
     }
 
+    /// Lowest and highest telemetry of the data: in it the interval is known. It is the range, unless a wider one was
+    /// stated.
+    #[must_use]
+    pub const fn measured(&self) -> [f64; 2] {
+        self.measured
+    }
+
+    /// What a slope that the curve lacks adds to its interval.
+    #[must_use]
+    pub const fn slope_error(&self) -> Option<SlopeError> {
+        self.slope
+    }
+
     /// Degrees of freedom of the covariance.
     #[must_use]
-    pub const fn freedom(&self) -> usize {
+    pub const fn freedom(&self) -> f64 {
         self.freedom
     }
 
@@ -118,10 +150,17 @@ impl Curve {
         self.covariance.as_ref().map(|covariance| powers.dot(&(covariance * &powers)).max(0.0).sqrt())
     }
 
-    /// Half width of the confidence interval of the value at `telemetry`, at `confidence`, 0 to 1.
+    /// Half width of the confidence interval of the value at `telemetry`, at `confidence`, 0 to 1; a slope that the
+    /// curve lacks adds its 95 %. `None` without errors, and where nothing was measured.
     #[must_use]
     pub fn interval(&self, telemetry: f64, confidence: f64) -> Option<f64> {
-        Some(self.standard_error(telemetry)? * student_quantile(confidence, self.freedom))
+        let [low, high] = self.measured;
+        // A point that was computed from the ends may lie beyond by rounding.
+        let rounding = 1e-9 * (high - low);
+        let known = (low - rounding..=high + rounding).contains(&telemetry);
+        let slope = self.slope.map_or(0.0, |slope| slope.per_unit * (telemetry - slope.about).abs());
+        let error = self.standard_error(telemetry).filter(|_| known)?;
+        Some(error * student_quantile_of(confidence, self.freedom) + slope)
     }
 
     /// Coefficients of the powers of the raw telemetry, ascending; expanded in double-double, then rounded once.

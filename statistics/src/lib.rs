@@ -22,11 +22,15 @@ mod hysteresis;
 mod least_squares;
 mod order;
 mod regression;
+mod sweep_band;
 
-pub use curve::{CONFIDENCE, Curve, student_quantile, student_quantile_of};
+pub use curve::{CONFIDENCE, Curve, SlopeError, student_quantile, student_quantile_of};
 pub use diagnostics::{Diagnostics, Test, median, robust_sd};
 pub use double_double::DoubleDouble;
 pub use hysteresis::{BINS, LoopPoint, Sweep, band, shared_bins, sweeps};
 pub use least_squares::{LeastSquares, MAX_SVD_STEPS, least_squares};
 pub use order::{OrderTable, QUANTITIES, Rule, choose, default_order};
-pub use regression::{DataPoint, Fit, LinearColumn, MAX_ORDER, Partial, Regression, RegressionError, f_limit, f_tail};
+pub use regression::{
+    DataPoint, Fit, LinearColumn, MAX_ORDER, Partial, Regression, RegressionError, beta_tail, f_limit, f_tail,
+};
+pub use sweep_band::{Disagreement, SweepBand, SweepValues, sweep_band};

@@ -507,6 +507,12 @@ pub fn f_tail(f: f64, d1: f64, d2: f64) -> f64 {
     beta_reg(d2 / 2.0, d1 / 2.0, d2 / (d2 + d1 * f))
 }
 
+/// The probability that a variable of the beta distribution with the shapes `a` and `b` exceeds `x`.
+#[must_use]
+pub fn beta_tail(x: f64, a: f64, b: f64) -> f64 {
+    if !(a > 0.0 && b > 0.0) || x.is_nan() { f64::NAN } else { 1.0 - beta_reg(a, b, x.clamp(0.0, 1.0)) }
+}
+
 /// The value that an F variable with `d1` and `d2` degrees of freedom exceeds with probability `p`.
 ///
 /// ```

@@ -3,15 +3,16 @@
 //!
 //! It shows neither the direction of the output nor an error across the specific force.
 
-use crate::requirement::{Judgement, Requirement, all_met};
+use crate::gate::exercised::{DRIVEN, undriven};
+use crate::requirement::{Judgement, Requirement, all_met, no_evidence};
 use crate::stability::LocalGravity;
 use crate::verdict::Estimate;
-use core::ops::Range;
-use isotherm_calibration::{Reading, error_of_length, errors_of_means};
-use isotherm_campaign::{StandstillError, TUMBLED, begins_ns, find_standstills};
+use core::fmt;
+use isotherm_calibration::{Reading, error_of_length, errors_of_means, telemetry_steps};
+use isotherm_campaign::{Standstill, StandstillError, Standstills, begins_ns, find_standstills, joint_range};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::polynomial::Polynomial;
-use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable};
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_statistics::{CONFIDENCE, student_quantile};
 use nalgebra::Vector3;
@@ -36,6 +37,17 @@ pub struct Length {
     pub out_of_range: bool,
 }
 
+/// What of the table the standstills show.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shown {
+    /// Share of the rows in which the specific force drives the channel, with over 0.3 g0: + and -, by axis.
+    pub driven: [[f64; 2]; AXES],
+    /// Names of the channels that no standstill drives, as `K+ of A2`.
+    pub undriven: Vec<String>,
+    /// Part of the range of head telemetry that the standstills cover, for the bias of which that is least.
+    pub telemetry: f64,
+}
+
 /// The lengths over all standstills of a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lengths {
@@ -43,10 +55,16 @@ pub struct Lengths {
     pub standstills: Vec<Length>,
     /// Standstills that were left out because they are too short.
     pub too_short: usize,
+    /// Standstills that were left out because the IMU turned in them.
+    pub turned: usize,
     /// Standstills without a valid output in a row; they are left out.
     pub invalid: usize,
     /// Samples of another unit than the table's, which were accepted.
     pub other_device: usize,
+    /// What of the table the standstills show.
+    pub shown: Shown,
+    /// Whether the table was made from this recording, as its provenance says; the caller looks.
+    pub made_the_table: bool,
     /// Local gravity \[g0\].
     pub gravity: f64,
     /// Where local gravity comes from.
@@ -58,7 +76,7 @@ pub struct Lengths {
 }
 
 /// Why lengths cannot be compared.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LengthsError {
     /// There is no usable standstill.
     #[error(transparent)]
@@ -78,13 +96,14 @@ impl Length {
     /// The output over a standstill; `None` if it is not valid. `errors` are those of the mean, `gravity` is in g0.
     fn of(
         table: &CoefficientTable,
-        rows: &[RawSample],
+        rows: (&[RawSample], &Standstills),
         reading: Reading,
         errors: [f64; AXES],
         gravity: f64,
     ) -> Option<Self> {
         let mut sum = Vector3::zeros();
-        for row in &rows[reading.rows.clone()] {
+        let (all, standstills) = rows;
+        for row in standstills.rows(all, reading.rows.clone()) {
             sum += Vector3::from(answer(Some(table), row).velocity_increment);
         }
         let force = sum / reading.seconds / table.content().gravity;
@@ -102,8 +121,42 @@ impl Length {
     }
 }
 
+impl Shown {
+    fn of(table: &CoefficientTable, standstills: &[Length]) -> Self {
+        let forces: Vec<_> = standstills.iter().map(|length| length.force).collect();
+        let rows = |driven: &dyn Fn(&Length) -> bool| -> f64 {
+            standstills.iter().filter(|it| driven(it)).map(|it| it.reading.rows.len() as f64).sum()
+        };
+        let all = rows(&|_| true);
+        let share = |axis: usize| [1.0, -1.0].map(|sign| rows(&|it| sign * it.force[axis] >= DRIVEN) / all);
+        let part = |(axis, coefficients): (usize, &Axis)| {
+            let [from, to] = coefficients.bias.range();
+            let [low, high] = joint_range(standstills.iter().map(|it| it.reading.head_range[axis]));
+            if to > from { ((high.min(to) - low.max(from)) / (to - from)).max(0.0) } else { 1.0 }
+        };
+        Self {
+            driven: [0, 1, 2].map(share),
+            undriven: undriven(&forces).iter().map(ToString::to_string).collect(),
+            telemetry: table.content().axes.iter().enumerate().map(part).fold(1.0, f64::min),
+        }
+    }
+}
+
+/// In a line: the share of each channel, and that of the telemetry.
+impl fmt::Display for Shown {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let channels = self.driven.iter().zip(AXIS_NAMES).flat_map(|([plus, minus], axis)| {
+            [("+", plus), ("-", minus)].map(|(sign, share)| format!("K{sign} of {axis} {:.0} %", 100.0 * share))
+        });
+        let channels: Vec<_> = channels.collect();
+        write!(f, "driven: {}; telemetry {:.0} % of the table's range", channels.join(", "), 100.0 * self.telemetry)?;
+        if self.undriven.is_empty() { Ok(()) } else { write!(f, "; not shown: {}", self.undriven.join(", ")) }
+    }
+}
+
 impl Lengths {
-    /// Compares the lengths over the standstills of `rows`, with windows of `window_s` seconds for the search.
+    /// Compares the lengths over the standstills of `rows`, with windows of `window_s` seconds for the
+    /// search; see [`find_standstills`].
     /// `other_device` says whether samples of another unit than the table's are judged.
     ///
     /// # Errors
@@ -111,7 +164,7 @@ impl Lengths {
     pub fn of(
         table: &CoefficientTable,
         rows: &[RawSample],
-        window_s: f64,
+        window_s: Option<f64>,
         gravity_source: LocalGravity,
         other_device: bool,
     ) -> Result<Self, LengthsError> {
@@ -121,16 +174,18 @@ impl Lengths {
             return Err(LengthsError::OtherDevice(others));
         }
         let gravity = gravity_source.value().ok_or(LengthsError::Gravity)? / table.content().gravity;
-        let found = find_standstills(rows, window_s, TUMBLED)?;
-        let begins_ns = begins_ns(rows);
-        let reading = |(index, range): (usize, Range<usize>)| {
-            let start_s = begins_ns[range.start] as f64 / 1e9;
-            Reading::of(index + 1, 0, rows, range, start_s, found.noise, false)
+        let found = find_standstills(rows, window_s)?.without_turned()?;
+        let (begins_ns, steps) = (begins_ns(rows), telemetry_steps(rows));
+        let reading = |(index, standstill): (usize, &Standstill)| {
+            let start_s = begins_ns[standstill.rows.start] as f64 / 1e9;
+            Reading::of(index + 1, 0, rows, standstill.rows.clone(), start_s, &found, &steps, false)
         };
-        let readings: Vec<Reading> = found.found.into_iter().enumerate().map(reading).collect();
+        let readings: Vec<Reading> = found.found.iter().enumerate().map(reading).collect();
         let (noise, count) = (errors_of_means(&readings), readings.len());
-        let lengths =
-            readings.into_iter().zip(noise).map(|(reading, errors)| Length::of(table, rows, reading, errors, gravity));
+        let lengths = readings
+            .into_iter()
+            .zip(noise)
+            .map(|(reading, errors)| Length::of(table, (rows, &found), reading, errors, gravity));
         let standstills: Vec<Length> = lengths.flatten().collect();
         if standstills.is_empty() {
             return Err(LengthsError::Invalid);
@@ -146,7 +201,10 @@ impl Lengths {
         Ok(Self {
             invalid: count - standstills.len(),
             too_short: found.too_short,
+            turned: found.turned,
             other_device: others,
+            shown: Shown::of(table, &standstills),
+            made_the_table: false,
             gravity,
             gravity_source,
             mean: Estimate { value: mean, interval },
@@ -180,17 +238,23 @@ impl Lengths {
             let value = format!("the length {:.3} +- {:.3} ppm", error.value * 1e6, error.interval * 1e6);
             let few = self.standstills.len() < LEAST_STANDSTILLS;
             let outside = self.standstills.iter().any(|length| length.out_of_range);
+            let unshown = format!("not shown, no standstill drives {}", self.shown.undriven.join(", "));
             let (word, remedy) = match (error.most() <= most, error.value.abs() <= most) {
+                _ if self.made_the_table => ("not judged, see below", None),
                 _ if few => ("not judged, under 6 standstills", Some("put the IMU down in more attitudes")),
                 _ if outside => {
                     ("not judged, telemetry was outside the table's range", Some("record within the table's range"))
+                }
+                (true, _) if !self.shown.undriven.is_empty() => {
+                    (unshown.as_str(), Some("put the IMU down with each axis up and down"))
                 }
                 (true, _) => ("met", None),
                 (false, true) => ("the interval reaches over it", Some("rest longer at each attitude")),
                 (false, false) => ("missed", Some("calibrate anew, or look at the report")),
             };
             let message = format!("scale: {value}, {limit}: {word}");
-            found.push(Judgement { bound: "scale", met: remedy.is_none(), message, remedy });
+            let met = remedy.is_none() && !self.made_the_table;
+            found.push(Judgement { bound: "scale", met, message, remedy });
         }
         let others = [
             ("factor", requirement.factor.is_some()),
@@ -206,6 +270,7 @@ impl Lengths {
                 remedy: Some("record at one attitude, and state it"),
             });
         }
+        found.extend(no_evidence(self.made_the_table));
         found
     }
 

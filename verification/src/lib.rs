@@ -32,8 +32,8 @@ mod window;
 pub use gate::exercised::DRIVEN;
 pub use gate::exercised::{Exercised, undriven};
 pub use gate::{GATE_FLOOR, Gate, Refusal};
-pub use lengths::{Length, Lengths, LengthsError};
-pub use requirement::{Judgement, Requirement};
+pub use lengths::{Length, Lengths, LengthsError, Shown};
+pub use requirement::{Judgement, OWN_RECORDING, Requirement, own_recording};
 pub use stability::Window;
 pub use stability::{
     AxisStability, Collector, Coverage, EarthRate, Force, GyroscopeStability, LeftOut, LocalGravity, LoopBand, Loops,

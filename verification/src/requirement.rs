@@ -6,6 +6,7 @@
 
 use crate::stability::Stability;
 use crate::verdict::{Estimate, arcsec};
+use isotherm_finding::{Finding, name};
 use isotherm_shared::bounds;
 use isotherm_shared::table::AXIS_NAMES;
 use serde::Serialize;
@@ -94,8 +95,9 @@ impl fmt::Display for Requirement {
 /// One bound of a requirement, judged.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Judgement {
-    /// The bound: factor, bias, scale, level or rate; or why no bound is judged: `at rest`, if the output is not as
-    /// long as gravity, `whole run`, if too many windows are left out, `length of the run`, if it is too short.
+    /// The bound: factor, bias, scale, level or rate; or why no bound is judged: `own recording`, if the table was made
+    /// from it, `at rest`, if the output is not as long as gravity, `whole run`, if too many windows are left out,
+    /// `length of the run`, if it is too short.
     pub bound: &'static str,
     /// Whether the data show that it is met.
     pub met: bool,
@@ -126,6 +128,16 @@ fn worst_rate(stability: &Stability) -> Result<(&'static str, Estimate), Unjudge
     }
 }
 
+/// Of a run or standstills that the table was made from.
+pub const OWN_RECORDING: &str = "this recording made the table: no evidence";
+
+/// The same as a finding.
+#[must_use]
+pub fn own_recording(made_the_table: bool) -> Option<Finding> {
+    made_the_table
+        .then(|| Finding::warning(name::OWN_RECORDING, format!("{OWN_RECORDING}; verify with a recording of its own")))
+}
+
 /// Why no bound is judged: another IMU's table, or an IMU that was not at rest, makes every figure meaningless.
 fn conditions(stability: &Stability) -> Vec<Judgement> {
     let failed = |bound, message, remedy| Judgement { bound, met: false, message, remedy: Some(remedy) };
@@ -135,11 +147,18 @@ fn conditions(stability: &Stability) -> Vec<Judgement> {
     ];
     let nothing = |message| format!("Nothing can be claimed: {message}.");
     let conditions = conditions.into_iter();
-    let mut all: Vec<_> =
-        conditions.filter_map(|(bound, message, remedy)| Some(failed(bound, nothing(message?), remedy))).collect();
+    let found = conditions.filter_map(|(bound, message, remedy)| Some(failed(bound, nothing(message?), remedy)));
+    let mut all: Vec<_> = no_evidence(stability.made_the_table).into_iter().chain(found).collect();
     let short = stability.too_short().filter(|_| all.is_empty());
     all.extend(short.map(|message| failed("length of the run", message, LONGER)));
     all
+}
+
+/// That no bound is judged by the recording that the table was made from.
+pub(crate) fn no_evidence(made_the_table: bool) -> Option<Judgement> {
+    let message = format!("Nothing can be claimed: {OWN_RECORDING}.");
+    let remedy = Some("verify with a recording that the table was not made from");
+    made_the_table.then_some(Judgement { bound: "own recording", met: false, message, remedy })
 }
 
 /// An error that a requirement bounds.
@@ -299,7 +318,13 @@ impl Requirement {
         let errors = [Bound::Bias, Bound::Scale, Bound::Level, Bound::Rate].into_iter().filter_map(|bound| {
             let most = self.most(bound)?;
             let (name, error) = bound.error(stability);
-            Some(Judged::error(bound, name, error, most))
+            let mut judged = Judged::error(bound, name, error, most);
+            // One attitude drives half of the channels.
+            let undriven = stability.covered.undriven();
+            if matches!(bound, Bound::Scale) && judged.remedy.is_none() && !undriven.is_empty() {
+                judged.word += &format!("; not shown: {}", undriven.join(", "));
+            }
+            Some(judged)
         });
         factor.into_iter().chain(errors).map(|judged| judged.judgement(is_void)).chain(conditions).collect()
     }

@@ -5,22 +5,21 @@
 
 use super::curve::{Allan, MIN_ROWS, TemperatureLine};
 use core::ops::Range;
-use isotherm_campaign::{AT_REST, StandstillError, begins_ns, find_standstills};
+use isotherm_campaign::{STANDSTILL_WINDOW_S, StandstillError, begins_ns, find_standstills};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::columns::has_values;
-use isotherm_recording::{Continuity, Losses};
+use isotherm_recording::{Continuity, Losses, MISSING};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::units::{ARCSEC, SensorKind};
 use isotherm_shared::wire::{AXES, Flags, RawSample, Triad};
+use isotherm_statistics::median;
 
-/// Length of the windows in which movement is looked for \[s\].
-const WINDOW_S: f64 = 1.0;
 /// The time from row to row, and the interval of the row over that of the row before, lie within these parts of the
 /// interval.
 const REGULAR: [f64; 2] = [0.5, 1.5];
-/// A mean interval that differs from the time from row to row by more than this part gives a warning.
-const INTERVAL_TOLERANCE: f64 = 0.01;
+/// Least rows of a window in which movement is looked for: with fewer, chance ends a long standstill.
+const LEAST_WINDOW_ROWS: f64 = 10.0;
 /// White noise of fewer counts a row gives a warning: the counts then repeat a pattern.
 const LEAST_WHITE_COUNTS: f64 = 0.3;
 
@@ -246,8 +245,8 @@ impl NoiseAnalysis {
         }
         let candidates = &rows[first..first + count];
         let outputs = Outputs::of(candidates, table);
-        let at_rest = find_standstills(candidates, WINDOW_S, AT_REST)?.found;
-        let stretches = at_rest.into_iter().flat_map(|rest| split(rest, candidates, &outputs));
+        let at_rest = find_standstills(candidates, window_s(candidates))?.found;
+        let stretches = at_rest.into_iter().flat_map(|rest| split(rest.rows, candidates, &outputs));
         // Of two stretches of one length, the first.
         let longest = stretches.fold(0..0, |a, b| if b.len() > a.len() { b } else { a });
         let used = first + longest.start..first + longest.end;
@@ -260,15 +259,7 @@ impl NoiseAnalysis {
         let interval_s = steps_ns as f64 / 1e9 / (stretch.len() - 1) as f64;
         let mut found = outputs.findings.clone();
         let continuity: Continuity = candidates.iter().collect();
-        found.extend(continuity.fault().map(|fault| fault.finding()));
-        let mean_s = stretch.iter().map(|row| row.interval_ns as f64).sum::<f64>() / 1e9 / stretch.len() as f64;
-        if (mean_s / interval_s - 1.0).abs() > INTERVAL_TOLERANCE {
-            let message = format!(
-                "interval_ns is {mean_s:.6} s, but the time from row to row is {interval_s:.6} s: one of them is wrong, or time is lost between rows; \
-                 the noise at short tau is then another"
-            );
-            found.push(Finding::warning(name::INTERVAL, message));
-        }
+        found.extend(continuity.findings(MISSING).into_iter().map(Finding::warned));
         let sensors = outputs.sensors.iter().map(|sensor| sensor.noise(candidates, longest.clone(), interval_s));
         Ok(Self {
             rows: rows.len(),
@@ -287,6 +278,12 @@ impl NoiseAnalysis {
     pub fn findings(&self) -> Vec<Finding> {
         self.of_recording.iter().cloned().chain(self.sensors.iter().flat_map(SensorNoise::findings)).collect()
     }
+}
+
+/// The windows in which movement is looked for \[s\], where the usual ones have too few rows.
+fn window_s(rows: &[RawSample]) -> Option<f64> {
+    let least_s = LEAST_WINDOW_ROWS * median(rows.iter().map(|row| row.interval_ns as f64)) / 1e9;
+    (least_s > STANDSTILL_WINDOW_S).then_some(least_s)
 }
 
 /// Parts of a range of rows whose times are regular and whose outputs are numbers.

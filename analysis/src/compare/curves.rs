@@ -3,7 +3,7 @@
 use super::requirement::Verdict;
 use super::table::FormCurve;
 use core::ops::Deref;
-use isotherm_shared::table::difference::{self, CurveDifference, unit_factor};
+use isotherm_shared::table::difference::{CurveDifference, unit_factor};
 use isotherm_shared::units::SensorKind;
 use isotherm_statistics::{f_limit, median};
 
@@ -42,7 +42,12 @@ impl Deref for CurveComparison {
 
 /// The common range of curves; `None` if there is none.
 pub(crate) fn common_range<'a>(curves: impl IntoIterator<Item = &'a FormCurve>) -> Option<[f64; 2]> {
-    difference::common_range(curves.into_iter().map(|curve| &curve.curve))
+    let ends = |[low, high]: [f64; 2], curve: &FormCurve| {
+        let [from, to] = curve.range();
+        [low.max(from), high.min(to)]
+    };
+    let range = curves.into_iter().fold([f64::NEG_INFINITY, f64::INFINITY], ends);
+    (range[0] < range[1]).then_some(range)
 }
 
 /// Welch's degrees of freedom of the sum of two variances, each with its own.

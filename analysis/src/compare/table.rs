@@ -4,6 +4,7 @@
 use isotherm_calibration::{CurveErrors, TableFile};
 use isotherm_shared::table::difference::Curve;
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::{CONFIDENCE, student_quantile_of};
 use nalgebra::{DVector, Matrix3};
 
 /// Entries of a matrix that differ by less than this are the same.
@@ -86,9 +87,10 @@ pub(crate) struct FormCurve {
 }
 
 impl FormCurve {
-    /// The telemetry that it holds for.
-    pub(crate) const fn range(&self) -> [f64; 2] {
-        self.curve.polynomial().range()
+    /// The telemetry that it holds for: where it was measured, if that is known and more than one value.
+    pub(crate) fn range(&self) -> [f64; 2] {
+        let measured = self.errors.as_ref().and_then(|errors| errors.measured);
+        measured.filter(|[low, high]| low < high).unwrap_or(self.curve.polynomial().range())
     }
 
     /// How many coefficients it has.
@@ -103,11 +105,20 @@ impl FormCurve {
 
     /// Variance of the value; `None` if it is not known, or if it is not over 0, which no variance is.
     pub(crate) fn variance(&self, telemetry: f64) -> Option<f64> {
-        let errors = self.errors.as_ref()?;
+        let known = |errors: &&CurveErrors| {
+            errors.measured.is_none_or(|[low, high]| {
+                let rounding = 1e-9 * (high - low);
+                (low - rounding..=high + rounding).contains(&telemetry)
+            })
+        };
+        let errors = self.errors.as_ref().filter(known)?;
+        let slope = errors.slope.map_or(0.0, |slope| {
+            slope.per_unit * (telemetry - slope.about) / student_quantile_of(CONFIDENCE, errors.freedom)
+        });
         let polynomial = self.curve.polynomial();
         let x = (telemetry - polynomial.center()) / polynomial.scale();
         let powers = DVector::from_fn(self.coefficients(), |k, _| x.powi(k as i32));
-        let variance = powers.dot(&(&errors.covariance * &powers)) * self.curve.factor() * self.curve.factor();
+        let variance = (powers.dot(&(&errors.covariance * &powers)) + slope * slope) * self.curve.factor().powi(2);
         (variance > 0.0 && variance.is_finite()).then_some(variance)
     }
 

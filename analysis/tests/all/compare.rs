@@ -283,7 +283,7 @@ fn simulated(truth: &CoefficientTable, random: &mut RandomGenerator, shift_ug0: 
             let coefficients = &inverse * design.transpose() * &y;
             let variance = (&y - &design * &coefficients).norm_squared() / 11.0;
             *curve = Polynomial::new(coefficients.as_slice(), 2.5, 1.4, [1.1, 3.9]).unwrap();
-            *error = Some(CurveErrors { covariance: &inverse * variance, freedom: 11.0 });
+            *error = Some(CurveErrors { covariance: &inverse * variance, freedom: 11.0, measured: None, slope: None });
         }
     }
     TableFile { name: "simulated".to_owned(), table: CoefficientTable::new(content).unwrap(), origin }

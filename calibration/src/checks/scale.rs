@@ -196,6 +196,8 @@ fn exchanged(means: &[(f64, f64)]) -> Option<[f64; 2]> {
 fn too_steep(columns: &[String], slope: f64, unit: &str) -> Finding {
     let cause = if (slope - 1.8).abs() < 0.15 {
         "it looks like degrees Fahrenheit; convert it, (F - 32) / 1.8, or state the unit that it has"
+    } else if (800.0..=1200.0).contains(&slope.abs()) {
+        "it looks like thousandths of a degree; divide it by 1000, or state the unit that it has"
     } else {
         "state the unit that it has as temperature_unit"
     };

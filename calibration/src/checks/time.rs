@@ -1,15 +1,14 @@
 //! The checks of time: soak, intervals, missing rows, and motions and ramps that are too fast to be true.
 
 use super::{Checker, SetPoint};
-use isotherm_campaign::{Dwell, Position, UNIT_FACTORS, UNIT_TOLERANCE};
+use isotherm_campaign::{Dwell, Position};
 use isotherm_finding::{Finding, Location, RunNumber, Severity, name};
+use isotherm_recording::{CLOCK_TOLERANCE, MISSING, cause, part, unit_factor};
 use isotherm_statistics::{median, robust_sd};
 use nalgebra::{Rotation3, Vector3};
 
 /// If the campaign states no soak, a shorter time between two set points gives a warning \[s\].
 const USUAL_SOAK: f64 = 3600.0;
-/// Largest relative difference between an interval and the time from row to row, and between their sums.
-pub const CLOCK_TOLERANCE: f64 = 0.01;
 /// A smaller difference in all dwells gives a warning if it is over this: two oscillators differ by less ..
 const CLOCK_WARNING: f64 = 200e-6;
 /// .. and if it is over this many standard errors of the median over the dwells: timestamps may jitter.
@@ -18,8 +17,6 @@ const CLOCK_ERRORS: f64 = 5.0;
 const MEDIAN_ERROR: f64 = 1.2533;
 /// A single dwell is judged if it has at least this many blocks with consecutive rows.
 const MIN_BLOCKS: usize = 5;
-/// Largest part of the rows that may be missing without a warning.
-const MISSING_ROWS: f64 = 0.01;
 /// A dwell shorter than this part of the median counts as cut short.
 const SHORT_DWELL: f64 = 0.6;
 /// No turntable turns by more than [`FAST_TURN`] within this time \[s\].
@@ -76,7 +73,7 @@ impl Checker<'_> {
                 name::INTERVAL,
                 format!("the intervals add up to {ratio:.4} of the time that passed: {cause}"),
             );
-        } else if lost > MISSING_ROWS {
+        } else if lost > MISSING {
             let message = format!("{:.1} % of the rows are missing by their sequences", lost * 100.0);
             report(Severity::Warning, name::MISSING_ROWS, message);
         } else if ratio < 1.0 - CLOCK_TOLERANCE && !told {
@@ -168,7 +165,7 @@ impl Checker<'_> {
         // Sums, or a part of the samples, without consecutive sequences: only a ratio that is a unit's factor is no
         // gap.
         let [step, sample] = [0, 1].map(|k| median(self.dwells.iter().map(|dwell| dwell.sparse_interval_ratios()[k])));
-        if all.is_nan() && is_off(sample) && unit(step).is_some() {
+        if all.is_nan() && is_off(sample) && unit_factor(step).is_some() {
             let message =
                 format!("interval_ns is {} of the time from row to row in all dwells: {}", part(step), cause(step));
             self.findings.push(Finding::whole(Severity::Fault, name::INTERVAL, message));
@@ -258,30 +255,5 @@ fn turn_deg(from: &Position, to: &Position) -> f64 {
     match (from.angles, to.angles) {
         (Some(from), Some(to)) => attitude(from).angle_to(&attitude(to)).to_degrees(),
         _ => Vector3::from(from.specific_force).angle(&Vector3::from(to.specific_force)).to_degrees(),
-    }
-}
-
-/// The factor of a unit that `ratio` is, or 1 over it.
-fn unit(ratio: f64) -> Option<f64> {
-    let factors = UNIT_FACTORS.into_iter().flat_map(|factor| [factor, factor.recip()]);
-    factors.into_iter().find(|factor| (ratio / factor - 1.0).abs() < UNIT_TOLERANCE)
-}
-
-/// A ratio with four digits.
-pub fn part(ratio: f64) -> String {
-    if (0.01..100.0).contains(&ratio) { format!("{ratio:.4}") } else { format!("{ratio:.3e}") }
-}
-
-/// The cause of an interval that is `ratio` times the time from row to row, and the remedy.
-pub fn cause(ratio: f64) -> String {
-    match unit(ratio) {
-        Some(factor) if factor < 1.0 => {
-            let times = factor.recip().round();
-            format!("it looks {times} times too short, in another unit or that of a single sample; multiply interval_ns by {times}")
-        }
-        Some(factor) => format!("it looks {factor} times too long, in another unit; divide interval_ns by {factor}"),
-        None => "it is not the time in which the row's pulses were counted, and every scale factor would be wrong by as much; give the \
-                 measured time of each row"
-            .to_owned(),
     }
 }

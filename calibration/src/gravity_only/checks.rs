@@ -1,30 +1,38 @@
 //! What is refused before the fit, and what is warned of after it.
 
-use super::model::{Ellipsoid, GravityFit, ellipsoid};
+use super::model::{Ellipsoid, ellipsoid};
 use super::reading::Reading;
 use super::recording::TumbleRecording;
-use crate::checks::time::CLOCK_TOLERANCE;
+use super::weighted::Weighted;
 use isotherm_campaign::Campaign;
 use isotherm_finding::{Finding, Location, name};
+use isotherm_recording::{Continuity, share_rows};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::{AXES, RawSample, device};
-use isotherm_statistics::{median, student_quantile};
-use nalgebra::Vector3;
+use isotherm_statistics::student_quantile;
 
 /// A bias beyond this is an offset of the counts, not of a sensor \[g0\].
 const MAX_BIAS: f64 = 1.0;
 /// Condition number of the ellipsoid up to which its centre is believed.
 const MAX_CONDITION: f64 = 30.0;
+/// Its readings are beyond this share of gravity on both sides.
+const AROUND: f64 = 0.5;
 /// No IMU is warmer in a calibration \[degC\].
 const NO_CELSIUS: f64 = 150.0;
+/// No IMU is as hot \[K\]: thousandths of a degree are larger.
+const NO_KELVIN: f64 = 1000.0;
 /// Probability that a standstill is named as off by chance.
 const OUTLIER: f64 = 0.01;
 
 /// What is wrong with the recordings, before a standstill is searched.
-pub(super) fn of_recordings(campaign: &Campaign, recordings: &[TumbleRecording]) -> Vec<Finding> {
+pub(super) fn of_recordings(
+    campaign: &Campaign,
+    recordings: &[TumbleRecording],
+    continuity: &[Continuity],
+) -> Vec<Finding> {
     let mut found: Vec<Finding> = other_device(campaign, recordings).into_iter().collect();
     found.extend(twice(recordings));
-    found.extend(recordings.iter().filter_map(interval));
+    found.extend(recordings.iter().zip(continuity).filter_map(|(recording, found)| interval(recording, found)));
     found
 }
 
@@ -44,43 +52,32 @@ fn other_device(campaign: &Campaign, recordings: &[TumbleRecording]) -> Option<F
 /// A recording that is there twice: it would count as new data.
 fn twice(recordings: &[TumbleRecording]) -> Option<Finding> {
     let same = |(index, one): (usize, &TumbleRecording)| {
-        let other = recordings[..index].iter().find(|other| other.rows == one.rows)?;
-        let message = format!("{} and {} are the same recording; name every recording once", other.name, one.name);
+        let other =
+            recordings[..index].iter().find(|other| other.rows == one.rows || share_rows(&other.rows, &one.rows))?;
+        let message = format!(
+            "{} and {} are the same recording, as rows of both are equal; name every recording once",
+            other.name, one.name
+        );
         Some(Finding::fault(name::SAME_RECORDING, message))
     };
     recordings.iter().enumerate().find_map(same)
 }
 
 /// Intervals that are not the time from row to row.
-fn interval(recording: &TumbleRecording) -> Option<Finding> {
-    let ratio = |pair: &[RawSample]| {
-        let step_ns = pair[1].timestamp_ns.saturating_sub(pair[0].timestamp_ns);
-        (pair[0].session == pair[1].session && step_ns > 0).then(|| pair[1].interval_ns as f64 / step_ns as f64)
-    };
-    let ratios: Vec<f64> = recording.rows.windows(2).filter_map(ratio).collect();
-    let usual = if ratios.is_empty() { 1.0 } else { median(ratios) };
-    ((usual - 1.0).abs() > CLOCK_TOLERANCE).then(|| {
-        let message = format!(
-            "interval_ns is {usual:.4} of the time from row to row, so every scale factor would be off as much; correct interval_ns, or the \
-             timestamps; of foreign data, interval_s in the mapping file"
-        );
-        Finding::fault(name::INTERVAL, message).at(recording.place())
-    })
+fn interval(recording: &TumbleRecording, continuity: &Continuity) -> Option<Finding> {
+    Some(continuity.interval()?.finding().at(recording.place()))
 }
 
-/// What is wrong with the standstills, before anything is fitted: an axis that never counts, or readings about a centre
-/// that no bias explains.
+/// What is wrong with the standstills, before anything is fitted: readings about a centre that no bias explains.
 pub(super) fn of_readings(readings: &[Reading], gravity: f64) -> Option<Finding> {
-    let counts = |axis: usize| readings.iter().any(|reading| reading.rates[axis] != [0.0; 2]);
-    if let Some(axis) = (0..AXES).find(|axis| !counts(*axis)).filter(|_| !readings.is_empty()) {
-        let message =
-            format!("{} gives no pulses in any standstill; look at its columns and its converter", AXIS_NAMES[axis]);
-        return Some(Finding::fault(name::NO_PULSES, message));
-    }
-    let Ellipsoid { bias, scale_factor, condition } = ellipsoid(readings, gravity)?;
-    let offset = (0..AXES).find(|axis| bias[*axis].abs() > MAX_BIAS);
+    let Ellipsoid { bias, scale_factor, condition, is_closed } = ellipsoid(readings, gravity)?;
     // Few attitudes show a part of the ellipsoid, whose centre may be anywhere.
-    let axis = offset.filter(|_| condition < MAX_CONDITION)?;
+    let about = |axis: usize| {
+        let off = |reading: &Reading| (reading.net(axis) / scale_factor[axis] - bias[axis]) / gravity;
+        readings.iter().any(|reading| off(reading) > AROUND) && readings.iter().any(|reading| off(reading) < -AROUND)
+    };
+    let axis = (0..AXES).find(|axis| bias[*axis].abs() > MAX_BIAS && about(*axis));
+    let axis = axis.filter(|_| is_closed && condition < MAX_CONDITION)?;
     let message = format!(
         "the rates of {} lie about {:.0} pulse/s, which is {:.1} g0: the offset of an unsigned count is left in; take it off with isotherm convert, \
          `offset` in the mapping file",
@@ -96,57 +93,56 @@ pub(super) fn kelvin(campaign: &Campaign, readings: &[Reading]) -> Option<Findin
     let lowest = readings.iter().flat_map(|reading| reading.head).fold(f64::INFINITY, f64::min);
     let is_kelvin = campaign.temperature_unit == "degC" && lowest > NO_CELSIUS;
     is_kelvin.then(|| {
-        let message = format!("the telemetry is {lowest:.1} degC at least; if it is in kelvin, say so: K");
+        let cause = match lowest > NO_KELVIN {
+            true => "it looks like milli-degC: convert it, or state its unit",
+            false => "if it is in kelvin, say so: K",
+        };
+        let message = format!("the telemetry is {lowest:.1} degC at least; {cause}");
         Finding::warning(name::TELEMETRY_OFFSET, message)
     })
 }
 
-/// Standstills in which the IMU turned: the mean of a specific force that turns by theta is theta^2/24 too short.
-pub(super) fn turned(
-    readings: &[Reading],
-    noise: &[f64],
-    force: impl Fn(&Reading, &[f64; AXES]) -> Vector3<f64>,
-) -> Vec<Finding> {
-    let shown = |(reading, noise): (&Reading, &f64)| {
-        let [first, last] = [0, 1].map(|third| force(reading, &reading.thirds[third]));
-        // The middles of the thirds are two thirds of the standstill apart.
-        let angle = 1.5 * first.angle(&last);
-        let short = angle * angle / 24.0;
-        let named = short > *noise;
-        named.then(|| {
-            let message = format!(
-                "the IMU turned by {:.1} mrad in it, which makes its specific force {:.1}e-6 g0 too short, over the noise of its \
-                 mean, {:.1}e-6 g0; put it on firm ground, or leave it out: --exclude {}",
-                angle * 1e3,
-                short * 1e6,
-                noise * 1e6,
-                reading.number
-            );
-            Finding::warning(name::TURNED, message).at(Location::Standstill(reading.number))
-        })
-    };
-    readings.iter().zip(noise).filter_map(shown).collect()
+/// Standstills that were left out because the IMU turned in them: the mean of a specific force that turns by theta is
+/// theta^2/24 too short.
+pub(super) fn turned(turned: usize, used: usize) -> Option<Finding> {
+    (turned > 0).then(|| {
+        let message = format!(
+            "{turned} of {} standstills are left out: the IMU turned by over 5 mrad in each; put it on firm ground",
+            turned + used
+        );
+        Finding::warning(name::TURNED, message)
+    })
 }
 
-/// Standstills whose residual no chance explains: each is judged by the scatter of the others, at 1 % shared among all.
-pub(super) fn outliers(readings: &[Reading], fit: &GravityFit, freedom: usize) -> Vec<Finding> {
-    let (Some(inverse), true) = (&fit.inverse, freedom > 2) else { return Vec::new() };
+/// Standstills that no chance explains: each is judged by what the others say under the fit's covariance and by their
+/// scatter, at 1 % shared among all.
+///
+/// ```text
+/// P = V^-1 - V^-1 J C J'V^-1,   off_i = (P f)_i / P_ii,   t_i^2 = off_i^2 P_ii (m - 1) / (f'P f - off_i^2 P_ii)
+/// ```
+pub(super) fn outliers(readings: &[Reading], weighted: &Weighted<'_>) -> Vec<Finding> {
+    let Some(freedom) = readings.len().checked_sub(weighted.jacobian.ncols()).filter(|freedom| *freedom > 2) else {
+        return Vec::new();
+    };
+    let by_unknowns = &weighted.inverse * &weighted.jacobian;
+    let projector = &weighted.inverse - &by_unknowns * &weighted.covariance * by_unknowns.transpose();
+    let projected = &projector * &weighted.residual;
+    let all = weighted.residual.dot(&projected);
     let limit = student_quantile(1.0 - OUTLIER / readings.len() as f64, freedom - 1);
     let shown = |(i, reading): (usize, &Reading)| {
-        let row = fit.jacobian.row(i);
-        let left = 1.0 - (row * inverse * row.transpose())[0];
+        let left = projector[(i, i)];
         // A standstill that the others do not check has no residual.
-        if left < 1e-6 {
+        if left < 1e-6 * weighted.inverse[(i, i)] {
             return None;
         }
-        let residual = fit.residual[i];
-        let others = (fit.squares() - residual * residual / left).max(0.0) / (freedom - 1) as f64;
-        let ratio = residual.abs() / (others * left).sqrt();
+        let off = projected[i] / left;
+        let own = off * off * left;
+        let ratio = (own * (freedom - 1) as f64 / (all - own).max(f64::MIN_POSITIVE)).sqrt();
         (ratio > limit).then(|| {
             let message = format!(
                 "{:.0} s after the start, it is {:.1}e-6 g0 off, {ratio:.1} times what the others allow (limit {limit:.1}): look at it, or leave \
                  it out: --exclude {}",
-                reading.start_s, residual * 1e6, reading.number
+                reading.start_s, off * 1e6, reading.number
             );
             Finding::warning(name::OUTLIER, message).at(Location::Standstill(reading.number))
         })

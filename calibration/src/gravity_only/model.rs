@@ -4,8 +4,8 @@
 //! x = N+/K+(U_b) + N-/K-(U_b) - A(U_h),   x = M s,   M = [[1, m12, m13], [0, 1, m23], [0, 0, 1]]      [g0]
 //! residual = |s| - g_local/g0
 //! ```
-//! Standstills have equal weights: what the model leaves is larger than the noise of a mean. The unknowns are on one
-//! scale: biases in g0, scale factors relative to those of the start, misalignments in rad.
+//! The unknowns are on one scale: biases in g0, scale factors relative to those of the start, misalignments in rad.
+//! Here standstills have equal weights; [`weighted`](super::weighted) has those of their covariance.
 
 use super::reading::Reading;
 use isotherm_campaign::joint_range;
@@ -17,6 +17,8 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 const MAX_STEPS: usize = 200;
 /// Steps below this, in the unknowns' scale, are rounding.
 const SMALL_STEP: f64 = 1e-13;
+/// Least coefficient of a square, relative to the largest rate, of an ellipsoid that is closed.
+const CLOSED: f64 = 1e-3;
 /// Damping at which the fit gives up.
 const MAX_DAMPING: f64 = 1e12;
 
@@ -49,7 +51,7 @@ impl Unknowns {
     }
 
     /// Index of coefficient 0 of a curve: `quantity` is 0 for A, 1 for K+, 2 for K-.
-    const fn offset(self, axis: usize, quantity: usize) -> usize {
+    pub const fn offset(self, axis: usize, quantity: usize) -> usize {
         (axis * self.curves() + quantity) * (self.order + 1)
     }
 
@@ -79,6 +81,27 @@ pub struct GravityModel<'a> {
     scale_factor: [f64; AXES],
     /// Centre and scale of head and board telemetry.
     basis: [[[f64; 2]; AXES]; 2],
+    /// What the group of each standstill shares beside the unknowns.
+    offsets: Vec<Offsets>,
+}
+
+/// What a group of standstills shares: x = N/(K (1 + gain)) - A - bias.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Offsets {
+    /// Of the biases \[g0\].
+    pub bias: Vector3<f64>,
+    /// Of the scale factors, relative.
+    pub gain: Vector3<f64>,
+}
+
+/// What an IMU indicates at one standstill, with derivatives.
+struct Indicated {
+    /// s, along the body's axes \[g0\].
+    force: Vector3<f64>,
+    /// ds by the unknowns.
+    by: DMatrix<f64>,
+    /// x + A: what the pulses say \[g0\].
+    load: Vector3<f64>,
 }
 
 /// Values of the unknowns with their Jacobian.
@@ -92,6 +115,10 @@ pub struct GravityFit {
     pub jacobian: DMatrix<f64>,
     /// (J'J)^-1; `None` if the standstills do not determine all unknowns.
     pub inverse: Option<DMatrix<f64>>,
+    /// d: derivatives of each residual by x, a row for each standstill.
+    pub by_force: DMatrix<f64>,
+    /// x + A of each standstill, a row each \[g0\].
+    pub load: DMatrix<f64>,
 }
 
 impl GravityFit {
@@ -99,6 +126,12 @@ impl GravityFit {
     #[must_use]
     pub fn squares(&self) -> f64 {
         self.residual.norm_squared()
+    }
+
+    /// The fit with (J'J)^-1.
+    fn solved(self) -> Self {
+        let inverse = least_squares(&self.jacobian, &self.residual).map(|solved| solved.inverse);
+        Self { inverse, ..self }
     }
 }
 
@@ -120,6 +153,7 @@ impl<'a> GravityModel<'a> {
             })
         };
         let basis = [of(|reading| reading.head), of(|reading| reading.board)];
+        let offsets = vec![Offsets::default(); readings.len()];
         let mut start = DVector::zeros(unknowns.count());
         for axis in 0..AXES {
             start[unknowns.offset(axis, 0)] = bias[axis];
@@ -128,7 +162,7 @@ impl<'a> GravityModel<'a> {
                 start[unknowns.offset(axis, 2)] = -1.0;
             }
         }
-        (Self { readings, unknowns, gravity, scale_factor, basis }, start)
+        (Self { readings, unknowns, gravity, scale_factor, basis, offsets }, start)
     }
 
     /// The value of a curve: A \[g0\], K+ or K- \[relative\], and the powers of the telemetry.
@@ -144,25 +178,26 @@ impl<'a> GravityModel<'a> {
         (sign * value, powers)
     }
 
-    /// The specific force that rates and telemetry show \[g0\], and its derivatives by the unknowns.
-    fn force(
+    /// What rates and telemetry show, with the derivatives by the unknowns.
+    fn indicated(
         &self,
         unknown: &DVector<f64>,
         rates: &[[f64; 2]; AXES],
         [head, board]: [&[f64; AXES]; 2],
-    ) -> (Vector3<f64>, DMatrix<f64>) {
-        let mut x = Vector3::zeros();
+        offsets: &Offsets,
+    ) -> Indicated {
+        let mut load = Vector3::zeros();
+        let mut x = -offsets.bias;
         let mut by = DMatrix::zeros(AXES, self.unknowns.count());
         for axis in 0..AXES {
             let (a, powers) = self.value(unknown, axis, 0, head[axis]);
-            x[axis] = -a;
             for (k, power) in powers.iter().enumerate() {
                 by[(axis, self.unknowns.offset(axis, 0) + k)] = -power;
             }
             for (channel, quantity) in [1, 2].into_iter().enumerate() {
                 let (relative, powers) = self.value(unknown, axis, quantity, board[axis]);
-                let term = rates[axis][channel] / (relative * self.scale_factor[axis]);
-                x[axis] += term;
+                let term = rates[axis][channel] / (relative * self.scale_factor[axis] * (1.0 + offsets.gain[axis]));
+                load[axis] += term;
                 let (column, sign) = match (quantity, self.unknowns.split) {
                     (2, false) => (self.unknowns.offset(axis, 1), -1.0),
                     _ => (self.unknowns.offset(axis, quantity), 1.0),
@@ -171,9 +206,10 @@ impl<'a> GravityModel<'a> {
                     by[(axis, column + k)] -= sign * term / relative * power;
                 }
             }
+            x[axis] += load[axis] - a;
         }
         if !self.unknowns.misalignment {
-            return (x, by);
+            return Indicated { force: x, by, load };
         }
         // M s = x from below; the derivatives likewise.
         let m = self.unknowns.misalignments();
@@ -188,20 +224,74 @@ impl<'a> GravityModel<'a> {
             by[(1, column)] -= m23 * by[(2, column)];
             by[(0, column)] -= m12 * by[(1, column)] + m13 * by[(2, column)];
         }
-        (Vector3::new(s1, s2, s3), by)
+        Indicated { force: Vector3::new(s1, s2, s3), by, load }
     }
 
     /// The specific force of a reading along the body's axes \[g0\].
     #[must_use]
     pub fn force_of(&self, unknown: &DVector<f64>, reading: &Reading) -> Vector3<f64> {
-        self.force(unknown, &reading.rates, [&reading.head, &reading.board]).0
+        self.indicated(unknown, &reading.rates, [&reading.head, &reading.board], &Offsets::default()).force
     }
 
-    /// As [`force_of`](Self::force_of), from net rates.
+    /// The derivative of each residual by the telemetry, that of head and board moving alike \[g0 per unit\].
     #[must_use]
-    pub fn force_of_net(&self, unknown: &DVector<f64>, net: &[f64; AXES], reading: &Reading) -> Vector3<f64> {
-        let rates = net.map(|net| [net.max(0.0), (-net).max(0.0)]);
-        self.force(unknown, &rates, [&reading.head, &reading.board]).0
+    pub fn by_telemetry(&self, fit: &GravityFit) -> DVector<f64> {
+        let curves = [0, 1, 2]
+            .map(|axis| [0, 1, 2].map(|quantity| self.curve(&fit.unknown, None, [axis, quantity], 0.0, [0.0, 1.0])));
+        let of = |i: usize, reading: &Reading, axis: usize| {
+            let [bias, plus, minus] = &curves[axis];
+            let scale_factor = if reading.net(axis) < 0.0 { minus } else { plus };
+            let board = reading.board[axis];
+            let by_board = fit.load[(i, axis)] * scale_factor.slope(board) / scale_factor.at(board);
+            -fit.by_force[(i, axis)] * (by_board + bias.slope(reading.head[axis]))
+        };
+        let sums =
+            self.readings.iter().enumerate().map(|(i, reading)| (0..AXES).map(|axis| of(i, reading, axis)).sum());
+        DVector::from_iterator(self.readings.len(), sums)
+    }
+
+    /// The scale factor of each reading's channel, relative to the start's, and its bias \[g0\], of each axis.
+    pub fn relative(&self, unknown: &DVector<f64>) -> impl Iterator<Item = [[f64; 2]; AXES]> {
+        self.readings.iter().map(move |reading| {
+            [0, 1, 2].map(|axis| {
+                let (quantity, sign) = if reading.net(axis) < 0.0 { (2, -1.0) } else { (1, 1.0) };
+                let scale_factor = sign * self.value(unknown, axis, quantity, reading.board[axis]).0;
+                [scale_factor, self.value(unknown, axis, 0, reading.head[axis]).0]
+            })
+        })
+    }
+
+    /// The derivatives of a curve's value at `telemetry` by the unknowns: of a bias \[g0\], or of a scale factor
+    /// relative to the start's.
+    #[must_use]
+    pub fn gradient(&self, axis: usize, quantity: usize, telemetry: f64) -> DVector<f64> {
+        let (_, powers) = self.value(&DVector::zeros(self.unknowns.count()), axis, quantity, telemetry);
+        let from = if quantity == 2 && !self.unknowns.split { 1 } else { quantity };
+        let mut gradient = DVector::zeros(self.unknowns.count());
+        for (k, power) in powers.into_iter().enumerate() {
+            gradient[self.unknowns.offset(axis, from) + k] = power;
+        }
+        gradient
+    }
+
+    /// How much of a reading's residual its group's offsets are, linear \[g0\].
+    #[must_use]
+    pub fn shared(&self, fit: &GravityFit, reading: usize) -> f64 {
+        let Offsets { bias, gain } = &self.offsets[reading];
+        let of = |axis: usize| fit.by_force[(reading, axis)] * (bias[axis] + fit.load[(reading, axis)] * gain[axis]);
+        (0..AXES).map(of).sum()
+    }
+
+    /// The readings.
+    #[must_use]
+    pub const fn readings(&self) -> &'a [Reading] {
+        self.readings
+    }
+
+    /// The equations with what the group of each reading shares.
+    #[must_use]
+    pub fn with_offsets(self, offsets: Vec<Offsets>) -> Self {
+        Self { offsets, ..self }
     }
 
     /// Derivatives by the unknowns of the specific force that is indicated where it is `force`, `part` of the way
@@ -217,7 +307,7 @@ impl<'a> GravityModel<'a> {
             let rate = counted * self.value(unknown, axis, quantity, board[axis]).0 * self.scale_factor[axis];
             if counted >= 0.0 { [rate, 0.0] } else { [0.0, rate] }
         });
-        self.force(unknown, &rates, [&head, &board]).1
+        self.indicated(unknown, &rates, [&head, &board], &Offsets::default()).by
     }
 
     /// K+ of an axis at the middle of the telemetry's range \[pulse/(s*g0)\].
@@ -234,13 +324,6 @@ impl<'a> GravityModel<'a> {
         Matrix3::new(1.0, m12, m13, 0.0, 1.0, m23, 0.0, 0.0, 1.0)
     }
 
-    /// Standard errors of m12, m13 and m23 from the covariance of the unknowns; `None` if they are not estimated.
-    #[must_use]
-    pub fn misalignment_errors(&self, covariance: &DMatrix<f64>) -> Option<[f64; AXES]> {
-        let m = self.unknowns.misalignments();
-        self.unknowns.misalignment.then(|| [0, 1, 2].map(|k| covariance[(m + k, m + k)].max(0.0).sqrt()))
-    }
-
     /// The curve A \[g0\], K+ or K- \[pulse/(s*g0)\] of an axis over `range`.
     #[must_use]
     pub fn curve(
@@ -248,7 +331,7 @@ impl<'a> GravityModel<'a> {
         unknown: &DVector<f64>,
         covariance: Option<&DMatrix<f64>>,
         [axis, quantity]: [usize; 2],
-        freedom: usize,
+        freedom: f64,
         range: [f64; 2],
     ) -> Curve {
         let (from, sign) = if quantity == 2 && !self.unknowns.split { (1, -1.0) } else { (quantity, 1.0) };
@@ -259,20 +342,28 @@ impl<'a> GravityModel<'a> {
         Curve::new(self.basis[usize::from(quantity > 0)][axis], coefficients, covariance, freedom, range)
     }
 
-    /// Residuals, Jacobian and (J'J)^-1 at `unknown`.
+    /// Residuals and derivatives at `unknown`.
     #[must_use]
     pub fn at(&self, unknown: DVector<f64>) -> GravityFit {
         let (rows, columns) = (self.readings.len(), self.unknowns.count());
         let mut jacobian = DMatrix::zeros(rows, columns);
         let mut residual = DVector::zeros(rows);
-        for (i, reading) in self.readings.iter().enumerate() {
-            let (force, by) = self.force(&unknown, &reading.rates, [&reading.head, &reading.board]);
-            let length = force.norm();
+        let [mut by_force, mut load] = [DMatrix::zeros(rows, AXES), DMatrix::zeros(rows, AXES)];
+        let m = self.misalignment(&unknown);
+        for (i, (reading, offsets)) in self.readings.iter().zip(&self.offsets).enumerate() {
+            let found = self.indicated(&unknown, &reading.rates, [&reading.head, &reading.board], offsets);
+            let length = found.force.norm();
             residual[i] = length - self.gravity;
-            jacobian.row_mut(i).copy_from(&((force / length).transpose() * by));
+            let direction = found.force / length;
+            jacobian.row_mut(i).copy_from(&(direction.transpose() * found.by));
+            // M' d = s/|s|, from above.
+            let d1 = direction[0];
+            let d2 = direction[1] - m[(0, 1)] * d1;
+            let d3 = direction[2] - m[(0, 2)] * d1 - m[(1, 2)] * d2;
+            by_force.row_mut(i).copy_from(&Vector3::new(d1, d2, d3).transpose());
+            load.row_mut(i).copy_from(&found.load.transpose());
         }
-        let inverse = least_squares(&jacobian, &residual).map(|solved| solved.inverse);
-        GravityFit { unknown, residual, jacobian, inverse }
+        GravityFit { unknown, residual, jacobian, inverse: None, by_force, load }
     }
 
     /// Fits all unknowns by Levenberg-Marquardt from `start`; `None` if no step makes the residuals smaller before they
@@ -289,11 +380,11 @@ impl<'a> GravityModel<'a> {
                 damping /= 10.0;
                 now = next;
                 if size < SMALL_STEP {
-                    return Some(now);
+                    return Some(now.solved());
                 }
             } else {
                 if size < SMALL_STEP.sqrt() * 1e-3 {
-                    return Some(now);
+                    return Some(now.solved());
                 }
                 damping *= 10.0;
                 if damping > MAX_DAMPING {
@@ -326,13 +417,22 @@ pub(super) struct Ellipsoid {
     pub scale_factor: [f64; AXES],
     /// Condition number of its equations.
     pub condition: f64,
+    /// Whether each axis has an end.
+    pub is_closed: bool,
 }
 
-/// Finds the ellipsoid; `None` if the net rates lie on none.
+/// Finds the ellipsoid; `None` if the net rates lie on none. Unsigned counts may have any offset.
 #[must_use]
 pub(super) fn ellipsoid(readings: &[Reading], gravity: f64) -> Option<Ellipsoid> {
     let count = readings.len() as f64;
-    let middle = [0, 1, 2].map(|axis| readings.iter().map(|reading| reading.net(axis)).sum::<f64>() / count);
+    ellipsoid_about(readings, gravity, |axis| readings.iter().map(|reading| reading.net(axis)).sum::<f64>() / count)
+}
+
+/// The same in numbers about a middle of each axis \[pulse/s\]. The condition is that of attitudes seen from there:
+/// about 0, one attitude many times shows nothing.
+#[must_use]
+pub(super) fn ellipsoid_about(readings: &[Reading], gravity: f64, middle: impl Fn(usize) -> f64) -> Option<Ellipsoid> {
+    let middle = [0, 1, 2].map(middle);
     let off = |reading: &Reading, axis: usize| reading.net(axis) - middle[axis];
     let size = readings.iter().flat_map(|reading| [0, 1, 2].map(|axis| off(reading, axis).abs())).fold(0.0, f64::max);
     // sum of p n^2 + q n = 1, with rates off the middle relative to the largest.
@@ -346,6 +446,7 @@ pub(super) fn ellipsoid(readings: &[Reading], gravity: f64) -> Option<Ellipsoid>
     let radius = 1.0 + (0..AXES).map(|axis| q[axis] * q[axis] / (4.0 * p[axis])).sum::<f64>();
     let scale_factor = p.map(|p| size * (radius / p).sqrt() / gravity);
     let bias = [0, 1, 2].map(|axis| (middle[axis] - q[axis] / (2.0 * p[axis]) * size) / scale_factor[axis]);
-    let found = Ellipsoid { bias, scale_factor, condition };
+    let is_closed = p.iter().all(|p| *p > CLOSED);
+    let found = Ellipsoid { bias, scale_factor, condition, is_closed };
     found.scale_factor.iter().chain(&found.bias).all(|value| value.is_finite()).then_some(found)
 }

@@ -23,8 +23,9 @@ impl ScaleFactorChoice {
 /// Options of a calibration without a turntable.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GravityOnlyOptions {
-    /// Length of a window of the search for standstills \[s\]; a shorter standstill is left out.
-    pub window_s: f64,
+    /// Length of a window of the search for standstills \[s\]; `None` for that of
+    /// [`find_standstills`](isotherm_campaign::find_standstills).
+    pub window_s: Option<f64>,
     /// The order of every polynomial; chosen from the data if `None`.
     pub order: Option<usize>,
     /// One scale factor or two.
@@ -44,7 +45,7 @@ pub struct GravityOnlyOptions {
 impl Default for GravityOnlyOptions {
     fn default() -> Self {
         Self {
-            window_s: 1.0,
+            window_s: None,
             order: None,
             scale_factor: ScaleFactorChoice::Auto,
             misalignment: true,

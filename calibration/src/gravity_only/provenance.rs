@@ -22,6 +22,9 @@ struct GravityOnlyProvenance<'a> {
     campaign: &'a str,
     campaign_sha256: &'a str,
     recordings_sha256: &'a [String],
+    /// Hashes of some of the rows, see [`Marks`](isotherm_recording::Marks).
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    rows: Vec<String>,
     gravity_local: f64,
     standstills: usize,
     /// Numbers of the standstills that were left out.
@@ -50,7 +53,12 @@ struct CurveRecord {
     quantity: &'static str,
     unit: &'static str,
     order: usize,
-    degrees_of_freedom: usize,
+    /// The least over the measured telemetry.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    degrees_of_freedom: Option<f64>,
+    /// Telemetry that was measured: the errors are known in it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    measured: Option<[f64; 2]>,
     /// Largest half width of the curve's 95 % interval over its range, in its unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     largest_interval: Option<f64>,
@@ -59,6 +67,11 @@ struct CurveRecord {
     standard_errors: Option<Vec<f64>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     covariance: Option<Vec<Vec<f64>>>,
+    /// What the slope that a constant lacks adds to its 95 % interval, per unit of telemetry off `slope_about`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    slope_error: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    slope_about: Option<f64>,
 }
 
 /// The text of the table file of an IMU that was put down by hand.
@@ -75,10 +88,11 @@ pub(crate) fn sealed_gravity_only_table(
             campaign: &source.campaign,
             campaign_sha256: &source.campaign_sha256,
             recordings_sha256: &source.recordings_sha256,
+            rows: source.marks(),
             gravity_local: campaign.gravity_local,
             standstills: calibration.readings.len(),
             excluded: &calibration.options.exclude,
-            temperatures: calibration.levels,
+            temperatures: calibration.groups.levels,
             order_reason: &calibration.reasons[0],
             scale_factor_reason: &calibration.reasons[1],
             residual_rms_g0: calibration.residual_rms(),
@@ -105,8 +119,11 @@ fn curve(calibration: &GravityOnlyCalibration, axis: usize, quantity: usize) -> 
         quantity: QUANTITIES[quantity],
         unit,
         order: curve.order(),
-        degrees_of_freedom: curve.freedom(),
+        degrees_of_freedom: covariance.as_ref().map(|_| (curve.freedom() * 100.0).round() / 100.0),
+        measured: covariance.as_ref().map(|_| curve.measured()),
         largest_interval: largest_interval(curve, false).map(|half| half * factor),
+        slope_error: curve.slope_error().map(|slope| slope.per_unit * factor),
+        slope_about: curve.slope_error().map(|slope| slope.about),
         standard_errors: covariance.as_ref().map(|c| c.diagonal().iter().map(|v| v.max(0.0).sqrt()).collect()),
         covariance: covariance.map(|c| c.row_iter().map(|row| row.iter().copied().collect()).collect()),
     }

@@ -1,5 +1,7 @@
 //! What the IMU indicated over one standstill.
 
+use super::telemetry::{Cleaned, Telemetry, noise as telemetry_noise, of_row};
+use isotherm_campaign::Standstills;
 use isotherm_shared::wire::{AXES, RawSample};
 use std::ops::Range;
 
@@ -10,11 +12,13 @@ pub struct Reading {
     pub number: usize,
     /// Index of the recording.
     pub recording: usize,
+    /// Its session in the recording.
+    pub session: u64,
     /// Its rows in the recording.
     pub rows: Range<usize>,
     /// Its start after the start of the recording's first interval \[s\].
     pub start_s: f64,
-    /// Sum of its intervals \[s\].
+    /// Sum of the intervals of its rows without glitches \[s\].
     pub seconds: f64,
     /// Rate of the positive and of the negative channel of each accelerometer \[pulse/s\].
     pub rates: [[f64; 2]; AXES],
@@ -26,10 +30,16 @@ pub struct Reading {
     pub head_range: [[f64; 2]; AXES],
     /// Lowest and highest board telemetry of each accelerometer.
     pub board_range: [[f64; 2]; AXES],
+    /// Most rows of a sensor's telemetry that are glitches.
+    pub telemetry_glitches: usize,
+    /// Medians of head and board telemetry of each accelerometer.
+    pub telemetry_medians: [[f64; AXES]; 2],
+    /// Noise of a row of the head telemetry, mean over the accelerometers.
+    pub telemetry_noise: f64,
+    /// Largest step of the head telemetry.
+    pub telemetry_step: f64,
     /// Standard error of the net rates from the noise of the rows \[pulse/s\].
     pub noise: [f64; AXES],
-    /// Net rates over the first and over the last third of the rows \[pulse/s\].
-    pub thirds: [[f64; AXES]; 2],
     /// Net rates over the first and over the second half of the rows \[pulse/s\].
     pub halves: [[f64; AXES]; 2],
     /// Mean net rate of each gyroscope \[pulse/s\]; Earth's rate is in it. `None` where the rows have no gyroscopes.
@@ -37,8 +47,7 @@ pub struct Reading {
 }
 
 impl Reading {
-    /// The means of the rows `range` of a recording, which begins at `start_s`. `noise` is the standard deviation of
-    /// the counts of a row.
+    /// The means of the rows `range` of a recording without its glitches; the standstill begins at `start_s`.
     #[must_use]
     pub fn of(
         number: usize,
@@ -46,10 +55,12 @@ impl Reading {
         all: &[RawSample],
         range: Range<usize>,
         start_s: f64,
-        noise: [f64; AXES],
+        standstills: &Standstills,
+        steps: &Telemetry,
         with_gyroscopes: bool,
     ) -> Self {
-        let rows = &all[range.clone()];
+        let rows: Vec<RawSample> = standstills.rows(all, range.clone()).copied().collect();
+        let rows = rows.as_slice();
         let count = rows.len() as f64;
         let seconds = seconds(rows);
         let channel = |rows: &[RawSample], pulses: fn(&RawSample) -> [u32; AXES], axis: usize| {
@@ -60,15 +71,11 @@ impl Reading {
         let net = |rows: &[RawSample]| {
             [0, 1, 2].map(|axis| (channel(rows, plus, axis) - channel(rows, minus, axis)) / self::seconds(rows))
         };
-        let mean = |telemetry: fn(&RawSample) -> [f64; AXES]| {
-            [0, 1, 2].map(|axis| rows.iter().map(|row| telemetry(row)[axis]).sum::<f64>() / count)
-        };
-        let range_of = |telemetry: fn(&RawSample) -> [f64; AXES]| {
-            [0, 1, 2].map(|axis| isotherm_campaign::joint_range(rows.iter().map(|row| [telemetry(row)[axis]; 2])))
-        };
-        let [head, board]: [fn(&RawSample) -> [f64; AXES]; 2] =
-            [|row| row.accelerometers.head_temperature, |row| row.accelerometers.board_temperature];
-        let third = rows.len() / 3;
+        let telemetry =
+            |sensor: usize, axis: usize| rows.iter().map(|row| of_row(row)[sensor][axis]).collect::<Vec<_>>();
+        let cleaned =
+            [0, 1].map(|sensor| [0, 1, 2].map(|axis| Cleaned::of(&telemetry(sensor, axis), steps[sensor][axis])));
+        let [head, board] = &cleaned;
         let gyroscope = |axis: usize| {
             let of = |row: &RawSample| {
                 f64::from(row.gyroscopes.positive_pulses[axis]) - f64::from(row.gyroscopes.negative_pulses[axis])
@@ -78,20 +85,31 @@ impl Reading {
         Self {
             number,
             recording,
+            session: rows.first().map_or(0, |row| u64::from(row.session)),
             rows: range,
             start_s,
             seconds,
             rates: [0, 1, 2].map(|axis| [plus, minus].map(|pulses| channel(rows, pulses, axis) / seconds)),
-            head: mean(head),
-            board: mean(board),
-            head_range: range_of(head),
-            board_range: range_of(board),
+            head: head.each_ref().map(|cleaned| cleaned.mean),
+            board: board.each_ref().map(|cleaned| cleaned.mean),
+            head_range: head.each_ref().map(|cleaned| cleaned.range),
+            board_range: board.each_ref().map(|cleaned| cleaned.range),
+            telemetry_glitches: cleaned.iter().flatten().map(|cleaned| cleaned.glitches).max().unwrap_or_default(),
+            telemetry_medians: cleaned.each_ref().map(|sensor| sensor.each_ref().map(|cleaned| cleaned.median)),
+            telemetry_noise: (0..AXES).map(|axis| telemetry_noise(&telemetry(0, axis), steps[0][axis])).sum::<f64>()
+                / AXES as f64,
+            telemetry_step: steps[0].iter().copied().fold(0.0, f64::max),
             // The noise of a rate over n rows is that of a row over n^(1/2).
-            noise: noise.map(|counts| counts * count.sqrt() / seconds),
-            thirds: [net(&rows[..third]), net(&rows[rows.len() - third..])],
+            noise: standstills.noise.map(|counts| counts * count.sqrt() / seconds),
             halves: [net(&rows[..rows.len() / 2]), net(&rows[rows.len() / 2..])],
             gyroscopes: with_gyroscopes.then(|| [0, 1, 2].map(gyroscope)),
         }
+    }
+
+    /// Mean head telemetry of the three accelerometers.
+    #[must_use]
+    pub fn telemetry(&self) -> f64 {
+        self.head.iter().sum::<f64>() / AXES as f64
     }
 
     /// Net rate of an accelerometer \[pulse/s\].

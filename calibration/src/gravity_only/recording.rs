@@ -1,6 +1,6 @@
 //! A recording of an IMU that is put down by hand.
 
-use isotherm_campaign::{counted_twice, implausible};
+use isotherm_campaign::implausible;
 use isotherm_finding::Location;
 use isotherm_recording::{CampaignRow, Continuity, RecordingError};
 use isotherm_shared::wire::RawSample;
@@ -44,7 +44,7 @@ impl TumbleRecording {
             }
         }
         match continuity.overlap() {
-            Some(overlap) => Err(RecordingError::Data { line: last, message: counted_twice(overlap) }),
+            Some(overlap) => Err(RecordingError::Data { line: last, message: overlap.to_string() }),
             None => Ok(recording),
         }
     }

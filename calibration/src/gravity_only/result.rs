@@ -1,6 +1,8 @@
 //! The result of a calibration by gravity's length.
 
 use super::dilution::Dilution;
+use super::evidence::Evidence;
+use super::groups::Groups;
 use super::model::Unknowns;
 use super::options::GravityOnlyOptions;
 use super::reading::Reading;
@@ -8,7 +10,7 @@ use isotherm_finding::Finding;
 use isotherm_recording::Losses;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::Curve;
+use isotherm_statistics::{CONFIDENCE, Curve, student_quantile_of};
 use nalgebra::Matrix3;
 
 /// The results of a calibration without a turntable.
@@ -26,8 +28,10 @@ pub struct GravityOnlyCalibration {
     pub rows: usize,
     /// Standard deviation of a row's counts at rest, for each recording.
     pub noise: Vec<[f64; AXES]>,
-    /// Number of temperatures.
-    pub levels: usize,
+    /// Groups and temperatures of the standstills.
+    pub groups: Groups,
+    /// What the residuals say; `None` without degrees of freedom.
+    pub evidence: Option<Evidence>,
     /// The unknowns.
     pub unknowns: Unknowns,
     /// Why this order, and one scale factor or two.
@@ -44,6 +48,8 @@ pub struct GravityOnlyCalibration {
     pub misalignment: Matrix3<f64>,
     /// Standard errors of m12, m13 and m23 \[rad\]; `None` without degrees of freedom, or if they are not estimated.
     pub misalignment_error: Option<[f64; AXES]>,
+    /// Degrees of freedom of these errors.
+    pub misalignment_freedom: f64,
     /// Specific force of each standstill along the body's axes \[g0\].
     pub forces: Vec<[f64; AXES]>,
     /// Warnings.
@@ -61,11 +67,22 @@ impl GravityOnlyCalibration {
         (self.residuals.iter().map(|residual| residual * residual).sum::<f64>() / self.residuals.len() as f64).sqrt()
     }
 
-    /// The middle of a curve's telemetry, at which its value is shown.
+    /// The telemetry at which a curve's value is shown: the mean of one group, the middle of what was measured of more.
     #[must_use]
     pub fn mid(&self, axis: usize, quantity: usize) -> f64 {
-        let [low, high] = self.curves[axis][quantity].range();
-        (low + high) / 2.0
+        let [low, high] = self.curves[axis][quantity].measured();
+        if self.groups.count > 1 {
+            return (low + high) / 2.0;
+        }
+        let of = |reading: &Reading| if quantity == 0 { reading.head[axis] } else { reading.board[axis] };
+        (self.readings.iter().map(of).sum::<f64>() / self.readings.len() as f64).clamp(low, high)
+    }
+
+    /// Half widths of the 95 % intervals of m12, m13 and m23 \[rad\].
+    #[must_use]
+    pub fn misalignment_interval(&self) -> Option<[f64; AXES]> {
+        let quantile = student_quantile_of(CONFIDENCE, self.misalignment_freedom);
+        self.misalignment_error.map(|errors| errors.map(|error| error * quantile))
     }
 
     /// Mean net rate of each gyroscope over all standstills \[pulse/s\]; Earth's rate is in it. `None` without

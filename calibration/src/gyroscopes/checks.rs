@@ -13,6 +13,8 @@ const ANGLE_TOLERANCE: f64 = 0.02;
 /// A turn begins and ends at rest if its rates differ by less than this from those of the dwells \[arcsec/s\]: 0.02
 /// deg/s.
 const REST: f64 = 0.02 * 3600.0;
+/// In turns about an axis one column has this part of all pulses.
+const EXCHANGED: f64 = 0.8;
 /// The ends of a turn, if its rows are shorter \[s\].
 const END: f64 = 0.5;
 /// Largest angle of a row \[arcsec\]: 30 deg.
@@ -59,12 +61,52 @@ pub(super) fn check(data: &Data<'_>, excluded: &[(f64, u32)], present: bool) -> 
     let mut checker = Checker { data, findings: Vec::new() };
     checker.missing(excluded);
     checker.gaps();
+    if let Some(exchanged) = exchanged(data) {
+        // It causes all that angles, rests and rows show.
+        checker.findings.push(exchanged);
+        return checker.gathered();
+    }
     let usual = checker.angles();
     checker.rest(usual);
     checker.rows(usual);
     checker.still(usual);
     checker.telemetry();
     checker.gathered()
+}
+
+/// The fault that the pulses of gyroscopes are in the columns of others: in every order but the stated one of the
+/// turns' axes the columns that count are those of other gyroscopes.
+fn exchanged(data: &Data<'_>) -> Option<Finding> {
+    let counted = |axis: usize, column: usize| -> f64 {
+        let about = data.turns.iter().filter(|(_, turn)| turned(data, turn)[axis].abs() >= LEAST_TURN);
+        let pulses = |turn: &TurnRun| turn.run.sums.positive[column] - turn.run.sums.negative[column];
+        about.map(|(_, turn)| pulses(turn).abs() / turned(data, turn)[axis].abs()).sum()
+    };
+    let counts = [0, 1, 2].map(|axis| [0, 1, 2].map(|column| counted(axis, column)));
+    let columns = counts.map(|of_axis| {
+        let all: f64 = of_axis.iter().sum();
+        (0..AXES).find(|column| all > 0.0 && of_axis[*column] > EXCHANGED * all)
+    });
+    let [Some(first), Some(second), Some(third)] = columns else { return None };
+    let order = [first, second, third];
+    if order == [0, 1, 2] || first == second || second == third || first == third {
+        return None;
+    }
+    let own: Vec<_> = (0..AXES).filter(|axis| order[*axis] == *axis).collect();
+    let what = match own[..] {
+        [own] => {
+            let pair: Vec<_> = (0..AXES).filter(|axis| *axis != own).map(|axis| GYROSCOPE_NAMES[axis]).collect();
+            format!("{} look exchanged: exchange their cables or columns", pair.join(" and "))
+        }
+        _ => format!(
+            "the gyroscopes look exchanged: {}; correct cables, columns, or the axes of the turns",
+            [0, 1, 2]
+                .map(|axis| format!("{} is in the columns g{}", GYROSCOPE_NAMES[axis], order[axis] + 1))
+                .join(", ")
+        ),
+    };
+    let message = format!("{what}; in the turns about one the other counts");
+    Some(Finding::whole(Severity::Fault, name::AXES_EXCHANGED, message))
 }
 
 struct Checker<'a> {

@@ -437,7 +437,7 @@ impl<'a> JointModel<'a> {
                 let (offset, count) = (self.offsets[axis][quantity], given.order() + 1);
                 let covariance = covariance.as_ref().map(|c| c.view((offset, offset), (count, count)).into_owned());
                 let coefficients = self.unknown.rows(offset, count).into_owned();
-                Curve::new(given.basis(), coefficients, covariance, n.saturating_sub(count), given.range())
+                Curve::new(given.basis(), coefficients, covariance, n.saturating_sub(count) as f64, given.range())
             };
             let (m, s) = (self.misalignments[axis], self.g_sensitivities[axis]);
             GyroscopeSolution {
@@ -558,7 +558,7 @@ impl<'a> JointModel<'a> {
 /// The equations of the runs of one set point for scale factors of 1 and zeros elsewhere, eight columns a gyroscope and
 /// two for Earth's rate if it is unknown; columns of length 1 where they are not 0.
 pub(super) fn design(runs: &[Run<'_>]) -> DMatrix<f64> {
-    let constant = |value: f64| Curve::new([0.0, 1.0], DVector::from_element(1, value), None, 0, [0.0, 1.0]);
+    let constant = |value: f64| Curve::new([0.0, 1.0], DVector::from_element(1, value), None, 0.0, [0.0, 1.0]);
     let curves = [0, 1, 2].map(|_| [constant(0.0), constant(1.0), constant(-1.0)]);
     let mut model = JointModel::new(runs, 1, &curves);
     let mut matrix = model

@@ -55,6 +55,8 @@ pub struct GyroscopeRuns {
 pub struct TurnRun {
     /// Its sums, with the gyroscopes' pulses and telemetry; `position` is the index into the campaign's turns.
     pub run: Dwell,
+    /// The same with the accelerometers' pulses and telemetry.
+    pub accelerometers: Dwell,
     /// Its rows in order.
     pub blocks: Vec<TurnBlock>,
     /// Session and sequence of the last row.
@@ -95,7 +97,8 @@ impl OtherDevice {
 impl TurnRun {
     fn new(row: &CampaignRow, turn: usize) -> Self {
         let last = (row.sample.session, row.sample.sequence);
-        Self { run: Dwell::new(row, turn), blocks: Vec::new(), last, steps: None }
+        let [run, accelerometers] = [(); 2].map(|()| Dwell::new(row, turn));
+        Self { run, accelerometers, blocks: Vec::new(), last, steps: None }
     }
 
     /// Whether rows are missing by their sequences. The rows may be sums, with the same step from each to the next.
@@ -115,6 +118,7 @@ impl TurnRun {
         }
         self.last = (row.sample.session, row.sample.sequence);
         self.run.add(&of_gyroscopes(row));
+        self.accelerometers.add(row);
         let seconds = row.sample.interval_ns as f64 / 1e9;
         let Triad { positive_pulses, negative_pulses, .. } = row.sample.gyroscopes;
         let pulses = [0, 1, 2].map(|axis| [positive_pulses[axis], negative_pulses[axis]].map(f64::from));

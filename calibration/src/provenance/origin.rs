@@ -1,11 +1,13 @@
 //! What programs read of a table's `[provenance]`: when the table was made, and its errors.
 
+use isotherm_recording::Marks;
 use isotherm_shared::document::Faults;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::QUANTITIES;
+use isotherm_statistics::SlopeError;
 use nalgebra::{DMatrix, Matrix3};
 use toml::{Table, Value};
 
@@ -19,6 +21,10 @@ pub struct CurveErrors {
     pub covariance: DMatrix<f64>,
     /// Degrees of freedom, 1 to 1e6.
     pub freedom: f64,
+    /// Telemetry that was measured, out of which the errors are not known; `None` if they are known everywhere.
+    pub measured: Option<[f64; 2]>,
+    /// What a slope that the curve lacks adds, in the unit of the covariance.
+    pub slope: Option<SlopeError>,
 }
 
 /// When a table was made, and its errors. A part that is missing, or that cannot be right, is `None`: the provenance is
@@ -38,8 +44,14 @@ pub struct Origin {
     pub misalignment_error: [Option<Matrix3<f64>>; 2],
     /// Standard deviation of the residuals of A1, A2, A3 \[g0\].
     pub residual_sd_g0: Option<[f64; AXES]>,
+    /// Whether ramps gave bias curves with their errors.
+    pub has_ramp_errors: bool,
     /// Rms of the residuals of a calibration that has one for all accelerometers \[g0\].
     pub residual_rms_g0: Option<f64>,
+    /// SHA-256 of the recordings, in hexadecimal.
+    pub sha256: Vec<String>,
+    /// The marks of the recordings.
+    pub rows: Vec<Marks>,
 }
 
 /// A table with the name of its file, and what its provenance says.
@@ -110,8 +122,11 @@ impl Origin {
             misalignment: ["misalignment", "gyroscope_misalignment"].map(|key| square(&matrix(provenance.get(key)?)?)),
             misalignment_error: ["misalignment_standard_error", "gyroscope_misalignment_standard_error"]
                 .map(|key| square(&matrix(provenance.get(key)?)?).filter(|errors| errors.min() >= 0.0)),
-            residual_sd_g0: provenance.get("residual_sd_g0").and_then(residuals),
+            residual_sd_g0: provenance.get("residual_sd_g0").and_then(numbers),
             residual_rms_g0: provenance.get("residual_rms_g0").and_then(number),
+            has_ramp_errors: ramp_errors(provenance),
+            sha256: hashes(provenance),
+            rows: texts(provenance.get("rows")).filter_map(|marks| marks.parse().ok()).collect(),
             ..Self::default()
         };
         let records = provenance.get("curve").and_then(Value::as_array);
@@ -122,6 +137,47 @@ impl Origin {
         }
         origin
     }
+
+    /// Whether an error of a bias curve is stated.
+    #[must_use]
+    pub fn has_bias_errors(&self) -> bool {
+        self.has_ramp_errors || self.residual_rms_g0.is_some() || self.curves.iter().any(|[bias, ..]| bias.is_some())
+    }
+}
+
+/// Whether ramps alone stated the error of a curve.
+fn ramp_errors(provenance: &Table) -> bool {
+    let alone = provenance.get("method").and_then(Value::as_str) == Some("ramps");
+    let biases = provenance.get("transients").and_then(|it| it.get("bias")).and_then(Value::as_array);
+    alone && biases.into_iter().flatten().any(|bias| bias.get("curve_error").is_some())
+}
+
+impl Origin {
+    /// Whether the table was made from a recording with these marks, or with a file of this SHA-256.
+    #[must_use]
+    pub fn is_made_from(&self, rows: &Marks, sha256: &str) -> bool {
+        self.sha256.iter().any(|known| known == sha256) || self.rows.iter().any(|known| known.share_rows_with(rows))
+    }
+
+    /// Whether both tables were made from the same rows. Their files may be one, with the rows of several IMUs.
+    #[must_use]
+    pub fn shares_rows_with(&self, other: &Self) -> bool {
+        self.rows.iter().any(|rows| other.rows.iter().any(|others| rows.share_rows_with(others)))
+    }
+}
+
+/// Texts of an array; none if it is none.
+fn texts(value: Option<&Value>) -> impl Iterator<Item = &str> {
+    value.and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str)
+}
+
+/// The hashes of all files with rows.
+fn hashes(provenance: &Table) -> Vec<String> {
+    let ramps = provenance.get("transients").and_then(|transients| transients.get("ramp")).and_then(Value::as_array);
+    let ramps = ramps.into_iter().flatten().filter_map(|ramp| ramp.get("sha256").and_then(Value::as_str));
+    let samples = provenance.get("samples_sha256").and_then(Value::as_str);
+    let all = samples.into_iter().chain(texts(provenance.get("recordings_sha256"))).chain(ramps);
+    all.filter(|hash| !hash.is_empty()).map(str::to_owned).collect()
 }
 
 /// The sensor, the quantity and the errors that a `[[provenance.curve]]` has; `None` if the table has no such curve, or
@@ -155,7 +211,14 @@ fn curve_errors(record: &Table, polynomial: &Polynomial) -> Option<CurveErrors> 
     let rows = matrix(record.get("covariance")?)?;
     let count = polynomial.coefficients().len();
     let square = rows.len() == count && rows.iter().all(|row| row.len() == count);
-    square.then(|| CurveErrors { covariance: DMatrix::from_fn(count, count, |i, j| rows[i][j]), freedom })
+    let value = |key: &str| record.get(key).and_then(number);
+    let slope = value("slope_error").zip(value("slope_about"));
+    square.then(|| CurveErrors {
+        covariance: DMatrix::from_fn(count, count, |i, j| rows[i][j]),
+        freedom,
+        measured: record.get("measured").and_then(numbers),
+        slope: slope.map(|(per_unit, about)| SlopeError { per_unit, about }),
+    })
 }
 
 fn square(rows: &[Vec<f64>]) -> Option<Matrix3<f64>> {
@@ -163,7 +226,7 @@ fn square(rows: &[Vec<f64>]) -> Option<Matrix3<f64>> {
     right.then(|| Matrix3::from_fn(|i, j| rows[i][j]))
 }
 
-fn residuals(value: &Value) -> Option<[f64; AXES]> {
+fn numbers<const N: usize>(value: &Value) -> Option<[f64; N]> {
     let numbers: Option<Vec<f64>> = value.as_array()?.iter().map(number).collect();
     numbers?.try_into().ok()
 }

@@ -1,5 +1,6 @@
 //! Where a table comes from.
 
+use isotherm_recording::Marks;
 use std::time::SystemTime;
 
 /// Facts about the source that only the caller knows.
@@ -17,6 +18,8 @@ pub struct CampaignSource {
     pub samples_sha256: String,
     /// SHA-256 of each recording of ramps, or of an IMU that was put down by hand, in hexadecimal, in their order.
     pub recordings_sha256: Vec<String>,
+    /// The marks of all recordings, in their order, as far as they have any.
+    pub rows: Vec<Marks>,
 }
 
 impl CampaignSource {
@@ -24,6 +27,11 @@ impl CampaignSource {
     #[must_use]
     pub fn now() -> Self {
         Self { tool: tool(), time: now(), ..Self::default() }
+    }
+
+    /// The marks as the provenance has them.
+    pub(crate) fn marks(&self) -> Vec<String> {
+        self.rows.iter().map(ToString::to_string).filter(|marks| !marks.is_empty()).collect()
     }
 }
 

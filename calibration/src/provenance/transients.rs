@@ -24,6 +24,9 @@ struct RampsProvenance<'a> {
     not_known: Vec<String>,
     campaign: &'a str,
     campaign_sha256: &'a str,
+    /// Hashes of some of the rows, see [`Marks`](isotherm_recording::Marks).
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    rows: Vec<String>,
     /// The table that gave what is not known.
     curves: &'a str,
     curves_digest: String,
@@ -78,6 +81,11 @@ struct BiasRecord {
     band_without: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     band_with: Option<f64>,
+    /// Error of the curve: half of the largest difference of two sweeps, and the telemetry there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    curve_error: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    curve_error_at: Option<f64>,
     carried_g0: f64,
     not_met: Vec<&'static str>,
 }
@@ -97,6 +105,7 @@ pub(super) fn of_ramps(
             not_known: calibration.not_known(),
             campaign: &source.campaign,
             campaign_sha256: &source.campaign_sha256,
+            rows: source.marks(),
             curves: campaign.curves.as_deref().unwrap_or_default(),
             curves_digest: calibration.curves.digest().to_string(),
             gravity_local: campaign.gravity_local,
@@ -141,6 +150,8 @@ fn bias(bias: &BiasTransient) -> BiasRecord {
         left_out_written: known(prediction.map(|it| it.written)),
         band_without: known(band(&bias.before)),
         band_with: known(band(&bias.after)),
+        curve_error: known(bias.curve_error.as_ref().map(|band| band.half_width)),
+        curve_error_at: bias.curve_error.as_ref().map(|band| band.at),
         carried_g0: bias.carried_g0,
         not_met: not_met(&bias.conditions),
     }

@@ -58,10 +58,18 @@ pub(super) struct Block {
     /// Middle in the recording, from -1 to 1.
     time: f64,
     /// Bins of the recording.
-    bins: Range<usize>,
-    /// Whether it is in no fit: the telemetry of a sensor is beyond the range of a polynomial of the table, or the
-    /// start was not soaked.
+    pub bins: Range<usize>,
+    /// Whether it is in no fit: the telemetry of a sensor is beyond the range of a polynomial of the table.
     pub left_out: bool,
+    /// Whether the fit with a time constant that is given does without it: the start may not have been soaked.
+    pub unsoaked: bool,
+}
+
+impl Block {
+    /// Whether the fits have it.
+    pub(super) const fn is_fitted(&self) -> bool {
+        !self.left_out && !self.unsoaked
+    }
 }
 
 /// A sweep with its four pieces, which are ranges of blocks.
@@ -79,6 +87,8 @@ pub(super) struct Bias {
     pub range: [f64; 2],
     /// Largest specific force that it carries in a recording \[g0\]; 0 for gyroscopes.
     pub carried_g0: f64,
+    /// Mean specific force that it carries, by recording \[g0\]; 0 for gyroscopes.
+    pub carried: Vec<f64>,
     /// Mean head telemetry, by block.
     pub telemetry: Vec<f64>,
     /// Mean of what the sensor indicates, less the campaign's curve and the mean of the recording, by block \[g0 or
@@ -157,8 +167,7 @@ impl Ramps {
             .collect();
         let [low, high] = range_of(&telemetry);
         for recording in 0..self.recordings {
-            let begin = self.blocks.partition_point(|block| block.recording < recording);
-            let end = self.blocks.partition_point(|block| block.recording <= recording);
+            let Range { start: begin, end } = self.blocks_of(recording);
             let found = sweeps(&telemetry[begin..end]);
             let extent = |heating: bool| {
                 let of = found.iter().filter(|sweep| sweep.heating == heating);
@@ -181,12 +190,18 @@ impl Ramps {
 
     /// Leaves out the blocks of the first `soak_s` of every recording.
     pub(super) fn leave_out_start(&mut self, soak_s: f64) {
-        self.blocks.iter_mut().for_each(|block| block.left_out |= block.age_s <= soak_s);
+        self.blocks.iter_mut().for_each(|block| block.unsoaked |= block.age_s <= soak_s);
     }
 
     /// Number of blocks that the fit has.
     pub(super) fn inside(&self) -> usize {
-        self.blocks.iter().filter(|block| !block.left_out).count()
+        self.blocks.iter().filter(|block| block.is_fitted()).count()
+    }
+
+    /// The blocks of a recording.
+    pub(super) fn blocks_of(&self, recording: usize) -> Range<usize> {
+        self.blocks.partition_point(|block| block.recording < recording)
+            ..self.blocks.partition_point(|block| block.recording <= recording)
     }
 
     /// The columns of one kind.
@@ -236,7 +251,7 @@ impl Ramps {
         let count = self.columns(Column::Time).end;
         let piece = |piece: &Range<usize>| {
             let mut equations = NormalEquations::new(count);
-            let inside = piece.clone().filter(|block| !self.blocks[*block].left_out);
+            let inside = piece.clone().filter(|block| self.blocks[*block].is_fitted());
             inside.for_each(|block| equations.add(&rows[block]));
             equations
         };
@@ -266,6 +281,7 @@ impl Bias {
             axis,
             range: [f64::INFINITY, f64::NEG_INFINITY],
             carried_g0: 0.0,
+            carried: Vec::new(),
             telemetry: Vec::new(),
             values: Vec::new(),
             outside: Vec::new(),
@@ -307,9 +323,8 @@ impl Bias {
             |values: &[f64]| blocks.iter().map(|block| mean(&values[block.bins.clone()])).collect::<Vec<_>>();
         let (means, heads_of_blocks) = (means_of(&values), means_of(&head));
         let centre = mean(&means);
-        if self.kind == SensorKind::Accelerometer {
-            self.carried_g0 = self.carried_g0.max(centre.abs());
-        }
+        self.carried.push(if self.kind == SensorKind::Accelerometer { centre } else { 0.0 });
+        self.carried_g0 = self.carried.iter().fold(0.0, |most, force| force.abs().max(most));
         self.values.extend(means.iter().map(|value| value - centre));
         let places = heads_of_blocks.iter().zip(means_of(&board));
         self.outside.extend(places.map(|(head, board)| outside(coefficients, curves, *head, board)));
@@ -447,6 +462,7 @@ fn blocks_of(number: usize, recording: &RampRecording) -> Result<Vec<Block>, Tra
             time: 2.0 * age_s / duration_s - 1.0,
             bins: own,
             left_out: false,
+            unsoaked: false,
         });
     }
     if blocks.len() < FEWEST_BLOCKS {

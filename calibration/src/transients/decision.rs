@@ -17,6 +17,9 @@ const SIGNIFICANT: f64 = 4.0;
 /// The verdict is hysteresis if hysteresis predicts with less than this part of the error of what a table can have.
 const HYSTERESIS: f64 = 0.8;
 
+/// What is said where a step parts the sweeps.
+pub(super) const STEPPED: &str = "undetermined: no transient is written; a step parts the sweeps";
+
 /// The conditions of the time constant that was searched for: its value and its interval, and the ends of the search
 /// \[s\].
 pub(super) fn of_search(tau_s: f64, interval_s: [f64; 2], ends_s: [f64; 2]) -> [Condition; 2] {

@@ -41,7 +41,7 @@ pub(super) fn predictions(ramps: &Ramps, grid: &Grid<'_>, given_s: Option<f64>) 
             let models =
                 [&ramps.columns_of(&STATIC), &ramps.columns_of(&HYSTERESIS), &lag].map(|used| training.solve(used));
             let judged = ramps.sweeps[sweep].pieces[pieces.clone()].iter().flat_map(|piece| piece.clone());
-            let soaked = |block: &usize| ramps.blocks[*block].age_s > SOAK * tau_s && !ramps.blocks[*block].left_out;
+            let soaked = |block: &usize| ramps.blocks[*block].age_s > SOAK * tau_s && ramps.blocks[*block].is_fitted();
             for block in judged.filter(soaked) {
                 let row = &rows[block];
                 let value = bias.values[block];

@@ -1,6 +1,7 @@
 //! One recording of a ramp, reduced while it is read: pulses by bins of a second, and the readings of the telemetry.
 
-use isotherm_campaign::{counted_twice, implausible};
+use core::ops::Range;
+use isotherm_campaign::implausible;
 use isotherm_recording::columns::has_values;
 use isotherm_recording::{CampaignRow, Continuity, RawCsvReader, RecordingError};
 use isotherm_shared::lag::{LaggedReading, SENSORS};
@@ -94,7 +95,7 @@ impl RampRecording {
             last = line;
         }
         match recording.continuity.overlap() {
-            Some(overlap) => Err(RecordingError::Data { line: last, message: counted_twice(overlap) }),
+            Some(overlap) => Err(RecordingError::Data { line: last, message: overlap.to_string() }),
             None => Ok(recording),
         }
     }
@@ -122,6 +123,31 @@ impl RampRecording {
             .map(|pair| (pair[0].end_ns - begin_ns, pair[1].begin_ns.saturating_sub(pair[0].end_ns)));
         let (at_ns, gap_ns) = gaps.max_by_key(|(_, gap_ns)| *gap_ns).unwrap_or_default();
         (at_ns as f64 / 1e9, gap_ns as f64 / 1e9)
+    }
+
+    /// How long rows are missing within it, and how long it lasts \[s\].
+    pub(super) fn missing_s(&self) -> (f64, f64) {
+        let gaps = self.bins.windows(2).map(|pair| pair[1].begin_ns.saturating_sub(pair[0].end_ns));
+        let ends = self.bins.first().zip(self.bins.last());
+        let all_ns = ends.map_or(0, |(first, last)| last.end_ns - first.begin_ns);
+        (gaps.sum::<u64>() as f64 / 1e9, all_ns as f64 / 1e9)
+    }
+
+    /// Head telemetry of A1 before and after the longest time without rows.
+    pub(super) fn telemetry_around_gap(&self) -> Option<[f64; 2]> {
+        let gap = |pair: &&[Bin]| pair[1].begin_ns.saturating_sub(pair[0].end_ns);
+        let pair = self.bins.windows(2).max_by_key(gap)?;
+        let (readings, times_ns) = (self.heads(0), [pair[0].middle_ns(), pair[1].middle_ns()]);
+        if readings.is_empty() {
+            return None;
+        }
+        let around = interpolated(&readings, &times_ns);
+        Some([around[0], around[1]])
+    }
+
+    /// When the first of these bins begins \[ns\].
+    pub(super) fn begin_ns(&self, bins: &Range<usize>) -> u64 {
+        self.bins[bins.start].begin_ns
     }
 
     /// What is missing in it.
@@ -153,7 +179,7 @@ impl RampRecording {
         self.previous_ns = Some(raw.timestamp_ns);
         self.continuity.add(raw);
         if let Some(overlap) = self.continuity.overlap_so_far() {
-            return Err(counted_twice(overlap));
+            return Err(overlap.to_string());
         }
         self.has_gyroscopes |= has_values(&raw.gyroscopes);
         // 0 is a unit that nobody has named.

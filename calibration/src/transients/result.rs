@@ -1,11 +1,13 @@
 //! What the ramps of a campaign show about lag and transients.
 
 use super::options::{CurveSource, TransientOptions};
+use crate::sensor::TriadUnits;
+use isotherm_finding::Finding;
 use isotherm_recording::Losses;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::Content;
 use isotherm_shared::units::SensorKind;
-use isotherm_statistics::LoopPoint;
+use isotherm_statistics::{LoopPoint, SweepBand};
 
 /// What the ramps show.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -108,6 +110,9 @@ pub struct BiasTransient {
     pub after: Vec<LoopPoint>,
     /// Bias curve of the ramps \[g0 or deg/h\], shifted to equal the table's at mid range.
     pub curve: Polynomial,
+    /// The band between the sweeps with the transient that is written: half of it is the error of the curve \[g0 or
+    /// deg/h\]. `None`, not known, if no recording heats and cools over half of the range.
+    pub curve_error: Option<SweepBand>,
     /// Largest specific force that the axis carries in a recording \[g0\]; the converter could make its transient
     /// above 0.1. 0 for gyroscopes.
     pub carried_g0: f64,
@@ -130,6 +135,9 @@ pub struct Transients {
     pub biases: Vec<BiasTransient>,
     /// Warnings: a carried specific force, conditions that a given time constant did not meet.
     pub warnings: Vec<String>,
+    /// What is wrong with sweeps: rows that are missing, a step, another unit, sweeps that differ by more than a lag
+    /// explains.
+    pub findings: Vec<Finding>,
     /// Rows that are missing within the ramps by their sequences, and steps of time.
     pub losses: Losses,
 }
@@ -143,6 +151,20 @@ impl BiasTransient {
 }
 
 impl Transients {
+    /// The errors of the curves in words, half of the bands between sweeps, by bias.
+    #[must_use]
+    pub fn curve_errors(&self) -> String {
+        let error = |bias: &BiasTransient| match &bias.curve_error {
+            Some(band) => format!("{} {}", bias.name(), TriadUnits::of(bias.kind).bias_text(band.half_width)),
+            None => format!("{} not known", bias.name()),
+        };
+        let errors: Vec<_> = self.biases.iter().map(error).collect();
+        if self.biases.iter().all(|bias| bias.curve_error.is_none()) {
+            return "the errors of the curves are not known: no ramp heats and cools over half of the range".to_owned();
+        }
+        format!("errors of the curves, half of the band between sweeps: {}", errors.join(", "))
+    }
+
     /// Writes what was found into the content of a table: time constant and transients, and the curves of
     /// [`CurveSource::Ramps`].
     pub fn apply(&self, content: &mut Content) {

@@ -23,6 +23,13 @@ use std::path::{Path, PathBuf};
 /// Set point \[degC\] and number of a dwell or turn that is left out.
 type Dwell = (f64, u32);
 
+/// A table that is made, and the files that it and its report go to.
+struct Staged {
+    made: Made,
+    table: StagedText,
+    page: Option<StagedText>,
+}
+
 impl Calibrate {
     pub(crate) fn run(self) -> Result<(), Failure> {
         or_document(self.json, self.make_tables())?
@@ -58,16 +65,29 @@ impl Calibrate {
         samples: &[PathBuf],
         file: Option<&CampaignFile>,
     ) -> Result<Result<Made, Refused>, Refused> {
+        match self.stage(campaign, samples, file)? {
+            Ok(staged) => {
+                self.write(campaign, &staged.made, staged.table, staged.page)?;
+                Ok(Ok(staged.made))
+            }
+            Err(refused) => Ok(Err(refused)),
+        }
+    }
+
+    /// Makes the table of one IMU; its files wait to be written. Results as of [`make_table`](Self::make_table).
+    fn stage(
+        &self,
+        campaign: &Campaign,
+        samples: &[PathBuf],
+        file: Option<&CampaignFile>,
+    ) -> Result<Result<Staged, Refused>, Refused> {
         self.refuse_overlaps(&[(campaign, samples)], file)?;
         // Both files are created before the fit, so that either both are written or none.
         let [output, report] = self.outputs(&campaign.imu);
         let table = StagedText::create(output.as_deref())?;
         let page = report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         match self.fit(campaign, samples, file) {
-            Ok(made) => {
-                self.write(campaign, &made, table, page)?;
-                Ok(Ok(made))
-            }
+            Ok(made) => Ok(Ok(Staged { made, table, page })),
             Err(refused) if refused.failure.exit == Exit::Usage => Err(refused),
             Err(refused) => Ok(Err(refused)),
         }
@@ -153,7 +173,9 @@ impl Calibrate {
 
     /// Names of the faults that are accepted.
     fn accepted(&self) -> Vec<&'static str> {
-        self.acceptance.accept.iter().copied().chain(self.other_device.then_some(name::OTHER_DEVICE)).collect()
+        let also = [(self.other_device, name::OTHER_DEVICE), (self.replace_curves, name::ONE_DIRECTION)];
+        let also = also.into_iter().filter_map(|(given, name)| given.then_some(name));
+        self.acceptance.accept.iter().copied().chain(also).collect()
     }
 
     /// The options of the fit, `by_hand` or on a turntable.
@@ -173,10 +195,11 @@ impl Calibrate {
             strict: self.acceptance.strict,
             lag: self.lag.unwrap_or_default(),
             predecessor_lag_s: None,
+            ..CalibrationOptions::default()
         };
         let args = &self.without_turntable;
         options.by_hand = GravityOnlyOptions {
-            window_s: args.window.map_or(GravityOnlyOptions::default().window_s, |window| window.as_secs_f64()),
+            window_s: args.window.map(|window| window.as_secs_f64()),
             order,
             scale_factor: args.scale_factor.unwrap_or_default(),
             misalignment: !args.no_misalignment,

@@ -11,8 +11,9 @@ use isotherm_failure::{Exit, Failure};
 use isotherm_files::{
     StagedText, WorldWritable, check_stdout, check_written, load_table, print, print_data, refuse_overlap,
 };
+use isotherm_finding::Finding;
 use isotherm_job::Refused;
-use isotherm_recording::Continuity;
+use isotherm_recording::{Continuity, MISSING};
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_report::noise;
 use isotherm_report::noise::NoiseSource;
@@ -95,8 +96,8 @@ impl Noise {
         let analysis = NoiseAnalysis::of(&rows, table.as_ref(), part);
         spinner.finish_and_clear();
         let analysis = analysis.map_err(|error| {
-            let fault = rows.iter().collect::<Continuity>().fault().map(|fault| fault.finding());
-            let _ = Acceptance::default().admit(&recording, fault.into_iter().collect());
+            let found = rows.iter().collect::<Continuity>().findings(MISSING);
+            let _ = Acceptance::default().admit(&recording, found.into_iter().map(Finding::warned).collect());
             let failure = Failure::new(Exit::Data, format!("{recording}: {error}"));
             if let [file] = self.recording.as_slice() { failure.at(file, None) } else { failure }
         })?;

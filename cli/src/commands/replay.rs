@@ -6,6 +6,7 @@ use indicatif::ProgressBar;
 use isotherm_client::{Flags, ImuId};
 use isotherm_failure::{Failure, tell};
 use isotherm_files::{Output, WorldWritable, check_written, load_table, refuse_overlap};
+use isotherm_finding::Finding;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording::{Continuity, IncrementCsvWriter, IncrementLayout, other_device};
 use isotherm_recording_formats::read::Samples;
@@ -42,6 +43,8 @@ pub(crate) struct Replay {
     /// Where the increments go: CSV, or .mcap with sensor_msgs/msg/Imu; - is stdout
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    acceptance: Acceptance,
 }
 
 impl Replay {
@@ -78,16 +81,16 @@ impl Replay {
             }
         }
         let tells_no_temperature = matches!(writer, Writer::Ros(_)) && !ros.is_celsius();
+        let others = flags.count(Flags::OTHER_DEVICE);
+        let other = (others > 0).then(|| other_device(&table, others));
+        // Before the file is put in place: what is refused leaves none. Without --strict nothing is.
+        let findings = continuity.findings(0.0).into_iter().map(Finding::warned).chain(other).collect();
+        self.acceptance.admit(&joined_paths(&self.recording), findings).map_err(|refused| refused.failure)?;
         check_written(path, writer.finish().and_then(Output::finish))?;
         if tells_no_temperature {
             let unit = &table.content().temperature_unit;
             tell("isotherm", format_args!("no sensor_msgs/msg/Temperature: the telemetry is in {unit}, not in degC"));
         }
-        let others = flags.count(Flags::OTHER_DEVICE);
-        let other = (others > 0).then(|| other_device(&table, others));
-        let findings = continuity.fault().map(|fault| fault.finding()).into_iter().chain(other).collect();
-        // What is written stands: nothing is refused.
-        Acceptance::default().admit(&joined_paths(&self.recording), findings).map_err(|refused| refused.failure)?;
         let losses = Some(continuity.losses()).filter(|losses| !losses.is_none());
         let losses = losses.map(|losses| format!("; {losses}")).unwrap_or_default();
         tell("isotherm", format_args!("{flags}{losses}"));

@@ -4,26 +4,26 @@ use super::common::{Acceptance, LagSetting, choice, inputs, joined, joined_paths
 use crate::parse::{direction, gravity, seconds};
 use crate::progress::bytes_bar;
 use clap::Args;
-use isotherm_calibration::{now, tool};
+use isotherm_calibration::{Origin, now, tool};
+use isotherm_campaign::STANDSTILL_WINDOW_S;
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{
-    StagedText, WorldWritable, check_stdout, check_written, load_table, print, print_data, refuse_overlap,
+    StagedText, WorldWritable, check_stdout, check_written, load_table, print, print_data, read_text, refuse_overlap,
 };
+use isotherm_finding::name;
 use isotherm_job::{Refused, Run};
-use isotherm_recording::other_device;
+use isotherm_recording::{MISSING, other_device};
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{AXES, RawSample};
-use isotherm_verification::{Lengths, LengthsError, LocalGravity, Requirement, Setup};
+use isotherm_verification::{Lengths, LengthsError, LocalGravity, Requirement, Setup, Stability, own_recording};
 use std::path::PathBuf;
 use std::time::Duration;
 
 /// Length of the windows, if none is given \[s\].
 const WINDOW_S: f64 = 10.0;
-/// Length of the windows that standstills are searched with, if none is given \[s\].
-const STANDSTILL_WINDOW_S: f64 = 1.0;
 /// Most rows that are searched for standstills; each takes 256 bytes.
 const MOST_ROWS: usize = 4_000_000;
 
@@ -60,7 +60,7 @@ pub(crate) struct Verify {
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
     /// Length of the windows that means are taken over [s]; of standstills, that of the windows they are searched with
-    /// [default: 10, and 1 for standstills]
+    /// [default: 10, and 0.5 for standstills]
     #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = seconds)]
     window: Option<Duration>,
     /// Compare the lengths over the standstills of an IMU that was put down by hand in many attitudes, also with a
@@ -130,7 +130,7 @@ impl Verify {
             }
             return Ok(None);
         }
-        let window_s = self.window.map_or(STANDSTILL_WINDOW_S, |window| window.as_secs_f64());
+        let window_s = self.window.map(|window| window.as_secs_f64());
         let gravity = LocalGravity::of(self.gravity_local, table);
         let lengths = Lengths::of(table, rows, window_s, gravity, self.other_device);
         match lengths {
@@ -182,6 +182,7 @@ impl Verify {
         refuse_overlap(&files, &[self.report.as_deref()])?;
         check_written(None, check_stdout())?;
         let (table, _) = load_table(&self.table, None, WorldWritable::Allow)?;
+        let origin = Origin::of_toml(&read_text(&self.table, WorldWritable::Allow)?.0, &table);
         let setup = Setup::new(self.attitude, LocalGravity::of(self.gravity_local, &table));
         let setup = Setup { other_device: self.other_device, ..setup }.at_angles(&table, self.angles);
         let setup = setup.map_err(|message| Failure::new(Exit::Usage, message))?;
@@ -206,13 +207,19 @@ impl Verify {
         }
         bar.finish_and_clear();
         let recording = joined_paths(&self.recording);
-        let fault: Vec<_> = run.collector().continuity().fault().map(|fault| fault.finding()).into_iter().collect();
+        let of_time = run.collector().continuity().findings(MISSING);
+        let made_the_table = run.made(&origin);
         if let Some(lengths) = self.lengths(&table, &rows, keep, &recording)? {
-            self.acceptance.admit(&recording, fault)?;
+            let lengths = Lengths { made_the_table, ..lengths };
+            let found = own_recording(made_the_table).into_iter().chain(of_time).collect();
+            self.acceptance.admit(&recording, found)?;
             return self.show_lengths(&table, &lengths, recording, page, require);
         }
-        let stability = run.finish(&setup).inspect_err(|_| {
-            let _ = Acceptance::default().admit(&recording, fault);
+        let stability = run.finish(&setup).map(|stability| Stability { made_the_table, ..stability });
+        let stability = stability.inspect_err(|_| {
+            // An interval that is wrong is the error itself.
+            let of_time = of_time.into_iter().filter(|finding| finding.name != name::INTERVAL).collect();
+            let _ = Acceptance::default().admit(&recording, of_time);
         })?;
         // With a requirement the failure at the end says why nothing is claimed.
         self.acceptance.admit(&recording, stability.findings(require.is_some()))?;

@@ -1,6 +1,6 @@
 //! `calibrate` of several IMUs of one campaign file, as a user types it.
 
-use crate::common::{assert_page, assert_self_contained, folder, run};
+use crate::common::{assert_page, assert_self_contained, folder, other_unit, run};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -123,8 +123,8 @@ fn an_output_that_fails_ends_the_command() {
     let text = campaign();
     fs::write(at("campaign.toml"), &text).unwrap();
     let samples = fs::read_to_string(format!("{EXAMPLES}/campaign/samples.csv")).unwrap();
-    for imu in ["imu-a", "imu-b", "imu-c"] {
-        fs::write(at(&format!("{imu}.csv")), &samples).unwrap();
+    for (more, imu) in ["imu-a", "imu-b", "imu-c"].into_iter().enumerate() {
+        fs::write(at(&format!("{imu}.csv")), other_unit(&samples, more as u32)).unwrap();
     }
     // No folder: no IMU can have its table.
     let (_, err) = run(folder.path(), 74, &["calibrate", "campaign.toml", "-o", "none/{imu}.toml"]);

@@ -2,7 +2,7 @@
 //!
 //! Over 400 lines: one command's output is the next one's input.
 
-use crate::common::{assert_self_contained, folder, run};
+use crate::common::{assert_self_contained, folder, other_unit, run};
 use serde_json::Value;
 use std::os::unix::process::ExitStatusExt as _;
 use std::process::Command;
@@ -349,10 +349,18 @@ fn the_json_of_a_batch_has_units() {
     let text = fs::read_to_string(format!("{EXAMPLES}/campaign/campaign.toml")).unwrap();
     let imus = "imus = [{ id = \"imu-a\" }, { id = \"imu-b\" }, { id = \"imu-c\" }]\nsamples = \"{imu}.csv\"";
     fs::write(at("campaign.toml"), text.replace("imu = \"imu-paper\"\nsamples = \"samples.csv\"", imus)).unwrap();
+    let samples = fs::read_to_string(format!("{EXAMPLES}/campaign/samples.csv")).unwrap();
     for name in ["imu-a", "imu-b"] {
-        fs::copy(format!("{EXAMPLES}/campaign/samples.csv"), at(&format!("{name}.csv"))).unwrap();
+        fs::write(at(&format!("{name}.csv")), &samples).unwrap();
     }
-    let (out, err) = run(folder.path(), 1, &["calibrate", "campaign.toml", "-o", "{imu}.toml", "--json"]);
+    // Two units from one recording: nothing says whose it is, and no table is written.
+    let command = ["calibrate", "campaign.toml", "-o", "{imu}.toml", "--json"];
+    let (out, err) = run(folder.path(), 65, &command);
+    assert!(err.starts_with("isotherm: fault [same-recording]: imu-a and imu-b have the same recording; "), "{err}");
+    assert_eq!(serde_json::from_str::<Value>(&out).unwrap()["findings"][0]["name"], "same-recording");
+    assert!(!at("imu-a.toml").exists() && !at("imu-b.toml").exists());
+    fs::write(at("imu-b.csv"), other_unit(&samples, 1)).unwrap();
+    let (out, err) = run(folder.path(), 1, &command);
     let document: Value = serde_json::from_str(&out).unwrap_or_else(|error| panic!("{error}: {out}{err}"));
     assert_units("", &document);
     assert_eq!(document["imus"][2]["dropped"]["file"], "imu-c.csv");

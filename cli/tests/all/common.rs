@@ -18,6 +18,23 @@ pub(crate) fn run(folder: &Path, code: i32, arguments: &[&str]) -> (String, Stri
     texts
 }
 
+/// The samples of another unit of a kind: in each row, A3 has `more` pulses more, where it has any.
+pub(crate) fn other_unit(samples: &str, more: u32) -> String {
+    let mut lines = samples.lines();
+    let header = lines.next().unwrap();
+    let columns = header.split(',').enumerate().filter(|(_, name)| ["a3_positive", "a3_negative"].contains(name));
+    let columns: Vec<_> = columns.map(|(index, _)| index).collect();
+    let row = |line: &str| {
+        let mut fields: Vec<String> = line.split(',').map(str::to_owned).collect();
+        for column in &columns {
+            let count: u32 = fields[*column].parse().unwrap();
+            fields[*column] = (if count > 0 { count + more } else { 0 }).to_string();
+        }
+        fields.join(",") + "\n"
+    };
+    format!("{header}\n") + &lines.map(row).collect::<String>()
+}
+
 /// A folder that is removed in the end.
 pub(crate) fn folder() -> TempDir {
     tempfile::Builder::new().prefix("iso-").tempdir().unwrap()

@@ -27,6 +27,20 @@ fn years_of_tables() {
         table(name);
     }
     let compare = |code, arguments: &[&str]| run(folder.path(), code, &[&["compare"], arguments].concat());
+    // A table with itself, with its copy, and with its copy under another name.
+    let text = fs::read_to_string(folder.path().join("2023.toml")).unwrap();
+    fs::write(folder.path().join("copy.toml"), &text).unwrap();
+    let renamed: Vec<_> = text.lines().filter(|line| !line.starts_with("digest = ")).collect();
+    fs::write(folder.path().join("renamed.toml"), renamed.join("\n").replace("imu-a", "imu-z")).unwrap();
+    for (other, words) in [
+        ("2023.toml", "the same table: 2023.toml and 2023.toml\n"),
+        ("copy.toml", "the same table: 2023.toml and copy.toml\n"),
+        ("renamed.toml", "the same table under another name: 2023.toml of imu-a, renamed.toml of imu-z\n"),
+    ] {
+        let (out, err) = compare(0, &["2023.toml", other, "--other-unit"]);
+        assert!(out.starts_with(words) && err == format!("isotherm: warning [same-table]: {words}"), "{out}{err}");
+        compare(65, &["2023.toml", other, "--other-unit", "--strict"]);
+    }
     let (out, _) = compare(0, &["2023.toml", "2024.toml"]);
     assert!(
         out.starts_with("imu-a: 2024.toml (2024-03-05T10:00:00Z) less 2023.toml (2023-03-01T10:00:00Z)\n"),

@@ -20,7 +20,7 @@ fn a_table_without_a_turntable_is_verified_by_lengths() {
     let calibrate = arguments(&tumble, ["9.79179", "9.80665"], &["--report", "r.html"]);
     let (out, err) = run(folder.path(), 0, &calibrate);
     assert!(
-        out.is_empty() && err.starts_with("78 standstills at 3 temperatures, 0 too short, digest sha256:"),
+        out.is_empty() && err.starts_with("78 standstills in 3 groups at 3 temperatures, 0 too short, digest sha256:"),
         "{out}{err}"
     );
     assert!(err.contains("not observable without a turntable: a rotation"), "{err}");
@@ -28,6 +28,22 @@ fn a_table_without_a_turntable_is_verified_by_lengths() {
     assert!(out.contains("seal intact"), "{out}");
     assert_page(&folder.path().join("r.html"), 9, &["without a turntable", "SHA-256 of a recording"]);
     // Local gravity is that of the provenance, and the lengths are compared without being asked for.
+    // It is the recording that made the table, also a part of it, and from stdin.
+    let (out, err) = run(folder.path(), 0, &["verify", "--table", "table.toml", &tumble]);
+    assert!(out.starts_with("this recording made the table: no evidence\n78 standstills"), "{out}");
+    assert!(err.starts_with(&format!("isotherm: warning [own-recording]: {tumble}: this recording made")), "{err}");
+    let text = fs::read_to_string(&tumble).unwrap();
+    let part: Vec<_> = text.lines().enumerate().filter(|(row, _)| *row == 0 || *row > 3000).collect();
+    let part: String = part.into_iter().map(|(_, line)| format!("{line}\n")).collect();
+    fs::write(folder.path().join("part.csv"), part).unwrap();
+    let own = ["verify", "--table", "table.toml", "part.csv", "--require", "scale=50ppm"];
+    let (out, err) = run(folder.path(), 1, &own);
+    assert!(out.starts_with("this recording made the table: no evidence\n"), "{out}");
+    assert!(err.contains("Nothing can be claimed: this recording made the table: no evidence."), "{err}");
+    // Without the rows' marks and hashes it is any recording.
+    let table = fs::read_to_string(folder.path().join("table.toml")).unwrap();
+    let kept = table.lines().filter(|line| !line.starts_with("rows = ") && !line.starts_with("recordings_sha256 = "));
+    fs::write(folder.path().join("table.toml"), kept.map(|line| format!("{line}\n")).collect::<String>()).unwrap();
     let verify = ["verify", "--table", "table.toml", &tumble, "--require", "scale=50ppm", "--report", "v.html"];
     let (out, _) = run(folder.path(), 0, &verify);
     assert!(out.starts_with("78 standstills, 0 too short\nLocal gravity 9.79179 m/s2, from the provenance"), "{out}");
@@ -44,13 +60,13 @@ fn a_table_without_a_turntable_is_verified_by_lengths() {
         .unwrap()
         .lines()
         .skip(1)
-        .take(86)
+        .take(96)
         .map(|line| line.split(',').take(6).map(|field| field.parse().unwrap()).collect())
         .collect();
-    let sum = |column: usize| rows.iter().map(|row| row[column]).sum::<f64>() / (86.0 * 0.05);
+    let sum = |column: usize| rows.iter().map(|row| row[column]).sum::<f64>() / (96.0 * 0.05);
     let length = sum(3).hypot(sum(4)).hypot(sum(5)) / 9.80665 - 9.79179 / 9.80665;
     let first = document["standstill"][0].clone();
-    assert_eq!(first["rows"], 86);
+    assert_eq!(first["rows"], 96);
     assert!((length - first["error_g0"].as_f64().unwrap()).abs() < 1e-9, "{length} {first}");
 }
 
@@ -69,7 +85,7 @@ fn a_campaign_file_and_the_options_give_the_same_digest() {
     let calibrate = ["calibrate", "campaign.toml", "--temperature-range", "0,50", "-o", "other.toml", "--json"];
     let (out, _) = run(folder.path(), 0, &calibrate);
     let document: Value = serde_json::from_str(&out).unwrap();
-    assert_eq!(document["standstills"], 39);
+    assert_eq!(document["standstills"], 40);
     assert_eq!(document["scale_factor"], "single");
     let digest = |name: &str| {
         let text = fs::read_to_string(at(name)).unwrap();

@@ -177,6 +177,29 @@ fn what_is_no_ramp_is_refused() {
     assert!(refused(path, 64, "still.toml", &["--lag", "240"]).contains("a time constant of the lag is for ramps"));
 }
 
+#[test]
+fn one_direction_replaces_no_curves_unless_asked() {
+    let folder = folder();
+    let path = folder.path();
+    campaigns(path);
+    let ramp = fs::read_to_string(path.join("ramp-1.csv")).unwrap();
+    let heating: String = ramp.lines().take(1500).flat_map(|line| [line, "\n"]).collect();
+    fs::write(path.join("ramp-1.csv"), heating).unwrap();
+    let text = fs::read_to_string(path.join("alone.toml")).unwrap();
+    fs::write(path.join("one.toml"), text.rsplit_once("[[ramp]]").unwrap().0).unwrap();
+    let err = refused(path, 1, "one.toml", &[]);
+    assert!(err.contains("fault [one-direction]: no ramp heats and cools over half of the range"), "{err}");
+    let (_, words) = run(path, 0, &["calibrate", "one.toml", "-o", "table.toml", "--replace-curves"]);
+    assert!(words.contains("warning [one-direction]") && words.contains("\nthe errors of the curves are not known"));
+    let table = fs::read_to_string(path.join("table.toml")).unwrap();
+    assert!(!table.contains("curve_error") && table.contains("accepted = [\"one-direction\"]"), "{table}");
+    // Both ways, the error is in the table, and in the first line.
+    let (_, words) = run(path, 0, &["calibrate", "alone.toml", "-o", "both.toml"]);
+    assert!(words.contains("\nerrors of the curves, half of the band between sweeps: A1 "), "{words}");
+    let table = fs::read_to_string(path.join("both.toml")).unwrap();
+    assert_eq!(table.matches("curve_error = ").count(), 3, "{table}");
+}
+
 /// Rows of the thermal run.
 const ROWS: u32 = 8400;
 const ROW_S: f64 = 2.0;
@@ -300,12 +323,12 @@ fn hysteresis_of_a_consumer_imu_is_not_written() {
     };
     fs::write(path.join("simple.toml"), simple_table(false)).unwrap();
     let (document, table) = calibrated(path, "ramps.toml", &[]);
-    assert!(names(&document) == ["ramp-gyroscopes"] && table.content().gyroscopes.is_none());
+    assert!(names(&document) == ["ramp-sweeps", "ramp-gyroscopes"] && table.content().gyroscopes.is_none());
     let without = run_csv.lines().map(|line| line.split(',').take(15).collect::<Vec<_>>().join(",") + "\n");
     fs::write(path.join("run.csv"), without.collect::<String>()).unwrap();
     fs::write(path.join("simple.toml"), simple_table(true)).unwrap();
     let (document, table) = calibrated(path, "ramps.toml", &[]);
-    assert_eq!(names(&document), ["ramp-gyroscopes"]);
+    assert_eq!(names(&document), ["ramp-sweeps", "ramp-gyroscopes"]);
     assert!(document["not_known"].to_string().contains("the gyroscopes: the ramps have none"));
     let before = CoefficientTable::from_toml(&simple_table(true), None).unwrap();
     assert_eq!(table.content().gyroscopes, before.content().gyroscopes);

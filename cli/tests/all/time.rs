@@ -65,7 +65,21 @@ fn verify_and_noise_count_what_is_missing_and_warn_of_lost_time() {
     let (_, words) = run(folder.path(), 0, &["replay", "--table", "run/truth.toml", "short.csv", "-o", "i.csv"]);
     let rows = body.lines().count();
     assert!(words.ends_with(&format!("; 0 rows missing in 0 gaps, {} time steps\n", rows - 1)), "{words}");
-    assert!(words.contains("s more than interval_ns, 0.0001 s: "), "{words}");
+    let interval = "[interval]: short.csv: interval_ns is 1.000e-3 of the time from row to row, 0.0001 s against 0.1 s: \
+                    it looks 1000 times too short";
+    assert!(words.starts_with(&format!("isotherm: warning {interval}")) && !words.contains("time-step"), "{words}");
+    let (_, words) = run(folder.path(), 65, &[&verify[..], &["short.csv"]].concat());
+    assert!(words.contains("interval_ns is 1.000e-3 of the time from row to row"), "{words}");
+    let (_, words) = run(folder.path(), 65, &[&noise[..], &["short.csv"]].concat());
+    assert!(words.starts_with(&format!("isotherm: warning {interval}")), "{words}");
+    // Rows that are missing: replay says how many, and with --strict it writes nothing.
+    let replay = ["replay", "--table", "run/truth.toml", "gaps.csv", "-o", "gone.csv"];
+    let (_, words) = run(folder.path(), 65, &[&replay[..], &["--strict"]].concat());
+    assert!(words.contains("fault [missing-rows]: gaps.csv: 5 rows missing in 5 gaps, of "), "{words}");
+    assert!(!folder.path().join("gone.csv").exists());
+    let (_, words) = run(folder.path(), 0, &replay);
+    assert!(words.ends_with("; 5 rows missing in 5 gaps, 0 time steps\n"), "{words}");
+    run(folder.path(), 0, &[&replay[..], &["--strict", "--accept", "missing-rows"]].concat());
 }
 
 #[test]

@@ -26,7 +26,7 @@ def calibrate_gravity_only(
     order: int | Literal["auto"] = "auto",
     scale_factor: Literal["auto", "single", "split"] = "auto",
     misalignment: bool = True,
-    window: float = 1.0,
+    window: float | None = None,
     exclude: Iterable[int] = (),
     temperature_range: tuple[float, float] | None = None,
     accept: Iterable[str] = (),
@@ -40,7 +40,7 @@ def calibrate_gravity_only(
     `temperature_unit`. `recordings` is one recording or a list: arrays of RAW_SAMPLE, data frames with the columns of a recording, or paths of
     files. Without them the files that the campaign names are read.
 
-    `window` [s] is that of the search for standstills; a shorter one is left out. `exclude` lists numbers of standstills. Where the telemetry is
+    `window` [s] is that of the search for standstills, 0.5 or 1 s without it. `exclude` lists numbers of standstills. Where the telemetry is
     constant, `temperature_range` states where the table is valid. `imu` chooses one of a campaign file with `imus`. `accept` and `strict` are as
     those of `calibrate`. Raises CalibrationError with the parameters that the attitudes do not determine.
     """
@@ -73,7 +73,7 @@ def lengths(
     table: Table,
     samples: Records | pd.DataFrame,
     *,
-    window: float = 1.0,
+    window: float | None = None,
     gravity_local: float | None = None,
     other_device: bool = False,
     require: str | None = None,
@@ -89,6 +89,6 @@ def lengths(
     return _isotherm.lengths(table, sample_bytes(samples), window, gravity_local, other_device, require)
 
 
-def _positive(name: str, seconds: float) -> None:
-    if not 0.0 < seconds <= 1e6:
+def _positive(name: str, seconds: float | None) -> None:
+    if seconds is not None and not 0.0 < seconds <= 1e6:
         raise ValueError(f"{name} is {seconds}, give seconds over 0 and up to 1e6")

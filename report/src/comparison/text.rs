@@ -4,18 +4,21 @@ use super::words::{places, probability, slope_interval, which, word};
 use isotherm_analysis::{
     AlignmentComparison, Comparison, ComparisonRequirement, CurveComparison, NOT_IN_THE_ERRORS, Trend,
 };
+use isotherm_finding::{Finding, name};
 use std::fmt::Write as _;
 
 /// The lines that `compare` prints: differences, changes, lines over the dates, what is required, and notes.
 #[must_use]
 pub fn text(comparison: &Comparison, required: Option<&ComparisonRequirement>) -> String {
     let imu = &comparison.new_table().table.content().imu;
-    let mut text = format!("{imu}: {}\n\n{}", which(comparison), curves(&comparison.curves));
+    let is_same = |finding: &&Finding| finding.name == name::SAME_TABLE;
+    let mut text: String = comparison.findings.iter().filter(is_same).map(|finding| format!("{finding}\n")).collect();
+    text += &format!("{imu}: {}\n\n{}", which(comparison), curves(&comparison.curves));
     text.extend(comparison.alignments.iter().map(alignment));
     text += &trends(&comparison.trends);
     text += &format!("\n{}\n", comparison.conclusion());
     let judgements = required.iter().flat_map(|required| comparison.judge(required)).map(|judgement| judgement.message);
-    let findings = comparison.findings.iter().map(ToString::to_string);
+    let findings = comparison.findings.iter().filter(|finding| !is_same(finding)).map(ToString::to_string);
     let lines =
         findings.chain(comparison.notes.iter().cloned()).chain([NOT_IN_THE_ERRORS.to_owned()]).chain(judgements);
     text.extend(lines.map(|line| line + "\n"));

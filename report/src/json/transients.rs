@@ -51,6 +51,8 @@ BiasView<'a>(bias: &'a BiasTransient, units: &'a TriadUnits, tau_s: f64) {
     t_tau: f64 = bias.estimate * tau_s * units.bias_factor,
     prediction: Option<PredictionView> = bias.prediction.as_ref().map(|it| PredictionView::of(it, units)),
     band: BandView = BandView::of(&bias.before, &bias.after, units),
+    curve_error: Option<f64> = bias.curve_error.as_ref().map(|band| band.half_width * units.bias_factor),
+    curve_error_at: Option<f64> = bias.curve_error.as_ref().map(|band| band.at),
     carried_g0: f64 = bias.carried_g0,
     conditions: Vec<ConditionView<'a>> = bias.conditions.iter().map(ConditionView::of).collect(),
 }}

@@ -31,6 +31,7 @@ view! { StabilityView<'a>(stability: &'a Stability, window_s: f64, is_required: 
     windows_left_out: LeftOutView = LeftOutView::of(&stability.windows_left_out),
     samples_left_out: u64 = stability.left_out,
     losses: Losses = stability.losses,
+    made_the_table: bool = stability.made_the_table,
     findings: Value = records(&stability.findings(is_required)),
     time_warning: Option<String> = stability.time_fault.map(|fault| fault.to_string()),
     attitude_stated: bool = stability.stated,

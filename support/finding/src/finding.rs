@@ -116,6 +116,12 @@ impl Finding {
         Self { place: Some(place), ..self }
     }
 
+    /// The same finding as a warning.
+    #[must_use]
+    pub fn warned(self) -> Self {
+        Self { severity: Severity::Warning, ..self }
+    }
+
     /// `fault [name]: `, then as [`located`](Self::located).
     #[must_use]
     pub fn tagged(&self, locate: impl Fn(u64) -> String) -> String {

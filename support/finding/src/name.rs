@@ -98,17 +98,12 @@ findings! {
         /// the interval of a single sample under sums, or a nominal interval. A warning, with the error of the scale
         /// factors, if in all dwells by over 200 ppm and 5 standard errors.
         INTERVAL = "interval", FaultOrWarning, "Give the measured time of each row, in nanoseconds.";
-        /// Over 1 % of the rows are missing, by sequence or time.
+        /// Over 1 % of the rows are missing, by sequence or time; of `replay` any.
         MISSING_ROWS = "missing-rows", Warning, "Give all pieces of the recording; else look for what loses them.";
         /// Time is lost, or counted twice, within a dwell or a ramp, without a hole in `sequence`. In a turn it is
         /// `turn-gap`.
         TIME_STEP = "time-step", Warning,
             "Look for time that the acquisition loses: docs/recordings.md#missing-rows-and-lost-time.";
-        /// The stamps of foreign data jitter, or come in bursts: they are those of arrival. `convert` gives the rows the
-        /// times of an even clock; it cannot tell lost rows from jitter.
-        STAMPS = "stamps", Warning, "Give the interval; stamp where the rows are measured.";
-        /// A counter of time of foreign data rolls over, as micros() does after 71.6 minutes: `convert` joins it.
-        ROLLOVER = "rollover", Warning, "Look whether the logger was started again at that row.";
         /// A dwell is shorter than 0.6 of the usual.
         SHORT_DWELL = "short-dwell", Warning, "Look whether the file is cut.";
         /// There are less than `soak_s` between two set points. A warning below 3600 s if `soak_s` is not given.
@@ -152,6 +147,9 @@ findings! {
         /// more, of over a million pulses a dwell) and nowhere more: the converter is full. A warning with fewer
         /// pulses.
         SATURATED = "saturated", FaultOrWarning, "Take a larger range, or leave the set points out.";
+        /// A channel counts over 1.25 times as much in short rows, such as those of turns, as in longer ones: its
+        /// counter wraps within a row.
+        COUNTER_WRAPS = "counter-wraps", Fault, "Record short rows throughout.";
         /// A dwell is over 0.1 g0 off what its position asks for: another position, or a table that moved. Of a ramp:
         /// an accelerometer indicates over 0.1 g0 more or less, on average, than the `specific_force` of the ramp says.
         WRONG_POSITION = "wrong-position", Fault,
@@ -198,10 +196,13 @@ findings! {
         trial." {
         /// Two positions are exchanged, everywhere or at some set points, or all numbers are shifted.
         POSITIONS_EXCHANGED = "positions-exchanged", Fault, "Correct the numbers, as the line says.";
-        /// Two accelerometers are exchanged, or the IMU is mounted otherwise.
+        /// Two accelerometers or gyroscopes are exchanged, or the IMU is mounted otherwise.
         AXES_EXCHANGED = "axes-exchanged", Fault, "Correct columns or positions, as the line says.";
         /// The channels of an accelerometer are exchanged, or one with one of another, or a sign of the specific force.
         CHANNELS_EXCHANGED = "channels-exchanged", Fault, "Correct columns or signs, as the line says.";
+        /// From a set point on the misalignments are others, while each set point agrees with itself: another unit, or
+        /// an IMU that was turned on its fixture.
+        OTHER_UNIT = "other-unit", Fault, "Take out the rows of one, or measure again.";
         /// The IMU is turned against the campaign file, or `outer_deg` or `inner_deg` of all positions is off by 90 or
         /// 180.
         HEADING = "heading", Fault, "Correct the positions, as the line says.";
@@ -232,6 +233,19 @@ findings! {
         NO_TURNS = "no-turns", Warning, "Take turns, for a table with gyroscopes.";
     }
     "Ramps" "" {
+        /// A bias steps within a ramp: the IMU was bumped, or a sensor jumps. A warning up to a fifth of what its curve
+        /// spans.
+        RAMP_STEP = "ramp-step", FaultOrWarning,
+            "Record the ramp again with the IMU held fast, or give the part before or after it as a ramp of its own.";
+        /// A ramp has another shape than the others, while the sweeps of each agree: it is of another unit.
+        RAMP_UNIT = "ramp-unit", Fault, "Give the ramps of one unit.";
+        /// Sweeps differ by over 4 of their jackknife errors, and by more than a lag explains.
+        RAMP_SWEEPS = "ramp-sweeps", Warning,
+            "Allow for the error of the curves that is stated; hold the IMU and its fixture steadier, begin soaked.";
+        /// No ramp heats and cools over half of the range: the error of its curves is not known, and those of `curves`
+        /// depend on temperature, or have an error.
+        ONE_DIRECTION = "one-direction", Fault,
+            "Heat and cool in one recording. `--replace-curves` makes the table all the same.";
         /// About a transient that is written: the ramps have specific force along the axis, so that a converter behind
         /// its thermometer would look the same; or the time constant was given, and the ramps would not show it.
         TRANSIENT = "transient", Warning,
@@ -247,8 +261,25 @@ findings! {
         ATTITUDES = "attitudes", Warning, "Put the IMU down in the attitudes that the line names.";
         /// Two temperatures differ, but show no curvature: the table has their mean.
         TEMPERATURES = "temperatures", Warning, "Measure at a third temperature, or ask for a line: `--order 1`.";
-        /// The IMU turned within a standstill, which makes its specific force too short.
-        TURNED = "turned", Warning, "Put the IMU on firm ground, or leave the standstill out with `--exclude`.";
+        /// Files, power-ups or temperatures differ beyond what temperature explains. The intervals hold what they
+        /// share.
+        GROUPS_DIFFER = "groups-differ", FaultOrWarning,
+            "Look whether a file is of another unit, or the telemetry not the element's; else take more files.";
+        /// The bias walks while the IMU is put down in its attitudes. The intervals hold it.
+        WALK = "walk", Warning, "Wait until temperature and power are steady, then tumble without a pause.";
+        /// The accelerometers are behind their telemetry, or ahead of it.
+        BEHIND_TELEMETRY = "behind-telemetry", Warning, "Wait until the telemetry stands still, then tumble.";
+        /// Telemetry moved so much in a tumble that an element up to 60 s behind it is most of the error.
+        TELEMETRY_MOVES = "telemetry-moves", Warning, "Wait until the telemetry stands still, then tumble.";
+        /// Readings of the telemetry that the standstill's others exclude, such as the error codes 85, -127 and 0. They
+        /// are out of means and ranges; a standstill of many is left out.
+        TELEMETRY_GLITCH = "telemetry-glitch", Warning, "Look at the thermometer's cable.";
+        /// An axis does not feel gravity in one file or temperature.
+        DEAD_AXIS = "dead-axis", Fault, "Look at its column and its converter.";
+        /// An axis counts by another factor in one file or temperature.
+        SCALE_CHANGED = "scale-changed", Fault, "Give all files in one unit, of one IMU and one range.";
+        /// The IMU turned within standstills, which makes their specific force too short: they are left out.
+        TURNED = "turned", Warning, "Put the IMU on firm ground.";
     }
     "Recordings" "Of `verify`, `noise` and `convert`, with `interval`, `missing-rows`, `time-step` and `other-device`." {
         /// The end of a file is missing: its writer was killed, or the copy is not complete.
@@ -257,10 +288,23 @@ findings! {
         NO_GYROSCOPES = "no-gyroscopes", Warning, "Give the table and the recording of the same IMU.";
         /// The data have no temperature, or none at their beginning: a placeholder, or the first one, stands there.
         NO_TEMPERATURE = "no-temperature", Warning, "Give `--temperature`, or a source that has one.";
+        /// All accelerometers are 0 at once in some rows, which no attitude gives: values were lost.
+        ZEROS = "zeros", Warning, "Look at the logger; leave these rows out.";
+        /// Counts jump by their whole range, there and back: a counter wraps, or signed counts were read as unsigned.
+        WRAPPED = "wrapped", Fault, "Take a larger range, or convert the data anew with the right type.";
+        /// With the two bytes of each count exchanged, the counts change far less from row to row.
+        BYTE_ORDER = "byte-order", Fault, "Convert the data anew with the other order of bytes.";
+        /// The stamps of foreign data jitter, or come in bursts: their rows are put on an even clock. Rows that are
+        /// lost cannot be told there.
+        STAMPS = "stamps", Warning, "Stamp the samples where they are taken, or give `interval_s`.";
+        /// A counter of the time rolled over, and was joined.
+        ROLLOVER = "rollover", Warning, "Nothing, if the recording is as long as that.";
         /// The IMU itself reports errors in some rows.
         IMU_ERROR = "imu-error", Warning, "Look at the IMU; leave these rows out.";
     }
     "Verification" "" {
+        /// The table was made from this recording, or from rows that are in it: it fits, whatever the IMU does now.
+        OWN_RECORDING = "own-recording", Warning, "Verify with a recording that the table was not made from.";
         /// The length of the output is not that of gravity in too many windows: nothing is claimed.
         NOT_GRAVITY = "not-gravity", Warning, "Keep the IMU at rest; give the table and the intervals of this IMU.";
         /// Too many windows are left out: nothing is claimed of the whole run.
@@ -283,6 +327,9 @@ findings! {
         ERRORS_UNKNOWN = "errors-unknown", Warning, "Make the table again with `calibrate`, which writes them.";
         /// A part is not compared, because not all tables have it.
         NOT_COMPARED = "not-compared", Warning, "Give tables that have it.";
+        /// Two tables have the same coefficients, under whatever name; or they were made from the same rows, so that
+        /// what differs is not the IMU.
+        SAME_TABLE = "same-table", Warning, "Give tables of two campaigns.";
         /// The serial numbers of the tables differ.
         SERIALS = "serials", Warning, "Give the tables of one unit.";
         /// The new table is older than the old one, by its date.

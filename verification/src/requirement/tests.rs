@@ -135,6 +135,8 @@ fn a_bound_is_met_only_if_the_whole_interval_is_within_it() {
             other_device: None,
             losses: Default::default(),
             time_fault: None,
+            made_the_table: false,
+            of_time: Vec::new(),
         }
     };
     let stability = |noise: f64, stated: bool| of(120, noise, stated);

@@ -13,8 +13,7 @@ use crate::stability::setup::Setup;
 use crate::stability::stillness::{ACCELEROMETERS, LeftOut, PARTS, mark};
 use crate::verdict::Verdict;
 use crate::window::{MIN_WINDOWS, Window};
-use isotherm_calibration::CLOCK_TOLERANCE;
-use isotherm_recording::{Continuity, other_device};
+use isotherm_recording::{Continuity, MISSING, Marks, other_device};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Gyroscopes};
@@ -118,6 +117,7 @@ pub struct Collector<'a> {
     /// Session of the last sample, and when its lagged telemetry has forgotten how it began \[ns\].
     settled: Option<(u64, u64)>,
     continuity: Continuity,
+    marks: Marks,
 }
 
 /// Finds the smallest step of one telemetry signal.
@@ -175,12 +175,14 @@ impl<'a> Collector<'a> {
             last: None,
             settled: None,
             continuity: Continuity::default(),
+            marks: Marks::default(),
         }
     }
 
     /// Adds the next sample. A sample with an invalid interval has no velocity and is left out.
     pub fn add(&mut self, raw: &RawSample) {
         self.continuity.add(raw);
+        self.marks.add(raw);
         let increment = answer(Some(self.table), raw);
         let flags = Flags(increment.flags);
         self.other_device += u64::from(flags.intersects(Flags::OTHER_DEVICE));
@@ -266,6 +268,12 @@ impl<'a> Collector<'a> {
         &self.continuity
     }
 
+    /// The marks of the samples so far.
+    #[must_use]
+    pub const fn marks(&self) -> &Marks {
+        &self.marks
+    }
+
     /// Length of the output over gravity, of all samples, also of those in no complete window.
     fn length_ratio(&self, setup: &Setup) -> f64 {
         let all = || self.windows.iter().chain([&self.open]);
@@ -326,6 +334,8 @@ impl<'a> Collector<'a> {
             other_device: (self.other_device > 0).then(|| other_device(self.table, self.other_device)),
             losses: self.continuity.losses(),
             time_fault: self.continuity.fault(),
+            made_the_table: false,
+            of_time: self.continuity.findings(MISSING),
         })
     }
 
@@ -338,8 +348,8 @@ impl<'a> Collector<'a> {
         // A window without consecutive sequences has 0/0, which the median leaves out.
         let windows = self.windows.iter().chain([&self.open]);
         let ratio = isotherm_statistics::median(windows.map(|sums| sums.steps[0] / sums.steps[1]));
-        if (ratio - 1.0).abs() > CLOCK_TOLERANCE {
-            return Err(StabilityError::Interval { ratio });
+        if let Some(fault) = self.continuity.interval() {
+            return Err(StabilityError::Interval(fault));
         }
         if self.windows.len() < MIN_WINDOWS {
             let (windows, window_s) = (self.windows.len(), self.window_s);

@@ -79,8 +79,18 @@ impl Coverage {
     /// Names of the channels that the run drives, as `K+ of A1`.
     #[must_use]
     pub fn channels(&self) -> Vec<String> {
+        self.named(true)
+    }
+
+    /// Names of those that it does not drive.
+    #[must_use]
+    pub fn undriven(&self) -> Vec<String> {
+        self.named(false)
+    }
+
+    fn named(&self, driven: bool) -> Vec<String> {
         let of = |axis: usize| ["+", "-"].into_iter().zip(self.driven[axis]).map(move |(sign, is)| (axis, sign, is));
-        let all = (0..AXES).flat_map(of).filter(|(.., is)| *is);
+        let all = (0..AXES).flat_map(of).filter(|(.., is)| *is == driven);
         all.map(|(axis, sign, _)| format!("K{sign} of {}", self.kind.names()[axis])).collect()
     }
 }
@@ -94,7 +104,9 @@ impl fmt::Display for Coverage {
         let channels = self.channels();
         let channels = if channels.is_empty() { "none".to_owned() } else { channels.join(", ") };
         let of_kind = match self.kind {
-            SensorKind::Accelerometer => format!("channels {channels}; not judged beyond"),
+            SensorKind::Accelerometer => {
+                format!("channels {channels}; not judged beyond, and not shown: {}", self.undriven().join(", "))
+            }
             SensorKind::Gyroscope => {
                 "at rest scale factors and misalignments are not driven, and not judged".to_owned()
             }

@@ -2,8 +2,7 @@
 
 use crate::window::MIN_WINDOWS;
 use core::fmt;
-use isotherm_calibration::{cause, part};
-use isotherm_campaign::{UNIT_FACTORS, UNIT_TOLERANCE};
+use isotherm_recording::{IntervalFault, unit_factor};
 use isotherm_shared::wire::AXES;
 /// Why the stability cannot be computed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -43,11 +42,8 @@ pub enum StabilityError {
         serial: String,
     },
     /// The intervals are not the time from sample to sample.
-    #[error("interval_ns is {} of the time from sample to sample: {}", part(*.ratio), cause(*.ratio))]
-    Interval {
-        /// Interval over the timestamp's step between consecutive sequences, median of the windows.
-        ratio: f64,
-    },
+    #[error("{0}")]
+    Interval(IntervalFault),
     /// Too few windows are at the attitude.
     #[error(
         "only {counted} of {windows} windows are {} specific force {force}: the output is {output}, {:.4} g0 long; {}",
@@ -95,7 +91,7 @@ pub(super) fn count_of(count: usize, noun: &str) -> String {
 /// What an output that is `ratio` times as long as gravity says about the times of the samples, if it is the factor of
 /// a unit.
 pub(super) fn wrong_times(ratio: f64) -> Option<String> {
-    let factor = UNIT_FACTORS.into_iter().find(|factor| (ratio / factor - 1.0).abs() < UNIT_TOLERANCE)?;
+    let factor = unit_factor(ratio).filter(|factor| *factor > 1.0)?;
     Some(format!(
         "all times look {factor} times too short; give timestamp_ns and interval_ns in nanoseconds (multiply both by {factor})"
     ))

@@ -1,6 +1,7 @@
 //! What a run shows of the output of a table.
 
 use super::figures::MAX_UNJUDGED;
+use crate::requirement::own_recording;
 use crate::stability::error::{OTHER_ATTITUDE, count_of, wrong_times};
 use crate::stability::stillness::unjudged;
 use crate::verdict::{MIN_GROUP, Verdict};
@@ -64,6 +65,10 @@ pub struct Stability {
     pub losses: Losses,
     /// The first fault of time.
     pub time_fault: Option<TimeFault>,
+    /// Whether the table was made from this recording, as its provenance says; the caller looks.
+    pub made_the_table: bool,
+    /// What is to be said of times and missing rows.
+    pub of_time: Vec<Finding>,
 }
 
 impl Stability {
@@ -99,8 +104,9 @@ impl Stability {
     /// also why nothing is claimed.
     #[must_use]
     pub fn findings(&self, required: bool) -> Vec<Finding> {
-        let time = self.time_fault.as_ref().map(TimeFault::finding);
-        let mut found: Vec<Finding> = time.into_iter().chain(self.other_device.clone()).collect();
+        let own = own_recording(self.made_the_table);
+        let mut found: Vec<Finding> =
+            own.into_iter().chain(self.of_time.iter().cloned()).chain(self.other_device.clone()).collect();
         let mut add = |name, message: Option<String>| found.extend(message.map(|text| Finding::warning(name, text)));
         add(name::INTERVAL, self.interval_warning());
         if !required {

@@ -10,7 +10,7 @@ use isotherm_finding::name;
 use isotherm_shared::wire::RawSample;
 use isotherm_simulation::{CampaignSchedule, Noise, SimulatedRow, TILT_RAD, Truth, campaign, campaign_toml};
 use isotherm_statistics::Curve;
-use nalgebra::DVector;
+use nalgebra::{DVector, Matrix3};
 use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
@@ -212,6 +212,42 @@ fn motion_in_a_dwell_is_not_a_wrong_angle() {
     assert!(with_rows(disturb, options(&[name::NOT_STILL])).is_ok());
 }
 
+/// The rows of one unit below 20 degC, and of another from there on.
+fn two_units(set_points_c: &[f64], other: &Truth, order: Option<usize>) -> Result<Calibration, Vec<String>> {
+    let truth = paper_truth(TILT_RAD, 9.8015);
+    let schedule = CampaignSchedule { set_points_c: set_points_c.to_vec(), ..CampaignSchedule::default() };
+    let own = campaign(&truth, &schedule, 1).filter(|row| row.set_point_c < 20.0);
+    let others = campaign(other, &schedule, 1).filter(|row| row.set_point_c >= 20.0);
+    let file = campaign_file(&truth, &schedule);
+    let dwells = dwells(&file, &csv(own.chain(others))).unwrap();
+    let fitted = calibrate_accelerometers(&file, dwells, CalibrationOptions { order, ..options(&[]) });
+    fitted.map_err(|error| error.lines(false, |finding| finding.tagged(|line| line.to_string())))
+}
+
+#[test]
+fn another_unit_from_a_set_point_on_is_no_wrong_angle() {
+    let seven: Vec<f64> = (-2..=4).map(|k| 10.0 * f64::from(k)).collect();
+    for seed in 1..=6 {
+        let other = Truth::varied(paper().content(), seed).unwrap();
+        for (set_points_c, order) in [(&seven[..], None), (&[-20.0, 0.0, 20.0][..], Some(0))] {
+            let lines = two_units(set_points_c, &other, order).unwrap_err();
+            println!("{}", lines[0]);
+            let first =
+                "fault [other-unit]: from set point 20 degC on the rows are of another unit: misalignments differ by ";
+            assert!(lines[0].starts_with(first), "{seed}: {lines:#?}");
+            assert!(!lines.iter().any(|line| line.contains("correct its angles")), "{lines:#?}");
+        }
+    }
+    // The same unit, turned on its fixture by a milliradian.
+    let m = isotherm_simulation::MISALIGNMENT;
+    let turned = Matrix3::new(0.0, 1e-3, 4e-4, -1e-3, 0.0, -3e-4, -4e-4, 3e-4, 0.0);
+    let moved = Truth::new(paper().content().clone(), m + turned, TILT_RAD, 9.8015).unwrap();
+    let lines = two_units(&seven, &moved, None).unwrap_err();
+    assert!(lines[0].contains("from set point 20 degC on the IMU was turned on its fixture"), "{lines:#?}");
+    // Itself.
+    assert!(two_units(&seven, &paper_truth(TILT_RAD, 9.8015), None).is_ok());
+}
+
 #[test]
 fn exchanged_set_points_are_named_with_the_remedy() {
     let exchange = |rows: &mut Vec<SimulatedRow>| {
@@ -267,8 +303,9 @@ fn values_that_overflow_do_not_keep_the_fit_from_ending() {
         let file = campaign_file(&truth, &schedule);
         let dwells = dwells(&file, &csv(rows)).unwrap();
         let set_points = set_points(&dwells, file.positions.len());
-        let curve =
-            |constant: f64| Curve::new([2.5, 1.0], DVector::from_vec(vec![constant, 1e-3, 1e-3]), None, 1, [1.0, 4.0]);
+        let curve = |constant: f64| {
+            Curve::new([2.5, 1.0], DVector::from_vec(vec![constant, 1e-3, 1e-3]), None, 1.0, [1.0, 4.0])
+        };
         let curves = [(); 3].map(|()| [curve(1e-3), curve(9e4), curve(-9e4)]);
         let _ = send.send(solve(&file, &dwells, &set_points, &curves, &[]).map(|_| ()));
     });

@@ -17,6 +17,7 @@ fn report(set_points_c: Vec<f64>) -> String {
         campaign_sha256: String::new(),
         samples_sha256: String::new(),
         recordings_sha256: Vec::new(),
+        rows: Vec::new(),
     };
     html(&file, &calibration, &source)
 }

@@ -1,6 +1,7 @@
 //! Calibration without a turntable: recorded and simulated standstills, what attitudes allow, and what is refused.
 
 mod accuracy;
+mod afternoons;
 mod attitudes;
 mod common;
 mod recorded;

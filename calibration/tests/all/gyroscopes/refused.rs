@@ -98,6 +98,43 @@ fn of(rows: &[CampaignRow], number: u32) -> Vec<usize> {
     (0..rows.len()).filter(|row| turn(0.0, number)(&rows[*row])).collect()
 }
 
+/// What concerns the whole campaign is the first line.
+#[test]
+fn one_cause_of_all_rows_is_the_first_line() {
+    fn exchange(rows: &mut [CampaignRow], order: [usize; 3]) {
+        for row in rows {
+            let all = row.sample.gyroscopes;
+            let own = &mut row.sample.gyroscopes;
+            own.positive_pulses = order.map(|axis| all.positive_pulses[axis]);
+            own.negative_pulses = order.map(|axis| all.negative_pulses[axis]);
+        }
+    }
+    type Change = fn(&mut Vec<CampaignRow>);
+    let cases: [(&str, Change, &str); 3] = [
+        ("G1 and G2", |rows| exchange(rows, [1, 0, 2]), "G1 and G2 look exchanged: exchange their cables or columns"),
+        ("all", |rows| exchange(rows, [1, 2, 0]), "the gyroscopes look exchanged: G1 is in the columns g3, G2"),
+        (
+            "16 bits",
+            |rows| {
+                for row in rows {
+                    let all = &mut row.sample.accelerometers;
+                    let counts = all.positive_pulses.iter_mut().chain(&mut all.negative_pulses);
+                    counts.for_each(|count| *count &= 0xffff);
+                }
+            },
+            "the counters of A1+, A1-, A2+, A2-, A3+, A3- wrap within a row: A1+ counts ",
+        ),
+    ];
+    for (name, change, expected) in cases {
+        let refused = spoiled(change).map(|_| ()).unwrap_err();
+        println!("{name}: {refused}\n");
+        let first = refused.lines().next().unwrap_or_default();
+        assert!(first.contains(expected), "{name}: {refused}");
+        assert!(refused.lines().count() <= 2, "{name}: {refused}");
+        assert!(!refused.contains("say the opposite") && !refused.contains("correct its angles"), "{name}: {refused}");
+    }
+}
+
 #[test]
 fn turns_that_were_disturbed_are_refused_by_name() {
     assert!(spoiled(|_| {}).is_ok());

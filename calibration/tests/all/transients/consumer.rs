@@ -12,15 +12,15 @@ use isotherm_shared::units::ARCSEC;
 use isotherm_shared::wire::RawSample;
 
 /// Rows before the last cooling.
-const COOLING_AND_HEATING: usize = 6194;
+pub(crate) const COOLING_AND_HEATING: usize = 6194;
 /// A time constant that the user gives \[s\].
 const GIVEN_S: f64 = 100.0;
 
-fn nominal() -> CoefficientTable {
+pub(crate) fn nominal() -> CoefficientTable {
     CoefficientTable::from_toml(include_str!("../../data/consumer/nominal.toml"), None).unwrap()
 }
 
-fn rows() -> Vec<RawSample> {
+pub(crate) fn rows() -> Vec<RawSample> {
     let text = include_str!("../../data/consumer/thermal-run.csv");
     RawCsvReader::new(text.as_bytes()).unwrap().collect::<Result<_, _>>().unwrap()
 }

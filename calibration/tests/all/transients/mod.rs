@@ -5,4 +5,5 @@ mod consumer;
 mod data;
 mod rates;
 mod simulated;
+mod sweeps;
 mod traps;

@@ -77,6 +77,10 @@ pub(crate) struct Calibrate {
     /// other-device
     #[arg(long)]
     pub(super) other_device: bool,
+    /// Write the curves of ramps alone also where their error is not known, and those that they replace depend on
+    /// temperature or have an error; the same as --accept one-direction
+    #[arg(long)]
+    pub(super) replace_curves: bool,
     /// List all faults and warnings of a refused campaign, not the first ten, also those that a diagnosis explains
     #[arg(short, long)]
     pub(super) verbose: bool,
@@ -155,7 +159,8 @@ pub(super) struct GravityOnlyArgs {
     /// Estimate no misalignments: they stay in the errors, and the table gets no alignment matrix
     #[arg(long)]
     pub no_misalignment: bool,
-    /// Length of the windows that standstills are searched with; a shorter standstill is left out [s] [default: 1]
+    /// Length of the windows that standstills are searched with [s] [default: 0.5, and 1 if the noise is correlated
+    /// over that]
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub window: Option<Duration>,
     /// Where a table of order 0 is valid, in the telemetry's unit; required if the telemetry is constant [default: the

@@ -1,18 +1,33 @@
 //! `calibrate` of a batch: a table for each IMU, and the statistics of all.
 
+use super::Staged;
 use super::arguments::Calibrate;
 use crate::commands::common::inputs;
-use isotherm_analysis::batch;
+use isotherm_analysis::{batch, same_rows};
 use isotherm_calibration::{TableFile, now, tool};
 use isotherm_campaign::{Campaign, IMU, select_imu};
 use isotherm_failure::{Exit, Failure, printable, tell};
 use isotherm_files::{StagedText, refuse_overlap};
+use isotherm_finding::Finding;
 use isotherm_job::CampaignFile;
 use isotherm_job::Refused;
 use isotherm_report::batch::{BatchSource, document, html, text};
+use isotherm_report::json::findings;
 use serde_json::{Value, json};
 use std::io::{self, Write as _};
 use std::path::PathBuf;
+
+/// # Errors
+/// With all faults, if there are any.
+fn refuse_same(faults: &[Finding]) -> Result<(), Refused> {
+    if faults.is_empty() {
+        return Ok(());
+    }
+    let lines: Vec<_> = faults.iter().map(|finding| finding.tagged(|line| line.to_string())).collect();
+    let mut refused = Refused::from(Failure::new(Exit::Data, lines.join("\n")));
+    refused.document["findings"] = findings(faults, |line| line.to_string());
+    Err(refused)
+}
 
 impl Calibrate {
     /// The campaigns that tables are made of: all, or that of `--imu`.
@@ -38,25 +53,45 @@ impl Calibrate {
         self.refuse_overlaps(&all, Some(file))?;
         let page = self.batch.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let (mut tables, mut dropped, mut documents): (_, _, Vec<Value>) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut staged, mut ended) = (Vec::new(), None);
         for (campaign, samples) in all {
+            match self.stage(campaign, &samples, Some(file)) {
+                Ok(Ok(made)) => {
+                    let [output, _] = self.outputs(&campaign.imu);
+                    let name = output.unwrap_or_default().display().to_string();
+                    let read = TableFile::from_toml(name.clone(), &made.made.table);
+                    tables.push(read.map_err(|faults| Failure::new(Exit::Failed, format!("{name}: {faults}")))?);
+                    documents
+                        .push(json!({ "imu": campaign.imu.as_str(), "table": name, "calibration": made.made.json() }));
+                    staged.push((campaign, Ok(made)));
+                }
+                Ok(Err(Refused { failure, document, .. })) => {
+                    documents.push(json!({ "imu": campaign.imu.as_str(), "dropped": document }));
+                    staged.push((campaign, Err(failure.message)));
+                }
+                Err(refused) => {
+                    ended = Some(refused);
+                    break;
+                }
+            }
+        }
+        // Whose rows they are is not known, so that no table is written.
+        refuse_same(&same_rows(&tables))?;
+        for (campaign, made) in staged {
             let imu = campaign.imu.as_str();
             if !self.json {
                 let _ = io::stderr().write_all(format!("{imu}:\n").as_bytes());
             }
-            match self.make_table(campaign, &samples, Some(file))? {
-                Ok(made) => {
-                    let [output, _] = self.outputs(&campaign.imu);
-                    let name = output.unwrap_or_default().display().to_string();
-                    let read = TableFile::from_toml(name.clone(), &made.table);
-                    tables.push(read.map_err(|faults| Failure::new(Exit::Failed, format!("{name}: {faults}")))?);
-                    documents.push(json!({ "imu": imu, "table": name, "calibration": made.json() }));
-                }
-                Err(Refused { failure, document, .. }) => {
-                    tell("isotherm", format_args!("{imu} is dropped: {}", failure.message));
-                    documents.push(json!({ "imu": imu, "dropped": document }));
-                    dropped.push((imu.to_owned(), failure.message));
+            match made {
+                Ok(Staged { made, table, page }) => self.write(campaign, &made, table, page)?,
+                Err(message) => {
+                    tell("isotherm", format_args!("{imu} is dropped: {message}"));
+                    dropped.push((imu.to_owned(), message));
                 }
             }
+        }
+        if let Some(refused) = ended {
+            return Err(refused);
         }
         let statistics = batch(&tables);
         let found = statistics.as_ref();

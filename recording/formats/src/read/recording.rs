@@ -200,6 +200,16 @@ impl Recording {
     }
 }
 
+impl Recording {
+    /// SHA-256 of the bytes that were read so far, as [`sha256`](Self::sha256). After the last row they are all, except
+    /// of a binary file whose rows end before its bytes.
+    #[must_use]
+    pub fn sha256_so_far(&self) -> String {
+        let digest = self.hash.as_ref().map(|hash| hash.borrow().clone().finalize());
+        digest.map_or_else(String::new, |digest| digest.iter().map(|byte| format!("{byte:02x}")).collect())
+    }
+}
+
 impl Iterator for Recording {
     type Item = Result<CampaignRow, RecordingError>;
 
@@ -230,6 +240,20 @@ impl Samples {
     /// As [`Recording::open`].
     pub fn open(paths: &[PathBuf], choice: ImuChoice, bar: &ProgressBar) -> Result<Self, Failure> {
         Recording::open(paths, RowKind::Sample, choice, bar).map(Self)
+    }
+
+    /// As [`Recording::open_hashed`].
+    ///
+    /// # Errors
+    /// As [`Recording::open`].
+    pub fn open_hashed(paths: &[PathBuf], choice: ImuChoice, bar: &ProgressBar) -> Result<Self, Failure> {
+        Recording::open_hashed(paths, RowKind::Sample, choice, bar).map(Self)
+    }
+
+    /// As [`Recording::sha256_so_far`].
+    #[must_use]
+    pub fn sha256_so_far(&self) -> String {
+        self.0.sha256_so_far()
     }
 
     /// As [`Recording::set_lag`].
