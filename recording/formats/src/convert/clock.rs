@@ -113,6 +113,7 @@ impl EvenClock {
 mod tests {
     use super::*;
     use crate::convert::interval::found;
+    use crate::convert::interval::tests::uniform;
 
     const INTERVAL: f64 = 5e6;
 
@@ -134,20 +135,14 @@ mod tests {
         [worst(&stamps), worst(&even)]
     }
 
-    /// Numbers from 0 to 1 that look random.
-    fn uniform(row: usize) -> f64 {
-        let mixed = (row as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        (mixed ^ mixed >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9) as f64 / u64::MAX as f64
-    }
-
     #[test]
     fn jitter_and_bursts_get_an_even_clock() {
-        let [stamps, even] = errors(20_000, |row| uniform(row) * INTERVAL);
+        let [stamps, even] = errors(20_000, |row| uniform(row as u64) * INTERVAL);
         assert!(stamps > 4e-4 && even < 2e-5, "{stamps} {even}");
         // Rows of a burst arrive with the last one, 50 us apart.
         for burst in [10, 25, 64] {
             let in_burst = |row: usize| (burst - 1 - row % burst) as f64;
-            let late = |row: usize| in_burst(row) * (INTERVAL - 5e4) + uniform(row / burst) * 1e6;
+            let late = |row: usize| in_burst(row) * (INTERVAL - 5e4) + uniform((row / burst) as u64) * 1e6;
             let [stamps, even] = errors(20_000, late);
             assert!(stamps > 4e-3 && even < 2e-4, "{burst}: {stamps} {even}");
         }

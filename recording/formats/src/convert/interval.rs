@@ -17,6 +17,8 @@ const FEWEST: u64 = 3;
 pub(super) struct Steps {
     interval_ns: f64,
     count: u64,
+    /// Of them under half of the interval.
+    short: u64,
     sum: f64,
     squares: f64,
     /// Of each deviation and the one before.
@@ -27,7 +29,7 @@ pub(super) struct Steps {
 impl Steps {
     /// No steps.
     pub(super) fn new(interval_ns: u64) -> Self {
-        Self { interval_ns: interval_ns as f64, count: 0, sum: 0.0, squares: 0.0, products: 0.0, last: 0.0 }
+        Self { interval_ns: interval_ns as f64, count: 0, short: 0, sum: 0.0, squares: 0.0, products: 0.0, last: 0.0 }
     }
 
     /// Takes a step in \[ns\]. One over [`GAP`] intervals does not count.
@@ -36,10 +38,13 @@ impl Steps {
         if step <= GAP * self.interval_ns {
             let deviation = step - self.interval_ns;
             self.count += 1;
+            self.short += u64::from(step < 0.5 * self.interval_ns);
             self.sum += deviation;
             self.squares += deviation * deviation;
             self.products += deviation * self.last;
             self.last = deviation;
+        } else {
+            self.last = 0.0;
         }
     }
 
@@ -63,6 +68,10 @@ impl Steps {
             return None;
         }
         let (count, off) = (self.count as f64, self.sum / self.count as f64);
+        // Where some steps are that short, as many are over the limit, and missing in the mean.
+        if (SHORT * count..0.5 * count).contains(&(self.short as f64)) && self.short > 0 {
+            return None;
+        }
         let covariance = (self.products - (count - 1.0) * off * off) / count;
         let variance = (self.variance() + 2.0 * covariance).max(self.variance() / count);
         let explained = ERRORS * (variance / count).sqrt();
@@ -90,20 +99,22 @@ pub(super) struct Shape {
 const LONG: u64 = 3;
 /// Steps within this part of the usual step are usual.
 const USUAL: f64 = 0.2;
+/// Least share of the time that lies in usual steps, if stamps are those of their rows: a third of the rows may be lost.
+const LEAST_USUAL: f64 = 0.45;
 /// Steps over this number of usual ones tell nothing of the usual step.
 const FEW: f64 = 10.0;
 /// Fewer rows than this do not tell jitter from lost rows.
 const FEWEST_UNEVEN: usize = 100;
 /// Most steps of 0 between even stamps.
 const STANDING: f64 = 0.01;
+/// Least share of steps under half of the period where stamps jitter.
+const SHORT: f64 = 3e-3;
+/// No burst has so many rows, and none is so long after the one before \[ns\].
+const LARGEST_BURST: usize = 500;
+const LONGEST_BURST_NS: u64 = 60_000_000_000;
 
-/// The nominal interval \[ns\] of rows with these times \[ns\]: their usual step; or the interval of a whole number of Hz,
+/// The nominal interval of rows of this shape \[ns\]: the time from row to row; or the interval of a whole number of Hz,
 /// of s, or the median step, the first that the data allow.
-pub(super) fn nominal(times: &[u64]) -> Option<u64> {
-    rounded(&found(times)?)
-}
-
-/// The nominal interval of rows of this shape \[ns\].
 pub(super) fn rounded(shape: &Shape) -> Option<u64> {
     let mean = shape.period_ns;
     let hertz = 1e9 / (1e9 / mean).round();
@@ -145,13 +156,31 @@ pub(super) fn found(times: &[u64]) -> Option<Shape> {
     Some(Shape { period_ns, is_even, gap_ns, burst, near, median_ns })
 }
 
-/// The longest stretch without a longer step, and that step; all times, without a limit, if it has under half of them.
+/// The longest stretch without a longer step, and that step; all times if the longer steps are those of bursts, with
+/// three of them as the limit.
 fn longest(times: &[u64], gap_ns: u64) -> (&[u64], u64) {
     let stretches = times.chunk_by(|earlier, later| (*earlier..=earlier.saturating_add(gap_ns)).contains(later));
     let longest = stretches.max_by_key(|stretch| stretch.len()).unwrap_or(times);
     let rises = times.windows(2).all(|pair| pair[0] <= pair[1]);
-    let is_enough = !rises || 2 * longest.len() >= times.len();
-    if is_enough { (longest, gap_ns) } else { (times, u64::MAX) }
+    if !rises || 2 * longest.len() >= times.len() {
+        return (longest, gap_ns);
+    }
+    match of_bursts(times, gap_ns) {
+        Some(usual_ns) => (times, usual_ns.saturating_mul(LONG)),
+        None => (longest, gap_ns),
+    }
+}
+
+/// The usual one of the steps over `gap_ns`, if they are those between bursts: many, and most of them alike. Pauses
+/// are not.
+fn of_bursts(times: &[u64], gap_ns: u64) -> Option<u64> {
+    let steps = times.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));
+    let mut long: Vec<_> = steps.filter(|step| *step > gap_ns).collect();
+    long.sort_unstable();
+    let usual_ns = *long.get(long.len() / 2)?;
+    let is_usual = |step: &&u64| step.abs_diff(usual_ns) as f64 <= USUAL * usual_ns as f64;
+    let is_alike = 2 * long.iter().filter(is_usual).count() >= long.len();
+    (is_alike && usual_ns <= LONGEST_BURST_NS && times.len() < LARGEST_BURST * (long.len() + 1)).then_some(usual_ns)
 }
 
 /// The usual step \[ns\]: the sum of all that tell it over the number of rows that they are long.
@@ -164,7 +193,8 @@ fn usual(steps: &[u64], median_ns: u64) -> f64 {
     if rows > 0.0 { sum / rows } else { first }
 }
 
-/// Whether half of the time lies in usual steps: within a fifth of the period, or one unit of coarse stamps.
+/// Whether the stamps are those of their rows: the time lies in usual steps, within a fifth of the period or one unit
+/// of coarse stamps, and where a step is too short, others are too long, since rows are lost.
 fn is_even(times: &[u64], period_ns: f64) -> bool {
     let steps = || times.windows(2).map(|pair| pair[1] - pair[0]);
     let unit_ns = steps().fold(0, gcd) as f64;
@@ -176,7 +206,18 @@ fn is_even(times: &[u64], period_ns: f64) -> bool {
     let usual: f64 = steps().filter(|step| is_usual(*step)).map(|step| step as f64).sum();
     let stand = steps().filter(|step| *step == 0).count() as f64;
     let is_few = times.len() <= FEWEST_UNEVEN;
-    is_few || stand <= STANDING * times.len() as f64 && 2.0 * usual >= steps().map(|step| step as f64).sum::<f64>()
+    is_few
+        || stand <= STANDING * times.len() as f64
+            && usual >= LEAST_USUAL * steps().map(|step| step as f64).sum::<f64>()
+            && !only_jitters(times, period_ns)
+}
+
+/// Whether steps under half of the period and over 1.5 of it are as many: stamps jitter, and no row is lost.
+fn only_jitters(times: &[u64], period_ns: f64) -> bool {
+    let steps = || times.windows(2).map(|pair| (pair[1] - pair[0]) as f64 / period_ns);
+    let [short, long] = [steps().filter(|step| *step < 0.5).count(), steps().filter(|step| *step > GAP).count()];
+    let [short, long] = [short, long].map(|count| count as f64);
+    short >= SHORT * times.len() as f64 && long - short <= ERRORS * (long + short).sqrt()
 }
 
 fn gcd(a: u64, b: u64) -> u64 {
@@ -202,12 +243,16 @@ fn slope(times: &[u64]) -> Option<f64> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     /// Stamps of rows at this rate, each rounded down to `unit`, from 5 s on.
     fn stamps(hertz: f64, unit: u64, rows: u64) -> Vec<u64> {
         (0..rows).map(|row| (5e9 + row as f64 * 1e9 / hertz) as u64 / unit * unit).collect()
+    }
+
+    fn nominal(times: &[u64]) -> Option<u64> {
+        rounded(&found(times)?)
     }
 
     fn other_mean(times: &[u64], interval_ns: u64) -> Option<f64> {
@@ -255,6 +300,36 @@ mod tests {
         assert!(!bursts.is_even && bursts.burst == 25 && (bursts.period_ns / 5e6 - 1.0).abs() < 1e-3, "{bursts:?}");
         let standing = shape(&|row| row / 2 * 1_000_000);
         assert!(!standing.is_even && (standing.period_ns / 5e5 - 1.0).abs() < 2e-3, "{standing:?}");
+    }
+
+    /// Numbers from 0 to 1 that look random.
+    pub(in crate::convert) fn uniform(row: u64) -> f64 {
+        let mixed = (row + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        (mixed ^ mixed >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9) as f64 / u64::MAX as f64
+    }
+
+    #[test]
+    fn pauses_are_no_bursts_and_jitter_is_no_loss() {
+        let off = |shape: Shape| (shape.period_ns / 1e7 - 1.0).abs();
+        for rows in [100, 250, 400] {
+            let pause = |row: u64| (0..row / rows).map(|number| 9e11 * (1.0 + 3.0 * uniform(number))).sum::<f64>();
+            for count in [1000, 20_000] {
+                let times: Vec<_> = (0..count).map(|row| row * 10_000_000 + pause(row) as u64).collect();
+                assert!(found(&times).is_some_and(|shape| shape.is_even && off(shape) < 1e-9), "{rows} {count}");
+            }
+        }
+        for burst in [10, 25, 200, 438] {
+            let times: Vec<_> =
+                (0..20_000).map(|row| row / burst * burst * 10_000_000 + row % burst * 50_000).collect();
+            let shape = found(&times).unwrap();
+            assert!(!shape.is_even && off(shape) < 1.3e-3 && shape.gap_ns < 20_000_000_000, "{burst} {shape:?}");
+        }
+        let late = |row: &u64| row * 10_000_000 + (6e6 * uniform(*row)) as u64;
+        let shape = found(&(0..1000).map(|row| late(&row)).collect::<Vec<_>>()).unwrap();
+        assert!(!shape.is_even && off(shape) < 1.3e-3, "{shape:?}");
+        let lost = (0..1000).filter(|row| uniform(row + 5000) > 0.05);
+        let shape = found(&lost.map(|row| late(&row)).collect::<Vec<_>>()).unwrap();
+        assert!(shape.is_even && off(shape) < 0.015, "{shape:?}");
     }
 
     #[test]

@@ -324,14 +324,14 @@ impl Conversion {
             );
         }
         if let Some(mean_ns) = self.steps.other_mean() {
-            add(
-                name::INTERVAL,
-                format!(
-                    "rows are {} ms apart on average, but the interval is {} ms; correct interval_s",
-                    mean_ns.round() / 1e6,
-                    self.nominal_ns as f64 / 1e6
-                ),
-            );
+            let [mean, interval] = [mean_ns.round() / 1e6, self.nominal_ns as f64 / 1e6];
+            let apart = format!("rows are {mean} ms apart on average, but the interval is {interval} ms");
+            match (self.input.is_by_clock(), self.found_from) {
+                (false, _) => add(name::INTERVAL, format!("{apart}; correct interval_s")),
+                (true, None) => add(name::INTERVAL, format!("{apart}: rows are lost, or interval_s is wrong")),
+                // An even clock keeps the interval that was found with it.
+                (true, Some(_)) => {}
+            }
         }
         found
     }

@@ -4,8 +4,7 @@
 //! Over 400 lines: the names of columns that are recognised and the text that is made of them belong together, with
 //! their tests.
 
-use super::calendar;
-use super::interval::nominal;
+use super::{calendar, interval};
 use isotherm_failure::printable;
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{Rows, Separator, looks_like_number};
@@ -328,7 +327,9 @@ impl Found {
         let times = self.values.iter().filter(|value| **value >= 0.0);
         let numbers = || times.map(|value| (value * unit * 1e9).round() as u64).collect();
         let times = self.times.clone().unwrap_or_else(numbers);
-        nominal(&times).map(|ns| ns as f64 / 1e9)
+        // What jitters or comes in bursts is found from more rows.
+        let shape = interval::found(&times).filter(|shape| shape.is_even)?;
+        interval::rounded(&shape).map(|ns| ns as f64 / 1e9)
     }
 
     /// The unit of the time: of the name; or else a guess by size.

@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 /// Rows by which the stamps are judged.
 const FOUND_FROM: usize = 1000;
 /// The same, where they jitter or come in bursts.
-const FOUND_FROM_UNEVEN: usize = 20_000;
+const FOUND_FROM_UNEVEN: usize = 100_000;
 
 /// The rows of a source.
 pub(super) struct Stamped {
@@ -135,6 +135,11 @@ impl Stamped {
             return Err(error);
         }
         Ok(self.shape.as_ref().and_then(interval::rounded).map(|nominal_ns| (nominal_ns, self.read)))
+    }
+
+    /// Whether the rows have the times of an even clock.
+    pub(super) const fn is_by_clock(&self) -> bool {
+        self.clock.is_some()
     }
 
     /// What was done to the stamps. `is_found` says whether the interval was found from them.
