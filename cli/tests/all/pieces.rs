@@ -75,7 +75,8 @@ fn verify_noise_and_replay_take_the_pieces_that_calibrate_took() {
         let with = |command: &[&str]| run(folder, 0, &[command, &pieces].concat()).0;
         let options = ["--gravity-local", "9.81", "--gravity-reference", "9.81", "--temperature-unit", "degC"];
         with(&[&["calibrate", "--gravity-only", "--imu", "imu-a", "-o", "t.toml"], &options[..]].concat());
-        assert!(with(&["verify", "--table", "t.toml"]).starts_with("48 standstills"));
+        let (verified, err) = run(folder, 0, &[&["verify", "--table", "t.toml"], &pieces[..]].concat());
+        assert!(verified.contains("48 standstills") && err.contains("own-recording"), "{verified}{err}");
         replayed.push(with(&["replay", "--table", "t.toml"]));
         let (_, err) = run(folder, 65, &[&["noise"], &pieces[..]].concat());
         assert!(err.contains("the longest stretch without a gap, a movement, a new session"), "{err}");
@@ -107,5 +108,8 @@ fn what_cannot_be_sessions_is_refused_and_check_knows_a_recording() {
     run(folder, 0, &["convert", "--mapping", "m.toml", "a.csv", "b.csv", "--session", "5", "-o", "runs"]);
     assert!(fs::read_to_string(folder.join("runs/b.csv")).unwrap().contains("\n6,0,"));
     let (_, err) = run(folder, 78, &["check", "runs/a.csv"]);
-    assert!(err.contains("runs/a.csv: a recording, not a file that is checked; give it to replay"), "{err}");
+    assert!(
+        err.contains("runs/a.csv: a recording (CSV), for replay, verify and noise; give a coefficient table"),
+        "{err}"
+    );
 }

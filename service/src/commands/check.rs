@@ -82,9 +82,10 @@ struct Checker<'a> {
 impl Checker<'_> {
     fn check(&self, path: &Path) -> Result<String, Failure> {
         let &Self { command: &Check { seal, .. }, world_writable, laboratory, .. } = self;
-        if is_recording(path) {
-            let message = "a recording, not a file that is checked; give it to replay, verify or noise";
-            return Err(Failure::new(Exit::Config, format!("{}: {message}", path.display())));
+        if let Some(format) = recording_format(path) {
+            let message =
+                format!("{}: a recording ({format}), for replay, verify and noise; {EXPECTED_KINDS}", path.display());
+            return Err(Failure::new(Exit::Config, message));
         }
         let text = if path == Path::new("-") { read_stdin()? } else { read_text(path, world_writable)?.0 };
         let refuse = |faults| Failure::from(LoadError::Refused { path: path.to_owned(), faults });
@@ -226,19 +227,18 @@ fn format_2(content: &Content) -> String {
     text
 }
 
-/// Whether a file is a recording: Parquet, MCAP, or CSV with the times of samples.
-fn is_recording(path: &Path) -> bool {
-    const MAGIC: [&[u8]; 2] = [b"PAR1", b"\x89MCAP0\r\n"];
+/// The format of a file that is a recording: Parquet, MCAP, or CSV with the times of samples.
+fn recording_format(path: &Path) -> Option<&'static str> {
+    const MAGIC: [(&[u8], &str); 2] = [(b"PAR1", "Parquet"), (b"\x89MCAP0\r\n", "MCAP")];
     const BEGINNING: u64 = 4096;
     let mut beginning = Vec::new();
     // Of a pipe nothing may be read here; what cannot be opened is told when it is read.
-    let file = File::open(path).ok().filter(|file| file.metadata().is_ok_and(|metadata| metadata.is_file()));
-    if file.is_none_or(|file| file.take(BEGINNING).read_to_end(&mut beginning).is_err()) {
-        return false;
-    }
+    let file = File::open(path).ok().filter(|file| file.metadata().is_ok_and(|metadata| metadata.is_file()))?;
+    file.take(BEGINNING).read_to_end(&mut beginning).ok()?;
     let header = beginning.split(|byte| *byte == b'\n').next().unwrap_or_default();
     let has = |name: &str| header.split(|byte| *byte == b',').any(|field| field.trim_ascii() == name.as_bytes());
-    MAGIC.iter().any(|magic| beginning.starts_with(magic)) || has("sequence") && has("timestamp_ns")
+    let magic = MAGIC.iter().find(|(magic, _)| beginning.starts_with(magic)).map(|(_, format)| *format);
+    magic.or_else(|| (has("sequence") && has("timestamp_ns")).then_some("CSV"))
 }
 
 /// The remedy in the message for a file that is no TOML at all.

@@ -19,6 +19,8 @@ pub(super) struct Steps {
     count: u64,
     /// Of them under half of the interval.
     short: u64,
+    /// Steps that do not count: between runs of those that do.
+    long: u64,
     sum: f64,
     squares: f64,
     /// Of each deviation and the one before.
@@ -29,7 +31,16 @@ pub(super) struct Steps {
 impl Steps {
     /// No steps.
     pub(super) fn new(interval_ns: u64) -> Self {
-        Self { interval_ns: interval_ns as f64, count: 0, short: 0, sum: 0.0, squares: 0.0, products: 0.0, last: 0.0 }
+        Self {
+            interval_ns: interval_ns as f64,
+            count: 0,
+            short: 0,
+            long: 0,
+            sum: 0.0,
+            squares: 0.0,
+            products: 0.0,
+            last: 0.0,
+        }
     }
 
     /// Takes a step in \[ns\]. One over [`GAP`] intervals does not count.
@@ -44,6 +55,7 @@ impl Steps {
             self.products += deviation * self.last;
             self.last = deviation;
         } else {
+            self.long += 1;
             self.last = 0.0;
         }
     }
@@ -73,7 +85,9 @@ impl Steps {
             return None;
         }
         let covariance = (self.products - (count - 1.0) * off * off) / count;
-        let variance = (self.variance() + 2.0 * covariance).max(self.variance() / count);
+        // Of each run the stamps of its ends alone remain.
+        let of_ends = self.variance() * ((self.long + 1) as f64 / count).min(1.0);
+        let variance = (self.variance() + 2.0 * covariance).max(of_ends);
         let explained = ERRORS * (variance / count).sqrt();
         (off.abs() > COUNTS * self.interval_ns + explained).then(|| self.mean())
     }
@@ -345,6 +359,10 @@ pub(super) mod tests {
         assert_eq!(other_mean(&stamps(200.01, 1, 1000), 5_000_000), None);
         assert_eq!(other_mean(&[0, 5, 10], 10), None);
         assert_eq!(other_mean(&[0, 10, 20, 60, 70, 110], 10), None);
+        // Coarse stamps of which a fifth is lost.
+        let mut lost = stamps(416.0, 1_000_000, 20_000);
+        lost.retain(|time| uniform(*time) > 0.2);
+        assert_eq!(other_mean(&lost, 2_403_846), None);
         // Rows whose sampling jitters by up to 20 %, so that the mean of 20 steps differs by chance.
         let mut time = 0;
         let times: Vec<_> = (0..20_u64)
