@@ -276,14 +276,14 @@ impl Conversion {
         let mut notes = self.input.source.notes();
         let Some(rows) = self.found_from else { return notes };
         let seconds = self.nominal_ns as f64 / 1e9;
-        notes.push(format!(
-            "the nominal interval is {seconds} s, found from the first {rows} rows; for recordings that belong together give it"
-        ));
         // An interval that is given says the unit, too: the rows would not keep it.
-        if let Some(unit) = self.input.source.guessed_unit() {
-            notes
-                .push(format!("that the time is in {unit} is a guess, unless you know it: its column does not say it"));
-        }
+        let guess = self.input.source.guessed_unit().map(|unit| {
+            format!(". That the time is in {unit} is a guess, unless you know it: its column does not say it")
+        });
+        let guess = guess.unwrap_or_default();
+        notes.push(format!(
+            "the nominal interval is {seconds} s, found from the first {rows} rows; for recordings that belong together give it{guess}"
+        ));
         notes
     }
 

@@ -111,7 +111,7 @@ fn an_interval_that_no_imu_has_and_a_unit_that_is_a_guess_are_told() {
         findings[0].starts_with("warning [interval]: the interval is 0.00001 s, 1.000e5 Hz: no IMU"),
         "{findings:?}"
     );
-    assert!(notes[1].starts_with("that the time is in us is a guess, unless you know it"), "{notes:?}");
+    assert!(notes[0].contains("That the time is in us is a guess, unless you know it"), "{notes:?}");
     let (_, findings, _) = convert(&times, &MAPPING.replace("\"us\"", "\"ms\"")).unwrap();
     assert!(findings.is_empty(), "{findings:?}");
     let (_, findings, _) = convert(&["0".to_owned(), "200".to_owned()], &MAPPING.replace("\"us\"", "\"s\"")).unwrap();
