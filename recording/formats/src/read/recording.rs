@@ -59,7 +59,7 @@ struct Piece {
 
 enum PieceSource {
     Csv(Box<CampaignCsvReader<Box<dyn Read>>>),
-    Table(Box<dyn TableReader>, SequenceRule, Vec<Option<u64>>),
+    Table(Box<dyn TableReader>, Box<SequenceRule>, Vec<Option<u64>>),
 }
 
 impl Recording {
@@ -314,7 +314,7 @@ impl Piece {
                 if !reader.read(values)? {
                     return Ok(None);
                 }
-                *own_rule = rule;
+                **own_rule = rule;
                 row_of(values, reader.row(), own_rule).map(Some).map_err(|message| reader.error(message))
             }
         }
@@ -347,14 +347,14 @@ fn row_of(values: &[Option<u64>], number: u64, rule: &mut SequenceRule) -> Resul
 }
 
 fn table_source(reader: impl TableReader + 'static) -> PieceSource {
-    PieceSource::Table(Box::new(reader), SequenceRule::default(), Vec::new())
+    PieceSource::Table(Box::new(reader), Box::default(), Vec::new())
 }
 
 impl PieceSource {
     fn sequence_rule(&self) -> SequenceRule {
         match self {
             Self::Csv(reader) => reader.samples().sequence_rule(),
-            Self::Table(_, rule, _) => *rule,
+            Self::Table(_, rule, _) => **rule,
         }
     }
 
