@@ -1,5 +1,6 @@
 //! From the dwells of a campaign to a coefficient table: checks, set points, orders, fit, outliers.
 
+use crate::checks::telemetry::last_digits;
 use crate::checks::{SetPoint, check, set_points};
 use crate::diagnosis::{Diagnosis, diagnose, positions_off};
 use crate::error::CalibrationError;
@@ -70,7 +71,8 @@ pub fn calibrate_accelerometers(
     let mut accepted = Vec::new();
     let mut findings = data.checked(&options, &mut accepted)?;
     let before_fit = findings.len();
-    let Fit { reduced, orders, solution } = data.fit(&options)?;
+    let Fit { reduced, orders, mut solution } = data.fit(&options)?;
+    solution.read_in_steps(&last_digits(&dwells));
     let (outliers, of_fit) = data.findings_of_fit(&reduced, &orders, &solution);
     findings.extend(of_fit);
     options.admission().accept(&mut findings[before_fit..], &mut accepted);

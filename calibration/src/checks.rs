@@ -6,7 +6,7 @@
 //! Over 400 lines: one check after another on the same dwells, most of the text being messages.
 
 pub(crate) mod scale;
-mod telemetry;
+pub(crate) mod telemetry;
 pub(crate) mod time;
 pub(crate) mod wraps;
 
@@ -33,6 +33,8 @@ const STILL_FLOOR: f64 = 5e-6;
 const EXACT_PULSES: f64 = 1e6;
 /// A few blocks may be the same by chance; it takes this many of a channel's largest rate.
 const FULL_BLOCKS: usize = 20;
+/// More values than these have a divisor in common only if they are read in steps of it.
+const MANY_VALUES: usize = 8;
 /// Rates of the same pulses in the same time, summed over different numbers of rows, differ by less.
 const ROUNDING: f64 = 1e-9;
 
@@ -74,18 +76,25 @@ impl Steps {
     }
 }
 
-/// The last digit of telemetry: the smallest difference between two different values, or the last decimal that any of
-/// them has.
+/// The step of telemetry: the smallest difference between two different values, or what all are multiples of, in the
+/// last decimal that any of them has.
 fn last_digit(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
-    let steps = values.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0);
-    let smallest = steps.fold(f64::INFINITY, f64::min);
+    values.dedup();
+    let smallest = values.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
     let is_whole = |value: f64| (value - value.round()).abs() < 1e-3;
-    let decimals =
-        (0..9).map(|places| 10_f64.powi(places)).find(|ten| values.iter().all(|value| is_whole(value * ten)));
-    let decimal = decimals.map_or(0.0, f64::recip);
+    let ten = (0..9).map(|places| 10_f64.powi(places)).find(|ten| values.iter().all(|value| is_whole(value * ten)));
+    let decimal = ten.map_or(f64::INFINITY, |ten| {
+        let multiples = values.iter().map(|value| (value * ten).round().abs() as u64);
+        let common = if values.len() > MANY_VALUES { multiples.fold(0, greatest_divisor) } else { 1 };
+        common.max(1) as f64 / ten
+    });
     // A difference of decimals is not exact.
     if smallest < 0.99 * decimal { smallest } else { decimal }
+}
+
+fn greatest_divisor(a: u64, b: u64) -> u64 {
+    if b == 0 { a } else { greatest_divisor(b, a % b) }
 }
 
 /// The dwells of a set point, see [`set_points`]. They share errors, such as hysteresis.

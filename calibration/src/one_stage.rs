@@ -92,6 +92,17 @@ pub struct Solution {
     pub residuals: Vec<[f64; AXES]>,
 }
 
+impl Solution {
+    /// Makes the curves those of telemetry that is read in these steps: of heads, and of boards.
+    pub(crate) fn read_in_steps(&mut self, [head, board]: &[[f64; AXES]; 2]) {
+        for (axis, of_axis) in self.axes.iter_mut().enumerate() {
+            let steps = [head[axis], board[axis], board[axis]];
+            let curves = of_axis.curves.iter_mut().zip(steps);
+            curves.for_each(|(curve, step)| *curve = curve.clone().read_in_steps(step));
+        }
+    }
+}
+
 /// The curves A, K+, K- of each accelerometer.
 pub(crate) type Curves = [[Curve; QUANTITIES]; AXES];
 

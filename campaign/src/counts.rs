@@ -12,6 +12,11 @@ use std::ops::Range;
 const BLOCK_ROWS: usize = 10;
 /// Two attitudes differ by more than this part of the specific force.
 const OTHER_ATTITUDE: f64 = 0.05;
+/// Blocks of this many rows, and as many of them, are enough for an axis that sits at its extreme ..
+const REST_ROWS: usize = 20;
+const REST_BLOCKS: usize = 3;
+/// .. while the others scatter as in the standstills, up to this factor.
+const ALIKE: f64 = 3.0;
 /// A counter that wraps steps by more than this part of its range ..
 const WRAP: f64 = 0.95;
 /// .. there and back within so many rows, none of them longer than this \[ns\], as often as ..
@@ -40,7 +45,8 @@ pub fn faults(rows: &[RawSample], standstills: &[Range<usize>]) -> Vec<Finding> 
     let mut found: Vec<Finding> = (0..AXES).filter(|axis| dead(*axis)).map(no_pulses).collect();
     found.extend(swapped(&counts));
     let steps = steps(rows);
-    found.extend((0..AXES).filter_map(|axis| full(&counts, &blocks, steps, axis)));
+    let full = |axis: usize| full(&counts, &blocks, steps, axis).or_else(|| stuck(&counts, standstills, steps, axis));
+    found.extend((0..AXES).filter_map(full));
     found.extend((0..AXES).filter_map(|axis| wraps(rows, &counts, axis)));
     found.extend(zeros(&counts));
     found
@@ -92,6 +98,37 @@ fn full(counts: &[[f64; AXES]], blocks: &[Range<usize>], steps: [f64; AXES], axi
         100.0 * share
     );
     Some(Finding::fault(name::SATURATED, message))
+}
+
+/// An axis that is the extreme value in most rows of a rest, and scatters in others. At rest the other axes scatter as
+/// in the standstills: a full axis makes standstills that are quieter than all others, or none.
+fn stuck(counts: &[[f64; AXES]], standstills: &[Range<usize>], steps: [f64; AXES], axis: usize) -> Option<Finding> {
+    let scatter = |rows: &Range<usize>, axis: usize| mean_and_scatter(&counts[rows.clone()], axis)[1];
+    let others = [(axis + 1) % AXES, (axis + 2) % AXES];
+    let usual = others.map(|other| median(standstills.iter().map(|rows| scatter(rows, other))));
+    let rests = |rows: &Range<usize>| {
+        let alike = |k: usize| (usual[k] / ALIKE..usual[k] * ALIKE).contains(&scatter(rows, others[k]));
+        alike(0) && alike(1)
+    };
+    let blocks = (0..counts.len() / REST_ROWS).map(|block| block * REST_ROWS..(block + 1) * REST_ROWS);
+    let blocks: Vec<_> = blocks.filter(rests).collect();
+    let values = || counts.iter().map(|row| row[axis]);
+    let extremes = [values().fold(f64::NEG_INFINITY, f64::max), values().fold(f64::INFINITY, f64::min)];
+    extremes.into_iter().find_map(|extreme| {
+        let sits = |rows: &&Range<usize>| {
+            2 * counts[(*rows).clone()].iter().filter(|row| row[axis] == extreme).count() > REST_ROWS
+        };
+        let (full, free): (Vec<_>, Vec<_>) = blocks.iter().partition(sits);
+        let scatters = median(free.into_iter().map(|rows| scatter(rows, axis))) >= steps[axis];
+        (full.len() >= REST_BLOCKS && scatters).then(|| {
+            let message = format!(
+                "{} sits at {extreme} counts in {:.0} % of the rows at rest: saturated; record with a wider range",
+                AXIS_NAMES[axis],
+                100.0 * full.len() as f64 / blocks.len() as f64
+            );
+            Finding::fault(name::SATURATED, message)
+        })
+    })
 }
 
 /// Mean and standard deviation.

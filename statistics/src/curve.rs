@@ -38,6 +38,7 @@ pub struct Curve {
     range: [f64; 2],
     measured: [f64; 2],
     slope: Option<SlopeError>,
+    resolution: f64,
 }
 
 /// What a slope that a curve lacks adds to its interval: `per_unit` times the distance from `about`.
@@ -61,7 +62,7 @@ impl Curve {
         range: [f64; 2],
     ) -> Self {
         let covariance = covariance.filter(|_| freedom > 0.0);
-        Self { center, scale, coefficients, covariance, freedom, range, measured: range, slope: None }
+        Self { center, scale, coefficients, covariance, freedom, range, measured: range, slope: None, resolution: 0.0 }
     }
 
     /// The curve with what is known of its error: the telemetry that was measured, out of which no interval is known,
@@ -69,6 +70,13 @@ impl Curve {
     #[must_use]
     pub fn known(self, measured: [f64; 2], slope: Option<SlopeError>) -> Self {
         Self { measured, slope, ..self }
+    }
+
+    /// The curve of telemetry that is read in steps of `resolution`, 0 if it has none: the error of such a reading goes
+    /// into the interval.
+    #[must_use]
+    pub fn read_in_steps(self, resolution: f64) -> Self {
+        Self { resolution, ..self }
     }
 
     /// The curve of the fit of `order`.
@@ -151,7 +159,8 @@ impl Curve {
     }
 
     /// Half width of the confidence interval of the value at `telemetry`, at `confidence`, 0 to 1; a slope that the
-    /// curve lacks adds its 95 %. `None` without errors, and where nothing was measured.
+    /// curve lacks adds its 95 %. A reading in steps has a standard error of a step over sqrt(12), that the curve's slope
+    /// makes one of the value. `None` without errors, and where nothing was measured.
     #[must_use]
     pub fn interval(&self, telemetry: f64, confidence: f64) -> Option<f64> {
         let [low, high] = self.measured;
@@ -160,7 +169,8 @@ impl Curve {
         let known = (low - rounding..=high + rounding).contains(&telemetry);
         let slope = self.slope.map_or(0.0, |slope| slope.per_unit * (telemetry - slope.about).abs());
         let error = self.standard_error(telemetry).filter(|_| known)?;
-        Some(error * student_quantile_of(confidence, self.freedom) + slope)
+        let of_reading = self.slope(telemetry) * self.resolution / 12.0_f64.sqrt();
+        Some(error.hypot(of_reading) * student_quantile_of(confidence, self.freedom) + slope)
     }
 
     /// Coefficients of the powers of the raw telemetry, ascending; expanded in double-double, then rounded once.

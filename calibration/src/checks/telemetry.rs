@@ -27,6 +27,19 @@ const ALIKE: f64 = 0.1;
 /// Lowest and highest telemetry of a block, by axis.
 type Ranges = fn(&Block) -> &[[f64; 2]; AXES];
 
+/// The sensors of an accelerometer.
+const SENSORS: [(&str, Ranges); 2] = [("head", |block| &block.head), ("board", |block| &block.board)];
+
+/// The last digit of the telemetry of `axis`.
+fn digit(dwells: &[Dwell], axis: usize, ranges: Ranges) -> f64 {
+    last_digit(dwells.iter().flat_map(|dwell| &dwell.blocks).flat_map(|block| ranges(block)[axis]).collect())
+}
+
+/// The last digits of head and board telemetry of each accelerometer.
+pub(crate) fn last_digits(dwells: &[Dwell]) -> [[f64; AXES]; 2] {
+    SENSORS.map(|(_, ranges)| [0, 1, 2].map(|axis| digit(dwells, axis, ranges)))
+}
+
 /// One column of telemetry.
 struct Telemetry {
     name: String,
@@ -44,7 +57,7 @@ struct Telemetry {
 impl Telemetry {
     fn new(dwells: &[Dwell], set_points: &[SetPoint], axis: usize, (sensor, ranges): (&str, Ranges)) -> Self {
         let name = format!("a{}_{sensor}", axis + 1);
-        let digit = last_digit(dwells.iter().flat_map(|dwell| &dwell.blocks).flat_map(|b| ranges(b)[axis]).collect());
+        let digit = digit(dwells, axis, ranges);
         let steps = Steps(Vec::new());
         let mut column = Self { name, axis, ranges, means: Vec::new(), steps, step: 0.0, spread: 0.0, digit };
         let mean = |set_point: &SetPoint| {
@@ -89,7 +102,6 @@ impl Telemetry {
 impl Checker<'_> {
     /// All rules, for each column.
     pub(super) fn telemetry(&mut self, set_points: &[SetPoint]) {
-        const SENSORS: [(&str, Ranges); 2] = [("head", |block| &block.head), ("board", |block| &block.board)];
         let mut columns: Vec<Column> = Vec::new();
         for (axis, sensor) in (0..AXES).flat_map(|axis| SENSORS.map(|sensor| (axis, sensor))) {
             let telemetry = Telemetry::new(self.dwells, set_points, axis, sensor);

@@ -29,6 +29,7 @@ pub(super) fn stated(fitted: &Fitted<'_>, groups: &Groups, ranges: &Ranges, meas
     let unknown = weighted.as_ref().map_or(&fit.unknown, |weighted| &weighted.unknown);
     // Between groups nothing is left to judge A and K by if the order takes it all.
     let known = weighted.as_ref().filter(|_| groups.count == 1 || groups.count > model.unknowns.order + 1);
+    let step = model.readings().iter().map(|reading| reading.telemetry_step).fold(0.0, f64::max);
     let curve = |axis: usize, quantity: usize| {
         let sensor = usize::from(quantity > 0);
         let [range, measured] = [ranges[sensor][axis], measured[sensor][axis]];
@@ -42,7 +43,7 @@ pub(super) fn stated(fitted: &Fitted<'_>, groups: &Groups, ranges: &Ranges, meas
             weighted.covariance.view((0, 0), (count, count)) + unknown * unknown.transpose() * (gravity * gravity);
         let plain = model.curve(unknown, Some(&covariance), [axis, quantity], freedom, range);
         let slope = slope_error(weighted, groups, [axis, quantity], &plain);
-        plain.known(measured, slope)
+        plain.known(measured, slope).read_in_steps(step)
     };
     let misalignment = weighted.as_ref().filter(|_| model.unknowns.misalignment).map(|weighted| {
         let errors = [0, 1, 2].map(|k| {

@@ -5,7 +5,7 @@
 
 use super::common::{calibrated, campaign_file, csv, dwells, noiseless, paper, paper_truth as truth, quiet, worst};
 use isotherm_calibration::{
-    AlignmentChoice, Calibration, CalibrationOptions, Method, calibrate_accelerometers, reduce,
+    Accuracy, AlignmentChoice, Calibration, CalibrationOptions, Method, calibrate_accelerometers, reduce,
 };
 use isotherm_campaign::{Campaign, Position, Scheme};
 use isotherm_shared::compensate::answer;
@@ -48,6 +48,36 @@ fn the_campaign_with_a_known_truth() {
     }
     let tilt = shipped(CalibrationOptions::default()).solution.tilt.unwrap();
     assert!((tilt[0] - 4e-5).abs() < 0.1e-6 && (tilt[1] + 6e-5).abs() < 0.1e-6, "{tilt:?}");
+}
+
+#[test]
+fn the_steps_of_the_telemetry_are_in_the_figure_and_are_no_soak() {
+    const STEP: f64 = 0.03;
+    let truth = truth(TILT_RAD, 9.8015);
+    let schedule = CampaignSchedule { noise: quiet(), ..CampaignSchedule::default() };
+    let mut rows: Vec<SimulatedRow> = campaign(&truth, &schedule, 1).collect();
+    let read = |value: &mut f64| *value = ((*value / STEP).round() * STEP * 1e6).round() / 1e6;
+    for row in &mut rows {
+        row.raw.accelerometers.head_temperature.iter_mut().for_each(read);
+        row.raw.accelerometers.board_temperature.iter_mut().for_each(read);
+    }
+    let file = campaign_file(&truth, &schedule);
+    let found = calibrate_accelerometers(&file, dwells(&file, &csv(rows)).unwrap(), CalibrationOptions::default());
+    let found = found.unwrap();
+    assert!(found.findings.iter().all(|finding| !finding.to_string().contains("soak")), "{:?}", found.findings);
+    // In use a reading is off by up to half a step.
+    let error = |axis: usize| {
+        let [right, made] = [&truth.table, &found.table].map(|table| &table.content().axes[axis]);
+        let [low, high] = made.bias.range();
+        let points = (0..=1000).map(|k| low + (high - low) * f64::from(k) / 1e3);
+        let off = |u: f64| (made.bias_at((u / STEP).round() * STEP).0 - right.bias_at(u).0).abs();
+        points.map(off).fold(0.0, f64::max)
+    };
+    let stated = Accuracy::of(&found).bias.map(|interval| interval.unwrap());
+    for (axis, stated) in stated.into_iter().enumerate() {
+        println!("A{}: {:.3}e-6 g0, stated {:.3}", axis + 1, error(axis) * 1e6, stated * 1e6);
+        assert!((0.9..3.0).contains(&(stated / error(axis))), "A{}", axis + 1);
+    }
 }
 
 #[test]

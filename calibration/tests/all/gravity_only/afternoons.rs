@@ -474,3 +474,12 @@ fn try_mistakes(count: u64) {
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
+
+#[test]
+fn counts_that_are_full_at_one_face_are_called_saturated() {
+    for seed in 0..4 {
+        let (_, files, _) = mistaken("clip", &mut RandomGenerator::new(seed, 12));
+        let error = calibrate(&files, None).err().unwrap().to_string();
+        assert!(error.lines().next().unwrap().contains("saturated"), "{seed}: {error}");
+    }
+}
