@@ -113,7 +113,8 @@ pub(super) struct Shape {
 const LONG: u64 = 3;
 /// Steps within this part of the usual step are usual.
 const USUAL: f64 = 0.2;
-/// Least share of the time that lies in usual steps, if stamps are those of their rows: a third of the rows may be lost.
+/// Least share of the time that lies in usual steps, if stamps are those of their rows: a third of the rows may be
+/// lost.
 const LEAST_USUAL: f64 = 0.45;
 /// Steps over this number of usual ones tell nothing of the usual step.
 const FEW: f64 = 10.0;
@@ -127,8 +128,8 @@ const SHORT: f64 = 3e-3;
 const LARGEST_BURST: usize = 500;
 const LONGEST_BURST_NS: u64 = 60_000_000_000;
 
-/// The nominal interval of rows of this shape \[ns\]: the time from row to row; or the interval of a whole number of Hz,
-/// of s, or the median step, the first that the data allow.
+/// The nominal interval of rows of this shape \[ns\]: the time from row to row; or the interval of a whole number of
+/// Hz, of s, or the median step, the first that the data allow.
 pub(super) fn rounded(shape: &Shape) -> Option<u64> {
     let mean = shape.period_ns;
     let hertz = 1e9 / (1e9 / mean).round();
