@@ -40,7 +40,7 @@ use crate::error::CalibrationError;
 use crate::table::table_of;
 use checks::{kelvin, of_readings, of_recordings, outliers};
 use choice::{Chosen, Data, Fitted};
-use isotherm_campaign::{Campaign, Standstills, begins_ns, faults, find_standstills, joint_range, stretches};
+use isotherm_campaign::{Campaign, Standstills, begins_ns, faults, find_standstills, joint_range};
 use isotherm_finding::{Finding, Location, name};
 use isotherm_recording::{Continuity, Losses};
 use isotherm_shared::wire::{AXES, RawSample};
@@ -250,8 +250,9 @@ fn exclude(readings: &mut Vec<Reading>, numbers: &[usize]) -> Result<(), Gravity
 /// Gaps and faults of time in the recordings.
 fn of_time(recordings: &[TumbleRecording], continuity: &[Continuity], standstills: usize) -> Vec<Finding> {
     let mut found = Vec::new();
-    let gaps = recordings.iter().map(|recording| stretches(&recording.rows).len().saturating_sub(1)).sum::<usize>();
-    if gaps > standstills {
+    // Stamps that jitter or come in bursts are no gaps.
+    let gaps = continuity.iter().map(|found| found.losses().gaps).sum::<u64>();
+    if gaps > standstills as u64 {
         let message = format!("the recordings have {gaps} gaps; look for samples that were lost");
         found.push(Finding::warning(name::MISSING_ROWS, message));
     }

@@ -2,7 +2,7 @@
 
 use crate::dwell::Dwell;
 use crate::model::Campaign;
-use isotherm_recording::{CampaignRow, RecordingError, unit_factor};
+use isotherm_recording::{CampaignRow, Continuity, RecordingError};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::{MAX_INTERVAL_NS, RawSample};
 
@@ -25,8 +25,8 @@ use isotherm_shared::wire::{MAX_INTERVAL_NS, RawSample};
 ///
 /// # Errors
 /// At the first row that cannot be read or used, with its line: an unknown position, a timestamp that does not
-/// increase, an interval out of range or longer than the time since the previous row, telemetry that is not finite, a
-/// full counter.
+/// increase, an interval out of range, telemetry that is not finite, a full counter. At the row where
+/// [`Overlap`](isotherm_recording::Overlap) shows.
 pub fn read_dwells(
     campaign: &Campaign,
     rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,
@@ -34,6 +34,7 @@ pub fn read_dwells(
     let mut dwells: Vec<Dwell> = Vec::new();
     let mut previous: Option<CampaignRow> = None;
     let mut open = false;
+    let mut continuity = Continuity::default();
     for row in rows {
         let row = row?;
         let fault = |message: String| {
@@ -46,6 +47,10 @@ pub fn read_dwells(
         let sample = &row.sample;
         if let Some(wrong) = implausible(sample, previous.as_ref().map(|row| row.sample.timestamp_ns)) {
             return fault(wrong);
+        }
+        continuity.add(sample);
+        if let Some(overlap) = continuity.overlap_so_far() {
+            return fault(overlap.to_string());
         }
         let same = |last: &CampaignRow| (last.set_point_c, last.position) == (row.set_point_c, row.position);
         open &= previous.as_ref().is_some_and(same);
@@ -67,7 +72,10 @@ pub fn read_dwells(
             dwell.add(&row);
         }
     }
-    Ok(dwells)
+    match (continuity.overlap(), previous) {
+        (Some(overlap), Some(row)) => Err(RecordingError::Data { line: row.line, message: overlap.to_string() }),
+        _ => Ok(dwells),
+    }
 }
 
 /// The reason why a raw sample of a campaign cannot be used; `None` if it can. `previous_ns` is the timestamp of the
@@ -83,25 +91,10 @@ pub fn implausible(sample: &RawSample, previous_ns: Option<u64>) -> Option<Strin
 
 /// The same, by the time since the previous sample.
 fn implausible_step(sample: &RawSample, previous_ns: u64) -> Option<String> {
-    let RawSample { timestamp_ns, interval_ns, .. } = *sample;
-    if timestamp_ns <= previous_ns {
-        let cause = if timestamp_ns == previous_ns { "; is the row there twice?" } else { "" };
-        return Some(format!("timestamp_ns {timestamp_ns} after {previous_ns}; time must rise from row to row{cause}"));
-    }
-    let passed = timestamp_ns - previous_ns;
-    // Up to 1.5 times the elapsed time is clock jitter; more is a wrong unit or an overlap.
-    if interval_ns / 3 * 2 <= passed {
-        return None;
-    }
-    let ratio = interval_ns as f64 / passed as f64;
-    let unit = unit_factor(ratio).filter(|factor| *factor > 1.0);
-    let cause = unit.map(|factor| {
-        format!(": {factor} times as long, so interval_ns or timestamp_ns is in another unit than nanoseconds")
-    });
-    Some(format!(
-        "interval_ns is {interval_ns}, but only {passed} ns have passed since the row before; pulses would be counted twice{}",
-        cause.unwrap_or_default()
-    ))
+    let RawSample { timestamp_ns, .. } = *sample;
+    let cause = if timestamp_ns == previous_ns { "; is the row there twice?" } else { "" };
+    let message = || format!("timestamp_ns {timestamp_ns} after {previous_ns}; time must rise from row to row{cause}");
+    (timestamp_ns <= previous_ns).then(message)
 }
 
 /// The same, by telemetry and counters.

@@ -26,6 +26,7 @@ pub(crate) enum Foreign {
 /// The raw samples of foreign data as bytes, and what the user should know. `mapping` is the name and the text of a
 /// mapping file.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "those of the function of the package, which have names there")]
 pub(crate) fn convert(
     py: Python<'_>,
     source: Foreign,
@@ -34,12 +35,13 @@ pub(crate) fn convert(
     interval_ns: Option<u64>,
     topic: Option<String>,
     temperature_topic: Option<String>,
+    session: u64,
 ) -> PyResult<(Bound<'_, PyArray1<u8>>, Vec<String>)> {
     if let Foreign::File(path) = &source {
         // Python's own exception for a file that cannot be opened.
         File::open(path).map_err(|error| file(path, &error))?;
     }
-    let settings = Settings { temperature, interval_ns, topic, temperature_topic };
+    let settings = Settings { temperature, interval_ns, topic, temperature_topic, session };
     let named = mapping.as_ref().map(|(name, text)| (name.as_path(), text.as_str()));
     let read = || -> Result<(Vec<u8>, Vec<String>), Failure> {
         let mut conversion = match source {

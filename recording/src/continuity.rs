@@ -15,6 +15,7 @@
 //! begins anew, and so does an interval that stands alone: time went on as before.
 
 use crate::interval::{IntervalFault, Intervals};
+use crate::overlap::{Overlap, Span};
 use core::fmt;
 use isotherm_finding::{Finding, name};
 use isotherm_shared::sequence::{Period, excess_ns, time_step};
@@ -60,6 +61,8 @@ pub struct Continuity {
     usual_ns: Option<u64>,
     /// Rows since then whose time went on by that interval too, and not by their own.
     odd_rows: u32,
+    span: Span,
+    overlap: Option<Overlap>,
 }
 
 /// How many rows are missing, and how often time steps.
@@ -108,6 +111,8 @@ impl Continuity {
     /// Adds the next row. Returns whether the first fault shows at this row.
     pub fn add(&mut self, row: impl Into<Period>) -> bool {
         let row = row.into();
+        let overlap = self.span.add(row);
+        self.overlap = self.overlap.or(overlap);
         let last = self.last.replace(row);
         let excess = last.and_then(|last| excess_ns(last, row));
         self.rows += 1;
@@ -134,6 +139,18 @@ impl Continuity {
             self.fault = step.or_else(|| self.stretch.add(row, excess.unwrap_or(0)));
         }
         self.fault.is_some()
+    }
+
+    /// The first 1000 rows whose intervals exceed the time that passed, or all rows of a shorter session that is over.
+    #[must_use]
+    pub const fn overlap_so_far(&self) -> Option<Overlap> {
+        self.overlap
+    }
+
+    /// The same after the last row.
+    #[must_use]
+    pub fn overlap(&self) -> Option<Overlap> {
+        self.overlap.or_else(|| self.span.of_all())
     }
 
     /// Whether the timestamp goes on as before, and the interval alone is another.

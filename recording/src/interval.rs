@@ -10,9 +10,9 @@ use isotherm_finding::{Finding, name};
 /// Relative difference of interval and step from which one of them is wrong.
 pub const CLOCK_TOLERANCE: f64 = 0.01;
 /// Factors by which times are wrong if their unit is.
-pub const UNIT_FACTORS: [f64; 4] = [60.0, 1e3, 1e6, 1e9];
+const UNIT_FACTORS: [f64; 4] = [60.0, 1e3, 1e6, 1e9];
 /// A ratio is a factor if it differs from it by less than this part.
-pub const UNIT_TOLERANCE: f64 = 0.01;
+const UNIT_TOLERANCE: f64 = 0.01;
 /// Steps of a block: whole bursts of 5, 6, 7, 10, 14, 15, 21, 25, 30.
 const BLOCK: u32 = 1050;
 /// With fewer blocks the two figures must agree within a factor of two.

@@ -31,6 +31,7 @@ mod error;
 mod increments;
 mod interval;
 mod marks;
+mod overlap;
 mod raw;
 pub mod rows;
 
@@ -40,6 +41,7 @@ pub use continuity::{Continuity, Losses, MISSING, TimeFault};
 pub use device::other_device;
 pub use error::RecordingError;
 pub use increments::{ANGLE_CSV_COLUMNS, CSV_COLUMNS as INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout};
-pub use interval::{CLOCK_TOLERANCE, IntervalFault, UNIT_FACTORS, UNIT_TOLERANCE, cause, part, unit_factor};
+pub use interval::{CLOCK_TOLERANCE, IntervalFault, cause, part, unit_factor};
 pub use marks::{Marks, share_rows};
+pub use overlap::Overlap;
 pub use raw::{RawCsvReader, RawCsvWriter, SequenceRule};

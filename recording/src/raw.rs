@@ -4,7 +4,7 @@
 
 use crate::columns::{
     ACCELEROMETERS, ColumnKind, ColumnSet, DEVICE, GYROSCOPES, INCOMPLETE_HINT, INTERVAL_NS, LAG_NS, Layout, RAW,
-    RECORDED_NS, SENT_NS, SEQUENCE, TELEMETRY_NS, TIMESTAMP_NS, incomplete, load, store,
+    RECORDED_NS, SENT_NS, SEQUENCE, SESSION, TELEMETRY_NS, TIMESTAMP_NS, incomplete, load, store,
 };
 use crate::csv::{CsvColumn, Rows, missing_columns};
 use crate::error::RecordingError;
@@ -40,17 +40,51 @@ pub struct RawCsvReader<R> {
 }
 
 /// Rule for the raw samples of a recording, in every format and over all its pieces: within a session the sequence
-/// [`rises`], as an acquisition sends it. Keeps the session and sequence of the last sample.
+/// [`rises`], as an acquisition sends it. A piece without sessions that begins its sequences anew is a session of its
+/// own, if its rows may be.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct SequenceRule(Option<(u64, u64)>);
+pub struct SequenceRule {
+    /// Session and sequence of the last sample.
+    last: Option<(u64, u64)>,
+    /// The session of samples that name none, and the first of them.
+    unnamed: u64,
+    first: Option<RawSample>,
+    /// The number of a piece whose first sample has not come.
+    piece: Option<u64>,
+}
 
 impl SequenceRule {
+    /// Begins a piece. If its samples name no session, and their sequences begin anew, they are the session with this
+    /// number. A piece that overlaps another one does not, nor does its copy.
+    pub const fn begin_piece(&mut self, number: u64) {
+        self.piece = Some(number);
+    }
+
+    /// Gives the next sample a session where its piece has one of its own, and checks it.
+    ///
+    /// # Errors
+    /// As [`check`](Self::check).
+    pub fn take(&mut self, sample: &mut RawSample) -> Result<(), String> {
+        let piece = self.piece.take();
+        if sample.session == 0 {
+            let goes_on = self.last.is_none_or(|(session, last)| session != self.unnamed || sample.sequence > last);
+            let is_anew = |first: RawSample| sample.sequence <= first.sequence && *sample != first;
+            let own = piece.filter(|_| !goes_on && self.first.is_some_and(is_anew));
+            if own.is_some() || self.first.is_none() {
+                self.first = Some(*sample);
+            }
+            self.unnamed = own.unwrap_or(self.unnamed);
+            sample.session = self.unnamed;
+        }
+        self.check(sample)
+    }
+
     /// Checks the next sample.
     ///
     /// # Errors
     /// If its sequence is not above that of the previous sample of the session.
     pub fn check(&mut self, sample: &RawSample) -> Result<(), String> {
-        let previous = self.0.replace((sample.session, sample.sequence));
+        let previous = self.last.replace((sample.session, sample.sequence));
         let last = previous.filter(|(session, _)| *session == sample.session).map(|(_, sequence)| sequence);
         match last {
             Some(last) if !rises(Some(last), sample.sequence) => {
@@ -147,7 +181,7 @@ impl<R: Read> RawCsvReader<R> {
             store(&mut sample, *index, value);
         }
         self.recorded_ns = columns.recorded_ns.as_ref().map(|column| row.integer(column)).transpose()?;
-        self.sequence_rule.check(&sample).map_err(|message| self.rows.error(message))?;
+        self.sequence_rule.take(&mut sample).map_err(|message| self.rows.error(message))?;
         Ok(Some(sample))
     }
 }
@@ -190,8 +224,8 @@ impl RawColumns {
     }
 }
 
-/// Writes raw samples as CSV. Floats have the shortest form that reads back as the same double. Sessions are not
-/// written.
+/// Writes raw samples as CSV. Floats have the shortest form that reads back as the same double. Sessions are written by
+/// [`of_sessions`](RawCsvWriter::of_sessions) alone.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -234,9 +268,21 @@ impl<W: Write> RawCsvWriter<W> {
     ///
     /// # Errors
     /// Those of the sink.
-    pub fn with_layout(mut sink: W, leading: &str, telemetry_ns: bool, layout: Layout) -> io::Result<Self> {
+    pub fn with_layout(sink: W, leading: &str, telemetry_ns: bool, layout: Layout) -> io::Result<Self> {
+        Self::with_columns(sink, leading, columns(telemetry_ns, layout))
+    }
+
+    /// Writes the header row of samples with their session, which comes first.
+    ///
+    /// # Errors
+    /// Those of the sink.
+    pub fn of_sessions(sink: W, layout: Layout) -> io::Result<Self> {
+        let all = core::iter::once(SESSION).chain(columns(false, layout)).collect();
+        Self::with_columns(sink, "", all)
+    }
+
+    fn with_columns(mut sink: W, leading: &str, columns: Vec<usize>) -> io::Result<Self> {
         let comma = if leading.is_empty() { "" } else { "," };
-        let columns = columns(telemetry_ns, layout);
         let names: Vec<_> = columns.iter().map(|index| RAW[*index].name).collect();
         writeln!(sink, "{leading}{comma}{}", names.join(","))?;
         Ok(Self { sink, leading: !leading.is_empty(), columns, plain: false, last: (0, Vec::new()), row: Vec::new() })

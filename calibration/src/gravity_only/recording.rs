@@ -2,7 +2,7 @@
 
 use isotherm_campaign::implausible;
 use isotherm_finding::Location;
-use isotherm_recording::{CampaignRow, RecordingError};
+use isotherm_recording::{CampaignRow, Continuity, RecordingError};
 use isotherm_shared::wire::RawSample;
 
 /// The raw samples of one recording.
@@ -33,11 +33,20 @@ impl TumbleRecording {
         rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,
     ) -> Result<Self, RecordingError> {
         let mut recording = Self::new(name);
+        let (mut last, mut continuity) = (0, Continuity::default());
         for row in rows {
             let CampaignRow { line, sample, .. } = row?;
             recording.add(&sample).map_err(|message| RecordingError::Data { line, message })?;
+            last = line;
+            continuity.add(&sample);
+            if continuity.overlap_so_far().is_some() {
+                break;
+            }
         }
-        Ok(recording)
+        match continuity.overlap() {
+            Some(overlap) => Err(RecordingError::Data { line: last, message: overlap.to_string() }),
+            None => Ok(recording),
+        }
     }
 
     /// Adds the next sample. Gaps are allowed.

@@ -88,11 +88,16 @@ impl RampRecording {
         rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,
     ) -> Result<Self, RecordingError> {
         let mut recording = Self::new(name);
+        let mut last = 0;
         for row in rows {
             let CampaignRow { line, sample, .. } = row?;
             recording.add(&sample).map_err(|message| RecordingError::Data { line, message })?;
+            last = line;
         }
-        Ok(recording)
+        match recording.continuity.overlap() {
+            Some(overlap) => Err(RecordingError::Data { line: last, message: overlap.to_string() }),
+            None => Ok(recording),
+        }
     }
 
     /// The recording in a CSV file of raw samples.
@@ -173,6 +178,9 @@ impl RampRecording {
         }
         self.previous_ns = Some(raw.timestamp_ns);
         self.continuity.add(raw);
+        if let Some(overlap) = self.continuity.overlap_so_far() {
+            return Err(overlap.to_string());
+        }
         self.has_gyroscopes |= !raw.gyroscopes.is_absent();
         // 0 is a unit that nobody has named.
         let free = self.devices.iter_mut().find(|known| **known == 0 || **known == raw.device);

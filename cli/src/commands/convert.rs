@@ -23,16 +23,16 @@ use std::time::Duration;
 /// need none.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.parquet\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv"
+    after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.parquet\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv\n  isotherm convert cold.csv warm.csv --mapping logger.toml -o runs/"
 )]
 pub(crate) struct Convert {
-    /// The foreign data; - is stdin, for text
-    #[arg(value_name = "INPUT")]
-    input: PathBuf,
+    /// The foreign data; - is stdin, for text. Several files are sessions, each converted into a file of its own
+    #[arg(value_name = "INPUT", required = true)]
+    input: Vec<PathBuf>,
     /// What the columns are (TOML)
     #[arg(long, value_name = "M.toml")]
     mapping: Option<PathBuf>,
-    /// Where the raw samples go: .csv or .parquet; - is stdout (CSV)
+    /// Where the raw samples go: .csv or .parquet; - is stdout (CSV). Of several files the folder
     #[arg(short, long, value_name = "REC")]
     output: PathBuf,
     /// Telemetry of all rows, in the unit of the table, for data that have none
@@ -47,6 +47,10 @@ pub(crate) struct Convert {
     /// Topic of the sensor_msgs/msg/Temperature, if there are several
     #[arg(long, value_name = "TOPIC")]
     temperature_topic: Option<String>,
+    /// Number of the session, which the samples then have in a column; of several files that of the first [default:
+    /// none, and 1 for several files]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    session: Option<u64>,
     /// Name of the IMU, which a Parquet file has
     #[arg(long, value_name = "ID", default_value = "imu")]
     imu: ImuId,
@@ -61,14 +65,48 @@ enum Writer {
 
 impl Convert {
     pub(crate) fn run(self) -> Result<(), Failure> {
-        let mut inputs = vec![(self.input.as_path(), "the data")];
+        let outputs = self.outputs()?;
+        let mut inputs: Vec<_> = self.input.iter().map(|input| (input.as_path(), "the data")).collect();
         inputs.extend(self.mapping.iter().map(|mapping| (mapping.as_path(), "the mapping")));
-        refuse_overlap(&inputs, &[Some(&self.output)])?;
-        let extension = self.output.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+        let all: Vec<_> = outputs.iter().map(|output| Some(output.as_path())).collect();
+        refuse_overlap(&inputs, &all)?;
+        let first = self.session.unwrap_or(u64::from(self.input.len() > 1));
+        for (session, (input, output)) in (first..).zip(self.input.iter().zip(&outputs)) {
+            self.convert(input, output, session)?;
+        }
+        Ok(())
+    }
+
+    /// The output of each input: the one that is named, or of several a file of the same name in that folder.
+    fn outputs(&self) -> Result<Vec<PathBuf>, Failure> {
+        let usage = |message: String| Err(Failure::new(Exit::Usage, message));
+        if let [_] = self.input[..] {
+            return Ok(vec![self.output.clone()]);
+        }
+        let folder = self.output.display();
+        if !self.output.is_dir() {
+            return usage(format!("{folder}: several files are converted into a folder; make it, and name it with -o"));
+        }
+        let mut outputs: Vec<PathBuf> = Vec::new();
+        for input in &self.input {
+            let Some(stem) = input.file_stem().filter(|_| input != Path::new("-")) else {
+                return usage(format!("{}: of several inputs each is a file", input.display()));
+            };
+            let output = self.output.join(stem).with_extension("csv");
+            if outputs.contains(&output) {
+                return usage(format!("two inputs would be {}; rename one", output.display()));
+            }
+            outputs.push(output);
+        }
+        Ok(outputs)
+    }
+
+    fn convert(&self, input: &Path, output: &Path, session: u64) -> Result<(), Failure> {
+        let extension = output.extension().map(|extension| extension.to_string_lossy().to_lowercase());
         let parquet = match extension.as_deref() {
             Some("parquet") => true,
             Some("mcap") => {
-                let message = format!("{}: converted samples go to .csv or .parquet", self.output.display());
+                let message = format!("{}: converted samples go to .csv or .parquet", output.display());
                 return Err(Failure::new(Exit::Usage, message));
             }
             _ => false,
@@ -76,18 +114,22 @@ impl Convert {
         let settings = Settings {
             temperature: self.temperature,
             interval_ns: self.interval.map(|interval| interval.as_nanos() as u64),
-            topic: self.topic,
-            temperature_topic: self.temperature_topic,
+            topic: self.topic.clone(),
+            temperature_topic: self.temperature_topic.clone(),
+            session,
         };
-        let mut conversion = Conversion::open(&self.input, self.mapping.as_deref(), &settings)?;
+        let mut conversion = Conversion::open(input, self.mapping.as_deref(), &settings)?;
         let layout = conversion.layout();
-        let path = Some(self.output.as_path());
+        let path = Some(output);
         let writer = Output::create(path).and_then(|sink| {
             if parquet {
                 let stream = ParquetStream::new(sink, &self.imu, StreamKind::Raw, layout)?;
                 return Ok(Writer::Parquet(Box::new(stream)));
             }
-            let writer = RawCsvWriter::with_layout(sink, "", false, layout)?;
+            let writer = match session {
+                0 => RawCsvWriter::with_layout(sink, "", false, layout)?,
+                _ => RawCsvWriter::of_sessions(sink, layout)?,
+            };
             Ok(Writer::Csv(writer.with_plain_whole_numbers()))
         });
         let mut writer = match writer {
@@ -102,10 +144,11 @@ impl Convert {
         for note in conversion.notes() {
             tell("isotherm", note);
         }
+        let name = if self.input.len() > 1 { input.display().to_string() } else { String::new() };
         // Before the file is put in place: what is refused leaves none.
-        self.acceptance.admit("", conversion.findings()).map_err(|refused| refused.failure)?;
+        self.acceptance.admit(&name, conversion.findings()).map_err(|refused| refused.failure)?;
         check_written(path, writer.finish())?;
-        let to = if self.output == Path::new("-") { "stdout".into() } else { self.output.display().to_string() };
+        let to = if output == Path::new("-") { "stdout".into() } else { output.display().to_string() };
         tell("isotherm", format_args!("{} rows in {to}", conversion.rows()));
         Ok(())
     }

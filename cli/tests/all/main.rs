@@ -10,6 +10,7 @@ mod findings;
 mod gravity_only;
 mod gyroscopes;
 mod noise;
+mod pieces;
 mod ramps;
 mod simulate;
 mod simulate_ramps;

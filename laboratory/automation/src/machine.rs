@@ -147,6 +147,8 @@ pub(crate) struct Observation<'a> {
     pub turntable: (&'a TurntableReading, f64),
     /// Rates of change of the temperatures.
     pub trends: &'a Trends,
+    /// Whether the samples' clocks are known, so that a unit may begin.
+    pub clocks_known: bool,
     /// Counted time of the unit in progress \[s\].
     pub collected_s: f64,
     /// Whether `collected_s` is enough for a dwell.
@@ -663,7 +665,10 @@ impl<'p> CampaignMachine<'p> {
     fn settle(&mut self, unit: Unit, observation: &Observation<'_>, begun: f64, since: f64) -> Result<Action, Halt> {
         if self.turntable_deviation(unit, observation).is_some() {
             self.phase = Phase::Travel { begun: Some(begun) };
-        } else if observation.turntable.1 - since >= self.plan.motion.settle_s && observation.turntable.1 > since {
+        } else if observation.clocks_known
+            && observation.turntable.1 - since >= self.plan.motion.settle_s
+            && observation.turntable.1 > since
+        {
             self.phase = match unit {
                 Unit::Dwell { .. } => Phase::Dwell { begun: observation.now, complete: None },
                 Unit::Turn { .. } => Phase::Turn(TurnState {

@@ -271,6 +271,7 @@ impl<'p> Runner<'p> {
                 chamber: (&self.chamber.0, self.chamber.1),
                 turntable: (&self.turntable.0, self.turntable.1),
                 trends: &self.trends,
+                clocks_known: self.streams.know_clocks(),
                 collected_s: self.streams.collected_s(),
                 complete: self.streams.complete(),
                 spoiled: spoiled.as_deref(),
@@ -281,7 +282,8 @@ impl<'p> Runner<'p> {
                 Ok(action) => self.execute(action)?,
                 // Samples are missing: of all IMUs, or of some of a batch.
                 Err(Halt::Interrupted(cause)) => {
-                    let slow = self.machine.unit().map(|unit| self.streams.slow(unit, &cause)).unwrap_or_default();
+                    let slow = |unit| self.streams.slow(unit, &cause, self.stream_patience_s());
+                    let slow = self.machine.unit().map(slow).unwrap_or_default();
                     if slow.is_empty() || !self.drop_all(slow)? {
                         return Err(RunnerError::Interrupted(cause));
                     }

@@ -7,6 +7,8 @@
 //! A sample has the time of the acquisition's clock, a reading of the turntable that of the runner's. The sample of the
 //! last minutes with the shortest time from its end to its sending gives the offset between the two clocks. Other
 //! samples do not change the offset; therefore a sample that arrives late is not mistaken for one that was taken late.
+//! After a start, an interruption or in another session all samples so far may have been late; therefore no unit begins
+//! before the offset of every IMU is stable.
 //!
 //! # Turns
 //! The samples of a turn are one unbroken run from the rest before to the rest after it. A missing sample would be a
@@ -39,6 +41,10 @@ const TAP_DEPTH: usize = 1 << 16;
 const TAP_RETRY: Duration = Duration::from_millis(500);
 /// Span of the clock offset's maximum: in laboratory time, and at least this in real time \[s\].
 const OFFSET_SPAN_S: [f64; 2] = [300.0, 30.0];
+/// The offset is stable if it has not risen for so long: in laboratory time, and at least this in real time \[s\].
+const STABLE_S: [f64; 2] = [30.0, 3.0];
+/// Rises up to this are none: in laboratory time, and at least this in real time \[s\].
+const RISE_S: [f64; 2] = [0.1, 0.001];
 /// Longest credible time from a sample's sending to its reception \[ns\]. Beyond it, the time of reception replaces
 /// `sent_ns`.
 const MAX_TRANSIT_NS: u64 = 10_000_000_000;
@@ -139,29 +145,49 @@ fn start_tap(imu: &ImuId, options: &Options) -> io::Result<Tap> {
 /// Offset of the acquisition's clock from laboratory time \[s\]: the largest over the last one to two spans, which is
 /// that of the sample with the least delay.
 struct ClockOffset {
-    span_s: f64,
+    speed: f64,
     /// When the present span began.
     began_at: f64,
     /// The largest offset of the present span, and of the one before.
     largest: [f64; 2],
+    /// When the first sample and the last sample were sent.
+    samples_at: Option<[f64; 2]>,
+    /// The largest offset at its last rise, and when that was.
+    risen: [f64; 2],
 }
 
 impl ClockOffset {
-    fn new(speed: f64) -> Self {
-        let span_s = OFFSET_SPAN_S[0].max(OFFSET_SPAN_S[1] * speed);
-        Self { span_s, began_at: f64::NEG_INFINITY, largest: [f64::NEG_INFINITY; 2] }
+    const fn new(speed: f64) -> Self {
+        let none = [f64::NEG_INFINITY; 2];
+        Self { speed, began_at: f64::NEG_INFINITY, largest: none, samples_at: None, risen: none }
+    }
+
+    /// A time in laboratory time, and at least in real time \[s\].
+    fn span(&self, [laboratory_s, real_s]: [f64; 2]) -> f64 {
+        laboratory_s.max(real_s * self.speed)
     }
 
     fn add(&mut self, at: f64, offset: f64) {
-        if at - self.began_at > self.span_s {
+        if at - self.began_at > self.span(OFFSET_SPAN_S) {
             self.began_at = at;
             self.largest = [f64::NEG_INFINITY, self.largest[0]];
         }
         self.largest[0] = self.largest[0].max(offset);
+        self.samples_at = Some([self.samples_at.map_or(at, |[first, _]| first), at]);
+        if self.largest() > self.risen[0] + self.span(RISE_S) {
+            self.risen = [self.largest(), at];
+        }
     }
 
     fn largest(&self) -> f64 {
         self.largest[0].max(self.largest[1])
+    }
+
+    /// Whether the offset has not risen for a while, or is known for its whole span: clocks may drift.
+    fn is_stable(&self) -> bool {
+        self.samples_at.is_some_and(|[first, last]| {
+            last - self.risen[1] >= self.span(STABLE_S) || last - first >= self.span(OFFSET_SPAN_S)
+        })
     }
 }
 
@@ -251,6 +277,11 @@ impl<'p> SampleRecorder<'p> {
     /// Laboratory time of the last usable sample \[s\].
     pub const fn usable_at(&self) -> Option<f64> {
         self.usable_at
+    }
+
+    /// Whether the times of samples and turntable can be compared: a unit may begin.
+    pub fn knows_clock(&self) -> bool {
+        self.offset.is_stable()
     }
 
     /// Counted time of the unit in progress \[s\].

@@ -246,9 +246,11 @@ impl<'p> Streams<'p> {
         is_dropped.then_some(FailedImu { imu, reason })
     }
 
-    /// The IMUs that have sent too few usable samples for the unit in progress, while others have sent enough.
+    /// The IMUs that have sent too few usable samples for the unit in progress, while others have sent enough. Of those
+    /// that have stopped for longer than `patience_s`, that is the reason.
     #[must_use]
-    pub(crate) fn slow(&self, unit: Unit, reason: &str) -> Vec<FailedImu> {
+    pub(crate) fn slow(&self, unit: Unit, reason: &str, patience_s: f64) -> Vec<FailedImu> {
+        let now = self.clock.now();
         let most_s = self.present().map(|stream| stream.recorder.collected_s()).fold(0.0, f64::max);
         let slow = |stream: &ImuStream<'_>| match unit {
             Unit::Dwell { .. } => !stream.recorder.complete(),
@@ -258,7 +260,11 @@ impl<'p> Streams<'p> {
             return Vec::new();
         }
         let failed = self.all.iter().enumerate().filter(|(_, stream)| stream.is_in() && slow(stream));
-        failed.map(|(imu, _)| FailedImu { imu, reason: reason.to_owned() }).collect()
+        let reason = |stream: &ImuStream<'_>| match stream.flow.age_s(now) > patience_s {
+            true => stream.silence(now, &self.domain),
+            false => reason.to_owned(),
+        };
+        failed.map(|(imu, stream)| FailedImu { imu, reason: reason(stream) }).collect()
     }
 
     /// Drops an IMU: no more samples of it are taken. Its complete units stay in its files. Returns its plan.
@@ -268,6 +274,12 @@ impl<'p> Streams<'p> {
         (stream.tap, stream.is_dropped) = (None, true);
         stream.telemetry = [[f64::NAN; 2]; 2 * AXES];
         stream.plan
+    }
+
+    /// Whether the clocks of all IMUs are known, see [`SampleRecorder::knows_clock`].
+    #[must_use]
+    pub(crate) fn know_clocks(&self) -> bool {
+        self.present().all(|stream| stream.recorder.knows_clock())
     }
 
     /// Counted time of the unit in progress \[s\]: that of the slowest IMU.

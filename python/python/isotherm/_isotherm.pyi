@@ -564,6 +564,7 @@ def convert(
     interval_ns: int | None,
     topic: str | None,
     temperature_topic: str | None,
+    session: int,
 ) -> tuple[_Bytes, list[str]]: ...
 def write_ros(path: _Path, table: Table, increments: _Bytes, samples: _Bytes | None, table_file: _Path) -> None: ...
 def regress(

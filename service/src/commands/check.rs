@@ -12,6 +12,7 @@ use isotherm_shared::table::difference::{MaxChange, TableDifference};
 use isotherm_shared::table::{Axis, CoefficientTable, Content, Seal, with_unchecked_digest};
 use isotherm_shared::units::SensorKind;
 use std::fmt::Write as _;
+use std::fs::File;
 use std::io::{self, Read as _};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
@@ -81,6 +82,11 @@ struct Checker<'a> {
 impl Checker<'_> {
     fn check(&self, path: &Path) -> Result<String, Failure> {
         let &Self { command: &Check { seal, .. }, world_writable, laboratory, .. } = self;
+        if let Some(format) = recording_format(path) {
+            let message =
+                format!("{}: a recording ({format}), for replay, verify and noise; {EXPECTED_KINDS}", path.display());
+            return Err(Failure::new(Exit::Config, message));
+        }
         let text = if path == Path::new("-") { read_stdin()? } else { read_text(path, world_writable)?.0 };
         let refuse = |faults| Failure::from(LoadError::Refused { path: path.to_owned(), faults });
         match kind(&text).map_err(refuse)? {
@@ -219,6 +225,20 @@ fn format_2(content: &Content) -> String {
         text.push_str("\n  alignment of the gyroscopes");
     }
     text
+}
+
+/// The format of a file that is a recording: Parquet, MCAP, or CSV with the times of samples.
+fn recording_format(path: &Path) -> Option<&'static str> {
+    const MAGIC: [(&[u8], &str); 2] = [(b"PAR1", "Parquet"), (b"\x89MCAP0\r\n", "MCAP")];
+    const BEGINNING: u64 = 4096;
+    let mut beginning = Vec::new();
+    // Of a pipe nothing may be read here; what cannot be opened is told when it is read.
+    let file = File::open(path).ok().filter(|file| file.metadata().is_ok_and(|metadata| metadata.is_file()))?;
+    file.take(BEGINNING).read_to_end(&mut beginning).ok()?;
+    let header = beginning.split(|byte| *byte == b'\n').next().unwrap_or_default();
+    let has = |name: &str| header.split(|byte| *byte == b',').any(|field| field.trim_ascii() == name.as_bytes());
+    let magic = MAGIC.iter().find(|(magic, _)| beginning.starts_with(magic)).map(|(_, format)| *format);
+    magic.or_else(|| (has("sequence") && has("timestamp_ns")).then_some("CSV"))
 }
 
 /// The remedy in the message for a file that is no TOML at all.

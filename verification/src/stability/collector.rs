@@ -103,7 +103,8 @@ pub struct Collector<'a> {
     /// The table without its transients, if it has a lag.
     static_table: Option<CoefficientTable>,
     window_s: f64,
-    begin_ns: Option<u64>,
+    /// Begin of the first sample; of a session whose clock begins anew as if it went on \[ns\].
+    begin_ns: Option<i128>,
     open: WindowSums,
     windows: Vec<WindowSums>,
     telemetry: [[TelemetryStep; 2]; AXES],
@@ -192,8 +193,7 @@ impl<'a> Collector<'a> {
             return;
         }
         let seconds = raw.interval_ns as f64 / 1e9;
-        let begin_ns = *self.begin_ns.get_or_insert(raw.timestamp_ns.saturating_sub(raw.interval_ns));
-        let end_s = raw.timestamp_ns.saturating_sub(begin_ns) as f64 / 1e9;
+        let end_s = self.end_s(raw);
         let open = &mut self.open;
         if open.seconds == 0.0 {
             open.begin_s = end_s - seconds;
@@ -230,6 +230,19 @@ impl<'a> Collector<'a> {
         if open.seconds + 0.5 * seconds >= self.window_s {
             self.windows.push(core::mem::take(open));
         }
+    }
+
+    /// The end of a sample since the first one's begin \[s\]. A window ends with its session.
+    fn end_s(&mut self, raw: &RawSample) -> f64 {
+        let starts_ns = i128::from(raw.timestamp_ns.saturating_sub(raw.interval_ns));
+        let begin_ns = self.begin_ns.get_or_insert(starts_ns);
+        if let Some((session, _, last_ns)) = self.last
+            && session != raw.session
+        {
+            self.open = WindowSums::default();
+            *begin_ns -= (i128::from(last_ns) - starts_ns).max(0);
+        }
+        (i128::from(raw.timestamp_ns) - *begin_ns).max(0) as f64 / 1e9
     }
 
     /// Whether the lagged telemetry of a sample has not forgotten yet that it began soaked: equal to the telemetry, as

@@ -274,6 +274,17 @@ struct Tally {
     within_twice: usize,
     split: usize,
     causeless: [usize; 3],
+    /// Errors over the half widths of their intervals.
+    ratios: Vec<f64>,
+}
+
+impl Tally {
+    /// The widths of the intervals over those that would hold 95 % of the truths.
+    fn width(&self) -> f64 {
+        let mut ratios = self.ratios.clone();
+        ratios.sort_by(f64::total_cmp);
+        ratios.get(ratios.len() * 95 / 100).map_or(f64::NAN, |ratio| ratio.recip())
+    }
 }
 
 /// `count` honest afternoons: refused ones, and what came of the others by their number of temperatures.
@@ -306,6 +317,7 @@ fn honest(count: u64, first: u64) -> (Vec<String>, [Tally; 4]) {
         tally.inside += ratios.iter().filter(|ratio| **ratio <= 1.0).count() as f64 / ratios.len() as f64;
         tally.within_twice += usize::from(ratios.iter().all(|ratio| *ratio < 2.0));
         tally.split += usize::from(found.unknowns.split);
+        tally.ratios.extend(ratios);
     }
     (refused, all)
 }
@@ -325,11 +337,12 @@ fn judge(count: u64) {
     let (refused, all) = honest(count, 1);
     for (index, tally) in all.iter().enumerate() {
         println!(
-            "{} temperatures: {} afternoons, {:.1} % inside, all within twice {:.0} %, split {}, walk, misfit, groups: {:?}",
+            "{} temperatures: {} afternoons, {:.1} % inside, all within twice {:.0} %, width/ideal {:.2}, split {}, walk, misfit, groups: {:?}",
             index + 1,
             tally.afternoons,
             100.0 * tally.inside / tally.afternoons as f64,
             100.0 * tally.within_twice as f64 / tally.afternoons as f64,
+            tally.width(),
             tally.split,
             tally.causeless
         );

@@ -1,7 +1,7 @@
 //! Simulated recordings of an IMU that is put down by hand, and of one that never rests: which standstills are found.
 //! They vary rate, noise, counts, rests, moves, tremor, bumps, low-pass filters, lost rows, glitches and fans.
 
-use isotherm_campaign::find_standstills;
+use isotherm_campaign::{Standstills, find_standstills};
 use isotherm_shared::wire::RawSample;
 use isotherm_simulation::RandomGenerator;
 use nalgebra::{Rotation3, Unit, Vector3};
@@ -132,7 +132,7 @@ fn restless(kind: &str, seed: u64) -> Vec<RawSample> {
     let (mut angle, mut sway) = (0.0, Vector3::zeros());
     for k in 0..(120.0 * sensor.rate) as usize {
         let time_s = k as f64 / sensor.rate;
-        let speed = if kind == "slow motion" { 1.0 + (0.4 * time_s).sin() } else { 1.0 };
+        let speed = if kind == "slow motion" { 1.0 + 0.5 * (0.4 * time_s).sin() } else { 1.0 };
         angle += if kind == "hand" { 0.0 } else { rate * speed / sensor.rate };
         if kind == "hand" {
             let step = (2.0 / sensor.rate).sqrt();
@@ -155,7 +155,7 @@ fn tally(count: u64) -> [usize; 5] {
     for seed in 0..count {
         let (sensor, recording) = honest(seed);
         rests += recording.rests.len();
-        let found = match find_standstills(&recording.rows, None) {
+        let found = match find_standstills(&recording.rows, None).and_then(Standstills::without_turned) {
             Ok(found) => found,
             Err(error) => {
                 println!("{seed}: {error}, at {} Hz, low-pass {:.2}", sensor.rate, sensor.weight);
@@ -181,7 +181,8 @@ fn tally(count: u64) -> [usize; 5] {
 }
 
 fn at_rest(kind: &str, count: u64) -> u64 {
-    let found = (0..count).filter(|seed| find_standstills(&restless(kind, *seed), None).is_ok()).count() as u64;
+    let is_found = |rows: &[RawSample]| find_standstills(rows, None).and_then(Standstills::without_turned).is_ok();
+    let found = (0..count).filter(|seed| is_found(&restless(kind, *seed))).count() as u64;
     println!("{kind}: standstills in {found} of {count}");
     found
 }

@@ -42,6 +42,7 @@ struct SimulatedLaboratory {
     /// Added to the angle that the next turns end at \[deg\].
     turn_error_deg: f64,
     spoiled: Option<&'static str>,
+    clocks_known: bool,
     trends: Trends,
     collecting: Option<f64>,
     /// Error of the chamber's air \[degC\], and of the turntable's angles \[deg\].
@@ -65,6 +66,7 @@ impl SimulatedLaboratory {
             wraps: false,
             turn_error_deg: 0.0,
             spoiled: None,
+            clocks_known: true,
             trends: Trends::new(plan),
             collecting: None,
             off: (0.0, 0.0),
@@ -99,6 +101,7 @@ impl SimulatedLaboratory {
                 chamber: (&self.chamber, self.now),
                 turntable: (&self.turntable, self.now),
                 trends: &self.trends,
+                clocks_known: self.clocks_known,
                 collected_s,
                 complete: collected_s >= 300.0,
                 spoiled: self.spoiled,
@@ -231,6 +234,20 @@ fn a_table_that_leaves_its_place_costs_the_dwell_in_progress() {
     laboratory.off.1 = 0.0;
     assert_eq!(laboratory.run(&mut machine, 40.0), Ok(true));
     assert_eq!(laboratory.kept(), all(&plan));
+}
+
+#[test]
+fn no_unit_begins_before_the_clocks_are_known() {
+    let plan = small();
+    let (mut laboratory, mut machine) = (SimulatedLaboratory::new(&plan), CampaignMachine::new(&plan, 0, 0.0));
+    laboratory.clocks_known = false;
+    for _ in 0..10_000 {
+        assert!(!laboratory.step(&mut machine).unwrap());
+    }
+    assert!(machine.phase().name() == "settle" && laboratory.collecting.is_none());
+    laboratory.clocks_known = true;
+    laboratory.step(&mut machine).unwrap();
+    assert!(machine.phase().name() == "dwell" && laboratory.collecting.is_some());
 }
 
 #[test]

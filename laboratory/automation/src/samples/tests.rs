@@ -86,6 +86,43 @@ fn samples_that_come_late_are_not_taken_for_late_ones() {
     assert!(!text.contains(",7,590,"));
 }
 
+/// All samples of a start may be late: how late, only those after them tell.
+#[test]
+fn the_clock_is_known_when_its_offset_no_longer_rises() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut recorder, clock) = recorder(&folder, 1.0);
+    assert!(!recorder.knows_clock());
+    let late = |recorder: &mut SampleRecorder<'_>, number: u64, by_ns: u64| {
+        let sample = sample(&clock, number, SECOND);
+        let late = RawSample { sent_ns: sample.sent_ns + by_ns, ..sample };
+        recorder.take(&late, late.sent_ns + 5).unwrap();
+        recorder.knows_clock()
+    };
+    // 20 s late, and then a burst that catches up: sample 20 is the first one in time, at 20 s.
+    for number in 1..40 {
+        assert!(!late(&mut recorder, number, 20_u64.saturating_sub(number) * SECOND), "{number}");
+    }
+    // A jitter of 50 ms, and a stall of 9 s.
+    for number in 40..48 {
+        assert!(!late(&mut recorder, number, (48 - number) * 50_000_000), "{number}");
+    }
+    assert!(!late(&mut recorder, 48, 0) && !late(&mut recorder, 49, 0));
+    assert!((50..60).all(|number| late(&mut recorder, number, (60 - number) * SECOND)));
+    // The next session begins anew, and so does the time after an interruption.
+    recorder.reset_timing();
+    assert!(!recorder.knows_clock() && !late(&mut recorder, 60, 0));
+    assert!((61..90).all(|number| !late(&mut recorder, number, 0)) && late(&mut recorder, 90, 0));
+    // A clock that is 2 % fast never stands still: its offset is taken when it is known for its span.
+    recorder.reset_timing();
+    let fast = |recorder: &mut SampleRecorder<'_>, number: u64| {
+        let sample = sample(&clock, number, SECOND);
+        let fast = RawSample { timestamp_ns: sample.timestamp_ns + number * SECOND / 50, ..sample };
+        recorder.take(&fast, fast.sent_ns + 5).unwrap();
+        recorder.knows_clock()
+    };
+    assert!((100..400).all(|number| !fast(&mut recorder, number)) && fast(&mut recorder, 400));
+}
+
 #[test]
 fn samples_are_summed_into_rows_that_calibrate_reads() {
     let folder = tempfile::tempdir().unwrap();

@@ -63,7 +63,10 @@ fn a_unit_is_complete_when_every_imu_that_is_in_has_it() {
     }
     bench.feed(2, 7, 1..15);
     assert!(!bench.streams.complete() && bench.streams.collected_s() == 10.0);
-    assert_eq!(numbers(&bench.streams.slow(DWELL, "few")), [2]);
+    let slow = bench.streams.slow(DWELL, "few", f64::INFINITY);
+    assert_eq!((numbers(&slow), slow[0].reason.as_str()), (vec![2], "few"));
+    let silent = bench.streams.slow(DWELL, "few", -1.0);
+    assert!(silent[0].reason.starts_with("no usable sample of "), "{}", silent[0].reason);
     let plan = bench.streams.drop_imu(2);
     assert_eq!((plan.imu.as_str(), bench.streams.has_others()), ("imu-c", true));
     assert!(bench.streams.complete());
@@ -77,7 +80,7 @@ fn a_unit_is_complete_when_every_imu_that_is_in_has_it() {
     let from = bench.streams.present().map(|stream| stream.kept_bytes).collect::<Vec<_>>();
     assert_eq!(from, [kept.to, kept.others[0].to]);
     // All are slow: it is nobody's fault.
-    assert_eq!(numbers(&bench.streams.slow(next, "few")), NONE);
+    assert_eq!(numbers(&bench.streams.slow(next, "few", f64::INFINITY)), NONE);
     // The last one stays.
     bench.streams.drop_imu(0);
     assert!(!bench.streams.has_others());

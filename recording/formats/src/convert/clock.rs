@@ -1,134 +1,165 @@
-//! The time of foreign rows: counters of it that roll over, and stamps that jitter or come in bursts.
+//! An even clock for rows whose stamps are those of their arrival: with jitter, or in bursts.
+//!
+//! A row arrives after it was measured, never before. So of the rows of a block the one that is least late, against an
+//! even clock, shows the clock: all others are put where the line through the neighbouring blocks' least delays has
+//! them. The line bends at the blocks' middles, so that a clock that drifts is followed.
 
-use super::interval::Nominal;
+use super::Reading;
+use super::interval::Shape;
+use std::collections::VecDeque;
 
-/// Widths of `micros()` and `millis()`, whatever the unit of the column \[ns\].
-const COUNTERS_NS: [u64; 2] = [(1 << 32) * 1_000, (1 << 32) * 1_000_000];
-/// Bits of counters in a column of whole numbers.
-const BITS: [u32; 3] = [16, 24, 32];
-/// A day, after which the time of day begins anew \[ns\].
-pub(super) const DAY_NS: u64 = 86_400_000_000_000;
-/// Shares of the width that a counter has at least before it rolls over, and at most after it.
-const NEAR: f64 = 0.05;
-/// Share of its distance from the stamps by which the even clock follows them.
-const FOLLOWS: f64 = 1e-3;
+/// Rows of a block: enough for the ends of several bursts.
+const BLOCK: usize = 1000;
 
-/// Joins a counter of the time that rolls over.
-#[derive(Debug, Default)]
-pub(super) struct Counter {
-    last_ns: Option<u64>,
-    offset_ns: u64,
-    /// Rollovers so far, and the width of the last \[ns\].
-    pub rollovers: u64,
-    pub width_ns: u64,
-}
-
-impl Counter {
-    /// The time that a stamp stands for. `unit_ns` is that of a column of whole numbers; `of_day` says that the stamps
-    /// are times of day.
-    pub(super) fn join(&mut self, stamp_ns: u64, unit_ns: Option<u64>, of_day: bool) -> u64 {
-        if let Some(last_ns) = self.last_ns.filter(|last_ns| stamp_ns < *last_ns) {
-            let counted = BITS.iter().filter_map(|bits| unit_ns?.checked_mul(1 << bits));
-            let day = of_day.then_some(DAY_NS);
-            let rolls = |width: &u64| {
-                last_ns <= *width
-                    && last_ns as f64 > (1.0 - NEAR) * *width as f64
-                    && (stamp_ns as f64) < NEAR * *width as f64
-            };
-            if let Some(width_ns) = COUNTERS_NS.into_iter().chain(counted).chain(day).filter(rolls).min() {
-                self.rollovers += 1;
-                self.width_ns = width_ns;
-                self.offset_ns = self.offset_ns.saturating_add(width_ns);
-            }
-        }
-        self.last_ns = Some(stamp_ns);
-        stamp_ns.saturating_add(self.offset_ns)
-    }
-}
-
-/// A clock whose rows are one nominal interval apart, and which follows stamps that jitter or come in bursts.
-#[derive(Debug)]
+/// Gives rows even times.
 pub(super) struct EvenClock {
-    nominal_ns: f64,
-    /// A stamp that is further off is after a gap \[ns\].
-    gap_ns: f64,
-    follows: f64,
-    now_ns: Option<f64>,
+    shape: Shape,
+    /// The first stamp of the stretch \[ns\], and how many of its rows were given out.
+    begin_ns: u64,
+    given: usize,
+    /// The rows that wait, each with its delay against the even clock \[ns\].
+    waiting: VecDeque<(Reading, f64)>,
+    /// Middle of the last block, counted in rows of the stretch, and its least delay \[ns\].
+    last: Option<(f64, f64)>,
+    /// Rows of the open block: the last ones that wait.
+    open: usize,
+    last_stamp_ns: u64,
+    /// What is added, so that no time is before 0 \[ns\], and the last time that was given out.
+    shift_ns: f64,
+    last_ns: Option<u64>,
 }
 
 impl EvenClock {
-    pub(super) fn new(nominal: &Nominal) -> Self {
-        let (nominal_ns, gap_ns) = (nominal.interval_ns as f64, nominal.gap_ns.max(nominal.interval_ns) as f64);
-        Self { nominal_ns, gap_ns, follows: FOLLOWS.min(nominal_ns / (2.0 * gap_ns)), now_ns: None }
+    /// For stamps of this shape.
+    pub(super) fn new(shape: Shape) -> Self {
+        Self {
+            shape,
+            begin_ns: 0,
+            given: 0,
+            waiting: VecDeque::new(),
+            last: None,
+            open: 0,
+            last_stamp_ns: 0,
+            shift_ns: 0.0,
+            last_ns: None,
+        }
     }
 
-    /// The time of the next row, and the rows that are missing before it.
-    pub(super) fn next(&mut self, stamp_ns: u64) -> (u64, u64) {
-        let stamp = stamp_ns as f64;
-        let Some(last) = self.now_ns else {
-            self.now_ns = Some(stamp);
-            return (stamp_ns, 0);
-        };
-        let expected = last + self.nominal_ns;
-        let off = stamp - expected;
-        let missing = if off > self.gap_ns { (off / self.nominal_ns).round() } else { 0.0 };
-        let off = (off - missing * self.nominal_ns).max(-self.gap_ns);
-        let now = expected + missing * self.nominal_ns + self.follows * off;
-        self.now_ns = Some(now);
-        (now.round() as u64, missing as u64)
+    /// Takes the next row. Rows that have their time go to `ready`.
+    pub(super) fn push(&mut self, row: Reading, ready: &mut VecDeque<Reading>) {
+        let stamp_ns = row.timestamp_ns.unwrap_or(0);
+        if self.given + self.waiting.len() > 0 && stamp_ns - self.last_stamp_ns > self.shape.gap_ns {
+            self.end(ready);
+        }
+        let index = self.given + self.waiting.len();
+        if index == 0 {
+            self.begin_ns = stamp_ns;
+        }
+        self.last_stamp_ns = stamp_ns;
+        let delay = (stamp_ns - self.begin_ns) as f64 - index as f64 * self.shape.period_ns;
+        self.waiting.push_back((row, delay));
+        self.open += 1;
+        if self.open == BLOCK {
+            self.close(BLOCK, ready);
+            self.open = 0;
+        }
+    }
+
+    /// Ends the stretch: all rows that wait get their times.
+    pub(super) fn end(&mut self, ready: &mut VecDeque<Reading>) {
+        if self.open > 0 {
+            // A block of its own would have few rows; the last whole one ends with the stretch.
+            self.close(BLOCK.min(self.waiting.len()), ready);
+        }
+        if let Some((_, delay)) = self.last {
+            self.give(self.waiting.len(), |_| delay, ready);
+        }
+        (self.given, self.open, self.last) = (0, 0, None);
+    }
+
+    /// Closes a block of the last `rows` rows, and gives out all up to its middle.
+    fn close(&mut self, rows: usize, ready: &mut VecDeque<Reading>) {
+        let first = self.waiting.len() - rows;
+        let least = self.waiting.range(first..).fold(f64::INFINITY, |least, (_, delay)| least.min(*delay));
+        let middle = (self.given + first) as f64 + rows as f64 / 2.0;
+        let (from, delay) = self.last.replace((middle, least)).unwrap_or((middle, least));
+        let slope = if middle > from { (least - delay) / (middle - from) } else { 0.0 };
+        let at = |index: usize| delay + slope * (index as f64 - from).clamp(0.0, middle - from);
+        let up_to = (middle as usize).saturating_sub(self.given);
+        self.give(up_to, at, ready);
+    }
+
+    /// Gives out the next rows, by the delay of the clock at each.
+    fn give(&mut self, rows: usize, delay: impl Fn(usize) -> f64, ready: &mut VecDeque<Reading>) {
+        for (mut row, _) in self.waiting.drain(..rows) {
+            let after_ns = self.given as f64 * self.shape.period_ns + delay(self.given) + self.shift_ns;
+            self.given += 1;
+            let time_ns = i128::from(self.begin_ns) + after_ns.round() as i128;
+            let least_ns = self.last_ns.map_or(1, |last_ns| i128::from(last_ns) + 1);
+            if self.last_ns.is_none() && time_ns < least_ns {
+                // The first rows of a burst were measured before the clock of the stamps began.
+                self.shift_ns = (least_ns - time_ns) as f64 + self.shape.period_ns;
+            }
+            let shifted = if self.last_ns.is_none() { time_ns + self.shift_ns as i128 } else { time_ns };
+            let time_ns = u64::try_from(shifted.max(least_ns)).unwrap_or(u64::MAX);
+            self.last_ns = Some(time_ns);
+            row.timestamp_ns = Some(time_ns);
+            ready.push_back(row);
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::convert::interval::found;
+    use crate::convert::interval::tests::uniform;
 
-    /// The times of a counter of `bits` in `unit_ns` over rows of 10 ms that start near its end.
-    fn rolled(bits: u32, unit_ns: u64, whole: bool) -> (Vec<u64>, u64) {
-        let mut counter = Counter::default();
-        let width = (1_u64 << bits) * unit_ns;
-        let begin = width - 50_000_000;
-        let stamps = (0..10).map(|row| (begin + row * 10_000_000) / unit_ns * unit_ns % width);
-        let times = stamps.map(|stamp| counter.join(stamp, whole.then_some(unit_ns), false)).collect();
-        (times, counter.rollovers)
+    const INTERVAL: f64 = 5e6;
+
+    /// The largest error of a rate over 10 s, of stamps and of even times, for rows that arrive so late.
+    fn errors(rows: usize, late: impl Fn(usize) -> f64) -> [f64; 2] {
+        let stamps: Vec<_> = (0..rows).map(|row| (1e9 + row as f64 * INTERVAL + late(row)) as u64).collect();
+        let shape = found(&stamps).unwrap();
+        assert!(!shape.is_even && (shape.period_ns / INTERVAL - 1.0).abs() < 2e-4, "{shape:?}");
+        let (mut clock, mut ready) = (EvenClock::new(shape), VecDeque::new());
+        let rows = stamps.iter().map(|stamp| Reading { timestamp_ns: Some(*stamp), ..Reading::default() });
+        rows.for_each(|row| clock.push(row, &mut ready));
+        clock.end(&mut ready);
+        let even: Vec<_> = ready.iter().filter_map(|row| row.timestamp_ns).collect();
+        assert!(even.len() == stamps.len() && even.windows(2).all(|pair| pair[0] < pair[1]));
+        let worst = |times: &[u64]| {
+            let rates = times.windows(2000).map(|part| 1999.0 * INTERVAL / (part[1999] - part[0]) as f64 - 1.0);
+            rates.fold(0.0, |worst: f64, rate| worst.max(rate.abs()))
+        };
+        [worst(&stamps), worst(&even)]
     }
 
     #[test]
-    fn counters_of_microseconds_milliseconds_and_ticks_are_joined() {
-        for (bits, unit_ns, whole) in
-            [(32, 1000, false), (32, 1_000_000, false), (16, 1_000_000, true), (24, 1000, true)]
-        {
-            let (times, rollovers) = rolled(bits, unit_ns, whole);
-            assert_eq!(rollovers, 1, "{bits} {unit_ns}");
-            let steps = times.windows(2).map(|pair| pair[1] - pair[0]);
-            assert!(steps.into_iter().all(|step| step.abs_diff(10_000_000) <= unit_ns), "{times:?}");
+    fn jitter_and_bursts_get_an_even_clock() {
+        let [stamps, even] = errors(20_000, |row| uniform(row as u64) * INTERVAL);
+        assert!(stamps > 4e-4 && even < 2e-5, "{stamps} {even}");
+        // Rows of a burst arrive with the last one, 50 us apart.
+        for burst in [10, 25, 64] {
+            let in_burst = |row: usize| (burst - 1 - row % burst) as f64;
+            let late = |row: usize| in_burst(row) * (INTERVAL - 5e4) + uniform((row / burst) as u64) * 1e6;
+            let [stamps, even] = errors(20_000, late);
+            assert!(stamps > 4e-3 && even < 2e-4, "{burst}: {stamps} {even}");
         }
-        // A restart is none: the counter was not near its end.
-        let mut counter = Counter::default();
-        assert_eq!(
-            [5_000_000_000, 10_000_000].map(|stamp| counter.join(stamp, Some(1000), false)),
-            [5_000_000_000, 10_000_000]
-        );
-        assert_eq!(counter.rollovers, 0);
     }
 
     #[test]
-    fn midnight_is_a_rollover_of_the_time_of_day() {
-        let mut counter = Counter::default();
-        assert_eq!(counter.join(DAY_NS - 5, None, true), DAY_NS - 5);
-        assert_eq!((counter.join(5, None, true), counter.rollovers), (DAY_NS + 5, 1));
-    }
-
-    #[test]
-    fn bursts_get_an_even_clock_and_a_pause_stays() {
-        let nominal = Nominal { interval_ns: 10_000_000, is_regular: false, gap_ns: 1_920_000_000 };
-        let mut clock = EvenClock::new(&nominal);
-        let burst = |row: u64| (row / 64 + 1) * 640_000_000 + row % 64;
-        let times: Vec<_> = (0..64_000).map(|row| clock.next(burst(row))).collect();
-        let steps = times.windows(2).map(|pair| (pair[1].0 - pair[0].0) as f64 / 1e7 - 1.0);
-        assert!(steps.into_iter().all(|off| off.abs() < 0.07));
-        assert!(times.iter().all(|(_, missing)| *missing == 0));
-        let (_, missing) = clock.next(burst(64_000) + 60_000_000_000);
-        assert!(missing.abs_diff(6000) < 70, "{missing}");
+    fn a_gap_begins_a_new_stretch_and_no_time_is_before_0() {
+        let stamp = |row: u64| (row / 10 * 10 + 9) * 5_000_000 + if row >= 500 { 60_000_000_000 } else { 0 };
+        let stamps: Vec<_> = (0..1000).map(|row| stamp(row) - 45_000_000).collect();
+        let (mut clock, mut ready) = (EvenClock::new(found(&stamps).unwrap()), VecDeque::new());
+        for stamp in stamps {
+            clock.push(Reading { timestamp_ns: Some(stamp), ..Reading::default() }, &mut ready);
+        }
+        clock.end(&mut ready);
+        let times: Vec<_> = ready.iter().filter_map(|row| row.timestamp_ns).collect();
+        let gap = times[500] - times[499];
+        assert!(times.len() == 1000 && times[0] > 0 && gap.abs_diff(60_005_000_000) < 100_000, "{gap}");
+        assert!(times[..500].windows(2).all(|pair| (pair[1] - pair[0]).abs_diff(5_000_000) < 1000));
     }
 }

@@ -12,17 +12,15 @@ const MOST: f64 = 5e-3;
 const ERRORS: f64 = 3.0;
 /// Fewest steps that are judged.
 const FEWEST: u64 = 3;
-/// A usual step is within this part of the median.
-const USUAL: f64 = 0.2;
-/// Steps of more medians show no interval.
-const MOST_MEDIANS: u64 = 10;
-/// A step over this many times the 99 % quantile is a gap, where stamps jitter.
-const LATE: u64 = 3;
 
 /// The steps of the time between rows without a gap, as deviations from one interval.
 pub(super) struct Steps {
     interval_ns: f64,
     count: u64,
+    /// Of them under half of the interval.
+    short: u64,
+    /// Steps that do not count: between runs of those that do.
+    long: u64,
     sum: f64,
     squares: f64,
     /// Of each deviation and the one before.
@@ -33,7 +31,16 @@ pub(super) struct Steps {
 impl Steps {
     /// No steps.
     pub(super) fn new(interval_ns: u64) -> Self {
-        Self { interval_ns: interval_ns as f64, count: 0, sum: 0.0, squares: 0.0, products: 0.0, last: 0.0 }
+        Self {
+            interval_ns: interval_ns as f64,
+            count: 0,
+            short: 0,
+            long: 0,
+            sum: 0.0,
+            squares: 0.0,
+            products: 0.0,
+            last: 0.0,
+        }
     }
 
     /// Takes a step in \[ns\]. One over [`GAP`] intervals does not count.
@@ -42,10 +49,14 @@ impl Steps {
         if step <= GAP * self.interval_ns {
             let deviation = step - self.interval_ns;
             self.count += 1;
+            self.short += u64::from(step < 0.5 * self.interval_ns);
             self.sum += deviation;
             self.squares += deviation * deviation;
             self.products += deviation * self.last;
             self.last = deviation;
+        } else {
+            self.long += 1;
+            self.last = 0.0;
         }
     }
 
@@ -69,79 +80,185 @@ impl Steps {
             return None;
         }
         let (count, off) = (self.count as f64, self.sum / self.count as f64);
+        // Where some steps are that short, as many are over the limit, and missing in the mean.
+        if (SHORT * count..0.5 * count).contains(&(self.short as f64)) && self.short > 0 {
+            return None;
+        }
         let covariance = (self.products - (count - 1.0) * off * off) / count;
-        let variance = (self.variance() + 2.0 * covariance).max(self.variance() / count);
+        // Of each run the stamps of its ends alone remain.
+        let of_ends = self.variance() * ((self.long + 1) as f64 / count).min(1.0);
+        let variance = (self.variance() + 2.0 * covariance).max(of_ends);
         let explained = ERRORS * (variance / count).sqrt();
         (off.abs() > COUNTS * self.interval_ns + explained).then(|| self.mean())
     }
 }
 
-/// The nominal interval, and how the stamps keep it.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(super) struct Nominal {
-    pub interval_ns: u64,
-    /// Whether half of the time lies in steps within 20 % of the median step. Else the stamps jitter, or come in
-    /// bursts.
-    pub is_regular: bool,
-    /// A stamp of those that is further off is after a gap: 3 times the 99 % quantile of the steps \[ns\].
+/// How the stamps of rows lie.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Shape {
+    /// The time from row to row \[ns\].
+    pub period_ns: f64,
+    /// Whether the stamps are those of the rows; else they jitter or come in bursts.
+    pub is_even: bool,
+    /// A longer step is a gap \[ns\].
     pub gap_ns: u64,
+    /// Rows that usually come at once, 1 without bursts.
+    pub burst: usize,
+    /// The period may be off by this part where it is rounded.
+    near: f64,
+    median_ns: u64,
 }
 
-/// The nominal interval of rows with these times \[ns\]; `None` if they do not show one.
-///
-/// Where the steps are regular it is their sum over the number of median steps in each, of steps up to 10 medians. Else
-/// it is the mean step of the longest stretch without a gap. The interval of a whole number of Hz, of s, or the median
-/// step takes its place, the first that is within 100 ppm of it and what the jitter of the stamps explains.
-pub(super) fn nominal(times: &[u64]) -> Option<Nominal> {
-    let steps: Vec<u64> = times.windows(2).filter_map(|pair| pair[1].checked_sub(pair[0])).collect();
-    let mut sorted = steps.clone();
-    sorted.sort_unstable();
-    let median = *sorted.get(sorted.len() / 2)?;
-    let gap_ns = sorted[(sorted.len() - 1) * 99 / 100].saturating_mul(LATE);
-    let total: f64 = sorted.iter().map(|step| *step as f64).sum();
-    let usual = |step: &&u64| (**step as f64 - median as f64).abs() <= USUAL * median as f64;
-    let in_usual: f64 = sorted.iter().filter(usual).map(|step| *step as f64).sum();
-    // A pause is no step of the rows.
-    let is_regular = median > 0 && in_usual >= 0.5 * (total - pauses(&sorted, median));
-    let (mean, error) = if is_regular { regular(&steps, median) } else { of_stretch(&steps, gap_ns)? };
-    let near = (COUNTS * mean + error).min(MOST * mean);
+/// A step over this number of times the 99 % quantile of all steps is a gap.
+const LONG: u64 = 3;
+/// Steps within this part of the usual step are usual.
+const USUAL: f64 = 0.2;
+/// Least share of the time that lies in usual steps, if stamps are those of their rows: a third of the rows may be
+/// lost.
+const LEAST_USUAL: f64 = 0.45;
+/// Steps over this number of usual ones tell nothing of the usual step.
+const FEW: f64 = 10.0;
+/// Fewer rows than this do not tell jitter from lost rows.
+const FEWEST_UNEVEN: usize = 100;
+/// Most steps of 0 between even stamps.
+const STANDING: f64 = 0.01;
+/// Least share of steps under half of the period where stamps jitter.
+const SHORT: f64 = 3e-3;
+/// No burst has so many rows, and none is so long after the one before \[ns\].
+const LARGEST_BURST: usize = 500;
+const LONGEST_BURST_NS: u64 = 60_000_000_000;
+
+/// The nominal interval of rows of this shape \[ns\]: the time from row to row; or the interval of a whole number of
+/// Hz, of s, or the median step, the first that the data allow.
+pub(super) fn rounded(shape: &Shape) -> Option<u64> {
+    let mean = shape.period_ns;
     let hertz = 1e9 / (1e9 / mean).round();
     let seconds = (mean / 1e9).round() * 1e9;
-    let middle = if is_regular { median as f64 } else { mean };
-    let round = [hertz, seconds, middle].into_iter().find(|round| (round - mean).abs() <= near);
+    let near = shape.near.min(MOST) * mean;
+    let median = if shape.is_even { shape.median_ns as f64 } else { mean };
+    let round = [hertz, seconds, median].into_iter().find(|round| (round - mean).abs() <= near);
     let found = round.unwrap_or(mean).round() as u64;
-    (1..=MAX_INTERVAL_NS).contains(&found).then_some(Nominal { interval_ns: found, is_regular, gap_ns })
+    (1..=MAX_INTERVAL_NS).contains(&found).then_some(found)
 }
 
-/// Time in few steps that are far beyond all others: under 1 % of the steps, over 100 medians each.
-fn pauses(sorted: &[u64], median: u64) -> f64 {
-    let long = sorted.iter().rev().take(sorted.len() / 100).filter(|step| **step > median.saturating_mul(100));
-    long.map(|step| *step as f64).sum()
-}
-
-/// The mean step of regular stamps, and what their jitter explains \[ns\].
-fn regular(steps: &[u64], median: u64) -> (f64, f64) {
-    let (mut sum, mut count) = (0.0, 0.0);
-    let mut all = Steps::new(median);
-    for step in steps.iter().filter(|step| **step > 0) {
-        all.take(*step);
-        if *step <= median.saturating_mul(MOST_MEDIANS) {
-            sum += *step as f64;
-            count += (*step as f64 / median as f64).round();
-        }
+/// The shape of these times \[ns\], which do not fall; `None` if none of them rises.
+pub(super) fn found(times: &[u64]) -> Option<Shape> {
+    let all: Vec<_> = times.windows(2).filter_map(|pair| pair[1].checked_sub(pair[0])).collect();
+    let mut sorted: Vec<_> = all.iter().copied().filter(|step| *step > 0).collect();
+    sorted.sort_unstable();
+    let median_ns = *sorted.get(sorted.len() / 2)?;
+    let gap_ns = sorted[(sorted.len() - 1) * 99 / 100].saturating_mul(LONG);
+    let (longest, gap_ns) = longest(times, gap_ns);
+    let period_ns = usual(&all, median_ns);
+    let is_even = is_even(longest, period_ns);
+    if is_even {
+        let mut steps = Steps::new(median_ns);
+        all.iter().filter(|step| **step > 0).for_each(|step| steps.take(*step));
+        let jitter = ERRORS * steps.variance().sqrt() / steps.count.max(1) as f64;
+        let near = COUNTS + jitter / period_ns;
+        return Some(Shape { period_ns, is_even, gap_ns, burst: 1, near, median_ns });
     }
-    (sum / count, ERRORS * all.variance().sqrt() / all.count as f64)
+    let period_ns = slope(longest).filter(|period_ns| *period_ns > 0.0)?;
+    let rows = longest.len() as f64;
+    let long = longest.windows(2).filter(|pair| (pair[1] - pair[0]) as f64 > period_ns * 1.5).count();
+    let short = longest.windows(2).filter(|pair| ((pair[1] - pair[0]) as f64) < period_ns * 0.5).count();
+    // In bursts most steps are short, and the others long.
+    let is_bursts = short > 2 * long;
+    let burst = if is_bursts { (rows / (long + 1) as f64).round() as usize } else { 1 };
+    let late = longest.iter().enumerate().map(|(row, time)| (time - longest[0]) as f64 - row as f64 * period_ns);
+    let (low, high) = late.fold((0.0, 0.0), |(low, high): (f64, f64), late| (low.min(late), high.max(late)));
+    let near = COUNTS + (high - low) / period_ns / rows.powf(1.5);
+    Some(Shape { period_ns, is_even, gap_ns, burst, near, median_ns })
 }
 
-/// The mean step of the longest stretch without a step over `gap_ns`, and what the jitter of its ends explains.
-fn of_stretch(steps: &[u64], gap_ns: u64) -> Option<(f64, f64)> {
-    let stretch = steps.split(|step| *step > gap_ns).max_by_key(|stretch| stretch.len())?;
-    let (sum, count) = (stretch.iter().map(|step| *step as f64).sum::<f64>(), stretch.len() as f64);
-    (sum > 0.0).then(|| (sum / count, gap_ns as f64 / LATE as f64 / count))
+/// The longest stretch without a longer step, and that step; all times if the longer steps are those of bursts, with
+/// three of them as the limit.
+fn longest(times: &[u64], gap_ns: u64) -> (&[u64], u64) {
+    let stretches = times.chunk_by(|earlier, later| (*earlier..=earlier.saturating_add(gap_ns)).contains(later));
+    let longest = stretches.max_by_key(|stretch| stretch.len()).unwrap_or(times);
+    let rises = times.windows(2).all(|pair| pair[0] <= pair[1]);
+    if !rises || 2 * longest.len() >= times.len() {
+        return (longest, gap_ns);
+    }
+    match of_bursts(times, gap_ns) {
+        Some(usual_ns) => (times, usual_ns.saturating_mul(LONG)),
+        None => (longest, gap_ns),
+    }
+}
+
+/// The usual one of the steps over `gap_ns`, if they are those between bursts: many, and most of them alike. Pauses
+/// are not.
+fn of_bursts(times: &[u64], gap_ns: u64) -> Option<u64> {
+    let steps = times.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));
+    let mut long: Vec<_> = steps.filter(|step| *step > gap_ns).collect();
+    long.sort_unstable();
+    let usual_ns = *long.get(long.len() / 2)?;
+    let is_usual = |step: &&u64| step.abs_diff(usual_ns) as f64 <= USUAL * usual_ns as f64;
+    let is_alike = 2 * long.iter().filter(is_usual).count() >= long.len();
+    (is_alike && usual_ns <= LONGEST_BURST_NS && times.len() < LARGEST_BURST * (long.len() + 1)).then_some(usual_ns)
+}
+
+/// The usual step \[ns\]: the sum of all that tell it over the number of rows that they are long.
+fn usual(steps: &[u64], median_ns: u64) -> f64 {
+    let mut near = Steps::new(median_ns);
+    steps.iter().filter(|step| **step > 0).for_each(|step| near.take(*step));
+    let first = near.mean();
+    let few = steps.iter().map(|step| *step as f64).filter(|step| *step > 0.0 && *step <= FEW * first);
+    let (sum, rows) = few.fold((0.0, 0.0), |(sum, rows), step| (sum + step, rows + (step / first).round()));
+    if rows > 0.0 { sum / rows } else { first }
+}
+
+/// Whether the stamps are those of their rows: the time lies in usual steps, within a fifth of the period or one unit
+/// of coarse stamps, and where a step is too short, others are too long, since rows are lost.
+fn is_even(times: &[u64], period_ns: f64) -> bool {
+    let steps = || times.windows(2).map(|pair| pair[1] - pair[0]);
+    let unit_ns = steps().fold(0, gcd) as f64;
+    let coarse = if unit_ns < period_ns / 2.0 { unit_ns } else { 0.0 };
+    let is_usual = |step: u64| {
+        let off = (step as f64 - period_ns).abs();
+        off <= USUAL * period_ns || off < coarse
+    };
+    let usual: f64 = steps().filter(|step| is_usual(*step)).map(|step| step as f64).sum();
+    let stand = steps().filter(|step| *step == 0).count() as f64;
+    let is_few = times.len() <= FEWEST_UNEVEN;
+    is_few
+        || stand <= STANDING * times.len() as f64
+            && usual >= LEAST_USUAL * steps().map(|step| step as f64).sum::<f64>()
+            && !only_jitters(times, period_ns)
+}
+
+/// Whether steps under half of the period and over 1.5 of it are as many: stamps jitter, and no row is lost.
+fn only_jitters(times: &[u64], period_ns: f64) -> bool {
+    let steps = || times.windows(2).map(|pair| (pair[1] - pair[0]) as f64 / period_ns);
+    let [short, long] = [steps().filter(|step| *step < 0.5).count(), steps().filter(|step| *step > GAP).count()];
+    let [short, long] = [short, long].map(|count| count as f64);
+    short >= SHORT * times.len() as f64 && long - short <= ERRORS * (long + short).sqrt()
+}
+
+fn gcd(a: u64, b: u64) -> u64 {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+/// The time from row to row \[ns\], if rows arrive late and never early: the slope of the edge of the lower convex hull
+/// that is over the middle row.
+fn slope(times: &[u64]) -> Option<f64> {
+    let (first, middle) = (*times.first()?, times.len() as f64 / 2.0);
+    let mut hull: Vec<(f64, f64)> = Vec::new();
+    for (row, time) in times.iter().enumerate() {
+        let point = (row as f64, (time - first) as f64);
+        while let [.., (x0, y0), (x1, y1)] = hull[..]
+            && (y1 - y0) * (point.0 - x1) >= (point.1 - y1) * (x1 - x0)
+        {
+            hull.pop();
+        }
+        hull.push(point);
+    }
+    let edge = hull.windows(2).find(|pair| pair[1].0 >= middle)?;
+    Some((edge[1].1 - edge[0].1) / (edge[1].0 - edge[0].0))
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     /// Stamps of rows at this rate, each rounded down to `unit`, from 5 s on.
@@ -149,30 +266,8 @@ mod tests {
         (0..rows).map(|row| (5e9 + row as f64 * 1e9 / hertz) as u64 / unit * unit).collect()
     }
 
-    fn interval(times: &[u64]) -> Option<u64> {
-        nominal(times).map(|nominal| nominal.interval_ns)
-    }
-
-    #[test]
-    fn jitter_bursts_losses_and_pauses_change_it_by_little() {
-        let off = |times: &[u64]| interval(times).unwrap() as f64 / 1e7 - 1.0;
-        let row = |row: u64| 5_000_000_000 + row * 10_000_000;
-        let random = |row: u64| (row.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40) as f64 / (1_u64 << 24) as f64;
-        let jitter: Vec<_> = (0..20_000).map(|k| row(k) + (random(k) * 9e6) as u64).collect();
-        assert!(off(&jitter).abs() < 1.3e-3 && !nominal(&jitter).unwrap().is_regular, "{}", off(&jitter));
-        for size in [10, 25, 64] {
-            let bursts: Vec<_> = (0..20_000).map(|k| row(k / size * size + size) + k % size * 50_000).collect();
-            assert!(off(&bursts).abs() < 1.3e-3 && !nominal(&bursts).unwrap().is_regular, "{size} {}", off(&bursts));
-        }
-        for share in [0.05, 0.2] {
-            let lost: Vec<_> = (0..2000).filter(|k| random(*k) > share).map(row).collect();
-            assert!(off(&lost).abs() < 1e-9 && nominal(&lost).unwrap().is_regular, "{share} {}", off(&lost));
-        }
-        let pause: Vec<_> = (0..1000).map(|k| row(k) + if k > 500 { 3_600_000_000_000 } else { 0 }).collect();
-        assert!(off(&pause).abs() < 1e-9 && nominal(&pause).unwrap().is_regular, "{}", off(&pause));
-        // Whole milliseconds of 2 kHz: half of the stamps are those before.
-        let times: Vec<_> = (0..20_000_u64).map(|k| k / 2 * 1_000_000).collect();
-        assert_eq!(nominal(&times).map(|it| (it.interval_ns, it.is_regular)), Some((500_000, false)));
+    fn nominal(times: &[u64]) -> Option<u64> {
+        rounded(&found(times)?)
     }
 
     fn other_mean(times: &[u64], interval_ns: u64) -> Option<f64> {
@@ -184,14 +279,72 @@ mod tests {
     #[test]
     fn only_a_rate_that_is_a_whole_number_of_hertz_is_rounded() {
         for unit in [1, 1000, 100_000] {
-            assert_eq!(interval(&stamps(416.0, unit, 1000)), Some(2_403_846), "{unit}");
-            let found = interval(&stamps(416.4, unit, 1000)).unwrap() as f64 * 416.4 / 1e9;
+            assert_eq!(nominal(&stamps(416.0, unit, 1000)), Some(2_403_846), "{unit}");
+            let found = nominal(&stamps(416.4, unit, 1000)).unwrap() as f64 * 416.4 / 1e9;
             assert!((found - 1.0).abs() < 1e-4, "{unit}: {found}");
         }
-        assert_eq!(interval(&stamps(200.01, 1, 1000)), Some(5_000_000));
-        assert_eq!(interval(&stamps(300.0, 1_000_000, 1000)), Some(3_333_333));
-        assert_eq!(interval(&[0, 1_000_000_000]), Some(1_000_000_000));
-        assert_eq!((interval(&[]), interval(&[7, 7]), interval(&[0, u64::MAX])), (None, None, None));
+        assert_eq!(nominal(&stamps(200.01, 1, 1000)), Some(5_000_000));
+        assert_eq!(nominal(&stamps(300.0, 1_000_000, 1000)), Some(3_333_333));
+        assert_eq!(nominal(&[0, 1_000_000_000]), Some(1_000_000_000));
+        assert_eq!((nominal(&[]), nominal(&[7, 7]), nominal(&[0, u64::MAX])), (None, None, None));
+    }
+
+    #[test]
+    fn lost_rows_gaps_and_coarse_stamps_do_not_change_it() {
+        let stamps = |hertz: f64, unit: u64, is_lost: &dyn Fn(u64) -> bool| {
+            let all = (0..1000).filter(|row| !is_lost(*row));
+            let time = |row: u64| 5e9 + row as f64 * 1e9 / hertz + if row > 600 { 3.6e12 } else { 0.0 };
+            all.map(|row| time(row) as u64 / unit * unit).collect::<Vec<_>>()
+        };
+        for hertz in [50.0, 100.0, 200.0, 300.0, 416.0, 420.0, 450.0] {
+            for unit in [1, 1_000_000] {
+                for lost in [0, 5, 20] {
+                    let is_lost = |row: u64| row * 7919 % 101 < lost;
+                    let found = nominal(&stamps(hertz, unit, &is_lost)).unwrap() as f64 * hertz / 1e9;
+                    assert!((found - 1.0).abs() < 1.3e-3, "{hertz} Hz, {unit} ns, {lost} lost: {found}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn stamps_that_stand_or_come_in_bursts_are_not_even() {
+        let shape = |time: &dyn Fn(u64) -> u64| found(&(0..1000).map(time).collect::<Vec<_>>()).unwrap();
+        assert!(shape(&|row| row * 5_000_000).is_even && shape(&|row| row * 2_381_000 / 1_000_000).is_even);
+        let bursts = shape(&|row| row / 25 * 125_000_000 + row % 25 * 50_000);
+        assert!(!bursts.is_even && bursts.burst == 25 && (bursts.period_ns / 5e6 - 1.0).abs() < 1e-3, "{bursts:?}");
+        let standing = shape(&|row| row / 2 * 1_000_000);
+        assert!(!standing.is_even && (standing.period_ns / 5e5 - 1.0).abs() < 2e-3, "{standing:?}");
+    }
+
+    /// Numbers from 0 to 1 that look random.
+    pub(in crate::convert) fn uniform(row: u64) -> f64 {
+        let mixed = (row + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        (mixed ^ mixed >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9) as f64 / u64::MAX as f64
+    }
+
+    #[test]
+    fn pauses_are_no_bursts_and_jitter_is_no_loss() {
+        let off = |shape: Shape| (shape.period_ns / 1e7 - 1.0).abs();
+        for rows in [100, 250, 400] {
+            let pause = |row: u64| (0..row / rows).map(|number| 9e11 * (1.0 + 3.0 * uniform(number))).sum::<f64>();
+            for count in [1000, 20_000] {
+                let times: Vec<_> = (0..count).map(|row| row * 10_000_000 + pause(row) as u64).collect();
+                assert!(found(&times).is_some_and(|shape| shape.is_even && off(shape) < 1e-9), "{rows} {count}");
+            }
+        }
+        for burst in [10, 25, 200, 438] {
+            let times: Vec<_> =
+                (0..20_000).map(|row| row / burst * burst * 10_000_000 + row % burst * 50_000).collect();
+            let shape = found(&times).unwrap();
+            assert!(!shape.is_even && off(shape) < 1.3e-3 && shape.gap_ns < 20_000_000_000, "{burst} {shape:?}");
+        }
+        let late = |row: &u64| row * 10_000_000 + (6e6 * uniform(*row)) as u64;
+        let shape = found(&(0..1000).map(|row| late(&row)).collect::<Vec<_>>()).unwrap();
+        assert!(!shape.is_even && off(shape) < 1.3e-3, "{shape:?}");
+        let lost = (0..1000).filter(|row| uniform(row + 5000) > 0.05);
+        let shape = found(&lost.map(|row| late(&row)).collect::<Vec<_>>()).unwrap();
+        assert!(shape.is_even && off(shape) < 0.015, "{shape:?}");
     }
 
     #[test]
@@ -207,6 +360,10 @@ mod tests {
         assert_eq!(other_mean(&stamps(200.01, 1, 1000), 5_000_000), None);
         assert_eq!(other_mean(&[0, 5, 10], 10), None);
         assert_eq!(other_mean(&[0, 10, 20, 60, 70, 110], 10), None);
+        // Coarse stamps of which a fifth is lost.
+        let mut lost = stamps(416.0, 1_000_000, 20_000);
+        lost.retain(|time| uniform(*time) > 0.2);
+        assert_eq!(other_mean(&lost, 2_403_846), None);
         // Rows whose sampling jitters by up to 20 %, so that the mean of 20 steps differs by chance.
         let mut time = 0;
         let times: Vec<_> = (0..20_u64)

@@ -80,10 +80,19 @@ pub enum ColumnRef {
 /// The time of the rows.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
 pub struct Time {
-    /// The column and the power of ten of its unit in ns; `None`: the rows are `interval_ns` apart.
-    pub column: Option<(ColumnRef, u32)>,
+    /// The column and its unit; `None`: the rows are `interval_ns` apart.
+    pub column: Option<(ColumnRef, TimeUnit)>,
     /// Nominal interval \[ns\]; `None`: it is found from the time.
     pub interval_ns: Option<u64>,
+}
+
+/// How a text has the time.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum TimeUnit {
+    /// Numbers of 10 to this power ns.
+    Power(u32),
+    /// Dates and times of ISO 8601, or times of a day as hh:mm:ss.
+    Iso8601,
 }
 
 /// What a number of a column is.
@@ -245,13 +254,15 @@ fn format(root: &Section<'_, '_>) {
     root.optional_integer("format", 1..=1);
 }
 
-fn time_column(section: &Section<'_, '_>, header: bool) -> Option<(ColumnRef, u32)> {
-    let unit = section.optional_choice("unit", &[(9, "s"), (6, "ms"), (3, "us"), (0, "ns")]);
+fn time_column(section: &Section<'_, '_>, header: bool) -> Option<(ColumnRef, TimeUnit)> {
+    let power = TimeUnit::Power;
+    let units = [(power(9), "s"), (power(6), "ms"), (power(3), "us"), (power(0), "ns"), (TimeUnit::Iso8601, "iso8601")];
+    let unit = section.optional_choice("unit", &units);
     if !section.has("column") {
         return None;
     }
     if !section.has("unit") {
-        section.fault("unit", "missing; give the unit of the time: \"s\", \"ms\", \"us\" or \"ns\"");
+        section.fault("unit", "missing; give the unit of the time: \"s\", \"ms\", \"us\", \"ns\" or \"iso8601\"");
     }
     let column = columns(section, "column", &[1], "the column of the time", header)?.pop()?;
     Some((column, unit?))
@@ -362,7 +373,7 @@ mod tests {
     fn a_mapping_of_a_few_lines_is_enough() {
         let mapping = Mapping::from_toml(GOOD).unwrap();
         let name = |name: &str| ColumnRef::Name(name.to_owned());
-        assert_eq!(mapping.time, Time { column: Some((name("t"), 6)), interval_ns: Some(10_000_000) });
+        assert_eq!(mapping.time, Time { column: Some((name("t"), TimeUnit::Power(6))), interval_ns: Some(10_000_000) });
         assert_eq!(mapping.accelerometer.columns, ["x", "y", "z"].map(name));
         assert_eq!((mapping.accelerometer.offset, mapping.accelerometer.resolution), (0.0, None));
         assert_eq!((mapping.header, mapping.skip, mapping.decimal, mapping.gyroscope.clone()), (true, 0, None, None));
@@ -391,7 +402,7 @@ mod tests {
         for expected in [
             "line 1: format: is the integer 2",
             "line 2: separator: unknown key",
-            "line 5: time.unit: is \"min\", give \"s\" or \"ms\" or \"us\" or \"ns\"",
+            "line 5: time.unit: is \"min\", give \"s\" or \"ms\" or \"us\" or \"ns\" or \"iso8601\"",
             "line 6: time.interval_s: give a number of seconds",
             "line 8: accelerometer.columns: has 2 columns, give three columns",
             "line 9: accelerometer.kind: is \"rate\"",

@@ -4,19 +4,21 @@
 //! sign of the axis, on the positive or the negative channel. The sequence begins at 0; it rises by 1 from row to row,
 //! and for readings by more where the time shows that rows are missing.
 
+mod calendar;
 mod clock;
 mod interval;
 mod mapping;
 mod novatel;
 mod proposal;
 mod refused;
+mod rollover;
 mod ros;
+mod stamped;
 mod text;
 
-pub use mapping::{ColumnRef, Decimal, Kind, KnownColumns, Mapping, Sensors, Temperature, Time};
+pub use mapping::{ColumnRef, Decimal, Kind, KnownColumns, Mapping, Sensors, Temperature, Time, TimeUnit};
 
-use clock::{Counter, EvenClock};
-use interval::{GAP, Nominal, Steps};
+use interval::{GAP, Steps};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{LoadError, WorldWritable, open_recording, read_text};
 use isotherm_finding::{Finding, name};
@@ -25,18 +27,15 @@ use isotherm_recording::columns::{Layout, MCAP_MAGIC};
 use isotherm_recording::csv::Rows;
 use isotherm_shared::document::Faults;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, Triad};
-use std::collections::VecDeque;
+use rollover::Counter;
+use stamped::Stamped;
 use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
 
 /// Telemetry of data that have none, unless it is given. A placeholder.
 pub const PLACEHOLDER: f64 = 25.0;
-/// Rows from which the nominal interval is found,
-const FOUND_FROM: usize = 1000;
-/// and where the stamps jitter or come in bursts, which takes longer to average out.
-const FOUND_FROM_JITTER: usize = 100_000;
-/// Intervals beyond these are no IMU's \[ns\].
-const PLAUSIBLE_NS: [u64; 2] = [20_000, 100_000_000_000];
+/// Intervals that an IMU has \[ns\]: 50 kHz to 0.01 Hz.
+const PLAUSIBLE_NS: std::ops::RangeInclusive<u64> = 20_000..=100_000_000_000;
 /// Bytes by which the format is recognised.
 const BEGINNING: u64 = 1 << 16;
 
@@ -51,6 +50,8 @@ pub struct Settings {
     pub topic: Option<String>,
     /// The topic of the `sensor_msgs/msg/Temperature`, if there are several.
     pub temperature_topic: Option<String>,
+    /// The session of all samples; 0 unless given.
+    pub session: u64,
 }
 
 /// A row of a source.
@@ -77,19 +78,19 @@ trait Source {
     /// Whether the rows have gyroscopes.
     fn has_gyroscopes(&self) -> bool;
 
-    /// The unit of the time, if its column has whole numbers \[ns\].
-    fn whole_unit_ns(&self) -> Option<u64> {
-        None
-    }
-
-    /// Whether the time is that of the day.
-    fn is_of_day(&self) -> bool {
-        false
-    }
-
     /// Whether the numbers count over the time since the row before, not over the nominal interval.
     fn counts_since_the_row_before(&self) -> bool {
         false
+    }
+
+    /// What the stamps read so far can roll over at.
+    fn counter(&self) -> Counter {
+        Counter::None
+    }
+
+    /// The unit of the time, where nothing in the data says it.
+    fn guessed_unit(&self) -> Option<&'static str> {
+        None
     }
 
     /// What the operator should know. Valid after the last row.
@@ -106,18 +107,13 @@ trait Source {
 /// An iterator over the raw samples of foreign data that ends at the first error.
 pub struct Conversion {
     path: PathBuf,
-    source: Box<dyn Source>,
-    /// Rows that have been read to find the nominal interval.
-    ahead: VecDeque<Reading>,
+    input: Stamped,
+    session: u64,
     nominal_ns: u64,
-    counter: Counter,
-    /// The clock of rows whose stamps jitter or come in bursts.
-    even: Option<EvenClock>,
     /// Number of rows that the nominal interval was found from, unless it was given.
-    found_from: Option<usize>,
+    found_from: Option<u64>,
     /// Time and sequence of the last row.
     last: Option<(u64, u64)>,
-    last_stamp_ns: Option<u64>,
     rows: u64,
     gaps: Gaps,
     steps: Steps,
@@ -130,32 +126,6 @@ struct Gaps {
     count: u64,
     missing: u64,
     first: u64,
-}
-
-/// Rows from which on stamps are said to jitter.
-const LEAST_FOR_JITTER: usize = 50;
-
-/// The next row of a source, its time joined over rollovers.
-fn read_joined(source: &mut dyn Source, counter: &mut Counter) -> Result<Option<Reading>, RecordingError> {
-    let Some(mut reading) = source.read()? else { return Ok(None) };
-    let (unit_ns, of_day) = (source.whole_unit_ns(), source.is_of_day());
-    reading.timestamp_ns = reading.timestamp_ns.map(|stamp_ns| counter.join(stamp_ns, unit_ns, of_day));
-    Ok(Some(reading))
-}
-
-/// Reads on until `ahead` has `most` rows. Gives the place of the first, if there is one.
-fn read_ahead(
-    source: &mut dyn Source,
-    counter: &mut Counter,
-    ahead: &mut VecDeque<Reading>,
-    most: usize,
-) -> Result<Option<u64>, RecordingError> {
-    while ahead.len() < most
-        && let Some(reading) = read_joined(source, counter)?
-    {
-        ahead.push_back(reading);
-    }
-    Ok(ahead.front().map(|reading| reading.place))
 }
 
 impl Conversion {
@@ -214,6 +184,7 @@ impl Conversion {
             return Err(Failure::new(Exit::Data, format!("{}: {message}", path.display())));
         }
         let (is_mcap, is_novatel) = (beginning.starts_with(MCAP_MAGIC), novatel::is_log(&beginning));
+        let no_text = refused::no_text(&beginning);
         let source: Box<dyn Read> = Box::new(Cursor::new(beginning).chain(source));
         if !is_mcap && (settings.topic.is_some() || settings.temperature_topic.is_some()) {
             return Err(Failure::new(
@@ -232,7 +203,11 @@ impl Conversion {
             } else {
                 Box::new(novatel::NovatelSource::new(source, temperature))
             };
-            return Self::begin(path, source, settings.interval_ns.or(known.interval_ns)).map_err(failed);
+            let interval_ns = settings.interval_ns.or(known.interval_ns);
+            return Self::begin(path, source, interval_ns, settings.session).map_err(failed);
+        }
+        if let Some(message) = no_text {
+            return Err(Failure::new(Exit::Data, format!("{}: {message}", path.display())));
         }
         let mut rows = Rows::new(source);
         let Some((file, text)) = mapping else {
@@ -247,40 +222,35 @@ impl Conversion {
         }
         let interval_ns = settings.interval_ns.or(mapping.time.interval_ns);
         let source = text::TextSource::new(rows, mapping).map_err(failed)?;
-        Self::begin(path, Box::new(source), interval_ns).map_err(failed)
+        Self::begin(path, Box::new(source), interval_ns, settings.session).map_err(failed)
     }
 
-    /// Reads as many rows as are needed to find the nominal interval, if it is not given.
-    fn begin(path: &Path, mut source: Box<dyn Source>, interval_ns: Option<u64>) -> Result<Self, RecordingError> {
-        let (mut ahead, mut counter) = (VecDeque::new(), Counter::default());
-        let first = read_ahead(&mut *source, &mut counter, &mut ahead, FOUND_FROM)?;
-        let Some(first) = first else { return Err(source.error(0, "there are no rows".to_owned())) };
-        let find = |ahead: &VecDeque<Reading>| {
-            interval::nominal(&ahead.iter().filter_map(|row| row.timestamp_ns).collect::<Vec<_>>())
+    /// Reads the first rows, to judge their stamps and to find the nominal interval if it is not given.
+    fn begin(
+        path: &Path,
+        source: Box<dyn Source>,
+        interval_ns: Option<u64>,
+        session: u64,
+    ) -> Result<Self, RecordingError> {
+        let mut input = Stamped::new(source)?;
+        let (nominal_ns, found_from) = match interval_ns {
+            Some(nominal_ns) => (nominal_ns, None),
+            None => match input.nominal()? {
+                Some((nominal_ns, rows)) => (nominal_ns, Some(rows)),
+                None => {
+                    let message =
+                        "the nominal interval cannot be found from the time; give time.interval_s or --interval";
+                    return Err(input.source.error(input.first(), message.to_owned()));
+                }
+            },
         };
-        let readings = !source.counts_since_the_row_before();
-        let mut found = find(&ahead);
-        if readings && found.is_none_or(|found| !found.is_regular) && ahead.len() == FOUND_FROM {
-            read_ahead(&mut *source, &mut counter, &mut ahead, FOUND_FROM_JITTER)?;
-            found = find(&ahead);
-        }
-        let nominal_ns = interval_ns.or(found.map(|found| found.interval_ns)).ok_or_else(|| {
-            let message = "the nominal interval cannot be found from the time; give time.interval_s or --interval";
-            source.error(first, message.to_owned())
-        })?;
-        let jitters = found.filter(|found| readings && !found.is_regular && ahead.len() >= LEAST_FOR_JITTER);
-        let even = jitters.map(|found| EvenClock::new(&Nominal { interval_ns: nominal_ns, ..found }));
-        let found_from = interval_ns.is_none().then_some(ahead.len());
         Ok(Self {
             path: path.to_owned(),
-            source,
-            ahead,
+            input,
+            session,
             nominal_ns,
-            counter,
-            even,
             found_from,
             last: None,
-            last_stamp_ns: None,
             rows: 0,
             gaps: Gaps::default(),
             steps: Steps::new(nominal_ns),
@@ -288,18 +258,10 @@ impl Conversion {
         })
     }
 
-    /// The next row of the source, its time joined over rollovers.
-    fn next_reading(&mut self) -> Result<Option<Reading>, RecordingError> {
-        match self.ahead.pop_front() {
-            Some(reading) => Ok(Some(reading)),
-            None => read_joined(&mut *self.source, &mut self.counter),
-        }
-    }
-
     /// Which columns the samples need.
     #[must_use]
     pub fn layout(&self) -> Layout {
-        Layout { gyroscopes: self.source.has_gyroscopes(), ..Layout::default() }
+        Layout { gyroscopes: self.input.source.has_gyroscopes(), ..Layout::default() }
     }
 
     /// Number of rows so far.
@@ -311,44 +273,41 @@ impl Conversion {
     /// What the operator should know, a line each. Valid after the last row.
     #[must_use]
     pub fn notes(&self) -> Vec<String> {
-        let mut notes = self.source.notes();
-        if let Some(rows) = self.found_from {
-            let seconds = self.nominal_ns as f64 / 1e9;
-            notes.push(format!(
-                "the nominal interval is {seconds} s, found from the first {rows} rows; for recordings that belong together give it"
-            ));
-        }
+        let mut notes = self.input.source.notes();
+        let Some(rows) = self.found_from else { return notes };
+        let seconds = self.nominal_ns as f64 / 1e9;
+        // An interval that is given says the unit, too: the rows would not keep it.
+        let guess = self.input.source.guessed_unit().map(|unit| {
+            format!(". That the time is in {unit} is a guess, unless you know it: its column does not say it")
+        });
+        let guess = guess.unwrap_or_default();
+        notes.push(format!(
+            "the nominal interval is {seconds} s, found from the first {rows} rows; for recordings that belong together give it{guess}"
+        ));
         notes
     }
 
     /// What concerns the data's worth. Valid after the last row.
     #[must_use]
     pub fn findings(&self) -> Vec<Finding> {
-        let mut found = self.source.findings();
+        let mut found = self.input.findings(self.found_from.is_some());
+        found.extend(self.input.source.findings());
         let mut add = |name, message| found.push(Finding::warning(name, message));
         let seconds = self.nominal_ns as f64 / 1e9;
-        if !(PLAUSIBLE_NS[0]..=PLAUSIBLE_NS[1]).contains(&self.nominal_ns) {
-            let message = format!("the interval is {seconds} s, which no IMU has; is the unit of the time right?");
-            add(name::INTERVAL, message);
-        }
-        if self.counter.rollovers > 0 {
-            let (count, width_s) = (self.counter.rollovers, self.counter.width_ns as f64 / 1e9);
-            let times = if count == 1 { "once".to_owned() } else { format!("{count} times") };
-            add(name::ROLLOVER, format!("the time rolled over {times}, after {width_s} s: it is joined there"));
-        }
-        if self.even.is_some() {
-            let message = format!(
-                "the stamps jitter, or come in bursts: the rows are put {seconds} s apart, on a clock that follows the stamps; rows that are \
-                 lost cannot be told from jitter"
+        if !PLAUSIBLE_NS.contains(&self.nominal_ns) {
+            let hertz = 1.0 / seconds;
+            let limits = "no IMU has under 0.01 Hz or over 50 kHz";
+            add(
+                name::INTERVAL,
+                format!("the interval is {seconds} s, {hertz:.3e} Hz: {limits}; is the unit of the time right?"),
             );
-            add(name::STAMPS, message);
         }
         let Gaps { count, missing, first } = self.gaps;
         if count > self.rows / 2 {
             add(name::INTERVAL, format!("most rows are over {GAP} nominal intervals apart; is {seconds} s right?"));
             return found;
         }
-        if count > 0 && self.source.counts_since_the_row_before() {
+        if count > 0 && self.input.source.counts_since_the_row_before() {
             add(
                 name::TIME_STEP,
                 format!(
@@ -365,43 +324,34 @@ impl Conversion {
             );
         }
         if let Some(mean_ns) = self.steps.other_mean() {
-            add(
-                name::INTERVAL,
-                format!(
-                    "rows are {} ms apart on average, but the interval is {} ms; correct interval_s",
-                    mean_ns.round() / 1e6,
-                    self.nominal_ns as f64 / 1e6
-                ),
-            );
+            let [mean, interval] = [mean_ns.round() / 1e6, self.nominal_ns as f64 / 1e6];
+            let apart = format!("rows are {mean} ms apart on average, but the interval is {interval} ms");
+            match (self.input.is_by_clock(), self.found_from) {
+                (false, _) => add(name::INTERVAL, format!("{apart}; correct interval_s")),
+                (true, None) => add(name::INTERVAL, format!("{apart}: rows are lost, or interval_s is wrong")),
+                // An even clock keeps the interval that was found with it.
+                (true, Some(_)) => {}
+            }
         }
         found
     }
 
     fn advance(&mut self) -> Result<Option<RawSample>, RecordingError> {
-        let Some(reading) = self.next_reading()? else { return Ok(None) };
-        let sample = self.sample(&reading).map_err(|message| self.source.error(reading.place, message))?;
+        let Some(reading) = self.input.next()? else { return Ok(None) };
+        let sample = self.sample(&reading).map_err(|message| self.input.source.error(reading.place, message))?;
         self.rows += 1;
         Ok(Some(sample))
     }
 
     fn sample(&mut self, reading: &Reading) -> Result<RawSample, String> {
         let nominal_ns = self.nominal_ns;
-        let stamp_ns = reading.timestamp_ns.unwrap_or_else(|| nominal_ns.saturating_mul(self.rows + 1));
-        if let Some(last_ns) = self.last_stamp_ns.replace(stamp_ns)
-            && (stamp_ns < last_ns || stamp_ns == last_ns && self.even.is_none())
-        {
-            return Err(stepped_back(last_ns, stamp_ns));
-        }
-        let (timestamp_ns, missing) = match &mut self.even {
-            Some(clock) => clock.next(stamp_ns),
-            None => (stamp_ns, 0),
-        };
-        if self.even.is_some() {
-            return self.evenly(reading, timestamp_ns, missing);
-        }
+        let timestamp_ns = reading.timestamp_ns.unwrap_or_else(|| nominal_ns.saturating_mul(self.rows + 1));
         let (mut sequence, mut interval_ns) = (0, nominal_ns);
         if let Some((last_ns, last)) = self.last {
-            let step_ns = timestamp_ns - last_ns;
+            let step_ns = timestamp_ns.checked_sub(last_ns).filter(|step| *step > 0).ok_or_else(|| {
+                let cause = "is a row there twice?";
+                format!("the time is {timestamp_ns} ns after {last_ns} ns; it must rise from row to row; {cause}")
+            })?;
             self.steps.take(step_ns);
             let mut missing = 0;
             let steps = step_ns as f64 / nominal_ns as f64;
@@ -412,7 +362,7 @@ impl Conversion {
                     self.gaps.first = self.rows + 1;
                 }
             }
-            if self.source.counts_since_the_row_before() {
+            if self.input.source.counts_since_the_row_before() {
                 if step_ns > MAX_INTERVAL_NS {
                     let most = MAX_INTERVAL_NS / 1_000_000_000;
                     return Err(format!(
@@ -427,40 +377,17 @@ impl Conversion {
                 .checked_add(missing + 1)
                 .ok_or_else(|| format!("the time steps by {step_ns} ns, over all that a sequence can count"))?;
         }
-        Ok(self.made(reading, sequence, timestamp_ns, interval_ns))
-    }
-
-    /// The sample of a row by the even clock, with rows missing before it.
-    fn evenly(&mut self, reading: &Reading, timestamp_ns: u64, missing: u64) -> Result<RawSample, String> {
-        let mut sequence = 0;
-        if let Some((_, last)) = self.last {
-            self.count_gap(missing);
-            sequence = last.checked_add(missing.saturating_add(1)).ok_or("over all that a sequence can count")?;
-        }
-        Ok(self.made(reading, sequence, timestamp_ns, self.nominal_ns))
-    }
-
-    fn count_gap(&mut self, missing: u64) {
-        if missing > 0 {
-            self.gaps.count += 1;
-            self.gaps.missing = self.gaps.missing.saturating_add(missing);
-            if self.gaps.count == 1 {
-                self.gaps.first = self.rows + 1;
-            }
-        }
-    }
-
-    fn made(&mut self, reading: &Reading, sequence: u64, timestamp_ns: u64, interval_ns: u64) -> RawSample {
         self.last = Some((timestamp_ns, sequence));
-        let gyroscopes = if self.source.has_gyroscopes() { triad(reading, AXES) } else { Triad::ABSENT };
-        RawSample {
+        let gyroscopes = if self.input.source.has_gyroscopes() { triad(reading, AXES) } else { Triad::ABSENT };
+        Ok(RawSample {
+            session: self.session,
             sequence,
             timestamp_ns,
             interval_ns,
             accelerometers: triad(reading, 0),
             gyroscopes,
             ..RawSample::default()
-        }
+        })
     }
 }
 
@@ -475,18 +402,6 @@ impl Iterator for Conversion {
         self.ended = !matches!(item, Some(Ok(_)));
         item.map(|item| item.map_err(|error| error.failure(&self.path)))
     }
-}
-
-/// What a time that does not rise may be.
-fn stepped_back(last_ns: u64, stamp_ns: u64) -> String {
-    let shown = format!("the time is {stamp_ns} ns after {last_ns} ns; it must rise from row to row");
-    if stamp_ns == last_ns {
-        return format!("{shown}: two rows have one time");
-    }
-    format!(
-        "{shown}: another recording begins here, the logger was started again, or rows are out of order; it is no rollover of 2^32 us, \
-         2^32 ms or a counter; split the data here"
-    )
 }
 
 /// The sensors of a row from this index on.

@@ -4,7 +4,7 @@
 //! Over 400 lines: the names of columns that are recognised and the text that is made of them belong together, with
 //! their tests.
 
-use super::interval::nominal;
+use super::{calendar, interval};
 use isotherm_failure::printable;
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{Rows, Separator, looks_like_number};
@@ -29,7 +29,22 @@ struct Found {
     parts: Vec<String>,
     values: Vec<f64>,
     is_whole: bool,
+    /// The times \[ns\] while all fields are times of ISO 8601.
+    times: Option<Vec<u64>>,
 }
+
+/// The unit of a time, its length \[s\], and where it comes from.
+struct Unit {
+    name: &'static str,
+    factor: f64,
+    guess: Option<String>,
+}
+
+/// Units of time, how names write them, and their length \[s\].
+const UNITS: [(&str, &str, f64); 4] =
+    [("ns", "nano", 1e-9), ("us", "micro", 1e-6), ("ms", "milli", 1e-3), ("s", "sec", 1.0)];
+/// Times since 1970 that recordings have \[s\]: from 2001 to 2100.
+const EPOCH_S: std::ops::Range<f64> = 1e9..4.1e9;
 
 /// The row with the names of the columns, or the first of a text without a header.
 struct First {
@@ -76,14 +91,25 @@ pub(super) fn propose_from(rows: &mut Rows<Box<dyn Read>>) -> Result<String, Rec
 fn is_separated(fields: &[String]) -> bool {
     let begins_as_number =
         |field: &str| field.starts_with(|letter: char| letter.is_ascii_digit() || "+-.".contains(letter));
-    let is_whole =
-        |field: &String| looks_like_number(field) || !begins_as_number(field) && !field.contains([';', '\t']);
+    let is_whole = |field: &String| is_value(field) || !begins_as_number(field) && !field.contains([';', '\t']);
     fields.len() >= FEWEST && fields.iter().all(is_whole)
+}
+
+/// Whether a field is a number or a time.
+fn is_value(field: &str) -> bool {
+    looks_like_number(field) || calendar::time_ns(field).is_some()
+}
+
+/// The unit of time that a name says.
+pub(super) fn named_unit(name: &str) -> Option<&'static str> {
+    let parts = parts(name);
+    let says = |unit: &str, long: &str| parts.iter().any(|part| part == unit || part.starts_with(long));
+    UNITS.iter().find(|(unit, long, _)| says(unit, long)).map(|(unit, ..)| *unit)
 }
 
 /// The mapping of a table whose second row is the current one.
 fn of_table(rows: &mut Rows<Box<dyn Read>>, first: &First) -> String {
-    let header = !first.names.iter().all(|field| looks_like_number(field));
+    let header = !first.names.iter().all(|field| is_value(field));
     let mut columns: Vec<_> = first.names.iter().map(|name| Found::new(name)).collect();
     let mut commas = false;
     let mut take = |fields: &[String]| {
@@ -126,12 +152,17 @@ impl Text {
         if self.commas {
             out.push_str("decimal = \",\"\n");
         }
-        let time = self.find(Found::is_time).or((!self.header && self.columns.len() > AXES).then_some(0));
+        let time = self.time();
         out.push_str("[time]\n");
         if let Some(time) = time {
-            let (unit, factor) = self.columns[time].unit();
-            line(&mut out, format_args!("column = {}\nunit = \"{unit}\"", self.name(time)));
-            let interval_s = self.columns[time].interval_s(factor);
+            let unit = self.columns[time].unit();
+            line(&mut out, format_args!("column = {}", self.name(time)));
+            let key = format!("unit = \"{}\"", unit.name);
+            match &unit.guess {
+                Some(guess) => line(&mut out, format_args!("{key:<31} # a guess, {guess}: check it")),
+                None => line(&mut out, format_args!("{key}")),
+            }
+            let interval_s = self.columns[time].interval_s(unit.factor);
             // Any other is left to be found.
             if let Some(seconds) = interval_s.filter(|seconds| (1e-6..=3600.0).contains(seconds)) {
                 line(&mut out, format_args!("interval_s = {seconds:<18} # nominal, from the first rows: check it"));
@@ -151,15 +182,27 @@ impl Text {
             self.sensors(&mut out, "gyroscope", Some(gyroscope));
         }
         out.push_str("[temperature]\n");
-        let temperatures: Vec<_> =
-            (0..self.columns.len()).filter(|index| self.columns[*index].is_temperature()).collect();
+        let is_temperature = |index: &usize| Some(*index) != time && self.columns[*index].is_temperature();
+        let temperatures: Vec<_> = (0..self.columns.len()).filter(is_temperature).collect();
         let is_right = [1, 3].contains(&temperatures.len()) || temperatures.len() == 6 && gyroscope.is_some();
         if is_right {
             line(&mut out, format_args!("columns = {}", self.names(&temperatures)));
+        } else if let Some(first) = temperatures.first() {
+            let key = format!("columns = {}", self.names(&[*first]));
+            line(&mut out, format_args!("{key:<31} # or 1, 3 or 6 of {}", self.names(&temperatures)));
         } else {
             out.push_str("constant = 25.0                 # a placeholder, in the unit of the table; or columns = [..], 1, 3 or 6\n");
         }
         out
+    }
+
+    /// The column of the time: one whose name says it, before one that may be a temperature, and one that rises.
+    fn time(&self) -> Option<usize> {
+        let rising = |is: fn(&Found) -> bool| self.find(|column| is(column) && column.rises());
+        let calendar = self.find(|column| column.times.as_ref().is_some_and(|times| times.len() > 1));
+        let named = || rising(Found::is_time).or_else(|| rising(Found::is_t));
+        let any = || self.find(Found::is_time).or_else(|| self.find(Found::is_t));
+        calendar.or_else(named).or_else(any).or((!self.header && self.columns.len() > AXES).then_some(0))
     }
 
     fn sensors(&self, out: &mut String, section: &str, columns: Option<[usize; AXES]>) {
@@ -207,13 +250,17 @@ impl Text {
 
 impl Found {
     fn new(name: &str) -> Self {
-        Self { name: name.to_owned(), parts: parts(name), values: Vec::new(), is_whole: true }
+        Self { name: name.to_owned(), parts: parts(name), values: Vec::new(), is_whole: true, times: Some(Vec::new()) }
     }
 
     fn take(&mut self, field: &str) {
         let value = field.replacen(',', ".", 1).parse().unwrap_or(f64::NAN);
         self.is_whole &= !field.contains([',', '.', 'e', 'E']) && value.is_finite();
         self.values.push(value);
+        match (calendar::time_ns(field), &mut self.times) {
+            (Some((time_ns, _)), Some(times)) => times.push(time_ns),
+            _ => self.times = None,
+        }
     }
 
     fn has(&self, names: &[&str]) -> bool {
@@ -226,12 +273,21 @@ impl Found {
 
     fn is_time(&self) -> bool {
         self.begins(&["time", "stamp", "second", "millis", "micros", "nanos"])
-            || self.has(&["t", "sec", "secs", "tow"])
+            || self.has(&["sec", "secs", "tow"])
             || matches!(&self.parts[..], [only] if ["s", "ms", "us", "ns"].contains(&only.as_str()))
     }
 
+    /// Whether it is named t or T: the time, or beside a time the temperature.
+    fn is_t(&self) -> bool {
+        self.has(&["t"])
+    }
+
     fn is_temperature(&self) -> bool {
-        self.begins(&["temp"]) || self.has(&["degc"])
+        self.begins(&["temp"]) || self.has(&["degc"]) || self.parts.first().is_some_and(|part| part == "t")
+    }
+
+    fn rises(&self) -> bool {
+        self.values.windows(2).all(|pair| pair[0] <= pair[1]) && self.values.first() < self.values.last()
     }
 
     fn accelerometer(&self) -> Option<usize> {
@@ -269,19 +325,36 @@ impl Found {
     /// The nominal interval, if the numbers are times in this unit \[s\].
     fn interval_s(&self, unit: f64) -> Option<f64> {
         let times = self.values.iter().filter(|value| **value >= 0.0);
-        let times: Vec<_> = times.map(|value| (value * unit * 1e9).round() as u64).collect();
-        nominal(&times).filter(|nominal| nominal.is_regular).map(|nominal| nominal.interval_ns as f64 / 1e9)
+        let numbers = || times.map(|value| (value * unit * 1e9).round() as u64).collect();
+        let times = self.times.clone().unwrap_or_else(numbers);
+        // What jitters or comes in bursts is found from more rows.
+        let shape = interval::found(&times).filter(|shape| shape.is_even)?;
+        interval::rounded(&shape).map(|ns| ns as f64 / 1e9)
     }
 
-    /// The unit of the time and its length \[s\]: of the name, or else the first with which the rows are less than 2 s
-    /// apart.
-    fn unit(&self) -> (&'static str, f64) {
-        const UNITS: [(&str, &str, f64); 4] =
-            [("ns", "nano", 1e-9), ("us", "micro", 1e-6), ("ms", "milli", 1e-3), ("s", "sec", 1.0)];
-        let named = UNITS.iter().find(|(unit, long, _)| self.has(&[unit]) || self.begins(&[long]));
-        let by_step = |step: f64| UNITS.iter().rev().find(|(_, _, factor)| step * factor < 2.0);
-        let found = named.or_else(|| self.median_step().and_then(by_step)).unwrap_or(&UNITS[3]);
-        (found.0, found.2)
+    /// The unit of the time: of the name; or else a guess by size.
+    fn unit(&self) -> Unit {
+        if self.times.is_some() {
+            return Unit { name: "iso8601", factor: 1.0, guess: None };
+        }
+        let of = |name: &'static str, guess| {
+            let factor = UNITS.iter().find(|(unit, ..)| *unit == name).map_or(1.0, |(.., factor)| *factor);
+            Unit { name, factor, guess }
+        };
+        if let Some(name) = named_unit(&self.name) {
+            return of(name, None);
+        }
+        let first = self.values.first().copied().unwrap_or(0.0);
+        let step = self.median_step().unwrap_or(0.0);
+        let of_epoch = |factor: f64| EPOCH_S.contains(&(first * factor)) && step * factor < 2.0;
+        if let Some((name, ..)) = UNITS.iter().find(|(.., factor)| of_epoch(*factor)) {
+            return of(name, Some("as a time since 1970".to_owned()));
+        }
+        let fits = UNITS.iter().rev().find(|(.., factor)| step > 0.0 && step * factor < 2.0);
+        match fits {
+            Some((name, _, factor)) => of(name, Some(format!("rows are {} s apart then", shown(step * factor)))),
+            None => of("s", Some("nothing says it".to_owned())),
+        }
     }
 
     fn is_around_32768(&self) -> bool {
@@ -291,6 +364,11 @@ impl Found {
         let all = values.iter().all(|value| (0.0..=65535.0).contains(value));
         all && (8192.0..57344.0).contains(&middle)
     }
+}
+
+/// A number to four digits.
+fn shown(value: f64) -> f64 {
+    format!("{value:.3e}").parse().unwrap_or(value)
 }
 
 /// The parts of a name in lower case: "AccX [m/s2]" has acc, x, m, s2.
@@ -332,7 +410,7 @@ fn line(out: &mut String, text: std::fmt::Arguments<'_>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::convert::mapping::{ColumnRef, Decimal, Mapping, Temperature};
+    use crate::convert::mapping::{ColumnRef, Decimal, Mapping, Temperature, TimeUnit};
 
     fn proposed(text: &'static str) -> (String, Mapping) {
         let mut rows = Rows::new(Box::new(text.as_bytes()) as Box<dyn Read>);
@@ -354,7 +432,7 @@ mod tests {
             let text = format!("{header}\n0.01,1.5,2,3,4,5,6.5\n0.02,1,2,3,4,5,6\n");
             let (proposal, mapping) = proposed(text.leak());
             let names: Vec<_> = header.split(',').map(|name| ColumnRef::Name(name.to_owned())).collect();
-            assert_eq!(mapping.time.column, Some((names[0].clone(), 9)), "{proposal}");
+            assert_eq!(mapping.time.column, Some((names[0].clone(), TimeUnit::Power(9))), "{proposal}");
             assert_eq!(mapping.time.interval_ns, Some(10_000_000));
             assert_eq!(mapping.accelerometer.columns, names[1..4], "{proposal}");
             assert_eq!(mapping.gyroscope.unwrap().columns, names[4..], "{proposal}");
@@ -370,7 +448,11 @@ mod tests {
         let (proposal, mapping) = proposed(
             "# made by a logger\ntime_ms;AX;AY;AZ;Temp;note\n10;32768;32000;33000;25,5;1\n20;32768;32000;33000;25,6;1\n",
         );
-        assert_eq!(mapping.time.column, Some((ColumnRef::Name("time_ms".to_owned()), 6)), "{proposal}");
+        assert_eq!(
+            mapping.time.column,
+            Some((ColumnRef::Name("time_ms".to_owned()), TimeUnit::Power(6))),
+            "{proposal}"
+        );
         assert_eq!(
             (mapping.skip, mapping.decimal, mapping.time.interval_ns),
             (1, Some(Decimal::Comma), Some(10_000_000))
@@ -382,7 +464,7 @@ mod tests {
 
         let (proposal, mapping) = proposed("1000\t1\t-2\t3\t4\t5\t6\n2000\t1\t2\t3\t4\t5\t6\n");
         assert!(!mapping.header, "{proposal}");
-        assert_eq!(mapping.time.column, Some((ColumnRef::Number(1), 6)), "{proposal}");
+        assert_eq!(mapping.time.column, Some((ColumnRef::Number(1), TimeUnit::Power(6))), "{proposal}");
         assert_eq!(mapping.accelerometer.columns, [2, 3, 4].map(ColumnRef::Number));
         assert_eq!(mapping.gyroscope.unwrap().columns, [5, 6, 7].map(ColumnRef::Number));
 
@@ -391,12 +473,59 @@ mod tests {
         assert_eq!(mapping.time.column, None);
     }
 
+    /// The unit of the time, its line, and the temperature.
+    fn time_and_temperature(text: &'static str) -> (ColumnRef, TimeUnit, String, Temperature) {
+        let (proposal, mapping) = proposed(text);
+        let (column, unit) = mapping.time.column.unwrap_or_else(|| panic!("{proposal}"));
+        let line = proposal.lines().find(|line| line.starts_with("unit")).unwrap_or_default().to_owned();
+        (column, unit, line, mapping.temperature)
+    }
+
+    #[test]
+    fn t_beside_a_time_is_the_temperature() {
+        let name = |name: &str| ColumnRef::Name(name.to_owned());
+        for (text, time, temperature) in [
+            ("T,time_s,ax,ay,az\n25.1,1,2,3,4\n25.0,1.01,2,3,4\n", "time_s", "T"),
+            ("timestamp,ax,ay,az,T\n1,2,3,4,25.1\n1.01,2,3,4,25.2\n", "timestamp", "T"),
+            ("T,t,ax,ay,az\n25.1,1,2,3,4\n25.0,1.01,2,3,4\n", "t", "T"),
+            ("t,ax,ay,az,T [degC]\n1,2,3,4,25.1\n1.01,2,3,4,25.2\n", "t", "T [degC]"),
+        ] {
+            let (column, _, _, found) = time_and_temperature(text);
+            let columns = vec![name(temperature)];
+            assert_eq!((column, found), (name(time), Temperature::Columns { head: columns.clone(), board: columns }));
+        }
+        // Only what is missing is a constant.
+        let (_, _, _, two) = time_and_temperature("t,ax,ay,az,temp1,temp2\n1,2,3,4,5,6\n2,2,3,4,5,6\n");
+        assert_eq!(two, Temperature::Columns { head: vec![name("temp1")], board: vec![name("temp1")] });
+        let (_, _, _, none) = time_and_temperature("T,ax,ay,az\n1,2,3,4\n2,2,3,4\n");
+        assert_eq!(none, Temperature::Constant(25.0));
+    }
+
+    #[test]
+    fn a_unit_by_size_is_called_a_guess_and_a_calendar_is_found() {
+        for (text, unit, guess) in [
+            (
+                "timestamp,ax,ay,az\n1000,2,3,4\n1010,2,3,4\n",
+                TimeUnit::Power(6),
+                "# a guess, rows are 0.01 s apart then",
+            ),
+            ("stamp,ax,ay,az\n1700000000123,2,3,4\n1700000000133,2,3,4\n", TimeUnit::Power(6), "a time since 1970"),
+            ("stamp,ax,ay,az\n1700000000123000,2,3,4\n1700000000133000,2,3,4\n", TimeUnit::Power(3), "since 1970"),
+            ("time_us,ax,ay,az\n1000,2,3,4\n11000,2,3,4\n", TimeUnit::Power(3), ""),
+            ("when,ax,ay,az\n2026-05-01T12:00:00.00Z,2,3,4\n2026-05-01T12:00:00.01Z,2,3,4\n", TimeUnit::Iso8601, ""),
+            ("clock;ax;ay;az\n23:59:59,990;2;3;4\n00:00:00,000;2;3;4\n", TimeUnit::Iso8601, ""),
+        ] {
+            let (_, found, line, _) = time_and_temperature(text);
+            assert!(found == unit && line.contains(guess) && line.contains("guess") != guess.is_empty(), "{line}");
+        }
+    }
+
     #[test]
     fn names_are_quoted_as_toml_and_for_a_terminal() {
         let (proposal, mapping) = proposed("t,a\u{1b}[2J x,a\\y,\"a \"\"z\"\"\"\n1,1,2,3\n2,1,2,3\n");
         assert!(matches!(printable(&proposal), Cow::Borrowed(_)), "{proposal}");
         assert!(proposal.contains(r#""a\U0000001B[2J x", "a\\y", "a \"z\"""#), "{proposal}");
-        assert_eq!(mapping.time.column, Some((ColumnRef::Name("t".to_owned()), 9)));
+        assert_eq!(mapping.time.column, Some((ColumnRef::Name("t".to_owned()), TimeUnit::Power(9))));
     }
 
     #[test]

@@ -4,7 +4,7 @@ use isotherm_recording::columns::PARQUET_MAGIC;
 
 /// Why data that begin with these bytes are refused; `None` if they may be converted.
 pub(super) fn reason(beginning: &[u8]) -> Option<String> {
-    const KNOWN: [(&[u8], &str); 8] = [
+    const KNOWN: [(&[u8], &str); 10] = [
         (
             b"SQLite format 3\0",
             "a SQLite file, as rosbag2 writes with .db3; convert it to MCAP: ros2 bag convert -i IN.db3 -o TO_MCAP.yaml, \
@@ -20,6 +20,15 @@ pub(super) fn reason(beginning: &[u8]) -> Option<String> {
         ),
         (b"\xaa\x44\x12", BINARY_NOVATEL),
         (b"\xaa\x44\x13", BINARY_NOVATEL),
+        (
+            b"ULog\x01\x12\x35",
+            "a ULog file of PX4; make CSV of its sensor_accel and sensor_gyro: ulog2csv FILE (pip install pyulog)",
+        ),
+        (
+            b"\xa3\x95\x80",
+            "a DataFlash log of ArduPilot; make CSV of its IMU messages: mavlogdump.py --format csv --types IMU FILE (pip \
+             install pymavlink)",
+        ),
         (b"\x1f\x8b", "compressed with gzip; unpack it first: zcat FILE | isotherm convert - .."),
         (b"PK\x03\x04", "a ZIP archive or a spreadsheet; unpack it, or save it as CSV"),
         (b"\x28\xb5\x2f\xfd", "compressed with Zstandard; unpack it first: zstd -dc FILE | isotherm convert - .."),
@@ -28,6 +37,31 @@ pub(super) fn reason(beginning: &[u8]) -> Option<String> {
         return Some("there are no data".to_owned());
     }
     KNOWN.iter().find(|(magic, _)| beginning.starts_with(magic)).map(|(_, message)| (*message).to_owned())
+}
+
+/// Why data of no known format are no lines of text; `None` if they may be.
+pub(super) fn no_text(beginning: &[u8]) -> Option<String> {
+    const UTF_16: &str = "a text in UTF-16; save it as UTF-8: iconv -f UTF-16 -t UTF-8 FILE | isotherm convert - ..";
+    let zeros = |odd: usize| {
+        let bytes = beginning.iter().skip(odd).step_by(2).take(64);
+        bytes.clone().count() > 3 && bytes.clone().all(|byte| *byte == 0)
+    };
+    let is_marked = beginning.starts_with(b"\xff\xfe") || beginning.starts_with(b"\xfe\xff");
+    // Letters and digits of UTF-16 have every second byte 0.
+    if is_marked || zeros(0) != zeros(1) {
+        return Some(UTF_16.to_owned());
+    }
+    // Tabulators, line ends, form feeds and the sequences of terminals are in texts.
+    let is_binary = |byte: &u8| *byte < b' ' && !b"\t\n\x0b\x0c\r\x1b".contains(byte);
+    if let Some(at) = beginning.iter().position(is_binary) {
+        let what = "a binary format that is not read; export it as text";
+        return Some(format!("not text: byte 0x{:02x} at {at}; {what}", beginning[at]));
+    }
+    let lines = beginning.trim_ascii_end();
+    (lines.contains(&b'\r') && !beginning.contains(&b'\n')).then(|| {
+        "its lines end with a carriage return alone; make line feeds of them: tr '\\r' '\\n' <FILE | isotherm convert - .."
+            .to_owned()
+    })
 }
 
 const BINARY_NOVATEL: &str = "NovAtel logs in binary form; log RAWIMUSXA or convert them to ASCII with NovAtel Convert";

@@ -1,7 +1,8 @@
 //! Rows of a text with a mapping.
 
-use super::mapping::{ColumnRef, Decimal, Kind, Mapping, Sensors, Temperature};
-use super::{Reading, Source, proposal, pulses};
+use super::mapping::{ColumnRef, Decimal, Kind, Mapping, Sensors, Temperature, TimeUnit};
+use super::rollover::Counter;
+use super::{Reading, Source, calendar, proposal, pulses};
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{
     CsvColumn, DecimalMark, Rows, digits_with, looks_like_number, missing_columns, nearest_double,
@@ -22,7 +23,11 @@ pub(super) struct TextSource {
     /// Number of fields of a row.
     count: usize,
     header: bool,
-    time: Option<(CsvColumn, u32)>,
+    time: Option<(CsvColumn, TimeUnit)>,
+    /// Whether all times so far are whole numbers.
+    whole_times: bool,
+    /// Whether they are times of a day.
+    of_day: bool,
     accelerometers: Axes,
     gyroscopes: Option<Axes>,
     telemetry: Telemetry,
@@ -99,7 +104,7 @@ impl TextSource {
         };
         let all = |columns: &[ColumnRef]| columns.iter().map(find).collect::<Result<Vec<_>, _>>();
         let time = match &mapping.time.column {
-            Some((column, power)) => Some((find(column)?, *power)),
+            Some((column, unit)) => Some((find(column)?, *unit)),
             None => None,
         };
         let axes = |sensors: &Sensors| -> Result<Axes, RecordingError> {
@@ -118,7 +123,20 @@ impl TextSource {
         let marks = Marks { given: mapping.decimal, found, settled };
         let kind = mapping.accelerometer.kind;
         let (header, waiting) = (mapping.header, !mapping.header);
-        Ok(Self { rows, marks, waiting, count, header, time, accelerometers, gyroscopes, telemetry, kind })
+        Ok(Self {
+            rows,
+            marks,
+            waiting,
+            count,
+            header,
+            time,
+            whole_times: true,
+            of_day: false,
+            accelerometers,
+            gyroscopes,
+            telemetry,
+            kind,
+        })
     }
 
     fn missing(rows: &mut Rows<Box<dyn Read>>, missing: &[String], header: bool) -> RecordingError {
@@ -150,8 +168,19 @@ impl Source for TextSource {
             return Err(rows.error(message));
         }
         let mut reading = Reading { place: rows.line(), ..Reading::default() };
-        if let Some((column, power)) = &self.time {
-            reading.timestamp_ns = Some(marks.time(rows, column, *power)?);
+        match &self.time {
+            Some((column, TimeUnit::Power(power))) => {
+                let (time_ns, is_whole) = marks.time(rows, column, *power)?;
+                reading.timestamp_ns = Some(time_ns);
+                self.whole_times &= is_whole;
+            }
+            Some((column, TimeUnit::Iso8601)) => {
+                let (time_ns, of_day) =
+                    rows.parse_or(column, |text| calendar::time_ns(text).ok_or(Cow::Borrowed(calendar::EXPECTED)))?;
+                reading.timestamp_ns = Some(time_ns);
+                self.of_day = of_day;
+            }
+            None => {}
         }
         let (a, g) = reading.pulses.split_at_mut(AXES);
         self.accelerometers.read(rows, marks, a)?;
@@ -186,6 +215,21 @@ impl Source for TextSource {
 
     fn counts_since_the_row_before(&self) -> bool {
         self.kind == Kind::Increment
+    }
+
+    fn counter(&self) -> Counter {
+        match self.time {
+            Some((_, TimeUnit::Power(power))) if self.whole_times => Counter::Whole(10_u64.pow(power)),
+            Some((_, TimeUnit::Iso8601)) if self.of_day => Counter::Day,
+            _ => Counter::None,
+        }
+    }
+
+    fn guessed_unit(&self) -> Option<&'static str> {
+        let Some((column, TimeUnit::Power(power))) = &self.time else { return None };
+        let names = [(9, "s"), (6, "ms"), (3, "us"), (0, "ns")];
+        let unit = names.iter().find(|(of, _)| of == power).map(|(_, name)| *name)?;
+        (!self.header || proposal::named_unit(column.name()).is_none()).then_some(unit)
     }
 }
 
@@ -256,17 +300,24 @@ impl Marks {
         })
     }
 
-    /// The time of a field \[ns\], exactly: never by way of a floating-point number.
-    fn time(&mut self, rows: &Rows<Box<dyn Read>>, column: &CsvColumn, power: u32) -> Result<u64, RecordingError> {
+    /// The time of a field \[ns\], exactly: never by way of a floating-point number; and whether it is a whole number.
+    fn time(
+        &mut self,
+        rows: &Rows<Box<dyn Read>>,
+        column: &CsvColumn,
+        power: u32,
+    ) -> Result<(u64, bool), RecordingError> {
         let line = rows.line();
         if let Some((0, mantissa, after)) = self.plain(rows.field(column.index()))
             && let Some(ns) = scaled(mantissa.into(), power as i32 - after as i32)
         {
-            return Ok(ns);
+            return Ok((ns, after == 0));
         }
         rows.parse_or(column, |text| {
             let text = self.with_point(line, text)?;
-            decimal_ns(&text, power).ok_or(Cow::Borrowed("a time from 0 on, up to 2^64 ns"))
+            let is_whole = !text.contains(['.', 'e', 'E']);
+            let ns = decimal_ns(&text, power).ok_or(Cow::Borrowed("a time from 0 on, up to 2^64 ns"))?;
+            Ok::<_, Cow<'static, str>>((ns, is_whole))
         })
     }
 }

@@ -44,6 +44,8 @@ pub struct Recording {
     places: Places,
     hash: Option<SharedHash>,
     lag: LagCompletion,
+    /// Number of pieces that have been opened.
+    opened: u64,
     ended: bool,
 }
 
@@ -57,12 +59,13 @@ struct Piece {
 
 enum PieceSource {
     Csv(Box<CampaignCsvReader<Box<dyn Read>>>),
-    Table(Box<dyn TableReader>, SequenceRule, Vec<Option<u64>>),
+    Table(Box<dyn TableReader>, Box<SequenceRule>, Vec<Option<u64>>),
 }
 
 impl Recording {
-    /// Opens the pieces of a recording, named in any order. `-` is stdin, which must be the only piece. `bar` advances
-    /// by the bytes read.
+    /// Opens the pieces of a recording, named in any order. `-` is stdin, which must be the only piece. A piece of raw
+    /// samples that names no session, and begins its sequences anew, is a session of its own. `bar` advances by the
+    /// bytes read.
     ///
     /// # Errors
     /// If a piece cannot be opened, is named twice, or has an invalid beginning.
@@ -117,7 +120,7 @@ impl Recording {
         let mut places = Places::default();
         places.begin(&current.path, current.source.unit(), 0);
         let lag = LagCompletion::default();
-        Ok(Self { kind, choice, bar: bar.clone(), waiting, current, places, hash, lag, ended: false })
+        Ok(Self { kind, choice, bar: bar.clone(), waiting, current, places, hash, lag, opened: 1, ended: false })
     }
 
     /// Sets the time constant \[ns\] of the lagged telemetry of all further rows, 0 for none. It is computed for pieces
@@ -155,6 +158,10 @@ impl Recording {
             // An error is unlikely: the beginning was already read to sort the pieces.
             let opened = opened.map_err(RecordingError::Piece)?;
             previous = Some(std::mem::replace(&mut self.current, opened).path);
+            self.opened += 1;
+            if self.kind == RowKind::Sample {
+                rule.begin_piece(self.opened);
+            }
             self.places.begin(&self.current.path, self.current.source.unit(), before);
         }
     }
@@ -307,7 +314,7 @@ impl Piece {
                 if !reader.read(values)? {
                     return Ok(None);
                 }
-                *own_rule = rule;
+                **own_rule = rule;
                 row_of(values, reader.row(), own_rule).map(Some).map_err(|message| reader.error(message))
             }
         }
@@ -324,7 +331,7 @@ fn row_of(values: &[Option<u64>], number: u64, rule: &mut SequenceRule) -> Resul
     if values[GYROSCOPES].is_none() {
         sample.gyroscopes = Triad::ABSENT;
     }
-    rule.check(&sample)?;
+    rule.take(&mut sample)?;
     let campaign = |index: usize| values.get(RAW.len() + index).copied().flatten().map(f64::from_bits);
     let set_point_c = campaign(0).unwrap_or(0.0);
     if !set_point_c.is_finite() {
@@ -340,14 +347,14 @@ fn row_of(values: &[Option<u64>], number: u64, rule: &mut SequenceRule) -> Resul
 }
 
 fn table_source(reader: impl TableReader + 'static) -> PieceSource {
-    PieceSource::Table(Box::new(reader), SequenceRule::default(), Vec::new())
+    PieceSource::Table(Box::new(reader), Box::default(), Vec::new())
 }
 
 impl PieceSource {
     fn sequence_rule(&self) -> SequenceRule {
         match self {
             Self::Csv(reader) => reader.samples().sequence_rule(),
-            Self::Table(_, rule, _) => *rule,
+            Self::Table(_, rule, _) => **rule,
         }
     }
 

@@ -145,6 +145,7 @@ fn of_several_topics_one_is_chosen() {
         bag
     };
     let settings = |topic: Option<&str>, temperature_topic: Option<&str>| Settings {
+        session: 0,
         interval_ns: Some(STEP),
         topic: topic.map(str::to_owned),
         temperature_topic: temperature_topic.map(str::to_owned),

@@ -4,4 +4,5 @@
 mod continuity;
 mod convert;
 mod convert_ros;
+mod convert_time;
 mod layouts;

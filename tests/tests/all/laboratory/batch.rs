@@ -13,7 +13,7 @@ use std::fs;
 use std::path::Path;
 
 /// Dwells of the campaign.
-const DWELLS: usize = 3 * 12;
+const DWELLS: usize = 4 * 12;
 
 /// Asserts that `table-{imu}.toml` of the campaign's folder is, to the byte, what `calibrate` makes of the same samples
 /// and a campaign file of this IMU alone. The time and the digest of the campaign file are left out: it is another file
@@ -50,13 +50,13 @@ fn journalled(laboratory: &TestLaboratory, file: &str) -> usize {
 
 #[test]
 fn one_of_three_stops_sending_and_the_others_have_their_tables() {
-    // 20 s of real time.
+    // 30 s of real time. Of three set points F has one degree of freedom, and may find a slope not significant.
     let patience = ("stream_s = 30000", "stream_s = 14000");
-    let changes = [("list_c = [20, 23]", "list_c = [14, 20, 26]"), patience];
+    let changes = [("list_c = [20, 23]", "list_c = [14, 18, 22, 26]"), patience];
     let laboratory = TestLaboratory::with_imus(&["imu-a", "imu-b", "imu-c"], "", &[], &changes);
     let domain = &laboratory.domain;
     let checked = domain.run_ok(&["campaign", "check", "station/plan.toml"]);
-    assert!(checked.contains("campaign of imu-a, imu-b, imu-c, 3 set points x 12 positions; about "), "{checked}");
+    assert!(checked.contains("campaign of imu-a, imu-b, imu-c, 4 set points x 12 positions; about "), "{checked}");
     assert!(
         checked.contains("  imu-b, mounting [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], samples imu-b.csv, to install as "),
         "{checked}"
@@ -100,16 +100,11 @@ fn one_of_three_stops_sending_and_the_others_have_their_tables() {
     assert_eq!((dropped.len(), dropped[0]["imu"].as_str()), (1, Some("imu-b")));
     for imu in ["imu-a", "imu-c"] {
         assert_as_alone(domain, "station/campaign", imu);
-        // Each has its own coefficients along its own axes. How accurate they are depends on the machine at this speed
-        // of the laboratory.
+        // Each has its own coefficients along its own axes, within the noise of the short dwells.
         let fitted = table(&text(&laboratory.file(&format!("table-{imu}.toml"))));
-        let against = |imu: &str| {
-            let truth = fs::read_to_string(domain.path(&format!("station/truth-{imu}.toml"))).unwrap();
-            worst_errors(&fitted, &table(&truth))
-        };
-        let own = against(imu);
-        let other = against(if imu == "imu-a" { "imu-c" } else { "imu-a" });
-        assert!(own.iter().zip(other).all(|(own, other)| *own < 0.1 * other), "{imu}: {own:?} {other:?} ug0, ppm");
+        let truth = table(&fs::read_to_string(domain.path(&format!("station/truth-{imu}.toml"))).unwrap());
+        let [bias, scale_factor] = worst_errors(&fitted, &truth);
+        assert!(bias < 2.0 && scale_factor < 6.0, "{imu}: {bias} ug0, {scale_factor} ppm");
     }
     assert!(laboratory.file("table-imu-b.toml").is_empty());
 
