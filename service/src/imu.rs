@@ -17,6 +17,7 @@ use isotherm_files::LoadError;
 use isotherm_shared::status::ClosedStatus;
 use isotherm_shared::stream::{self, Ipc, IpcNode};
 use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample};
 use rtrb::{Producer, RingBuffer};
 use std::sync::Arc;
@@ -104,6 +105,7 @@ impl PendingImu {
             tables,
             logged: LoggedLosses::default(),
             logged_device: LoggedDevice::default(),
+            logged_gyroscopes: None,
             closed: None,
             guard,
         })
@@ -139,6 +141,8 @@ pub(crate) struct ImuState {
     tables: TableQueue,
     logged: LoggedLosses,
     logged_device: LoggedDevice,
+    /// The sessions so far and the table when it was logged last that the table lacks the samples' gyroscopes.
+    logged_gyroscopes: Option<(u64, u64)>,
     /// What the last acquisition that closed with a loss had lost.
     pub closed: Option<ClosedStatus>,
     /// Compares a new table with the one in force.
@@ -303,6 +307,7 @@ impl ImuState {
     pub(crate) fn log_news(&mut self, domain: &Domain, last: bool) {
         self.log_losses(last);
         self.log_other_device();
+        self.log_unused_gyroscopes();
         self.note_closing(domain);
     }
 
@@ -355,6 +360,21 @@ impl ImuState {
             self.logged_device.last = now;
         }
         self.logged_device.samples = samples;
+    }
+
+    /// Logs that samples have gyroscopes and the table has none: once for each session and table.
+    fn log_unused_gyroscopes(&mut self) {
+        let telemetry = self.counters.telemetry(SensorKind::Gyroscope);
+        let sent = telemetry.as_flattened().iter().flatten().any(|telemetry| *telemetry != 0.0);
+        let now = Some((self.counters.sessions(), self.counters.table()));
+        let unused = sent && self.in_force().is_some_and(|sent| sent.table.content().gyroscopes.is_none());
+        if unused && now != self.logged_gyroscopes {
+            warn!(
+                imu = %self.imu.id,
+                "the samples have gyroscopes, but the table has none: the angle increments are NaN; give a table of the whole IMU"
+            );
+            self.logged_gyroscopes = now;
+        }
     }
 }
 

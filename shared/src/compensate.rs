@@ -120,7 +120,11 @@ fn any(content: &Content, raw: &RawSample, period: &Period) -> ([f64; AXES], [f6
     let dv = aligned(content.alignment.as_ref(), indicated.map(|value| finite(content.gravity * value)));
     let Some(gyroscopes) = &content.gyroscopes else { return (dv, [f64::NAN; AXES], flags) };
     let (mut angles, own) = triad(content, &gyroscopes.axes, &raw.gyroscopes, period);
-    flags |= own.only(Flags::LAG_UNKNOWN) | Flags(own.0 & !Flags::LAG_UNKNOWN.0).of_gyroscopes();
+    // Gyroscopes that are not there have no lag: the velocities lack nothing.
+    if !(raw.gyroscopes.is_absent() && raw.gyroscopes.head_temperature[0].is_nan()) {
+        flags |= own.only(Flags::LAG_UNKNOWN);
+    }
+    flags |= Flags(own.0 & !Flags::LAG_UNKNOWN.0).of_gyroscopes();
     let q = dv.map(|dv| dv / content.gravity);
     let q_known = q.iter().all(|q| q.is_finite());
     for (angle, g_sensitivity) in angles.iter_mut().zip(&gyroscopes.g_sensitivity) {

@@ -6,7 +6,6 @@ use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::print_data;
 use isotherm_finding::{Admission, Finding, Location, name};
 use isotherm_job::Refused;
-
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_report::json;
 use isotherm_shared::table::CoefficientTable;
@@ -45,9 +44,13 @@ impl GyroscopeWarning {
     pub(super) fn check(&mut self, sample: &RawSample) {
         if self.due && sample.gyroscopes.is_absent() == self.table_has {
             self.due = false;
-            let what = match self.table_has {
-                true => "the recording has no gyroscopes, but the table has; the angle increments mean nothing",
-                false => "the recording has gyroscopes, but the table has none; the angle increments are NaN",
+            // A recording may have the columns and zeros in them.
+            let what = match (self.table_has, sample.gyroscopes.head_temperature[0].is_nan()) {
+                (true, true) => {
+                    "the recording has no gyroscopes, but the table has; the angle increments are NaN and flagged"
+                }
+                (true, false) => "all values of gyroscopes in the recording are 0; the angle increments mean nothing",
+                (false, _) => "the recording has gyroscopes, but the table has none; there are no angle increments",
             };
             let message = format!("from sequence {} on {what}", sample.sequence);
             tell("isotherm", Finding::warning(name::NO_GYROSCOPES, message).tagged(|line| line.to_string()));

@@ -82,6 +82,28 @@ fn all_bits_pass_through_the_structures_of_c_and_cpp() {
     service.terminate();
 }
 
+/// A loan and `ISOTHERM_RAW_SAMPLE_INIT` are of an IMU without gyroscopes.
+#[test]
+fn samples_of_c_and_cpp_have_no_gyroscopes_until_they_are_filled_in() {
+    let domain = TestDomain::new();
+    let service = domain.serve_whole();
+    for language in [C, CPP] {
+        let Some(program) = compile(&domain, language, "tests/programs/initial.c") else { continue };
+        run(&domain, &program, &["imu-g", "2.5"], "out");
+        let out = fs::read(domain.path("out")).unwrap();
+        let (increments, rest) = out.as_chunks::<104>();
+        assert_eq!((increments.len(), rest.len()), (2, 0));
+        for increment in increments {
+            let longs: Vec<_> = increment.as_chunks().0.iter().map(|long| u64::from_ne_bytes(*long)).collect();
+            assert!(longs[4..7].iter().all(|velocity| f64::from_bits(*velocity).is_finite()), "{longs:?}");
+            assert!(longs[7..10].iter().all(|angle| f64::from_bits(*angle).is_nan()), "{longs:?}");
+            let flags = Flags(longs[11]).to_string();
+            assert!(["g1", "g2", "g3"].iter().all(|name| flags.contains(&format!("{name}-not-finite"))), "{flags}");
+        }
+    }
+    service.terminate();
+}
+
 /// The bytes of a sample in the order of its fields, which have no padding.
 fn sample_bytes(raw: &RawSample) -> Vec<u8> {
     let longs = [raw.session, raw.sequence, raw.timestamp_ns, raw.interval_ns, raw.sent_ns, raw.telemetry_ns];

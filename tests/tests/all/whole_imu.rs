@@ -1,7 +1,7 @@
 //! The service of a whole IMU: what its status shows, samples of another unit, and peers of another version.
 
 use iceoryx2::prelude::ZeroCopySend;
-use isotherm_client::{Flags, RawSample, device, join};
+use isotherm_client::{Acquisition, Flags, RawSample, device, join};
 use isotherm_tests::{
     RUN, TABLE, TestDomain, WHOLE_TABLE, completed, id, recording, round_trip, text, wait_until, whole_recording,
 };
@@ -103,6 +103,45 @@ fn the_status_has_gyroscopes_only_where_the_table_has_them() {
     expected.remove("gyroscopes");
     assert_eq!(keys(&status["imus"][1]), expected);
     assert_eq!(keys(&status["imus"][1]["flagged"]), keys(&status["imus"][0]["flagged"]));
+    service.terminate();
+}
+
+#[test]
+fn samples_without_gyroscopes_give_no_angles_under_a_table_that_has_them() {
+    let domain = TestDomain::new();
+    let service = domain.serve_whole();
+    let whole = completed(&whole_recording(1), 240_000_000_000, "")[0];
+    let mut acquisition = domain.acquisition("imu-g");
+    let expected = round_trip(&mut acquisition, &whole);
+    assert!(expected.angle_increment.iter().all(|angle| angle.is_finite()));
+    let bare = RawSample { sequence: 1, gyroscopes: RawSample::default().gyroscopes, ..whole };
+    let increment = round_trip(&mut acquisition, &bare);
+    assert!(increment.angle_increment.iter().all(|angle| angle.is_nan()), "{increment:?}");
+    let absent = (0..3).map(|axis| Flags::not_finite(axis).of_gyroscopes()).fold(Flags(0), |all, flag| all | flag);
+    assert_eq!(Flags(increment.flags), Flags(expected.flags) | absent);
+    assert_eq!(increment.velocity_increment, expected.velocity_increment);
+    service.terminate();
+}
+
+#[test]
+fn gyroscopes_that_the_table_lacks_are_logged_once_a_session_and_table() {
+    const LOGGED: &str = "the samples have gyroscopes, but the table has none";
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let mut acquisition = domain.acquisition("imu-a");
+    let uptime = || domain.status()["uptime_s"].as_f64().unwrap();
+    let send_for_two_seconds = |acquisition: &mut Acquisition, sample: &RawSample| {
+        let before = uptime();
+        wait_until("two seconds", || {
+            round_trip(acquisition, sample);
+            uptime() > before + 2.0
+        });
+    };
+    send_for_two_seconds(&mut acquisition, &recording()[0]);
+    assert_eq!(service.count_in_log(LOGGED), 0, "{}", service.log());
+    let whole = RawSample { gyroscopes: whole_recording(1)[0].gyroscopes, ..recording()[0] };
+    send_for_two_seconds(&mut acquisition, &whole);
+    assert_eq!(service.count_in_log(LOGGED), 1, "{}", service.log());
     service.terminate();
 }
 

@@ -4,8 +4,10 @@
 use isotherm_recording::csv::Rows;
 use isotherm_recording::{Layout, RawCsvReader, RawCsvWriter};
 use isotherm_shared::table::CoefficientTable;
-use isotherm_shared::wire::{RawSample, device};
-use isotherm_tests::{TIMEOUT, TestDomain, WHOLE_TABLE, completed, may_mount, text, wait_until, whole_recording};
+use isotherm_shared::wire::{RawSample, Triad, device};
+use isotherm_tests::{
+    TABLE, TIMEOUT, TestDomain, WHOLE_TABLE, completed, may_mount, text, wait_until, whole_recording,
+};
 use rustix::process::Signal;
 use std::io::{BufWriter, pipe};
 use std::process::Stdio;
@@ -280,30 +282,49 @@ fn an_accelerometers_table_gives_no_angles() {
     for file in ["half.csv", "whole.csv"] {
         assert!(domain.run_ok(&["feed", "--imu", "imu-a", file]) == increments, "{file}");
     }
-    // The other way round: the angles of sensors that count nothing are those of their bias, and the telemetry 0 is far
-    // out of range.
+    // The other way round: there is nothing to compute angles from.
     domain.write("imu-g.toml", WHOLE_TABLE);
     let replayed = domain.run_ok(&[&REPLAY[..], &["half.csv"]].concat());
-    let of_gyroscopes =
-        |flags: &str| ["g1", "g2", "g3"].iter().all(|name| flags.contains(&format!("{name}-head-below")));
-    assert!(columns(&replayed, &["flags"]).iter().all(|row| of_gyroscopes(&row[0])), "{replayed}");
+    let expected = "g1-not-finite|g2-not-finite|g3-not-finite";
+    assert!(columns(&replayed, &["flags"]).iter().all(|row| row[0] == expected), "{replayed}");
+    let angles = columns(&replayed, &["g1_da", "g2_da", "g3_da"]);
+    assert!(angles.iter().flatten().all(|angle| angle == "NaN"), "{replayed}");
+    let velocities = columns(&replayed, &["a1_dv", "a2_dv", "a3_dv"]);
+    assert!(velocities.iter().flatten().all(|velocity| velocity != "NaN"), "{replayed}");
     service.terminate();
 }
 
-/// Without gyroscopes the telemetry is 0, and a range may contain it: the increments are not flagged then, so the
-/// commands warn.
 #[test]
-fn a_recording_without_gyroscopes_is_warned_of() {
+fn gyroscopes_that_only_a_recording_or_only_a_table_has_are_warned_of() {
     let domain = TestDomain::new();
-    let service = domain.serve_whole();
+    domain.write("imu-a.toml", TABLE);
+    domain.write("imu-g.toml", WHOLE_TABLE);
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml", "--imu", "imu-g=imu-g.toml"]);
     write(&domain, "half.csv", false, Layout::default(), &whole_recording(40));
     write(&domain, "whole.csv", false, GYROSCOPES, &whole_recording(40));
-    let warning = "warning [no-gyroscopes]: from sequence 0 on the recording has no gyroscopes, but the table has";
-    for (file, count) in [("half.csv", 1), ("whole.csv", 0)] {
-        for command in [&REPLAY[..], &FEED[..]] {
-            let output = domain.run(&[command, &[file]].concat());
+    let zeroed: Vec<_> =
+        whole_recording(40).iter().map(|raw| RawSample { gyroscopes: Triad::default(), ..*raw }).collect();
+    write(&domain, "zeros.csv", false, GYROSCOPES, &zeroed);
+    let missing = "has no gyroscopes, but the table has; the angle increments are NaN and flagged";
+    let lacking = "has gyroscopes, but the table has none; there are no angle increments";
+    let zeros = "all values of gyroscopes in the recording are 0; the angle increments mean nothing";
+    let cases = [
+        ("imu-g", "half.csv", missing),
+        ("imu-g", "whole.csv", ""),
+        ("imu-g", "zeros.csv", zeros),
+        ("imu-a", "half.csv", ""),
+        ("imu-a", "whole.csv", lacking),
+    ];
+    for (imu, file, cause) in cases {
+        let table = format!("{imu}.toml");
+        let replay = ["replay", "--table", &table, file];
+        for command in [&replay[..], &["feed", "--imu", imu, file]] {
+            let output = domain.run(command);
             let log = text(&output.stderr);
-            assert!(output.status.success() && log.matches(warning).count() == count, "{file}: {log}");
+            let warnings = log.lines().filter(|line| line.contains("warning [no-gyroscopes]: from sequence 0 on "));
+            let warnings: Vec<_> = warnings.collect();
+            assert!(output.status.success() && warnings.len() == usize::from(!cause.is_empty()), "{command:?}: {log}");
+            assert!(warnings.iter().all(|line| line.contains(cause)), "{command:?}: {log}");
         }
     }
     service.terminate();
