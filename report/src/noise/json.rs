@@ -56,7 +56,7 @@ SensorView<'a>(sensor: &SensorNoise, units: &NoiseUnits, temperature_unit: &str)
     #[serde(flatten)]
     curve: Option<CurveView> = sensor.allan.as_ref().map(|allan| CurveView::of(allan, units)),
     white_noise_counts: Option<f64> = sensor.white_counts,
-    limit_cycle: bool = sensor.has_limit_cycle(),
+    limit_cycle: bool = sensor.limit_cycle().is_some(),
     temperature: Option<TemperatureView> =
         sensor.line.as_ref().map(|line| TemperatureView::of(line, units, temperature_unit)),
 }}

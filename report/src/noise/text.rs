@@ -41,10 +41,8 @@ fn sensor(sensor: &SensorNoise, temperature_unit: &str) -> String {
     let Some(allan) = &sensor.allan else { return format!("{}: the counts never change\n", sensor.name) };
     let mut text = format!("{:30} {:>11}   {:24} unit\n", sensor.name, "value", "95 % range");
     text += &curve(allan, &units, "  ");
-    if sensor.has_limit_cycle()
-        && let Some(counts) = sensor.white_counts
-    {
-        let _ = writeln!(text, "  the noise is smaller than a count, {counts:.2} counts a row (limit cycle)");
+    if let Some(steps) = sensor.limit_cycle() {
+        let _ = writeln!(text, "  the noise is smaller than a step of the counts, {steps:.2} steps a row (limit cycle)");
     }
     if let Some(line) = &sensor.line {
         let slope = format!("  slope over head telemetry {} per {temperature_unit}", slope(line, &units));
