@@ -146,7 +146,8 @@ pub fn same_rows(tables: &[TableFile]) -> Vec<Finding> {
 /// ```
 ///
 /// # Errors
-/// If there are fewer than two, if two are of one IMU or from one recording, or if their telemetry is in different units.
+/// If there are fewer than two, if two are of one IMU or from one recording, or if their telemetry is in different
+/// units.
 pub fn batch(tables: &[TableFile]) -> Result<Batch, BatchError> {
     let units: Vec<_> = tables.iter().map(|table| table.table.content().imu.to_string()).collect();
     let Some(first) = tables.first().filter(|_| tables.len() > 1) else {

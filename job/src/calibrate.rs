@@ -107,8 +107,7 @@ impl Inputs {
         };
         let reader = Reader { imu: ImuChoice::Prefer(campaign.imu.clone()), bar };
         if campaign.gravity_only {
-            let recordings;
-            recordings = from.take(reader.tumbles(samples)?);
+            let recordings = from.take(reader.tumbles(samples)?);
             return Ok(Self { measured: Measured::GravityOnly(recordings, options.by_hand.clone()), from });
         }
         let Some(file) = file else {
@@ -121,8 +120,7 @@ impl Inputs {
             observable(campaign).map_err(|error| from.refused(error, Some(file)))?;
             measurements = reader.positions(campaign, samples, &mut from)?;
         }
-        let ramps;
-        ramps = from.take(reader.ramps(campaign, &file.ramps(campaign))?);
+        let ramps = from.take(reader.ramps(campaign, &file.ramps(campaign))?);
         let options = options.turntable.clone();
         let measured = match curves {
             Some((curves, curves_have_errors)) => {

@@ -49,12 +49,13 @@ pub(crate) fn replay<'py>(
     Ok(out)
 }
 
-/// What the commands warn of where time is lost in these samples; `None` if time is whole.
+/// What the commands warn of: intervals that are not the time from row to row, lost time, missing rows.
 #[pyfunction]
-pub(crate) fn time_warning(py: Python<'_>, samples: PyReadonlyArray1<'_, u8>) -> PyResult<Option<String>> {
+pub(crate) fn time_warnings(py: Python<'_>, samples: PyReadonlyArray1<'_, u8>) -> PyResult<Vec<String>> {
     let samples = samples.as_slice()?;
     let rows = samples.chunks_exact(RAW).map(|record| Period::from(&Fields(record).raw()));
-    Ok(py.detach(|| rows.collect::<Continuity>().fault()).map(|fault| fault.to_string()))
+    let found = py.detach(|| rows.collect::<Continuity>().findings(0.0));
+    Ok(found.into_iter().map(|finding| finding.message).collect())
 }
 
 /// The samples of an array. If none has a time constant, the lagged telemetry is computed with the table's, as the

@@ -142,6 +142,15 @@ def test_what_the_page_on_comparisons_shows(tmp_path: Path) -> None:
     assert "'A1 bias'" in done.stdout and "No unit stands out" in done.stdout
 
 
+def of_another_unit(samples: Path) -> None:
+    """The samples of a campaign with one pulse more in each row of A2."""
+    import pandas as pd
+
+    frame = pd.read_csv(samples, dtype=str)
+    frame["a2_positive"] = [str(int(count) + 1) for count in frame["a2_positive"]]
+    frame.to_csv(samples, index=False)
+
+
 def test_fleet(tmp_path: Path) -> None:
     """Campaigns on two workers: the tables are those of one by one, and one that fails does not stop the others."""
     names = ["imu-1", "imu-2", "imu-3"]
@@ -151,6 +160,7 @@ def test_fleet(tmp_path: Path) -> None:
         file.write_text(file.read_text().replace('"imu-paper"', f'"{name}"'))
     # The second one has lost its samples.
     (tmp_path / "imu-2" / "samples.csv").unlink()
+    of_another_unit(tmp_path / "imu-3" / "samples.csv")
     # The third one has a second campaign.
     shutil.copytree(tmp_path / "imu-3", tmp_path / "again")
     campaigns = [tmp_path / name / "campaign.toml" for name in [*names, "again"]]
@@ -177,6 +187,7 @@ def test_fleet_without_statistics(tmp_path: Path) -> None:
         file = tmp_path / name / "campaign.toml"
         text = file.read_text().replace('"imu-paper"', f'"{name}"')
         file.write_text(re.sub(r'temperature_unit = ".*"', f'temperature_unit = "{unit}"', text))
+    of_another_unit(tmp_path / "imu-2" / "samples.csv")
     campaigns = [tmp_path / name / "campaign.toml" for name in ("imu-1", "imu-2")]
     arguments = [sys.executable, EXAMPLES / "fleet.py", *campaigns, "-o", tmp_path / "tables", "--workers", "1"]
     done = subprocess.run(arguments, capture_output=True, text=True, timeout=150)

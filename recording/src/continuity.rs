@@ -34,8 +34,8 @@ const LARGE_STEP: i128 = 10;
 /// readings are wrong, and no time is lost. They are time steps.
 const ODD_ROWS: u32 = 10;
 
-/// What is missing in a recording: counts over its rows, its first fault of time, and whether its intervals are the time
-/// from row to row. A row costs a few operations, the memory is at most 70 kB.
+/// What is missing in a recording: counts over its rows, its first fault of time, and whether its intervals are the
+/// time from row to row. A row costs a few operations, the memory is at most 70 kB.
 ///
 /// ```
 /// use isotherm_recording::Continuity;

@@ -1,7 +1,7 @@
 //! Whether `interval_ns` is the time from row to row, in any recording.
 //!
 //! Two figures of interval over step, over the steps without a gap: the median of the single steps, and the median over
-//! blocks of 100 steps of sum over sum. Stamps that jitter, or that come in bursts, change the first; rows that were
+//! blocks of 1050 steps of sum over sum. Stamps that jitter, or that come in bursts, change the first; rows that were
 //! lost and renumbered change the second. Only a wrong interval changes both.
 
 use core::fmt;
@@ -17,7 +17,7 @@ pub const UNIT_TOLERANCE: f64 = 0.01;
 const BLOCK: u32 = 1050;
 /// With fewer blocks the two figures must agree within a factor of two.
 const MANY_BLOCKS: usize = 10;
-/// Where the middle half of the steps lies within this part of their median, it alone decides.
+/// Where the middle half of the steps lies within this part of their median, pauses alone are in the second figure.
 const REGULAR: f64 = 0.1;
 /// Fewest steps that are judged.
 const LEAST_STEPS: u32 = 9;
@@ -117,15 +117,11 @@ impl Intervals {
         // The steps within a burst are regular too, and far shorter.
         let regular = (high - low).abs() < REGULAR * single && single < 2.0;
         let many = self.blocks.values.len() >= MANY_BLOCKS;
-        let whole = match (regular, many) {
-            (true, _) => single,
-            (false, true) => self.blocks.quantile(0.5),
-            (false, false) => self.all.ratio(),
-        };
-        let agree = many || (0.5..2.0).contains(&(single / whole));
-        // What is lost and renumbered is in the second figure, bursts are in the first.
-        let ratio = if single.ln().abs() < whole.ln().abs() { single } else { whole };
-        let found = is_off(single) && is_off(whole) && (single > 1.0) == (whole > 1.0) && agree && ratio.is_finite();
+        let whole = if many { self.blocks.quantile(0.5) } else { self.all.ratio() };
+        let agree = (single > 1.0) == (whole > 1.0) && (many || (0.5..2.0).contains(&(single / whole)));
+        // Bursts are in the first figure; pauses, and what is lost and renumbered, are in the second.
+        let ratio = if regular || single.ln().abs() < whole.ln().abs() { single } else { whole };
+        let found = is_off(single) && is_off(whole) && (regular || agree) && ratio.is_finite();
         found.then(|| IntervalFault { interval_s: self.all.interval / f64::from(self.all.count) / 1e9, ratio })
     }
 }
@@ -225,6 +221,8 @@ mod tests {
             let late = |i: i128| i * i % 1009 * 7919 % 61 * MS / 10;
             assert_eq!(fault((0..count).map(|i| 10 * MS + late(i + 1) - late(i)), 10_000_000), None);
         }
+        // A clock that is set right every seven rows.
+        assert_eq!(fault((0..400).map(|i| if i % 7 == 6 { 8_800_000 } else { 10_200_000 }), 10_000_000), None);
         // A wrong one is found beside pauses, ..
         let paused = fault((0..400).map(|i| if i % 80 == 79 { 10_000 * MS } else { 10 * MS }), 12_000_000);
         assert!(paused.is_some_and(|found| (found.ratio - 1.2).abs() < 1e-9), "{paused:?}");

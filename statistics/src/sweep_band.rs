@@ -19,7 +19,8 @@ pub struct SweepValues {
     pub recording: usize,
     /// Whether the telemetry rises.
     pub heating: bool,
-    /// Telemetry and value. Values less a curve that is common to all sweeps tell the same, with less error within bins.
+    /// Telemetry and value. Values less a curve that is common to all sweeps tell the same, with less error within
+    /// bins.
     pub values: Vec<(f64, f64)>,
 }
 

@@ -240,6 +240,7 @@ impl Lengths {
             let outside = self.standstills.iter().any(|length| length.out_of_range);
             let unshown = format!("not shown, no standstill drives {}", self.shown.undriven.join(", "));
             let (word, remedy) = match (error.most() <= most, error.value.abs() <= most) {
+                _ if self.made_the_table => ("not judged, see below", None),
                 _ if few => ("not judged, under 6 standstills", Some("put the IMU down in more attitudes")),
                 _ if outside => {
                     ("not judged, telemetry was outside the table's range", Some("record within the table's range"))
@@ -252,7 +253,8 @@ impl Lengths {
                 (false, false) => ("missed", Some("calibrate anew, or look at the report")),
             };
             let message = format!("scale: {value}, {limit}: {word}");
-            found.push(Judgement { bound: "scale", met: remedy.is_none(), message, remedy });
+            let met = remedy.is_none() && !self.made_the_table;
+            found.push(Judgement { bound: "scale", met, message, remedy });
         }
         let others = [
             ("factor", requirement.factor.is_some()),
@@ -268,9 +270,8 @@ impl Lengths {
                 remedy: Some("record at one attitude, and state it"),
             });
         }
-        let Some(nothing) = no_evidence(self.made_the_table) else { return found };
-        let void = |it: Judgement| Judgement { met: false, remedy: None, ..it };
-        found.into_iter().map(void).chain([nothing]).collect()
+        found.extend(no_evidence(self.made_the_table));
+        found
     }
 
     /// Checks that every bound is met.

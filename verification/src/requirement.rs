@@ -96,8 +96,8 @@ impl fmt::Display for Requirement {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Judgement {
     /// The bound: factor, bias, scale, level or rate; or why no bound is judged: `own recording`, if the table was made
-    /// from it, `at rest`, if the output is not as
-    /// long as gravity, `whole run`, if too many windows are left out, `length of the run`, if it is too short.
+    /// from it, `at rest`, if the output is not as long as gravity, `whole run`, if too many windows are left out,
+    /// `length of the run`, if it is too short.
     pub bound: &'static str,
     /// Whether the data show that it is met.
     pub met: bool,

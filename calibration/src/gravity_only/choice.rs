@@ -139,8 +139,8 @@ impl<'a> Candidates<'a> {
     }
 
     /// The probability by chance of a K- of its own: the larger one of that under its own variances, and of that under
-    /// the ratios of those of the fit without it, because a walk is easily taken for a split. `None` if there is no such
-    /// fit.
+    /// the ratios of those of the fit without it, because a walk is easily taken for a split. `None` if there is no
+    /// such fit.
     fn p_of_split(&mut self, order: usize) -> Option<f64> {
         let [both, one] = [self.weighted(order, true)?, self.weighted(order, false)?];
         let columns = both.model.unknowns;

@@ -6,8 +6,8 @@
 //! W_ij = min(t_i, t_j)/length of the group, 0 between groups; of one group in all, about its mean
 //! z_i = 60 s/sqrt(3) dT/dt df_i/dT,   v_i = (T_i - mean of the group)/sqrt(3) df_i/dT
 //! ```
-//! tb, tk: scatter of the groups' biases \[g0\] and gains; w: random walk of the bias over a group \[g0\]; z: an element
-//! that is up to 60 s behind its telemetry; v: one that does not follow the telemetry within a group.
+//! tb, tk: scatter of the groups' biases \[g0\] and gains; w: random walk of the bias over a group \[g0\]; z: an
+//! element that is up to 60 s behind its telemetry; v: one that does not follow the telemetry within a group.
 
 use super::groups::{Groups, mean};
 use super::model::{GravityFit, GravityModel};
@@ -163,8 +163,8 @@ fn telemetry_rates(telemetry: &[f64], readings: &[Reading], groups: &Groups) -> 
     rates
 }
 
-/// Columns that are estimated beside the unknowns and dropped: without them the order of the attitudes in telemetry that
-/// moves is taken for an effect. At order 0 alone; of the biases, then of the gains, three each.
+/// Columns that are estimated beside the unknowns and dropped: without them the order of the attitudes in telemetry
+/// that moves is taken for an effect. At order 0 alone; of the biases, then of the gains, three each.
 pub(super) fn slopes(model: &GravityModel<'_>, fit: &GravityFit, groups: &Groups) -> DMatrix<f64> {
     let n = fit.residual.len();
     let telemetry: Vec<f64> = model.readings().iter().map(Reading::telemetry).collect();

@@ -1,5 +1,5 @@
-//! What the residuals say against the model: groups that differ, a bias that walks, an element behind its telemetry, and
-//! residuals that no noise explains.
+//! What the residuals say against the model: groups that differ, a bias that walks, an element behind its telemetry,
+//! and residuals that no noise explains.
 //!
 //! Each is judged in M, the space that the unknowns and the offsets of every group leave, with w = M'f:
 //!

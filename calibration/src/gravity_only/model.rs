@@ -4,8 +4,8 @@
 //! x = N+/K+(U_b) + N-/K-(U_b) - A(U_h),   x = M s,   M = [[1, m12, m13], [0, 1, m23], [0, 0, 1]]      [g0]
 //! residual = |s| - g_local/g0
 //! ```
-//! The unknowns are on one scale: biases in g0, scale factors relative to those of the start, misalignments in rad. Here
-//! standstills have equal weights; [`weighted`](super::weighted) has those of their covariance.
+//! The unknowns are on one scale: biases in g0, scale factors relative to those of the start, misalignments in rad.
+//! Here standstills have equal weights; [`weighted`](super::weighted) has those of their covariance.
 
 use super::reading::Reading;
 use isotherm_campaign::joint_range;
@@ -428,8 +428,8 @@ pub(super) fn ellipsoid(readings: &[Reading], gravity: f64) -> Option<Ellipsoid>
     ellipsoid_about(readings, gravity, |axis| readings.iter().map(|reading| reading.net(axis)).sum::<f64>() / count)
 }
 
-/// The same in numbers about a middle of each axis \[pulse/s\]. The condition is that of attitudes seen from there: about
-/// 0, one attitude many times shows nothing.
+/// The same in numbers about a middle of each axis \[pulse/s\]. The condition is that of attitudes seen from there:
+/// about 0, one attitude many times shows nothing.
 #[must_use]
 pub(super) fn ellipsoid_about(readings: &[Reading], gravity: f64, middle: impl Fn(usize) -> f64) -> Option<Ellipsoid> {
     let middle = [0, 1, 2].map(middle);

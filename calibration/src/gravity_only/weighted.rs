@@ -71,8 +71,9 @@ pub(super) struct StatedError {
 }
 
 impl<'a> Weighted<'a> {
-    /// Fits from `start`, the unweighted fit. No variance of the noise is below `floor` \[g0^2\]. `given` variances are taken instead of estimated ones. `None` without
-    /// degrees of freedom, or if the standstills do not determine the unknowns.
+    /// Fits from `start`, the unweighted fit. No variance of the noise is below `floor` \[g0^2\]. `given` variances are
+    /// taken instead of estimated ones. `None` without degrees of freedom, or if the standstills do not determine the
+    /// unknowns.
     pub(super) fn of(
         model: &GravityModel<'a>,
         start: &GravityFit,
@@ -186,8 +187,8 @@ impl<'a> Weighted<'a> {
         Some(f_tail(self.f(combinations)?, count as f64, freedom))
     }
 
-    /// The same with the ratios of the variances alone: their size is that of the residuals, at least `least` times what
-    /// it is.
+    /// The same with the ratios of the variances alone: their size is that of the residuals, at least `least` times
+    /// what it is.
     pub(super) fn p_at_own_size(&self, combinations: &DMatrix<f64>, least: f64) -> Option<f64> {
         let freedom = self.residual.len().checked_sub(self.jacobian.ncols()).filter(|freedom| *freedom > 0)? as f64;
         let left = self.left();

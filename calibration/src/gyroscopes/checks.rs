@@ -74,8 +74,8 @@ pub(super) fn check(data: &Data<'_>, excluded: &[(f64, u32)], present: bool) -> 
     checker.gathered()
 }
 
-/// The fault that the pulses of gyroscopes are in the columns of others: in every order but the stated one of the turns'
-/// axes the columns that count are those of other gyroscopes.
+/// The fault that the pulses of gyroscopes are in the columns of others: in every order but the stated one of the
+/// turns' axes the columns that count are those of other gyroscopes.
 fn exchanged(data: &Data<'_>) -> Option<Finding> {
     let counted = |axis: usize, column: usize| -> f64 {
         let about = data.turns.iter().filter(|(_, turn)| turned(data, turn)[axis].abs() >= LEAST_TURN);

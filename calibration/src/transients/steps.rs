@@ -1,8 +1,8 @@
 //! Steps in a ramp: what a bump of the IMU, or a jump of a sensor, leaves in the values.
 //!
-//! What constant, curve, lag, start, plays and time leave over is smooth or noise. A step is where a line with a step in
-//! it explains the blocks nearby better than a line: by over 6 errors, those of the blocks nearby and of all the steps
-//! that noise makes elsewhere.
+//! What constant, curve, lag, start, plays and time leave over is smooth or noise. A step is where a line with a step
+//! in it explains the blocks nearby better than a line: by over 6 errors, those of the blocks nearby and of all the
+//! steps that noise makes elsewhere.
 
 use super::blocks::{RampSweep, Ramps};
 use super::recording::RampRecording;
@@ -31,8 +31,8 @@ pub(super) struct Step {
     errors: f64,
 }
 
-/// The largest step in the sweeps of each recording, with those of other biases at the same time. `residuals` gives what is left of
-/// each bias, by block.
+/// The largest step in the sweeps of each recording, with those of other biases at the same time. `residuals` gives
+/// what is left of each bias, by block.
 pub(super) fn steps(ramps: &Ramps, residuals: &[Vec<f64>]) -> Vec<Vec<Step>> {
     let of_recording = |recording: usize| {
         let windows = windows(ramps, recording);

@@ -46,7 +46,7 @@ __all__ = [
     "read_text",
     "regress",
     "replay",
-    "time_warning",
+    "time_warnings",
     "verify",
     "write_increments",
     "write_recording",
@@ -456,6 +456,9 @@ class Stability:
     def warning(self) -> str | None:
         """Why nothing can be claimed: the length of the output is far from gravity, or over 1 % of the windows are left out. Else None."""
     @property
+    def findings(self) -> list[tuple[str, str]]:
+        """What `isotherm verify` prints: severity and the rest of the line, without the recording."""
+    @property
     def time_warning(self) -> str | None:
         """Where time is lost without a hole in `sequence`, or the intervals are wrong; else None. `verdict["losses"]` has the counts."""
     @property
@@ -549,7 +552,7 @@ def device(serial: str) -> int:
 
 def read_text(path: _Path) -> str: ...
 def replay(table: Table, samples: _Bytes) -> _Bytes: ...
-def time_warning(samples: _Bytes) -> str | None: ...
+def time_warnings(samples: _Bytes) -> list[str]: ...
 def read_recording(path: _Path) -> _Bytes: ...
 def read_increments(path: _Path) -> _Bytes: ...
 def write_recording(path: _Path, samples: _Bytes) -> None: ...

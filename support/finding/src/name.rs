@@ -147,8 +147,8 @@ findings! {
         /// more, of over a million pulses a dwell) and nowhere more: the converter is full. A warning with fewer
         /// pulses.
         SATURATED = "saturated", FaultOrWarning, "Take a larger range, or leave the set points out.";
-        /// A channel counts over 1.25 times as much in short rows, such as those of turns, as in longer ones: its counter
-        /// wraps within a row.
+        /// A channel counts over 1.25 times as much in short rows, such as those of turns, as in longer ones: its
+        /// counter wraps within a row.
         COUNTER_WRAPS = "counter-wraps", Fault, "Record short rows throughout.";
         /// A dwell is over 0.1 g0 off what its position asks for: another position, or a table that moved. Of a ramp:
         /// an accelerometer indicates over 0.1 g0 more or less, on average, than the `specific_force` of the ramp says.
@@ -261,7 +261,8 @@ findings! {
         ATTITUDES = "attitudes", Warning, "Put the IMU down in the attitudes that the line names.";
         /// Two temperatures differ, but show no curvature: the table has their mean.
         TEMPERATURES = "temperatures", Warning, "Measure at a third temperature, or ask for a line: `--order 1`.";
-        /// Files, power-ups or temperatures differ beyond what temperature explains. The intervals hold what they share.
+        /// Files, power-ups or temperatures differ beyond what temperature explains. The intervals hold what they
+        /// share.
         GROUPS_DIFFER = "groups-differ", FaultOrWarning,
             "Look whether a file is of another unit, or the telemetry not the element's; else take more files.";
         /// The bias walks while the IMU is put down in its attitudes. The intervals hold it.
@@ -293,8 +294,8 @@ findings! {
         WRAPPED = "wrapped", Fault, "Take a larger range, or convert the data anew with the right type.";
         /// With the two bytes of each count exchanged, the counts change far less from row to row.
         BYTE_ORDER = "byte-order", Fault, "Convert the data anew with the other order of bytes.";
-        /// The stamps of foreign data jitter, or come in bursts: their rows are put on an even clock. Rows that are lost
-        /// cannot be told there.
+        /// The stamps of foreign data jitter, or come in bursts: their rows are put on an even clock. Rows that are
+        /// lost cannot be told there.
         STAMPS = "stamps", Warning, "Stamp the samples where they are taken, or give `interval_s`.";
         /// A counter of the time rolled over, and was joined.
         ROLLOVER = "rollover", Warning, "Nothing, if the recording is as long as that.";

@@ -147,7 +147,9 @@ fn feed_prints_the_step_in_its_own_column_and_replay_and_record_count_it() {
         "{words:?}"
     );
     let (_, words) = replay("gaps.csv");
-    assert_eq!(words, "isotherm: 600 increments, none flagged; 99 rows missing in 99 gaps, 0 time steps\n");
+    let missing = "isotherm: warning [missing-rows]: gaps.csv: 99 rows missing in 99 gaps, of 699\n";
+    let last = "isotherm: 600 increments, none flagged; 99 rows missing in 99 gaps, 0 time steps\n";
+    assert_eq!(words, [missing, last].concat());
     let (_, words) = replay(RUN);
     assert_eq!(words, "isotherm: 4000 increments, none flagged\n");
     assert_eq!(domain.imu_status()["flagged"]["time-step"], 2 * 99);

@@ -1,5 +1,5 @@
-//! Simulated afternoons of people at home: a MEMS IMU is put down by hand in many attitudes, in a freezer, in a room and
-//! in an oven. What is stated must hold the truth, honest data must not be refused, and a mistake must not pass in
+//! Simulated afternoons of people at home: a MEMS IMU is put down by hand in many attitudes, in a freezer, in a room
+//! and in an oven. What is stated must hold the truth, honest data must not be refused, and a mistake must not pass in
 //! silence.
 
 use super::common::{campaign, cube};
@@ -65,7 +65,8 @@ struct Afternoon {
     /// Walk of the bias over a tumble \[g0\].
     walk: f64,
     shuffle: bool,
-    /// Temperature of the room, time constants of the housing and of the element \[s\]: the IMU comes out of the freezer.
+    /// Temperature of the room, time constants of the housing and of the element \[s\]: the IMU comes out of the
+    /// freezer.
     freezer: Option<[f64; 3]>,
 }
 
@@ -311,7 +312,16 @@ fn honest(count: u64, first: u64) -> (Vec<String>, [Tally; 4]) {
 
 #[test]
 fn honest_afternoons_are_calibrated_and_their_intervals_hold_the_truth() {
-    let count = std::env::var("ISOTHERM_AFTERNOONS").map_or(40, |count| count.parse().unwrap());
+    judge(40);
+}
+
+#[test]
+#[ignore = "minutes"]
+fn a_thousand_honest_afternoons_are_calibrated_and_their_intervals_hold_the_truth() {
+    judge(1000);
+}
+
+fn judge(count: u64) {
     let (refused, all) = honest(count, 1);
     for (index, tally) in all.iter().enumerate() {
         println!(
@@ -416,7 +426,16 @@ fn mistaken(name: &str, random: &mut RandomGenerator) -> (Mems, Vec<Vec<RawSampl
 
 #[test]
 fn no_mistake_passes_in_silence() {
-    let count = std::env::var("ISOTHERM_MISTAKES").map_or(3, |count| count.parse().unwrap());
+    try_mistakes(2);
+}
+
+#[test]
+#[ignore = "minutes"]
+fn none_of_a_hundred_mistakes_of_each_kind_passes_in_silence() {
+    try_mistakes(100);
+}
+
+fn try_mistakes(count: u64) {
     let mut wrong = Vec::new();
     for name in MISTAKES {
         let (mut refused, mut warned, mut inside, mut tables) = (0, 0, 0.0, 0);

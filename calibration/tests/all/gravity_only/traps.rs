@@ -21,7 +21,7 @@ fn slow_motion_is_never_at_rest() {
         imu.row(&(Rotation3::from_euler_angles(angle, 0.7 * angle, 0.0) * Vector3::z()), 25.0, 0.0);
     }
     let error = find_standstills(&imu.rows, None).unwrap_err();
-    assert!(error.to_string().contains("never at rest"), "{error}");
+    assert!(error.to_string().contains("the means wander by"), "{error}");
     // In real recordings averaging helps: the means wander by far less than the limit of 0.4.
     for name in ["xsens/recording.csv", "ferraris/recording.csv", "five_mpu9150/imu4.csv", "tumble3/recording.csv"] {
         let found = find_standstills(&samples(name), None).unwrap();

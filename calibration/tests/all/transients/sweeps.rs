@@ -1,4 +1,5 @@
-//! What sweeps show against each other: the error of a curve, a bump, another unit, one direction, rows that are missing.
+//! What sweeps show against each other: the error of a curve, a bump, another unit, one direction, rows that are
+//! missing.
 
 use super::consumer;
 use super::simulated::{TAU_S, TRANSIENTS, afternoon, quiet, recorded, recorded_with, schedule, truth};

@@ -80,7 +80,8 @@ impl Steps {
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub(super) struct Nominal {
     pub interval_ns: u64,
-    /// Whether half of the time lies in steps within 20 % of the median step. Else the stamps jitter, or come in bursts.
+    /// Whether half of the time lies in steps within 20 % of the median step. Else the stamps jitter, or come in
+    /// bursts.
     pub is_regular: bool,
     /// A stamp of those that is further off is after a gap: 3 times the 99 % quantile of the steps \[ns\].
     pub gap_ns: u64,
