@@ -1,17 +1,15 @@
-//! What counts alone say of a noise: their step, and whether rows repeat.
-
-use core::ops::Range;
+//! What counts alone say of a noise: their step, and whether values repeat.
 
 /// Changes within this many steps are single steps.
 const SINGLE: f64 = 1.5;
 /// Of counts that repeat a pattern at least this part of the changes are single steps.
-const PATTERN: f64 = 0.9;
+const PATTERN: f64 = 0.8;
 /// Parts of the rows, each of which must repeat: a quiet hour beside a loud one is no repetition.
 const PARTS: usize = 10;
-/// Rows repeat if fewer than this part of them are new.
+/// Rows repeat if fewer than this part of them are new ..
 const MOST_NEW: f64 = 0.9;
-/// Chance that a new row equals the one before, above which nothing can be told.
-const MOST_CHANCE: f64 = 0.5;
+/// .. and if whether they change correlates by less than this from row to row.
+const MOST_CORRELATION: f64 = -0.05;
 
 /// The changes of a sensor's counts from row to row.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,31 +39,34 @@ impl CountChanges {
     }
 }
 
-/// The part of the rows that have new values, if rows repeat. `counts` are those of the axes of a triad, which a sensor
-/// reads at once: rows repeat where no axis changes, more often than axes stay while another changes. `None` too where
-/// fewer than two axes change by more than single steps: such counts repeat by chance.
-pub(super) fn new_rows(counts: &[Vec<f64>]) -> Option<f64> {
-    let coarse = |counts: &&Vec<f64>| CountChanges::of(counts).is_some_and(|changes| !changes.are_single());
-    let counts: Vec<&Vec<f64>> = counts.iter().filter(coarse).collect();
-    let rows = counts.first().filter(|_| counts.len() > 1)?.len();
-    let part = |part: usize| 1 + (rows - 1) * part / PARTS..1 + (rows - 1) * (part + 1) / PARTS;
-    let repeats = (0..PARTS).all(|index| new_part(&counts, part(index)).is_some_and(|new| new < MOST_NEW));
-    new_part(&counts, 1..rows).filter(|_| repeats)
+/// The part of the rows that have a new value, if values repeat. Counts that go to and fro by one step repeat by chance,
+/// and tell nothing. A value repeats regularly: one that stays is followed by one that changes more often than by chance,
+/// other than in a quiet hour beside a loud one, or between bursts.
+pub(super) fn new_part(counts: &[f64]) -> Option<f64> {
+    let changes = CountChanges::of(counts).filter(|changes| !changes.are_single())?;
+    let rows = counts.len() - 1;
+    let mut parts = (0..PARTS).map(|part| &counts[rows * part / PARTS..=rows * (part + 1) / PARTS]);
+    let all = new_values(counts, changes.step);
+    let repeats = all < MOST_NEW && parts.all(|part| new_values(part, changes.step) < MOST_NEW);
+    (repeats && correlation_of_changes(counts) < MOST_CORRELATION).then_some(all)
 }
 
-/// The part of these rows that have new values, counting those that equal the row before by chance.
-fn new_part(counts: &[&Vec<f64>], rows: Range<usize>) -> Option<f64> {
-    let (all, mut changed, mut stayed) = (rows.len() as f64, 0_usize, vec![[0_usize; 2]; counts.len()]);
-    for row in rows {
-        let changes: Vec<bool> = counts.iter().map(|counts| counts[row] != counts[row - 1]).collect();
-        let number = changes.iter().filter(|change| **change).count();
-        changed += usize::from(number > 0);
-        for (stayed, change) in stayed.iter_mut().zip(&changes) {
-            // How often another axis changes, and this one stays then.
-            let others = usize::from(number > usize::from(*change));
-            *stayed = [stayed[0] + others, stayed[1] + if *change { 0 } else { others }];
-        }
-    }
-    let chance: f64 = stayed.iter().map(|[others, stayed]| *stayed as f64 / (*others).max(1) as f64).product();
-    (chance < MOST_CHANCE).then_some(changed as f64 / (1.0 - chance) / all)
+/// The part of these rows that have a new value. New ones may equal those before by chance, as often as the changes by
+/// one step and by two say: the logarithm of the frequency falls with the square of the change.
+fn new_values(counts: &[f64], step: f64) -> f64 {
+    let within = |least: f64, most: f64| {
+        let steps = counts.windows(2).map(|pair| (pair[1] - pair[0]).abs() / step);
+        steps.filter(|steps| (least..most).contains(steps)).count() as f64
+    };
+    let (single, double) = (within(0.5, 1.5), within(1.5, 2.5).max(1.0));
+    let by_chance = 0.5 * single * (single / double).max(1.0).cbrt();
+    1.0 - (within(0.0, 0.5) - by_chance).max(0.0) / (counts.len() - 1) as f64
+}
+
+/// The correlation of whether a row changes with whether the next one does.
+fn correlation_of_changes(counts: &[f64]) -> f64 {
+    let changes: Vec<bool> = counts.windows(2).map(|pair| pair[0] != pair[1]).collect();
+    let part = changes.iter().filter(|change| **change).count() as f64 / changes.len() as f64;
+    let both = changes.windows(2).filter(|pair| pair[0] && pair[1]).count() as f64 / (changes.len() - 1) as f64;
+    (both - part * part) / (part * (1.0 - part))
 }

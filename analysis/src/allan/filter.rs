@@ -4,12 +4,16 @@
 //! is c1 - c2. It needs no stationary rates. White noise has 0, quantisation less, slow noise what the model says; a
 //! low-pass, a vibration and repeated values have more.
 
-use super::model::ModelFit;
+use super::model::{Coefficient, ModelFit};
 
 /// Least excess, in its errors.
 const ERRORS: f64 = 5.0;
 /// Parts of the rates whose scatter gives the error.
 const PARTS: usize = 64;
+/// c1 - c2 of flicker noise over B^2, (9 ln 3 - 12 ln 2)/(2 pi), and of a random walk over K^2 Ts.
+const SLOW: [f64; 2] = [0.249_8, 0.5];
+/// Standard errors from a square to the end of its 95 % range.
+const QUANTILE: f64 = 1.96;
 
 /// What is left for a model where rows correlate.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,8 +41,16 @@ pub(super) fn filtered(
     let longer = (1..octaves.len().saturating_sub(3)).find_map(holding);
     let judge = if model.holds() { Some(model) } else { longer.as_ref() };
     let expected = judge.map_or(0.0, |model| model.of_means(1, 1) - model.of_means(1, 2));
-    let errors = (mean - expected) / error;
+    let errors = (mean - expected) / error.hypot(judge.map_or(0.0, |model| error_of_model(model, interval_s)));
     (errors > ERRORS).then_some(Filtered { errors, model: longer })
+}
+
+/// The standard error of c1 - c2 of the model.
+fn error_of_model(model: &ModelFit, interval_s: f64) -> f64 {
+    let [quantisation, _, flicker, walk] = &model.coefficients;
+    let error = |it: &Coefficient| it.range.map_or(0.0, |[_, high]| (high * high - it.value * it.value) / QUANTILE);
+    let fast = error(quantisation) / (interval_s * interval_s);
+    fast.hypot(SLOW[0] * error(flicker)).hypot(SLOW[1] * error(walk) * interval_s)
 }
 
 /// c1 - c2, and its standard error.

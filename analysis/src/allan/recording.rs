@@ -3,7 +3,7 @@
 //! The longest stretch of rows without a gap, a movement or another session is analysed. With a table the outputs are
 //! compensated by the kernel, in g0 and deg/h; without one they are net counts (positive less negative) a second.
 
-use super::counts::{CountChanges, new_rows};
+use super::counts::{CountChanges, new_part};
 use super::curve::{Allan, MIN_ROWS, TemperatureLine, phase, variance};
 use core::ops::Range;
 use isotherm_campaign::{STANDSTILL_WINDOW_S, StandstillError, begins_ns, find_standstills};
@@ -102,7 +102,7 @@ pub struct SensorNoise {
     pub white_counts: Option<f64>,
     /// How its counts change from row to row; `None` if they never do.
     pub changes: Option<CountChanges>,
-    /// Mean time from one new value of its triad to the next, if rows repeat values \[s\].
+    /// Mean time from one new value to the next, if its values repeat \[s\].
     pub new_every_s: Option<f64>,
 }
 
@@ -407,11 +407,11 @@ impl Sensor {
         for step in allan.iter_mut().chain(line.as_mut().map(|line| &mut line.without)).flat_map(|it| &mut it.steps) {
             step.at_s += stretch.begin_s;
         }
-        let counts = stretch.counts(self.kind);
+        let counts = stretch.counts(self.kind, self.axis);
         let white_counts = allan.as_ref().and_then(|allan| {
             let [_, white, ..] = allan.model.as_ref()?.coefficients;
             // Counts over the output, as the ratio of their Allan deviations over one row.
-            let counts = variance(&phase(&counts[self.axis], 1.0), 1, 1.0).sqrt();
+            let counts = variance(&phase(&counts, 1.0), 1, 1.0).sqrt();
             Some(white.below().unwrap_or(white.value) / interval_s.sqrt() * counts / allan.points.first()?.adev)
         });
         SensorNoise {
@@ -421,8 +421,8 @@ impl Sensor {
             allan,
             line,
             white_counts,
-            changes: CountChanges::of(&counts[self.axis]),
-            new_every_s: new_rows(&counts).map(|part| interval_s / part),
+            changes: CountChanges::of(&counts),
+            new_every_s: new_part(&counts).map(|part| interval_s / part),
         }
     }
 }
@@ -437,20 +437,21 @@ struct Stretch<'a> {
 }
 
 impl Stretch<'_> {
-    /// Net counts of the axes of a triad.
-    fn counts(&self, kind: SensorKind) -> [Vec<f64>; AXES] {
-        [0, 1, 2].map(|axis| self.rows.iter().map(|row| net_counts(triad(row, kind), axis)).collect())
+    /// Net counts of an axis.
+    fn counts(&self, kind: SensorKind, axis: usize) -> Vec<f64> {
+        self.rows.iter().map(|row| net_counts(triad(row, kind), axis)).collect()
     }
 }
 
-/// That the rows of a triad repeat values.
+/// That values of a triad repeat.
 fn repeated(triad: &[SensorNoise], interval_s: f64) -> Option<Finding> {
-    let new_every_s = triad.first()?.new_every_s?;
-    let names: Vec<_> = triad.iter().map(|sensor| sensor.name).collect();
-    let curves = triad.iter().filter_map(|sensor| sensor.allan.as_ref());
+    let repeat: Vec<_> = triad.iter().filter_map(|sensor| Some((sensor, sensor.new_every_s?))).collect();
+    let (_, new_every_s) = repeat.first()?;
+    let names: Vec<_> = repeat.iter().map(|(sensor, _)| sensor.name).collect();
+    let curves = repeat.iter().filter_map(|(sensor, _)| sensor.allan.as_ref());
     let from_s = curves.map(Allan::holds_from_s).reduce(|a, b| Some(a?.max(b?))).flatten();
     let message = format!(
-        "{}: rows repeat their values, {:.3} new ones a second in {:.3} rows a second; {}; record each value once",
+        "{}: values repeat, {:.1} new ones a second in {:.1} rows a second; {}; record each value once",
         names.join(", "),
         1.0 / new_every_s,
         1.0 / interval_s,
