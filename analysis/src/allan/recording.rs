@@ -6,7 +6,7 @@
 use super::counts::{CountChanges, new_part};
 use super::curve::{Allan, MIN_ROWS, TemperatureLine, phase, variance};
 use core::ops::Range;
-use isotherm_campaign::{STANDSTILL_WINDOW_S, StandstillError, begins_ns, find_standstills};
+use isotherm_campaign::{STANDSTILL_WINDOW_S, StandstillError, begins_ns, faults, find_standstills, length_at_rest};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::columns::has_values;
 use isotherm_recording::{Continuity, Losses, MISSING};
@@ -270,6 +270,7 @@ impl NoiseAnalysis {
         let candidates = &rows[first..first + count];
         let outputs = Outputs::of(candidates, table);
         let at_rest = find_standstills(candidates, window_s(candidates))?.found;
+        let at_rest_rows: Vec<_> = at_rest.iter().map(|rest| rest.rows.clone()).collect();
         let stretches = at_rest.into_iter().flat_map(|rest| split(rest.rows, candidates, &outputs));
         // Of two stretches of one length, the first.
         let longest = stretches.fold(0..0, |a, b| if b.len() > a.len() { b } else { a });
@@ -284,6 +285,10 @@ impl NoiseAnalysis {
         let mut found = outputs.findings.clone();
         let continuity: Continuity = candidates.iter().collect();
         found.extend(continuity.findings(MISSING).into_iter().map(Finding::warned));
+        found.extend(table.and_then(|table| length_at_rest(table, candidates)));
+        // Every sensor says itself that its counts never change.
+        let of_counts = faults(candidates, &at_rest_rows).into_iter().filter(|it| it.name != name::NO_PULSES);
+        found.extend(of_counts.map(Finding::warned));
         let used_s = [begin(used.start), end(used.end - 1)];
         let stretch = Stretch { rows: stretch, used: longest, interval_s, begin_s: used_s[0] };
         let sensors: Vec<_> = outputs.sensors.iter().map(|sensor| sensor.noise(&stretch)).collect();

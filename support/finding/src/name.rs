@@ -305,8 +305,9 @@ findings! {
     "Verification" "" {
         /// The table was made from this recording, or from rows that are in it: it fits, whatever the IMU does now.
         OWN_RECORDING = "own-recording", Warning, "Verify with a recording that the table was not made from.";
-        /// The length of the output is not that of gravity in too many windows: nothing is claimed.
-        NOT_GRAVITY = "not-gravity", Warning, "Keep the IMU at rest; give the table and the intervals of this IMU.";
+        /// The length of the specific force at rest is over 2 % off gravity, or of a run in too many windows: nothing is
+        /// claimed.
+        NOT_GRAVITY = "not-gravity", FaultOrWarning, "Keep the IMU at rest; give the table and the intervals of this IMU.";
         /// Too many windows are left out: nothing is claimed of the whole run.
         UNJUDGED = "unjudged", Warning, "Keep the IMU at one attitude; look at the windows that the line counts.";
         /// The output is on average over 5 mg0 off the stated attitude.
@@ -320,7 +321,7 @@ findings! {
         /// Rows correlate by more than noise of the model: a low-pass, or vibration. N is that of longer tau, Q is not
         /// given.
         NOISE_FILTERED = "noise-filtered", Warning, "Take N above the tau that the line gives, or turn the filter off.";
-        /// All axes of a triad have the same values in several rows: the sensor gives fewer than there are rows.
+        /// Values stand in several rows, regularly: the sensor gives fewer than there are rows.
         REPEATED = "repeated", Warning, "Record each value once, at the rate that the line gives.";
         /// The noise of a row is smaller than a step of the counts: they repeat a pattern, so Q and N are not the sensor's.
         LIMIT_CYCLE = "limit-cycle", Warning, "Record with a longer interval.";
