@@ -94,7 +94,13 @@ impl Allan {
             // The fit leaves long tau out that have few degrees of freedom; short ones only where rows correlate.
             let modelled = model.as_ref().is_some_and(|model| tau_s > 0.999 * model.fitted_s[0]);
             let ends = freedom.filter(|_| modelled).and_then(chi_square_interval);
-            AllanPoint { factor: *factor, tau_s, adev, interval: ends.map(|ends| ends.map(|ratio| adev * ratio)), freedom }
+            AllanPoint {
+                factor: *factor,
+                tau_s,
+                adev,
+                interval: ends.map(|ends| ends.map(|ratio| adev * ratio)),
+                freedom,
+            }
         };
         let points = variances.iter().map(point).collect();
         Some(Self { points, model, steps, filtered_errors })

@@ -25,12 +25,7 @@ pub(super) struct Filtered {
 }
 
 /// Whether the rates correlate beyond the model, which is fitted to `octaves` by averaging factor.
-pub(super) fn filtered(
-    rates: &[f64],
-    octaves: &[(usize, f64)],
-    model: &ModelFit,
-    interval_s: f64,
-) -> Option<Filtered> {
+pub(super) fn filtered(rates: &[f64], octaves: &[(usize, f64)], model: &ModelFit, interval_s: f64) -> Option<Filtered> {
     let holding = |from: usize| ModelFit::of(&octaves[from..], rates.len(), interval_s).filter(ModelFit::holds);
     let (mean, error) = excess(rates);
     if mean <= ERRORS * error {

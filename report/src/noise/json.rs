@@ -5,7 +5,8 @@ use crate::findings::records;
 use crate::view::{value, view};
 use core::f64::consts::SQRT_2;
 use isotherm_analysis::{
-    Allan, COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit, NoiseAnalysis, NoiseUnits, SensorNoise, Step, TemperatureLine,
+    Allan, COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit, NoiseAnalysis, NoiseUnits, SensorNoise, Step,
+    TemperatureLine,
 };
 use isotherm_recording::Losses;
 use serde_json::Value;

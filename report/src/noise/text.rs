@@ -42,7 +42,8 @@ fn sensor(sensor: &SensorNoise, temperature_unit: &str) -> String {
     let mut text = format!("{:30} {:>11}   {:24} unit\n", sensor.name, "value", "95 % range");
     text += &curve(allan, &units, "  ");
     if let Some(steps) = sensor.limit_cycle() {
-        let _ = writeln!(text, "  the noise is smaller than a step of the counts, {steps:.2} steps a row (limit cycle)");
+        let _ =
+            writeln!(text, "  the noise is smaller than a step of the counts, {steps:.2} steps a row (limit cycle)");
     }
     if let Some(line) = &sensor.line {
         let slope = format!("  slope over head telemetry {} per {temperature_unit}", slope(line, &units));

@@ -63,7 +63,8 @@ fn coarse(truth: &Truth, seed: u64, offset: f64) -> Vec<RawSample> {
     let mut all = rows(&[vec![0.0; ROWS], vec![0.0; ROWS], vec![0.0; ROWS]], 4000.0);
     let counts = counts(truth, seed);
     for (index, row) in all.iter_mut().enumerate() {
-        row.accelerometers.positive_pulses = [0, 1, 2].map(|axis| (4000.0 + offset + counts[axis][index]).round() as u32);
+        row.accelerometers.positive_pulses =
+            [0, 1, 2].map(|axis| (4000.0 + offset + counts[axis][index]).round() as u32);
     }
     all
 }
@@ -121,6 +122,9 @@ fn tally(number: u64) -> Vec<(String, [usize; 3], usize)> {
 #[ignore = "takes minutes"]
 fn rates_of_hundred_records() {
     for (what, found, cycles) in tally(100) {
-        println!("{what:24} step {:3} filtered {:3} repeated {:3} limit cycle {cycles:3} of 100", found[0], found[1], found[2]);
+        println!(
+            "{what:24} step {:3} filtered {:3} repeated {:3} limit cycle {cycles:3} of 100",
+            found[0], found[1], found[2]
+        );
     }
 }
