@@ -39,9 +39,9 @@ impl CountChanges {
     }
 }
 
-/// The part of the rows that have a new value, if values repeat. Counts that go to and fro by one step repeat by chance,
-/// and tell nothing. A value repeats regularly: one that stays is followed by one that changes more often than by chance,
-/// other than in a quiet hour beside a loud one, or between bursts.
+/// The part of the rows that have a new value, if values repeat. Counts that go to and fro by one step repeat by
+/// chance, and tell nothing. A value repeats regularly: one that stays is followed by one that changes more often than
+/// by chance, other than in a quiet hour beside a loud one, or between bursts.
 pub(super) fn new_part(counts: &[f64]) -> Option<f64> {
     let changes = CountChanges::of(counts).filter(|changes| !changes.are_single())?;
     let rows = counts.len() - 1;

@@ -138,7 +138,8 @@ impl Allan {
 
 impl TemperatureLine {
     /// The straight line of `rates` in `telemetry`, by least squares, and what is left of `raw`, their Allan deviation,
-    /// without it; both without the steps of `raw`. `None` if the telemetry never changes or is not finite, or if nothing is left.
+    /// without it; both without the steps of `raw`. `None` if the telemetry never changes or is not finite, or if
+    /// nothing is left.
     #[must_use]
     pub fn of(rates: &[f64], telemetry: &[f64], interval_s: f64, raw: &Allan) -> Option<Self> {
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
