@@ -76,3 +76,36 @@ fn digits(value: f64) -> String {
     let before = value.abs().max(1e-300).log10().floor();
     format!("{value:.*}", (3.0 - before).clamp(0.0, 12.0) as usize)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isotherm_simulation::{Chain, InertialMotion, Noise, SimulatedImu, Truth};
+
+    /// Rows of 10 ms at rest, whose times are `factor` of the right ones, and what is found.
+    fn found(factor: f64) -> Option<String> {
+        let table = CoefficientTable::from_toml(include_str!("../../tests/data/imu-a.toml"), None).unwrap();
+        let (truth, noise) = (Truth::of(table), Noise { sensor_g0: 1e-4, ..Noise::NONE });
+        let mut imu = SimulatedImu::new(&truth, &Chain::default(), &noise, 20.0, 1);
+        let rows = (0..3000).map(|_| imu.step(&InertialMotion::of_force([0.6, -0.48, 0.64]), 10_000_000));
+        let scaled = |ns: u64| (ns as f64 * factor) as u64;
+        let rows: Vec<_> = rows
+            .map(|row| RawSample {
+                timestamp_ns: scaled(row.timestamp_ns),
+                interval_ns: scaled(row.interval_ns),
+                ..row
+            })
+            .collect();
+        length_at_rest(&truth.table, &rows).map(|finding| finding.message)
+    }
+
+    #[test]
+    fn times_that_are_wrong_are_a_length_that_is_not_gravity() {
+        assert_eq!(found(1.0), None);
+        assert_eq!(found(1.01), None);
+        for (factor, right) in [(1e-3, "1000"), (1e3, "0.0010"), (0.5, "2.00"), (1.05, "0.95")] {
+            let message = found(factor).unwrap_or_else(|| panic!("{factor}"));
+            assert!(message.starts_with(right) && message.contains(" g0 at rest: "), "{factor}: {message}");
+        }
+    }
+}

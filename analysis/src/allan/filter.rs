@@ -36,15 +36,16 @@ pub(super) fn filtered(rates: &[f64], octaves: &[(usize, f64)], model: &ModelFit
     let longer = (1..octaves.len().saturating_sub(3)).find_map(holding);
     let judge = if model.holds() { Some(model) } else { longer.as_ref() };
     let expected = judge.map_or(0.0, |model| model.of_means(1, 1) - model.of_means(1, 2));
-    let errors = (mean - expected) / error.hypot(judge.map_or(0.0, |model| error_of_model(model, interval_s)));
+    let of_model = judge.map_or(0.0, |judge| error_of_model(judge, interval_s, model.holds()));
+    let errors = (mean - expected) / error.hypot(of_model);
     (errors > ERRORS).then_some(Filtered { errors, model: longer })
 }
 
-/// The standard error of c1 - c2 of the model.
-fn error_of_model(model: &ModelFit, interval_s: f64) -> f64 {
+/// The standard error of c1 - c2 of the model, with its quantisation or without.
+fn error_of_model(model: &ModelFit, interval_s: f64, quantised: bool) -> f64 {
     let [quantisation, _, flicker, walk] = &model.coefficients;
     let error = |it: &Coefficient| it.range.map_or(0.0, |[_, high]| (high * high - it.value * it.value) / QUANTILE);
-    let fast = error(quantisation) / (interval_s * interval_s);
+    let fast = if quantised { error(quantisation) / (interval_s * interval_s) } else { 0.0 };
     fast.hypot(SLOW[0] * error(flicker)).hypot(SLOW[1] * error(walk) * interval_s)
 }
 
