@@ -25,15 +25,20 @@
 //! A point has f = 2 AVAR^2/variance degrees of freedom, with the variance under the fitted model. Its 95 % interval is
 //! that of chi-square: from AVAR f/chi2(0.975) to AVAR f/chi2(0.025).
 
+pub(crate) mod counts;
 pub(crate) mod curve;
+pub(crate) mod filter;
 pub(crate) mod kalibr;
 pub(crate) mod model;
 pub(crate) mod moments;
 pub(crate) mod recording;
+pub(crate) mod step;
 
+pub use counts::CountChanges;
 pub use curve::{Allan, AllanPoint, MIN_ROWS, TemperatureLine};
 pub use model::{COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit};
 pub use recording::{NoiseAnalysis, NoiseError, NoiseUnits, RateKind, SensorNoise};
+pub use step::Step;
 
 #[cfg(test)]
 mod tests;

@@ -291,8 +291,7 @@ fn readings(recordings: &[TumbleRecording], window_s: Option<f64>) -> Result<Fou
             let range = standstill.rows.clone();
             let start_s = begins_ns[range.start] as f64 / 1e9;
             found.readings.push(Reading::of(
-                number,
-                index,
+                [number, index],
                 rows,
                 range,
                 start_s,

@@ -22,6 +22,7 @@ mod dwell;
 mod file;
 mod geometry;
 mod gravity;
+mod length;
 mod members;
 mod model;
 mod mount;
@@ -38,6 +39,7 @@ pub use geometry::{
     EARTH_RATE, base_axes, horizontal_rate, laboratory_axes, outer_axis, specific_force, vertical_rate,
 };
 pub use gravity::{GravitySource, NORMAL_GRAVITY_HALF_WIDTH, Place, normal_gravity};
+pub use length::{LENGTH_ROWS, length_at_rest};
 pub use members::{IMU, MOST_IMUS, Member, members, select_imu};
 pub use model::Campaign;
 pub use mount::{mount, mounting, nearest_rotation, other_zero};

@@ -256,7 +256,7 @@ fn quietest(rows: &[RawSample], window_s: Option<f64>) -> Result<(Windows, Level
                 Err(level) => {
                     lowest = level
                         .map(|level| (windows.window_rows, most, level.wander, level.scatter_rad(&windows)))
-                        .or(lowest)
+                        .or(lowest);
                 }
             }
         }

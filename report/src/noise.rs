@@ -86,10 +86,14 @@ fn sensor(page: &mut Page, sensor: &SensorNoise, temperature_unit: &str) {
 fn coefficients(page: &mut Page, what: &str, allan: &Allan, units: &NoiseUnits) {
     let mut facts = Vec::new();
     if let Some(model) = &allan.model {
+        let shown = |k: usize, it: &Coefficient| match allan.gives(k) {
+            true => text::shown(it, units.coefficients[k].1),
+            false => text::NOT_GIVEN.map(str::to_owned),
+        };
         let columns: [Column<'_, (usize, &Coefficient)>; 4] = [
             ("Coefficient", &|(k, _)| Cell::text(format!("{} {}", COEFFICIENTS[*k], units.names[*k]))),
-            ("Value", &|(k, it)| Cell::Number(text::shown(it, units.coefficients[*k].1)[0].clone())),
-            ("95 % range", &|(k, it)| Cell::Number(text::shown(it, units.coefficients[*k].1)[1].clone())),
+            ("Value", &|(k, it)| Cell::Number(shown(*k, it)[0].clone())),
+            ("95 % range", &|(k, it)| Cell::Number(shown(*k, it)[1].clone())),
             ("Unit", &|(k, _)| Cell::text(units.coefficients[*k].0)),
         ];
         page.columns(&format!("Coefficients of {what}"), model.coefficients.iter().enumerate(), &columns);

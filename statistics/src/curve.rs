@@ -159,8 +159,8 @@ impl Curve {
     }
 
     /// Half width of the confidence interval of the value at `telemetry`, at `confidence`, 0 to 1; a slope that the
-    /// curve lacks adds its 95 %. A reading in steps has a standard error of a step over sqrt(12), that the curve's slope
-    /// makes one of the value. `None` without errors, and where nothing was measured.
+    /// curve lacks adds its 95 %. A reading in steps has a standard error of a step over sqrt(12), that the curve's
+    /// slope makes one of the value. `None` without errors, and where nothing was measured.
     #[must_use]
     pub fn interval(&self, telemetry: f64, confidence: f64) -> Option<f64> {
         let [low, high] = self.measured;

@@ -178,7 +178,7 @@ impl Lengths {
         let (begins_ns, steps) = (begins_ns(rows), telemetry_steps(rows));
         let reading = |(index, standstill): (usize, &Standstill)| {
             let start_s = begins_ns[standstill.rows.start] as f64 / 1e9;
-            Reading::of(index + 1, 0, rows, standstill.rows.clone(), start_s, &found, &steps, false)
+            Reading::of([index + 1, 0], rows, standstill.rows.clone(), start_s, &found, &steps, false)
         };
         let readings: Vec<Reading> = found.found.iter().enumerate().map(reading).collect();
         let (noise, count) = (errors_of_means(&readings), readings.len());

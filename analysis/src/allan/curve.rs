@@ -1,7 +1,9 @@
 //! The overlapping Allan deviation of a rate, with intervals.
 
+use crate::allan::filter::filtered;
 use crate::allan::model::ModelFit;
 use crate::allan::moments::Moments;
+use crate::allan::step::{Step, take_out};
 use isotherm_statistics::CONFIDENCE;
 use statrs::distribution::{ChiSquared, ContinuousCDF as _};
 /// Fewest rates that are analysed.
@@ -21,7 +23,7 @@ pub struct AllanPoint {
     pub tau_s: f64,
     /// Allan deviation.
     pub adev: f64,
-    /// Ends of its 95 % interval; `None` without a model.
+    /// Ends of its 95 % interval; `None` without a model, and where the model begins later.
     pub interval: Option<[f64; 2]>,
     /// Degrees of freedom of the estimate under the fitted model.
     pub freedom: Option<f64>,
@@ -50,6 +52,11 @@ pub struct Allan {
     pub points: Vec<AllanPoint>,
     /// The model; `None` if the points allow none, see [`ModelFit::of`].
     pub model: Option<ModelFit>,
+    /// Steps that were taken out of the rates, in turn: K is not given.
+    pub steps: Vec<Step>,
+    /// Where rows correlate by more than the noise of the model, as those of a filter: by how many errors. The model is
+    /// then that of longer tau, if one holds there, and Q is not given.
+    pub filtered_errors: Option<f64>,
 }
 
 /// A rate against telemetry.
@@ -76,25 +83,44 @@ impl Allan {
         if rates.len() < MIN_ROWS || rates.iter().all(|rate| *rate == rates[0]) {
             return None;
         }
-        let phase = phase(rates, interval_s);
-        let factors = factors(rates.len());
-        let variances: Vec<_> = factors.iter().map(|m| variance(&phase, *m, interval_s)).collect();
-        let octaves: Vec<_> =
-            factors.iter().zip(&variances).filter(|(m, _)| m.is_power_of_two()).map(|(m, v)| (*m, *v)).collect();
-        let model = ModelFit::of(&octaves, rates.len(), interval_s);
-        let point = |(factor, variance): (&usize, &f64)| {
+        let mut left = rates.to_vec();
+        let (steps, Curve { variances, mut model }) = take_out(&mut left, interval_s);
+        let filtered = model.as_ref().and_then(|model| filtered(&left, &octaves(&variances), model, interval_s));
+        let filtered_errors = filtered.as_ref().map(|filtered| filtered.errors);
+        model = filtered.and_then(|filtered| filtered.model).or(model);
+        let point = |(factor, variance): &(usize, f64)| {
             let freedom = model.as_ref().map(|model| model.freedom(*factor, &Moments::new([*factor; 2], rates.len())));
-            let adev = variance.sqrt();
+            let (tau_s, adev) = (*factor as f64 * interval_s, variance.sqrt());
+            // The fit leaves long tau out that have few degrees of freedom; short ones only where rows correlate.
+            let modelled = model.as_ref().is_some_and(|model| tau_s > 0.999 * model.fitted_s[0]);
+            let ends = freedom.filter(|_| modelled).and_then(chi_square_interval);
             AllanPoint {
                 factor: *factor,
-                tau_s: *factor as f64 * interval_s,
+                tau_s,
                 adev,
-                interval: freedom.and_then(chi_square_interval).map(|ends| ends.map(|ratio| adev * ratio)),
+                interval: ends.map(|ends| ends.map(|ratio| adev * ratio)),
                 freedom,
             }
         };
-        let points = factors.iter().zip(&variances).map(point).collect();
-        Some(Self { points, model })
+        let points = variances.iter().map(point).collect();
+        Some(Self { points, model, steps, filtered_errors })
+    }
+
+    /// Whether the coefficient of this index in [`COEFFICIENTS`](crate::COEFFICIENTS) is one of the noise: not K where
+    /// a step was taken out, which may be one of many; not Q where rows correlate.
+    #[must_use]
+    pub fn gives(&self, index: usize) -> bool {
+        match index {
+            0 => self.filtered_errors.is_none(),
+            3 => self.steps.is_empty(),
+            _ => true,
+        }
+    }
+
+    /// The first tau that the model holds for \[s\]; `None` if it does not hold.
+    #[must_use]
+    pub fn holds_from_s(&self) -> Option<f64> {
+        self.model.as_ref().filter(|model| model.holds()).map(|model| model.fitted_s[0])
     }
 
     /// The lowest point.
@@ -112,11 +138,14 @@ impl Allan {
 
 impl TemperatureLine {
     /// The straight line of `rates` in `telemetry`, by least squares, and what is left of `raw`, their Allan deviation,
-    /// without it. `None` if the telemetry never changes or is not finite, or if nothing is left.
+    /// without it; both without the steps of `raw`. `None` if the telemetry never changes or is not finite, or if
+    /// nothing is left.
     #[must_use]
     pub fn of(rates: &[f64], telemetry: &[f64], interval_s: f64, raw: &Allan) -> Option<Self> {
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-        let (rate, middle) = (mean(rates), mean(telemetry));
+        let mut rates = rates.to_vec();
+        raw.steps.iter().for_each(|step| step.take_out(&mut rates));
+        let (rate, middle) = (mean(&rates), mean(telemetry));
         let (mut squares, mut products) = (0.0, 0.0);
         for (r, u) in rates.iter().zip(telemetry) {
             squares += (u - middle) * (u - middle);
@@ -128,7 +157,9 @@ impl TemperatureLine {
         }
         let slope = products / squares;
         let left: Vec<_> = rates.iter().zip(telemetry).map(|(r, u)| r - slope * (u - middle)).collect();
-        let without = Allan::of(&left, interval_s)?;
+        let mut without = Allan::of(&left, interval_s)?;
+        without.steps.extend_from_slice(&raw.steps);
+        without.steps.sort_by_key(|step| step.row);
         let mut pairs = raw.points.iter().zip(&without.points);
         let leaves = |(raw, without): &(&AllanPoint, &AllanPoint)| {
             raw.interval.is_some_and(|[low, high]| !(low..=high).contains(&without.adev))
@@ -142,6 +173,27 @@ impl TemperatureLine {
         let slope_error = errors.map(|(a, b)| a.max(b));
         Some(Self { slope, slope_error, contaminated_from_s, without })
     }
+}
+
+/// Allan variances by averaging factor, and the model of their octaves.
+pub(crate) struct Curve {
+    variances: Vec<(usize, f64)>,
+    pub(crate) model: Option<ModelFit>,
+}
+
+impl Curve {
+    pub(crate) fn of(rates: &[f64], interval_s: f64) -> Self {
+        let phase = phase(rates, interval_s);
+        let variances: Vec<_> =
+            factors(rates.len()).into_iter().map(|m| (m, variance(&phase, m, interval_s))).collect();
+        let model = ModelFit::of(&octaves(&variances), rates.len(), interval_s);
+        Self { variances, model }
+    }
+}
+
+/// The variances that a model is fitted to.
+fn octaves(variances: &[(usize, f64)]) -> Vec<(usize, f64)> {
+    variances.iter().filter(|(m, _)| m.is_power_of_two()).copied().collect()
 }
 
 /// The phase of rates that are `interval_s` apart: the running sum of the rates less their mean, times the interval;

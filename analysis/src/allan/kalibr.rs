@@ -55,6 +55,9 @@ fn worst(sensors: &[&SensorNoise], index: usize, factor: f64) -> Result<(f64, St
         let allan: Option<&Allan> = contamination.or(sensor.allan.as_ref());
         let model = allan.and_then(|allan| allan.model.as_ref()).filter(|model| model.holds());
         let model = model.ok_or_else(|| format!("the model does not hold for {}", sensor.name))?;
+        if !allan.is_some_and(|allan| allan.gives(index)) {
+            return Err(format!("a step was taken out of {}", sensor.name));
+        }
         found.push((sensor.name, model.coefficients[index], without));
     }
     let largest = |of: fn(&Coefficient) -> Option<f64>| {

@@ -135,19 +135,21 @@ impl ModelFit {
     pub(super) fn standard_error(&self, weights: &[f64]) -> f64 {
         let length = weights.len().div_ceil(BLOCKS);
         let blocks: Vec<f64> = weights.chunks(length).map(|block| block.iter().sum()).collect();
-        // The mean of a block is a first difference of the phase, over its length.
-        let step = length as f64;
-        let covariance = |distance: usize| {
-            let t = distance as f64 * step;
-            let parts = [t, t + step, t - step].map(autocovariance);
-            (2.0 * parts[0] - parts[1] - parts[2]).dot(&self.squares) / (step * step)
-        };
-        let covariances: Vec<_> = (0..blocks.len()).map(covariance).collect();
+        let covariances: Vec<_> = (0..blocks.len()).map(|distance| self.of_means(length, distance)).collect();
         let rows = blocks
             .iter()
             .enumerate()
             .map(|(i, a)| a * blocks.iter().enumerate().map(|(j, b)| b * covariances[i.abs_diff(j)]).sum::<f64>());
         rows.sum::<f64>().max(0.0).sqrt()
+    }
+
+    /// Generalised covariance of two means of `length` rates, this many lengths apart. A mean is a first difference of
+    /// the phase, over its length. Only sums with weights whose sum is 0 are defined.
+    pub(super) fn of_means(&self, length: usize, distance: usize) -> f64 {
+        let step = length as f64;
+        let t = distance as f64 * step;
+        let parts = [t, t + step, t - step].map(autocovariance);
+        (2.0 * parts[0] - parts[1] - parts[2]).dot(&self.squares) / (step * step)
     }
 
     /// Degrees of freedom of the estimate for the factor m with these moments.

@@ -3,9 +3,10 @@
 //! The longest stretch of rows without a gap, a movement or another session is analysed. With a table the outputs are
 //! compensated by the kernel, in g0 and deg/h; without one they are net counts (positive less negative) a second.
 
-use super::curve::{Allan, MIN_ROWS, TemperatureLine};
+use super::counts::{CountChanges, new_part};
+use super::curve::{Allan, MIN_ROWS, TemperatureLine, phase, variance};
 use core::ops::Range;
-use isotherm_campaign::{STANDSTILL_WINDOW_S, StandstillError, begins_ns, find_standstills};
+use isotherm_campaign::{STANDSTILL_WINDOW_S, StandstillError, begins_ns, faults, find_standstills, length_at_rest};
 use isotherm_finding::{Finding, name};
 
 use isotherm_recording::{Continuity, Losses, MISSING};
@@ -20,8 +21,8 @@ use isotherm_statistics::median;
 const REGULAR: [f64; 2] = [0.5, 1.5];
 /// Least rows of a window in which movement is looked for: with fewer, chance ends a long standstill.
 const LEAST_WINDOW_ROWS: f64 = 10.0;
-/// White noise of fewer counts a row gives a warning: the counts then repeat a pattern.
-const LEAST_WHITE_COUNTS: f64 = 0.3;
+/// White noise of fewer steps of the counts a row gives a warning: the counts then repeat a pattern.
+const LEAST_WHITE_STEPS: f64 = 0.3;
 
 /// What a rate is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,6 +100,10 @@ pub struct SensorNoise {
     pub line: Option<TemperatureLine>,
     /// Standard deviation of the white noise of a row \[pulse\].
     pub white_counts: Option<f64>,
+    /// How its counts change from row to row; `None` if they never do.
+    pub changes: Option<CountChanges>,
+    /// Mean time from one new value to the next, if its values repeat \[s\].
+    pub new_every_s: Option<f64>,
 }
 
 impl SensorNoise {
@@ -108,10 +113,13 @@ impl SensorNoise {
         self.line.as_ref().and_then(|line| Some((line, line.contaminated_from_s?)))
     }
 
-    /// Whether the noise is smaller than a count, so that the counts repeat a pattern.
+    /// White noise of a row in steps of the counts, if it is so small that the counts repeat a pattern: they change by
+    /// single steps.
     #[must_use]
-    pub fn has_limit_cycle(&self) -> bool {
-        self.white_counts.is_some_and(|counts| counts < LEAST_WHITE_COUNTS)
+    pub fn limit_cycle(&self) -> Option<f64> {
+        let changes = self.changes.filter(CountChanges::are_single)?;
+        let steps = self.white_counts? / changes.step;
+        (steps < LEAST_WHITE_STEPS).then_some(steps)
     }
 
     /// What is to be known before its figures are used; each message begins with its name.
@@ -123,12 +131,28 @@ impl SensorNoise {
             add(name::RATE_CONSTANT, "its counts never change; look at the sensor and its cable".to_owned());
             return found;
         };
-        if let Some(counts) = self.white_counts.filter(|_| self.has_limit_cycle()) {
+        for step in &allan.steps {
             let message = format!(
-                "its noise is smaller than a count, {counts:.2} counts a row: the counts repeat a pattern (limit cycle), so Q and N are not those of \
-                 the sensor; record with a longer interval"
+                "a step of {:.3e} {} at {:.1} s; the curve is without it, and K is not given; record again without knocks, or leave it out with \
+                 --from and --to",
+                step.size,
+                self.kind.units().rate,
+                step.at_s
+            );
+            add(name::NOISE_STEP, message);
+        }
+        if let Some(steps) = self.limit_cycle() {
+            let message = format!(
+                "its noise is smaller than a step of its counts, {steps:.2} steps a row: the counts repeat a pattern (limit cycle), so Q and N are not \
+                 those of the sensor; record with a longer interval"
             );
             add(name::LIMIT_CYCLE, message);
+        } else if let Some(errors) = allan.filtered_errors.filter(|_| self.new_every_s.is_none()) {
+            let message = format!(
+                "its rows correlate from one to the next, by {errors:.0} errors more than noise of the model: a filter, or vibration; {}",
+                above(allan.holds_from_s())
+            );
+            add(name::NOISE_FILTERED, message);
         }
         match &allan.model {
             None => add(name::NOISE_MODEL, "the model cannot be fitted: the counts repeat a pattern".to_owned()),
@@ -246,6 +270,7 @@ impl NoiseAnalysis {
         let candidates = &rows[first..first + count];
         let outputs = Outputs::of(candidates, table);
         let at_rest = find_standstills(candidates, window_s(candidates))?.found;
+        let at_rest_rows: Vec<_> = at_rest.iter().map(|rest| rest.rows.clone()).collect();
         let stretches = at_rest.into_iter().flat_map(|rest| split(rest.rows, candidates, &outputs));
         // Of two stretches of one length, the first.
         let longest = stretches.fold(0..0, |a, b| if b.len() > a.len() { b } else { a });
@@ -260,13 +285,20 @@ impl NoiseAnalysis {
         let mut found = outputs.findings.clone();
         let continuity: Continuity = candidates.iter().collect();
         found.extend(continuity.findings(MISSING).into_iter().map(Finding::warned));
-        let sensors = outputs.sensors.iter().map(|sensor| sensor.noise(candidates, longest.clone(), interval_s));
+        found.extend(table.and_then(|table| length_at_rest(table, candidates)));
+        // Every sensor says itself that its counts never change.
+        let of_counts = faults(candidates, &at_rest_rows).into_iter().filter(|it| it.name != name::NO_PULSES);
+        found.extend(of_counts.map(Finding::warned));
+        let used_s = [begin(used.start), end(used.end - 1)];
+        let stretch = Stretch { rows: stretch, used: longest, interval_s, begin_s: used_s[0] };
+        let sensors: Vec<_> = outputs.sensors.iter().map(|sensor| sensor.noise(&stretch)).collect();
+        found.extend(sensors.chunks(AXES).filter_map(|triad| repeated(triad, interval_s)));
         Ok(Self {
             rows: rows.len(),
-            used_s: [begin(used.start), end(used.end - 1)],
+            used_s,
             used,
             interval_s,
-            sensors: sensors.collect(),
+            sensors,
             losses: continuity.losses(),
             of_recording: found,
             temperature_unit: table.map_or_else(|| "unit".to_owned(), |table| table.content().temperature_unit.clone()),
@@ -372,21 +404,70 @@ impl Outputs {
 }
 
 impl Sensor {
-    fn noise(&self, rows: &[RawSample], used: Range<usize>, interval_s: f64) -> SensorNoise {
-        let (rates, rows) = (&self.rates[used.clone()], &rows[used]);
-        let allan = Allan::of(rates, interval_s);
+    fn noise(&self, stretch: &Stretch<'_>) -> SensorNoise {
+        let (rates, rows, interval_s) = (&self.rates[stretch.used.clone()], stretch.rows, stretch.interval_s);
+        let mut allan = Allan::of(rates, interval_s);
         let telemetry: Vec<_> = rows.iter().map(|row| triad(row, self.kind).head_temperature[self.axis]).collect();
-        let line = allan.as_ref().and_then(|allan| TemperatureLine::of(rates, &telemetry, interval_s, allan));
+        let mut line = allan.as_ref().and_then(|allan| TemperatureLine::of(rates, &telemetry, interval_s, allan));
+        for step in allan.iter_mut().chain(line.as_mut().map(|line| &mut line.without)).flat_map(|it| &mut it.steps) {
+            step.at_s += stretch.begin_s;
+        }
+        let counts = stretch.counts(self.kind, self.axis);
         let white_counts = allan.as_ref().and_then(|allan| {
             let [_, white, ..] = allan.model.as_ref()?.coefficients;
             // Counts over the output, as the ratio of their Allan deviations over one row.
-            let counts: Vec<_> = rows.iter().map(|row| net_counts(triad(row, self.kind), self.axis)).collect();
-            let counts = crate::allan::curve::variance(&crate::allan::curve::phase(&counts, 1.0), 1, 1.0).sqrt();
+            let counts = variance(&phase(&counts, 1.0), 1, 1.0).sqrt();
             Some(white.below().unwrap_or(white.value) / interval_s.sqrt() * counts / allan.points.first()?.adev)
         });
-        let name = self.kind.names()[self.axis];
-        SensorNoise { name, sensor: self.kind, kind: self.rate, allan, line, white_counts }
+        SensorNoise {
+            name: self.kind.names()[self.axis],
+            sensor: self.kind,
+            kind: self.rate,
+            allan,
+            line,
+            white_counts,
+            changes: CountChanges::of(&counts),
+            new_every_s: new_part(&counts).map(|part| interval_s / part),
+        }
     }
+}
+
+/// The rows that are analysed.
+struct Stretch<'a> {
+    rows: &'a [RawSample],
+    /// Which rates they are.
+    used: Range<usize>,
+    interval_s: f64,
+    begin_s: f64,
+}
+
+impl Stretch<'_> {
+    /// Net counts of an axis.
+    fn counts(&self, kind: SensorKind, axis: usize) -> Vec<f64> {
+        self.rows.iter().map(|row| net_counts(triad(row, kind), axis)).collect()
+    }
+}
+
+/// That values of a triad repeat.
+fn repeated(triad: &[SensorNoise], interval_s: f64) -> Option<Finding> {
+    let repeat: Vec<_> = triad.iter().filter_map(|sensor| Some((sensor, sensor.new_every_s?))).collect();
+    let (_, new_every_s) = repeat.first()?;
+    let names: Vec<_> = repeat.iter().map(|(sensor, _)| sensor.name).collect();
+    let curves = repeat.iter().filter_map(|(sensor, _)| sensor.allan.as_ref());
+    let from_s = curves.map(Allan::holds_from_s).reduce(|a, b| Some(a?.max(b?))).flatten();
+    let message = format!(
+        "{}: values repeat, {:.1} new ones a second in {:.1} rows a second; {}; record each value once",
+        names.join(", "),
+        1.0 / new_every_s,
+        1.0 / interval_s,
+        above(from_s)
+    );
+    Some(Finding::warning(name::REPEATED, message))
+}
+
+/// From which tau on N holds.
+fn above(from_s: Option<f64>) -> String {
+    from_s.map_or_else(|| "no model holds".to_owned(), |from_s| format!("N holds above tau = {from_s:.4} s"))
 }
 
 fn triad(row: &RawSample, kind: SensorKind) -> &Triad {

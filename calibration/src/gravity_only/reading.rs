@@ -47,11 +47,11 @@ pub struct Reading {
 }
 
 impl Reading {
-    /// The means of the rows `range` of a recording without its glitches; the standstill begins at `start_s`.
+    /// The means of the rows `range` of a recording without its glitches: its number, the recording's, and where the
+    /// standstill begins, `start_s`.
     #[must_use]
     pub fn of(
-        number: usize,
-        recording: usize,
+        [number, recording]: [usize; 2],
         all: &[RawSample],
         range: Range<usize>,
         start_s: f64,
@@ -85,7 +85,7 @@ impl Reading {
         Self {
             number,
             recording,
-            session: rows.first().map_or(0, |row| u64::from(row.session)),
+            session: rows.first().map_or(0, |row| row.session),
             rows: range,
             start_s,
             seconds,

@@ -3,14 +3,17 @@
 use super::common::Acceptance;
 use crate::parse::interval;
 use clap::Args;
+use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, tell};
-use isotherm_files::{Output, check_written, refuse_overlap};
+use isotherm_files::{Output, WorldWritable, check_written, load_table, refuse_overlap};
+use isotherm_finding::Finding;
 use isotherm_recording::RawCsvWriter;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::convert::{Conversion, Settings};
 use isotherm_recording_formats::write::ParquetStream;
 use isotherm_shared::stream::StreamKind;
+use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{RawSample, StreamSample};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -51,6 +54,9 @@ pub(crate) struct Convert {
     /// none, and 1 for several files]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     session: Option<u64>,
+    /// Table of the IMU, by which the length of the specific force at rest is compared with gravity
+    #[arg(long, value_name = "TABLE")]
+    table: Option<PathBuf>,
     /// Name of the IMU, which a Parquet file has
     #[arg(long, value_name = "ID", default_value = "imu")]
     imu: ImuId,
@@ -68,11 +74,14 @@ impl Convert {
         let outputs = self.outputs()?;
         let mut inputs: Vec<_> = self.input.iter().map(|input| (input.as_path(), "the data")).collect();
         inputs.extend(self.mapping.iter().map(|mapping| (mapping.as_path(), "the mapping")));
+        inputs.extend(self.table.iter().map(|table| (table.as_path(), "the table")));
         let all: Vec<_> = outputs.iter().map(|output| Some(output.as_path())).collect();
         refuse_overlap(&inputs, &all)?;
+        let table = self.table.as_ref().map(|path| load_table(path, None, WorldWritable::Allow));
+        let table = table.transpose()?.map(|(table, _)| table);
         let first = self.session.unwrap_or(u64::from(self.input.len() > 1));
         for (session, (input, output)) in (first..).zip(self.input.iter().zip(&outputs)) {
-            self.convert(input, output, session)?;
+            self.convert(input, output, session, table.as_ref())?;
         }
         Ok(())
     }
@@ -101,7 +110,13 @@ impl Convert {
         Ok(outputs)
     }
 
-    fn convert(&self, input: &Path, output: &Path, session: u64) -> Result<(), Failure> {
+    fn convert(
+        &self,
+        input: &Path,
+        output: &Path,
+        session: u64,
+        table: Option<&CoefficientTable>,
+    ) -> Result<(), Failure> {
         let extension = output.extension().map(|extension| extension.to_string_lossy().to_lowercase());
         let parquet = match extension.as_deref() {
             Some("parquet") => true,
@@ -136,17 +151,24 @@ impl Convert {
             Ok(writer) => writer,
             Err(error) => return check_written(path, Err(error)),
         };
+        let mut begin = Vec::new();
         for sample in &mut conversion {
-            if let Err(error) = writer.write(&sample?) {
+            let sample = sample?;
+            if table.is_some() && begin.len() < LENGTH_ROWS {
+                begin.push(sample);
+            }
+            if let Err(error) = writer.write(&sample) {
                 return check_written(path, Err(error));
             }
         }
+        let at_rest = table.and_then(|table| length_at_rest(table, &begin)).map(Finding::warned);
+        let findings = conversion.findings().into_iter().chain(at_rest).collect();
         for note in conversion.notes() {
             tell("isotherm", note);
         }
         let name = if self.input.len() > 1 { input.display().to_string() } else { String::new() };
         // Before the file is put in place: what is refused leaves none.
-        self.acceptance.admit(&name, conversion.findings()).map_err(|refused| refused.failure)?;
+        self.acceptance.admit(&name, findings).map_err(|refused| refused.failure)?;
         check_written(path, writer.finish())?;
         let to = if output == Path::new("-") { "stdout".into() } else { output.display().to_string() };
         tell("isotherm", format_args!("{} rows in {to}", conversion.rows()));

@@ -3,6 +3,7 @@
 use super::common::{Acceptance, GyroscopeWarning, LagSetting, joined_paths};
 use clap::Args;
 use indicatif::ProgressBar;
+use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
 use isotherm_client::{Flags, ImuId};
 use isotherm_failure::{Failure, tell};
 use isotherm_files::{Output, WorldWritable, check_written, load_table, refuse_overlap};
@@ -70,10 +71,14 @@ impl Replay {
         let mut flags = FlagCounts::default();
         let mut warning = GyroscopeWarning::new(layout.gyroscopes);
         let mut continuity = Continuity::default();
+        let mut begin: Vec<RawSample> = Vec::new();
         for sample in first.into_iter().chain(samples) {
             let sample = sample?;
             warning.check(&sample);
             continuity.add(&sample);
+            if begin.len() < LENGTH_ROWS {
+                begin.push(sample);
+            }
             let increment = answer(Some(&table), &sample);
             flags.add(increment.flags);
             if let Err(error) = writer.write(&sample, &increment) {
@@ -84,7 +89,8 @@ impl Replay {
         let others = flags.count(Flags::OTHER_DEVICE);
         let other = (others > 0).then(|| other_device(&table, others));
         // Before the file is put in place: what is refused leaves none. Without --strict nothing is.
-        let findings = continuity.findings(0.0).into_iter().map(Finding::warned).chain(other).collect();
+        let of_rows = continuity.findings(0.0).into_iter().chain(length_at_rest(&table, &begin));
+        let findings = of_rows.map(Finding::warned).chain(other).collect();
         self.acceptance.admit(&joined_paths(&self.recording), findings).map_err(|refused| refused.failure)?;
         check_written(path, writer.finish().and_then(Output::finish))?;
         if tells_no_temperature {

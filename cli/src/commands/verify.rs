@@ -5,13 +5,13 @@ use crate::parse::{direction, gravity, seconds};
 use crate::progress::bytes_bar;
 use clap::Args;
 use isotherm_calibration::{Origin, now, tool};
-use isotherm_campaign::STANDSTILL_WINDOW_S;
+use isotherm_campaign::{STANDSTILL_WINDOW_S, faults, length_at_rest};
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{
     StagedText, WorldWritable, check_stdout, check_written, load_table, print, print_data, read_text, refuse_overlap,
 };
-use isotherm_finding::name;
+use isotherm_finding::{Finding, name};
 use isotherm_job::{Refused, Run};
 use isotherm_recording::{MISSING, other_device};
 use isotherm_report as report;
@@ -211,7 +211,9 @@ impl Verify {
         let made_the_table = run.made(&origin);
         if let Some(lengths) = self.lengths(&table, &rows, keep, &recording)? {
             let lengths = Lengths { made_the_table, ..lengths };
-            let found = own_recording(made_the_table).into_iter().chain(of_time).collect();
+            let at_rest: Vec<_> = lengths.standstills.iter().map(|it| it.reading.rows.clone()).collect();
+            let of_rows = length_at_rest(&table, &rows).into_iter().chain(faults(&rows, &at_rest)).map(Finding::warned);
+            let found = own_recording(made_the_table).into_iter().chain(of_rows).chain(of_time).collect();
             self.acceptance.admit(&recording, found)?;
             return self.show_lengths(&table, &lengths, recording, page, require);
         }

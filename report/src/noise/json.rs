@@ -5,7 +5,8 @@ use crate::findings::records;
 use crate::view::{value, view};
 use core::f64::consts::SQRT_2;
 use isotherm_analysis::{
-    Allan, COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit, NoiseAnalysis, NoiseUnits, SensorNoise, TemperatureLine,
+    Allan, COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit, NoiseAnalysis, NoiseUnits, SensorNoise, Step,
+    TemperatureLine,
 };
 use isotherm_recording::Losses;
 use serde_json::Value;
@@ -56,7 +57,7 @@ SensorView<'a>(sensor: &SensorNoise, units: &NoiseUnits, temperature_unit: &str)
     #[serde(flatten)]
     curve: Option<CurveView> = sensor.allan.as_ref().map(|allan| CurveView::of(allan, units)),
     white_noise_counts: Option<f64> = sensor.white_counts,
-    limit_cycle: bool = sensor.has_limit_cycle(),
+    limit_cycle: bool = sensor.limit_cycle().is_some(),
     temperature: Option<TemperatureView> =
         sensor.line.as_ref().map(|line| TemperatureView::of(line, units, temperature_unit)),
 }}
@@ -78,7 +79,16 @@ CurveView(allan: &Allan, units: &NoiseUnits) {
     interval_in_unit: Vec<Option<[f64; 2]>> = allan.points.iter().map(|point| point.interval).collect(),
     degrees_of_freedom: Vec<Option<f64>> = allan.points.iter().map(|point| point.freedom).collect(),
     minimum: Option<MinimumView> = allan.minimum().map(|_| MinimumView::of(allan, units)),
-    model: Option<ModelView> = allan.model.as_ref().map(|fit| ModelView::of(fit, units)),
+    steps: Vec<StepView> = allan.steps.iter().map(|step| StepView::of(step, units)).collect(),
+    model: Option<ModelView> = allan.model.as_ref().map(|fit| ModelView::of(allan, fit, units)),
+}}
+
+view! {
+/// A step that is taken out of the rates.
+StepView(step: &Step, units: &NoiseUnits) {
+    unit: &'static str = units.rate,
+    at_s: f64 = step.at_s,
+    size_in_unit: f64 = step.size,
 }}
 
 view! { MinimumView(allan: &Allan, units: &NoiseUnits) {
@@ -89,23 +99,25 @@ view! { MinimumView(allan: &Allan, units: &NoiseUnits) {
     at_end: bool = allan.falls_to_the_end(),
 }}
 
-view! { ModelView(model: &ModelFit, units: &NoiseUnits) {
+view! { ModelView(allan: &Allan, model: &ModelFit, units: &NoiseUnits) {
     holds: bool = model.holds(),
     chi_square: f64 = model.chi_square,
     degrees_of_freedom: usize = model.freedom,
     fitted_s: [f64; 2] = model.fitted_s,
-    coefficients: [NamedView; 4] = [0, 1, 2, 3].map(|k| NamedView::of(&model.coefficients[k], units, k)),
+    coefficients: [NamedView; 4] = [0, 1, 2, 3].map(|k| NamedView::of(&model.coefficients[k], units, k, allan.gives(k))),
     two_sided_density: CoefficientView = CoefficientView::of(&model.coefficients[1], units.density, 1.0),
     one_sided_density: CoefficientView = CoefficientView::of(&model.coefficients[1], units.density, SQRT_2),
     flicker_floor: CoefficientView = CoefficientView::of(&model.coefficients[2], units.rate, FLICKER_FLOOR),
 }}
 
-view! { NamedView(coefficient: &Coefficient, units: &NoiseUnits, k: usize) {
+view! {
+/// A coefficient; without figures where the curve does not give it.
+NamedView(coefficient: &Coefficient, units: &NoiseUnits, k: usize, given: bool) {
     letter: &'static str = COEFFICIENTS[k],
     name: &'static str = units.names[k],
     #[serde(flatten)]
-    coefficient: CoefficientView =
-        CoefficientView::of(coefficient, units.coefficients[k].0, units.coefficients[k].1),
+    coefficient: Option<CoefficientView> =
+        given.then(|| CoefficientView::of(coefficient, units.coefficients[k].0, units.coefficients[k].1)),
 }}
 
 view! {

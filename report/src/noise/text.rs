@@ -41,10 +41,9 @@ fn sensor(sensor: &SensorNoise, temperature_unit: &str) -> String {
     let Some(allan) = &sensor.allan else { return format!("{}: the counts never change\n", sensor.name) };
     let mut text = format!("{:30} {:>11}   {:24} unit\n", sensor.name, "value", "95 % range");
     text += &curve(allan, &units, "  ");
-    if sensor.has_limit_cycle()
-        && let Some(counts) = sensor.white_counts
-    {
-        let _ = writeln!(text, "  the noise is smaller than a count, {counts:.2} counts a row (limit cycle)");
+    if let Some(steps) = sensor.limit_cycle() {
+        let _ =
+            writeln!(text, "  the noise is smaller than a step of the counts, {steps:.2} steps a row (limit cycle)");
     }
     if let Some(line) = &sensor.line {
         let slope = format!("  slope over head telemetry {} per {temperature_unit}", slope(line, &units));
@@ -67,7 +66,7 @@ pub(crate) fn slope(line: &TemperatureLine, units: &NoiseUnits) -> String {
 /// The coefficients, what is to be said of them, and the minimum of the curve.
 fn curve(allan: &Allan, units: &NoiseUnits, indent: &str) -> String {
     let mut lines = match &allan.model {
-        Some(model) => fit(model, units, indent),
+        Some(model) => fit(allan, model, units, indent),
         None => vec!["the model cannot be fitted: the counts repeat a pattern".to_owned()],
     };
     if let Some(point) = allan.minimum() {
@@ -80,10 +79,10 @@ fn curve(allan: &Allan, units: &NoiseUnits, indent: &str) -> String {
 }
 
 /// The lines of a model, which will be indented.
-fn fit(model: &ModelFit, units: &NoiseUnits, indent: &str) -> Vec<String> {
+fn fit(allan: &Allan, model: &ModelFit, units: &NoiseUnits, indent: &str) -> Vec<String> {
     let coefficient = |(k, coefficient): (usize, &Coefficient)| {
         let (unit, factor) = units.coefficients[k];
-        let [value, range] = shown(coefficient, factor);
+        let [value, range] = if allan.gives(k) { shown(coefficient, factor) } else { NOT_GIVEN.map(str::to_owned) };
         let (name, width) = (format!("{} {}", COEFFICIENTS[k], units.names[k]), 30 - indent.len());
         format!("{name:width$} {value:>11}   {range:24} {unit}")
     };
@@ -102,6 +101,9 @@ fn fit(model: &ModelFit, units: &NoiseUnits, indent: &str) -> Vec<String> {
     ]);
     lines
 }
+
+/// Value and range of a coefficient that the curve does not give.
+pub(crate) const NOT_GIVEN: [&str; 2] = ["not given", ""];
 
 /// Value and range of a coefficient.
 pub(crate) fn shown(coefficient: &Coefficient, factor: f64) -> [String; 2] {

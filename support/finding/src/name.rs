@@ -165,8 +165,8 @@ findings! {
         NOT_STILL = "not-still", FaultOrWarning, "Leave the dwell out with `--exclude`.";
         /// K+ and |K-| of one accelerometer differ by over a factor of 1.5: one channel is divided, or loses pulses.
         CHANNELS_DIFFER = "channels-differ", Fault, "Mend it and measure again.";
-        /// Local gravity is over 0.002 m/s2 off normal gravity at the stated latitude and height. It is in proportion in
-        /// all scale factors.
+        /// Local gravity is over 0.002 m/s2 off normal gravity at the stated latitude and height. It is in proportion
+        /// in all scale factors.
         LOCAL_GRAVITY = "local-gravity", Warning, "Look up local gravity; state the height in metres.";
         /// Scale factors of a triad, or K+ and K- of a sensor, differ by over a factor of 2.
         AXES_DIFFER = "axes-differ", Warning, "Look for a lost digit, or for pulses that are divided.";
@@ -308,8 +308,9 @@ findings! {
     "Verification" "" {
         /// The table was made from this recording, or from rows that are in it: it fits, whatever the IMU does now.
         OWN_RECORDING = "own-recording", Warning, "Verify with a recording that the table was not made from.";
-        /// The length of the output is not that of gravity in too many windows: nothing is claimed.
-        NOT_GRAVITY = "not-gravity", Warning, "Keep the IMU at rest; give the table and the intervals of this IMU.";
+        /// The length of the specific force at rest is over 2 % off gravity, or of a run in too many windows: nothing
+        /// is claimed.
+        NOT_GRAVITY = "not-gravity", FaultOrWarning, "Keep the IMU at rest; give the table and the intervals of this IMU.";
         /// Too many windows are left out: nothing is claimed of the whole run.
         UNJUDGED = "unjudged", Warning, "Keep the IMU at one attitude; look at the windows that the line counts.";
         /// The output is on average over 5 mg0 off the stated attitude.
@@ -318,7 +319,16 @@ findings! {
     "Noise at rest" "" {
         /// The counts of a sensor never change.
         RATE_CONSTANT = "rate-constant", Warning, "Look at the sensor and its cable.";
-        /// The noise of a row is smaller than a count: the counts repeat a pattern, so Q and N are not the sensor's.
+        /// A rate moved at once and for good: a knock, or a jump of the sensor. The curve is without it, K is not
+        /// given.
+        NOISE_STEP = "noise-step", Warning, "Record again without knocks, or leave it out with `--from` and `--to`.";
+        /// Rows correlate by more than noise of the model: a low-pass, or vibration. N is that of longer tau, Q is not
+        /// given.
+        NOISE_FILTERED = "noise-filtered", Warning, "Take N above the tau that the line gives, or turn the filter off.";
+        /// Values stand in several rows, regularly: the sensor gives fewer than there are rows.
+        REPEATED = "repeated", Warning, "Record each value once, at the rate that the line gives.";
+        /// The noise of a row is smaller than a step of the counts: they repeat a pattern, so Q and N are not the
+        /// sensor's.
         LIMIT_CYCLE = "limit-cycle", Warning, "Record with a longer interval.";
         /// The model of Q, N, B and K does not hold, or cannot be fitted: no ranges are given.
         NOISE_MODEL = "noise-model", Warning, "Look at the curve: a knock, a filter or a pattern is no noise of the model.";

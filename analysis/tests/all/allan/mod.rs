@@ -1,5 +1,6 @@
 //! The Allan deviation and the model of it, on simulated noise with a known truth.
 
 mod coverage;
+mod misled;
 mod recording;
 mod simulated;

@@ -8,12 +8,12 @@ use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{AXES, RawSample, Triad};
 use isotherm_simulation::RandomGenerator;
 
-const ALL: [f64; 2] = [0.0, f64::INFINITY];
+pub(super) const ALL: [f64; 2] = [0.0, f64::INFINITY];
 const INTERVAL_NS: u64 = 100_000_000;
 const WHITE: Truth = Truth { quantisation: 0.0, white: 1.0, flicker: 0.0, walk: 0.0 };
 
 /// Rows of 0.1 s at rest, whose channels count `counts` a row plus `offset`; what is left is carried into the next row.
-fn rows(counts: &[Vec<f64>; AXES], offset: f64) -> Vec<RawSample> {
+pub(super) fn rows(counts: &[Vec<f64>; AXES], offset: f64) -> Vec<RawSample> {
     let mut carried = [0.37; AXES];
     let row = |index: usize| {
         let positive_pulses = [0, 1, 2].map(|axis| {
@@ -239,8 +239,8 @@ fn temperature_contaminates_what_a_line_explains() {
 fn noise_smaller_than_a_count_is_a_limit_cycle() {
     let found = NoiseAnalysis::of(&white(0.15, 32768), None, ALL).unwrap();
     for sensor in &found.sensors {
-        assert!(sensor.has_limit_cycle(), "{:?}", sensor.white_counts);
-        assert!(sensor.findings()[0].message.contains("smaller than a count"), "{:?}", sensor.findings());
+        assert!(sensor.limit_cycle().is_some(), "{:?}", sensor.white_counts);
+        assert!(sensor.findings()[0].message.contains("smaller than a step of its counts"), "{:?}", sensor.findings());
     }
     assert!(NoiseAnalysis::of(&white(0.7, 32768), None, ALL).unwrap().findings().is_empty());
     // A sensor that never counts, beside two that do.

@@ -1,0 +1,72 @@
+//! What counts alone say of a noise: their step, and whether values repeat.
+
+/// Changes within this many steps are single steps.
+const SINGLE: f64 = 1.5;
+/// Of counts that repeat a pattern at least this part of the changes are single steps.
+const PATTERN: f64 = 0.8;
+/// Parts of the rows, each of which must repeat: a quiet hour beside a loud one is no repetition.
+const PARTS: usize = 10;
+/// Rows repeat if fewer than this part of them are new ..
+const MOST_NEW: f64 = 0.9;
+/// .. and if whether they change correlates by less than this from row to row.
+const MOST_CORRELATION: f64 = -0.05;
+
+/// The changes of a sensor's counts from row to row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CountChanges {
+    /// The step of the counts: the 1 % quantile of the changes that are not 0 \[pulse\].
+    pub step: f64,
+    /// The part of these changes that are of one step.
+    pub single: f64,
+}
+
+impl CountChanges {
+    /// Of the counts of rows in turn; `None` if they never change.
+    #[must_use]
+    pub(super) fn of(counts: &[f64]) -> Option<Self> {
+        let changes = counts.windows(2).map(|pair| (pair[1] - pair[0]).abs());
+        let mut changes: Vec<f64> = changes.filter(|change| *change > 0.0).collect();
+        changes.sort_by(f64::total_cmp);
+        let step = *changes.get(changes.len() / 100)?;
+        let single = changes.partition_point(|change| *change <= SINGLE * step);
+        Some(Self { step, single: single as f64 / changes.len() as f64 })
+    }
+
+    /// Whether the counts go to and fro by one step, as those of a noise that is smaller do.
+    #[must_use]
+    pub(super) const fn are_single(&self) -> bool {
+        self.single >= PATTERN
+    }
+}
+
+/// The part of the rows that have a new value, if values repeat. Counts that go to and fro by one step repeat by
+/// chance, and tell nothing. A value repeats regularly: one that stays is followed by one that changes more often than
+/// by chance, other than in a quiet hour beside a loud one, or between bursts.
+pub(super) fn new_part(counts: &[f64]) -> Option<f64> {
+    let changes = CountChanges::of(counts).filter(|changes| !changes.are_single())?;
+    let rows = counts.len() - 1;
+    let mut parts = (0..PARTS).map(|part| &counts[rows * part / PARTS..=rows * (part + 1) / PARTS]);
+    let all = new_values(counts, changes.step);
+    let repeats = all < MOST_NEW && parts.all(|part| new_values(part, changes.step) < MOST_NEW);
+    (repeats && correlation_of_changes(counts) < MOST_CORRELATION).then_some(all)
+}
+
+/// The part of these rows that have a new value. New ones may equal those before by chance, as often as the changes by
+/// one step and by two say: the logarithm of the frequency falls with the square of the change.
+fn new_values(counts: &[f64], step: f64) -> f64 {
+    let within = |least: f64, most: f64| {
+        let steps = counts.windows(2).map(|pair| (pair[1] - pair[0]).abs() / step);
+        steps.filter(|steps| (least..most).contains(steps)).count() as f64
+    };
+    let (single, double) = (within(0.5, 1.5), within(1.5, 2.5).max(1.0));
+    let by_chance = 0.5 * single * (single / double).max(1.0).cbrt();
+    1.0 - (within(0.0, 0.5) - by_chance).max(0.0) / (counts.len() - 1) as f64
+}
+
+/// The correlation of whether a row changes with whether the next one does.
+fn correlation_of_changes(counts: &[f64]) -> f64 {
+    let changes: Vec<bool> = counts.windows(2).map(|pair| pair[0] != pair[1]).collect();
+    let part = changes.iter().filter(|change| **change).count() as f64 / changes.len() as f64;
+    let both = changes.windows(2).filter(|pair| pair[0] && pair[1]).count() as f64 / (changes.len() - 1) as f64;
+    (both - part * part) / (part * (1.0 - part))
+}
