@@ -29,7 +29,7 @@
 //!         raw.telemetry_ns = latched.telemetry_ns;      // when the temperatures were measured, your clock
 //!         raw.interval_ns = 2_500_000;                  // the measured gate length, here 2.5 ms
 //!         raw.accelerometers = latched.accelerometers;  // pulses of both channels, and telemetry in the table's unit
-//!         raw.gyroscopes = latched.gyroscopes;          // all zero where the IMU has none
+//!         raw.gyroscopes = latched.gyroscopes;          // leave them out where the IMU has none
 //!         let increment = acquisition.compensate(raw, Duration::from_millis(10))?;
 //!         println!("{:?} m/s, {:?} rad", increment.velocity_increment, increment.angle_increment);
 //!         acquisition.prepare();                        // the next sample finds its way warm; best 10 us before

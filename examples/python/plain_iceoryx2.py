@@ -35,7 +35,7 @@ class RawSample(ctypes.Structure):
         ("lag_ns", ctypes.c_uint64),  # time constant of head_lagged; 0 = there is none
         ("device", ctypes.c_uint64),  # which unit; 0 = unknown
         ("accelerometers", Triad),
-        ("gyroscopes", Triad),  # all zero where the IMU has none
+        ("gyroscopes", Triad),  # where the IMU has none: telemetry NaN
     ]
 
     @staticmethod

@@ -54,6 +54,12 @@ impl Triad {
         let unused = self.positive_pulses == [0; AXES] && self.negative_pulses == [0; AXES] && unlagged;
         unused && (all(f64::is_nan) || all(|value| value.to_bits() == 0))
     }
+
+    /// The same, but all 0 if it [is absent](Self::is_absent): for sums, which one NaN would spoil.
+    #[must_use]
+    pub fn or_zero(self) -> Self {
+        if self.is_absent() { Self::default() } else { self }
+    }
 }
 
 /// NaN, which is telemetry that nobody has read, equals NaN.

@@ -213,6 +213,7 @@ fn collect(
     row: &CampaignRow,
 ) -> Result<(), RecordingError> {
     runs.present |= !row.sample.gyroscopes.is_absent();
+    let row = &CampaignRow { sample: RawSample { gyroscopes: row.sample.gyroscopes.or_zero(), ..row.sample }, ..*row };
     let place = Some((row.set_point_c, row.position));
     let goes_on = core::mem::replace(previous, place) == place;
     let Some(number) = row.position.filter(|_| !campaign.turns.is_empty()) else { return Ok(()) };

@@ -167,7 +167,8 @@ impl RampRecording {
     /// Why the sample cannot be used: see [`implausible`]; a full counter or telemetry that is not finite, of a
     /// gyroscope.
     pub fn add(&mut self, raw: &RawSample) -> Result<(), String> {
-        if let Some(wrong) = implausible(raw, self.previous_ns).or_else(|| implausible_gyroscopes(&raw.gyroscopes)) {
+        let gyroscopes = raw.gyroscopes.or_zero();
+        if let Some(wrong) = implausible(raw, self.previous_ns).or_else(|| implausible_gyroscopes(&gyroscopes)) {
             return Err(wrong);
         }
         if raw.timestamp_ns < raw.interval_ns {
@@ -186,7 +187,7 @@ impl RampRecording {
         let free = self.devices.iter_mut().find(|known| **known == 0 || **known == raw.device);
         free.into_iter().for_each(|known| *known = raw.device);
         self.add_pulses(raw);
-        for (sensor, triad) in [(0, &raw.accelerometers), (AXES, &raw.gyroscopes)] {
+        for (sensor, triad) in [(0, &raw.accelerometers), (AXES, &gyroscopes)] {
             for axis in 0..AXES {
                 self.heads[sensor + axis].add(raw, triad.head_temperature[axis]);
                 self.boards[sensor + axis].add(raw, triad.board_temperature[axis]);

@@ -126,7 +126,8 @@ fn checked_gyroscopes(
     found: &CompensatedIncrement,
 ) -> Flags {
     let mut expected = Expected::of(Some(table), Some(&gyroscopes.axes), raw, &raw.gyroscopes);
-    let lag_unknown = expected.flags.only(Flags::LAG_UNKNOWN);
+    let absent = raw.gyroscopes.is_absent() && raw.gyroscopes.head_temperature[0].is_nan();
+    let lag_unknown = if absent { Flags::default() } else { expected.flags.only(Flags::LAG_UNKNOWN) };
     let flags = lag_unknown | Flags(expected.flags.0 & !Flags::LAG_UNKNOWN.0).of_gyroscopes();
     // A velocity increment that is NaN costs an angle nothing but its g-sensitivity. One that has nearly overflowed may
     // cost it all.

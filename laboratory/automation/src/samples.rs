@@ -379,7 +379,7 @@ impl<'p> SampleRecorder<'p> {
         let far_ahead = previous_ns.is_some_and(|previous_ns| timestamp_ns.saturating_sub(previous_ns) > MAX_STEP_NS);
         let age_s = timestamp_ns.saturating_sub(telemetry_ns) as f64 / 1e9;
         let stale = telemetry_ns > 0 && self.plan.campaign.max_age_s.is_some_and(|most| age_s > most);
-        let gyroscopes = !self.plan.turns.is_empty() && gyroscopes_implausible(&sample.gyroscopes).is_some();
+        let gyroscopes = !self.plan.turns.is_empty() && gyroscopes_implausible(&sample.gyroscopes.or_zero()).is_some();
         implausible(sample, previous_ns).is_some() || gyroscopes || timestamp_ns < interval_ns || far_ahead || stale
     }
 

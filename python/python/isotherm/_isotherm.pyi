@@ -213,7 +213,7 @@ class Loan:
         """A1, A2, A3."""
     @property
     def gyroscopes(self) -> Triad:
-        """G1, G2, G3; all zero where the IMU has none."""
+        """G1, G2, G3; where the IMU has none, no pulses and telemetry NaN (or 0)."""
     @property
     def sent(self) -> bool:
         """Whether it has been sent."""
