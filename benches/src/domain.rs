@@ -13,7 +13,7 @@ use std::process::{Child, ChildStdin, Command, ExitCode, Stdio};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tempfile::TempDir;
 
 /// The file in a domain's folder that its processes log to.
@@ -25,6 +25,8 @@ const OUTPUT: &str = "output";
 const SERVE: [&str; 3] = ["serve", "--config", "service.toml"];
 /// Time in which the operating system ends killed processes.
 const ENDING: Duration = Duration::from_millis(100);
+/// The guardian gives up on processes that do not end.
+const MAX_LOOKS: u32 = 100;
 
 /// A domain and a folder of this bench's own. Dropping it removes them; its processes must have ended. If the bench is
 /// killed, its guardian does both.
@@ -40,10 +42,14 @@ impl BenchDomain {
     /// If the temporary folder cannot be used.
     pub fn new() -> BenchResult<Self> {
         static COUNT: AtomicU32 = AtomicU32::new(0);
-        let folder = tempfile::Builder::new().prefix("iso-").tempdir()?;
         let name = format!("bench-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
-        let domain = Domain::new(&name, &format!("{}/{name}", folder.path().display()))?;
-        tell_guardian(&domain.prefix(), folder.path())?;
+        let moment = SystemTime::now().duration_since(UNIX_EPOCH)?.as_nanos() as u32;
+        let (parent, folder) = (std::env::temp_dir(), format!("iso-{moment:08x}"));
+        let path = parent.join(&folder);
+        let domain = Domain::new(&name, &format!("{}/{name}", path.display()))?;
+        // Before the folder is made: a bench can be killed between any two steps.
+        tell_guardian(&domain.prefix(), &path)?;
+        let folder = tempfile::Builder::new().prefix(&folder).rand_bytes(0).tempdir_in(parent)?;
         Ok(Self { folder, domain })
     }
 
@@ -146,11 +152,12 @@ impl BenchDomain {
     /// If there is no library, or `cc` cannot compile it.
     pub fn compiled(&self, source: &str, libraries: &Path) -> BenchResult<PathBuf> {
         const FOLDER: &str = env!("CARGO_MANIFEST_DIR");
-        let (program, folder) = (self.path("acquisition"), libraries.display());
+        let (program, libraries) = (self.path("acquisition"), std::path::absolute(libraries)?);
+        let folder = libraries.display();
         if !libraries.join("libisotherm_client.so.0").exists() {
             return Err(format!("{folder} has no libisotherm_client.so; `cargo build [--release]` makes it").into());
         }
-        let mut compiler = Command::new("cc");
+        let mut compiler = self.command(Path::new("cc"));
         compiler.args(["-std=c11", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]);
         compiler.arg(format!("-I{FOLDER}/../client/include")).arg(format!("{FOLDER}/src/{source}"));
         compiler.arg(format!("-L{folder}")).arg(format!("-Wl,-rpath,{folder}")).arg("-lisotherm_client");
@@ -262,7 +269,9 @@ fn tell_guardian(prefix: &str, folder: &Path) -> BenchResult<()> {
         command.arg(GUARDIAN).process_group(0).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
         *input = command.spawn()?.stdin;
     }
-    Ok(input.iter_mut().try_for_each(|input| writeln!(input, "{prefix} {}", folder.display()))?)
+    // In one write, so that the guardian never reads half a path.
+    let line = format!("{prefix} {}\n", folder.display());
+    Ok(input.iter_mut().try_for_each(|input| input.write_all(line.as_bytes()))?)
 }
 
 /// The guardian: when its bench has ended, ends the processes and removes the domains that it has left.
@@ -271,24 +280,36 @@ pub(crate) fn guard() -> BenchResult<ExitCode> {
     let domains = domains.iter().filter_map(|line| line.split_once(' '));
     let left: Vec<_> =
         domains.map(|(prefix, folder)| (prefix, Path::new(folder))).filter(|(_, it)| it.exists()).collect();
+    // A process that the bench has just started may not be in its folder yet, and one that is killed may have started
+    // another: the guardian looks until it finds none twice.
+    let (mut looks, mut quiet) = (0, if left.is_empty() { 2 } else { 0 });
+    while quiet < 2 && looks < MAX_LOOKS {
+        (looks, quiet) = (looks + 1, if end_processes(&left)? { 0 } else { quiet + 1 });
+        sleep(ENDING);
+    }
+    for (prefix, folder) in left {
+        remove_shared_memory(prefix);
+        // What cannot be removed must not keep the others.
+        let _ = fs::remove_dir_all(folder);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Kills the processes in the folders of these domains. Returns whether there were any.
+fn end_processes(left: &[(&str, &Path)]) -> BenchResult<bool> {
+    let mut found = false;
     for process in fs::read_dir("/proc")?.flatten() {
         let here = fs::read_link(process.path().join("cwd"))
             .is_ok_and(|cwd| left.iter().any(|(_, folder)| cwd.starts_with(folder)));
         if let Some(pid) =
             process.file_name().to_str().and_then(|pid| pid.parse().ok()).and_then(Pid::from_raw).filter(|_| here)
         {
+            found = true;
             // Fails if it has ended meanwhile.
             let _ = kill_process(pid, Signal::KILL);
         }
     }
-    if !left.is_empty() {
-        sleep(ENDING);
-    }
-    for (prefix, folder) in left {
-        remove_shared_memory(prefix);
-        fs::remove_dir_all(folder)?;
-    }
-    Ok(ExitCode::SUCCESS)
+    Ok(found)
 }
 
 /// A child process that does not outlive the bench.

@@ -230,6 +230,7 @@ mod tests {
             let mut trends = Trends::new(&plan);
             for second in 0..1200_u64 {
                 let mut sample = RawSample { timestamp_ns: second * 1_000_000_000, ..RawSample::default() };
+                sample.gyroscopes = Triad::default();
                 sample.gyroscopes.board_temperature[1] = second as f64 * 0.05 / 3600.0;
                 trends.chamber(second as f64, 20.0);
                 trends.sample(0, &sample);
