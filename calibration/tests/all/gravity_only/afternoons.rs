@@ -423,7 +423,7 @@ fn mistaken(name: &str, random: &mut RandomGenerator) -> (Mems, Vec<Vec<RawSampl
                 "twice" => now[axis] *= 2,
                 "dead" => now[axis] = 0,
                 "doubled" => now[(axis + 1) % 3] = now[axis],
-                "column" => now[axis] = 3000 + (now[axis] & 7),
+                "column" => now[axis] = 3000 + (now[axis] & 7) + (now[axis] >> 3 & 7),
                 // Gravity is taken off by a filter: noise is left.
                 "removed" => now = now.map(|count| (count & 31) - 16),
                 "clip" => now[axis] = now[axis].clamp(-limit, limit),
