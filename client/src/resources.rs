@@ -1,10 +1,12 @@
 //! Checks and reservations before a process uses a domain: shared memory and file descriptors.
 //!
 //! The kernel allocates a page of shared memory when it is first touched. If none is left then, it ends the process by
-//! SIGBUS. So the free space is checked before anything is created, and created objects get all their pages at once.
+//! SIGBUS. So the free space is checked before anything is created, and created objects get all their pages before
+//! anything is written to them ([`isotherm_shared::own_storage`]); those that other programs have created, here.
 
 use crate::error::ConnectError;
 use crate::objects::{SHARED_MEMORY, own_files};
+use isotherm_shared::own_storage::refused_bytes;
 use isotherm_shared::stream::Domain;
 use rustix::fs::{Access, FallocateFlags, access, fallocate, statvfs};
 use rustix::io::Errno;
@@ -59,6 +61,13 @@ pub fn reserve(domain: &Domain) -> Result<(), ConnectError> {
         }
     }
     Ok(())
+}
+
+/// The error of an object that this thread could not create because shared memory was full, if it still is.
+#[must_use]
+pub fn shortage() -> Option<ConnectError> {
+    let needed = refused_bytes();
+    free_shared_memory().is_some_and(|free| free < needed).then(|| shared_memory_full(needed))
 }
 
 fn free_shared_memory() -> Option<u64> {
