@@ -63,11 +63,10 @@ pub fn reserve(domain: &Domain) -> Result<(), ConnectError> {
     Ok(())
 }
 
-/// The error of an object that this thread could not create because shared memory was full, if it still is.
+/// The error of the last object that this thread created, if shared memory was full.
 #[must_use]
 pub fn shortage() -> Option<ConnectError> {
-    let needed = refused_bytes();
-    free_shared_memory().is_some_and(|free| free < needed).then(|| shared_memory_full(needed))
+    Some(refused_bytes()).filter(|needed| *needed > 0).map(shared_memory_full)
 }
 
 fn free_shared_memory() -> Option<u64> {

@@ -36,6 +36,8 @@ use std::{fs, io, thread};
 
 /// Folder of the transport's shared memory.
 const SHARED_MEMORY: &str = "/dev/shm";
+/// What other processes may take while an object is created \[bytes\].
+const SPARE: u64 = 64 << 10;
 
 /// Pause between two looks at an object that has no size yet.
 const PAUSE: Duration = Duration::from_millis(1);
@@ -106,10 +108,10 @@ impl<T: Debug + Send + Sync + ZeroCopySend + 'static> OwnStorageBuilder<'_, T> {
 
     /// Creates the object, with all its pages. An object that exists is not opened.
     fn create_whole(&mut self) -> Result<OwnStorage<T>, DynamicStorageCreateError> {
-        // iceoryx2 writes the version into the first page before it calls the initializer.
+        // iceoryx2 writes into the first page before it calls the initializer, which allocates all.
         let size = (size_of::<T>() + self.supplementary_size) as u64;
-        let free = statvfs(SHARED_MEMORY).ok().filter(|found| found.f_blocks > 0).map(|found| found.f_bavail);
-        if free == Some(0) {
+        let found = statvfs(SHARED_MEMORY).ok().filter(|found| found.f_blocks > 0);
+        if found.is_some_and(|found| found.f_bavail * found.f_frsize < size + SPARE) {
             REFUSED.set(size);
             return Err(DynamicStorageCreateError::InternalError);
         }
@@ -138,8 +140,9 @@ fn allocate(path: &str) -> bool {
     // If somebody has removed it, there is nothing to allocate in a file; it stays as it was without this function.
     let Ok((size, file)) = opened.and_then(|file| Ok((file.metadata()?.size(), file))) else { return true };
     let full = fallocate(&file, FallocateFlags::empty(), 0, size) == Err(Errno::NOSPC);
-    if full {
-        REFUSED.set(size);
+    // A smaller object that found room does not change why the larger one has failed.
+    if full || size >= REFUSED.get() {
+        REFUSED.set(if full { size } else { 0 });
     }
     !full
 }
