@@ -76,7 +76,7 @@ impl Acquisition {
         let mut acquisition = parts(node);
         // At once, and again with the streams of rehearsals, whose places it may have to wait for.
         reserve(&options.domain)?;
-        acquisition.rehearsal = rehearsal::of_acquisition(&acquisition.node, imu, deadline);
+        acquisition.rehearsal = rehearsal::of_acquisition(&acquisition.node, imu, deadline)?;
         reserve(&options.domain)?;
         acquisition.lag.connect(&acquisition.node, &options.domain, imu);
         Ok(acquisition)

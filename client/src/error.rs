@@ -1,6 +1,7 @@
 //! Why a process could not connect, and the exit code of a program for each reason.
 
 use crate::peers::subscribers_of;
+use crate::resources::shortage;
 use core::fmt;
 use iceoryx2::prelude::{IceoryxSend, PortFactory as _};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
@@ -100,7 +101,7 @@ impl ConnectError {
     }
 
     pub(crate) fn transport(phase: &'static str, cause: impl ToString) -> Self {
-        Self::Transport { phase, cause: cause.to_string() }
+        shortage().unwrap_or_else(|| Self::Transport { phase, cause: cause.to_string() })
     }
 }
 

@@ -104,6 +104,6 @@ pub use process::Process;
 pub use reader::{IncrementReader, RawReader, Reader, Streamed};
 pub use realtime::{Realtime, RealtimeError, process_kb};
 pub use rehearsal::{Rehearsal, RehearsalError, RehearsalStreams, publish, receive};
-pub use resources::{check_room, reserve};
+pub use resources::{check_room, reserve, shortage};
 pub use status::{StatusError, StatusReader, fetch_status};
 pub use tap::{Tap, TapSettings, TappedSample};

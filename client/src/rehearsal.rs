@@ -8,6 +8,8 @@
 //! A rehearsal has no effect that a peer can see. [`Rehearsal`] holds its ports and gives none of them away, so no
 //! rehearsed sample can get into a real stream.
 
+use crate::error::ConnectError;
+use crate::resources::shortage;
 use core::fmt;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
@@ -97,7 +99,7 @@ impl<I: Payload, O: Payload> Rehearsal<I, O> {
         let mut rehearsal = Self { spare: sender.loan().ok(), outgoing: sender, incoming: receiver, source, sink };
         // The first one makes the connections, with memory and system calls.
         rehearsal.go(&I::default(), |_, _| ());
-        Ok(rehearsal)
+        shortage().map_or(Ok(rehearsal), |full| Err(RehearsalError::Other(full.to_string())))
     }
 
     /// Goes through the motions once: receives `input`, makes the output from it, and sends that. Takes less than a
@@ -151,23 +153,29 @@ fn subscriber<T: Payload>(stream: &PortFactory<Ipc, T, ()>) -> Result<Subscriber
 
 /// The rehearsals of an acquisition; `None` if the service has no streams for them, as one of an earlier version, or if
 /// the place of a dead predecessor does not get free in time.
+///
+/// # Errors
+/// [`ConnectError::Exhausted`].
 pub(crate) fn of_acquisition(
     node: &IpcNode,
     imu: &ImuId,
     deadline: Instant,
-) -> Option<Rehearsal<CompensatedIncrement, RawSample>> {
+) -> Result<Option<Rehearsal<CompensatedIncrement, RawSample>>, ConnectError> {
     let deadline = deadline.min(Instant::now() + PLACE_TIMEOUT);
     loop {
         match RehearsalStreams::open(node, &imu.rehearsal()) {
-            Err(PublishSubscribeOpenError::DoesNotExist) => return None,
+            Err(PublishSubscribeOpenError::DoesNotExist) => return Ok(None),
             Err(_) => {}
             Ok(streams) => match Rehearsal::open(&streams.increments, &streams.raw) {
-                Ok(rehearsal) => return Some(rehearsal),
-                Err(_) => drop(node.try_cleanup_dead_nodes()),
+                Ok(rehearsal) => return Ok(Some(rehearsal)),
+                Err(_) => match shortage() {
+                    Some(full) => return Err(full),
+                    None => drop(node.try_cleanup_dead_nodes()),
+                },
             },
         }
         if Instant::now() > deadline {
-            return None;
+            return Ok(None);
         }
         thread::sleep(RETRY);
     }

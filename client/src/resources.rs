@@ -1,10 +1,12 @@
 //! Checks and reservations before a process uses a domain: shared memory and file descriptors.
 //!
 //! The kernel allocates a page of shared memory when it is first touched. If none is left then, it ends the process by
-//! SIGBUS. So the free space is checked before anything is created, and created objects get all their pages at once.
+//! SIGBUS. So the free space is checked before anything is created, and created objects get all their pages before
+//! anything is written to them ([`isotherm_shared::own_storage`]); those that other programs have created, here.
 
 use crate::error::ConnectError;
 use crate::objects::{SHARED_MEMORY, own_files};
+use isotherm_shared::own_storage::refused_bytes;
 use isotherm_shared::stream::Domain;
 use rustix::fs::{Access, FallocateFlags, access, fallocate, statvfs};
 use rustix::io::Errno;
@@ -59,6 +61,12 @@ pub fn reserve(domain: &Domain) -> Result<(), ConnectError> {
         }
     }
     Ok(())
+}
+
+/// The error of the last object that this thread created, if shared memory was full.
+#[must_use]
+pub fn shortage() -> Option<ConnectError> {
+    Some(refused_bytes()).filter(|needed| *needed > 0).map(shared_memory_full)
 }
 
 fn free_shared_memory() -> Option<u64> {

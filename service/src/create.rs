@@ -12,7 +12,7 @@ use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
 use iceoryx2::service::port_factory::publish_subscribe;
-use isotherm_client::{OwnFile, foreign_object, own_files, payload_of};
+use isotherm_client::{OwnFile, foreign_object, own_files, payload_of, shortage};
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
 use serde::Deserialize;
@@ -157,6 +157,9 @@ fn other_payload(name: &str, domain: &Domain, payload: &str) -> Failure {
 }
 
 fn failed(name: &str, domain: &Domain, cause: &str) -> Failure {
+    if let Some(full) = shortage() {
+        return full.into();
+    }
     let (root, prefix) = (domain.root_path(), domain.prefix());
     let foreign = foreign_object(domain);
     let foreign =

@@ -2,10 +2,11 @@
 //!
 //! iceoryx2 opens shared memory by its name, whoever made it: an object that another user puts in the place of a
 //! connection would be taken for a queue, and an empty one would be waited for without limit. [`OwnStorage`] is
-//! iceoryx2's storage in POSIX shared memory with one difference: it opens an object only if that is a regular file of
+//! iceoryx2's storage in POSIX shared memory with two differences. It opens an object only if that is a regular file of
 //! this user, and waits for its size no longer than the time-out. In `/dev/shm` nobody else can replace such an object,
-//! because of the sticky bit. Names and contents are the same, so processes that use iceoryx2's own storage take part
-//! in the same streams.
+//! because of the sticky bit. And a new object gets all its pages before anything is written to it: the kernel would
+//! allocate a page when it is first touched, and end the process by SIGBUS if none is left. Names and contents are the
+//! same, so processes that use iceoryx2's own storage take part in the same streams.
 #![expect(unsafe_code, reason = "three functions of iceoryx2's traits are unsafe, and are passed on")]
 
 use core::fmt::Debug;
@@ -25,9 +26,18 @@ use iceoryx2_cal::named_concept::{
     NamedConcept, NamedConceptBuilder, NamedConceptConfiguration as _, NamedConceptDoesExistError,
     NamedConceptListError, NamedConceptMgmt, NamedConceptPathHintRemoveError, NamedConceptRemoveError,
 };
-use std::os::unix::fs::MetadataExt as _;
+use rustix::fs::{FallocateFlags, OFlags, fallocate, statvfs};
+use rustix::io::Errno;
+use std::cell::Cell;
+use std::fs::File;
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::time::Instant;
 use std::{fs, io, thread};
+
+/// Folder of the transport's shared memory.
+const SHARED_MEMORY: &str = "/dev/shm";
+/// What other processes may take while an object is created \[bytes\].
+const SPARE: u64 = 64 << 10;
 
 /// Pause between two looks at an object that has no size yet.
 const PAUSE: Duration = Duration::from_millis(1);
@@ -38,6 +48,18 @@ const MAX_ATTEMPTS: u32 = 100;
 #[derive(Debug)]
 #[repr(transparent)]
 pub struct OwnStorage<T: Debug + Send + Sync + ZeroCopySend>(Storage<T>);
+
+thread_local! {
+    /// Size of the last object that this thread could not create because shared memory was full \[bytes\]; 0 for none.
+    static REFUSED: Cell<u64> = const { Cell::new(0) };
+}
+
+/// Size of the last object that this thread could not create because shared memory was full \[bytes\]; 0 if there was
+/// none. The transport's errors do not tell.
+#[must_use]
+pub fn refused_bytes() -> u64 {
+    REFUSED.get()
+}
 
 /// Builder of [`OwnStorage`].
 #[derive(Debug)]
@@ -60,9 +82,13 @@ enum Found {
 }
 
 impl<T: Debug + Send + Sync + ZeroCopySend + 'static> OwnStorageBuilder<'_, T> {
+    fn path(&self) -> String {
+        format!("{SHARED_MEMORY}/{}", self.config.path_for(&self.name).file_name())
+    }
+
     /// Looks at the object without opening it. Waits for an own object that has no size yet.
     fn find(&self) -> Result<Found, DynamicStorageOpenError> {
-        let path = format!("/dev/shm/{}", self.config.path_for(&self.name).file_name());
+        let path = self.path();
         let begun = Instant::now();
         loop {
             match fs::symlink_metadata(&path) {
@@ -80,8 +106,21 @@ impl<T: Debug + Send + Sync + ZeroCopySend + 'static> OwnStorageBuilder<'_, T> {
         }
     }
 
+    /// Creates the object, with all its pages. An object that exists is not opened.
+    fn create_whole(&mut self) -> Result<OwnStorage<T>, DynamicStorageCreateError> {
+        // iceoryx2 writes into the first page before it calls the initializer, which allocates all.
+        let size = (size_of::<T>() + self.supplementary_size) as u64;
+        let found = statvfs(SHARED_MEMORY).ok().filter(|found| found.f_blocks > 0);
+        if found.is_some_and(|found| found.f_bavail * found.f_frsize < size + SPARE) {
+            REFUSED.set(size);
+            return Err(DynamicStorageCreateError::InternalError);
+        }
+        self.inner().create().map(OwnStorage)
+    }
+
     /// iceoryx2's builder with the same settings. Nobody else gets permissions.
     fn inner(&mut self) -> Builder<'_, T> {
+        let path = self.path();
         let initializer = &mut self.initializer;
         Builder::new(&self.name)
             .config(&self.config)
@@ -89,9 +128,23 @@ impl<T: Debug + Send + Sync + ZeroCopySend + 'static> OwnStorageBuilder<'_, T> {
             .has_ownership(self.has_ownership)
             .timeout(self.timeout)
             .initializer(move |value: &mut MaybeUninit<T>, allocator: &mut BumpAllocator| {
-                initializer.call(value, allocator)
+                allocate(&path) && initializer.call(value, allocator)
             })
     }
+}
+
+/// Makes the kernel allocate all pages of the object that this process is just creating. Returns whether it could.
+fn allocate(path: &str) -> bool {
+    let flags = OFlags::NOFOLLOW | OFlags::CLOEXEC;
+    let opened = File::options().write(true).custom_flags(flags.bits().cast_signed()).open(path);
+    // If somebody has removed it, there is nothing to allocate in a file; it stays as it was without this function.
+    let Ok((size, file)) = opened.and_then(|file| Ok((file.metadata()?.size(), file))) else { return true };
+    let full = fallocate(&file, FallocateFlags::empty(), 0, size) == Err(Errno::NOSPC);
+    // A smaller object that found room does not change why the larger one has failed.
+    if full || size >= REFUSED.get() {
+        REFUSED.set(if full { size } else { 0 });
+    }
+    !full
 }
 
 impl<T: Debug + Send + Sync + ZeroCopySend + 'static> NamedConceptBuilder<OwnStorage<T>> for OwnStorageBuilder<'_, T> {
@@ -140,8 +193,7 @@ impl<'builder, T: Debug + Send + Sync + ZeroCopySend + 'static> DynamicStorageBu
     }
 
     fn create(mut self) -> Result<OwnStorage<T>, DynamicStorageCreateError> {
-        // An object that exists is not opened.
-        self.inner().create().map(OwnStorage)
+        self.create_whole()
     }
 
     fn open(mut self, access_mode: AccessMode) -> Result<OwnStorage<T>, DynamicStorageOpenError> {
@@ -155,9 +207,9 @@ impl<'builder, T: Debug + Send + Sync + ZeroCopySend + 'static> DynamicStorageBu
     fn open_or_create(mut self) -> Result<OwnStorage<T>, DynamicStorageOpenOrCreateError> {
         for _ in 0..MAX_ATTEMPTS {
             match self.find()? {
-                Found::Nothing => match self.inner().create() {
+                Found::Nothing => match self.create_whole() {
                     Err(DynamicStorageCreateError::AlreadyExists) => {}
-                    result => return Ok(OwnStorage(result?)),
+                    result => return Ok(result?),
                 },
                 Found::Own => match self.inner().open(AccessMode::ReadWrite) {
                     Err(DynamicStorageOpenError::DoesNotExist) => {}

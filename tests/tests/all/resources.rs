@@ -35,6 +35,24 @@ fn a_service_without_room_in_shared_memory_says_so() {
     }
 }
 
+/// The relay looks for the room of a client, and this many streams need more: it is missing in the middle.
+#[test]
+fn shared_memory_that_is_missing_while_streams_are_created_is_an_error() {
+    if !may_mount() {
+        return;
+    }
+    let domain = TestDomain::new();
+    let imus: Vec<_> = (0..40).map(|number| format!("imu-{number}")).collect();
+    let arguments = ["relay", "--domain", "from", "--to", "to"].into_iter();
+    let arguments: Vec<_> = arguments.chain(imus.iter().flat_map(|imu| ["--imu", imu])).collect();
+    for size in ["size=1536k", "size=1600k", "size=1664k"] {
+        let output = domain.isotherm_after(&["-m"], &mount_private_shm(size), &arguments).output().unwrap();
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(74), "{size}: {message}");
+        assert!(message.contains("shared memory /dev/shm is full: "), "{size}: {message}");
+    }
+}
+
 #[test]
 fn shared_memory_that_fills_up_later_does_not_disturb_connected_clients() {
     if !may_mount() {
