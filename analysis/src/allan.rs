@@ -27,6 +27,7 @@
 
 pub(crate) mod counts;
 pub(crate) mod curve;
+mod deviations;
 pub(crate) mod filter;
 pub(crate) mod kalibr;
 pub(crate) mod model;

@@ -1,7 +1,7 @@
 //! What the counts of a recording show before anything is fitted: full and wrapped counters, zeros, exchanged bytes, a
 //! dead axis. None of it is movement.
 
-use crate::standstill::{net, steps};
+use crate::net::{net, steps};
 use isotherm_finding::{Finding, name};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::{AXES, RawSample};

@@ -1,6 +1,7 @@
 //! The length of the compensated specific force at rest, against gravity.
 
-use crate::standstill::{Standstills, find_standstills, net};
+use crate::net::net;
+use crate::standstill::{Standstills, find_standstills};
 use isotherm_finding::{Finding, name};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;

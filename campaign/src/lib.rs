@@ -26,6 +26,7 @@ mod length;
 mod members;
 mod model;
 mod mount;
+mod net;
 mod position;
 mod positions;
 mod ramp;

@@ -14,12 +14,12 @@ mod level;
 mod windows;
 
 use crate::counts;
+use crate::net::steps;
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_statistics::median;
 use level::{Level, norm};
 use std::ops::Range;
-use windows::{Counts, Windows};
-pub(crate) use windows::{net, steps};
+use windows::{Counts, GAP, Windows};
 
 /// Length of the windows of [`find_standstills`] \[s\], if no other is asked for.
 pub const STANDSTILL_WINDOW_S: f64 = 0.5;
@@ -47,8 +47,6 @@ const SIGNIFICANT: f64 = 5.0;
 const USUAL_TURN_RAD: f64 = 2e-3;
 /// Fewest standstills that are judged by their usual turn.
 const LEAST_TURNS: usize = 3;
-/// A row that comes later than this many intervals after the row before has a gap before it.
-const GAP: f64 = 1.5;
 
 /// A part of a recording in which the IMU was at rest.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,12 +1,13 @@
 //! Why a process could not connect, and the exit code of a program for each reason.
 
 use crate::peers::subscribers_of;
-use crate::resources::shortage;
 use core::fmt;
 use iceoryx2::prelude::{IceoryxSend, PortFactory as _};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use isotherm_failure::{Exit, Failure};
+use isotherm_shared::own_storage::{SHARED_MEMORY, refused_bytes};
 use isotherm_shared::stream::{Domain, DomainError, ImuId, Ipc};
+use rustix::fs::statvfs;
 
 /// Why a process could not connect.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
@@ -86,6 +87,26 @@ pub enum ConnectError {
         /// The message of iceoryx2.
         cause: String,
     },
+}
+
+/// The error of the last object that this thread created, if shared memory was full.
+#[must_use]
+pub fn shortage() -> Option<ConnectError> {
+    Some(refused_bytes()).filter(|needed| *needed > 0).map(shared_memory_full)
+}
+
+pub(crate) fn free_shared_memory() -> Option<u64> {
+    statvfs(SHARED_MEMORY).ok().filter(|found| found.f_blocks > 0).map(|found| found.f_bavail * found.f_frsize)
+}
+
+pub(crate) fn shared_memory_full(needed: u64) -> ConnectError {
+    let kb = |bytes: u64| bytes.div_ceil(1024);
+    ConnectError::Exhausted(format!(
+        "shared memory {SHARED_MEMORY} is full: {} kB free, {} kB needed; remove what is not needed there (`isotherm clean` removes what a \
+         domain has left), or enlarge it (mount -o remount,size=..)",
+        kb(free_shared_memory().unwrap_or(0)),
+        kb(needed)
+    ))
 }
 
 impl ConnectError {

@@ -90,7 +90,7 @@ pub use connect::{
     DOMAIN_VARIABLE, Options, ROOT_VARIABLE, STATE_VARIABLE, check_domain, domain, join, join_existing,
     sweep_half_created,
 };
-pub use error::ConnectError;
+pub use error::{ConnectError, shortage};
 pub use folder::{check_owner, prepare};
 pub use isotherm_shared::lag::{Lag, LaggedReading};
 pub use isotherm_shared::stream::{Domain, DomainError, ImuId};
@@ -104,6 +104,6 @@ pub use process::Process;
 pub use reader::{IncrementReader, RawReader, Reader, Streamed};
 pub use realtime::{Realtime, RealtimeError, process_kb};
 pub use rehearsal::{Rehearsal, RehearsalError, RehearsalStreams, publish, receive};
-pub use resources::{check_room, reserve, shortage};
+pub use resources::{check_room, reserve};
 pub use status::{StatusError, StatusReader, fetch_status};
 pub use tap::{Tap, TapSettings, TappedSample};

@@ -5,6 +5,7 @@
 //! regular files of this user count.
 
 use crate::error::ConnectError;
+pub(crate) use isotherm_shared::own_storage::SHARED_MEMORY;
 use isotherm_shared::stream::Domain;
 use rustix::fs::OFlags;
 use std::fs::{self, DirEntry, File, Metadata, Permissions};
@@ -12,9 +13,6 @@ use std::io::{self, Read as _, Write as _};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
-
-/// Folder of the transport's shared memory.
-pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
 /// Permissions on a file that its group and other users have.
 const OTHERS: u32 = 0o077;
 

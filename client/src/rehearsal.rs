@@ -8,8 +8,7 @@
 //! A rehearsal has no effect that a peer can see. [`Rehearsal`] holds its ports and gives none of them away, so no
 //! rehearsed sample can get into a real stream.
 
-use crate::error::ConnectError;
-use crate::resources::shortage;
+use crate::error::{ConnectError, shortage};
 use core::fmt;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};

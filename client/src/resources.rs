@@ -4,11 +4,10 @@
 //! SIGBUS. So the free space is checked before anything is created, and created objects get all their pages before
 //! anything is written to them ([`isotherm_shared::own_storage`]); those that other programs have created, here.
 
-use crate::error::ConnectError;
+use crate::error::{ConnectError, free_shared_memory, shared_memory_full};
 use crate::objects::{SHARED_MEMORY, own_files};
-use isotherm_shared::own_storage::refused_bytes;
 use isotherm_shared::stream::Domain;
-use rustix::fs::{Access, FallocateFlags, access, fallocate, statvfs};
+use rustix::fs::{Access, FallocateFlags, access, fallocate};
 use rustix::io::Errno;
 use rustix::process::{Resource, getrlimit};
 use std::fs;
@@ -61,26 +60,6 @@ pub fn reserve(domain: &Domain) -> Result<(), ConnectError> {
         }
     }
     Ok(())
-}
-
-/// The error of the last object that this thread created, if shared memory was full.
-#[must_use]
-pub fn shortage() -> Option<ConnectError> {
-    Some(refused_bytes()).filter(|needed| *needed > 0).map(shared_memory_full)
-}
-
-fn free_shared_memory() -> Option<u64> {
-    statvfs(SHARED_MEMORY).ok().filter(|found| found.f_blocks > 0).map(|found| found.f_bavail * found.f_frsize)
-}
-
-fn shared_memory_full(needed: u64) -> ConnectError {
-    let kb = |bytes: u64| bytes.div_ceil(1024);
-    ConnectError::Exhausted(format!(
-        "shared memory {SHARED_MEMORY} is full: {} kB free, {} kB needed; remove what is not needed there (`isotherm clean` removes what a \
-         domain has left), or enlarge it (mount -o remount,size=..)",
-        kb(free_shared_memory().unwrap_or(0)),
-        kb(needed)
-    ))
 }
 
 fn check_descriptors(imus: usize) -> Result<(), ConnectError> {

@@ -35,7 +35,7 @@ use std::time::Instant;
 use std::{fs, io, thread};
 
 /// Folder of the transport's shared memory.
-const SHARED_MEMORY: &str = "/dev/shm";
+pub const SHARED_MEMORY: &str = "/dev/shm";
 /// What other processes may take while an object is created \[bytes\].
 const SPARE: u64 = 64 << 10;
 

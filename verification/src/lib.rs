@@ -22,6 +22,7 @@
 //! # }
 //! ```
 
+mod evidence;
 mod gate;
 mod lengths;
 mod requirement;
@@ -29,11 +30,12 @@ mod stability;
 mod verdict;
 mod window;
 
+pub use evidence::{OWN_RECORDING, own_recording};
 pub use gate::exercised::DRIVEN;
 pub use gate::exercised::{Exercised, undriven};
 pub use gate::{GATE_FLOOR, Gate, Refusal};
 pub use lengths::{Length, Lengths, LengthsError, Shown};
-pub use requirement::{Judgement, OWN_RECORDING, Requirement, own_recording};
+pub use requirement::{Judgement, Requirement};
 pub use stability::Window;
 pub use stability::{
     AxisStability, Collector, Coverage, EarthRate, Force, GyroscopeStability, LeftOut, LocalGravity, LoopBand, Loops,

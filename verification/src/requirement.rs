@@ -4,9 +4,9 @@
 //! the whole error of an axis, and `scale` the error of the length relative to gravity. `rate` judges the whole error
 //! of a gyroscope at rest. A bound is met only if the whole interval is within it.
 
+use crate::evidence::OWN_RECORDING;
 use crate::stability::Stability;
 use crate::verdict::{Estimate, arcsec};
-use isotherm_finding::{Finding, name};
 use isotherm_shared::bounds;
 use isotherm_shared::table::AXIS_NAMES;
 use serde::Serialize;
@@ -126,16 +126,6 @@ fn worst_rate(stability: &Stability) -> Result<(&'static str, Estimate), Unjudge
             (None, None) => Ok(found.largest()),
         },
     }
-}
-
-/// Of a run or standstills that the table was made from.
-pub const OWN_RECORDING: &str = "this recording made the table: no evidence";
-
-/// The same as a finding.
-#[must_use]
-pub fn own_recording(made_the_table: bool) -> Option<Finding> {
-    made_the_table
-        .then(|| Finding::warning(name::OWN_RECORDING, format!("{OWN_RECORDING}; verify with a recording of its own")))
 }
 
 /// Why no bound is judged: another IMU's table, or an IMU that was not at rest, makes every figure meaningless.

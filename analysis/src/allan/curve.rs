@@ -1,5 +1,6 @@
 //! The overlapping Allan deviation of a rate, with intervals.
 
+use crate::allan::deviations::{Curve, octaves};
 use crate::allan::filter::filtered;
 use crate::allan::model::ModelFit;
 use crate::allan::moments::Moments;
@@ -173,61 +174,6 @@ impl TemperatureLine {
         let slope_error = errors.map(|(a, b)| a.max(b));
         Some(Self { slope, slope_error, contaminated_from_s, without })
     }
-}
-
-/// Allan variances by averaging factor, and the model of their octaves.
-pub(crate) struct Curve {
-    variances: Vec<(usize, f64)>,
-    pub(crate) model: Option<ModelFit>,
-}
-
-impl Curve {
-    pub(crate) fn of(rates: &[f64], interval_s: f64) -> Self {
-        let phase = phase(rates, interval_s);
-        let variances: Vec<_> =
-            factors(rates.len()).into_iter().map(|m| (m, variance(&phase, m, interval_s))).collect();
-        let model = ModelFit::of(&octaves(&variances), rates.len(), interval_s);
-        Self { variances, model }
-    }
-}
-
-/// The variances that a model is fitted to.
-fn octaves(variances: &[(usize, f64)]) -> Vec<(usize, f64)> {
-    variances.iter().filter(|(m, _)| m.is_power_of_two()).copied().collect()
-}
-
-/// The phase of rates that are `interval_s` apart: the running sum of the rates less their mean, times the interval;
-/// one value more than rates.
-#[must_use]
-pub(crate) fn phase(rates: &[f64], interval_s: f64) -> Vec<f64> {
-    let mean = rates.iter().sum::<f64>() / rates.len() as f64;
-    let mut sum = 0.0;
-    let sums = rates.iter().map(|rate| {
-        sum += rate - mean;
-        sum * interval_s
-    });
-    core::iter::once(0.0).chain(sums).collect()
-}
-
-/// The overlapping Allan variance of a phase for the averaging factor m; NaN without two neighbouring averages.
-#[must_use]
-pub(crate) fn variance(phase: &[f64], m: usize, interval_s: f64) -> f64 {
-    let tau = m as f64 * interval_s;
-    let (first, middle) = (phase.get(m..).unwrap_or_default(), phase.get(2 * m..).unwrap_or_default());
-    let (squares, count) = phase.iter().zip(first).zip(middle).fold((0.0, 0_usize), |(squares, count), ((a, b), c)| {
-        let difference = c - 2.0 * b + a;
-        (squares + difference * difference, count + 1)
-    });
-    squares / (2.0 * count as f64 * tau * tau)
-}
-
-/// The averaging factors of n rates: thirds of octaves from 1 to n/3, rounded, each once.
-#[must_use]
-pub(crate) fn factors(n: usize) -> Vec<usize> {
-    let thirds = (0..).map(|third| 2_f64.powf(f64::from(third) / 3.0).round() as usize);
-    let mut factors: Vec<_> = thirds.take_while(|m| *m <= n / 3).collect();
-    factors.dedup();
-    factors
 }
 
 /// The ends of the 95 % interval of a deviation over its estimate, with these degrees of freedom; `None` if they are

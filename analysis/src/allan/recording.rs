@@ -4,7 +4,8 @@
 //! compensated by the kernel, in g0 and deg/h; without one they are net counts (positive less negative) a second.
 
 use super::counts::{CountChanges, new_part};
-use super::curve::{Allan, MIN_ROWS, TemperatureLine, phase, variance};
+use super::curve::{Allan, MIN_ROWS, TemperatureLine};
+use super::deviations::{phase, variance};
 use core::ops::Range;
 use isotherm_campaign::{STANDSTILL_WINDOW_S, StandstillError, begins_ns, faults, find_standstills, length_at_rest};
 use isotherm_finding::{Finding, name};

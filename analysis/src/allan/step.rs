@@ -4,7 +4,7 @@
 //! taken out. As much would remain of a walk, so the likelihood decides: of the differences of neighbouring means of
 //! blocks, under the model of the rates, and under that of the rates without the step with the step beside it.
 
-use super::curve::{Curve, phase, variance};
+use super::deviations::{Curve, phase, variance};
 use super::model::ModelFit;
 
 /// Most steps that are taken out of a rate.

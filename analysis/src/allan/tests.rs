@@ -1,7 +1,7 @@
-use super::curve::{phase, variance};
+use super::deviations::{phase, variance};
 use super::moments::Moments;
 use super::*;
-use crate::allan::curve::factors;
+use crate::allan::deviations::factors;
 
 /// Frequencies of NIST SP 1065, section 5.10: a set of 9 and a random set of 1000.
 fn random_set() -> Vec<f64> {

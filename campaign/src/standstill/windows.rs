@@ -1,18 +1,18 @@
 //! The windows of a recording: W rows each, in order, without glitches.
 
-use super::GAP;
+use crate::net::{net, steps};
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_statistics::median;
 use std::ops::Range;
 
+/// A row that comes later than this many intervals after the row before has a gap before it.
+pub(super) const GAP: f64 = 1.5;
 /// Least rows of a window: 12 degrees of freedom on three axes.
 const LEAST_ROWS: usize = 5;
 /// Share of a window's rows that may be lost; less than the half window that is cut off towards a movement.
 const MOST_LOST: f64 = 0.2;
 /// A row is a glitch if it leaves the median of the five around it by so many median absolute deviations.
 const GLITCH: f64 = 10.0;
-/// A change smaller than this share of all is no step: a coarse sensor may be written in fine counts.
-const STEP_QUANTILE: usize = 100;
 /// Variance of a window in which nothing changes but the last digit, over that of one step.
 const LIVE: f64 = 1e-6;
 /// No standstill goes on over a pause as long \[ns\].
@@ -159,22 +159,6 @@ impl Windows {
 fn rate(row: &RawSample, interval_ns: f64) -> Counts {
     let usual = interval_ns / row.interval_ns.max(1) as f64;
     [0, 1, 2].map(|axis| net(row, axis) * usual)
-}
-
-/// Net counts of an accelerometer in a row.
-pub(crate) fn net(row: &RawSample, axis: usize) -> f64 {
-    let triad = &row.accelerometers;
-    f64::from(triad.positive_pulses[axis]) - f64::from(triad.negative_pulses[axis])
-}
-
-/// The step of each axis \[count\]: the least change from row to row but for 1 % of them, 1 where nothing changes.
-pub(crate) fn steps(rows: &[RawSample]) -> Counts {
-    [0, 1, 2].map(|axis| {
-        let changes = rows.windows(2).map(|pair| (net(&pair[1], axis) - net(&pair[0], axis)).abs());
-        let mut changes: Vec<f64> = changes.filter(|change| *change > 0.0).collect();
-        let at = changes.len() / STEP_QUANTILE;
-        if changes.is_empty() { 1.0 } else { *changes.select_nth_unstable_by(at, f64::total_cmp).1 }
-    })
 }
 
 /// Whether each row is a glitch in any axis. The scale is that of the signal in the W rows nearby, not that of the

@@ -1,7 +1,7 @@
 //! What a run shows of the output of a table.
 
 use super::figures::MAX_UNJUDGED;
-use crate::requirement::own_recording;
+use crate::evidence::own_recording;
 use crate::stability::error::{OTHER_ATTITUDE, count_of, wrong_times};
 use crate::stability::stillness::unjudged;
 use crate::verdict::{MIN_GROUP, Verdict};

@@ -4,8 +4,8 @@
 //! even clock, shows the clock: all others are put where the line through the neighbouring blocks' least delays has
 //! them. The line bends at the blocks' middles, so that a clock that drifts is followed.
 
-use super::Reading;
 use super::interval::Shape;
+use super::source::Reading;
 use std::collections::VecDeque;
 
 /// Rows of a block: enough for the ends of several bursts.

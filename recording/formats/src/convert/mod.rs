@@ -13,6 +13,7 @@ mod proposal;
 mod refused;
 mod rollover;
 mod ros;
+mod source;
 mod stamped;
 mod text;
 
@@ -27,7 +28,7 @@ use isotherm_recording::columns::{Layout, MCAP_MAGIC};
 use isotherm_recording::csv::Rows;
 use isotherm_shared::document::Faults;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, Triad};
-use rollover::Counter;
+use source::{Reading, Source};
 use stamped::Stamped;
 use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
@@ -52,56 +53,6 @@ pub struct Settings {
     pub temperature_topic: Option<String>,
     /// The session of all samples; 0 unless given.
     pub session: u64,
-}
-
-/// A row of a source.
-#[derive(Clone, Copy, Debug, Default)]
-struct Reading {
-    /// Line of a text, number of a message.
-    place: u64,
-    /// `None` in a text without a column of the time.
-    timestamp_ns: Option<u64>,
-    /// Pulses with their sign: A1, A2, A3, G1, G2, G3.
-    pulses: [i64; 2 * AXES],
-    head: [f64; 2 * AXES],
-    board: [f64; 2 * AXES],
-}
-
-/// What the foreign formats have in common.
-trait Source {
-    /// The next row.
-    fn read(&mut self) -> Result<Option<Reading>, RecordingError>;
-
-    /// An error about the row at this place.
-    fn error(&self, place: u64, message: String) -> RecordingError;
-
-    /// Whether the rows have gyroscopes.
-    fn has_gyroscopes(&self) -> bool;
-
-    /// Whether the numbers count over the time since the row before, not over the nominal interval.
-    fn counts_since_the_row_before(&self) -> bool {
-        false
-    }
-
-    /// What the stamps read so far can roll over at.
-    fn counter(&self) -> Counter {
-        Counter::None
-    }
-
-    /// The unit of the time, where nothing in the data says it.
-    fn guessed_unit(&self) -> Option<&'static str> {
-        None
-    }
-
-    /// What the operator should know. Valid after the last row.
-    fn notes(&self) -> Vec<String> {
-        Vec::new()
-    }
-
-    /// What concerns the data's worth. Valid after the last row.
-    fn findings(&self) -> Vec<Finding> {
-        Vec::new()
-    }
 }
 
 /// An iterator over the raw samples of foreign data that ends at the first error.

@@ -11,7 +11,8 @@
 //! sign of Y is reversed: A1, A2, A3 are X, Y, Z with their own signs. The time is that of the body: GPS weeks and
 //! seconds, without leap seconds.
 
-use super::{PLACEHOLDER, Reading, Source};
+use super::PLACEHOLDER;
+use super::source::{Reading, Source};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
 use isotherm_shared::wire::AXES;

@@ -3,7 +3,8 @@
 //! The time is that of `header.stamp`. The telemetry of a row is that of the last `sensor_msgs/msg/Temperature` up to
 //! its time; so the file is read twice, first for the topics and the temperatures.
 
-use super::{Reading, Settings, Source, pulses};
+use super::source::{Reading, Source};
+use super::{Settings, pulses};
 use crate::read::records::Records;
 use crate::ros::{Encoding, IMU, Imu, TEMPERATURE, Temperature};
 use isotherm_failure::{Exit, Failure};

@@ -3,7 +3,7 @@
 use super::clock::EvenClock;
 use super::interval::{self, Shape};
 use super::rollover::Rollover;
-use super::{Reading, Source};
+use super::source::{Reading, Source};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
 use std::collections::VecDeque;

@@ -1,0 +1,56 @@
+//! What the foreign formats give.
+
+use super::rollover::Counter;
+use isotherm_finding::Finding;
+use isotherm_recording::RecordingError;
+use isotherm_shared::wire::AXES;
+
+/// A row of a source.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Reading {
+    /// Line of a text, number of a message.
+    pub(super) place: u64,
+    /// `None` in a text without a column of the time.
+    pub(super) timestamp_ns: Option<u64>,
+    /// Pulses with their sign: A1, A2, A3, G1, G2, G3.
+    pub(super) pulses: [i64; 2 * AXES],
+    pub(super) head: [f64; 2 * AXES],
+    pub(super) board: [f64; 2 * AXES],
+}
+
+/// What the foreign formats have in common.
+pub(super) trait Source {
+    /// The next row.
+    fn read(&mut self) -> Result<Option<Reading>, RecordingError>;
+
+    /// An error about the row at this place.
+    fn error(&self, place: u64, message: String) -> RecordingError;
+
+    /// Whether the rows have gyroscopes.
+    fn has_gyroscopes(&self) -> bool;
+
+    /// Whether the numbers count over the time since the row before, not over the nominal interval.
+    fn counts_since_the_row_before(&self) -> bool {
+        false
+    }
+
+    /// What the stamps read so far can roll over at.
+    fn counter(&self) -> Counter {
+        Counter::None
+    }
+
+    /// The unit of the time, where nothing in the data says it.
+    fn guessed_unit(&self) -> Option<&'static str> {
+        None
+    }
+
+    /// What the operator should know. Valid after the last row.
+    fn notes(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// What concerns the data's worth. Valid after the last row.
+    fn findings(&self) -> Vec<Finding> {
+        Vec::new()
+    }
+}
