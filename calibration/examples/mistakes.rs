@@ -126,11 +126,11 @@ fn row(mistake: &Mistake, totals: &mut Totals) -> Option<String> {
     totals.failed |= named as u64 != SEEDS;
     let words = match mistake.expected {
         Expected::Refused(_) => format!("{named} of {SEEDS}"),
-        Expected::Warned(_) => format!("{named} of {SEEDS}, a warning"),
+        Expected::Warned(_) | Expected::WarnedAlone(_) => format!("{named} of {SEEDS}, a warning"),
         Expected::Invisible(why) => format!("invisible in a campaign: {why}"),
         Expected::InPrinciple(why) => format!("invisible in principle, in campaign and run: {why}"),
     };
-    if matches!(mistake.expected, Expected::Refused(_) | Expected::Warned(_)) {
+    if matches!(mistake.expected, Expected::Refused(_) | Expected::Warned(_) | Expected::WarnedAlone(_)) {
         totals.named += named;
     }
     let tried: Vec<_> = (cases.iter().zip(&outcomes))
@@ -149,7 +149,7 @@ fn row(mistake: &Mistake, totals: &mut Totals) -> Option<String> {
     let [wrong, installed] = count(&made);
     totals.made += made.len();
     totals.wrong += wrong;
-    let in_principle = matches!(mistake.expected, Expected::InPrinciple(_));
+    let in_principle = matches!(mistake.expected, Expected::InPrinciple(_) | Expected::WarnedAlone(_));
     *if in_principle { &mut totals.in_principle } else { &mut totals.installed } += installed;
     totals.failed |= installed > 0 && !in_principle;
     let anyway: Vec<_> = tried.iter().filter_map(|(_, anyway)| anyway.as_ref()).collect();

@@ -103,8 +103,8 @@ pub fn calibrate_gravity_only(
     let gravity = campaign.gravity_local / campaign.gravity_reference;
     let groups = Groups::of(&readings);
     let names = |group: usize| group_name(recordings, &readings, &groups.members(group));
-    let counts = of_readings(&readings, gravity);
-    let counts = counts.or_else(|| diagnosis::of_counts(&readings, &errors_of_means(&readings), &groups, &names));
+    let counts = diagnosis::of_counts(&readings, &errors_of_means(&readings), &groups, &names);
+    let counts = counts.or_else(|| of_readings(&readings, gravity));
     findings.extend(admit(counts.into_iter().collect())?);
     let data = Data { readings: &readings, groups: &groups, gravity, misalignment: options.misalignment };
     let cause = || if groups.count > 1 { diagnosis::of_groups(data, &names) } else { None };
@@ -350,7 +350,7 @@ pub fn error_of_length(force: &Vector3<f64>, errors: [f64; AXES], scale_factor: 
 /// The standard errors of the net rates of each standstill \[pulse/s\]. The rows of a counter that keeps what is left
 /// over vary, but their sum does not: over n rows, noise w of each row and what is left over q give the mean a variance
 /// of (w + q/n)/n. Half the difference between the halves has (w + 3 q/n)/n, and a row w + q. The median over the
-/// standstills, because the IMU may have turned in some.
+/// standstills, because the IMU may have turned in some. Where most standstills have one count, its rounding is added.
 pub fn errors_of_means(readings: &[Reading]) -> Vec<[f64; AXES]> {
     let parts = [0, 1, 2].map(|axis| {
         let of_halves = |reading: &Reading| {
@@ -364,9 +364,13 @@ pub fn errors_of_means(readings: &[Reading]) -> Vec<[f64; AXES]> {
         let w = ((square - 3.0 * row / n) / (1.0 - 3.0 / n)).clamp(0.0, row);
         [w, row - w]
     });
+    let rounding = [0, 1, 2].map(|axis| median(readings.iter().map(|reading| reading.rounding[axis])));
     let errors = |reading: &Reading| {
         let n = reading.rows.len() as f64;
-        parts.map(|[w, q]| ((w + q / n) / n).sqrt())
+        [0, 1, 2].map(|axis| {
+            let [w, q] = parts[axis];
+            ((w + q / n) / n).sqrt().hypot(rounding[axis])
+        })
     };
     readings.iter().map(errors).collect()
 }

@@ -19,6 +19,8 @@ const REST_BLOCKS: usize = 3;
 const ALIKE: f64 = 3.0;
 /// A counter that wraps steps by more than this part of its range ..
 const WRAP: f64 = 0.95;
+/// .. and than so many usual changes, since noise of a few counts does the same ..
+const WRAP_CHANGES: f64 = 30.0;
 /// .. there and back within so many rows, none of them longer than this \[ns\], as often as ..
 const WRAP_ROWS: usize = 5;
 const WRAP_INTERVAL_NS: u64 = 100_000_000;
@@ -145,8 +147,12 @@ fn wraps(rows: &[RawSample], counts: &[[f64; AXES]], axis: usize) -> Option<Find
     let range = values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min);
     let step = |at: usize| counts[kept[at]][axis] - counts[kept[at - 1]][axis];
     let short = |at: usize| rows[kept[at]].interval_ns <= WRAP_INTERVAL_NS;
+    let changes = (1..kept.len()).map(|at| step(at).abs()).filter(|change| *change > 0.0);
+    if range <= WRAP_CHANGES * median(changes) {
+        return None;
+    }
     let (mut times, mut previous): (usize, Option<usize>) = (0, None);
-    for at in (1..kept.len()).filter(|at| range > 1.0 && step(*at).abs() > WRAP * range && short(*at)) {
+    for at in (1..kept.len()).filter(|at| step(*at).abs() > WRAP * range && short(*at)) {
         let back = |before: usize| at - before <= WRAP_ROWS && step(before) * step(at) < 0.0;
         times += usize::from(previous.is_some_and(back));
         previous = Some(at);

@@ -1,6 +1,6 @@
 //! The length of the compensated specific force at rest, against gravity.
 
-use crate::standstill::{Standstills, find_standstills};
+use crate::standstill::{Standstills, find_standstills, net};
 use isotherm_finding::{Finding, name};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
@@ -12,6 +12,8 @@ pub const LENGTH_ROWS: usize = 50_000;
 /// Largest difference of the length at rest from gravity, over gravity: no place on Earth, no bias of a table and no
 /// turn of a standstill makes as much.
 const MOST_OFF: f64 = 0.02;
+/// Largest scatter of a row at rest, over gravity.
+const MOST_SCATTER: f64 = 0.1;
 /// Intervals \[ns\] that are taken for what they are: IMUs give rows neither faster nor slower. Others are looked at as
 /// if they were [`USUAL_NS`].
 const PLAUSIBLE_NS: [f64; 2] = [200e3, 2e9];
@@ -23,7 +25,7 @@ const USUAL_NS: f64 = 20e6;
 #[must_use]
 pub fn length_at_rest(table: &CoefficientTable, rows: &[RawSample]) -> Option<Finding> {
     let rows = &rows[..rows.len().min(LENGTH_ROWS)];
-    let standstills = standstills(rows)?;
+    let standstills = standstills(rows).filter(|standstills| is_quiet(rows, standstills))?;
     let lengths = standstills.found.iter().map(|it| length(table, standstills.rows(rows, it.rows.clone())));
     let lengths: Vec<f64> = lengths.filter(|length| length.is_finite()).collect();
     let length = if lengths.is_empty() { return None } else { median(lengths) };
@@ -40,6 +42,14 @@ pub fn length_at_rest(table: &CoefficientTable, rows: &[RawSample]) -> Option<Fi
         );
         Finding::fault(name::NOT_GRAVITY, message)
     })
+}
+
+/// Whether the rows of the standstills scatter by far less than gravity: what shakes may be in motion as well.
+fn is_quiet(rows: &[RawSample], standstills: &Standstills) -> bool {
+    let norm = |counts: [f64; AXES]| counts.iter().map(|count| count * count).sum::<f64>().sqrt();
+    let at_rest = || standstills.found.iter().flat_map(|it| standstills.rows(rows, it.rows.clone()));
+    let length = median(at_rest().map(|row| norm([0, 1, 2].map(|axis| net(row, axis)))));
+    norm(standstills.noise) < MOST_SCATTER * length
 }
 
 /// The standstills, the times of which need not be right.

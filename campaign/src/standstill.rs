@@ -74,6 +74,8 @@ pub struct Standstills {
     pub turned: usize,
     /// Standard deviation of the counts of a row at rest, of each accelerometer, at least half a step.
     pub noise: [f64; AXES],
+    /// Step of the counts of each accelerometer.
+    pub steps: [f64; AXES],
     /// Rows, in order, that leave their neighbours by far: they belong into no mean.
     pub glitches: Vec<usize>,
     /// Allan variance of the means of neighbouring windows at rest, over the variance within them, R.
@@ -238,6 +240,7 @@ pub fn find_standstills(rows: &[RawSample], window_s: Option<f64>) -> Result<Sta
         too_short,
         turned: 0,
         noise: level.variance.map(f64::sqrt),
+        steps: steps(rows),
         glitches: windows.glitches,
         wander: level.wander,
     })

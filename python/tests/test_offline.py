@@ -189,7 +189,8 @@ def test_a_table_of_a_whole_imu(whole_table: isotherm.Table, table: isotherm.Tab
 def test_a_recording_reads_back(recorded: isotherm.Records, tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     isotherm.write_recording(path, recorded)
-    assert (isotherm.read_recording(path) == recorded).all()
+    # The telemetry of gyroscopes that are not there is NaN, which equals nothing.
+    assert isotherm.read_recording(path).tobytes() == recorded.tobytes()
     assert list(tmp_path.iterdir()) == [path]
     with pytest.raises(isotherm.RecordingFault, match=rf"{path}:2: ") as fault:
         path.write_text(RUN.read_text().replace("\n0,", "\n-,", 1))

@@ -454,7 +454,7 @@ def test_a_full_queue_hands_the_sample_back(domain: DomainUnderTest, recorded: i
             endless["interval_ns"] = 2**63
             with pytest.raises(OverflowError):
                 loan.merge(endless)
-            assert loan.to_numpy() == before
+            assert loan.to_numpy().tobytes() == before.tobytes()
         finally:
             service.resume()
         sequences = [increment.sequence for _ in range(acquisition.depth) if (increment := acquisition.receive(TIMEOUT))]

@@ -17,6 +17,8 @@ use isotherm_statistics::median;
 const LEAST_FOR_DEAD: usize = 6;
 /// Errors of a mean that the means of a live axis vary by.
 const NOISES: f64 = 10.0;
+/// Means of all attitudes within so many standard deviations of a row have no gravity: it is 20 of them at least.
+const ROW_NOISES: f64 = 6.0;
 /// Standstills of a group whose ellipsoid is believed.
 const LEAST_FOR_ELLIPSOID: usize = 9;
 /// Condition number up to which it is.
@@ -38,7 +40,9 @@ pub(super) fn of_counts(
     groups: &Groups,
     names: &Names<'_>,
 ) -> Option<Finding> {
-    (0..groups.count).find_map(|group| dead(readings, errors, &groups.members(group), group, names)).or_else(|| {
+    let dead = (0..groups.count).find_map(|group| dead(readings, errors, &groups.members(group), group, names));
+    let alike = || alike(readings, errors);
+    dead.or_else(|| no_gravity(readings)).or_else(alike).or_else(|| {
         let found = (0..groups.count).map(|group| scale_factors(readings, &groups.members(group)));
         factor(&found.collect::<Vec<_>>(), names)
     })
@@ -65,6 +69,39 @@ fn dead(
             AXIS_NAMES[axis],
             members.len(),
             ranges[axis]
+        );
+        Finding::fault(name::DEAD_AXIS, message)
+    })
+}
+
+/// Two axes that count alike at every attitude: one column was taken twice.
+fn alike(readings: &[Reading], errors: &[[f64; AXES]]) -> Option<Finding> {
+    let [first, second] = [[0, 1], [0, 2], [1, 2]].into_iter().find(|[a, b]| {
+        let noise = NOISES * median(errors.iter().map(|error| error[*a]));
+        readings.iter().all(|reading| (reading.net(*a) - reading.net(*b)).abs() <= noise)
+    })?;
+    (readings.len() >= LEAST_FOR_DEAD).then(|| {
+        let message = format!(
+            "{} and {} count alike in all {} standstills: one column was taken twice; correct the columns",
+            AXIS_NAMES[first],
+            AXIS_NAMES[second],
+            readings.len()
+        );
+        Finding::fault(name::DEAD_AXIS, message)
+    })
+}
+
+/// Rates that are the same at all attitudes, but for a few times the noise of a row.
+fn no_gravity(readings: &[Reading]) -> Option<Finding> {
+    let ranges = [0, 1, 2].map(|axis| spread(&readings.iter().map(|reading| reading.net(axis)).collect::<Vec<_>>()));
+    let of_row =
+        |axis: usize| median(readings.iter().map(|reading| reading.noise[axis] * (reading.rows.len() as f64).sqrt()));
+    let same = (0..AXES).all(|axis| ranges[axis] <= ROW_NOISES * of_row(axis));
+    (readings.len() >= LEAST_FOR_DEAD && same).then(|| {
+        let message = format!(
+            "over {} standstills no axis varies by more than the noise of single rows: gravity is not in the counts, or all are one \
+             attitude; look at the columns",
+            readings.len()
         );
         Finding::fault(name::DEAD_AXIS, message)
     })

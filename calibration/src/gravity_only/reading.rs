@@ -3,7 +3,11 @@
 use super::telemetry::{Cleaned, Telemetry, noise as telemetry_noise, of_row};
 use isotherm_campaign::Standstills;
 use isotherm_shared::wire::{AXES, RawSample};
+use isotherm_statistics::median;
 use std::ops::Range;
+
+/// Part of the rows of one value from which on noise averages no rounding.
+const ONE_VALUE: f64 = 0.9;
 
 /// The means over the rows of one standstill.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,6 +44,9 @@ pub struct Reading {
     pub telemetry_step: f64,
     /// Standard error of the net rates from the noise of the rows \[pulse/s\].
     pub noise: [f64; AXES],
+    /// Rounding error of the net rates \[pulse/s\]: that of a step of the counts if at least 90 % of the rows have one
+    /// value, else 0.
+    pub rounding: [f64; AXES],
     /// Net rates over the first and over the second half of the rows \[pulse/s\].
     pub halves: [[f64; AXES]; 2],
     /// Mean net rate of each gyroscope \[pulse/s\]; Earth's rate is in it. `None` where the rows have no gyroscopes.
@@ -101,6 +108,7 @@ impl Reading {
             telemetry_step: steps[0].iter().copied().fold(0.0, f64::max),
             // The noise of a rate over n rows is that of a row over n^(1/2).
             noise: standstills.noise.map(|counts| counts * count.sqrt() / seconds),
+            rounding: [0, 1, 2].map(|axis| rounding(rows, axis) * standstills.steps[axis] * count / seconds),
             halves: [net(&rows[..rows.len() / 2]), net(&rows[rows.len() / 2..])],
             gyroscopes: with_gyroscopes.then(|| [0, 1, 2].map(gyroscope)),
         }
@@ -117,6 +125,16 @@ impl Reading {
     pub fn net(&self, axis: usize) -> f64 {
         self.rates[axis][0] - self.rates[axis][1]
     }
+}
+
+/// 1 over sqrt(12) if nearly all rows have one net count: noise far below a step averages no rounding. Else 0.
+fn rounding(rows: &[RawSample], axis: usize) -> f64 {
+    let triad = |row: &RawSample| row.accelerometers;
+    let net =
+        |row: &RawSample| f64::from(triad(row).positive_pulses[axis]) - f64::from(triad(row).negative_pulses[axis]);
+    let usual = median(rows.iter().map(net));
+    let same = rows.iter().filter(|row| net(row) == usual).count();
+    if same as f64 >= ONE_VALUE * rows.len() as f64 { 12.0_f64.sqrt().recip() } else { 0.0 }
 }
 
 fn seconds(rows: &[RawSample]) -> f64 {

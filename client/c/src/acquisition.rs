@@ -198,9 +198,9 @@ pub unsafe extern "C" fn isotherm_acquisition_close(acquisition: *mut isotherm_a
 /// discarded, or until the handle is closed. At most ISOTHERM_LOANS samples may be on loan at once.
 ///
 /// `session` and `sequence` are set already, the gyroscopes' telemetry is NaN, all other fields are 0. Set them, except
-/// `sent_ns`, `device` and what isotherm_reading is for: `lag_ns` and `head_lagged`. `sequence` is one above the highest
-/// that was loaned or sent in the session: a sample that is discarded leaves its sequence out, and the service flags
-/// the gap. If periods were lost before they could be loaned, raise `sequence` by their number.
+/// `sent_ns`, `device` and what isotherm_reading is for: `lag_ns` and `head_lagged`. `sequence` is one above the
+/// highest that was loaned or sent in the session: a sample that is discarded leaves its sequence out, and the service
+/// flags the gap. If periods were lost before they could be loaned, raise `sequence` by their number.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_TRANSPORT.
 #[unsafe(no_mangle)]

@@ -353,7 +353,7 @@ fn judge(count: u64) {
     }
 }
 
-const MISTAKES: [&str; 17] = [
+const MISTAKES: [&str; 20] = [
     "unit",
     "turn-on",
     "gain",
@@ -368,6 +368,9 @@ const MISTAKES: [&str; 17] = [
     "twice",
     "fahrenheit",
     "dead",
+    "doubled",
+    "column",
+    "removed",
     "clip",
     "wrap",
     "unsigned",
@@ -400,7 +403,7 @@ fn mistaken(name: &str, random: &mut RandomGenerator) -> (Mems, Vec<Vec<RawSampl
         let last = files.len() - 1;
         files[last] = afternoon.tumble(random, &other, last, afternoon.temperatures[last], Vector3::zeros());
     }
-    let all = matches!(name, "clip" | "wrap" | "unsigned");
+    let all = matches!(name, "clip" | "wrap" | "unsigned" | "doubled" | "column" | "removed");
     let limit = (random.between(0.93, 0.98) * COUNTS) as i64;
     let some = (random.uniform() * files.len() as f64) as usize % files.len();
     let last = files.len() - 1;
@@ -419,6 +422,10 @@ fn mistaken(name: &str, random: &mut RandomGenerator) -> (Mems, Vec<Vec<RawSampl
                 "thousand" => now = now.map(|count| count * 1000),
                 "twice" => now[axis] *= 2,
                 "dead" => now[axis] = 0,
+                "doubled" => now[(axis + 1) % 3] = now[axis],
+                "column" => now[axis] = 3000 + (now[axis] & 7) + (now[axis] >> 3 & 7),
+                // Gravity is taken off by a filter: noise is left.
+                "removed" => now = now.map(|count| (count & 31) - 16),
                 "clip" => now[axis] = now[axis].clamp(-limit, limit),
                 "wrap" => now = now.map(|count| (count + 16_384).rem_euclid(32_768) - 16_384),
                 "unsigned" => now = now.map(|count| count.rem_euclid(65_536)),
@@ -486,6 +493,40 @@ fn try_mistakes(count: u64) {
         );
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn the_first_line_names_the_columns_and_counts_that_are_wrong() {
+    for (name, words) in [
+        ("doubled", "one column was taken twice"),
+        ("column", "does not feel gravity"),
+        ("removed", "gravity is not in the counts"),
+    ] {
+        for seed in 0..3 {
+            let (_, files, _) = mistaken(name, &mut RandomGenerator::new(seed, 12));
+            let error = calibrate(&files, None).err().unwrap().to_string();
+            assert!(error.lines().next().unwrap().contains(words), "{name} {seed}: {error}");
+        }
+    }
+}
+
+#[test]
+fn counts_far_coarser_than_the_noise_have_wide_intervals_that_hold_the_truth() {
+    for seed in 0..4 {
+        let mut random = RandomGenerator::new(seed, 13);
+        let afternoon = Afternoon { temperatures: vec![25.0], ..Afternoon::usual(26) };
+        let mems = Mems::new(&mut random, false, 0.02);
+        let (mut files, shift) = afternoon.record(&mut random, &mems);
+        for row in files.iter_mut().flatten() {
+            // 1/64 g0, with noise of 1e-3 g0.
+            let coarse = counts(row).map(|count| (count as f64 / 256.0).round() as i64 * 256);
+            set(row, coarse);
+        }
+        let found = calibrate(&files, None).unwrap();
+        let ratios = errors(&found, &mems, shift);
+        let inside = ratios.iter().filter(|ratio| **ratio <= 1.0).count();
+        assert!(10 * inside >= 9 * ratios.len() && ratios.iter().all(|ratio| *ratio < 2.0), "{seed}: {ratios:?}");
+    }
 }
 
 #[test]
