@@ -1,8 +1,9 @@
 //! Ends the process with a message when the kernel can no longer provide its shared memory (SIGBUS).
 //!
-//! Shared memory is reserved when it is created, so SIGBUS comes only if somebody truncates its files. The thread that
-//! accesses them cannot continue, and must not return from the signal handler: it would access them again. So the
-//! handler itself writes the message and ends the process.
+//! Shared memory is reserved when it is created, so SIGBUS comes only if somebody truncates its files, or fills the
+//! rest within the microseconds before an object's first page is reserved. The thread that accesses them cannot
+//! continue, and must not return from the signal handler: it would access them again. So the handler itself writes the
+//! message and ends the process.
 #![expect(unsafe_code, reason = "a signal handler may call only async-signal-safe functions")]
 
 use isotherm_failure::Exit;

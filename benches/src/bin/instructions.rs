@@ -158,7 +158,15 @@ fn ends(process: &mut BenchProcess, domain: &BenchDomain) -> BenchResult<()> {
 /// Starts a program under valgrind.
 fn start(domain: &BenchDomain, name: &str, program: &Path, words: &[&str]) -> BenchResult<BenchProcess> {
     let (output, program) = (format!("--callgrind-out-file={name}.callgrind"), program.display().to_string());
-    let mut all = vec!["--quiet", "--tool=callgrind", "--compress-strings=no", "--compress-pos=no", &output, &program];
+    let mut all = vec![
+        "--quiet",
+        "--vgdb=no",
+        "--tool=callgrind",
+        "--compress-strings=no",
+        "--compress-pos=no",
+        &output,
+        &program,
+    ];
     all.extend(words);
     domain.spawn_program(Path::new("valgrind"), &all).map_err(|error| format!("valgrind: {error}").into())
 }

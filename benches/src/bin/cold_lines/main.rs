@@ -42,7 +42,8 @@ fn traced(words: &[&str]) -> BenchResult<ExitCode> {
 fn measure(depth: usize) -> BenchResult<()> {
     let mut child = child_of(Path::new("valgrind"));
     child
-        .args(["--tool=lackey", "--trace-mem=yes"])
+        // Its pipes for debuggers would stay in the temporary folder when it is killed.
+        .args(["--vgdb=no", "--tool=lackey", "--trace-mem=yes"])
         .arg(std::env::current_exe()?)
         .args(["subject", &depth.to_string()]);
     let mut child = child.stderr(Stdio::piped()).spawn().map_err(|error| format!("valgrind: {error}"))?;
