@@ -6,6 +6,7 @@ use crate::records::{Fields, RAW};
 use crate::table::Table;
 use isotherm_analysis::{Allan, MIN_ROWS, NoiseAnalysis, TemperatureLine, imu_yaml};
 use isotherm_calibration::{now, tool};
+use isotherm_finding::Severity;
 use isotherm_report::noise::{NoiseSource, html, json};
 use isotherm_shared::wire::RawSample;
 use numpy::PyReadonlyArray1;
@@ -30,6 +31,9 @@ pub(crate) fn noise(
         let table = table.map(|table| &*table.0);
         let analysis = NoiseAnalysis::of(&rows, table, part)
             .map_err(|error| NoiseError::new_err(format!("{recording}: {error}")))?;
+        if let Some(fault) = analysis.findings().iter().find(|finding| finding.severity == Severity::Fault) {
+            return Err(NoiseError::new_err(format!("{recording}: {fault}")));
+        }
         let imu = table.map_or_else(|| recording.clone(), |table| table.content().imu.to_string());
         let of_table = table.map(|table| [imu.clone(), table.digest().to_string()]);
         let yaml = table.and_then(|table| imu_yaml(&analysis, table.content().gravity, &recording));

@@ -92,6 +92,11 @@ def test_what_is_refused(night: Path, tmp_path: Path) -> None:
         isotherm.noise(np.where(np.arange(2000) == 7, np.nan, rates(2000)), interval=1.0)
     with pytest.raises(isotherm.NoiseError, match="night: the longest stretch .* has 500 rows"):
         isotherm.noise(samples, end=50.0, recording="night")
+    fast = samples.copy()
+    for name in ("timestamp_ns", "interval_ns"):
+        fast[name] //= 1000
+    with pytest.raises(isotherm.NoiseError, match="1000.0 g0 at rest"):
+        isotherm.noise(fast, table=isotherm.Table.load(night / "truth.toml"), kalibr=tmp_path / "imu.yaml")
     wrong = [
         {"interval": 0.0}, {"interval": 1.0, "table": isotherm.Table.load(night / "truth.toml")}, {"interval": 1.0, "telemetry": [1.0]},
         {"telemetry": [1.0]}, {"start": 5.0, "end": 5.0}, {"kalibr": tmp_path / "imu.yaml"},

@@ -70,6 +70,41 @@ fn a_recording_at_rest() {
 }
 
 #[test]
+fn times_that_are_a_thousand_times_too_short_are_no_noise() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    recording(folder.path());
+    let text = fs::read_to_string(at("night/run.csv")).unwrap();
+    let mut lines = text.lines();
+    let header: Vec<_> = lines.next().unwrap().split(',').collect();
+    let [time, interval] =
+        ["timestamp_ns", "interval_ns"].map(|name| header.iter().position(|it| *it == name).unwrap());
+    let mut fast = header.join(",") + "\n";
+    for line in lines {
+        let mut fields: Vec<_> = line.split(',').map(str::to_owned).collect();
+        for field in [time, interval] {
+            fields[field] = (fields[field].parse::<u64>().unwrap() / 1000).to_string();
+        }
+        fast += &(fields.join(",") + "\n");
+    }
+    fs::write(at("fast.csv"), fast).unwrap();
+    let words = "[not-gravity]: fast.csv: 1000.0 g0 at rest";
+    let table = ["--table", "night/truth.toml"];
+    let (out, err) = run(folder.path(), 65, &[&["noise", "fast.csv", "--kalibr", "imu.yaml"], &table[..]].concat());
+    assert!(out.is_empty() && err.contains(words) && !at("imu.yaml").exists(), "{err}");
+    let (_, err) = run(folder.path(), 0, &[&["replay", "fast.csv", "-o", "i.csv"], &table[..]].concat());
+    assert!(err.contains(words), "{err}");
+    run(folder.path(), 65, &[&["replay", "fast.csv", "--strict", "-o", "j.csv"], &table[..]].concat());
+    let (_, err) = run(folder.path(), 0, &[&["verify", "fast.csv", "--standstills"], &table[..]].concat());
+    assert!(err.contains(words), "{err}");
+    // The right times.
+    for command in [&["replay", "night/run.csv", "--strict", "-o", "k.csv"][..], &["verify", "night/run.csv"]] {
+        let (_, err) = run(folder.path(), 0, &[command, &table[..]].concat());
+        assert!(!err.contains("not-gravity"), "{err}");
+    }
+}
+
+#[test]
 fn what_is_refused() {
     let folder = folder();
     recording(folder.path());

@@ -167,7 +167,7 @@ def noise(
     length, if the part that a straight line in them explains is to be seen. The result is what the document has for one sensor, with "unit" for
     the unit of the rates. All rates are used: nothing looks for gaps or movement.
 
-    Raises NoiseError with fewer than 1000 rows.
+    Raises NoiseError with fewer than 1000 rows, and with a fault, such as a specific force at rest that is not gravity.
     """
     if interval is not None:
         if not (math.isfinite(interval) and interval > 0.0):
