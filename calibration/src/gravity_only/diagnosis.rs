@@ -97,7 +97,7 @@ fn no_gravity(readings: &[Reading]) -> Option<Finding> {
     let of_row =
         |axis: usize| median(readings.iter().map(|reading| reading.noise[axis] * (reading.rows.len() as f64).sqrt()));
     let same = (0..AXES).all(|axis| ranges[axis] <= ROW_NOISES * of_row(axis));
-    (readings.len() >= LEAST_FOR_DEAD && same).then(|| {
+    (readings.len() > 1 && same).then(|| {
         let message = format!(
             "over {} standstills no axis varies by more than the noise of single rows: gravity is not in the counts, or all are one \
              attitude; look at the columns",

@@ -376,6 +376,13 @@ const MISTAKES: [&str; 20] = [
     "unsigned",
 ];
 
+/// Counts from 0 to 30 that know nothing of the attitude.
+fn noise(sequence: u64) -> i64 {
+    let bits = sequence.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32;
+    let bits = bits.wrapping_mul(0xbf58_476d) >> 16;
+    ((bits & 15) + (bits >> 4 & 15)) as i64
+}
+
 /// The recordings of an afternoon with a mistake.
 fn mistaken(name: &str, random: &mut RandomGenerator) -> (Mems, Vec<Vec<RawSample>>, Vector3<f64>) {
     let mut afternoon = Afternoon::usual([14, 26][(random.uniform() * 2.0) as usize % 2]);
@@ -423,7 +430,7 @@ fn mistaken(name: &str, random: &mut RandomGenerator) -> (Mems, Vec<Vec<RawSampl
                 "twice" => now[axis] *= 2,
                 "dead" => now[axis] = 0,
                 "doubled" => now[(axis + 1) % 3] = now[axis],
-                "column" => now[axis] = 3000 + (now[axis] & 7) + (now[axis] >> 3 & 7),
+                "column" => now[axis] = 3000 + noise(row.sequence),
                 // Gravity is taken off by a filter: noise is left.
                 "removed" => now = now.map(|count| (count & 31) - 16),
                 "clip" => now[axis] = now[axis].clamp(-limit, limit),
