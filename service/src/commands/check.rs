@@ -12,7 +12,7 @@ use isotherm_shared::table::difference::{MaxChange, TableDifference};
 use isotherm_shared::table::{Axis, CoefficientTable, Content, Seal, with_unchecked_digest};
 use isotherm_shared::units::SensorKind;
 use std::fmt::Write as _;
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, Read as _};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
@@ -232,8 +232,9 @@ fn recording_format(path: &Path) -> Option<&'static str> {
     const MAGIC: [(&[u8], &str); 2] = [(b"PAR1", "Parquet"), (b"\x89MCAP0\r\n", "MCAP")];
     const BEGINNING: u64 = 4096;
     let mut beginning = Vec::new();
-    // Of a pipe nothing may be read here; what cannot be opened is told when it is read.
-    let file = File::open(path).ok().filter(|file| file.metadata().is_ok_and(|metadata| metadata.is_file()))?;
+    // A pipe is not even opened: that waits for its writer. What cannot be opened is told when it is read.
+    fs::metadata(path).ok().filter(fs::Metadata::is_file)?;
+    let file = File::open(path).ok()?;
     file.take(BEGINNING).read_to_end(&mut beginning).ok()?;
     let header = beginning.split(|byte| *byte == b'\n').next().unwrap_or_default();
     let has = |name: &str| header.split(|byte| *byte == b',').any(|field| field.trim_ascii() == name.as_bytes());
