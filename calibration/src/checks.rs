@@ -15,7 +15,7 @@ use isotherm_campaign::{Block, Campaign, Dwell};
 use isotherm_finding::{Finding, Location, RunNumber, Severity, name};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{median, robust_sd};
+use isotherm_statistics::{greatest_divisor, median, robust_sd};
 
 /// Largest difference between the specific force of a position and the indicated one, with mean scale factors \[g0\]. A
 /// scale factor may change by some percent over temperature; a wrong position differs by more.
@@ -91,10 +91,6 @@ fn last_digit(mut values: Vec<f64>) -> f64 {
     });
     // A difference of decimals is not exact.
     if smallest < 0.99 * decimal { smallest } else { decimal }
-}
-
-fn greatest_divisor(a: u64, b: u64) -> u64 {
-    if b == 0 { a } else { greatest_divisor(b, a % b) }
 }
 
 /// The dwells of a set point, see [`set_points`]. They share errors, such as hysteresis.

@@ -5,7 +5,7 @@ use crate::net::{net, steps};
 use isotherm_finding::{Finding, name};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::{AXES, RawSample};
-use isotherm_statistics::median;
+use isotherm_statistics::{greatest_divisor, median};
 use std::ops::Range;
 
 /// Rows of a block, where there are no standstills.
@@ -169,7 +169,7 @@ fn wraps(rows: &[RawSample], counts: &[[f64; AXES]], axis: usize) -> Option<Find
 
 /// Counts of 16 bits whose two bytes are exchanged: put right, all axes change far less from row to row.
 fn swapped(counts: &[[f64; AXES]]) -> Option<Finding> {
-    let unit = counts.iter().flatten().fold(0, |unit, count| divisor(unit, count.abs() as u64)).max(1) as f64;
+    let unit = counts.iter().flatten().fold(0, |unit, count| greatest_divisor(unit, count.abs() as u64)).max(1) as f64;
     let bits = |count: f64| {
         Some(count / unit).filter(|count| (-32_768.0..65_536.0).contains(count)).map(|it| it as i32 as u16)
     };
@@ -190,14 +190,6 @@ fn swapped(counts: &[[f64; AXES]]) -> Option<Finding> {
         worst[1] * unit
     );
     Some(Finding::fault(name::BYTE_ORDER, message))
-}
-
-/// The greatest common divisor.
-const fn divisor(mut a: u64, mut b: u64) -> u64 {
-    while b > 0 {
-        (a, b) = (b, a % b);
-    }
-    a
 }
 
 /// Why no standstill was found, as far as the counts and times show it; empty if they do not.

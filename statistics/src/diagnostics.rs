@@ -180,6 +180,15 @@ fn mean_variance(values: &[f64]) -> (f64, f64) {
     (mean, values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (n - 1.0))
 }
 
+/// The greatest common divisor of two numbers; the other one if one is 0.
+#[must_use]
+pub const fn greatest_divisor(mut a: u64, mut b: u64) -> u64 {
+    while b > 0 {
+        (a, b) = (b, a % b);
+    }
+    a
+}
+
 /// Median of the values that are not NaN; NaN if there are none.
 ///
 /// ```

@@ -25,7 +25,7 @@ mod regression;
 mod sweep_band;
 
 pub use curve::{CONFIDENCE, Curve, SlopeError, student_quantile, student_quantile_of};
-pub use diagnostics::{Diagnostics, Test, median, robust_sd};
+pub use diagnostics::{Diagnostics, Test, greatest_divisor, median, robust_sd};
 pub use double_double::DoubleDouble;
 pub use hysteresis::{BINS, LoopPoint, Sweep, band, shared_bins, sweeps};
 pub use least_squares::{LeastSquares, MAX_SVD_STEPS, least_squares};
