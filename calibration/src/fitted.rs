@@ -6,8 +6,9 @@ use crate::error::CalibrationError;
 use crate::gravity_only::provenance::sealed_gravity_only_table;
 use crate::gravity_only::{GravityOnlyCalibration, GravityOnlyOptions, TumbleRecording, calibrate_gravity_only};
 use crate::gyroscopes::Measurements;
+use crate::one_attitude::{OneAttitudeCalibration, OneAttitudeOptions, calibrate_one_attitude};
 use crate::options::CalibrationOptions;
-use crate::provenance::{CampaignSource, sealed_ramp_table, sealed_table};
+use crate::provenance::{CampaignSource, sealed_one_attitude_table, sealed_ramp_table, sealed_table};
 use crate::ramps::{RampCalibration, calibrate_ramps};
 use crate::result::Calibration;
 use crate::transients::RampRecording;
@@ -22,6 +23,8 @@ pub enum Measured {
     Campaign(Measurements, CalibrationOptions),
     /// Ramps alone, and the table that gives everything else.
     Ramps(Vec<RampRecording>, Box<CoefficientTable>, CalibrationOptions),
+    /// Recordings at one attitude, and the nominal table.
+    OneAttitude(Vec<RampRecording>, Box<CoefficientTable>, OneAttitudeOptions),
     /// An IMU that was put down by hand.
     GravityOnly(Vec<TumbleRecording>, GravityOnlyOptions),
 }
@@ -58,6 +61,8 @@ pub enum Fitted {
     Campaign(Box<Calibration>),
     /// Ramps alone.
     Ramps(Box<RampCalibration>),
+    /// Recordings at one attitude.
+    OneAttitude(Box<OneAttitudeCalibration>),
     /// An IMU that was put down by hand.
     GravityOnly(Box<GravityOnlyCalibration>),
 }
@@ -75,6 +80,9 @@ impl Fitted {
             Measured::Ramps(ramps, curves, options) => {
                 Self::Ramps(Box::new(calibrate_ramps(campaign, &ramps, &curves, options)?))
             }
+            Measured::OneAttitude(recordings, nominal, options) => {
+                Self::OneAttitude(Box::new(calibrate_one_attitude(campaign, &recordings, &nominal, &options)?))
+            }
             Measured::GravityOnly(recordings, options) => {
                 Self::GravityOnly(Box::new(calibrate_gravity_only(campaign, &recordings, &options)?))
             }
@@ -87,6 +95,7 @@ impl Fitted {
         match self {
             Self::Campaign(found) => &found.table,
             Self::Ramps(found) => &found.table,
+            Self::OneAttitude(found) => found.table(),
             Self::GravityOnly(found) => &found.table,
         }
     }
@@ -97,6 +106,7 @@ impl Fitted {
         match self {
             Self::Campaign(found) => &found.findings,
             Self::Ramps(found) => &found.findings,
+            Self::OneAttitude(found) => &found.ramps.findings,
             Self::GravityOnly(found) => &found.findings,
         }
     }
@@ -113,6 +123,7 @@ impl Fitted {
         match self {
             Self::Campaign(found) => Accuracy::of(found).to_string(),
             Self::Ramps(found) => found.accuracy(),
+            Self::OneAttitude(found) => found.accuracy(),
             Self::GravityOnly(found) => format!("residuals {:.2}e-6 g0 rms", found.residual_rms() * 1e6),
         }
     }
@@ -125,6 +136,7 @@ impl Fitted {
         match self {
             Self::Campaign(found) => sealed_table(campaign, found, source),
             Self::Ramps(found) => sealed_ramp_table(campaign, found, source),
+            Self::OneAttitude(found) => sealed_one_attitude_table(campaign, found, source),
             Self::GravityOnly(found) => sealed_gravity_only_table(campaign, found, source),
         }
     }

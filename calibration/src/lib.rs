@@ -33,6 +33,7 @@ mod gravity_only;
 mod gyroscopes;
 mod level;
 mod noise;
+mod one_attitude;
 mod one_stage;
 mod options;
 mod orders;
@@ -64,6 +65,10 @@ pub use gyroscopes::observability::TriadObservability;
 pub use gyroscopes::runs::implausible;
 pub use gyroscopes::{FittedRun, GyroscopeCalibration, Measurements, Place, is_alignment_needed, read_measurements};
 pub use noise::noise_of_dwells;
+pub use one_attitude::{
+    Autopilot, BiasCurve, LeftOut, OneAttitudeCalibration, OneAttitudeOptions, OrderChoice, Spread, SweepPoint,
+    SweepSpan, TriedOrder, calibrate_one_attitude,
+};
 pub use one_stage::{OneStageError, solve};
 pub use options::{CalibrationOptions, Method};
 pub use provenance::{CampaignSource, CurveErrors, Hashed, Origin, TableFile, now, sha256, tool};

@@ -5,6 +5,7 @@
 //!
 //! Over 400 lines: the records of the section, key by key; those of ramps are in `transients`.
 
+mod one_attitude;
 mod origin;
 mod source;
 mod transients;
@@ -15,6 +16,7 @@ pub use source::{CampaignSource, now, tool};
 use crate::accuracy::{Accuracy, largest_interval};
 use crate::gyroscopes::GyroscopeCalibration;
 use crate::gyroscopes::earth::{EarthCheck, LeftOver};
+use crate::one_attitude::OneAttitudeCalibration;
 use crate::ramps::RampCalibration;
 use crate::result::Calibration;
 use crate::triad::{CalibratedTriad, beside_diagonal};
@@ -44,6 +46,15 @@ pub(crate) fn sealed_ramp_table(
     source: &CampaignSource,
 ) -> Result<String, String> {
     sealed(campaign, &calibration.table, transients::of_ramps(campaign, calibration, source))
+}
+
+/// The text of the table file of recordings at one attitude.
+pub(crate) fn sealed_one_attitude_table(
+    campaign: &Campaign,
+    calibration: &OneAttitudeCalibration,
+    source: &CampaignSource,
+) -> Result<String, String> {
+    sealed(campaign, calibration.table(), one_attitude::section(campaign, calibration, source))
 }
 
 /// The text of `table` with digest and `provenance`, read back.

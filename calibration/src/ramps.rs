@@ -24,6 +24,9 @@ const FORCE: f64 = 0.1;
 /// An axis that carries more specific force has a curve that contains the change of its scale factor \[g0\].
 const CARRIED_G0: f64 = 0.01;
 
+/// What gives errors of curves.
+pub(crate) const ONE_DIRECTION_REMEDY: &str = "heat and cool in one recording";
+
 /// The result of a campaign with ramps alone.
 #[derive(Clone, Debug)]
 pub struct RampCalibration {
@@ -156,6 +159,21 @@ pub fn calibrate_ramps(
     curves: &CoefficientTable,
     options: CalibrationOptions,
 ) -> Result<RampCalibration, CalibrationError> {
+    let has_errors = options.curves_have_errors;
+    ramp_calibration(campaign, ramps, curves, options, Vec::new(), |found| {
+        one_direction(curves, found, has_errors).into_iter().collect()
+    })
+}
+
+/// As [`calibrate_ramps`], with further findings: `before` anything is fitted, and those `after` of what was found.
+pub(crate) fn ramp_calibration(
+    campaign: &Campaign,
+    ramps: &[RampRecording],
+    curves: &CoefficientTable,
+    options: CalibrationOptions,
+    before: Vec<Finding>,
+    after: impl Fn(&Transients) -> Vec<Finding>,
+) -> Result<RampCalibration, CalibrationError> {
     refuse_options(campaign, &options)?;
     let wrong = mismatches(campaign, curves.content());
     if !wrong.is_empty() {
@@ -163,7 +181,8 @@ pub fn calibrate_ramps(
     }
     refuse_twice(ramps)?;
     let mut accepted = Vec::new();
-    let mut findings = admit(faults(campaign, ramps, curves), &options, &mut accepted)?;
+    let before = faults(campaign, ramps, curves).into_iter().chain(before).collect();
+    let mut findings = admit(before, &options, &mut accepted)?;
     let mut content = curves.content().clone();
     content.serial = campaign.serial.clone().or(content.serial);
     content.out_of_range = campaign.out_of_range.unwrap_or(content.out_of_range);
@@ -183,7 +202,7 @@ pub fn calibrate_ramps(
     let of_gyroscopes = content.gyroscopes.iter_mut().flat_map(|gyroscopes| &mut gyroscopes.axes);
     content.axes.iter_mut().chain(of_gyroscopes).for_each(|axis| axis.transient = 0.0);
     transients.apply(&mut content);
-    let found = warnings(ramps, curves, &transients).into_iter().chain(one_direction(curves, &transients, &options));
+    let found = after(&transients).into_iter().chain(warnings(ramps, curves, &transients));
     findings.extend(admit(found.collect(), &options, &mut accepted)?);
     let of_facts = unlike_scale_factors(curves).into_iter().chain(campaign.gravity_warning()).collect();
     findings.extend(admit(of_facts, &options, &mut accepted)?);
@@ -242,7 +261,7 @@ fn faults(campaign: &Campaign, ramps: &[RampRecording], table: &CoefficientTable
     let gravity = campaign.gravity_local / campaign.gravity_reference;
     for (ramp, recording) in campaign.ramps.iter().zip(ramps) {
         let Some(stated) = ramp.specific_force.map(|force| force.map(|f| f * gravity)) else { continue };
-        let indicated = [0, 1, 2].map(|axis| recording.mean_force(axis, &table.content().axes[axis]));
+        let indicated = [0, 1, 2].map(|axis| recording.mean_indicated(axis, &table.content().axes[axis]));
         let off = (0..stated.len()).find(|axis| (indicated[*axis] - stated[*axis]).abs() > FORCE);
         all.extend(off.map(|axis| {
             let message = format!(
@@ -308,19 +327,19 @@ fn devices(campaign: &Campaign, ramps: &[RampRecording], table: &CoefficientTabl
 }
 
 /// The fault that curves whose errors are not known would replace curves that depend on temperature, or have errors.
-fn one_direction(curves: &CoefficientTable, found: &Transients, options: &CalibrationOptions) -> Option<Finding> {
+fn one_direction(curves: &CoefficientTable, found: &Transients, has_errors: bool) -> Option<Finding> {
     let unknown = found.biases.iter().find(|bias| bias.curve_error.is_none())?;
     let content = curves.content();
     let gyroscopes = content.gyroscopes.iter().flat_map(|gyroscopes| &gyroscopes.axes);
     let order = content.axes.iter().chain(gyroscopes).map(|axis| axis.bias.coefficients().len() - 1).max()?;
-    let worth = match (order, options.curves_have_errors) {
+    let worth = match (order, has_errors) {
         (0, false) => return None,
         (0, true) => "state their errors".to_owned(),
         (order, _) => format!("are of order {order}"),
     };
     let message = format!(
         "no ramp heats and cools over half of the range of {}: the errors of the new curves are not known, and the bias curves of curves \
-         {worth}; heat and cool in one recording, or replace them all the same with --replace-curves",
+         {worth}; {ONE_DIRECTION_REMEDY}, or replace them all the same with --replace-curves",
         unknown.name()
     );
     Some(Finding::fault(name::ONE_DIRECTION, message))

@@ -2,7 +2,7 @@
 //! limits, sensors at one set point.
 
 use crate::effects::{BIAS_EFFECT, GYROSCOPE_BIAS_EFFECT, GYROSCOPE_SCALE_FACTOR_EFFECT, SCALE_FACTOR_EFFECT};
-use isotherm_shared::units::SensorKind;
+use isotherm_shared::units::{ARCSEC, SensorKind};
 use isotherm_shared::wire::AXES;
 
 /// What the figures of a triad are shown in.
@@ -79,6 +79,19 @@ impl TriadUnits {
         format!("{:.*} {}", self.accuracy_decimals, bias * self.bias_factor, self.bias)
     }
 
+    /// A bias of the fit in m/s2 or rad/s; `gravity` is 1 g0 \[m/s2\].
+    #[must_use]
+    pub fn si(&self, bias: f64, gravity: f64) -> (f64, &'static str) {
+        if self.sensor == ACCELEROMETERS.sensor { (bias * gravity, "m/s2") } else { (bias * ARCSEC, "rad/s") }
+    }
+
+    /// The same with three digits and both units: `0.00141 m/s2 (144 ug0)`.
+    #[must_use]
+    pub fn si_text(&self, bias: f64, gravity: f64) -> String {
+        let (value, unit) = self.si(bias, gravity);
+        format!("{} {unit} ({} {})", three_digits(value), three_digits(bias * self.bias_factor), self.bias)
+    }
+
     /// Those of a kind of sensors.
     pub const fn of(kind: SensorKind) -> &'static Self {
         match kind {
@@ -119,4 +132,10 @@ pub struct ReducedSensor<'a> {
     pub standard_errors: &'a [f64],
     /// Degrees of freedom of the errors.
     pub freedom: usize,
+}
+
+/// Three digits at least, as a decimal number.
+fn three_digits(value: f64) -> String {
+    let before = value.abs().max(1e-12).log10().floor();
+    format!("{value:.*}", (2.0 - before).clamp(0.0, 12.0) as usize)
 }

@@ -26,6 +26,7 @@
 //! constants is left out. One sweep each way is enough then; a quarter of a sweep is left out at a time to try the
 //! prediction.
 
+mod bins;
 mod blocks;
 mod decision;
 mod equations;
@@ -37,6 +38,7 @@ mod search;
 mod steps;
 mod sweeps;
 
+pub(crate) use bins::{BinValue, bin_values};
 pub use options::{CurveSource, LagChoice, TransientOptions, TransientsError};
 pub use recording::RampRecording;
 pub use result::BiasTransient;

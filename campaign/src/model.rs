@@ -99,6 +99,15 @@ impl Campaign {
         }
     }
 
+    /// The campaign of recordings at one attitude while the temperature changes: the value of 1 g0 \[m/s2\], the
+    /// telemetry's unit, and what the recordings are called.
+    #[must_use]
+    pub fn one_attitude(imu: ImuId, gravity: f64, temperature_unit: &str, recordings: &[String]) -> Self {
+        let ramp = |samples: &String| Ramp { samples: samples.clone(), specific_force: None };
+        let ramps = recordings.iter().map(ramp).collect();
+        Self { gravity_only: false, ramps, ..Self::gravity_only(imu, [gravity; 2], temperature_unit) }
+    }
+
     /// The campaign at a place, which checks its local gravity.
     #[must_use]
     pub const fn at_place(mut self, place: Place) -> Self {

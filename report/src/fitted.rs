@@ -1,6 +1,6 @@
 //! A calibration of any kind as text, as JSON and as HTML.
 
-use crate::{calibration, gravity_only, json, ramps, text};
+use crate::{calibration, gravity_only, json, one_attitude, ramps, text};
 use isotherm_calibration::{CampaignSource, Fitted};
 use isotherm_campaign::Campaign;
 use serde_json::Value;
@@ -11,6 +11,7 @@ pub fn text(fitted: &Fitted) -> String {
     match fitted {
         Fitted::Campaign(found) => text::calibration(found),
         Fitted::Ramps(found) => text::ramps(found),
+        Fitted::OneAttitude(found) => one_attitude::text(found),
         Fitted::GravityOnly(found) => gravity_only::text(found),
     }
 }
@@ -21,6 +22,7 @@ pub fn json(fitted: &Fitted, locate: impl Fn(u64) -> String) -> Value {
     match fitted {
         Fitted::Campaign(found) => json::calibration(found, locate),
         Fitted::Ramps(found) => json::ramps(found, locate),
+        Fitted::OneAttitude(found) => one_attitude::json(found, locate),
         Fitted::GravityOnly(found) => gravity_only::json(found, locate),
     }
 }
@@ -31,6 +33,7 @@ pub fn html(campaign: &Campaign, fitted: &Fitted, source: &CampaignSource) -> St
     match fitted {
         Fitted::Campaign(found) => calibration::html(campaign, found, source),
         Fitted::Ramps(found) => ramps::html(campaign, found, source),
+        Fitted::OneAttitude(found) => one_attitude::html(campaign, found, source),
         Fitted::GravityOnly(found) => gravity_only::html(campaign, found, source),
     }
 }

@@ -3,7 +3,7 @@
 //! texts have none. What is not known is null.
 
 mod calibration;
-mod transients;
+pub(crate) mod transients;
 mod verification;
 
 pub use verification::verification;

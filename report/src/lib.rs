@@ -28,6 +28,7 @@ pub mod json;
 pub mod lengths;
 mod loops;
 pub mod noise;
+pub mod one_attitude;
 mod page;
 mod parts;
 mod plot;

@@ -99,7 +99,7 @@ pub fn ramps(calibration: &RampCalibration) -> String {
 }
 
 /// The verdict of the ramps with its reasons, then the biases, a line each.
-fn transients(found: &Transients, unit: &str) -> String {
+pub(crate) fn transients(found: &Transients, unit: &str) -> String {
     let line = |[name, unit, written, estimate, t_tau, fixed, hysteresis, lag, table, without, with]: [&str; 11]| {
         format!(
             "  {name:4} {unit:<13} {written:>12} {estimate:>24} {t_tau:>13}   {fixed:>10} {hysteresis:>10} {lag:>10} {table:>10}   \

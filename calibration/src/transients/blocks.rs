@@ -384,7 +384,7 @@ fn readings(
 }
 
 /// What a sensor indicates in each bin, less the campaign's curve.
-fn indicated(
+pub(super) fn indicated(
     recording: &RampRecording,
     sensor: usize,
     coefficients: &Axis,

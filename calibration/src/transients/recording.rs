@@ -41,6 +41,8 @@ pub(super) struct Bin {
 /// The readings of one telemetry.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Readings {
+    /// Least and largest reading.
+    extremes: Option<[f64; 2]>,
     means: Vec<Reading>,
     /// The last value, which is no new reading if it comes again.
     latest: Option<Reading>,
@@ -222,14 +224,14 @@ impl RampRecording {
         self.bins == other.bins && self.heads == other.heads
     }
 
-    /// Mean of what an accelerometer indicates \[g0\], its bias included, with the scale factors at mean board
-    /// telemetry; NaN without rows.
-    pub fn mean_force(&self, axis: usize, coefficients: &Axis) -> f64 {
-        let boards = self.boards(axis);
+    /// Mean of what a sensor, 0 to 5, indicates \[g0 or deg/h\], its bias included, with the scale factors at mean
+    /// board telemetry; NaN without rows.
+    pub(crate) fn mean_indicated(&self, sensor: usize, coefficients: &Axis) -> f64 {
+        let boards = self.boards(sensor);
         let board = boards.iter().map(|reading| reading.telemetry).sum::<f64>() / boards.len() as f64;
         let seconds: f64 = self.bins.iter().map(Bin::seconds).sum();
         let scale_factors = [&coefficients.positive_scale_factor, &coefficients.negative_scale_factor];
-        let pulses = |channel: usize| self.bins.iter().map(|bin| bin.pulses[axis][channel]).sum::<u64>() as f64;
+        let pulses = |channel: usize| self.bins.iter().map(|bin| bin.pulses[sensor][channel]).sum::<u64>() as f64;
         scale_factors.iter().enumerate().map(|(channel, k)| pulses(channel) / seconds / k.at(k.clamp(board))).sum()
     }
 
@@ -256,6 +258,29 @@ impl RampRecording {
     /// The readings of a sensor's board telemetry, in order.
     pub(super) fn boards(&self, sensor: usize) -> Vec<Reading> {
         self.boards[sensor].readings()
+    }
+
+    /// Rates at which the head telemetry of A1 moves, without sign, over parts of the recording \[1/s\].
+    pub(crate) fn rates_of_telemetry(&self, part: f64) -> Vec<f64> {
+        let heads = self.heads(0);
+        let ends = heads.first().zip(heads.last());
+        let step_ns = ends.map_or(0.0, |(first, last)| (last.time_ns - first.time_ns) as f64 * part);
+        let mut from = heads.first().copied();
+        let mut rates = Vec::new();
+        for reading in heads {
+            let Some(Reading { time_ns, telemetry }) = from else { break };
+            let passed_ns = (reading.time_ns - time_ns) as f64;
+            if passed_ns >= step_ns && passed_ns > 0.0 {
+                rates.push((reading.telemetry - telemetry).abs() / (passed_ns / 1e9));
+                from = Some(reading);
+            }
+        }
+        rates
+    }
+
+    /// Least and largest head and board telemetry of a sensor, 0 to 5; `None` without rows.
+    pub(crate) fn extremes(&self, sensor: usize) -> [Option<[f64; 2]>; 2] {
+        [&self.heads, &self.boards].map(|all| all[sensor].extremes)
     }
 }
 
@@ -300,6 +325,8 @@ impl Readings {
             return;
         }
         self.latest = Some(Reading { time_ns, telemetry });
+        let [low, high] = self.extremes.unwrap_or([telemetry; 2]);
+        self.extremes = Some([low.min(telemetry), high.max(telemetry)]);
         if time_ns - self.sum.first_ns >= BIN_NS {
             self.means.extend(self.sum.mean());
             self.sum = ReadingSum { first_ns: time_ns, ..ReadingSum::default() };

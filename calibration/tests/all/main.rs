@@ -5,4 +5,5 @@ mod campaign;
 mod gravity_only;
 mod gyroscopes;
 mod mistakes;
+mod one_attitude;
 mod transients;

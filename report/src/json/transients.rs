@@ -5,7 +5,7 @@ use isotherm_calibration::{BiasTransient, Condition, Prediction, Transients, Tri
 use isotherm_recording::Losses;
 use isotherm_statistics::{LoopPoint, band};
 
-view! { pub(super) TransientsView<'a>(found: &'a Transients) {
+view! { pub(crate) TransientsView<'a>(found: &'a Transients) {
     verdict: &'a str = found.verdict.name(),
     losses: Losses = found.losses,
     words: &'a [String] = &found.words,

@@ -246,13 +246,17 @@ findings! {
         RAMP_SWEEPS = "ramp-sweeps", Warning,
             "Allow for the error of the curves that is stated; hold the IMU and its fixture steadier, begin soaked.";
         /// No ramp heats and cools over half of the range: the error of its curves is not known, and those of `curves`
-        /// depend on temperature, or have an error.
-        ONE_DIRECTION = "one-direction", Fault,
+        /// depend on temperature, or have an error. A warning at one attitude.
+        ONE_DIRECTION = "one-direction", FaultOrWarning,
             "Heat and cool in one recording. `--replace-curves` makes the table all the same.";
         /// About a transient that is written: the ramps have specific force along the axis, so that a converter behind
         /// its thermometer would look the same; or the time constant was given, and the ramps would not show it.
         TRANSIENT = "transient", Warning,
             "Record the axis horizontal; verify with a run of another rate: docs/temperature-in-motion.md.";
+        /// A gyroscope indicates over 10 deg/s on average, in a recording at one attitude.
+        RATE_AT_REST = "rate-at-rest", Fault, "Give the readings in rad/s; keep the IMU at rest.";
+        /// The telemetry never settles: what is behind it by a lag is in the curve everywhere.
+        NOT_SETTLED = "not-settled", Warning, "Warm up more slowly, or wait at the end of each sweep.";
         /// Only one of ramps and table has gyroscopes.
         RAMP_GYROSCOPES = "ramp-gyroscopes", Warning, "Record ramps of the same IMU, with all of its columns.";
     }

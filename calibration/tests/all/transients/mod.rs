@@ -1,7 +1,7 @@
 //! Transients: ramps with a known truth, from their rows to the decision.
 
 mod campaign;
-mod consumer;
+pub(crate) mod consumer;
 mod data;
 mod rates;
 mod simulated;

@@ -1,0 +1,414 @@
+//! Bias curves from recordings at one attitude, while the IMU warms up or cools: what PX4 and ArduPilot call
+//! temperature calibration.
+//!
+//! # Method
+//! 1. The recordings are [ramps](crate::ramps): lag and transient of each bias, the band between sweeps, steps, another
+//!    unit, missing rows are found as there. `nominal` gives everything but the bias curves.
+//! 2. `curves`: each curve goes through means of 1/200 of the telemetry's range, which weigh alike; each recording has a
+//!    constant of its own.
+//! 3. `order`: all curves have the order that best predicts sweeps that are left out.
+//! 4. The constant of an accelerometer's curve contains the attitude: the curve keeps the bias of `nominal` at the
+//!    reference temperature. That of a gyroscope stays in, with Earth's rate.
+//!
+//! The error of a curve is the band: how far heating and cooling are apart at the same telemetry. No curve over
+//! telemetry can be better. One sweep does not show it.
+
+mod beside;
+mod checks;
+mod curves;
+mod order;
+
+pub use beside::Autopilot;
+pub use order::{LeftOut, OrderChoice, TriedOrder};
+
+use crate::error::CalibrationError;
+use crate::options::CalibrationOptions;
+use crate::ramps::{RampCalibration, ramp_calibration};
+use crate::sensor::TriadUnits;
+use crate::transients::{BinValue, LagChoice, RampRecording, bin_values};
+use curves::{Part, Series, Shape, Weight, spread};
+use isotherm_campaign::Campaign;
+use isotherm_shared::polynomial::Polynomial;
+use isotherm_shared::table::{Axis, CoefficientTable, Content};
+use isotherm_shared::units::SensorKind;
+use isotherm_shared::wire::AXES;
+use isotherm_statistics::{SweepBand, sweeps};
+use std::collections::BTreeMap;
+
+/// Bins of the range where the telemetry's unit is no degree.
+const WIDE: f64 = 60.0;
+
+/// Options of [`calibrate_one_attitude`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct OneAttitudeOptions {
+    /// The order of all curves, 0 to 7; chosen by sweeps left out if `None`.
+    pub order: Option<usize>,
+    /// The highest order to choose, for example 3 for an autopilot's parameters.
+    pub highest_order: Option<usize>,
+    /// How the time constant of the lag is found.
+    pub lag: LagChoice,
+    /// Reference temperature, in the telemetry's unit: accelerometers keep the bias of the nominal table there. Mid
+    /// range if `None`.
+    pub at: Option<f64>,
+    /// Curves of autopilots to show beside.
+    pub beside: Vec<Autopilot>,
+    /// Names of faults that are only warnings; see [`name`](isotherm_finding::name).
+    pub accept: Vec<&'static str>,
+    /// Whether every warning that is not accepted is a fault.
+    pub strict: bool,
+}
+
+/// What is left of a bias over temperature: of the means of bins of 1 degC, about their mean \[g0 or deg/h\].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spread {
+    /// Standard deviation.
+    pub sd: f64,
+    /// Largest distance.
+    pub largest: f64,
+}
+
+/// The mean of a sweep's rows in a bin of 1 degC.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SweepPoint {
+    /// Index of the sweep.
+    pub sweep: usize,
+    /// Head telemetry.
+    pub telemetry: f64,
+    /// Time since the recording began \[s\].
+    pub age_s: f64,
+    /// Bias less the transient that is written, on the curve's constant \[g0 or deg/h\].
+    pub value: f64,
+    /// What the curve leaves \[g0 or deg/h\].
+    pub residual: f64,
+}
+
+/// A sweep of a recording.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SweepSpan {
+    /// Index of the recording.
+    pub recording: usize,
+    /// Whether the telemetry rises.
+    pub heating: bool,
+    /// Head telemetry at begin and end.
+    pub telemetry: [f64; 2],
+    /// Begin and end since the recording began \[s\].
+    pub age_s: [f64; 2],
+}
+
+/// The curve of one bias.
+#[derive(Clone, Debug)]
+pub struct BiasCurve {
+    /// Accelerometer or gyroscope.
+    pub kind: SensorKind,
+    /// 0 to 2.
+    pub axis: usize,
+    /// The curve \[g0 or deg/h\].
+    pub curve: Polynomial,
+    /// What the bias does over temperature, with the bias curve of the nominal table taken off.
+    pub before: Spread,
+    /// What the curve, and the transient if one is written, leave.
+    pub after: Spread,
+    /// Half of the band between sweeps is the error of the curve \[g0 or deg/h\]; `None` where it is not known.
+    pub band: Option<SweepBand>,
+    /// Means by sweep.
+    pub points: Vec<SweepPoint>,
+    /// What the cubics of autopilots are on the same rows, and leave.
+    pub beside: Vec<(Autopilot, Polynomial, Spread)>,
+}
+
+/// The result of a calibration at one attitude.
+#[derive(Clone, Debug)]
+pub struct OneAttitudeCalibration {
+    /// The table, with the findings and the transients of its ramps; its `curves` are the nominal table.
+    pub ramps: RampCalibration,
+    /// The options it was made with.
+    pub options: OneAttitudeOptions,
+    /// Names of the recordings.
+    pub recordings: Vec<String>,
+    /// How the order was found.
+    pub order: OrderChoice,
+    /// The reference temperature.
+    pub at: f64,
+    /// Width of the bins that before and after are judged in, in the telemetry's unit.
+    pub bin: f64,
+    /// The sweeps of all recordings.
+    pub sweeps: Vec<SweepSpan>,
+    /// A1, A2, A3, and G1, G2, G3 where table and recordings have gyroscopes.
+    pub biases: Vec<BiasCurve>,
+}
+
+impl BiasCurve {
+    /// Name of the sensor.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        self.kind.names()[self.axis]
+    }
+}
+
+impl OneAttitudeCalibration {
+    /// The table.
+    #[must_use]
+    pub const fn table(&self) -> &CoefficientTable {
+        &self.ramps.table
+    }
+
+    /// What the table knows, in one line: how it was made, and the error of the curves.
+    #[must_use]
+    pub fn accuracy(&self) -> String {
+        let gravity = self.table().content().gravity;
+        let count = self.recordings.len();
+        let noun = if count == 1 { "recording" } else { "recordings" };
+        let order = self.order.order;
+        let made = format!("bias curves of order {order} from {count} {noun} at one attitude");
+        let known = self.biases.iter().filter_map(|it| Some((it, it.band.as_ref()?)));
+        let bands: Vec<_> = known
+            .map(|(it, band)| {
+                let si = TriadUnits::of(it.kind).si_text(band.half_width, gravity);
+                format!("{} {si}", it.name())
+            })
+            .collect();
+        if bands.is_empty() {
+            return format!("{made}; their error is not known: no recording heats and cools over half of the range");
+        }
+        format!("{made}; their error, half of the band between heating and cooling: {}", bands.join(", "))
+    }
+
+    /// What the table does not know, in sentences.
+    #[must_use]
+    pub fn not_known(&self) -> Vec<String> {
+        let unit = &self.table().content().temperature_unit;
+        let has_gyroscopes = self.biases.iter().any(|it| it.kind == SensorKind::Gyroscope);
+        let mut sentences = vec![
+            "scale factors and misalignments: not measured; they are those of the nominal table, over the whole range"
+                .to_owned(),
+            format!(
+                "the constant of each accelerometer: it contains the attitude (1 mrad is 1000 ug0); at {:.1} {unit} it is that of the nominal table",
+                self.at
+            ),
+        ];
+        if has_gyroscopes {
+            sentences.push(
+                "the constant of each gyroscope without Earth's rate (up to 15 deg/h), which is in it".to_owned(),
+            );
+        }
+        sentences
+            .push("a tilt with temperature, which looks like a bias (1 urad is 1 ug0 on a horizontal axis)".to_owned());
+        sentences
+    }
+}
+
+/// Makes a table of recordings at one attitude. `nominal` gives everything but the bias curves.
+///
+/// # Errors
+/// If `nominal` is no table for these recordings, if a recording is of another unit or moved, if its unit or interval is
+/// wrong, or if nothing can be estimated.
+pub fn calibrate_one_attitude(
+    campaign: &Campaign,
+    recordings: &[RampRecording],
+    nominal: &CoefficientTable,
+    options: &OneAttitudeOptions,
+) -> Result<OneAttitudeCalibration, CalibrationError> {
+    let fit_options = CalibrationOptions {
+        accept: options.accept.clone(),
+        strict: options.strict,
+        lag: options.lag,
+        ..CalibrationOptions::default()
+    };
+    let before = checks::before(recordings, nominal);
+    let mut ramps =
+        ramp_calibration(campaign, recordings, nominal, fit_options, before, |found| checks::after(recordings, found))?;
+    let series = all_series(recordings, &ramps);
+    let parts = sweeps_of(&series);
+    let choice = order::choose(&series, &parts, options.order, options.highest_order);
+    let [low, high] = series.first().map_or([0.0; 2], |bias| bias.range);
+    let at = options.at.unwrap_or_else(|| low.midpoint(high));
+    let bin = match nominal.content().temperature_unit.as_str() {
+        "degC" | "K" => 1.0,
+        _ => (high - low) / WIDE,
+    };
+    let order = choice.order;
+    let made = Made { ramps: &ramps, sweeps: &parts, at, bin, beside: &options.beside };
+    let biases: Option<Vec<BiasCurve>> = series.iter().map(|bias| made.curve(bias, order)).collect();
+    let biases = biases.ok_or_else(|| {
+        CalibrationError::Options(format!("the telemetry has too few temperatures for order {order}; give a lower one"))
+    })?;
+    ramps.table = with_curves(&ramps, &biases, recordings)?;
+    let sweeps = parts.iter().filter_map(|part| span(&series, part)).collect();
+    let recordings = recordings.iter().map(|recording| recording.name().to_owned()).collect();
+    Ok(OneAttitudeCalibration { ramps, options: options.clone(), recordings, order: choice, at, bin, sweeps, biases })
+}
+
+/// The biases of all sensors that the ramps have.
+fn all_series(recordings: &[RampRecording], ramps: &RampCalibration) -> Vec<Series> {
+    let content = ramps.table.content();
+    let of = |transient: &crate::transients::BiasTransient| {
+        let axis = axis_of(content, transient.kind, transient.axis)?;
+        let lag_s = content.lag_s.filter(|_| transient.transient != 0.0);
+        let of_recording = |recording: &RampRecording| {
+            let mut bins = bin_values(recording, transient.kind, transient.axis, axis, lag_s);
+            bins.iter_mut().for_each(|bin| bin.value -= transient.transient * bin.difference);
+            bins
+        };
+        Some(Series {
+            kind: transient.kind,
+            axis: transient.axis,
+            range: extremes(recordings, transient.kind, transient.axis, HEAD)?,
+            recordings: recordings.iter().map(of_recording).collect(),
+        })
+    };
+    ramps.transients.biases.iter().filter_map(of).collect()
+}
+
+/// Telemetries of a sensor.
+const HEAD: usize = 0;
+const BOARD: usize = 1;
+
+/// Least and largest telemetry of a sensor in all rows.
+fn extremes(recordings: &[RampRecording], kind: SensorKind, axis: usize, which: usize) -> Option<[f64; 2]> {
+    let sensor = axis + if kind == SensorKind::Gyroscope { AXES } else { 0 };
+    let all = recordings.iter().filter_map(|recording| recording.extremes(sensor)[which]);
+    all.reduce(|[a, b], [low, high]| [a.min(low), b.max(high)])
+}
+
+fn axis_of(content: &Content, kind: SensorKind, axis: usize) -> Option<&Axis> {
+    match kind {
+        SensorKind::Accelerometer => content.axes.get(axis),
+        SensorKind::Gyroscope => content.gyroscopes.as_ref()?.axes.get(axis),
+    }
+}
+
+/// The sweeps of the mean telemetry of the accelerometers.
+fn sweeps_of(series: &[Series]) -> Vec<Part> {
+    let count = series.first().map_or(0, |bias| bias.recordings.len());
+    let of_recording = |recording: usize| {
+        let heads = series.get(..AXES).unwrap_or(series);
+        let bins = heads.first().map_or(0, |bias| bias.recordings[recording].len());
+        let mean = |bin: usize| heads.iter().map(|bias| bias.recordings[recording][bin].telemetry).sum::<f64>();
+        let telemetry: Vec<f64> = (0..bins).map(mean).collect();
+        sweeps(&telemetry).into_iter().map(move |sweep| Part { recording, bins: sweep.values })
+    };
+    (0..count).flat_map(of_recording).collect()
+}
+
+fn span(series: &[Series], part: &Part) -> Option<SweepSpan> {
+    let bins = series.first()?.bins(part);
+    let (first, last) = (bins.first()?, bins.last()?);
+    Some(SweepSpan {
+        recording: part.recording,
+        heating: last.telemetry > first.telemetry,
+        telemetry: [first.telemetry, last.telemetry],
+        age_s: [first.age_s, last.age_s],
+    })
+}
+
+/// What the curves are made with.
+struct Made<'a> {
+    ramps: &'a RampCalibration,
+    sweeps: &'a [Part],
+    at: f64,
+    bin: f64,
+    beside: &'a [Autopilot],
+}
+
+impl Made<'_> {
+    /// The curve of a bias; `None` if its telemetry does not determine it.
+    fn curve(&self, bias: &Series, order: usize) -> Option<BiasCurve> {
+        let whole = bias.whole();
+        let shape = bias.fit(&whole, order, Weight::Alike(bias.narrow()))?;
+        let transients = &self.ramps.transients.biases;
+        let transient = transients.iter().find(|it| it.kind == bias.kind && it.axis == bias.axis)?;
+        let nominal = axis_of(self.ramps.curves.content(), bias.kind, bias.axis)?;
+        let constant = match bias.kind {
+            SensorKind::Accelerometer => nominal.bias_at(nominal.bias.clamp(self.at)).0,
+            SensorKind::Gyroscope => shape.constant()? + shape.at(self.at),
+        };
+        // Without the constant of its recording, which has the attitude in it.
+        let own = |recording: usize| shape.constants[recording].unwrap_or_default();
+        let raw = |bin: &BinValue| bin.value + transient.transient * bin.difference;
+        let left = |of: &dyn Fn(&BinValue) -> f64| {
+            let recordings = bias.recordings.iter().enumerate();
+            let value = |recording: usize| move |bin: &BinValue| (bin.telemetry, of(bin) - own(recording));
+            let values = recordings.flat_map(|(recording, bins)| bins.iter().map(value(recording)));
+            spread_of(values, self.bin)
+        };
+        let beside = |autopilot: &Autopilot| {
+            let cubic = beside::cubic(*autopilot, bias, &raw)?;
+            let polynomial = cubic.polynomial(self.at, constant)?;
+            Some((*autopilot, polynomial, left(&|bin| raw(bin) - cubic.at(bin.telemetry))))
+        };
+        Some(BiasCurve {
+            kind: bias.kind,
+            axis: bias.axis,
+            curve: shape.polynomial(self.at, constant)?,
+            before: left(&|bin| raw(bin) - nominal.bias_at(nominal.bias.clamp(bin.telemetry)).0),
+            after: left(&|bin| bin.value - shape.at(bin.telemetry)),
+            band: transient.curve_error.clone(),
+            points: self.points(bias, &shape, constant),
+            beside: self.beside.iter().filter_map(beside).collect(),
+        })
+    }
+
+    /// The means of each sweep in wide bins, on the curve's constant.
+    fn points(&self, bias: &Series, shape: &Shape, constant: f64) -> Vec<SweepPoint> {
+        let shift = constant - shape.at(self.at);
+        let of_sweep = |(sweep, part): (usize, &Part)| {
+            let means = bias.means(core::slice::from_ref(part), self.bin);
+            let own = shape.constants[part.recording].unwrap_or_default();
+            let point = move |(_, mean): (i64, curves::Mean)| SweepPoint {
+                sweep,
+                telemetry: mean.telemetry,
+                age_s: mean.age_s,
+                value: mean.value - own + shift,
+                residual: mean.value - own - shape.at(mean.telemetry),
+            };
+            means.into_iter().map(point).collect::<Vec<_>>()
+        };
+        self.sweeps.iter().enumerate().flat_map(of_sweep).collect()
+    }
+}
+
+/// Standard deviation and largest distance of the means of bins of the telemetry, of telemetry and value.
+fn spread_of(values: impl Iterator<Item = (f64, f64)>, bin: f64) -> Spread {
+    let mut all: BTreeMap<i64, (f64, f64)> = BTreeMap::new();
+    for (telemetry, value) in values {
+        let (sum, count) = all.entry((telemetry / bin).floor() as i64).or_default();
+        *sum += value;
+        *count += 1.0;
+    }
+    let means: Vec<f64> = all.values().map(|(sum, count)| sum / count).collect();
+    let [sd, largest] = spread(&means);
+    Spread { sd, largest }
+}
+
+/// The table with the curves, over the range of the rows. Scale factors that do not depend on temperature reach as far.
+fn with_curves(
+    ramps: &RampCalibration,
+    biases: &[BiasCurve],
+    recordings: &[RampRecording],
+) -> Result<CoefficientTable, CalibrationError> {
+    let mut content = ramps.table.content().clone();
+    for bias in biases {
+        let board = extremes(recordings, bias.kind, bias.axis, BOARD);
+        let axes = match (bias.kind, &mut content.gyroscopes) {
+            (SensorKind::Gyroscope, Some(gyroscopes)) => &mut gyroscopes.axes,
+            _ => &mut content.axes,
+        };
+        let axis = &mut axes[bias.axis];
+        let factor = axis.bias_unit.factor();
+        let coefficients: Vec<_> = bias.curve.coefficients().iter().map(|c| c / factor).collect();
+        let curve = &bias.curve;
+        axis.bias = Polynomial::new(&coefficients, curve.center(), curve.scale(), curve.range()).unwrap_or(axis.bias);
+        for scale_factor in [&mut axis.positive_scale_factor, &mut axis.negative_scale_factor] {
+            let ([low, high], Some([least, most])) = (scale_factor.range(), board) else { continue };
+            if scale_factor.coefficients().len() == 1 {
+                let range = [low.min(least), high.max(most)];
+                let (center, scale) = (scale_factor.center(), scale_factor.scale());
+                let wider = Polynomial::new(scale_factor.coefficients(), center, scale, range);
+                *scale_factor = wider.unwrap_or(*scale_factor);
+            }
+        }
+    }
+    content.format = content.least_format();
+    let table = CoefficientTable::new(content).map_err(CalibrationError::Table)?;
+    Ok(table.measured_at(ramps.curves.gravity_local()))
+}

@@ -1,0 +1,118 @@
+//! What is wrong with recordings at one attitude.
+
+use crate::ramps::ONE_DIRECTION_REMEDY;
+use crate::transients::{RampRecording, Transients};
+use isotherm_finding::{Finding, name};
+use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::units::SensorKind;
+use isotherm_shared::wire::AXES;
+
+/// The length of the specific force at rest may be off by this part of 1 g0: biases of cheap sensors are in it.
+const LENGTH: f64 = 0.2;
+/// No gyroscope has as much bias \[deg/h\]: 10 deg/s.
+const RATE: f64 = 36_000.0;
+/// Telemetry of an IMU that works \[degC\].
+const CELSIUS: [f64; 2] = [-80.0, 150.0];
+/// Telemetry over this looks like kelvin up to `MILLI`, then like thousandths of a degree.
+const MILLI: f64 = 1000.0;
+/// The telemetry has settled where it moves by under this part of its largest rate ..
+const SETTLED: f64 = 0.1;
+/// .. for this part of a recording.
+const SETTLED_PART: f64 = 0.02;
+/// Rates are means over this part of a recording.
+const RATE_PART: f64 = 0.01;
+
+/// What is found before anything is fitted.
+pub(super) fn before(recordings: &[RampRecording], nominal: &CoefficientTable) -> Vec<Finding> {
+    let of_recording = |recording: &RampRecording| {
+        let interval = recording.continuity().interval().map(|fault| {
+            let finding = fault.finding();
+            Finding { message: format!("{}: {}", recording.name(), finding.message), ..finding }
+        });
+        let found = [celsius(recording, nominal), length(recording, nominal), rate(recording, nominal)];
+        interval.into_iter().chain(found.into_iter().flatten())
+    };
+    recordings.iter().flat_map(of_recording).collect()
+}
+
+/// What is found in the sweeps.
+pub(super) fn after(recordings: &[RampRecording], found: &Transients) -> Vec<Finding> {
+    let unsettled = recordings.iter().filter_map(settled);
+    let unknown = found.biases.iter().find(|bias| bias.curve_error.is_none()).map(|bias| {
+        let message = format!(
+            "no recording heats and cools over half of the range of {}: the errors of the curves are not known; {ONE_DIRECTION_REMEDY}",
+            bias.name()
+        );
+        Finding::warning(name::ONE_DIRECTION, message)
+    });
+    unknown.into_iter().chain(unsettled).collect()
+}
+
+/// Telemetry that is no degree Celsius.
+fn celsius(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Finding> {
+    if nominal.content().temperature_unit != "degC" {
+        return None;
+    }
+    let [low, high] = recording.extremes(0)[0]?;
+    let cause = match () {
+        () if high > MILLI => "it looks like thousandths of a degree: divide it by 1000",
+        () if low > CELSIUS[1] => "it looks like kelvin: subtract 273.15",
+        () if low < CELSIUS[0] || high > CELSIUS[1] => {
+            "it is no temperature of an IMU: look at its column and its unit"
+        }
+        () => return None,
+    };
+    let message = format!("{}: the telemetry is {low:.1} to {high:.1} degC; {cause}", recording.name());
+    Some(Finding::fault(name::TELEMETRY_OFFSET, message))
+}
+
+/// A length of the specific force that is not gravity.
+fn length(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Finding> {
+    let content = nominal.content();
+    let force = [0, 1, 2].map(|axis| recording.mean_indicated(axis, &content.axes[axis]));
+    let length = force.iter().map(|f| f * f).sum::<f64>().sqrt();
+    let cause = match length * content.gravity {
+        _ if (length - 1.0).abs() <= LENGTH => return None,
+        si if (si - 1.0).abs() <= LENGTH => "the readings look like g, not m/s2",
+        _ if (length / content.gravity - 1.0).abs() <= LENGTH => "the readings look like m/s2, not g",
+        _ => "keep the IMU at rest; give unit, resolution and interval of the readings, or the table of this IMU",
+    };
+    let message = format!(
+        "{}: {length:.4} g0 on average at rest, {:.4} m/s2; {cause}",
+        recording.name(),
+        length * content.gravity
+    );
+    Some(Finding::fault(name::NOT_GRAVITY, message))
+}
+
+/// A rate that no gyroscope has at rest.
+fn rate(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Finding> {
+    let gyroscopes = nominal.content().gyroscopes.as_ref().filter(|_| recording.has_gyroscopes())?;
+    let rates = [0, 1, 2].map(|axis| recording.mean_indicated(AXES + axis, &gyroscopes.axes[axis]));
+    let axis = (0..AXES).find(|axis| rates[*axis].abs() > RATE)?;
+    let message = format!(
+        "{}: {} is {:.3} deg/s on average at rest; the readings look like deg/s, not rad/s, or the IMU turned",
+        recording.name(),
+        SensorKind::Gyroscope.names()[axis],
+        rates[axis] / 3600.0
+    );
+    Some(Finding::fault(name::RATE_AT_REST, message))
+}
+
+/// Telemetry that never settles: the sensing elements are behind it by their lag all the time.
+fn settled(recording: &RampRecording) -> Option<Finding> {
+    let rates = recording.rates_of_telemetry(RATE_PART);
+    let largest = rates.iter().copied().fold(0.0, f64::max);
+    let settled = rates.iter().filter(|rate| **rate < SETTLED * largest).count();
+    let part = settled as f64 / rates.len().max(1) as f64;
+    (part < SETTLED_PART && !rates.is_empty()).then(|| {
+        let message = format!(
+            "{}: the telemetry moves by up to {:.1} a minute and never settles: a sensing element that is 60 s behind it is up to {:.1} off \
+             everywhere; warm up more slowly, or wait at the end",
+            recording.name(),
+            largest * 60.0,
+            largest * 60.0
+        );
+        Finding::warning(name::NOT_SETTLED, message)
+    })
+}

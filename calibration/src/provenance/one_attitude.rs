@@ -1,0 +1,119 @@
+//! The provenance of recordings at one attitude: how the order was chosen, and what the curves leave, in m/s2 and rad/s.
+
+use super::source::CampaignSource;
+use super::transients::TransientsRecord;
+use crate::one_attitude::{BiasCurve, LeftOut, OneAttitudeCalibration, Spread, TriedOrder};
+use crate::sensor::TriadUnits;
+use isotherm_campaign::Campaign;
+use serde::Serialize;
+
+#[derive(Serialize)]
+struct File<'a> {
+    provenance: Section<'a>,
+}
+
+#[derive(Serialize)]
+struct Section<'a> {
+    tool: &'a str,
+    time: &'a str,
+    method: &'static str,
+    accuracy: String,
+    not_known: Vec<String>,
+    /// Hashes of some of the rows, see [`Marks`](isotherm_recording::Marks).
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    rows: Vec<String>,
+    /// The table that gave everything but the bias curves.
+    nominal_digest: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    gravity_local: Option<f64>,
+    order: usize,
+    order_given: bool,
+    /// What was left out to choose it, one at a time, and how many.
+    left_out: &'static str,
+    left_out_count: usize,
+    reference_temperature: f64,
+    accepted: &'a [&'static str],
+    warnings: Vec<String>,
+    tried: Vec<TriedRecord>,
+    curve: Vec<CurveRecord>,
+    transients: TransientsRecord<'a>,
+}
+
+#[derive(Serialize)]
+struct TriedRecord {
+    order: usize,
+    /// By bias, in the unit of its curve.
+    errors: Vec<f64>,
+}
+
+#[derive(Serialize)]
+struct CurveRecord {
+    axis: &'static str,
+    unit: &'static str,
+    /// Of the means of bins, about their mean.
+    before_sd: f64,
+    before_largest: f64,
+    after_sd: f64,
+    after_largest: f64,
+    /// Half of the largest difference of two sweeps, and the telemetry there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    band: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    band_at: Option<f64>,
+}
+
+/// The text of the section.
+pub(super) fn section(
+    campaign: &Campaign,
+    calibration: &OneAttitudeCalibration,
+    source: &CampaignSource,
+) -> Result<String, toml::ser::Error> {
+    let gravity = calibration.table().content().gravity;
+    let (left_out, left_out_count) = match calibration.order.left_out {
+        LeftOut::Sweeps(count) => ("sweeps", count),
+        LeftOut::Blocks(count) => ("blocks", count),
+    };
+    toml::to_string(&File {
+        provenance: Section {
+            tool: &source.tool,
+            time: &source.time,
+            method: "one-attitude",
+            accuracy: calibration.accuracy(),
+            not_known: calibration.not_known(),
+            rows: source.marks(),
+            nominal_digest: calibration.ramps.curves.digest().to_string(),
+            gravity_local: calibration.ramps.curves.gravity_local(),
+            order: calibration.order.order,
+            order_given: calibration.order.given,
+            left_out,
+            left_out_count,
+            reference_temperature: calibration.at,
+            accepted: &calibration.ramps.accepted,
+            warnings: calibration.ramps.findings.iter().map(ToString::to_string).collect(),
+            tried: calibration.order.tried.iter().map(|it| tried(it, &calibration.biases, gravity)).collect(),
+            curve: calibration.biases.iter().map(|bias| curve(bias, gravity)).collect(),
+            transients: TransientsRecord::of(campaign, &calibration.ramps.transients, source),
+        },
+    })
+}
+
+fn tried(tried: &TriedOrder, biases: &[BiasCurve], gravity: f64) -> TriedRecord {
+    let si = |(error, bias): (&f64, &BiasCurve)| TriadUnits::of(bias.kind).si(*error, gravity).0;
+    TriedRecord { order: tried.order, errors: tried.errors.iter().zip(biases).map(si).collect() }
+}
+
+fn curve(bias: &BiasCurve, gravity: f64) -> CurveRecord {
+    let units = TriadUnits::of(bias.kind);
+    let si = |value: f64| units.si(value, gravity).0;
+    let [before, after] = [bias.before, bias.after].map(|Spread { sd, largest }| [si(sd), si(largest)]);
+    CurveRecord {
+        axis: bias.name(),
+        unit: units.si(0.0, gravity).1,
+        before_sd: before[0],
+        before_largest: before[1],
+        after_sd: after[0],
+        after_largest: after[1],
+        band: bias.band.as_ref().map(|band| si(band.half_width)),
+        band_at: bias.band.as_ref().map(|band| band.at),
+    }
+}

@@ -1,0 +1,5 @@
+//! Recordings at one attitude: a real warm-up against both autopilots, and what must be named.
+
+mod autopilots;
+mod real;
+mod traps;
