@@ -14,6 +14,9 @@ use std::collections::BTreeMap;
 /// Bins of the telemetry's range.
 const NARROW: f64 = 200.0;
 
+/// Bins that a curve needs for each of its coefficients.
+const BINS_PER_COEFFICIENT: usize = 3;
+
 /// How much temperatures weigh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Weight {
@@ -109,6 +112,9 @@ impl Series {
         let means = self.means(parts, if let Weight::Alike(width) = weight { width } else { self.narrow() });
         let mut in_bin: BTreeMap<i64, f64> = BTreeMap::new();
         means.iter().for_each(|(index, mean)| *in_bin.entry(*index).or_default() += mean.count);
+        if in_bin.len() < BINS_PER_COEFFICIENT * (order + 1) {
+            return None;
+        }
         let mut there: Vec<usize> = means.iter().map(|(_, mean)| mean.recording).collect();
         there.sort_unstable();
         there.dedup();

@@ -1,1 +1,157 @@
+//! What is wrong with a recording at one attitude stands first: the real run, with one mistake each.
 
+use crate::transients::consumer::{nominal, rows};
+use isotherm_calibration::{
+    CalibrationError, LagChoice, OneAttitudeCalibration, OneAttitudeOptions, RampRecording, calibrate_one_attitude,
+};
+use isotherm_campaign::Campaign;
+use isotherm_finding::{Finding, Severity};
+use isotherm_shared::wire::{AXES, RawSample, Triad};
+
+fn calibrated(
+    recordings: &[Vec<RawSample>],
+    options: &OneAttitudeOptions,
+) -> Result<OneAttitudeCalibration, CalibrationError> {
+    let names: Vec<_> = (1..=recordings.len()).map(|number| format!("run-{number}")).collect();
+    let read = |(name, rows): (&String, &Vec<RawSample>)| {
+        let mut recording = RampRecording::new(name.clone());
+        rows.iter().for_each(|raw| recording.add(raw).unwrap());
+        recording
+    };
+    let read: Vec<_> = names.iter().zip(recordings).map(read).collect();
+    let campaign = Campaign::one_attitude(nominal().content().imu.clone(), 9.80665, "degC", &names);
+    calibrate_one_attitude(&campaign, &read, &nominal(), options)
+}
+
+/// The first finding of the recordings.
+fn first(recordings: &[Vec<RawSample>]) -> Finding {
+    let options = OneAttitudeOptions { lag: LagChoice::None, ..OneAttitudeOptions::default() };
+    match calibrated(recordings, &options) {
+        Ok(found) => found.ramps.findings[0].clone(),
+        Err(CalibrationError::Faults { findings, .. }) => findings[0].clone(),
+        Err(error) => panic!("{error}"),
+    }
+}
+
+fn net(triad: &Triad, axis: usize) -> f64 {
+    f64::from(triad.positive_pulses[axis]) - f64::from(triad.negative_pulses[axis])
+}
+
+/// The rows with other pulses on an axis.
+fn with(rows: &[RawSample], change: impl Fn(usize, &mut Triad, &mut Triad)) -> Vec<RawSample> {
+    let mut rows = rows.to_vec();
+    let all = rows.iter_mut().enumerate();
+    all.for_each(|(row, raw)| change(row, &mut raw.accelerometers, &mut raw.gyroscopes));
+    rows
+}
+
+fn set(triad: &mut Triad, axis: usize, pulses: f64) {
+    triad.positive_pulses[axis] = pulses.max(0.0).round() as u32;
+    triad.negative_pulses[axis] = (-pulses).max(0.0).round() as u32;
+}
+
+fn scaled(triad: &mut Triad, factor: f64) {
+    (0..AXES).for_each(|axis| set(triad, axis, net(triad, axis) * factor));
+}
+
+fn with_telemetry(rows: &[RawSample], of: impl Fn(f64) -> f64) -> Vec<RawSample> {
+    with(rows, |_, accelerometers, gyroscopes| {
+        for triad in [accelerometers, gyroscopes] {
+            triad.head_temperature = triad.head_temperature.map(&of);
+            triad.board_temperature = triad.board_temperature.map(&of);
+        }
+    })
+}
+
+#[track_caller]
+fn assert_first(recordings: &[Vec<RawSample>], name: &str, severity: Severity, words: &str) {
+    let found = first(recordings);
+    println!("{found}");
+    assert!(found.name == name && found.severity == severity && found.message.contains(words), "{found}");
+}
+
+#[test]
+fn a_bump_is_named() {
+    // 5 mrad, 5e-3 g0 of 1e7 pulses per g0 and second and 0.505 s.
+    let bumped = with(&rows(), |row, all, _| {
+        if row > 4400 {
+            set(all, 1, net(all, 1) + 5e-3 * 1e7 * 0.505);
+        }
+    });
+    assert_first(&[bumped], "ramp-step", Severity::Fault, "A2 by");
+}
+
+#[test]
+fn another_unit_is_named() {
+    let rows = rows();
+    let mean = rows.iter().map(|raw| net(&raw.accelerometers, 0)).sum::<f64>() / rows.len() as f64;
+    let other = with(&rows, |_, all, _| set(all, 0, 2.0 * mean - net(all, 0)));
+    assert_first(
+        &[rows, other],
+        "ramp-unit",
+        Severity::Fault,
+        "run-2: the biases do not change over temperature as run-1",
+    );
+}
+
+#[test]
+fn missing_rows_are_named() {
+    let rows = rows();
+    let left: Vec<_> = rows[..4000].iter().chain(&rows[5000..]).copied().collect();
+    assert_first(&[left], "missing-rows", Severity::Warning, "rows are missing for 505 of ");
+}
+
+#[test]
+fn one_direction_is_named() {
+    assert_first(&[rows()[2680..6180].to_vec()], "one-direction", Severity::Warning, "are not known");
+}
+
+#[test]
+fn a_wrong_interval_is_named() {
+    let with_intervals = |factor: f64| {
+        let mut wrong = rows();
+        wrong.iter_mut().for_each(|raw| raw.interval_ns = (raw.interval_ns as f64 * factor) as u64);
+        wrong
+    };
+    let words = "interval_ns is 1.000e-3 of the time from row to row";
+    assert_first(&[with_intervals(1e-3)], "interval", Severity::Fault, words);
+    // Pulses would be counted twice: it is not read.
+    let mut recording = RampRecording::new("run");
+    let error = with_intervals(2.0).iter().find_map(|raw| recording.add(raw).err()).unwrap();
+    assert!(error.contains("intervals of the 1000 rows up to here add up to 1010768506000 ns"), "{error}");
+}
+
+#[test]
+fn a_wrong_unit_is_named() {
+    let rows = rows();
+    let g = with(&rows, |_, all, _| scaled(all, 1.0 / 9.80665));
+    assert_first(&[g], "not-gravity", Severity::Fault, "the readings look like g, not m/s2");
+    let degrees = with(&rows, |_, _, all| scaled(all, 180.0 / core::f64::consts::PI));
+    assert_first(&[degrees], "rate-at-rest", Severity::Fault, "the readings look like deg/s, not rad/s");
+    let kelvin = with_telemetry(&rows, |celsius| celsius + 273.15);
+    assert_first(&[kelvin], "telemetry-offset", Severity::Fault, "it looks like kelvin");
+    let thousandths = with_telemetry(&rows, |celsius| celsius * 1000.0);
+    assert_first(&[thousandths], "telemetry-offset", Severity::Fault, "thousandths of a degree");
+}
+
+#[test]
+fn what_is_refused_can_be_accepted_and_an_order_that_is_too_high_is_told() {
+    let kelvin = with_telemetry(&rows(), |celsius| celsius + 273.15);
+    let options = OneAttitudeOptions {
+        lag: LagChoice::None,
+        order: Some(2),
+        at: Some(300.0),
+        accept: vec!["telemetry-offset"],
+        ..OneAttitudeOptions::default()
+    };
+    let found = calibrated(&[kelvin], &options).unwrap();
+    assert_eq!((found.order.order, found.order.given), (2, true));
+    assert_eq!(found.ramps.accepted, ["telemetry-offset"]);
+    for bias in &found.biases[..AXES] {
+        assert!(bias.curve.at(300.0).abs() < 1e-15, "{}", bias.name());
+    }
+    // The telemetry of all rows has two values.
+    let two = with_telemetry(&rows(), |celsius| if celsius > 30.0 { 40.0 } else { 20.0 });
+    let error = calibrated(&[two], &OneAttitudeOptions { order: Some(3), ..options }).unwrap_err();
+    assert!(error.to_string().contains("too few temperatures for order 3"), "{error}");
+}
