@@ -47,6 +47,7 @@ pub mod lag;
 pub mod own_storage;
 pub mod polynomial;
 pub mod protocol;
+pub mod readings;
 pub mod recycled;
 pub mod sequence;
 pub mod status;

@@ -6,6 +6,7 @@ pub(crate) mod content;
 pub mod difference;
 mod digest;
 mod model;
+mod nominal;
 mod toml;
 mod turntable;
 
@@ -13,5 +14,6 @@ pub use checks::{GRAVITY_RANGE, LAG_RANGE, MAX_G_SENSITIVITY};
 pub use content::{AXIS_NAMES, Axis, Content, FORMAT, GRAVITY_ONLY, GYROSCOPE_NAMES, Gyroscopes, OutOfRange, Refusal};
 pub use digest::Digest;
 pub use model::CoefficientTable;
+pub use nominal::{Nominal, Refusals, STANDARD_GRAVITY, nominal_content, nominal_table};
 pub use toml::{Seal, with_unchecked_digest};
 pub use turntable::Turntable;

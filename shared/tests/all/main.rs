@@ -4,3 +4,4 @@
 mod difference;
 mod format_2;
 mod properties;
+mod readings;
