@@ -3,4 +3,5 @@
 
 mod difference;
 mod format_2;
+mod format_3;
 mod properties;
