@@ -44,6 +44,7 @@ pub mod document;
 mod kernel;
 pub mod kind;
 pub mod lag;
+pub mod nominal;
 pub mod own_storage;
 pub mod polynomial;
 pub mod protocol;

@@ -10,7 +10,7 @@ mod nominal;
 mod toml;
 mod turntable;
 
-pub use checks::{GRAVITY_RANGE, LAG_RANGE, MAX_G_SENSITIVITY};
+pub use checks::{GRAVITY_RANGE, LAG_RANGE, MAX_G_SENSITIVITY, NOMINAL_INTERVAL_RANGE};
 pub use content::{AXIS_NAMES, Axis, Content, FORMAT, GRAVITY_ONLY, GYROSCOPE_NAMES, Gyroscopes, OutOfRange, Refusal};
 pub use digest::Digest;
 pub use model::CoefficientTable;
