@@ -10,7 +10,7 @@
 //! r = x - N                                 at most half a pulse; for the next sample
 //! ```
 //! So the sum of all pulses differs from the integral of all readings by at most half a pulse, however long it runs.
-//! The arithmetic has twice the digits of a double: its rounding adds up to a billionth of a pulse in a million samples.
+//! The arithmetic has twice the digits of a double: its rounding adds up to far less than a pulse in years.
 //!
 //! A sample usually has Ts = T. One with another Ts, such as the measured interval or that of k samples in one, gives
 //! the integral over that Ts, so that its increment is right too, and samples can be summed

@@ -5,7 +5,8 @@ use super::model::CoefficientTable;
 use crate::polynomial::Polynomial;
 use crate::readings::{Resolution, checked_interval, checked_resolution};
 use crate::stream::ImuId;
-use crate::units::{ARCSEC, BiasUnit};
+use crate::units::{ARCSEC, BiasUnit, SensorKind};
+use crate::wire::AXES;
 
 /// The value of 1 g0 unless another one is given \[m/s2\].
 pub const STANDARD_GRAVITY: f64 = 9.80665;
@@ -60,59 +61,59 @@ impl Nominal {
 /// max_rate = (largest / resolution + 1) / T pulse/s         a largest reading itself, rounded up, is not over it
 /// ```
 /// and no bias, in ug0 and deg/h; telemetry outside of the range is clamped. A caller may add what is known besides,
-/// such as bias curves.
+/// such as bias curves. The interval in nanoseconds is [`nominal_ns`](crate::nominal::nominal_ns) of one in seconds.
 ///
 /// # Errors
 /// The resolution, interval or range that cannot be, with the table's key that follows from it. Everything else is
 /// checked by [`CoefficientTable::new`].
 pub fn nominal_content(nominal: &Nominal) -> Result<Content, Refusal> {
-    let refusal = |key: &str, message: &dyn ToString| Refusal { key: key.to_owned(), message: message.to_string() };
-    let interval = checked_interval(nominal.interval_ns).map_err(|error| refusal("imu", &error))?;
-    let interval_s = interval / 1e9;
-    let axis = |section: &str, unit, one: f64, resolution: f64, largest: Option<f64>| {
-        let resolution = checked_resolution(resolution).map_err(|error| refusal(section, &error))?;
-        let no_range = || {
-            let [low, high] = nominal.range;
-            refusal(
-                section,
-                &format!("the range of the telemetry is {low:?} to {high:?}; give a lower and a higher value"),
-            )
-        };
-        let constant = |value| Polynomial::new(&[value], 0.0, 1.0, nominal.range).ok_or_else(no_range);
-        let scale_factor = one / (resolution * interval_s);
-        Ok(Axis {
-            bias_unit: unit,
-            bias: constant(0.0)?,
-            transient: 0.0,
-            positive_scale_factor: constant(scale_factor)?,
-            negative_scale_factor: constant(-scale_factor)?,
-            max_rate: largest.map(|largest| (largest / resolution + 1.0) / interval_s),
-        })
-    };
-    let Resolution { accelerometer, gyroscope } = nominal.resolution;
-    let accelerometer = axis("axis", BiasUnit::MicroG0, nominal.gravity, accelerometer, nominal.max_specific_force)?;
-    let gyroscopes = if nominal.has_gyroscopes {
-        let gyroscope = axis("gyroscope", BiasUnit::DegreePerHour, ARCSEC, gyroscope, nominal.max_angular_rate)?;
-        let axes = [gyroscope.clone(), gyroscope.clone(), gyroscope];
-        Some(Gyroscopes { axes, g_sensitivity: [None; 3], alignment: None })
-    } else {
-        None
-    };
+    let accelerometers = axes(nominal, SensorKind::Accelerometer)?;
+    let gyroscopes = nominal.has_gyroscopes.then(|| axes(nominal, SensorKind::Gyroscope)).transpose()?;
     let mut content = Content {
         format: 1,
         imu: nominal.imu.clone(),
         serial: None,
         gravity: nominal.gravity,
+        nominal_interval_s: Some(nominal.interval_ns as f64 / 1e9),
         temperature_unit: nominal.temperature_unit.clone(),
         out_of_range: OutOfRange::Clamp,
         max_age_s: None,
         lag_s: None,
-        axes: [accelerometer.clone(), accelerometer.clone(), accelerometer],
+        axes: accelerometers,
         alignment: None,
-        gyroscopes,
+        gyroscopes: gyroscopes.map(|axes| Gyroscopes { axes, g_sensitivity: [None; AXES], alignment: None }),
     };
     content.format = content.least_format();
     Ok(content)
+}
+
+/// Three alike.
+fn axes(nominal: &Nominal, kind: SensorKind) -> Result<[Axis; AXES], Refusal> {
+    let Resolution { accelerometer, gyroscope } = nominal.resolution;
+    let (section, bias_unit, one, resolution, largest) = match kind {
+        SensorKind::Accelerometer => {
+            ("axis", BiasUnit::MicroG0, nominal.gravity, accelerometer, nominal.max_specific_force)
+        }
+        SensorKind::Gyroscope => ("gyroscope", BiasUnit::DegreePerHour, ARCSEC, gyroscope, nominal.max_angular_rate),
+    };
+    let refusal = |key: &str, message: &dyn ToString| Refusal { key: key.to_owned(), message: message.to_string() };
+    let interval = checked_interval(nominal.interval_ns).map_err(|error| refusal("imu.nominal_interval_s", &error))?;
+    let resolution = checked_resolution(resolution).map_err(|error| refusal(section, &error))?;
+    let interval_s = interval / 1e9;
+    let [low, high] = nominal.range;
+    let no_range = || format!("the range of the telemetry is {low:?} to {high:?}; give a lower and a higher value");
+    let constant =
+        |value| Polynomial::new(&[value], 0.0, 1.0, nominal.range).ok_or_else(|| refusal(section, &no_range()));
+    let scale_factor = one / (resolution * interval_s);
+    let axis = Axis {
+        bias_unit,
+        bias: constant(0.0)?,
+        transient: 0.0,
+        positive_scale_factor: constant(scale_factor)?,
+        negative_scale_factor: constant(-scale_factor)?,
+        max_rate: largest.map(|largest| (largest / resolution + 1.0) / interval_s),
+    };
+    Ok([axis.clone(), axis.clone(), axis])
 }
 
 /// The table of [`nominal_content`].

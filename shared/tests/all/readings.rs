@@ -239,6 +239,7 @@ fn the_nominal_table_says_what_the_resolution_says() {
     near(content.axes[2].negative_scale_factor_at(20.0).0, -3.922_66e9);
     near(gyroscopes.axes[1].positive_scale_factor_at(20.0).0, 1e10 / 2.5 / 206_264.806_247_096_36);
     assert_eq!((content.axes[1].bias_at(80.0).0, content.out_of_range), (0.0, OutOfRange::Clamp));
+    assert_eq!(content.nominal_interval_s, Some(0.0025));
     let table = CoefficientTable::new(content).unwrap();
     assert!(table.is_nominal());
     assert_eq!(CoefficientTable::from_toml(&table.to_toml(), None).unwrap(), table);
