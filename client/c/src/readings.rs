@@ -47,9 +47,10 @@ pub unsafe extern "C" fn isotherm_readings_fill(
             return Err(NULL);
         }
         // SAFETY: not NULL, so they are readable, as the header requires.
-        let (mut state, mut raw, force) = unsafe { (readings.read(), sample.read(), specific_force.cast().read()) };
+        let (mut state, mut raw, force) =
+            unsafe { (readings.read(), sample.read(), specific_force.cast::<[f64; 3]>().read()) };
         // SAFETY: NULL, or readable, as the header requires.
-        let rate = (!angular_rate.is_null()).then(|| unsafe { angular_rate.cast().read() });
+        let rate = (!angular_rate.is_null()).then(|| unsafe { angular_rate.cast::<[f64; 3]>().read() });
         let resolution = Resolution { accelerometer: state.accelerometer, gyroscope: state.gyroscope };
         let mut filling = Readings { resolution, interval_ns: state.interval_ns, remainders: state.remainders };
         filling.fill(&mut raw, force, rate)?;
@@ -100,7 +101,7 @@ unsafe fn write_mean(
             return Err(NULL);
         }
         // SAFETY: not NULL, so they are readable and writable, as the header requires.
-        unsafe { output.cast().write(mean(&increment.read())) };
+        unsafe { output.cast::<[f64; 3]>().write(mean(&increment.read())) };
         Ok(())
     })
 }
