@@ -25,20 +25,22 @@ impl Foreign {
     }
 
     /// Name and text of the mapping file.
-    pub(super) fn named(&self) -> Option<(&Path, &str)> {
+    #[must_use]
+    pub fn named(&self) -> Option<(&Path, &str)> {
         self.mapping.as_ref().map(|(name, text)| (name.as_path(), text.as_str()))
     }
 
     /// What is given, for messages. A recording needs none of it.
     #[must_use]
     pub fn given(&self) -> Vec<&'static str> {
-        let Settings { temperature, interval_ns, topic, temperature_topic, session: _ } = &self.settings;
+        let Settings { temperature, interval_ns, topic, temperature_topic, instance, session: _ } = &self.settings;
         let all = [
             ("mapping", self.mapping.is_some()),
             ("temperature", temperature.is_some()),
             ("interval", interval_ns.is_some()),
             ("topic", topic.is_some()),
             ("temperature topic", temperature_topic.is_some()),
+            ("instance", instance.is_some()),
         ];
         all.into_iter().filter_map(|(name, given)| given.then_some(name)).collect()
     }

@@ -57,6 +57,8 @@ pub struct Settings {
     pub topic: Option<String>,
     /// The topic of the `sensor_msgs/msg/Temperature`, if there are several.
     pub temperature_topic: Option<String>,
+    /// The sensor of a log that has several of a kind.
+    pub instance: Option<u32>,
     /// The session of all samples; 0 unless given.
     pub session: u64,
 }
@@ -153,6 +155,12 @@ impl Conversion {
             return Err(Failure::new(
                 Exit::Usage,
                 format!("{}: a topic is named, but this is not MCAP", path.display()),
+            ));
+        }
+        if settings.instance.is_some() {
+            return Err(Failure::new(
+                Exit::Usage,
+                format!("{}: an instance is named, but this is no log of an autopilot", path.display()),
             ));
         }
         if is_mcap || is_novatel {

@@ -32,8 +32,11 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// The scale of both, whose telemetry is joined; `Err` names what differs.
-    pub(crate) fn with(self, other: &Self) -> Result<Self, &'static str> {
+    /// The scale of both, whose telemetry is joined.
+    ///
+    /// # Errors
+    /// What differs, with its article.
+    pub fn with(self, other: &Self) -> Result<Self, &'static str> {
         let differs = [
             ("the nominal interval", self.interval_ns != other.interval_ns),
             ("the resolution", self.resolution != other.resolution),
