@@ -51,6 +51,8 @@ def canonical(table):
     if "serial" in imu:
         lines.append("imu.serial " + text(imu["serial"]))
     lines.append("imu.gravity " + number(imu["gravity"]))
+    if "nominal_interval_s" in imu:
+        lines.append("imu.nominal_interval_s " + number(imu["nominal_interval_s"]))
     lines.append("temperature.unit " + text(temperature["unit"]))
     lines.append("temperature.out_of_range " + text(temperature["out_of_range"]))
     if "max_age_s" in temperature:

@@ -277,7 +277,7 @@ fn readings(recordings: &[TumbleRecording], window_s: Option<f64>) -> Result<Fou
     };
     let with_gyroscopes = recordings.iter().flat_map(|recording| &recording.rows).any(has_gyroscopes);
     for (index, recording) in recordings.iter().enumerate() {
-        let TumbleRecording { name, rows } = recording;
+        let TumbleRecording { name, rows, .. } = recording;
         let begins_ns = begins_ns(rows);
         let steps = telemetry_steps(rows);
         let standstills = find_standstills(rows, window_s)

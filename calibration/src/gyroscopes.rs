@@ -38,7 +38,7 @@ use earth::{EarthCheck, LeftOver};
 use fit::{GyroscopeCurves, ReducedSetPoint, Run, TriadSolution, corrected_values, reduce, solve};
 use isotherm_campaign::Campaign;
 use isotherm_finding::Finding;
-use isotherm_shared::table::{Axis, CoefficientTable, FORMAT, Gyroscopes};
+use isotherm_shared::table::{Axis, CoefficientTable, Gyroscopes};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{Curve, OrderTable};
@@ -224,13 +224,13 @@ fn table(calibration: &Calibration, solution: &TriadSolution) -> Result<Coeffici
     };
     let alignment = |misalignment: Matrix3<f64>| aligned.then(|| misalignment.try_inverse()).flatten();
     let mut content = calibration.table.content().clone();
-    content.format = FORMAT;
     content.alignment = alignment(calibration.misalignment());
     content.gyroscopes = Some(Gyroscopes {
         axes: axes(solution)?,
         g_sensitivity: [0, 1, 2].map(|axis| Some(solution.gyroscopes[axis].g_sensitivity)),
         alignment: alignment(result::misalignment(solution)),
     });
+    content.format = content.least_format();
     let gravity_local = calibration.table.gravity_local();
     CoefficientTable::new(content).map(|table| table.measured_at(gravity_local)).map_err(CalibrationError::Table)
 }

@@ -19,6 +19,7 @@ pub(crate) fn table_of(
         imu: campaign.imu.clone(),
         serial: campaign.serial.clone(),
         gravity: campaign.gravity_reference,
+        nominal_interval_s: None,
         temperature_unit: campaign.temperature_unit.clone(),
         out_of_range: campaign.out_of_range.unwrap_or(OutOfRange::Clamp),
         max_age_s: campaign.max_age_s,

@@ -8,6 +8,11 @@ use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS};
 use std::str::FromStr;
 use std::time::Duration;
 
+/// A finite number.
+pub(crate) fn number(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| "give a number".to_owned())
+}
+
 /// A number of seconds over 0.
 pub(crate) fn seconds(text: &str) -> Result<Duration, String> {
     let seconds: f64 = text.parse().map_err(|_| "give a number of seconds".to_owned())?;

@@ -448,8 +448,8 @@ enum isotherm_code
      */
     ISOTHERM_ERROR_INTERNAL = -18,
     /**
-     * A value that cannot be: the number of a sensor, a time constant, a serial number that is not UTF-8, or the size
-     * of isotherm_options.
+     * A value that cannot be: the number of a sensor, a time constant, a serial number that is not UTF-8, the size of
+     * isotherm_options, or a reading, a resolution or an interval that cannot become pulses.
      */
     ISOTHERM_ERROR_VALUE = -19,
     /**
@@ -656,6 +656,33 @@ typedef struct {
      */
     isotherm_lagged_reading sensors[ISOTHERM_SENSORS];
 } isotherm_lag;
+
+/**
+ * Turns readings into pulses, sample after sample. Begin with
+ * `isotherm_readings readings = {.accelerometer = 1e-6, .gyroscope = 1e-7, .interval_ns = 2500000};`.
+ *
+ * A pulse is the resolution over the nominal interval, as the table says too: K+ = -K- = g0 / (resolution * interval).
+ * What rounding leaves is carried to the next sample, so that all pulses together differ from the integral of all
+ * readings by half a pulse at most. Set `remainders` to 0 for a new session, and after a gap.
+ */
+typedef struct {
+    /**
+     * What one pulse of an accelerometer stands for [m/s2], 1e-15 to 1e6.
+     */
+    double accelerometer;
+    /**
+     * What one pulse of a gyroscope stands for [rad/s], 1e-15 to 1e6, also if there is none.
+     */
+    double gyroscope;
+    /**
+     * The nominal interval between two samples [ns], 1 to ISOTHERM_MAX_INTERVAL_NS.
+     */
+    uint64_t interval_ns;
+    /**
+     * What rounding has left of A1, A2, A3, G1, G2, G3 [pulse]; over half a pulse counts as 0.
+     */
+    double remainders[ISOTHERM_SENSORS];
+} isotherm_readings;
 
 #ifdef __cplusplus
 extern "C" {
@@ -947,6 +974,40 @@ bool isotherm_reader_is_connected(const isotherm_reader *reader);
 uint64_t isotherm_reader_repeats(const isotherm_reader *reader);
 
 /**
+ * Writes the pulses of a sample: three of `specific_force` [m/s2] along A1, A2, A3, and three of `angular_rate`
+ * [rad/s] about G1, G2, G3, each the mean over the sample's interval. `angular_rate` is NULL for an IMU without
+ * gyroscopes: they become absent, with telemetry NaN.
+ *
+ * An `interval_ns` of 0 in the sample becomes the nominal one. Another one, such as the measured interval or that of
+ * several samples in one, is kept, and the pulses are those of that interval. All other fields stay. Nothing is
+ * allocated, unless it fails.
+ *
+ * ISOTHERM_OK, ISOTHERM_ERROR_VALUE for a reading that is not finite or over 2^32 - 1 pulses, whose sensor the message
+ * names, and for a resolution or interval out of its range. Nothing has been changed then.
+ */
+isotherm_code isotherm_readings_fill(isotherm_readings *readings,
+                                     isotherm_raw_sample *sample,
+                                     const double *specific_force,
+                                     const double *angular_rate);
+
+/**
+ * Writes the mean specific force over an increment's interval to three of `specific_force` [m/s2]: NaN where the
+ * increment is NaN, and for an interval of 0.
+ *
+ * ISOTHERM_OK.
+ */
+isotherm_code isotherm_increment_specific_force(const isotherm_compensated_increment *increment,
+                                                double *specific_force);
+
+/**
+ * Writes the mean angular rate over an increment's interval to three of `angular_rate` [rad/s]: NaN where the increment
+ * is NaN, as of a table without gyroscopes, and for an interval of 0. Earth's rate is in it.
+ *
+ * ISOTHERM_OK.
+ */
+isotherm_code isotherm_increment_angular_rate(const isotherm_compensated_increment *increment, double *angular_rate);
+
+/**
  * The version of the library. ISOTHERM_VERSION is the version of the header.
  */
 const char *isotherm_version(void);
@@ -1021,6 +1082,7 @@ ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, table) == 80);
 ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, flags) == 88);
 ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, latency_ns) == 96);
 ISOTHERM_ASSERT(sizeof(isotherm_lagged_reading) == 32 && sizeof(isotherm_lag) == 192);
+ISOTHERM_ASSERT(sizeof(isotherm_readings) == 72);
 #undef ISOTHERM_ASSERT
 
 /**

@@ -17,6 +17,7 @@
 
 #include "isotherm.h"
 
+#include <array>
 #include <chrono>
 #include <cstdint>
 #include <memory>
@@ -31,6 +32,8 @@ using Triad = isotherm_triad;
 using RawSample = isotherm_raw_sample;
 using CompensatedIncrement = isotherm_compensated_increment;
 using Lag = isotherm_lag;
+/// Three values: of A1, A2, A3 or G1, G2, G3.
+using Vector = std::array<double, 3>;
 
 /// An error: a code, usually negative, and its message.
 class Error : public std::runtime_error {
@@ -333,6 +336,47 @@ private:
     };
     std::unique_ptr<isotherm_reader, Close> handle_;
 };
+
+/// Turns readings into pulses, sample after sample. What rounding leaves is carried to the next sample, so that nothing is lost over time.
+class Readings {
+public:
+    /// What one pulse stands for over the nominal interval, which are those of the table: `accelerometer` [m/s2], `gyroscope` [rad/s], both
+    /// 1e-15 to 1e6. fill() throws if they cannot be.
+    Readings(double accelerometer, double gyroscope, std::chrono::nanoseconds interval) noexcept
+        : state_{accelerometer, gyroscope, detail::count(interval), {}}
+    {
+    }
+
+    /// Writes the pulses of a sample: `specific_force` [m/s2], and `angular_rate` [rad/s] unless the IMU has no gyroscopes, each the mean over
+    /// the sample's interval. An `interval_ns` of 0 becomes the nominal one. Throws Error (ISOTHERM_ERROR_VALUE), and changes nothing, for a
+    /// reading that is not finite or over 2^32 - 1 pulses.
+    void fill(RawSample &sample, const Vector &specific_force, const std::optional<Vector> &angular_rate = std::nullopt)
+    {
+        detail::check(isotherm_readings_fill(&state_, &sample, specific_force.data(), angular_rate ? angular_rate->data() : nullptr));
+    }
+
+    /// Forgets what rounding has left: for a new session, and after a gap.
+    void reset() noexcept { state_ = {state_.accelerometer, state_.gyroscope, state_.interval_ns, {}}; }
+
+private:
+    isotherm_readings state_;
+};
+
+/// The mean specific force over an increment's interval [m/s2]; NaN where the increment is NaN.
+inline Vector specific_force(const CompensatedIncrement &increment)
+{
+    Vector force;
+    detail::check(isotherm_increment_specific_force(&increment, force.data()));
+    return force;
+}
+
+/// The mean angular rate over an increment's interval [rad/s]; NaN where the increment is NaN.
+inline Vector angular_rate(const CompensatedIncrement &increment)
+{
+    Vector rate;
+    detail::check(isotherm_increment_angular_rate(&increment, rate.data()));
+    return rate;
+}
 
 /// Adds the next control period, which is not on loan, to a sample. Throws Error (ISOTHERM_ERROR_MERGE) if a sum overflows; neither
 /// sample has changed then.

@@ -43,6 +43,8 @@
 //! * [`Acquisition::reading`] takes the temperature telemetry as it is measured. The library keeps its first-order lag,
 //!   which a table with transient terms needs, and sends it with each sample. [`isotherm_shared::lag`] has the formula,
 //!   `docs/temperature-in-motion.md` the whole story.
+//! * [`Readings`] turns readings in m/s2 and rad/s into the pulses of a sample, and increments have
+//!   [`specific_force`](CompensatedIncrement::specific_force) and [`angular_rate`](CompensatedIncrement::angular_rate).
 //! * [`Acquisition::prepare`], called while you wait for the end of a control period, warms the way of the next sample.
 //! * [`IncrementReader`] is for all other readers of increments: navigation, loggers. It sleeps until increments are
 //!   there ([`receive_timeout`](IncrementReader::receive_timeout)), or gives a
@@ -93,6 +95,7 @@ pub use connect::{
 pub use error::{ConnectError, shortage};
 pub use folder::{check_owner, prepare};
 pub use isotherm_shared::lag::{Lag, LaggedReading};
+pub use isotherm_shared::readings::{ReadingError, Readings, Resolution};
 pub use isotherm_shared::stream::{Domain, DomainError, ImuId};
 pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSample, Triad, device};
 pub use lag::{Sensor, UnknownSensor};

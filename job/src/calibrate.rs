@@ -10,7 +10,8 @@ use isotherm_campaign::{Campaign, Ramp};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{WorldWritable, load_table, read_text};
 use isotherm_recording::{CampaignRow, Marks, RecordingError};
-use isotherm_recording_formats::read::{ImuChoice, Places, Recording, RowKind};
+use isotherm_recording_formats::convert::Foreign;
+use isotherm_recording_formats::read::{ImuChoice, Input, Places, Recording, RowKind};
 use isotherm_report::{fitted, json};
 use isotherm_shared::table::CoefficientTable;
 use serde_json::Value;
@@ -25,6 +26,8 @@ pub struct FitOptions {
     pub by_hand: GravityOnlyOptions,
     /// Whether the findings that a diagnosis explains are listed too.
     pub symptoms: bool,
+    /// How recordings of an IMU that was put down by hand are read where other programs wrote them.
+    pub foreign: Foreign,
 }
 
 /// Why there is no table.
@@ -67,6 +70,8 @@ pub struct Origin {
     pub recordings_sha256: Vec<String>,
     /// The marks of all recordings.
     pub rows: Vec<Marks>,
+    /// What the operator should know of recordings that other programs wrote, a line each.
+    pub notes: Vec<String>,
     /// Whether the findings that a diagnosis explains are listed too.
     pub symptoms: bool,
 }
@@ -82,6 +87,8 @@ pub struct Made {
     pub source: CampaignSource,
     /// File and line of each row of the samples.
     pub places: Places,
+    /// What the operator should know of recordings that other programs wrote, a line each.
+    pub notes: Vec<String>,
 }
 
 impl Inputs {
@@ -105,11 +112,13 @@ impl Inputs {
             symptoms: options.symptoms,
             ..Origin::default()
         };
-        let reader = Reader { imu: ImuChoice::Prefer(campaign.imu.clone()), bar };
+        let imu = ImuChoice::Prefer(campaign.imu.clone());
         if campaign.gravity_only {
+            let reader = Reader { input: (imu, options.foreign.clone()).into(), bar };
             let recordings = from.take(reader.tumbles(samples)?);
             return Ok(Self { measured: Measured::GravityOnly(recordings, options.by_hand.clone()), from });
         }
+        let reader = Reader { input: imu.into(), bar };
         let Some(file) = file else {
             return Err(Failure::new(Exit::Usage, "a campaign on a turntable has a campaign file").into());
         };
@@ -147,16 +156,17 @@ impl Inputs {
             ..CampaignSource::now()
         };
         let table = fitted.sealed(campaign, &source).map_err(|message| Failure::new(Exit::Failed, message))?;
-        Ok(Made { fitted, table, source, places: from.places })
+        Ok(Made { fitted, table, source, places: from.places, notes: from.notes })
     }
 }
 
 impl Origin {
     /// Takes hashes and marks of recordings; returns the recordings.
     fn take<T>(&mut self, read: Vec<Read<T>>) -> Vec<T> {
-        let recording = |Read { recording, sha256, rows }| {
+        let recording = |Read { recording, sha256, rows, notes }| {
             self.recordings_sha256.push(sha256);
             self.rows.push(rows);
+            self.notes.extend(notes);
             recording
         };
         read.into_iter().map(recording).collect()
@@ -239,6 +249,7 @@ struct Read<T> {
     recording: T,
     sha256: String,
     rows: Marks,
+    notes: Vec<String>,
 }
 
 type Row = Result<CampaignRow, RecordingError>;
@@ -250,7 +261,7 @@ fn marked<'a>(rows: impl Iterator<Item = Row> + 'a, marks: &'a mut Marks) -> imp
 
 /// Reads the recordings of one IMU.
 struct Reader<'a> {
-    imu: ImuChoice,
+    input: Input,
     bar: Bar<'a>,
 }
 
@@ -272,7 +283,7 @@ impl Reader<'_> {
         }
         let paths: Vec<_> = samples.iter().map(Source::path).collect();
         let bar = (self.bar)(&paths, "reading");
-        let mut rows = Recording::open_hashed(&paths, RowKind::Campaign, self.imu.clone(), &bar)?;
+        let mut rows = Recording::open_hashed(&paths, RowKind::Campaign, self.input.clone(), &bar)?;
         let mut marks = Marks::default();
         let measurements = read_measurements(campaign, marked(&mut rows, &mut marks));
         from.rows.push(marks);
@@ -287,7 +298,7 @@ impl Reader<'_> {
     fn ramps(&self, campaign: &Campaign, paths: &[PathBuf]) -> Result<Vec<Read<RampRecording>>, Failure> {
         let bar = (self.bar)(paths, "reading ramps");
         let read = |(path, ramp): (&PathBuf, &Ramp)| {
-            self.recording(path, &bar, |rows| RampRecording::read(ramp.samples.clone(), rows))
+            self.recording(path, &bar, |rows| RampRecording::read(ramp.samples.clone(), rows), |recording, _| recording)
         };
         let all = paths.iter().zip(&campaign.ramps).map(read).collect();
         bar.finish_and_clear();
@@ -300,13 +311,15 @@ impl Reader<'_> {
         let bar = (self.bar)(&paths, "reading");
         let read = |source: Source<'_>| match source {
             Source::File(path) => {
-                self.recording(&path, &bar, |rows| TumbleRecording::read(path.display().to_string(), rows))
+                let read =
+                    |rows: &mut dyn Iterator<Item = Row>| TumbleRecording::read(path.display().to_string(), rows);
+                self.recording(&path, &bar, read, |recording, rows| recording.with_findings(rows.findings()))
             }
             Source::Rows { name, sha256, rows } => {
                 let mut marks = Marks::default();
                 let recording = TumbleRecording::read(name.clone(), marked(rows, &mut marks));
                 let recording = recording.map_err(|error| error.failure(Path::new(&name)))?;
-                Ok(Read { recording, sha256, rows: marks })
+                Ok(Read { recording, sha256, rows: marks, notes: Vec::new() })
             }
         };
         let all = samples.into_iter().map(read).collect();
@@ -314,17 +327,20 @@ impl Reader<'_> {
         all
     }
 
+    /// One recording; `complete` adds what its file tells after the last row.
     fn recording<T>(
         &self,
         path: &Path,
         bar: &ProgressBar,
         read: impl Fn(&mut dyn Iterator<Item = Row>) -> Result<T, RecordingError>,
+        complete: impl Fn(T, &Recording) -> T,
     ) -> Result<Read<T>, Failure> {
         let files = [path.to_owned()];
-        let mut rows = Recording::open_hashed(&files, RowKind::Sample, self.imu.clone(), bar)?;
+        let mut rows = Recording::open_hashed(&files, RowKind::Sample, self.input.clone(), bar)?;
         let mut marks = Marks::default();
         let recording = read(&mut marked(&mut rows, &mut marks));
         let recording = recording.map_err(|error| rows.failure(&error))?;
-        Ok(Read { recording, sha256: rows.sha256()?, rows: marks })
+        let (recording, notes) = (complete(recording, &rows), rows.notes());
+        Ok(Read { recording, sha256: rows.sha256()?, rows: marks, notes })
     }
 }

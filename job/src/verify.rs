@@ -3,7 +3,7 @@
 use indicatif::ProgressBar;
 use isotherm_calibration::Origin;
 use isotherm_failure::{Exit, Failure};
-use isotherm_recording_formats::read::{ImuChoice, Samples};
+use isotherm_recording_formats::read::{Input, Samples};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::RawSample;
 use isotherm_verification::{Collector, Setup, Stability};
@@ -25,17 +25,18 @@ impl<'t> Run<'t> {
     pub fn open(
         table: &'t CoefficientTable,
         recording: &[PathBuf],
-        imu: ImuChoice,
+        input: impl Into<Input>,
         lag_ns: Option<u64>,
         window_s: f64,
         bar: &ProgressBar,
     ) -> Result<Self, Failure> {
-        let mut samples = Samples::open_hashed(recording, imu, bar)?;
+        let mut samples = Samples::open_hashed(recording, input, bar)?;
         samples.set_lag(lag_ns.unwrap_or(table.lag_ns()));
         Ok(Self { samples, recording: recording.to_vec(), collector: Collector::new(table, window_s) })
     }
 
-    /// The samples that are left; see [`Samples::imu`] for the IMU that they name.
+    /// The samples that are left; see [`Samples::imu`] for the IMU that they name, and after the last one
+    /// [`Samples::recording`] for what was found in data of other programs.
     #[must_use]
     pub const fn samples(&self) -> &Samples {
         &self.samples

@@ -343,7 +343,7 @@ fn unsent(state: &mut OwnedAcquisition, id: Option<u64>, error: SendError, sampl
 }
 
 impl Loan {
-    fn with<T>(&self, access: impl FnOnce(&mut RawSample) -> T) -> PyResult<T> {
+    pub(crate) fn with<T>(&self, access: impl FnOnce(&mut RawSample) -> T) -> PyResult<T> {
         let mut held = self.acquisition.get().owned.hold()?;
         Ok(access(held.open()?.loan(self.id)?))
     }

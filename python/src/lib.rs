@@ -13,6 +13,7 @@ mod noise;
 mod offline;
 mod owned;
 mod reader;
+mod readings;
 mod records;
 mod run;
 mod table;
@@ -48,6 +49,8 @@ mod _isotherm {
     };
     #[pymodule_export]
     use crate::reader::IncrementReader;
+    #[pymodule_export]
+    use crate::readings::Readings;
     #[pymodule_export]
     use crate::records::Increment;
     #[pymodule_export]

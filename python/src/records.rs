@@ -221,6 +221,16 @@ impl Increment {
     }
 
     #[getter]
+    fn specific_force(&self) -> (f64, f64, f64) {
+        self.0.specific_force().into()
+    }
+
+    #[getter]
+    fn angular_rate(&self) -> (f64, f64, f64) {
+        self.0.angular_rate().into()
+    }
+
+    #[getter]
     fn table(&self) -> u64 {
         self.0.table
     }

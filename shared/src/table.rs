@@ -6,12 +6,14 @@ pub(crate) mod content;
 pub mod difference;
 mod digest;
 mod model;
+mod nominal;
 mod toml;
 mod turntable;
 
-pub use checks::{GRAVITY_RANGE, LAG_RANGE, MAX_G_SENSITIVITY};
+pub use checks::{GRAVITY_RANGE, LAG_RANGE, MAX_G_SENSITIVITY, NOMINAL_INTERVAL_RANGE};
 pub use content::{AXIS_NAMES, Axis, Content, FORMAT, GRAVITY_ONLY, GYROSCOPE_NAMES, Gyroscopes, OutOfRange, Refusal};
 pub use digest::Digest;
 pub use model::CoefficientTable;
+pub use nominal::{Nominal, Refusals, STANDARD_GRAVITY, nominal_content, nominal_table};
 pub use toml::{Seal, with_unchecked_digest};
 pub use turntable::Turntable;

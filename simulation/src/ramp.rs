@@ -102,7 +102,7 @@ mod tests {
     use core::f64::consts::TAU;
     use isotherm_shared::compensate::answer;
     use isotherm_shared::polynomial::Polynomial;
-    use isotherm_shared::table::{CoefficientTable, FORMAT};
+    use isotherm_shared::table::CoefficientTable;
     use isotherm_shared::units::ARCSEC;
     use isotherm_shared::wire::{AXES, RawSample};
 
@@ -118,7 +118,7 @@ mod tests {
     /// the age of their telemetry does not matter, and its axes are aligned, so that each shows its own bias.
     fn still() -> Truth {
         let mut content = truth().table.content().clone();
-        content.format = FORMAT;
+        content.format = 2;
         let mut gyroscopes = typical_gyroscopes(&Chain::default()).unwrap();
         for axis in content.axes.iter_mut().chain(&mut gyroscopes.axes) {
             for scale_factor in [&mut axis.positive_scale_factor, &mut axis.negative_scale_factor] {

@@ -32,6 +32,7 @@ pub(super) fn of_recordings(
 ) -> Vec<Finding> {
     let mut found: Vec<Finding> = other_device(campaign, recordings).into_iter().collect();
     found.extend(twice(recordings));
+    found.extend(recordings.iter().flat_map(|recording| recording.findings.clone()));
     found.extend(recordings.iter().zip(continuity).filter_map(|(recording, found)| interval(recording, found)));
     found
 }

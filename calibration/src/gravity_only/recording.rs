@@ -1,7 +1,7 @@
 //! A recording of an IMU that is put down by hand.
 
 use isotherm_campaign::implausible;
-use isotherm_finding::Location;
+use isotherm_finding::{Finding, Location};
 use isotherm_recording::{CampaignRow, Continuity, RecordingError};
 use isotherm_shared::wire::RawSample;
 
@@ -10,13 +10,21 @@ use isotherm_shared::wire::RawSample;
 pub struct TumbleRecording {
     pub(super) name: String,
     pub(super) rows: Vec<RawSample>,
+    /// What was found in its file before.
+    pub(super) findings: Vec<Finding>,
 }
 
 impl TumbleRecording {
     /// An empty recording. `name` is what messages call it: its file.
     #[must_use]
     pub fn new(name: impl Into<String>) -> Self {
-        Self { name: name.into(), rows: Vec::new() }
+        Self { name: name.into(), ..Self::default() }
+    }
+
+    /// The same recording, with what was found in its file. It is judged with all that is found in its rows.
+    #[must_use]
+    pub fn with_findings(self, findings: Vec<Finding>) -> Self {
+        Self { findings, ..self }
     }
 
     /// What a finding about it concerns.

@@ -99,6 +99,7 @@ impl Calibrate {
             self.refuse_turntable()?;
         } else {
             self.without_turntable.refuse_options()?;
+            self.refuse_foreign()?;
         }
         let options = self.options(campaign.gravity_only)?;
         let inputs = Inputs::read(campaign, file, Source::files(samples), &options, &bytes_bar)?;
@@ -135,6 +136,7 @@ impl Calibrate {
         table: StagedText,
         page: Option<StagedText>,
     ) -> Result<(), Refused> {
+        made.notes.iter().for_each(|note| tell("isotherm", note));
         made.findings().for_each(|finding| tell("isotherm", finding));
         if !self.json {
             let _ = io::stderr().write_all(printable(&made.text()).as_bytes());
@@ -180,7 +182,8 @@ impl Calibrate {
 
     /// The options of the fit, `by_hand` or on a turntable.
     fn options(&self, by_hand: bool) -> Result<FitOptions, Failure> {
-        let mut options = FitOptions { symptoms: self.verbose, ..FitOptions::default() };
+        let foreign = self.foreign.read()?;
+        let mut options = FitOptions { symptoms: self.verbose, foreign, ..FitOptions::default() };
         let (dwells, standstills) = self.excluded(by_hand)?;
         let order = match self.order {
             PolynomialOrder::Auto => None,

@@ -6,7 +6,8 @@ use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::print_data;
 use isotherm_finding::{Admission, Finding, Location, name};
 use isotherm_job::Refused;
-use isotherm_recording_formats::read::{ImuChoice, Samples};
+use isotherm_recording_formats::convert::{Foreign, Settings};
+use isotherm_recording_formats::read::{ImuChoice, Recording, Samples};
 use isotherm_report::json;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_verification::Requirement;
@@ -26,6 +27,73 @@ pub(super) struct LagSetting {
     /// That of the table unless given; feed asks the service. Lagged telemetry in the recording is used as it is
     #[arg(long = "lag", value_name = "S|none", value_parser = crate::parse::lag)]
     pub ns: Option<u64>,
+}
+
+/// How data of other programs are read, which take the place of a recording.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = "Data of other programs")]
+pub(super) struct ForeignArgs {
+    /// What the columns of a text are (TOML)
+    #[arg(long, value_name = "M.toml")]
+    pub mapping: Option<PathBuf>,
+    /// Telemetry of all rows, in the unit of the table, for data that have none
+    #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = crate::parse::number)]
+    pub temperature: Option<f64>,
+    /// Nominal interval [s] [default: that of the mapping, or found from the time]
+    #[arg(long, value_name = "S", value_parser = crate::parse::interval)]
+    pub interval: Option<Duration>,
+    /// Topic of the sensor_msgs/msg/Imu, if there are several
+    #[arg(long, value_name = "TOPIC")]
+    pub topic: Option<String>,
+    /// Topic of the sensor_msgs/msg/Temperature, if there are several
+    #[arg(long, value_name = "TOPIC")]
+    pub temperature_topic: Option<String>,
+    /// Number of the sensor in the log of an autopilot, if there are several
+    #[arg(long, value_name = "N")]
+    pub instance: Option<u32>,
+}
+
+impl ForeignArgs {
+    /// What is known of the data, with the text of the mapping.
+    ///
+    /// # Errors
+    /// If the mapping cannot be read.
+    pub(super) fn read(&self) -> Result<Foreign, Failure> {
+        let settings = Settings {
+            temperature: self.temperature,
+            interval_ns: self.interval.map(|interval| interval.as_nanos() as u64),
+            topic: self.topic.clone(),
+            temperature_topic: self.temperature_topic.clone(),
+            instance: self.instance,
+            session: 0,
+        };
+        Foreign::new(self.mapping.as_deref(), settings)
+    }
+
+    /// The mapping, as [`refuse_overlap`](isotherm_files::refuse_overlap) takes it.
+    pub(super) fn inputs(&self) -> impl Iterator<Item = (&Path, &'static str)> {
+        self.mapping.iter().map(|mapping| (mapping.as_path(), "the mapping"))
+    }
+
+    /// Whether anything is given.
+    pub(super) const fn is_given(&self) -> bool {
+        let Self { mapping, temperature, interval, topic, temperature_topic, instance } = self;
+        let given = mapping.is_some() || temperature.is_some() || interval.is_some();
+        given || topic.is_some() || temperature_topic.is_some() || instance.is_some()
+    }
+}
+
+/// What was found in data of other programs; their notes are told. To be called after the last row.
+pub(super) fn told(recording: &Recording) -> Vec<Finding> {
+    recording.notes().iter().for_each(|note| tell("isotherm", note));
+    recording.findings()
+}
+
+/// What a command found in the rows, and what was found in the data before: the rows' gaps are not named twice.
+pub(super) fn joint(mut found: Vec<Finding>, mut before: Vec<Finding>) -> Vec<Finding> {
+    before.retain(|finding| !found.iter().any(|other| other.name == finding.name));
+    found.extend(before);
+    found
 }
 
 /// Warns once if only one of table and samples has gyroscopes.

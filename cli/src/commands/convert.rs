@@ -1,23 +1,21 @@
 //! `convert`: makes a recording of foreign data.
 
-use super::common::Acceptance;
-use crate::parse::interval;
+use super::common::{Acceptance, ForeignArgs};
 use clap::Args;
 use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, tell};
-use isotherm_files::{Output, WorldWritable, check_written, load_table, refuse_overlap};
+use isotherm_files::{Output, StagedText, WorldWritable, check_written, load_table, refuse_overlap};
 use isotherm_finding::Finding;
 use isotherm_recording::RawCsvWriter;
 use isotherm_recording::rows::RecordedRow;
-use isotherm_recording_formats::convert::{Conversion, Settings};
+use isotherm_recording_formats::convert::{Conversion, Scale};
 use isotherm_recording_formats::write::ParquetStream;
 use isotherm_shared::stream::StreamKind;
-use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::table::{CoefficientTable, nominal_table};
 use isotherm_shared::wire::{RawSample, StreamSample};
 use std::io;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 /// Make a recording of data from other programs: text, NovAtel logs, ROS messages
 ///
@@ -26,30 +24,15 @@ use std::time::Duration;
 /// need none.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.parquet\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv\n  isotherm convert cold.csv warm.csv --mapping logger.toml -o runs/"
+    after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.parquet\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv\n  isotherm convert cold.csv warm.csv --mapping logger.toml -o runs/\n  isotherm convert mems.csv --mapping mems.toml -o run.csv --nominal imu-b.toml --imu imu-b"
 )]
 pub(crate) struct Convert {
     /// The foreign data; - is stdin, for text. Several files are sessions, each converted into a file of its own
     #[arg(value_name = "INPUT", required = true)]
     input: Vec<PathBuf>,
-    /// What the columns are (TOML)
-    #[arg(long, value_name = "M.toml")]
-    mapping: Option<PathBuf>,
     /// Where the raw samples go: .csv or .parquet; - is stdout (CSV). Of several files the folder
     #[arg(short, long, value_name = "REC")]
     output: PathBuf,
-    /// Telemetry of all rows, in the unit of the table, for data that have none
-    #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = temperature)]
-    temperature: Option<f64>,
-    /// Nominal interval [s] [default: that of the mapping, or found from the time]
-    #[arg(long, value_name = "S", value_parser = interval)]
-    interval: Option<Duration>,
-    /// Topic of the sensor_msgs/msg/Imu, if there are several
-    #[arg(long, value_name = "TOPIC")]
-    topic: Option<String>,
-    /// Topic of the sensor_msgs/msg/Temperature, if there are several
-    #[arg(long, value_name = "TOPIC")]
-    temperature_topic: Option<String>,
     /// Number of the session, which the samples then have in a column; of several files that of the first [default:
     /// none, and 1 for several files]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
@@ -57,12 +40,26 @@ pub(crate) struct Convert {
     /// Table of the IMU, by which the length of the specific force at rest is compared with gravity
     #[arg(long, value_name = "TABLE")]
     table: Option<PathBuf>,
-    /// Name of the IMU, which a Parquet file has
+    /// Where the nominal table of readings goes: scale factors by the resolution and the nominal interval, and nothing
+    /// else
+    ///
+    /// With it the readings come back in m/s2 and rad/s, before any calibration. 1 g0 is 9.80665 m/s2
+    #[arg(long, value_name = "TABLE.toml")]
+    nominal: Option<PathBuf>,
+    /// Unit of the telemetry in that table; a label [default: degC]
+    #[arg(long, value_name = "UNIT", requires = "nominal")]
+    temperature_unit: Option<String>,
+    /// Name of the IMU, which a Parquet file and the nominal table have
     #[arg(long, value_name = "ID", default_value = "imu")]
     imu: ImuId,
     #[command(flatten)]
     acceptance: Acceptance,
+    #[command(flatten)]
+    foreign: ForeignArgs,
 }
+
+/// A nominal table, and what it was made of.
+type NominalTable = (Scale, CoefficientTable);
 
 enum Writer {
     Csv(RawCsvWriter<Output>),
@@ -73,17 +70,49 @@ impl Convert {
     pub(crate) fn run(self) -> Result<(), Failure> {
         let outputs = self.outputs()?;
         let mut inputs: Vec<_> = self.input.iter().map(|input| (input.as_path(), "the data")).collect();
-        inputs.extend(self.mapping.iter().map(|mapping| (mapping.as_path(), "the mapping")));
+        inputs.extend(self.foreign.inputs());
         inputs.extend(self.table.iter().map(|table| (table.as_path(), "the table")));
-        let all: Vec<_> = outputs.iter().map(|output| Some(output.as_path())).collect();
+        let all = outputs.iter().chain(&self.nominal).map(|output| Some(output.as_path())).collect::<Vec<_>>();
         refuse_overlap(&inputs, &all)?;
         let table = self.table.as_ref().map(|path| load_table(path, None, WorldWritable::Allow));
         let table = table.transpose()?.map(|(table, _)| table);
         let first = self.session.unwrap_or(u64::from(self.input.len() > 1));
+        // Created first: what cannot be written is said before anything is converted.
+        let staged = self.nominal.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
+        let mut nominal = None;
         for (session, (input, output)) in (first..).zip(self.input.iter().zip(&outputs)) {
-            self.convert(input, output, session, table.as_ref())?;
+            self.convert(input, output, session, table.as_ref(), &mut nominal)?;
         }
-        Ok(())
+        match (staged, nominal) {
+            (Some(staged), Some((_, table))) => staged.write(&table.to_toml())?.finish(),
+            _ => Ok(()),
+        }
+    }
+
+    /// The nominal table of what was converted, joined with that of the inputs `before`.
+    fn nominal(
+        &self,
+        input: &Path,
+        conversion: &Conversion,
+        before: Option<&NominalTable>,
+    ) -> Result<NominalTable, Failure> {
+        let refused = |why: &str| {
+            let message = format!("{}: no nominal table: {why}", input.display());
+            Failure::new(Exit::Data, message).at(input, None)
+        };
+        let own = conversion.scale().map_err(|why| refused(&why))?;
+        let scale = match before {
+            Some((before, _)) => before.with(&own),
+            None => Ok(own),
+        };
+        let scale =
+            scale.map_err(|what| refused(&format!("{what} is not that of the files before; convert it alone")))?;
+        let mut nominal = scale.nominal(&self.imu);
+        if let Some(unit) = &self.temperature_unit {
+            nominal.temperature_unit.clone_from(unit);
+        }
+        let table = nominal_table(&nominal).map_err(|refusals| refused(&refusals.to_string()))?;
+        Ok((scale, table))
     }
 
     /// The output of each input: the one that is named, or of several a file of the same name in that folder.
@@ -116,6 +145,7 @@ impl Convert {
         output: &Path,
         session: u64,
         table: Option<&CoefficientTable>,
+        nominal: &mut Option<NominalTable>,
     ) -> Result<(), Failure> {
         let extension = output.extension().map(|extension| extension.to_string_lossy().to_lowercase());
         let parquet = match extension.as_deref() {
@@ -126,14 +156,9 @@ impl Convert {
             }
             _ => false,
         };
-        let settings = Settings {
-            temperature: self.temperature,
-            interval_ns: self.interval.map(|interval| interval.as_nanos() as u64),
-            topic: self.topic.clone(),
-            temperature_topic: self.temperature_topic.clone(),
-            session,
-        };
-        let mut conversion = Conversion::open(input, self.mapping.as_deref(), &settings)?;
+        let mut foreign = self.foreign.read()?;
+        foreign.settings.session = session;
+        let mut conversion = Conversion::of_file(input, foreign.named(), &foreign.settings)?;
         let layout = conversion.layout();
         let path = Some(output);
         let writer = Output::create(path).and_then(|sink| {
@@ -154,13 +179,17 @@ impl Convert {
         let mut begin = Vec::new();
         for sample in &mut conversion {
             let sample = sample?;
-            if table.is_some() && begin.len() < LENGTH_ROWS {
+            if begin.len() < LENGTH_ROWS {
                 begin.push(sample);
             }
             if let Err(error) = writer.write(&sample) {
                 return check_written(path, Err(error));
             }
         }
+        if self.nominal.is_some() {
+            *nominal = Some(self.nominal(input, &conversion, nominal.as_ref())?);
+        }
+        let table = table.or(nominal.as_ref().map(|(_, table)| table));
         let at_rest = table.and_then(|table| length_at_rest(table, &begin)).map(Finding::warned);
         let findings = conversion.findings().into_iter().chain(at_rest).collect();
         for note in conversion.notes() {
@@ -193,9 +222,4 @@ impl Writer {
         }
         .and_then(Output::finish)
     }
-}
-
-/// Telemetry, in the unit of the table.
-fn temperature(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| "give a number".to_owned())
 }

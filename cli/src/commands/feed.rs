@@ -1,6 +1,6 @@
 //! `feed`: sends a recording as an acquisition process does.
 
-use super::common::{GyroscopeWarning, LagSetting, inputs, options};
+use super::common::{ForeignArgs, GyroscopeWarning, LagSetting, inputs, options, told};
 use crate::parse::seconds;
 use crate::progress::playing_bar;
 use clap::Args;
@@ -38,7 +38,8 @@ pub(crate) struct Feed {
     /// The IMU whose acquisition this is
     #[arg(long, value_name = "ID")]
     imu: ImuId,
-    /// Recording of raw samples (CSV, Parquet, MCAP), or the pieces of one in any order; - is stdin
+    /// Recording of raw samples (CSV, Parquet, MCAP) or data of another program, or the pieces of one in any order; -
+    /// is stdin
     ///
     /// If it has several IMUs, only the samples of this one are sent
     #[arg(value_name = "RAW", required = true)]
@@ -65,6 +66,8 @@ pub(crate) struct Feed {
     /// Add a column with the delivery flags
     #[arg(long)]
     delivery: bool,
+    #[command(flatten)]
+    foreign: ForeignArgs,
 }
 
 impl Feed {
@@ -72,11 +75,13 @@ impl Feed {
         let path = self.output.as_deref();
         let rows = path.map(partial_path);
         for output in [path, rows.as_deref()] {
-            refuse_overlap(&inputs(&self.recording), &[output])?;
+            let all: Vec<_> = inputs(&self.recording).into_iter().chain(self.foreign.inputs()).collect();
+            refuse_overlap(&all, &[output])?;
         }
         // No bar if the increments go to stdout, which may be the same terminal.
         let progress = if path.is_some() { playing_bar(&self.recording) } else { ProgressBar::hidden() };
-        let mut samples = Samples::open(&self.recording, ImuChoice::Prefer(self.imu.clone()), &progress)?;
+        let input = (ImuChoice::Prefer(self.imu.clone()), self.foreign.read()?);
+        let mut samples = Samples::open(&self.recording, input, &progress)?;
         // The output is opened before anything is sent, so that the answers can be written.
         let sink = Output::create_live(path)
             .map_err(|error| Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error))?;
@@ -107,6 +112,8 @@ impl Feed {
         };
         let result = self.play(&mut feeder, &mut samples, &served, &options);
         progress.finish_and_clear();
+        let of_data = told(samples.recording());
+        of_data.iter().for_each(|finding| tell("isotherm", finding.tagged(|line| line.to_string())));
         let result = match result {
             Ok(()) => check_written(path, feeder.writer.finish().and_then(Output::finish)),
             Err(FeedError::Failed(failure)) => {

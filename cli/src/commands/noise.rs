@@ -1,6 +1,6 @@
 //! `noise`: the Allan deviation of a recording at rest.
 
-use super::common::{Acceptance, choice, inputs, joined_paths, or_document};
+use super::common::{Acceptance, ForeignArgs, choice, inputs, joined_paths, joint, or_document, told};
 use crate::parse::from_zero;
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
@@ -33,7 +33,8 @@ use std::path::PathBuf;
     after_help = "Examples:\n  isotherm noise --table imu-a.toml night.csv --report noise.html\n  isotherm noise night.csv --from 3600 --json\n  isotherm noise --table imu-g.toml night-????.parquet --kalibr imu.yaml"
 )]
 pub(crate) struct Noise {
-    /// Recording of raw samples (CSV, Parquet, MCAP), or the pieces of one in any order; - is stdin
+    /// Recording of raw samples (CSV, Parquet, MCAP) or data of another program, or the pieces of one in any order; -
+    /// is stdin
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
     /// Coefficient table
@@ -59,6 +60,8 @@ pub(crate) struct Noise {
     /// Print one JSON document instead of the text, also of a failure
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    foreign: ForeignArgs,
 }
 
 impl Noise {
@@ -73,6 +76,7 @@ impl Noise {
         }
         let mut files = inputs(&self.recording);
         files.extend(self.table.as_deref().map(|table| (table, "the table")));
+        files.extend(self.foreign.inputs());
         refuse_overlap(&files, &[self.report.as_deref(), self.kalibr.as_deref()])?;
         check_written(None, check_stdout())?;
         let table = match &self.table {
@@ -87,21 +91,23 @@ impl Noise {
             (None, None) => ImuChoice::Any,
         };
         let bar = bytes_bar(&self.recording, "reading");
-        let mut samples = Samples::open(&self.recording, imu, &bar)?;
+        let mut samples = Samples::open(&self.recording, (imu, self.foreign.read()?), &bar)?;
         samples.set_lag(table.as_ref().map_or(0, |table| table.lag_ns()));
-        let rows: Vec<RawSample> = samples.collect::<Result<_, _>>()?;
+        let rows: Vec<RawSample> = samples.by_ref().collect::<Result<_, _>>()?;
         bar.finish_and_clear();
         let recording = joined_paths(&self.recording);
+        let of_data = told(samples.recording());
         let spinner = spinner("fitting");
         let analysis = NoiseAnalysis::of(&rows, table.as_ref(), part);
         spinner.finish_and_clear();
         let analysis = analysis.map_err(|error| {
             let found = rows.iter().collect::<Continuity>().findings(MISSING);
-            let _ = Acceptance::default().admit(&recording, found.into_iter().map(Finding::warned).collect());
+            let found = joint(found.into_iter().map(Finding::warned).collect(), of_data.clone());
+            let _ = Acceptance::default().admit(&recording, found);
             let failure = Failure::new(Exit::Data, format!("{recording}: {error}"));
             if let [file] = self.recording.as_slice() { failure.at(file, None) } else { failure }
         })?;
-        self.acceptance.admit(&recording, analysis.findings())?;
+        self.acceptance.admit(&recording, joint(analysis.findings(), of_data))?;
         let mut texts = Vec::new();
         if let (Some(yaml), Some(table)) = (yaml, &table) {
             let text = imu_yaml(&analysis, table.content().gravity, &recording);

@@ -1,6 +1,6 @@
 //! `replay`: compensates a recording with the kernel.
 
-use super::common::{Acceptance, GyroscopeWarning, LagSetting, joined_paths};
+use super::common::{Acceptance, ForeignArgs, GyroscopeWarning, LagSetting, joined_paths, joint, told};
 use clap::Args;
 use indicatif::ProgressBar;
 use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
@@ -33,7 +33,8 @@ pub(crate) struct Replay {
     /// The IMU whose samples are read, in a recording of several IMUs [default: the table's IMU]
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
-    /// Recording of raw samples (CSV, Parquet, MCAP), or the pieces of one in any order; - is stdin
+    /// Recording of raw samples (CSV, Parquet, MCAP) or data of another program, or the pieces of one in any order; -
+    /// is stdin
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
     #[command(flatten)]
@@ -46,16 +47,20 @@ pub(crate) struct Replay {
     output: Option<PathBuf>,
     #[command(flatten)]
     acceptance: Acceptance,
+    #[command(flatten)]
+    foreign: ForeignArgs,
 }
 
 impl Replay {
     pub(crate) fn run(self) -> Result<(), Failure> {
         let mut inputs = super::common::inputs(&self.recording);
         inputs.push((&self.table, "the table"));
+        inputs.extend(self.foreign.inputs());
         refuse_overlap(&inputs, &[self.output.as_deref()])?;
         let (table, _) = load_table(&self.table, None, WorldWritable::Allow)?;
         let choice = super::common::choice(self.imu, &table);
-        let mut samples = Samples::open(&self.recording, choice, &ProgressBar::hidden())?;
+        let input = (choice, self.foreign.read()?);
+        let mut samples = Samples::open(&self.recording, input, &ProgressBar::hidden())?;
         samples.set_lag(self.lag.ns.unwrap_or(table.lag_ns()));
         let first = samples.next();
         if let Some(Ok(_)) = first {
@@ -72,7 +77,7 @@ impl Replay {
         let mut warning = GyroscopeWarning::new(layout.gyroscopes);
         let mut continuity = Continuity::default();
         let mut begin: Vec<RawSample> = Vec::new();
-        for sample in first.into_iter().chain(samples) {
+        for sample in first.into_iter().chain(samples.by_ref()) {
             let sample = sample?;
             warning.check(&sample);
             continuity.add(&sample);
@@ -90,7 +95,7 @@ impl Replay {
         let other = (others > 0).then(|| other_device(&table, others));
         // Before the file is put in place: what is refused leaves none. Without --strict nothing is.
         let of_rows = continuity.findings(0.0).into_iter().chain(length_at_rest(&table, &begin));
-        let findings = of_rows.map(Finding::warned).chain(other).collect();
+        let findings = joint(of_rows.map(Finding::warned).chain(other).collect(), told(samples.recording()));
         self.acceptance.admit(&joined_paths(&self.recording), findings).map_err(|refused| refused.failure)?;
         check_written(path, writer.finish().and_then(Output::finish))?;
         if tells_no_temperature {

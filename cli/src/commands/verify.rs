@@ -1,6 +1,9 @@
 //! `verify`: the stability of a recording under a table.
 
-use super::common::{Acceptance, LagSetting, choice, inputs, joined, joined_paths, or_document, refuse_other_imu};
+use super::common::{
+    Acceptance, ForeignArgs, LagSetting, choice, inputs, joined, joined_paths, joint, or_document, refuse_other_imu,
+    told,
+};
 use crate::parse::{direction, gravity, seconds};
 use crate::progress::bytes_bar;
 use clap::Args;
@@ -56,7 +59,8 @@ pub(crate) struct Verify {
     /// The IMU whose samples are read, in a recording of several IMUs [default: the table's IMU]
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
-    /// Recording of raw samples (CSV, Parquet, MCAP), or the pieces of one in any order; - is stdin
+    /// Recording of raw samples (CSV, Parquet, MCAP) or data of another program, or the pieces of one in any order; -
+    /// is stdin
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
     /// Length of the windows that means are taken over [s]; of standstills, that of the windows they are searched with
@@ -103,6 +107,8 @@ pub(crate) struct Verify {
     /// Print one JSON document instead of the text, also of a failure
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    foreign: ForeignArgs,
 }
 
 impl Verify {
@@ -179,6 +185,7 @@ impl Verify {
         let require = joined(&self.require)?;
         let mut files = inputs(&self.recording);
         files.push((&self.table, "the table"));
+        files.extend(self.foreign.inputs());
         refuse_overlap(&files, &[self.report.as_deref()])?;
         check_written(None, check_stdout())?;
         let (table, _) = load_table(&self.table, None, WorldWritable::Allow)?;
@@ -189,8 +196,8 @@ impl Verify {
         let page = self.report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let bar = bytes_bar(&self.recording, "reading");
         let window_s = self.window.map_or(WINDOW_S, |window| window.as_secs_f64());
-        let imu = choice(self.imu.clone(), &table);
-        let mut run = Run::open(&table, &self.recording, imu, self.lag.ns, window_s, &bar)?;
+        let input = (choice(self.imu.clone(), &table), self.foreign.read()?);
+        let mut run = Run::open(&table, &self.recording, input, self.lag.ns, window_s, &bar)?;
         let by_hand = table.is_gravity_only() && self.attitude.is_none() && self.angles.is_none();
         let mut rows = Vec::new();
         let mut keep = self.standstills || by_hand;
@@ -208,23 +215,24 @@ impl Verify {
         bar.finish_and_clear();
         let recording = joined_paths(&self.recording);
         let of_time = run.collector().continuity().findings(MISSING);
+        let of_data = told(run.samples().recording());
         let made_the_table = run.made(&origin);
         if let Some(lengths) = self.lengths(&table, &rows, keep, &recording)? {
             let lengths = Lengths { made_the_table, ..lengths };
             let at_rest: Vec<_> = lengths.standstills.iter().map(|it| it.reading.rows.clone()).collect();
             let of_rows = length_at_rest(&table, &rows).into_iter().chain(faults(&rows, &at_rest)).map(Finding::warned);
             let found = own_recording(made_the_table).into_iter().chain(of_rows).chain(of_time).collect();
-            self.acceptance.admit(&recording, found)?;
+            self.acceptance.admit(&recording, joint(found, of_data))?;
             return self.show_lengths(&table, &lengths, recording, page, require);
         }
         let stability = run.finish(&setup).map(|stability| Stability { made_the_table, ..stability });
         let stability = stability.inspect_err(|_| {
             // An interval that is wrong is the error itself.
             let of_time = of_time.into_iter().filter(|finding| finding.name != name::INTERVAL).collect();
-            let _ = Acceptance::default().admit(&recording, of_time);
+            let _ = Acceptance::default().admit(&recording, joint(of_time, of_data.clone()));
         })?;
         // With a requirement the failure at the end says why nothing is claimed.
-        self.acceptance.admit(&recording, stability.findings(require.is_some()))?;
+        self.acceptance.admit(&recording, joint(stability.findings(require.is_some()), of_data))?;
         // Before the results are printed: then nothing but the judgement can fail after them.
         if let Some(page) = page {
             let source = self.source(recording.clone(), window_s, require);

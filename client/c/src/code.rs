@@ -3,7 +3,8 @@
 
 use core::ffi::{CStr, c_char};
 use isotherm_client::{
-    CompensateError, ConnectError, DomainError, InFlight, MergeError, RealtimeError, SendError, TransportError,
+    CompensateError, ConnectError, DomainError, InFlight, MergeError, ReadingError, RealtimeError, SendError,
+    TransportError,
 };
 use std::borrow::Cow;
 use std::cell::RefCell;
@@ -68,8 +69,8 @@ pub enum isotherm_code {
     /// A fault of this library, in this call or in an earlier one with the same handle. The handle can only be closed
     /// now. Please report the fault, with the text on stderr.
     ISOTHERM_ERROR_INTERNAL = -18,
-    /// A value that cannot be: the number of a sensor, a time constant, a serial number that is not UTF-8, or the size
-    /// of isotherm_options.
+    /// A value that cannot be: the number of a sensor, a time constant, a serial number that is not UTF-8, the size of
+    /// isotherm_options, or a reading, a resolution or an interval that cannot become pulses.
     ISOTHERM_ERROR_VALUE = -19,
     /// A process of another version of Isotherm has made the streams.
     ISOTHERM_ERROR_OTHER_VERSION = -20,
@@ -136,6 +137,7 @@ coded! {
     TransportError => ISOTHERM_ERROR_TRANSPORT,
     InFlight => ISOTHERM_ERROR_IN_FLIGHT,
     MergeError => ISOTHERM_ERROR_MERGE,
+    ReadingError => ISOTHERM_ERROR_VALUE,
     RealtimeError => ISOTHERM_ERROR_REALTIME,
 }
 

@@ -16,5 +16,6 @@ pub mod flags;
 mod handle;
 mod lag;
 mod reader;
+mod readings;
 mod thread;
 mod values;

@@ -498,7 +498,6 @@ fn wait_until_in_force(plan: &Plan, table: &CoefficientTable, options: &Options)
 mod tests {
     use super::*;
     use isotherm_recording::{Layout, RawCsvWriter};
-    use isotherm_shared::table::FORMAT;
     use isotherm_shared::wire::RawSample;
     use isotherm_simulation::{Noise, RunSchedule, Truth, run};
 
@@ -507,7 +506,7 @@ mod tests {
     fn a_second_session_of_a_verification_run_begins_soaked() {
         let table = include_str!("../../../examples/tables/imu-paper.toml");
         let mut content = CoefficientTable::from_toml(table, None).unwrap().content().clone();
-        (content.format, content.lag_s, content.axes[0].transient) = (FORMAT, Some(240.0), 350.0);
+        (content.format, content.lag_s, content.axes[0].transient) = (2, Some(240.0), 350.0);
         let truth = Truth::of(CoefficientTable::new(content).unwrap());
         let schedule = RunSchedule {
             direction: [0.6, -0.48, 0.64],

@@ -278,6 +278,12 @@ class Increment:
     def angle_increment(self) -> _Triple:
         """About G1, G2, G3 [rad]; NaN where it could not be computed, and where the table has no gyroscopes."""
     @property
+    def specific_force(self) -> _Triple:
+        """The mean over the interval [m/s2]; NaN where the velocity increment is NaN, and for an interval of 0."""
+    @property
+    def angular_rate(self) -> _Triple:
+        """The mean over the interval [rad/s]; NaN where the angle increment is NaN, and for an interval of 0. Earth's rate is in it."""
+    @property
     def table(self) -> int:
         """The `Table.id` of the table that was used; 0 without one."""
     @property
@@ -288,6 +294,35 @@ class Increment:
         """Time from sending the sample to just before publishing [ns]."""
     def to_numpy(self) -> Records:
         """The same values as an array without dimensions."""
+
+@final
+class Readings:
+    """Turns readings in m/s2 and rad/s into the pulses of a sample. What rounding leaves is carried to the next sample, so that nothing is
+    lost over time.
+
+    `accelerometer` [m/s2] and `gyroscope` [rad/s], 1e-15 to 1e6, are what a pulse stands for over the nominal interval `interval_ns`; the
+    table's nominal scale factors are g0 / (resolution * interval). Raises ValueError if they cannot be.
+    """
+
+    def __new__(cls, *, accelerometer: float, gyroscope: float, interval_ns: int) -> Self: ...
+    @property
+    def accelerometer(self) -> float:
+        """What one pulse of an accelerometer stands for [m/s2]."""
+    @property
+    def gyroscope(self) -> float:
+        """What one pulse of a gyroscope stands for [rad/s]."""
+    @property
+    def interval_ns(self) -> int:
+        """The nominal interval between two samples [ns]."""
+    def fill(self, sample: Loan, specific_force: _Telemetry, angular_rate: _Telemetry | None = None) -> None:
+        """Writes the pulses of a sample: three of `specific_force` [m/s2], and of `angular_rate` [rad/s], each the mean over the sample's
+        interval. Without `angular_rate` the gyroscopes become absent: no pulses, and telemetry NaN.
+
+        An `interval_ns` of 0, as a loan has, becomes the nominal one; another one is kept, and the pulses are those of that interval. Raises
+        ValueError with the name of the sensor, and changes nothing, for a reading that is not finite or over 2**32 - 1 pulses.
+        """
+    def reset(self) -> None:
+        """Forgets what rounding has left: for a new session, and after a gap."""
 
 @final
 class IncrementReader:

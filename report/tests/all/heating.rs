@@ -3,7 +3,7 @@
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
 use isotherm_shared::lag::Lag;
-use isotherm_shared::table::{FORMAT, *};
+use isotherm_shared::table::*;
 use isotherm_shared::wire::*;
 use isotherm_simulation::{Chain, Noise, RampSchedule, RunSchedule, Truth, ramp, typical_gyroscopes};
 use isotherm_verification::{Collector, LocalGravity, LoopBand, Setup, Stability};
@@ -17,7 +17,7 @@ fn truth(lag_s: Option<f64>) -> Truth {
     let table = CoefficientTable::from_toml(include_str!("../../../examples/tables/imu-paper.toml"), None);
     let mut content = table.unwrap().content().clone();
     let mut gyroscopes = typical_gyroscopes(&Chain::default()).unwrap();
-    content.format = FORMAT;
+    content.format = 2;
     content.lag_s = lag_s;
     if lag_s.is_some() {
         let [of_accelerometers, of_gyroscopes] = TRANSIENTS;

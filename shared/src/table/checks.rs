@@ -7,6 +7,9 @@ use nalgebra::Matrix3;
 /// Accepted range of the value of 1 g0 \[m/s2\].
 pub const GRAVITY_RANGE: [f64; 2] = [9.7, 9.9];
 
+/// Accepted range of the nominal interval \[s\]: from the resolution of a sample's interval to the longest one.
+pub const NOMINAL_INTERVAL_RANGE: [f64; 2] = [1e-9, 3600.0];
+
 /// Accepted range of the time constant of the lagged telemetry \[s\].
 pub const LAG_RANGE: [f64; 2] = [0.1, 86_400.0];
 
@@ -19,6 +22,12 @@ pub(super) const NO_LAG: &str = "needs the time constant of the lagged telemetry
 pub(super) fn gravity_fault(gravity: f64) -> Option<String> {
     let [low, high] = GRAVITY_RANGE;
     (!(low..=high).contains(&gravity)).then(|| format!("is {gravity:?}, give the value of 1 g0, {low} to {high} m/s2"))
+}
+
+pub(super) fn nominal_interval_fault(interval: f64) -> Option<String> {
+    let [low, high] = NOMINAL_INTERVAL_RANGE;
+    (!(low..=high).contains(&interval))
+        .then(|| format!("is {interval:?}, give the control period of the scale factors, {low:e} to {high} s"))
 }
 
 pub(super) fn max_age_fault(age: f64) -> Option<String> {

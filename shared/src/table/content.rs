@@ -2,7 +2,7 @@
 
 use super::checks::{
     NO_LAG, alignment_fault, bias_fault, g_sensitivity_fault, gravity_fault, lag_fault, max_age_fault, max_rate_fault,
-    negative_scale_factor_fault, positive_scale_factor_fault, transient_fault,
+    negative_scale_factor_fault, nominal_interval_fault, positive_scale_factor_fault, transient_fault,
 };
 use super::digest::Digest;
 use crate::polynomial::Polynomial;
@@ -101,7 +101,7 @@ pub struct Gyroscopes {
 pub const GRAVITY_ONLY: &str = "gravity-only";
 
 /// Highest version of the file format.
-pub const FORMAT: u8 = 2;
+pub const FORMAT: u8 = 3;
 
 /// The content of a table, not checked yet.
 #[derive(Clone, Debug, PartialEq)]
@@ -114,6 +114,9 @@ pub struct Content {
     pub serial: Option<String>,
     /// The value of 1 g0 \[m/s2\].
     pub gravity: f64,
+    /// The control period that the scale factors are of, which readings have \[s\]; none for pulse counters, whose
+    /// scale factors are of no period. See [`interval_fits`](crate::nominal::interval_fits).
+    pub nominal_interval_s: Option<f64>,
     /// Unit of the telemetry, a label.
     pub temperature_unit: String,
     /// Policy for telemetry outside a range.
@@ -151,7 +154,11 @@ impl Content {
     #[must_use]
     pub fn least_format(&self) -> u8 {
         let transient = self.axes.iter().any(|axis| axis.transient != 0.0);
-        if transient || self.lag_s.is_some() || self.gyroscopes.is_some() { FORMAT } else { 1 }
+        match (self.nominal_interval_s, transient || self.lag_s.is_some() || self.gyroscopes.is_some()) {
+            (Some(_), _) => 3,
+            (None, true) => 2,
+            (None, false) => 1,
+        }
     }
 
     pub(super) fn refusals(&self) -> Vec<Refusal> {
@@ -163,6 +170,8 @@ impl Content {
         let fault = (!(least..=FORMAT).contains(&self.format)).then(|| format!("is {}, give {least}", self.format));
         check("format".to_owned(), fault);
         check("imu.gravity".to_owned(), gravity_fault(self.gravity));
+        let nominal = self.nominal_interval_s.and_then(nominal_interval_fault);
+        check("imu.nominal_interval_s".to_owned(), nominal);
         check("temperature.max_age_s".to_owned(), self.max_age_s.and_then(max_age_fault));
         check("lag.time_constant_s".to_owned(), self.lag_s.and_then(lag_fault));
         let gyroscopes =
@@ -194,10 +203,11 @@ impl Content {
     /// The lines, in this order:
     ///
     /// ```text
-    /// isotherm-table 1                         the format, 1 or 2
+    /// isotherm-table 1                         the format, 1, 2 or 3
     /// imu.id TEXT
     /// imu.serial TEXT                          only if present
     /// imu.gravity NUMBER
+    /// imu.nominal_interval_s NUMBER            only if present
     /// temperature.unit TEXT
     /// temperature.out_of_range TEXT
     /// temperature.max_age_s NUMBER             only if present
@@ -228,6 +238,9 @@ impl Content {
             line("imu.serial", text(serial));
         }
         line("imu.gravity", numbers(&[self.gravity]));
+        if let Some(interval) = self.nominal_interval_s {
+            line("imu.nominal_interval_s", numbers(&[interval]));
+        }
         line("temperature.unit", text(&self.temperature_unit));
         line("temperature.out_of_range", text(self.out_of_range.name()));
         if let Some(age) = self.max_age_s {

@@ -4,7 +4,7 @@
 
 use super::checks::{
     NO_LAG, alignment_fault, bias_fault, g_sensitivity_fault, gravity_fault, lag_fault, max_age_fault, max_rate_fault,
-    negative_scale_factor_fault, positive_scale_factor_fault, transient_fault,
+    negative_scale_factor_fault, nominal_interval_fault, positive_scale_factor_fault, transient_fault,
 };
 use super::content::{
     AXIS_NAMES, Axis, Content, FORMAT, G_SENSITIVITY_KEYS, GRAVITY_ONLY, GYROSCOPE_NAMES, Gyroscopes, OutOfRange,
@@ -21,6 +21,8 @@ use nalgebra::Matrix3;
 
 /// The unit of a g-sensitivity.
 const G_SENSITIVITY_UNIT: &str = "deg/h/g0";
+/// The version of the file format, for messages.
+const FORMATS: &str = "format = 1, or 2 with gyroscopes or a lag, or 3 with a nominal interval";
 const POWERS: [&str; MAX_ORDER + 1] = ["c0", "c1", "c2", "c3", "c4", "c5", "c6", "c7"];
 
 /// How reading treats a file's digest.
@@ -117,7 +119,11 @@ impl CoefficientTable {
         if let Some(serial) = &content.serial {
             line(format_args!("serial = {}", quoted(serial)));
         }
-        line(format_args!("gravity = {:?}\n\n[temperature]", content.gravity));
+        line(format_args!("gravity = {:?}", content.gravity));
+        if let Some(interval) = content.nominal_interval_s {
+            line(format_args!("nominal_interval_s = {interval:?}"));
+        }
+        line(format_args!("\n[temperature]"));
         line(format_args!("unit = {}", quoted(&content.temperature_unit)));
         line(format_args!("out_of_range = \"{}\"", content.out_of_range.name()));
         if let Some(age) = content.max_age_s {
@@ -152,11 +158,11 @@ impl CoefficientTable {
 }
 
 fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<CoefficientTable> {
-    let format = root.number("format", "format = 1, or 2 with gyroscopes or a lag: the version of this file format");
+    let format = root.number("format", FORMATS);
     let format = format.and_then(|format| {
         let known = (1..=FORMAT).find(|known| f64::from(*known) == format);
         if known.is_none() {
-            root.fault("format", "unknown; this version reads format = 1 and 2");
+            root.fault("format", "unknown; this version reads format = 1, 2 and 3");
         }
         known
     });
@@ -200,7 +206,7 @@ fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<
 
 /// All that the digest is of, as far as it can be read; its values may be refused.
 fn content(root: &Section<'_, '_>, format: Option<u8>, expected: Option<&ImuId>) -> Option<Content> {
-    let imu = root.section("imu", "[imu] with id and gravity").and_then(|section| imu(section, expected));
+    let imu = root.section("imu", "[imu] with id and gravity").and_then(|section| imu(section, format, expected));
     let temperature = root.section("temperature", "[temperature] with unit and out_of_range").and_then(temperature);
     let lag = root.optional_section("lag").map(lag);
     let lag_given = lag.is_some();
@@ -208,7 +214,7 @@ fn content(root: &Section<'_, '_>, format: Option<u8>, expected: Option<&ImuId>)
     let alignment = root.optional_section("alignment").map(alignment);
     let gyroscopes = gyroscopes(root, format, lag_given);
 
-    let (id, serial, gravity) = imu?;
+    let (id, serial, gravity, nominal_interval_s) = imu?;
     let (temperature_unit, out_of_range, max_age_s) = temperature?;
     // An optional part that is there must be right.
     Some(Content {
@@ -216,6 +222,7 @@ fn content(root: &Section<'_, '_>, format: Option<u8>, expected: Option<&ImuId>)
         imu: id,
         serial,
         gravity,
+        nominal_interval_s,
         temperature_unit,
         out_of_range,
         max_age_s,
@@ -235,7 +242,10 @@ fn content(root: &Section<'_, '_>, format: Option<u8>, expected: Option<&ImuId>)
     })
 }
 
-fn imu(section: Section<'_, '_>, expected: Option<&ImuId>) -> Option<(ImuId, Option<String>, f64)> {
+/// Identifier, serial number, gravity, nominal interval.
+type Imu = (ImuId, Option<String>, f64, Option<f64>);
+
+fn imu(section: Section<'_, '_>, format: Option<u8>, expected: Option<&ImuId>) -> Option<Imu> {
     let id = section.imu_id("id");
     if let (Some(id), Some(expected)) = (&id, expected)
         && id != expected
@@ -245,8 +255,13 @@ fn imu(section: Section<'_, '_>, expected: Option<&ImuId>) -> Option<(ImuId, Opt
     let serial = section.optional_string("serial").map(str::to_owned);
     let gravity = section.number("gravity", "the value of 1 g0 in m/s2, for example 9.8015");
     section.refuse("gravity", gravity.and_then(gravity_fault));
+    let nominal_interval_s = section.optional_number("nominal_interval_s");
+    if section.has("nominal_interval_s") && format.is_some_and(|format| format < 3) {
+        section.fault("nominal_interval_s", "is a part of format 3; give format = 3");
+    }
+    section.refuse("nominal_interval_s", nominal_interval_s.and_then(nominal_interval_fault));
     section.finish();
-    Some((id?, serial, gravity?))
+    Some((id?, serial, gravity?, nominal_interval_s))
 }
 
 fn temperature(section: Section<'_, '_>) -> Option<(String, OutOfRange, Option<f64>)> {

@@ -76,7 +76,7 @@ fn the_digest_of_format_2_is_the_documented_one() {
 type BadValue = (&'static str, &'static str, &'static str, &'static str, &'static str);
 
 const BAD_VALUES: [BadValue; 47] = [
-    ("format", "format = 2", "format = 3", "format", "reads format = 1 and 2"),
+    ("format", "format = 2", "format = 4", "format", "reads format = 1, 2 and 3"),
     ("[lag]", "time_constant_s = 240.0", "time_constant_s = 0.0999", "lag.time_constant_s", "0.1 to 86400 s"),
     ("[lag]", "time_constant_s = 240.0", "time_constant_s = 86400.1", "lag.time_constant_s", "0.1 to 86400 s"),
     ("[lag]", "time_constant_s = 240.0", "time_constant_s = -240.0", "lag.time_constant_s", "0.1 to 86400 s"),

@@ -3,4 +3,6 @@
 
 mod difference;
 mod format_2;
+mod format_3;
 mod properties;
+mod readings;

@@ -73,6 +73,7 @@ prop_compose! {
         imu in "[a-z0-9_-]{1,32}",
         serial in prop::option::of("\\PC{0,20}"),
         gravity in 9.7..9.9f64,
+        nominal_interval_s in prop::option::of(1e-9..3600f64),
         temperature_unit in "\\PC{0,10}",
         out_of_range in prop::sample::select(OutOfRange::NAMES.map(|(policy, _)| policy).to_vec()),
         max_age_s in prop::option::of(1e-3..1e3f64),
@@ -90,7 +91,8 @@ prop_compose! {
         }
         let lag_s = with_lag.then_some(LAG_NS as f64 / 1e9);
         let mut content = Content {
-            format: 1, imu, serial, gravity, temperature_unit, out_of_range, max_age_s, lag_s, axes, alignment, gyroscopes,
+            format: 1, imu, serial, gravity, nominal_interval_s, temperature_unit, out_of_range, max_age_s, lag_s, axes,
+            alignment, gyroscopes,
         };
         content.format = content.least_format();
         CoefficientTable::new(content).unwrap()

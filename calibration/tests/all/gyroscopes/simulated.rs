@@ -5,7 +5,7 @@ use isotherm_calibration::{Calibration, CalibrationOptions, calibrate, read_meas
 use isotherm_campaign::Campaign;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::compensate::answer;
-use isotherm_shared::table::{CoefficientTable, Content, FORMAT};
+use isotherm_shared::table::{CoefficientTable, Content};
 use isotherm_shared::units::ARCSEC;
 use isotherm_shared::wire::{RawSample, Triad};
 use isotherm_simulation::{
@@ -25,7 +25,7 @@ fn accelerometers() -> Content {
 
 /// The paper's accelerometers with typical gyroscopes.
 fn whole() -> Content {
-    Content { format: FORMAT, gyroscopes: typical_gyroscopes(&Chain::default()), ..accelerometers() }
+    Content { format: 2, gyroscopes: typical_gyroscopes(&Chain::default()), ..accelerometers() }
 }
 
 fn truth() -> Truth {

@@ -10,7 +10,7 @@ use isotherm_calibration::{Calibration, CalibrationError, CalibrationOptions, ca
 use isotherm_campaign::{Campaign, outer_axis};
 use isotherm_recording::CampaignRow;
 use isotherm_shared::polynomial::Polynomial;
-use isotherm_shared::table::{Axis, CoefficientTable, Content, FORMAT, Gyroscopes, OutOfRange, Turntable};
+use isotherm_shared::table::{Axis, CoefficientTable, Content, Gyroscopes, OutOfRange, Turntable};
 use isotherm_shared::units::BiasUnit;
 use isotherm_shared::wire::{RawSample, Triad};
 use isotherm_simulation::{InertialMotion, SimulatedGyroscopes, SimulatedTriad, Truth, worst_gyroscope_errors};
@@ -236,10 +236,11 @@ impl Station {
         );
         let misalignment = Matrix3::from_fn(|i, j| self.gyroscopes[i].m[j]);
         let content = Content {
-            format: FORMAT,
+            format: 2,
             imu: "imu-g".parse().unwrap(),
             serial: None,
             gravity: G0,
+            nominal_interval_s: None,
             temperature_unit: "V".to_owned(),
             out_of_range: OutOfRange::Clamp,
             max_age_s: None,

@@ -1,7 +1,7 @@
 //! Simulated IMUs with a lag or with hysteresis, on the ramps of one afternoon.
 
 use isotherm_calibration::{BiasTransient, CurveSource, LagChoice, RampRecording, TransientOptions, Transients, fit};
-use isotherm_shared::table::{CoefficientTable, FORMAT};
+use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_simulation::{Chain, Noise, Play, RampSchedule, RandomGenerator, RunSchedule, Truth, ramp};
 
@@ -15,7 +15,7 @@ pub(crate) const TRANSIENTS: [f64; AXES] = [35.0, -20.0, 12.0];
 pub(crate) fn truth(tau_s: f64, transients: [f64; AXES], plays: Vec<Play>) -> Truth {
     let mut content = CoefficientTable::from_toml(PAPER, None).unwrap().content().clone();
     content.lag_s = Some(tau_s);
-    content.format = FORMAT;
+    content.format = content.least_format();
     for (axis, transient) in content.axes.iter_mut().zip(transients) {
         axis.transient = transient * 1e-6 / axis.bias_unit.factor();
     }

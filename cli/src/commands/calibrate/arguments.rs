@@ -1,6 +1,6 @@
 //! Arguments of `calibrate`, and what it prints.
 
-use crate::commands::common::Acceptance;
+use crate::commands::common::{Acceptance, ForeignArgs};
 use crate::parse::{gravity, height, lag_choice, latitude, numbers, seconds};
 use clap::{ArgGroup, Args};
 use isotherm_calibration::{LagChoice, Method, ScaleFactorChoice};
@@ -86,6 +86,8 @@ pub(crate) struct Calibrate {
     pub(super) verbose: bool,
     #[command(flatten)]
     pub(super) without_turntable: GravityOnlyArgs,
+    #[command(flatten)]
+    pub(super) foreign: ForeignArgs,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -139,7 +141,7 @@ pub(super) struct GravityOnlyArgs {
     /// Calibrate the accelerometers by the length of gravity alone: the recordings are of an IMU that was put down by
     /// hand in many attitudes
     ///
-    /// Each file is a recording of its own. A campaign file with method = "gravity-only" does the same, and has the
+    /// Each file is a recording of its own, or data of another program. A campaign file with method = "gravity-only" does the same, and has the
     /// next six options as keys
     #[arg(long, requires_all = ["imu", "local", "gravity_reference", "temperature_unit"])]
     pub gravity_only: bool,

@@ -136,6 +136,7 @@ impl Calibrate {
         let mut files: Vec<_> = all.iter().flat_map(|(_, samples)| inputs(samples.as_ref())).collect();
         files.extend(others.iter().flat_map(|(ramps, _)| inputs(ramps)));
         files.extend(others.iter().filter_map(|(_, curves)| Some((curves.as_deref()?, "the table curves"))));
+        files.extend(self.foreign.inputs());
         files.extend(file.map(|_| (self.campaign.as_path(), "the campaign file")));
         let outputs: Vec<_> =
             all.iter().flat_map(|(campaign, _)| self.outputs(&campaign.imu)).chain([self.batch.clone()]).collect();

@@ -3,7 +3,7 @@
 use crate::parse::{numbers, positive, time_constant};
 use clap::Args;
 use isotherm_failure::{Exit, Failure};
-use isotherm_shared::table::{Content, FORMAT};
+use isotherm_shared::table::Content;
 use isotherm_shared::wire::AXES;
 use isotherm_simulation::Play;
 
@@ -68,9 +68,7 @@ impl MemoryOptions {
                 "--lag: no bias has a transient that would show it; give --transient too",
             ));
         }
-        if content.lag_s.is_some() {
-            content.format = FORMAT;
-        }
+        content.format = content.format.max(content.least_format());
         Ok(())
     }
 

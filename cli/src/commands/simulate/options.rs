@@ -6,7 +6,7 @@ use clap::Args;
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{Output, StagedText, WorldWritable, load_table, print};
 use isotherm_shared::stream::ImuId;
-use isotherm_shared::table::{CoefficientTable, Content, FORMAT, Refusal};
+use isotherm_shared::table::{CoefficientTable, Content, Refusal};
 use isotherm_shared::wire::AXES;
 use isotherm_simulation::{Chain, MISALIGNMENT, Noise, TILT_RAD, Truth, typical_gyroscopes};
 use serde::Serialize;
@@ -102,7 +102,7 @@ impl SimulatedImuOptions {
         }
         if self.gyroscopes && content.gyroscopes.is_none() {
             content.gyroscopes = typical_gyroscopes(&chain_in(&content.temperature_unit)?.0);
-            content.format = FORMAT;
+            content.format = content.least_format();
         }
         self.memory.apply(&mut content)?;
         let plays = self.memory.plays(content.gyroscopes.is_some())?;

@@ -9,13 +9,14 @@ use std::path::Path;
 use std::process::ExitCode;
 
 /// Source files of the interface, relative to `client/c`.
-const SOURCES: [&str; 8] = [
+const SOURCES: [&str; 9] = [
     "../../shared/src/wire.rs",
     "src/acquisition.rs",
     "src/code.rs",
     "src/flags.rs",
     "src/lag.rs",
     "src/reader.rs",
+    "src/readings.rs",
     "src/thread.rs",
     "src/values.rs",
 ];

@@ -20,6 +20,7 @@
 //! Over 400 lines: one file has all keys of a mapping, and the tests of their faults.
 
 use isotherm_shared::document::{Document, Faults, Section};
+use isotherm_shared::table::STANDARD_GRAVITY;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS};
 
 /// Shortest nominal interval \[ns\].
@@ -117,6 +118,10 @@ pub struct Sensors {
     pub resolution: Option<f64>,
     /// 1, or -1 for an axis that points the other way.
     pub sign: [f64; AXES],
+    /// One of the column's unit \[m/s2 or rad/s\], of readings; `None`: 1, unless the numbers are counts.
+    pub unit: Option<f64>,
+    /// Largest reading of the type, in the column's unit.
+    pub range: Option<f64>,
 }
 
 /// Where the telemetry comes from.
@@ -141,6 +146,11 @@ pub struct KnownColumns {
     /// The telemetry of all rows; `None`: that of the data, if they have any.
     pub temperature: Option<f64>,
 }
+
+/// Units of accelerometers \[m/s2\]. A g is the standard one, whatever gravity is where the IMU is.
+const OF_ACCELEROMETERS: [(f64, &str); 2] = [(1.0, "m/s2"), (STANDARD_GRAVITY, "g")];
+/// Units of gyroscopes \[rad/s\].
+const OF_GYROSCOPES: [(f64, &str); 2] = [(1.0, "rad/s"), (core::f64::consts::PI / 180.0, "deg/s")];
 
 const WANTED: &str = "give the mapping file; the data come without --mapping";
 
@@ -177,12 +187,14 @@ impl Mapping {
             section.finish();
             time
         });
-        let accelerometer = root.section("accelerometer", "a section [accelerometer]").and_then(|s| sensors(s, header));
+        let accelerometer = root
+            .section("accelerometer", "a section [accelerometer]")
+            .and_then(|s| sensors(s, header, &OF_ACCELEROMETERS));
         let mixed = root.optional_section("gyroscope");
         let has_gyroscope = mixed.is_some();
         let gyroscope = mixed.and_then(|section| {
             let line = section.line();
-            let sensors = sensors(section, header);
+            let sensors = sensors(section, header, &OF_GYROSCOPES);
             if let (Some(a), Some(g)) = (&accelerometer, &sensors)
                 && a.kind != g.kind
             {
@@ -300,7 +312,7 @@ fn columns(
     None
 }
 
-fn sensors(section: Section<'_, '_>, header: bool) -> Option<Sensors> {
+fn sensors(section: Section<'_, '_>, header: bool, units: &[(f64, &str)]) -> Option<Sensors> {
     let columns = columns(&section, "columns", &[AXES], "three columns, of the axes 1, 2, 3", header);
     let kind = section.choice("kind", &[(Kind::Reading, "reading"), (Kind::Increment, "increment")]);
     let offset = section.optional_number("offset").unwrap_or(0.0);
@@ -311,6 +323,18 @@ fn sensors(section: Section<'_, '_>, header: bool) -> Option<Sensors> {
             .filter(|resolution| *resolution <= 0.0 || !(1.0 / resolution).is_finite())
             .map(|resolution| format!("is {resolution}, give one pulse in the column's unit, over 0")),
     );
+    let unit = section.optional_choice("unit", units);
+    let range = section.optional_number("range");
+    let wrong = range.filter(|range| *range <= 0.0);
+    section.refuse(
+        "range",
+        wrong.map(|range| format!("is {range}, give the largest reading in the column's unit, over 0")),
+    );
+    if kind == Some(Kind::Increment) {
+        for key in ["unit", "range"].into_iter().filter(|key| section.has(key)) {
+            section.fault(key, "is for readings, and kind is \"increment\"; leave it out");
+        }
+    }
     let sign = match section.has("sign") {
         true => section.numbers("sign", "three signs, each 1 or -1"),
         false => {
@@ -325,7 +349,7 @@ fn sensors(section: Section<'_, '_>, header: bool) -> Option<Sensors> {
     section.refuse("columns", twice.map(|_| "has one column for two axes; give three different columns".to_owned()));
     section.finish();
     let columns = <[ColumnRef; AXES]>::try_from(columns?).ok()?;
-    Some(Sensors { columns, kind: kind?, offset, resolution, sign: right? })
+    Some(Sensors { columns, kind: kind?, offset, resolution, sign: right?, unit, range })
 }
 
 fn temperature_of(section: Section<'_, '_>, header: bool, gyroscopes: bool) -> Option<Temperature> {

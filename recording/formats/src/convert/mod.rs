@@ -6,6 +6,7 @@
 
 mod calendar;
 mod clock;
+mod foreign;
 mod interval;
 mod mapping;
 mod novatel;
@@ -13,11 +14,15 @@ mod proposal;
 mod refused;
 mod rollover;
 mod ros;
+mod scale;
 mod source;
 mod stamped;
 mod text;
 
+pub use foreign::Foreign;
 pub use mapping::{ColumnRef, Decimal, Kind, KnownColumns, Mapping, Sensors, Temperature, Time, TimeUnit};
+pub(crate) use ros::is_bag;
+pub use scale::Scale;
 
 use interval::{GAP, Steps};
 use isotherm_failure::{Exit, Failure};
@@ -28,6 +33,7 @@ use isotherm_recording::columns::{Layout, MCAP_MAGIC};
 use isotherm_recording::csv::Rows;
 use isotherm_shared::document::Faults;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, Triad};
+use scale::Telemetry;
 use source::{Reading, Source};
 use stamped::Stamped;
 use std::io::{Cursor, Read};
@@ -51,6 +57,8 @@ pub struct Settings {
     pub topic: Option<String>,
     /// The topic of the `sensor_msgs/msg/Temperature`, if there are several.
     pub temperature_topic: Option<String>,
+    /// The sensor of a log that has several of a kind.
+    pub instance: Option<u32>,
     /// The session of all samples; 0 unless given.
     pub session: u64,
 }
@@ -68,6 +76,7 @@ pub struct Conversion {
     rows: u64,
     gaps: Gaps,
     steps: Steps,
+    telemetry: Telemetry,
     ended: bool,
 }
 
@@ -121,6 +130,11 @@ impl Conversion {
         Self::read(name, Box::new(text), mapping, settings)
     }
 
+    /// As [`open`](Self::open), of a file that is open.
+    pub(crate) fn of_source(path: &Path, source: Box<dyn Read>, foreign: &Foreign) -> Result<Self, Failure> {
+        Self::read(path, source, foreign.named(), &foreign.settings)
+    }
+
     fn read(
         path: &Path,
         mut source: Box<dyn Read>,
@@ -143,6 +157,12 @@ impl Conversion {
                 format!("{}: a topic is named, but this is not MCAP", path.display()),
             ));
         }
+        if settings.instance.is_some() {
+            return Err(Failure::new(
+                Exit::Usage,
+                format!("{}: an instance is named, but this is no log of an autopilot", path.display()),
+            ));
+        }
         if is_mcap || is_novatel {
             let known = match mapping {
                 Some((file, text)) => KnownColumns::from_toml(text).map_err(|faults| refuse(file, faults))?,
@@ -150,7 +170,7 @@ impl Conversion {
             };
             let temperature = settings.temperature.or(known.temperature);
             let source: Box<dyn Source> = if is_mcap {
-                Box::new(ros::RosSource::open(path, settings, temperature)?)
+                Box::new(ros::RosSource::open(path, source, settings, temperature)?)
             } else {
                 Box::new(novatel::NovatelSource::new(source, temperature))
             };
@@ -205,6 +225,7 @@ impl Conversion {
             rows: 0,
             gaps: Gaps::default(),
             steps: Steps::new(nominal_ns),
+            telemetry: Telemetry::default(),
             ended: false,
         })
     }
@@ -287,11 +308,23 @@ impl Conversion {
         found
     }
 
-    fn advance(&mut self) -> Result<Option<RawSample>, RecordingError> {
+    /// The next row, with its place: line or message.
+    pub(crate) fn next_row(&mut self) -> Result<Option<(u64, RawSample)>, RecordingError> {
         let Some(reading) = self.input.next()? else { return Ok(None) };
-        let sample = self.sample(&reading).map_err(|message| self.input.source.error(reading.place, message))?;
+        let sample = self.sample(&reading).map_err(|message| self.error(reading.place, message))?;
         self.rows += 1;
-        Ok(Some(sample))
+        self.telemetry.take(&sample);
+        Ok(Some((reading.place, sample)))
+    }
+
+    /// An error about the row at this place.
+    pub(crate) fn error(&self, place: u64, message: String) -> RecordingError {
+        self.input.source.error(place, message)
+    }
+
+    /// What places count; `None` for lines.
+    pub(crate) fn unit(&self) -> Option<&'static str> {
+        self.input.source.unit()
     }
 
     fn sample(&mut self, reading: &Reading) -> Result<RawSample, String> {
@@ -349,9 +382,9 @@ impl Iterator for Conversion {
         if self.ended {
             return None;
         }
-        let item = self.advance().transpose();
+        let item = self.next_row().transpose();
         self.ended = !matches!(item, Some(Ok(_)));
-        item.map(|item| item.map_err(|error| error.failure(&self.path)))
+        item.map(|item| item.map(|(_, sample)| sample).map_err(|error| error.failure(&self.path)))
     }
 }
 

@@ -12,6 +12,7 @@
 //! seconds, without leap seconds.
 
 use super::PLACEHOLDER;
+use super::scale::Units;
 use super::source::{Reading, Source};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
@@ -147,6 +148,15 @@ impl Source for NovatelSource {
 
     fn error(&self, place: u64, message: String) -> RecordingError {
         RecordingError::Data { line: if place == 0 { self.line.max(1) } else { place }, message }
+    }
+
+    fn unit(&self) -> Option<&'static str> {
+        None
+    }
+
+    fn units(&self) -> Result<Units, String> {
+        Err("the counts of these logs are increments, whose unit is that of the IMU's type; make the table by hand"
+            .to_owned())
     }
 
     fn has_gyroscopes(&self) -> bool {

@@ -3,6 +3,7 @@
 //! The time is that of `header.stamp`. The telemetry of a row is that of the last `sensor_msgs/msg/Temperature` up to
 //! its time; so the file is read twice, first for the topics and the temperatures.
 
+use super::scale::Units;
 use super::source::{Reading, Source};
 use super::{Settings, pulses};
 use crate::read::records::Records;
@@ -11,14 +12,19 @@ use isotherm_failure::{Exit, Failure};
 use isotherm_files::open_recording;
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
+use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use mcap::records::Record;
 use std::collections::{BTreeMap, HashMap};
+use std::fs;
+use std::io::Read;
 use std::path::Path;
 use std::rc::Rc;
 
 /// One pulse \[m/s2 or rad/s\].
 const RESOLUTION: f64 = 1e-6;
+/// With what the schemas of Isotherm begin.
+const OWN: &str = "isotherm.";
 /// Most topics that a message lists.
 const LISTED: usize = 40;
 
@@ -87,6 +93,26 @@ impl Channel {
 /// A message and its channel.
 type OfChannel = (Rc<Channel>, Vec<u8>);
 
+/// Whether an MCAP file has messages of `sensor_msgs/msg/Imu`, and before them none of Isotherm. False of a pipe, and of
+/// a file that cannot be read up to there.
+pub(crate) fn is_bag(path: &Path) -> bool {
+    let file = fs::metadata(path).is_ok_and(|metadata| metadata.is_file()) && path != Path::new("-");
+    let Some(mut messages) = file.then(|| Messages::open(path).ok()).flatten() else { return false };
+    loop {
+        match messages.records.next() {
+            Ok(Some(Record::Message { .. })) => continue,
+            Ok(Some(record)) => drop(messages.take(record)),
+            Ok(None) | Err(_) => return false,
+        }
+        if messages.schemas.values().any(|schema| schema.starts_with(OWN)) {
+            return false;
+        }
+        if messages.channels.values().any(|channel| channel.kind == MessageKind::Imu) {
+            return true;
+        }
+    }
+}
+
 /// What is in a file.
 #[derive(Default)]
 struct Contents {
@@ -102,7 +128,14 @@ impl RosSource {
     ///
     /// # Errors
     /// If there is no topic of the messages, or several and none is chosen; if the file cannot be read twice.
-    pub(super) fn open(path: &Path, settings: &Settings, temperature: Option<f64>) -> Result<Self, Failure> {
+    ///
+    /// The rows are read from `source`, the topics and temperatures before that from the file.
+    pub(super) fn open(
+        path: &Path,
+        source: Box<dyn Read>,
+        settings: &Settings,
+        temperature: Option<f64>,
+    ) -> Result<Self, Failure> {
         if path == Path::new("-") {
             return Err(Failure::new(
                 Exit::Usage,
@@ -124,7 +157,7 @@ impl RosSource {
         let mut values = chosen.as_ref().and_then(|topic| contents.temperatures.remove(topic)).unwrap_or_default();
         values.sort_by_key(|(stamp_ns, _)| *stamp_ns);
         let temperatures = Temperatures { topic: chosen, values, passed: 0, before: 0 };
-        let messages = Messages::open(path)?;
+        let messages = Messages::new(source);
         let mut source = Self { messages, topic, gyroscopes: true, first: None, temperature, temperatures };
         source.first = source.next_reading(true).map_err(failed)?;
         Ok(source)
@@ -185,6 +218,15 @@ impl Source for RosSource {
         self.messages.error(place, message)
     }
 
+    fn unit(&self) -> Option<&'static str> {
+        Some("message")
+    }
+
+    fn units(&self) -> Result<Units, String> {
+        let resolution = Resolution { accelerometer: RESOLUTION, gyroscope: RESOLUTION };
+        Ok(Units { resolution, ..Units::default() })
+    }
+
     fn has_gyroscopes(&self) -> bool {
         self.gyroscopes
     }
@@ -240,7 +282,7 @@ impl Contents {
     }
 
     fn no_imu(&self) -> String {
-        let own = self.topics.values().any(|schema| schema.starts_with("isotherm."));
+        let own = self.topics.values().any(|schema| schema.starts_with(OWN));
         let own =
             if own { "; a recording of Isotherm needs no conversion, every command reads it as it is" } else { "" };
         format!("no messages{own}")
@@ -275,8 +317,11 @@ fn choose(topics: &[String], wanted: Option<&str>, option: &str) -> Result<Optio
 
 impl Messages {
     fn open(path: &Path) -> Result<Self, Failure> {
-        let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
-        Ok(Self { records: Records::new(source), schemas: HashMap::new(), channels: HashMap::new(), count: 0 })
+        open_recording(path).map(Self::new).map_err(|error| Failure::io("opening", path, &error))
+    }
+
+    fn new(source: Box<dyn Read>) -> Self {
+        Self { records: Records::new(source), schemas: HashMap::new(), channels: HashMap::new(), count: 0 }
     }
 
     /// The next message and its channel.
@@ -285,24 +330,30 @@ impl Messages {
             let record = self.records.next();
             let record = record.map_err(|error| error.located(|message| self.error(self.count, message)))?;
             let Some(record) = record else { return Ok(None) };
-            match record {
-                Record::Schema { header, .. } => drop(self.schemas.insert(header.id, header.name)),
-                Record::Channel(channel) => {
-                    let schema = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
-                    let encoding = &channel.message_encoding;
-                    self.channels.insert(channel.id, Rc::new(Channel::new(channel.topic, schema, encoding)));
-                }
-                Record::Message { header, data } => {
-                    self.count += 1;
-                    if let Some(channel) = self.channels.get(&header.channel_id)
-                        && channel.kind != MessageKind::Other
-                    {
-                        return Ok(Some((Rc::clone(channel), data.into_owned())));
-                    }
-                }
-                _ => {}
+            if let Some(message) = self.take(record) {
+                return Ok(Some(message));
             }
         }
+    }
+
+    /// Takes a record; returns a message that concerns a conversion.
+    fn take(&mut self, record: Record<'static>) -> Option<OfChannel> {
+        match record {
+            Record::Schema { header, .. } => drop(self.schemas.insert(header.id, header.name)),
+            Record::Channel(channel) => {
+                let schema = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
+                let encoding = &channel.message_encoding;
+                self.channels.insert(channel.id, Rc::new(Channel::new(channel.topic, schema, encoding)));
+            }
+            Record::Message { header, data } => {
+                self.count += 1;
+                let channel = self.channels.get(&header.channel_id);
+                let channel = channel.filter(|channel| channel.kind != MessageKind::Other)?;
+                return Some((Rc::clone(channel), data.into_owned()));
+            }
+            _ => {}
+        }
+        None
     }
 
     fn error(&self, place: u64, message: String) -> RecordingError {

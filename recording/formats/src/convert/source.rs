@@ -1,6 +1,7 @@
 //! What the foreign formats give.
 
 use super::rollover::Counter;
+use super::scale::Units;
 use isotherm_finding::Finding;
 use isotherm_recording::RecordingError;
 use isotherm_shared::wire::AXES;
@@ -25,6 +26,12 @@ pub(super) trait Source {
 
     /// An error about the row at this place.
     fn error(&self, place: u64, message: String) -> RecordingError;
+
+    /// What places count; `None` for lines.
+    fn unit(&self) -> Option<&'static str>;
+
+    /// What the numbers stand for. `Err` says why it is not known, with a remedy. Valid after the last row.
+    fn units(&self) -> Result<Units, String>;
 
     /// Whether the rows have gyroscopes.
     fn has_gyroscopes(&self) -> bool;

@@ -2,12 +2,14 @@
 
 use super::mapping::{ColumnRef, Decimal, Kind, Mapping, Sensors, Temperature, TimeUnit};
 use super::rollover::Counter;
+use super::scale::Units;
 use super::source::{Reading, Source};
 use super::{calendar, proposal, pulses};
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{
     CsvColumn, DecimalMark, Rows, digits_with, looks_like_number, missing_columns, nearest_double,
 };
+use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use std::borrow::Cow;
 use std::io::Read;
@@ -43,7 +45,12 @@ struct Axes {
     resolution: Option<f64>,
     /// Whether the resolution was taken from the first row, where all numbers are whole.
     taken_for_whole: bool,
+    /// Whether all numbers so far are whole.
+    all_whole: bool,
     sign: [f64; AXES],
+    /// One of the column's unit \[m/s2 or rad/s\], and the largest reading in it.
+    unit: Option<f64>,
+    range: Option<f64>,
 }
 
 enum Telemetry {
@@ -110,8 +117,9 @@ impl TextSource {
         };
         let axes = |sensors: &Sensors| -> Result<Axes, RecordingError> {
             let [x, y, z] = &sensors.columns;
-            let Sensors { offset, resolution, sign, .. } = *sensors;
-            Ok(Axes { columns: [find(x)?, find(y)?, find(z)?], offset, resolution, taken_for_whole: false, sign })
+            let Sensors { offset, resolution, sign, unit, range, .. } = *sensors;
+            let columns = [find(x)?, find(y)?, find(z)?];
+            Ok(Axes { columns, offset, resolution, taken_for_whole: false, all_whole: true, sign, unit, range })
         };
         let telemetry = match &mapping.temperature {
             Temperature::Constant(constant) => Telemetry::Constant(*constant),
@@ -210,6 +218,25 @@ impl Source for TextSource {
         RecordingError::Data { line: if place == 0 { self.rows.line() } else { place }, message }
     }
 
+    fn unit(&self) -> Option<&'static str> {
+        None
+    }
+
+    fn units(&self) -> Result<Units, String> {
+        if self.kind == Kind::Increment {
+            return Err(
+                "kind = \"increment\": what a count stands for is that of the IMU's type; make the table by hand"
+                    .to_owned(),
+            );
+        }
+        let (accelerometer, of_accelerometers) = self.accelerometers.scale("accelerometer", "\"m/s2\" or \"g\"")?;
+        let gyroscopes = self.gyroscopes.as_ref().map(|axes| axes.scale("gyroscope", "\"rad/s\" or \"deg/s\""));
+        // Without gyroscopes any resolution will do.
+        let (gyroscope, of_gyroscopes) = gyroscopes.transpose()?.unwrap_or((Resolution::default().gyroscope, None));
+        let resolution = Resolution { accelerometer, gyroscope };
+        Ok(Units { resolution, largest: [of_accelerometers, of_gyroscopes] })
+    }
+
     fn has_gyroscopes(&self) -> bool {
         self.gyroscopes.is_some()
     }
@@ -241,6 +268,7 @@ impl Axes {
             *number = marks.number(rows, column, false)?;
         }
         let whole = numbers.iter().all(|number| number.is_whole);
+        self.all_whole &= whole;
         let resolution = *self.resolution.get_or_insert_with(|| {
             self.taken_for_whole = whole;
             if whole { 1.0 } else { FINE }
@@ -256,6 +284,20 @@ impl Axes {
             to[axis] = pulses.map_err(|message| rows.error(format!("{}: {message}", self.columns[axis].name())))?;
         }
         Ok(())
+    }
+}
+
+impl Axes {
+    /// A pulse, and the largest reading \[m/s2 or rad/s\]. `section` is that of the mapping, `units` those it may have.
+    fn scale(&self, section: &str, units: &str) -> Result<(f64, Option<f64>), String> {
+        if self.unit.is_none() && (self.offset != 0.0 || self.all_whole) {
+            return Err(format!(
+                "{section}: the numbers look like counts; if they are readings, give its unit: {units}"
+            ));
+        }
+        let unit = self.unit.unwrap_or(1.0);
+        let resolution = self.resolution.ok_or_else(|| format!("{section}: no row has been read"))?;
+        Ok((resolution * unit, self.range.map(|range| range * unit)))
     }
 }
 

@@ -1,20 +1,28 @@
 //! Reads recordings. The format is detected by the first bytes. Several pieces of a recording, named in any order, are
-//! read as one.
+//! read as one. A piece may be foreign data, which are then read as [`convert`](crate::convert) makes raw samples of
+//! them.
 
+mod converted;
 mod fields;
+mod input;
 mod mcap;
 mod numbers;
+mod open;
 mod pages;
 mod panics;
 mod parquet;
+mod piece;
 mod places;
+mod recognise;
 mod recording;
 pub(crate) mod records;
 mod table;
 
+pub use input::Input;
 pub use numbers::{NumberRow, NumberTable, read_numbers};
+pub use piece::RowKind;
 pub use places::Places;
-pub use recording::{Recording, RowKind, Samples};
+pub use recording::{Recording, Samples};
 pub use table::ImuChoice;
 
 #[cfg(test)]

@@ -1,9 +1,10 @@
 //! Reads columns of numbers by name, and differences of two columns, from files of every format.
 
 use super::mcap::McapReader;
+use super::open::{Opened, open_source};
 use super::parquet::ParquetReader;
 use super::places::Places;
-use super::recording::{Opened, in_order, open_source, time_column};
+use super::recording::{in_order, time_column};
 use super::table::{ImuChoice, TableReader, WantedColumn};
 use core::ops::Sub;
 use indicatif::ProgressBar;

@@ -1,34 +1,25 @@
 //! Reads the pieces of a recording as one, in every format.
-//!
-//! Over 400 lines: sorting the pieces, reading them one after the other and locating errors in them form one reader.
 
-use super::mcap::McapReader;
-use super::parquet::ParquetReader;
+use super::converted::Converted;
+use super::input::Input;
+use super::open::SharedHash;
+use super::piece::{Piece, RowKind};
 use super::places::Places;
-use super::table::{ImuChoice, TableReader, WantedColumn, sample_columns};
+use super::table::WantedColumn;
+use crate::convert::Foreign;
 use indicatif::ProgressBar;
 use isotherm_failure::{Exit, Failure, tell};
-use isotherm_files::open_recording;
 use isotherm_finding::{Finding, Location, name};
-use isotherm_recording::columns::{ColumnSet, GYROSCOPES, LAG_NS, MCAP_MAGIC, PARQUET_MAGIC, RAW, store};
-use isotherm_recording::{CampaignCsvReader, CampaignRow, POSITION, RecordingError, SET_POINT, SequenceRule};
+use isotherm_recording::columns::ColumnSet;
+use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
 use isotherm_shared::lag::LagCompletion;
-use isotherm_shared::wire::{RawSample, Triad};
-use sha2::{Digest as _, Sha256};
-use std::cell::RefCell;
-use std::fs::{self, File};
-use std::io::{self, Cursor, Read};
+use isotherm_shared::stream::ImuId;
+use isotherm_shared::table::Nominal;
+use isotherm_shared::wire::RawSample;
+use sha2::Digest as _;
+use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
-use std::rc::Rc;
-
-/// The kind of rows that are read from a recording.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum RowKind {
-    /// Raw samples. Set points are 0, and there are no positions.
-    Sample,
-    /// Raw samples of a campaign, with set point and position.
-    Campaign,
-}
 
 /// An iterator over the rows of a recording that ends at the first error. [`failure`](Self::failure) turns that error
 /// into a [`Failure`] with file and place.
@@ -36,7 +27,7 @@ pub enum RowKind {
 /// The `line` of a row counts over all pieces; [`places`](Self::places) gives its file and the line or row in it.
 pub struct Recording {
     kind: RowKind,
-    choice: ImuChoice,
+    input: Input,
     bar: ProgressBar,
     /// Pieces that are not open yet, in reverse order.
     waiting: Vec<PathBuf>,
@@ -46,20 +37,9 @@ pub struct Recording {
     lag: LagCompletion,
     /// Number of pieces that have been opened.
     opened: u64,
+    /// What the pieces that have ended were.
+    converted: Converted,
     ended: bool,
-}
-
-type SharedHash = Rc<RefCell<Sha256>>;
-
-/// The piece that is being read.
-struct Piece {
-    path: PathBuf,
-    source: PieceSource,
-}
-
-enum PieceSource {
-    Csv(Box<CampaignCsvReader<Box<dyn Read>>>),
-    Table(Box<dyn TableReader>, Box<SequenceRule>, Vec<Option<u64>>),
 }
 
 impl Recording {
@@ -69,8 +49,8 @@ impl Recording {
     ///
     /// # Errors
     /// If a piece cannot be opened, is named twice, or has an invalid beginning.
-    pub fn open(paths: &[PathBuf], kind: RowKind, choice: ImuChoice, bar: &ProgressBar) -> Result<Self, Failure> {
-        Self::open_with(paths, kind, choice, bar, None)
+    pub fn open(paths: &[PathBuf], kind: RowKind, input: impl Into<Input>, bar: &ProgressBar) -> Result<Self, Failure> {
+        Self::open_with(paths, kind, input.into(), bar, None)
     }
 
     /// As [`open`](Self::open), and computes the SHA-256 of all bytes.
@@ -80,22 +60,24 @@ impl Recording {
     pub fn open_hashed(
         paths: &[PathBuf],
         kind: RowKind,
-        choice: ImuChoice,
+        input: impl Into<Input>,
         bar: &ProgressBar,
     ) -> Result<Self, Failure> {
-        Self::open_with(paths, kind, choice, bar, Some(SharedHash::default()))
+        Self::open_with(paths, kind, input.into(), bar, Some(SharedHash::default()))
     }
 
     fn open_with(
         paths: &[PathBuf],
         kind: RowKind,
-        choice: ImuChoice,
+        input: Input,
         bar: &ProgressBar,
         hash: Option<SharedHash>,
     ) -> Result<Self, Failure> {
+        let mut has_foreign = false;
         let mut known: Option<(PathBuf, String)> = None;
         let first_time = |path: &Path| {
-            let mut piece = Piece::open(path, kind, &choice, &ProgressBar::hidden(), None)?;
+            let mut piece = Piece::open(path, kind, &input, &ProgressBar::hidden(), None)?;
+            has_foreign |= piece.source.conversion().is_some();
             let row = piece.next(SequenceRule::default());
             let row = row.map_err(|error| error.failure(path))?;
             if let Some(imu) = piece.source.imu() {
@@ -116,11 +98,26 @@ impl Recording {
         let Some(first) = waiting.pop() else {
             return Err(Failure::new(Exit::Usage, "no recording is named"));
         };
-        let current = Piece::open(&first, kind, &choice, bar, hash.as_ref())?;
+        let current = Piece::open(&first, kind, &input, bar, hash.as_ref())?;
+        if !has_foreign && current.source.conversion().is_none() {
+            refuse_needless(&input, &first)?;
+        }
         let mut places = Places::default();
         places.begin(&current.path, current.source.unit(), 0);
         let lag = LagCompletion::default();
-        Ok(Self { kind, choice, bar: bar.clone(), waiting, current, places, hash, lag, opened: 1, ended: false })
+        Ok(Self {
+            kind,
+            input,
+            bar: bar.clone(),
+            waiting,
+            current,
+            places,
+            hash,
+            lag,
+            opened: 1,
+            converted: Converted::default(),
+            ended: false,
+        })
     }
 
     /// Sets the time constant \[ns\] of the lagged telemetry of all further rows, 0 for none. It is computed for pieces
@@ -152,9 +149,10 @@ impl Recording {
                 let finding = Finding::warning(name::TRUNCATED, warning).at(place);
                 tell("isotherm", finding.tagged(|line| line.to_string()));
             }
+            self.converted.take(&self.current);
             let Some(next) = self.waiting.pop() else { return Ok(None) };
             let before = self.places.before() + self.current.source.place();
-            let opened = Piece::open(&next, self.kind, &self.choice, &self.bar, self.hash.as_ref());
+            let opened = Piece::open(&next, self.kind, &self.input, &self.bar, self.hash.as_ref());
             // An error is unlikely: the beginning was already read to sort the pieces.
             let opened = opened.map_err(RecordingError::Piece)?;
             previous = Some(std::mem::replace(&mut self.current, opened).path);
@@ -183,6 +181,29 @@ impl Recording {
     #[must_use]
     pub const fn places(&self) -> &Places {
         &self.places
+    }
+
+    /// What the operator should know of foreign data, a line each; nothing of recordings. Valid after the last row.
+    #[must_use]
+    pub fn notes(&self) -> Vec<String> {
+        self.converted.notes()
+    }
+
+    /// What was found in the stamps and the format of foreign data, and concerns their worth. Nothing of recordings.
+    /// Valid after the last row.
+    #[must_use]
+    pub fn findings(&self) -> Vec<Finding> {
+        self.converted.findings()
+    }
+
+    /// What [`nominal_table`](isotherm_shared::table::nominal_table) needs to know of readings: as
+    /// [`Conversion::nominal`](crate::convert::Conversion::nominal), of all pieces. Valid after the last row.
+    ///
+    /// # Errors
+    /// If a piece is a recording, or if its unit is not known; if the pieces differ in interval, resolution, gyroscopes
+    /// or largest reading.
+    pub fn nominal(&self, imu: &ImuId) -> Result<Nominal, Failure> {
+        self.converted.nominal(imu)
     }
 
     /// SHA-256 of the bytes of all pieces, in order, as hexadecimal digits; empty unless opened by
@@ -238,16 +259,23 @@ impl Samples {
     ///
     /// # Errors
     /// As [`Recording::open`].
-    pub fn open(paths: &[PathBuf], choice: ImuChoice, bar: &ProgressBar) -> Result<Self, Failure> {
-        Recording::open(paths, RowKind::Sample, choice, bar).map(Self)
+    pub fn open(paths: &[PathBuf], input: impl Into<Input>, bar: &ProgressBar) -> Result<Self, Failure> {
+        Recording::open(paths, RowKind::Sample, input, bar).map(Self)
     }
 
     /// As [`Recording::open_hashed`].
     ///
     /// # Errors
     /// As [`Recording::open`].
-    pub fn open_hashed(paths: &[PathBuf], choice: ImuChoice, bar: &ProgressBar) -> Result<Self, Failure> {
-        Recording::open_hashed(paths, RowKind::Sample, choice, bar).map(Self)
+    pub fn open_hashed(paths: &[PathBuf], input: impl Into<Input>, bar: &ProgressBar) -> Result<Self, Failure> {
+        Recording::open_hashed(paths, RowKind::Sample, input, bar).map(Self)
+    }
+
+    /// The recording that the samples are of: [`notes`](Recording::notes), [`findings`](Recording::findings) and
+    /// [`nominal`](Recording::nominal) after the last row.
+    #[must_use]
+    pub const fn recording(&self) -> &Recording {
+        &self.0
     }
 
     /// As [`Recording::sha256_so_far`].
@@ -274,193 +302,6 @@ impl Iterator for Samples {
     fn next(&mut self) -> Option<Self::Item> {
         let item = self.0.next()?;
         Some(item.map(|row| row.sample).map_err(|error| self.0.failure(&error)))
-    }
-}
-
-impl Piece {
-    fn open(
-        path: &Path,
-        kind: RowKind,
-        choice: &ImuChoice,
-        bar: &ProgressBar,
-        hash: Option<&SharedHash>,
-    ) -> Result<Self, Failure> {
-        let failed = |error: RecordingError| error.failure(path);
-        let columns = || sample_columns(kind == RowKind::Campaign);
-        let source = match open_source(path, bar, hash)? {
-            Opened::Csv(source) => {
-                let reader = match kind {
-                    RowKind::Sample => CampaignCsvReader::of_samples(source),
-                    RowKind::Campaign => CampaignCsvReader::new(source),
-                };
-                PieceSource::Csv(Box::new(reader.map_err(failed)?))
-            }
-            Opened::Mcap(source) => table_source(McapReader::new(source, columns(), choice.clone(), true)),
-            Opened::Parquet(file) => {
-                table_source(ParquetReader::open(file, |_| Ok(columns()), choice, bar).map_err(failed)?)
-            }
-        };
-        Ok(Self { path: path.to_owned(), source })
-    }
-
-    /// The next row, with its line or row number in this piece. `rule` has the state after the previous sample.
-    fn next(&mut self, rule: SequenceRule) -> Result<Option<CampaignRow>, RecordingError> {
-        match &mut self.source {
-            PieceSource::Csv(reader) => {
-                reader.set_sequence_rule(rule);
-                reader.next().transpose()
-            }
-            PieceSource::Table(reader, own_rule, values) => {
-                if !reader.read(values)? {
-                    return Ok(None);
-                }
-                **own_rule = rule;
-                row_of(values, reader.row(), own_rule).map(Some).map_err(|message| reader.error(message))
-            }
-        }
-    }
-}
-
-/// The row that the values of a binary format are; `number` is its own. `Err` says what is wrong with it.
-fn row_of(values: &[Option<u64>], number: u64, rule: &mut SequenceRule) -> Result<CampaignRow, String> {
-    let mut sample = RawSample::default();
-    for (index, value) in values.iter().enumerate().take(RAW.len()) {
-        value.iter().for_each(|value| store(&mut sample, index, *value));
-    }
-    // Without gyroscopes the file may still have columns for their lagged telemetry.
-    if values[GYROSCOPES].is_none() {
-        sample.gyroscopes = Triad::ABSENT;
-    }
-    rule.take(&mut sample)?;
-    let campaign = |index: usize| values.get(RAW.len() + index).copied().flatten().map(f64::from_bits);
-    let set_point_c = campaign(0).unwrap_or(0.0);
-    if !set_point_c.is_finite() {
-        return Err(format!("set_point_c is {set_point_c}, give {SET_POINT}"));
-    }
-    // Programs that cannot write a missing integer write NaN.
-    let position = campaign(1).filter(|position| !position.is_nan());
-    let is_number = |position: &f64| position.fract() == 0.0 && (0.0..4_294_967_296.0).contains(position);
-    match position {
-        Some(position) if !is_number(&position) => Err(format!("position is {position}, give {POSITION}")),
-        _ => Ok(CampaignRow { line: number, set_point_c, position: position.map(|number| number as u32), sample }),
-    }
-}
-
-fn table_source(reader: impl TableReader + 'static) -> PieceSource {
-    PieceSource::Table(Box::new(reader), Box::default(), Vec::new())
-}
-
-impl PieceSource {
-    fn sequence_rule(&self) -> SequenceRule {
-        match self {
-            Self::Csv(reader) => reader.samples().sequence_rule(),
-            Self::Table(_, rule, _) => **rule,
-        }
-    }
-
-    /// Line or number of the last row.
-    fn place(&self) -> u64 {
-        match self {
-            Self::Csv(reader) => reader.samples().line(),
-            Self::Table(reader, ..) => reader.row(),
-        }
-    }
-
-    /// The unit that [`place`](Self::place) counts; `None` for lines.
-    fn unit(&self) -> Option<&'static str> {
-        match self {
-            Self::Csv(_) => None,
-            Self::Table(reader, ..) => Some(reader.unit()),
-        }
-    }
-
-    /// The IMU of the rows, where the piece names it. Valid after the first row.
-    fn imu(&self) -> Option<&str> {
-        match self {
-            Self::Csv(_) => None,
-            Self::Table(reader, ..) => reader.imu(),
-        }
-    }
-
-    /// When the recorder received the last row, Unix time \[ns\].
-    fn recorded_ns(&self) -> Option<u64> {
-        match self {
-            Self::Csv(reader) => reader.samples().recorded_ns(),
-            Self::Table(_, _, values) => values.first().copied().flatten().filter(|ns| *ns > 0),
-        }
-    }
-
-    /// Whether the last row has lagged telemetry.
-    fn has_lag(&self) -> bool {
-        match self {
-            Self::Csv(reader) => reader.samples().has_lag(),
-            Self::Table(_, _, values) => values.get(LAG_NS).is_some_and(Option::is_some),
-        }
-    }
-
-    /// A warning if the end of the piece is missing.
-    fn truncation(&self) -> Option<String> {
-        match self {
-            Self::Csv(reader) => reader.samples().truncation(),
-            Self::Table(reader, ..) => reader.truncation(),
-        }
-    }
-}
-
-/// An open file, by format.
-pub(super) enum Opened {
-    Csv(Box<dyn Read>),
-    Mcap(Box<dyn Read>),
-    Parquet(File),
-}
-
-/// Opens a file and detects its format by the first bytes. `-` is stdin.
-pub(super) fn open_source(path: &Path, bar: &ProgressBar, hash: Option<&SharedHash>) -> Result<Opened, Failure> {
-    let io = |error: &io::Error| Failure::io("opening", path, error);
-    let mut source = open_recording(path).map_err(|error| io(&error))?;
-    let mut magic = Vec::new();
-    (&mut source).take(MCAP_MAGIC.len() as u64).read_to_end(&mut magic).map_err(|error| io(&error))?;
-    if magic.starts_with(PARQUET_MAGIC) {
-        let message = "a Parquet file cannot be read from a pipe: its footer is at its end; name the file";
-        let file = File::open(path).ok().filter(|file| file.metadata().is_ok_and(|metadata| metadata.is_file()));
-        let file = file.ok_or_else(|| Failure::new(Exit::Usage, message))?;
-        if let Some(hash) = hash {
-            // The reader does not read the pages in order, so the hash needs a pass of its own.
-            let mut source = HashingReader {
-                source: Box::new(File::open(path).map_err(|error| io(&error))?),
-                hash: Rc::clone(hash),
-            };
-            io::copy(&mut source, &mut io::sink()).map_err(|error| io(&error))?;
-        }
-        return Ok(Opened::Parquet(file));
-    }
-    let is_mcap = magic == MCAP_MAGIC;
-    let source = Box::new(bar.wrap_read(Cursor::new(magic).chain(source)));
-    let source: Box<dyn Read> = match hash {
-        Some(hash) => Box::new(HashingReader { source, hash: Rc::clone(hash) }),
-        None => source,
-    };
-    Ok(if is_mcap { Opened::Mcap(source) } else { Opened::Csv(source) })
-}
-
-/// Hashes the bytes of a source as they are read. The rest of the source is hashed when this is dropped.
-struct HashingReader {
-    source: Box<dyn Read>,
-    hash: SharedHash,
-}
-
-impl Read for HashingReader {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let read = self.source.read(buffer)?;
-        self.hash.borrow_mut().update(&buffer[..read]);
-        Ok(read)
-    }
-}
-
-impl Drop for HashingReader {
-    fn drop(&mut self) {
-        let mut rest = [0; 1 << 13];
-        while self.read(&mut rest).is_ok_and(|read| read > 0) {}
     }
 }
 
@@ -493,6 +334,18 @@ pub(super) fn in_order<T>(
     // The sort is stable, and `None` is less than any time.
     pieces.sort_by_key(|(time, _)| *time);
     Ok(pieces.into_iter().map(|(_, path)| path.clone()).collect())
+}
+
+/// Refuses what is said of foreign data where all pieces are recordings: it would have no effect.
+fn refuse_needless(input: &Input, path: &Path) -> Result<(), Failure> {
+    let given = input.foreign.as_ref().map(Foreign::given).unwrap_or_default();
+    if given.is_empty() {
+        return Ok(());
+    }
+    let (path, given) = (path.display(), given.join(", "));
+    let message =
+        format!("{path}: a recording, which has all that is needed; leave out what is for other data: {given}");
+    Err(Failure::new(Exit::Usage, message))
 }
 
 /// Refuses a piece of another IMU than that of the first piece.

@@ -1,0 +1,47 @@
+//! What is known of foreign data besides the data themselves.
+
+use super::Settings;
+use isotherm_failure::Failure;
+use isotherm_files::{WorldWritable, read_text};
+use std::path::{Path, PathBuf};
+
+/// What is known of foreign data: what `isotherm convert` is told of them.
+#[derive(Clone, Debug, Default)]
+pub struct Foreign {
+    /// Name and text of the mapping file.
+    pub mapping: Option<(PathBuf, String)>,
+    /// What options say.
+    pub settings: Settings,
+}
+
+impl Foreign {
+    /// Reads the mapping file, if there is one.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn new(mapping: Option<&Path>, settings: Settings) -> Result<Self, Failure> {
+        let read = |path: &Path| Ok::<_, Failure>((path.to_owned(), read_text(path, WorldWritable::Allow)?.0));
+        Ok(Self { mapping: mapping.map(read).transpose()?, settings })
+    }
+
+    /// Name and text of the mapping file.
+    #[must_use]
+    pub fn named(&self) -> Option<(&Path, &str)> {
+        self.mapping.as_ref().map(|(name, text)| (name.as_path(), text.as_str()))
+    }
+
+    /// What is given, for messages. A recording needs none of it.
+    #[must_use]
+    pub fn given(&self) -> Vec<&'static str> {
+        let Settings { temperature, interval_ns, topic, temperature_topic, instance, session: _ } = &self.settings;
+        let all = [
+            ("mapping", self.mapping.is_some()),
+            ("temperature", temperature.is_some()),
+            ("interval", interval_ns.is_some()),
+            ("topic", topic.is_some()),
+            ("temperature topic", temperature_topic.is_some()),
+            ("instance", instance.is_some()),
+        ];
+        all.into_iter().filter_map(|(name, given)| given.then_some(name)).collect()
+    }
+}

@@ -1,0 +1,124 @@
+//! What the pulses of readings stand for: enough for a nominal table.
+
+use super::Conversion;
+use isotherm_shared::readings::Resolution;
+use isotherm_shared::stream::ImuId;
+use isotherm_shared::table::Nominal;
+use isotherm_shared::wire::RawSample;
+
+/// What a source knows of its numbers.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Units {
+    /// What a pulse stands for.
+    pub(super) resolution: Resolution,
+    /// Largest readings of an accelerometer \[m/s2\] and of a gyroscope \[rad/s\], as their type has them.
+    pub(super) largest: [Option<f64>; 2],
+}
+
+/// What the pulses of converted readings stand for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scale {
+    /// What one pulse over the nominal interval stands for.
+    pub resolution: Resolution,
+    /// The nominal interval \[ns\].
+    pub interval_ns: u64,
+    /// Whether there are gyroscopes.
+    pub has_gyroscopes: bool,
+    /// Largest readings of an accelerometer \[m/s2\] and of a gyroscope \[rad/s\], where a mapping says them.
+    pub largest: [Option<f64>; 2],
+    /// Lowest and highest telemetry of all sensors and boards in the rows, in its unit; where it is constant, one unit
+    /// below and above.
+    pub telemetry: [f64; 2],
+}
+
+impl Scale {
+    /// The scale of both, whose telemetry is joined.
+    ///
+    /// # Errors
+    /// What differs, with its article.
+    pub fn with(self, other: &Self) -> Result<Self, &'static str> {
+        let differs = [
+            ("the nominal interval", self.interval_ns != other.interval_ns),
+            ("the resolution", self.resolution != other.resolution),
+            ("the presence of gyroscopes", self.has_gyroscopes != other.has_gyroscopes),
+            ("the range of the sensors", self.largest != other.largest),
+        ];
+        match differs.iter().find(|(_, differs)| *differs) {
+            Some((what, _)) => Err(what),
+            None => {
+                let ([low, high], [other_low, other_high]) = (self.telemetry, other.telemetry);
+                Ok(Self { telemetry: [low.min(other_low), high.max(other_high)], ..self })
+            }
+        }
+    }
+
+    /// What [`nominal_table`](isotherm_shared::table::nominal_table) takes, with telemetry in degC and standard gravity.
+    #[must_use]
+    pub fn nominal(&self, imu: &ImuId) -> Nominal {
+        let [max_specific_force, max_angular_rate] = self.largest;
+        let (resolution, has_gyroscopes) = (self.resolution, self.has_gyroscopes);
+        let nominal = Nominal::new(imu.clone(), self.interval_ns, self.telemetry);
+        Nominal { resolution, has_gyroscopes, max_specific_force, max_angular_rate, ..nominal }
+    }
+}
+
+/// The telemetry of the rows so far: lowest and highest.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Telemetry([f64; 2]);
+
+impl Default for Telemetry {
+    fn default() -> Self {
+        Self([f64::INFINITY, f64::NEG_INFINITY])
+    }
+}
+
+impl Telemetry {
+    /// Takes a row. What is no finite number is left out.
+    pub(super) fn take(&mut self, sample: &RawSample) {
+        let triads = [Some(&sample.accelerometers), Some(&sample.gyroscopes).filter(|triad| !triad.is_absent())];
+        for triad in triads.into_iter().flatten() {
+            let all = triad.head_temperature.iter().chain(&triad.board_temperature);
+            for value in all.filter(|value| value.is_finite()) {
+                self.0 = [self.0[0].min(*value), self.0[1].max(*value)];
+            }
+        }
+    }
+
+    /// The range; `None` without a finite value.
+    fn range(self) -> Option<[f64; 2]> {
+        let [low, high] = self.0;
+        match low < high {
+            true => Some([low, high]),
+            false => low.is_finite().then_some([low - 1.0, low + 1.0]),
+        }
+    }
+}
+
+impl Conversion {
+    /// The nominal interval \[ns\]: the one that is given, or that was found from the time.
+    #[must_use]
+    pub const fn interval_ns(&self) -> u64 {
+        self.nominal_ns
+    }
+
+    /// What the pulses stand for. Valid after the last row.
+    ///
+    /// # Errors
+    /// The reason why it is not known, with a remedy: increments, counts, a unit that is not known.
+    pub fn scale(&self) -> Result<Scale, String> {
+        let source = &self.input.source;
+        let Units { resolution, largest } = source.units()?;
+        let telemetry = self.telemetry.range().ok_or("no row has telemetry; give the temperature")?;
+        let has_gyroscopes = source.has_gyroscopes();
+        Ok(Scale { resolution, interval_ns: self.nominal_ns, has_gyroscopes, largest, telemetry })
+    }
+
+    /// What [`nominal_table`](isotherm_shared::table::nominal_table) needs to know, with telemetry in degC and standard
+    /// gravity. Valid after the last row.
+    ///
+    /// # Errors
+    /// As [`scale`](Self::scale).
+    pub fn nominal(&self, imu: &ImuId) -> Result<Nominal, String> {
+        self.scale().map(|scale| scale.nominal(imu))
+    }
+}

@@ -1,0 +1,100 @@
+//! What the conversions of the foreign pieces of a recording tell in the end.
+
+use super::piece::Piece;
+use crate::convert::{Conversion, Scale};
+use isotherm_failure::{Exit, Failure};
+use isotherm_finding::{Finding, Location, name};
+use isotherm_shared::stream::ImuId;
+use isotherm_shared::table::Nominal;
+use std::path::{Path, PathBuf};
+
+/// The pieces that have ended; `None` of a recording.
+#[derive(Default)]
+pub(super) struct Converted(Vec<(PathBuf, Option<End>)>);
+
+/// What a conversion tells after its last row.
+struct End {
+    notes: Vec<String>,
+    findings: Vec<Finding>,
+    interval_ns: u64,
+    scale: Result<Scale, String>,
+}
+
+impl Converted {
+    /// Takes a piece after its last row.
+    pub(super) fn take(&mut self, piece: &Piece) {
+        let end = |conversion: &Conversion| End {
+            notes: conversion.notes(),
+            findings: conversion.findings(),
+            interval_ns: conversion.interval_ns(),
+            scale: conversion.scale(),
+        };
+        self.0.push((piece.path.clone(), piece.source.conversion().map(end)));
+    }
+
+    fn foreign(&self) -> impl Iterator<Item = (&Path, &End)> {
+        self.0.iter().filter_map(|(path, end)| Some((path.as_path(), end.as_ref()?)))
+    }
+
+    /// As [`Recording::notes`](super::Recording::notes).
+    pub(super) fn notes(&self) -> Vec<String> {
+        let named = |path: &Path, note: &String| match self.0.len() {
+            1 => note.clone(),
+            _ => format!("{}: {note}", path.display()),
+        };
+        self.foreign().flat_map(|(path, end)| end.notes.iter().map(move |note| named(path, note))).collect()
+    }
+
+    /// As [`Recording::findings`](super::Recording::findings).
+    pub(super) fn findings(&self) -> Vec<Finding> {
+        let place = |path: &Path| Location::Recording(path.display().to_string());
+        let found = |(path, end): (&Path, &End)| -> Vec<Finding> {
+            end.findings.iter().map(|finding| finding.clone().at(place(path))).collect()
+        };
+        self.foreign().flat_map(found).chain(self.intervals()).collect()
+    }
+
+    /// Pieces with another nominal interval than the first: their readings count for another time.
+    fn intervals(&self) -> Option<Finding> {
+        let mut foreign = self.foreign();
+        let (first, of) = foreign.next()?;
+        let (path, other) = foreign.find(|(_, end)| end.interval_ns != of.interval_ns)?;
+        let seconds = [of, other].map(|end| end.interval_ns as f64 / 1e9);
+        let message = format!(
+            "the nominal interval is {} s, but that of {} is {} s, and a table holds for one; give the interval",
+            seconds[1],
+            first.display(),
+            seconds[0]
+        );
+        Some(Finding::warning(name::INTERVAL, message).at(Location::Recording(path.display().to_string())))
+    }
+
+    /// As [`Recording::nominal`](super::Recording::nominal).
+    pub(super) fn nominal(&self, imu: &ImuId) -> Result<Nominal, Failure> {
+        let refused = |path: &Path, why: &str| {
+            let message = format!("{}: no nominal table: {why}", path.display());
+            Failure::new(Exit::Data, message).at(path, None)
+        };
+        let mut joint: Option<(&Path, Scale)> = None;
+        for (path, end) in &self.0 {
+            let Some(end) = end else {
+                return Err(refused(path, "a recording does not say what a pulse is; give a table"));
+            };
+            let scale = end.scale.as_ref().map_err(|why| refused(path, why))?;
+            joint = match joint {
+                None => Some((path, *scale)),
+                Some((first, of)) => {
+                    let both = of.with(scale).map_err(|what| {
+                        refused(
+                            path,
+                            &format!("{what} is not that of {}; give files that belong together", first.display()),
+                        )
+                    })?;
+                    Some((first, both))
+                }
+            };
+        }
+        let (_, scale) = joint.ok_or_else(|| Failure::new(Exit::Data, "no nominal table: no rows have been read"))?;
+        Ok(scale.nominal(imu))
+    }
+}

@@ -1,0 +1,45 @@
+//! Whether a control period is the one that the scale factors of a table are of.
+//!
+//! A reading \[m/s2\] has no pulses. As a count of a fixed resolution it becomes pulses over one **nominal interval**,
+//! and its scale factors are right at that interval and its multiples (merged samples) alone. At 2.5 ms, scale factors
+//! of 0.505 s give 202 times the acceleration.
+
+use crate::wire::MAX_INTERVAL_NS;
+
+/// Most nominal intervals that one sample may have in it.
+pub const MAX_MULTIPLE: u64 = 64;
+
+/// Whether `interval_ns` is within 1 % of a whole multiple, 1 to [`MAX_MULTIPLE`], of `nominal_ns`.
+///
+/// ```text
+/// m  = floor((interval_ns + floor(nominal_ns / 2)) / nominal_ns), at least 1, at most 64
+/// is = |interval_ns - m * nominal_ns| * 100 <= m * nominal_ns
+/// ```
+/// All are whole numbers, so any language repeats it exactly. Both must be from 1 to [`MAX_INTERVAL_NS`]; otherwise the
+/// answer is no.
+///
+/// ```
+/// use isotherm_shared::nominal::interval_fits;
+///
+/// assert!(interval_fits(2_500_000, 2_500_000) && interval_fits(2_500_000, 2_475_000) && interval_fits(2_500_000, 5_050_000));
+/// assert!(!interval_fits(2_500_000, 2_474_999) && !interval_fits(2_500_000, 3_750_000) && !interval_fits(505_000_000, 2_500_000));
+/// ```
+#[must_use]
+pub const fn interval_fits(nominal_ns: u64, interval_ns: u64) -> bool {
+    if nominal_ns == 0 || nominal_ns > MAX_INTERVAL_NS || interval_ns == 0 || interval_ns > MAX_INTERVAL_NS {
+        return false;
+    }
+    let multiple = match (interval_ns + nominal_ns / 2) / nominal_ns {
+        0 => 1,
+        MAX_MULTIPLE.. => MAX_MULTIPLE,
+        multiple => multiple,
+    };
+    // At most 64 hours times 100: far below 2^64.
+    interval_ns.abs_diff(multiple * nominal_ns) * 100 <= multiple * nominal_ns
+}
+
+/// The nominal interval of a table \[s\] in whole nanoseconds: the double `seconds * 1e9`, rounded half up.
+#[must_use]
+pub fn nominal_ns(seconds: f64) -> u64 {
+    (seconds * 1e9).round() as u64
+}
