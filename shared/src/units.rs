@@ -15,6 +15,9 @@ pub struct PositiveScaleFactor(pub f64);
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NegativeScaleFactor(pub f64);
 
+/// The labels of telemetry that is a temperature in degrees Celsius.
+pub const CELSIUS: [&str; 3] = ["degC", "\u{b0}C", "C"];
+
 /// One arc second \[rad\]: pi / 648000 as the nearest double.
 pub const ARCSEC: f64 = core::f64::consts::PI / 648_000.0;
 

@@ -12,6 +12,7 @@ use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::units::CELSIUS;
 use isotherm_shared::wire::{AXES, CompensatedIncrement, RawSample, StreamSample};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
@@ -21,8 +22,6 @@ use std::path::Path;
 
 /// Name of the metadata record of a table.
 const TABLE: &str = "isotherm.table";
-/// Unit of telemetry that becomes messages.
-const CELSIUS: [&str; 3] = ["degC", "\u{b0}C", "C"];
 
 /// A table that may have computed the increments.
 #[derive(Clone, Debug)]
