@@ -13,6 +13,7 @@ use crate::stability::setup::Setup;
 use crate::stability::stillness::{ACCELEROMETERS, LeftOut, PARTS, mark};
 use crate::verdict::Verdict;
 use crate::window::{MIN_WINDOWS, Window};
+use isotherm_finding::Finding;
 use isotherm_recording::{Continuity, MISSING, Marks, other_device};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::polynomial::Polynomial;
