@@ -7,6 +7,7 @@ mod cli;
 mod common;
 mod compare;
 mod findings;
+mod foreign;
 mod gravity_only;
 mod gyroscopes;
 mod noise;

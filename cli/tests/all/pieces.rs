@@ -4,11 +4,11 @@ use crate::common::{folder, run};
 use std::fs;
 use std::path::Path;
 
-const MAPPING: &str = "format = 1\n[time]\ncolumn = \"t\"\nunit = \"s\"\ninterval_s = 0.01\n[accelerometer]\n\
+pub(crate) const MAPPING: &str = "format = 1\n[time]\ncolumn = \"t\"\nunit = \"s\"\ninterval_s = 0.01\n[accelerometer]\n\
      columns = [\"x\", \"y\", \"z\"]\nkind = \"reading\"\nresolution = 1e-5\n[temperature]\ncolumns = \"T\"\n";
 
 /// An IMU that is put down in 12 attitudes, 6 s each, after a second of movement, at this temperature.
-fn log(folder: &Path, name: &str, temperature: f64) {
+pub(crate) fn log(folder: &Path, name: &str, temperature: f64) {
     let directions = [
         [1.0, 0.0, 0.0],
         [-1.0, 0.0, 0.0],
