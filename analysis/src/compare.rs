@@ -35,6 +35,7 @@ use isotherm_statistics::QUANTITIES;
 pub(crate) use table::{Form, FormCurve};
 
 use isotherm_failure::{Exit, Failure};
+use isotherm_shared::nominal::comparable;
 use isotherm_shared::table::Content;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
@@ -163,7 +164,15 @@ fn faults(tables: &[TableFile], other_unit: bool) -> Vec<String> {
     });
     let units = different(|table| &table.table.content().temperature_unit);
     let units = units.map(|units| format!("telemetry in {}; give tables with one telemetry", units.join(" and ")));
-    few.into_iter().chain(imus).chain(units).collect()
+    few.into_iter().chain(imus).chain(units).chain(other_interval(tables)).collect()
+}
+
+/// That scale factors are of different nominal intervals, and cannot be alike.
+fn other_interval(tables: &[TableFile]) -> Option<String> {
+    let mut all = tables.iter().filter_map(|table| table.table.content().nominal_interval_s);
+    let first = all.next()?;
+    let other = all.find(|interval| !comparable(Some(first), Some(*interval)))?;
+    Some(format!("scale factors of {first} s and of {other} s (nominal_interval_s); give tables of one interval"))
 }
 
 /// Texts in their order, each once.

@@ -239,6 +239,13 @@ fn refuse_twice(ramps: &[RampRecording]) -> Result<(), CalibrationError> {
 /// What is wrong with the recordings, before anything is estimated.
 fn faults(campaign: &Campaign, ramps: &[RampRecording], table: &CoefficientTable) -> Vec<Finding> {
     let mut all = devices(campaign, ramps, table);
+    let of_interval = |ramp: &RampRecording| {
+        ramp.continuity().not_nominal(table).map(|found| {
+            let message = format!("{}: {}", ramp.name(), found.message);
+            Finding { message, ..found }
+        })
+    };
+    all.extend(ramps.iter().filter_map(of_interval));
     let gravity = campaign.gravity_local / campaign.gravity_reference;
     for (ramp, recording) in campaign.ramps.iter().zip(ramps) {
         let Some(stated) = ramp.specific_force.map(|force| force.map(|f| f * gravity)) else { continue };

@@ -293,15 +293,22 @@
 #define ISOTHERM_FLAG_G3_RATE (UINT64_C(1) << 49)
 
 /**
+ * The table has a nominal interval, and the sample's is not within 1 % of 1 to 64 times that: the scale factors are of
+ * another interval. The increment is computed.
+ */
+#define ISOTHERM_FLAG_INTERVAL_NOT_NOMINAL (UINT64_C(1) << 50)
+
+/**
  * Mask: an increment could not be computed and is NaN, on one axis or on all. interval, no-table, not-finite.
  */
 #define ISOTHERM_MASK_INVALID (((((((ISOTHERM_FLAG_INTERVAL | ISOTHERM_FLAG_NO_TABLE) | ISOTHERM_FLAG_A1_NOT_FINITE) | ISOTHERM_FLAG_A2_NOT_FINITE) | ISOTHERM_FLAG_A3_NOT_FINITE) | ISOTHERM_FLAG_G1_NOT_FINITE) | ISOTHERM_FLAG_G2_NOT_FINITE) | ISOTHERM_FLAG_G3_NOT_FINITE)
 
 /**
  * Mask: computed, outside of what the calibration covers or without a part of it; the ranges give NaN where the
- * table's policy is `reject`. Ranges, rate, telemetry-stale, lag-unknown, other-device, g-unknown.
+ * table's policy is `reject`. Ranges, rate, telemetry-stale, lag-unknown, other-device, g-unknown,
+ * interval-not-nominal.
  */
-#define ISOTHERM_MASK_DEGRADED (1002750317137919 | ISOTHERM_FLAG_G_UNKNOWN)
+#define ISOTHERM_MASK_DEGRADED ((1002750317137919 | ISOTHERM_FLAG_G_UNKNOWN) | ISOTHERM_FLAG_INTERVAL_NOT_NOMINAL)
 
 /**
  * Mask: time is missing before this increment. gap, time-step.

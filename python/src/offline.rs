@@ -49,12 +49,20 @@ pub(crate) fn replay<'py>(
     Ok(out)
 }
 
-/// What the commands warn of: intervals that are not the time from row to row, lost time, missing rows.
+/// What the commands warn of: intervals that are not the time from row to row, lost time, missing rows, scale factors of
+/// another interval.
 #[pyfunction]
-pub(crate) fn time_warnings(py: Python<'_>, samples: PyReadonlyArray1<'_, u8>) -> PyResult<Vec<String>> {
+pub(crate) fn time_warnings(
+    py: Python<'_>,
+    table: &Table,
+    samples: PyReadonlyArray1<'_, u8>,
+) -> PyResult<Vec<String>> {
     let samples = samples.as_slice()?;
     let rows = samples.chunks_exact(RAW).map(|record| Period::from(&Fields(record).raw()));
-    let found = py.detach(|| rows.collect::<Continuity>().findings(0.0));
+    let found = py.detach(|| {
+        let continuity: Continuity = rows.collect();
+        continuity.findings(0.0).into_iter().chain(continuity.not_nominal(&table.0)).collect::<Vec<_>>()
+    });
     Ok(found.into_iter().map(|finding| finding.message).collect())
 }
 

@@ -133,6 +133,11 @@ impl Table {
     }
 
     #[getter]
+    fn nominal_interval_s(&self) -> Option<f64> {
+        self.0.content().nominal_interval_s
+    }
+
+    #[getter]
     fn device(&self) -> u64 {
         self.0.device()
     }

@@ -28,6 +28,8 @@ WHOLE_TABLE = REPOSITORY / "tests/data/imu-g.toml"
 # A recording of it with every peculiarity that a sample can have.
 WHOLE_RUN = REPOSITORY / "tests/data/run-g.csv"
 RUN = REPOSITORY / "tests/data/run.csv"
+# A table of format 3: readings at a nominal interval of 2.5 ms.
+MEMS_TABLE = REPOSITORY / "examples/tables/imu-mems.toml"
 CAMPAIGN = REPOSITORY / "examples/campaign/campaign.toml"
 # A campaign of imu-g with turns.
 WHOLE_CAMPAIGN = REPOSITORY / "calibration/tests/data/gyro/campaign.toml"
@@ -243,6 +245,7 @@ __all__ = [
     "BINARY",
     "CAMPAIGN",
     "EXAMPLES",
+    "MEMS_TABLE",
     "REPOSITORY",
     "RUN",
     "TABLE",

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import signal
 import subprocess
 import sys
 import threading
 import tomllib
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ import isotherm
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import BINARY, CAMPAIGN, REPOSITORY, RUN, TABLE, WHOLE_CAMPAIGN, WHOLE_TABLE
+from conftest import BINARY, CAMPAIGN, MEMS_TABLE, REPOSITORY, RUN, TABLE, WHOLE_CAMPAIGN, WHOLE_TABLE
 from isotherm import _files, _isotherm, _offline
 
 
@@ -92,6 +94,31 @@ def test_a_table(table: isotherm.Table) -> None:
             assert [polynomial(u) for u in telemetry.tolist()] == right
             assert polynomial(telemetry.reshape(7, 1)[::2]).shape == (4, 1)
             assert polynomial(np.array([], np.float32)).shape == (0,)
+
+
+def test_an_interval_that_is_not_nominal() -> None:
+    mems = isotherm.Table.load(MEMS_TABLE)
+    assert mems.nominal_interval_s == tomllib.loads(MEMS_TABLE.read_text())["imu"]["nominal_interval_s"] == 0.0025
+    assert isotherm.Table.load(TABLE).nominal_interval_s is None
+    nominal = math.floor(mems.nominal_interval_s * 1e9 + 0.5)
+
+    def is_flagged(interval: int) -> bool:
+        """As docs/table.md says."""
+        m = min(max((interval + nominal // 2) // nominal, 1), 64)
+        return abs(interval - m * nominal) * 100 > m * nominal
+
+    intervals = [nominal * part // 1000 for part in (1, 989, 990, 1000, 1010, 1011, 1500, 1980, 2021, 64_000, 64_640, 64_641, 65_000, 202_000)]
+    samples = np.zeros(len(intervals), isotherm.RAW_SAMPLE)
+    samples["interval_ns"] = intervals
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        flags = isotherm.replay(mems, samples)["flags"]
+    flag = np.uint64(isotherm.Flags.INTERVAL_NOT_NOMINAL)
+    assert ((flags & flag) != 0).tolist() == [is_flagged(interval) for interval in intervals]
+    assert any(map(is_flagged, intervals)) and not all(map(is_flagged, intervals))
+    samples["interval_ns"] = 505_000_000
+    with pytest.warns(UserWarning, match="scale factors of the table are of 0.0025 s"):
+        isotherm.replay(mems, samples)
 
 
 def test_all_faults_of_a_table_at_once(tmp_path: Path) -> None:

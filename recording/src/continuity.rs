@@ -15,10 +15,12 @@
 //! begins anew, and so does an interval that stands alone: time went on as before.
 
 use crate::interval::{IntervalFault, Intervals};
+use crate::nominal::not_nominal;
 use crate::overlap::{Overlap, Span};
 use core::fmt;
 use isotherm_finding::{Finding, name};
 use isotherm_shared::sequence::{Period, excess_ns, time_step};
+use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::MAX_INTERVAL_NS;
 use std::collections::VecDeque;
 
@@ -36,7 +38,7 @@ const LARGE_STEP: i128 = 10;
 const ODD_ROWS: u32 = 10;
 
 /// What is missing in a recording: counts over its rows, its first fault of time, and whether its intervals are the
-/// time from row to row. A row costs a few operations, the memory is at most 70 kB.
+/// time from row to row. A row costs a few operations, the memory is at most 100 kB.
 ///
 /// ```
 /// use isotherm_recording::Continuity;
@@ -116,6 +118,9 @@ impl Continuity {
         let last = self.last.replace(row);
         let excess = last.and_then(|last| excess_ns(last, row));
         self.rows += 1;
+        if (1..=MAX_INTERVAL_NS).contains(&row.interval_ns) {
+            self.intervals.note(row.interval_ns);
+        }
         if let Some(excess_ns) = excess.filter(|_| (1..=MAX_INTERVAL_NS).contains(&row.interval_ns)) {
             self.intervals.add(excess_ns + i128::from(row.interval_ns), row.interval_ns);
         }
@@ -182,6 +187,14 @@ impl Continuity {
     #[must_use]
     pub fn interval(&self) -> Option<IntervalFault> {
         self.intervals.fault()
+    }
+
+    /// The fault that the scale factors of `table` are of another interval than the rows: the usual one is not within 1 %
+    /// of 1 to 64 times the nominal one. Nothing is said where the table has none. Where `interval_ns` is not the time
+    /// from row to row, that time counts.
+    #[must_use]
+    pub fn not_nominal(&self, table: &CoefficientTable) -> Option<Finding> {
+        not_nominal(table.nominal_ns(), self.intervals.usual_ns()?)
     }
 
     /// What is to be said of the rows: intervals that are not the time from row to row, a fault; or else lost time, a

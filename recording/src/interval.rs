@@ -40,6 +40,8 @@ pub(crate) struct Intervals {
     blocks: Thinned,
     open: Sums,
     all: Sums,
+    /// Of all rows, also of those after a gap \[ns\].
+    lengths: Thinned,
 }
 
 /// Sums over steps \[ns\].
@@ -107,6 +109,18 @@ impl Intervals {
         }
     }
 
+    /// Takes the interval of a row \[ns\], whatever came before.
+    pub(crate) fn note(&mut self, interval_ns: u64) {
+        self.lengths.add(interval_ns as f64);
+    }
+
+    /// The usual interval \[ns\], the median; where it is not the time from row to row, that time. `None` without rows.
+    pub(crate) fn usual_ns(&self) -> Option<u64> {
+        let interval = self.lengths.quantile(0.5);
+        let usual = self.fault().map_or(interval, |fault| interval / fault.ratio);
+        usual.is_finite().then(|| usual.round() as u64)
+    }
+
     /// The interval over the step, if it is not 1.
     pub(crate) fn fault(&self) -> Option<IntervalFault> {
         let is_off = |ratio: f64| (ratio - 1.0).abs() > CLOCK_TOLERANCE;
@@ -146,7 +160,7 @@ impl fmt::Display for IntervalFault {
 }
 
 /// A number with six digits that count.
-fn shown(value: f64) -> f64 {
+pub(crate) fn shown(value: f64) -> f64 {
     let digits = 10_f64.powf(5.0 - value.abs().log10().floor());
     if digits.is_finite() { (value * digits).round() / digits } else { value }
 }

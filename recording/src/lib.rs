@@ -31,6 +31,7 @@ mod error;
 mod increments;
 mod interval;
 mod marks;
+mod nominal;
 mod overlap;
 mod raw;
 pub mod rows;

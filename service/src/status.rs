@@ -78,14 +78,15 @@ fn table_change(change: &Change) -> TableChange {
     TableChange { name: name.clone(), size: *size, unit: (*unit).to_owned() }
 }
 
-/// Whether an increment under this table may have the flag of this bit. A flag that needs gyroscopes, a lag or a serial
-/// number is shown only where the table has them.
+/// Whether an increment under this table may have the flag of this bit. A flag that needs gyroscopes, a lag, a serial
+/// number or a nominal interval is shown only where the table has them.
 fn may_flag(table: Option<&CoefficientTable>, bit: u32) -> bool {
     /// The first flag of the gyroscopes.
     const G1: u32 = 32;
     match Flags(1 << bit) {
         Flags::LAG_UNKNOWN => table.is_some_and(|table| table.lag_ns() != 0),
         Flags::OTHER_DEVICE => table.is_some_and(|table| table.device() != 0),
+        Flags::INTERVAL_NOT_NOMINAL => table.is_some_and(|table| table.nominal_ns() != 0),
         Flags::G_UNKNOWN => table.is_some_and(|table| table.content().gyroscopes.is_some()),
         _ => bit < G1 || table.is_some_and(|table| table.content().gyroscopes.is_some()),
     }

@@ -24,6 +24,7 @@
 //! table: no filter, no state, no clock, no allocation, no panic for any bit pattern. An infinite result becomes NaN;
 //! the coefficients of no real IMU give one inside the ranges.
 
+use crate::nominal::interval_fits;
 use crate::polynomial::{Polynomial, Side};
 use crate::table::{Axis, CoefficientTable, Content, OutOfRange};
 use crate::units::{ARCSEC, Bias, NegativeScaleFactor, PositiveScaleFactor};
@@ -94,6 +95,9 @@ pub fn answer_into(table: Option<&CoefficientTable>, raw: &RawSample, increment:
     }
     if raw.device != 0 && kernel.device != 0 && raw.device != kernel.device {
         flags |= Flags::OTHER_DEVICE;
+    }
+    if kernel.nominal_ns != 0 && period.valid && !interval_fits(kernel.nominal_ns, raw.interval_ns) {
+        flags |= Flags::INTERVAL_NOT_NOMINAL;
     }
     increment.flags = flags.0;
 }

@@ -39,6 +39,8 @@ type Columns = [Axes; AXES];
 pub(crate) struct Kernel {
     /// Time constant of the lagged telemetry \[ns\]; 0 without lag.
     pub lag_ns: u64,
+    /// The control period that the scale factors are of \[ns\]; 0 if they are of none.
+    pub nominal_ns: u64,
     /// The unit that the table belongs to; 0 = unknown.
     pub device: u64,
     /// Telemetry older than this is flagged \[s\]; infinite without a limit.
@@ -73,7 +75,7 @@ struct GyroscopeTerms {
 
 impl Kernel {
     /// The kernel's form of a valid content.
-    pub(crate) fn new(content: &Content, lag_ns: u64, device: u64) -> Self {
+    pub(crate) fn new(content: &Content, [lag_ns, nominal_ns]: [u64; 2], device: u64) -> Self {
         let [a1, a2, a3] = &content.axes;
         let (sensors, g_transients) = match &content.gyroscopes {
             None => (Sensors::Accelerometers(Lanes::new([[a1, a2], [a3, a3]])), false),
@@ -85,6 +87,7 @@ impl Kernel {
         };
         Self {
             lag_ns,
+            nominal_ns,
             device,
             max_age_s: content.max_age_s.unwrap_or(f64::INFINITY),
             has_transients: content.axes.iter().any(has_transient) || g_transients,

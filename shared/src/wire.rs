@@ -271,9 +271,9 @@ impl Triad {
 
 /// Flags of a sample and of its delivery: the bits of [`CompensatedIncrement::flags`].
 ///
-/// Bits 0 to 23 and 32 to 49 are **sample flags**, a pure function of raw sample and table; those from 32 on are the
-/// flags of the gyroscopes, as bits 0 to 17 are those of the accelerometers. Bits 24 to 26 are **delivery flags**,
-/// which the service adds.
+/// Bits 0 to 23 and 32 to 50 are **sample flags**, a pure function of raw sample and table; 32 to 49 are the flags of
+/// the gyroscopes, as bits 0 to 17 are those of the accelerometers. Bits 24 to 26 are **delivery flags**, which the
+/// service adds.
 ///
 /// ```
 /// use isotherm_shared::wire::Flags;
@@ -375,6 +375,11 @@ flags! {
         /// wrong. The increment is computed.
         TIME_STEP = 26,
             "Time is missing before it, or the clock was set: look at the acquisition's clock and interval.";
+        /// The table has a nominal interval, and the sample's is not within 1 % of 1 to 64 times that; not flagged
+        /// where the interval cannot be (`interval`). The increment is computed, with scale factors that are of another
+        /// interval.
+        INTERVAL_NOT_NOMINAL = 50,
+            "Give the interval that the readings have, in nanoseconds, or a table of that interval: docs/table.md#readings-format-3.";
     }
 }
 
@@ -382,7 +387,8 @@ impl Flags {
     /// Distance from a bit of the accelerometers to that of the gyroscopes.
     const GYROSCOPES: u32 = 32;
     /// All sample flags.
-    pub const SAMPLE: Self = Self(((1 << 24) - 1) | (((1 << 18) - 1) << Self::GYROSCOPES));
+    pub const SAMPLE: Self =
+        Self(((1 << 24) - 1) | (((1 << 18) - 1) << Self::GYROSCOPES) | Self::INTERVAL_NOT_NOMINAL.0);
     /// All delivery flags.
     pub const DELIVERY: Self = Self(Self::GAP.0 | Self::LATE.0 | Self::TIME_STEP.0);
 
@@ -394,13 +400,15 @@ impl Flags {
     /// `.._not-finite`.
     pub const INVALID: Self = Self(Self::INTERVAL.0 | Self::NO_TABLE.0 | Self::of_both(0b111 << 12));
     /// Mask: computed, outside of what the calibration covers or without a part of it; the ranges give NaN where the
-    /// table's policy is `reject`. Ranges, `rate`, `telemetry-stale`, `lag-unknown`, `other-device`, `g-unknown`.
+    /// table's policy is `reject`. Ranges, `rate`, `telemetry-stale`, `lag-unknown`, `other-device`, `g-unknown`,
+    /// `interval-not-nominal`.
     pub const DEGRADED: Self = Self(
         Self::of_both(0b111 << 15 | 0xfff)
             | Self::TELEMETRY_STALE.0
             | Self::LAG_UNKNOWN.0
             | Self::OTHER_DEVICE.0
-            | Self::G_UNKNOWN.0,
+            | Self::G_UNKNOWN.0
+            | Self::INTERVAL_NOT_NOMINAL.0,
     );
     /// Mask: time is missing before this increment. `gap`, `time-step`.
     pub const LOST: Self = Self(Self::GAP.0 | Self::TIME_STEP.0);
@@ -408,7 +416,7 @@ impl Flags {
     pub const INFORMATION: Self = Self(Self::LATE.0);
 
     /// Bit and name of every flag, lowest bit first.
-    pub const NAMES: [(u32, &'static str); 45] = [
+    pub const NAMES: [(u32, &'static str); 46] = [
         (0, "a1-head-below"),
         (1, "a2-head-below"),
         (2, "a3-head-below"),
@@ -454,6 +462,7 @@ impl Flags {
         (47, "g1-rate"),
         (48, "g2-rate"),
         (49, "g3-rate"),
+        (50, "interval-not-nominal"),
     ];
 
     /// The same flags of the gyroscopes, for flags of the accelerometers: bits 0 to 17.
@@ -657,6 +666,7 @@ mod tests {
         assert_eq!(named("lag-unknown"), Flags::LAG_UNKNOWN);
         assert_eq!(named("other-device"), Flags::OTHER_DEVICE);
         assert_eq!(named("g-unknown"), Flags::G_UNKNOWN);
+        assert_eq!(named("interval-not-nominal"), Flags::INTERVAL_NOT_NOMINAL);
         assert!(Flags::NAMES.is_sorted_by_key(|(bit, _)| bit));
         let all = Flags::NAMES.iter().fold(0, |all, (bit, _)| all | 1_u64 << bit);
         assert_eq!(all, Flags::SAMPLE.0 | Flags::DELIVERY.0);
@@ -670,6 +680,6 @@ mod tests {
             let [meaning, remedy] = Flags::text(bit).unwrap();
             assert!(meaning.ends_with('.') && remedy.ends_with('.'), "{name}");
         }
-        assert_eq!([27, 31, 50, 63].map(Flags::text), [None; 4]);
+        assert_eq!([27, 31, 51, 63].map(Flags::text), [None; 4]);
     }
 }

@@ -286,6 +286,7 @@ impl NoiseAnalysis {
         let mut found = outputs.findings.clone();
         let continuity: Continuity = candidates.iter().collect();
         found.extend(continuity.findings(MISSING).into_iter().map(Finding::warned));
+        found.extend(table.and_then(|table| continuity.not_nominal(table)));
         found.extend(table.and_then(|table| length_at_rest(table, candidates)));
         // Every sensor says itself that its counts never change.
         let of_counts = faults(candidates, &at_rest_rows).into_iter().filter(|it| it.name != name::NO_PULSES);

@@ -89,7 +89,8 @@ impl Replay {
         let others = flags.count(Flags::OTHER_DEVICE);
         let other = (others > 0).then(|| other_device(&table, others));
         // Before the file is put in place: what is refused leaves none. Without --strict nothing is.
-        let of_rows = continuity.findings(0.0).into_iter().chain(length_at_rest(&table, &begin));
+        let of_rows = continuity.findings(0.0).into_iter().chain(continuity.not_nominal(&table));
+        let of_rows = of_rows.chain(length_at_rest(&table, &begin));
         let findings = of_rows.map(Finding::warned).chain(other).collect();
         self.acceptance.admit(&joined_paths(&self.recording), findings).map_err(|refused| refused.failure)?;
         check_written(path, writer.finish().and_then(Output::finish))?;

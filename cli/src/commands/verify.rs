@@ -13,7 +13,7 @@ use isotherm_files::{
 };
 use isotherm_finding::{Finding, name};
 use isotherm_job::{Refused, Run};
-use isotherm_recording::{MISSING, other_device};
+use isotherm_recording::other_device;
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
 use isotherm_shared::table::CoefficientTable;
@@ -207,7 +207,7 @@ impl Verify {
         }
         bar.finish_and_clear();
         let recording = joined_paths(&self.recording);
-        let of_time = run.collector().continuity().findings(MISSING);
+        let of_time = run.collector().of_time();
         let made_the_table = run.made(&origin);
         if let Some(lengths) = self.lengths(&table, &rows, keep, &recording)? {
             let lengths = Lengths { made_the_table, ..lengths };

@@ -327,6 +327,8 @@ fn every_condition_is_shown() {
         &["late", "flags     late 5 (5.0/s)"],
     );
     has(&state(|status| _ = status.imus[0].flagged.insert("time-step".to_owned(), 5)), &["time steps", "time-step 5"]);
+    let other = state(|status| _ = status.imus[0].flagged.insert("interval-not-nominal".to_owned(), 5));
+    has(&other, &["wrong interval", "interval-not-nominal 5"]);
     has(&state(|status| _ = status.imus[0].flagged.insert("a1-rate".to_owned(), 5)), &["flagged", "a1-rate 5"]);
     let without = state(|status| {
         status.imus[0].table = None;

@@ -92,6 +92,9 @@ pub const ISOTHERM_FLAG_G1_RATE: u64 = 1 << 47;
 pub const ISOTHERM_FLAG_G2_RATE: u64 = 1 << 48;
 /// More pulses per second on G3 than the table's `max_rate`.
 pub const ISOTHERM_FLAG_G3_RATE: u64 = 1 << 49;
+/// The table has a nominal interval, and the sample's is not within 1 % of 1 to 64 times that: the scale factors are of
+/// another interval. The increment is computed.
+pub const ISOTHERM_FLAG_INTERVAL_NOT_NOMINAL: u64 = 1 << 50;
 
 /// Mask: an increment could not be computed and is NaN, on one axis or on all. interval, no-table, not-finite.
 pub const ISOTHERM_MASK_INVALID: u64 = ISOTHERM_FLAG_INTERVAL
@@ -103,8 +106,10 @@ pub const ISOTHERM_MASK_INVALID: u64 = ISOTHERM_FLAG_INTERVAL
     | ISOTHERM_FLAG_G2_NOT_FINITE
     | ISOTHERM_FLAG_G3_NOT_FINITE;
 /// Mask: computed, outside of what the calibration covers or without a part of it; the ranges give NaN where the
-/// table's policy is `reject`. Ranges, rate, telemetry-stale, lag-unknown, other-device, g-unknown.
-pub const ISOTHERM_MASK_DEGRADED: u64 = 0x00038fff00738fff | ISOTHERM_FLAG_G_UNKNOWN;
+/// table's policy is `reject`. Ranges, rate, telemetry-stale, lag-unknown, other-device, g-unknown,
+/// interval-not-nominal.
+pub const ISOTHERM_MASK_DEGRADED: u64 =
+    0x00038fff00738fff | ISOTHERM_FLAG_G_UNKNOWN | ISOTHERM_FLAG_INTERVAL_NOT_NOMINAL;
 /// Mask: time is missing before this increment. gap, time-step.
 pub const ISOTHERM_MASK_LOST: u64 = ISOTHERM_FLAG_GAP | ISOTHERM_FLAG_TIME_STEP;
 /// Mask: says nothing against the increment. late.

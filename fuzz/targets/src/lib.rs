@@ -103,12 +103,22 @@ fn of_sample(table: Option<&CoefficientTable>, raw: &RawSample) -> Flags {
     let age = raw.timestamp_ns.saturating_sub(raw.telemetry_ns) as f64 / 1e9;
     let limit = table.and_then(|table| table.content().max_age_s);
     let own = table.map_or(0, CoefficientTable::device);
+    let nominal = table.map_or(0, CoefficientTable::nominal_ns);
     union([
         (!has_valid_interval(raw), Flags::INTERVAL),
+        (
+            nominal != 0 && has_valid_interval(raw) && !is_near_multiple(nominal, raw.interval_ns),
+            Flags::INTERVAL_NOT_NOMINAL,
+        ),
         (table.is_none(), Flags::NO_TABLE),
         (raw.telemetry_ns != 0 && limit.is_some_and(|limit| age > limit), Flags::TELEMETRY_STALE),
         (![0, raw.device].contains(&own) && raw.device != 0, Flags::OTHER_DEVICE),
     ])
+}
+
+/// Whether any multiple, 1 to 64, is within 1 % of the interval: the rule of the kernel, without a nearest one.
+fn is_near_multiple(nominal_ns: u64, interval_ns: u64) -> bool {
+    (1..=64).any(|m| u128::from(interval_ns.abs_diff(m * nominal_ns)) * 100 <= u128::from(m * nominal_ns))
 }
 
 /// The flags whose conditions hold.

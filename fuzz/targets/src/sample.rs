@@ -9,12 +9,14 @@ use isotherm_shared::table::{CoefficientTable, OutOfRange};
 use isotherm_shared::wire::{MAX_INTERVAL_NS, RawSample};
 use std::sync::LazyLock;
 
-/// Three tables with each policy: one plain, one with an alignment and limits, one of a whole IMU.
+/// Four tables with each policy: one plain, one with an alignment and limits, one of a whole IMU, one with a nominal
+/// interval.
 static TABLES: LazyLock<Vec<CoefficientTable>> = LazyLock::new(|| {
     let texts = [
         include_str!("../../../tests/data/imu-a.toml"),
         include_str!("../../../examples/tables/imu-b.toml"),
         include_str!("../../../examples/tables/imu-whole.toml"),
+        include_str!("../../../examples/tables/imu-mems.toml"),
     ];
     let contents = texts.map(|text| CoefficientTable::from_toml(text, None).expect("a valid table").content().clone());
     let with = |(out_of_range, _): (OutOfRange, _)| {

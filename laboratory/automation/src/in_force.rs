@@ -79,6 +79,7 @@ pub fn changes(old: &CoefficientTable, new: &CoefficientTable) -> Vec<String> {
     note("max_age_s", number(old.max_age_s), number(new.max_age_s));
     note("max_rate", rate(&old.axes), rate(&new.axes));
     note("lag_s, which the acquisition must know,", number(old.lag_s), number(new.lag_s));
+    note("nominal_interval_s", number(old.nominal_interval_s), number(new.nominal_interval_s));
     note("out_of_range", old.out_of_range.name().to_owned(), new.out_of_range.name().to_owned());
     match (old.alignment, new.alignment) {
         (Some(old), Some(new)) => {

@@ -40,12 +40,12 @@ def replay(table: Table, samples: Records | pd.DataFrame) -> Records | pd.DataFr
     recorded increments and the same index. If the table has a lag and no sample has a `lag_ns`, the lagged telemetry is computed from
     the samples, in their order; each session begins soaked. Otherwise the order of the samples does not matter for the increments.
 
-    As the command, it warns where the intervals are not the time from sample to sample, where time is lost without a hole in `sequence`, and of
-    missing samples. An array names no IMU.
+    As the command, it warns where the intervals are not the time from sample to sample, where time is lost without a hole in `sequence`, of
+    missing samples, and of scale factors that are of another interval. An array names no IMU.
     """
     array = records(samples, RAW_SAMPLE)
     data = as_bytes(array)
-    for warning in _isotherm.time_warnings(data):
+    for warning in _isotherm.time_warnings(table, data):
         warnings.warn(warning, stacklevel=2)
     increments = _isotherm.replay(table, data).view(INCREMENT)
     if is_frame(samples):

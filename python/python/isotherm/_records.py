@@ -96,7 +96,7 @@ def _at(array: Any, path: Path) -> Any:
 
 
 class Flags(enum.IntFlag):
-    """Flags of a sample (bits 0 to 23, and of the gyroscopes 32 to 49) and of its delivery (24 to 26), and masks.
+    """Flags of a sample (bits 0 to 23 and 50, and of the gyroscopes 32 to 49) and of its delivery (24 to 26), and masks.
 
     They can be combined with integers and with arrays: `increments["flags"] & Flags.LOST`.
 
@@ -152,9 +152,10 @@ class Flags(enum.IntFlag):
     G1_RATE = 1 << 47
     G2_RATE = 1 << 48
     G3_RATE = 1 << 49
+    INTERVAL_NOT_NOMINAL = 1 << 50
 
     INVALID = INTERVAL | NO_TABLE | (0b111 << 12) | (0b111 << 44)
-    DEGRADED = 0xFFF | (0b111 << 15) | (0xFFF << 32) | (0b111 << 47) | TELEMETRY_STALE | LAG_UNKNOWN | OTHER_DEVICE | G_UNKNOWN
+    DEGRADED = 0xFFF | (0b111 << 15) | (0xFFF << 32) | (0b111 << 47) | TELEMETRY_STALE | LAG_UNKNOWN | OTHER_DEVICE | G_UNKNOWN | INTERVAL_NOT_NOMINAL
     LOST = GAP | TIME_STEP
     INFORMATION = LATE
 
@@ -164,7 +165,7 @@ class Flags(enum.IntFlag):
         return getattr(ufunc, method)(*plain, **options)
 
 
-SAMPLE_FLAGS = (1 << 24) - 1 | (1 << 18) - 1 << 32
+SAMPLE_FLAGS = (1 << 24) - 1 | (1 << 19) - 1 << 32
 _NAMES = [(int(flag), name.lower().replace("_", "-")) for name, flag in Flags.__members__.items() if int(flag).bit_count() == 1 and name != "INFORMATION"]
 
 

@@ -41,8 +41,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
 
-/// How many flags are counted: bits 0 to 49.
-const FLAGS: usize = 50;
+/// How many flags are counted: bits 0 to 50.
+const FLAGS: usize = 51;
 /// Head and board telemetry of both triads.
 const TELEMETRY: usize = 4 * AXES;
 

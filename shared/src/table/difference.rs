@@ -8,6 +8,7 @@
 use super::content::{AXIS_NAMES, Axis, Content, GYROSCOPE_NAMES};
 use super::model::CoefficientTable;
 use crate::bounds::{self, Bound};
+use crate::nominal::comparable;
 use crate::polynomial::Polynomial;
 use crate::units::SensorKind;
 use crate::wire::AXES;
@@ -258,7 +259,8 @@ impl MaxChange {
 pub struct TableDifference {
     /// The largest change of everything that both tables have.
     pub changes: Vec<Change>,
-    /// What cannot be compared though both have it: another unit of the telemetry, too little of a range in common.
+    /// What cannot be compared though both have it: another unit of the telemetry, scale factors of
+    /// another interval, too little of a range in common.
     pub incomparable: Vec<String>,
     /// All else that changes, in words.
     pub others: Vec<String>,
@@ -299,6 +301,12 @@ impl TableDifference {
         if old.temperature_unit != new.temperature_unit {
             let (from, to) = (&old.temperature_unit, &new.temperature_unit);
             found.incomparable.push(format!("temperature.unit: the telemetry was in {from:?}, now it is in {to:?}"));
+            return found;
+        }
+        if !comparable(old.nominal_interval_s, new.nominal_interval_s) {
+            let [from, to] = [old, new].map(|content| content.nominal_interval_s.unwrap_or_default());
+            let text = format!("imu.nominal_interval_s: the scale factors were of {from} s, now they are of {to} s");
+            found.incomparable.push(text);
             return found;
         }
         found.sensors(SensorKind::Accelerometer, [(&old.axes, old.gravity), (&new.axes, new.gravity)]);
@@ -412,6 +420,7 @@ fn others(old: &Content, new: &Content) -> Vec<String> {
     let serial = |content: &Content| content.serial.clone().unwrap_or_else(|| "none".to_owned());
     note("serial", serial(old), serial(new));
     note("gravity", old.gravity.to_string(), new.gravity.to_string());
+    note("nominal_interval_s", optional(old.nominal_interval_s), optional(new.nominal_interval_s));
     note("out_of_range", old.out_of_range.name().to_owned(), new.out_of_range.name().to_owned());
     note("max_age_s", optional(old.max_age_s), optional(new.max_age_s));
     note("lag", optional(old.lag_s), optional(new.lag_s));

@@ -2,6 +2,7 @@
 
 use super::turntable::Turntable;
 use crate::kernel::Kernel;
+use crate::nominal::nominal_ns;
 use crate::polynomial::Polynomial;
 use crate::table::content::{Axis, Content, Refusal};
 use crate::table::digest::Digest;
@@ -49,9 +50,10 @@ impl CoefficientTable {
         if refusals.is_empty() {
             let digest = content.digest();
             let lag_ns = content.lag_s.map_or(0, |lag_s| (lag_s * 1e9).round() as u64);
+            let nominal_ns = content.nominal_interval_s.map_or(0, nominal_ns);
             let device = content.serial.as_deref().map_or(0, device);
             Ok(Self {
-                kernel: Kernel::new(&content, lag_ns, device),
+                kernel: Kernel::new(&content, [lag_ns, nominal_ns], device),
                 content,
                 id: digest.id(),
                 digest,
@@ -143,6 +145,14 @@ impl CoefficientTable {
     #[inline]
     pub const fn lag_ns(&self) -> u64 {
         self.kernel.lag_ns
+    }
+
+    /// The control period that the scale factors are of \[ns\], to the nearest one; 0 if they are of none. See
+    /// [`interval_fits`](crate::nominal::interval_fits).
+    #[must_use]
+    #[inline]
+    pub const fn nominal_ns(&self) -> u64 {
+        self.kernel.nominal_ns
     }
 
     /// The number of the unit that the table belongs to: [`device`] of its serial number; 0 = unknown.

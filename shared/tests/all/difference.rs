@@ -76,6 +76,18 @@ fn a_unit_of_telemetry_and_half_of_the_range_must_stay() {
     }
 }
 
+#[test]
+fn scale_factors_of_another_interval_are_not_compared() {
+    const MEMS: &str = include_str!("../../../examples/tables/imu-mems.toml");
+    let line = "nominal_interval_s = 0.0025";
+    let refused = refusals(MEMS, line, "nominal_interval_s = 0.005");
+    assert_eq!(refused, ["imu.nominal_interval_s: the scale factors were of 0.0025 s, now they are of 0.005 s"]);
+    assert!(refusals(MEMS, line, "nominal_interval_s = 0.00252").is_empty());
+    assert!(refusals(MEMS, line, "").is_empty());
+    let without = TableDifference::of(&table(MEMS), &table(&MEMS.replacen(line, "", 1)));
+    assert_eq!(without.others, ["nominal_interval_s 0.0025 -> none"]);
+}
+
 proptest! {
     /// A polynomial in other coefficients, centred and scaled or in another unit, is the same curve.
     #[test]

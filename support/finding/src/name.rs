@@ -98,6 +98,10 @@ findings! {
         /// the interval of a single sample under sums, or a nominal interval. A warning, with the error of the scale
         /// factors, if in all dwells by over 200 ppm and 5 standard errors.
         INTERVAL = "interval", FaultOrWarning, "Give the measured time of each row, in nanoseconds.";
+        /// The interval of the rows, the median, is not within 1 % of 1 to 64 times the `nominal_interval_s` of the
+        /// table: its scale factors are of readings at another interval. Of `replay` a warning.
+        INTERVAL_NOT_NOMINAL = "interval-not-nominal", FaultOrWarning,
+            "Give the table of this interval, or the rows that it is of: docs/table.md#readings-format-3.";
         /// Over 1 % of the rows are missing, by sequence or time; of `replay` any.
         MISSING_ROWS = "missing-rows", Warning, "Give all pieces of the recording; else look for what loses them.";
         /// Time is lost, or counted twice, within a dwell or a ramp, without a hole in `sequence`. In a turn it is

@@ -22,7 +22,11 @@ const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
 /// A table for `imu-a` of a whole IMU, with everything that a sample can be flagged for.
 fn whole() -> String {
-    include_str!("../../../examples/tables/imu-whole.toml").replace("\"imu-whole\"", "\"imu-a\"")
+    let interval_s = recording()[0].interval_ns as f64 / 1e9;
+    include_str!("../../../examples/tables/imu-whole.toml")
+        .replace("\"imu-whole\"", "\"imu-a\"")
+        .replace("format = 2", "format = 3")
+        .replace("[temperature]", &format!("nominal_interval_s = {interval_s:?}\n\n[temperature]"))
 }
 
 /// Writes a configuration for `imu-a` with metrics on any free port.
@@ -148,7 +152,7 @@ fn every_metric_is_updated() {
     wait_until("the refusal of a missing file", || {
         scrape(&address).value("isotherm_reload_failed{imu=\"imu-a\"}") == 1.0
     });
-    for text in [TABLE, "format = 3\n", &whole()] {
+    for text in [TABLE, "format = 4\n", &whole()] {
         let digest = domain.imu_status()["table"].clone();
         let refusals = domain.imu_status()["refusals"].clone();
         domain.replace("imu-a.toml", text);
@@ -162,7 +166,7 @@ fn every_metric_is_updated() {
     let all = |value: f64| both(with_telemetry(plain.accelerometers, value));
     let fast = both(Triad { positive_pulses: [u32::MAX; 3], ..plain.accelerometers });
     let stale = RawSample { timestamp_ns: 100_000_000_000, telemetry_ns: 1, ..plain };
-    let other = RawSample { device: 1, ..plain };
+    let other = RawSample { device: 1, interval_ns: plain.interval_ns / 5 * 6, ..plain };
     let odd = [all(-9.0), all(9.0), all(f64::NAN), fast, stale, other, RawSample { interval_ns: 0, ..plain }];
     for (sample, sequence) in odd.into_iter().zip(10..) {
         sender.send(RawSample { sequence, ..sample });
@@ -322,7 +326,7 @@ fn dashboard_and_documents_name_only_existing_metrics_and_every_one_is_explained
     let (_, documents) = documents.split_once("\n## Metrics\n").unwrap();
     let documents = documents.split("\n## ").next().unwrap();
     let alerts = flags_in(documents);
-    for flag in ["late", "lag-unknown", "other-device", "g-unknown"] {
+    for flag in ["late", "lag-unknown", "other-device", "g-unknown", "interval-not-nominal"] {
         assert!(alerts.contains(flag), "no alert rule for {flag}");
     }
     let of_the_dashboard = flags_in(&dashboard["panels"].to_string().replace("\\\"", "\""));

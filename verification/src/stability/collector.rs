@@ -13,6 +13,7 @@ use crate::stability::setup::Setup;
 use crate::stability::stillness::{ACCELEROMETERS, LeftOut, PARTS, mark};
 use crate::verdict::Verdict;
 use crate::window::{MIN_WINDOWS, Window};
+use isotherm_finding::Finding;
 use isotherm_recording::{Continuity, MISSING, Marks, other_device};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::polynomial::Polynomial;
@@ -215,7 +216,7 @@ impl<'a> Collector<'a> {
         let (velocity, angle) = (of_static.velocity_increment, of_static.angle_increment);
         let of_accelerometers = spoiled(Flags(!OF_GYROSCOPES.0));
         open.accelerometers.add(&raw.accelerometers, seconds, velocity_increment, velocity, of_accelerometers);
-        let of_gyroscopes = spoiled(OF_GYROSCOPES | Flags::LAG_UNKNOWN);
+        let of_gyroscopes = spoiled(OF_GYROSCOPES | Flags::LAG_UNKNOWN | Flags::INTERVAL_NOT_NOMINAL);
         open.gyroscopes.add(&raw.gyroscopes, seconds, angle_increment, angle, of_gyroscopes);
         if open.part_seconds + 0.5 * seconds >= self.window_s / PARTS {
             let seconds = core::mem::take(&mut open.part_seconds);
@@ -260,6 +261,13 @@ impl<'a> Collector<'a> {
             self.settled = Some((raw.session, raw.timestamp_ns.saturating_add(soak_ns)));
         }
         self.settled.is_some_and(|(_, settled_ns)| raw.timestamp_ns < settled_ns)
+    }
+
+    /// What is to be said of the times of the samples so far: see [`Continuity::findings`] and
+    /// [`Continuity::not_nominal`].
+    #[must_use]
+    pub fn of_time(&self) -> Vec<Finding> {
+        self.continuity.not_nominal(self.table).into_iter().chain(self.continuity.findings(MISSING)).collect()
     }
 
     /// What is missing in the samples so far.
@@ -335,7 +343,7 @@ impl<'a> Collector<'a> {
             losses: self.continuity.losses(),
             time_fault: self.continuity.fault(),
             made_the_table: false,
-            of_time: self.continuity.findings(MISSING),
+            of_time: self.of_time(),
         })
     }
 
