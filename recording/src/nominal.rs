@@ -54,7 +54,7 @@ mod tests {
         assert!(
             text.starts_with("the interval of the rows is 0.505 s, and the scale factors of the table are of 0.0025 s")
         );
-        assert!(text.contains("202.0000 of it, no whole multiple from 1 to 64"), "{text}");
+        assert!(text.contains("2.020e2 of it, no whole multiple from 1 to 64"), "{text}");
         assert!(found(vec![3_750_000; 50]).is_some() && found(vec![2_530_000; 1]).is_some());
         assert_eq!(not_nominal(0, 3_750_000), None);
     }

@@ -131,6 +131,25 @@ fn other_units_gravity_and_powers_are_the_same_curves() {
     assert_eq!(compared(&["full_alignment", "full_alignment"]).convention, Convention::AsWritten);
 }
 
+#[test]
+fn scale_factors_of_different_intervals_are_not_compared() {
+    let with = |nominal_interval_s| {
+        let file = table("2023");
+        let mut content = file.table.content().clone();
+        content.nominal_interval_s = nominal_interval_s;
+        content.format = content.least_format();
+        TableFile { table: CoefficientTable::new(content).unwrap(), ..file }
+    };
+    let refused = compare(vec![with(Some(0.0025)), with(Some(0.005))], false).unwrap_err();
+    assert_eq!(
+        refused.0,
+        ["scale factors of 0.0025 s and of 0.005 s (nominal_interval_s); give tables of one interval"]
+    );
+    for other in [Some(0.00252), None] {
+        compare(vec![with(Some(0.0025)), with(other)], false).unwrap();
+    }
+}
+
 /// The table with gyroscopes whose curves are those of 2023's accelerometers in deg/h, with these errors of both
 /// triads' misalignments \[rad\].
 fn with_gyroscopes(file: TableFile, alignment: Option<Matrix3<f64>>, errors: [f64; 2]) -> TableFile {

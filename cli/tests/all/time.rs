@@ -29,6 +29,48 @@ fn recording(folder: &Path) -> String {
     fs::read_to_string(folder.join("run/run.csv")).unwrap()
 }
 
+/// The table `run/truth.toml` with a nominal interval.
+fn nominal(folder: &Path, name: &str, interval_s: f64) {
+    let text = fs::read_to_string(folder.join("run/truth.toml")).unwrap();
+    let line = |line: &str| match line {
+        line if line.starts_with("digest") => String::new(),
+        line if line.starts_with("format = ") => "format = 3\n".to_owned(),
+        "[imu]" => format!("[imu]\nnominal_interval_s = {interval_s:?}\n"),
+        line => format!("{line}\n"),
+    };
+    fs::write(folder.join(name), text.lines().map(line).collect::<String>()).unwrap();
+}
+
+#[test]
+fn scale_factors_of_another_interval_are_found_wherever_a_table_meets_rows() {
+    let folder = folder();
+    let rows = recording(folder.path()).lines().count() - 1;
+    let commands: [&[&str]; 3] = [&["replay", "-o", "i.csv"], &["verify", "--window", "10"], &["noise"]];
+    let on = |code, command: &[&str], table: &str, more: &[&str]| {
+        run(folder.path(), code, &[command, &["--table", table, "run/run.csv"], more].concat())
+    };
+    // The rows are of 0.1 s: once, and twice, the nominal interval.
+    for interval_s in [0.1, 0.05] {
+        nominal(folder.path(), "same.toml", interval_s);
+        for command in commands {
+            let (_, words) = on(0, command, "same.toml", &[]);
+            assert!(!words.contains("nominal"), "{interval_s}: {words}");
+        }
+    }
+    nominal(folder.path(), "other.toml", 0.07);
+    let found = "[interval-not-nominal]: run/run.csv: the interval of the rows is 0.1 s, and the scale factors of the table are \
+                 of 0.07 s (nominal_interval_s): 1.4286 of it, no whole multiple from 1 to 64; give the table";
+    let (_, words) = on(0, commands[0], "other.toml", &[]);
+    assert!(words.starts_with(&format!("isotherm: warning {found}")), "{words}");
+    assert!(words.contains(&format!("{rows} flagged: interval-not-nominal {rows}")), "{words}");
+    for command in &commands[1..] {
+        let (_, words) = on(65, command, "other.toml", &[]);
+        assert!(words.contains(&format!("fault {found}")), "{words}");
+        let (_, words) = on(0, command, "other.toml", &["--accept", "interval-not-nominal"]);
+        assert!(words.contains(&format!("warning {found}")), "{words}");
+    }
+}
+
 const TIME: &str = "periods are lost without a hole in sequence, or interval_ns is too short";
 
 #[test]

@@ -59,6 +59,29 @@ fn the_recording_comes_back_exactly_and_replay_agrees_to_the_byte() {
     service.terminate();
 }
 
+/// Of 400 rows of 2.5 ms under a table of 1.25 ms, every fourth is off: a whole interval and a half more.
+#[test]
+fn service_and_replay_flag_the_same_intervals() {
+    let domain = TestDomain::new();
+    let table = TABLE.replacen("format = 1", "format = 3", 1);
+    domain.write("imu-a.toml", &table.replacen("[imu]\n", "[imu]\nnominal_interval_s = 0.00125\n", 1));
+    let odd = |row: usize, line: &str| {
+        if row % 4 == 2 { line.replacen(",2500000,", ",4375000,", 1) } else { line.to_owned() }
+    };
+    let text = fs::read_to_string(RUN).unwrap();
+    let lines = text.lines().take(401).enumerate().map(|(row, line)| odd(row, line) + "\n");
+    domain.write("odd.csv", &lines.collect::<String>());
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    let fed = domain.run_ok(&["feed", "--imu", "imu-a", "odd.csv"]);
+    assert!(fed == domain.run_ok(&["replay", "--table", "imu-a.toml", "odd.csv"]), "replay differs from feed");
+    let flags = &columns(&fed)["flags"];
+    for (row, flags) in flags.iter().enumerate() {
+        assert_eq!(flags, if row % 4 == 1 { "interval-not-nominal" } else { "-" }, "{row}");
+    }
+    assert_eq!(domain.imu_status()["flagged"]["interval-not-nominal"], 100);
+    service.terminate();
+}
+
 #[test]
 fn every_waiting_strategy_serves() {
     for strategy in ["spin", "anticipate", "block"] {
