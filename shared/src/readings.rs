@@ -62,7 +62,7 @@ pub enum ReadingError {
     #[error("the interval is {0} ns; give 1 to {MAX_INTERVAL_NS}")]
     Interval(u64),
     /// A resolution is outside of its range.
-    #[error("the resolution is {0:e}; give 1e-15 to 1e6 m/s2 or rad/s")]
+    #[error("the resolution is {0:?}; give 1e-15 to 1e6 m/s2 or rad/s")]
     Resolution(f64),
 }
 
