@@ -2,6 +2,7 @@
 
 use super::common::Acceptance;
 use crate::parse::interval;
+use crate::progress::bytes_bar;
 use clap::Args;
 use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
 use isotherm_client::ImuId;
@@ -19,14 +20,14 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Make a recording of data from other programs: text, NovAtel logs, ROS messages
+/// Make a recording of data from other programs: text, NovAtel logs, ROS messages, logs of autopilots
 ///
 /// A text (CSV, with any separator) needs a mapping file, which says what its columns are; without one, the mapping
-/// that would be is printed. NovAtel RAWIMU, RAWIMUX, RAWIMUS and RAWIMUSX in ASCII, and sensor_msgs/msg/Imu in MCAP,
-/// need none.
+/// that would be is printed. NovAtel RAWIMU, RAWIMUX, RAWIMUS and RAWIMUSX in ASCII, sensor_msgs/msg/Imu in MCAP, ULog
+/// of PX4, and DataFlash of ArduPilot (.bin, or .log as text) need none.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.parquet\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv\n  isotherm convert cold.csv warm.csv --mapping logger.toml -o runs/"
+    after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.parquet\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv\n  isotherm convert flight.ulg --instance 0 -o run.csv\n  isotherm convert cold.csv warm.csv --mapping logger.toml -o runs/"
 )]
 pub(crate) struct Convert {
     /// The foreign data; - is stdin, for text. Several files are sessions, each converted into a file of its own
@@ -50,6 +51,9 @@ pub(crate) struct Convert {
     /// Topic of the sensor_msgs/msg/Temperature, if there are several
     #[arg(long, value_name = "TOPIC")]
     temperature_topic: Option<String>,
+    /// IMU of an autopilot's log, if there are several: its number there, from 0
+    #[arg(long, value_name = "N")]
+    instance: Option<u32>,
     /// Number of the session, which the samples then have in a column; of several files that of the first [default:
     /// none, and 1 for several files]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
@@ -126,12 +130,15 @@ impl Convert {
             }
             _ => false,
         };
+        let progress = bytes_bar(&[input.to_owned()], "reading");
         let settings = Settings {
             temperature: self.temperature,
             interval_ns: self.interval.map(|interval| interval.as_nanos() as u64),
             topic: self.topic.clone(),
             temperature_topic: self.temperature_topic.clone(),
             session,
+            instance: self.instance,
+            progress: Some(progress.clone()),
         };
         let mut conversion = Conversion::open(input, self.mapping.as_deref(), &settings)?;
         let layout = conversion.layout();
@@ -161,6 +168,7 @@ impl Convert {
                 return check_written(path, Err(error));
             }
         }
+        progress.finish_and_clear();
         let at_rest = table.and_then(|table| length_at_rest(table, &begin)).map(Finding::warned);
         let findings = conversion.findings().into_iter().chain(at_rest).collect();
         for note in conversion.notes() {

@@ -111,7 +111,7 @@ impl RosSource {
         }
         let failed = |error: RecordingError| error.failure(path);
         let refused = |message: String| Failure::new(Exit::Data, format!("{}: {message}", path.display()));
-        let mut contents = Contents::read(&mut Messages::open(path)?).map_err(failed)?;
+        let mut contents = Contents::read(&mut Messages::open(path, settings)?).map_err(failed)?;
         let topic = choose(&contents.imus, settings.topic.as_deref(), "--topic")
             .map_err(|problem| refused(contents.problem(&problem, IMU)))?
             .ok_or_else(|| refused(contents.problem(&contents.no_imu(), IMU)))?;
@@ -124,7 +124,7 @@ impl RosSource {
         let mut values = chosen.as_ref().and_then(|topic| contents.temperatures.remove(topic)).unwrap_or_default();
         values.sort_by_key(|(stamp_ns, _)| *stamp_ns);
         let temperatures = Temperatures { topic: chosen, values, passed: 0, before: 0 };
-        let messages = Messages::open(path)?;
+        let messages = Messages::open(path, settings)?;
         let mut source = Self { messages, topic, gyroscopes: true, first: None, temperature, temperatures };
         source.first = source.next_reading(true).map_err(failed)?;
         Ok(source)
@@ -274,9 +274,14 @@ fn choose(topics: &[String], wanted: Option<&str>, option: &str) -> Result<Optio
 }
 
 impl Messages {
-    fn open(path: &Path) -> Result<Self, Failure> {
+    fn open(path: &Path, settings: &Settings) -> Result<Self, Failure> {
         let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
-        Ok(Self { records: Records::new(source), schemas: HashMap::new(), channels: HashMap::new(), count: 0 })
+        Ok(Self {
+            records: Records::new(settings.watched(source)),
+            schemas: HashMap::new(),
+            channels: HashMap::new(),
+            count: 0,
+        })
     }
 
     /// The next message and its channel.
