@@ -36,12 +36,13 @@ pub(crate) fn convert(
     topic: Option<String>,
     temperature_topic: Option<String>,
     session: u64,
+    instance: Option<u32>,
 ) -> PyResult<(Bound<'_, PyArray1<u8>>, Vec<String>)> {
     if let Foreign::File(path) = &source {
         // Python's own exception for a file that cannot be opened.
         File::open(path).map_err(|error| file(path, &error))?;
     }
-    let settings = Settings { temperature, interval_ns, topic, temperature_topic, session };
+    let settings = Settings { temperature, interval_ns, topic, temperature_topic, session, instance, progress: None };
     let named = mapping.as_ref().map(|(name, text)| (name.as_path(), text.as_str()));
     let read = || -> Result<(Vec<u8>, Vec<String>), Failure> {
         let mut conversion = match source {

@@ -1,6 +1,7 @@
 //! `convert`: makes a recording of foreign data.
 
 use super::common::{Acceptance, ForeignArgs};
+use crate::progress::bytes_bar;
 use clap::Args;
 use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
 use isotherm_client::ImuId;
@@ -17,14 +18,14 @@ use isotherm_shared::wire::{RawSample, StreamSample};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Make a recording of data from other programs: text, NovAtel logs, ROS messages
+/// Make a recording of data from other programs: text, NovAtel logs, ROS messages, logs of autopilots
 ///
 /// A text (CSV, with any separator) needs a mapping file, which says what its columns are; without one, the mapping
-/// that would be is printed. NovAtel RAWIMU, RAWIMUX, RAWIMUS and RAWIMUSX in ASCII, and sensor_msgs/msg/Imu in MCAP,
-/// need none.
+/// that would be is printed. NovAtel RAWIMU, RAWIMUX, RAWIMUS and RAWIMUSX in ASCII, sensor_msgs/msg/Imu in MCAP, ULog
+/// of PX4, and DataFlash of ArduPilot (.bin, or .log as text) need none.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.parquet\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv\n  isotherm convert cold.csv warm.csv --mapping logger.toml -o runs/\n  isotherm convert mems.csv --mapping mems.toml -o run.csv --nominal imu-b.toml --imu imu-b"
+    after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.parquet\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv\n  isotherm convert flight.ulg --instance 0 -o run.csv\n  isotherm convert cold.csv warm.csv --mapping logger.toml -o runs/\n  isotherm convert mems.csv --mapping mems.toml -o run.csv --nominal imu-b.toml --imu imu-b"
 )]
 pub(crate) struct Convert {
     /// The foreign data; - is stdin, for text. Several files are sessions, each converted into a file of its own
@@ -156,8 +157,9 @@ impl Convert {
             }
             _ => false,
         };
+        let progress = bytes_bar(&[input.to_owned()], "reading");
         let mut foreign = self.foreign.read()?;
-        foreign.settings.session = session;
+        (foreign.settings.session, foreign.settings.progress) = (session, Some(progress.clone()));
         let mut conversion = Conversion::of_file(input, foreign.named(), &foreign.settings)?;
         let layout = conversion.layout();
         let path = Some(output);
@@ -186,6 +188,7 @@ impl Convert {
                 return check_written(path, Err(error));
             }
         }
+        progress.finish_and_clear();
         if self.nominal.is_some() {
             *nominal = Some(self.nominal(input, &conversion, nominal.as_ref())?);
         }

@@ -33,15 +33,16 @@ def convert(
     topic: str | None = None,
     temperature_topic: str | None = None,
     session: int = 0,
+    instance: int | None = None,
 ) -> Records:
     """Raw samples, as RAW_SAMPLE, of data from other programs, as `isotherm convert` makes them.
 
-    `source` is the path of a file (text, NovAtel log, MCAP), or a table: a data frame, an array with named fields, a mapping of columns, or an
+    `source` is the path of a file (text, NovAtel log, MCAP, ULog, DataFlash), or a table: a data frame, an array with named fields, a mapping of columns, or an
     array of two dimensions, whose columns have numbers from 1. Each number is taken as the shortest decimal number that reads back to it, as in a
     file. Columns of floats are not of whole numbers, so that their resolution is 1e-6 unless it is given; times of datetime64 are in ns.
 
-    `mapping` is the path of a mapping file, or a mapping with the same keys. `temperature`, `interval` [s], `topic` and `temperature_topic`
-    and `session` are the options of the command. What the command warns of, such as gaps, is a UserWarning.
+    `mapping` is the path of a mapping file, or a mapping with the same keys. `temperature`, `interval` [s], `topic`, `temperature_topic`,
+    `session` and `instance` are the options of the command. What the command warns of, such as gaps, is a UserWarning.
 
     Raises ValueError without a mapping where one is needed, with the mapping that would be; TableError with all faults of a mapping; and
     RecordingFault if the data are wrong.
@@ -62,7 +63,7 @@ def convert(
     if temperature is not None and not np.isfinite(temperature):
         raise ValueError(f"temperature is {temperature}, give a finite number")
     data = source if isinstance(source, (str, os.PathLike)) else table_csv(source)
-    samples, findings = _isotherm.convert(data, text, temperature, interval_ns, topic, temperature_topic, session)
+    samples, findings = _isotherm.convert(data, text, temperature, interval_ns, topic, temperature_topic, session, instance)
     for finding in findings:
         warnings.warn(finding, stacklevel=2)
     return samples.view(RAW_SAMPLE)

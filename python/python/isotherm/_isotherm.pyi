@@ -603,6 +603,7 @@ def convert(
     topic: str | None,
     temperature_topic: str | None,
     session: int,
+    instance: int | None,
 ) -> tuple[_Bytes, list[str]]: ...
 def write_ros(path: _Path, table: Table, increments: _Bytes, samples: _Bytes | None, table_file: _Path) -> None: ...
 def regress(

@@ -1,13 +1,16 @@
-//! Foreign data as raw samples: text with a mapping, NovAtel logs, and `sensor_msgs/msg/Imu` in MCAP.
+//! Foreign data as raw samples: text with a mapping, NovAtel logs, `sensor_msgs/msg/Imu` in MCAP, and the logs of
+//! autopilots, ULog and DataFlash.
 //!
 //! A [`Conversion`] is an iterator over [`RawSample`]s. Pulses are `round((value - offset) / resolution)`, with the
 //! sign of the axis, on the positive or the negative channel. The sequence begins at 0; it rises by 1 from row to row,
 //! and for readings by more where the time shows that rows are missing.
 
+mod autopilot;
 mod calendar;
 mod clock;
 mod foreign;
 mod interval;
+mod known;
 mod mapping;
 mod novatel;
 mod proposal;
@@ -15,24 +18,28 @@ mod refused;
 mod rollover;
 mod ros;
 mod scale;
+mod settings;
 mod source;
 mod stamped;
 mod text;
 
+pub use autopilot::{LOG_ACCELERATION_PULSE, LOG_RATE_PULSE};
 pub use foreign::Foreign;
 pub use mapping::{ColumnRef, Decimal, Kind, KnownColumns, Mapping, Sensors, Temperature, Time, TimeUnit};
 pub(crate) use ros::is_bag;
 pub use scale::Scale;
+pub use settings::Settings;
 
 use interval::{GAP, Steps};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{LoadError, WorldWritable, open_recording, read_text};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
-use isotherm_recording::columns::{Layout, MCAP_MAGIC};
+use isotherm_recording::columns::Layout;
 use isotherm_recording::csv::Rows;
 use isotherm_shared::document::Faults;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, Triad};
+use known::Known;
 use scale::Telemetry;
 use source::{Reading, Source};
 use stamped::Stamped;
@@ -45,23 +52,6 @@ pub const PLACEHOLDER: f64 = 25.0;
 const PLAUSIBLE_NS: std::ops::RangeInclusive<u64> = 20_000..=100_000_000_000;
 /// Bytes by which the format is recognised.
 const BEGINNING: u64 = 1 << 16;
-
-/// What is known of foreign data besides a mapping.
-#[derive(Clone, Debug, Default)]
-pub struct Settings {
-    /// The telemetry of all rows, in the unit of the table.
-    pub temperature: Option<f64>,
-    /// The nominal interval \[ns\].
-    pub interval_ns: Option<u64>,
-    /// The topic of the `sensor_msgs/msg/Imu`, if there are several.
-    pub topic: Option<String>,
-    /// The topic of the `sensor_msgs/msg/Temperature`, if there are several.
-    pub temperature_topic: Option<String>,
-    /// The sensor of a log that has several of a kind.
-    pub instance: Option<u32>,
-    /// The session of all samples; 0 unless given.
-    pub session: u64,
-}
 
 /// An iterator over the raw samples of foreign data that ends at the first error.
 pub struct Conversion {
@@ -113,7 +103,7 @@ impl Conversion {
             return Err(Failure::new(Exit::Data, message));
         }
         let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
-        Self::read(path, source, mapping, settings)
+        Self::read(path, settings.watched(source), mapping, settings)
     }
 
     /// As [`open`](Self::open), of a text that is in memory. `name` stands for the data in messages; `mapping` has a
@@ -148,32 +138,16 @@ impl Conversion {
         if let Some(message) = refused::reason(&beginning) {
             return Err(Failure::new(Exit::Data, format!("{}: {message}", path.display())));
         }
-        let (is_mcap, is_novatel) = (beginning.starts_with(MCAP_MAGIC), novatel::is_log(&beginning));
-        let no_text = refused::no_text(&beginning);
+        let (format, no_text) = (Known::of(&beginning), refused::no_text(&beginning));
         let source: Box<dyn Read> = Box::new(Cursor::new(beginning).chain(source));
-        if !is_mcap && (settings.topic.is_some() || settings.temperature_topic.is_some()) {
-            return Err(Failure::new(
-                Exit::Usage,
-                format!("{}: a topic is named, but this is not MCAP", path.display()),
-            ));
-        }
-        if settings.instance.is_some() {
-            return Err(Failure::new(
-                Exit::Usage,
-                format!("{}: an instance is named, but this is no log of an autopilot", path.display()),
-            ));
-        }
-        if is_mcap || is_novatel {
+        settings.check(path, format)?;
+        if let Some(format) = format {
             let known = match mapping {
                 Some((file, text)) => KnownColumns::from_toml(text).map_err(|faults| refuse(file, faults))?,
                 None => KnownColumns::default(),
             };
             let temperature = settings.temperature.or(known.temperature);
-            let source: Box<dyn Source> = if is_mcap {
-                Box::new(ros::RosSource::open(path, source, settings, temperature)?)
-            } else {
-                Box::new(novatel::NovatelSource::new(source, temperature))
-            };
+            let source = format.open(path, source, settings, temperature)?;
             let interval_ns = settings.interval_ns.or(known.interval_ns);
             return Self::begin(path, source, interval_ns, settings.session).map_err(failed);
         }
@@ -233,7 +207,8 @@ impl Conversion {
     /// Which columns the samples need.
     #[must_use]
     pub fn layout(&self) -> Layout {
-        Layout { gyroscopes: self.input.source.has_gyroscopes(), ..Layout::default() }
+        let source = &self.input.source;
+        Layout { gyroscopes: source.has_gyroscopes(), device: source.device() != 0, ..Layout::default() }
     }
 
     /// Number of rows so far.
@@ -370,6 +345,7 @@ impl Conversion {
             interval_ns,
             accelerometers: triad(reading, 0),
             gyroscopes,
+            device: self.input.source.device(),
             ..RawSample::default()
         })
     }

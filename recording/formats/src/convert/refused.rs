@@ -4,7 +4,7 @@ use isotherm_recording::columns::PARQUET_MAGIC;
 
 /// Why data that begin with these bytes are refused; `None` if they may be converted.
 pub(super) fn reason(beginning: &[u8]) -> Option<String> {
-    const KNOWN: [(&[u8], &str); 10] = [
+    const KNOWN: [(&[u8], &str); 9] = [
         (
             b"SQLite format 3\0",
             "a SQLite file, as rosbag2 writes with .db3; convert it to MCAP: ros2 bag convert -i IN.db3 -o TO_MCAP.yaml, \
@@ -21,13 +21,8 @@ pub(super) fn reason(beginning: &[u8]) -> Option<String> {
         (b"\xaa\x44\x12", BINARY_NOVATEL),
         (b"\xaa\x44\x13", BINARY_NOVATEL),
         (
-            b"ULog\x01\x12\x35",
-            "a ULog file of PX4; make CSV of its sensor_accel and sensor_gyro: ulog2csv FILE (pip install pyulog)",
-        ),
-        (
-            b"\xa3\x95\x80",
-            "a DataFlash log of ArduPilot; make CSV of its IMU messages: mavlogdump.py --format csv --types IMU FILE (pip \
-             install pymavlink)",
+            b"H Product:Blackbox",
+            "a blackbox log of Betaflight, which has no temperatures: it shows nothing of an IMU over temperature",
         ),
         (b"\x1f\x8b", "compressed with gzip; unpack it first: zcat FILE | isotherm convert - .."),
         (b"PK\x03\x04", "a ZIP archive or a spreadsheet; unpack it, or save it as CSV"),

@@ -97,7 +97,7 @@ type OfChannel = (Rc<Channel>, Vec<u8>);
 /// a file that cannot be read up to there.
 pub(crate) fn is_bag(path: &Path) -> bool {
     let file = fs::metadata(path).is_ok_and(|metadata| metadata.is_file()) && path != Path::new("-");
-    let Some(mut messages) = file.then(|| Messages::open(path).ok()).flatten() else { return false };
+    let Some(mut messages) = file.then(|| Messages::open(path, &Settings::default()).ok()).flatten() else { return false };
     loop {
         match messages.records.next() {
             Ok(Some(Record::Message { .. })) => continue,
@@ -144,7 +144,7 @@ impl RosSource {
         }
         let failed = |error: RecordingError| error.failure(path);
         let refused = |message: String| Failure::new(Exit::Data, format!("{}: {message}", path.display()));
-        let mut contents = Contents::read(&mut Messages::open(path)?).map_err(failed)?;
+        let mut contents = Contents::read(&mut Messages::open(path, settings)?).map_err(failed)?;
         let topic = choose(&contents.imus, settings.topic.as_deref(), "--topic")
             .map_err(|problem| refused(contents.problem(&problem, IMU)))?
             .ok_or_else(|| refused(contents.problem(&contents.no_imu(), IMU)))?;
@@ -316,8 +316,9 @@ fn choose(topics: &[String], wanted: Option<&str>, option: &str) -> Result<Optio
 }
 
 impl Messages {
-    fn open(path: &Path) -> Result<Self, Failure> {
-        open_recording(path).map(Self::new).map_err(|error| Failure::io("opening", path, &error))
+    fn open(path: &Path, settings: &Settings) -> Result<Self, Failure> {
+        let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
+        Ok(Self::new(settings.watched(source)))
     }
 
     fn new(source: Box<dyn Read>) -> Self {

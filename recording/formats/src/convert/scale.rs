@@ -13,6 +13,8 @@ pub(super) struct Units {
     pub(super) resolution: Resolution,
     /// Largest readings of an accelerometer \[m/s2\] and of a gyroscope \[rad/s\], as their type has them.
     pub(super) largest: [Option<f64>; 2],
+    /// Numbers of accelerometer and gyroscope, as an autopilot has them.
+    pub(super) devices: [Option<u32>; 2],
 }
 
 /// What the pulses of converted readings stand for.
@@ -26,6 +28,8 @@ pub struct Scale {
     pub has_gyroscopes: bool,
     /// Largest readings of an accelerometer \[m/s2\] and of a gyroscope \[rad/s\], where a mapping says them.
     pub largest: [Option<f64>; 2],
+    /// Numbers of accelerometer and gyroscope, in logs of autopilots that have them.
+    pub devices: [Option<u32>; 2],
     /// Lowest and highest telemetry of all sensors and boards in the rows, in its unit; where it is constant, one unit
     /// below and above.
     pub telemetry: [f64; 2],
@@ -42,6 +46,7 @@ impl Scale {
             ("the resolution", self.resolution != other.resolution),
             ("the presence of gyroscopes", self.has_gyroscopes != other.has_gyroscopes),
             ("the range of the sensors", self.largest != other.largest),
+            ("the device", self.devices != other.devices),
         ];
         match differs.iter().find(|(_, differs)| *differs) {
             Some((what, _)) => Err(what),
@@ -107,10 +112,10 @@ impl Conversion {
     /// The reason why it is not known, with a remedy: increments, counts, a unit that is not known.
     pub fn scale(&self) -> Result<Scale, String> {
         let source = &self.input.source;
-        let Units { resolution, largest } = source.units()?;
+        let Units { resolution, largest, devices } = source.units()?;
         let telemetry = self.telemetry.range().ok_or("no row has telemetry; give the temperature")?;
         let has_gyroscopes = source.has_gyroscopes();
-        Ok(Scale { resolution, interval_ns: self.nominal_ns, has_gyroscopes, largest, telemetry })
+        Ok(Scale { resolution, interval_ns: self.nominal_ns, has_gyroscopes, largest, devices, telemetry })
     }
 
     /// What [`nominal_table`](isotherm_shared::table::nominal_table) needs to know, with telemetry in degC and standard

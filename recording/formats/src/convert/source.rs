@@ -9,7 +9,7 @@ use isotherm_shared::wire::AXES;
 /// A row of a source.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Reading {
-    /// Line of a text, number of a message.
+    /// Line of a text, number of a message, byte of a binary log.
     pub(super) place: u64,
     /// `None` in a text without a column of the time.
     pub(super) timestamp_ns: Option<u64>,
@@ -35,6 +35,11 @@ pub(super) trait Source {
 
     /// Whether the rows have gyroscopes.
     fn has_gyroscopes(&self) -> bool;
+
+    /// The unit, as samples have it; 0 if the data do not say it.
+    fn device(&self) -> u64 {
+        0
+    }
 
     /// Whether the numbers count over the time since the row before, not over the nominal interval.
     fn counts_since_the_row_before(&self) -> bool {

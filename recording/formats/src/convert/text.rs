@@ -234,7 +234,7 @@ impl Source for TextSource {
         // Without gyroscopes any resolution will do.
         let (gyroscope, of_gyroscopes) = gyroscopes.transpose()?.unwrap_or((Resolution::default().gyroscope, None));
         let resolution = Resolution { accelerometer, gyroscope };
-        Ok(Units { resolution, largest: [of_accelerometers, of_gyroscopes] })
+        Ok(Units { resolution, largest: [of_accelerometers, of_gyroscopes], ..Units::default() })
     }
 
     fn has_gyroscopes(&self) -> bool {

@@ -71,6 +71,11 @@ impl Converted {
 
     /// As [`Recording::nominal`](super::Recording::nominal).
     pub(super) fn nominal(&self, imu: &ImuId) -> Result<Nominal, Failure> {
+        self.scale().map(|scale| scale.nominal(imu))
+    }
+
+    /// What the pulses of all pieces stand for.
+    pub(super) fn scale(&self) -> Result<Scale, Failure> {
         let refused = |path: &Path, why: &str| {
             let message = format!("{}: no nominal table: {why}", path.display());
             Failure::new(Exit::Data, message).at(path, None)
@@ -95,6 +100,6 @@ impl Converted {
             };
         }
         let (_, scale) = joint.ok_or_else(|| Failure::new(Exit::Data, "no nominal table: no rows have been read"))?;
-        Ok(scale.nominal(imu))
+        Ok(scale)
     }
 }

@@ -49,8 +49,12 @@ impl Piece {
         let columns = || sample_columns(kind == RowKind::Campaign);
         let opened = open_source(path, bar, hash)?;
         // Foreign data have neither set points nor positions.
-        let foreign = input.foreign.as_ref().filter(|_| kind == RowKind::Sample);
-        let opened = match (foreign, opened) {
+        let foreign = input.foreign.clone().filter(|_| kind == RowKind::Sample);
+        let foreign = foreign.map(|mut foreign| {
+            foreign.settings.progress = Some(bar.clone());
+            foreign
+        });
+        let opened = match (&foreign, opened) {
             (Some(foreign), Opened::Csv(source)) => recognised(path, source, foreign)?,
             (Some(foreign), Opened::Mcap(source)) if is_bag(path) => Recognised::foreign(path, source, foreign)?,
             (_, opened) => Recognised::Recording(opened),

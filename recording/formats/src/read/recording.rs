@@ -206,6 +206,12 @@ impl Recording {
         self.converted.nominal(imu)
     }
 
+    /// Numbers of accelerometer and gyroscope in an autopilot, where all pieces are logs of it. Valid after the last row.
+    #[must_use]
+    pub fn devices(&self) -> [Option<u32>; 2] {
+        self.converted.scale().map(|scale| scale.devices).unwrap_or_default()
+    }
+
     /// SHA-256 of the bytes of all pieces, in order, as hexadecimal digits; empty unless opened by
     /// [`open_hashed`](Self::open_hashed). Call it after the last row.
     ///

@@ -1,0 +1,291 @@
+//! The messages of a ULog file.
+//!
+//! Source: PX4's page "ULog File Format". A header of 16 bytes; then messages: length of the body (u16), type (a
+//! letter), body. `B` says where data were appended after a crash, and the message before may be cut there. `F` defines
+//! a message, `A` subscribes a number to one, `D` has the number and data, `O` says for how long the logger lost data.
+//! Other types, known or not, are passed over.
+
+use super::ulog_format::{Formats, Lengths, SensorLayout};
+use super::window::{Damage, Window};
+use isotherm_recording::RecordingError;
+use std::collections::HashMap;
+use std::io::{self, Read};
+use std::rc::Rc;
+
+const MAGIC: &[u8] = b"ULog\x01\x12\x35";
+/// Length of the header of the file.
+const FILE_HEADER: usize = 16;
+/// Length of the header of a message.
+const HEADER: usize = 3;
+/// Body of a synchronization message.
+const SYNC: [u8; 8] = [0x2f, 0x73, 0x13, 0x20, 0x25, 0x0c, 0xbb, 0x12];
+/// Messages that must follow each other where the reading begins again.
+const CHAIN: usize = 3;
+/// The only incompatible flag that is known: data are appended.
+const APPENDED: u8 = 1;
+
+/// Whether data that begin with these bytes are ULog.
+pub(in super::super) fn is_ulog(beginning: &[u8]) -> bool {
+    beginning.starts_with(MAGIC)
+}
+
+/// The topics that concern a conversion.
+#[derive(Clone, Copy, Debug, Eq, Hash, PartialEq)]
+pub(super) enum Topic {
+    SensorAccel,
+    SensorGyro,
+    /// Corrected by the autopilot.
+    Corrected(&'static str),
+    Other,
+}
+
+const TOPICS: [(&str, Topic); 5] = [
+    ("sensor_accel", Topic::SensorAccel),
+    ("sensor_gyro", Topic::SensorGyro),
+    ("sensor_combined", Topic::Corrected("sensor_combined")),
+    ("vehicle_imu", Topic::Corrected("vehicle_imu")),
+    ("vehicle_imu_status", Topic::Corrected("vehicle_imu_status")),
+];
+
+/// What a number of messages stands for.
+pub(super) struct Subscription {
+    pub(super) topic: Topic,
+    pub(super) instance: u8,
+    lengths: Option<Lengths>,
+    /// Of a sensor; `Err` says what is wrong with its definition.
+    pub(super) layout: Result<SensorLayout, String>,
+}
+
+/// Data of a topic that concerns a conversion.
+pub(super) struct Data<'a> {
+    /// Place of the message.
+    pub(super) place: u64,
+    pub(super) of: Rc<Subscription>,
+    pub(super) body: &'a [u8],
+}
+
+/// The messages of a file.
+pub(super) struct Messages {
+    window: Window,
+    /// Bytes of the last message, which are passed with the next call.
+    held: usize,
+    formats: Formats,
+    subscriptions: HashMap<u16, Rc<Subscription>>,
+    /// Where data were appended.
+    appended: Vec<u64>,
+    pub(super) damage: Damage,
+    /// Messages of unknown types or numbers.
+    pub(super) unknown: u64,
+    /// Number of dropouts, what they lasted \[ms\], place of the first.
+    pub(super) dropouts: (u64, u64, u64),
+}
+
+/// What stands at a place.
+enum Standing {
+    /// A message of this length.
+    Message(usize),
+    /// One of an unknown type or number.
+    Unknown(usize),
+    /// One that is cut.
+    Cut,
+    Damage,
+}
+
+impl Messages {
+    /// Begins to read.
+    ///
+    /// # Errors
+    /// If the header is none.
+    pub(super) fn new(source: Box<dyn Read>) -> Result<Self, RecordingError> {
+        let mut window = Window::new(source);
+        let header = window.ahead(FILE_HEADER)?;
+        if header.len() < FILE_HEADER {
+            return Err(error(header.len() as u64, "the header of the file is cut; copy it again".to_owned()));
+        }
+        window.pass(FILE_HEADER);
+        Ok(Self {
+            window,
+            held: 0,
+            formats: Formats::default(),
+            subscriptions: HashMap::new(),
+            appended: Vec::new(),
+            damage: Damage::default(),
+            unknown: 0,
+            dropouts: (0, 0, 0),
+        })
+    }
+
+    /// The next data of a topic that concerns a conversion.
+    ///
+    /// # Errors
+    /// Of reading, and of definitions, with their place.
+    pub(super) fn next(&mut self) -> Result<Option<Data<'_>>, RecordingError> {
+        loop {
+            let Some(length) = self.advance()? else { return Ok(None) };
+            let place = self.window.place();
+            let bytes = self.window.ahead(length)?;
+            let (kind, body) = (bytes[2], &bytes[HEADER..]);
+            match kind {
+                b'D' => {
+                    let number = u16::from_le_bytes([body[0], body[1]]);
+                    let of = self.subscriptions.get(&number).filter(|of| of.topic != Topic::Other).map(Rc::clone);
+                    if let Some(of) = of {
+                        return Ok(Some(Data { place, of, body: &self.window.ahead(length)?[HEADER + 2..] }));
+                    }
+                }
+                b'F' => self.formats.add(body).map_err(|message| error(place, message))?,
+                b'A' => {
+                    let (instance, number) = (body[0], u16::from_le_bytes([body[1], body[2]]));
+                    let name = String::from_utf8_lossy(&body[3..]).into_owned();
+                    let subscription = Subscription::new(&self.formats, &name, instance);
+                    self.subscriptions.insert(number, Rc::new(subscription));
+                }
+                b'B' => {
+                    if body[8] & !APPENDED != 0 || body[9..16].iter().any(|flags| *flags != 0) {
+                        let message = "flags of a newer ULog that this program does not know; convert with ulog2csv";
+                        return Err(error(place, message.to_owned()));
+                    }
+                    let offsets = body[16..40].chunks_exact(8).filter_map(|bytes| bytes.first_chunk().copied());
+                    self.appended = offsets.map(u64::from_le_bytes).filter(|offset| *offset > 0).collect();
+                    self.appended.sort_unstable();
+                }
+                b'O' => {
+                    let (count, ms, first) = self.dropouts;
+                    let lost = u64::from(u16::from_le_bytes([body[0], body[1]]));
+                    self.dropouts = (count + 1, ms + lost, if count == 0 { place } else { first });
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Place of the message that comes next.
+    pub(super) const fn place(&self) -> u64 {
+        self.window.place()
+    }
+
+    /// Goes to the next message of a known type, and gives its length.
+    fn advance(&mut self) -> io::Result<Option<usize>> {
+        self.window.pass(core::mem::take(&mut self.held));
+        while !self.window.is_at_end()? {
+            let place = self.window.place();
+            let standing = self.standing()?;
+            // A message before appended data may be cut.
+            let boundary = self.appended.iter().find(|offset| **offset > place).map(|offset| offset - place);
+            match (standing, boundary) {
+                (Standing::Message(length) | Standing::Unknown(length), Some(boundary)) if length as u64 > boundary => {
+                    self.pass_to(boundary)?;
+                    self.damage.leave_out(place, boundary);
+                }
+                (Standing::Message(length), _) => {
+                    self.held = length;
+                    return Ok(Some(length));
+                }
+                (Standing::Unknown(length), _) => {
+                    self.unknown += 1;
+                    self.window.pass(length);
+                }
+                (Standing::Cut, None) => {
+                    self.damage.cut(place);
+                    return Ok(None);
+                }
+                (Standing::Cut | Standing::Damage, boundary) => {
+                    if !self.find(boundary)? {
+                        self.damage.cut(place);
+                        return Ok(None);
+                    }
+                    self.damage.leave_out(place, self.window.place() - place);
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// Goes to the next place where messages follow each other, `boundary` bytes at most; `false` if there is none.
+    fn find(&mut self, boundary: Option<u64>) -> io::Result<bool> {
+        let limit = boundary.map(|boundary| self.window.place() + boundary);
+        loop {
+            self.window.pass(1);
+            if self.window.is_at_end()? {
+                return Ok(false);
+            }
+            if limit == Some(self.window.place()) || self.is_chain()? {
+                return Ok(true);
+            }
+        }
+    }
+
+    fn pass_to(&mut self, boundary: u64) -> io::Result<()> {
+        let boundary = boundary as usize;
+        self.window.ahead(boundary)?;
+        self.window.pass(boundary);
+        Ok(())
+    }
+
+    /// What stands at the next place.
+    fn standing(&mut self) -> io::Result<Standing> {
+        if let Some(length) = self.message(0)? {
+            let is_whole = self.window.ahead(length)?.len() == length;
+            return Ok(if is_whole { Standing::Message(length) } else { Standing::Cut });
+        }
+        let ahead = self.window.ahead(HEADER)?;
+        let [low, high, _] = ahead else { return Ok(Standing::Cut) };
+        let length = HEADER + usize::from(u16::from_le_bytes([*low, *high]));
+        // What follows tells an unknown message from damage.
+        let is_followed =
+            length > HEADER && (self.message(length)?.is_some() || self.window.ahead(length + 1)?.len() == length);
+        Ok(if is_followed { Standing::Unknown(length) } else { Standing::Damage })
+    }
+
+    /// Whether several messages follow each other, or whole ones up to the end.
+    fn is_chain(&mut self) -> io::Result<bool> {
+        let mut length = 0;
+        for number in 0..CHAIN {
+            match self.message(length)? {
+                Some(next) => length += next,
+                None => return Ok(number > 0 && self.window.ahead(length + 1)?.len() == length),
+            }
+        }
+        Ok(self.window.ahead(length)?.len() == length)
+    }
+
+    /// The length of the message that stands `after` bytes ahead, if its header and its first bytes are those of one.
+    fn message(&mut self, after: usize) -> io::Result<Option<usize>> {
+        let bytes = self.window.ahead(after + HEADER + SYNC.len())?;
+        let Some([low, high, kind, first @ ..]) = bytes.get(after..) else { return Ok(None) };
+        let size = usize::from(u16::from_le_bytes([*low, *high]));
+        let is_message = match kind {
+            b'B' => size >= 40,
+            b'F' | b'I' | b'P' => size > 2,
+            b'M' | b'Q' | b'A' => size > 3,
+            b'L' => size >= 9,
+            b'C' => size >= 11,
+            b'R' | b'O' => size == 2,
+            b'S' => size == SYNC.len() && first.starts_with(&SYNC[..first.len().min(SYNC.len())]),
+            b'D' => {
+                let of = first.first_chunk().and_then(|number| self.subscriptions.get(&u16::from_le_bytes(*number)));
+                let lengths = of.map(|of| of.lengths);
+                let fits = |lengths: Lengths| (lengths.least + 2..=lengths.most + 2).contains(&size);
+                size >= 2 && lengths.is_some_and(|lengths| lengths.is_none_or(fits))
+            }
+            _ => false,
+        };
+        Ok(is_message.then_some(HEADER + size))
+    }
+}
+
+impl Subscription {
+    fn new(formats: &Formats, name: &str, instance: u8) -> Self {
+        let topic = TOPICS.iter().find(|(known, _)| *known == name).map_or(Topic::Other, |(_, topic)| *topic);
+        let layout = match topic {
+            Topic::SensorAccel | Topic::SensorGyro => formats.sensor(name),
+            _ => Err(String::new()),
+        };
+        Self { topic, instance, lengths: formats.lengths(name).ok(), layout }
+    }
+}
+
+/// An error at a place.
+pub(super) fn error(place: u64, message: String) -> RecordingError {
+    RecordingError::Place { place: format!("byte {place}"), message }
+}

@@ -1,0 +1,57 @@
+//! Formats whose columns are known, so that they need no mapping. Each is recognised by its first bytes.
+
+use super::Settings;
+use super::autopilot::{DataFlashSource, UlogSource, is_binary_log, is_text_log, is_ulog};
+use super::novatel::{self, NovatelSource};
+use super::ros::RosSource;
+use super::source::Source;
+use isotherm_failure::Failure;
+use isotherm_recording::columns::MCAP_MAGIC;
+use std::io::Read;
+use std::path::Path;
+
+/// A format whose columns are known.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(super) enum Known {
+    /// ROS messages.
+    Mcap,
+    Novatel,
+    /// Of PX4.
+    Ulog,
+    /// Of ArduPilot, binary or as text.
+    DataFlash {
+        is_text: bool,
+    },
+}
+
+impl Known {
+    /// The format of data that begin with these bytes.
+    pub(super) fn of(beginning: &[u8]) -> Option<Self> {
+        if beginning.starts_with(MCAP_MAGIC) {
+            return Some(Self::Mcap);
+        }
+        if is_ulog(beginning) {
+            return Some(Self::Ulog);
+        }
+        if is_binary_log(beginning) || is_text_log(beginning) {
+            return Some(Self::DataFlash { is_text: is_text_log(beginning) });
+        }
+        novatel::is_log(beginning).then_some(Self::Novatel)
+    }
+
+    /// Opens the data. `source` has all of them; logs are read from the file instead.
+    pub(super) fn open(
+        self,
+        path: &Path,
+        source: Box<dyn Read>,
+        settings: &Settings,
+        temperature: Option<f64>,
+    ) -> Result<Box<dyn Source>, Failure> {
+        Ok(match self {
+            Self::Mcap => Box::new(RosSource::open(path, source, settings, temperature)?),
+            Self::Novatel => Box::new(NovatelSource::new(source, temperature)),
+            Self::Ulog => Box::new(UlogSource::open(path, settings, temperature)?),
+            Self::DataFlash { is_text } => Box::new(DataFlashSource::open(path, settings, temperature, is_text)?),
+        })
+    }
+}
