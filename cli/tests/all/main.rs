@@ -10,6 +10,7 @@ mod findings;
 mod gravity_only;
 mod gyroscopes;
 mod noise;
+mod parameters;
 mod pieces;
 mod ramps;
 mod simulate;

@@ -24,6 +24,7 @@ from ._isotherm import (
     Axis,
     Batch,
     Comparison,
+    Exported,
     Increment,
     IncrementReader,
     Loan,
@@ -33,6 +34,8 @@ from ._isotherm import (
     Triad,
     __version__,
     device,
+    export_parameters,
+    import_parameters,
 )
 from ._gravity_only import calibrate_gravity_only, lengths
 from ._offline import (
@@ -65,6 +68,7 @@ __all__ = [
     "Closed",
     "Comparison",
     "ComparisonError",
+    "Exported",
     "Flags",
     "Full",
     "Increment",
@@ -94,7 +98,9 @@ __all__ = [
     "compare",
     "convert",
     "device",
+    "export_parameters",
     "flag_names",
+    "import_parameters",
     "lengths",
     "noise",
     "read_increments",
