@@ -12,6 +12,7 @@ mod lengths;
 mod noise;
 mod offline;
 mod owned;
+mod parameters;
 mod reader;
 mod readings;
 mod records;
@@ -47,6 +48,8 @@ mod _isotherm {
         Stability, read_increments, read_recording, regress, replay, time_warnings, verify, write_increments,
         write_recording,
     };
+    #[pymodule_export]
+    use crate::parameters::{Exported, export_parameters, import_parameters};
     #[pymodule_export]
     use crate::reader::IncrementReader;
     #[pymodule_export]

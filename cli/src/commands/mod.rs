@@ -9,8 +9,10 @@ mod common;
 mod compare;
 mod convert;
 mod explain;
+mod export;
 mod feed;
 mod generate;
+mod import;
 mod noise;
 mod record;
 mod regress;
@@ -32,7 +34,7 @@ use isotherm_service::commands::serve::Serve;
 use isotherm_service::commands::status::Status;
 
 /// Commands that join no domain.
-pub(crate) const WITHOUT_DOMAIN: [&str; 19] = [
+pub(crate) const WITHOUT_DOMAIN: [&str; 21] = [
     "calibrate",
     "campaign check",
     "campaign status",
@@ -43,6 +45,8 @@ pub(crate) const WITHOUT_DOMAIN: [&str; 19] = [
     "convert",
     "demo",
     "explain",
+    "export",
+    "import",
     "man",
     "noise",
     "regress",
@@ -72,6 +76,8 @@ pub(crate) enum Command {
     Verify(verify::Verify),
     Compare(compare::Compare),
     Noise(noise::Noise),
+    Export(export::Export),
+    Import(import::Import),
     Simulate(Box<simulate::Simulate>),
     Campaign(campaign::CampaignCommand),
     Rollback(rollback::Rollback),
@@ -107,6 +113,8 @@ impl Command {
             Self::Verify(verify) => verify.run(),
             Self::Compare(compare) => compare.run(),
             Self::Noise(noise) => noise.run(),
+            Self::Export(export) => export.run(),
+            Self::Import(import) => import.run(),
             Self::Simulate(simulate) => simulate.run(&domain),
             Self::Campaign(campaign) => campaign.run(domain),
             Self::Rollback(rollback) => rollback.run(),
@@ -128,6 +136,8 @@ impl Command {
             | Self::Compare(_)
             | Self::Convert(_)
             | Self::Noise(_)
+            | Self::Export(_)
+            | Self::Import(_)
             | Self::Man(_) => true,
             Self::Simulate(simulate) => simulate.writes_and_ends(),
             _ => false,

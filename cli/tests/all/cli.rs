@@ -71,6 +71,8 @@ fn every_help_has_examples_and_exit_codes_and_the_domain_where_there_is_one() {
         "convert",
         "demo",
         "explain",
+        "export",
+        "import",
         "man",
         "noise",
         "regress",

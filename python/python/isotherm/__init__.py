@@ -24,6 +24,7 @@ from ._isotherm import (
     Axis,
     Batch,
     Comparison,
+    Exported,
     Increment,
     IncrementReader,
     Loan,
@@ -34,6 +35,8 @@ from ._isotherm import (
     Triad,
     __version__,
     device,
+    export_parameters,
+    import_parameters,
 )
 from ._gravity_only import calibrate_gravity_only, lengths
 from ._offline import (
@@ -66,6 +69,7 @@ __all__ = [
     "Closed",
     "Comparison",
     "ComparisonError",
+    "Exported",
     "Flags",
     "Full",
     "Increment",
@@ -96,7 +100,9 @@ __all__ = [
     "compare",
     "convert",
     "device",
+    "export_parameters",
     "flag_names",
+    "import_parameters",
     "lengths",
     "noise",
     "read_increments",

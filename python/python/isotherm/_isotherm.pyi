@@ -588,6 +588,59 @@ def batch(named: Sequence[tuple[str, Table]]) -> Batch: ...
 def device(serial: str) -> int:
     """The number of the unit with this serial number, which every sample carries; 0 for blanks."""
 
+@final
+class Exported:
+    """The parameters of a table. `str()` gives the text."""
+
+    @property
+    def text(self) -> str:
+        """The text of a .params or .parm file."""
+    @property
+    def lost(self) -> list[tuple[str, list[str], float | None, float | None]]:
+        """What was left out: name, sensors, the size of accelerometers [m/s2] and of gyroscopes [rad/s], if any has it."""
+    @property
+    def difference(self) -> tuple[float, float | None]:
+        """Largest difference over the range between what the firmware subtracts, in float32, and the written biases [m/s2; rad/s]."""
+    @property
+    def notes(self) -> list[str]:
+        """What you should know besides."""
+
+def export_parameters(
+    table: Table,
+    *,
+    to: str,
+    instance: int | None = None,
+    device_id: int | tuple[int, int] | None = None,
+    at: float | None = None,
+    drop: Sequence[str] = ...,
+) -> Exported:
+    """The biases of a table in degC as parameters of an autopilot, as `isotherm export` writes them.
+
+    `to` is "px4" or "ardupilot", `instance` the number of the IMU there: 0 to 3 of PX4, 1 to 5 of ArduPilot. PX4 needs the device
+    number, or those of accelerometers and gyroscopes. With `at` [degC] ArduPilot's constants are written too: CALTEMP, and as OFFS the
+    biases at that temperature. `drop` names what is left out: scale-temperature, negative-scale, alignment, lag, g-sensitivity, order,
+    ranges.
+
+    Raises TableError if the table has what parameters cannot say and is not dropped, with the size of what would be lost; ValueError for
+    other arguments.
+    """
+
+def import_parameters(
+    text: str,
+    autopilot: str,
+    *,
+    imu: str,
+    interval: float,
+    instance: int | None = None,
+    gravity: float = 9.80665,
+) -> Table:
+    """The table of an autopilot's parameters ("px4", "ardupilot"), as `isotherm import` makes it: that of readings in m/s2 and rad/s at
+    the nominal `interval` [s], with the biases that the firmware subtracts. ArduPilot's are 0 at 35 degC unless the text has CALTEMP and
+    OFFS.
+
+    Raises TableError with all faults of the text.
+    """
+
 def read_text(path: _Path) -> str: ...
 def replay(table: Table, samples: _Bytes) -> _Bytes: ...
 def time_warnings(table: Table, samples: _Bytes) -> list[str]: ...

@@ -1,0 +1,96 @@
+//! `export`: a table as parameters of an autopilot.
+
+use clap::Args;
+use clap::builder::TypedValueParser as _;
+use isotherm_failure::{Failure, tell};
+use isotherm_files::{StagedText, WorldWritable, load_table, refuse_overlap};
+use isotherm_parameters::{Autopilot, Effect, ExportOptions, export, size};
+use std::path::{Path, PathBuf};
+
+/// Write the biases of a table as parameters of PX4 or ArduPilot
+///
+/// Both autopilots subtract a cubic of the temperature, and that of the table is written exactly, in float32. What the
+/// parameters cannot say is refused with its size, unless it is dropped by name. Other instances are left alone.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  isotherm export imu-a.toml --to px4 --device-id 3014666,3080202 -o imu-a.params\n  isotherm export imu-a.toml --to ardupilot --instance 2 --at 25 -o imu-a.parm\n  isotherm export imu-a.toml --to ardupilot --drop lag,alignment -o imu-a.parm"
+)]
+pub(crate) struct Export {
+    /// Coefficient table in degC
+    #[arg(value_name = "TABLE")]
+    table: PathBuf,
+    /// The autopilot
+    #[arg(long, value_name = "AUTOPILOT", value_parser = autopilot())]
+    to: Autopilot,
+    /// Where the parameters go: .params of PX4, .parm of ArduPilot; - is stdout
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Number of the IMU in the autopilot: 0 to 3 of PX4, 1 to 5 of ArduPilot [default: the first]
+    #[arg(long, value_name = "N")]
+    instance: Option<u8>,
+    /// PX4's device number of the IMU, or those of accelerometers and gyroscopes; in logs they are device_id
+    #[arg(long, value_name = "ACC[,GYR]", value_parser = devices)]
+    device_id: Option<[u32; 2]>,
+    /// Write ArduPilot's constants too: CALTEMP, and as OFFS the biases at this temperature [degC]
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    at: Option<f64>,
+    /// Leave this out, if the table has it; several with commas, or repeated
+    #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = effect())]
+    drop: Vec<Effect>,
+}
+
+impl Export {
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        refuse_overlap(&[(&self.table, "the table")], &[Some(&self.output)])?;
+        let (table, _) = load_table(&self.table, None, WorldWritable::Allow)?;
+        let options = ExportOptions {
+            autopilot: self.to,
+            instance: self.instance,
+            device_id: self.device_id,
+            at_c: self.at,
+            drop: self.drop,
+        };
+        let exported = export(&table, &options)?;
+        StagedText::create(Some(&self.output))?.write(&exported.text)?.finish()?;
+        for loss in &exported.lost {
+            tell("isotherm", format_args!("left out: {loss}"));
+        }
+        for note in &exported.notes {
+            tell("isotherm", format_args!("note: {note}"));
+        }
+        let lines = exported.text.lines().filter(|line| !line.starts_with('#')).count();
+        let to = if self.output == Path::new("-") { "stdout".into() } else { self.output.display().to_string() };
+        let gyroscopes = exported.difference.gyroscopes.map(|rate| format!(" and {} rad/s", size(rate)));
+        let [low, high] = exported.range;
+        tell(
+            "isotherm",
+            format_args!(
+                "{lines} parameters of {} in {to}; in float32 within {} m/s2{} of the table, from {low} to {high} degC",
+                self.to,
+                size(exported.difference.accelerometers),
+                gyroscopes.unwrap_or_default(),
+            ),
+        );
+        Ok(())
+    }
+}
+
+/// The name of an autopilot.
+pub(super) fn autopilot() -> impl clap::builder::TypedValueParser<Value = Autopilot> {
+    clap::builder::PossibleValuesParser::new(Autopilot::NAMES.map(|(_, name)| name))
+        .try_map(|name| name.parse::<Autopilot>())
+}
+
+/// The name of an effect.
+fn effect() -> impl clap::builder::TypedValueParser<Value = Effect> {
+    clap::builder::PossibleValuesParser::new(Effect::NAMES.map(|(_, name)| name)).try_map(|name| name.parse::<Effect>())
+}
+
+/// One device number for both kinds of sensor, or one for each.
+fn devices(text: &str) -> Result<[u32; 2], String> {
+    let (accelerometers, gyroscopes) = text.split_once(',').unwrap_or((text, text));
+    match (accelerometers.trim().parse(), gyroscopes.trim().parse()) {
+        (Ok(accelerometers), Ok(gyroscopes)) => Ok([accelerometers, gyroscopes]),
+        _ => Err("give one number, or two with a comma between them".to_owned()),
+    }
+}
