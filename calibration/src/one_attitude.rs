@@ -18,7 +18,6 @@ mod checks;
 mod curves;
 mod order;
 
-pub use beside::Autopilot;
 pub use order::{LeftOut, OrderChoice, TriedOrder};
 
 use crate::error::CalibrationError;
@@ -28,6 +27,7 @@ use crate::sensor::TriadUnits;
 use crate::transients::{BinValue, LagChoice, RampRecording, bin_values};
 use curves::{Part, Series, Shape, Weight, spread};
 use isotherm_campaign::Campaign;
+use isotherm_parameters::Autopilot;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable, Content};
 use isotherm_shared::units::SensorKind;

@@ -37,8 +37,11 @@ pub(crate) fn lag(text: &str) -> Result<u64, String> {
     TimeConstant::from_seconds(seconds).map(TimeConstant::ns).map_err(|error| error.to_string())
 }
 
-/// A time constant for the ramps of a campaign: a number of seconds, or `none`.
+/// A time constant for the ramps of a campaign: a number of seconds, `none`, or `auto`.
 pub(crate) fn lag_choice(text: &str) -> Result<LagChoice, String> {
+    if text == "auto" {
+        return Ok(LagChoice::Search);
+    }
     let lag_ns = lag(text)?;
     Ok(if lag_ns == 0 { LagChoice::None } else { LagChoice::Given(lag_ns as f64 / 1e9) })
 }

@@ -4,7 +4,7 @@ use crate::files::{Bar, CampaignFile};
 use indicatif::ProgressBar;
 use isotherm_calibration::{
     CalibrationError, CalibrationOptions, CampaignSource, Fitted, GravityOnlyOptions, Measured, Measurements,
-    RampRecording, TumbleRecording, observable, read_measurements, sha256,
+    OneAttitudeOptions, RampRecording, TumbleRecording, observable, read_measurements, sha256,
 };
 use isotherm_campaign::{Campaign, Ramp};
 use isotherm_failure::{Exit, Failure};
@@ -13,8 +13,10 @@ use isotherm_recording::{CampaignRow, Marks, RecordingError};
 use isotherm_recording_formats::convert::Foreign;
 use isotherm_recording_formats::read::{ImuChoice, Input, Places, Recording, RowKind};
 use isotherm_report::{fitted, json};
-use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::stream::ImuId;
+use isotherm_shared::table::{CoefficientTable, Nominal, nominal_table};
 use serde_json::Value;
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 
 /// Options of a fit of either kind; the campaign says which kind it is.
@@ -24,9 +26,11 @@ pub struct FitOptions {
     pub turntable: CalibrationOptions,
     /// Of an IMU that was put down by hand.
     pub by_hand: GravityOnlyOptions,
+    /// Of recordings at one attitude.
+    pub at_one_attitude: OneAttitudeOptions,
     /// Whether the findings that a diagnosis explains are listed too.
     pub symptoms: bool,
-    /// How recordings of an IMU that was put down by hand are read where other programs wrote them.
+    /// How recordings are read where other programs wrote them; not of a turntable.
     pub foreign: Foreign,
 }
 
@@ -72,6 +76,8 @@ pub struct Origin {
     pub rows: Vec<Marks>,
     /// What the operator should know of recordings that other programs wrote, a line each.
     pub notes: Vec<String>,
+    /// Numbers of accelerometer and gyroscope in an autopilot, where its logs say them.
+    pub devices: [Option<u32>; 2],
     /// Whether the findings that a diagnosis explains are listed too.
     pub symptoms: bool,
 }
@@ -89,6 +95,8 @@ pub struct Made {
     pub places: Places,
     /// What the operator should know of recordings that other programs wrote, a line each.
     pub notes: Vec<String>,
+    /// Numbers of accelerometer and gyroscope in an autopilot, where its logs say them.
+    pub devices: [Option<u32>; 2],
 }
 
 impl Inputs {
@@ -140,6 +148,40 @@ impl Inputs {
         Ok(Self { measured, from })
     }
 
+    /// Reads recordings at one attitude, and what describes them. Without a `nominal` table they must be readings of
+    /// other programs: their resolution makes it.
+    ///
+    /// # Errors
+    /// If a file cannot be read, or if no nominal table can be made.
+    pub fn at_one_attitude(
+        imu: &ImuId,
+        samples: Vec<Source<'_>>,
+        nominal: Option<CoefficientTable>,
+        gravity: Option<f64>,
+        options: &FitOptions,
+        bar: Bar<'_>,
+    ) -> Result<(Campaign, Self), Refused> {
+        let mut from = Origin {
+            samples: samples.first().map(Source::path).unwrap_or_default(),
+            symptoms: options.symptoms,
+            ..Origin::default()
+        };
+        let input = (ImuChoice::Prefer(imu.clone()), options.foreign.clone()).into();
+        let names: Vec<_> = samples.iter().map(|source| source.path().display().to_string()).collect();
+        let read = Reader { input, bar }.at_one_attitude(imu, samples, nominal.is_none())?;
+        from.devices = read.first().map(|(_, found)| found.devices).unwrap_or_default();
+        let (read, found): (Vec<_>, Vec<_>) = read.into_iter().map(|(read, found)| (read, found.nominal)).unzip();
+        let nominal = match nominal {
+            Some(nominal) => nominal,
+            None => nominal_of(found.into_iter().flatten(), gravity)?,
+        };
+        let recordings = from.take(read);
+        let content = nominal.content();
+        let campaign = Campaign::one_attitude(imu.clone(), content.gravity, &content.temperature_unit, &names);
+        let measured = Measured::OneAttitude(recordings, Box::new(nominal), options.at_one_attitude.clone());
+        Ok((campaign, Self { measured, from }))
+    }
+
     /// Makes the table.
     ///
     /// # Errors
@@ -156,7 +198,7 @@ impl Inputs {
             ..CampaignSource::now()
         };
         let table = fitted.sealed(campaign, &source).map_err(|message| Failure::new(Exit::Failed, message))?;
-        Ok(Made { fitted, table, source, places: from.places, notes: from.notes })
+        Ok(Made { fitted, table, source, places: from.places, notes: from.notes, devices: from.devices })
     }
 }
 
@@ -212,6 +254,38 @@ fn curves(path: &Path, campaign: &Campaign) -> Result<(CoefficientTable, bool), 
     let (text, _) = read_text(path, WorldWritable::Allow)?;
     let has_errors = isotherm_calibration::Origin::of_toml(&text, &table).has_bias_errors();
     Ok((table, has_errors))
+}
+
+/// What a file of readings says of them.
+#[derive(Default)]
+struct OfReadings {
+    nominal: Option<Nominal>,
+    devices: [Option<u32>; 2],
+}
+
+/// Why no nominal table can be made, with the remedy.
+fn needs_nominal(failure: Failure) -> Failure {
+    let message = format!("{}; counts need --nominal TABLE.toml, which says what a pulse is", failure.message);
+    Failure { message, ..failure }
+}
+
+/// The nominal table of all recordings; `gravity` is 1 g0 \[m/s2\].
+fn nominal_of(all: impl Iterator<Item = Nominal>, gravity: Option<f64>) -> Result<CoefficientTable, Failure> {
+    let join = |one: Nominal, other: Nominal| {
+        let ranges = [one.range, other.range];
+        let range = [ranges[0][0].min(ranges[1][0]), ranges[0][1].max(ranges[1][1])];
+        let alike = Nominal { range, ..one };
+        if alike == (Nominal { range, ..other }) {
+            return Ok(alike);
+        }
+        let message = "the recordings differ in nominal interval, resolution or gyroscopes; give --interval, or recordings of one kind";
+        Err(Failure::new(Exit::Data, message))
+    };
+    let mut all = all;
+    let first = all.next().ok_or_else(|| Failure::new(Exit::Usage, "no recording is named"))?;
+    let joined = all.try_fold(first, join)?;
+    let gravity = gravity.unwrap_or(joined.gravity);
+    nominal_table(&Nominal { gravity, ..joined }).map_err(|refusals| Failure::new(Exit::Config, refusals.to_string()))
 }
 
 /// Where rows come from.
@@ -320,6 +394,46 @@ impl Reader<'_> {
                 let recording = TumbleRecording::read(name.clone(), marked(rows, &mut marks));
                 let recording = recording.map_err(|error| error.failure(Path::new(&name)))?;
                 Ok(Read { recording, sha256, rows: marks, notes: Vec::new() })
+            }
+        };
+        let all = samples.into_iter().map(read).collect();
+        bar.finish_and_clear();
+        all
+    }
+
+    /// Recordings at one attitude, with the SHA-256 of each, and with what makes a nominal table if it is `wanted`.
+    fn at_one_attitude(
+        &self,
+        imu: &ImuId,
+        samples: Vec<Source<'_>>,
+        wanted: bool,
+    ) -> Result<Vec<(Read<RampRecording>, OfReadings)>, Failure> {
+        let paths: Vec<_> = samples.iter().map(Source::path).collect();
+        let bar = (self.bar)(&paths, "reading");
+        let read = |source: Source<'_>| match source {
+            Source::File(path) => {
+                let name = path.display().to_string();
+                let found = RefCell::new((None, [None; 2]));
+                let read = self.recording(
+                    &path,
+                    &bar,
+                    |rows| RampRecording::read(name.clone(), rows),
+                    |recording, rows| {
+                        found.replace((wanted.then(|| rows.nominal(imu)), rows.devices()));
+                        recording.with_findings(rows.findings())
+                    },
+                )?;
+                let (nominal, devices) = found.into_inner();
+                Ok((read, OfReadings { nominal: nominal.transpose().map_err(needs_nominal)?, devices }))
+            }
+            Source::Rows { name, sha256, rows } => {
+                let mut marks = Marks::default();
+                let recording = RampRecording::read(name.clone(), marked(rows, &mut marks));
+                let recording = recording.map_err(|error| error.failure(Path::new(&name)))?;
+                if wanted {
+                    return Err(needs_nominal(Failure::new(Exit::Usage, format!("{name}: rows in memory"))));
+                }
+                Ok((Read { recording, sha256, rows: marks, notes: Vec::new() }, OfReadings::default()))
             }
         };
         let all = samples.into_iter().map(read).collect();

@@ -22,6 +22,9 @@ const SETTLED_PART: f64 = 0.02;
 /// Rates are means over this part of a recording.
 const RATE_PART: f64 = 0.01;
 
+/// What is found in the rows themselves.
+const OF_ROWS: [&str; 3] = [name::INTERVAL, name::MISSING_ROWS, name::TIME_STEP];
+
 /// What is found before anything is fitted.
 pub(super) fn before(recordings: &[RampRecording], nominal: &CoefficientTable) -> Vec<Finding> {
     let of_recording = |recording: &RampRecording| {
@@ -45,7 +48,9 @@ pub(super) fn after(recordings: &[RampRecording], found: &Transients) -> Vec<Fin
         );
         Finding::warning(name::ONE_DIRECTION, message)
     });
-    unknown.into_iter().chain(unsettled).collect()
+    let all: Vec<Finding> = unknown.into_iter().chain(unsettled).collect();
+    let of_files = recordings.iter().flat_map(|recording| recording.findings().iter().cloned());
+    all.into_iter().chain(of_files.filter(|finding| !OF_ROWS.contains(&finding.name))).collect()
 }
 
 /// Telemetry that is no degree Celsius.

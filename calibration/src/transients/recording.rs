@@ -3,6 +3,7 @@
 use core::ops::Range;
 use isotherm_campaign::implausible;
 
+use isotherm_finding::Finding;
 use isotherm_recording::{CampaignRow, Continuity, RawCsvReader, RecordingError};
 use isotherm_shared::lag::{LaggedReading, SENSORS};
 use isotherm_shared::table::Axis;
@@ -24,6 +25,8 @@ pub struct RampRecording {
     has_gyroscopes: bool,
     devices: [u64; 2],
     continuity: Continuity,
+    /// What was found in its file before.
+    findings: Vec<Finding>,
 }
 
 /// Rows without a gap between them.
@@ -78,6 +81,7 @@ impl RampRecording {
             has_gyroscopes: false,
             devices: [0; 2],
             continuity: Continuity::default(),
+            findings: Vec::new(),
         }
     }
 
@@ -155,6 +159,17 @@ impl RampRecording {
     /// What is missing in it.
     pub const fn continuity(&self) -> &Continuity {
         &self.continuity
+    }
+
+    /// The same recording, with what was found in its file.
+    #[must_use]
+    pub fn with_findings(self, findings: Vec<Finding>) -> Self {
+        Self { findings, ..self }
+    }
+
+    /// What was found in its file.
+    pub(crate) fn findings(&self) -> &[Finding] {
+        &self.findings
     }
 
     /// What messages call it.

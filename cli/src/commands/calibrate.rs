@@ -3,6 +3,7 @@
 mod arguments;
 mod batch;
 mod gravity_only;
+mod one_attitude;
 
 use super::common::or_document;
 use crate::commands::calibrate::arguments::{Excluded, PolynomialOrder};
@@ -42,6 +43,9 @@ impl Calibrate {
             let message = "--json and -o - both go to stdout; give the table a file";
             return Err(Failure::new(Exit::Usage, message).into());
         }
+        if let (true, Some(imu)) = (self.at_one_attitude.one_attitude, &self.without_turntable.imu) {
+            return Ok(Ok(self.make_at_one_attitude(imu)?));
+        }
         if let Some((campaign, recordings)) = self.described() {
             let made = self.make_table(&campaign, &recordings, None)??;
             return Ok(Ok(self.print_json(&made.json())?));
@@ -67,7 +71,7 @@ impl Calibrate {
     ) -> Result<Result<Made, Refused>, Refused> {
         match self.stage(campaign, samples, file)? {
             Ok(staged) => {
-                self.write(campaign, &staged.made, staged.table, staged.page)?;
+                self.write(campaign, &staged.made, staged.table, staged.page, Vec::new())?;
                 Ok(Ok(staged.made))
             }
             Err(refused) => Ok(Err(refused)),
@@ -106,6 +110,11 @@ impl Calibrate {
         let spinner = spinner("fitting");
         let made = inputs.fit(campaign, file);
         spinner.finish_and_clear();
+        self.named(made)
+    }
+
+    /// A refusal with the names of all faults that must be accepted, if the user accepts some.
+    fn named(&self, made: Result<Made, Refused>) -> Result<Made, Refused> {
         made.map_err(|mut refused| {
             let left = refused.fit.as_ref().map(|fit| fit.0.acceptable()).unwrap_or_default();
             self.add_names(&mut refused, &left);
@@ -128,21 +137,23 @@ impl Calibrate {
         }
     }
 
-    /// Writes the table and the report, and prints findings and text.
+    /// Writes the table, the report and what else is written already, and prints findings and text.
     fn write(
         &self,
         campaign: &Campaign,
         made: &Made,
         table: StagedText,
         page: Option<StagedText>,
+        others: Vec<StagedText>,
     ) -> Result<(), Refused> {
-        made.notes.iter().for_each(|note| tell("isotherm", note));
         made.findings().for_each(|finding| tell("isotherm", finding));
+        made.notes.iter().for_each(|note| tell("isotherm", note));
         if !self.json {
             let _ = io::stderr().write_all(printable(&made.text()).as_bytes());
         }
         let mut texts = vec![table.write(&made.table)?];
         texts.extend(page.map(|page| page.write(&made.html(campaign))).transpose()?);
+        texts.extend(others);
         Ok(StagedText::finish_together(texts)?)
     }
 

@@ -4,7 +4,7 @@ use clap::Args;
 use clap::builder::TypedValueParser as _;
 use isotherm_failure::{Failure, tell};
 use isotherm_files::{StagedText, WorldWritable, load_table, refuse_overlap};
-use isotherm_parameters::{Autopilot, Effect, ExportOptions, export, size};
+use isotherm_parameters::{Autopilot, Effect, ExportOptions, Exported, export, size};
 use std::path::{Path, PathBuf};
 
 /// Write the biases of a table as parameters of PX4 or ArduPilot
@@ -28,15 +28,22 @@ pub(crate) struct Export {
     /// Number of the IMU in the autopilot: 0 to 3 of PX4, 1 to 5 of ArduPilot [default: the first]
     #[arg(long, value_name = "N")]
     instance: Option<u8>,
-    /// PX4's device number of the IMU, or those of accelerometers and gyroscopes; in logs they are device_id
-    #[arg(long, value_name = "ACC[,GYR]", value_parser = devices)]
-    device_id: Option<[u32; 2]>,
     /// Write ArduPilot's constants too: CALTEMP, and as OFFS the biases at this temperature [degC]
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     at: Option<f64>,
-    /// Leave this out, if the table has it; several with commas, or repeated
+    #[command(flatten)]
+    parameters: ParameterArgs,
+}
+
+/// What the parameters of an autopilot need besides the table.
+#[derive(Debug, Args)]
+pub(super) struct ParameterArgs {
+    /// PX4's device number of the IMU, or those of accelerometers and gyroscopes; in logs they are device_id
+    #[arg(long, value_name = "ACC[,GYR]", value_parser = devices)]
+    pub device_id: Option<[u32; 2]>,
+    /// Leave this out of the parameters, if the table has it; several with commas, or repeated
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = effect())]
-    drop: Vec<Effect>,
+    pub drop: Vec<Effect>,
 }
 
 impl Export {
@@ -46,33 +53,37 @@ impl Export {
         let options = ExportOptions {
             autopilot: self.to,
             instance: self.instance,
-            device_id: self.device_id,
+            device_id: self.parameters.device_id,
             at_c: self.at,
-            drop: self.drop,
+            drop: self.parameters.drop,
         };
         let exported = export(&table, &options)?;
         StagedText::create(Some(&self.output))?.write(&exported.text)?.finish()?;
-        for loss in &exported.lost {
-            tell("isotherm", format_args!("left out: {loss}"));
-        }
-        for note in &exported.notes {
-            tell("isotherm", format_args!("note: {note}"));
-        }
-        let lines = exported.text.lines().filter(|line| !line.starts_with('#')).count();
-        let to = if self.output == Path::new("-") { "stdout".into() } else { self.output.display().to_string() };
-        let gyroscopes = exported.difference.gyroscopes.map(|rate| format!(" and {} rad/s", size(rate)));
-        let [low, high] = exported.range;
-        tell(
-            "isotherm",
-            format_args!(
-                "{lines} parameters of {} in {to}; in float32 within {} m/s2{} of the table, from {low} to {high} degC",
-                self.to,
-                size(exported.difference.accelerometers),
-                gyroscopes.unwrap_or_default(),
-            ),
-        );
+        tell_exported(&exported, self.to, &self.output);
         Ok(())
     }
+}
+
+/// What was left out, what is to be known, and what was written.
+pub(super) fn tell_exported(exported: &Exported, autopilot: Autopilot, output: &Path) {
+    for loss in &exported.lost {
+        tell("isotherm", format_args!("left out: {loss}"));
+    }
+    for note in &exported.notes {
+        tell("isotherm", format_args!("note: {note}"));
+    }
+    let lines = exported.text.lines().filter(|line| !line.starts_with('#')).count();
+    let to = if output == Path::new("-") { "stdout".into() } else { output.display().to_string() };
+    let gyroscopes = exported.difference.gyroscopes.map(|rate| format!(" and {} rad/s", size(rate)));
+    let [low, high] = exported.range;
+    tell(
+        "isotherm",
+        format_args!(
+            "{lines} parameters of {autopilot} in {to}; in float32 within {} m/s2{} of the table, from {low} to {high} degC",
+            size(exported.difference.accelerometers),
+            gyroscopes.unwrap_or_default(),
+        ),
+    );
 }
 
 /// The name of an autopilot.

@@ -4,9 +4,10 @@ use super::autopilots::{Theirs, of_all_rows, of_the_heating};
 use crate::transients::consumer::{COOLING_AND_HEATING, nominal, rows};
 use core::ops::Range;
 use isotherm_calibration::{
-    Autopilot, LagChoice, LeftOut, OneAttitudeCalibration, OneAttitudeOptions, RampRecording, calibrate_one_attitude,
+    LagChoice, LeftOut, OneAttitudeCalibration, OneAttitudeOptions, RampRecording, calibrate_one_attitude,
 };
 use isotherm_campaign::Campaign;
+use isotherm_parameters::Autopilot;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::lag::Lag;
 use isotherm_shared::table::CoefficientTable;

@@ -1,10 +1,12 @@
 //! Arguments of `calibrate`, and what it prints.
 
 use crate::commands::common::{Acceptance, ForeignArgs};
+use crate::commands::export::ParameterArgs;
 use crate::parse::{gravity, height, lag_choice, latitude, numbers, seconds};
 use clap::{ArgGroup, Args};
 use isotherm_calibration::{LagChoice, Method, ScaleFactorChoice};
 use isotherm_client::ImuId;
+use isotherm_parameters::Autopilot;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -16,13 +18,14 @@ use std::time::Duration;
 /// them; ramps alone also the bias curves at one attitude.
 ///
 /// Without a turntable: with --gravity-only, recordings of an IMU that was put down by hand in many attitudes take the
-/// place of the campaign. The standstills in them are found, and the length of gravity is the reference.
+/// place of the campaign. The standstills in them are found, and the length of gravity is the reference. With
+/// --one-attitude, recordings or logs of an IMU that warms up give the bias curves over temperature.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html\n  isotherm calibrate campaign.toml -o imu-a.toml --order 3 --method two-stage --exclude -25/3\n  isotherm calibrate ramps.toml -o imu-a.toml --lag 240\n  isotherm calibrate campaign.toml -o 'tables/{imu}.toml' --batch batch.html\n  isotherm calibrate --gravity-only cold.csv warm.csv --imu imu-b --gravity-local 9.8123 --gravity-reference 9.80665 --temperature-unit degC -o imu-b.toml"
+    after_help = "Examples:\n  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html\n  isotherm calibrate campaign.toml -o imu-a.toml --order 3 --method two-stage --exclude -25/3\n  isotherm calibrate ramps.toml -o imu-a.toml --lag 240\n  isotherm calibrate campaign.toml -o 'tables/{imu}.toml' --batch batch.html\n  isotherm calibrate --one-attitude warm-up.ulg --imu imu-b -o imu-b.toml --export px4=imu-b.params\n  isotherm calibrate --gravity-only cold.csv warm.csv --imu imu-b --gravity-local 9.8123 --gravity-reference 9.80665 --temperature-unit degC -o imu-b.toml"
 )]
 pub(crate) struct Calibrate {
-    /// Campaign file; it names the samples. With --gravity-only: a recording
+    /// Campaign file; it names the samples. With --gravity-only or --one-attitude: a recording
     #[arg(value_name = "CAMPAIGN.toml")]
     pub(super) campaign: PathBuf,
     /// Samples (CSV, Parquet, MCAP), or the pieces of one recording in any order [default: those that the campaign file
@@ -65,7 +68,7 @@ pub(crate) struct Calibrate {
     ///
     /// Given, it need not show itself in the ramps. A transient of a bias is still written only if it predicts the
     /// sweeps left out
-    #[arg(long, value_name = "S|none", value_parser = lag_choice)]
+    #[arg(long, value_name = "auto|S|none", value_parser = lag_choice)]
     pub(super) lag: Option<LagChoice>,
     /// Leave a dwell or a turn out: set point in degC and number of the position or turn; may be repeated.
     /// With --gravity-only: the number of a standstill
@@ -86,6 +89,8 @@ pub(crate) struct Calibrate {
     pub(super) verbose: bool,
     #[command(flatten)]
     pub(super) without_turntable: GravityOnlyArgs,
+    #[command(flatten)]
+    pub(super) at_one_attitude: OneAttitudeArgs,
     #[command(flatten)]
     pub(super) foreign: ForeignArgs,
 }
@@ -143,7 +148,7 @@ pub(super) struct GravityOnlyArgs {
     ///
     /// Each file is a recording of its own, or data of another program. A campaign file with method = "gravity-only" does the same, and has the
     /// next six options as keys
-    #[arg(long, requires_all = ["imu", "local", "gravity_reference", "temperature_unit"])]
+    #[arg(long, group = "kind", requires_all = ["imu", "local", "gravity_reference", "temperature_unit"])]
     pub gravity_only: bool,
     /// The IMU that was measured; of a campaign file with several, the only one whose table is made
     #[arg(long, value_name = "ID")]
@@ -158,8 +163,8 @@ pub(super) struct GravityOnlyArgs {
     /// Height above the sea there [m]
     #[arg(long, value_name = "M", requires_all = ["gravity_only", "latitude"], allow_hyphen_values = true, value_parser = height)]
     pub height: Option<f64>,
-    /// The value of 1 g0 [m/s2]; it is written into the table
-    #[arg(long, value_name = "G", requires = "gravity_only", value_parser = gravity)]
+    /// The value of 1 g0 [m/s2]; it is written into the table [default with --one-attitude: 9.80665]
+    #[arg(long, value_name = "G", requires = "kind", value_parser = gravity)]
     pub gravity_reference: Option<f64>,
     /// Unit of the telemetry; a label
     #[arg(long, value_name = "UNIT", requires = "gravity_only")]
@@ -179,6 +184,40 @@ pub(super) struct GravityOnlyArgs {
     /// measured range]
     #[arg(long, value_name = "LOW,HIGH", allow_hyphen_values = true, value_parser = range)]
     pub temperature_range: Option<[f64; 2]>,
+}
+
+/// The options of a calibration at one attitude.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "At one attitude")]
+pub(super) struct OneAttitudeArgs {
+    /// Fit bias curves to recordings at one attitude while the IMU warms up or cools, as PX4 and ArduPilot do
+    ///
+    /// Recordings, or logs of autopilots and data of other programs: readings need no table. Their error is the band
+    /// between heating and cooling
+    #[arg(long, group = "kind", requires = "imu", conflicts_with_all = ["batch", "method", "alignment", "no_alignment", "exclude"])]
+    pub one_attitude: bool,
+    /// The table that gives everything but the bias curves: of the attitudes, or the nominal one that convert --nominal
+    /// writes [default: made of the readings' resolution]
+    #[arg(long, value_name = "TABLE.toml", requires = "one_attitude")]
+    pub nominal: Option<PathBuf>,
+    /// Reference temperature: accelerometers keep the bias of the nominal table there [default: mid range]
+    #[arg(long, value_name = "T", requires = "one_attitude", allow_negative_numbers = true, value_parser = crate::parse::number)]
+    pub at: Option<f64>,
+    /// Show what the cubics of autopilots leave on the same rows
+    #[arg(long, value_name = "px4,ardupilot", requires = "one_attitude", value_delimiter = ',')]
+    pub beside: Vec<Autopilot>,
+    /// Write the biases as parameters of an autopilot, too; may be repeated. Orders are then 3 at most, and there is no
+    /// lag unless it is given
+    #[arg(long, value_name = "px4=FILE|ardupilot=FILE", requires = "one_attitude", value_parser = exported)]
+    pub export: Vec<(Autopilot, PathBuf)>,
+    #[command(flatten)]
+    pub parameters: ParameterArgs,
+}
+
+fn exported(text: &str) -> Result<(Autopilot, PathBuf), String> {
+    let (autopilot, file) =
+        text.split_once('=').filter(|(_, file)| !file.is_empty()).ok_or("give px4=FILE or ardupilot=FILE")?;
+    Ok((autopilot.parse()?, PathBuf::from(file)))
 }
 
 fn scale_factor(text: &str) -> Result<ScaleFactorChoice, String> {

@@ -83,7 +83,7 @@ impl Calibrate {
                 let _ = io::stderr().write_all(format!("{imu}:\n").as_bytes());
             }
             match made {
-                Ok(Staged { made, table, page }) => self.write(campaign, &made, table, page)?,
+                Ok(Staged { made, table, page }) => self.write(campaign, &made, table, page, Vec::new())?,
                 Err(message) => {
                     tell("isotherm", format_args!("{imu} is dropped: {message}"));
                     dropped.push((imu.to_owned(), message));

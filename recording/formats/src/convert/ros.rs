@@ -97,7 +97,9 @@ type OfChannel = (Rc<Channel>, Vec<u8>);
 /// a file that cannot be read up to there.
 pub(crate) fn is_bag(path: &Path) -> bool {
     let file = fs::metadata(path).is_ok_and(|metadata| metadata.is_file()) && path != Path::new("-");
-    let Some(mut messages) = file.then(|| Messages::open(path, &Settings::default()).ok()).flatten() else { return false };
+    let Some(mut messages) = file.then(|| Messages::open(path, &Settings::default()).ok()).flatten() else {
+        return false;
+    };
     loop {
         match messages.records.next() {
             Ok(Some(Record::Message { .. })) => continue,
