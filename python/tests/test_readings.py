@@ -80,7 +80,7 @@ def test_what_is_refused_changes_nothing(domain: DomainUnderTest) -> None:
 
 def test_the_example_gives_compensated_readings(domain: DomainUnderTest) -> None:
     serve(domain)
-    command = [sys.executable, EXAMPLES / "mems.py", "--samples", "20"]
+    command = [sys.executable, str(EXAMPLES / "mems.py"), "--samples", "20"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=150)
     assert done.returncode == 0 and done.stderr == "", done.stderr
     table = isotherm.Table.load(MEMS_TABLE)

@@ -208,7 +208,7 @@ fn whole(reading: f64, ts: f64, pulse: Product, remainder: f64) -> Option<(f64, 
     let integral = Product::of(reading, ts);
     let quotient = integral.high / pulse.high;
     // NaN, which an overflow may give, is not within. One more, since the remainder counts too.
-    if !(quotient.abs() <= most + 1.0) {
+    if !(-most - 1.0..=most + 1.0).contains(&quotient) {
         return None;
     }
     // What the quotient lacks. The fused operation rounds once, so its result is exact.
