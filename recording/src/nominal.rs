@@ -11,8 +11,8 @@ pub(crate) fn not_nominal(nominal_ns: u64, usual_ns: u64) -> Option<Finding> {
     }
     let [usual, nominal] = [usual_ns, nominal_ns].map(|ns| ns as f64 / 1e9);
     let message = format!(
-        "the interval of the rows is {} s, and the scale factors of the table are of {} s (nominal_interval_s): {} of it, no \
-         whole multiple from 1 to {MAX_MULTIPLE}; give the table of this interval, or rows of that one",
+        "the interval of the rows is {} s, and the scale factors of the table are of {} s (nominal_interval_s): {} of \
+         it, no whole multiple from 1 to {MAX_MULTIPLE}; give the table of this interval, or rows of that one",
         shown(usual),
         shown(nominal),
         part(usual / nominal)

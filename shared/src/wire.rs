@@ -379,7 +379,8 @@ flags! {
         /// where the interval cannot be (`interval`). The increment is computed, with scale factors that are of another
         /// interval.
         INTERVAL_NOT_NOMINAL = 50,
-            "Give the interval that the readings have, in nanoseconds, or a table of that interval: docs/table.md#readings-format-3.";
+            "Give the interval that the readings have, in nanoseconds, or a table of that interval: \
+             docs/table.md#readings-format-3.";
     }
 }
 

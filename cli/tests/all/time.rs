@@ -58,8 +58,8 @@ fn scale_factors_of_another_interval_are_found_wherever_a_table_meets_rows() {
         }
     }
     nominal(folder.path(), "other.toml", 0.07);
-    let found = "[interval-not-nominal]: run/run.csv: the interval of the rows is 0.1 s, and the scale factors of the table are \
-                 of 0.07 s (nominal_interval_s): 1.4286 of it, no whole multiple from 1 to 64; give the table";
+    let found = "[interval-not-nominal]: run/run.csv: the interval of the rows is 0.1 s, and the scale factors of the \
+                 table are of 0.07 s (nominal_interval_s): 1.4286 of it, no whole multiple from 1 to 64; give the table";
     let (_, words) = on(0, commands[0], "other.toml", &[]);
     assert!(words.starts_with(&format!("isotherm: warning {found}")), "{words}");
     assert!(words.contains(&format!("{rows} flagged: interval-not-nominal {rows}")), "{words}");
