@@ -47,8 +47,7 @@ impl DataFlashSource {
     /// Opens a log, and chooses the IMU.
     ///
     /// # Errors
-    /// [`Exit::Usage`] if it has several IMUs and none is named. [`Exit::Data`] if it has no rows, or corrections that
-    /// cannot be undone. [`Exit::Io`].
+    /// If it has no rows, corrections that cannot be undone, or several IMUs of which none is named; of reading.
     pub(in super::super) fn open(
         path: &Path,
         settings: &Settings,
@@ -57,9 +56,10 @@ impl DataFlashSource {
     ) -> Result<Self, Failure> {
         let refused = |message: &str| Failure::new(Exit::Data, format!("{}: {message}", path.display()));
         let mut first = Messages::new(open(path, settings)?, is_text);
-        let mut contents = Contents::read(&mut first).map_err(|error| error.failure(path))?;
+        let failed = |error: RecordingError| error.failure(path);
+        let mut contents = Contents::read(&mut first).map_err(failed)?;
         if contents.imus.is_empty() {
-            return Err(refused(&contents.no_rows()));
+            return Err(failed(first.error(0, contents.no_rows())));
         }
         for (instance, imu) in &mut contents.imus {
             imu.devices = devices(&contents.parameters, *instance);
