@@ -27,6 +27,8 @@ pub(in super::super) struct DataFlashSource {
     /// As they stand at the row.
     parameters: HashMap<String, f64>,
     corrections: Corrections,
+    /// What is undone from the beginning, in words.
+    undone: String,
     /// Parameters that changed within the log: how many times, the first, and its place.
     changes: (u64, String, u64),
     /// Rows of sensors that report to be ill.
@@ -72,6 +74,7 @@ impl DataFlashSource {
             imu,
             telemetry,
             parameters: contents.parameters,
+            undone: corrections.told(),
             corrections,
             changes: (0, String::new(), 0),
             ill: 0,
@@ -208,7 +211,7 @@ impl Source for DataFlashSource {
             self.instance
         )];
         notes.extend(devices_told(self.imu.devices));
-        notes.push(self.corrections.told());
+        notes.push(self.undone.clone());
         let (count, first, place) = &self.changes;
         if *count > 0 {
             let unit = self.messages.unit();

@@ -213,8 +213,8 @@ impl Source for UlogSource {
         if count > 0 {
             let seconds = ms as f64 / 1e3;
             let message = format!(
-                "the logger dropped data {count} times, for {seconds} s in all, first at byte {place}: rows are missing \
-                 there; take a faster card, or log less (SDLOG_PROFILE)"
+                "the logger dropped data {count} times, for {seconds} s in all, first at byte {place}: rows may be \
+                 missing there; take a faster card, or log less (SDLOG_PROFILE)"
             );
             found.push(Finding::warning(name::MISSING_ROWS, message));
         }
