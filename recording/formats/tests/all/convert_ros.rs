@@ -149,7 +149,7 @@ fn of_several_topics_one_is_chosen() {
         interval_ns: Some(STEP),
         topic: topic.map(str::to_owned),
         temperature_topic: temperature_topic.map(str::to_owned),
-        temperature: None,
+        ..Settings::default()
     };
     let refused = |settings: &Settings| {
         let failure = bag().convert(settings).unwrap_err();

@@ -122,8 +122,7 @@ fn an_interval_that_no_imu_has_and_a_unit_that_is_a_guess_are_told() {
 fn what_is_no_text_is_named() {
     let utf_16: Vec<_> = "t,x,y,z\n1,2,3,4\n".bytes().flat_map(|byte| [byte, 0]).collect();
     for (data, message) in [
-        (&b"ULog\x01\x12\x35\x01"[..], "ulog2csv FILE"),
-        (b"\xa3\x95\x80\x80\x59FMT", "mavlogdump.py --format csv"),
+        (&b"H Product:Blackbox flight data recorder by Nicholas Sherlock\n"[..], "has no temperatures"),
         (b"t,x,y,z\r1,2,3,4\r2,2,3,4\r", "a carriage return alone; make line feeds of them: tr"),
         (b"t,x\x02y,z\n", "not text: byte 0x02 at 3; a binary format"),
         (&utf_16, "a text in UTF-16; save it as UTF-8: iconv"),

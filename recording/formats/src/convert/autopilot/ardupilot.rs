@@ -28,6 +28,8 @@ pub(in super::super) struct DataFlashSource {
     /// As they stand at the row.
     parameters: HashMap<String, f64>,
     corrections: Corrections,
+    /// What is undone from the beginning, in words.
+    undone: String,
     /// Parameters that changed within the log: how many times, the first, and its place.
     changes: (u64, String, u64),
     /// Rows of sensors that report to be ill.
@@ -48,8 +50,7 @@ impl DataFlashSource {
     /// Opens a log, and chooses the IMU.
     ///
     /// # Errors
-    /// [`Exit::Usage`] if it has several IMUs and none is named. [`Exit::Data`] if it has no rows, or corrections that
-    /// cannot be undone. [`Exit::Io`].
+    /// If it has no rows, corrections that cannot be undone, or several IMUs of which none is named; of reading.
     pub(in super::super) fn open(
         path: &Path,
         settings: &Settings,
@@ -58,9 +59,10 @@ impl DataFlashSource {
     ) -> Result<Self, Failure> {
         let refused = |message: &str| Failure::new(Exit::Data, format!("{}: {message}", path.display()));
         let mut first = Messages::new(open(path, settings)?, is_text);
-        let mut contents = Contents::read(&mut first).map_err(|error| error.failure(path))?;
+        let failed = |error: RecordingError| error.failure(path);
+        let mut contents = Contents::read(&mut first).map_err(failed)?;
         if contents.imus.is_empty() {
-            return Err(refused(&contents.no_rows()));
+            return Err(failed(first.error(0, contents.no_rows())));
         }
         for (instance, imu) in &mut contents.imus {
             imu.devices = devices(&contents.parameters, *instance);
@@ -73,6 +75,7 @@ impl DataFlashSource {
             imu,
             telemetry,
             parameters: contents.parameters,
+            undone: corrections.told(),
             corrections,
             changes: (0, String::new(), 0),
             ill: 0,
@@ -217,7 +220,7 @@ impl Source for DataFlashSource {
             self.instance
         )];
         notes.extend(devices_told(self.imu.devices));
-        notes.push(self.corrections.told());
+        notes.push(self.undone.clone());
         let (count, first, place) = &self.changes;
         if *count > 0 {
             let unit = self.messages.unit();

@@ -10,7 +10,7 @@ use super::super::source::{Reading, Source};
 use super::ulog::{Messages, Topic, error};
 use super::ulog_format::SensorRow;
 use super::{Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Values, choose, devices_told, open, units};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::Failure;
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
 use isotherm_shared::wire::{AXES, device};
@@ -72,12 +72,13 @@ impl UlogSource {
     /// Opens a log, and chooses the IMU.
     ///
     /// # Errors
-    /// [`Exit::Usage`] if it has several IMUs and none is named. [`Exit::Data`] if it has no raw rows. [`Exit::Io`].
+    /// If it has no raw rows, or several IMUs of which none is named; of reading.
     pub(in super::super) fn open(path: &Path, settings: &Settings, telemetry: Option<f64>) -> Result<Self, Failure> {
         let failed = |error: RecordingError| error.failure(path);
-        let contents = Contents::read(Messages::new(open(path, settings)?).map_err(failed)?).map_err(failed)?;
+        let mut messages = Messages::new(open(path, settings)?).map_err(failed)?;
+        let contents = Contents::read(&mut messages).map_err(failed)?;
         if contents.imus.is_empty() {
-            return Err(Failure::new(Exit::Data, format!("{}: {}", path.display(), contents.no_rows())));
+            return Err(failed(error(messages.place(), contents.no_rows())));
         }
         let (instance, imu) = choose(path, &contents.imus, settings.instance)?;
         let has_gyroscopes = contents.gyroscopes.contains_key(&instance);
@@ -221,8 +222,8 @@ impl Source for UlogSource {
         if count > 0 {
             let seconds = ms as f64 / 1e3;
             let message = format!(
-                "the logger dropped data {count} times, for {seconds} s in all, first at byte {place}: rows are missing \
-                 there; take a faster card, or log less (SDLOG_PROFILE)"
+                "the logger dropped data {count} times, for {seconds} s in all, first at byte {place}: rows may be \
+                 missing there; take a faster card, or log less (SDLOG_PROFILE)"
             );
             found.push(Finding::warning(name::MISSING_ROWS, message));
         }
@@ -259,7 +260,7 @@ impl Means {
 }
 
 impl Contents {
-    fn read(mut messages: Messages) -> Result<Self, RecordingError> {
+    fn read(messages: &mut Messages) -> Result<Self, RecordingError> {
         let mut contents = Self::default();
         while let Some(data) = messages.next()? {
             let device = || data.of.layout.as_ref().ok()?.row(data.body)?.device;

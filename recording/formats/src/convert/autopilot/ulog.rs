@@ -19,7 +19,7 @@ const FILE_HEADER: usize = 16;
 const HEADER: usize = 3;
 /// Body of a synchronization message.
 const SYNC: [u8; 8] = [0x2f, 0x73, 0x13, 0x20, 0x25, 0x0c, 0xbb, 0x12];
-/// Messages that must follow each other where the reading begins again.
+/// Messages that must follow each other where the reading begins again; most unknown ones in a row.
 const CHAIN: usize = 3;
 /// The only incompatible flag that is known: data are appended.
 const APPENDED: u8 = 1;
@@ -228,13 +228,27 @@ impl Messages {
             let is_whole = self.window.ahead(length)?.len() == length;
             return Ok(if is_whole { Standing::Message(length) } else { Standing::Cut });
         }
-        let ahead = self.window.ahead(HEADER)?;
-        let [low, high, _] = ahead else { return Ok(Standing::Cut) };
-        let length = HEADER + usize::from(u16::from_le_bytes([*low, *high]));
+        let Some(length) = self.unknown(0)? else {
+            let is_cut = self.window.ahead(HEADER)?.len() < HEADER;
+            return Ok(if is_cut { Standing::Cut } else { Standing::Damage });
+        };
         // What follows tells an unknown message from damage.
-        let is_followed =
-            length > HEADER && (self.message(length)?.is_some() || self.window.ahead(length + 1)?.len() == length);
-        Ok(if is_followed { Standing::Unknown(length) } else { Standing::Damage })
+        let mut behind = length;
+        for _ in 0..CHAIN {
+            if self.message(behind)?.is_some() || self.window.ahead(behind + 1)?.len() == behind {
+                return Ok(Standing::Unknown(length));
+            }
+            let Some(next) = self.unknown(behind)? else { break };
+            behind += next;
+        }
+        Ok(Standing::Damage)
+    }
+
+    /// The length of the message of any type, a letter, that may stand `after` bytes ahead.
+    fn unknown(&mut self, after: usize) -> io::Result<Option<usize>> {
+        let Some([low, high, kind]) = self.window.ahead(after + HEADER)?.get(after..) else { return Ok(None) };
+        let size = usize::from(u16::from_le_bytes([*low, *high]));
+        Ok((size > 0 && kind.is_ascii_alphabetic()).then_some(HEADER + size))
     }
 
     /// Whether several messages follow each other, or whole ones up to the end.

@@ -151,13 +151,14 @@ impl Corrections {
     /// What is undone, in words.
     pub(super) fn told(&self) -> String {
         let mut undone = Vec::new();
-        let sensors = [(&self.accelerometers, "accelerometers"), (&self.gyroscopes, "gyroscopes")];
-        for (sensor, name) in sensors {
-            if sensor.offset != [0.0; AXES] || sensor.scale != [1.0; AXES] {
-                undone.push(format!("offsets and scale of the {name}"));
-            }
+        let Self { accelerometers, gyroscopes, .. } = self;
+        if accelerometers.offset != [0.0; AXES] || accelerometers.scale != [1.0; AXES] {
+            undone.push("offsets and scale of the accelerometers".to_owned());
         }
-        if self.accelerometers.polynomials.is_some() {
+        if gyroscopes.offset != [0.0; AXES] {
+            undone.push("offsets of the gyroscopes".to_owned());
+        }
+        if accelerometers.polynomials.is_some() {
             undone.push("the temperature calibration in force (INS_TCAL)".to_owned());
         }
         if self.orientation != 0 {
