@@ -48,7 +48,7 @@ pub(super) struct ForeignArgs {
     /// Topic of the sensor_msgs/msg/Temperature, if there are several
     #[arg(long, value_name = "TOPIC")]
     pub temperature_topic: Option<String>,
-    /// Number of the sensor in the log of an autopilot, if there are several
+    /// IMU of an autopilot's log, if there are several: its number there, from 0
     #[arg(long, value_name = "N")]
     pub instance: Option<u32>,
 }
@@ -65,7 +65,7 @@ impl ForeignArgs {
             topic: self.topic.clone(),
             temperature_topic: self.temperature_topic.clone(),
             instance: self.instance,
-            session: 0,
+            ..Settings::default()
         };
         Foreign::new(self.mapping.as_deref(), settings)
     }

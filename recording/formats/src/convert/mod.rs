@@ -57,7 +57,7 @@ pub struct Settings {
     pub topic: Option<String>,
     /// The topic of the `sensor_msgs/msg/Temperature`, if there are several.
     pub temperature_topic: Option<String>,
-    /// The sensor of a log that has several of a kind.
+    /// The IMU of an autopilot's log, if there are several: its number there, from 0.
     pub instance: Option<u32>,
     /// The session of all samples; 0 unless given.
     pub session: u64,

@@ -5,4 +5,5 @@ mod continuity;
 mod convert;
 mod convert_ros;
 mod convert_time;
+mod foreign;
 mod layouts;
