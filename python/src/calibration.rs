@@ -13,6 +13,7 @@ use isotherm_failure::Exit;
 use isotherm_finding::{Finding, name};
 use isotherm_job::{CampaignFile, FitOptions, Inputs, Made, Refused, Source, no_bar};
 use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
+use isotherm_recording_formats::convert::{Foreign, Settings};
 use isotherm_statistics::OrderTable;
 use numpy::{PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1};
 use pyo3::exceptions::{PyOSError, PyValueError};
@@ -57,7 +58,12 @@ pub(crate) struct Options {
     temperature_range: Option<[f64; 2]>,
     /// Latitude \[deg\] and height \[m\] that check local gravity.
     place: Option<[f64; 2]>,
+    foreign: ForeignOptions,
 }
+
+/// Name and text of a mapping, temperature, interval \[ns\], topics, instance.
+type ForeignOptions =
+    (Option<(PathBuf, String)>, Option<f64>, Option<u64>, Option<String>, Option<String>, Option<u32>);
 
 /// The campaign of `imu`, or the only one.
 fn campaign_of(text: &str, name: &str, imu: Option<&str>) -> PyResult<Campaign> {
@@ -143,6 +149,8 @@ impl Options {
                 LagChoice::Given(seconds)
             }
         };
+        let (mapping, temperature, interval_ns, topic, temperature_topic, instance) = self.foreign;
+        let settings = Settings { temperature, interval_ns, topic, temperature_topic, instance, ..Settings::default() };
         Ok(FitOptions {
             turntable: CalibrationOptions {
                 method: *method,
@@ -166,6 +174,7 @@ impl Options {
                 strict: self.strict,
             },
             symptoms: false,
+            foreign: Foreign { mapping, settings },
         })
     }
 }
@@ -242,6 +251,7 @@ fn failed(Refused { failure, fit, .. }: &Refused) -> PyErr {
         }
         (Some(_), _) => CalibrationError::new_err(message),
         (None, Exit::Config) => TableError::new_err((message, Vec::<(usize, String, String)>::new())),
+        (None, Exit::Usage) => PyValueError::new_err(message),
         (None, Exit::Data) => {
             let line = failure.place.as_ref().and_then(|(_, line)| *line);
             RecordingFault::new_err((message, line))

@@ -91,3 +91,29 @@ def test_local_gravity_is_that_of_latitude_and_height(tmp_path: Path) -> None:
 def test_a_place_that_is_none_is_refused(given: dict[str, float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         isotherm.calibrate_gravity_only(CAMPAIGN, XSENS, temperature_range=RANGE, **given)
+
+
+def test_files_of_other_programs_are_read_with_a_mapping(tmp_path: Path) -> None:
+    samples = isotherm.read_recording(XSENS)
+    triad = samples["accelerometers"]
+    net = triad["positive_pulses"].astype("int64") - triad["negative_pulses"]
+    rows = [f"{t},{x},{y},{z}" for t, (x, y, z) in zip(samples["timestamp_ns"], net, strict=True)]
+    text = tmp_path / "text.csv"
+    text.write_text("\n".join(["t,x,y,z", *rows]) + "\n")
+    mapping = {
+        "time": {"column": "t", "unit": "ns", "interval_s": float(samples["interval_ns"][0]) / 1e9},
+        "accelerometer": {"columns": ["x", "y", "z"], "kind": "reading", "resolution": 1},
+        "temperature": {"constant": float(triad["head_temperature"][0, 0])},
+    }
+    converted = isotherm.calibrate_gravity_only(CAMPAIGN, isotherm.convert(text, mapping), temperature_range=RANGE)
+    direct = isotherm.calibrate_gravity_only(CAMPAIGN, text, temperature_range=RANGE, mapping=mapping)
+    assert direct.table.digest == converted.table.digest
+    with pytest.raises(ValueError, match="which columns are what"):
+        isotherm.calibrate_gravity_only(CAMPAIGN, text, temperature_range=RANGE)
+    with pytest.raises(ValueError, match="leave out what is for other data: mapping, interval"):
+        isotherm.calibrate_gravity_only(CAMPAIGN, XSENS, mapping=mapping, interval=0.01)
+    with pytest.raises(isotherm.TableError, match="accelerometer.kind"):
+        wrong = mapping | {"accelerometer": {"columns": ["x", "y", "z"], "kind": "rate"}}
+        isotherm.calibrate_gravity_only(CAMPAIGN, text, mapping=wrong)
+    with pytest.raises(ValueError, match="interval is 0"):
+        isotherm.calibrate_gravity_only(CAMPAIGN, text, mapping=mapping, interval=0)

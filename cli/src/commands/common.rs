@@ -65,8 +65,7 @@ impl ForeignArgs {
             topic: self.topic.clone(),
             temperature_topic: self.temperature_topic.clone(),
             instance: self.instance,
-            session: 0,
-            progress: None,
+            ..Settings::default()
         };
         Foreign::new(self.mapping.as_deref(), settings)
     }

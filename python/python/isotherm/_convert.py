@@ -47,26 +47,32 @@ def convert(
     Raises ValueError without a mapping where one is needed, with the mapping that would be; TableError with all faults of a mapping; and
     RecordingFault if the data are wrong.
     """
-    text: tuple[AnyPath, str] | None = None
-    if isinstance(mapping, Mapping):
-        given = dict(mapping)
-        if isinstance(source, np.ndarray) and source.dtype.names is None:
-            given.setdefault("header", False)
-        text = ("mapping", mapping_toml(given))
-    elif mapping is not None:
-        text = (mapping, _isotherm.read_text(mapping))
-    interval_ns = None
-    if interval is not None:
-        if not 1e-6 <= interval <= 3600.0:
-            raise ValueError(f"interval is {interval}, give 0.000001 to 3600 s")
-        interval_ns = round(interval * 1e9)
-    if temperature is not None and not np.isfinite(temperature):
-        raise ValueError(f"temperature is {temperature}, give a finite number")
+    if isinstance(mapping, Mapping) and isinstance(source, np.ndarray) and source.dtype.names is None:
+        mapping = {"header": False} | dict(mapping)
+    text, interval_ns = known(mapping, temperature, interval)
     data = source if isinstance(source, (str, os.PathLike)) else table_csv(source)
     samples, findings = _isotherm.convert(data, text, temperature, interval_ns, topic, temperature_topic, session, instance)
     for finding in findings:
         warnings.warn(finding, stacklevel=2)
     return samples.view(RAW_SAMPLE)
+
+
+def known(
+    mapping: AnyPath | Mapping[str, Any] | None, temperature: float | None, interval: float | None
+) -> tuple[tuple[AnyPath, str] | None, int | None]:
+    """Name and text of a mapping, and the interval in ns; raises ValueError if the temperature or the interval cannot be."""
+    text: tuple[AnyPath, str] | None = None
+    if isinstance(mapping, Mapping):
+        text = ("mapping", mapping_toml(mapping))
+    elif mapping is not None:
+        text = (mapping, _isotherm.read_text(mapping))
+    if temperature is not None and not np.isfinite(temperature):
+        raise ValueError(f"temperature is {temperature}, give a finite number")
+    if interval is None:
+        return text, None
+    if not 1e-6 <= interval <= 3600.0:
+        raise ValueError(f"interval is {interval}, give 0.000001 to 3600 s")
+    return text, round(interval * 1e9)
 
 
 def write_ros(

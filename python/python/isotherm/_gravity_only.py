@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from . import _isotherm
+from ._convert import known
 from ._isotherm import Table
 from ._offline import AnyPath, Calibration, campaign_text, fit_options
 from ._records import Records, is_frame, sample_bytes
@@ -35,12 +36,19 @@ def calibrate_gravity_only(
     strict: bool = False,
     other_device: bool = False,
     imu: str | None = None,
+    mapping: AnyPath | Mapping[str, Any] | None = None,
+    temperature: float | None = None,
+    interval: float | None = None,
+    topic: str | None = None,
+    temperature_topic: str | None = None,
+    instance: int | None = None,
 ) -> Calibration:
     """Makes a table of recordings of an IMU that was put down by hand in many attitudes, as `isotherm calibrate --gravity-only` does.
 
     `campaign` is the path of a campaign file with `method = "gravity-only"`, or a mapping with `imu`, `gravity_local`, `gravity_reference` [m/s2] and
     `temperature_unit`. `recordings` is one recording or a list: arrays of RAW_SAMPLE, data frames with the columns of a recording, or paths of
-    files. Without them the files that the campaign names are read.
+    files. Without them the files that the campaign names are read. A file may be of another program: `mapping` and the last five arguments are then
+    those of `convert`.
 
     `window` [s] is that of the search for standstills, 0.5 or 1 s without it. `exclude` lists numbers of standstills. Where the telemetry is
     constant, `temperature_range` states where the table is valid. `latitude` [deg], north positive, with `height` [m] checks the `gravity_local` of a
@@ -61,6 +69,7 @@ def calibrate_gravity_only(
         single = isinstance(recordings, (str, os.PathLike)) or is_frame(recordings) or hasattr(recordings, "dtype")
         several: Sequence[Any] = [recordings] if single else recordings  # type: ignore[assignment]
         given = [Path(each) if isinstance(each, (str, os.PathLike)) else sample_bytes(each) for each in several]
+    text_of_mapping, interval_ns = known(mapping, temperature, interval)
     options = fit_options(
         order=order,
         accept=accept,
@@ -72,6 +81,7 @@ def calibrate_gravity_only(
         standstills=list(exclude),
         temperature_range=temperature_range,
         place=place,
+        foreign=(text_of_mapping, temperature, interval_ns, topic, temperature_topic, instance),
     )
     return Calibration(_isotherm.calibrate(text, path, imu, given, True, options))
 

@@ -375,6 +375,7 @@ def fit_options(
         "standstills": [],
         "temperature_range": None,
         "place": None,
+        "foreign": (None, None, None, None, None, None),
     }
     return options | given
 

@@ -33,8 +33,7 @@ impl Foreign {
     /// What is given, for messages. A recording needs none of it.
     #[must_use]
     pub fn given(&self) -> Vec<&'static str> {
-        let Settings { temperature, interval_ns, topic, temperature_topic, instance, session: _, progress: _ } =
-            &self.settings;
+        let Settings { temperature, interval_ns, topic, temperature_topic, instance, .. } = &self.settings;
         let all = [
             ("mapping", self.mapping.is_some()),
             ("temperature", temperature.is_some()),

@@ -18,18 +18,18 @@ use tempfile::TempDir;
 
 const TABLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data");
 /// A stamp \[ns\].
-const BEGIN: u64 = 1_700_000_000_000_000_000;
+pub(crate) const BEGIN: u64 = 1_700_000_000_000_000_000;
 /// Interval \[ns\].
-const STEP: u64 = 5_000_000;
+pub(crate) const STEP: u64 = 5_000_000;
 
 /// A bag that is being made.
-struct Bag {
+pub(crate) struct Bag {
     writer: mcap::Writer<Cursor<Vec<u8>>>,
     channels: BTreeMap<String, u16>,
 }
 
 impl Bag {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { writer: mcap::Writer::new(Cursor::default()).unwrap(), channels: BTreeMap::new() }
     }
 
@@ -44,19 +44,19 @@ impl Bag {
         self
     }
 
-    fn imu(&mut self, topic: &str, imu: &Imu) -> &mut Self {
+    pub(crate) fn imu(&mut self, topic: &str, imu: &Imu) -> &mut Self {
         let mut data = Vec::new();
         imu.encode(&mut data).unwrap();
         self.message("sensor_msgs/msg/Imu", "cdr", topic, &data)
     }
 
-    fn temperature(&mut self, topic: &str, stamp_ns: u64, celsius: f64) -> &mut Self {
+    pub(crate) fn temperature(&mut self, topic: &str, stamp_ns: u64, celsius: f64) -> &mut Self {
         let mut data = Vec::new();
         Temperature { stamp_ns, frame_id: "t".to_owned(), celsius }.encode(&mut data).unwrap();
         self.message("sensor_msgs/msg/Temperature", "cdr", topic, &data)
     }
 
-    fn bytes(mut self) -> Vec<u8> {
+    pub(crate) fn bytes(mut self) -> Vec<u8> {
         self.writer.finish().unwrap();
         self.writer.into_inner().into_inner()
     }
@@ -75,7 +75,7 @@ fn convert(bytes: &[u8], settings: &Settings) -> Result<(Vec<RawSample>, Vec<Str
     Ok((samples, told(&conversion)))
 }
 
-fn imu(number: u64) -> Imu {
+pub(crate) fn imu(number: u64) -> Imu {
     Imu {
         stamp_ns: BEGIN + number * STEP,
         frame_id: "imu_link".to_owned(),

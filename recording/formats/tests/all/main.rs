@@ -8,5 +8,6 @@ mod convert_logs_damaged;
 mod convert_logs_undone;
 mod convert_ros;
 mod convert_time;
+mod foreign;
 mod layouts;
 mod logs;
