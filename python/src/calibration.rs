@@ -1,11 +1,12 @@
 //! The function `calibrate` and its result.
 
+use crate::connection::imu_id;
 use crate::errors::{CalibrationError, RecordingFault, TableError, faults, file};
 use crate::records::{Fields, RAW, document};
 use crate::table::Table;
 use isotherm_calibration::{
     Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, FittedRun, GravityOnlyOptions, LagChoice,
-    Method, ScaleFactorChoice, sha256,
+    Method, OneAttitudeOptions, ScaleFactorChoice, sha256,
 };
 use isotherm_campaign::{Campaign, Dwell, Place, select_imu};
 use isotherm_client::TimeConstant;
@@ -14,6 +15,7 @@ use isotherm_finding::{Finding, name};
 use isotherm_job::{CampaignFile, FitOptions, Inputs, Made, Refused, Source, no_bar};
 use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
 use isotherm_recording_formats::convert::{Foreign, Settings};
+use isotherm_shared::table::CoefficientTable;
 use isotherm_statistics::OrderTable;
 use numpy::{PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1};
 use pyo3::exceptions::{PyOSError, PyValueError};
@@ -59,6 +61,9 @@ pub(crate) struct Options {
     /// Latitude \[deg\] and height \[m\] that check local gravity.
     place: Option<[f64; 2]>,
     foreign: ForeignOptions,
+    /// Reference temperature, and autopilots whose cubics are shown beside: at one attitude.
+    at: Option<f64>,
+    beside: Vec<String>,
 }
 
 /// Name and text of a mapping, temperature, interval \[ns\], topics, instance.
@@ -108,7 +113,7 @@ pub(crate) fn calibrate(
     let options = options.checked()?;
     let recordings =
         recordings.unwrap_or_else(|| campaign_file.samples(&campaign).into_iter().map(Recorded::File).collect());
-    let sources = sources(&recordings, by_hand)?;
+    let sources = sources(&recordings, if by_hand { Rows::OfRecordings } else { Rows::OfCampaign })?;
     let named = campaign_file.ramps(&campaign).into_iter().chain(campaign_file.curves(&campaign));
     for path in recordings.iter().filter_map(Recorded::path).cloned().chain(named) {
         fs::metadata(&path).map_err(|error| file(&path, &error))?;
@@ -118,6 +123,32 @@ pub(crate) fn calibrate(
         inputs.fit(&campaign, Some(&campaign_file))
     });
     Ok(Calibration { made: made.map_err(|refused| failed(&refused))?, campaign })
+}
+
+/// Makes a table of recordings at one attitude. Without a `nominal` table they must be files of readings of other programs.
+/// `gravity` is 1 g0 \[m/s2\].
+#[pyfunction]
+#[expect(clippy::needless_pass_by_value, reason = "an argument of a Python function")]
+pub(crate) fn calibrate_one_attitude(
+    py: Python<'_>,
+    recordings: Vec<Recorded<'_>>,
+    imu: &str,
+    nominal: Option<&Table>,
+    gravity: Option<f64>,
+    options: Options,
+) -> PyResult<Calibration> {
+    let imu = imu_id(imu)?;
+    let options = options.checked()?;
+    let sources = sources(&recordings, Rows::OfRecordings)?;
+    for path in recordings.iter().filter_map(Recorded::path) {
+        fs::metadata(path).map_err(|error| file(path, &error))?;
+    }
+    let nominal = nominal.map(|table| CoefficientTable::clone(&table.0));
+    let made = py.detach(|| {
+        let (campaign, inputs) = Inputs::at_one_attitude(&imu, sources, nominal, gravity, &options, &no_bar)?;
+        inputs.fit(&campaign, None).map(|made| Calibration { made, campaign })
+    });
+    made.map_err(|refused| failed(&refused))
 }
 
 impl Recorded<'_> {
@@ -151,7 +182,18 @@ impl Options {
         };
         let (mapping, temperature, interval_ns, topic, temperature_topic, instance) = self.foreign;
         let settings = Settings { temperature, interval_ns, topic, temperature_topic, instance, ..Settings::default() };
+        let beside = self.beside.iter().map(|name| name.parse()).collect::<Result<Vec<_>, String>>();
+        let beside = beside.map_err(|message| PyValueError::new_err(format!("beside: {message}")))?;
         Ok(FitOptions {
+            at_one_attitude: OneAttitudeOptions {
+                order: self.order,
+                highest_order: None,
+                lag,
+                at: self.at,
+                beside,
+                accept: accept.clone(),
+                strict: self.strict,
+            },
             turntable: CalibrationOptions {
                 method: *method,
                 order: self.order,
@@ -179,18 +221,25 @@ impl Options {
     }
 }
 
+/// What the rows of arrays are.
+#[derive(Clone, Copy)]
+enum Rows {
+    OfRecordings,
+    OfCampaign,
+}
+
 /// The recordings as the job takes them.
-fn sources<'a>(recordings: &'a [Recorded<'_>], by_hand: bool) -> PyResult<Vec<Source<'a>>> {
+fn sources<'a>(recordings: &'a [Recorded<'_>], rows_are: Rows) -> PyResult<Vec<Source<'a>>> {
     let source = |(index, recorded): (usize, &'a Recorded<'_>)| match recorded {
         Recorded::File(path) => Ok(Source::File(path.clone())),
         Recorded::Rows(rows) => {
             let bytes = rows.as_slice()?;
             let sha256 = sha256(bytes);
-            Ok(match by_hand {
-                true => {
+            Ok(match rows_are {
+                Rows::OfRecordings => {
                     Source::Rows { name: format!("recording {}", index + 1), sha256, rows: Box::new(raw_rows(bytes)) }
                 }
-                false => Source::Rows { name: "samples".to_owned(), sha256, rows: Box::new(campaign_rows(bytes)) },
+                Rows::OfCampaign => Source::Rows { name: "samples".to_owned(), sha256, rows: Box::new(campaign_rows(bytes)) },
             })
         }
     };

@@ -32,7 +32,7 @@ mod _isotherm {
     #[pymodule_export]
     use crate::acquisition::{Acquisition, Loan, LoanTriad};
     #[pymodule_export]
-    use crate::calibration::{Calibration, calibrate, read_text};
+    use crate::calibration::{Calibration, calibrate, calibrate_one_attitude, read_text};
     #[pymodule_export]
     use crate::compare::{Batch, Comparison, batch, compare};
     #[pymodule_export]

@@ -53,6 +53,7 @@ from ._offline import (
     write_increments,
     write_recording,
 )
+from ._one_attitude import calibrate_one_attitude
 from ._records import CAMPAIGN, INCREMENT, RAW_SAMPLE, TRIAD, WINDOW, Flags, Records, flag_names
 
 __all__ = [
@@ -97,6 +98,7 @@ __all__ = [
     "batch",
     "calibrate",
     "calibrate_gravity_only",
+    "calibrate_one_attitude",
     "compare",
     "convert",
     "device",

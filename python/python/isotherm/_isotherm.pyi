@@ -687,6 +687,13 @@ def calibrate(
     by_hand: bool,
     options: Mapping[str, Any],
 ) -> Calibration: ...
+def calibrate_one_attitude(
+    recordings: Sequence[_Path | _Bytes],
+    imu: str,
+    nominal: Table | None,
+    gravity: float | None,
+    options: Mapping[str, Any],
+) -> Calibration: ...
 def lengths(
     table: Table, samples: _Bytes, window: float | None, gravity_local: float | None, other_device: bool, require: str | None
 ) -> dict[str, Any]: ...

@@ -376,6 +376,8 @@ def fit_options(
         "temperature_range": None,
         "place": None,
         "foreign": (None, None, None, None, None, None),
+        "at": None,
+        "beside": [],
     }
     return options | given
 

@@ -42,14 +42,15 @@ impl Calibrate {
         let made = inputs.fit(&campaign, None);
         spinner.finish_and_clear();
         let made = self.named(made)?;
-        let mut others = Vec::new();
+        let (mut others, mut written) = (Vec::new(), Vec::new());
         for (to, path, staged) in staged {
             let options = self.export_options(to, made.devices);
             let exported = export(made.fitted.table(), &options).map_err(Failure::from)?;
             others.push(staged.write(&exported.text)?);
-            tell_exported(&exported, to, path);
+            written.push((exported, to, path));
         }
         self.write(&campaign, &made, table, page, others)?;
+        written.iter().for_each(|(exported, to, path)| tell_exported(exported, *to, path));
         Ok(self.print_json(&made.json())?)
     }
 

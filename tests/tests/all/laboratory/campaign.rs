@@ -515,13 +515,12 @@ fn assert_repeated(orders: &[&str], requests: &[String]) {
     }
 }
 
-/// Asserts that the orders come first. A request that was under way when the signal came may be before them.
+/// Asserts that the orders come first. A request that was under way when the signal came may be before them: one of
+/// these orders, too, since a paused campaign holds the turntable still.
 fn assert_first(orders: &[&str], requests: &[String]) {
-    let before = requests.iter().take_while(|request| *request != orders[0]).count();
-    assert!(
-        before <= 1 && requests[before..].starts_with(&orders.iter().map(ToString::to_string).collect::<Vec<_>>()[..]),
-        "{requests:?}"
-    );
+    let orders: Vec<String> = orders.iter().map(ToString::to_string).collect();
+    let after_one = requests.get(1..).unwrap_or_default();
+    assert!(requests.starts_with(&orders) || after_one.starts_with(&orders), "{requests:?}");
 }
 
 /// However the lines disturb, the orders arrive before any request that waits for something, and the runner says what

@@ -1,0 +1,72 @@
+"""Calibration at one attitude, while the IMU warms up or cools: what PX4 and ArduPilot call temperature calibration."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from . import _isotherm
+from ._convert import known
+from ._isotherm import Table
+from ._offline import AnyPath, Calibration, fit_options
+from ._records import Records, is_frame, sample_bytes
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def calibrate_one_attitude(
+    recordings: AnyPath | Records | pd.DataFrame | Sequence[AnyPath | Records | pd.DataFrame],
+    imu: str,
+    *,
+    nominal: Table | None = None,
+    order: int | Literal["auto"] = "auto",
+    lag: float | Literal["none"] | None = None,
+    at: float | None = None,
+    gravity_reference: float | None = None,
+    beside: Iterable[Literal["px4", "ardupilot"]] = (),
+    accept: Iterable[str] = (),
+    strict: bool = False,
+    other_device: bool = False,
+    mapping: AnyPath | Mapping[str, Any] | None = None,
+    temperature: float | None = None,
+    interval: float | None = None,
+    topic: str | None = None,
+    temperature_topic: str | None = None,
+    instance: int | None = None,
+) -> Calibration:
+    """Makes bias curves of recordings at one attitude, as `isotherm calibrate --one-attitude` does.
+
+    `recordings` is one recording or a list: arrays of RAW_SAMPLE, data frames with the columns of a recording, or paths of files. A file may be of
+    another program, such as a ULog or a DataFlash log: `mapping` and the last five arguments are then those of `convert`.
+
+    `nominal` is the table that gives everything but the bias curves. Only files of readings need none: their resolution makes it, with 1 g0 =
+    `gravity_reference` [m/s2], 9.80665 unless given. `lag` is the time constant [s], or "none"; it is found without it. Accelerometers keep the bias of the nominal table
+    at the temperature `at`, mid range unless given. `beside` names autopilots whose cubics are in the document and the report. `accept` and
+    `strict` are as those of `calibrate`. Raises CalibrationError with what was found.
+    """
+    for name, value in (("at", at), ("gravity_reference", gravity_reference)):
+        if value is not None and not math.isfinite(value):
+            raise ValueError(f"{name} is {value}, give a finite number")
+    if gravity_reference is not None and not 9.7 <= gravity_reference <= 9.9:
+        raise ValueError(f"gravity_reference is {gravity_reference}, give 9.7 to 9.9 m/s2")
+    if lag == 0:
+        raise ValueError('lag is 0, give a time constant in s, or "none"')
+    single = isinstance(recordings, (str, os.PathLike)) or is_frame(recordings) or hasattr(recordings, "dtype")
+    several: Sequence[Any] = [recordings] if single else recordings  # type: ignore[assignment, list-item]
+    given = [Path(each) if isinstance(each, (str, os.PathLike)) else sample_bytes(each) for each in several]
+    text, interval_ns = known(mapping, temperature, interval)
+    options = fit_options(
+        order=order,
+        accept=accept,
+        strict=strict,
+        other_device=other_device,
+        lag=0.0 if lag == "none" else lag,
+        at=at,
+        beside=list(beside),
+        foreign=(text, temperature, interval_ns, topic, temperature_topic, instance),
+    )
+    return Calibration(_isotherm.calibrate_one_attitude(given, imu, nominal, gravity_reference, options))
