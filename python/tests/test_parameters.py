@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import isotherm
 import pytest
@@ -11,7 +12,7 @@ from conftest import BINARY, REPOSITORY
 from pymavlink import mavparm
 
 DATA = REPOSITORY / "parameters/tests/data"
-MEMS = {"imu": "imu-a", "interval": 0.0025}
+MEMS: dict[str, Any] = {"imu": "imu-a", "interval": 0.0025}
 
 
 def loaded(path: Path) -> dict[str, float]:
@@ -30,7 +31,8 @@ def test_pymavlink_reads_a_parm_as_it_was_written(tmp_path: Path) -> None:
     assert found == {name: float(value) for name, value in (line.split() for line in str(exported).splitlines())}
     assert len(found) == 29 and found["INS_TCAL2_ENABLE"] == 1.0 and found["INS_GYR2_CALTEMP"] == 25.0
     # What it has read, written by pymavlink, is the same table.
-    again = mavparm.MAVParmDict(found)
+    again = mavparm.MAVParmDict()
+    again.update(found)
     again.save(str(tmp_path / "again.parm"))
     back = isotherm.import_parameters((tmp_path / "again.parm").read_text(), "ardupilot", instance=2, **MEMS)
     for axis, other in zip(table.axes, back.axes, strict=True):
