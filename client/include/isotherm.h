@@ -1000,8 +1000,8 @@ isotherm_code isotherm_increment_specific_force(const isotherm_compensated_incre
                                                 double *specific_force);
 
 /**
- * Writes the mean angular rate over an increment's interval to three of `angular_rate` [rad/s]: NaN where the increment
- * is NaN, as of a table without gyroscopes, and for an interval of 0. Earth's rate is in it.
+ * Writes the mean angular rate over an increment's interval to three of `angular_rate` [rad/s]: NaN where the
+ * increment is NaN, as of a table without gyroscopes, and for an interval of 0. Earth's rate is in it.
  *
  * ISOTHERM_OK.
  */

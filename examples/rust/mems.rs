@@ -38,9 +38,10 @@ fn main() -> Result<(), Box<dyn Error>> {
             readings.reset();
             continue;
         }
-        for triad in [&mut sample.accelerometers, &mut sample.gyroscopes] {
-            (triad.head_temperature, triad.board_temperature) = ([temperature; 3], [temperature; 3]);
-        }
+        sample.accelerometers.head_temperature = [temperature; 3];
+        sample.accelerometers.board_temperature = [temperature; 3];
+        sample.gyroscopes.head_temperature = [temperature; 3];
+        sample.gyroscopes.board_temperature = [temperature; 3];
         let increment = acquisition.compensate(sample, Duration::from_secs(20))?;
         let ([x, y, z], [p, q, r]) = (increment.specific_force(), increment.angular_rate());
         println!("{}: {x:.9} {y:.9} {z:.9} m/s2, {p:.9} {q:.9} {r:.9} rad/s", increment.sequence);

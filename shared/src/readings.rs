@@ -62,7 +62,7 @@ pub enum ReadingError {
     #[error("the interval is {0} ns; give 1 to {MAX_INTERVAL_NS}")]
     Interval(u64),
     /// A resolution is outside of its range.
-    #[error("the resolution is {0:e}; give 1e-15 to 1e6 m/s2 or rad/s")]
+    #[error("the resolution is {0:?}; give 1e-15 to 1e6 m/s2 or rad/s")]
     Resolution(f64),
 }
 
@@ -208,7 +208,7 @@ fn whole(reading: f64, ts: f64, pulse: Product, remainder: f64) -> Option<(f64, 
     let integral = Product::of(reading, ts);
     let quotient = integral.high / pulse.high;
     // NaN, which an overflow may give, is not within. One more, since the remainder counts too.
-    if !(quotient.abs() <= most + 1.0) {
+    if !(-most - 1.0..=most + 1.0).contains(&quotient) {
         return None;
     }
     // What the quotient lacks. The fused operation rounds once, so its result is exact.

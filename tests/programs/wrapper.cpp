@@ -1,4 +1,5 @@
 // Checks that the C++ wrapper behaves as documented: wrapper IMU. Exits with 0 if it does.
+#include <cmath>
 #include <cstdlib>
 #include <iostream>
 #include <isotherm.hpp>
@@ -116,6 +117,24 @@ int main(int, char **words)
     CHECK(acquisition.lag().sensors[0].lagged == kept.sensors[0].lagged);
     CHECK(thrown([&] { acquisition.reading(6, 2.0, 1); }) == ISOTHERM_ERROR_VALUE);
     CHECK(isotherm::device("SN 42") == 0x46a7426ef29cc83b && isotherm::device("") == 0);
+
+    // Readings become pulses, and an increment becomes readings.
+    isotherm::Readings readings(1e-6, 1e-7, 2500us);
+    isotherm::RawSample read = ISOTHERM_RAW_SAMPLE_INIT;
+    readings.fill(read, {1.0000004, -2.0, 0.0}, isotherm::Vector{0.5, 0.0, -0.5});
+    readings.fill(read, {1.0000004, -2.0, 0.0});
+    CHECK(read.interval_ns == 2'500'000 && read.accelerometers.positive_pulses[0] == 1'000'001);
+    CHECK(read.gyroscopes.positive_pulses[0] == 0 && std::isnan(read.gyroscopes.head_temperature[0]));
+    readings.reset();
+    readings.fill(read, {1.0000004, -2.0, 0.0});
+    CHECK(read.accelerometers.positive_pulses[0] == 1'000'000 && read.accelerometers.negative_pulses[1] == 2'000'000);
+    CHECK(thrown([&] { readings.fill(read, {0.0, 0.0, NAN}); }) == ISOTHERM_ERROR_VALUE);
+    CHECK(thrown([&] { isotherm::Readings(1e-6, 1e-7, 0s).fill(read, {}); }) == ISOTHERM_ERROR_VALUE);
+    isotherm::CompensatedIncrement half{};
+    half.interval_ns = 500'000'000;
+    half.velocity_increment[1] = half.angle_increment[2] = 1.0;
+    CHECK(isotherm::specific_force(half) == (isotherm::Vector{0.0, 2.0, 0.0}));
+    CHECK(isotherm::angular_rate(half) == (isotherm::Vector{0.0, 0.0, 2.0}));
 
     auto other = std::move(acquisition);
     CHECK(thrown([&] { (void)acquisition.loan(); }) == ISOTHERM_ERROR_NULL && other.depth() > 1);

@@ -74,8 +74,8 @@ pub unsafe extern "C" fn isotherm_increment_specific_force(
     unsafe { write_mean(increment, specific_force, CompensatedIncrement::specific_force) }
 }
 
-/// Writes the mean angular rate over an increment's interval to three of `angular_rate` [rad/s]: NaN where the increment
-/// is NaN, as of a table without gyroscopes, and for an interval of 0. Earth's rate is in it.
+/// Writes the mean angular rate over an increment's interval to three of `angular_rate` [rad/s]: NaN where the
+/// increment is NaN, as of a table without gyroscopes, and for an interval of 0. Earth's rate is in it.
 ///
 /// ISOTHERM_OK.
 #[unsafe(no_mangle)]

@@ -124,7 +124,11 @@ proptest! {
 
     #[test]
     fn no_number_panics(
-        force in any::<f64>(), rate in any::<f64>(), own in any::<u64>(), pulse in any::<f64>(), remainder in any::<f64>(),
+        force in any::<f64>(),
+        rate in any::<f64>(),
+        own in any::<u64>(),
+        pulse in any::<f64>(),
+        remainder in any::<f64>(),
     ) {
         let resolution = Resolution { accelerometer: pulse, gyroscope: pulse };
         for resolution in [resolution, Resolution { accelerometer: 1e-15, gyroscope: 1e6 }, Resolution::default()] {

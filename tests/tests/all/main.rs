@@ -26,6 +26,7 @@ mod laboratory;
 mod lag;
 mod lag_restarts;
 mod life;
+mod mems;
 mod metrics;
 mod neighbours;
 mod paced;
