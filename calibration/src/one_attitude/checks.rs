@@ -7,6 +7,8 @@ use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 
+/// Rows cover at least this part of the time.
+const COVERED: f64 = 0.5;
 /// The length of the specific force at rest may be off by this part of 1 g0: biases of cheap sensors are in it.
 const LENGTH: f64 = 0.2;
 /// No gyroscope has as much bias \[deg/h\]: 10 deg/s.
@@ -32,7 +34,12 @@ pub(super) fn before(recordings: &[RampRecording], nominal: &CoefficientTable) -
             let finding = fault.finding();
             Finding { message: format!("{}: {}", recording.name(), finding.message), ..finding }
         });
-        let found = [celsius(recording, nominal), length(recording, nominal), rate(recording, nominal)];
+        let found = [
+            covered(recording),
+            celsius(recording, nominal),
+            length(recording, nominal),
+            rate(recording, nominal),
+        ];
         interval.into_iter().chain(found.into_iter().flatten())
     };
     recordings.iter().flat_map(of_recording).collect()
@@ -51,6 +58,22 @@ pub(super) fn after(recordings: &[RampRecording], found: &Transients) -> Vec<Fin
     let all: Vec<Finding> = unknown.into_iter().chain(unsettled).collect();
     let of_files = recordings.iter().flat_map(|recording| recording.findings().iter().cloned());
     all.into_iter().chain(of_files.filter(|finding| !OF_ROWS.contains(&finding.name))).collect()
+}
+
+/// Rows that cover little of the time: their interval is far too short.
+fn covered(recording: &RampRecording) -> Option<Finding> {
+    let (missing_s, all_s) = recording.missing_s();
+    let covered = 1.0 - missing_s / all_s;
+    let interval_s = recording.usual_interval_s();
+    (covered < COVERED).then(|| {
+        let message = format!(
+            "{}: rows of {interval_s} s cover {:.1} % of the time; give the true interval, about {:.4} s if no rows are lost",
+            recording.name(),
+            covered * 100.0,
+            interval_s / covered
+        );
+        Finding::fault(name::INTERVAL, message)
+    })
 }
 
 /// Telemetry that is no degree Celsius.

@@ -132,7 +132,7 @@ impl RampRecording {
     }
 
     /// How long rows are missing within it, and how long it lasts \[s\].
-    pub(super) fn missing_s(&self) -> (f64, f64) {
+    pub(crate) fn missing_s(&self) -> (f64, f64) {
         let gaps = self.bins.windows(2).map(|pair| pair[1].begin_ns.saturating_sub(pair[0].end_ns));
         let ends = self.bins.first().zip(self.bins.last());
         let all_ns = ends.map_or(0, |(first, last)| last.end_ns - first.begin_ns);
@@ -273,6 +273,11 @@ impl RampRecording {
     /// The readings of a sensor's board telemetry, in order.
     pub(super) fn boards(&self, sensor: usize) -> Vec<Reading> {
         self.boards[sensor].readings()
+    }
+
+    /// Usual length of a bin \[s\]: that of a row, if rows are a second or longer, or have gaps between them.
+    pub(crate) fn usual_interval_s(&self) -> f64 {
+        isotherm_statistics::median(self.bins.iter().map(Bin::seconds))
     }
 
     /// Rates at which the head telemetry of A1 moves, without sign, over parts of the recording \[1/s\].

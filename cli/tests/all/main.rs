@@ -11,6 +11,7 @@ mod foreign;
 mod gravity_only;
 mod gyroscopes;
 mod noise;
+mod one_attitude;
 mod parameters;
 mod pieces;
 mod ramps;
