@@ -52,8 +52,9 @@ pub struct Disagreement {
     pub sweeps: [usize; 2],
 }
 
-/// The band between sweeps over `range`; `None` where no two sweeps share a bin. A recording that does not reach the
-/// middle of the range has no constant, and does not count.
+/// The band between sweeps over `range`; `None` where no two sweeps share a bin. A sweep that does not reach the middle of
+/// the range has the constant of the others of its recording. A recording none of whose sweeps reaches it has no
+/// constant, and does not count.
 ///
 /// ```
 /// use isotherm_statistics::{SweepValues, sweep_band};
@@ -70,19 +71,19 @@ pub struct Disagreement {
 /// ```
 #[must_use]
 pub fn sweep_band(sweeps: &[SweepValues], range: [f64; 2]) -> Option<SweepBand> {
-    let mut alone: Vec<(usize, Alone)> =
+    let alone: Vec<(usize, Alone)> =
         sweeps.iter().enumerate().filter_map(|(index, sweep)| Some((index, Alone::of(sweep, range)?))).collect();
-    let constants: Vec<f64> = alone
+    let constants: Vec<Option<f64>> = alone
         .iter()
         .map(|(index, _)| {
             let own = |other: &&(usize, Alone)| sweeps[other.0].recording == sweeps[*index].recording;
-            let middles: Vec<f64> = alone.iter().filter(own).map(|(_, other)| other.middle).collect();
-            middles.iter().sum::<f64>() / middles.len() as f64
+            let middles: Vec<f64> = alone.iter().filter(own).filter_map(|(_, other)| other.middle).collect();
+            (!middles.is_empty()).then(|| middles.iter().sum::<f64>() / middles.len() as f64)
         })
         .collect();
-    for ((_, sweep), constant) in alone.iter_mut().zip(constants) {
-        sweep.shift(constant);
-    }
+    let with_constant =
+        |((index, sweep), constant): ((usize, Alone), Option<f64>)| Some((index, sweep.less(constant?)));
+    let alone: Vec<(usize, Alone)> = alone.into_iter().zip(constants).filter_map(with_constant).collect();
     let [low, high] = range;
     let at = |bin: usize| low + (high - low) * (bin as f64 + 0.5) / BINS as f64;
     let width = |bin: usize| {
@@ -132,19 +133,20 @@ struct Alone {
     means: [Option<(f64, f64)>; BINS],
     /// Value of the fit in the middle of each bin that has a mean, and its jackknife error.
     fits: [Option<(f64, f64)>; BINS],
-    /// Value of the fit at mid range.
-    middle: f64,
+    /// Value of the fit at mid range, if the sweep reaches it.
+    middle: Option<f64>,
 }
 
 impl Alone {
-    /// `None` if it has too few bins for a fit, or does not reach mid range.
+    /// `None` if it has too few bins for a fit.
     fn of(sweep: &SweepValues, range: [f64; 2]) -> Option<Self> {
         let means = bin_means(&sweep.values, range);
         let points: Vec<(f64, f64)> = means.iter().flatten().copied().collect();
         let ends = [means.iter().position(Option::is_some)?, means.iter().rposition(Option::is_some)?];
-        if points.len() < ORDER + 2 || ends[0] >= BINS / 2 || ends[1] < BINS / 2 {
+        if points.len() < ORDER + 2 {
             return None;
         }
+        let reaches_middle = ends[0] < BINS / 2 && ends[1] >= BINS / 2;
         let places: Vec<f64> = (0..BINS).map(centre).chain([0.0]).collect();
         let whole = fitted(&points, &places)?;
         let mut squares = vec![0.0; places.len()];
@@ -157,12 +159,14 @@ impl Alone {
         let n = points.len() as f64;
         let error = |bin: usize| ((n - 1.0) / n * squares[bin]).sqrt();
         let fits = core::array::from_fn(|bin| means[bin].map(|_| (whole[bin], error(bin))));
-        Some(Self { means, fits, middle: whole[BINS] })
+        Some(Self { means, fits, middle: reaches_middle.then_some(whole[BINS]) })
     }
 
-    fn shift(&mut self, constant: f64) {
+    /// The sweep without the constant of its recording.
+    fn less(mut self, constant: f64) -> Self {
         self.means.iter_mut().flatten().for_each(|(_, mean)| *mean -= constant);
         self.fits.iter_mut().flatten().for_each(|(value, _)| *value -= constant);
+        self
     }
 }
 
@@ -221,6 +225,20 @@ mod tests {
         let band = sweep_band(&other, [-4.0, 4.0]).unwrap();
         let found = band.disagreement.unwrap();
         assert!((2.0..4.0).contains(&found.difference) && found.sweeps.contains(&2), "{found:?}");
+    }
+
+    #[test]
+    fn a_sweep_beside_the_middle_counts_with_the_constant_of_its_recording() {
+        let upper = |recording: usize| SweepValues {
+            values: sweep(recording, false, |u| u * u + 2.0).values[300..].to_vec(),
+            ..sweep(recording, false, |u| u)
+        };
+        let both = [sweep(0, true, |u| u * u), sweep(0, false, |u| u * u + 0.2)];
+        let width = |sweeps: &[SweepValues]| sweep_band(sweeps, [-4.0, 4.0]).unwrap().half_width;
+        assert!((width(&both) - 0.1).abs() < 1e-9);
+        assert!((width(&[&both[..], &[upper(0)]].concat()) - 1.0).abs() < 1e-9);
+        // Of another recording its constant is not known.
+        assert!((width(&[&both[..], &[upper(1)]].concat()) - 0.1).abs() < 1e-9);
     }
 
     #[test]

@@ -34,12 +34,8 @@ pub(super) fn before(recordings: &[RampRecording], nominal: &CoefficientTable) -
             let finding = fault.finding();
             Finding { message: format!("{}: {}", recording.name(), finding.message), ..finding }
         });
-        let found = [
-            covered(recording),
-            celsius(recording, nominal),
-            length(recording, nominal),
-            rate(recording, nominal),
-        ];
+        let found =
+            [covered(recording), celsius(recording, nominal), length(recording, nominal), rate(recording, nominal)];
         interval.into_iter().chain(found.into_iter().flatten())
     };
     recordings.iter().flat_map(of_recording).collect()

@@ -19,7 +19,10 @@ fn one_command_leads_from_a_log_to_a_table_a_report_and_the_parameters_of_both_a
     let more = [&more[..], &["--export", "ardupilot=i.parm", "--device-id", "3014666,3080202"]].concat();
     let (out, err) = run(folder.path(), 0, &arguments(BIN, &more));
     let lines: Vec<_> = err.lines().collect();
-    assert!(out.is_empty() && lines[0].starts_with("isotherm: warning [one-direction]: no recording heats and"), "{err}");
+    assert!(
+        out.is_empty() && lines[0].starts_with("isotherm: warning [one-direction]: no recording heats and"),
+        "{err}"
+    );
     assert!(lines.contains(&"isotherm: the nominal interval is 0.1 s, found from the first 1000 rows; for recordings that belong together give it"), "{err}");
     assert!(err.contains("bias curves of order 3 from 1 recording at one attitude; their error is not known"), "{err}");
     assert!(err.contains("chosen by 4 blocks of time left out, one at a time, since there is one sweep"), "{err}");
@@ -38,7 +41,11 @@ fn one_command_leads_from_a_log_to_a_table_a_report_and_the_parameters_of_both_a
     // The parameters come back as a table with the same biases.
     let import = ["import", "i.params", "--from", "px4", "--imu", "imu-b", "--interval", "0.1", "-o", "back.toml"];
     run(folder.path(), 0, &import);
-    run(folder.path(), 0, &["export", "back.toml", "--to", "px4", "--device-id", "3014666,3080202", "-o", "again.params"]);
+    run(
+        folder.path(),
+        0,
+        &["export", "back.toml", "--to", "px4", "--device-id", "3014666,3080202", "-o", "again.params"],
+    );
     assert_eq!(fs::read_to_string(folder.path().join("again.params")).unwrap(), params);
 }
 
@@ -100,7 +107,10 @@ fn what_is_wrong_stands_first() {
     };
     fs::write(folder.path().join("m.toml"), mapping("")).unwrap();
     let line = first(65, &arguments("g.csv", &["--mapping", "m.toml"]));
-    assert!(line.contains("fault [not-gravity]: g.csv: 0.") && line.ends_with("the readings look like g, not m/s2"), "{line}");
+    assert!(
+        line.contains("fault [not-gravity]: g.csv: 0.") && line.ends_with("the readings look like g, not m/s2"),
+        "{line}"
+    );
     fs::write(folder.path().join("m.toml"), mapping("g")).unwrap();
     let line = first(0, &arguments("g.csv", &["--mapping", "m.toml"]));
     assert!(line.contains("[one-direction]"), "{line}");
