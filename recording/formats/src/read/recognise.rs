@@ -22,7 +22,7 @@ pub(super) fn first_line(source: &mut impl BufRead) -> io::Result<Vec<u8>> {
 pub(super) fn is_recording(line: &[u8], has_mapping: bool) -> bool {
     let line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line);
     let names: Vec<_> = line.split(|byte| b",;\t \"\r\n".contains(byte)).filter(|name| !name.is_empty()).collect();
-    let is_there = |name: &str| names.iter().any(|other| *other == name.as_bytes());
+    let is_there = |name: &str| names.contains(&name.as_bytes());
     let mut columns = RAW.iter().filter(|column| column.set == ColumnSet::Always);
     if has_mapping {
         return columns.all(|column| is_there(column.name));
