@@ -114,8 +114,8 @@ fn columns_that_are_missing_are_named_beside_those_that_are_there() {
     for (arguments, missing, found) in [
         (
             &["replay", "--table", &table, &format!("{root}/tests/data/run.expected.csv")][..],
-            "missing columns: a1_positive, a1_negative",
-            "; found: sequence, timestamp_ns, interval_ns",
+            "a1_positive, a1_negative, a1_head",
+            "; found: sequence, timestamp_ns, ",
         ),
         (&["regress", &cubic, "--x", "u", "--y", "y"], "missing columns: u", "; found: x, y"),
         (

@@ -206,7 +206,7 @@ fn the_nominal_table_gives_readings_back_and_is_refused_where_no_unit_is_known()
         at.split(['\n', ' ']).next().unwrap().parse::<f64>().unwrap()
     };
     assert!((number("\"pulse/(s*g0)\", range = [20.002, 36.0], c0 = ") / 980_665_000.0 - 1.0).abs() < 1e-12);
-    assert!((number("\"pulse/arcsec\", range = [20.002, 36.0], c0 = ") / 4848.136_811_095_36 - 1.0).abs() < 1e-12);
+    assert!((number("\"pulse/arcsec\", range = [20.002, 36.0], c0 = ") / 4_848.136_811_095_36 - 1.0).abs() < 1e-12);
     assert!((number("max_rate = ") / 7.85e9 - 1.0).abs() < 1e-6 && table.matches("max_rate").count() == 3);
     let (increments, _) = run(folder, 0, &["replay", "--table", "nominal.toml", "run.csv"]);
     let still = fs::read_to_string(folder.join("still.csv")).unwrap();

@@ -4,6 +4,8 @@
 //! A [`Conversion`] is an iterator over [`RawSample`]s. Pulses are `round((value - offset) / resolution)`, with the
 //! sign of the axis, on the positive or the negative channel. The sequence begins at 0; it rises by 1 from row to row,
 //! and for readings by more where the time shows that rows are missing.
+//!
+//! Over 400 lines: recognising the data, and what their rows have in common, form one reader.
 
 mod autopilot;
 mod calendar;

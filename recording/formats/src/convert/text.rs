@@ -1,4 +1,6 @@
 //! Rows of a text with a mapping.
+//!
+//! Over 400 lines: the columns, their numbers and decimal marks form one reader.
 
 use super::mapping::{ColumnRef, Decimal, Kind, Mapping, Sensors, Temperature, TimeUnit};
 use super::rollover::Counter;

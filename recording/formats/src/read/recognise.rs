@@ -1,5 +1,6 @@
 //! Whether a text is a recording, or data of another program.
 
+use isotherm_recording::INCREMENT_CSV_COLUMNS;
 use isotherm_recording::columns::{ColumnSet, RAW};
 use std::io::{self, BufRead, Read as _};
 
@@ -18,16 +19,17 @@ pub(super) fn first_line(source: &mut impl BufRead) -> io::Result<Vec<u8>> {
 
 /// Whether a text that begins with this line is a recording. With a mapping it must have all columns that a recording
 /// has, since the mapping may be for columns of the same names. Without one three are enough, so that a recording that
-/// lacks a column is told so.
+/// lacks a column is told so, and one of increments too.
 pub(super) fn is_recording(line: &[u8], has_mapping: bool) -> bool {
     let line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line);
     let names: Vec<_> = line.split(|byte| b",;\t \"\r\n".contains(byte)).filter(|name| !name.is_empty()).collect();
-    let is_there = |name: &str| names.iter().any(|other| *other == name.as_bytes());
-    let mut columns = RAW.iter().filter(|column| column.set == ColumnSet::Always);
+    let is_there = |name: &str| names.contains(&name.as_bytes());
+    let mut columns = RAW.iter().filter(|column| column.set == ColumnSet::Always).map(|column| column.name);
     if has_mapping {
-        return columns.all(|column| is_there(column.name));
+        return columns.all(is_there);
     }
-    names.is_empty() || columns.filter(|column| is_there(column.name)).count() >= FEW
+    let increments = INCREMENT_CSV_COLUMNS.iter().filter(|name| is_there(name)).count();
+    names.is_empty() || increments >= FEW || columns.filter(|name| is_there(name)).count() >= FEW
 }
 
 #[cfg(test)]
@@ -43,6 +45,8 @@ mod tests {
         }
         let lacking = all.replace("interval_ns,", "");
         assert!(is_recording(lacking.as_bytes(), false) && !is_recording(lacking.as_bytes(), true));
+        let increments = "sequence,timestamp_ns,a1_dv,a2_dv,a3_dv,table,flags";
+        assert!(is_recording(increments.as_bytes(), false) && !is_recording(increments.as_bytes(), true));
         for header in ["sequence,timestamp_ns,ax,ay,az", "t;x;y;z", "a1_positives,a2_heads,timestamp"] {
             assert!(!is_recording(header.as_bytes(), false) && !is_recording(header.as_bytes(), true), "{header}");
         }

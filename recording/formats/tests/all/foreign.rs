@@ -164,7 +164,7 @@ fn no_beginning_of_foreign_data_makes_it_panic() {
                 let error = recording.find_map(Result::err);
                 error.map(|error| recording.failure(&error))
             });
-            if let Some(failure) = ended.map_or_else(Some, |failed| failed) {
+            if let Some(failure) = ended.unwrap_or_else(Some) {
                 assert!([Exit::Data, Exit::Usage].contains(&failure.exit), "{length}: {failure}");
             }
         }
