@@ -160,7 +160,7 @@ fn ramps_alone_say_what_they_do_not_know() {
     assert!(none.table.content().lag_s.is_none() && none.table.content().axes.iter().all(|axis| axis.transient == 0.0));
 }
 
-/// The rows of both ramps are of 10 s.
+/// The rows of the ramps are of 10 and of 1 s.
 #[test]
 fn ramps_keep_the_nominal_interval_of_the_table_that_they_begin_with() {
     let campaign = file_alone(|text| text);
@@ -171,7 +171,7 @@ fn ramps_keep_the_nominal_interval_of_the_table_that_they_begin_with() {
         let options = CalibrationOptions { accept, ..CalibrationOptions::default() };
         calibrate_ramps(&campaign, &recorded(), &curves, options)
     };
-    for interval_s in [10.0, 2.5] {
+    for interval_s in [1.0, 0.5] {
         let found = with(interval_s, Vec::new()).unwrap();
         let content = found.table.content();
         assert_eq!((content.nominal_interval_s, content.format), (Some(interval_s), 3));
@@ -180,7 +180,7 @@ fn ramps_keep_the_nominal_interval_of_the_table_that_they_begin_with() {
     }
     let Err(CalibrationError::Faults { findings, .. }) = with(0.07, Vec::new()) else { panic!("not refused") };
     assert_eq!(findings.iter().map(|finding| finding.name).collect::<Vec<_>>(), [name::INTERVAL_NOT_NOMINAL; 2]);
-    assert!(findings[1].message.starts_with("ramp-2.csv: the interval of the rows is 10 s, and the scale factors"));
+    assert!(findings[1].message.starts_with("ramp-2.csv: the interval of the rows is 1 s, and the scale factors"));
     assert_eq!(with(0.07, vec![name::INTERVAL_NOT_NOMINAL]).unwrap().accepted, [name::INTERVAL_NOT_NOMINAL]);
 }
 

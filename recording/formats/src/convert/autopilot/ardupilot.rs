@@ -198,7 +198,7 @@ impl Source for DataFlashSource {
     }
 
     fn unit(&self) -> Option<&'static str> {
-        Some(self.messages.unit())
+        Some(self.messages.unit()).filter(|unit| *unit != "line")
     }
 
     fn units(&self) -> Result<Units, String> {
