@@ -91,7 +91,7 @@ fn a_real_dataflash_log_has_the_rows_of_the_ulog() {
 #[test]
 fn gyroscopes_are_the_means_of_their_rows_since_the_row_before() {
     let mut log = Ulog::new();
-    // Rates of 1 .. 9 at 10 ms each; rows of the accelerometers at 15, 30, 60, 70 ms, the last without a rate before it.
+    // Rates of 1 .. 6, one each 10 ms; rows of the accelerometers at 15, 30, 60, 65, 70 ms, the last two without one.
     let times: [(u64, bool); 11] = [
         (10, false),
         (15, true),
