@@ -1,6 +1,6 @@
 //! What is known of foreign data besides the data themselves.
 
-use super::Settings;
+use super::settings::Settings;
 use isotherm_failure::Failure;
 use isotherm_files::{WorldWritable, read_text};
 use std::path::{Path, PathBuf};

@@ -1,11 +1,11 @@
 //! Formats whose columns are known, so that they need no mapping. Each is recognised by its first bytes.
 
-use super::Settings;
 use super::autopilot::{DataFlashSource, UlogSource, is_binary_log, is_text_log, is_ulog};
 use super::novatel::{self, NovatelSource};
 use super::ros::RosSource;
+use super::settings::Settings;
 use super::source::Source;
-use isotherm_failure::Failure;
+use isotherm_failure::{Exit, Failure};
 use isotherm_recording::columns::MCAP_MAGIC;
 use std::io::Read;
 use std::path::Path;
@@ -54,4 +54,16 @@ impl Known {
             Self::DataFlash { is_text } => Box::new(DataFlashSource::open(path, settings, temperature, is_text)?),
         })
     }
+}
+
+/// Refuses settings of another format than the data's.
+pub(super) fn check(settings: &Settings, path: &Path, format: Option<Known>) -> Result<(), Failure> {
+    let refused = |message: &str| Err(Failure::new(Exit::Usage, format!("{}: {message}", path.display())));
+    if format != Some(Known::Mcap) && (settings.topic.is_some() || settings.temperature_topic.is_some()) {
+        return refused("a topic is named, but this is not MCAP");
+    }
+    if !matches!(format, Some(Known::Ulog | Known::DataFlash { .. })) && settings.instance.is_some() {
+        return refused("an instance is named, but this is no log of an autopilot");
+    }
+    Ok(())
 }

@@ -31,6 +31,7 @@ pub use mapping::{ColumnRef, Decimal, Kind, KnownColumns, Mapping, Sensors, Temp
 pub(crate) use ros::is_bag;
 pub use scale::Scale;
 pub use settings::Settings;
+pub use source::PLACEHOLDER;
 
 use interval::{GAP, Steps};
 use isotherm_failure::{Exit, Failure};
@@ -40,16 +41,16 @@ use isotherm_recording::RecordingError;
 use isotherm_recording::columns::Layout;
 use isotherm_recording::csv::Rows;
 use isotherm_shared::document::Faults;
+use isotherm_shared::stream::ImuId;
+use isotherm_shared::table::Nominal;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, Triad};
 use known::Known;
-use scale::Telemetry;
+use scale::{Telemetry, Units};
 use source::{Reading, Source};
 use stamped::Stamped;
 use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
 
-/// Telemetry of data that have none, unless it is given. A placeholder.
-pub const PLACEHOLDER: f64 = 25.0;
 /// Intervals that an IMU has \[ns\]: 50 kHz to 0.01 Hz.
 const PLAUSIBLE_NS: std::ops::RangeInclusive<u64> = 20_000..=100_000_000_000;
 /// Bytes by which the format is recognised.
@@ -142,7 +143,7 @@ impl Conversion {
         }
         let (format, no_text) = (Known::of(&beginning), refused::no_text(&beginning));
         let source: Box<dyn Read> = Box::new(Cursor::new(beginning).chain(source));
-        settings.check(path, format)?;
+        known::check(settings, path, format)?;
         if let Some(format) = format {
             let known = match mapping {
                 Some((file, text)) => KnownColumns::from_toml(text).map_err(|faults| refuse(file, faults))?,
@@ -211,6 +212,33 @@ impl Conversion {
     pub fn layout(&self) -> Layout {
         let source = &self.input.source;
         Layout { gyroscopes: source.has_gyroscopes(), device: source.device() != 0, ..Layout::default() }
+    }
+
+    /// The nominal interval \[ns\]: the one that is given, or that was found from the time.
+    #[must_use]
+    pub const fn interval_ns(&self) -> u64 {
+        self.nominal_ns
+    }
+
+    /// What the pulses stand for. Valid after the last row.
+    ///
+    /// # Errors
+    /// The reason why it is not known, with a remedy: increments, counts, a unit that is not known.
+    pub fn scale(&self) -> Result<Scale, String> {
+        let source = &self.input.source;
+        let Units { resolution, largest, devices } = source.units()?;
+        let telemetry = self.telemetry.range().ok_or("no row has telemetry; give the temperature")?;
+        let has_gyroscopes = source.has_gyroscopes();
+        Ok(Scale { resolution, interval_ns: self.nominal_ns, has_gyroscopes, largest, devices, telemetry })
+    }
+
+    /// What [`nominal_table`](isotherm_shared::table::nominal_table) needs to know, with telemetry in degC and standard
+    /// gravity. Valid after the last row.
+    ///
+    /// # Errors
+    /// As [`scale`](Self::scale).
+    pub fn nominal(&self, imu: &ImuId) -> Result<Nominal, String> {
+        self.scale().map(|scale| scale.nominal(imu))
     }
 
     /// Number of rows so far.
@@ -384,30 +412,6 @@ fn triad(reading: &Reading, first: usize) -> Triad {
     triad
 }
 
-/// The pulses of a value; `Err` says what is wrong with it.
-fn pulses(value: f64, offset: f64, resolution: f64, sign: f64) -> Result<i64, String> {
-    let pulses = (sign * ((value - offset) / resolution)).round();
-    if pulses.abs() <= f64::from(u32::MAX) {
-        return Ok(pulses as i64);
-    }
-    Err(format!(
-        "{value} is {pulses} pulses of {resolution}, over {}; give a larger resolution, or the offset",
-        u32::MAX
-    ))
-}
-
 fn refuse(path: &Path, faults: Faults) -> Failure {
     LoadError::Refused { path: path.to_owned(), faults }.into()
-}
-
-/// Tells that the telemetry is a placeholder, if it is not given.
-fn placeholder(temperature: Option<f64>) -> Option<Finding> {
-    let warning = || {
-        let message = format!(
-            "the data have no temperature; {PLACEHOLDER} is in all rows as a placeholder; give --temperature, or \
-             temperature.constant in a mapping"
-        );
-        Finding::warning(name::NO_TEMPERATURE, message)
-    };
-    temperature.is_none().then(warning)
 }

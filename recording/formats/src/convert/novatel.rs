@@ -11,9 +11,8 @@
 //! sign of Y is reversed: A1, A2, A3 are X, Y, Z with their own signs. The time is that of the body: GPS weeks and
 //! seconds, without leap seconds.
 
-use super::PLACEHOLDER;
 use super::scale::Units;
-use super::source::{Reading, Source};
+use super::source::{PLACEHOLDER, Reading, Source, placeholder};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
 use isotherm_shared::wire::AXES;
@@ -174,7 +173,7 @@ impl Source for NovatelSource {
     fn findings(&self) -> Vec<Finding> {
         let message = || format!("in {} rows the IMU reports an error (IMU info, bit 0)", self.errors);
         let errors = (self.errors > 0).then(|| Finding::warning(name::IMU_ERROR, message()));
-        errors.into_iter().chain(super::placeholder(self.temperature)).collect()
+        errors.into_iter().chain(placeholder(self.temperature)).collect()
     }
 }
 

@@ -4,8 +4,8 @@
 //! its time; so the file is read twice, first for the topics and the temperatures.
 
 use super::scale::Units;
-use super::source::{Reading, Source};
-use super::{Settings, pulses};
+use super::settings::Settings;
+use super::source::{PLACEHOLDER, Reading, Source, placeholder, pulses};
 use crate::read::records::Records;
 use crate::ros::{Encoding, IMU, Imu, TEMPERATURE, Temperature};
 use isotherm_failure::{Exit, Failure};
@@ -202,7 +202,7 @@ impl RosSource {
             reading.pulses[index] = pulses.map_err(|message| format!("{}: {message}", name()))?;
         }
         let telemetry = self.temperatures.at(imu.stamp_ns);
-        let telemetry = self.temperature.or(telemetry).unwrap_or(super::PLACEHOLDER);
+        let telemetry = self.temperature.or(telemetry).unwrap_or(PLACEHOLDER);
         (reading.head, reading.board) = ([telemetry; _], [telemetry; _]);
         Ok(reading)
     }
@@ -242,7 +242,7 @@ impl Source for RosSource {
     fn findings(&self) -> Vec<Finding> {
         let truncation = self.messages.records.truncation().map(|text| Finding::warning(name::TRUNCATED, text));
         let Temperatures { topic, before, .. } = &self.temperatures;
-        let none = if topic.is_none() { super::placeholder(self.temperature) } else { None };
+        let none = if topic.is_none() { placeholder(self.temperature) } else { None };
         let late = || format!("{before} rows before the first temperature have that one");
         let late = (*before > 0).then(|| Finding::warning(name::NO_TEMPERATURE, late()));
         truncation.into_iter().chain(none).chain(late).collect()

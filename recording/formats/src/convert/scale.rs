@@ -1,6 +1,5 @@
 //! What the pulses of readings stand for: enough for a nominal table.
 
-use super::Conversion;
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::Nominal;
@@ -90,40 +89,11 @@ impl Telemetry {
     }
 
     /// The range; `None` without a finite value.
-    fn range(self) -> Option<[f64; 2]> {
+    pub(super) fn range(self) -> Option<[f64; 2]> {
         let [low, high] = self.0;
         match low < high {
             true => Some([low, high]),
             false => low.is_finite().then_some([low - 1.0, low + 1.0]),
         }
-    }
-}
-
-impl Conversion {
-    /// The nominal interval \[ns\]: the one that is given, or that was found from the time.
-    #[must_use]
-    pub const fn interval_ns(&self) -> u64 {
-        self.nominal_ns
-    }
-
-    /// What the pulses stand for. Valid after the last row.
-    ///
-    /// # Errors
-    /// The reason why it is not known, with a remedy: increments, counts, a unit that is not known.
-    pub fn scale(&self) -> Result<Scale, String> {
-        let source = &self.input.source;
-        let Units { resolution, largest, devices } = source.units()?;
-        let telemetry = self.telemetry.range().ok_or("no row has telemetry; give the temperature")?;
-        let has_gyroscopes = source.has_gyroscopes();
-        Ok(Scale { resolution, interval_ns: self.nominal_ns, has_gyroscopes, largest, devices, telemetry })
-    }
-
-    /// What [`nominal_table`](isotherm_shared::table::nominal_table) needs to know, with telemetry in degC and standard
-    /// gravity. Valid after the last row.
-    ///
-    /// # Errors
-    /// As [`scale`](Self::scale).
-    pub fn nominal(&self, imu: &ImuId) -> Result<Nominal, String> {
-        self.scale().map(|scale| scale.nominal(imu))
     }
 }

@@ -1,10 +1,7 @@
 //! What is known of foreign data besides a mapping.
 
-use super::known::Known;
 use indicatif::ProgressBar;
-use isotherm_failure::{Exit, Failure};
 use std::io::Read;
-use std::path::Path;
 
 /// What is known of foreign data besides a mapping.
 #[derive(Clone, Debug, Default)]
@@ -35,17 +32,5 @@ impl Settings {
             }
             None => source,
         }
-    }
-
-    /// Refuses settings of another format than the data's.
-    pub(super) fn check(&self, path: &Path, format: Option<Known>) -> Result<(), Failure> {
-        let refused = |message: &str| Err(Failure::new(Exit::Usage, format!("{}: {message}", path.display())));
-        if format != Some(Known::Mcap) && (self.topic.is_some() || self.temperature_topic.is_some()) {
-            return refused("a topic is named, but this is not MCAP");
-        }
-        if !matches!(format, Some(Known::Ulog | Known::DataFlash { .. })) && self.instance.is_some() {
-            return refused("an instance is named, but this is no log of an autopilot");
-        }
-        Ok(())
     }
 }

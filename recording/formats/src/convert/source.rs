@@ -2,9 +2,12 @@
 
 use super::rollover::Counter;
 use super::scale::Units;
-use isotherm_finding::Finding;
+use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
 use isotherm_shared::wire::AXES;
+
+/// Telemetry of data that have none, unless it is given. A placeholder.
+pub const PLACEHOLDER: f64 = 25.0;
 
 /// A row of a source.
 #[derive(Clone, Copy, Debug, Default)]
@@ -65,4 +68,28 @@ pub(super) trait Source {
     fn findings(&self) -> Vec<Finding> {
         Vec::new()
     }
+}
+
+/// The pulses of a value; `Err` says what is wrong with it.
+pub(super) fn pulses(value: f64, offset: f64, resolution: f64, sign: f64) -> Result<i64, String> {
+    let pulses = (sign * ((value - offset) / resolution)).round();
+    if pulses.abs() <= f64::from(u32::MAX) {
+        return Ok(pulses as i64);
+    }
+    Err(format!(
+        "{value} is {pulses} pulses of {resolution}, over {}; give a larger resolution, or the offset",
+        u32::MAX
+    ))
+}
+
+/// Tells that the telemetry is a placeholder, if it is not given.
+pub(super) fn placeholder(temperature: Option<f64>) -> Option<Finding> {
+    let warning = || {
+        let message = format!(
+            "the data have no temperature; {PLACEHOLDER} is in all rows as a placeholder; give --temperature, or \
+             temperature.constant in a mapping"
+        );
+        Finding::warning(name::NO_TEMPERATURE, message)
+    };
+    temperature.is_none().then(warning)
 }

@@ -5,8 +5,8 @@
 use super::mapping::{ColumnRef, Decimal, Kind, Mapping, Sensors, Temperature, TimeUnit};
 use super::rollover::Counter;
 use super::scale::Units;
-use super::source::{Reading, Source};
-use super::{calendar, proposal, pulses};
+use super::source::{Reading, Source, pulses};
+use super::{calendar, proposal};
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{
     CsvColumn, DecimalMark, Rows, digits_with, looks_like_number, missing_columns, nearest_double,

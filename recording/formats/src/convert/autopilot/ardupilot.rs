@@ -1,12 +1,12 @@
 //! The rows of a DataFlash log: those of `IMU`, with what ArduPilot had corrected undone.
 
-use super::super::Settings;
 use super::super::scale::Units;
-use super::super::source::{Reading, Source};
+use super::super::settings::Settings;
+use super::super::source::{PLACEHOLDER, Reading, Source, placeholder};
 use super::dataflash::{Message, Messages};
 use super::dataflash_format::ImuColumns;
+use super::imu::{Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Values, choose, devices_told, open, units};
 use super::undo::{Corrections, concerns, devices};
-use super::{Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Values, choose, devices_told, open, units};
 use isotherm_failure::{Exit, Failure};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
@@ -106,7 +106,7 @@ impl DataFlashSource {
     fn reading(&mut self, row: &Row) -> Result<Reading, String> {
         self.ill += u64::from(!row.is_healthy);
         self.has_temperature &= row.celsius.is_some();
-        let celsius = row.celsius.or(self.telemetry).unwrap_or(super::super::PLACEHOLDER);
+        let celsius = row.celsius.or(self.telemetry).unwrap_or(PLACEHOLDER);
         let [acceleration, rate] = self.corrections.undo(row.logged, celsius);
         let values = Values { acceleration, rate: Some(rate), celsius: [celsius; 2] };
         values.reading(row.place, row.time_us, self.telemetry)
@@ -240,7 +240,7 @@ impl Source for DataFlashSource {
             found.push(Finding::warning(name::IMU_ERROR, message));
         }
         if !self.has_temperature {
-            found.extend(super::super::placeholder(self.telemetry));
+            found.extend(placeholder(self.telemetry));
         }
         found
     }

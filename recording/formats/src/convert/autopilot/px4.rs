@@ -4,12 +4,12 @@
 //! `sensor_combined`. Their rows have their own times and rates. A row of `sensor_gyro` belongs to the first row of
 //! `sensor_accel` at its time or after it.
 
-use super::super::Settings;
 use super::super::scale::Units;
-use super::super::source::{Reading, Source};
+use super::super::settings::Settings;
+use super::super::source::{PLACEHOLDER, Reading, Source, placeholder};
+use super::imu::{Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Values, choose, devices_told, open, units};
 use super::ulog::{Messages, Topic, error};
 use super::ulog_format::SensorRow;
-use super::{Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Values, choose, devices_told, open, units};
 use isotherm_failure::Failure;
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
@@ -138,7 +138,7 @@ impl UlogSource {
         (self.rows, self.last_us) = (self.rows + 1, row.time_us);
         self.others += u64::from(row.device != self.imu.devices[0]);
         self.has_temperature &= row.celsius.is_some();
-        let celsius = row.celsius.unwrap_or(super::super::PLACEHOLDER);
+        let celsius = row.celsius.unwrap_or(PLACEHOLDER);
         let values = Values {
             acceleration: row.values,
             rate: gyroscopes.map(|gyroscopes| gyroscopes.rates),
@@ -237,7 +237,7 @@ impl Source for UlogSource {
             found.push(Finding::fault(name::OTHER_DEVICE, message));
         }
         if !self.has_temperature {
-            found.extend(super::super::placeholder(self.telemetry));
+            found.extend(placeholder(self.telemetry));
         }
         found
     }

@@ -1,0 +1,109 @@
+//! What the logs of both autopilots have in common: their IMUs, and how a row becomes pulses.
+
+use super::super::scale::Units;
+use super::super::settings::Settings;
+use super::super::source::{Reading, pulses};
+use isotherm_failure::{Exit, Failure};
+use isotherm_files::open_recording;
+use isotherm_shared::readings::Resolution;
+use isotherm_shared::wire::AXES;
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::Read;
+use std::path::Path;
+
+/// One pulse of the accelerometers of a log \[m/s2\].
+pub const LOG_ACCELERATION_PULSE: f64 = 1e-6;
+/// One pulse of the gyroscopes of a log \[rad/s\].
+pub const LOG_RATE_PULSE: f64 = 1e-7;
+
+/// An IMU of a log.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Imu {
+    pub(super) rows: u64,
+    /// Device ids of accelerometers and gyroscopes, if the log has them.
+    pub(super) devices: [Option<u32>; 2],
+}
+
+/// What a log has of one instant: specific force \[m/s2\], angular rate \[rad/s\], telemetry \[degC\] of both.
+pub(super) struct Values {
+    pub(super) acceleration: [f64; AXES],
+    pub(super) rate: Option<[f64; AXES]>,
+    pub(super) celsius: [f64; 2],
+}
+
+/// What the pulses of a log stand for.
+pub(super) fn units() -> Units {
+    let resolution = Resolution { accelerometer: LOG_ACCELERATION_PULSE, gyroscope: LOG_RATE_PULSE };
+    Units { resolution, ..Units::default() }
+}
+
+/// Opens a log that is read twice.
+pub(super) fn open(path: &Path, settings: &Settings) -> Result<Box<dyn Read>, Failure> {
+    if !fs::metadata(path).is_ok_and(|metadata| metadata.is_file()) {
+        let message = format!("{}: a log of an autopilot is read twice; give a file, not a stream", path.display());
+        return Err(Failure::new(Exit::Usage, message));
+    }
+    let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
+    Ok(settings.watched(source))
+}
+
+/// The IMU that is wanted, or else the only one, with its number in the log. There is one at least.
+pub(super) fn choose(path: &Path, imus: &BTreeMap<u8, Imu>, wanted: Option<u32>) -> Result<(u8, Imu), Failure> {
+    let found = match (wanted, imus.iter().next()) {
+        (Some(wanted), _) => imus.iter().find(|(number, _)| u32::from(**number) == wanted),
+        (None, only) => only.filter(|_| imus.len() == 1),
+    };
+    if let Some((number, imu)) = found {
+        return Ok((*number, imu.clone()));
+    }
+    let problem = match wanted {
+        Some(wanted) => format!("no IMU {wanted}; choose one with --instance"),
+        None => "several IMUs; choose one with --instance".to_owned(),
+    };
+    let listed = imus.iter().map(|(number, imu)| {
+        let device = imu.devices[0].map_or("unknown device".to_owned(), |device| format!("device {device}"));
+        format!("{number} ({device}, {} rows)", imu.rows)
+    });
+    let listed = listed.collect::<Vec<_>>().join(", ");
+    Err(Failure::new(Exit::Usage, format!("{}: {problem}: {listed}", path.display())))
+}
+
+/// The ids of both sensors, for the operator.
+pub(super) fn devices_told(devices: [Option<u32>; 2]) -> Option<String> {
+    match devices {
+        [Some(one), Some(other)] if one != other => Some(format!("device {one}, that of the gyroscopes {other}")),
+        [Some(one), _] | [None, Some(one)] => Some(format!("device {one}")),
+        [None, None] => None,
+    }
+}
+
+impl Values {
+    /// As a row. `telemetry` stands for all temperatures, if it is given.
+    pub(super) fn reading(&self, place: u64, time_us: u64, telemetry: Option<f64>) -> Result<Reading, String> {
+        let time = time_us.checked_mul(1000);
+        let timestamp_ns = Some(time.ok_or_else(|| format!("the time {time_us} us is after 2554; damaged?"))?);
+        let mut reading = Reading { place, timestamp_ns, ..Reading::default() };
+        let rate = self.rate.unwrap_or_default();
+        for axis in 0..AXES {
+            let sensors = [
+                (axis, self.acceleration[axis], LOG_ACCELERATION_PULSE, "acceleration"),
+                (axis + AXES, rate[axis], LOG_RATE_PULSE, "rate"),
+            ];
+            for ((index, value, pulse, name), celsius) in sensors.into_iter().zip(self.celsius) {
+                let of = format_args!("the {name} along {}", ["x", "y", "z"][axis]);
+                if !value.is_finite() {
+                    return Err(format!("{of} is {value}, not a number; is the log damaged?"));
+                }
+                let pulses = pulses(value, 0.0, pulse, 1.0);
+                reading.pulses[index] = pulses.map_err(|_| format!("{of} is {value}, no such value; damaged?"))?;
+                let celsius = telemetry.unwrap_or(celsius);
+                if !celsius.is_finite() {
+                    return Err(format!("the temperature is {celsius}, not a number; give --temperature"));
+                }
+                (reading.head[index], reading.board[index]) = (celsius, celsius);
+            }
+        }
+        Ok(reading)
+    }
+}
