@@ -4,8 +4,8 @@
 //! # Method
 //! 1. The recordings are [ramps](crate::ramps): lag and transient of each bias, the band between sweeps, steps, another
 //!    unit, missing rows are found as there. `nominal` gives everything but the bias curves.
-//! 2. `curves`: each curve goes through means of 1/200 of the telemetry's range, which weigh alike; each recording has a
-//!    constant of its own.
+//! 2. `curves`: each curve goes through means of 1/200 of the telemetry's range, which weigh alike; each recording has
+//!    a constant of its own.
 //! 3. `order`: all curves have the order that best predicts sweeps that are left out.
 //! 4. The constant of an accelerometer's curve contains the attitude: the curve keeps the bias of `nominal` at the
 //!    reference temperature. That of a gyroscope stays in, with Earth's rate.
@@ -200,8 +200,8 @@ impl OneAttitudeCalibration {
 /// Makes a table of recordings at one attitude. `nominal` gives everything but the bias curves.
 ///
 /// # Errors
-/// If `nominal` is no table for these recordings, if a recording is of another unit or moved, if its unit or interval is
-/// wrong, or if nothing can be estimated.
+/// If `nominal` is no table for these recordings, if a recording is of another unit or moved, if its unit or interval
+/// is wrong, or if nothing can be estimated.
 pub fn calibrate_one_attitude(
     campaign: &Campaign,
     recordings: &[RampRecording],

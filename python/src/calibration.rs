@@ -125,8 +125,8 @@ pub(crate) fn calibrate(
     Ok(Calibration { made: made.map_err(|refused| failed(&refused))?, campaign })
 }
 
-/// Makes a table of recordings at one attitude. Without a `nominal` table they must be files of readings of other programs.
-/// `gravity` is 1 g0 \[m/s2\].
+/// Makes a table of recordings at one attitude. Without a `nominal` table they must be files of readings of other
+/// programs. `gravity` is 1 g0 \[m/s2\].
 #[pyfunction]
 #[expect(clippy::needless_pass_by_value, reason = "an argument of a Python function")]
 pub(crate) fn calibrate_one_attitude(

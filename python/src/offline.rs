@@ -49,8 +49,8 @@ pub(crate) fn replay<'py>(
     Ok(out)
 }
 
-/// What the commands warn of: intervals that are not the time from row to row, lost time, missing rows, scale factors of
-/// another interval.
+/// What the commands warn of: intervals that are not the time from row to row, lost time, missing rows, scale factors
+/// of another interval.
 #[pyfunction]
 pub(crate) fn time_warnings(
     py: Python<'_>,

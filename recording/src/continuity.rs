@@ -189,9 +189,9 @@ impl Continuity {
         self.intervals.fault()
     }
 
-    /// The fault that the scale factors of `table` are of another interval than the rows: the usual one is not within 1 %
-    /// of 1 to 64 times the nominal one. Nothing is said where the table has none. Where `interval_ns` is not the time
-    /// from row to row, that time counts.
+    /// The fault that the scale factors of `table` are of another interval than the rows: the usual one is not within 1
+    /// % of 1 to 64 times the nominal one. Nothing is said where the table has none. Where `interval_ns` is not the
+    /// time from row to row, that time counts.
     #[must_use]
     pub fn not_nominal(&self, table: &CoefficientTable) -> Option<Finding> {
         not_nominal(table.nominal_ns(), self.intervals.usual_ns()?)

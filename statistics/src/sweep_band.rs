@@ -52,8 +52,8 @@ pub struct Disagreement {
     pub sweeps: [usize; 2],
 }
 
-/// The band between sweeps over `range`; `None` where no two sweeps share a bin. A sweep that does not reach the middle of
-/// the range has the constant of the others of its recording. A recording none of whose sweeps reaches it has no
+/// The band between sweeps over `range`; `None` where no two sweeps share a bin. A sweep that does not reach the middle
+/// of the range has the constant of the others of its recording. A recording none of whose sweeps reaches it has no
 /// constant, and does not count.
 ///
 /// ```

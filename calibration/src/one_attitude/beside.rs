@@ -1,6 +1,6 @@
 //! What the scripts of autopilots make of the same rows: a cubic for each bias, without a constant for each recording,
-//! a lag, or an error. Their running means and medians are left out: on a real warm-up of 160 mm/s2 the curves differ by
-//! up to 0.8 mm/s2 from those of the scripts, at the ends, where one script pads its median with zeros.
+//! a lag, or an error. Their running means and medians are left out: on a real warm-up of 160 mm/s2 the curves differ
+//! by up to 0.8 mm/s2 from those of the scripts, at the ends, where one script pads its median with zeros.
 
 use super::curves::{Series, Shape, Weight};
 use crate::transients::BinValue;

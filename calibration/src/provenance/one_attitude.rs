@@ -1,4 +1,5 @@
-//! The provenance of recordings at one attitude: how the order was chosen, and what the curves leave, in m/s2 and rad/s.
+//! The provenance of recordings at one attitude: how the order was chosen, and what the curves leave, in m/s2 and
+//! rad/s.
 
 use super::source::CampaignSource;
 use super::transients::TransientsRecord;

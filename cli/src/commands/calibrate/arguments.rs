@@ -146,8 +146,8 @@ pub(super) struct GravityOnlyArgs {
     /// Calibrate the accelerometers by the length of gravity alone: the recordings are of an IMU that was put down by
     /// hand in many attitudes
     ///
-    /// Each file is a recording of its own, or data of another program. A campaign file with method = "gravity-only" does the same, and has the
-    /// next six options as keys
+    /// Each file is a recording of its own, or data of another program. A campaign file with method = "gravity-only"
+    /// does the same, and has the next six options as keys
     #[arg(long, group = "kind", requires_all = ["imu", "local", "gravity_reference", "temperature_unit"])]
     pub gravity_only: bool,
     /// The IMU that was measured; of a campaign file with several, the only one whose table is made

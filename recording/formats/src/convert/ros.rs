@@ -93,8 +93,8 @@ impl Channel {
 /// A message and its channel.
 type OfChannel = (Rc<Channel>, Vec<u8>);
 
-/// Whether an MCAP file has messages of `sensor_msgs/msg/Imu`, and before them none of Isotherm. False of a pipe, and of
-/// a file that cannot be read up to there.
+/// Whether an MCAP file has messages of `sensor_msgs/msg/Imu`, and before them none of Isotherm. False of a pipe, and
+/// of a file that cannot be read up to there.
 pub(crate) fn is_bag(path: &Path) -> bool {
     let file = fs::metadata(path).is_ok_and(|metadata| metadata.is_file()) && path != Path::new("-");
     let Some(mut messages) = file.then(|| Messages::open(path, &Settings::default()).ok()).flatten() else {

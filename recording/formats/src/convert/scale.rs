@@ -56,7 +56,8 @@ impl Scale {
         }
     }
 
-    /// What [`nominal_table`](isotherm_shared::table::nominal_table) takes, with telemetry in degC and standard gravity.
+    /// What [`nominal_table`](isotherm_shared::table::nominal_table) takes, with telemetry in degC and standard
+    /// gravity.
     #[must_use]
     pub fn nominal(&self, imu: &ImuId) -> Nominal {
         let [max_specific_force, max_angular_rate] = self.largest;

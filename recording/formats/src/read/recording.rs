@@ -206,7 +206,8 @@ impl Recording {
         self.converted.nominal(imu)
     }
 
-    /// Numbers of accelerometer and gyroscope in an autopilot, where all pieces are logs of it. Valid after the last row.
+    /// Numbers of accelerometer and gyroscope in an autopilot, where all pieces are logs of it. Valid after the last
+    /// row.
     #[must_use]
     pub fn devices(&self) -> [Option<u32>; 2] {
         self.converted.scale().map(|scale| scale.devices).unwrap_or_default()
