@@ -230,7 +230,7 @@ mod tests {
     #[test]
     fn a_sweep_beside_the_middle_counts_with_the_constant_of_its_recording() {
         let upper = |recording: usize| SweepValues {
-            values: sweep(recording, false, |u| u * u + 2.0).values[300..].to_vec(),
+            values: sweep(recording, false, |u| u * u + 2.0).values[280..].to_vec(),
             ..sweep(recording, false, |u| u)
         };
         let both = [sweep(0, true, |u| u * u), sweep(0, false, |u| u * u + 0.2)];

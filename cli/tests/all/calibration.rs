@@ -257,7 +257,7 @@ fn a_mistake_is_one_line_and_faults_can_be_accepted_by_name() {
     assert!(table.contains("accepted = [\"interval\"]"), "{table}");
     // Unknown names, and names without which nothing is left to fit.
     let err = calibrate(64, &["--accept", "intervals"]);
-    assert!(err.contains("give the name of a finding: ") && err.contains(" interval, missing-rows, "), "{err}");
+    assert!(err.contains("give the name of a finding: ") && err.contains(" interval, interval-not-nominal, "), "{err}");
     assert!(
         calibrate(64, &["--accept", "no-pulses"])
             .contains("no-pulses cannot be accepted, because nothing is left to fit")

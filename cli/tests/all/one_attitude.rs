@@ -4,9 +4,8 @@ use crate::common::{assert_page, folder, run};
 use serde_json::Value;
 use std::fs;
 
-/// The heating of a real run, as ArduPilot logs it: 3500 rows. In the ULog the end is missing.
+/// The heating of a real run, as ArduPilot logs it: 3500 rows.
 const BIN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../recording/formats/tests/data/autopilots/heating.BIN");
-const ULG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../recording/formats/tests/data/autopilots/heating.ulg");
 
 fn arguments<'a>(log: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     [&["calibrate", "--one-attitude", log, "--imu", "imu-b", "-o", "imu-b.toml"], more].concat()
@@ -52,12 +51,12 @@ fn one_command_leads_from_a_log_to_a_table_a_report_and_the_parameters_of_both_a
 #[test]
 fn a_recording_needs_a_nominal_table_and_then_gives_the_table_of_its_log() {
     let folder = folder();
-    let (out, _) = run(folder.path(), 0, &arguments(ULG, &["--json"]));
+    let (out, _) = run(folder.path(), 0, &arguments(BIN, &["--json"]));
     let document: Value = serde_json::from_str(&out).unwrap();
     assert_eq!(document["method"], "one-attitude");
     assert_eq!(document["biases"][0]["unit"], "m/s2");
     assert_eq!(document["findings"][0]["name"], "one-direction");
-    let convert = ["convert", ULG, "-o", "rows.csv", "--nominal", "nominal.toml", "--imu", "imu-b"];
+    let convert = ["convert", BIN, "-o", "rows.csv", "--nominal", "nominal.toml", "--imu", "imu-b"];
     run(folder.path(), 0, &convert);
     let (_, err) = run(folder.path(), 65, &arguments("rows.csv", &[]));
     assert!(err.contains("a recording does not say what a pulse is") && err.contains("--nominal TABLE.toml"), "{err}");

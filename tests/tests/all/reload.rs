@@ -143,7 +143,7 @@ fn a_file_that_is_still_being_written_is_left_alone() {
 fn a_bad_file_is_reported_once_and_the_next_good_one_taken() {
     let mut fixture = ReloadFixture::new();
     let bad = [
-        ("format = 3\n".to_owned(), "imu-a.toml:1: format: "),
+        ("format = 4\n".to_owned(), "imu-a.toml:1: format: "),
         (TABLE.replace("91733.0", "-91733.0"), "positive_scale_factor"),
         (TABLE.replace("imu-a", "imu-b"), "belongs to imu-b"),
         (variant(6)[..300].to_owned(), "not TOML"),

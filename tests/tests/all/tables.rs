@@ -10,7 +10,7 @@ const WHOLE: &str = include_str!("../../../examples/tables/imu-whole.toml");
 /// Kinds of bad tables: description, text to replace, replacement, and the line and key that the message must name.
 const BAD: [(&str, &str, &str, &str); 52] = [
     ("format missing", "format = 1\n", "", ":1: format: "),
-    ("format unknown", "format = 1", "format = 3", ":1: format: "),
+    ("format unknown", "format = 1", "format = 4", ":1: format: "),
     ("format of the wrong type", "format = 1", "format = \"1\"", ":1: format: "),
     ("key unknown at the top", "format = 1", "format = 1\nformt = 1", ":2: formt: "),
     ("key unknown in imu", "[imu]", "[imu]\nserail = \"x\"", ":3: imu.serail: "),
@@ -197,7 +197,7 @@ fn mkfifo(domain: &TestDomain, name: &str) {
 fn all_faults_of_all_files_are_reported_together() {
     let domain = TestDomain::new();
     let bad = TABLE
-        .replace("format = 1", "format = 3")
+        .replace("format = 1", "format = 4")
         .replace("gravity = 9.8015", "gravity = 98.015")
         .replace("c0 = 91733.0", "c0 = 0.0, c9 = 1.0")
         .replace(
