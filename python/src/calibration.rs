@@ -239,7 +239,9 @@ fn sources<'a>(recordings: &'a [Recorded<'_>], rows_are: Rows) -> PyResult<Vec<S
                 Rows::OfRecordings => {
                     Source::Rows { name: format!("recording {}", index + 1), sha256, rows: Box::new(raw_rows(bytes)) }
                 }
-                Rows::OfCampaign => Source::Rows { name: "samples".to_owned(), sha256, rows: Box::new(campaign_rows(bytes)) },
+                Rows::OfCampaign => {
+                    Source::Rows { name: "samples".to_owned(), sha256, rows: Box::new(campaign_rows(bytes)) }
+                }
             })
         }
     };

@@ -52,11 +52,7 @@ pub(crate) fn replay<'py>(
 /// What the commands warn of: intervals that are not the time from row to row, lost time, missing rows, scale factors
 /// of another interval.
 #[pyfunction]
-pub(crate) fn time_warnings(
-    py: Python<'_>,
-    table: &Table,
-    samples: PyReadonlyArray1<'_, u8>,
-) -> PyResult<Vec<String>> {
+pub(crate) fn time_warnings(py: Python<'_>, table: &Table, samples: PyReadonlyArray1<'_, u8>) -> PyResult<Vec<String>> {
     let samples = samples.as_slice()?;
     let rows = samples.chunks_exact(RAW).map(|record| Period::from(&Fields(record).raw()));
     let found = py.detach(|| {

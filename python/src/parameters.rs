@@ -12,6 +12,9 @@ use std::fmt::Display;
 #[pyclass(frozen, module = "isotherm")]
 pub struct Exported(isotherm_parameters::Exported);
 
+/// Name of an effect, sensors, and its sizes \[m/s2, rad/s\].
+type Lost = (&'static str, Vec<&'static str>, Option<f64>, Option<f64>);
+
 /// One device number for both kinds of sensor, or one for each.
 #[derive(FromPyObject)]
 pub(crate) enum Devices {
@@ -96,7 +99,7 @@ impl Exported {
 
     /// Name, sensors, m/s2 and rad/s of each effect that was left out.
     #[getter]
-    fn lost(&self) -> Vec<(&'static str, Vec<&'static str>, Option<f64>, Option<f64>)> {
+    fn lost(&self) -> Vec<Lost> {
         let loss = |loss: &Loss| (loss.effect.name(), loss.sensors.clone(), loss.accelerometers, loss.gyroscopes);
         self.0.lost.iter().map(loss).collect()
     }

@@ -71,7 +71,7 @@ pub(crate) enum Command {
     Replay(replay::Replay),
     Record(record::Record),
     Convert(convert::Convert),
-    Calibrate(calibrate::Calibrate),
+    Calibrate(Box<calibrate::Calibrate>),
     Regress(regress::Regress),
     Verify(verify::Verify),
     Compare(compare::Compare),
