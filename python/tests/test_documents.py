@@ -121,6 +121,7 @@ def test_what_the_documents_show(domain: DomainUnderTest, document: Path, monkey
     for file in (TABLE, RUN, CAMPAIGN, CAMPAIGN.with_name("samples.csv")):
         shutil.copy(file, domain.folder)
     shutil.copy(REPOSITORY / "calibration/tests/data/any_lab/tumble3/recording.csv", domain.folder / "tumble.csv")
+    shutil.copy(REPOSITORY / "recording/formats/tests/data/autopilots/heating.BIN", domain.folder / "warm-up.BIN")
     domain.isotherm("simulate", "run", "-o", domain.folder / "still", "--interval", "1")
     monkeypatch.chdir(domain.folder)
     program = "\n".join(blocks(document))

@@ -56,7 +56,7 @@ def calibrate_one_attitude(
     if lag == 0:
         raise ValueError('lag is 0, give a time constant in s, or "none"')
     single = isinstance(recordings, (str, os.PathLike)) or is_frame(recordings) or hasattr(recordings, "dtype")
-    several: Sequence[Any] = [recordings] if single else recordings  # type: ignore[assignment, list-item]
+    several: Sequence[Any] = [recordings] if single else recordings  # type: ignore[assignment]
     given = [Path(each) if isinstance(each, (str, os.PathLike)) else sample_bytes(each) for each in several]
     text, interval_ns = known(mapping, temperature, interval)
     options = fit_options(
