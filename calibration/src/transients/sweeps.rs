@@ -147,7 +147,10 @@ fn disagreement(
             let sweep = |index: usize| {
                 let sweep = &ramps.sweeps[index];
                 let direction = if sweep.heating { "heating" } else { "cooling" };
-                format!("{direction} of {}", recordings[sweep.recording].name())
+                match recordings {
+                    [_] => direction.to_owned(),
+                    _ => format!("{direction} of {}", recordings[sweep.recording].name()),
+                }
             };
             Some(format!(
                 "{} by {} at {at:.3}, {errors:.0} errors ({} and {})",
