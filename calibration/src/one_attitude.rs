@@ -16,10 +16,12 @@
 mod beside;
 mod checks;
 mod curves;
+mod jumps;
 mod order;
 
 pub use order::{LeftOut, OrderChoice, TriedOrder};
 
+use crate::admit::admit;
 use crate::error::CalibrationError;
 use crate::options::CalibrationOptions;
 use crate::ramps::{RampCalibration, ramp_calibration};
@@ -27,6 +29,7 @@ use crate::sensor::TriadUnits;
 use crate::transients::{BinValue, LagChoice, RampRecording, bin_values};
 use curves::{Part, Series, Shape, Weight, spread};
 use isotherm_campaign::Campaign;
+use isotherm_finding::Finding;
 use isotherm_parameters::Autopilot;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable, Content};
@@ -215,13 +218,21 @@ pub fn calibrate_one_attitude(
         ..CalibrationOptions::default()
     };
     let before = checks::before(recordings, nominal);
-    let mut ramps =
-        ramp_calibration(campaign, recordings, nominal, fit_options, before, |found| checks::after(recordings, found))?;
+    let mut ramps = ramp_calibration(campaign, recordings, nominal, fit_options, before, |found| checks::after(found))?;
     let series = all_series(recordings, &ramps);
+    let names: Vec<&str> = recordings.iter().map(RampRecording::name).collect();
+    let found = jumps::jumps(&series, &names, nominal.content().gravity);
+    add(&mut ramps, found, checks::last(recordings))?;
     let parts = sweeps_of(&series);
     let choice = order::choose(&series, &parts, options.order, options.highest_order);
     let [low, high] = series.first().map_or([0.0; 2], |bias| bias.range);
     let at = options.at.unwrap_or_else(|| low.midpoint(high));
+    if !(low..=high).contains(&at) {
+        let message = format!(
+            "the reference temperature is {at}, and the telemetry reaches from {low} to {high}; give one of it"
+        );
+        return Err(CalibrationError::Options(message));
+    }
     let bin = match nominal.content().temperature_unit.as_str() {
         "degC" | "K" => 1.0,
         _ => (high - low) / WIDE,
@@ -236,6 +247,15 @@ pub fn calibrate_one_attitude(
     let sweeps = parts.iter().filter_map(|part| span(&series, part)).collect();
     let recordings = recordings.iter().map(|recording| recording.name().to_owned()).collect();
     Ok(OneAttitudeCalibration { ramps, options: options.clone(), recordings, order: choice, at, bin, sweeps, biases })
+}
+
+/// Adds what was found first, and last, to the findings of the ramps.
+fn add(ramps: &mut RampCalibration, first: Vec<Finding>, last: Vec<Finding>) -> Result<(), CalibrationError> {
+    let mut all = admit(first, &ramps.options, &mut ramps.accepted)?;
+    all.append(&mut ramps.findings);
+    all.extend(admit(last, &ramps.options, &mut ramps.accepted)?);
+    ramps.findings = all;
+    Ok(())
 }
 
 /// The biases of all sensors that the ramps have.

@@ -14,7 +14,7 @@ use isotherm_recording_formats::convert::Foreign;
 use isotherm_recording_formats::read::{ImuChoice, Input, Places, Recording, RowKind};
 use isotherm_report::{fitted, json};
 use isotherm_shared::stream::ImuId;
-use isotherm_shared::table::{CoefficientTable, Nominal, nominal_table};
+use isotherm_shared::table::{CoefficientTable, Nominal, nominal_content, nominal_table};
 use serde_json::Value;
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
@@ -168,12 +168,13 @@ impl Inputs {
         };
         let input = (ImuChoice::Prefer(imu.clone()), options.foreign.clone()).into();
         let names: Vec<_> = samples.iter().map(|source| source.path().display().to_string()).collect();
-        let read = Reader { input, bar }.at_one_attitude(imu, samples, nominal.is_none())?;
+        let read = Reader { input, bar }.at_one_attitude(imu, samples)?;
         from.devices = read.first().map(|(_, found)| found.devices).unwrap_or_default();
         let (read, found): (Vec<_>, Vec<_>) = read.into_iter().map(|(read, found)| (read, found.nominal)).unzip();
+        let of_readings = joint(found);
         let nominal = match nominal {
-            Some(nominal) => nominal,
-            None => nominal_of(found.into_iter().flatten(), gravity)?,
+            Some(nominal) => completed(nominal, of_readings.ok(), &mut from.notes),
+            None => of_readings.map_err(needs_nominal).and_then(|found| nominal_of(found, gravity))?,
         };
         let recordings = from.take(read);
         let content = nominal.content();
@@ -257,10 +258,18 @@ fn curves(path: &Path, campaign: &Campaign) -> Result<(CoefficientTable, bool), 
 }
 
 /// What a file of readings says of them.
-#[derive(Default)]
 struct OfReadings {
-    nominal: Option<Nominal>,
+    nominal: Result<Nominal, Failure>,
     devices: [Option<u32>; 2],
+}
+
+impl OfReadings {
+    /// Of rows that say nothing.
+    fn none(name: &str) -> Self {
+        let failure =
+            Failure::new(Exit::Usage, format!("{name}: no nominal table: rows in memory do not say what a pulse is"));
+        Self { nominal: Err(failure), devices: [None; 2] }
+    }
 }
 
 /// Why no nominal table can be made, with the remedy.
@@ -269,8 +278,8 @@ fn needs_nominal(failure: Failure) -> Failure {
     Failure { message, ..failure }
 }
 
-/// The nominal table of all recordings; `gravity` is 1 g0 \[m/s2\].
-fn nominal_of(all: impl Iterator<Item = Nominal>, gravity: Option<f64>) -> Result<CoefficientTable, Failure> {
+/// What makes the nominal table of all recordings.
+fn joint(all: Vec<Result<Nominal, Failure>>) -> Result<Nominal, Failure> {
     let join = |one: Nominal, other: Nominal| {
         let ranges = [one.range, other.range];
         let range = [ranges[0][0].min(ranges[1][0]), ranges[0][1].max(ranges[1][1])];
@@ -281,11 +290,33 @@ fn nominal_of(all: impl Iterator<Item = Nominal>, gravity: Option<f64>) -> Resul
         let message = "the recordings differ in nominal interval, resolution or gyroscopes; give --interval, or recordings of one kind";
         Err(Failure::new(Exit::Data, message))
     };
-    let mut all = all;
-    let first = all.next().ok_or_else(|| Failure::new(Exit::Usage, "no recording is named"))?;
-    let joined = all.try_fold(first, join)?;
-    let gravity = gravity.unwrap_or(joined.gravity);
-    nominal_table(&Nominal { gravity, ..joined }).map_err(|refusals| Failure::new(Exit::Config, refusals.to_string()))
+    let mut all = all.into_iter();
+    let first = all.next().ok_or_else(|| Failure::new(Exit::Usage, "no recording is named"))??;
+    all.try_fold(first, |one, other| join(one, other?))
+}
+
+/// The nominal table of readings; `gravity` is 1 g0 \[m/s2\].
+fn nominal_of(found: Nominal, gravity: Option<f64>) -> Result<CoefficientTable, Failure> {
+    let gravity = gravity.unwrap_or(found.gravity);
+    nominal_table(&Nominal { gravity, ..found }).map_err(|refusals| Failure::new(Exit::Config, refusals.to_string()))
+}
+
+/// A table with what readings say and it lacks: their interval, and their gyroscopes.
+fn completed(table: CoefficientTable, found: Option<Nominal>, notes: &mut Vec<String>) -> CoefficientTable {
+    let Some(found) = found else { return table };
+    let mut content = table.content().clone();
+    let of_readings = nominal_content(&Nominal { gravity: content.gravity, ..found }).ok();
+    let Some(of_readings) = of_readings else { return table };
+    content.nominal_interval_s = content.nominal_interval_s.or(of_readings.nominal_interval_s);
+    if content.gyroscopes.is_none() && of_readings.gyroscopes.is_some() {
+        content.gyroscopes = of_readings.gyroscopes;
+        notes.push("the nominal table has no gyroscopes: those of the readings' resolution are taken".to_owned());
+    }
+    content.format = content.least_format();
+    match CoefficientTable::new(content) {
+        Ok(complete) => complete.measured_at(table.gravity_local()),
+        Err(_) => table,
+    }
 }
 
 /// Where rows come from.
@@ -401,39 +432,35 @@ impl Reader<'_> {
         all
     }
 
-    /// Recordings at one attitude, with the SHA-256 of each, and with what makes a nominal table if it is `wanted`.
+    /// Recordings at one attitude, with the SHA-256 of each, and with what makes a nominal table.
     fn at_one_attitude(
         &self,
         imu: &ImuId,
         samples: Vec<Source<'_>>,
-        wanted: bool,
     ) -> Result<Vec<(Read<RampRecording>, OfReadings)>, Failure> {
         let paths: Vec<_> = samples.iter().map(Source::path).collect();
         let bar = (self.bar)(&paths, "reading");
         let read = |source: Source<'_>| match source {
             Source::File(path) => {
                 let name = path.display().to_string();
-                let found = RefCell::new((None, [None; 2]));
+                let found = RefCell::new(None);
                 let read = self.recording(
                     &path,
                     &bar,
                     |rows| RampRecording::read(name.clone(), rows),
                     |recording, rows| {
-                        found.replace((wanted.then(|| rows.nominal(imu)), rows.devices()));
+                        found.replace(Some(OfReadings { nominal: rows.nominal(imu), devices: rows.devices() }));
                         recording.with_findings(rows.findings())
                     },
                 )?;
-                let (nominal, devices) = found.into_inner();
-                Ok((read, OfReadings { nominal: nominal.transpose().map_err(needs_nominal)?, devices }))
+                let nothing = || OfReadings::none(&name);
+                Ok((read, found.into_inner().unwrap_or_else(nothing)))
             }
             Source::Rows { name, sha256, rows } => {
                 let mut marks = Marks::default();
                 let recording = RampRecording::read(name.clone(), marked(rows, &mut marks));
                 let recording = recording.map_err(|error| error.failure(Path::new(&name)))?;
-                if wanted {
-                    return Err(needs_nominal(Failure::new(Exit::Usage, format!("{name}: rows in memory"))));
-                }
-                Ok((Read { recording, sha256, rows: marks, notes: Vec::new() }, OfReadings::default()))
+                Ok((Read { recording, sha256, rows: marks, notes: Vec::new() }, OfReadings::none(&name)))
             }
         };
         let all = samples.into_iter().map(read).collect();

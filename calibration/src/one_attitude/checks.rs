@@ -1,9 +1,9 @@
 //! What is wrong with recordings at one attitude.
 
 use crate::ramps::ONE_DIRECTION_REMEDY;
-use crate::transients::{RampRecording, Transients};
-use isotherm_finding::{Finding, name};
-use isotherm_shared::table::CoefficientTable;
+use crate::transients::{RampRecording, Transients, bin_values};
+use isotherm_finding::{Finding, Severity, name};
+use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 
@@ -13,6 +13,10 @@ const COVERED: f64 = 0.5;
 const LENGTH: f64 = 0.2;
 /// No gyroscope has as much bias \[deg/h\]: 10 deg/s.
 const RATE: f64 = 36_000.0;
+/// Units of telemetry that are degrees.
+const DEGREES: [&str; 2] = ["degC", "K"];
+/// The telemetry moves by this at least \[degC\].
+const LEAST_SPAN: f64 = 2.0;
 /// Telemetry of an IMU that works \[degC\].
 const CELSIUS: [f64; 2] = [-80.0, 150.0];
 /// Telemetry over this looks like kelvin up to `MILLI`, then like thousandths of a degree.
@@ -24,26 +28,29 @@ const SETTLED_PART: f64 = 0.02;
 /// Rates are means over this part of a recording.
 const RATE_PART: f64 = 0.01;
 
-/// What is found in the rows themselves.
-const OF_ROWS: [&str; 3] = [name::INTERVAL, name::MISSING_ROWS, name::TIME_STEP];
-
 /// What is found before anything is fitted.
 pub(super) fn before(recordings: &[RampRecording], nominal: &CoefficientTable) -> Vec<Finding> {
     let of_recording = |recording: &RampRecording| {
+        let of_file = recording.findings().iter().filter(|finding| finding.name == name::INTERVAL).cloned();
         let interval = recording.continuity().interval().map(|fault| {
             let finding = fault.finding();
             Finding { message: format!("{}: {}", recording.name(), finding.message), ..finding }
         });
-        let found =
-            [covered(recording), celsius(recording, nominal), length(recording, nominal), rate(recording, nominal)];
-        interval.into_iter().chain(found.into_iter().flatten())
+        let found = [
+            covered(recording),
+            celsius(recording, nominal),
+            still(recording, nominal),
+            dead(recording, nominal),
+            length(recording, nominal),
+            rate(recording, nominal),
+        ];
+        of_file.chain(interval).chain(found.into_iter().flatten()).collect::<Vec<_>>()
     };
     recordings.iter().flat_map(of_recording).collect()
 }
 
 /// What is found in the sweeps.
-pub(super) fn after(recordings: &[RampRecording], found: &Transients) -> Vec<Finding> {
-    let unsettled = recordings.iter().filter_map(settled);
+pub(super) fn after(found: &Transients) -> Vec<Finding> {
     let unknown = found.biases.iter().find(|bias| bias.curve_error.is_none()).map(|bias| {
         let message = format!(
             "no recording heats and cools over half of the range of {}: the errors of the curves are not known; {ONE_DIRECTION_REMEDY}",
@@ -51,9 +58,14 @@ pub(super) fn after(recordings: &[RampRecording], found: &Transients) -> Vec<Fin
         );
         Finding::warning(name::ONE_DIRECTION, message)
     });
-    let all: Vec<Finding> = unknown.into_iter().chain(unsettled).collect();
+    unknown.into_iter().collect()
+}
+
+/// What is said last: telemetry that never settles, and what was found in the files.
+pub(super) fn last(recordings: &[RampRecording]) -> Vec<Finding> {
     let of_files = recordings.iter().flat_map(|recording| recording.findings().iter().cloned());
-    all.into_iter().chain(of_files.filter(|finding| !OF_ROWS.contains(&finding.name))).collect()
+    let of_files = of_files.filter(|finding| finding.name != name::INTERVAL);
+    recordings.iter().filter_map(settled).chain(of_files).collect()
 }
 
 /// Rows that cover little of the time: their interval is far too short.
@@ -69,6 +81,38 @@ fn covered(recording: &RampRecording) -> Option<Finding> {
             interval_s / covered
         );
         Finding::fault(name::INTERVAL, message)
+    })
+}
+
+/// Telemetry that does not move far enough for a curve.
+fn still(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Finding> {
+    let unit = &nominal.content().temperature_unit;
+    let [low, high] = recording.extremes(0)[0]?;
+    (DEGREES.contains(&unit.as_str()) && high - low < LEAST_SPAN).then(|| {
+        let message = format!(
+            "{}: the telemetry moves by {:.2} {unit}; a curve over temperature needs {LEAST_SPAN} at least: warm up, or cool",
+            recording.name(),
+            high - low
+        );
+        Finding::whole(Severity::Fault, name::TELEMETRY_CONSTANT, message)
+    })
+}
+
+/// Sensors whose counts never change.
+fn dead(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Finding> {
+    let content = nominal.content();
+    let gyroscopes = content.gyroscopes.as_ref().filter(|_| recording.has_gyroscopes());
+    let triads = [(SensorKind::Accelerometer, &content.axes)].into_iter();
+    let triads = triads.chain(gyroscopes.map(|gyroscopes| (SensorKind::Gyroscope, &gyroscopes.axes)));
+    let sensors = triads.flat_map(|(kind, axes)| axes.iter().enumerate().map(move |(axis, of)| (kind, axis, of)));
+    let is_dead = |(kind, axis, of): &(SensorKind, usize, &Axis)| {
+        bin_values(recording, *kind, *axis, of, None).windows(2).all(|pair| pair[0].value == pair[1].value)
+    };
+    let names: Vec<_> = sensors.filter(is_dead).map(|(kind, axis, _)| kind.names()[axis]).collect();
+    (!names.is_empty()).then(|| {
+        let message =
+            format!("{}: {} never changes; look at its column and its converter", recording.name(), names.join(", "));
+        Finding::whole(Severity::Fault, name::DEAD_AXIS, message)
     })
 }
 

@@ -188,12 +188,6 @@ impl RampRecording {
         if let Some(wrong) = implausible(raw, self.previous_ns).or_else(|| implausible_gyroscopes(&gyroscopes)) {
             return Err(wrong);
         }
-        if raw.timestamp_ns < raw.interval_ns {
-            return Err(format!(
-                "timestamp_ns is {}, but the interval of {} ns before it must be after 0",
-                raw.timestamp_ns, raw.interval_ns
-            ));
-        }
         self.previous_ns = Some(raw.timestamp_ns);
         self.continuity.add(raw);
         if let Some(overlap) = self.continuity.overlap_so_far() {
@@ -214,7 +208,8 @@ impl RampRecording {
     }
 
     fn add_pulses(&mut self, raw: &RawSample) {
-        let begin_ns = raw.timestamp_ns - raw.interval_ns;
+        // The clock of the first row may have begun with it.
+        let begin_ns = raw.timestamp_ns.saturating_sub(raw.interval_ns);
         let goes_on = |bin: &&mut Bin| {
             let gap_ns = begin_ns.saturating_sub(bin.end_ns);
             bin.end_ns - bin.begin_ns < BIN_NS && gap_ns <= raw.interval_ns / 2

@@ -81,6 +81,35 @@ fn a_bump_is_named() {
     assert_first(&[bumped], "ramp-step", Severity::Fault, "A2 by");
 }
 
+/// Where the steps of the ramps do not look: at the begin of a sweep, for a moment, twice.
+#[test]
+fn large_jumps_are_faults_wherever_they_are() {
+    let moved = |from: usize, to: usize, g0: f64| {
+        with(&rows(), |row, all, _| {
+            if (from..to).contains(&row) {
+                set(all, 0, net(all, 0) + g0 * 1e7 * 0.505);
+            }
+        })
+    };
+    for (from, to, words) in
+        [(2800, 9000, "moved 0:23:3"), (3500, 3600, "moved 0:"), (3500, 6000, "moved 0:"), (5000, 9000, "moved 0:42:")]
+    {
+        assert_first(&[moved(from, to, 0.05)], "ramp-step", Severity::Fault, words);
+    }
+    assert_first(&[moved(3500, 3501, 20.0)], "ramp-step", Severity::Fault, "is off for a moment 0:29:2");
+}
+
+#[test]
+fn a_dead_sensor_and_a_temperature_that_stands_are_named() {
+    let dead = with(&rows(), |_, accelerometers, gyroscopes| {
+        set(accelerometers, 1, 0.0);
+        set(gyroscopes, 2, 0.0);
+    });
+    assert_first(&[dead], "dead-axis", Severity::Fault, "run-1: A2, G3 never changes");
+    let still = with_telemetry(&rows(), |celsius| 25.0 + celsius / 100.0);
+    assert_first(&[still], "telemetry-constant", Severity::Fault, "the telemetry moves by 0.92 degC");
+}
+
 #[test]
 fn another_unit_is_named() {
     let rows = rows();
@@ -152,6 +181,11 @@ fn what_is_refused_can_be_accepted_and_an_order_that_is_too_high_is_told() {
     }
     // The telemetry of all rows has two values.
     let two = with_telemetry(&rows(), |celsius| if celsius > 30.0 { 40.0 } else { 20.0 });
-    let error = calibrated(&[two], &OneAttitudeOptions { order: Some(3), ..options }).unwrap_err();
+    let error = calibrated(&[two], &OneAttitudeOptions { order: Some(3), at: None, ..options.clone() }).unwrap_err();
     assert!(error.to_string().contains("too few temperatures for order 3"), "{error}");
+    let error = calibrated(&[rows()], &options).unwrap_err();
+    assert!(
+        error.to_string().starts_with("the reference temperature is 300, and the telemetry reaches from "),
+        "{error}"
+    );
 }
