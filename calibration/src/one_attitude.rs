@@ -218,7 +218,7 @@ pub fn calibrate_one_attitude(
         ..CalibrationOptions::default()
     };
     let before = checks::before(recordings, nominal);
-    let mut ramps = ramp_calibration(campaign, recordings, nominal, fit_options, before, |found| checks::after(found))?;
+    let mut ramps = ramp_calibration(campaign, recordings, nominal, fit_options, before, checks::after)?;
     let series = all_series(recordings, &ramps);
     let names: Vec<&str> = recordings.iter().map(RampRecording::name).collect();
     let found = jumps::jumps(&series, &names, nominal.content().gravity);

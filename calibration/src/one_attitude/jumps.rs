@@ -23,7 +23,8 @@ struct Jump {
     is_spike: bool,
 }
 
-/// The largest jump of each bias and recording, as faults. `names` are those of the recordings, `gravity` is 1 g0 \[m/s2\].
+/// The largest jump of each bias and recording, as faults. `names` are those of the recordings, `gravity` is 1 g0
+/// \[m/s2\].
 pub(super) fn jumps(series: &[Series], names: &[&str], gravity: f64) -> Vec<Finding> {
     let of_recording = |(number, name): (usize, &&str)| {
         let found: Vec<(&Series, Jump)> = series.iter().filter_map(|bias| Some((bias, jump(bias, number)?))).collect();
