@@ -18,15 +18,17 @@ mod checks;
 mod curves;
 mod jumps;
 mod order;
+mod result;
 
 pub use order::{LeftOut, OrderChoice, TriedOrder};
+pub use result::{BiasCurve, OneAttitudeCalibration, Spread, SweepPoint, SweepSpan};
 
 use crate::admit::admit;
+use crate::checks::scale::zero_of;
 use crate::error::CalibrationError;
 use crate::options::CalibrationOptions;
 use crate::ramps::{RampCalibration, ramp_calibration};
-use crate::sensor::TriadUnits;
-use crate::transients::{BinValue, LagChoice, RampRecording, bin_values};
+use crate::transients::{BiasTransient, BinValue, LagChoice, RampRecording, bin_values};
 use curves::{Part, Series, Shape, Weight, spread};
 use isotherm_campaign::Campaign;
 use isotherm_finding::Finding;
@@ -35,7 +37,7 @@ use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable, Content};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{SweepBand, sweeps};
+use isotherm_statistics::sweeps;
 use std::collections::BTreeMap;
 
 /// Bins of the range where the telemetry's unit is no degree.
@@ -61,145 +63,6 @@ pub struct OneAttitudeOptions {
     pub strict: bool,
 }
 
-/// What is left of a bias over temperature: of the means of bins of 1 degC, about their mean \[g0 or deg/h\].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Spread {
-    /// Standard deviation.
-    pub sd: f64,
-    /// Largest distance.
-    pub largest: f64,
-}
-
-/// The mean of a sweep's rows in a bin of 1 degC.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SweepPoint {
-    /// Index of the sweep.
-    pub sweep: usize,
-    /// Head telemetry.
-    pub telemetry: f64,
-    /// Time since the recording began \[s\].
-    pub age_s: f64,
-    /// Bias less the transient that is written, on the curve's constant \[g0 or deg/h\].
-    pub value: f64,
-    /// What the curve leaves \[g0 or deg/h\].
-    pub residual: f64,
-}
-
-/// A sweep of a recording.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SweepSpan {
-    /// Index of the recording.
-    pub recording: usize,
-    /// Whether the telemetry rises.
-    pub heating: bool,
-    /// Head telemetry at begin and end.
-    pub telemetry: [f64; 2],
-    /// Begin and end since the recording began \[s\].
-    pub age_s: [f64; 2],
-}
-
-/// The curve of one bias.
-#[derive(Clone, Debug)]
-pub struct BiasCurve {
-    /// Accelerometer or gyroscope.
-    pub kind: SensorKind,
-    /// 0 to 2.
-    pub axis: usize,
-    /// The curve \[g0 or deg/h\].
-    pub curve: Polynomial,
-    /// What the bias does over temperature, with the bias curve of the nominal table taken off.
-    pub before: Spread,
-    /// What the curve, and the transient if one is written, leave.
-    pub after: Spread,
-    /// Half of the band between sweeps is the error of the curve \[g0 or deg/h\]; `None` where it is not known.
-    pub band: Option<SweepBand>,
-    /// Means by sweep.
-    pub points: Vec<SweepPoint>,
-    /// What the cubics of autopilots are on the same rows, and leave.
-    pub beside: Vec<(Autopilot, Polynomial, Spread)>,
-}
-
-/// The result of a calibration at one attitude.
-#[derive(Clone, Debug)]
-pub struct OneAttitudeCalibration {
-    /// The table, with the findings and the transients of its ramps; its `curves` are the nominal table.
-    pub ramps: RampCalibration,
-    /// The options it was made with.
-    pub options: OneAttitudeOptions,
-    /// Names of the recordings.
-    pub recordings: Vec<String>,
-    /// How the order was found.
-    pub order: OrderChoice,
-    /// The reference temperature.
-    pub at: f64,
-    /// Width of the bins that before and after are judged in, in the telemetry's unit.
-    pub bin: f64,
-    /// The sweeps of all recordings.
-    pub sweeps: Vec<SweepSpan>,
-    /// A1, A2, A3, and G1, G2, G3 where table and recordings have gyroscopes.
-    pub biases: Vec<BiasCurve>,
-}
-
-impl BiasCurve {
-    /// Name of the sensor.
-    #[must_use]
-    pub const fn name(&self) -> &'static str {
-        self.kind.names()[self.axis]
-    }
-}
-
-impl OneAttitudeCalibration {
-    /// The table.
-    #[must_use]
-    pub const fn table(&self) -> &CoefficientTable {
-        &self.ramps.table
-    }
-
-    /// What the table knows, in one line: how it was made, and the error of the curves.
-    #[must_use]
-    pub fn accuracy(&self) -> String {
-        let gravity = self.table().content().gravity;
-        let count = self.recordings.len();
-        let noun = if count == 1 { "recording" } else { "recordings" };
-        let order = self.order.order;
-        let made = format!("bias curves of order {order} from {count} {noun} at one attitude");
-        let known = self.biases.iter().filter_map(|it| Some((it, it.band.as_ref()?)));
-        let bands: Vec<_> = known
-            .map(|(it, band)| {
-                let si = TriadUnits::of(it.kind).si_text(band.half_width, gravity);
-                format!("{} {si}", it.name())
-            })
-            .collect();
-        if bands.is_empty() {
-            return format!("{made}; their error is not known: no recording heats and cools over half of the range");
-        }
-        format!("{made}; their error, half of the band between heating and cooling: {}", bands.join(", "))
-    }
-
-    /// What the table does not know, in sentences.
-    #[must_use]
-    pub fn not_known(&self) -> Vec<String> {
-        let unit = &self.table().content().temperature_unit;
-        let has_gyroscopes = self.biases.iter().any(|it| it.kind == SensorKind::Gyroscope);
-        let mut sentences = vec![
-            "scale factors and misalignments: not measured; they are those of the nominal table, over the whole range"
-                .to_owned(),
-            format!(
-                "the constant of each accelerometer: it contains the attitude (1 mrad is 1000 ug0); at {:.1} {unit} it is that of the nominal table",
-                self.at
-            ),
-        ];
-        if has_gyroscopes {
-            sentences.push(
-                "the constant of each gyroscope without Earth's rate (up to 15 deg/h), which is in it".to_owned(),
-            );
-        }
-        sentences
-            .push("a tilt with temperature, which looks like a bias (1 urad is 1 ug0 on a horizontal axis)".to_owned());
-        sentences
-    }
-}
-
 /// Makes a table of recordings at one attitude. `nominal` gives everything but the bias curves.
 ///
 /// # Errors
@@ -220,9 +83,8 @@ pub fn calibrate_one_attitude(
     let before = checks::before(recordings, nominal);
     let mut ramps = ramp_calibration(campaign, recordings, nominal, fit_options, before, checks::after)?;
     let series = all_series(recordings, &ramps);
-    let names: Vec<&str> = recordings.iter().map(RampRecording::name).collect();
-    let found = jumps::jumps(&series, &names, nominal.content().gravity);
-    add(&mut ramps, found, checks::last(recordings))?;
+    let found = jumps::jumps(&series, recordings, nominal.content().gravity);
+    add(&mut ramps, found, checks::last(recordings, nominal))?;
     let parts = sweeps_of(&series);
     let choice = order::choose(&series, &parts, options.order, options.highest_order);
     let [low, high] = series.first().map_or([0.0; 2], |bias| bias.range);
@@ -233,10 +95,7 @@ pub fn calibrate_one_attitude(
         );
         return Err(CalibrationError::Options(message));
     }
-    let bin = match nominal.content().temperature_unit.as_str() {
-        "degC" | "K" => 1.0,
-        _ => (high - low) / WIDE,
-    };
+    let bin = if zero_of(&nominal.content().temperature_unit).is_some() { 1.0 } else { (high - low) / WIDE };
     let order = choice.order;
     let made = Made { ramps: &ramps, sweeps: &parts, at, bin, beside: &options.beside };
     let biases: Option<Vec<BiasCurve>> = series.iter().map(|bias| made.curve(bias, order)).collect();
@@ -261,7 +120,7 @@ fn add(ramps: &mut RampCalibration, first: Vec<Finding>, last: Vec<Finding>) -> 
 /// The biases of all sensors that the ramps have.
 fn all_series(recordings: &[RampRecording], ramps: &RampCalibration) -> Vec<Series> {
     let content = ramps.table.content();
-    let of = |transient: &crate::transients::BiasTransient| {
+    let of = |transient: &BiasTransient| {
         let axis = axis_of(content, transient.kind, transient.axis)?;
         let lag_s = content.lag_s.filter(|_| transient.transient != 0.0);
         let of_recording = |recording: &RampRecording| {

@@ -242,12 +242,11 @@ pub(crate) fn add_transients(
 }
 
 /// # Errors
-/// If two recordings have the same rows: the second shows nothing, and would halve the errors.
+/// If two recordings have rows in common: the second shows nothing there, and would halve the errors.
 fn refuse_twice(ramps: &[RampRecording]) -> Result<(), CalibrationError> {
     for (number, ramp) in ramps.iter().enumerate() {
         if let Some(same) = ramps[..number].iter().find(|other| ramp.has_rows_of(other)) {
-            let message =
-                format!("{} has the rows of {}; one recording is one [[ramp]]: take one out", ramp.name(), same.name());
+            let message = format!("{} has rows of {}, which would count twice; take one out", ramp.name(), same.name());
             let findings = vec![Finding::fault(name::SAME_RECORDING, message)];
             return Err(CalibrationError::Faults { diagnosis: None, findings });
         }

@@ -47,6 +47,7 @@ pub use result::Prediction;
 pub(crate) use result::TimeConstant;
 pub use result::TransientVerdict;
 pub use result::Transients;
+pub(crate) use steps::clock;
 
 use blocks::{Bias, Column, Ramps};
 use equations::Coefficients;

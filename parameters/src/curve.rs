@@ -2,8 +2,10 @@
 
 use isotherm_shared::polynomial::Polynomial;
 
-/// Coefficients of the autopilots' polynomials: orders 0 to 3.
-pub(crate) const TERMS: usize = 4;
+/// Highest order of the autopilots' polynomials.
+pub const HIGHEST_ORDER: usize = 3;
+/// Coefficients of these polynomials.
+pub(crate) const TERMS: usize = HIGHEST_ORDER + 1;
 
 /// Points at which a range is looked at, ends included.
 const POINTS: u32 = 400;

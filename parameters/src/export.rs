@@ -307,7 +307,7 @@ fn constants_note(at_c: Option<f64>, written: &[Written]) -> String {
             let sizes = sizes.collect::<Vec<_>>().join(" and ");
             format!(
                 "the constants of the biases, up to {sizes} at 35 degC, are not written: the vehicle's own \
-                 calibration gives them, or a calibration temperature (--at T)"
+                 calibration gives them, or an export with a calibration temperature"
             )
         }
     }

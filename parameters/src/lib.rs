@@ -48,6 +48,7 @@ mod px4;
 mod triad;
 
 pub use autopilot::{Autopilot, InstanceError};
+pub use curve::HIGHEST_ORDER;
 pub use effect::{Effect, Loss};
 pub use export::{Difference, ExportError, ExportOptions, Exported, export};
 pub use firmware::{ARDUPILOT_REFERENCE, ArduPilotTriad, Constants, Px4Triad};

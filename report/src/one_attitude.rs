@@ -44,7 +44,7 @@ pub fn text(calibration: &OneAttitudeCalibration) -> String {
         let in_unit = |value: f64| shown(value * units.bias_factor);
         let band = bias.band.as_ref().map(|band| band.half_width);
         let known = |value: Option<String>| value.unwrap_or_else(|| "not known".to_owned());
-        let other = format!("{}, {} {}", in_unit(bias.after.sd), known(band.map(in_unit)), units.bias);
+        let other = format!("{} {}, {}", in_unit(bias.after.sd), units.bias, known(band.map(in_unit)));
         let row = |name: &str, after: Spread, band: &str, other: &str| {
             let [before, most] = [bias.before.sd, bias.before.largest].map(si);
             let [sd, left] = [after.sd, after.largest].map(si);

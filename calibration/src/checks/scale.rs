@@ -118,7 +118,7 @@ pub(crate) fn unlike_scale_factors(table: &CoefficientTable) -> Vec<Finding> {
 
 /// 0 degC in the unit of the telemetry, if that is degC or K. Anything else in the label is another unit, such as kΩ,
 /// mK or K/100. So is a small k or c.
-fn zero_of(unit: &str) -> Option<f64> {
+pub(crate) fn zero_of(unit: &str) -> Option<f64> {
     // People write the degree sign also as the ordinal indicator.
     let plain: String = unit.chars().filter(|c| !matches!(c, '°' | 'º' | '_') && !c.is_whitespace()).collect();
     match plain.as_str() {

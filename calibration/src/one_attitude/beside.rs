@@ -4,7 +4,7 @@
 
 use super::curves::{Series, Shape, Weight};
 use crate::transients::BinValue;
-use isotherm_parameters::Autopilot;
+use isotherm_parameters::{Autopilot, HIGHEST_ORDER};
 
 /// Width of the bins of temperature that PX4's script weighs alike \[degC\].
 const PX4_BIN: f64 = 0.1;
@@ -17,5 +17,5 @@ pub(super) fn cubic(autopilot: Autopilot, bias: &Series, raw: &impl Fn(&BinValue
         Autopilot::Px4 => Weight::Alike(PX4_BIN),
         Autopilot::ArduPilot => Weight::Rows,
     };
-    series.fit(&series.whole(), 3, weight)
+    series.fit(&series.whole(), HIGHEST_ORDER, weight)
 }

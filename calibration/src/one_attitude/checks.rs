@@ -1,5 +1,6 @@
 //! What is wrong with recordings at one attitude.
 
+use crate::checks::scale::zero_of;
 use crate::ramps::ONE_DIRECTION_REMEDY;
 use crate::transients::{RampRecording, Transients, bin_values};
 use isotherm_finding::{Finding, Severity, name};
@@ -13,8 +14,6 @@ const COVERED: f64 = 0.5;
 const LENGTH: f64 = 0.2;
 /// No gyroscope has as much bias \[deg/h\]: 10 deg/s.
 const RATE: f64 = 36_000.0;
-/// Units of telemetry that are degrees.
-const DEGREES: [&str; 2] = ["degC", "K"];
 /// The telemetry moves by this at least \[degC\].
 const LEAST_SPAN: f64 = 2.0;
 /// Telemetry of an IMU that works \[degC\].
@@ -62,10 +61,11 @@ pub(super) fn after(found: &Transients) -> Vec<Finding> {
 }
 
 /// What is said last: telemetry that never settles, and what was found in the files.
-pub(super) fn last(recordings: &[RampRecording]) -> Vec<Finding> {
+pub(super) fn last(recordings: &[RampRecording], nominal: &CoefficientTable) -> Vec<Finding> {
     let of_files = recordings.iter().flat_map(|recording| recording.findings().iter().cloned());
     let of_files = of_files.filter(|finding| finding.name != name::INTERVAL);
-    recordings.iter().filter_map(settled).chain(of_files).collect()
+    let unit = &nominal.content().temperature_unit;
+    recordings.iter().filter_map(|recording| settled(recording, unit)).chain(of_files).collect()
 }
 
 /// Rows that cover little of the time: their interval is far too short.
@@ -88,7 +88,7 @@ fn covered(recording: &RampRecording) -> Option<Finding> {
 fn still(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Finding> {
     let unit = &nominal.content().temperature_unit;
     let [low, high] = recording.extremes(0)[0]?;
-    (DEGREES.contains(&unit.as_str()) && high - low < LEAST_SPAN).then(|| {
+    (zero_of(unit).is_some() && high - low < LEAST_SPAN).then(|| {
         let message = format!(
             "{}: the telemetry moves by {:.2} {unit}; a curve over temperature needs {LEAST_SPAN} at least: warm up, or cool",
             recording.name(),
@@ -118,7 +118,7 @@ fn dead(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Finding
 
 /// Telemetry that is no degree Celsius.
 fn celsius(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Finding> {
-    if nominal.content().temperature_unit != "degC" {
+    if zero_of(&nominal.content().temperature_unit) != Some(0.0) {
         return None;
     }
     let [low, high] = recording.extremes(0)[0]?;
@@ -168,18 +168,17 @@ fn rate(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Finding
 }
 
 /// Telemetry that never settles: the sensing elements are behind it by their lag all the time.
-fn settled(recording: &RampRecording) -> Option<Finding> {
+fn settled(recording: &RampRecording, unit: &str) -> Option<Finding> {
     let rates = recording.rates_of_telemetry(RATE_PART);
     let largest = rates.iter().copied().fold(0.0, f64::max);
     let settled = rates.iter().filter(|rate| **rate < SETTLED * largest).count();
     let part = settled as f64 / rates.len().max(1) as f64;
+    let rate = largest * 60.0;
     (part < SETTLED_PART && !rates.is_empty()).then(|| {
         let message = format!(
-            "{}: the telemetry moves by up to {:.1} a minute and never settles: a sensing element that is 60 s behind it is up to {:.1} off \
-             everywhere; warm up more slowly, or wait at the end",
-            recording.name(),
-            largest * 60.0,
-            largest * 60.0
+            "{}: the telemetry moves by up to {rate:.1} {unit} a minute and never settles: a sensing element that is 60 s behind \
+             it is up to {rate:.1} {unit} off everywhere; warm up more slowly, or wait at the end",
+            recording.name()
         );
         Finding::warning(name::NOT_SETTLED, message)
     })

@@ -3,6 +3,7 @@
 
 use super::curves::Series;
 use crate::sensor::TriadUnits;
+use crate::transients::{RampRecording, clock};
 use isotherm_finding::{Finding, Severity, name};
 use isotherm_statistics::{median, robust_sd};
 
@@ -10,8 +11,12 @@ use isotherm_statistics::{median, robust_sd};
 const SIDE: usize = 4;
 /// A jump is over this part of what the bias usually does ..
 const PART: f64 = 0.2;
-/// .. and over this many of the robust standard deviations of what is no jump.
+/// .. over this many of the robust standard deviations of what is no jump ..
 const ERRORS: f64 = 12.0;
+/// .. and over this many times the jump after the largest ones: coarse values jump by a step wherever they change.
+const LARGER: f64 = 2.0;
+/// The largest ones: so many bumps are told.
+const RARE: usize = 5;
 /// What the bias usually does is between these parts of its sorted values.
 const USUAL: [f64; 2] = [0.05, 0.95];
 
@@ -23,10 +28,9 @@ struct Jump {
     is_spike: bool,
 }
 
-/// The largest jump of each bias and recording, as faults. `names` are those of the recordings, `gravity` is 1 g0
-/// \[m/s2\].
-pub(super) fn jumps(series: &[Series], names: &[&str], gravity: f64) -> Vec<Finding> {
-    let of_recording = |(number, name): (usize, &&str)| {
+/// The largest jump of each bias and recording, as faults. `gravity` is 1 g0 \[m/s2\].
+pub(super) fn jumps(series: &[Series], recordings: &[RampRecording], gravity: f64) -> Vec<Finding> {
+    let of_recording = |(number, recording): (usize, &RampRecording)| {
         let found: Vec<(&Series, Jump)> = series.iter().filter_map(|bias| Some((bias, jump(bias, number)?))).collect();
         let (_, first) = found.first()?;
         let sizes: Vec<_> = found
@@ -36,8 +40,8 @@ pub(super) fn jumps(series: &[Series], names: &[&str], gravity: f64) -> Vec<Find
                 format!("{} by {size}", bias.kind.names()[bias.axis])
             })
             .collect();
-        let seconds = first.age_s as u64;
-        let at = format!("{}:{:02}:{:02} after its begin", seconds / 3600, seconds / 60 % 60, seconds % 60);
+        let at = clock(recording.begin_ns(&(0..1)) + (first.age_s * 1e9) as u64, first.age_s);
+        let name = recording.name();
         let (what, remedy) = match first.is_spike {
             true => ("is off for a moment", "a broken value: leave its rows out"),
             false => ("moved", "a bump, or a sensor that jumps: record it again with the IMU held fast"),
@@ -48,17 +52,15 @@ pub(super) fn jumps(series: &[Series], names: &[&str], gravity: f64) -> Vec<Find
             format!("{name}: {what} {at}: {}; {remedy}", sizes.join(", ")),
         ))
     };
-    names.iter().enumerate().filter_map(of_recording).collect()
+    recordings.iter().enumerate().filter_map(of_recording).collect()
 }
 
 /// The largest jump of a bias in a recording.
 fn jump(bias: &Series, recording: usize) -> Option<Jump> {
     let bins = &bias.recordings[recording];
     let values: Vec<f64> = bins.iter().map(|bin| bin.value).collect();
-    let mut sorted = values.clone();
-    sorted.sort_by(f64::total_cmp);
-    let at = |part: f64| sorted.get((sorted.len() as f64 * part) as usize).copied();
-    let usual = at(USUAL[1])? - at(USUAL[0])?;
+    let [low, high] = USUAL.map(|part| quantile(values.clone(), part));
+    let usual = high? - low?;
     let middle = |range: core::ops::Range<usize>| median(values[range].iter().copied());
     let usual_s = median(bins.windows(2).map(|pair| pair[1].age_s - pair[0].age_s));
     // What comes after a gap has another temperature.
@@ -81,9 +83,32 @@ fn jump(bias: &Series, recording: usize) -> Option<Jump> {
         })
         .collect();
     let largest = |all: &[f64], offset: usize, is_spike: bool| {
-        let limit = (PART * usual).max(ERRORS * robust_sd(all));
-        let (i, size) = all.iter().copied().enumerate().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
-        (size.abs() > limit && limit > 0.0).then(|| Jump { size, age_s: bins[i + offset].age_s, is_spike })
+        let (i, size, others) = largest_of(all)?;
+        let limit = (PART * usual).max(ERRORS * robust_sd(all)).max(LARGER * others);
+        (size.abs() > limit).then(|| Jump { size, age_s: bins[i + offset].age_s, is_spike })
     };
     largest(&spikes, 2, true).or_else(|| largest(&levels, 2 * SIDE, false))
+}
+
+/// Place and size of the largest of all, and how large what comes after the largest ones is, each apart from the others.
+fn largest_of(all: &[f64]) -> Option<(usize, f64, f64)> {
+    let mut by_size: Vec<usize> = (0..all.len()).collect();
+    by_size.sort_by(|a, b| all[*b].abs().total_cmp(&all[*a].abs()));
+    let mut apart: Vec<usize> = Vec::new();
+    for i in by_size {
+        if apart.iter().all(|other| i.abs_diff(*other) > 2 * SIDE) {
+            apart.push(i);
+        }
+        if apart.len() > RARE {
+            break;
+        }
+    }
+    let first = *apart.first()?;
+    Some((first, all[first], apart.get(RARE).map_or(0.0, |i| all[*i].abs())))
+}
+
+/// The value that this part of all is below.
+fn quantile(mut values: Vec<f64>, part: f64) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get((values.len() as f64 * part) as usize).copied()
 }

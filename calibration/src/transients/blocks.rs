@@ -467,9 +467,10 @@ fn blocks_of(number: usize, recording: &RampRecording) -> Result<Vec<Block>, Tra
     }
     if blocks.len() < FEWEST_BLOCKS {
         let message = format!(
-            "{}: {duration_s:.0} s in rows of {:.3} s are too short; a ramp needs {FEWEST_BLOCKS} rows of 10 s at least",
+            "{}: {duration_s:.0} s in {} means are too short; {:.0} s are needed at least, in {FEWEST_BLOCKS} rows or more",
             recording.name(),
-            duration_s / bins.len() as f64
+            bins.len(),
+            FEWEST_BLOCKS as f64 * LEAST_BLOCK_S
         );
         return Err(TransientsError::Recording(message));
     }

@@ -4,7 +4,7 @@ use core::ops::Range;
 use isotherm_campaign::implausible;
 
 use isotherm_finding::Finding;
-use isotherm_recording::{CampaignRow, Continuity, RawCsvReader, RecordingError};
+use isotherm_recording::{CampaignRow, Continuity, Marks, RawCsvReader, RecordingError};
 use isotherm_shared::lag::{LaggedReading, SENSORS};
 use isotherm_shared::table::Axis;
 use isotherm_shared::units::SensorKind;
@@ -27,6 +27,7 @@ pub struct RampRecording {
     continuity: Continuity,
     /// What was found in its file before.
     findings: Vec<Finding>,
+    marks: Marks,
 }
 
 /// Rows without a gap between them.
@@ -82,6 +83,7 @@ impl RampRecording {
             devices: [0; 2],
             continuity: Continuity::default(),
             findings: Vec::new(),
+            marks: Marks::default(),
         }
     }
 
@@ -152,7 +154,7 @@ impl RampRecording {
     }
 
     /// When the first of these bins begins \[ns\].
-    pub(super) fn begin_ns(&self, bins: &Range<usize>) -> u64 {
+    pub(crate) fn begin_ns(&self, bins: &Range<usize>) -> u64 {
         self.bins[bins.start].begin_ns
     }
 
@@ -190,6 +192,7 @@ impl RampRecording {
         }
         self.previous_ns = Some(raw.timestamp_ns);
         self.continuity.add(raw);
+        self.marks.add(raw);
         if let Some(overlap) = self.continuity.overlap_so_far() {
             return Err(overlap.to_string());
         }
@@ -229,9 +232,9 @@ impl RampRecording {
         }
     }
 
-    /// Whether both have the same rows.
+    /// Whether both have rows in common; see [`Marks`].
     pub fn has_rows_of(&self, other: &Self) -> bool {
-        self.bins == other.bins && self.heads == other.heads
+        self.marks.share_rows_with(&other.marks) || self.bins == other.bins && self.heads == other.heads
     }
 
     /// Mean of what a sensor, 0 to 5, indicates \[g0 or deg/h\], its bias included, with the scale factors at mean

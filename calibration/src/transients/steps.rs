@@ -117,7 +117,7 @@ pub(super) fn words(ramps: &Ramps, recordings: &[RampRecording], steps: &[Step])
 }
 
 /// `at 12:31 UTC` of a time since 1970, else `1:05:10 after its begin`.
-fn clock(time_ns: u64, age_s: f64) -> String {
+pub(crate) fn clock(time_ns: u64, age_s: f64) -> String {
     /// Earlier times count from something else, such as the start of a computer.
     const SINCE_1970: u64 = 946_684_800_000_000_000;
     if time_ns >= SINCE_1970 {

@@ -83,17 +83,36 @@ impl ForeignArgs {
     }
 }
 
-/// What was found in data of other programs; their notes are told. To be called after the last row.
-pub(super) fn told(recording: &Recording) -> Vec<Finding> {
-    recording.notes().iter().for_each(|note| tell("isotherm", note));
-    recording.findings()
+/// What data of other programs tell after their last row.
+#[derive(Clone)]
+pub(super) struct OfData {
+    findings: Vec<Finding>,
+    notes: Vec<String>,
 }
 
-/// What a command found in the rows, and what was found in the data before: the rows' gaps are not named twice.
-pub(super) fn joint(mut found: Vec<Finding>, mut before: Vec<Finding>) -> Vec<Finding> {
-    before.retain(|finding| !found.iter().any(|other| other.name == finding.name));
-    found.extend(before);
-    found
+impl OfData {
+    pub(super) fn of(recording: &Recording) -> Self {
+        Self { findings: recording.findings(), notes: recording.notes() }
+    }
+
+    /// Tells findings and notes, where nothing can be refused any more.
+    pub(super) fn tell(&self) {
+        self.findings.iter().for_each(|finding| tell("isotherm", finding.tagged(|line| line.to_string())));
+        self.notes.iter().for_each(|note| tell("isotherm", note));
+    }
+
+    /// Admits what a command found in the rows, and what was found in the data; then tells the notes: what is wrong
+    /// comes first. The rows' gaps are not named twice.
+    ///
+    /// # Errors
+    /// As [`Acceptance::admit`].
+    pub(super) fn admit(self, by: &Acceptance, recording: &str, mut found: Vec<Finding>) -> Result<(), Refused> {
+        let of_rows: Vec<_> = found.iter().map(|finding| finding.name).collect();
+        found.extend(self.findings.into_iter().filter(|finding| !of_rows.contains(&finding.name)));
+        by.admit(recording, found)?;
+        self.notes.iter().for_each(|note| tell("isotherm", note));
+        Ok(())
+    }
 }
 
 /// Warns once if only one of table and samples has gyroscopes.

@@ -1,6 +1,6 @@
 //! `feed`: sends a recording as an acquisition process does.
 
-use super::common::{ForeignArgs, GyroscopeWarning, LagSetting, inputs, options, told};
+use super::common::{ForeignArgs, GyroscopeWarning, LagSetting, OfData, inputs, options};
 use crate::parse::seconds;
 use crate::progress::playing_bar;
 use clap::Args;
@@ -112,8 +112,7 @@ impl Feed {
         };
         let result = self.play(&mut feeder, &mut samples, &served, &options);
         progress.finish_and_clear();
-        let of_data = told(samples.recording());
-        of_data.iter().for_each(|finding| tell("isotherm", finding.tagged(|line| line.to_string())));
+        OfData::of(samples.recording()).tell();
         let result = match result {
             Ok(()) => check_written(path, feeder.writer.finish().and_then(Output::finish)),
             Err(FeedError::Failed(failure)) => {

@@ -1,6 +1,6 @@
 //! `noise`: the Allan deviation of a recording at rest.
 
-use super::common::{Acceptance, ForeignArgs, choice, inputs, joined_paths, joint, or_document, told};
+use super::common::{Acceptance, ForeignArgs, OfData, choice, inputs, joined_paths, or_document};
 use crate::parse::from_zero;
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
@@ -96,18 +96,18 @@ impl Noise {
         let rows: Vec<RawSample> = samples.by_ref().collect::<Result<_, _>>()?;
         bar.finish_and_clear();
         let recording = joined_paths(&self.recording);
-        let of_data = told(samples.recording());
+        let of_data = OfData::of(samples.recording());
         let spinner = spinner("fitting");
         let analysis = NoiseAnalysis::of(&rows, table.as_ref(), part);
         spinner.finish_and_clear();
         let analysis = analysis.map_err(|error| {
             let found = rows.iter().collect::<Continuity>().findings(MISSING);
-            let found = joint(found.into_iter().map(Finding::warned).collect(), of_data.clone());
-            let _ = Acceptance::default().admit(&recording, found);
+            let found = found.into_iter().map(Finding::warned).collect();
+            let _ = of_data.clone().admit(&Acceptance::default(), &recording, found);
             let failure = Failure::new(Exit::Data, format!("{recording}: {error}"));
             if let [file] = self.recording.as_slice() { failure.at(file, None) } else { failure }
         })?;
-        self.acceptance.admit(&recording, joint(analysis.findings(), of_data))?;
+        of_data.admit(&self.acceptance, &recording, analysis.findings())?;
         let mut texts = Vec::new();
         if let (Some(yaml), Some(table)) = (yaml, &table) {
             let text = imu_yaml(&analysis, table.content().gravity, &recording);

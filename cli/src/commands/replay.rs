@@ -1,6 +1,6 @@
 //! `replay`: compensates a recording with the kernel.
 
-use super::common::{Acceptance, ForeignArgs, GyroscopeWarning, LagSetting, joined_paths, joint, told};
+use super::common::{Acceptance, ForeignArgs, GyroscopeWarning, LagSetting, OfData, joined_paths};
 use clap::Args;
 use indicatif::ProgressBar;
 use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
@@ -96,8 +96,9 @@ impl Replay {
         // Before the file is put in place: what is refused leaves none. Without --strict nothing is.
         let of_rows = continuity.findings(0.0).into_iter().chain(continuity.not_nominal(&table));
         let of_rows = of_rows.chain(length_at_rest(&table, &begin));
-        let findings = joint(of_rows.map(Finding::warned).chain(other).collect(), told(samples.recording()));
-        self.acceptance.admit(&joined_paths(&self.recording), findings).map_err(|refused| refused.failure)?;
+        let found = of_rows.map(Finding::warned).chain(other).collect();
+        let of_data = OfData::of(samples.recording());
+        of_data.admit(&self.acceptance, &joined_paths(&self.recording), found).map_err(|refused| refused.failure)?;
         check_written(path, writer.finish().and_then(Output::finish))?;
         if tells_no_temperature {
             let unit = &table.content().temperature_unit;

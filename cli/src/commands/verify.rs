@@ -1,8 +1,7 @@
 //! `verify`: the stability of a recording under a table.
 
 use super::common::{
-    Acceptance, ForeignArgs, LagSetting, choice, inputs, joined, joined_paths, joint, or_document, refuse_other_imu,
-    told,
+    Acceptance, ForeignArgs, LagSetting, OfData, choice, inputs, joined, joined_paths, or_document, refuse_other_imu,
 };
 use crate::parse::{direction, gravity, seconds};
 use crate::progress::bytes_bar;
@@ -215,24 +214,24 @@ impl Verify {
         bar.finish_and_clear();
         let recording = joined_paths(&self.recording);
         let of_time = run.collector().of_time();
-        let of_data = told(run.samples().recording());
+        let of_data = OfData::of(run.samples().recording());
         let made_the_table = run.made(&origin);
         if let Some(lengths) = self.lengths(&table, &rows, keep, &recording)? {
             let lengths = Lengths { made_the_table, ..lengths };
             let at_rest: Vec<_> = lengths.standstills.iter().map(|it| it.reading.rows.clone()).collect();
             let of_rows = length_at_rest(&table, &rows).into_iter().chain(faults(&rows, &at_rest)).map(Finding::warned);
             let found = own_recording(made_the_table).into_iter().chain(of_rows).chain(of_time).collect();
-            self.acceptance.admit(&recording, joint(found, of_data))?;
+            of_data.admit(&self.acceptance, &recording, found)?;
             return self.show_lengths(&table, &lengths, recording, page, require);
         }
         let stability = run.finish(&setup).map(|stability| Stability { made_the_table, ..stability });
         let stability = stability.inspect_err(|_| {
             // An interval that is wrong is the error itself.
             let of_time = of_time.into_iter().filter(|finding| finding.name != name::INTERVAL).collect();
-            let _ = Acceptance::default().admit(&recording, joint(of_time, of_data.clone()));
+            let _ = of_data.clone().admit(&Acceptance::default(), &recording, of_time);
         })?;
         // With a requirement the failure at the end says why nothing is claimed.
-        self.acceptance.admit(&recording, joint(stability.findings(require.is_some()), of_data))?;
+        of_data.admit(&self.acceptance, &recording, stability.findings(require.is_some()))?;
         // Before the results are printed: then nothing but the judgement can fail after them.
         if let Some(page) = page {
             let source = self.source(recording.clone(), window_s, require);

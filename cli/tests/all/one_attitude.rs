@@ -66,6 +66,24 @@ fn a_recording_needs_a_nominal_table_and_then_gives_the_table_of_its_log() {
     assert_eq!(of_rows["nominal_digest"], document["nominal_digest"]);
 }
 
+/// The table of a tumble has no gyroscopes and no interval: the readings have both.
+#[test]
+fn readings_complete_a_nominal_table() {
+    let folder = folder();
+    run(folder.path(), 0, &["convert", BIN, "-o", "rows.csv", "--nominal", "nominal.toml", "--imu", "imu-b"]);
+    let nominal = fs::read_to_string(folder.path().join("nominal.toml")).unwrap();
+    let accelerometers = nominal.split("[[gyroscope]]").next().unwrap().replace("format = 3", "format = 1");
+    let kept =
+        accelerometers.lines().filter(|line| !line.starts_with("digest") && !line.starts_with("nominal_interval"));
+    fs::write(folder.path().join("tumble.toml"), kept.map(|line| format!("{line}\n")).collect::<String>()).unwrap();
+    let (out, _) = run(folder.path(), 0, &arguments(BIN, &["--nominal", "nominal.toml", "--json"]));
+    let whole: Value = serde_json::from_str(&out).unwrap();
+    let (out, err) = run(folder.path(), 0, &arguments(BIN, &["--nominal", "tumble.toml", "--json"]));
+    let completed: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(completed["digest"], whole["digest"]);
+    assert!(err.contains("the nominal table has no gyroscopes: those of the readings' resolution are taken"), "{err}");
+}
+
 #[test]
 fn what_is_wrong_stands_first() {
     let folder = folder();
@@ -78,8 +96,13 @@ fn what_is_wrong_stands_first() {
     let line = first(65, &arguments(BIN, &["--interval", "0.01"]));
     assert!(line.contains("fault [interval]: ") && line.contains("rows of 0.01 s cover 10.0 % of the time"), "{line}");
     // Readings in g, of a text.
-    run(folder.path(), 0, &["convert", BIN, "-o", "rows.csv"]);
+    run(folder.path(), 0, &["convert", BIN, "-o", "rows.csv", "--nominal", "nominal.toml", "--imu", "imu-b"]);
     let rows = fs::read_to_string(folder.path().join("rows.csv")).unwrap();
+    // A part of the rows under another name.
+    let part = rows.lines().enumerate().filter(|(row, _)| *row == 0 || *row > 700).map(|(_, line)| format!("{line}\n"));
+    fs::write(folder.path().join("part.csv"), part.collect::<String>()).unwrap();
+    let line = first(65, &arguments("rows.csv", &["part.csv", "--nominal", "nominal.toml"]));
+    assert!(line.contains("fault [same-recording]: part.csv has rows of rows.csv"), "{line}");
     let net = |fields: &[&str], first: usize| {
         let count = |index: usize| fields[index].parse::<f64>().unwrap();
         (count(first) - count(first + 1)) / 9.80665e6

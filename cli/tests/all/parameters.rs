@@ -67,3 +67,57 @@ fn a_broken_file_is_named_with_line_and_key() {
     assert!(err.contains("broken.parm:8: INS_TCAL1_ACC2_Y: is \"nan"), "{err}");
     assert!(!folder.path().join("imu-a.toml").exists());
 }
+
+/// A recording of an IMU that measures nothing, at these temperatures.
+fn at_temperatures(temperatures: &[f64]) -> String {
+    let sensors = ["a1", "a2", "a3", "g1", "g2", "g3"];
+    let columns = sensors.map(|name| format!("{name}_positive,{name}_negative,{name}_head,{name}_board")).join(",");
+    let row = |(row, celsius): (u64, &f64)| {
+        let of_sensor = format!("0,0,{celsius},{celsius}");
+        format!("{row},{},2500000,{}\n", (row + 1) * 2_500_000, [of_sensor.as_str(); 6].join(","))
+    };
+    let rows: String = (0..).zip(temperatures).map(row).collect();
+    format!("sequence,timestamp_ns,interval_ns,{columns}\n{rows}")
+}
+
+/// `golden.csv` has what the firmwares' own functions subtract and add: that is what `replay` makes of the parameters.
+#[test]
+fn import_and_replay_give_what_the_firmwares_give() {
+    let folder = folder();
+    let folder = folder.path();
+    let golden = fs::read_to_string(format!("{DATA}/golden.csv")).unwrap();
+    for set in ["full", "heating"] {
+        let rows: Vec<Vec<f64>> = golden
+            .lines()
+            .filter_map(|line| line.strip_prefix(&format!("{set},")))
+            .map(|line| line.split(',').map(|number| number.parse().unwrap()).collect())
+            .collect();
+        assert_eq!(rows.len(), 72);
+        // At the temperature, and at the calibration temperatures of both triads.
+        let temperatures: Vec<f64> = rows.iter().flat_map(|row| [row[2], row[0], row[1]]).collect();
+        fs::write(folder.join("rows.csv"), at_temperatures(&temperatures)).unwrap();
+        let readings = |from: &str, file: &str| -> Vec<[f64; 6]> {
+            let file = format!("{DATA}/{set}.{file}");
+            run(folder, 0, &[&["import", &file, "--from", from, "-o", "t.toml"], &MEMS[..]].concat());
+            run(folder, 0, &["replay", "--table", "t.toml", "rows.csv", "-o", "out.csv"]);
+            let out = fs::read_to_string(folder.join("out.csv")).unwrap();
+            let of_line = |line: &str| {
+                let fields: Vec<_> = line.split(',').collect();
+                core::array::from_fn(|sensor| fields[3 + sensor].parse::<f64>().unwrap() / 0.0025)
+            };
+            out.lines().skip(1).map(of_line).collect()
+        };
+        let [px4, ardupilot] = [readings("px4", "params"), readings("ardupilot", "parm")];
+        for (number, row) in rows.iter().enumerate() {
+            for sensor in 0..6 {
+                let [at, accelerometers, gyroscopes] = [0, 1, 2].map(|of| ardupilot[3 * number + of][sensor]);
+                let calibrated = if sensor < 3 { accelerometers } else { gyroscopes };
+                let pairs = [(-px4[3 * number][sensor], row[3 + sensor]), (at - calibrated, row[9 + sensor])];
+                for (ours, theirs) in pairs {
+                    let bound = 2e-6 + 1e-6 * theirs.abs();
+                    assert!((ours - theirs).abs() < bound, "{set} {}: {sensor}: {ours} {theirs}", row[2]);
+                }
+            }
+        }
+    }
+}

@@ -143,7 +143,11 @@ fn what_is_no_ramp_is_refused() {
     let change = |from: &str, to: &str| text.replacen(from, to, 1);
     let cases = [
         (with(&["missing.csv"]), 74, "missing.csv"),
-        (with(&["short.csv"]), 65, "short.csv: 190 s in rows of 10.000 s are too short"),
+        (
+            with(&["short.csv"]),
+            65,
+            "short.csv: 190 s in 19 means are too short; 240 s are needed at least, in 24 rows or more",
+        ),
         (with(&["constant.csv"]), 65, "the head telemetry of A1 does not change"),
         (with(&["ramp-1.csv", "copy.csv"]), 65, "copy.csv has the rows of ramp-1.csv"),
         (with(&["ramp-1.csv", "./ramp-1.csv"]), 65, "has the rows of ramp-1.csv"),

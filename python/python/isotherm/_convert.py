@@ -75,6 +75,19 @@ def known(
     return text, round(interval * 1e9)
 
 
+def foreign(
+    mapping: AnyPath | Mapping[str, Any] | None,
+    temperature: float | None,
+    interval: float | None,
+    topic: str | None,
+    temperature_topic: str | None,
+    instance: int | None,
+) -> tuple[Any, ...]:
+    """The option `foreign` of a fit."""
+    text, interval_ns = known(mapping, temperature, interval)
+    return text, temperature, interval_ns, topic, temperature_topic, instance
+
+
 def write_ros(
     path: AnyPath,
     table: Table,

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from . import _isotherm
-from ._convert import known
+from ._convert import foreign
 from ._isotherm import Table
 from ._offline import AnyPath, Calibration, campaign_text, fit_options
-from ._records import Records, is_frame, sample_bytes
+from ._records import Records, recorded, sample_bytes
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
     import pandas as pd
 
 
@@ -64,12 +60,7 @@ def calibrate_gravity_only(
         of_place = {} if stated else {"latitude_deg": latitude, "height_m": height}
         campaign = {"format": 1, "method": "gravity-only"} | dict(campaign) | of_place
     text, path = campaign_text(campaign)
-    given: list[Path | npt.NDArray[np.uint8]] | None = None
-    if recordings is not None:
-        single = isinstance(recordings, (str, os.PathLike)) or is_frame(recordings) or hasattr(recordings, "dtype")
-        several: Sequence[Any] = [recordings] if single else recordings  # type: ignore[assignment]
-        given = [Path(each) if isinstance(each, (str, os.PathLike)) else sample_bytes(each) for each in several]
-    text_of_mapping, interval_ns = known(mapping, temperature, interval)
+    given = None if recordings is None else recorded(recordings)
     options = fit_options(
         order=order,
         accept=accept,
@@ -81,7 +72,7 @@ def calibrate_gravity_only(
         standstills=list(exclude),
         temperature_range=temperature_range,
         place=place,
-        foreign=(text_of_mapping, temperature, interval_ns, topic, temperature_topic, instance),
+        foreign=foreign(mapping, temperature, interval, topic, temperature_topic, instance),
     )
     return Calibration(_isotherm.calibrate(text, path, imu, given, True, options))
 

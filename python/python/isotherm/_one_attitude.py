@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from . import _isotherm
-from ._convert import known
+from ._convert import foreign
 from ._isotherm import Table
 from ._offline import AnyPath, Calibration, fit_options
-from ._records import Records, is_frame, sample_bytes
+from ._records import Records, recorded
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,10 +53,6 @@ def calibrate_one_attitude(
         raise ValueError(f"gravity_reference is {gravity_reference}, give 9.7 to 9.9 m/s2")
     if lag == 0:
         raise ValueError('lag is 0, give a time constant in s, or "none"')
-    single = isinstance(recordings, (str, os.PathLike)) or is_frame(recordings) or hasattr(recordings, "dtype")
-    several: Sequence[Any] = [recordings] if single else recordings  # type: ignore[assignment]
-    given = [Path(each) if isinstance(each, (str, os.PathLike)) else sample_bytes(each) for each in several]
-    text, interval_ns = known(mapping, temperature, interval)
     options = fit_options(
         order=order,
         accept=accept,
@@ -67,6 +61,6 @@ def calibrate_one_attitude(
         lag=0.0 if lag == "none" else lag,
         at=at,
         beside=list(beside),
-        foreign=(text, temperature, interval_ns, topic, temperature_topic, instance),
+        foreign=foreign(mapping, temperature, interval, topic, temperature_topic, instance),
     )
-    return Calibration(_isotherm.calibrate_one_attitude(given, imu, nominal, gravity_reference, options))
+    return Calibration(_isotherm.calibrate_one_attitude(recorded(recordings), imu, nominal, gravity_reference, options))

@@ -7,6 +7,7 @@ use isotherm_calibration::{
 use isotherm_campaign::Campaign;
 use isotherm_finding::{Finding, Severity};
 use isotherm_shared::wire::{AXES, RawSample, Triad};
+use isotherm_simulation::RandomGenerator;
 
 fn calibrated(
     recordings: &[Vec<RawSample>],
@@ -97,6 +98,53 @@ fn large_jumps_are_faults_wherever_they_are() {
         assert_first(&[moved(from, to, 0.05)], "ramp-step", Severity::Fault, words);
     }
     assert_first(&[moved(3500, 3501, 20.0)], "ramp-step", Severity::Fault, "is off for a moment 0:29:2");
+}
+
+/// Rows of 10 s, coarse values, a clock that begins with the first row, and IMUs whose noise is as large as what they do
+/// over temperature: nothing is refused.
+#[test]
+fn honest_recordings_are_not_refused() {
+    let whole = rows();
+    let coarse = |triad: &mut Triad, step: f64| {
+        (0..AXES).for_each(|axis| set(triad, axis, (net(triad, axis) / step).round() * step));
+    };
+    let merged = |some: &[RawSample]| {
+        let mut sum = some[0];
+        some[1..].iter().for_each(|raw| sum.merge(raw).unwrap());
+        sum
+    };
+    let long: Vec<_> = whole.chunks_exact(20).map(merged).collect();
+    let zero = whole[0].timestamp_ns;
+    let early: Vec<_> = whole.iter().map(|raw| RawSample { timestamp_ns: raw.timestamp_ns - zero, ..*raw }).collect();
+    let mut all = vec![whole.clone(), long, early];
+    // Up to 8 mg0, and 0.4 mrad/s.
+    for part in [1.0, 4.0, 8.0] {
+        all.push(with(&whole, |_, accelerometers, gyroscopes| {
+            coarse(accelerometers, part * 1e-3 * 1e7 * 0.505);
+            coarse(gyroscopes, part * 5e-5 * 206_265.0 * 10.0 * 0.505);
+        }));
+    }
+    let mut random = RandomGenerator::new(5, 1);
+    for _ in 0..20 {
+        // White noise alone, of 1 to 100 steps, in rows of coarse values.
+        let size = 10.0_f64.powf(random.uniform() * 2.0);
+        let mut noise = || (0..12).map(|_| random.uniform()).sum::<f64>() - 6.0;
+        let levels: Vec<[f64; 6]> =
+            whole.iter().map(|_| core::array::from_fn(|_| (noise() * size).round() * 1e3)).collect();
+        all.push(with(&whole, |row, accelerometers, gyroscopes| {
+            let level = levels[row];
+            (0..AXES).for_each(|axis| {
+                set(accelerometers, axis, level[axis] + if axis == 2 { 5_050_000.0 } else { 0.0 });
+                set(gyroscopes, axis, level[axis + AXES]);
+            });
+        }));
+    }
+    for (number, recording) in all.into_iter().enumerate() {
+        let options = OneAttitudeOptions { lag: LagChoice::None, ..OneAttitudeOptions::default() };
+        if let Err(error) = calibrated(&[recording], &options) {
+            panic!("{number}: {error}");
+        }
+    }
 }
 
 #[test]

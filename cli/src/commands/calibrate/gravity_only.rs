@@ -46,7 +46,7 @@ impl Calibrate {
     /// Refuses what is said of data of other programs, which have neither set points nor positions.
     pub(super) fn refuse_foreign(&self) -> Result<(), Failure> {
         let given = [("--mapping or another option for data of other programs", self.foreign.is_given())];
-        refuse(&given, "is for calibrations without a turntable: --gravity-only; a campaign has recordings alone")
+        refuse(&given, "is for --gravity-only and --one-attitude; a campaign has recordings alone")
     }
 
     /// Refuses options that need a turntable.

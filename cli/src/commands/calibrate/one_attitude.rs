@@ -9,11 +9,8 @@ use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{StagedText, WorldWritable, load_table, refuse_overlap};
 use isotherm_job::{FitOptions, Inputs, Refused, Source};
-use isotherm_parameters::{Autopilot, ExportOptions, export};
+use isotherm_parameters::{Autopilot, ExportOptions, HIGHEST_ORDER, export};
 use std::path::{Path, PathBuf};
-
-/// The highest order that autopilots have.
-const HIGHEST_EXPORTED: usize = 3;
 
 impl Calibrate {
     /// Makes the table, and the parameters that are asked for. Either all files are written or none.
@@ -80,7 +77,7 @@ impl Calibrate {
                 PolynomialOrder::Auto => None,
                 PolynomialOrder::Fixed(order) => Some(order),
             },
-            highest_order: exports.then_some(HIGHEST_EXPORTED),
+            highest_order: exports.then_some(HIGHEST_ORDER),
             lag: self.lag.unwrap_or(unless_given),
             at: args.at,
             beside: args.beside.clone(),
