@@ -17,9 +17,11 @@ mod beside;
 mod checks;
 mod curves;
 mod jumps;
+mod options;
 mod order;
 mod result;
 
+pub use options::OneAttitudeOptions;
 pub use order::{LeftOut, OrderChoice, TriedOrder};
 pub use result::{BiasCurve, OneAttitudeCalibration, Spread, SweepPoint, SweepSpan};
 
@@ -28,7 +30,7 @@ use crate::checks::scale::zero_of;
 use crate::error::CalibrationError;
 use crate::options::CalibrationOptions;
 use crate::ramps::{RampCalibration, ramp_calibration};
-use crate::transients::{BiasTransient, BinValue, LagChoice, RampRecording, bin_values};
+use crate::transients::{BiasTransient, BinValue, RampRecording, bin_values};
 use curves::{Part, Series, Shape, Weight, spread};
 use isotherm_campaign::Campaign;
 use isotherm_finding::Finding;
@@ -42,26 +44,6 @@ use std::collections::BTreeMap;
 
 /// Bins of the range where the telemetry's unit is no degree.
 const WIDE: f64 = 60.0;
-
-/// Options of [`calibrate_one_attitude`].
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct OneAttitudeOptions {
-    /// The order of all curves, 0 to 7; chosen by sweeps left out if `None`.
-    pub order: Option<usize>,
-    /// The highest order to choose, for example 3 for an autopilot's parameters.
-    pub highest_order: Option<usize>,
-    /// How the time constant of the lag is found.
-    pub lag: LagChoice,
-    /// Reference temperature, in the telemetry's unit: accelerometers keep the bias of the nominal table there. Mid
-    /// range if `None`.
-    pub at: Option<f64>,
-    /// Curves of autopilots to show beside.
-    pub beside: Vec<Autopilot>,
-    /// Names of faults that are only warnings; see [`name`](isotherm_finding::name).
-    pub accept: Vec<&'static str>,
-    /// Whether every warning that is not accepted is a fault.
-    pub strict: bool,
-}
 
 /// Makes a table of recordings at one attitude. `nominal` gives everything but the bias curves.
 ///

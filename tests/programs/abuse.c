@@ -18,15 +18,7 @@
 #define SECOND 1000000000ull
 #define TIMEOUT_NS (20 * SECOND)
 
-#define CHECK(condition)                                                                        \
-    do {                                                                                        \
-        if (!(condition)) {                                                                     \
-            fprintf(stderr, "line %d: %s; \"%s\"\n", __LINE__, #condition, isotherm_error_message()); \
-            exit(1);                                                                            \
-        }                                                                                       \
-    } while (0)
-/* Checks the returned code, and that the error message contains the word. */
-#define GIVES(call, expected, word) CHECK((call) == (expected) && strstr(isotherm_error_message(), (word)) != NULL)
+#include "check.h"
 
 static const char *imu;
 static const isotherm_options patient = {.timeout_ns = TIMEOUT_NS}, impatient = {.timeout_ns = ISOTHERM_NO_WAIT};

@@ -90,7 +90,8 @@ fn jump(bias: &Series, recording: usize) -> Option<Jump> {
     largest(&spikes, 2, true).or_else(|| largest(&levels, 2 * SIDE, false))
 }
 
-/// Place and size of the largest of all, and how large what comes after the largest ones is, each apart from the others.
+/// Place and size of the largest of all, and the size of what comes after the largest ones; each is apart from the
+/// others.
 fn largest_of(all: &[f64]) -> Option<(usize, f64, f64)> {
     let mut by_size: Vec<usize> = (0..all.len()).collect();
     by_size.sort_by(|a, b| all[*b].abs().total_cmp(&all[*a].abs()));

@@ -1,6 +1,7 @@
 //! What recordings at one attitude give.
 
-use super::{OneAttitudeOptions, OrderChoice};
+use super::options::OneAttitudeOptions;
+use super::order::OrderChoice;
 use crate::ramps::RampCalibration;
 use crate::sensor::TriadUnits;
 use isotherm_parameters::Autopilot;

@@ -186,7 +186,7 @@ fn what_is_wrong_with_data_or_options_has_line_key_and_remedy() {
     let campaign = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/campaign/campaign.toml");
     let (_, err) = run(folder, 64, &["calibrate", campaign, "--mapping", "still.toml", "-o", "t.toml"]);
     assert!(
-        err.contains("--mapping or another option for data of other programs is for calibrations without"),
+        err.contains("--mapping or another option for data of other programs is for --gravity-only and --one-attitude"),
         "{err}"
     );
 }

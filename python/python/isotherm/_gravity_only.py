@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from . import _isotherm
 from ._convert import foreign
 from ._isotherm import Table
-from ._offline import AnyPath, Calibration, campaign_text, fit_options
-from ._records import Records, recorded, sample_bytes
+from ._offline import AnyPath, Calibration, campaign_text, fit_options, recorded
+from ._records import Records, sample_bytes
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -349,6 +349,12 @@ def calibrate(
     return Calibration(_isotherm.calibrate(text, path, imu, given, False, options))
 
 
+def recorded(recordings: Any) -> list[Path | npt.NDArray[np.uint8]]:
+    """One recording or several, each a path, or the bytes of its samples."""
+    single = isinstance(recordings, (str, os.PathLike)) or is_frame(recordings) or hasattr(recordings, "dtype")
+    return [Path(each) if isinstance(each, (str, os.PathLike)) else sample_bytes(each) for each in ([recordings] if single else recordings)]
+
+
 def campaign_text(campaign: AnyPath | Mapping[str, Any]) -> tuple[str, Path]:
     """The text of a campaign file and its path; of a mapping one in the current folder."""
     if isinstance(campaign, Mapping):

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import enum
-import os
 import re
 import sys
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -311,12 +309,6 @@ def records(values: object, dtype: np.dtype[np.void]) -> Records:
 def as_bytes(array: Records) -> npt.NDArray[np.uint8]:
     """The bytes of contiguous records, without a copy."""
     return array.reshape(-1).view(np.uint8)
-
-
-def recorded(recordings: Any) -> list[Path | npt.NDArray[np.uint8]]:
-    """One recording or several, each a path, or the bytes of its samples."""
-    single = isinstance(recordings, (str, os.PathLike)) or is_frame(recordings) or hasattr(recordings, "dtype")
-    return [Path(each) if isinstance(each, (str, os.PathLike)) else sample_bytes(each) for each in ([recordings] if single else recordings)]
 
 
 def sample_bytes(samples: object) -> npt.NDArray[np.uint8]:

@@ -85,7 +85,7 @@ findings! {
         /// An accelerometer gives no pulses on the channel of its direction: a dead channel, exchanged channels or
         /// signs.
         NO_PULSES = "no-pulses", Final, "Mend the cable, the columns or the positions.";
-        /// A recording is there twice: the second shows nothing, and would halve the errors.
+        /// A recording, or a part of it, is there twice: the second shows nothing, and would halve the errors.
         SAME_RECORDING = "same-recording", Final, "Name every recording once.";
         /// Rows are of another unit than that of `serial`, or of two units.
         OTHER_DEVICE = "other-device", Fault,

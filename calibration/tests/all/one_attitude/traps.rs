@@ -100,8 +100,8 @@ fn large_jumps_are_faults_wherever_they_are() {
     assert_first(&[moved(3500, 3501, 20.0)], "ramp-step", Severity::Fault, "is off for a moment 0:29:2");
 }
 
-/// Rows of 10 s, coarse values, a clock that begins with the first row, and IMUs whose noise is as large as what they do
-/// over temperature: nothing is refused.
+/// Rows of 10 s, coarse values, a clock that begins with the first row, and IMUs whose noise is as large as what they
+/// do over temperature: nothing is refused.
 #[test]
 fn honest_recordings_are_not_refused() {
     let whole = rows();
