@@ -1,0 +1,1 @@
+//! Linux Industrial I/O.

@@ -1,0 +1,3 @@
+//! Acquisition: from an IMU on a serial line, a network or Linux' IIO to the service.
+
+pub mod iio;
