@@ -1,3 +1,51 @@
-//! Acquisition: from an IMU on a serial line, a network or Linux' IIO to the service.
+//! Acquisition: from an IMU on a serial line, a network or Linux' IIO to the service, without a line of code.
+//!
+//! A [`Description`] says where bytes come from, what frames they are and what their numbers stand for. [`run`] makes
+//! raw samples of them, each with the number and the time of its control period, and sends them as every client does.
+//! What does not arrive whole is a gap with its number; every byte that is no frame is counted ([`Tally`]).
+//!
+//! ```no_run
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use isotherm_acquire::{Description, Settings, Target, run};
+//! use std::path::Path;
+//!
+//! let description = Description::from_toml(&std::fs::read_to_string("stim300.toml")?)?;
+//! let settings = Settings {
+//!     target: Target::Rows(Some(5)),
+//!     record: None,
+//!     metrics: None,
+//!     sysfs: Path::new("/").to_owned(),
+//!     end: Default::default(),
+//!     tell: |tally| eprintln!("{tally}"),
+//! };
+//! run(&description, settings)?;
+//! # Ok(())
+//! # }
+//! ```
 
+mod checksum;
+mod description;
+mod frames;
 pub mod iio;
+mod intake;
+mod lines;
+mod link;
+mod number;
+mod port;
+mod recorder;
+mod run;
+mod sample;
+mod source;
+mod tally;
+mod timeline;
+
+pub use checksum::{Checksum, Sum};
+pub use description::{Description, Kind, Port, Timing};
+pub use frames::{Arrival, Decoder, Found, Frame, Item, Items, Length, MAX_FRAME};
+pub use lines::{Line, LineDecoder};
+pub use link::Sent;
+pub use number::{ByteOrder, Field, NumberType, Place, Value};
+pub use run::{Settings, Target, run};
+pub use sample::{Axes, Columns, Status, Telemetry};
+pub use tally::{Cause, Skipped, Tally};
+pub use timeline::{Counter, DeviceClock, Observed, Placed, Timeline};

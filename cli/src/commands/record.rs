@@ -2,7 +2,7 @@
 
 use super::common::options;
 use crate::parse::seconds;
-use crate::recorder::{Recorder, Streams, file_failure, remove};
+use crate::recorder::{Recorder, Streams, remove};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use isotherm_client::{Domain, ImuId, Realtime};
@@ -87,14 +87,10 @@ impl Record {
             return usage(format!("{} IMUs; a service has up to {MAX_IMUS}", self.imus.len()));
         }
         let stdout = output == Path::new("-");
-        let extension = output.extension().map(|extension| extension.to_string_lossy().to_lowercase());
-        let format = match (self.format, extension.as_deref()) {
-            (Some(format), _) => format,
-            (None, Some("csv")) => Format::Csv,
-            (None, Some("parquet")) => Format::Parquet,
-            (None, Some("mcap")) => Format::Mcap,
-            (None, _) if stdout => Format::Csv,
-            (None, _) => return usage(format!("{name}: name it .csv, .parquet or .mcap, or give --format")),
+        let format = match (self.format, Format::of_path(output)) {
+            (Some(format), _) | (None, Some(format)) => format,
+            (None, None) if stdout => Format::Csv,
+            (None, None) => return usage(format!("{name}: name it .csv, .parquet or .mcap, or give --format")),
         };
         let rotation = Rotation { size: self.rotate_size, time: self.rotate_time };
         if stdout
@@ -153,7 +149,7 @@ impl Record {
                 Err(error) => {
                     // Either all files are created or none.
                     remove(&files);
-                    return Err(file_failure(&error));
+                    return Err(error.into());
                 }
             }
         }

@@ -34,16 +34,6 @@ pub(crate) fn remove(files: &[Files]) {
     files.iter().flat_map(Files::current_paths).for_each(|path| drop(std::fs::remove_file(path)));
 }
 
-/// A file error as the failure of the command.
-pub(crate) fn file_failure(FileError(path, error): &FileError) -> Failure {
-    if error.kind() == io::ErrorKind::AlreadyExists {
-        let path = path.display();
-        let remedy = "a recording is never replaced: name another, or rotate, which numbers the files";
-        return Failure::new(Exit::Io, format!("{path} exists; {remedy}"));
-    }
-    Failure::io("writing", path, error)
-}
-
 /// A recorder of streams into files.
 pub(crate) struct Recorder {
     imus: Vec<ImuId>,
@@ -301,7 +291,7 @@ impl Recorder {
         }
         match result {
             Err(FileError(_, error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-            Err(error) => Err(file_failure(&error)),
+            Err(error) => Err(error.into()),
             Ok(()) => repeats.map(|_| ()).map_err(Failure::from),
         }
     }

@@ -43,5 +43,6 @@ pub use config::{ChamberConfig, TurntableConfig};
 pub use fault::{FaultKind, InstrumentFault};
 pub use instrument::{Chamber, ChamberReading, Instrument, Turntable, TurntableReading, turn_deg};
 pub use line::Line;
-pub use line_config::{LineConfig, Parity};
+pub use isotherm_serial::Parity;
+pub use line_config::LineConfig;
 pub use open::{chamber, turntable};

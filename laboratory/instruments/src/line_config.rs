@@ -1,18 +1,8 @@
 //! The keys that every instrument's section has: its line, and keys that several drivers have.
 
+use isotherm_serial::{Parity, Serial};
 use isotherm_shared::document::Section;
 use std::time::Duration;
-
-/// Parity bit of a character.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Parity {
-    /// No parity bit.
-    None,
-    /// An even number of ones.
-    Even,
-    /// An odd number of ones.
-    Odd,
-}
 
 /// Checked settings of a line.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,10 +28,15 @@ pub struct LineConfig {
 }
 
 impl LineConfig {
+    /// The serial line, if the port is one.
+    pub(super) fn serial(&self) -> Serial {
+        let &Self { ref port, baud, data_bits, parity, stop_bits, .. } = self;
+        Serial { path: port.into(), baud, data_bits, parity, stop_bits }
+    }
+
     /// How long so many bytes take on a serial line, with start, parity and stop bits.
     pub(super) fn transmission(&self, bytes: usize) -> Duration {
-        let bits = 1 + self.data_bits + u8::from(self.parity != Parity::None) + self.stop_bits;
-        Duration::from_secs_f64((bytes * usize::from(bits)) as f64 / f64::from(self.baud))
+        Duration::from_secs_f64(bytes as f64 * self.serial().character_s())
     }
 
     /// Reads the keys. Defaults: `baud`, 8N1, a time-out of 1 s, `quiet_s` as long as the time-out, `pause_s`, 2
@@ -58,8 +53,7 @@ impl LineConfig {
         });
         let baud = section.optional_integer("baud", 50..=4_000_000).unwrap_or(baud) as u32;
         let data_bits = section.optional_integer("data_bits", 7..=8).unwrap_or(8) as u8;
-        let parities = [(Parity::None, "none"), (Parity::Even, "even"), (Parity::Odd, "odd")];
-        let parity = section.optional_choice("parity", &parities).unwrap_or(Parity::None);
+        let parity = section.optional_choice("parity", &Parity::NAMES).unwrap_or(Parity::None);
         let stop_bits = section.optional_integer("stop_bits", 1..=2).unwrap_or(1) as u8;
         let timeout = seconds(section, "timeout_s", 1.0, 60.0);
         let quiet = seconds(section, "quiet_s", timeout.as_secs_f64(), 60.0);

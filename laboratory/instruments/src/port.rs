@@ -4,23 +4,32 @@
 //! it in a thread of its own. Reading and writing wait with a deadline. Even a device that takes no bytes (flow
 //! control, a full window, an adapter that hangs) stops nobody for longer.
 
-use super::line_config::{LineConfig, Parity};
+use super::line_config::LineConfig;
+use isotherm_serial::OpenSerial;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::fs::{FlockOperation, Mode, OFlags, flock, open};
 use rustix::io::Errno;
-use rustix::termios::{
-    ControlModes, InputModes, OptionalActions, QueueSelector, ioctl_tiocexcl, ioctl_tiocnxcl, tcflush, tcgetattr,
-    tcsetattr,
-};
 use std::io;
 use std::net::{TcpStream, ToSocketAddrs as _};
-use std::os::fd::OwnedFd;
+use std::os::fd::{AsFd, BorrowedFd};
 use std::time::{Duration, Instant};
 
 /// An open port.
 pub(crate) struct InstrumentPort {
-    descriptor: OwnedFd,
-    serial: bool,
+    descriptor: Descriptor,
+}
+
+enum Descriptor {
+    Serial(OpenSerial),
+    Tcp(TcpStream),
+}
+
+impl AsFd for Descriptor {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        match self {
+            Self::Serial(line) => line.as_fd(),
+            Self::Tcp(stream) => stream.as_fd(),
+        }
+    }
 }
 
 impl InstrumentPort {
@@ -28,7 +37,7 @@ impl InstrumentPort {
     pub(crate) fn open(config: &LineConfig) -> io::Result<Self> {
         match config.port.strip_prefix("tcp://") {
             Some(address) => Self::connect(address, config.timeout),
-            None => Self::open_serial(config),
+            None => Ok(Self { descriptor: Descriptor::Serial(config.serial().open()?) }),
         }
     }
 
@@ -39,7 +48,7 @@ impl InstrumentPort {
                 Ok(stream) => {
                     stream.set_nodelay(true)?;
                     stream.set_nonblocking(true)?;
-                    return Ok(Self { descriptor: stream.into(), serial: false });
+                    return Ok(Self { descriptor: Descriptor::Tcp(stream) });
                 }
                 Err(error) => refused = error,
             }
@@ -47,46 +56,9 @@ impl InstrumentPort {
         Err(refused)
     }
 
-    fn open_serial(config: &LineConfig) -> io::Result<Self> {
-        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
-        let descriptor = open(config.port.as_str(), flags, Mode::empty())?;
-        let mut settings = tcgetattr(&descriptor)?;
-        // No other program can open the device from here on, nor may one have it open that locks it as is usual.
-        ioctl_tiocexcl(&descriptor)?;
-        let port = Self { descriptor, serial: true };
-        flock(&port.descriptor, FlockOperation::NonBlockingLockExclusive)
-            .map_err(|_| io::Error::new(io::ErrorKind::ResourceBusy, "another program has it"))?;
-        settings.make_raw();
-        settings.input_modes -= InputModes::IXON | InputModes::IXOFF | InputModes::INPCK | InputModes::IGNPAR;
-        settings.control_modes -= ControlModes::CSIZE
-            | ControlModes::PARENB
-            | ControlModes::PARODD
-            | ControlModes::CSTOPB
-            | ControlModes::CRTSCTS;
-        settings.control_modes |= ControlModes::CREAD | ControlModes::CLOCAL;
-        settings.control_modes |= if config.data_bits == 7 { ControlModes::CS7 } else { ControlModes::CS8 };
-        if config.stop_bits == 2 {
-            settings.control_modes |= ControlModes::CSTOPB;
-        }
-        match config.parity {
-            Parity::None => settings.input_modes |= InputModes::IGNPAR,
-            Parity::Even => {
-                settings.input_modes |= InputModes::INPCK;
-                settings.control_modes |= ControlModes::PARENB;
-            }
-            Parity::Odd => {
-                settings.input_modes |= InputModes::INPCK;
-                settings.control_modes |= ControlModes::PARENB | ControlModes::PARODD;
-            }
-        }
-        settings.set_speed(config.baud)?;
-        tcsetattr(&port.descriptor, OptionalActions::Now, &settings)?;
-        Ok(port)
-    }
-
     /// Whether it is a serial device: its bytes take time after they are written.
     pub(crate) const fn is_serial(&self) -> bool {
-        self.serial
+        matches!(self.descriptor, Descriptor::Serial(_))
     }
 
     /// Writes some bytes; returns 0 if it takes none until `deadline`.
@@ -123,16 +95,6 @@ impl InstrumentPort {
             Ok(count) => Ok(Some(count)),
             Err(Errno::AGAIN | Errno::INTR) => Ok(None),
             Err(error) => Err(error.into()),
-        }
-    }
-}
-
-impl Drop for InstrumentPort {
-    /// Without the flush, closing a serial device waits until its output has left: 30 s on Linux if it takes none.
-    fn drop(&mut self) {
-        if self.serial {
-            let _ = tcflush(&self.descriptor, QueueSelector::OFlush);
-            let _ = ioctl_tiocnxcl(&self.descriptor);
         }
     }
 }

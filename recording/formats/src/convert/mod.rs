@@ -10,6 +10,7 @@
 mod autopilot;
 mod calendar;
 mod clock;
+mod columns;
 mod foreign;
 mod interval;
 mod known;
@@ -27,7 +28,8 @@ mod text;
 
 pub use autopilot::{LOG_ACCELERATION_PULSE, LOG_RATE_PULSE};
 pub use foreign::Foreign;
-pub use mapping::{ColumnRef, Decimal, Kind, KnownColumns, Mapping, Sensors, Temperature, Time, TimeUnit};
+pub use columns::{ColumnRef, Kind, SensorColumns, Sensors, Temperature};
+pub use mapping::{Decimal, KnownColumns, Mapping, Time, TimeUnit};
 pub(crate) use ros::is_bag;
 pub use scale::Scale;
 pub use settings::Settings;

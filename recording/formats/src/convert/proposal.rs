@@ -410,7 +410,8 @@ fn line(out: &mut String, text: std::fmt::Arguments<'_>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::convert::mapping::{ColumnRef, Decimal, Mapping, Temperature, TimeUnit};
+    use crate::convert::mapping::{Decimal, Mapping, TimeUnit};
+    use crate::convert::{ColumnRef, Temperature};
 
     fn proposed(text: &'static str) -> (String, Mapping) {
         let mut rows = Rows::new(Box::new(text.as_bytes()) as Box<dyn Read>);

@@ -2,7 +2,8 @@
 //!
 //! Over 400 lines: the columns, their numbers and decimal marks form one reader.
 
-use super::mapping::{ColumnRef, Decimal, Kind, Mapping, Sensors, Temperature, TimeUnit};
+use super::columns::{ColumnRef, Kind, Sensors, Temperature};
+use super::mapping::{Decimal, Mapping, TimeUnit};
 use super::rollover::Counter;
 use super::scale::Units;
 use super::source::{Reading, Source, pulses};

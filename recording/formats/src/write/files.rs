@@ -4,6 +4,7 @@ use super::growing::GrowingFile;
 use super::mcap::McapFile;
 use super::parquet::ParquetFile;
 use super::ros::{RosFile, RosTable};
+use isotherm_failure::{Exit, Failure};
 use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::{self, RecordedRow, columns};
 use isotherm_shared::stream::{ImuId, StreamKind};
@@ -28,6 +29,13 @@ impl Format {
     /// Every format with its name.
     pub const NAMES: [(Self, &'static str); 4] =
         [(Self::Csv, "csv"), (Self::Parquet, "parquet"), (Self::Mcap, "mcap"), (Self::Ros, "ros")];
+
+    /// The format that the ending of a file's name says.
+    #[must_use]
+    pub fn of_path(path: &Path) -> Option<Self> {
+        let ending = path.extension()?.to_str()?.to_ascii_lowercase();
+        Self::NAMES.into_iter().find(|(format, name)| *format != Self::Ros && *name == ending).map(|(format, _)| format)
+    }
 
     /// Whether one file has all streams, whatever columns they have.
     #[must_use]
@@ -100,6 +108,17 @@ pub enum MoreColumns {
 
 /// An error of the operating system, and the file.
 pub struct FileError(pub PathBuf, pub io::Error);
+
+impl From<FileError> for Failure {
+    fn from(FileError(path, error): FileError) -> Self {
+        if error.kind() == io::ErrorKind::AlreadyExists {
+            let path = path.display();
+            let remedy = "a recording is never replaced: name another, or rotate, which numbers the files";
+            return Self::new(Exit::Io, format!("{path} exists; {remedy}"));
+        }
+        Self::io("writing", &path, &error)
+    }
+}
 
 impl Files {
     /// Creates the files for the rows of `streams`: index in the list `imus`, and kind of the stream. `-` is the

@@ -1,0 +1,201 @@
+//! The columns of a row, by their names or numbers.
+
+use super::timing::Timing;
+use crate::number::Field;
+use crate::sample::{Axes, Columns, Status, Telemetry};
+use isotherm_client::Resolution;
+use isotherm_recording_formats::convert::{ColumnRef, Kind, SensorColumns, Sensors, Temperature};
+use isotherm_shared::document::Section;
+use isotherm_shared::wire::AXES;
+
+/// One pulse of readings that are not whole numbers, in the column's unit.
+const FINE: f64 = 1e-6;
+const TEMPERATURES: usize = 2 * AXES;
+
+/// What columns a row has.
+pub(super) struct Names {
+    /// The names of all columns; empty if they have numbers.
+    all: Vec<String>,
+    /// Whether each is a whole number as it comes.
+    plain: Vec<bool>,
+    /// The columns that a row has, from 0; of frames all.
+    used: Vec<usize>,
+    form: Form,
+}
+
+#[derive(Clone, Copy, Eq, PartialEq)]
+enum Form {
+    /// A row has all fields.
+    Fields,
+    /// A row has the columns that are used, of which these are the names.
+    Named,
+    /// A row has the columns that are used.
+    Numbered,
+    /// A row has the channels that are used, with any names.
+    Channels,
+}
+
+impl Names {
+    pub(super) fn of_fields(fields: &[Field]) -> Self {
+        let plain = fields.iter().map(|field| field.number.is_whole() && field.is_plain()).collect();
+        let all = fields.iter().map(|field| field.name.clone()).collect();
+        Self { all, plain, used: (0..fields.len()).collect(), form: Form::Fields }
+    }
+
+    /// The columns of lines; without names they have numbers.
+    pub(super) fn of_lines(names: Vec<String>) -> Self {
+        let form = if names.is_empty() { Form::Numbered } else { Form::Named };
+        Self { all: names, plain: Vec::new(), used: Vec::new(), form }
+    }
+
+    /// The channels of IIO devices.
+    pub(super) const fn channels() -> Self {
+        Self { all: Vec::new(), plain: Vec::new(), used: Vec::new(), form: Form::Channels }
+    }
+
+    pub(super) const fn are_named(&self) -> bool {
+        !matches!(self.form, Form::Numbered)
+    }
+
+    pub(super) const fn are_channels(&self) -> bool {
+        matches!(self.form, Form::Channels)
+    }
+
+    pub(super) fn used(&self) -> Vec<usize> {
+        self.used.clone()
+    }
+
+    pub(super) fn names(&self) -> Vec<String> {
+        self.all.clone()
+    }
+
+    /// The place of a column in a row. A fault is that of this key of the section.
+    pub(super) fn place(&mut self, section: &Section<'_, '_>, key: &str, column: &ColumnRef) -> Option<usize> {
+        let index = match (self.form, column) {
+            (_, ColumnRef::Number(number)) => number.saturating_sub(1),
+            (Form::Channels, ColumnRef::Name(name)) => match self.all.iter().position(|of| of == name) {
+                Some(index) => index,
+                None => {
+                    self.all.push(name.clone());
+                    self.all.len() - 1
+                }
+            },
+            (_, ColumnRef::Name(name)) => {
+                let Some(index) = self.all.iter().position(|of| of == name) else {
+                    section.fault(key, format!("{name} is no column; there are {}", self.all.join(", ")));
+                    return None;
+                };
+                index
+            }
+        };
+        if let Some(place) = self.used.iter().position(|used| *used == index) {
+            return Some(place);
+        }
+        self.used.push(index);
+        Some(self.used.len() - 1)
+    }
+
+    /// The place of the column that a section `{ column = .. }` names.
+    pub(super) fn of_section(&mut self, section: &Section<'_, '_>) -> Option<usize> {
+        let column = if self.are_named() {
+            ColumnRef::Name(section.string("column", "the name of a column")?.to_owned())
+        } else {
+            if !section.has("column") {
+                section.fault("column", "missing; give the number of a column, from 1");
+            }
+            ColumnRef::Number(section.optional_integer("column", 1..=4096)? as usize)
+        };
+        self.place(section, "column", &column)
+    }
+
+    /// Whether it is known that these columns are whole numbers as they come.
+    fn are_counts(&self, columns: &[usize]) -> bool {
+        match self.form {
+            Form::Fields => columns.iter().all(|column| self.plain.get(*column) == Some(&true)),
+            Form::Channels => true,
+            Form::Named | Form::Numbered => false,
+        }
+    }
+}
+
+/// The section `[status]`.
+pub(super) fn status(root: &Section<'_, '_>, names: &mut Names) -> Option<Status> {
+    let section = root.optional_section("status")?;
+    if names.are_channels() {
+        section.fault("", "is not for IIO; leave it out");
+        return None;
+    }
+    let column = names.of_section(&section);
+    let bits = |key| section.optional_integer(key, 0..=i64::MAX).map(i64::cast_unsigned);
+    let (mask, healthy) = (bits("mask").unwrap_or(u64::MAX), bits("healthy").unwrap_or(0));
+    section.refuse(
+        "healthy",
+        (healthy & !mask != 0).then(|| "has bits that mask lacks; give those of a healthy device".to_owned()),
+    );
+    section.finish();
+    Some(Status { column: column?, mask, healthy })
+}
+
+/// The places of the sensors' columns in a row.
+pub(super) fn resolve(
+    root: &Section<'_, '_>,
+    sensors: &SensorColumns,
+    names: &mut Names,
+    timing: &Timing,
+    status: Option<Status>,
+    device: u64,
+) -> Option<Columns> {
+    let accelerometer = axes(root, "accelerometer", &sensors.accelerometer, names);
+    let gyroscope = sensors.gyroscope.as_ref().map(|of| axes(root, "gyroscope", of, names));
+    let telemetry = telemetry(root, &sensors.temperature, names);
+    let (accelerometer, of_accelerometer) = accelerometer?;
+    let gyroscope = gyroscope.map_or(Some(None), |axes| axes.map(Some))?;
+    let of_gyroscope = gyroscope.as_ref().map_or(of_accelerometer, |(_, resolution)| *resolution);
+    let resolution = Resolution { accelerometer: of_accelerometer, gyroscope: of_gyroscope };
+    let gyroscope = gyroscope.map(|(axes, _)| axes);
+    let telemetry = telemetry?;
+    Some(Columns { accelerometer, gyroscope, telemetry, status, resolution, interval_ns: timing.interval_ns, device })
+}
+
+/// The columns of a triad, and one pulse in their unit.
+fn axes(root: &Section<'_, '_>, key: &'static str, of: &Sensors, names: &mut Names) -> Option<(Axes, f64)> {
+    let section = root.optional_section(key)?;
+    let [a, b, c] = of.columns.each_ref().map(|column| names.place(&section, "columns", column));
+    let columns = [a?, b?, c?];
+    let resolution = match of.resolution {
+        Some(resolution) => resolution,
+        None if names.are_counts(&columns) => 1.0,
+        None if of.kind == Kind::Reading && names.form == Form::Fields => FINE,
+        None => {
+            let message = "missing; give one pulse in the column's unit: 1 if the numbers are counts, else what they are rounded to, such as 1e-6";
+            section.fault("resolution", message);
+            return None;
+        }
+    };
+    Some((Axes { columns, offset: of.offset, sign: of.sign }, resolution))
+}
+
+fn telemetry(root: &Section<'_, '_>, of: &Temperature, names: &mut Names) -> Option<Telemetry> {
+    let section = root.optional_section("temperature")?;
+    match of {
+        Temperature::Constant(constant) => Some(Telemetry::Constant(*constant)),
+        Temperature::Columns { head, board } => {
+            let mut places = |key, columns: &[ColumnRef]| {
+                let places = columns.iter().map(|column| names.place(&section, key, column));
+                places.collect::<Option<Vec<_>>>().and_then(|places| for_all_sensors(&places))
+            };
+            let head = places("columns", head)?;
+            let key = if section.has("board_columns") { "board_columns" } else { "columns" };
+            Some(Telemetry::Columns { head, board: places(key, board)? })
+        }
+    }
+}
+
+/// One column for all sensors, three for the axes, or six.
+fn for_all_sensors(places: &[usize]) -> Option<[usize; TEMPERATURES]> {
+    match *places {
+        [one] => Some([one; TEMPERATURES]),
+        [a, b, c] => Some([a, b, c, a, b, c]),
+        _ => places.try_into().ok(),
+    }
+}

@@ -1,0 +1,221 @@
+//! The sections `[frame]`, `[[field]]`, `[items]` and `[[item]]`.
+
+use crate::checksum::{Checksum, MAX_PAD, Parameters, Sum};
+use crate::frames::{Frame, Item, Items, Length, MAX_FRAME};
+use crate::number::{ByteOrder, Field, NumberType, Place};
+use isotherm_shared::document::Section;
+
+/// Most bytes that a sync may have.
+const MAX_SYNC: usize = 16;
+/// Places in a frame.
+const PLACES: std::ops::RangeInclusive<i64> = -(MAX_FRAME as i64)..=MAX_FRAME as i64;
+/// Most fields, and most items.
+const MAX_FIELDS: usize = 256;
+
+pub(super) fn read(root: &Section<'_, '_>) -> Option<Frame> {
+    let section = root.section("frame", "a section [frame]");
+    let items_section = root.optional_section("items");
+    let (field_sections, item_sections) = (root.list("field"), root.list("item"));
+    let section = section?;
+    let order = section.choice("byte_order", &ByteOrder::NAMES);
+    let default = order.unwrap_or(ByteOrder::Big);
+    let sync = sync(&section);
+    let length = length(&section, default, sync.as_ref().map_or(1, Vec::len));
+    let checksum = checksum(&section, default, length);
+    section.finish();
+    let fixed = match length {
+        Some(Length::Fixed(length)) => Some(length),
+        _ => None,
+    };
+    let (fields, items) = match items_section {
+        None => {
+            for item in &item_sections {
+                item.fault("id", "there is no section [items]; give it, or fields alone");
+            }
+            let missing = field_sections.is_empty() && item_sections.is_empty();
+            root.refuse("field", missing.then(|| "missing; give a section [[field]] for each number that is used".to_owned()));
+            (fields(field_sections, default, fixed), None)
+        }
+        Some(section) => {
+            for field in &field_sections {
+                field.fault("name", "is at a fixed place; in a frame of items give [[item.field]]");
+            }
+            let (fields, known) = items(item_sections, default);
+            let items = item_form(section, default, known);
+            (fields, Some(items))
+        }
+    };
+    let items = items.map_or(Some(None), |items| items.map(Some));
+    let names: Vec<_> = fields.iter().map(|field| field.name.as_str()).collect();
+    let twice = (1..names.len()).find(|at| names[..*at].contains(&names[*at]));
+    root.refuse("field", twice.map(|at| format!("{} is there twice; give every field a name of its own", names[at])));
+    order?;
+    Some(Frame { sync: sync?, length: length?, checksum: checksum?, fields, items: items? })
+}
+
+fn sync(section: &Section<'_, '_>) -> Option<Vec<u8>> {
+    if !section.has("sync") {
+        section.fault("sync", "missing; give the first bytes of a frame, as in [0xFA, 0xFF]");
+    }
+    let sync = section.optional_integers("sync", 0..=255)?;
+    let right = (1..=MAX_SYNC).contains(&sync.len());
+    section.refuse("sync", (!right).then(|| format!("has {} bytes; give 1 to {MAX_SYNC}", sync.len())));
+    right.then(|| sync.into_iter().map(|byte| byte as u8).collect())
+}
+
+fn length(section: &Section<'_, '_>, order: ByteOrder, sync: usize) -> Option<Length> {
+    let fixed = section.optional_integer("length", 1..=MAX_FRAME as i64);
+    let stated = section.optional_section("length_field").map(|stated| {
+        let at = stated.optional_integer("at", 0..=MAX_FRAME as i64);
+        if !stated.has("at") {
+            stated.fault("at", "missing; give the place of the length in the frame");
+        }
+        let number = number(&stated, "type");
+        let unsigned = number.filter(|number| number.is_unsigned());
+        stated.refuse("type", number.filter(|_| unsigned.is_none()).map(|_| "is no length; give u8, u16 or u32".to_owned()));
+        let order = stated.optional_choice("byte_order", &ByteOrder::NAMES).unwrap_or(order);
+        let add = stated.optional_integer("add", 0..=MAX_FRAME as i64).unwrap_or(0) as usize;
+        stated.finish();
+        Some(Length::Stated { at: at? as usize, number: unsigned?, order, add })
+    });
+    match (section.has("length"), section.has("length_field")) {
+        (true, true) => section.fault("length_field", "is there beside length; give one of them"),
+        (false, false) => section.fault("length", "missing; give the length of a frame in bytes, sync and checksum too, or length_field"),
+        _ => {}
+    }
+    let short = fixed.filter(|length| (*length as usize) < sync);
+    section.refuse("length", short.map(|length| format!("is {length}, and sync alone has {sync}; give the whole frame")));
+    match fixed {
+        Some(length) => Some(Length::Fixed(length as usize)),
+        None => stated?,
+    }
+}
+
+/// `Some(None)` for a frame without checksum.
+fn checksum(section: &Section<'_, '_>, order: ByteOrder, length: Option<Length>) -> Option<Option<Checksum>> {
+    let section = section.section("checksum", "checksum = { algorithm = \"..\", at = -2 }, or { algorithm = \"none\" }")?;
+    let name = section.string("algorithm", "the name of a checksum, or \"none\"")?;
+    if name == "none" {
+        section.finish();
+        return Some(None);
+    }
+    let sum = sum(&section, name);
+    let place = |key| section.optional_integer(key, PLACES).map(|place| Place(place as isize));
+    let (at, from, to) = (place("at"), place("from"), place("to"));
+    if !section.has("at") {
+        section.fault("at", "missing; give the place of the checksum, as in at = -2 for the last two bytes");
+    }
+    let pad = section.optional_integer("pad", 1..=MAX_PAD as i64).unwrap_or(1) as usize;
+    let order = section.optional_choice("byte_order", &ByteOrder::NAMES).unwrap_or(order);
+    let at = at?;
+    let checksum = Checksum { sum: sum?, at, order, from: from.unwrap_or(Place(0)), to: to.unwrap_or(at), pad };
+    if let Some(Length::Fixed(length)) = length
+        && checksum.is_right(&vec![0; length]).is_none()
+    {
+        section.fault("at", format!("checksum or its bytes are not within the {length} bytes of a frame; give places inside"));
+    }
+    section.finish();
+    Some(Some(checksum))
+}
+
+fn sum(section: &Section<'_, '_>, name: &str) -> Option<Sum> {
+    let flag = |key| section.optional_bool(key).unwrap_or_default();
+    let parameters = |most: i64| {
+        let number = |key| section.optional_integer(key, 0..=most);
+        if !section.has("polynomial") {
+            section.fault("polynomial", "missing; give it without its highest term, as in 0x1021");
+        }
+        let polynomial = number("polynomial");
+        let (init, xorout) = (number("init").unwrap_or(0), number("xorout").unwrap_or(0));
+        let (reflect_in, reflect_out) = (flag("reflect_in"), flag("reflect_out"));
+        Some(Parameters { polynomial: polynomial?, init, reflect_in, reflect_out, xorout })
+    };
+    match name {
+        "crc16" => parameters(u16::MAX.into()).map(|Parameters { polynomial, init, reflect_in, reflect_out, xorout }| {
+            let [polynomial, init, xorout] = [polynomial, init, xorout].map(|number| number as u16);
+            Sum::crc_16(Parameters { polynomial, init, reflect_in, reflect_out, xorout })
+        }),
+        "crc32" => parameters(u32::MAX.into()).map(|Parameters { polynomial, init, reflect_in, reflect_out, xorout }| {
+            let [polynomial, init, xorout] = [polynomial, init, xorout].map(|number| number as u32);
+            Sum::crc_32(Parameters { polynomial, init, reflect_in, reflect_out, xorout })
+        }),
+        _ => {
+            let sum = Sum::of(name);
+            let unknown = "give none, sum8, sum8-negative, xor8, a name of the catalogue of CRC-16 and CRC-32 as CRC-16/XMODEM, \
+                           or crc16 or crc32 with polynomial, init, reflect_in, reflect_out, xorout";
+            section.refuse("algorithm", sum.is_none().then(|| format!("is {name:?}; {unknown}")));
+            sum
+        }
+    }
+}
+
+fn number(section: &Section<'_, '_>, key: &'static str) -> Option<NumberType> {
+    section.choice(key, &NumberType::NAMES)
+}
+
+/// The fields of a frame or of an item, of this length if it is known.
+fn fields(sections: Vec<Section<'_, '_>>, order: ByteOrder, length: Option<usize>) -> Vec<Field> {
+    let mut fields = Vec::new();
+    for section in sections.into_iter().take(MAX_FIELDS) {
+        let name = section.string("name", "the field's name");
+        let at = section.optional_integer("at", PLACES);
+        if !section.has("at") {
+            section.fault("at", "missing; give its place in bytes from the beginning, or less than 0 from the end");
+        }
+        let number = number(&section, "type");
+        let order = section.optional_choice("byte_order", &ByteOrder::NAMES).unwrap_or(order);
+        let scale = section.optional_number("scale").unwrap_or(1.0);
+        let offset = section.optional_number("offset").unwrap_or(0.0);
+        section.refuse("scale", (scale == 0.0).then(|| "is 0; give what one unit of the number stands for".to_owned()));
+        if let (Some(at), Some(number), Some(length)) = (at, number, length) {
+            let begin = Place(at as isize).within(length);
+            let fits = begin.is_some_and(|begin| begin + number.bytes() <= length);
+            section.refuse("at", (!fits).then(|| format!("is {at}, and the {} bytes are not within the {length}", number.bytes())));
+        }
+        section.finish();
+        if let (Some(name), Some(at), Some(number)) = (name, at, number) {
+            fields.push(Field { name: name.to_owned(), at: Place(at as isize), number, order, scale, offset });
+        }
+    }
+    fields
+}
+
+/// The items, and the fields of all of them.
+fn items(sections: Vec<Section<'_, '_>>, order: ByteOrder) -> (Vec<Field>, Vec<Item>) {
+    let (mut all, mut known) = (Vec::new(), Vec::<Item>::new());
+    for section in sections.into_iter().take(MAX_FIELDS) {
+        let id = section.optional_integer("id", 0..=i64::MAX);
+        let length = section.optional_integer("length", 0..=MAX_FRAME as i64);
+        for key in ["id", "length"].into_iter().filter(|key| !section.has(key)) {
+            section.fault(key, "missing; give that of the item");
+        }
+        let own = section.list("field");
+        section.refuse("field", own.is_empty().then(|| "missing; give the numbers of the item that are used".to_owned()));
+        let begin = all.len();
+        all.extend(fields(own, order, length.map(|length| length as usize)));
+        if let (Some(id), Some(length)) = (id.map(i64::cast_unsigned), length) {
+            let twice = known.iter().any(|item| item.id == id);
+            section.refuse("id", twice.then(|| "is there twice; give every item once".to_owned()));
+            known.push(Item { id, length: length as usize, fields: begin..all.len() });
+        }
+        section.finish();
+    }
+    (all, known)
+}
+
+fn item_form(section: Section<'_, '_>, order: ByteOrder, known: Vec<Item>) -> Option<Items> {
+    let at = section.optional_integer("at", 0..=MAX_FRAME as i64);
+    let end = section.optional_integer("end", PLACES);
+    for key in ["at", "end"].into_iter().filter(|key| !section.has(key)) {
+        section.fault(key, "missing; give where the items begin and, less than 0 from the end of the frame, where they end");
+    }
+    let [id, length] = ["id", "length"].map(|key| {
+        let number = number(&section, key);
+        let unsigned = number.filter(|number| number.is_unsigned());
+        section.refuse(key, number.filter(|_| unsigned.is_none()).map(|_| "has a sign; give u8, u16 or u32".to_owned()));
+        unsigned
+    });
+    let order = section.optional_choice("byte_order", &ByteOrder::NAMES).unwrap_or(order);
+    section.finish();
+    Some(Items { at: at? as usize, end: Place(end? as isize), id: id?, length: length?, order, known })
+}

@@ -1,0 +1,179 @@
+//! The description of a source: where the bytes come from, what they are, and what their numbers stand for.
+//!
+//! `examples/acquire` has one for each device that is known, `docs/acquire.md` says how to write one. All faults are
+//! reported together, with line and key; unknown keys are faults.
+
+mod columns;
+mod frame;
+mod iio;
+mod line;
+mod port;
+mod timing;
+
+pub use port::Port;
+pub use timing::Timing;
+
+use crate::frames::Frame;
+use crate::iio::IioSettings;
+use crate::lines::Line;
+use crate::sample::Columns;
+use columns::Names;
+use isotherm_client::{ImuId, Realtime, device};
+use isotherm_files::{LoadError, WorldWritable, read_text};
+use isotherm_recording_formats::convert::{SensorColumns, Temperature};
+use isotherm_shared::document::{Document, Faults, Section};
+use std::num::NonZeroU64;
+use std::path::Path;
+
+/// The description of a source.
+#[derive(Clone)]
+pub struct Description {
+    /// The IMU.
+    pub imu: ImuId,
+    /// Serial number of the unit.
+    pub serial: Option<String>,
+    /// What the rows come from.
+    pub kind: Kind,
+    /// When the rows were sampled.
+    pub timing: Timing,
+    /// The places of the sensors in a row.
+    pub columns: Columns,
+    /// The sensors, as the file has them.
+    pub sensors: SensorColumns,
+    /// Settings of the thread that receives and sends.
+    pub realtime: Realtime,
+    /// Whether that thread never sleeps.
+    pub spin: bool,
+}
+
+/// What rows come from.
+#[derive(Clone)]
+pub enum Kind {
+    /// Binary frames in a stream of bytes.
+    Frames(Port, Box<Frame>),
+    /// Lines of text in a stream of bytes.
+    Lines(Port, Line),
+    /// A buffer of Linux' Industrial I/O.
+    Iio(IioSettings),
+}
+
+#[derive(Clone, Copy, Eq, PartialEq)]
+enum KindName {
+    Frames,
+    Lines,
+    Iio,
+}
+
+const KINDS: [(KindName, &str); 3] =
+    [(KindName::Frames, "frames"), (KindName::Lines, "lines"), (KindName::Iio, "iio")];
+
+impl Description {
+    /// Reads the file of a description.
+    ///
+    /// # Errors
+    /// If it cannot be read, and everything that is wrong with it.
+    pub fn load(path: &Path, world_writable: WorldWritable) -> Result<Self, LoadError> {
+        let (text, _) = read_text(path, world_writable)?;
+        Self::from_toml(&text).map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })
+    }
+
+    /// Reads the text of a description.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_acquire::Description;
+    ///
+    /// let text = include_str!("../../../examples/acquire/stim300.toml");
+    /// assert_eq!(Description::from_toml(text)?.timing.interval_ns, 500_000);
+    /// let faults = Description::from_toml(&text.replace("baud", "bauds")).err().ok_or("no such key")?;
+    /// assert!(faults.to_string().contains("source.bauds: unknown key"));
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// Everything that is wrong with it.
+    pub fn from_toml(text: &str) -> Result<Self, Faults> {
+        let document = Document::parse_as(text, "give the description of the source")?;
+        let root = document.root();
+        let description = read(&document, &root);
+        root.finish();
+        document.finish(description)
+    }
+
+    /// One line for people.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        let rate = 1e9 / self.timing.interval_ns as f64;
+        let sensors = if self.columns.gyroscope.is_some() { "accelerometers and gyroscopes" } else { "accelerometers" };
+        let from = match &self.kind {
+            Kind::Frames(port, _) => format!("frames from {port}"),
+            Kind::Lines(port, _) => format!("lines from {port}"),
+            Kind::Iio(settings) => format!("IIO, {}", settings.devices.join(" and ")),
+        };
+        format!("source of {}: {from}, {sensors} at {rate} Hz", self.imu)
+    }
+}
+
+fn read(document: &Document<'_>, root: &Section<'_, '_>) -> Option<Description> {
+    if !root.has("format") {
+        root.fault("format", "missing; give 1");
+    }
+    root.optional_integer("format", 1..=1);
+    let imu = root.imu_id("imu");
+    let serial = root.optional_string("serial");
+    root.refuse("serial", serial.filter(|text| device(text) == 0).map(|_| "is empty; give it, or leave it out".to_owned()));
+    let source = root.section("source", "a section [source]")?;
+    let kind = source.choice("kind", &KINDS);
+    let port = if kind == Some(KindName::Iio) { None } else { port::read(&source) };
+    source.finish();
+    let kind = kind?;
+    let (mut names, form) = match kind {
+        KindName::Frames => frame::read(root).map(|frame| (Names::of_fields(&frame.fields), Some(frame), None)),
+        KindName::Lines => line::read(root).map(|(names, line)| (names, None, Some(line))),
+        KindName::Iio => Some((Names::channels(), None, None)),
+    }
+    .map(|(names, frame, line)| (names, (frame, line)))?;
+    let named = names.are_named();
+    let sensors = SensorColumns::read(document, root, named);
+    let timing = timing::read(root, &mut names);
+    let settings = (kind == KindName::Iio).then(|| iio::read(root));
+    let (realtime, spin) = realtime(root);
+    let (sensors, timing) = (sensors?, timing?);
+    let (status, timing) = (columns::status(root, &mut names), timing);
+    let device = serial.map_or(0, device);
+    let columns = columns::resolve(root, &sensors, &mut names, &timing, status, device);
+    let columns = columns?;
+    let kind = match (kind, form) {
+        (KindName::Frames, (Some(frame), _)) => Kind::Frames(port?, Box::new(frame)),
+        (KindName::Lines, (_, Some(line))) => Kind::Lines(port?, Line { used: names.used(), ..line }),
+        _ => Kind::Iio(complete(settings??, &names, &sensors, timing.interval_ns)),
+    };
+    Some(Description { imu: imu?, serial: serial.map(str::to_owned), kind, timing, columns, sensors, realtime, spin })
+}
+
+/// The settings of IIO with the channels that the sections of the sensors name.
+fn complete(settings: IioSettings, names: &Names, sensors: &SensorColumns, interval_ns: u64) -> IioSettings {
+    let channels = names.names();
+    let first = match &sensors.temperature {
+        Temperature::Constant(_) => channels.len(),
+        Temperature::Columns { .. } => 3 + if sensors.gyroscope.is_some() { 3 } else { 0 },
+    };
+    let (columns, temperature) = channels.split_at(first.min(channels.len()));
+    IioSettings { columns: columns.to_vec(), temperature: temperature.to_vec(), interval_ns, ..settings }
+}
+
+/// The section `[realtime]`: the settings of the thread, and whether it spins.
+fn realtime(root: &Section<'_, '_>) -> (Realtime, bool) {
+    let Some(section) = root.optional_section("realtime") else { return (Realtime::default(), false) };
+    let slack = section.optional_integer("timer_slack_ns", 1..=1_000_000_000);
+    let settings = Realtime {
+        core: section.optional_integer("core", 0..=1023).map(|core| core as usize),
+        priority: section.optional_integer("priority", 1..=99).map(|priority| priority as i32),
+        lock_memory: section.optional_bool("lock_memory").unwrap_or_default(),
+        timer_slack_ns: slack.and_then(|slack| NonZeroU64::new(slack.cast_unsigned())),
+    };
+    let spin = section.optional_bool("spin").unwrap_or_default();
+    section.finish();
+    (settings, spin)
+}

@@ -1,0 +1,87 @@
+//! Where the bytes come from.
+
+use isotherm_serial::{Parity, Serial};
+use isotherm_shared::document::Section;
+use std::fmt;
+use std::path::PathBuf;
+
+/// Where bytes come from.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub enum Port {
+    /// A serial line; best by its name under `/dev/serial/by-id`, which stays after it was unplugged.
+    Serial(Serial),
+    /// A TCP connection to this host and port.
+    Tcp(String),
+    /// UDP datagrams to this local address and port. Each has whole frames or lines.
+    Udp(String),
+    /// A file, or a device that gives bytes; `pace`: at the rate of the frames.
+    File {
+        /// Its path.
+        path: PathBuf,
+        /// Whether it is read at the rate of the frames.
+        pace: bool,
+    },
+    /// The standard input.
+    Stdin,
+}
+
+impl fmt::Display for Port {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Serial(serial) => write!(f, "{} at {} Bd", serial.path.display(), serial.baud),
+            Self::Tcp(address) => write!(f, "tcp {address}"),
+            Self::Udp(address) => write!(f, "udp {address}"),
+            Self::File { path, .. } => write!(f, "{}", path.display()),
+            Self::Stdin => write!(f, "stdin"),
+        }
+    }
+}
+
+const ONE: &str = "give one of serial, tcp, udp and file";
+
+/// Reads the keys of `[source]` that say where bytes come from.
+pub(super) fn read(section: &Section<'_, '_>) -> Option<Port> {
+    let path = |key| section.optional_string(key);
+    let (serial, tcp, udp, file) = (path("serial"), path("tcp"), path("udp"), path("file"));
+    let baud = section.optional_integer("baud", 50..=20_000_000);
+    let parity = section.optional_choice("parity", &Parity::NAMES).unwrap_or(Parity::None);
+    let stop_bits = section.optional_integer("stop_bits", 1..=2).unwrap_or(1) as u8;
+    let pace = section.optional_bool("pace");
+    if serial.is_none() {
+        for key in ["baud", "parity", "stop_bits"].into_iter().filter(|key| section.has(key)) {
+            section.fault(key, "is for a serial line; leave it out");
+        }
+    }
+    if file.is_none() && section.has("pace") {
+        section.fault("pace", "is for a file; leave it out");
+    }
+    let given = ["serial", "tcp", "udp", "file"].into_iter().filter(|key| section.has(key)).count();
+    match (given, serial, tcp, udp, file) {
+        (1, Some(path), ..) => {
+            let missing = !section.has("baud");
+            section.refuse("baud", missing.then(|| "missing; give the rate of the line in Bd".to_owned()));
+            section.refuse("serial", path.is_empty().then(|| "is empty; give the device".to_owned()));
+            Some(Port::Serial(Serial { path: path.into(), baud: baud? as u32, data_bits: 8, parity, stop_bits }))
+        }
+        (1, _, Some(address), ..) => host_and_port(section, "tcp", address).map(Port::Tcp),
+        (1, _, _, Some(address), _) => host_and_port(section, "udp", address).map(Port::Udp),
+        (1, .., Some("-")) => Some(Port::Stdin),
+        (1, .., Some(path)) => Some(Port::File { path: path.into(), pace: pace.unwrap_or_default() }),
+        (0, ..) => {
+            section.fault("serial", format!("missing; {ONE}"));
+            None
+        }
+        (1, ..) => None,
+        _ => {
+            section.fault("", format!("has {given} sources; {ONE}"));
+            None
+        }
+    }
+}
+
+fn host_and_port(section: &Section<'_, '_>, key: &str, address: &str) -> Option<String> {
+    let parts = address.rsplit_once(':').filter(|(host, _)| !host.is_empty());
+    let right = parts.and_then(|(_, port)| port.parse::<u16>().ok()).is_some();
+    section.refuse(key, (!right).then(|| format!("is {address:?}, give host and port, as in \"192.168.1.10:4000\"")));
+    right.then(|| address.to_owned())
+}

@@ -1,0 +1,66 @@
+//! The section `[timing]`.
+
+use super::columns::Names;
+use crate::timeline::{Counter, DeviceClock};
+use isotherm_shared::document::Section;
+
+/// When rows were sampled.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Timing {
+    /// The nominal interval \[ns\].
+    pub interval_ns: u64,
+    /// The place of the counter in a row, and what it counts.
+    pub counter: Option<(usize, Counter)>,
+    /// The place of the latency in a row, and its unit \[ns\].
+    pub latency: Option<(usize, f64)>,
+    /// The place of the device's clock in a row, and what it counts.
+    pub clock: Option<(usize, DeviceClock)>,
+}
+
+const UNITS: [(u64, &str); 4] = [(1_000_000_000, "s"), (1_000_000, "ms"), (1_000, "us"), (1, "ns")];
+
+pub(super) fn read(root: &Section<'_, '_>, names: &mut Names) -> Option<Timing> {
+    let section = root.section("timing", "a section [timing]")?;
+    let interval = section.number("interval_s", "the nominal interval of two samples in s").map(|seconds| seconds * 1e9);
+    if names.are_channels() {
+        for key in ["counter", "latency", "time"].into_iter().filter(|key| section.has(key)) {
+            section.fault(key, "is not for IIO, whose buffers have the time of each scan; leave it out");
+        }
+    }
+    let right = interval.filter(|ns| (1e3..=3.6e12).contains(ns));
+    let is_wrong = interval.is_some() && right.is_none();
+    section.refuse("interval_s", is_wrong.then(|| "give a number of seconds from 0.000001 to 3600".to_owned()));
+    let counter = section.optional_section("counter").and_then(|counter| {
+        let column = names.of_section(&counter);
+        let bits = counter.optional_integer("bits", 1..=64);
+        if !counter.has("bits") {
+            counter.fault("bits", "missing; give the width of the counter, as in bits = 8 for one that turns at 256");
+        }
+        let step = counter.optional_integer("step", 1..=1_000_000).unwrap_or(1).cast_unsigned();
+        let bits = bits? as u32;
+        let is_whole = bits == 64 || (1u64 << bits).is_multiple_of(step);
+        counter.refuse("step", (!is_whole).then(|| "give a step that divides the counter's turn".to_owned()));
+        let is_turn = bits == 64 || 1u64 << bits > step;
+        counter.refuse("bits", (!is_turn).then(|| "give a width that holds more than one step".to_owned()));
+        counter.finish();
+        (is_whole && is_turn).then_some((column?, Counter { bits, step }))
+    });
+    let latency = section.optional_section("latency").and_then(|latency| {
+        let column = names.of_section(&latency);
+        let unit = latency.choice("unit", &UNITS);
+        latency.finish();
+        Some((column?, unit? as f64))
+    });
+    let clock = section.optional_section("time").and_then(|time| {
+        let column = names.of_section(&time);
+        let unit = time.choice("unit", &UNITS);
+        let bits = time.optional_integer("bits", 1..=64).unwrap_or(64) as u32;
+        time.finish();
+        Some((column?, DeviceClock { tick_ns: unit?, bits }))
+    });
+    if section.has("time") && section.has("latency") {
+        section.fault("latency", "is there beside time, the device's own clock; leave one out");
+    }
+    section.finish();
+    Some(Timing { interval_ns: right?.round() as u64, counter, latency, clock })
+}

@@ -1,0 +1,238 @@
+//! From rows to samples: each gets its period, its time and its number.
+
+use crate::description::Description;
+use crate::frames::{Arrival, Found};
+use crate::number::Value;
+use crate::sample::{Assembler, NoSample};
+use crate::tally::Tally;
+use crate::timeline::{Observed, Placed, RATE_LIMIT, Timeline};
+use isotherm_client::RawSample;
+use isotherm_failure::{Exit, Failure, tell};
+
+/// Gaps that are told one by one; the tally has all.
+const TOLD_GAPS: u64 = 10;
+/// So many new sessions without ten regular frames in between show a counter that is not as described.
+const RESTARTS: u64 = 20;
+/// How long the rate is measured before it is judged \[s\], and before it is warned of.
+const JUDGED_S: f64 = 2.0;
+const WARNED_S: f64 = 10.0;
+/// A deviation of the rate that is warned of.
+const WARNED: f64 = 1e-3;
+
+/// Makes samples of rows, and counts.
+pub(crate) struct Intake {
+    description: Description,
+    /// How long a byte takes on the line \[ns\].
+    byte_ns: f64,
+    timeline: Timeline,
+    assembler: Assembler,
+    sequence: u64,
+    /// Whether the last period has a sample.
+    has_last: bool,
+    after_outage: bool,
+    /// New sessions since the last ten regular frames, and regular frames since the last one.
+    restarts: (u64, u64),
+    warned_of_rate: bool,
+    last_arrival: Option<Arrival>,
+    pub(crate) tally: Tally,
+}
+
+/// When a row came, and what it took.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Came {
+    /// `None` for rows that do not come at their time.
+    pub(crate) arrival: Option<Arrival>,
+    pub(crate) bytes: usize,
+    pub(crate) damaged: u64,
+    /// The time of the row, on the clock of its arrival \[ns\].
+    pub(crate) stamp: Option<u64>,
+}
+
+impl Came {
+    pub(crate) fn of(found: &Found<'_>, is_live: bool) -> Self {
+        let arrival = is_live.then_some(found.arrival);
+        Self { arrival, bytes: found.bytes, damaged: found.damaged, stamp: None }
+    }
+}
+
+impl Intake {
+    /// `stamped`: rows have a time of their own.
+    pub(crate) fn new(description: &Description, byte_ns: f64, stamped: bool) -> Self {
+        let timing = &description.timing;
+        let clock = if stamped { Some(STAMPS) } else { timing.clock.map(|(_, clock)| clock) };
+        Self {
+            timeline: Timeline::new(timing.interval_ns, timing.counter.map(|(_, counter)| counter), clock),
+            assembler: Assembler::new(description.columns),
+            byte_ns,
+            sequence: 0,
+            has_last: false,
+            after_outage: false,
+            restarts: (0, 0),
+            warned_of_rate: false,
+            last_arrival: None,
+            tally: Tally { imu: description.imu.to_string(), ..Tally::default() },
+            description: description.clone(),
+        }
+    }
+
+    /// Takes a row. Returns the sample, with the number of its session from 1, if it is one.
+    pub(crate) fn take(&mut self, row: &[Value], came: Came) -> Option<(RawSample, u64)> {
+        self.tally.frames += 1;
+        let timing = self.description.timing;
+        let value = |column: usize| row.get(column).copied().unwrap_or(Value::ABSENT);
+        let latency = timing.latency.map_or(0.0, |(column, unit)| value(column).number * unit);
+        let late = came.bytes as f64 * self.byte_ns + if latency.is_finite() { latency.max(0.0) } else { 0.0 };
+        let earlier = |at: u64| at.saturating_sub(late as u64);
+        let arrival = came
+            .arrival
+            .map(|Arrival { after_ns, by_ns }| Arrival { after_ns: earlier(after_ns), by_ns: earlier(by_ns) });
+        self.last_arrival = arrival;
+        let ticks = |column: usize, tick_ns: u64| {
+            let value = value(column);
+            // A clock with a fraction, as seconds in a text.
+            value.whole.or_else(|| value.number.is_finite().then(|| (value.number * tick_ns as f64).round() as u64))
+        };
+        let observed = Observed {
+            arrival,
+            counter: timing.counter.and_then(|(column, _)| value(column).whole),
+            ticks: came.stamp.or_else(|| timing.clock.and_then(|(column, clock)| ticks(column, clock.tick_ns))),
+            damaged: came.damaged,
+            after_outage: std::mem::take(&mut self.after_outage),
+        };
+        if timing.counter.is_some() && observed.counter.is_none() || timing.clock.is_some() && observed.ticks.is_none() {
+            self.tally.incomplete += 1;
+            return None;
+        }
+        let timestamp_ns = match self.timeline.place(observed) {
+            Placed::Repeated => {
+                self.tally.repeated += 1;
+                return None;
+            }
+            Placed::First { timestamp_ns } => {
+                self.begin_session();
+                timestamp_ns
+            }
+            Placed::Next { periods, timestamp_ns, is_ambiguous } => {
+                self.pass(periods, is_ambiguous);
+                timestamp_ns
+            }
+        };
+        self.sample(row, timestamp_ns)
+    }
+
+    fn begin_session(&mut self) {
+        self.tally.sessions += 1;
+        if self.tally.sessions > 1 {
+            tell("isotherm", "the device has started again, or was away for over a turn of its counter: a new session");
+        }
+        self.restarts = (self.restarts.0 + 1, 0);
+        self.sequence = 0;
+        self.assembler.reset();
+    }
+
+    /// Counts the periods up to this frame.
+    fn pass(&mut self, periods: u64, is_ambiguous: bool) {
+        self.restarts.1 += 1;
+        if self.restarts.1 >= 10 {
+            self.restarts.0 = 0;
+        }
+        self.sequence += periods;
+        let missing = periods - 1;
+        if missing == 0 {
+            return;
+        }
+        self.assembler.reset();
+        self.tally.gaps += 1;
+        self.tally.missing += missing;
+        self.tally.ambiguous += u64::from(is_ambiguous);
+        if self.tally.gaps <= TOLD_GAPS {
+            let uncertain = if is_ambiguous { ", or other turns of the counter" } else { "" };
+            let last = if self.tally.gaps == TOLD_GAPS { "; later ones are in the tally alone" } else { "" };
+            let sequence = self.sequence;
+            tell("isotherm", format!("gap: {missing} missing{uncertain} before sequence {sequence}{last}"));
+        }
+    }
+
+    fn sample(&mut self, row: &[Value], timestamp_ns: u64) -> Option<(RawSample, u64)> {
+        match self.assembler.sample(row, timestamp_ns) {
+            Ok((raw, is_healthy)) => {
+                self.tally.samples += 1;
+                self.tally.unhealthy += u64::from(!is_healthy);
+                self.has_last = true;
+                Some((RawSample { sequence: self.sequence, ..raw }, self.tally.sessions))
+            }
+            Err(why) => {
+                self.missing_sample(&why);
+                None
+            }
+        }
+    }
+
+    /// A frame that is no sample: its period is missing.
+    fn missing_sample(&mut self, why: &NoSample) {
+        let (count, message) = match why {
+            NoSample::Incomplete => {
+                (&mut self.tally.incomplete, "has not all columns of the sensors, or one that is no number".to_owned())
+            }
+            NoSample::NoTemperature => {
+                (&mut self.tally.without_temperature, "comes before the first temperature".to_owned())
+            }
+            NoSample::OutOfRange(error) => (&mut self.tally.out_of_range, error.to_string()),
+        };
+        *count += 1;
+        if *count == 1 {
+            tell("isotherm", format!("frame {}: {message}; its period is missing; later ones are counted", self.sequence));
+        }
+        if !matches!(why, NoSample::NoTemperature) {
+            self.tally.missing += 1;
+            self.tally.gaps += u64::from(std::mem::take(&mut self.has_last));
+        }
+    }
+
+    /// The device was away.
+    pub(crate) const fn outage(&mut self) {
+        self.tally.outages += 1;
+        self.after_outage = true;
+        self.assembler.forget();
+    }
+
+    /// Judges the rate.
+    ///
+    /// # Errors
+    /// If it is not that of the description, or if the counter is not.
+    pub(crate) fn judge(&mut self) -> Result<(), Failure> {
+        let nominal = self.description.timing.interval_ns as f64;
+        if self.restarts.0 > RESTARTS {
+            let message = format!(
+                "{} new sessions within {} frames: the counter or the clock does not rise as described; compare \
+                 timing.counter.step and bits, or timing.time, with the data sheet",
+                self.restarts.0, self.tally.frames
+            );
+            return Err(Failure::new(Exit::Config, message));
+        }
+        let Some((deviation, seconds)) = self.timeline.deviation(self.last_arrival) else { return Ok(()) };
+        if seconds < JUDGED_S {
+            return Ok(());
+        }
+        let measured = nominal * (1.0 + deviation);
+        (self.tally.rate_hz, self.tally.deviation_ppm) = (1e9 / measured, deviation * 1e6);
+        let compared = format!(
+            "the device sends {:.6} Hz, an interval of {:.9} s, and timing.interval_s is {:.9}",
+            1e9 / measured,
+            measured / 1e9,
+            nominal / 1e9
+        );
+        if deviation.abs() > RATE_LIMIT {
+            let remedy = "give the interval that the device is set to, or set the device";
+            return Err(Failure::new(Exit::Config, format!("{compared}; {remedy}")));
+        }
+        if deviation.abs() > WARNED && seconds > WARNED_S && !self.warned_of_rate {
+            self.warned_of_rate = true;
+            tell("isotherm", format!("warning: {compared}: {:+.0} ppm", deviation * 1e6));
+        }
+        Ok(())
+    }
+}
+
+/// The clock of IIO's stamps.
+const STAMPS: crate::timeline::DeviceClock = crate::timeline::DeviceClock { tick_ns: 1, bits: 64 };

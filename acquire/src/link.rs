@@ -1,0 +1,200 @@
+//! The way to the service: what is decoded is sent in order, and kept for a second if the service has no room.
+
+use crate::recorder::Recorder;
+use isotherm_client::{Acquisition, ConnectError, ImuId, Options, RawSample, SendError};
+use isotherm_failure::{Failure, tell};
+use isotherm_shared::wire::Flags;
+use serde::Serialize;
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+/// How long samples are kept for a service that does not take them.
+const KEPT: Duration = Duration::from_secs(1);
+/// Samples that are kept at least.
+const LEAST_KEPT: usize = 16;
+/// Pause between two attempts to reach the service.
+const RETRY: Duration = Duration::from_millis(250);
+
+/// What became of the samples.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Sent {
+    /// Sent to the service.
+    pub sent: u64,
+    /// Answered by it.
+    pub answered: u64,
+    /// Answers with a sensor that is invalid.
+    pub invalid: u64,
+    /// Given up, since the service took none for a second.
+    pub dropped: u64,
+    /// Connections to the service.
+    pub connections: u64,
+}
+
+/// A sample that waits, and the session that it belongs to.
+struct Waiting {
+    raw: RawSample,
+    session: u64,
+}
+
+/// The acquisition, and the samples that wait for it.
+pub(crate) struct Link {
+    imu: ImuId,
+    options: Options,
+    acquisition: Option<Acquisition>,
+    waiting: VecDeque<Waiting>,
+    most: usize,
+    /// The session of the samples that were sent last, as counted here.
+    session: u64,
+    next_attempt: Instant,
+    since: Instant,
+    give_up: Option<Duration>,
+    told: Option<String>,
+    pub(crate) sent: Sent,
+    pub(crate) recorder: Option<Recorder>,
+}
+
+impl Link {
+    pub(crate) fn new(imu: ImuId, options: Options, interval_ns: u64, recorder: Option<Recorder>) -> Self {
+        let most = (KEPT.as_nanos() as u64 / interval_ns.max(1)) as usize;
+        let most = most.max(LEAST_KEPT);
+        let give_up = Some(options.timeout).filter(|timeout| !timeout.is_zero());
+        let now = Instant::now();
+        Self {
+            imu,
+            options: Options { timeout: Duration::ZERO, ..options },
+            acquisition: None,
+            waiting: VecDeque::with_capacity(most + 1),
+            most,
+            session: 0,
+            next_attempt: now,
+            since: now,
+            give_up,
+            told: None,
+            sent: Sent::default(),
+            recorder,
+        }
+    }
+
+    /// Takes the next sample. Sessions are counted from 1.
+    pub(crate) fn take(&mut self, raw: RawSample, session: u64) {
+        self.waiting.push_back(Waiting { raw, session });
+        while self.waiting.len() > self.most {
+            if let Some(lost) = self.waiting.pop_front() {
+                self.sent.dropped += 1;
+                if let Some(acquisition) = &mut self.acquisition {
+                    acquisition.follow(&lost.raw);
+                }
+                self.record(&lost);
+            }
+        }
+    }
+
+    /// Whether samples wait for room, or for the service.
+    pub(crate) fn is_waiting(&self) -> bool {
+        !self.waiting.is_empty()
+    }
+
+    /// Whether everything was sent and answered, or nobody is there to do it.
+    pub(crate) fn is_done(&self) -> bool {
+        let Some(acquisition) = &self.acquisition else { return true };
+        self.waiting.is_empty() && acquisition.in_flight() == 0
+    }
+
+    /// Sends what can be sent, and takes the answers that are there. Never waits.
+    ///
+    /// # Errors
+    /// If the service cannot be reached by waiting, or was not for the time that it may take.
+    pub(crate) fn pump(&mut self) -> Result<(), Failure> {
+        if self.acquisition.is_none() {
+            self.connect()?;
+        }
+        if let Err(failed) = self.exchange() {
+            tell("isotherm", format!("{failed}; connecting again"));
+            self.acquisition = None;
+            (self.since, self.next_attempt) = (Instant::now(), Instant::now() + RETRY);
+        }
+        Ok(())
+    }
+
+    fn exchange(&mut self) -> Result<(), String> {
+        let Some(acquisition) = &mut self.acquisition else { return Ok(()) };
+        loop {
+            while let Some(answer) = acquisition.receive().map_err(|error| error.to_string())? {
+                self.sent.answered += 1;
+                self.sent.invalid += u64::from(Flags(answer.flags).intersects(Flags::INVALID));
+            }
+            let Some(next) = self.waiting.front().filter(|_| !acquisition.is_full()) else { return Ok(()) };
+            if next.session != self.session {
+                if acquisition.begin_session().is_err() {
+                    // Not before the last session is answered.
+                    return Ok(());
+                }
+                self.session = next.session;
+            }
+            acquisition.follow(&next.raw);
+            let loan = acquisition.loan_record(&next.raw).map_err(|error| error.to_string())?;
+            match acquisition.send(loan) {
+                Ok(()) => self.sent.sent += 1,
+                Err(SendError::Full(_)) => return Ok(()),
+                // It cannot be sent any more, so readers see a gap.
+                Err(error) => {
+                    self.sent.dropped += 1;
+                    tell("isotherm", format!("sample {} is lost: {error}", next.raw.sequence));
+                }
+            }
+            if let (Some(recorder), Some(next)) = (&mut self.recorder, self.waiting.pop_front()) {
+                recorder.take(&RawSample { session: acquisition.session(), ..next.raw });
+            }
+        }
+    }
+
+    fn connect(&mut self) -> Result<(), Failure> {
+        let now = Instant::now();
+        if now < self.next_attempt {
+            return Ok(());
+        }
+        let error = match Acquisition::connect(&self.imu, &self.options) {
+            Ok(acquisition) => {
+                tell("isotherm", format!("connected to the service as the acquisition of {}", self.imu));
+                self.acquisition = Some(acquisition);
+                self.session = self.waiting.front().map_or(0, |next| next.session);
+                self.sent.connections += 1;
+                self.told = None;
+                return Ok(());
+            }
+            Err(error) => error,
+        };
+        self.next_attempt = Instant::now() + RETRY;
+        if error.is_permanent() || self.give_up.is_some_and(|longest| now - self.since > longest) {
+            return Err(error.into());
+        }
+        let text = error.to_string();
+        // A service that starts is there within this time.
+        let is_soon = now - self.since < Duration::from_millis(500) && !matches!(error, ConnectError::NoService(_));
+        if !is_soon && self.told.as_ref() != Some(&text) {
+            tell("isotherm", format!("waiting: {text}"));
+            self.told = Some(text);
+        }
+        Ok(())
+    }
+
+    /// Records a sample that was never sent.
+    fn record(&mut self, lost: &Waiting) {
+        let session = self.acquisition.as_ref().map_or(lost.raw.session, Acquisition::session);
+        if let Some(recorder) = &mut self.recorder {
+            recorder.take(&RawSample { session, ..lost.raw });
+        }
+    }
+
+    /// Ends the link: what still waits is dropped. Returns how many samples that are, or were not answered.
+    pub(crate) fn close(&mut self) -> u64 {
+        let mut lost = 0;
+        while let Some(next) = self.waiting.pop_front() {
+            self.sent.dropped += 1;
+            lost += 1;
+            self.record(&next);
+        }
+        let unanswered = self.acquisition.take().map_or(0, |acquisition| acquisition.close().unanswered);
+        lost + unanswered
+    }
+}

@@ -1,0 +1,192 @@
+//! An open port: a descriptor that never blocks.
+
+use crate::description::Port;
+use isotherm_failure::{Exit, Failure};
+use isotherm_serial::OpenSerial;
+use rustix::io::Errno;
+use rustix::net::sockopt;
+use std::fs::File;
+use std::io::{self, Read as _};
+use std::net::{TcpStream, ToSocketAddrs as _, UdpSocket};
+use std::os::fd::{AsFd, BorrowedFd};
+use std::path::Path;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::thread;
+use std::time::Duration;
+
+/// Longest wait for a TCP connection to one address.
+const CONNECT: Duration = Duration::from_secs(3);
+/// A TCP connection without a sign of life is given up after so many probes, one a second.
+const PROBES: u32 = 3;
+
+/// An open port.
+pub(crate) enum OpenPort {
+    Serial(OpenSerial),
+    Tcp(TcpStream),
+    Udp(UdpSocket),
+    File(File),
+    Stdin(io::Stdin),
+}
+
+/// What reading has brought.
+pub(crate) enum Read {
+    Bytes(usize),
+    /// Nothing is there now.
+    Nothing,
+    /// The other side has ended.
+    End,
+}
+
+impl OpenPort {
+    /// Opens a port. May take seconds.
+    fn open(port: &Port) -> io::Result<Self> {
+        match port {
+            Port::Serial(serial) => serial.open().map(Self::Serial),
+            Port::Tcp(address) => connect(address).map(Self::Tcp),
+            Port::Udp(address) => {
+                let socket = UdpSocket::bind(address)?;
+                socket.set_nonblocking(true)?;
+                Ok(Self::Udp(socket))
+            }
+            Port::File { path, .. } => {
+                let file = File::open(path)?;
+                if file.metadata()?.is_dir() {
+                    return Err(io::Error::from(io::ErrorKind::IsADirectory));
+                }
+                Ok(Self::File(file))
+            }
+            Port::Stdin => Ok(Self::Stdin(io::stdin())),
+        }
+    }
+
+    /// Reads what is there. The descriptor has been polled.
+    pub(crate) fn read(&mut self, buffer: &mut [u8]) -> io::Result<Read> {
+        let read = match self {
+            Self::Serial(line) => rustix::io::read(&*line, buffer).map_err(io::Error::from),
+            Self::Tcp(stream) => stream.read(buffer),
+            Self::Udp(socket) => return match socket.recv(buffer) {
+                Ok(count) => Ok(Read::Bytes(count)),
+                Err(error) => nothing(error),
+            },
+            Self::File(file) => file.read(buffer),
+            Self::Stdin(stdin) => rustix::io::read(stdin, buffer).map_err(io::Error::from),
+        };
+        match read {
+            Ok(0) => Ok(Read::End),
+            Ok(count) => Ok(Read::Bytes(count)),
+            Err(error) => nothing(error),
+        }
+    }
+}
+
+fn nothing(error: io::Error) -> io::Result<Read> {
+    match error.kind() {
+        io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted => Ok(Read::Nothing),
+        _ => Err(error),
+    }
+}
+
+impl AsFd for OpenPort {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        match self {
+            Self::Serial(line) => line.as_fd(),
+            Self::Tcp(stream) => stream.as_fd(),
+            Self::Udp(socket) => socket.as_fd(),
+            Self::File(file) => file.as_fd(),
+            Self::Stdin(stdin) => stdin.as_fd(),
+        }
+    }
+}
+
+fn connect(address: &str) -> io::Result<TcpStream> {
+    let mut refused = io::Error::new(io::ErrorKind::NotFound, "the host has no address");
+    for address in address.to_socket_addrs()? {
+        match TcpStream::connect_timeout(&address, CONNECT) {
+            Ok(stream) => {
+                stream.set_nonblocking(true)?;
+                // A peer that vanishes sends no end.
+                sockopt::set_socket_keepalive(&stream, true)?;
+                sockopt::set_tcp_keepidle(&stream, Duration::from_secs(1))?;
+                sockopt::set_tcp_keepintvl(&stream, Duration::from_secs(1))?;
+                sockopt::set_tcp_keepcnt(&stream, PROBES)?;
+                return Ok(stream);
+            }
+            Err(error) => refused = error,
+        }
+    }
+    Err(refused)
+}
+
+/// A port that is being opened, in a thread of its own: names are looked up and connections made there.
+pub(crate) struct Opening(Receiver<io::Result<OpenPort>>);
+
+impl Opening {
+    pub(crate) fn start(port: &Port) -> io::Result<Self> {
+        let (sender, receiver) = channel();
+        let port = port.clone();
+        let body = move || {
+            // Nobody waits for it any more if the process ends.
+            let _ = sender.send(OpenPort::open(&port));
+        };
+        thread::Builder::new().name("open".to_owned()).spawn(body)?;
+        Ok(Self(receiver))
+    }
+
+    /// The port, once it is open or was refused.
+    pub(crate) fn poll(&self) -> Option<io::Result<OpenPort>> {
+        match self.0.try_recv() {
+            Ok(result) => Some(result),
+            Err(TryRecvError::Empty) => None,
+            Err(TryRecvError::Disconnected) => Some(Err(io::Error::other("the thread that opens it ended"))),
+        }
+    }
+}
+
+/// Why a port could not be opened, with a remedy.
+pub(crate) fn refused(port: &Port, error: &io::Error) -> Failure {
+    let remedy = match (port, error.raw_os_error().map(Errno::from_raw_os_error)) {
+        (Port::Tcp(_), _) => "check host and port, and that the device accepts connections",
+        (Port::Udp(_), _) => "give an address of this machine, as 0.0.0.0, and a port that no other program has",
+        (Port::Stdin, _) => "give it a pipe",
+        (_, Some(Errno::ACCESS | Errno::PERM)) => {
+            "the device is another user's: add this user to its group, as in `sudo usermod -aG dialout $USER` and a \
+             new login, or give it a udev rule"
+        }
+        (Port::File { .. }, _) => "give a file of bytes",
+        (_, Some(Errno::NOENT | Errno::NXIO | Errno::NODEV)) => {
+            "plug it in; `isotherm acquire --list` shows the serial ports that there are"
+        }
+        (_, Some(Errno::ISDIR | Errno::NOTTY)) => "it is no serial line; give a device as /dev/ttyUSB0",
+        (_, Some(Errno::INVAL)) => "the line refuses its settings; give a rate and parity that it has",
+        _ if error.kind() == io::ErrorKind::ResourceBusy => {
+            "end the program that has it (`fuser -v` names it; gpsd and ModemManager open what is plugged in)"
+        }
+        _ => "`isotherm acquire --list` shows the serial ports that there are",
+    };
+    let path = match port {
+        Port::Serial(serial) => Some(serial.path.as_path()),
+        Port::File { path, .. } => Some(path.as_path()),
+        _ => None,
+    };
+    let failure = Failure::new(Exit::Io, format!("opening {}: {}; {remedy}", name_of(port), cause(error)));
+    match path {
+        Some(path) => failure.at(Path::new(path), None),
+        None => failure,
+    }
+}
+
+/// The port without its settings.
+pub(crate) fn name_of(port: &Port) -> String {
+    match port {
+        Port::Serial(serial) => serial.path.display().to_string(),
+        other => other.to_string(),
+    }
+}
+
+fn cause(error: &io::Error) -> String {
+    match error.raw_os_error().map(Errno::from_raw_os_error) {
+        Some(Errno::BUSY) => "another program has it".to_owned(),
+        Some(Errno::NOTTY) => "not a terminal device".to_owned(),
+        _ => error.to_string(),
+    }
+}

@@ -1,0 +1,349 @@
+//! The loop: one thread waits for the device, decodes, and sends.
+
+use crate::description::Description;
+use crate::intake::Intake;
+use crate::link::Link;
+use crate::recorder::Recorder;
+use crate::source::{Source, State};
+use crate::tally::Tally;
+use isotherm_client::{Options, RawSample};
+use isotherm_failure::{Failure, tell};
+use isotherm_recording::rows::RecordedRow;
+use isotherm_recording_formats::write::{FileError, Files, Format, Rotation};
+use isotherm_shared::stream::StreamKind;
+use isotherm_shared::wire::StreamSample;
+use std::hash::{BuildHasher as _, RandomState};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Longest wait for the device, so that the service's answers and the end are looked at.
+const PAUSE: Duration = Duration::from_millis(20);
+/// Longest wait while samples wait for room in the service's queue.
+const BUSY: Duration = Duration::from_millis(1);
+/// How long the end may wait for answers.
+const LAST_ANSWERS: Duration = Duration::from_millis(250);
+/// How often the tally is told, the metrics are written, and the rate is judged.
+const TOLD: Duration = Duration::from_secs(60);
+const WRITTEN: Duration = Duration::from_secs(5);
+const JUDGED: Duration = Duration::from_millis(500);
+/// Pause between two looks for a device that is away.
+const LOOK: Duration = Duration::from_millis(250);
+/// A silence that is told, and so many intervals.
+const SILENT: Duration = Duration::from_secs(2);
+const SILENT_INTERVALS: u64 = 10;
+
+/// Where samples go.
+pub enum Target {
+    /// To the service, with these options; a time-out of 0 waits for it for ever.
+    Service(Options),
+    /// To the standard output, as rows in CSV, so many at most.
+    Rows(Option<u64>),
+}
+
+/// How an acquisition runs.
+pub struct Settings {
+    /// Where samples go.
+    pub target: Target,
+    /// A file for all samples; its ending names its format.
+    pub record: Option<PathBuf>,
+    /// A file that gets the tally as metrics, every few seconds.
+    pub metrics: Option<PathBuf>,
+    /// Root of `/sys` and `/dev` for IIO: `/`, or a tree for tests.
+    pub sysfs: PathBuf,
+    /// Set to end the acquisition.
+    pub end: Arc<AtomicBool>,
+    /// Gets the tally once a minute and at the end.
+    pub tell: fn(&Tally),
+}
+
+/// Acquires until the end is asked for, or the source ends. Returns what was counted.
+///
+/// The calling thread is the one that receives and sends: it gets the description's real-time settings.
+///
+/// # Errors
+/// If the source cannot be opened or is not as described, or the service cannot be reached by waiting. The tally is
+/// told before.
+pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failure> {
+    description.realtime.apply().map_err(|error| Failure::new(isotherm_failure::Exit::Config, format!("realtime: {error}")))?;
+    let recorder = settings.record.as_deref().map(|path| Recorder::create(path, &description.imu)).transpose()?;
+    let source = Source::open(description, settings.sysfs.clone())?;
+    let intake = Intake::new(description, source.byte_ns(), source.is_stamped());
+    let imu = description.imu.clone();
+    let sink = match settings.target {
+        Target::Service(ref options) => {
+            let options = Options { serial: description.serial.clone(), ..options.clone() };
+            Sink::Service(Box::new(Link::new(imu, options, description.timing.interval_ns, recorder)))
+        }
+        Target::Rows(most) => Sink::Rows(Box::new(Printed::new(imu, most, recorder)?)),
+    };
+    let now = Instant::now();
+    let acquiring = Acquiring { description, settings, source, intake, sink, began: now, told: now, written: now, judged: now, looked: now, heard: Heard::new(now) };
+    acquiring.run()
+}
+
+struct Acquiring<'a> {
+    description: &'a Description,
+    settings: Settings,
+    source: Source,
+    intake: Intake,
+    sink: Sink,
+    began: Instant,
+    told: Instant,
+    written: Instant,
+    judged: Instant,
+    looked: Instant,
+    heard: Heard,
+}
+
+/// When something was last heard of the device.
+struct Heard {
+    at: Instant,
+    bytes: u64,
+    frames: u64,
+    told: bool,
+}
+
+impl Heard {
+    const fn new(at: Instant) -> Self {
+        Self { at, bytes: 0, frames: 0, told: false }
+    }
+}
+
+impl Acquiring<'_> {
+    fn run(mut self) -> Result<Tally, Failure> {
+        let result = self.acquire();
+        let ended = self.finish();
+        self.bring_up_to_date();
+        (self.settings.tell)(&self.intake.tally);
+        let written = self.write_metrics();
+        match Failure::all([result.err(), ended.err(), written.err()].into_iter().flatten().collect()) {
+            Some(failure) => Err(failure),
+            None => Ok(self.intake.tally),
+        }
+    }
+
+    fn acquire(&mut self) -> Result<(), Failure> {
+        loop {
+            if self.settings.end.load(Ordering::Relaxed) {
+                return Ok(());
+            }
+            let pause = match (self.description.spin, self.sink.is_waiting()) {
+                (true, _) => Duration::ZERO,
+                (false, true) => BUSY,
+                (false, false) => PAUSE,
+            };
+            self.source.wait(pause);
+            let sink = &mut self.sink;
+            match self.source.read(&mut self.intake, &mut |raw, session| sink.take(raw, session))? {
+                State::Open => {}
+                State::Away => self.look(),
+                State::Ended => return self.drain(),
+            }
+            if self.sink.pump()? {
+                return Ok(());
+            }
+            self.look_around()?;
+        }
+    }
+
+    fn look(&mut self) {
+        if self.looked.elapsed() >= LOOK {
+            self.source.look();
+            self.looked = Instant::now();
+        }
+    }
+
+    /// What is to be done from time to time.
+    fn look_around(&mut self) -> Result<(), Failure> {
+        let now = Instant::now();
+        if now - self.judged < JUDGED {
+            return Ok(());
+        }
+        self.judged = now;
+        self.intake.judge()?;
+        self.listen(now);
+        if now - self.told >= TOLD {
+            self.told = now;
+            self.bring_up_to_date();
+            (self.settings.tell)(&self.intake.tally);
+        }
+        if now - self.written >= WRITTEN {
+            self.written = now;
+            self.bring_up_to_date();
+            if let Err(failure) = self.write_metrics() {
+                tell("isotherm", format!("warning: {failure}"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Tells once if the device is silent, or babbles, and when it is heard again.
+    fn listen(&mut self, now: Instant) {
+        let (bytes, frames) = (self.intake.tally.bytes, self.intake.tally.frames);
+        let heard = &mut self.heard;
+        if frames != heard.frames {
+            if heard.told {
+                tell("isotherm", "frames come");
+            }
+            *heard = Heard { at: now, bytes, frames, told: false };
+            return;
+        }
+        let interval = Duration::from_nanos(self.description.timing.interval_ns);
+        let longest = SILENT.max(interval * SILENT_INTERVALS as u32);
+        if heard.told || now - heard.at < longest {
+            return;
+        }
+        heard.told = true;
+        let seconds = (now - heard.at).as_secs_f64();
+        tell("isotherm", match bytes - heard.bytes {
+            0 => format!("warning: nothing has come for {seconds:.1} s: is the device on, connected, and set to send?"),
+            bytes => format!(
+                "warning: {bytes} bytes have come in {seconds:.1} s, and no frame: compare baud rate, sync, length and \
+                 checksum with the device's setting; `isotherm acquire --probe` tries the profiles that are known"
+            ),
+        });
+    }
+
+    /// Sends what a source that has ended has given, as long as the service takes it.
+    fn drain(&mut self) -> Result<(), Failure> {
+        while !self.settings.end.load(Ordering::Relaxed) {
+            if self.sink.pump()? || !self.sink.is_waiting() {
+                return Ok(());
+            }
+            std::thread::sleep(BUSY);
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), Failure> {
+        self.source.end(&mut self.intake);
+        self.sink.finish()
+    }
+
+    fn bring_up_to_date(&mut self) {
+        self.source.count(&mut self.intake);
+        self.intake.tally.seconds = self.began.elapsed().as_secs_f64();
+        self.sink.count(&mut self.intake.tally);
+    }
+
+    fn write_metrics(&self) -> Result<(), Failure> {
+        let Some(path) = &self.settings.metrics else { return Ok(()) };
+        let text = self.intake.tally.prometheus();
+        isotherm_files::replace(path, |file| io::Write::write_all(file, text.as_bytes()))
+    }
+}
+
+/// Where samples go.
+enum Sink {
+    Service(Box<Link>),
+    Rows(Box<Printed>),
+}
+
+impl Sink {
+    fn take(&mut self, raw: RawSample, session: u64) {
+        match self {
+            Self::Service(link) => link.take(raw, session),
+            Self::Rows(rows) => rows.take(raw, session),
+        }
+    }
+
+    /// Hands on what waits. Returns whether no more is wanted.
+    fn pump(&mut self) -> Result<bool, Failure> {
+        match self {
+            Self::Service(link) => link.pump().map(|()| false),
+            Self::Rows(rows) => rows.pump(),
+        }
+    }
+
+    fn is_waiting(&self) -> bool {
+        matches!(self, Self::Service(link) if link.is_waiting())
+    }
+
+    fn finish(&mut self) -> Result<(), Failure> {
+        match self {
+            Self::Service(link) => {
+                let began = Instant::now();
+                while !link.is_done() && began.elapsed() < LAST_ANSWERS {
+                    link.pump()?;
+                    std::thread::sleep(Duration::from_micros(200));
+                }
+                let lost = link.close();
+                if lost > 0 {
+                    tell("isotherm", format!("{lost} samples at the end were not sent, or not answered"));
+                }
+                link.recorder.as_mut().map_or(Ok(()), Recorder::finish)
+            }
+            Self::Rows(rows) => rows.finish(),
+        }
+    }
+
+    fn count(&self, tally: &mut Tally) {
+        let recorder = match self {
+            Self::Service(link) => {
+                tally.service = link.sent;
+                &link.recorder
+            }
+            Self::Rows(rows) => &rows.recorder,
+        };
+        tally.not_recorded = recorder.as_ref().map_or(0, |recorder| recorder.lost);
+    }
+}
+
+/// Rows on the standard output.
+struct Printed {
+    files: Files,
+    left: Option<u64>,
+    /// The number of session 1.
+    first: u64,
+    failed: Option<FileError>,
+    flushed: Instant,
+    recorder: Option<Recorder>,
+}
+
+impl Printed {
+    fn new(imu: isotherm_client::ImuId, most: Option<u64>, recorder: Option<Recorder>) -> Result<Self, Failure> {
+        let files = Files::create(Path::new("-"), Format::Csv, Rotation::default(), &[imu], &[(0, StreamKind::Raw)])?;
+        let first = RandomState::new().hash_one(isotherm_client::monotonic_ns());
+        Ok(Self { files, left: most, first, failed: None, flushed: Instant::now(), recorder })
+    }
+
+    fn take(&mut self, raw: RawSample, session: u64) {
+        if self.left == Some(0) || self.failed.is_some() {
+            return;
+        }
+        self.left = self.left.map(|left| left - 1);
+        let raw = RawSample { session: self.first.wrapping_add(session - 1), ..raw };
+        let recorded_ns = (isotherm_client::unix_s() * 1e9) as u64;
+        let row = RecordedRow { imu: 0, recorded_ns, sample: StreamSample::Raw(raw) };
+        self.failed = self.files.write(&row).err();
+        if let Some(recorder) = &mut self.recorder {
+            recorder.take(&raw);
+        }
+    }
+
+    fn pump(&mut self) -> Result<bool, Failure> {
+        if self.flushed.elapsed() >= Duration::from_millis(100) || self.left == Some(0) {
+            self.flushed = Instant::now();
+            if let Err(error) = self.files.flush() {
+                self.failed.get_or_insert(error);
+            }
+        }
+        match self.failed.take() {
+            Some(FileError(_, error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(true),
+            Some(error) => Err(error.into()),
+            None => Ok(self.left == Some(0)),
+        }
+    }
+
+    fn finish(&mut self) -> Result<(), Failure> {
+        let written = match self.files.finish() {
+            Err(FileError(_, error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+            other => other.map_err(Failure::from),
+        };
+        let recorded = self.recorder.as_mut().map_or(Ok(()), Recorder::finish);
+        written.and(recorded)
+    }
+}

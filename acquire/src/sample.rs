@@ -1,0 +1,166 @@
+//! From the columns of a row to a raw sample.
+
+use crate::number::Value;
+use isotherm_client::{RawSample, ReadingError, Readings, Resolution};
+use isotherm_shared::wire::AXES;
+
+/// The columns of three sensors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Axes {
+    /// Their places in a row.
+    pub columns: [usize; AXES],
+    /// Taken off each number first, in the column's unit.
+    pub offset: f64,
+    /// 1, or -1 for an axis that points the other way.
+    pub sign: [f64; AXES],
+}
+
+/// Where the telemetry comes from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Telemetry {
+    /// Places in a row of the heads A1 to G3, and of the boards.
+    Columns {
+        /// Of the heads.
+        head: [usize; 2 * AXES],
+        /// Of the boards.
+        board: [usize; 2 * AXES],
+    },
+    /// The same in all samples.
+    Constant(f64),
+}
+
+/// When a device is healthy.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Status {
+    /// Its place in a row.
+    pub column: usize,
+    /// The bits that count.
+    pub mask: u64,
+    /// What they are when it is healthy.
+    pub healthy: u64,
+}
+
+/// What the columns of a row are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Columns {
+    /// The accelerometers.
+    pub accelerometer: Axes,
+    /// The gyroscopes, if there are any.
+    pub gyroscope: Option<Axes>,
+    /// The telemetry.
+    pub telemetry: Telemetry,
+    /// The status.
+    pub status: Option<Status>,
+    /// One pulse, in the columns' units.
+    pub resolution: Resolution,
+    /// The nominal interval \[ns\].
+    pub interval_ns: u64,
+    /// The number of the unit; 0 = unknown.
+    pub device: u64,
+}
+
+/// Why a row is no sample.
+#[derive(Clone, Debug, PartialEq)]
+pub enum NoSample {
+    /// It has not all columns of the sensors, or one that is not finite.
+    Incomplete,
+    /// There has been no temperature yet.
+    NoTemperature,
+    /// A number is more pulses than a sample can have.
+    OutOfRange(ReadingError),
+}
+
+/// Makes raw samples of rows.
+#[derive(Debug)]
+pub struct Assembler {
+    columns: Columns,
+    readings: Readings,
+    heads: [f64; 2 * AXES],
+    boards: [f64; 2 * AXES],
+    telemetry_ns: u64,
+}
+
+impl Assembler {
+    /// An assembler without telemetry, unless that is constant.
+    #[must_use]
+    pub const fn new(columns: Columns) -> Self {
+        let readings = Readings::new(columns.resolution, columns.interval_ns);
+        let constant = match columns.telemetry {
+            Telemetry::Constant(constant) => [constant; 2 * AXES],
+            Telemetry::Columns { .. } => [f64::NAN; 2 * AXES],
+        };
+        Self { columns, readings, heads: constant, boards: constant, telemetry_ns: 0 }
+    }
+
+    /// Forgets what rounding has left: for a new session, and after a gap.
+    pub const fn reset(&mut self) {
+        self.readings.reset();
+    }
+
+    /// Forgets the telemetry, too: for a device that was away.
+    pub const fn forget(&mut self) {
+        *self = Self::new(self.columns);
+    }
+
+    /// A raw sample of a row that was sampled at this time. Session and sequence are not set. Returns also whether the
+    /// device is healthy.
+    ///
+    /// The telemetry of a device that is not healthy is NaN, so that its increment is flagged.
+    ///
+    /// # Errors
+    /// [`NoSample`]: the control period is missing.
+    pub fn sample(&mut self, row: &[Value], timestamp_ns: u64) -> Result<(RawSample, bool), NoSample> {
+        let value = |column: usize| row.get(column).copied().unwrap_or(Value::ABSENT);
+        self.take_telemetry(row, timestamp_ns);
+        let axes = |axes: &Axes| {
+            let mut readings = [0.0; AXES];
+            for ((reading, column), sign) in readings.iter_mut().zip(axes.columns).zip(axes.sign) {
+                *reading = (value(column).number - axes.offset) * sign;
+            }
+            readings.iter().all(|reading| reading.is_finite()).then_some(readings)
+        };
+        let accelerometer = axes(&self.columns.accelerometer).ok_or(NoSample::Incomplete)?;
+        let gyroscope = self.columns.gyroscope.as_ref().map(|of| axes(of).ok_or(NoSample::Incomplete)).transpose()?;
+        if self.heads.iter().chain(&self.boards).any(|telemetry| telemetry.is_nan()) {
+            return Err(NoSample::NoTemperature);
+        }
+        let mut raw = RawSample {
+            timestamp_ns,
+            telemetry_ns: self.telemetry_ns,
+            interval_ns: self.columns.interval_ns,
+            device: self.columns.device,
+            ..RawSample::default()
+        };
+        self.readings.fill(&mut raw, accelerometer, gyroscope).map_err(NoSample::OutOfRange)?;
+        let is_healthy = self.columns.status.is_none_or(|status| {
+            let whole = value(status.column).whole;
+            whole.is_some_and(|whole| whole & status.mask == status.healthy & status.mask)
+        });
+        let of = |all: &[f64; 2 * AXES]| {
+            let [a1, a2, a3, g1, g2, g3] = if is_healthy { *all } else { [f64::NAN; 2 * AXES] };
+            [[a1, a2, a3], [g1, g2, g3]]
+        };
+        let ([a_head, g_head], [a_board, g_board]) = (of(&self.heads), of(&self.boards));
+        (raw.accelerometers.head_temperature, raw.accelerometers.board_temperature) = (a_head, a_board);
+        if self.columns.gyroscope.is_some() {
+            (raw.gyroscopes.head_temperature, raw.gyroscopes.board_temperature) = (g_head, g_board);
+        }
+        Ok((raw, is_healthy))
+    }
+
+    /// Takes the telemetry of a row that has some; else that of the last row stays.
+    fn take_telemetry(&mut self, row: &[Value], timestamp_ns: u64) {
+        let Telemetry::Columns { head, board } = self.columns.telemetry else { return };
+        let mut is_new = false;
+        for (last, column) in self.heads.iter_mut().chain(&mut self.boards).zip(head.iter().chain(&board)) {
+            let telemetry = row.get(*column).map_or(f64::NAN, |value| value.number);
+            if telemetry.is_finite() {
+                *last = telemetry;
+                is_new = true;
+            }
+        }
+        if is_new {
+            self.telemetry_ns = timestamp_ns;
+        }
+    }
+}

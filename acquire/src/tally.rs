@@ -1,0 +1,221 @@
+//! What has been counted.
+
+use crate::link::Sent;
+use serde::Serialize;
+use std::fmt::{self, Write as _};
+
+/// Why bytes are no frame, or a line is no row.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Cause {
+    /// No frame begins here.
+    Noise,
+    /// The length that a frame states is impossible, or a line is too long.
+    Length,
+    /// A checksum is wrong.
+    Checksum,
+    /// No frame follows, and there is no checksum.
+    Unconfirmed,
+    /// The checksum is right, but the items do not fill the frame or have other lengths.
+    Items,
+    /// A line has other columns than those described, or no numbers in them.
+    Columns,
+    /// The stream ended inside.
+    Cut,
+}
+
+/// Bytes that were no frame, by cause; and what began and was not right.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq, Serialize)]
+pub struct Skipped {
+    /// Bytes where no frame begins.
+    pub noise: u64,
+    /// Bytes of frames or lines whose length is impossible.
+    pub length: u64,
+    /// Bytes of frames or lines whose checksum is wrong.
+    pub checksum: u64,
+    /// Bytes of frames without checksum that no other frame follows.
+    pub unconfirmed: u64,
+    /// Bytes of frames whose items are not as described.
+    pub items: u64,
+    /// Bytes of lines whose columns are not as described.
+    pub columns: u64,
+    /// Bytes of what a stream ended inside of.
+    pub cut: u64,
+    /// Places where a frame or line began that was not right.
+    pub damaged: u64,
+    /// Frames whose checksum is right and whose items are not as described.
+    pub unread: u64,
+}
+
+impl Skipped {
+    /// Counts bytes.
+    pub fn add(&mut self, cause: Cause, bytes: u64) {
+        let count = match cause {
+            Cause::Noise => &mut self.noise,
+            Cause::Length => &mut self.length,
+            Cause::Checksum => &mut self.checksum,
+            Cause::Unconfirmed => &mut self.unconfirmed,
+            Cause::Items => &mut self.items,
+            Cause::Columns => &mut self.columns,
+            Cause::Cut => &mut self.cut,
+        };
+        *count += bytes;
+    }
+
+    /// All bytes.
+    #[must_use]
+    pub const fn bytes(&self) -> u64 {
+        self.noise + self.length + self.checksum + self.unconfirmed + self.items + self.columns + self.cut
+    }
+
+    /// The bytes by cause, with the names of the causes.
+    #[must_use]
+    pub const fn causes(&self) -> [(&'static str, u64); 7] {
+        [
+            ("noise", self.noise),
+            ("length", self.length),
+            ("checksum", self.checksum),
+            ("unconfirmed", self.unconfirmed),
+            ("items", self.items),
+            ("columns", self.columns),
+            ("cut", self.cut),
+        ]
+    }
+}
+
+/// What an acquisition from a device has counted since it began.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Tally {
+    /// The IMU.
+    pub imu: String,
+    /// How long it has run \[s\].
+    pub seconds: f64,
+    /// Bytes received.
+    pub bytes: u64,
+    /// Frames, lines or scans received whole.
+    pub frames: u64,
+    /// Samples made of them.
+    pub samples: u64,
+    /// Samples of a device whose status is not healthy: their telemetry is NaN.
+    pub unhealthy: u64,
+    /// Frames with the number of the frame before.
+    pub repeated: u64,
+    /// Frames without all columns of the sensors, or with one that is not finite.
+    pub incomplete: u64,
+    /// Frames before the first temperature.
+    pub without_temperature: u64,
+    /// Frames with a number of more pulses than a sample can have.
+    pub out_of_range: u64,
+    /// Gaps: places where control periods are missing.
+    pub gaps: u64,
+    /// Control periods that are missing in gaps.
+    pub missing: u64,
+    /// Gaps whose number of turns of the counter is not certain.
+    pub ambiguous: u64,
+    /// Sessions: the first, and one more each time the device started again or was away for over a turn of its counter.
+    pub sessions: u64,
+    /// Times that the device went away.
+    pub outages: u64,
+    /// Scans of two devices that found no partner.
+    pub unpaired: u64,
+    /// Measured rate \[Hz\]; 0 while it is not known.
+    pub rate_hz: f64,
+    /// How much the measured interval is over the nominal one \[ppm\].
+    pub deviation_ppm: f64,
+    /// Bytes that were no frame.
+    pub skipped: Skipped,
+    /// What became of the samples.
+    pub service: Sent,
+    /// Rows that could not be recorded.
+    pub not_recorded: u64,
+}
+
+/// The metrics: name, type, help and value.
+type Metric = (&'static str, &'static str, &'static str, f64);
+
+impl Tally {
+    fn metrics(&self) -> [Metric; 20] {
+        let count = |value: u64| value as f64;
+        [
+            ("seconds", "gauge", "How long the acquisition has run [s].", self.seconds),
+            ("bytes_total", "counter", "Bytes received.", count(self.bytes)),
+            ("frames_total", "counter", "Frames, lines or scans received whole.", count(self.frames)),
+            ("samples_total", "counter", "Samples made of them.", count(self.samples)),
+            ("unhealthy_total", "counter", "Samples of a device whose status is not healthy.", count(self.unhealthy)),
+            ("repeated_total", "counter", "Frames with the number of the frame before.", count(self.repeated)),
+            ("incomplete_total", "counter", "Frames without all columns of the sensors.", count(self.incomplete)),
+            ("without_temperature_total", "counter", "Frames before the first temperature.", count(self.without_temperature)),
+            ("out_of_range_total", "counter", "Frames with more pulses than a sample has.", count(self.out_of_range)),
+            ("gaps_total", "counter", "Places where control periods are missing.", count(self.gaps)),
+            ("missing_total", "counter", "Control periods that are missing.", count(self.missing)),
+            ("ambiguous_total", "counter", "Gaps whose length is not certain.", count(self.ambiguous)),
+            ("sessions_total", "counter", "Sessions.", count(self.sessions)),
+            ("outages_total", "counter", "Times that the device went away.", count(self.outages)),
+            ("rate_hz", "gauge", "Measured rate [Hz].", self.rate_hz),
+            ("damaged_total", "counter", "Frames or lines that began and were not right.", count(self.skipped.damaged)),
+            ("sent_total", "counter", "Samples sent to the service.", count(self.service.sent)),
+            ("answered_total", "counter", "Samples answered by the service.", count(self.service.answered)),
+            ("dropped_total", "counter", "Samples that the service took not within a second.", count(self.service.dropped)),
+            ("not_recorded_total", "counter", "Rows that could not be recorded.", count(self.not_recorded)),
+        ]
+    }
+
+    /// The tally in Prometheus' text format, for the textfile collector of its node exporter.
+    #[must_use]
+    pub fn prometheus(&self) -> String {
+        let (mut text, imu) = (String::new(), &self.imu);
+        for (name, kind, help, value) in self.metrics() {
+            // Writing to a String cannot fail.
+            let _ = writeln!(
+                text,
+                "# HELP isotherm_acquire_{name} {help}\n# TYPE isotherm_acquire_{name} {kind}\nisotherm_acquire_{name}{{imu=\"{imu}\"}} {value}"
+            );
+        }
+        text += "# HELP isotherm_acquire_skipped_bytes_total Bytes that were no frame, by cause.\n\
+                 # TYPE isotherm_acquire_skipped_bytes_total counter\n";
+        for (cause, bytes) in self.skipped.causes() {
+            let _ = writeln!(text, "isotherm_acquire_skipped_bytes_total{{imu=\"{imu}\",cause=\"{cause}\"}} {bytes}");
+        }
+        text
+    }
+}
+
+impl fmt::Display for Tally {
+    /// One line; counts of 0 that tell of faults are left out.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {} frames in {:.1} s, {} samples", self.imu, self.frames, self.seconds, self.samples)?;
+        if self.rate_hz > 0.0 {
+            write!(f, ", {:.2} Hz ({:+.0} ppm of the interval)", self.rate_hz, self.deviation_ppm)?;
+        }
+        write!(f, "; {} missing in {} gaps", self.missing, self.gaps)?;
+        if self.ambiguous > 0 {
+            write!(f, ", {} of uncertain length", self.ambiguous)?;
+        }
+        let faults = [
+            (self.unhealthy, "unhealthy"),
+            (self.repeated, "repeated"),
+            (self.incomplete, "incomplete"),
+            (self.without_temperature, "without temperature"),
+            (self.out_of_range, "out of range"),
+            (self.unpaired, "scans without partner"),
+            (self.skipped.damaged, "damaged"),
+            (self.skipped.unread, "with unknown items"),
+            (self.outages, "outages"),
+            (self.sessions.saturating_sub(1), "new sessions"),
+            (self.service.dropped, "dropped"),
+            (self.service.invalid, "answered as invalid"),
+            (self.not_recorded, "not recorded"),
+        ];
+        for (count, name) in faults.into_iter().filter(|(count, _)| *count > 0) {
+            write!(f, ", {count} {name}")?;
+        }
+        if self.skipped.bytes() > 0 {
+            let causes = self.skipped.causes().into_iter().filter(|(_, bytes)| *bytes > 0);
+            let causes: Vec<_> = causes.map(|(cause, bytes)| format!("{cause} {bytes}")).collect();
+            write!(f, "; {} of {} bytes are no frame ({})", self.skipped.bytes(), self.bytes, causes.join(", "))?;
+        }
+        if self.service.connections > 0 {
+            write!(f, "; {} sent, {} answered", self.service.sent, self.service.answered)?;
+        }
+        Ok(())
+    }
+}

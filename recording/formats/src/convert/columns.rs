@@ -1,0 +1,209 @@
+//! What the columns of the sensors mean: the sections `[accelerometer]`, `[gyroscope]` and `[temperature]`, which a
+//! mapping and the description of an acquisition's source have alike.
+
+use isotherm_shared::document::{Document, Section};
+use isotherm_shared::table::STANDARD_GRAVITY;
+use isotherm_shared::wire::AXES;
+
+/// Highest number of a column.
+const MAX_COLUMN: i64 = 4096;
+
+/// A column: by its name in the header, or by its number from 1 in a text without header.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub enum ColumnRef {
+    /// Its name.
+    Name(String),
+    /// Its number, from 1.
+    Number(usize),
+}
+
+/// What a number of a column is.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Kind {
+    /// A value at a moment. It counts over the nominal interval, whatever the jitter of the time.
+    Reading,
+    /// What was counted since the row before.
+    Increment,
+}
+
+/// Three sensors.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sensors {
+    /// The columns of the axes 1, 2, 3.
+    pub columns: [ColumnRef; AXES],
+    /// What the numbers are.
+    pub kind: Kind,
+    /// What is taken off each number first, such as the digital zero of an unsigned count, in the column's unit.
+    pub offset: f64,
+    /// One pulse, in the column's unit; `None`: 1 for whole numbers, else 1e-6.
+    pub resolution: Option<f64>,
+    /// 1, or -1 for an axis that points the other way.
+    pub sign: [f64; AXES],
+    /// One of the column's unit \[m/s2 or rad/s\], of readings; `None`: 1, unless the numbers are counts.
+    pub unit: Option<f64>,
+    /// Largest reading of the type, in the column's unit.
+    pub range: Option<f64>,
+}
+
+/// Where the telemetry comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Temperature {
+    /// From columns. Each is for all sensors, for an axis, or for one sensor.
+    Columns {
+        /// 1, 3 or 6 columns of the sensor heads.
+        head: Vec<ColumnRef>,
+        /// 1, 3 or 6 columns of the converter boards; those of the heads if there are none of their own.
+        board: Vec<ColumnRef>,
+    },
+    /// The same for all rows.
+    Constant(f64),
+}
+
+/// The columns of an IMU's sensors.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorColumns {
+    /// The accelerometers.
+    pub accelerometer: Sensors,
+    /// The gyroscopes, if the IMU has any.
+    pub gyroscope: Option<Sensors>,
+    /// The telemetry.
+    pub temperature: Temperature,
+}
+
+/// Units of accelerometers \[m/s2\]. A g is the standard one, whatever gravity is where the IMU is.
+const OF_ACCELEROMETERS: [(f64, &str); 2] = [(1.0, "m/s2"), (STANDARD_GRAVITY, "g")];
+/// Units of gyroscopes \[rad/s\].
+const OF_GYROSCOPES: [(f64, &str); 2] = [(1.0, "rad/s"), (core::f64::consts::PI / 180.0, "deg/s")];
+
+impl SensorColumns {
+    /// Reads the three sections. With `header` columns have names, else numbers. Faults are added to `document`.
+    pub fn read(document: &Document<'_>, root: &Section<'_, '_>, header: bool) -> Option<Self> {
+        let accelerometer = root
+            .section("accelerometer", "a section [accelerometer]")
+            .and_then(|s| sensors(s, header, &OF_ACCELEROMETERS));
+        let mixed = root.optional_section("gyroscope");
+        let has_gyroscope = mixed.is_some();
+        let gyroscope = mixed.and_then(|section| {
+            let line = section.line();
+            let sensors = sensors(section, header, &OF_GYROSCOPES);
+            if let (Some(a), Some(g)) = (&accelerometer, &sensors)
+                && a.kind != g.kind
+            {
+                let message = "differs from accelerometer.kind; all numbers of a row count over the same interval";
+                document.fault(line, "gyroscope.kind", message);
+            }
+            if let (Some(a), Some(g)) = (&accelerometer, &sensors)
+                && a.columns.iter().any(|column| g.columns.contains(column))
+            {
+                document.fault(
+                    line,
+                    "gyroscope.columns",
+                    "has a column of the accelerometers; give that of the gyroscope",
+                );
+            }
+            sensors
+        });
+        let temperature = root.section("temperature", "a section [temperature]");
+        let temperature = temperature.and_then(|section| temperature_of(section, header, has_gyroscope));
+        Some(Self { accelerometer: accelerometer?, gyroscope, temperature: temperature? })
+    }
+}
+
+/// The columns of a key: names, or without a header numbers.
+pub(super) fn columns(
+    section: &Section<'_, '_>,
+    key: &'static str,
+    counts: &[usize],
+    expected: &str,
+    header: bool,
+) -> Option<Vec<ColumnRef>> {
+    let columns: Vec<_> = if header {
+        let expected = format!("{expected}, by name as in the header");
+        section.strings(key, &expected)?.into_iter().map(|name| ColumnRef::Name(name.trim().to_owned())).collect()
+    } else {
+        if !section.has(key) {
+            section.fault(key, format!("missing; give {expected}, by number from 1"));
+        }
+        let numbers = section.optional_integers(key, 1..=MAX_COLUMN)?;
+        numbers.into_iter().map(|number| ColumnRef::Number(number as usize)).collect()
+    };
+    if counts.contains(&columns.len()) {
+        return Some(columns);
+    }
+    section.fault(key, format!("has {} columns, give {expected}", columns.len()));
+    None
+}
+
+fn sensors(section: Section<'_, '_>, header: bool, units: &[(f64, &str)]) -> Option<Sensors> {
+    let columns = columns(&section, "columns", &[AXES], "three columns, of the axes 1, 2, 3", header);
+    let kind = section.choice("kind", &[(Kind::Reading, "reading"), (Kind::Increment, "increment")]);
+    let offset = section.optional_number("offset").unwrap_or(0.0);
+    let resolution = section.optional_number("resolution");
+    section.refuse(
+        "resolution",
+        resolution
+            .filter(|resolution| *resolution <= 0.0 || !(1.0 / resolution).is_finite())
+            .map(|resolution| format!("is {resolution}, give one pulse in the column's unit, over 0")),
+    );
+    let unit = section.optional_choice("unit", units);
+    let range = section.optional_number("range");
+    let wrong = range.filter(|range| *range <= 0.0);
+    section.refuse(
+        "range",
+        wrong.map(|range| format!("is {range}, give the largest reading in the column's unit, over 0")),
+    );
+    if kind == Some(Kind::Increment) {
+        for key in ["unit", "range"].into_iter().filter(|key| section.has(key)) {
+            section.fault(key, "is for readings, and kind is \"increment\"; leave it out");
+        }
+    }
+    let sign = match section.has("sign") {
+        true => section.numbers("sign", "three signs, each 1 or -1"),
+        false => {
+            section.ignore("sign");
+            Some(vec![1.0; AXES])
+        }
+    };
+    let right = sign.and_then(|sign| <[f64; AXES]>::try_from(sign).ok());
+    let right = right.filter(|sign| sign.iter().all(|sign| sign.abs() == 1.0));
+    section.refuse("sign", right.is_none().then(|| "give three signs, each 1 or -1, of the axes 1, 2, 3".to_owned()));
+    let twice = columns.iter().find_map(|columns| (1..AXES).find(|at| columns[..*at].contains(&columns[*at])));
+    section.refuse("columns", twice.map(|_| "has one column for two axes; give three different columns".to_owned()));
+    section.finish();
+    let columns = <[ColumnRef; AXES]>::try_from(columns?).ok()?;
+    Some(Sensors { columns, kind: kind?, offset, resolution, sign: right?, unit, range })
+}
+
+fn temperature_of(section: Section<'_, '_>, header: bool, gyroscopes: bool) -> Option<Temperature> {
+    let (counts, expected): (&[_], _) = match gyroscopes {
+        true => (&[1, 3, 6], "1 column of all sensors, 3 of the axes, or 6 of A1, A2, A3, G1, G2, G3"),
+        false => (&[1, 3], "1 column of all sensors, or 3 of A1, A2, A3"),
+    };
+    let constant = section.optional_number("constant");
+    let temperature = match (section.has("constant"), section.has("columns")) {
+        (true, true) => {
+            section.ignore("columns");
+            section.fault("constant", "is there beside columns; give one of them");
+            None
+        }
+        (true, false) => constant.map(Temperature::Constant),
+        (false, true) => columns(&section, "columns", counts, expected, header).and_then(|head| {
+            let board = match section.has("board_columns") {
+                true => columns(&section, "board_columns", counts, expected, header)?,
+                false => head.clone(),
+            };
+            Some(Temperature::Columns { head, board })
+        }),
+        (false, false) => {
+            section.fault("columns", "missing; give the columns of the temperature, or a constant");
+            None
+        }
+    };
+    section.ignore("columns");
+    section.ignore("board_columns");
+    if section.has("constant") && section.has("board_columns") {
+        section.fault("board_columns", "is there without columns; leave it out");
+    }
+    section.finish();
+    temperature
+}
