@@ -16,7 +16,7 @@ pub const MAX_FRAME: usize = 1024;
 
 /// The length of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Length {
+pub(crate) enum Length {
     /// Always the same \[bytes\], up to [`MAX_FRAME`].
     Fixed(usize),
     /// What a number in the frame says, and so many bytes more.
@@ -34,49 +34,49 @@ pub enum Length {
 
 /// An item of a frame: a part with an identifier and a length.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Item {
+pub(crate) struct Item {
     /// Its identifier.
-    pub id: u64,
+    pub(crate) id: u64,
     /// Length of its data \[bytes\].
-    pub length: usize,
+    pub(crate) length: usize,
     /// The index of its first field among those of [`Frame::fields`], and how many there are.
-    pub fields: std::ops::Range<usize>,
+    pub(crate) fields: std::ops::Range<usize>,
 }
 
 /// How items follow each other in a frame.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Items {
+pub(crate) struct Items {
     /// Where the first begins.
-    pub at: usize,
+    pub(crate) at: usize,
     /// After the last.
-    pub end: Place,
+    pub(crate) end: Place,
     /// Type of an identifier.
-    pub id: NumberType,
+    pub(crate) id: NumberType,
     /// Type of a length, which follows the identifier.
-    pub length: NumberType,
+    pub(crate) length: NumberType,
     /// Order of the bytes of both.
-    pub order: ByteOrder,
+    pub(crate) order: ByteOrder,
     /// The items that are used. Others are stepped over.
-    pub known: Vec<Item>,
+    pub(crate) known: Vec<Item>,
 }
 
 /// What a frame looks like.
 #[derive(Clone)]
-pub struct Frame {
+pub(crate) struct Frame {
     /// Its first bytes, one at least.
-    pub sync: Vec<u8>,
+    pub(crate) sync: Vec<u8>,
     /// Its length.
-    pub length: Length,
+    pub(crate) length: Length,
     /// Its checksum. Without one a frame counts if another begins behind it.
-    pub checksum: Option<Checksum>,
+    pub(crate) checksum: Option<Checksum>,
     /// Its fields, which are the columns of the source.
-    pub fields: Vec<Field>,
+    pub(crate) fields: Vec<Field>,
     /// Its items, to which the fields belong; `None` if they have fixed places.
-    pub items: Option<Items>,
+    pub(crate) items: Option<Items>,
 }
 
 /// Finds frames, and reads their fields.
-pub struct Decoder {
+pub(crate) struct Decoder {
     frame: Frame,
     sync: Finder<'static>,
     buffer: Vec<u8>,
@@ -130,7 +130,7 @@ enum Beginning {
 impl Decoder {
     /// A decoder at the beginning of a stream.
     #[must_use]
-    pub fn new(frame: Frame) -> Self {
+    pub(crate) fn new(frame: Frame) -> Self {
         let sync = Finder::new(&frame.sync).into_owned();
         let row = vec![Value::ABSENT; frame.fields.len()];
         Self {
@@ -149,7 +149,7 @@ impl Decoder {
     }
 
     /// Takes the next bytes of the stream, and gives each frame that is complete to `sink`.
-    pub fn push(&mut self, bytes: &[u8], arrival: Arrival, sink: &mut impl FnMut(Found<'_>)) {
+    pub(crate) fn push(&mut self, bytes: &[u8], arrival: Arrival, sink: &mut impl FnMut(Found<'_>)) {
         for piece in bytes.chunks(PIECE) {
             self.buffer.extend_from_slice(piece);
             let end = self.before + self.buffer.len() as u64;
@@ -165,7 +165,7 @@ impl Decoder {
     }
 
     /// Ends the stream: what is left is no frame. Another stream may begin, as after a line was plugged in again.
-    pub fn end(&mut self) {
+    pub(crate) fn end(&mut self) {
         let left = self.buffer.len();
         self.skip(left, Cause::Cut);
         self.before += left as u64;
@@ -176,7 +176,7 @@ impl Decoder {
 
     /// Bytes that were no frame, by cause.
     #[must_use]
-    pub const fn skipped(&self) -> &Skipped {
+    pub(crate) const fn skipped(&self) -> &Skipped {
         &self.skipped
     }
 
@@ -260,7 +260,8 @@ impl Decoder {
         }
         self.done += length;
         let end = self.before + self.done as u64;
-        let arrival = self.arrivals.iter().find(|(piece, _)| *piece >= end).map_or_else(Arrival::default, |(_, at)| *at);
+        let arrival =
+            self.arrivals.iter().find(|(piece, _)| *piece >= end).map_or_else(Arrival::default, |(_, at)| *at);
         let skipped = std::mem::take(&mut self.skipped_here);
         self.adjoins = true;
         // A part of a frame is a lost frame.

@@ -99,7 +99,8 @@ impl Intake {
             damaged: came.damaged,
             after_outage: std::mem::take(&mut self.after_outage),
         };
-        if timing.counter.is_some() && observed.counter.is_none() || timing.clock.is_some() && observed.ticks.is_none() {
+        if timing.counter.is_some() && observed.counter.is_none() || timing.clock.is_some() && observed.ticks.is_none()
+        {
             self.tally.incomplete += 1;
             return None;
         }
@@ -181,7 +182,10 @@ impl Intake {
         };
         *count += 1;
         if *count == 1 {
-            tell("isotherm", format!("frame {}: {message}; its period is missing; later ones are counted", self.sequence));
+            tell(
+                "isotherm",
+                format!("frame {}: {message}; its period is missing; later ones are counted", self.sequence),
+            );
         }
         if !matches!(why, NoSample::NoTemperature) {
             self.tally.missing += 1;

@@ -6,21 +6,21 @@ use crate::tally::{Cause, Skipped};
 
 /// What a line looks like.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Line {
+pub(crate) struct Line {
     /// What separates the columns; `None`: any number of spaces and tabs.
-    pub separator: Option<u8>,
+    pub(crate) separator: Option<u8>,
     /// Number of columns; `None`: as many as there are, but all of [`used`](Self::used).
-    pub count: Option<usize>,
+    pub(crate) count: Option<usize>,
     /// The columns that are used, from 0.
-    pub used: Vec<usize>,
+    pub(crate) used: Vec<usize>,
     /// The beginning of lines that count, which is no column.
-    pub prefix: Vec<u8>,
+    pub(crate) prefix: Vec<u8>,
     /// Whether `*hh` ends a line: the exclusive or of the bytes between `$`, if the line begins with it, and `*`.
-    pub checksum: bool,
+    pub(crate) checksum: bool,
 }
 
 /// Finds lines, and reads their columns.
-pub struct LineDecoder {
+pub(crate) struct LineDecoder {
     line: Line,
     /// The line so far.
     text: Vec<u8>,
@@ -34,13 +34,13 @@ pub struct LineDecoder {
 impl LineDecoder {
     /// A decoder at the beginning of a stream.
     #[must_use]
-    pub fn new(line: Line) -> Self {
+    pub(crate) fn new(line: Line) -> Self {
         let row = vec![Value::ABSENT; line.used.len()];
         Self { row, text: Vec::with_capacity(MAX_FRAME), too_long: 0, damaged: 0, skipped: Skipped::default(), line }
     }
 
     /// Takes the next bytes of the stream, and gives each line that is complete to `sink`.
-    pub fn push(&mut self, mut bytes: &[u8], arrival: Arrival, sink: &mut impl FnMut(Found<'_>)) {
+    pub(crate) fn push(&mut self, mut bytes: &[u8], arrival: Arrival, sink: &mut impl FnMut(Found<'_>)) {
         while let Some(end) = memchr::memchr(b'\n', bytes) {
             let (line, rest) = bytes.split_at(end);
             self.add(line);
@@ -51,7 +51,7 @@ impl LineDecoder {
     }
 
     /// Ends the stream: what is left is no line.
-    pub fn end(&mut self) {
+    pub(crate) fn end(&mut self) {
         self.skipped.add(Cause::Cut, self.too_long + self.text.len() as u64);
         self.text.clear();
         self.too_long = 0;
@@ -59,7 +59,7 @@ impl LineDecoder {
 
     /// Bytes that were no row, by cause.
     #[must_use]
-    pub const fn skipped(&self) -> &Skipped {
+    pub(crate) const fn skipped(&self) -> &Skipped {
         &self.skipped
     }
 
@@ -181,7 +181,8 @@ mod tests {
 
     #[test]
     fn prefix_checksum_and_spaces() {
-        let line = Line { separator: Some(b','), count: None, used: vec![0, 1], prefix: b"$IMU".to_vec(), checksum: true };
+        let line =
+            Line { separator: Some(b','), count: None, used: vec![0, 1], prefix: b"$IMU".to_vec(), checksum: true };
         let sum = b"IMU,1,-2".iter().fold(0, |sum, byte| sum ^ byte);
         let text = format!("$IMU,1,-2*{sum:02X}\n$IMU,1,-3*{sum:02X}\n$GPS,1,2*00\n$IMU,1,-2\n");
         let (found, skipped, _) = rows(&line, text.as_bytes(), 5);

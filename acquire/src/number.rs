@@ -2,7 +2,7 @@
 
 /// Order of the bytes of a number.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum ByteOrder {
+pub(crate) enum ByteOrder {
     /// The most significant byte first.
     Big,
     /// The least significant byte first.
@@ -11,12 +11,12 @@ pub enum ByteOrder {
 
 impl ByteOrder {
     /// Every order with its name in descriptions.
-    pub const NAMES: [(Self, &'static str); 2] = [(Self::Big, "big"), (Self::Little, "little")];
+    pub(crate) const NAMES: [(Self, &'static str); 2] = [(Self::Big, "big"), (Self::Little, "little")];
 }
 
 /// Type of a number.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum NumberType {
+pub(crate) enum NumberType {
     /// Whole number without sign, of so many bytes: 1, 2, 3, 4, 8.
     Unsigned(usize),
     /// Whole number in two's complement, of so many bytes: 1, 2, 3, 4, 8.
@@ -31,7 +31,7 @@ pub enum NumberType {
 
 impl NumberType {
     /// Every type with its name in descriptions.
-    pub const NAMES: [(Self, &'static str); 13] = [
+    pub(crate) const NAMES: [(Self, &'static str); 13] = [
         (Self::Unsigned(1), "u8"),
         (Self::Signed(1), "i8"),
         (Self::Unsigned(2), "u16"),
@@ -49,7 +49,7 @@ impl NumberType {
 
     /// Its length in bytes.
     #[must_use]
-    pub const fn bytes(self) -> usize {
+    pub(crate) const fn bytes(self) -> usize {
         match self {
             Self::Unsigned(bytes) | Self::Signed(bytes) => bytes,
             Self::Float => 4,
@@ -60,19 +60,19 @@ impl NumberType {
 
     /// Whether it is a whole number.
     #[must_use]
-    pub const fn is_whole(self) -> bool {
+    pub(crate) const fn is_whole(self) -> bool {
         matches!(self, Self::Unsigned(_) | Self::Signed(_))
     }
 
     /// Whether it is a whole number without sign.
     #[must_use]
-    pub const fn is_unsigned(self) -> bool {
+    pub(crate) const fn is_unsigned(self) -> bool {
         matches!(self, Self::Unsigned(_))
     }
 
     /// The number in `bytes`, of which the first [`bytes`](Self::bytes) count. Missing ones count as 0.
     #[must_use]
-    pub fn read(self, bytes: &[u8], order: ByteOrder) -> Value {
+    pub(crate) fn read(self, bytes: &[u8], order: ByteOrder) -> Value {
         let part = |from: usize, to: usize| unsigned(bytes.get(from..to).unwrap_or_default(), order);
         match self {
             Self::Unsigned(count) => {
@@ -124,12 +124,12 @@ impl Value {
 
 /// A place in a frame: from its first byte, or from its end if negative.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub struct Place(pub isize);
+pub(crate) struct Place(pub isize);
 
 impl Place {
     /// The place as an offset, in a frame of so many bytes; `None` if it is outside.
     #[must_use]
-    pub fn within(self, length: usize) -> Option<usize> {
+    pub(crate) fn within(self, length: usize) -> Option<usize> {
         let offset = if self.0 < 0 { length.checked_add_signed(self.0)? } else { self.0.unsigned_abs() };
         (offset <= length).then_some(offset)
     }
@@ -137,25 +137,25 @@ impl Place {
 
 /// A field: a number of a frame that is a column of the source.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Field {
+pub(crate) struct Field {
     /// Its name as a column.
-    pub name: String,
+    pub(crate) name: String,
     /// Its place in the frame, or in the data of its item.
-    pub at: Place,
+    pub(crate) at: Place,
     /// Its type.
-    pub number: NumberType,
+    pub(crate) number: NumberType,
     /// Order of its bytes.
-    pub order: ByteOrder,
+    pub(crate) order: ByteOrder,
     /// What one unit of the number stands for.
-    pub scale: f64,
+    pub(crate) scale: f64,
     /// What is added after that.
-    pub offset: f64,
+    pub(crate) offset: f64,
 }
 
 impl Field {
     /// Its value in a frame, or in the data of an item.
     #[must_use]
-    pub fn value(&self, bytes: &[u8]) -> Value {
+    pub(crate) fn value(&self, bytes: &[u8]) -> Value {
         let Some(bytes) = self.at.within(bytes.len()).and_then(|at| bytes.get(at..)) else { return Value::ABSENT };
         let value = self.number.read(bytes, self.order);
         if self.is_plain() { value } else { Value::real(value.number * self.scale + self.offset) }
@@ -163,7 +163,7 @@ impl Field {
 
     /// Whether its value is the number itself.
     #[must_use]
-    pub const fn is_plain(&self) -> bool {
+    pub(crate) const fn is_plain(&self) -> bool {
         self.scale == 1.0 && self.offset == 0.0
     }
 }

@@ -64,10 +64,12 @@ impl OpenPort {
         let read = match self {
             Self::Serial(line) => rustix::io::read(&*line, buffer).map_err(io::Error::from),
             Self::Tcp(stream) => stream.read(buffer),
-            Self::Udp(socket) => return match socket.recv(buffer) {
-                Ok(count) => Ok(Read::Bytes(count)),
-                Err(error) => nothing(error),
-            },
+            Self::Udp(socket) => {
+                return match socket.recv(buffer) {
+                    Ok(count) => Ok(Read::Bytes(count)),
+                    Err(error) => nothing(error),
+                };
+            }
             Self::File(file) => file.read(buffer),
             Self::Stdin(stdin) => rustix::io::read(stdin, buffer).map_err(io::Error::from),
         };

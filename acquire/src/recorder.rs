@@ -32,13 +32,23 @@ impl Recorder {
     pub(crate) fn create(path: &Path, imu: &ImuId) -> Result<Self, Failure> {
         let name = || format!("{}: name the recording .csv, .parquet or .mcap", path.display());
         let format = Format::of_path(path).ok_or_else(|| Failure::new(Exit::Usage, name()))?;
-        let imus = [imu.clone()];
-        let files = Files::create(path, format, Rotation::default(), &imus, &[(0, StreamKind::Raw)]);
-        let files = files?;
+        let (path, imus) = (path.to_owned(), [imu.clone()]);
         let (sender, receiver) = sync_channel(QUEUE);
-        let body = move || write(files, &receiver);
-        let thread = thread::Builder::new().name("record".to_owned()).spawn(body);
-        let thread = thread.map_err(|error| Failure::new(Exit::Failed, format!("starting the recorder: {error}")))?;
+        let (created, is_created) = sync_channel(1);
+        let body = move || {
+            let files = Files::create(&path, format, Rotation::default(), &imus, &[(0, StreamKind::Raw)]);
+            let (files, result) = match files {
+                Ok(files) => (Some(files), Ok(())),
+                Err(error) => (None, Err(error)),
+            };
+            // The other side waits for it.
+            let _ = created.send(result);
+            files.map_or(Ok(()), |files| write(files, &receiver))
+        };
+        let failed =
+            |error: &dyn std::fmt::Display| Failure::new(Exit::Failed, format!("starting the recorder: {error}"));
+        let thread = thread::Builder::new().name("record".to_owned()).spawn(body).map_err(|error| failed(&error))?;
+        is_created.recv().map_err(|error| failed(&error))??;
         Ok(Self { rows: Some(sender), thread: Some(thread), lost: 0 })
     }
 

@@ -67,7 +67,10 @@ pub struct Settings {
 /// If the source cannot be opened or is not as described, or the service cannot be reached by waiting. The tally is
 /// told before.
 pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failure> {
-    description.realtime.apply().map_err(|error| Failure::new(isotherm_failure::Exit::Config, format!("realtime: {error}")))?;
+    description
+        .realtime
+        .apply()
+        .map_err(|error| Failure::new(isotherm_failure::Exit::Config, format!("realtime: {error}")))?;
     let recorder = settings.record.as_deref().map(|path| Recorder::create(path, &description.imu)).transpose()?;
     let source = Source::open(description, settings.sysfs.clone())?;
     let intake = Intake::new(description, source.byte_ns(), source.is_stamped());
@@ -80,7 +83,19 @@ pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failu
         Target::Rows(most) => Sink::Rows(Box::new(Printed::new(imu, most, recorder)?)),
     };
     let now = Instant::now();
-    let acquiring = Acquiring { description, settings, source, intake, sink, began: now, told: now, written: now, judged: now, looked: now, heard: Heard::new(now) };
+    let acquiring = Acquiring {
+        description,
+        settings,
+        source,
+        intake,
+        sink,
+        began: now,
+        told: now,
+        written: now,
+        judged: now,
+        looked: now,
+        heard: Heard::new(now),
+    };
     acquiring.run()
 }
 
@@ -198,13 +213,18 @@ impl Acquiring<'_> {
         }
         heard.told = true;
         let seconds = (now - heard.at).as_secs_f64();
-        tell("isotherm", match bytes - heard.bytes {
-            0 => format!("warning: nothing has come for {seconds:.1} s: is the device on, connected, and set to send?"),
-            bytes => format!(
-                "warning: {bytes} bytes have come in {seconds:.1} s, and no frame: compare baud rate, sync, length and \
+        tell(
+            "isotherm",
+            match bytes - heard.bytes {
+                0 => format!(
+                    "warning: nothing has come for {seconds:.1} s: is the device on, connected, and set to send?"
+                ),
+                bytes => format!(
+                    "warning: {bytes} bytes have come in {seconds:.1} s, and no frame: compare baud rate, sync, length and \
                  checksum with the device's setting; `isotherm acquire --probe` tries the profiles that are known"
-            ),
-        });
+                ),
+            },
+        );
     }
 
     /// Sends what a source that has ended has given, as long as the service takes it.
@@ -232,7 +252,7 @@ impl Acquiring<'_> {
     fn write_metrics(&self) -> Result<(), Failure> {
         let Some(path) = &self.settings.metrics else { return Ok(()) };
         let text = self.intake.tally.prometheus();
-        isotherm_files::replace(path, |file| io::Write::write_all(file, text.as_bytes()))
+        isotherm_files::replace(path, &text).map_err(|error| Failure::io("writing", path, &error))
     }
 }
 

@@ -6,18 +6,18 @@ use isotherm_shared::wire::AXES;
 
 /// The columns of three sensors.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Axes {
+pub(crate) struct Axes {
     /// Their places in a row.
-    pub columns: [usize; AXES],
+    pub(crate) columns: [usize; AXES],
     /// Taken off each number first, in the column's unit.
-    pub offset: f64,
+    pub(crate) offset: f64,
     /// 1, or -1 for an axis that points the other way.
-    pub sign: [f64; AXES],
+    pub(crate) sign: [f64; AXES],
 }
 
 /// Where the telemetry comes from.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Telemetry {
+pub(crate) enum Telemetry {
     /// Places in a row of the heads A1 to G3, and of the boards.
     Columns {
         /// Of the heads.
@@ -31,37 +31,37 @@ pub enum Telemetry {
 
 /// When a device is healthy.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Status {
+pub(crate) struct Status {
     /// Its place in a row.
-    pub column: usize,
+    pub(crate) column: usize,
     /// The bits that count.
-    pub mask: u64,
+    pub(crate) mask: u64,
     /// What they are when it is healthy.
-    pub healthy: u64,
+    pub(crate) healthy: u64,
 }
 
 /// What the columns of a row are.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Columns {
+pub(crate) struct Columns {
     /// The accelerometers.
-    pub accelerometer: Axes,
+    pub(crate) accelerometer: Axes,
     /// The gyroscopes, if there are any.
-    pub gyroscope: Option<Axes>,
+    pub(crate) gyroscope: Option<Axes>,
     /// The telemetry.
-    pub telemetry: Telemetry,
+    pub(crate) telemetry: Telemetry,
     /// The status.
-    pub status: Option<Status>,
+    pub(crate) status: Option<Status>,
     /// One pulse, in the columns' units.
-    pub resolution: Resolution,
+    pub(crate) resolution: Resolution,
     /// The nominal interval \[ns\].
-    pub interval_ns: u64,
+    pub(crate) interval_ns: u64,
     /// The number of the unit; 0 = unknown.
-    pub device: u64,
+    pub(crate) device: u64,
 }
 
 /// Why a row is no sample.
 #[derive(Clone, Debug, PartialEq)]
-pub enum NoSample {
+pub(crate) enum NoSample {
     /// It has not all columns of the sensors, or one that is not finite.
     Incomplete,
     /// There has been no temperature yet.
@@ -72,7 +72,7 @@ pub enum NoSample {
 
 /// Makes raw samples of rows.
 #[derive(Debug)]
-pub struct Assembler {
+pub(crate) struct Assembler {
     columns: Columns,
     readings: Readings,
     heads: [f64; 2 * AXES],
@@ -83,7 +83,7 @@ pub struct Assembler {
 impl Assembler {
     /// An assembler without telemetry, unless that is constant.
     #[must_use]
-    pub const fn new(columns: Columns) -> Self {
+    pub(crate) const fn new(columns: Columns) -> Self {
         let readings = Readings::new(columns.resolution, columns.interval_ns);
         let constant = match columns.telemetry {
             Telemetry::Constant(constant) => [constant; 2 * AXES],
@@ -93,12 +93,12 @@ impl Assembler {
     }
 
     /// Forgets what rounding has left: for a new session, and after a gap.
-    pub const fn reset(&mut self) {
+    pub(crate) const fn reset(&mut self) {
         self.readings.reset();
     }
 
     /// Forgets the telemetry, too: for a device that was away.
-    pub const fn forget(&mut self) {
+    pub(crate) const fn forget(&mut self) {
         *self = Self::new(self.columns);
     }
 
@@ -109,7 +109,7 @@ impl Assembler {
     ///
     /// # Errors
     /// [`NoSample`]: the control period is missing.
-    pub fn sample(&mut self, row: &[Value], timestamp_ns: u64) -> Result<(RawSample, bool), NoSample> {
+    pub(crate) fn sample(&mut self, row: &[Value], timestamp_ns: u64) -> Result<(RawSample, bool), NoSample> {
         let value = |column: usize| row.get(column).copied().unwrap_or(Value::ABSENT);
         self.take_telemetry(row, timestamp_ns);
         let axes = |axes: &Axes| {

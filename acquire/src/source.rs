@@ -1,12 +1,12 @@
 //! The source of rows: bytes through a decoder, or the buffers of IIO.
 
 use crate::description::{Description, Kind, Port};
-use crate::frames::{Arrival, Decoder};
-use crate::iio::{self, IioClock, IioError, IioFault, IioSource};
+use crate::frames::Arrival;
+use crate::iio::{self, IioClock, IioFault, IioSource};
 use crate::intake::{Came, Intake};
-use crate::lines::LineDecoder;
 use crate::number::Value;
 use crate::port::{OpenPort, Opening, Read, name_of, refused};
+use crate::stream::StreamDecoder;
 use isotherm_client::{RawSample, monotonic_ns};
 use isotherm_failure::{Exit, Failure, tell};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -35,17 +35,12 @@ pub(crate) enum State {
     Ended,
 }
 
-enum Form {
-    Frames(Decoder),
-    Lines(LineDecoder),
-}
-
 /// A stream of bytes.
 pub(crate) struct Bytes {
     port: Port,
     open: Option<OpenPort>,
     opening: Option<Opening>,
-    form: Form,
+    decoder: StreamDecoder,
     buffer: Vec<u8>,
     /// When the line was last known to be empty \[ns\].
     empty_ns: u64,
@@ -73,8 +68,7 @@ impl Source {
     pub(crate) fn open(description: &Description, sysfs: PathBuf) -> Result<Self, Failure> {
         let interval_ns = description.timing.interval_ns;
         match &description.kind {
-            Kind::Frames(port, frame) => Bytes::open(port, Form::Frames(Decoder::new((**frame).clone())), interval_ns),
-            Kind::Lines(port, line) => Bytes::open(port, Form::Lines(LineDecoder::new(line.clone())), interval_ns),
+            Kind::Frames(port, _) | Kind::Lines(port, _) => Bytes::open(port, description, interval_ns),
             Kind::Iio(settings) => {
                 let open = iio::open(&sysfs, settings)?;
                 open.remarks().iter().for_each(|remark| tell("isotherm", remark));
@@ -105,11 +99,6 @@ impl Source {
         }
     }
 
-    /// Whether rows come when they were sampled.
-    pub(crate) fn is_live(&self) -> bool {
-        !matches!(self, Self::Bytes(bytes) if matches!(bytes.port, Port::File { pace: false, .. }))
-    }
-
     /// Waits up to `longest` until there is something to read.
     pub(crate) fn wait(&self, longest: Duration) {
         let Ok(longest) = Timespec::try_from(longest) else { return };
@@ -137,11 +126,7 @@ impl Source {
     ///
     /// # Errors
     /// If the source cannot be read, and waiting would not help.
-    pub(crate) fn read(
-        &mut self,
-        intake: &mut Intake,
-        sink: &mut dyn FnMut(RawSample, u64),
-    ) -> Result<State, Failure> {
+    pub(crate) fn read(&mut self, intake: &mut Intake, sink: &mut dyn FnMut(RawSample, u64)) -> Result<State, Failure> {
         match self {
             Self::Bytes(bytes) => bytes.read(intake, sink),
             Self::Iio(scans) => scans.read(intake, sink),
@@ -165,7 +150,7 @@ impl Source {
     /// Ends the stream: what was begun is cut. Counts what is not frames so far.
     pub(crate) fn end(&mut self, intake: &mut Intake) {
         if let Self::Bytes(bytes) = self {
-            bytes.end_stream();
+            bytes.decoder.end();
         }
         self.count(intake);
     }
@@ -174,10 +159,7 @@ impl Source {
     pub(crate) fn count(&self, intake: &mut Intake) {
         match self {
             Self::Bytes(bytes) => {
-                intake.tally.skipped = match &bytes.form {
-                    Form::Frames(decoder) => *decoder.skipped(),
-                    Form::Lines(decoder) => *decoder.skipped(),
-                }
+                intake.tally.skipped = *bytes.decoder.skipped();
             }
             Self::Iio(scans) => {
                 let open = scans.open.as_ref().map_or(0, |open| open.counters().unpaired);
@@ -188,7 +170,8 @@ impl Source {
 }
 
 impl Bytes {
-    fn open(port: &Port, form: Form, interval_ns: u64) -> Result<Source, Failure> {
+    fn open(port: &Port, description: &Description, interval_ns: u64) -> Result<Source, Failure> {
+        let decoder = StreamDecoder::new(description).ok_or_else(|| Failure::new(Exit::Config, "the source has no bytes"))?;
         let started = Opening::start(port).map_err(|error| refused(port, &error))?;
         let open = loop {
             if let Some(result) = started.poll() {
@@ -200,7 +183,7 @@ impl Bytes {
         let pace = matches!(port, Port::File { pace: true, .. }).then_some((empty_ns, interval_ns, 0));
         let buffer = vec![0; BUFFER];
         let port = port.clone();
-        Ok(Source::Bytes(Box::new(Self { port, open: Some(open), opening: None, form, buffer, empty_ns, pace })))
+        Ok(Source::Bytes(Box::new(Self { port, open: Some(open), opening: None, decoder, buffer, empty_ns, pace })))
     }
 
     fn read(&mut self, intake: &mut Intake, sink: &mut dyn FnMut(RawSample, u64)) -> Result<State, Failure> {
@@ -234,10 +217,7 @@ impl Bytes {
                     sink(raw, session);
                 }
             };
-            match &mut self.form {
-                Form::Frames(decoder) => decoder.push(&self.buffer[..count], arrival, &mut take),
-                Form::Lines(decoder) => decoder.push(&self.buffer[..count], arrival, &mut take),
-            }
+            self.decoder.push(&self.buffer[..count], arrival, &mut take);
             if let Some((.., passed)) = &mut self.pace {
                 *passed += frames;
             }
@@ -253,16 +233,9 @@ impl Bytes {
     fn lose(&mut self, why: &str, intake: &mut Intake) -> State {
         tell("isotherm", format!("{} went away: {why}; waiting for it to come back", name_of(&self.port)));
         self.open = None;
-        self.end_stream();
+        self.decoder.end();
         intake.outage();
         State::Away
-    }
-
-    fn end_stream(&mut self) {
-        match &mut self.form {
-            Form::Frames(decoder) => decoder.end(),
-            Form::Lines(decoder) => decoder.end(),
-        }
     }
 
     fn look(&mut self) -> bool {
@@ -319,7 +292,3 @@ impl Scans {
         }
     }
 }
-
-/// So that a missing implementation is found here.
-const _: fn(IioError) -> Failure = Failure::from;
-const _: Exit = Exit::Io;

@@ -143,7 +143,12 @@ impl Tally {
             ("unhealthy_total", "counter", "Samples of a device whose status is not healthy.", count(self.unhealthy)),
             ("repeated_total", "counter", "Frames with the number of the frame before.", count(self.repeated)),
             ("incomplete_total", "counter", "Frames without all columns of the sensors.", count(self.incomplete)),
-            ("without_temperature_total", "counter", "Frames before the first temperature.", count(self.without_temperature)),
+            (
+                "without_temperature_total",
+                "counter",
+                "Frames before the first temperature.",
+                count(self.without_temperature),
+            ),
             ("out_of_range_total", "counter", "Frames with more pulses than a sample has.", count(self.out_of_range)),
             ("gaps_total", "counter", "Places where control periods are missing.", count(self.gaps)),
             ("missing_total", "counter", "Control periods that are missing.", count(self.missing)),
@@ -154,7 +159,12 @@ impl Tally {
             ("damaged_total", "counter", "Frames or lines that began and were not right.", count(self.skipped.damaged)),
             ("sent_total", "counter", "Samples sent to the service.", count(self.service.sent)),
             ("answered_total", "counter", "Samples answered by the service.", count(self.service.answered)),
-            ("dropped_total", "counter", "Samples that the service took not within a second.", count(self.service.dropped)),
+            (
+                "dropped_total",
+                "counter",
+                "Samples that the service took not within a second.",
+                count(self.service.dropped),
+            ),
             ("not_recorded_total", "counter", "Rows that could not be recorded.", count(self.not_recorded)),
         ]
     }

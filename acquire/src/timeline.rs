@@ -21,7 +21,7 @@
 use crate::frames::Arrival;
 
 /// By how much the measured rate may differ from the nominal one.
-pub const RATE_LIMIT: f64 = 0.05;
+pub(crate) const RATE_LIMIT: f64 = 0.05;
 /// Time that a counter may seem to run ahead of the clock \[s\].
 const AHEAD_S: f64 = 0.5;
 /// A silence that shows lost periods of a device without counter and clock \[s\].
@@ -35,41 +35,41 @@ const LOOP: (f64, f64) = (2.0, 0.7);
 
 /// The device's counter.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub struct Counter {
+pub(crate) struct Counter {
     /// It counts modulo 2 to this power, 1 to 64.
-    pub bits: u32,
+    pub(crate) bits: u32,
     /// What it rises by from frame to frame.
-    pub step: u64,
+    pub(crate) step: u64,
 }
 
 /// The device's clock.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub struct DeviceClock {
+pub(crate) struct DeviceClock {
     /// One tick \[ns\].
-    pub tick_ns: u64,
+    pub(crate) tick_ns: u64,
     /// It counts modulo 2 to this power, 1 to 64.
-    pub bits: u32,
+    pub(crate) bits: u32,
 }
 
 /// What is known of a frame's time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Observed {
+pub(crate) struct Observed {
     /// When it was sampled, if bytes were never late: its arrival less all known delays; `None` if its bytes do not
     /// come at their time, as from a file.
-    pub arrival: Option<Arrival>,
+    pub(crate) arrival: Option<Arrival>,
     /// The counter.
-    pub counter: Option<u64>,
+    pub(crate) counter: Option<u64>,
     /// The device's clock \[ticks\].
-    pub ticks: Option<u64>,
+    pub(crate) ticks: Option<u64>,
     /// Frames lost before it, as far as damaged bytes show them.
-    pub damaged: u64,
+    pub(crate) damaged: u64,
     /// Whether the device was away before it.
-    pub after_outage: bool,
+    pub(crate) after_outage: bool,
 }
 
 /// The place of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Placed {
+pub(crate) enum Placed {
     /// The first of a session: the first of all, or after the device has started again or was away for longer than a
     /// turn of its counter.
     First {
@@ -91,7 +91,7 @@ pub enum Placed {
 
 /// The frames of one source on the line of time.
 #[derive(Clone, Debug)]
-pub struct Timeline {
+pub(crate) struct Timeline {
     interval: f64,
     counter: Option<Counter>,
     clock: Option<DeviceClock>,
@@ -118,12 +118,12 @@ struct Last {
 impl Timeline {
     /// A line without frames. `interval_ns` is the nominal interval.
     #[must_use]
-    pub fn new(interval_ns: u64, counter: Option<Counter>, clock: Option<DeviceClock>) -> Self {
+    pub(crate) fn new(interval_ns: u64, counter: Option<Counter>, clock: Option<DeviceClock>) -> Self {
         Self { interval: interval_ns as f64, counter, clock, last: None, measured: None }
     }
 
     /// Places a frame.
-    pub fn place(&mut self, observed: Observed) -> Placed {
+    pub(crate) fn place(&mut self, observed: Observed) -> Placed {
         let Some(last) = self.last else { return self.begin(&observed) };
         let (periods, is_ambiguous) = match self.periods(&last, &observed) {
             Periods::Restarted => return self.begin(&observed),
@@ -149,7 +149,7 @@ impl Timeline {
     /// How much the measured interval is over the nominal one, relative, and over how long that was measured \[s\].
     /// `None` for a source without arrivals.
     #[must_use]
-    pub fn deviation(&self, arrival: Option<Arrival>) -> Option<(f64, f64)> {
+    pub(crate) fn deviation(&self, arrival: Option<Arrival>) -> Option<(f64, f64)> {
         let (since, periods) = self.measured?;
         let passed = arrival?.by_ns as f64 - since;
         (periods > 0).then(|| (passed / (periods as f64 * self.interval) - 1.0, passed / 1e9))
@@ -245,7 +245,7 @@ impl Periods {
 impl Counter {
     /// Periods in one turn; 2^64 counts as one less.
     #[must_use]
-    pub const fn turn(&self) -> u64 {
+    pub(crate) const fn turn(&self) -> u64 {
         match 1u64.checked_shl(self.bits) {
             Some(turn) => turn / self.step,
             None => u64::MAX / self.step,

@@ -33,7 +33,10 @@ pub(super) fn read(root: &Section<'_, '_>) -> Option<Frame> {
                 item.fault("id", "there is no section [items]; give it, or fields alone");
             }
             let missing = field_sections.is_empty() && item_sections.is_empty();
-            root.refuse("field", missing.then(|| "missing; give a section [[field]] for each number that is used".to_owned()));
+            root.refuse(
+                "field",
+                missing.then(|| "missing; give a section [[field]] for each number that is used".to_owned()),
+            );
             (fields(field_sections, default, fixed), None)
         }
         Some(section) => {
@@ -72,7 +75,10 @@ fn length(section: &Section<'_, '_>, order: ByteOrder, sync: usize) -> Option<Le
         }
         let number = number(&stated, "type");
         let unsigned = number.filter(|number| number.is_unsigned());
-        stated.refuse("type", number.filter(|_| unsigned.is_none()).map(|_| "is no length; give u8, u16 or u32".to_owned()));
+        stated.refuse(
+            "type",
+            number.filter(|_| unsigned.is_none()).map(|_| "is no length; give u8, u16 or u32".to_owned()),
+        );
         let order = stated.optional_choice("byte_order", &ByteOrder::NAMES).unwrap_or(order);
         let add = stated.optional_integer("add", 0..=MAX_FRAME as i64).unwrap_or(0) as usize;
         stated.finish();
@@ -80,11 +86,13 @@ fn length(section: &Section<'_, '_>, order: ByteOrder, sync: usize) -> Option<Le
     });
     match (section.has("length"), section.has("length_field")) {
         (true, true) => section.fault("length_field", "is there beside length; give one of them"),
-        (false, false) => section.fault("length", "missing; give the length of a frame in bytes, sync and checksum too, or length_field"),
+        (false, false) => section
+            .fault("length", "missing; give the length of a frame in bytes, sync and checksum too, or length_field"),
         _ => {}
     }
     let short = fixed.filter(|length| (*length as usize) < sync);
-    section.refuse("length", short.map(|length| format!("is {length}, and sync alone has {sync}; give the whole frame")));
+    section
+        .refuse("length", short.map(|length| format!("is {length}, and sync alone has {sync}; give the whole frame")));
     match fixed {
         Some(length) => Some(Length::Fixed(length as usize)),
         None => stated?,
@@ -93,7 +101,8 @@ fn length(section: &Section<'_, '_>, order: ByteOrder, sync: usize) -> Option<Le
 
 /// `Some(None)` for a frame without checksum.
 fn checksum(section: &Section<'_, '_>, order: ByteOrder, length: Option<Length>) -> Option<Option<Checksum>> {
-    let section = section.section("checksum", "checksum = { algorithm = \"..\", at = -2 }, or { algorithm = \"none\" }")?;
+    let section =
+        section.section("checksum", "checksum = { algorithm = \"..\", at = -2 }, or { algorithm = \"none\" }")?;
     let name = section.string("algorithm", "the name of a checksum, or \"none\"")?;
     if name == "none" {
         section.finish();
@@ -112,7 +121,10 @@ fn checksum(section: &Section<'_, '_>, order: ByteOrder, length: Option<Length>)
     if let Some(Length::Fixed(length)) = length
         && checksum.is_right(&vec![0; length]).is_none()
     {
-        section.fault("at", format!("checksum or its bytes are not within the {length} bytes of a frame; give places inside"));
+        section.fault(
+            "at",
+            format!("checksum or its bytes are not within the {length} bytes of a frame; give places inside"),
+        );
     }
     section.finish();
     Some(Some(checksum))
@@ -131,14 +143,18 @@ fn sum(section: &Section<'_, '_>, name: &str) -> Option<Sum> {
         Some(Parameters { polynomial: polynomial?, init, reflect_in, reflect_out, xorout })
     };
     match name {
-        "crc16" => parameters(u16::MAX.into()).map(|Parameters { polynomial, init, reflect_in, reflect_out, xorout }| {
-            let [polynomial, init, xorout] = [polynomial, init, xorout].map(|number| number as u16);
-            Sum::crc_16(Parameters { polynomial, init, reflect_in, reflect_out, xorout })
-        }),
-        "crc32" => parameters(u32::MAX.into()).map(|Parameters { polynomial, init, reflect_in, reflect_out, xorout }| {
-            let [polynomial, init, xorout] = [polynomial, init, xorout].map(|number| number as u32);
-            Sum::crc_32(Parameters { polynomial, init, reflect_in, reflect_out, xorout })
-        }),
+        "crc16" => {
+            parameters(u16::MAX.into()).map(|Parameters { polynomial, init, reflect_in, reflect_out, xorout }| {
+                let [polynomial, init, xorout] = [polynomial, init, xorout].map(|number| number as u16);
+                Sum::crc_16(Parameters { polynomial, init, reflect_in, reflect_out, xorout })
+            })
+        }
+        "crc32" => {
+            parameters(u32::MAX.into()).map(|Parameters { polynomial, init, reflect_in, reflect_out, xorout }| {
+                let [polynomial, init, xorout] = [polynomial, init, xorout].map(|number| number as u32);
+                Sum::crc_32(Parameters { polynomial, init, reflect_in, reflect_out, xorout })
+            })
+        }
         _ => {
             let sum = Sum::of(name);
             let unknown = "give none, sum8, sum8-negative, xor8, a name of the catalogue of CRC-16 and CRC-32 as CRC-16/XMODEM, \
@@ -170,7 +186,10 @@ fn fields(sections: Vec<Section<'_, '_>>, order: ByteOrder, length: Option<usize
         if let (Some(at), Some(number), Some(length)) = (at, number, length) {
             let begin = Place(at as isize).within(length);
             let fits = begin.is_some_and(|begin| begin + number.bytes() <= length);
-            section.refuse("at", (!fits).then(|| format!("is {at}, and the {} bytes are not within the {length}", number.bytes())));
+            section.refuse(
+                "at",
+                (!fits).then(|| format!("is {at}, and the {} bytes are not within the {length}", number.bytes())),
+            );
         }
         section.finish();
         if let (Some(name), Some(at), Some(number)) = (name, at, number) {
@@ -190,7 +209,8 @@ fn items(sections: Vec<Section<'_, '_>>, order: ByteOrder) -> (Vec<Field>, Vec<I
             section.fault(key, "missing; give that of the item");
         }
         let own = section.list("field");
-        section.refuse("field", own.is_empty().then(|| "missing; give the numbers of the item that are used".to_owned()));
+        section
+            .refuse("field", own.is_empty().then(|| "missing; give the numbers of the item that are used".to_owned()));
         let begin = all.len();
         all.extend(fields(own, order, length.map(|length| length as usize)));
         if let (Some(id), Some(length)) = (id.map(i64::cast_unsigned), length) {
@@ -207,12 +227,16 @@ fn item_form(section: Section<'_, '_>, order: ByteOrder, known: Vec<Item>) -> Op
     let at = section.optional_integer("at", 0..=MAX_FRAME as i64);
     let end = section.optional_integer("end", PLACES);
     for key in ["at", "end"].into_iter().filter(|key| !section.has(key)) {
-        section.fault(key, "missing; give where the items begin and, less than 0 from the end of the frame, where they end");
+        section.fault(
+            key,
+            "missing; give where the items begin and, less than 0 from the end of the frame, where they end",
+        );
     }
     let [id, length] = ["id", "length"].map(|key| {
         let number = number(&section, key);
         let unsigned = number.filter(|number| number.is_unsigned());
-        section.refuse(key, number.filter(|_| unsigned.is_none()).map(|_| "has a sign; give u8, u16 or u32".to_owned()));
+        section
+            .refuse(key, number.filter(|_| unsigned.is_none()).map(|_| "has a sign; give u8, u16 or u32".to_owned()));
         unsigned
     });
     let order = section.optional_choice("byte_order", &ByteOrder::NAMES).unwrap_or(order);

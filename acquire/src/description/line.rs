@@ -7,8 +7,7 @@ use isotherm_shared::document::Section;
 /// The columns of a line, and the line but for the columns that are used.
 pub(super) fn read(root: &Section<'_, '_>) -> Option<(Names, Line)> {
     let section = root.section("lines", "a section [lines]")?;
-    let separators =
-        [(Some(b','), ","), (Some(b';'), ";"), (Some(b'\t'), "tab"), (None, "space")];
+    let separators = [(Some(b','), ","), (Some(b';'), ";"), (Some(b'\t'), "tab"), (None, "space")];
     let separator = section.optional_choice("separator", &separators).unwrap_or(Some(b','));
     let names = match section.has("names") {
         true => section.strings("names", "the names of all columns, in their order")?,

@@ -10,8 +10,8 @@ mod line;
 mod port;
 mod timing;
 
-pub use port::Port;
-pub use timing::Timing;
+pub(crate) use port::Port;
+pub(crate) use timing::Timing;
 
 use crate::frames::Frame;
 use crate::iio::IioSettings;
@@ -19,6 +19,7 @@ use crate::lines::Line;
 use crate::sample::Columns;
 use columns::Names;
 use isotherm_client::{ImuId, Realtime, device};
+use isotherm_failure::{Exit, Failure};
 use isotherm_files::{LoadError, WorldWritable, read_text};
 use isotherm_recording_formats::convert::{SensorColumns, Temperature};
 use isotherm_shared::document::{Document, Faults, Section};
@@ -33,22 +34,22 @@ pub struct Description {
     /// Serial number of the unit.
     pub serial: Option<String>,
     /// What the rows come from.
-    pub kind: Kind,
+    pub(crate) kind: Kind,
     /// When the rows were sampled.
-    pub timing: Timing,
+    pub(crate) timing: Timing,
     /// The places of the sensors in a row.
-    pub columns: Columns,
+    pub(crate) columns: Columns,
     /// The sensors, as the file has them.
-    pub sensors: SensorColumns,
+    pub(crate) sensors: SensorColumns,
     /// Settings of the thread that receives and sends.
-    pub realtime: Realtime,
+    pub(crate) realtime: Realtime,
     /// Whether that thread never sleeps.
-    pub spin: bool,
+    pub(crate) spin: bool,
 }
 
 /// What rows come from.
 #[derive(Clone)]
-pub enum Kind {
+pub(crate) enum Kind {
     /// Binary frames in a stream of bytes.
     Frames(Port, Box<Frame>),
     /// Lines of text in a stream of bytes.
@@ -64,8 +65,7 @@ enum KindName {
     Iio,
 }
 
-const KINDS: [(KindName, &str); 3] =
-    [(KindName::Frames, "frames"), (KindName::Lines, "lines"), (KindName::Iio, "iio")];
+const KINDS: [(KindName, &str); 3] = [(KindName::Frames, "frames"), (KindName::Lines, "lines"), (KindName::Iio, "iio")];
 
 impl Description {
     /// Reads the file of a description.
@@ -84,7 +84,7 @@ impl Description {
     /// use isotherm_acquire::Description;
     ///
     /// let text = include_str!("../../../examples/acquire/stim300.toml");
-    /// assert_eq!(Description::from_toml(text)?.timing.interval_ns, 500_000);
+    /// assert!(Description::from_toml(text)?.summary().contains("accelerometers and gyroscopes"));
     /// let faults = Description::from_toml(&text.replace("baud", "bauds")).err().ok_or("no such key")?;
     /// assert!(faults.to_string().contains("source.bauds: unknown key"));
     /// # Ok(())
@@ -99,6 +99,29 @@ impl Description {
         let description = read(&document, &root);
         root.finish();
         document.finish(description)
+    }
+
+    /// Takes another device in the place of the file's: a serial line, a file, or an IIO device.
+    ///
+    /// # Errors
+    /// If the source is a network address.
+    pub fn set_device(&mut self, device: &Path) -> Result<(), Failure> {
+        let port = match &mut self.kind {
+            Kind::Frames(port, _) | Kind::Lines(port, _) => port,
+            Kind::Iio(settings) => {
+                settings.devices = vec![device.display().to_string()];
+                return Ok(());
+            }
+        };
+        match port {
+            Port::Serial(serial) => device.clone_into(&mut serial.path),
+            Port::File { path, .. } => device.clone_into(path),
+            Port::Tcp(_) | Port::Udp(_) | Port::Stdin => {
+                let message = "--device takes the place of a serial line, a file or an IIO device; the source is none";
+                return Err(Failure::new(Exit::Usage, message));
+            }
+        }
+        Ok(())
     }
 
     /// One line for people.
@@ -122,7 +145,10 @@ fn read(document: &Document<'_>, root: &Section<'_, '_>) -> Option<Description> 
     root.optional_integer("format", 1..=1);
     let imu = root.imu_id("imu");
     let serial = root.optional_string("serial");
-    root.refuse("serial", serial.filter(|text| device(text) == 0).map(|_| "is empty; give it, or leave it out".to_owned()));
+    root.refuse(
+        "serial",
+        serial.filter(|text| device(text) == 0).map(|_| "is empty; give it, or leave it out".to_owned()),
+    );
     let source = root.section("source", "a section [source]")?;
     let kind = source.choice("kind", &KINDS);
     let port = if kind == Some(KindName::Iio) { None } else { port::read(&source) };

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 /// Where bytes come from.
 #[derive(Clone, Debug, Eq, PartialEq)]
-pub enum Port {
+pub(crate) enum Port {
     /// A serial line; best by its name under `/dev/serial/by-id`, which stays after it was unplugged.
     Serial(Serial),
     /// A TCP connection to this host and port.

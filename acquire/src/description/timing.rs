@@ -6,22 +6,23 @@ use isotherm_shared::document::Section;
 
 /// When rows were sampled.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Timing {
+pub(crate) struct Timing {
     /// The nominal interval \[ns\].
-    pub interval_ns: u64,
+    pub(crate) interval_ns: u64,
     /// The place of the counter in a row, and what it counts.
-    pub counter: Option<(usize, Counter)>,
+    pub(crate) counter: Option<(usize, Counter)>,
     /// The place of the latency in a row, and its unit \[ns\].
-    pub latency: Option<(usize, f64)>,
+    pub(crate) latency: Option<(usize, f64)>,
     /// The place of the device's clock in a row, and what it counts.
-    pub clock: Option<(usize, DeviceClock)>,
+    pub(crate) clock: Option<(usize, DeviceClock)>,
 }
 
 const UNITS: [(u64, &str); 4] = [(1_000_000_000, "s"), (1_000_000, "ms"), (1_000, "us"), (1, "ns")];
 
 pub(super) fn read(root: &Section<'_, '_>, names: &mut Names) -> Option<Timing> {
     let section = root.section("timing", "a section [timing]")?;
-    let interval = section.number("interval_s", "the nominal interval of two samples in s").map(|seconds| seconds * 1e9);
+    let interval =
+        section.number("interval_s", "the nominal interval of two samples in s").map(|seconds| seconds * 1e9);
     if names.are_channels() {
         for key in ["counter", "latency", "time"].into_iter().filter(|key| section.has(key)) {
             section.fault(key, "is not for IIO, whose buffers have the time of each scan; leave it out");

@@ -42,7 +42,7 @@ mod reply;
 pub use config::{ChamberConfig, TurntableConfig};
 pub use fault::{FaultKind, InstrumentFault};
 pub use instrument::{Chamber, ChamberReading, Instrument, Turntable, TurntableReading, turn_deg};
-pub use line::Line;
 pub use isotherm_serial::Parity;
+pub use line::Line;
 pub use line_config::LineConfig;
 pub use open::{chamber, turntable};

@@ -136,6 +136,9 @@ mod tests {
     #[test]
     fn what_is_no_serial_line_is_refused() {
         let line = Serial { path: "/dev/null".into(), baud: 9600, data_bits: 8, parity: Parity::None, stop_bits: 1 };
-        assert_eq!(line.open().err().and_then(|error| error.raw_os_error()), Some(rustix::io::Errno::NOTTY.raw_os_error()));
+        assert_eq!(
+            line.open().err().and_then(|error| error.raw_os_error()),
+            Some(rustix::io::Errno::NOTTY.raw_os_error())
+        );
     }
 }

@@ -27,8 +27,8 @@ mod stamped;
 mod text;
 
 pub use autopilot::{LOG_ACCELERATION_PULSE, LOG_RATE_PULSE};
-pub use foreign::Foreign;
 pub use columns::{ColumnRef, Kind, SensorColumns, Sensors, Temperature};
+pub use foreign::Foreign;
 pub use mapping::{Decimal, KnownColumns, Mapping, Time, TimeUnit};
 pub(crate) use ros::is_bag;
 pub use scale::Scale;
