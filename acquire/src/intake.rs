@@ -1,6 +1,6 @@
 //! From rows to samples: each gets its period, its time and its number.
 
-use crate::description::Description;
+use crate::description::{Description, Kind};
 use crate::frames::{Arrival, Found};
 use crate::number::Value;
 use crate::sample::{Assembler, NoSample};
@@ -27,6 +27,8 @@ pub(crate) struct Intake {
     timeline: Timeline,
     assembler: Assembler,
     sequence: u64,
+    /// The time of the last frame \[ns\].
+    last_ns: u64,
     /// Whether the last period has a sample.
     has_last: bool,
     after_outage: bool,
@@ -59,12 +61,13 @@ impl Intake {
     /// `stamped`: rows have a time of their own.
     pub(crate) fn new(description: &Description, byte_ns: f64, stamped: bool) -> Self {
         let timing = &description.timing;
-        let clock = if stamped { Some(STAMPS) } else { timing.clock.map(|(_, clock)| clock) };
+        let clock = if stamped { Some(STAMPS) } else { timing.clock.map(|(.., clock)| clock) };
         Self {
             timeline: Timeline::new(timing.interval_ns, timing.counter.map(|(_, counter)| counter), clock),
             assembler: Assembler::new(description.columns),
             byte_ns,
             sequence: 0,
+            last_ns: 0,
             has_last: false,
             after_outage: false,
             restarts: (0, 0),
@@ -87,19 +90,28 @@ impl Intake {
             .arrival
             .map(|Arrival { after_ns, by_ns }| Arrival { after_ns: earlier(after_ns), by_ns: earlier(by_ns) });
         self.last_arrival = arrival;
-        let ticks = |column: usize, tick_ns: u64| {
+        let clock_ns = timing.clock.and_then(|(column, unit_ns, _)| {
             let value = value(column);
-            // A clock with a fraction, as seconds in a text.
-            value.whole.or_else(|| value.number.is_finite().then(|| (value.number * tick_ns as f64).round() as u64))
-        };
+            // With a fraction, as seconds in a text, or a unit of its own.
+            let rounded = (value.number * unit_ns as f64).round();
+            let whole = value.whole.map(|whole| whole.saturating_mul(unit_ns));
+            whole.or((0.0..1.8e19).contains(&rounded).then_some(rounded as u64))
+        });
         let observed = Observed {
             arrival,
             counter: timing.counter.and_then(|(column, _)| value(column).whole),
-            ticks: came.stamp.or_else(|| timing.clock.and_then(|(column, clock)| ticks(column, clock.tick_ns))),
+            clock_ns: came.stamp.or(clock_ns),
             damaged: came.damaged,
             after_outage: std::mem::take(&mut self.after_outage),
         };
-        if timing.counter.is_some() && observed.counter.is_none() || timing.clock.is_some() && observed.ticks.is_none()
+        if self.has_items() && !self.assembler.has_sensors(row) {
+            // Another message of the device, as one of its GNSS receiver.
+            self.tally.others += 1;
+            self.assembler.take_telemetry(row, self.last_ns);
+            return None;
+        }
+        if timing.counter.is_some() && observed.counter.is_none()
+            || timing.clock.is_some() && observed.clock_ns.is_none()
         {
             self.tally.incomplete += 1;
             return None;
@@ -118,7 +130,13 @@ impl Intake {
                 timestamp_ns
             }
         };
+        self.last_ns = timestamp_ns;
         self.sample(row, timestamp_ns)
+    }
+
+    /// Whether frames may lack the sensors.
+    fn has_items(&self) -> bool {
+        matches!(&self.description.kind, Kind::Frames(_, frame) if frame.items.is_some())
     }
 
     fn begin_session(&mut self) {
@@ -239,4 +257,4 @@ impl Intake {
 }
 
 /// The clock of IIO's stamps.
-const STAMPS: crate::timeline::DeviceClock = crate::timeline::DeviceClock { tick_ns: 1, bits: 64 };
+const STAMPS: crate::timeline::DeviceClock = crate::timeline::DeviceClock { turn_ns: None };

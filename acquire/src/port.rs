@@ -9,7 +9,7 @@ use std::fs::File;
 use std::io::{self, Read as _};
 use std::net::{TcpStream, ToSocketAddrs as _, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::thread;
 use std::time::Duration;
@@ -191,4 +191,35 @@ fn cause(error: &io::Error) -> String {
         Some(Errno::NOTTY) => "not a terminal device".to_owned(),
         _ => error.to_string(),
     }
+}
+
+/// The serial ports, best by names that stay after unplugging: those of `/dev/serial/by-id`, and of `/dev` what has none
+/// there.
+#[must_use]
+pub fn serial_ports(root: &Path) -> Vec<PathBuf> {
+    let entries = |folder: &str| {
+        let entries = root.join(folder).read_dir().into_iter().flatten().flatten();
+        let mut paths: Vec<_> = entries.map(|entry| entry.path()).collect();
+        paths.sort();
+        paths
+    };
+    let by_id = entries("dev/serial/by-id");
+    let named: Vec<_> = by_id.iter().filter_map(|path| path.canonicalize().ok()).collect();
+    let is_port = |path: &PathBuf| {
+        let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let is_usual = ["ttyUSB", "ttyACM", "ttyAMA", "ttyTHS", "ttyPS", "ttymxc", "ttySC", "ttyO"]
+            .iter()
+            .any(|beginning| name.starts_with(beginning));
+        // Of ttyS0 to ttyS31 most have no hardware.
+        let is_real = name.starts_with("ttyS") && is_real_uart(root, &name);
+        (is_usual || is_real) && !named.contains(path)
+    };
+    let others = entries("dev").into_iter().filter(is_port);
+    by_id.iter().cloned().chain(others).collect()
+}
+
+/// Whether the kernel has found hardware for a port of the machine itself.
+fn is_real_uart(root: &Path, name: &str) -> bool {
+    let kind = std::fs::read_to_string(root.join("sys/class/tty").join(name).join("type"));
+    kind.is_ok_and(|kind| kind.trim() != "0")
 }

@@ -15,6 +15,17 @@ pub(crate) struct Axes {
     pub(crate) sign: [f64; AXES],
 }
 
+impl Axes {
+    /// The readings of a row, in the columns' unit, with the signs of the axes; `None` if one is not a finite number.
+    fn readings(&self, row: &[Value]) -> Option<[f64; AXES]> {
+        let mut readings = [0.0; AXES];
+        for ((reading, column), sign) in readings.iter_mut().zip(self.columns).zip(self.sign) {
+            *reading = (row.get(column)?.number - self.offset) * sign;
+        }
+        readings.iter().all(|reading| reading.is_finite()).then_some(readings)
+    }
+}
+
 /// Where the telemetry comes from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Telemetry {
@@ -110,17 +121,10 @@ impl Assembler {
     /// # Errors
     /// [`NoSample`]: the control period is missing.
     pub(crate) fn sample(&mut self, row: &[Value], timestamp_ns: u64) -> Result<(RawSample, bool), NoSample> {
-        let value = |column: usize| row.get(column).copied().unwrap_or(Value::ABSENT);
         self.take_telemetry(row, timestamp_ns);
-        let axes = |axes: &Axes| {
-            let mut readings = [0.0; AXES];
-            for ((reading, column), sign) in readings.iter_mut().zip(axes.columns).zip(axes.sign) {
-                *reading = (value(column).number - axes.offset) * sign;
-            }
-            readings.iter().all(|reading| reading.is_finite()).then_some(readings)
-        };
-        let accelerometer = axes(&self.columns.accelerometer).ok_or(NoSample::Incomplete)?;
-        let gyroscope = self.columns.gyroscope.as_ref().map(|of| axes(of).ok_or(NoSample::Incomplete)).transpose()?;
+        let accelerometer = self.columns.accelerometer.readings(row).ok_or(NoSample::Incomplete)?;
+        let gyroscope = self.columns.gyroscope.as_ref().map(|axes| axes.readings(row).ok_or(NoSample::Incomplete));
+        let gyroscope = gyroscope.transpose()?;
         if self.heads.iter().chain(&self.boards).any(|telemetry| telemetry.is_nan()) {
             return Err(NoSample::NoTemperature);
         }
@@ -133,7 +137,7 @@ impl Assembler {
         };
         self.readings.fill(&mut raw, accelerometer, gyroscope).map_err(NoSample::OutOfRange)?;
         let is_healthy = self.columns.status.is_none_or(|status| {
-            let whole = value(status.column).whole;
+            let whole = row.get(status.column).and_then(|value| value.whole);
             whole.is_some_and(|whole| whole & status.mask == status.healthy & status.mask)
         });
         let of = |all: &[f64; 2 * AXES]| {
@@ -148,8 +152,14 @@ impl Assembler {
         Ok((raw, is_healthy))
     }
 
+    /// Whether a row has all accelerometers and gyroscopes.
+    pub(crate) fn has_sensors(&self, row: &[Value]) -> bool {
+        let has = |axes: &Axes| axes.readings(row).is_some();
+        has(&self.columns.accelerometer) && self.columns.gyroscope.as_ref().is_none_or(has)
+    }
+
     /// Takes the telemetry of a row that has some; else that of the last row stays.
-    fn take_telemetry(&mut self, row: &[Value], timestamp_ns: u64) {
+    pub(crate) fn take_telemetry(&mut self, row: &[Value], timestamp_ns: u64) {
         let Telemetry::Columns { head, board } = self.columns.telemetry else { return };
         let mut is_new = false;
         for (last, column) in self.heads.iter_mut().chain(&mut self.boards).zip(head.iter().chain(&board)) {

@@ -171,7 +171,8 @@ impl Source {
 
 impl Bytes {
     fn open(port: &Port, description: &Description, interval_ns: u64) -> Result<Source, Failure> {
-        let decoder = StreamDecoder::new(description).ok_or_else(|| Failure::new(Exit::Config, "the source has no bytes"))?;
+        let decoder =
+            StreamDecoder::new(description).ok_or_else(|| Failure::new(Exit::Config, "the source has no bytes"))?;
         let started = Opening::start(port).map_err(|error| refused(port, &error))?;
         let open = loop {
             if let Some(result) = started.poll() {

@@ -99,6 +99,8 @@ pub struct Tally {
     pub unhealthy: u64,
     /// Frames with the number of the frame before.
     pub repeated: u64,
+    /// Frames of items without those of the sensors: other messages of the device.
+    pub others: u64,
     /// Frames without all columns of the sensors, or with one that is not finite.
     pub incomplete: u64,
     /// Frames before the first temperature.
@@ -133,7 +135,7 @@ pub struct Tally {
 type Metric = (&'static str, &'static str, &'static str, f64);
 
 impl Tally {
-    fn metrics(&self) -> [Metric; 20] {
+    fn metrics(&self) -> [Metric; 21] {
         let count = |value: u64| value as f64;
         [
             ("seconds", "gauge", "How long the acquisition has run [s].", self.seconds),
@@ -142,6 +144,7 @@ impl Tally {
             ("samples_total", "counter", "Samples made of them.", count(self.samples)),
             ("unhealthy_total", "counter", "Samples of a device whose status is not healthy.", count(self.unhealthy)),
             ("repeated_total", "counter", "Frames with the number of the frame before.", count(self.repeated)),
+            ("others_total", "counter", "Frames of items without those of the sensors.", count(self.others)),
             ("incomplete_total", "counter", "Frames without all columns of the sensors.", count(self.incomplete)),
             (
                 "without_temperature_total",
@@ -203,6 +206,7 @@ impl fmt::Display for Tally {
         let faults = [
             (self.unhealthy, "unhealthy"),
             (self.repeated, "repeated"),
+            (self.others, "other messages"),
             (self.incomplete, "incomplete"),
             (self.without_temperature, "without temperature"),
             (self.out_of_range, "out of range"),

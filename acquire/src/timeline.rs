@@ -45,10 +45,8 @@ pub(crate) struct Counter {
 /// The device's clock.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub(crate) struct DeviceClock {
-    /// One tick \[ns\].
-    pub(crate) tick_ns: u64,
-    /// It counts modulo 2 to this power, 1 to 64.
-    pub(crate) bits: u32,
+    /// After this time it begins at 0 again \[ns\]; `None`: never.
+    pub(crate) turn_ns: Option<u64>,
 }
 
 /// What is known of a frame's time.
@@ -59,8 +57,8 @@ pub(crate) struct Observed {
     pub(crate) arrival: Option<Arrival>,
     /// The counter.
     pub(crate) counter: Option<u64>,
-    /// The device's clock \[ticks\].
-    pub(crate) ticks: Option<u64>,
+    /// The device's clock \[ns\].
+    pub(crate) clock_ns: Option<u64>,
     /// Frames lost before it, as far as damaged bytes show them.
     pub(crate) damaged: u64,
     /// Whether the device was away before it.
@@ -111,7 +109,7 @@ struct Last {
     /// Frames that moved the line.
     moved: u64,
     counter: u64,
-    ticks: u64,
+    clock_ns: u64,
     timestamp_ns: u64,
 }
 
@@ -132,12 +130,12 @@ impl Timeline {
         };
         let mut next = last;
         self.follow(&mut next, periods, observed.arrival);
-        let ticks = observed.ticks.unwrap_or_default();
+        let clock_ns = observed.clock_ns.unwrap_or_default();
         next.timestamp_ns = match &self.clock {
-            Some(clock) => last.timestamp_ns + clock.passed(last.ticks, ticks) * clock.tick_ns,
+            Some(clock) => last.timestamp_ns + clock.passed(last.clock_ns, clock_ns).unwrap_or_default(),
             None => (next.origin + next.time.round() as u64).max(last.timestamp_ns + 1),
         };
-        (next.counter, next.ticks) = (observed.counter.unwrap_or_default(), ticks);
+        (next.counter, next.clock_ns) = (observed.counter.unwrap_or_default(), clock_ns);
         self.last = Some(next);
         let counted = self.measured.as_mut().zip(observed.arrival);
         if let Some(((_, count), _)) = counted {
@@ -157,16 +155,16 @@ impl Timeline {
 
     fn begin(&mut self, observed: &Observed) -> Placed {
         let arrival = observed.arrival.map(|arrival| arrival.by_ns);
-        let ticks = observed.ticks.unwrap_or_default();
+        let clock_ns = observed.clock_ns.unwrap_or_default();
         let origin = match (arrival, self.last) {
             (Some(by_ns), _) => by_ns,
             // Two sessions of a file follow each other.
             (None, Some(last)) => last.timestamp_ns + self.interval as u64,
             (None, None) => self.interval as u64,
         };
-        let timestamp_ns = self.clock.as_ref().map_or(origin, |clock| ticks.saturating_mul(clock.tick_ns));
+        let timestamp_ns = self.clock.map_or(origin, |_| clock_ns);
         let counter = observed.counter.unwrap_or_default();
-        self.last = Some(Last { origin, time: 0.0, rate: self.interval, moved: 1, counter, ticks, timestamp_ns });
+        self.last = Some(Last { origin, time: 0.0, rate: self.interval, moved: 1, counter, clock_ns, timestamp_ns });
         self.measured = arrival.map(|by_ns| (by_ns as f64, 0));
         Placed::First { timestamp_ns }
     }
@@ -179,11 +177,12 @@ impl Timeline {
             [passed(arrival.after_ns), passed(arrival.by_ns)]
         });
         let most = by_clock.map_or(f64::INFINITY, |[_, most]| most + 2.0 + AHEAD_S * 1e9 / self.interval);
-        let by_device = match (&self.clock, observed.ticks) {
-            (Some(clock), Some(ticks)) => {
-                let passed = (clock.passed(last.ticks, ticks) as f64) * clock.tick_ns as f64 / self.interval;
+        let by_device = match (&self.clock, observed.clock_ns) {
+            (Some(clock), Some(now)) => {
+                let passed = clock.passed(last.clock_ns, now).map(|ns| ns as f64 / self.interval);
                 // Set back, which counts as nearly a turn.
-                if passed > most || (by_clock.is_none() && clock.is_back(last.ticks, ticks)) {
+                let Some(passed) = passed.filter(|passed| *passed <= most) else { return Periods::Restarted };
+                if by_clock.is_none() && clock.is_back(last.clock_ns, now) {
                     return Periods::Restarted;
                 }
                 Some([passed; 2])
@@ -275,13 +274,18 @@ impl Counter {
 }
 
 impl DeviceClock {
-    fn passed(&self, last: u64, now: u64) -> u64 {
-        wrapped(now.wrapping_sub(last), self.bits)
+    /// The time from one reading to the next \[ns\]; `None` if it was set back.
+    fn passed(&self, last: u64, now: u64) -> Option<u64> {
+        match (now.checked_sub(last), self.turn_ns) {
+            (Some(passed), _) => Some(passed),
+            (None, Some(turn)) => now.checked_add(turn)?.checked_sub(last),
+            (None, None) => None,
+        }
     }
 
     /// Whether it was set back, as far as less than half a turn can tell.
     fn is_back(&self, last: u64, now: u64) -> bool {
-        self.passed(last, now) > wrapped(u64::MAX, self.bits) / 2
+        self.turn_ns.is_some_and(|turn| self.passed(last, now).is_none_or(|passed| passed > turn / 2))
     }
 }
 

@@ -11,6 +11,8 @@ pub enum FileKind {
     Campaign,
     /// A mapping: what the columns of foreign data are.
     Mapping,
+    /// The description of an acquisition's source.
+    Source,
     /// A configuration of the service.
     Configuration,
     /// A coefficient table.
@@ -30,6 +32,8 @@ impl FileKind {
             Some(Self::Plan)
         } else if has(&["position", "ramp", "samples", "gravity_reference"]) {
             Some(Self::Campaign)
+        } else if has(&["source", "timing", "frame", "lines", "iio"]) {
+            Some(Self::Source)
         } else if has(&["accelerometer", "time"]) {
             Some(Self::Mapping)
         } else if document.is_list("imu") || has(&["wait", "latency", "realtime", "metrics"]) {
@@ -48,6 +52,7 @@ impl FileKind {
             Self::Plan => "a campaign plan",
             Self::Campaign => "a campaign file",
             Self::Mapping => "a mapping",
+            Self::Source => "the description of a source",
             Self::Configuration => "a service configuration",
             Self::Table => "a coefficient table",
         }

@@ -18,6 +18,8 @@ pub(super) struct Names {
     all: Vec<String>,
     /// Whether each is a whole number as it comes.
     plain: Vec<bool>,
+    /// The width in bits of each that is a whole number without sign, and what its unit stands for.
+    widths: Vec<Option<(u32, f64)>>,
     /// The columns that a row has, from 0; of frames all.
     used: Vec<usize>,
     form: Form,
@@ -39,18 +41,23 @@ impl Names {
     pub(super) fn of_fields(fields: &[Field]) -> Self {
         let plain = fields.iter().map(|field| field.number.is_whole() && field.is_plain()).collect();
         let all = fields.iter().map(|field| field.name.clone()).collect();
-        Self { all, plain, used: (0..fields.len()).collect(), form: Form::Fields }
+        let width = |field: &Field| {
+            let is_unsigned = field.number.is_unsigned() && field.offset == 0.0;
+            is_unsigned.then(|| (8 * field.number.bytes() as u32, field.scale))
+        };
+        let widths = fields.iter().map(width).collect();
+        Self { all, plain, widths, used: (0..fields.len()).collect(), form: Form::Fields }
     }
 
     /// The columns of lines; without names they have numbers.
     pub(super) fn of_lines(names: Vec<String>) -> Self {
         let form = if names.is_empty() { Form::Numbered } else { Form::Named };
-        Self { all: names, plain: Vec::new(), used: Vec::new(), form }
+        Self { all: names, plain: Vec::new(), widths: Vec::new(), used: Vec::new(), form }
     }
 
     /// The channels of IIO devices.
     pub(super) const fn channels() -> Self {
-        Self { all: Vec::new(), plain: Vec::new(), used: Vec::new(), form: Form::Channels }
+        Self { all: Vec::new(), plain: Vec::new(), widths: Vec::new(), used: Vec::new(), form: Form::Channels }
     }
 
     pub(super) const fn are_named(&self) -> bool {
@@ -59,6 +66,11 @@ impl Names {
 
     pub(super) const fn are_channels(&self) -> bool {
         matches!(self.form, Form::Channels)
+    }
+
+    /// The width in bits of a column that is known to be a whole number without sign, and what its unit stands for.
+    pub(super) fn width(&self, place: usize) -> Option<(u32, f64)> {
+        self.widths.get(place).copied().flatten()
     }
 
     pub(super) fn used(&self) -> Vec<usize> {

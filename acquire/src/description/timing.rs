@@ -13,8 +13,8 @@ pub(crate) struct Timing {
     pub(crate) counter: Option<(usize, Counter)>,
     /// The place of the latency in a row, and its unit \[ns\].
     pub(crate) latency: Option<(usize, f64)>,
-    /// The place of the device's clock in a row, and what it counts.
-    pub(crate) clock: Option<(usize, DeviceClock)>,
+    /// The place of the device's clock in a row, its unit \[ns\], and how it counts.
+    pub(crate) clock: Option<(usize, u64, DeviceClock)>,
 }
 
 const UNITS: [(u64, &str); 4] = [(1_000_000_000, "s"), (1_000_000, "ms"), (1_000, "us"), (1, "ns")];
@@ -33,8 +33,9 @@ pub(super) fn read(root: &Section<'_, '_>, names: &mut Names) -> Option<Timing> 
     section.refuse("interval_s", is_wrong.then(|| "give a number of seconds from 0.000001 to 3600".to_owned()));
     let counter = section.optional_section("counter").and_then(|counter| {
         let column = names.of_section(&counter);
-        let bits = counter.optional_integer("bits", 1..=64);
-        if !counter.has("bits") {
+        let of_type = column.and_then(|column| names.width(column)).map(|(bits, _)| i64::from(bits));
+        let bits = counter.optional_integer("bits", 1..=64).or(of_type.filter(|_| !counter.has("bits")));
+        if !counter.has("bits") && bits.is_none() {
             counter.fault("bits", "missing; give the width of the counter, as in bits = 8 for one that turns at 256");
         }
         let step = counter.optional_integer("step", 1..=1_000_000).unwrap_or(1).cast_unsigned();
@@ -55,9 +56,13 @@ pub(super) fn read(root: &Section<'_, '_>, names: &mut Names) -> Option<Timing> 
     let clock = section.optional_section("time").and_then(|time| {
         let column = names.of_section(&time);
         let unit = time.choice("unit", &UNITS);
-        let bits = time.optional_integer("bits", 1..=64).unwrap_or(64) as u32;
+        let of_type = column.and_then(|column| names.width(column));
+        let scale = of_type.map_or(1.0, |(_, scale)| scale);
+        let bits = time.optional_integer("bits", 1..=64).map(|bits| bits as u32).or(of_type.map(|(bits, _)| bits));
         time.finish();
-        Some((column?, DeviceClock { tick_ns: unit?, bits }))
+        let unit_ns = unit?;
+        let turn = bits.map(|bits| 2f64.powi(bits as i32) * scale * unit_ns as f64).filter(|turn| *turn < 1.8e19);
+        Some((column?, unit_ns, DeviceClock { turn_ns: turn.map(|turn| turn.round() as u64) }))
     });
     if section.has("time") && section.has("latency") {
         section.fault("latency", "is there beside time, the device's own clock; leave one out");

@@ -1,5 +1,6 @@
 //! The laboratory's kinds of files, which `check` knows besides tables and configurations.
 
+use isotherm_acquire::Description;
 use isotherm_automation::plan::Plan;
 use isotherm_calibration::observable;
 use isotherm_campaign::Campaign;
@@ -16,6 +17,7 @@ pub(super) fn laboratory_file(kind: FileKind, text: &str, path: &Path) -> Result
         FileKind::Plan => plan(text, path),
         FileKind::Campaign => campaign(text, path),
         FileKind::Mapping => mapping(text, path),
+        FileKind::Source => source(text, path),
         FileKind::Configuration | FileKind::Table => Err(Failure::new(
             Exit::Usage,
             format!("{}: {} is not a file of the laboratory", path.display(), kind.name()),
@@ -31,6 +33,12 @@ fn mapping(text: &str, path: &Path) -> Result<String, Failure> {
     }
     let mapping = Mapping::from_toml(text).map_err(refuse)?;
     Ok(format!("mapping of {} columns of a text", mapping.columns().count()))
+}
+
+fn source(text: &str, path: &Path) -> Result<String, Failure> {
+    let description = Description::from_toml(text);
+    let description = description.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
+    Ok(description.summary())
 }
 
 fn plan(text: &str, path: &Path) -> Result<String, Failure> {

@@ -1,6 +1,7 @@
 //! The commands, one file each. A command parses its arguments, calls a library, prints messages and returns the exit
 //! code.
 
+mod acquire;
 mod calibrate;
 mod campaign;
 mod check;
@@ -67,6 +68,7 @@ pub(crate) enum Command {
     Reload(Reload),
     Top(top::Top),
     Demo(Demo),
+    Acquire(acquire::Acquire),
     Feed(feed::Feed),
     Replay(replay::Replay),
     Record(record::Record),
@@ -104,6 +106,7 @@ impl Command {
             Self::Reload(reload) => reload.run(domain),
             Self::Top(top) => top.run(domain),
             Self::Demo(demo) => demo.run(domain),
+            Self::Acquire(acquire) => acquire.run(domain),
             Self::Feed(feed) => feed.run(domain),
             Self::Replay(replay) => replay.run(),
             Self::Record(record) => record.run(domain),

@@ -19,7 +19,8 @@ use std::path::{Path, PathBuf};
 
 /// Validate files with the code that loads them
 ///
-/// Coefficient tables and service configurations; `isotherm check` also campaign files, campaign plans and mappings.
+/// Coefficient tables and service configurations; `isotherm check` also campaign files, campaign plans, mappings and
+/// descriptions of sources.
 /// The content of a file tells what it is. All faults of all files are reported, each with line and key. A warning
 /// tells of scale factors that look like a lost digit, and of a service configuration what serve would refuse on this
 /// machine and as this user: a core, a priority, locked memory, an address, too little shared memory.
@@ -93,7 +94,11 @@ impl Checker<'_> {
             FileKind::Table if seal && path == Path::new("-") => {
                 Err(Failure::new(Exit::Usage, "only a file can be sealed; name it instead of -"))
             }
-            kind @ (FileKind::Plan | FileKind::Campaign | FileKind::Mapping | FileKind::Configuration)
+            kind @ (FileKind::Plan
+            | FileKind::Campaign
+            | FileKind::Mapping
+            | FileKind::Source
+            | FileKind::Configuration)
                 if seal || self.against.is_some() =>
             {
                 let what = if seal { "sealed" } else { "compared" };
@@ -101,7 +106,9 @@ impl Checker<'_> {
                 Err(Failure::new(Exit::Config, message))
             }
             FileKind::Table => self.table(path, &text),
-            kind @ (FileKind::Plan | FileKind::Campaign | FileKind::Mapping) => laboratory(kind, &text, path),
+            kind @ (FileKind::Plan | FileKind::Campaign | FileKind::Mapping | FileKind::Source) => {
+                laboratory(kind, &text, path)
+            }
             FileKind::Configuration => {
                 let config = Config::from_toml(&text, path.parent().unwrap_or(Path::new(""))).map_err(refuse)?;
                 self.configuration(path, &config)

@@ -39,7 +39,8 @@ pub struct Sensors {
     pub resolution: Option<f64>,
     /// 1, or -1 for an axis that points the other way.
     pub sign: [f64; AXES],
-    /// One of the column's unit \[m/s2 or rad/s\], of readings; `None`: 1, unless the numbers are counts.
+    /// One of the column's unit \[m/s2 or rad/s; of increments m/s or rad\]; `None`: 1 for readings, unless the numbers are
+    /// counts.
     pub unit: Option<f64>,
     /// Largest reading of the type, in the column's unit.
     pub range: Option<f64>,
@@ -86,12 +87,6 @@ impl SensorColumns {
         let gyroscope = mixed.and_then(|section| {
             let line = section.line();
             let sensors = sensors(section, header, &OF_GYROSCOPES);
-            if let (Some(a), Some(g)) = (&accelerometer, &sensors)
-                && a.kind != g.kind
-            {
-                let message = "differs from accelerometer.kind; all numbers of a row count over the same interval";
-                document.fault(line, "gyroscope.kind", message);
-            }
             if let (Some(a), Some(g)) = (&accelerometer, &sensors)
                 && a.columns.iter().any(|column| g.columns.contains(column))
             {
@@ -146,6 +141,15 @@ fn sensors(section: Section<'_, '_>, header: bool, units: &[(f64, &str)]) -> Opt
             .map(|resolution| format!("is {resolution}, give one pulse in the column's unit, over 0")),
     );
     let unit = section.optional_choice("unit", units);
+    let scale = section.optional_number("scale");
+    let wrong = scale.filter(|scale| *scale <= 0.0);
+    section.refuse(
+        "scale",
+        wrong.map(|scale| format!("is {scale}, give one of the column's unit in m/s2, rad/s, m/s or rad, over 0")),
+    );
+    let both = section.has("unit") && section.has("scale");
+    section.refuse("scale", both.then(|| "is there beside unit; give one of them".to_owned()));
+    let unit = unit.or(scale);
     let range = section.optional_number("range");
     let wrong = range.filter(|range| *range <= 0.0);
     section.refuse(

@@ -130,6 +130,13 @@ impl Mapping {
             time
         });
         let columns = SensorColumns::read(&document, &root, header);
+        if let Some(SensorColumns { accelerometer, gyroscope: Some(gyroscope), .. }) = &columns
+            && accelerometer.kind != gyroscope.kind
+        {
+            let line = root.optional_section("gyroscope").map_or(1, |section| section.line());
+            let message = "differs from accelerometer.kind; all numbers of a row count over the same interval";
+            document.fault(line, "gyroscope.kind", message);
+        }
         root.finish();
         let mapping = match (time, columns) {
             (Some(time), Some(SensorColumns { accelerometer, gyroscope, temperature })) => {
