@@ -40,6 +40,8 @@ mod sample;
 mod source;
 mod stream;
 mod tally;
+#[cfg(test)]
+mod tests;
 mod timeline;
 
 pub use description::Description;

@@ -77,6 +77,11 @@ impl Names {
         self.used.clone()
     }
 
+    /// The names of the columns of a row; none if they have numbers.
+    pub(super) fn of_row(&self) -> Vec<String> {
+        self.used.iter().filter_map(|used| self.all.get(*used).cloned()).collect()
+    }
+
     pub(super) fn names(&self) -> Vec<String> {
         self.all.clone()
     }

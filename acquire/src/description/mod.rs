@@ -39,6 +39,8 @@ pub struct Description {
     pub(crate) timing: Timing,
     /// The places of the sensors in a row.
     pub(crate) columns: Columns,
+    /// The names of the columns of a row.
+    pub(crate) names: Vec<String>,
     /// The sensors, as the file has them.
     pub(crate) sensors: SensorColumns,
     /// Settings of the thread that receives and sends.
@@ -124,6 +126,12 @@ impl Description {
         Ok(())
     }
 
+    /// The names of the columns of a row; empty for lines without names.
+    #[must_use]
+    pub fn columns(&self) -> Vec<String> {
+        self.names.clone()
+    }
+
     /// One line for people.
     #[must_use]
     pub fn summary(&self) -> String {
@@ -175,7 +183,18 @@ fn read(document: &Document<'_>, root: &Section<'_, '_>) -> Option<Description> 
         (KindName::Lines, (_, Some(line))) => Kind::Lines(port?, Line { used: names.used(), ..line }),
         _ => Kind::Iio(complete(settings??, &names, &sensors, timing.interval_ns)),
     };
-    Some(Description { imu: imu?, serial: serial.map(str::to_owned), kind, timing, columns, sensors, realtime, spin })
+    let names = names.of_row();
+    Some(Description {
+        imu: imu?,
+        serial: serial.map(str::to_owned),
+        kind,
+        timing,
+        columns,
+        names,
+        sensors,
+        realtime,
+        spin,
+    })
 }
 
 /// The settings of IIO with the channels that the sections of the sensors name.

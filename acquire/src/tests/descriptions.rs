@@ -1,0 +1,80 @@
+//! Descriptions: what is wrong is named with line and key.
+
+use super::profile;
+use crate::description::{Description, Kind};
+use crate::profiles::PROFILES;
+use crate::timeline::Counter;
+
+#[test]
+fn every_profile_is_right_and_says_where_it_comes_from() {
+    for (name, text) in PROFILES {
+        profile(name);
+        let comment: String = text.lines().take_while(|line| line.starts_with('#')).collect();
+        assert!(comment.contains("Source: "), "{name} names no source");
+    }
+    let stim = profile("stim300");
+    assert_eq!(stim.timing.counter.map(|(_, counter)| counter), Some(Counter { bits: 8, step: 2 }));
+    let Kind::Iio(settings) = &profile("bmi270").kind else { panic!("bmi270 is no IIO device") };
+    assert_eq!((settings.columns.len(), settings.temperature.len()), (6, 1));
+}
+
+fn faults(text: &str) -> String {
+    Description::from_toml(text).err().map(|faults| faults.to_string()).unwrap_or_default()
+}
+
+#[test]
+fn all_faults_are_named_with_line_and_key() {
+    let text = PROFILES.iter().find(|(name, _)| *name == "stim300").unwrap().1;
+    let comment = text.lines().take_while(|line| line.starts_with('#')).count();
+    let wrong = text
+        .lines()
+        .skip(comment)
+        .collect::<Vec<_>>()
+        .join("\n")
+        .replace("format = 1", "format = 2")
+        .replace("921600", "9")
+        .replace("interval_s = 0.001", "interval_s = 0")
+        .replace("step = 2", "step = 3")
+        .replace("unit = \"us\"", "unit = \"min\"")
+        .replace("sync = [0xA5]", "sync = [0xA5, 256]")
+        .replace("at = -4, pad = 4", "at = -400, pad = 0")
+        .replace("name = \"gx\"\nat = 1", "name = \"gx\"\nat = 41")
+        .replace("type = \"u16\"", "type = \"u17\"")
+        .replace("\"ay\", \"az\"]", "\"ay\", \"aq\"]")
+        + "\n[lines]\nseparator = \"|\"\n";
+    let found = faults(&wrong);
+    for expected in [
+        "line 1: format: is the integer 2",
+        "source.baud: is the integer 9",
+        "timing.interval_s: give a number of seconds from 0.000001 to 3600",
+        "timing.counter.step: give a step that divides",
+        "timing.latency.unit: is \"min\"",
+        "frame.sync: ",
+        "frame.checksum.at: ",
+        "frame.checksum.pad: ",
+        "field.1.at: is 41, and the 3 bytes are not within the 42",
+        ".type: is \"u17\"",
+        "accelerometer.columns: aq is no column; there are gx",
+        "lines: unknown key",
+    ] {
+        assert!(found.contains(expected), "{expected}\n--\n{found}");
+    }
+}
+
+#[test]
+fn what_is_missing_or_there_twice_is_named() {
+    let found = faults("format = 1\n");
+    assert!(found.contains("imu: missing") && found.contains("source: missing; give a section [source]"), "{found}");
+    let two = "format = 1\nimu = \"a\"\n[source]\nkind = \"lines\"\nserial = \"/dev/x\"\ntcp = \"h\"\nfile = \"-\"\nbaud = 1200\n\
+               [timing]\ninterval_s = 0.1\ncounter = { column = 9 }\n[lines]\n[accelerometer]\ncolumns = [1, 2, 3]\nkind = \"reading\"\n\
+               [temperature]\nconstant = 20\n";
+    let found = faults(two);
+    assert!(found.contains("line 3: source: has 3 sources; give one of serial, tcp, udp and file"), "{found}");
+    assert!(found.contains("timing.counter.bits: missing"), "{found}");
+    assert!(found.contains("accelerometer.resolution: missing"), "{found}");
+    let udp = faults(
+        &two.replace("serial = \"/dev/x\"\ntcp = \"h\"\nfile = \"-\"\nbaud = 1200", "udp = \"4000\"\npace = true"),
+    );
+    assert!(udp.contains("source.udp: is \"4000\", give host and port"), "{udp}");
+    assert!(udp.contains("source.pace: is for a file"), "{udp}");
+}

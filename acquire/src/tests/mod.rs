@@ -1,0 +1,37 @@
+#![allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::panic, reason = "in a test the panic is the report")]
+
+mod descriptions;
+mod golden;
+mod streams;
+mod times;
+
+use crate::description::Description;
+use crate::profiles::PROFILES;
+use crate::stream::StreamDecoder;
+use crate::tally::Skipped;
+use crate::{Arrival, Value};
+
+/// A shipped profile.
+fn profile(name: &str) -> Description {
+    let text = PROFILES.iter().find(|(of, _)| *of == name).unwrap().1;
+    Description::from_toml(text).unwrap()
+}
+
+/// The rows of a stream that arrives in pieces of these lengths, in turn.
+fn decode(description: &Description, bytes: &[u8], pieces: &[usize]) -> (Vec<Vec<Value>>, Skipped, u64) {
+    let mut decoder = StreamDecoder::new(description).unwrap();
+    let (mut rows, mut damaged, mut rest) = (Vec::new(), 0, bytes);
+    for piece in pieces.iter().cycle() {
+        let (now, later) = rest.split_at((*piece).clamp(1, rest.len().max(1)).min(rest.len()));
+        decoder.push(now, Arrival::default(), &mut |found| {
+            damaged += found.damaged;
+            rows.push(found.row.to_vec());
+        });
+        rest = later;
+        if rest.is_empty() {
+            break;
+        }
+    }
+    decoder.end();
+    (rows, *decoder.skipped(), damaged)
+}

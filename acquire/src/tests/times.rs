@@ -1,0 +1,153 @@
+//! Periods and times of frames.
+
+use crate::frames::Arrival;
+use crate::timeline::{Counter, DeviceClock, Observed, Placed, Timeline};
+
+const INTERVAL: u64 = 500_000;
+const EIGHT_BITS: Counter = Counter { bits: 8, step: 1 };
+
+fn at(ns: u64) -> Option<Arrival> {
+    Some(Arrival { after_ns: ns, by_ns: ns })
+}
+
+/// A device at 2 kHz whose frames arrive up to 1 ms late, as USB bursts them.
+fn late(frame: u64) -> u64 {
+    let time = 7_000_000_000 + frame * INTERVAL;
+    time.next_multiple_of(1_000_000)
+}
+
+fn counted(timeline: &mut Timeline, frame: u64, arrival: Option<Arrival>) -> Placed {
+    timeline.place(Observed { arrival, counter: Some(frame % 256), ..Observed::default() })
+}
+
+#[test]
+fn jitter_of_a_millisecond_does_not_reach_the_times() {
+    let mut timeline = Timeline::new(INTERVAL, Some(EIGHT_BITS), None);
+    let (mut last, mut worst) = (0, 0.0f64);
+    for frame in 0..20_000 {
+        match counted(&mut timeline, frame, at(late(frame))) {
+            Placed::First { timestamp_ns } => last = timestamp_ns,
+            Placed::Next { periods, timestamp_ns, is_ambiguous } => {
+                assert_eq!((periods, is_ambiguous), (1, false));
+                if frame > 4000 {
+                    worst = worst.max((timestamp_ns as f64 - last as f64 - INTERVAL as f64).abs());
+                }
+                last = timestamp_ns;
+            }
+            Placed::Repeated => panic!("frame {frame}"),
+        }
+    }
+    assert!(worst < 2_000.0, "steps of the times differ by {worst} ns");
+    let delay = last as f64 - (7e9 + 19_999.0 * INTERVAL as f64);
+    assert!((0.0..1e6).contains(&delay), "{delay}");
+    let (deviation, seconds) = timeline.deviation(at(late(19_999))).unwrap();
+    assert!(deviation.abs() < 2e-4 && seconds > 9.0, "{deviation} over {seconds} s");
+}
+
+#[test]
+fn gaps_have_their_length_over_several_turns_of_the_counter() {
+    for missing in [0, 1, 7, 255, 256, 257, 1000, 5000] {
+        let mut timeline = Timeline::new(INTERVAL, Some(EIGHT_BITS), None);
+        for frame in 0..3000 {
+            counted(&mut timeline, frame, at(late(frame)));
+        }
+        let next = 3000 + missing;
+        let placed = counted(&mut timeline, next, at(late(next)));
+        let Placed::Next { periods, is_ambiguous, .. } = placed else { panic!("{missing}: {placed:?}") };
+        assert_eq!((periods, is_ambiguous), (missing + 1, false), "{missing}");
+    }
+}
+
+#[test]
+fn a_doubled_frame_is_repeated_and_an_outage_of_a_turn_is_a_new_session() {
+    let mut timeline = Timeline::new(INTERVAL, Some(EIGHT_BITS), None);
+    for frame in 0..3000 {
+        counted(&mut timeline, frame, at(late(frame)));
+    }
+    assert_eq!(counted(&mut timeline, 2999, at(late(3000))), Placed::Repeated);
+    let away = |frames: u64| Observed {
+        arrival: at(late(2999 + frames)),
+        counter: Some((2999 + frames) % 256),
+        after_outage: true,
+        ..Observed::default()
+    };
+    let mut short = timeline.clone();
+    assert!(matches!(short.place(away(200)), Placed::Next { periods: 200, .. }));
+    assert!(matches!(timeline.place(away(300)), Placed::First { .. }));
+}
+
+/// The process was held back for five seconds: what lay in the line's buffer is no gap, what did not fit is one.
+#[test]
+fn a_backlog_is_no_gap() {
+    let mut timeline = Timeline::new(INTERVAL, Some(EIGHT_BITS), None);
+    for frame in 0..3000 {
+        counted(&mut timeline, frame, at(late(frame)));
+    }
+    let (stopped, back) = (late(2999), late(13_000));
+    let backlog = Some(Arrival { after_ns: stopped, by_ns: back });
+    for frame in 3000..4000 {
+        let placed = counted(&mut timeline, frame, backlog);
+        assert!(matches!(placed, Placed::Next { periods: 1, .. }), "{frame}: {placed:?}");
+    }
+    let placed = counted(&mut timeline, 13_001, at(late(13_001)));
+    assert!(matches!(placed, Placed::Next { periods: 9002, .. }), "{placed:?}");
+}
+
+#[test]
+fn a_wide_counter_that_begins_anew_is_a_new_session() {
+    let counter = Counter { bits: 16, step: 4 };
+    let mut timeline = Timeline::new(INTERVAL, Some(counter), None);
+    let observed = |count: u64, frame: u64| Observed {
+        arrival: at(late(frame)),
+        counter: Some(count % 65_536),
+        ..Observed::default()
+    };
+    assert!(matches!(timeline.place(observed(65_528, 0)), Placed::First { .. }));
+    assert!(matches!(timeline.place(observed(65_532, 1)), Placed::Next { periods: 1, .. }));
+    assert!(matches!(timeline.place(observed(65_536, 2)), Placed::Next { periods: 1, .. }));
+    assert!(matches!(timeline.place(observed(65_536 + 12, 5)), Placed::Next { periods: 3, .. }));
+    assert!(matches!(timeline.place(observed(40_000, 6)), Placed::First { .. }));
+    assert!(matches!(timeline.place(observed(40_002, 7)), Placed::First { .. }), "half a step");
+}
+
+#[test]
+fn the_devices_own_clock_counts_periods_wraps_and_restarts() {
+    let turn = (1u64 << 32) * 1000;
+    let clock = DeviceClock { turn_ns: Some(turn) };
+    let mut timeline = Timeline::new(INTERVAL, None, Some(clock));
+    let begin = turn - 700_000;
+    let observed = |time: u64, frame: u64| Observed {
+        arrival: at(late(frame)),
+        clock_ns: Some(time % turn),
+        ..Observed::default()
+    };
+    assert_eq!(timeline.place(observed(begin, 0)), Placed::First { timestamp_ns: begin });
+    let second = Placed::Next { periods: 1, timestamp_ns: begin + 501_000, is_ambiguous: false };
+    assert_eq!(timeline.place(observed(begin + 501_000, 1)), second);
+    assert_eq!(timeline.place(observed(begin + 501_000, 1)), Placed::Repeated);
+    // Over the turn, and one is lost.
+    let third = Placed::Next { periods: 2, timestamp_ns: begin + 1_500_000, is_ambiguous: false };
+    assert_eq!(timeline.place(observed(begin + 1_500_000, 3)), third);
+    assert!(matches!(timeline.place(observed(5_000, 4)), Placed::First { timestamp_ns: 5_000 }));
+}
+
+#[test]
+fn without_counter_and_clock_damage_and_silence_are_gaps() {
+    let mut timeline = Timeline::new(INTERVAL, None, None);
+    let observed = |frame: u64, damaged: u64| Observed { arrival: at(late(frame)), damaged, ..Observed::default() };
+    for frame in 0..2000 {
+        let placed = timeline.place(observed(frame, 0));
+        assert!(frame == 0 || matches!(placed, Placed::Next { periods: 1, .. }), "{frame}: {placed:?}");
+    }
+    assert!(matches!(timeline.place(observed(2002, 2)), Placed::Next { periods: 3, .. }));
+    assert!(matches!(timeline.place(observed(4002, 0)), Placed::Next { periods: 2000 | 1999 | 1998, .. }));
+}
+
+#[test]
+fn a_files_rows_follow_each_other_at_the_interval() {
+    let mut timeline = Timeline::new(INTERVAL, Some(EIGHT_BITS), None);
+    assert_eq!(counted(&mut timeline, 0, None), Placed::First { timestamp_ns: INTERVAL });
+    let next = |periods, intervals| Placed::Next { periods, timestamp_ns: intervals * INTERVAL, is_ambiguous: false };
+    assert_eq!(counted(&mut timeline, 1, None), next(1, 2));
+    assert_eq!(counted(&mut timeline, 4, None), next(3, 5));
+}
