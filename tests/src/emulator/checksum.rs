@@ -5,8 +5,8 @@ pub(super) fn crc32(bytes: &[u8]) -> u32 {
     let mut register = u32::MAX;
     for byte in bytes {
         for bit in (0..8).rev() {
-            let feedback = (register >> 31) ^ u32::from(byte >> bit & 1);
-            register = register << 1 ^ feedback * 0x04C1_1DB7;
+            let feedback = (register >> 31) ^ u32::from((byte >> bit) & 1);
+            register = (register << 1) ^ (feedback * 0x04C1_1DB7);
         }
     }
     register
@@ -17,8 +17,8 @@ pub(super) fn crc16(bytes: &[u8]) -> u16 {
     let mut register = 0;
     for byte in bytes {
         for bit in (0..8).rev() {
-            let feedback = (register >> 15) ^ u16::from(byte >> bit & 1);
-            register = register << 1 ^ feedback * 0x1021;
+            let feedback = (register >> 15) ^ u16::from((byte >> bit) & 1);
+            register = (register << 1) ^ (feedback * 0x1021);
         }
     }
     register
