@@ -11,6 +11,7 @@
     reason = "in a test the panic is the report"
 )]
 
+pub mod emulator;
 pub mod laboratory;
 pub mod programs;
 
