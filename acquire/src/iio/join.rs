@@ -48,12 +48,7 @@ impl Ring {
 ///
 /// With `within` half an interval, each row's partner is the nearest. The result does not depend on how many rows are
 /// there at a time.
-pub(super) fn join(
-    first: &mut Ring,
-    second: &mut Ring,
-    within: u64,
-    mut each: impl FnMut(i64, &[i64], &[i64]),
-) -> u64 {
+pub(super) fn join(first: &mut Ring, second: &mut Ring, within: u64, mut each: impl FnMut(i64, &[i64], &[i64])) -> u64 {
     let mut lonely = 0;
     while let (Some((a, a_numbers)), Some((b, b_numbers))) = (first.front(), second.front()) {
         if a.abs_diff(b) <= within {

@@ -86,11 +86,7 @@ fn scans(member: &Member<'_>) -> String {
 }
 
 /// Where the temperature of this name is: a scan element if there is one, else an attribute.
-pub(super) fn telemetry<'a>(
-    all: &'a [Device],
-    members: &[Member<'a>],
-    name: &str,
-) -> Result<Telemetry<'a>, IioError> {
+pub(super) fn telemetry<'a>(all: &'a [Device], members: &[Member<'a>], name: &str) -> Result<Telemetry<'a>, IioError> {
     let (device, channel) = split(name);
     let candidates: Vec<&Device> = match device {
         Some(device) => vec![find(all, device)?],

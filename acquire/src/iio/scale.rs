@@ -63,7 +63,8 @@ pub(super) fn scale(folder: &Folder, channel: &str) -> Result<IioScale, IioError
 
 /// The last digit's unit over the scale.
 fn rounding(text: &str, scale: f64) -> f64 {
-    let digits = text.split_once('.').map_or(0, |(_, decimals)| decimals.bytes().take_while(u8::is_ascii_digit).count());
+    let digits =
+        text.split_once('.').map_or(0, |(_, decimals)| decimals.bytes().take_while(u8::is_ascii_digit).count());
     let digits = i32::try_from(digits).unwrap_or(i32::MAX);
     if digits == 0 { 0.0 } else { (10_f64.powi(-digits) / scale).abs() }
 }
@@ -73,6 +74,11 @@ pub(super) fn number(folder: &Folder, file: &str, text: &str) -> Result<f64, Iio
     let first = text.split_ascii_whitespace().next().unwrap_or_default();
     first.parse::<f64>().ok().filter(|number| number.is_finite()).ok_or_else(|| {
         let phase = folder.phase(&format!("reading {file}"));
-        IioError::new(IioFault::Refused, phase, format!("{text:?} is no number"), "report it to the driver's maintainer")
+        IioError::new(
+            IioFault::Refused,
+            phase,
+            format!("{text:?} is no number"),
+            "report it to the driver's maintainer",
+        )
     })
 }
