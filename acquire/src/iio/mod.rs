@@ -14,6 +14,7 @@ mod error;
 mod format;
 mod join;
 mod list;
+mod output;
 mod rate;
 mod resolve;
 mod scale;
@@ -27,8 +28,9 @@ mod tests;
 
 pub use error::{IioError, IioFault};
 pub use list::{IioChannel, IioDevice, IioRate, list};
+pub use output::{IioCounters, Scan};
 pub use scale::IioScale;
-pub use source::{IioClock, IioCounters, IioSource, Scan, open};
+pub use source::{IioClock, IioSource, open};
 
 /// What a description says of IIO devices.
 #[derive(Clone, Debug, PartialEq)]
