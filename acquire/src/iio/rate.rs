@@ -29,8 +29,8 @@ pub(super) fn set(
     files.iter().try_for_each(|file| set_one(folder, file, wanted))
 }
 
-/// The frequency of an interval \[Hz\]; the whole one within 100 ppm, since an interval is rounded (3000 Hz are 333333 ns)
-/// and drivers may take whole numbers alone.
+/// The frequency of an interval \[Hz\]; the whole one within 100 ppm, since an interval is rounded (3000 Hz are
+/// 333333 ns) and drivers may take whole numbers alone.
 fn wanted(interval_ns: u64) -> f64 {
     let exact = 1e9 / interval_ns as f64;
     let whole = exact.round();

@@ -13,8 +13,8 @@ use super::sysfs::Folder;
 /// Scans that one read takes at most.
 const READ: usize = 128;
 
-/// Scans of one device that may wait for those of another: all that the kernel holds, which rounds up to a power of two,
-/// and two reads.
+/// Scans of one device that may wait for those of another: all that the kernel holds, which rounds up to a power of
+/// two, and two reads.
 pub(super) fn waiting(length: usize) -> usize {
     length.next_power_of_two() + 2 * READ
 }

@@ -1,10 +1,11 @@
-//! Attributes of real devices.
+//! Attributes as real devices have them.
 //!
-//! Names, types and values are those of the kernel's documentation and drivers; where a value was recorded on a device,
-//! the comment says by whom.
+//! Names, indices, types and scales are those of the kernel's documentation and drivers. What was recorded on a device
+//! is said; the rest was not.
 
-/// ADIS16505-2: names, scales and frequency as recorded in the kernel's `Documentation/iio/adis16475.rst`; indices and
-/// types of the driver `adis16475`. Linux 5.11 and later: `buffer0` beside the old folders.
+/// ADIS16505-2: name, scales, frequency, trigger and `in_accel_x_raw` as recorded in the kernel's
+/// `Documentation/iio/adis16475.rst`; indices and types of the driver `adis16475`. Linux 5.11 and later: `buffer0`
+/// beside the old folders, of which one channel stands here.
 pub(super) const ADIS16505: &str = "
     name: adis16505-2
     in_accel_scale: 0.000000037
@@ -19,6 +20,8 @@ pub(super) const ADIS16505: &str = "
     buffer/enable: 0
     buffer/length: 2
     scan_elements/in_anglvel_x_en: 0
+    scan_elements/in_anglvel_x_index: 0
+    scan_elements/in_anglvel_x_type: be:s32/32>>0
     buffer0/enable: 0
     buffer0/length: 2
     buffer0/watermark: 1
@@ -141,7 +144,8 @@ pub(super) const BMI270: &str = "
     buffer0/in_timestamp_type: le:s64/64>>0
 ";
 
-/// The accelerometers of an LSM6DSOX, of the driver `st_lsm6dsx`, which makes two devices of a chip.
+/// The accelerometers of an LSM6DSOX, of the driver `st_lsm6dsx`, which makes two devices of a chip, and in older
+/// kernels gives each axis a scale. The label is an example.
 pub(super) const LSM6DSOX_ACCEL: &str = "
     name: lsm6dsox_accel
     label: imu-left

@@ -88,3 +88,30 @@ fn a_driver_that_is_busy_while_it_scans_is_told_with_the_remedy() {
     assert_eq!(fault.kind, IioFault::Description);
     assert!(fault.to_string().contains("while its buffer runs") && fault.to_string().contains("constant"), "{fault}");
 }
+
+/// As the two devices of an ICM-42688: each has the chip's temperature in its scan.
+#[test]
+fn of_two_devices_with_a_temperature_the_first_gives_it() {
+    let with_temperature = |record: &str, raw: i16| {
+        let record = record.replace("in_timestamp_index: 3", "in_timestamp_index: 4");
+        let more = "buffer0/in_temp_en: 0\nbuffer0/in_temp_index: 3\nbuffer0/in_temp_type: le:s16/16>>0";
+        format!("{record}\n{more}\nin_temp_offset: 3312\nin_temp_scale: 7.548309\nin_temp_raw: {raw}")
+    };
+    let fake = Fake::with(&[&with_temperature(LSM6DSOX_ACCEL, 1), &with_temperature(LSM6DSOX_GYRO, 2)]);
+    let mut wanted = settings("lsm6dsox_accel lsm6dsox_gyro", SIX, "temp");
+    wanted.interval_ns = SECOND / 104;
+    let mut source = fake.open(&wanted).unwrap();
+    assert_eq!(fake.get("iio:device0/buffer0/in_temp_en"), "1");
+    assert_eq!(fake.get("iio:device1/buffer0/in_temp_en"), "0");
+    let scan = |numbers: [i16; 4]| {
+        let mut scan: Vec<u8> = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
+        scan.extend(5_i64.to_le_bytes());
+        scan
+    };
+    push(&mut fake.driver(0), &scan([1, 2, 3, -64]));
+    push(&mut fake.driver(1), &scan([4, 5, 6, 0]));
+    let scans = read(&mut source, 0);
+    assert_eq!(scans[0].values, [1, 2, 3, 4, 5, 6]);
+    // (-64 + 3312) * 7.548309 milli-degC.
+    assert!((scans[0].temperatures[0] - 24.516_907_632).abs() < 1e-9, "{:?}", scans[0]);
+}
