@@ -1,8 +1,8 @@
 //! Which device gives which wanted channel.
 
-use super::IioSettings;
 use super::device::{Device, find};
 use super::error::{IioError, IioFault};
+use super::settings::IioSettings;
 use super::setup::Buffer;
 use super::temperature;
 

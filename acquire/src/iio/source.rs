@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use rustix::fd::BorrowedFd;
+use rustix::fd::{BorrowedFd, OwnedFd};
 
-use super::IioSettings;
+use super::clock::IioClock;
 use super::device::devices;
 use super::element::TIMESTAMP;
 use super::error::{IioError, IioFault};
@@ -12,24 +12,14 @@ use super::join::{Ring, join};
 use super::output::{IioCounters, Output, Scan};
 use super::resolve::{Channel, Member, Telemetry, column, members, telemetry};
 use super::scale::{IioScale, scale};
-use super::setup::{Prepared, enable, prepare};
+use super::settings::IioSettings;
+use super::setup::{Prepared, claim, enable, prepare};
 use super::stream::{Stream, Wanted, waiting};
 use super::sysfs::Tree;
 use super::temperature::{Polled, Temperature};
 
 /// Reads of each descriptor in one call at most: a device that never is silent must not hold up its caller.
 const READS: usize = 16;
-
-/// The clock of the timestamps.
-#[derive(Clone, Debug, Eq, PartialEq)]
-pub enum IioClock {
-    /// CLOCK_MONOTONIC.
-    Monotonic,
-    /// Another one, by the kernel's name, as `realtime`: it may jump, so take the time of arrival.
-    Other(String),
-    /// There are no timestamps: take the time of arrival.
-    None,
-}
 
 /// Devices that run. Dropping it switches their buffers off.
 pub struct IioSource {
@@ -73,6 +63,8 @@ pub(super) fn open_tree(tree: &Tree, settings: &IioSettings) -> Result<IioSource
     });
     let numbers: Vec<Channel> = columns.iter().cloned().chain(scanned).collect();
 
+    let claimed = members.iter().map(|member| claim(tree, member.device, &member.buffer));
+    let nodes = claimed.collect::<Result<Vec<_>, _>>()?;
     let mut prepared = Vec::new();
     for (at, member) in members.iter().enumerate() {
         let of_member = numbers.iter().filter(|channel| channel.member == at);
@@ -91,7 +83,7 @@ pub(super) fn open_tree(tree: &Tree, settings: &IioSettings) -> Result<IioSource
         .collect::<Result<Vec<_>, _>>()?;
     let temperatures = temperatures(&members, telemetry, columns.len())?;
     let rows = prepared.iter().map(|prepared| waiting(prepared.length)).max().unwrap_or_default();
-    let streams = start(tree, &members, prepared, &numbers)?;
+    let streams = start(tree, &members, nodes, prepared, &numbers)?;
     let rings = match &streams[..] {
         [first, second] => Some((first.ring(rows), second.ring(rows))),
         _ => None,
@@ -146,11 +138,13 @@ fn temperatures(
 fn start(
     tree: &Tree,
     members: &[Member<'_>],
+    nodes: Vec<OwnedFd>,
     prepared: Vec<Prepared>,
     numbers: &[Channel],
 ) -> Result<Vec<Stream>, IioError> {
     let mut streams = Vec::new();
-    for ((at, member), Prepared { node, layout, clock, .. }) in members.iter().enumerate().zip(prepared) {
+    let claimed = members.iter().enumerate().zip(nodes).zip(prepared);
+    for (((at, member), node), Prepared { layout, clock, .. }) in claimed {
         let folder = &member.buffer.elements;
         let of_member = numbers.iter().enumerate().filter(|(_, channel)| channel.member == at);
         let (slots, names): (Vec<usize>, Vec<&str>) = of_member.map(|(at, channel)| (at, &channel.name[..])).unzip();

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 use rustix::io::Errno;
 
 use super::super::IioClock;
-use super::records::{ADIS16505, BMI270, MPU6050};
+use super::records::{ADIS16505, BMI270, LSM6DSOX_ACCEL, LSM6DSOX_GYRO, MPU6050};
 use super::tree::{Fake, SIX, settings};
 
 #[test]
@@ -49,9 +49,26 @@ fn a_buffer_that_a_killed_program_left_on_is_started_anew() {
     assert_eq!(enabled, ["0", "1", "0"]);
 }
 
+/// The two devices of a chip share its rate, and the driver changes it while both are off.
+#[test]
+fn both_devices_are_off_before_one_is_set_up() {
+    let mut fake = Fake::with(&[LSM6DSOX_ACCEL, LSM6DSOX_GYRO]);
+    fake.set("iio:device1/buffer0/enable", "1");
+    let other = fake.tree.devices().join("iio:device1/buffer0/enable");
+    fake.kernel(move |path, value| {
+        let is_on = std::fs::read_to_string(&other)?.trim() == "1";
+        if is_on && path == "iio:device0/sampling_frequency" { Err(Errno::BUSY.into()) } else { Ok(value.to_owned()) }
+    });
+    let mut wanted = settings("lsm6dsox_accel lsm6dsox_gyro", SIX, "");
+    wanted.interval_ns = 1_000_000_000 / 104;
+    let _source = fake.open(&wanted).unwrap();
+    assert_eq!(fake.get("iio:device0/sampling_frequency"), "104.000");
+    assert_eq!(fake.get("iio:device1/buffer0/enable"), "1");
+}
+
 #[test]
 fn a_failed_start_leaves_no_buffer_on() {
-    let mut fake = Fake::with(&[super::records::LSM6DSOX_ACCEL, super::records::LSM6DSOX_GYRO]);
+    let mut fake = Fake::with(&[LSM6DSOX_ACCEL, LSM6DSOX_GYRO]);
     fake.refuse("iio:device1/buffer0/enable", Errno::IO);
     let mut wanted = settings("lsm6dsox_accel lsm6dsox_gyro", SIX, "");
     wanted.interval_ns = 1_000_000_000 / 104;
