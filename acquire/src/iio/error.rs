@@ -11,7 +11,7 @@ use rustix::io::Errno;
 pub enum IioFault {
     /// There is no such device.
     Absent,
-    /// The device went away. It may come back: open it again.
+    /// The device went away. It may come back: open it again, until then it is [`Self::Absent`] or this.
     Gone,
     /// Another program has the device.
     Busy,
@@ -27,7 +27,7 @@ pub enum IioFault {
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 #[error("{phase}: {cause}; {remedy}")]
 pub struct IioError {
-    /// Decides what the caller does: only [`IioFault::Gone`] mends itself.
+    /// Decides what the caller does.
     pub kind: IioFault,
     /// What was being done, and the device.
     pub phase: String,

@@ -6,17 +6,20 @@
 //! [`open`] sets the devices up and starts their buffers. [`IioSource::read`] gives each scan, that is one sample of
 //! all wanted channels, as raw numbers. `value = (raw + offset) * scale` in m/s2 or rad/s, see [`IioSource::scales`].
 //!
-//! What is memory is made by [`open`]: reading allocates nothing.
+//! All memory is taken by [`open`]: reading allocates nothing.
 
+mod clock;
 mod device;
 mod element;
 mod error;
 mod format;
 mod join;
 mod list;
+mod output;
 mod rate;
 mod resolve;
 mod scale;
+mod settings;
 mod setup;
 mod source;
 mod stream;
@@ -25,27 +28,10 @@ mod temperature;
 #[cfg(test)]
 mod tests;
 
+pub use clock::IioClock;
 pub use error::{IioError, IioFault};
 pub use list::{IioChannel, IioDevice, IioRate, list};
+pub use output::{IioCounters, Scan};
 pub use scale::IioScale;
-pub use source::{IioClock, IioCounters, IioSource, Scan, open};
-
-/// What a description says of IIO devices.
-#[derive(Clone, Debug, PartialEq)]
-pub struct IioSettings {
-    /// One device or two: each a name, its unique beginning, a label, `iio:deviceN`, or N.
-    pub devices: Vec<String>,
-    /// Name of the trigger, as in `/sys/bus/iio/devices/triggerN/name`; without it the device's own stays.
-    pub trigger: Option<String>,
-    /// Scans after which the kernel wakes the reader, 1 or more.
-    pub watermark: u32,
-    /// Nominal interval of two scans \[ns\], over 0.
-    pub interval_ns: u64,
-    /// Wanted channels, as in `in_CHANNEL_en`: `accel_x` .. `anglvel_z`. `DEVICE/CHANNEL` where both devices have it.
-    pub columns: Vec<String>,
-    /// Channels of temperatures, as `temp` or `temp0`; scanned where they are scan elements, else polled. Empty if the
-    /// temperature comes from elsewhere. `DEVICE/CHANNEL` takes it from another IIO device.
-    pub temperature: Vec<String>,
-    /// Time between two polls of a temperature \[ns\].
-    pub poll_ns: u64,
-}
+pub use settings::IioSettings;
+pub use source::{IioSource, open};

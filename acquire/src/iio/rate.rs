@@ -21,12 +21,20 @@ pub(super) fn set(
     channels: &[String],
     interval_ns: u64,
 ) -> Result<(), IioError> {
-    let wanted = 1e9 / interval_ns as f64;
+    let wanted = wanted(interval_ns);
     if let Some(trigger) = trigger.filter(|trigger| trigger.has(FREQUENCY)) {
         return set_one(trigger, FREQUENCY, wanted);
     }
     let files: BTreeSet<String> = channels.iter().filter_map(|channel| file(folder, channel)).collect();
     files.iter().try_for_each(|file| set_one(folder, file, wanted))
+}
+
+/// The frequency of an interval \[Hz\]; the whole one within 100 ppm, since an interval is rounded (3000 Hz are
+/// 333333 ns) and drivers may take whole numbers alone.
+fn wanted(interval_ns: u64) -> f64 {
+    let exact = 1e9 / interval_ns as f64;
+    let whole = exact.round();
+    if (exact / whole - 1.0).abs() < 1e-4 { whole } else { exact }
 }
 
 /// The file with the frequency of a channel: its own, of its kind, of all inputs, of the device.

@@ -1,8 +1,8 @@
 //! Which device gives which wanted channel.
 
-use super::IioSettings;
 use super::device::{Device, find};
 use super::error::{IioError, IioFault};
+use super::settings::IioSettings;
 use super::setup::Buffer;
 use super::temperature;
 
@@ -70,14 +70,13 @@ pub(super) fn column(all: &[Device], members: &[Member<'_>], name: &str) -> Resu
             let cause = format!("no scan element has this name; {}", titles.join("; "));
             Err(IioError::new(IioFault::Description, format!("IIO channel {name}"), cause, "name one of these"))
         }
-        _ => Err(ambiguous(name, members.iter().map(|member| member.device))),
+        _ => {
+            let titles: Vec<String> = members.iter().map(|member| member.device.title()).collect();
+            let cause = format!("several devices have it: {}", titles.join(", "));
+            let remedy = "name it as DEVICE/CHANNEL";
+            Err(IioError::new(IioFault::Description, format!("IIO channel {name}"), cause, remedy))
+        }
     }
-}
-
-fn ambiguous<'a>(name: &str, devices: impl Iterator<Item = &'a Device>) -> IioError {
-    let titles: Vec<String> = devices.map(Device::title).collect();
-    let cause = format!("several devices have it: {}", titles.join(", "));
-    IioError::new(IioFault::Description, format!("IIO channel {name}"), cause, "name it as DEVICE/CHANNEL")
 }
 
 fn scans(member: &Member<'_>) -> String {
@@ -85,7 +84,8 @@ fn scans(member: &Member<'_>) -> String {
     format!("{} has {}", member.device.title(), names.join(" "))
 }
 
-/// Where the temperature of this name is: a scan element if there is one, else an attribute.
+/// Where the temperature of this name is: a scan element if there is one, else an attribute. Two devices of one chip
+/// both have its temperature: the first's is taken.
 pub(super) fn telemetry<'a>(all: &'a [Device], members: &[Member<'a>], name: &str) -> Result<Telemetry<'a>, IioError> {
     let (device, channel) = split(name);
     let candidates: Vec<&Device> = match device {
@@ -99,15 +99,11 @@ pub(super) fn telemetry<'a>(all: &'a [Device], members: &[Member<'a>], name: &st
         }
         _ => temperature::has(device, channel).then(|| Telemetry::Polled(device, channel.to_owned())),
     };
-    let mut found: Vec<Telemetry<'a>> = candidates.iter().filter_map(|device| place(device)).collect();
-    match (found.pop(), found.is_empty(), members.first()) {
-        (Some(only), true, _) => Ok(only),
-        (None, _, Some(member)) => {
-            let known = temperature::known(&member.device.folder);
-            let cause = format!("the device has no temperature of this name; temperatures are {known}");
-            let remedy = "name one of these as DEVICE/CHANNEL, or give [temperature] a constant";
-            Err(IioError::new(IioFault::Description, format!("IIO temperature {name}"), cause, remedy))
-        }
-        _ => Err(ambiguous(name, candidates.into_iter())),
-    }
+    let found = candidates.into_iter().find_map(place);
+    found.ok_or_else(|| {
+        let known = members.first().map(|member| temperature::known(&member.device.folder)).unwrap_or_default();
+        let cause = format!("the device has no temperature of this name; temperatures are {known}");
+        let remedy = "name one of these as DEVICE/CHANNEL, or give [temperature] a constant";
+        IioError::new(IioFault::Description, format!("IIO temperature {name}"), cause, remedy)
+    })
 }

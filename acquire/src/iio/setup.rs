@@ -6,12 +6,12 @@ use rustix::fd::OwnedFd;
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
 
-use super::IioSettings;
+use super::clock::{IioClock, set_monotonic};
 use super::device::{Device, triggers};
 use super::element::{Element, Layout, TIMESTAMP, elements};
 use super::error::{IioError, IioFault};
 use super::rate;
-use super::source::IioClock;
+use super::settings::IioSettings;
 use super::sysfs::{Folder, Tree};
 
 /// Shortest time that a kernel's buffer holds without a reader \[ns\].
@@ -46,11 +46,23 @@ impl Buffer {
 
 /// A device that is set up, its buffer still off.
 pub(super) struct Prepared {
-    pub(super) node: OwnedFd,
     pub(super) layout: Layout,
     pub(super) clock: IioClock,
     /// Scans that the kernel holds at most.
     pub(super) length: usize,
+}
+
+/// Opens a device's node, which one program at a time can, and switches its buffer off: one that is on was left by a
+/// program that was killed. Of two devices of a chip both must be off before either is set up.
+pub(super) fn claim(tree: &Tree, device: &Device, buffer: &Buffer) -> Result<OwnedFd, IioError> {
+    let path = tree.node(device.index);
+    let flags = OFlags::RDONLY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    let node = rustix::fs::open(&path, flags, Mode::empty())
+        .map_err(|errno| IioError::io(device.folder.phase("opening its node"), &path, &errno.into()))?;
+    if buffer.control.read("enable")?.is_some_and(|enabled| enabled != "0") {
+        buffer.control.write("enable", "0")?;
+    }
+    Ok(node)
 }
 
 /// Sets a device up to give these channels.
@@ -61,25 +73,12 @@ pub(super) fn prepare(
     channels: &[String],
     settings: &IioSettings,
 ) -> Result<Prepared, IioError> {
-    let node = take(tree, device)?;
-    // The node is ours alone, so a buffer that is on was left by a program that was killed.
-    if buffer.control.read("enable")?.is_some_and(|enabled| enabled != "0") {
-        buffer.control.write("enable", "0")?;
-    }
     let layout = select(buffer, channels)?;
-    let clock = clock(device, buffer);
+    let clock = if buffer.has(TIMESTAMP) { set_monotonic(&device.folder) } else { IioClock::None };
     let trigger = trigger(tree, device, settings)?;
     rate::set(&device.folder, trigger.as_ref(), channels, settings.interval_ns)?;
     let length = size(buffer, settings)?;
-    Ok(Prepared { node, layout, clock, length })
-}
-
-/// Opens the node, which one program at a time can.
-fn take(tree: &Tree, device: &Device) -> Result<OwnedFd, IioError> {
-    let path = tree.node(device.index);
-    let flags = OFlags::RDONLY | OFlags::NONBLOCK | OFlags::CLOEXEC;
-    rustix::fs::open(&path, flags, Mode::empty())
-        .map_err(|errno| IioError::io(device.folder.phase("opening its node"), &path, &errno.into()))
+    Ok(Prepared { layout, clock, length })
 }
 
 /// Enables these channels and the timestamp, and no other.
@@ -100,25 +99,6 @@ fn select(buffer: &Buffer, channels: &[String]) -> Result<Layout, IioError> {
     };
     let enabled: Vec<Element> = buffer.channels.iter().filter(is_on).cloned().collect();
     Layout::new(&buffer.elements, &enabled)
-}
-
-/// Sets the clock of the timestamps to CLOCK_MONOTONIC if that can be; what it is then.
-fn clock(device: &Device, buffer: &Buffer) -> IioClock {
-    const CLOCK: &str = "current_timestamp_clock";
-    if !buffer.has(TIMESTAMP) {
-        return IioClock::None;
-    }
-    let now = || device.folder.glance(CLOCK);
-    // Old kernels have the time of day alone.
-    let Some(first) = now() else { return IioClock::Other("realtime".to_owned()) };
-    if first != "monotonic" {
-        // A driver that refuses keeps its clock, and says so below.
-        let _ = device.folder.try_write(CLOCK, "monotonic");
-    }
-    match now() {
-        Some(clock) if clock == "monotonic" => IioClock::Monotonic,
-        clock => IioClock::Other(clock.unwrap_or(first)),
-    }
 }
 
 /// Sets the trigger if one is named; the folder of the device's trigger then, if it has one.

@@ -2,60 +2,24 @@
 
 use std::path::Path;
 
-use rustix::fd::BorrowedFd;
-use rustix::io::Errno;
+use rustix::fd::{BorrowedFd, OwnedFd};
 
-use super::IioSettings;
+use super::clock::IioClock;
 use super::device::devices;
 use super::element::TIMESTAMP;
 use super::error::{IioError, IioFault};
 use super::join::{Ring, join};
+use super::output::{IioCounters, Output, Scan};
 use super::resolve::{Channel, Member, Telemetry, column, members, telemetry};
 use super::scale::{IioScale, scale};
-use super::setup::{Prepared, enable, prepare};
+use super::settings::IioSettings;
+use super::setup::{Prepared, claim, enable, prepare};
 use super::stream::{Stream, Wanted, waiting};
 use super::sysfs::Tree;
-use super::temperature::{Polled, Temperature, celsius};
+use super::temperature::{Polled, Temperature};
 
 /// Reads of each descriptor in one call at most: a device that never is silent must not hold up its caller.
 const READS: usize = 16;
-
-/// The clock of the timestamps.
-#[derive(Clone, Debug, Eq, PartialEq)]
-pub enum IioClock {
-    /// CLOCK_MONOTONIC.
-    Monotonic,
-    /// Another one, by the kernel's name, as `realtime`: it may jump, so take the time of arrival.
-    Other(String),
-    /// There are no timestamps: take the time of arrival.
-    None,
-}
-
-/// One sample of all wanted channels.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Scan<'a> {
-    /// Raw numbers in the order of [`IioSettings::columns`].
-    pub values: &'a [i64],
-    /// Temperatures in the order of [`IioSettings::temperature`] \[degC\].
-    pub temperatures: &'a [f64],
-    /// When the polled temperatures were last read \[ns\], in the caller's time; `None` if none is polled.
-    pub polled_ns: Option<u64>,
-    /// When the sample was taken \[ns\], on [`IioSource::clock`]; of two devices, that of the first. `None` without a
-    /// clock.
-    pub timestamp_ns: Option<i64>,
-}
-
-/// What was counted since [`open`].
-#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
-pub struct IioCounters {
-    /// Scans handed out.
-    pub scans: u64,
-    /// Scans of one of two devices for which the other had none within half an interval. A few are usual at the start:
-    /// the devices start one after the other.
-    pub unpaired: u64,
-    /// Polls of a temperature that failed: the last one stays.
-    pub failed_polls: u64,
-}
 
 /// Devices that run. Dropping it switches their buffers off.
 pub struct IioSource {
@@ -63,25 +27,12 @@ pub struct IioSource {
     /// Of two streams: the rows that wait for a partner, and what becomes of their numbers.
     rings: Option<(Ring, Ring)>,
     within: u64,
-    /// For each stream, the slots of its numbers.
-    slots: Vec<Box<[usize]>>,
     output: Output,
     poll_ns: u64,
     next_poll_ns: u64,
     clock: IioClock,
     scales: Vec<IioScale>,
     remarks: Vec<String>,
-}
-
-/// What a scan is made of.
-struct Output {
-    /// The columns, then the scanned temperatures.
-    numbers: Box<[i64]>,
-    columns: usize,
-    temperatures: Box<[Temperature]>,
-    celsius: Box<[f64]>,
-    polled_ns: Option<u64>,
-    counters: IioCounters,
 }
 
 /// Sets the devices up and starts their buffers.
@@ -112,6 +63,8 @@ pub(super) fn open_tree(tree: &Tree, settings: &IioSettings) -> Result<IioSource
     });
     let numbers: Vec<Channel> = columns.iter().cloned().chain(scanned).collect();
 
+    let claimed = members.iter().map(|member| claim(tree, member.device, &member.buffer));
+    let nodes = claimed.collect::<Result<Vec<_>, _>>()?;
     let mut prepared = Vec::new();
     for (at, member) in members.iter().enumerate() {
         let of_member = numbers.iter().filter(|channel| channel.member == at);
@@ -130,26 +83,15 @@ pub(super) fn open_tree(tree: &Tree, settings: &IioSettings) -> Result<IioSource
         .collect::<Result<Vec<_>, _>>()?;
     let temperatures = temperatures(&members, telemetry, columns.len())?;
     let rows = prepared.iter().map(|prepared| waiting(prepared.length)).max().unwrap_or_default();
-    let (streams, slots) = start(tree, &members, prepared, &numbers)?;
-    let rings = match &slots[..] {
-        [first, second] => Some((Ring::new(rows, first.len()), Ring::new(rows, second.len()))),
+    let streams = start(tree, &members, nodes, prepared, &numbers)?;
+    let rings = match &streams[..] {
+        [first, second] => Some((first.ring(rows), second.ring(rows))),
         _ => None,
     };
     let remarks = remarks(&settings.columns, &scales, &clock);
     let output = Output::new(numbers.len(), columns.len(), temperatures)?;
     let within = settings.interval_ns / 2;
-    Ok(IioSource {
-        streams,
-        rings,
-        within,
-        slots,
-        output,
-        poll_ns: settings.poll_ns,
-        next_poll_ns: 0,
-        clock,
-        scales,
-        remarks,
-    })
+    Ok(IioSource { streams, rings, within, output, poll_ns: settings.poll_ns, next_poll_ns: 0, clock, scales, remarks })
 }
 
 /// The one clock of all devices.
@@ -192,32 +134,29 @@ fn temperatures(
     Ok(temperatures)
 }
 
-/// The streams, started, and for each the slots of its numbers.
-#[allow(clippy::type_complexity)]
+/// The streams, started.
 fn start(
     tree: &Tree,
     members: &[Member<'_>],
+    nodes: Vec<OwnedFd>,
     prepared: Vec<Prepared>,
     numbers: &[Channel],
-) -> Result<(Vec<Stream>, Vec<Box<[usize]>>), IioError> {
-    let (mut streams, mut all_slots) = (Vec::new(), Vec::new());
-    for ((at, member), Prepared { node, layout, clock, .. }) in members.iter().enumerate().zip(prepared) {
+) -> Result<Vec<Stream>, IioError> {
+    let mut streams = Vec::new();
+    let claimed = members.iter().enumerate().zip(nodes).zip(prepared);
+    for (((at, member), node), Prepared { layout, clock, .. }) in claimed {
         let folder = &member.buffer.elements;
         let of_member = numbers.iter().enumerate().filter(|(_, channel)| channel.member == at);
-        let (mut slots, mut places) = (Vec::new(), Vec::new());
-        for (slot, channel) in of_member {
-            slots.push(slot);
-            places.push(layout.place(folder, &channel.name)?);
-        }
+        let (slots, names): (Vec<usize>, Vec<&str>) = of_member.map(|(at, channel)| (at, &channel.name[..])).unzip();
+        let places = names.iter().map(|name| layout.place(folder, name)).collect::<Result<_, _>>()?;
         let timestamp = (clock != IioClock::None).then(|| layout.place(folder, TIMESTAMP)).transpose()?;
-        let wanted = Wanted { timestamp, places: places.into_boxed_slice() };
+        let wanted = Wanted { timestamp, places, slots: slots.into_boxed_slice() };
         let (path, control) = (tree.node(member.device.index), member.buffer.control.clone());
         // From here on dropping it switches the buffer off.
         streams.push(Stream::new(node, path, control, wanted, layout.bytes));
         enable(tree, member.device, &member.buffer)?;
-        all_slots.push(slots.into_boxed_slice());
     }
-    Ok((streams, all_slots))
+    Ok(streams)
 }
 
 /// What the user should know and no error says.
@@ -272,32 +211,31 @@ impl IioSource {
     fn read_once(&mut self, sink: &mut dyn FnMut(Scan<'_>)) -> Result<bool, IioError> {
         let mut is_more = false;
         let (rings, output) = (&mut self.rings, &mut self.output);
-        for (at, (stream, slots)) in self.streams.iter_mut().zip(&self.slots).enumerate() {
+        for (at, stream) in self.streams.iter_mut().enumerate() {
             is_more |= stream.fill()?;
             stream.scans(|wanted, scan| {
                 let timestamp = wanted.timestamp.map(|place| place.read(scan));
                 let numbers = wanted.places.iter().map(|place| place.read(scan));
                 match rings {
                     None => {
-                        output.put(slots, numbers);
+                        output.put(&wanted.slots, numbers);
                         output.give(timestamp, sink);
                     }
                     Some((first, second)) => {
-                        let ring = if at == 0 { &mut *first } else { &mut *second };
+                        let ring = if at == 0 { first } else { second };
                         let is_lost = ring.push(timestamp.unwrap_or_default(), numbers);
                         output.counters.unpaired += u64::from(is_lost);
                     }
                 }
             });
-            // After each device: so neither ring overflows while the other device's scans lie in the kernel.
-            if let (Some((first, second)), [first_slots, second_slots]) = (rings.as_mut(), &self.slots[..]) {
-                let lonely = join(first, second, self.within, |timestamp, a, b| {
-                    output.put(first_slots, a.iter().copied());
-                    output.put(second_slots, b.iter().copied());
-                    output.give(Some(timestamp), sink);
-                });
-                output.counters.unpaired += lonely;
-            }
+        }
+        if let (Some((first, second)), [of_first, of_second]) = (rings, &self.streams[..]) {
+            let lonely = join(first, second, self.within, |timestamp, a, b| {
+                output.put(&of_first.wanted.slots, a.iter().copied());
+                output.put(&of_second.wanted.slots, b.iter().copied());
+                output.give(Some(timestamp), sink);
+            });
+            output.counters.unpaired += lonely;
         }
         Ok(is_more)
     }
@@ -320,67 +258,5 @@ impl IioSource {
     /// What the user should know: scales that the kernel cuts off, a clock that is not monotonic.
     pub fn remarks(&self) -> &[String] {
         &self.remarks
-    }
-}
-
-impl Output {
-    /// Reads the polled temperatures once: what cannot be read while the buffers run is found here.
-    fn new(numbers: usize, columns: usize, temperatures: Vec<Temperature>) -> Result<Self, IioError> {
-        let mut celsius = vec![f64::NAN; temperatures.len()];
-        let mut polled_ns = None;
-        for (place, temperature) in celsius.iter_mut().zip(&temperatures) {
-            if let Temperature::Polled(polled) = temperature {
-                *place = polled.read().map_err(|error| polled.failed(&error))?;
-                polled_ns = Some(0);
-            }
-        }
-        Ok(Self {
-            numbers: vec![0; numbers].into_boxed_slice(),
-            columns,
-            temperatures: temperatures.into_boxed_slice(),
-            celsius: celsius.into_boxed_slice(),
-            polled_ns,
-            counters: IioCounters::default(),
-        })
-    }
-
-    fn poll(&mut self, now_ns: u64) -> Result<(), IioError> {
-        for (place, temperature) in self.celsius.iter_mut().zip(&self.temperatures) {
-            let Temperature::Polled(polled) = temperature else { continue };
-            match polled.read() {
-                Ok(celsius) => {
-                    *place = celsius;
-                    self.polled_ns = Some(now_ns);
-                }
-                Err(error) if error.raw_os_error() == Some(Errno::NODEV.raw_os_error()) => {
-                    return Err(polled.failed(&error));
-                }
-                Err(_) => self.counters.failed_polls += 1,
-            }
-        }
-        Ok(())
-    }
-
-    fn put(&mut self, slots: &[usize], numbers: impl Iterator<Item = i64>) {
-        for (slot, number) in slots.iter().zip(numbers) {
-            if let Some(place) = self.numbers.get_mut(*slot) {
-                *place = number;
-            }
-        }
-    }
-
-    fn give(&mut self, timestamp_ns: Option<i64>, sink: &mut dyn FnMut(Scan<'_>)) {
-        for (place, temperature) in self.celsius.iter_mut().zip(&self.temperatures) {
-            if let Temperature::Scanned { slot, scale, offset } = temperature {
-                *place = self.numbers.get(*slot).map_or(f64::NAN, |raw| celsius(*raw, *scale, *offset));
-            }
-        }
-        self.counters.scans += 1;
-        sink(Scan {
-            values: self.numbers.get(..self.columns).unwrap_or_default(),
-            temperatures: &self.celsius,
-            polled_ns: self.polled_ns,
-            timestamp_ns,
-        });
     }
 }

@@ -7,13 +7,14 @@ use rustix::io::Errno;
 
 use super::element::Place;
 use super::error::{IioError, IioFault};
+use super::join::Ring;
 use super::sysfs::Folder;
 
 /// Scans that one read takes at most.
 const READ: usize = 128;
 
-/// Scans of one device that may wait for those of another: all that the kernel holds, which rounds up to a power of two,
-/// and two reads.
+/// Scans of one device that may wait for those of another: all that the kernel holds, which rounds up to a power of
+/// two, and two reads.
 pub(super) fn waiting(length: usize) -> usize {
     length.next_power_of_two() + 2 * READ
 }
@@ -21,8 +22,10 @@ pub(super) fn waiting(length: usize) -> usize {
 /// What is taken out of a scan.
 pub(super) struct Wanted {
     pub(super) timestamp: Option<Place>,
-    /// The numbers, in an order that the source knows.
+    /// The numbers.
     pub(super) places: Box<[Place]>,
+    /// For each of them, its place among the numbers of the source.
+    pub(super) slots: Box<[usize]>,
 }
 
 /// One device's buffer that is on. Dropping it switches the buffer off.
@@ -42,6 +45,11 @@ impl Stream {
     pub(super) fn new(node: OwnedFd, path: PathBuf, control: Folder, wanted: Wanted, scan: usize) -> Self {
         let bytes = vec![0; scan * READ].into_boxed_slice();
         Self { node, path, control, wanted, scan, bytes, filled: 0, has_begun: false }
+    }
+
+    /// Room for scans that wait.
+    pub(super) fn ring(&self, rows: usize) -> Ring {
+        Ring::new(rows, self.wanted.places.len())
     }
 
     pub(super) fn descriptor(&self) -> BorrowedFd<'_> {

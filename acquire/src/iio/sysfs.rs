@@ -9,9 +9,9 @@ use super::error::IioError;
 /// Most bytes of one attribute: a page.
 const ATTRIBUTE: u64 = 4096;
 
-/// What stands for the kernel in tests: it sees each write before it is done, and may refuse it.
+/// What stands for the kernel in tests: it sees each write before it is done, and says what is kept, or refuses it.
 #[cfg(test)]
-pub(super) type Kernel = std::sync::Arc<dyn Fn(&Path, &str) -> io::Result<()> + Send + Sync>;
+pub(super) type Kernel = std::sync::Arc<dyn Fn(&Path, &str) -> io::Result<String> + Send + Sync>;
 
 /// Where sysfs and the device nodes are.
 #[derive(Clone)]
@@ -107,9 +107,9 @@ impl Folder {
     pub(super) fn try_write(&self, name: &str, value: &str) -> io::Result<()> {
         let path = self.path.join(name);
         #[cfg(test)]
-        if let Some(kernel) = &self.tree.kernel {
-            kernel(&path, value)?;
-        }
+        let kept = self.tree.kernel.as_ref().map(|kernel| kernel(&path, value)).transpose()?;
+        #[cfg(test)]
+        let value = kept.as_deref().unwrap_or(value);
         // One write: the kernel takes each as a whole value.
         OpenOptions::new().write(true).truncate(true).open(&path)?.write_all(value.as_bytes())
     }
