@@ -25,14 +25,18 @@ impl Description {
         let scales = match &self.kind {
             Kind::Iio(settings) => {
                 let source = iio::open(sysfs, settings)?;
-                source.scales().iter().map(|scale| scale.scale).collect()
+                // A scale that the kernel has cut off is none.
+                source.scales().iter().map(|scale| (scale.rounding < 0.01).then_some(scale.scale)).collect()
             }
             _ => Vec::new(),
         };
-        let of = |sensors: &Sensors, section: &str, resolution: f64, scales: &[f64]| {
+        let of = |sensors: &Sensors, section: &str, resolution: f64, scales: &[Option<f64>]| {
             let one = match (scales, sensors.unit) {
-                ([x, y, z], None) if x == y && y == z => Ok(*x),
-                ([_, _, _], None) => Err(format!("{section}: the axes have different scales")),
+                ([Some(x), Some(y), Some(z)], None) if x == y && y == z => Ok(*x),
+                ([Some(_), Some(_), Some(_)], None) => Err(format!("{section}: the axes have different scales")),
+                ([_, _, _], None) => Err(format!(
+                    "{section}: the kernel gives the scale with a digit or two; give scale from the data sheet"
+                )),
                 (_, Some(unit)) => Ok(unit),
                 (_, None) if sensors.kind == Count::Reading && resolution != 1.0 && sensors.offset == 0.0 => Ok(1.0),
                 (_, None) => Err(format!(

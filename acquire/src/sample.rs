@@ -40,11 +40,14 @@ pub(crate) enum Telemetry {
     Constant(f64),
 }
 
+/// Most numbers of a status.
+pub(crate) const MAX_STATUS: usize = 8;
+
 /// When a device is healthy.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Status {
-    /// Its place in a row.
-    pub(crate) column: usize,
+    /// The places of its numbers in a row, repeated if there are fewer.
+    pub(crate) columns: [usize; MAX_STATUS],
     /// The bits that count.
     pub(crate) mask: u64,
     /// What they are when it is healthy.
@@ -137,8 +140,10 @@ impl Assembler {
         };
         self.readings.fill(&mut raw, accelerometer, gyroscope).map_err(NoSample::OutOfRange)?;
         let is_healthy = self.columns.status.is_none_or(|status| {
-            let whole = row.get(status.column).and_then(|value| value.whole);
-            whole.is_some_and(|whole| whole & status.mask == status.healthy & status.mask)
+            status.columns.iter().all(|column| {
+                let whole = row.get(*column).and_then(|value| value.whole);
+                whole.is_some_and(|whole| whole & status.mask == status.healthy & status.mask)
+            })
         });
         let of = |all: &[f64; 2 * AXES]| {
             let [a1, a2, a3, g1, g2, g3] = if is_healthy { *all } else { [f64::NAN; 2 * AXES] };

@@ -142,6 +142,7 @@ impl Source {
                     (scans.open, scans.empty_ns) = (Some(open), monotonic_ns());
                     true
                 }
+                // It is unplugged, or its driver is not there yet.
                 Err(_) => false,
             },
         }

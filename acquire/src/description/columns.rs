@@ -2,7 +2,7 @@
 
 use super::timing::Timing;
 use crate::number::Field;
-use crate::sample::{Axes, Columns, Status, Telemetry};
+use crate::sample::{Axes, Columns, MAX_STATUS, Status, Telemetry};
 use isotherm_client::Resolution;
 use isotherm_recording_formats::convert::{ColumnRef, Kind, SensorColumns, Sensors, Temperature};
 use isotherm_shared::document::Section;
@@ -35,6 +35,8 @@ enum Form {
     Numbered,
     /// A row has the channels that are used, with any names.
     Channels,
+    /// The columns are not known, since what says them is wrong: each is taken to be there, by its name or number.
+    Unknown { named: bool },
 }
 
 impl Names {
@@ -60,8 +62,17 @@ impl Names {
         Self { all: Vec::new(), plain: Vec::new(), widths: Vec::new(), used: Vec::new(), form: Form::Channels }
     }
 
+    pub(super) const fn unknown(named: bool) -> Self {
+        let form = Form::Unknown { named };
+        Self { all: Vec::new(), plain: Vec::new(), widths: Vec::new(), used: Vec::new(), form }
+    }
+
     pub(super) const fn are_named(&self) -> bool {
-        !matches!(self.form, Form::Numbered)
+        !matches!(self.form, Form::Numbered | Form::Unknown { named: false })
+    }
+
+    pub(super) const fn are_unknown(&self) -> bool {
+        matches!(self.form, Form::Unknown { .. })
     }
 
     pub(super) const fn are_channels(&self) -> bool {
@@ -89,6 +100,7 @@ impl Names {
     /// The place of a column in a row. A fault is that of this key of the section.
     pub(super) fn place(&mut self, section: &Section<'_, '_>, key: &str, column: &ColumnRef) -> Option<usize> {
         let index = match (self.form, column) {
+            (Form::Unknown { .. }, _) => return Some(0),
             (_, ColumnRef::Number(number)) => number.saturating_sub(1),
             (Form::Channels, ColumnRef::Name(name)) => match self.all.iter().position(|of| of == name) {
                 Some(index) => index,
@@ -114,22 +126,35 @@ impl Names {
 
     /// The place of the column that a section `{ column = .. }` names.
     pub(super) fn of_section(&mut self, section: &Section<'_, '_>) -> Option<usize> {
-        let column = if self.are_named() {
-            ColumnRef::Name(section.string("column", "the name of a column")?.to_owned())
-        } else {
-            if !section.has("column") {
-                section.fault("column", "missing; give the number of a column, from 1");
+        match self.all_of_section(section, "column")?[..] {
+            [column] => Some(column),
+            _ => {
+                section.fault("column", "has several columns; give one");
+                None
             }
-            ColumnRef::Number(section.optional_integer("column", 1..=4096)? as usize)
+        }
+    }
+
+    /// The places of the columns that a key names: one or a list.
+    pub(super) fn all_of_section(&mut self, section: &Section<'_, '_>, key: &'static str) -> Option<Vec<usize>> {
+        let columns: Vec<_> = if self.are_named() {
+            let names = section.strings(key, "the name of a column")?;
+            names.into_iter().map(|name| ColumnRef::Name(name.to_owned())).collect()
+        } else {
+            if !section.has(key) {
+                section.fault(key, "missing; give the number of a column, from 1");
+            }
+            let numbers = section.optional_integers(key, 1..=4096)?;
+            numbers.into_iter().map(|number| ColumnRef::Number(number as usize)).collect()
         };
-        self.place(section, "column", &column)
+        columns.iter().map(|column| self.place(section, key, column)).collect()
     }
 
     /// Whether it is known that these columns are whole numbers as they come.
     fn are_counts(&self, columns: &[usize]) -> bool {
         match self.form {
             Form::Fields => columns.iter().all(|column| self.plain.get(*column) == Some(&true)),
-            Form::Channels => true,
+            Form::Channels | Form::Unknown { .. } => true,
             Form::Named | Form::Numbered => false,
         }
     }
@@ -142,7 +167,9 @@ pub(super) fn status(root: &Section<'_, '_>, names: &mut Names) -> Option<Status
         section.fault("", "is not for IIO; leave it out");
         return None;
     }
-    let column = names.of_section(&section);
+    let columns = names.all_of_section(&section, "columns");
+    let many = columns.as_ref().filter(|columns| columns.len() > MAX_STATUS);
+    section.refuse("columns", many.map(|columns| format!("has {} columns; give {MAX_STATUS} at most", columns.len())));
     let bits = |key| section.optional_integer(key, 0..=i64::MAX).map(i64::cast_unsigned);
     let (mask, healthy) = (bits("mask").unwrap_or(u64::MAX), bits("healthy").unwrap_or(0));
     section.refuse(
@@ -150,7 +177,9 @@ pub(super) fn status(root: &Section<'_, '_>, names: &mut Names) -> Option<Status
         (healthy & !mask != 0).then(|| "has bits that mask lacks; give those of a healthy device".to_owned()),
     );
     section.finish();
-    Some(Status { column: column?, mask, healthy })
+    let columns = columns?;
+    let repeated = |at: usize| columns.get(at).or(columns.first()).copied().unwrap_or_default();
+    Some(Status { columns: std::array::from_fn(repeated), mask, healthy })
 }
 
 /// The places of the sensors' columns in a row.

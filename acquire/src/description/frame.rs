@@ -27,6 +27,7 @@ pub(super) fn read(root: &Section<'_, '_>) -> Option<Frame> {
         Some(Length::Fixed(length)) => Some(length),
         _ => None,
     };
+    let mut given = field_sections.len();
     let (fields, items) = match items_section {
         None => {
             for item in &item_sections {
@@ -43,7 +44,8 @@ pub(super) fn read(root: &Section<'_, '_>) -> Option<Frame> {
             for field in &field_sections {
                 field.fault("name", "is at a fixed place; in a frame of items give [[item.field]]");
             }
-            let (fields, known) = items(item_sections, default);
+            let (fields, known, of_items) = items(item_sections, default);
+            given = of_items;
             let items = item_form(section, default, known);
             (fields, Some(items))
         }
@@ -53,6 +55,8 @@ pub(super) fn read(root: &Section<'_, '_>) -> Option<Frame> {
     let twice = (1..names.len()).find(|at| names[..*at].contains(&names[*at]));
     root.refuse("field", twice.map(|at| format!("{} is there twice; give every field a name of its own", names[at])));
     order?;
+    // A field that is wrong is none, so its columns would be missed.
+    (fields.len() == given).then_some(())?;
     Some(Frame { sync: sync?, length: length?, checksum: checksum?, fields, items: items? })
 }
 
@@ -199,9 +203,9 @@ fn fields(sections: Vec<Section<'_, '_>>, order: ByteOrder, length: Option<usize
     fields
 }
 
-/// The items, and the fields of all of them.
-fn items(sections: Vec<Section<'_, '_>>, order: ByteOrder) -> (Vec<Field>, Vec<Item>) {
-    let (mut all, mut known) = (Vec::new(), Vec::<Item>::new());
+/// The items, the fields of all of them, and how many fields there should be.
+fn items(sections: Vec<Section<'_, '_>>, order: ByteOrder) -> (Vec<Field>, Vec<Item>, usize) {
+    let (mut all, mut known, mut given) = (Vec::new(), Vec::<Item>::new(), 0);
     for section in sections.into_iter().take(MAX_FIELDS) {
         let id = section.optional_integer("id", 0..=i64::MAX);
         let length = section.optional_integer("length", 0..=MAX_FRAME as i64);
@@ -212,6 +216,7 @@ fn items(sections: Vec<Section<'_, '_>>, order: ByteOrder) -> (Vec<Field>, Vec<I
         section
             .refuse("field", own.is_empty().then(|| "missing; give the numbers of the item that are used".to_owned()));
         let begin = all.len();
+        given += own.len();
         all.extend(fields(own, order, length.map(|length| length as usize)));
         if let (Some(id), Some(length)) = (id.map(i64::cast_unsigned), length) {
             let twice = known.iter().any(|item| item.id == id);
@@ -220,7 +225,7 @@ fn items(sections: Vec<Section<'_, '_>>, order: ByteOrder) -> (Vec<Field>, Vec<I
         }
         section.finish();
     }
-    (all, known)
+    (all, known, given)
 }
 
 fn item_form(section: Section<'_, '_>, order: ByteOrder, known: Vec<Item>) -> Option<Items> {

@@ -10,7 +10,7 @@ pub(super) fn read(root: &Section<'_, '_>) -> Option<IioSettings> {
     let many = devices.as_ref().filter(|devices| devices.len() > 2);
     section.refuse("device", many.map(|devices| format!("has {} devices; give one or two", devices.len())));
     let trigger = section.optional_string("trigger").map(str::to_owned);
-    let watermark = section.optional_integer("watermark", 1..=1_000_000).unwrap_or(1) as u32;
+    let watermark = section.optional_integer("watermark", 1..=16_384).unwrap_or(1) as u32;
     let poll = section.optional_number("poll_s").unwrap_or(1.0);
     let right = (0.01..=3600.0).contains(&poll);
     section.refuse("poll_s", (!right).then(|| format!("is {poll:?}, give seconds from 0.01 to 3600")));

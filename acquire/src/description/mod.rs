@@ -162,26 +162,26 @@ fn read(document: &Document<'_>, root: &Section<'_, '_>) -> Option<Description> 
     let port = if kind == Some(KindName::Iio) { None } else { port::read(&source) };
     source.finish();
     let kind = kind?;
-    let (mut names, form) = match kind {
-        KindName::Frames => frame::read(root).map(|frame| (Names::of_fields(&frame.fields), Some(frame), None)),
-        KindName::Lines => line::read(root).map(|(names, line)| (names, None, Some(line))),
-        KindName::Iio => Some((Names::channels(), None, None)),
+    let (names, form) = match kind {
+        KindName::Frames => frame::read(root).map(|frame| (Names::of_fields(&frame.fields), Form::Frames(frame))),
+        KindName::Lines => line::read(root).map(|(names, line)| (names, Form::Lines(line))),
+        KindName::Iio => iio::read(root).map(|settings| (Names::channels(), Form::Iio(settings))),
     }
-    .map(|(names, frame, line)| (names, (frame, line)))?;
+    .unzip();
+    // Without columns the other sections are looked at all the same: all faults are reported together.
+    let mut names = names.unwrap_or(Names::unknown(kind != KindName::Lines || has_names(root)));
     let named = names.are_named();
     let sensors = SensorColumns::read(document, root, named);
     let timing = timing::read(root, &mut names);
-    let settings = (kind == KindName::Iio).then(|| iio::read(root));
+    let status = columns::status(root, &mut names);
     let (realtime, spin) = realtime(root);
     let (sensors, timing) = (sensors?, timing?);
-    let (status, timing) = (columns::status(root, &mut names), timing);
     let device = serial.map_or(0, device);
-    let columns = columns::resolve(root, &sensors, &mut names, &timing, status, device);
-    let columns = columns?;
-    let kind = match (kind, form) {
-        (KindName::Frames, (Some(frame), _)) => Kind::Frames(port?, Box::new(frame)),
-        (KindName::Lines, (_, Some(line))) => Kind::Lines(port?, Line { used: names.used(), ..line }),
-        _ => Kind::Iio(complete(settings??, &names, &sensors, timing.interval_ns)),
+    let columns = columns::resolve(root, &sensors, &mut names, &timing, status, device)?;
+    let kind = match form? {
+        Form::Frames(frame) => Kind::Frames(port?, Box::new(frame)),
+        Form::Lines(line) => Kind::Lines(port?, Line { used: names.used(), ..line }),
+        Form::Iio(settings) => Kind::Iio(complete(settings, &names, &sensors, timing.interval_ns)),
     };
     let names = names.of_row();
     Some(Description {
@@ -195,6 +195,18 @@ fn read(document: &Document<'_>, root: &Section<'_, '_>) -> Option<Description> 
         realtime,
         spin,
     })
+}
+
+/// What rows come from, but for the columns that are used.
+enum Form {
+    Frames(Frame),
+    Lines(Line),
+    Iio(IioSettings),
+}
+
+/// Whether lines seem to have named columns, in a description whose section of lines is wrong.
+fn has_names(root: &Section<'_, '_>) -> bool {
+    root.unchecked("lines").is_some_and(|lines| lines.has("names"))
 }
 
 /// The settings of IIO with the channels that the sections of the sensors name.

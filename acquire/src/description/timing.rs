@@ -35,7 +35,7 @@ pub(super) fn read(root: &Section<'_, '_>, names: &mut Names) -> Option<Timing> 
         let column = names.of_section(&counter);
         let of_type = column.and_then(|column| names.width(column)).map(|(bits, _)| i64::from(bits));
         let bits = counter.optional_integer("bits", 1..=64).or(of_type.filter(|_| !counter.has("bits")));
-        if !counter.has("bits") && bits.is_none() {
+        if !counter.has("bits") && bits.is_none() && !names.are_unknown() {
             counter.fault("bits", "missing; give the width of the counter, as in bits = 8 for one that turns at 256");
         }
         let step = counter.optional_integer("step", 1..=1_000_000).unwrap_or(1).cast_unsigned();

@@ -128,5 +128,4 @@ fn a_megabyte_of_syncs_is_no_frame_and_takes_no_memory() {
     let line = [0xA5, 0x5A].repeat(500_000);
     let (rows, skipped, _) = decode(&description, &line, &[4096]);
     assert_eq!((rows.len(), skipped.bytes()), (0, 1_000_000));
-    assert_eq!(skipped.checksum + skipped.cut, 1_000_000);
 }
