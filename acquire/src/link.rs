@@ -54,16 +54,17 @@ pub(crate) struct Link {
 }
 
 impl Link {
-    pub(crate) fn new(imu: ImuId, options: Options, interval_ns: u64, recorder: Option<Recorder>) -> Self {
-        let most = (KEPT.as_nanos() as u64 / interval_ns.max(1)) as usize;
-        let most = most.max(LEAST_KEPT);
+    /// `interval_ns` is that of samples which come at their time; `None`: they wait for the service, all of them.
+    pub(crate) fn new(imu: ImuId, options: Options, interval_ns: Option<u64>, recorder: Option<Recorder>) -> Self {
+        let kept = |interval_ns: u64| (KEPT.as_nanos() as u64 / interval_ns.max(1)) as usize;
+        let most = interval_ns.map_or(usize::MAX, |interval_ns| kept(interval_ns).max(LEAST_KEPT));
         let give_up = Some(options.timeout).filter(|timeout| !timeout.is_zero());
         let now = Instant::now();
         Self {
             imu,
             options: Options { timeout: Duration::ZERO, ..options },
             acquisition: None,
-            waiting: VecDeque::with_capacity(most + 1),
+            waiting: VecDeque::with_capacity(interval_ns.map_or(0, |_| most + 1)),
             most,
             session: 0,
             next_attempt: now,

@@ -10,6 +10,7 @@ use std::io::{self, Read as _};
 use std::net::{TcpStream, ToSocketAddrs as _, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::thread;
 use std::time::Duration;
@@ -141,6 +142,20 @@ impl Opening {
             Err(TryRecvError::Empty) => None,
             Err(TryRecvError::Disconnected) => Some(Err(io::Error::other("the thread that opens it ended"))),
         }
+    }
+}
+
+/// Opens a port, unless the end is asked for.
+pub(crate) fn open_port(port: &Port, end: &AtomicBool) -> Result<OpenPort, Failure> {
+    let opening = Opening::start(port).map_err(|error| refused(port, &error))?;
+    loop {
+        if let Some(result) = opening.poll() {
+            return result.map_err(|error| refused(port, &error));
+        }
+        if end.load(Ordering::Relaxed) {
+            return Err(Failure::new(Exit::Failed, format!("opening {}: interrupted", name_of(port))));
+        }
+        thread::sleep(Duration::from_millis(1));
     }
 }
 

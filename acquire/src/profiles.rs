@@ -2,7 +2,7 @@
 
 use crate::description::{Description, Kind, Port};
 use crate::frames::{Arrival, Found};
-use crate::port::{OpenPort, Opening, Read, refused};
+use crate::port::{Read, open_port, refused};
 use crate::stream::StreamDecoder;
 use isotherm_client::monotonic_ns;
 use isotherm_failure::Failure;
@@ -124,7 +124,7 @@ fn candidates() -> Vec<Candidate> {
 }
 
 fn listen(port: &Port, baud: u32, end: &AtomicBool) -> Result<Vec<Probed>, Failure> {
-    let mut open = open(port)?;
+    let mut open = open_port(port, end)?;
     let mut all = candidates();
     let (mut buffer, mut bytes, began) = (vec![0; 1 << 14], 0, Instant::now());
     while began.elapsed() < LISTEN && !end.load(Ordering::Relaxed) && all.iter().all(|one| one.frames <= FRAMES) {
@@ -148,16 +148,6 @@ fn listen(port: &Port, baud: u32, end: &AtomicBool) -> Result<Vec<Probed>, Failu
     let mut probed: Vec<_> = all.iter().map(|one| one.probed(baud, bytes)).collect();
     probed.sort_by_key(|one| std::cmp::Reverse((one.frames, one.has_checksum)));
     Ok(probed)
-}
-
-fn open(port: &Port) -> Result<OpenPort, Failure> {
-    let opening = Opening::start(port).map_err(|error| refused(port, &error))?;
-    loop {
-        if let Some(result) = opening.poll() {
-            return result.map_err(|error| refused(port, &error));
-        }
-        std::thread::sleep(Duration::from_millis(1));
-    }
 }
 
 impl Candidate {

@@ -71,14 +71,16 @@ pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failu
         .realtime
         .apply()
         .map_err(|error| Failure::new(isotherm_failure::Exit::Config, format!("realtime: {error}")))?;
+    let source = Source::open(description, settings.sysfs.clone(), &settings.end)?;
+    // A source that cannot be opened leaves no file behind.
     let recorder = settings.record.as_deref().map(|path| Recorder::create(path, &description.imu)).transpose()?;
-    let source = Source::open(description, settings.sysfs.clone())?;
     let intake = Intake::new(description, source.byte_ns(), source.is_stamped());
     let imu = description.imu.clone();
     let sink = match settings.target {
         Target::Service(ref options) => {
             let options = Options { serial: description.serial.clone(), ..options.clone() };
-            Sink::Service(Box::new(Link::new(imu, options, description.timing.interval_ns, recorder)))
+            let kept = source.is_live().then_some(description.timing.interval_ns);
+            Sink::Service(Box::new(Link::new(imu, options, kept, recorder)))
         }
         Target::Rows(most) => Sink::Rows(Box::new(Printed::new(imu, most, recorder)?)),
     };
@@ -150,12 +152,16 @@ impl Acquiring<'_> {
                 (false, true) => BUSY,
                 (false, false) => PAUSE,
             };
-            self.source.wait(pause);
-            let sink = &mut self.sink;
-            match self.source.read(&mut self.intake, &mut |raw, session| sink.take(raw, session))? {
-                State::Open => {}
-                State::Away => self.look(),
-                State::Ended => return self.drain(),
+            if self.source.is_live() || !self.sink.is_waiting() {
+                self.source.wait(pause);
+                let sink = &mut self.sink;
+                match self.source.read(&mut self.intake, &mut |raw, session| sink.take(raw, session))? {
+                    State::Open => {}
+                    State::Away => self.look(),
+                    State::Ended => return self.drain(),
+                }
+            } else {
+                std::thread::sleep(BUSY);
             }
             if self.sink.pump()? {
                 return Ok(());

@@ -5,12 +5,13 @@ use crate::frames::Arrival;
 use crate::iio::{self, IioClock, IioFault, IioSource};
 use crate::intake::{Came, Intake};
 use crate::number::Value;
-use crate::port::{OpenPort, Opening, Read, name_of, refused};
+use crate::port::{OpenPort, Opening, Read, name_of, open_port};
 use crate::stream::StreamDecoder;
 use isotherm_client::{RawSample, monotonic_ns};
 use isotherm_failure::{Exit, Failure, tell};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 /// Bytes that are read at once.
@@ -65,10 +66,9 @@ impl Source {
     ///
     /// # Errors
     /// If it cannot be opened. May take seconds.
-    pub(crate) fn open(description: &Description, sysfs: PathBuf) -> Result<Self, Failure> {
-        let interval_ns = description.timing.interval_ns;
+    pub(crate) fn open(description: &Description, sysfs: PathBuf, end: &AtomicBool) -> Result<Self, Failure> {
         match &description.kind {
-            Kind::Frames(port, _) | Kind::Lines(port, _) => Bytes::open(port, description, interval_ns),
+            Kind::Frames(port, _) | Kind::Lines(port, _) => Bytes::open(port, description, end),
             Kind::Iio(settings) => {
                 let open = iio::open(&sysfs, settings)?;
                 open.remarks().iter().for_each(|remark| tell("isotherm", remark));
@@ -88,6 +88,14 @@ impl Source {
                 _ => 0.0,
             },
             Self::Iio(_) => 0.0,
+        }
+    }
+
+    /// Whether rows come when they were sampled, and not as fast as they are read.
+    pub(crate) fn is_live(&self) -> bool {
+        match self {
+            Self::Bytes(bytes) => bytes.is_live(),
+            Self::Iio(_) => true,
         }
     }
 
@@ -171,17 +179,12 @@ impl Source {
 }
 
 impl Bytes {
-    fn open(port: &Port, description: &Description, interval_ns: u64) -> Result<Source, Failure> {
-        let decoder =
-            StreamDecoder::new(description).ok_or_else(|| Failure::new(Exit::Config, "the source has no bytes"))?;
-        let started = Opening::start(port).map_err(|error| refused(port, &error))?;
-        let open = loop {
-            if let Some(result) = started.poll() {
-                break result.map_err(|error| refused(port, &error))?;
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        };
+    fn open(port: &Port, description: &Description, end: &AtomicBool) -> Result<Source, Failure> {
+        let none = || Failure::new(Exit::Config, "the source has no bytes");
+        let decoder = StreamDecoder::new(description).ok_or_else(none)?;
+        let open = open_port(port, end)?;
         let empty_ns = monotonic_ns();
+        let interval_ns = description.timing.interval_ns;
         let pace = matches!(port, Port::File { pace: true, .. }).then_some((empty_ns, interval_ns, 0));
         let buffer = vec![0; BUFFER];
         let port = port.clone();
@@ -190,6 +193,7 @@ impl Bytes {
 
     fn read(&mut self, intake: &mut Intake, sink: &mut dyn FnMut(RawSample, u64)) -> Result<State, Failure> {
         for _ in 0..READS {
+            let is_live = self.is_live();
             let Some(open) = &mut self.open else { return Ok(State::Away) };
             let before = monotonic_ns();
             // A file at the rate of its frames is read as far as they would have come.
@@ -211,7 +215,6 @@ impl Bytes {
             };
             intake.tally.bytes += count as u64;
             let arrival = Arrival { after_ns: self.empty_ns, by_ns: monotonic_ns() };
-            let is_live = !matches!(self.port, Port::File { pace: false, .. });
             let mut frames = 0;
             let mut take = |found: crate::frames::Found<'_>| {
                 frames += 1;
@@ -223,6 +226,10 @@ impl Bytes {
             if let Some((.., passed)) = &mut self.pace {
                 *passed += frames;
             }
+            if !is_live {
+                // The caller sends these first.
+                return Ok(State::Open);
+            }
             if count < most {
                 // All that was there has been read.
                 self.empty_ns = before;
@@ -230,6 +237,10 @@ impl Bytes {
             }
         }
         Ok(State::Open)
+    }
+
+    const fn is_live(&self) -> bool {
+        !matches!(self.port, Port::File { pace: false, .. })
     }
 
     fn lose(&mut self, why: &str, intake: &mut Intake) -> State {

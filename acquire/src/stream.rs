@@ -11,12 +11,13 @@ use crate::tally::Skipped;
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// use isotherm_acquire::{Arrival, Description, StreamDecoder};
 ///
-/// let description = Description::from_toml(include_str!("../../examples/acquire/arduino-mpu6050.toml"))?;
+/// let text = include_str!("../../examples/acquire/arduino-mpu6050.toml").replace("checksum = true", "");
+/// let description = Description::from_toml(&text)?;
 /// let mut decoder = StreamDecoder::new(&description).ok_or("IIO has no stream")?;
 /// let mut rows = 0;
-/// decoder.push(b"12345,1,2,16384,3,4,5,-512\n12345,1,2", Arrival::default(), &mut |_| rows += 1);
+/// decoder.push(b"$IMU,7,12345,1,2,8192,25.5,3,4,5\n$IMU,8,123", Arrival::default(), &mut |_| rows += 1);
 /// decoder.end();
-/// assert_eq!((rows, decoder.skipped().cut), (1, 9));
+/// assert_eq!((rows, decoder.skipped().cut), (1, 10));
 /// # Ok(())
 /// # }
 /// ```

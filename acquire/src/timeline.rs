@@ -15,7 +15,7 @@
 //! a = 2 z w T, or 1/(m + 1) for the m-th frame while that is more      b = (w T)^2 after the first second
 //! w = 2 / s, z = 0.7; w T is at most 0.2
 //! ```
-//! The rate r begins with the nominal interval and stays within 5 % of it. An arrival that was not seen at its time,
+//! A sample is moved by 1 % of the interval at most. The rate r begins with the nominal interval and stays within 5 % of it. An arrival that was not seen at its time,
 //! since this process was held back, moves neither.
 
 use crate::frames::Arrival;
@@ -30,6 +30,8 @@ const SILENCE_S: f64 = 0.25;
 const HELD_BACK_NS: f64 = 20e6;
 /// Largest error of an arrival that counts \[ns\], and two intervals more.
 const LARGEST_ERROR_NS: f64 = 50e6;
+/// How much the time of a sample is moved at most, in intervals.
+const LARGEST_STEP: f64 = 0.01;
 /// Angular frequency w of the line's loop \[1/s\], and its damping z.
 const LOOP: (f64, f64) = (2.0, 0.7);
 
@@ -221,7 +223,9 @@ impl Timeline {
         let step = (frequency * self.interval / 1e9).min(0.2);
         next.moved += 1;
         let (settled, beginning) = (2.0 * damping * step, 1.0 / next.moved as f64);
-        next.time = (next.time + settled.max(beginning) * error).max(0.0);
+        // The times of two samples never differ visibly from the interval, whatever the arrivals do.
+        let slowly = LARGEST_STEP * self.interval * periods;
+        next.time = (next.time + (settled.max(beginning) * error).clamp(-slowly, slowly)).max(0.0);
         if beginning < settled {
             let slowest = self.interval * (1.0 + RATE_LIMIT);
             let rate = next.rate + step * step * error / periods;

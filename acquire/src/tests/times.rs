@@ -29,8 +29,10 @@ fn jitter_of_a_millisecond_does_not_reach_the_times() {
             Placed::First { timestamp_ns } => last = timestamp_ns,
             Placed::Next { periods, timestamp_ns, is_ambiguous } => {
                 assert_eq!((periods, is_ambiguous), (1, false));
+                let step = (timestamp_ns as f64 - last as f64 - INTERVAL as f64).abs();
+                assert!(step < 0.06 * INTERVAL as f64, "frame {frame}: {step} ns");
                 if frame > 4000 {
-                    worst = worst.max((timestamp_ns as f64 - last as f64 - INTERVAL as f64).abs());
+                    worst = worst.max(step);
                 }
                 last = timestamp_ns;
             }
