@@ -15,8 +15,9 @@
 //! a = 2 z w T, or 1/(m + 1) for the m-th frame while that is more      b = (w T)^2 after the first second
 //! w = 2 / s, z = 0.7; w T is at most 0.2
 //! ```
-//! A sample is moved by 1 % of the interval at most. The rate r begins with the nominal interval and stays within 5 % of it. An arrival that was not seen at its time,
-//! since this process was held back, moves neither.
+//! A sample is moved by 1 % of the interval at most. The rate r begins with the nominal interval and stays within 5 % of
+//! it. An arrival that was not seen at its time, since this process was held back, moves neither. One that is earlier than
+//! its time by more than bursts explain begins the line anew: the frames before had waited somewhere.
 
 use crate::frames::Arrival;
 
@@ -210,7 +211,7 @@ impl Timeline {
     }
 
     /// Moves the line to a frame that came so many periods later.
-    fn follow(&self, next: &mut Last, periods: u64, arrival: Option<Arrival>) {
+    fn follow(&mut self, next: &mut Last, periods: u64, arrival: Option<Arrival>) {
         let (frequency, damping) = LOOP;
         let periods = periods as f64;
         next.time += periods * next.rate;
@@ -219,7 +220,13 @@ impl Timeline {
             return;
         }
         let largest = LARGEST_ERROR_NS + 2.0 * self.interval;
-        let error = (arrival.by_ns as f64 - next.origin as f64 - next.time).clamp(-largest, largest);
+        let error = (arrival.by_ns as f64 - next.origin as f64 - next.time).min(largest);
+        if error < -(HELD_BACK_NS + 2.0 * self.interval) {
+            // No sample comes before its time: the line began with frames that had waited somewhere.
+            (next.time, next.moved) = ((next.time + error).max(0.0), 1);
+            self.measured = Some((arrival.by_ns as f64, 0));
+            return;
+        }
         let step = (frequency * self.interval / 1e9).min(0.2);
         next.moved += 1;
         let (settled, beginning) = (2.0 * damping * step, 1.0 / next.moved as f64);

@@ -1,6 +1,5 @@
 //! The columns of a row, by their names or numbers.
 
-use super::timing::Timing;
 use crate::number::Field;
 use crate::sample::{Axes, Columns, MAX_STATUS, Status, Telemetry};
 use isotherm_client::Resolution;
@@ -187,7 +186,7 @@ pub(super) fn resolve(
     root: &Section<'_, '_>,
     sensors: &SensorColumns,
     names: &mut Names,
-    timing: &Timing,
+    interval_ns: u64,
     status: Option<Status>,
     device: u64,
 ) -> Option<Columns> {
@@ -200,7 +199,7 @@ pub(super) fn resolve(
     let resolution = Resolution { accelerometer: of_accelerometer, gyroscope: of_gyroscope };
     let gyroscope = gyroscope.map(|(axes, _)| axes);
     let telemetry = telemetry?;
-    Some(Columns { accelerometer, gyroscope, telemetry, status, resolution, interval_ns: timing.interval_ns, device })
+    Some(Columns { accelerometer, gyroscope, telemetry, status, resolution, interval_ns, device })
 }
 
 /// The columns of a triad, and one pulse in their unit.

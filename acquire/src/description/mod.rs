@@ -179,7 +179,7 @@ fn read(document: &Document<'_>, root: &Section<'_, '_>) -> Option<Description> 
     let (realtime, spin) = realtime(root);
     let (sensors, timing) = (sensors?, timing?);
     let device = serial.map_or(0, device);
-    let columns = columns::resolve(root, &sensors, &mut names, &timing, status, device)?;
+    let columns = columns::resolve(root, &sensors, &mut names, timing.interval_ns, status, device)?;
     let kind = match form? {
         Form::Frames(frame) => Kind::Frames(port?, frame),
         Form::Lines(line) => Kind::Lines(port?, Line { used: names.used(), ..line }),

@@ -95,6 +95,25 @@ fn a_backlog_is_no_gap() {
     assert!(matches!(placed, Placed::Next { periods: 9002, .. }), "{placed:?}");
 }
 
+/// A server, or a pipe, has kept a second of frames: they come at once, the others at their time.
+#[test]
+fn frames_that_had_waited_do_not_shift_the_times_of_the_others() {
+    let mut timeline = Timeline::new(INTERVAL, Some(EIGHT_BITS), None);
+    let begin = late(2000);
+    for frame in 0..10_000 {
+        let arrival = late(frame).max(begin);
+        let placed = counted(&mut timeline, frame, at(arrival));
+        if let Placed::Next { periods, timestamp_ns, .. } = placed {
+            assert_eq!(periods, 1, "{frame}");
+            let early = arrival as f64 - timestamp_ns as f64;
+            let largest = if frame < 6000 { 25e6 } else { 2e6 };
+            assert!(frame < 2000 || early.abs() < largest, "frame {frame} is {early} ns before its arrival");
+        }
+    }
+    let (deviation, _) = timeline.deviation(at(late(9_999))).unwrap();
+    assert!(deviation.abs() < 1e-3, "{deviation}");
+}
+
 #[test]
 fn a_wide_counter_that_begins_anew_is_a_new_session() {
     let counter = Counter { bits: 16, step: 4 };
