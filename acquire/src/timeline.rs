@@ -97,8 +97,33 @@ pub(crate) struct Timeline {
     counter: Option<Counter>,
     clock: Option<DeviceClock>,
     last: Option<Last>,
-    /// Since when the rate is measured, and how many periods ago that was.
-    measured: Option<(f64, u64)>,
+    measured: Option<Measured>,
+}
+
+/// The measurement of the rate.
+#[derive(Clone, Copy, Debug)]
+struct Measured {
+    /// When it began or will begin \[ns\].
+    since: f64,
+    /// Periods since then.
+    periods: u64,
+    has_begun: bool,
+}
+
+impl Measured {
+    /// Begins a second later: what comes first may have waited.
+    const fn after(by_ns: u64) -> Self {
+        Self { since: by_ns as f64 + 1e9, periods: 0, has_begun: false }
+    }
+
+    fn count(&mut self, by_ns: u64, periods: u64) {
+        let now = by_ns as f64;
+        if self.has_begun {
+            self.periods += periods;
+        } else if now >= self.since {
+            *self = Self { since: now, periods: 0, has_begun: true };
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -140,9 +165,8 @@ impl Timeline {
         };
         (next.counter, next.clock_ns) = (observed.counter.unwrap_or_default(), clock_ns);
         self.last = Some(next);
-        let counted = self.measured.as_mut().zip(observed.arrival);
-        if let Some(((_, count), _)) = counted {
-            *count += periods;
+        if let (Some(measured), Some(arrival)) = (&mut self.measured, observed.arrival) {
+            measured.count(arrival.by_ns, periods);
         }
         Placed::Next { periods, timestamp_ns: next.timestamp_ns, is_ambiguous }
     }
@@ -151,7 +175,7 @@ impl Timeline {
     /// `None` for a source without arrivals.
     #[must_use]
     pub(crate) fn deviation(&self, arrival: Option<Arrival>) -> Option<(f64, f64)> {
-        let (since, periods) = self.measured?;
+        let Measured { since, periods, .. } = self.measured?;
         let passed = arrival?.by_ns as f64 - since;
         (periods > 0).then(|| (passed / (periods as f64 * self.interval) - 1.0, passed / 1e9))
     }
@@ -168,7 +192,7 @@ impl Timeline {
         let timestamp_ns = self.clock.map_or(origin, |_| clock_ns);
         let counter = observed.counter.unwrap_or_default();
         self.last = Some(Last { origin, time: 0.0, rate: self.interval, moved: 1, counter, clock_ns, timestamp_ns });
-        self.measured = arrival.map(|by_ns| (by_ns as f64, 0));
+        self.measured = arrival.map(Measured::after);
         Placed::First { timestamp_ns }
     }
 
@@ -224,7 +248,7 @@ impl Timeline {
         if error < -(HELD_BACK_NS + 2.0 * self.interval) {
             // No sample comes before its time: the line began with frames that had waited somewhere.
             (next.time, next.moved) = ((next.time + error).max(0.0), 1);
-            self.measured = Some((arrival.by_ns as f64, 0));
+            self.measured = Some(Measured::after(arrival.by_ns));
             return;
         }
         let step = (frequency * self.interval / 1e9).min(0.2);
