@@ -155,14 +155,14 @@ impl Intake {
         if self.restarts.1 >= 10 {
             self.restarts.0 = 0;
         }
-        self.sequence += periods;
+        self.sequence = self.sequence.saturating_add(periods);
         let missing = periods - 1;
         if missing == 0 {
             return;
         }
         self.assembler.reset();
         self.tally.gaps += 1;
-        self.tally.missing += missing;
+        self.tally.missing = self.tally.missing.saturating_add(missing);
         self.tally.ambiguous += u64::from(is_ambiguous);
         if self.tally.gaps <= TOLD_GAPS {
             let uncertain = if is_ambiguous { ", or other turns of the counter" } else { "" };

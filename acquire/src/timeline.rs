@@ -159,10 +159,22 @@ impl Timeline {
         let mut next = last;
         self.follow(&mut next, periods, observed.arrival);
         let clock_ns = observed.clock_ns.unwrap_or_default();
-        next.timestamp_ns = match &self.clock {
-            Some(clock) => last.timestamp_ns + clock.passed(last.clock_ns, clock_ns).unwrap_or_default(),
-            None => (next.origin + next.time.round() as u64).max(last.timestamp_ns + 1),
+        let timestamp_ns = match &self.clock {
+            Some(clock) => {
+                // A clock that is coarser than the interval may stand still.
+                let passed = clock.passed(last.clock_ns, clock_ns).unwrap_or_default().max(1);
+                last.timestamp_ns.checked_add(passed)
+            }
+            None => {
+                let time = next.origin.checked_add(next.time.round() as u64);
+                time.map(|time| time.max(last.timestamp_ns.saturating_add(1)))
+            }
         };
+        // A device that says so for over 584 years counts something else.
+        let Some(timestamp_ns) = timestamp_ns.filter(|time| *time > last.timestamp_ns) else {
+            return self.begin(&observed);
+        };
+        next.timestamp_ns = timestamp_ns;
         (next.counter, next.clock_ns) = (observed.counter.unwrap_or_default(), clock_ns);
         self.last = Some(next);
         if let (Some(measured), Some(arrival)) = (&mut self.measured, observed.arrival) {
@@ -186,7 +198,7 @@ impl Timeline {
         let origin = match (arrival, self.last) {
             (Some(by_ns), _) => by_ns,
             // Two sessions of a file follow each other.
-            (None, Some(last)) => last.timestamp_ns + self.interval as u64,
+            (None, Some(last)) => last.timestamp_ns.saturating_add(self.interval as u64),
             (None, None) => self.interval as u64,
         };
         let timestamp_ns = self.clock.map_or(origin, |_| clock_ns);

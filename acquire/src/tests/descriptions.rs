@@ -4,6 +4,7 @@ use super::profile;
 use crate::description::{Description, Kind};
 use crate::profiles::PROFILES;
 use crate::timeline::Counter;
+use std::path::Path;
 
 #[test]
 fn every_profile_is_right_and_says_where_it_comes_from() {
@@ -16,6 +17,20 @@ fn every_profile_is_right_and_says_where_it_comes_from() {
     assert_eq!(stim.timing.counter.map(|(_, counter)| counter), Some(Counter { bits: 8, step: 2 }));
     let Kind::Iio(settings) = &profile("bmi270").kind else { panic!("bmi270 is no IIO device") };
     assert_eq!((settings.columns.len(), settings.temperature.len()), (6, 1));
+}
+
+#[test]
+fn every_profile_of_a_stream_has_a_nominal_table() {
+    for (name, _) in PROFILES {
+        let description = profile(name);
+        if !matches!(description.kind, Kind::Iio(_)) {
+            let table = description.nominal(Path::new("/"));
+            assert!(table.is_ok_and(|table| table.content().gyroscopes.is_some()), "{name}");
+        }
+    }
+    // 2^-22 m/s a count.
+    let table = profile("stim300").nominal(Path::new("/")).unwrap().to_toml();
+    assert!(table.contains("unit = \"pulse/(s*g0)\", range = [-40.0, 85.0], c0 = 41132071.3216"), "{table}");
 }
 
 fn faults(text: &str) -> String {

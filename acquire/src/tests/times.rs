@@ -172,3 +172,29 @@ fn a_files_rows_follow_each_other_at_the_interval() {
     assert_eq!(counted(&mut timeline, 1, None), next(1, 2));
     assert_eq!(counted(&mut timeline, 4, None), next(3, 5));
 }
+
+/// Counters and clocks of 64 bits that jump: no time or number overflows, and times rise within a session.
+#[test]
+fn a_device_that_jumps_over_centuries_begins_a_new_session() {
+    let wide = Counter { bits: 64, step: 1 };
+    let mut timeline = Timeline::new(INTERVAL, Some(wide), None);
+    let jump = |count: u64| Observed { counter: Some(count), ..Observed::default() };
+    assert!(matches!(timeline.place(jump(0)), Placed::First { .. }));
+    assert!(matches!(timeline.place(jump(u64::MAX)), Placed::First { .. }));
+    assert!(matches!(timeline.place(jump(0)), Placed::Next { periods: 1, .. }));
+    let clock = DeviceClock { turn_ns: Some(1 << 63) };
+    let mut timeline = Timeline::new(INTERVAL, None, Some(clock));
+    let now = |time: u64| Observed { clock_ns: Some(time), ..Observed::default() };
+    assert!(matches!(timeline.place(now((1 << 63) - 1)), Placed::First { .. }));
+    assert!(matches!(timeline.place(now(1 << 61)), Placed::Next { .. }));
+    assert!(matches!(timeline.place(now((1 << 62) + (1 << 61))), Placed::Next { .. }));
+    assert!(matches!(timeline.place(now((1 << 63) - 1)), Placed::Next { .. }));
+    assert!(matches!(timeline.place(now(1 << 61)), Placed::First { .. }));
+    // A clock in milliseconds, twice the same within two periods of a counter.
+    let mut timeline = Timeline::new(INTERVAL, Some(wide), Some(DeviceClock { turn_ns: None }));
+    let both =
+        |count: u64| Observed { counter: Some(count), clock_ns: Some(count / 2 * 1_000_000), ..Observed::default() };
+    assert_eq!(timeline.place(both(4)), Placed::First { timestamp_ns: 2_000_000 });
+    let second = Placed::Next { periods: 1, timestamp_ns: 2_000_001, is_ambiguous: false };
+    assert_eq!(timeline.place(both(5)), second);
+}

@@ -147,7 +147,7 @@ impl Acquire {
         }
         let _ = writeln!(text, "profiles, for --profile:");
         for (name, title) in profiles {
-            let _ = writeln!(text, "  {name:<16} {}", title.trim_start_matches("# "));
+            let _ = writeln!(text, "  {name:<16} {}", sentences(title));
         }
         print(&text)
     }
@@ -176,6 +176,12 @@ impl Acquire {
         }
         Ok(())
     }
+}
+
+/// The whole sentences of a profile's first line, which may end within one.
+fn sentences(title: &str) -> &str {
+    let title = title.trim_start_matches("# ");
+    if title.ends_with('.') { title } else { title.rsplit_once(". ").map_or(title, |(whole, _)| whole) }
 }
 
 fn probed(one: &Probed) -> String {
