@@ -6,6 +6,7 @@ use isotherm_failure::{Failure, tell};
 use isotherm_shared::wire::Flags;
 use serde::Serialize;
 use std::collections::VecDeque;
+use std::hash::{BuildHasher as _, RandomState};
 use std::time::{Duration, Instant};
 
 /// How long samples are kept for a service that does not take them.
@@ -36,6 +37,11 @@ struct Waiting {
     session: u64,
 }
 
+/// A random number for a first session.
+pub(crate) fn any_session() -> u64 {
+    RandomState::new().hash_one(isotherm_client::monotonic_ns())
+}
+
 /// The acquisition, and the samples that wait for it.
 pub(crate) struct Link {
     imu: ImuId,
@@ -45,6 +51,8 @@ pub(crate) struct Link {
     most: usize,
     /// The session of the samples that were sent last, as counted here.
     session: u64,
+    /// The number of session 1 for samples of which none of their session was sent.
+    first: u64,
     next_attempt: Instant,
     since: Instant,
     give_up: Option<Duration>,
@@ -67,6 +75,7 @@ impl Link {
             waiting: VecDeque::with_capacity(interval_ns.map_or(0, |_| most + 1)),
             most,
             session: 0,
+            first: any_session(),
             next_attempt: now,
             since: now,
             give_up,
@@ -179,9 +188,11 @@ impl Link {
         Ok(())
     }
 
-    /// Records a sample that was never sent.
+    /// Records a sample that was never sent. If the service has not seen its session, that has a number of its own:
+    /// sequences rise within a session, in a record too.
     fn record(&mut self, lost: &Waiting) {
-        let session = self.acquisition.as_ref().map_or(lost.raw.session, Acquisition::session);
+        let begun = self.acquisition.as_ref().filter(|_| lost.session == self.session);
+        let session = begun.map_or(self.first.wrapping_add(lost.session), Acquisition::session);
         if let Some(recorder) = &mut self.recorder {
             recorder.take(&RawSample { session, ..lost.raw });
         }

@@ -2,7 +2,7 @@
 
 use crate::description::Description;
 use crate::intake::Intake;
-use crate::link::Link;
+use crate::link::{Link, any_session};
 use crate::recorder::Recorder;
 use crate::source::{Source, State};
 use crate::tally::Tally;
@@ -12,7 +12,6 @@ use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::write::{FileError, Files, Format, Rotation};
 use isotherm_shared::stream::StreamKind;
 use isotherm_shared::wire::StreamSample;
-use std::hash::{BuildHasher as _, RandomState};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -332,7 +331,7 @@ struct Printed {
 impl Printed {
     fn new(imu: isotherm_client::ImuId, most: Option<u64>, recorder: Option<Recorder>) -> Result<Self, Failure> {
         let files = Files::create(Path::new("-"), Format::Csv, Rotation::default(), &[imu], &[(0, StreamKind::Raw)])?;
-        let first = RandomState::new().hash_one(isotherm_client::monotonic_ns());
+        let first = any_session();
         Ok(Self { files, left: most, first, failed: None, flushed: Instant::now(), recorder })
     }
 

@@ -75,7 +75,7 @@ fn send(plan: &Plan, line: &Line, ended: &AtomicBool) -> String {
     let mut log = String::new();
     let mut lost = 0;
     let start = now_ns();
-    for number in 0..plan.frames {
+    for number in plan.numbers() {
         let bytes = plan.bytes(number);
         sleep_until(start + plan.written_ns(number), ended);
         if ended.load(Ordering::Relaxed) {
@@ -184,7 +184,8 @@ impl Line {
             return;
         };
         let mut empty = 0;
-        while empty < 3 && now_ns() < deadline && !ended.load(Ordering::Relaxed) {
+        // Between the terminal's ends is another buffer, which nothing tells of.
+        while empty < 20 && now_ns() < deadline && !ended.load(Ordering::Relaxed) {
             thread::sleep(Duration::from_millis(5));
             empty = if ioctl_fionread(&user_side).unwrap_or(0) == 0 { empty + 1 } else { 0 };
         }

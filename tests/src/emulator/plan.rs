@@ -5,10 +5,11 @@ use std::path::PathBuf;
 
 /// How the program is called.
 pub const USAGE: &str = "\
-isotherm-emulator PROFILE [--rate HZ] --frames N [--jitter-ms J] [--drop N,..] [--wrong N,..] [--double N,..]
-                  [--noise BYTES@N,..] [--pause N:SECONDS,..] [--wait SECONDS] [--log FILE] [--link PATH]
+isotherm-emulator PROFILE [--rate HZ] --frames N [--first N] [--jitter-ms J] [--drop N,..] [--wrong N,..]
+                  [--double N,..] [--noise BYTES@N,..] [--pause N:SECONDS,..] [--wait SECONDS] [--log FILE] [--link PATH]
 PROFILE  stim300, stim300-rate, kvh1750, vn100, mtdata2, arduino-mpu6050, or the path of such a file
 rate     frames a second; that of the profile unless given. The device's clock runs at that of the profile
+first    the number of the first frame, as of a device that was on before; 0 unless given
 jitter   all frames of each J ms come together, as over USB
 drop     these frames, numbered from 0, are not sent
 wrong    one bit of them is wrong
@@ -28,6 +29,8 @@ pub struct Plan {
     pub rate: f64,
     /// Frames in all.
     pub frames: u64,
+    /// Number of the first frame.
+    pub first: u64,
     /// All frames of each so many milliseconds come together; 0: each when it is due.
     pub jitter_ms: f64,
     /// Frames that are not sent.
@@ -55,6 +58,7 @@ impl Plan {
             emulator,
             rate: emulator.rate(),
             frames,
+            first: 0,
             jitter_ms: 0.0,
             drop: Vec::new(),
             wrong: Vec::new(),
@@ -97,6 +101,7 @@ impl Plan {
         match name {
             "--rate" => self.rate = Some(number()?).filter(|rate| *rate > 0.0).ok_or_else(wrong)?,
             "--frames" => self.frames = value.parse().map_err(|_| wrong())?,
+            "--first" => self.first = value.parse().map_err(|_| wrong())?,
             "--jitter-ms" => self.jitter_ms = number()?,
             "--drop" => self.drop = list(value).ok_or_else(wrong)?,
             "--wrong" => self.wrong = list(value).ok_or_else(wrong)?,
@@ -114,10 +119,15 @@ impl Plan {
         Ok(())
     }
 
+    /// The numbers of all frames.
+    pub fn numbers(&self) -> std::ops::Range<u64> {
+        self.first..self.first.saturating_add(self.frames)
+    }
+
     /// When a frame is due, in nanoseconds from the first.
     pub fn due_ns(&self, number: u64) -> u64 {
         let silence: f64 = self.pause.iter().filter(|(frame, _)| *frame <= number).map(|(_, seconds)| seconds).sum();
-        ((number as f64 / self.rate + silence) * 1e9).round() as u64
+        ((number.saturating_sub(self.first) as f64 / self.rate + silence) * 1e9).round() as u64
     }
 
     /// When a frame is written: when it is due, or with all others of the same milliseconds at their end.
@@ -183,11 +193,12 @@ mod tests {
     #[test]
     fn arguments_are_read() {
         let plan = parse(
-            "examples/acquire/kvh1750.toml --frames 9 --rate 500 --jitter-ms 4 --drop 1,2 --wrong 3 --double 4 --noise 7@5,9@6 \
+            "examples/acquire/kvh1750.toml --frames 9 --first 5 --rate 500 --jitter-ms 4 --drop 1,2 --wrong 3 --double 4 --noise 7@5,9@6 \
              --pause 3:0.5 --wait 1 --log l --link p",
         )
         .unwrap();
         assert_eq!((plan.emulator, plan.frames, plan.rate, plan.wait_s), (Emulator::Kvh1750, 9, 500.0, 1.0));
+        assert_eq!((plan.numbers(), plan.due_ns(6) - plan.due_ns(5)), (5..14, 2_000_000));
         assert_eq!((plan.drop, plan.wrong, plan.double), (vec![1, 2], vec![3], vec![4]));
         assert_eq!((plan.noise, plan.pause), (vec![(5, 7), (6, 9)], vec![(3, 0.5)]));
         assert_eq!((plan.log, plan.link), (Some("l".into()), Some("p".into())));

@@ -10,6 +10,7 @@
     reason = "in a test the panic is the report"
 )]
 
+mod acquire;
 mod c_interface;
 mod convert;
 mod daemon;
