@@ -137,9 +137,11 @@ impl Timeline {
         };
         (next.counter, next.clock_ns) = (observed.counter.unwrap_or_default(), clock_ns);
         self.last = Some(next);
-        let counted = self.measured.as_mut().zip(observed.arrival);
-        if let Some(((_, count), _)) = counted {
-            *count += periods;
+        match (&mut self.measured, observed.arrival) {
+            // What the device did while it was away is not known.
+            (measured, Some(arrival)) if observed.after_outage => *measured = Some((arrival.by_ns as f64, 0)),
+            (Some((_, count)), Some(_)) => *count += periods,
+            _ => {}
         }
         Placed::Next { periods, timestamp_ns: next.timestamp_ns, is_ambiguous }
     }

@@ -151,3 +151,18 @@ fn a_files_rows_follow_each_other_at_the_interval() {
     assert_eq!(counted(&mut timeline, 1, None), next(1, 2));
     assert_eq!(counted(&mut timeline, 4, None), next(3, 5));
 }
+
+/// A device that did not count while it was away, as one that was reset to where it was, is not slow.
+#[test]
+fn what_a_device_did_while_it_was_away_is_not_measured() {
+    let counter = Counter { bits: 16, step: 1 };
+    let mut timeline = Timeline::new(INTERVAL, Some(counter), None);
+    for frame in 0..6000 {
+        let away = if frame < 500 { 0 } else { 1000 };
+        let after_outage = frame == 500;
+        let arrival = at(late(frame + away));
+        timeline.place(Observed { arrival, counter: Some(frame), after_outage, ..Observed::default() });
+    }
+    let (deviation, seconds) = timeline.deviation(at(late(6999))).unwrap();
+    assert!(deviation.abs() < 1e-3 && (2.7..2.8).contains(&seconds), "{deviation} over {seconds} s");
+}
