@@ -35,6 +35,8 @@ pub(crate) struct Intake {
     /// New sessions since the last ten regular frames, and regular frames since the last one.
     restarts: (u64, u64),
     warned_of_rate: bool,
+    /// Whether the rate was off when it was judged last.
+    was_off: bool,
     last_arrival: Option<Arrival>,
     pub(crate) tally: Tally,
 }
@@ -72,6 +74,7 @@ impl Intake {
             after_outage: false,
             restarts: (0, 0),
             warned_of_rate: false,
+            was_off: false,
             last_arrival: None,
             tally: Tally { imu: description.imu.to_string(), ..Tally::default() },
             description: description.clone(),
@@ -244,7 +247,15 @@ impl Intake {
             measured / 1e9,
             nominal / 1e9
         );
-        if deviation.abs() > RATE_LIMIT {
+        let is_off = deviation.abs() > RATE_LIMIT;
+        if is_off && !self.was_off {
+            // A pause of the device may be the cause, so it is measured twice.
+            self.was_off = true;
+            self.timeline.measure_anew(self.last_arrival);
+            return Ok(());
+        }
+        self.was_off = is_off;
+        if is_off {
             let remedy = "give the interval that the device is set to, or set the device";
             return Err(Failure::new(Exit::Config, format!("{compared}; {remedy}")));
         }

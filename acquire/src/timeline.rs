@@ -7,6 +7,10 @@
 //! * with neither: 1, and what damaged bytes show; and the time over the interval, rounded, after a silence of a quarter
 //!   of a second. Whole frames that vanish without a trace in less time are not seen then.
 //!
+//! Where bytes were damaged or the device was away, the time counts at once. Else frames may be late and catch up, as
+//! after a pause of an adapter: then turns and silences count once frames have been late for a quarter of a second, and
+//! the gap is said to be ambiguous.
+//!
 //! # Time
 //! Bytes arrive late, by the line's delays and in bursts, as from USB. So the moment of a sample is a line through the
 //! arrivals, whose phase and rate follow with a time constant of about a second: with the error e of an arrival,
@@ -27,6 +31,8 @@ pub(crate) const RATE_LIMIT: f64 = 0.05;
 const AHEAD_S: f64 = 0.5;
 /// A silence that shows lost periods of a device without counter and clock \[s\].
 const SILENCE_S: f64 = 0.25;
+/// How long frames that are late may take to catch up \[s\].
+const CATCH_UP_S: f64 = 0.25;
 /// An arrival may have been up to so much earlier \[ns\], and two intervals more, to count for the time.
 const HELD_BACK_NS: f64 = 20e6;
 /// Largest error of an arrival that counts \[ns\], and two intervals more.
@@ -98,6 +104,8 @@ pub(crate) struct Timeline {
     clock: Option<DeviceClock>,
     last: Option<Last>,
     measured: Option<Measured>,
+    /// Since when frames come later than the interval explains \[ns\].
+    late_since: Option<u64>,
 }
 
 /// The measurement of the rate.
@@ -145,7 +153,7 @@ impl Timeline {
     /// A line without frames. `interval_ns` is the nominal interval.
     #[must_use]
     pub(crate) fn new(interval_ns: u64, counter: Option<Counter>, clock: Option<DeviceClock>) -> Self {
-        Self { interval: interval_ns as f64, counter, clock, last: None, measured: None }
+        Self { interval: interval_ns as f64, counter, clock, last: None, measured: None, late_since: None }
     }
 
     /// Places a frame.
@@ -154,7 +162,7 @@ impl Timeline {
         let (periods, is_ambiguous) = match self.periods(&last, &observed) {
             Periods::Restarted => return self.begin(&observed),
             Periods::Passed { periods: 0, .. } => return Placed::Repeated,
-            Periods::Passed { periods, is_ambiguous } => (periods, is_ambiguous),
+            Periods::Passed { periods, is_ambiguous, .. } => (periods, is_ambiguous),
         };
         let mut next = last;
         self.follow(&mut next, periods, observed.arrival);
@@ -178,9 +186,18 @@ impl Timeline {
         (next.counter, next.clock_ns) = (observed.counter.unwrap_or_default(), clock_ns);
         self.last = Some(next);
         if let (Some(measured), Some(arrival)) = (&mut self.measured, observed.arrival) {
-            measured.count(arrival.by_ns, periods);
+            match observed.after_outage {
+                // What the device did while it was away is not known.
+                true => *measured = Measured::after(arrival.by_ns),
+                false => measured.count(arrival.by_ns, periods),
+            }
         }
         Placed::Next { periods, timestamp_ns: next.timestamp_ns, is_ambiguous }
+    }
+
+    /// Measures the rate anew.
+    pub(crate) fn measure_anew(&mut self, arrival: Option<Arrival>) {
+        self.measured = arrival.map(|arrival| Measured::after(arrival.by_ns));
     }
 
     /// How much the measured interval is over the nominal one, relative, and over how long that was measured \[s\].
@@ -209,7 +226,7 @@ impl Timeline {
     }
 
     /// How many periods have passed since the last frame.
-    fn periods(&self, last: &Last, observed: &Observed) -> Periods {
+    fn periods(&mut self, last: &Last, observed: &Observed) -> Periods {
         // How many periods have passed by the clock of this machine: at least, and at most.
         let by_clock = observed.arrival.map(|arrival| {
             let passed = |at: u64| (at as f64 - last.origin as f64 - last.time) / self.interval;
@@ -228,7 +245,7 @@ impl Timeline {
             }
             _ => None,
         };
-        match (&self.counter, observed.counter) {
+        let periods = match (&self.counter, observed.counter) {
             (Some(counter), Some(count)) => {
                 let passed = by_device.or(by_clock);
                 counter.periods(last.counter, count, passed, most, observed)
@@ -240,10 +257,29 @@ impl Timeline {
                     let silent = by_clock.map_or(0.0, |[least, _]| least);
                     let is_silence = silent > (SILENCE_S * 1e9 / self.interval).max(1.5);
                     let silent = if is_silence { silent.round() as u64 } else { 1 };
-                    Periods::certain(silent.max(1 + observed.damaged))
+                    let least = 1 + observed.damaged;
+                    Periods::Passed { least, periods: silent.max(least), is_ambiguous: false }
                 }
             },
+        };
+        if by_device.is_some() { periods } else { self.believed(periods, observed) }
+    }
+
+    /// Whether frames without a trace of damage are missing, or late. Late ones catch up, as after a pause of this
+    /// machine or of an adapter; so the time alone is believed after a quarter of a second.
+    fn believed(&mut self, found: Periods, observed: &Observed) -> Periods {
+        let Periods::Passed { least, periods, .. } = found else { return found };
+        let late = observed.arrival.filter(|_| periods > least && observed.damaged == 0 && !observed.after_outage);
+        let Some(arrival) = late else {
+            self.late_since = None;
+            return found;
+        };
+        let since = *self.late_since.get_or_insert(arrival.by_ns);
+        if (arrival.by_ns.saturating_sub(since) as f64) < CATCH_UP_S * 1e9 {
+            return Periods::certain(least);
         }
+        self.late_since = None;
+        Periods::Passed { least, periods, is_ambiguous: true }
     }
 
     /// Moves the line to a frame that came so many periods later.
@@ -251,7 +287,7 @@ impl Timeline {
         let (frequency, damping) = LOOP;
         let periods = periods as f64;
         next.time += periods * next.rate;
-        let Some(arrival) = arrival else { return };
+        let Some(arrival) = arrival.filter(|_| self.late_since.is_none()) else { return };
         if arrival.by_ns.saturating_sub(arrival.after_ns) as f64 > HELD_BACK_NS + 2.0 * self.interval {
             return;
         }
@@ -278,13 +314,19 @@ impl Timeline {
 }
 
 enum Periods {
-    Passed { periods: u64, is_ambiguous: bool },
+    Passed {
+        /// By the counter alone, or by the damage alone.
+        least: u64,
+        /// By the time, too.
+        periods: u64,
+        is_ambiguous: bool,
+    },
     Restarted,
 }
 
 impl Periods {
     const fn certain(periods: u64) -> Self {
-        Self::Passed { periods, is_ambiguous: false }
+        Self::Passed { least: periods, periods, is_ambiguous: false }
     }
 }
 
@@ -316,7 +358,7 @@ impl Counter {
         let periods = rise as f64 + turns * turn;
         let is_far = (least - periods).abs() > 0.35 * turn;
         let is_open = observed.damaged > 0 && latest > periods + 0.5 * turn;
-        Periods::Passed { periods: periods as u64, is_ambiguous: is_far || is_open }
+        Periods::Passed { least: rise, periods: periods as u64, is_ambiguous: is_far || is_open }
     }
 }
 

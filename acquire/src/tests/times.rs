@@ -54,9 +54,33 @@ fn gaps_have_their_length_over_several_turns_of_the_counter() {
             counted(&mut timeline, frame, at(late(frame)));
         }
         let next = 3000 + missing;
-        let placed = counted(&mut timeline, next, at(late(next)));
+        let damaged = u64::from(missing > 0);
+        let observed = Observed { arrival: at(late(next)), counter: Some(next % 256), damaged, ..Observed::default() };
+        let placed = timeline.clone().place(observed);
         let Placed::Next { periods, is_ambiguous, .. } = placed else { panic!("{missing}: {placed:?}") };
         assert_eq!((periods, is_ambiguous), (missing + 1, false), "{missing}");
+        // Without a trace of damage they count when the frames have not caught up.
+        let mut sum = 0;
+        for frame in next..next + 1000 {
+            match counted(&mut timeline, frame, at(late(frame))) {
+                Placed::Next { periods, .. } => sum += periods,
+                other => assert!(matches!(other, Placed::Repeated), "{missing}: {other:?}"),
+            }
+        }
+        assert_eq!(sum, missing + 1000, "{missing}");
+    }
+}
+
+/// An adapter, or the whole machine, stops for half a second: all frames come, late.
+#[test]
+fn frames_that_catch_up_are_no_gap() {
+    let mut timeline = Timeline::new(INTERVAL, Some(EIGHT_BITS), None);
+    let mut without = Timeline::new(INTERVAL, None, None);
+    for frame in 0..6000 {
+        let arrival = if (3000..4000).contains(&frame) { late(4000) + (frame - 3000) * 10_000 } else { late(frame) };
+        let is_next = |placed| frame == 0 || matches!(placed, Placed::Next { periods: 1, .. });
+        assert!(is_next(counted(&mut timeline, frame, at(arrival))), "{frame}");
+        assert!(is_next(without.place(Observed { arrival: at(arrival), ..Observed::default() })), "{frame}");
     }
 }
 
@@ -91,7 +115,8 @@ fn a_backlog_is_no_gap() {
         let placed = counted(&mut timeline, frame, backlog);
         assert!(matches!(placed, Placed::Next { periods: 1, .. }), "{frame}: {placed:?}");
     }
-    let placed = counted(&mut timeline, 13_001, at(late(13_001)));
+    let cut = Observed { arrival: at(late(13_001)), counter: Some(13_001 % 256), damaged: 1, ..Observed::default() };
+    let placed = timeline.place(cut);
     assert!(matches!(placed, Placed::Next { periods: 9002, .. }), "{placed:?}");
 }
 
@@ -161,7 +186,13 @@ fn without_counter_and_clock_damage_and_silence_are_gaps() {
         assert!(frame == 0 || matches!(placed, Placed::Next { periods: 1, .. }), "{frame}: {placed:?}");
     }
     assert!(matches!(timeline.place(observed(2002, 2)), Placed::Next { periods: 3, .. }));
-    assert!(matches!(timeline.place(observed(4002, 0)), Placed::Next { periods: 1998..=2000, .. }));
+    // A second of silence, which the frames after it do not catch up.
+    let periods = (4002..5002).map(|frame| match timeline.place(observed(frame, 0)) {
+        Placed::Next { periods, .. } => periods,
+        other => panic!("{frame}: {other:?}"),
+    });
+    let sum: u64 = periods.sum();
+    assert!((2990..=3010).contains(&sum), "{sum}");
 }
 
 #[test]
@@ -197,4 +228,19 @@ fn a_device_that_jumps_over_centuries_begins_a_new_session() {
     assert_eq!(timeline.place(both(4)), Placed::First { timestamp_ns: 2_000_000 });
     let second = Placed::Next { periods: 1, timestamp_ns: 2_000_001, is_ambiguous: false };
     assert_eq!(timeline.place(both(5)), second);
+}
+
+/// A device that did not count while it was away, as one that was reset to where it was, is not slow.
+#[test]
+fn what_a_device_did_while_it_was_away_is_not_measured() {
+    let counter = Counter { bits: 16, step: 1 };
+    let mut timeline = Timeline::new(INTERVAL, Some(counter), None);
+    for frame in 0..6000 {
+        let away = if frame < 500 { 0 } else { 1000 };
+        let after_outage = frame == 500;
+        let arrival = at(late(frame + away));
+        timeline.place(Observed { arrival, counter: Some(frame), after_outage, ..Observed::default() });
+    }
+    let (deviation, seconds) = timeline.deviation(at(late(6999))).unwrap();
+    assert!(deviation.abs() < 1e-3 && (1.7..1.8).contains(&seconds), "{deviation} over {seconds} s");
 }

@@ -89,7 +89,8 @@ impl Serial {
             }
         }
         settings.set_speed(self.baud)?;
-        tcsetattr(&line.descriptor, OptionalActions::Now, &settings)?;
+        // What had come before is of an unknown time, and may be at another rate.
+        tcsetattr(&line.descriptor, OptionalActions::Flush, &settings)?;
         Ok(line)
     }
 }

@@ -4,9 +4,12 @@
 
 mod damage;
 mod endings;
+mod errors;
 mod outages;
 mod pipeline;
+mod ports;
 mod profiles;
+mod seen;
 
 use isotherm_client::RawSample;
 use isotherm_recording::RawCsvReader;
@@ -36,9 +39,10 @@ impl Device {
     }
 
     /// Unplugs it.
-    fn unplug(self) {
+    fn unplug(self, domain: &TestDomain) {
+        // A killed device leaves its link, and the next terminal with that number is another test's.
+        fs::remove_file(line(domain)).unwrap();
         self.0.kill();
-        // A killed device does not take its link along.
     }
 }
 

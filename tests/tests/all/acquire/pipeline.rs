@@ -11,15 +11,9 @@ use std::fs;
 use std::thread::sleep;
 use std::time::Duration;
 
-/// What makes the profile of a VN-100 one that has a nominal table: what a column's number stands for.
-const SCALES: [(&str, &str); 2] = [
-    ("resolution = 1e-7                       # m/s", "resolution = 1e-7\nscale = 1"),
-    ("resolution = 1e-7                       # deg", "resolution = 1e-7\nscale = 0.017453292519943295"),
-];
-
 /// Describes a VN-100, which sends 400 Hz and has a clock, and starts a service with its nominal table.
 pub(super) fn serve_vn100(domain: &TestDomain) -> Process {
-    describe(domain, Emulator::Vn100, &SCALES);
+    describe(domain, Emulator::Vn100, &[]);
     serve(domain)
 }
 
