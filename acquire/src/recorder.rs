@@ -6,6 +6,7 @@ use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::write::{FileError, Files, Format, Rotation};
 use isotherm_shared::stream::StreamKind;
 use isotherm_shared::wire::StreamSample;
+use std::io;
 use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::{self, JoinHandle};
@@ -25,13 +26,25 @@ pub(crate) struct Recorder {
 }
 
 impl Recorder {
+    /// The format of a recording that does not exist yet, whose ending names it.
+    ///
+    /// # Errors
+    /// If there is such a file, or the ending names no format.
+    pub(crate) fn check(path: &Path) -> Result<Format, Failure> {
+        let name = || format!("{}: name the recording .csv, .parquet or .mcap", path.display());
+        let format = Format::of_path(path).ok_or_else(|| Failure::new(Exit::Usage, name()))?;
+        match path.exists() {
+            true => Err(FileError(path.to_owned(), io::ErrorKind::AlreadyExists.into()).into()),
+            false => Ok(format),
+        }
+    }
+
     /// Creates the file, whose ending names its format.
     ///
     /// # Errors
     /// If it exists or cannot be written.
     pub(crate) fn create(path: &Path, imu: &ImuId) -> Result<Self, Failure> {
-        let name = || format!("{}: name the recording .csv, .parquet or .mcap", path.display());
-        let format = Format::of_path(path).ok_or_else(|| Failure::new(Exit::Usage, name()))?;
+        let format = Self::check(path)?;
         let (path, imus) = (path.to_owned(), [imu.clone()]);
         let (sender, receiver) = sync_channel(QUEUE);
         let (created, is_created) = sync_channel(1);

@@ -70,6 +70,7 @@ pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failu
         .realtime
         .apply()
         .map_err(|error| Failure::new(isotherm_failure::Exit::Config, format!("realtime: {error}")))?;
+    settings.record.as_deref().map(Recorder::check).transpose()?;
     let source = Source::open(description, settings.sysfs.clone(), &settings.end)?;
     // A source that cannot be opened leaves no file behind.
     let recorder = settings.record.as_deref().map(|path| Recorder::create(path, &description.imu)).transpose()?;

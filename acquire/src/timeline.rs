@@ -283,7 +283,7 @@ impl Timeline {
     }
 
     /// Moves the line to a frame that came so many periods later.
-    fn follow(&mut self, next: &mut Last, periods: u64, arrival: Option<Arrival>) {
+    fn follow(&self, next: &mut Last, periods: u64, arrival: Option<Arrival>) {
         let (frequency, damping) = LOOP;
         let periods = periods as f64;
         next.time += periods * next.rate;
@@ -296,7 +296,6 @@ impl Timeline {
         if error < -(HELD_BACK_NS + 2.0 * self.interval) {
             // No sample comes before its time: the line began with frames that had waited somewhere.
             (next.time, next.moved) = ((next.time + error).max(0.0), 1);
-            self.measured = Some(Measured::after(arrival.by_ns));
             return;
         }
         let step = (frequency * self.interval / 1e9).min(0.2);

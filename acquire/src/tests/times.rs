@@ -71,6 +71,21 @@ fn gaps_have_their_length_over_several_turns_of_the_counter() {
     }
 }
 
+/// A device that is a tenth faster than described: its rate is measured whatever the times do.
+#[test]
+fn a_wrong_rate_is_measured() {
+    for tenths in [9, 11] {
+        let mut timeline = Timeline::new(INTERVAL, Some(EIGHT_BITS), None);
+        let arrival = |frame: u64| at(7_000_000_000 + frame * INTERVAL * 10 / tenths);
+        for frame in 0..12_000 {
+            counted(&mut timeline, frame, arrival(frame));
+        }
+        let (deviation, seconds) = timeline.deviation(arrival(11_999)).unwrap();
+        let right = 10.0 / tenths as f64 - 1.0;
+        assert!((deviation - right).abs() < 0.03 && seconds > 3.0, "{deviation}, not {right}, over {seconds} s");
+    }
+}
+
 /// An adapter, or the whole machine, stops for half a second: all frames come, late.
 #[test]
 fn frames_that_catch_up_are_no_gap() {
