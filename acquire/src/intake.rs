@@ -13,6 +13,9 @@ use isotherm_failure::{Exit, Failure, tell};
 const TOLD_GAPS: u64 = 10;
 /// So many new sessions without ten regular frames in between show a counter that is not as described.
 const RESTARTS: u64 = 20;
+/// By how much bytes may come late \[s\] without a device being taken for slow or fast: a busy machine, or what lay in the
+/// line's buffer at the beginning.
+const LATE_S: f64 = 0.5;
 /// How long the rate is measured before it is judged \[s\], and before it is warned of.
 const JUDGED_S: f64 = 2.0;
 const WARNED_S: f64 = 10.0;
@@ -244,7 +247,8 @@ impl Intake {
             measured / 1e9,
             nominal / 1e9
         );
-        if deviation.abs() > RATE_LIMIT {
+        let beyond_s = (deviation.abs() - RATE_LIMIT) * seconds / (1.0 + deviation);
+        if beyond_s > LATE_S {
             let remedy = "give the interval that the device is set to, or set the device";
             return Err(Failure::new(Exit::Config, format!("{compared}; {remedy}")));
         }
