@@ -27,7 +27,7 @@ use std::{env, fs};
 /// The longest sleep before a signal is looked for.
 const LOOK: Duration = Duration::from_millis(20);
 /// How long a full terminal is waited for before bytes are lost, and how long for the last bytes to be read.
-const FULL: Duration = Duration::from_secs(1);
+const FULL: Duration = Duration::from_secs(10);
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = env::args().skip(1).collect();
