@@ -13,6 +13,9 @@ use isotherm_failure::{Exit, Failure, tell};
 const TOLD_GAPS: u64 = 10;
 /// So many new sessions without ten regular frames in between show a counter that is not as described.
 const RESTARTS: u64 = 20;
+/// By how much bytes may come late \[s\] without a device being taken for slow or fast: a busy machine, or what lay in the
+/// line's buffer at the beginning.
+const LATE_S: f64 = 0.5;
 /// How long the rate is measured before it is judged \[s\], and before it is warned of.
 const JUDGED_S: f64 = 2.0;
 const WARNED_S: f64 = 10.0;
@@ -35,8 +38,6 @@ pub(crate) struct Intake {
     /// New sessions since the last ten regular frames, and regular frames since the last one.
     restarts: (u64, u64),
     warned_of_rate: bool,
-    /// Whether the rate was off when it was judged last.
-    was_off: bool,
     last_arrival: Option<Arrival>,
     pub(crate) tally: Tally,
 }
@@ -74,7 +75,6 @@ impl Intake {
             after_outage: false,
             restarts: (0, 0),
             warned_of_rate: false,
-            was_off: false,
             last_arrival: None,
             tally: Tally { imu: description.imu.to_string(), ..Tally::default() },
             description: description.clone(),
@@ -247,15 +247,8 @@ impl Intake {
             measured / 1e9,
             nominal / 1e9
         );
-        let is_off = deviation.abs() > RATE_LIMIT;
-        if is_off && !self.was_off {
-            // A pause of the device may be the cause, so it is measured twice.
-            self.was_off = true;
-            self.timeline.measure_anew(self.last_arrival);
-            return Ok(());
-        }
-        self.was_off = is_off;
-        if is_off {
+        let beyond_s = (deviation.abs() - RATE_LIMIT) * seconds / (1.0 + deviation);
+        if beyond_s > LATE_S {
             let remedy = "give the interval that the device is set to, or set the device";
             return Err(Failure::new(Exit::Config, format!("{compared}; {remedy}")));
         }

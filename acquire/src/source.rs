@@ -184,6 +184,7 @@ impl Bytes {
         let decoder = StreamDecoder::new(description).ok_or_else(none)?;
         let open = open_port(port, end)?;
         let empty_ns = monotonic_ns();
+        tell("isotherm", format!("reading {port}"));
         let interval_ns = description.timing.interval_ns;
         let pace = matches!(port, Port::File { pace: true, .. }).then_some((empty_ns, interval_ns, 0));
         let buffer = vec![0; BUFFER];

@@ -159,10 +159,10 @@ impl Timeline {
     /// Places a frame.
     pub(crate) fn place(&mut self, observed: Observed) -> Placed {
         let Some(last) = self.last else { return self.begin(&observed) };
-        let (periods, is_ambiguous) = match self.periods(&last, &observed) {
+        let (least, periods, is_ambiguous) = match self.periods(&last, &observed) {
             Periods::Restarted => return self.begin(&observed),
             Periods::Passed { periods: 0, .. } => return Placed::Repeated,
-            Periods::Passed { periods, is_ambiguous, .. } => (periods, is_ambiguous),
+            Periods::Passed { least, periods, is_ambiguous } => (least, periods, is_ambiguous),
         };
         let mut next = last;
         self.follow(&mut next, periods, observed.arrival);
@@ -189,15 +189,11 @@ impl Timeline {
             match observed.after_outage {
                 // What the device did while it was away is not known.
                 true => *measured = Measured::after(arrival.by_ns),
-                false => measured.count(arrival.by_ns, periods),
+                // What the time alone explains would hide a rate that is not the nominal one.
+                false => measured.count(arrival.by_ns, if is_ambiguous { least } else { periods }),
             }
         }
         Placed::Next { periods, timestamp_ns: next.timestamp_ns, is_ambiguous }
-    }
-
-    /// Measures the rate anew.
-    pub(crate) fn measure_anew(&mut self, arrival: Option<Arrival>) {
-        self.measured = arrival.map(|arrival| Measured::after(arrival.by_ns));
     }
 
     /// How much the measured interval is over the nominal one, relative, and over how long that was measured \[s\].

@@ -356,6 +356,9 @@ impl Drop for Process {
         // Fails if the process has ended already.
         let _ = self.child.kill();
         let _ = self.child.wait();
+        if thread::panicking() {
+            eprintln!("log of process {}:\n{}", self.pid(), self.log());
+        }
         self.pids.lock().unwrap().retain(|pid| *pid != self.child.id());
     }
 }

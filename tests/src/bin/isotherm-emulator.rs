@@ -26,8 +26,10 @@ use std::{env, fs};
 
 /// The longest sleep before a signal is looked for.
 const LOOK: Duration = Duration::from_millis(20);
+/// How long a reader may take to set the line up after it has opened it.
+const SET_UP: Duration = Duration::from_millis(100);
 /// How long a full terminal is waited for before bytes are lost, and how long for the last bytes to be read.
-const FULL: Duration = Duration::from_secs(1);
+const FULL: Duration = Duration::from_secs(10);
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = env::args().skip(1).collect();
@@ -156,6 +158,8 @@ impl Line {
             }
             thread::sleep(Duration::from_millis(1));
         }
+        // What comes while a line is set up is discarded.
+        thread::sleep(SET_UP);
         true
     }
 

@@ -101,7 +101,7 @@ fn a_line_of_another_user_is_refused() {
 }
 
 #[test]
-fn a_device_at_another_rate_is_refused_after_two_seconds() {
+fn a_device_at_another_rate_is_refused_after_some_seconds() {
     let domain = TestDomain::new();
     for (rate, measured) in [("180", "the device sends 1"), ("220", "the device sends 2")] {
         describe(&domain, Emulator::Arduino, &[("time = { column = \"micros\", unit = \"us\", bits = 32 }\n", "")]);
