@@ -16,6 +16,9 @@ const RESTARTS: u64 = 20;
 /// How long the rate is measured before it is judged \[s\], and before it is warned of.
 const JUDGED_S: f64 = 2.0;
 const WARNED_S: f64 = 10.0;
+/// By how much arrivals must differ from the nominal rate to refuse it \[s\]: a line that stalls as the measurement
+/// begins brings what it has held at once.
+const REFUSED_S: f64 = 0.5;
 /// A deviation of the rate that is warned of.
 const WARNED: f64 = 1e-3;
 
@@ -244,7 +247,7 @@ impl Intake {
             measured / 1e9,
             nominal / 1e9
         );
-        if deviation.abs() > RATE_LIMIT {
+        if deviation.abs() > RATE_LIMIT && deviation.abs() * seconds > REFUSED_S {
             let remedy = "give the interval that the device is set to, or set the device";
             return Err(Failure::new(Exit::Config, format!("{compared}; {remedy}")));
         }

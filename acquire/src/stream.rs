@@ -14,7 +14,7 @@ use crate::tally::Skipped;
 /// let description = Description::from_toml(include_str!("../../examples/acquire/arduino-mpu6050.toml"))?;
 /// let mut decoder = StreamDecoder::new(&description).ok_or("IIO has no stream")?;
 /// let mut rows = 0;
-/// decoder.push(b"12345,1,2,16384,3,4,5,-512\n12345,1,2", Arrival::default(), &mut |_| rows += 1);
+/// decoder.push(b"$IMU,1,5000,1,2,8192,24.5,3,4,5*67\n$IMU,2,10", Arrival::default(), &mut |_| rows += 1);
 /// decoder.end();
 /// assert_eq!((rows, decoder.skipped().cut), (1, 9));
 /// # Ok(())

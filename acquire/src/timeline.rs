@@ -149,11 +149,23 @@ impl Timeline {
         next.timestamp_ns = timestamp_ns;
         (next.counter, next.clock_ns) = (observed.counter.unwrap_or_default(), clock_ns);
         self.last = Some(next);
-        let counted = self.measured.as_mut().zip(observed.arrival);
-        if let Some(((_, count), _)) = counted {
-            *count += periods;
-        }
+        self.measure(periods, &observed);
         Placed::Next { periods, timestamp_ns: next.timestamp_ns, is_ambiguous }
+    }
+
+    /// Counts periods for the rate. Those that the clock of this machine has told say nothing of it: it is measured anew.
+    fn measure(&mut self, periods: u64, observed: &Observed) {
+        let Some(arrival) = observed.arrival else { return };
+        let known = match (&self.counter, &self.clock) {
+            (_, Some(_)) => u64::MAX,
+            (Some(counter), None) => counter.turn().saturating_sub(1),
+            (None, None) => 1 + observed.damaged,
+        };
+        if periods > known {
+            self.measured = Some((arrival.by_ns as f64, 0));
+        } else if let Some((_, count)) = &mut self.measured {
+            *count = count.saturating_add(periods);
+        }
     }
 
     /// How much the measured interval is over the nominal one, relative, and over how long that was measured \[s\].

@@ -152,6 +152,27 @@ fn a_files_rows_follow_each_other_at_the_interval() {
     assert_eq!(counted(&mut timeline, 4, None), next(3, 5));
 }
 
+/// A line that holds a tenth of a second back looks as if a turn of the counter were missing. What follows at once must
+/// not look as another rate.
+#[test]
+fn a_gap_that_this_machine_s_clock_tells_is_not_of_the_rate() {
+    let mut timeline = Timeline::new(INTERVAL, Some(EIGHT_BITS), None);
+    for frame in 0..200 {
+        counted(&mut timeline, frame, at(late(frame)));
+    }
+    let mut missing = 0;
+    for frame in 200..4200 {
+        let time = late(frame).max(late(200) + 100_000_000);
+        match counted(&mut timeline, frame, at(time)) {
+            Placed::Next { periods, .. } => missing += periods - 1,
+            placed => panic!("{frame}: {placed:?}"),
+        }
+    }
+    assert_eq!(missing, 256);
+    let (deviation, seconds) = timeline.deviation(at(late(4199))).unwrap();
+    assert!((deviation * seconds).abs() < 0.11 && seconds > 1.8, "{deviation} over {seconds} s");
+}
+
 /// Counters and clocks of 64 bits that jump: no time or number overflows, and times rise within a session.
 #[test]
 fn a_device_that_jumps_over_centuries_begins_a_new_session() {
