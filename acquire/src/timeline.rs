@@ -4,8 +4,8 @@
 //! From one frame to the next n periods pass. The number is
 //! * with a counter of M periods a turn: of its rise d plus whole turns, the one nearest to the time that has passed;
 //! * with a clock of the device: the time that has passed on it over the interval, rounded;
-//! * with neither: 1, and what damaged bytes show; and the time over the interval, rounded, after a silence of a quarter
-//!   of a second. Whole frames that vanish without a trace in less time are not seen then.
+//! * with neither: 1, and what damaged bytes show; and the time over the interval, rounded, after a silence of a
+//!   quarter of a second. Whole frames that vanish without a trace in less time are not seen then.
 //!
 //! # Time
 //! Bytes arrive late, by the line's delays and in bursts, as from USB. So the moment of a sample is a line through the
@@ -153,7 +153,8 @@ impl Timeline {
         Placed::Next { periods, timestamp_ns: next.timestamp_ns, is_ambiguous }
     }
 
-    /// Counts periods for the rate. Those that the clock of this machine has told say nothing of it: it is measured anew.
+    /// Counts periods for the rate. Those that the clock of this machine has told say nothing of it: it is measured
+    /// anew.
     fn measure(&mut self, periods: u64, observed: &Observed) {
         let Some(arrival) = observed.arrival else { return };
         let known = match (&self.counter, &self.clock) {

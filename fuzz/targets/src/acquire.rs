@@ -1,7 +1,7 @@
-//! Input: the description of a source, the name of a shipped profile, or nothing for each of them; a zero byte; one more
-//! than the number of pieces, their lengths less 1; a stream of bytes. The description is refused with line and reason,
-//! or decodes the stream. In pieces of any lengths the frames are the same, and every byte is of a frame or counted. The
-//! samples made of them have sequences and times that rise.
+//! Input: the description of a source, the name of a shipped profile, or nothing for each of them; a zero byte; one
+//! more than the number of pieces, their lengths less 1; a stream of bytes. The description is refused with line and
+//! reason, or decodes the stream. In pieces of any lengths the frames are the same, and every byte is of a frame or
+//! counted. The samples made of them have sequences and times that rise.
 
 use crate::check_faults;
 use isotherm_acquire::{Arrival, Description, PROFILES, Skipped, StreamDecoder, samples_of};
