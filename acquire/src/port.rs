@@ -208,8 +208,8 @@ fn cause(error: &io::Error) -> String {
     }
 }
 
-/// The serial ports, best by names that stay after unplugging: those of `/dev/serial/by-id`, and of `/dev` what has none
-/// there.
+/// The serial ports, best by names that stay after unplugging: those of `/dev/serial/by-id`, and of `/dev` what has
+/// none there.
 #[must_use]
 pub fn serial_ports(root: &Path) -> Vec<PathBuf> {
     let entries = |folder: &str| {

@@ -4,8 +4,8 @@
 //! From one frame to the next n periods pass. The number is
 //! * with a counter of M periods a turn: of its rise d plus whole turns, the one nearest to the time that has passed;
 //! * with a clock of the device: the time that has passed on it over the interval, rounded;
-//! * with neither: 1, and what damaged bytes show; and the time over the interval, rounded, after a silence of a quarter
-//!   of a second. Whole frames that vanish without a trace in less time are not seen then.
+//! * with neither: 1, and what damaged bytes show; and the time over the interval, rounded, after a silence of a
+//!   quarter of a second. Whole frames that vanish without a trace in less time are not seen then.
 //!
 //! Where bytes were damaged or the device was away, the time counts at once. Else frames may be late and catch up, as
 //! after a pause of an adapter: then turns and silences count once frames have been late for a quarter of a second, and

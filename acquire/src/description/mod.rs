@@ -103,7 +103,8 @@ impl Description {
         document.finish(description)
     }
 
-    /// Takes another device in the place of the file's: a serial line, a file, or an IIO device.
+    /// Takes another device in the place of the file's: a serial line, a file, or an IIO device. A file of what a serial
+    /// line has sent may take its place.
     ///
     /// # Errors
     /// If the source is a network address.
@@ -116,6 +117,7 @@ impl Description {
             }
         };
         match port {
+            Port::Serial(_) if device.is_file() => *port = Port::File { path: device.to_owned(), pace: false },
             Port::Serial(serial) => device.clone_into(&mut serial.path),
             Port::File { path, .. } => device.clone_into(path),
             Port::Tcp(_) | Port::Udp(_) | Port::Stdin => {

@@ -1,7 +1,7 @@
 //! Descriptions: what is wrong is named with line and key.
 
 use super::profile;
-use crate::description::{Description, Kind};
+use crate::description::{Description, Kind, Port};
 use crate::profiles::PROFILES;
 use crate::timeline::Counter;
 use std::path::Path;
@@ -31,6 +31,17 @@ fn every_profile_of_a_stream_has_a_nominal_table() {
     // 2^-22 m/s a count.
     let table = profile("stim300").nominal(Path::new("/")).unwrap().to_toml();
     assert!(table.contains("unit = \"pulse/(s*g0)\", range = [-40.0, 85.0], c0 = 41132071.3216"), "{table}");
+}
+
+#[test]
+fn a_file_of_its_bytes_takes_the_place_of_a_serial_line() {
+    let file = tempfile::NamedTempFile::new().unwrap();
+    let mut description = profile("stim300");
+    description.set_device(Path::new("/dev/null")).unwrap();
+    assert!(description.summary().contains("/dev/null at 921600 Bd"), "{}", description.summary());
+    description.set_device(file.path()).unwrap();
+    let Kind::Frames(port, _) = &description.kind else { panic!("no frames") };
+    assert_eq!(*port, Port::File { path: file.path().to_owned(), pace: false });
 }
 
 fn faults(text: &str) -> String {

@@ -31,7 +31,8 @@ const fn yes() -> bool {
     true
 }
 
-fn bytes(text: &str) -> Vec<u8> {
+/// The bytes of hexadecimal digits.
+pub(super) fn bytes(text: &str) -> Vec<u8> {
     let digits: Vec<_> = text.bytes().filter(u8::is_ascii_hexdigit).collect();
     digits.chunks(2).map(|pair| u8::from_str_radix(std::str::from_utf8(pair).unwrap(), 16).unwrap()).collect()
 }

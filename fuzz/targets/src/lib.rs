@@ -4,6 +4,7 @@
 //! A violated guarantee is a panic. `fuzz/` runs them under libFuzzer; the test of this crate runs them on the corpora.
 #![allow(clippy::expect_used, clippy::panic, clippy::missing_panics_doc, reason = "a panic is the report")]
 
+pub mod acquire;
 pub mod campaign;
 pub mod config;
 pub mod convert;

@@ -1,7 +1,7 @@
 //! Every input of `fuzz/corpus` passes its target. libFuzzer is not needed for this.
 #![allow(clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_fuzz_targets::{campaign, config, convert, formats, recording, sample, table};
+use isotherm_fuzz_targets::{acquire, campaign, config, convert, formats, recording, sample, table};
 use std::fs;
 use std::path::PathBuf;
 
@@ -50,4 +50,9 @@ fn campaigns() {
 #[test]
 fn samples() {
     run("sample", sample::run);
+}
+
+#[test]
+fn sources() {
+    run("acquire", acquire::run);
 }

@@ -1,6 +1,6 @@
 //! An emulated IMU behind a pseudo-terminal, for the tests of `isotherm acquire`. It prints the terminal's path, waits
-//! until a program has opened it, and sends frames in absolute time. Without a reader frames are lost, as on a wire. A new
-//! emulator with the same link stands for a device that comes back.
+//! until a program has opened it, and sends frames in absolute time. Without a reader frames are lost, as on a wire. A
+//! new emulator with the same link stands for a device that comes back.
 #![allow(clippy::print_stderr, clippy::print_stdout, reason = "a program for tests")]
 
 use isotherm_tests::emulator::{Plan, USAGE};

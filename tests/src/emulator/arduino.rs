@@ -1,5 +1,5 @@
-//! What `examples/acquire/arduino-mpu6050.ino` prints: raw counts of an MPU-6050. Source: RM-MPU-6000A-00 rev. 4.2, p. 29
-//! to 31.
+//! What `examples/acquire/arduino-mpu6050.ino` prints: raw counts of an MPU-6050. Source: RM-MPU-6000A-00 rev. 4.2, p.
+//! 29 to 31.
 
 use super::{AXES, Values, pulses, temperature};
 

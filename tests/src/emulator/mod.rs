@@ -1,5 +1,6 @@
-//! Emulated IMUs, one a protocol, written from the makers' data sheets and without code of the decoder. Frame number `n`
-//! always has the same bytes, and what it says is known: pulses of a pattern, temperatures, counters that wrap soon.
+//! Emulated IMUs, one a protocol, written from the makers' data sheets and without code of the decoder. Frame number
+//! `n` always has the same bytes, and what it says is known: pulses of a pattern, temperatures, counters that wrap
+//! soon.
 //!
 //! Their outputs are those that the profiles of the same names in `examples/acquire` describe.
 
@@ -100,7 +101,8 @@ fn pulses(number: u64, axis: usize) -> i32 {
     ((number % 4001 * (13 + 2 * axis) + 331 * axis) % 4001) as i32 - 2000
 }
 
-/// The temperature of sensor 0 to 5 in 1/256 degC: from 25 degC up by 1/256 degC every 100 samples, for 100 000 samples.
+/// The temperature of sensor 0 to 5 in 1/256 degC: from 25 degC up by 1/256 degC every 100 samples, for 100 000
+/// samples.
 fn temperature(number: u64, sensor: usize) -> i16 {
     25 * 256 + (number / 100 % 1000) as i16 + 3 * sensor as i16
 }

@@ -1,5 +1,5 @@
-//! Xsens MTData2 in f32, as real devices send it (einride/xsens-go, testdata): temperature once a second, an item that no
-//! profile knows, and messages of GNSS that count, too. Source: MTi User Manual MT0605P.E, p. 23, 24, 53, 54.
+//! Xsens MTData2 in f32, as real devices send it (einride/xsens-go, testdata): temperature once a second, an item that
+//! no profile knows, and messages of GNSS that count, too. Source: MTi User Manual MT0605P.E, p. 23, 24, 53, 54.
 
 use super::checksum::negative_sum;
 use super::{AXES, Values, pulses, temperature};

@@ -39,8 +39,8 @@ pub struct Sensors {
     pub resolution: Option<f64>,
     /// 1, or -1 for an axis that points the other way.
     pub sign: [f64; AXES],
-    /// One of the column's unit \[m/s2 or rad/s; of increments m/s or rad\]; `None`: 1 for readings, unless the numbers are
-    /// counts.
+    /// One of the column's unit \[m/s2 or rad/s; of increments m/s or rad\]; `None`: 1 for readings, unless the numbers
+    /// are counts.
     pub unit: Option<f64>,
     /// Largest reading of the type, in the column's unit.
     pub range: Option<f64>,

@@ -1,0 +1,34 @@
+//! Samples of a stream that is there already.
+
+use crate::description::Description;
+use crate::frames::{Arrival, Found};
+use crate::intake::{Came, Intake};
+use crate::stream::StreamDecoder;
+use crate::tally::Tally;
+use isotherm_client::RawSample;
+
+/// Makes samples of a stream that is there already, and gives each to `sink` with the number of its session, from 1.
+/// Returns what was counted; `None` for IIO, which has no stream.
+///
+/// A piece of the stream has the time at which it came, or none, as a file has none: then frames follow each other at
+/// the nominal interval, but for what a counter or a clock of the device says. Within a session sequences and times
+/// rise.
+pub fn samples_of<'a>(
+    description: &Description,
+    pieces: impl IntoIterator<Item = (&'a [u8], Option<Arrival>)>,
+    sink: &mut impl FnMut(&RawSample, u64),
+) -> Option<Tally> {
+    let mut decoder = StreamDecoder::new(description)?;
+    let mut intake = Intake::new(description, 0.0, false);
+    for (piece, arrival) in pieces {
+        intake.tally.bytes += piece.len() as u64;
+        decoder.push(piece, arrival.unwrap_or_default(), &mut |found: Found<'_>| {
+            if let Some((raw, session)) = intake.take(found.row, Came::of(&found, arrival.is_some())) {
+                sink(&raw, session);
+            }
+        });
+    }
+    decoder.end();
+    intake.tally.skipped = *decoder.skipped();
+    Some(intake.tally)
+}
