@@ -3,7 +3,7 @@
 //! new emulator with the same link stands for a device that comes back.
 #![allow(clippy::print_stderr, clippy::print_stdout, reason = "a program for tests")]
 
-use isotherm_tests::emulator::{Plan, USAGE};
+use isotherm_tests::emulator::plan::{Plan, USAGE};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags, open};
 use rustix::io::{Errno, ioctl_fionbio, ioctl_fionread};

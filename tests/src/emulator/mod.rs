@@ -8,11 +8,9 @@ mod arduino;
 mod checksum;
 mod kvh1750;
 mod mtdata2;
-mod plan;
+pub mod plan;
 mod stim300;
 mod vn100;
-
-pub use plan::{Plan, USAGE};
 
 /// What the fields of a frame say, under their names in the profile, after scale and offset.
 pub type Values = Vec<(&'static str, f64)>;

@@ -3,7 +3,8 @@
 use super::{Acquire, Device, assert_frames, counts, describe, dry_run, rate};
 use isotherm_client::RawSample;
 use isotherm_tests::TestDomain;
-use isotherm_tests::emulator::{Emulator, Plan};
+use isotherm_tests::emulator::Emulator;
+use isotherm_tests::emulator::plan::Plan;
 use std::fs;
 use std::thread;
 
