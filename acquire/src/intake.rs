@@ -13,8 +13,8 @@ use isotherm_failure::{Exit, Failure, tell};
 const TOLD_GAPS: u64 = 10;
 /// So many new sessions without ten regular frames in between show a counter that is not as described.
 const RESTARTS: u64 = 20;
-/// By how much bytes may come late \[s\] without a device being taken for slow or fast: a busy machine, or what lay in the
-/// line's buffer at the beginning.
+/// By how much bytes may come late \[s\] without a device being taken for slow or fast: a busy machine, or what lay in
+/// the line's buffer at the beginning.
 const LATE_S: f64 = 0.5;
 /// How long the rate is measured before it is judged \[s\], and before it is warned of.
 const JUDGED_S: f64 = 2.0;

@@ -19,9 +19,9 @@
 //! a = 2 z w T, or 1/(m + 1) for the m-th frame while that is more      b = (w T)^2 after the first second
 //! w = 2 / s, z = 0.7; w T is at most 0.2
 //! ```
-//! A sample is moved by 1 % of the interval at most. The rate r begins with the nominal interval and stays within 5 % of
-//! it. An arrival that was not seen at its time, since this process was held back, moves neither. One that is earlier than
-//! its time by more than bursts explain begins the line anew: the frames before had waited somewhere.
+//! A sample is moved by 1 % of the interval at most. The rate r begins with the nominal interval and stays within 5 %
+//! of it. An arrival that was not seen at its time, since this process was held back, moves neither. One that is
+//! earlier than its time by more than bursts explain begins the line anew: the frames before had waited somewhere.
 
 use crate::frames::Arrival;
 

@@ -1,8 +1,8 @@
 //! `isotherm acquire` from an emulated STIM300 behind a pseudo-terminal to the service and its readers: what is lost,
 //! how long a frame takes, how even its times are, and what it costs.
 //!
-//! The emulator, `isotherm-emulator` of the tests, must be built beside this program. A pseudo-terminal has no rate: the
-//! latency is that from the write of a frame to its sending, without the time that a line would take.
+//! The emulator, `isotherm-emulator` of the tests, must be built beside this program. A pseudo-terminal has no rate:
+//! the latency is that from the write of a frame to its sending, without the time that a line would take.
 
 use clap::Parser;
 use isotherm_benches::{

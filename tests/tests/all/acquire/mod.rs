@@ -1,6 +1,6 @@
-//! `isotherm acquire` as users run it: emulated devices behind pseudo-terminals, sockets and pipes, the service, readers,
-//! and what goes wrong with each of them. What must come out is known from the emulators, which share no code with the
-//! decoder.
+//! `isotherm acquire` as users run it: emulated devices behind pseudo-terminals, sockets and pipes, the service,
+//! readers, and what goes wrong with each of them. What must come out is known from the emulators, which share no code
+//! with the decoder.
 
 mod damage;
 mod endings;
@@ -68,8 +68,8 @@ fn describe(domain: &TestDomain, emulator: Emulator, changes: &[(&str, &str)]) {
     domain.write("source.toml", &profile(domain, emulator, changes));
 }
 
-/// The rate at which a device is tested \[Hz\], and what makes its profile that of this rate. A counter of 128 periods must
-/// not turn while a process of a busy machine waits for its turn: the number of turns is told by the time.
+/// The rate at which a device is tested \[Hz\], and what makes its profile that of this rate. A counter of 128 periods
+/// must not turn while a process of a busy machine waits for its turn: the number of turns is told by the time.
 fn rate(emulator: Emulator) -> (f64, &'static [(&'static str, &'static str)]) {
     match emulator {
         Emulator::Stim300 | Emulator::Stim300Rate | Emulator::Kvh1750 => {

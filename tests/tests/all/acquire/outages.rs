@@ -48,7 +48,8 @@ fn a_device_that_was_away_shortly_leaves_a_gap_of_its_length() {
 
 #[test]
 fn a_device_that_was_away_for_over_a_turn_or_started_again_begins_a_session() {
-    // 128 counts of the KVH are 0.13 s, which is shorter than any look for the line; the clock of the VN-100 begins again.
+    // 128 counts of the KVH are 0.13 s, which is shorter than any look for the line; the clock of the VN-100 begins
+    // again.
     for (emulator, first) in [(Emulator::Kvh1750, 1000), (Emulator::Vn100, 0)] {
         const FRAMES: u64 = 200;
         let domain = TestDomain::new();
