@@ -42,10 +42,43 @@ pub(crate) struct Bytes {
     opening: Option<Opening>,
     decoder: StreamDecoder,
     buffer: Vec<u8>,
-    /// When the line was last known to be empty \[ns\].
-    empty_ns: u64,
+    empty: Empty,
     /// Of a file that is read at the rate of its frames: when that began \[ns\], its interval, and frames so far.
     pace: Option<(u64, u64, u64)>,
+}
+
+/// When a line was last known to be empty.
+///
+/// After the process was held back a terminal's buffer of 4 kB was full. What the driver holds behind it comes only
+/// after that was read, so that the line seems to be empty before.
+struct Empty {
+    /// \[ns\]
+    at_ns: u64,
+    /// Up to then an empty line tells nothing \[ns\].
+    settles_ns: Option<u64>,
+}
+
+/// Bytes read at once, and time since the line was empty \[ns\], that show a process that was held back.
+const HELD_BACK: (usize, u64) = (2048, 40_000_000);
+/// How long what was held behind the buffer may take \[ns\].
+const SETTLING_NS: u64 = 50_000_000;
+
+impl Empty {
+    const fn new(at_ns: u64) -> Self {
+        Self { at_ns, settles_ns: None }
+    }
+
+    /// The line seems to be empty, after so many bytes.
+    fn seen(&mut self, now_ns: u64, bytes: usize) {
+        let (most, longest) = HELD_BACK;
+        match self.settles_ns {
+            Some(settles_ns) if now_ns < settles_ns => {}
+            None if bytes >= most && now_ns.saturating_sub(self.at_ns) > longest => {
+                self.settles_ns = Some(now_ns + SETTLING_NS);
+            }
+            _ => *self = Self::new(now_ns),
+        }
+    }
 }
 
 /// The buffers of IIO.
@@ -181,14 +214,15 @@ impl Bytes {
             }
             std::thread::sleep(Duration::from_millis(1));
         };
-        let empty_ns = monotonic_ns();
-        let pace = matches!(port, Port::File { pace: true, .. }).then_some((empty_ns, interval_ns, 0));
-        let buffer = vec![0; BUFFER];
+        let now = monotonic_ns();
+        let pace = matches!(port, Port::File { pace: true, .. }).then_some((now, interval_ns, 0));
+        let (buffer, empty) = (vec![0; BUFFER], Empty::new(now));
         let port = port.clone();
-        Ok(Source::Bytes(Box::new(Self { port, open: Some(open), opening: None, decoder, buffer, empty_ns, pace })))
+        Ok(Source::Bytes(Box::new(Self { port, open: Some(open), opening: None, decoder, buffer, empty, pace })))
     }
 
     fn read(&mut self, intake: &mut Intake, sink: &mut dyn FnMut(RawSample, u64)) -> Result<State, Failure> {
+        let mut bytes = 0;
         for _ in 0..READS {
             let Some(open) = &mut self.open else { return Ok(State::Away) };
             let before = monotonic_ns();
@@ -202,15 +236,16 @@ impl Bytes {
             let count = match open.read(&mut self.buffer[..most]) {
                 Ok(Read::Bytes(count)) => count,
                 Ok(Read::Nothing) => {
-                    self.empty_ns = before;
+                    self.empty.seen(before, bytes);
                     return Ok(State::Open);
                 }
                 Ok(Read::End) if matches!(self.port, Port::File { .. } | Port::Stdin) => return Ok(State::Ended),
                 Ok(Read::End) => return Ok(self.lose("the other side closed it", intake)),
                 Err(error) => return Ok(self.lose(&error.to_string(), intake)),
             };
+            bytes += count;
             intake.tally.bytes += count as u64;
-            let arrival = Arrival { after_ns: self.empty_ns, by_ns: monotonic_ns() };
+            let arrival = Arrival { after_ns: self.empty.at_ns, by_ns: monotonic_ns() };
             let is_live = !matches!(self.port, Port::File { pace: false, .. });
             let mut frames = 0;
             let mut take = |found: crate::frames::Found<'_>| {
@@ -225,7 +260,7 @@ impl Bytes {
             }
             if count < most {
                 // All that was there has been read.
-                self.empty_ns = before;
+                self.empty.seen(before, bytes);
                 return Ok(State::Open);
             }
         }
@@ -248,7 +283,7 @@ impl Bytes {
         let Some(result) = opening.poll() else { return false };
         self.opening = None;
         let Ok(open) = result else { return false };
-        (self.open, self.empty_ns) = (Some(open), monotonic_ns());
+        (self.open, self.empty) = (Some(open), Empty::new(monotonic_ns()));
         tell("isotherm", format!("{} is back", name_of(&self.port)));
         true
     }
@@ -292,5 +327,30 @@ impl Scans {
             }
             Err(error) => Err(error.into()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_that_was_held_back_is_not_empty_at_once() {
+        let ms = |ms: u64| ms * 1_000_000;
+        let mut empty = Empty::new(0);
+        for (now, bytes, at) in
+            [(1, 42, 1), (17, 3000, 17), (300, 4095, 17), (301, 0, 17), (302, 4095, 17), (351, 84, 351)]
+        {
+            empty.seen(ms(now), bytes);
+            assert_eq!(empty.at_ns, ms(at), "{now} ms");
+        }
+        // A fast line has many bytes at each look.
+        for now in [401, 420, 452, 460] {
+            empty.seen(ms(now), 6000);
+        }
+        assert_eq!(empty.at_ns, ms(460));
+        // Silence is none.
+        empty.seen(ms(5000), 42);
+        assert_eq!(empty.at_ns, ms(5000));
     }
 }
