@@ -59,15 +59,15 @@ pub(crate) const CRC_32: [(&Algorithm<u32>, &str); 12] = [
 #[derive(Clone)]
 pub(crate) enum Sum {
     /// All bytes, modulo 256.
-    Sum8,
+    Total8,
     /// What makes the sum of all bytes and the checksum 0, modulo 256.
-    Sum8Negative,
+    Negative8,
     /// The exclusive or of all bytes.
     Xor8,
     /// A CRC of 16 bits.
-    Crc16(Crc<u16>),
+    Crc16(Box<Crc<u16>>),
     /// A CRC of 32 bits.
-    Crc32(Crc<u32>),
+    Crc32(Box<Crc<u32>>),
 }
 
 /// The parameters of a CRC that has no name: polynomial, initial value, reflection of input and output, final
@@ -90,13 +90,21 @@ impl Sum {
     /// The sum that has this name, unless it is a CRC with parameters.
     #[must_use]
     pub(crate) fn of(name: &str) -> Option<Self> {
-        let crc_16 =
-            || CRC_16.iter().find(|(_, of)| *of == name).map(|(algorithm, _)| Self::Crc16(Crc::<u16>::new(algorithm)));
-        let crc_32 =
-            || CRC_32.iter().find(|(_, of)| *of == name).map(|(algorithm, _)| Self::Crc32(Crc::<u32>::new(algorithm)));
+        let crc_16 = || {
+            CRC_16
+                .iter()
+                .find(|(_, of)| *of == name)
+                .map(|(algorithm, _)| Self::Crc16(Box::new(Crc::<u16>::new(algorithm))))
+        };
+        let crc_32 = || {
+            CRC_32
+                .iter()
+                .find(|(_, of)| *of == name)
+                .map(|(algorithm, _)| Self::Crc32(Box::new(Crc::<u32>::new(algorithm))))
+        };
         match name {
-            "sum8" => Some(Self::Sum8),
-            "sum8-negative" => Some(Self::Sum8Negative),
+            "sum8" => Some(Self::Total8),
+            "sum8-negative" => Some(Self::Negative8),
             "xor8" => Some(Self::Xor8),
             _ => crc_16().or_else(crc_32),
         }
@@ -106,21 +114,21 @@ impl Sum {
     #[must_use]
     pub(crate) fn crc_16(parameters: Parameters<u16>) -> Self {
         static KNOWN: Known<u16> = Known(Mutex::new(Vec::new()));
-        Self::Crc16(Crc::<u16>::new(KNOWN.algorithm(16, parameters)))
+        Self::Crc16(Box::new(Crc::<u16>::new(KNOWN.algorithm(16, parameters))))
     }
 
     /// A CRC of 32 bits with these parameters.
     #[must_use]
     pub(crate) fn crc_32(parameters: Parameters<u32>) -> Self {
         static KNOWN: Known<u32> = Known(Mutex::new(Vec::new()));
-        Self::Crc32(Crc::<u32>::new(KNOWN.algorithm(32, parameters)))
+        Self::Crc32(Box::new(Crc::<u32>::new(KNOWN.algorithm(32, parameters))))
     }
 
     /// Its type in a frame.
     #[must_use]
     pub(crate) const fn number(&self) -> NumberType {
         NumberType::Unsigned(match self {
-            Self::Sum8 | Self::Sum8Negative | Self::Xor8 => 1,
+            Self::Total8 | Self::Negative8 | Self::Xor8 => 1,
             Self::Crc16(_) => 2,
             Self::Crc32(_) => 4,
         })
@@ -133,8 +141,8 @@ impl Sum {
         let zeros = &ZEROS[..zeros.min(MAX_PAD)];
         let sum = || bytes.iter().fold(0u8, |sum, byte| sum.wrapping_add(*byte));
         match self {
-            Self::Sum8 => sum().into(),
-            Self::Sum8Negative => sum().wrapping_neg().into(),
+            Self::Total8 => sum().into(),
+            Self::Negative8 => sum().wrapping_neg().into(),
             Self::Xor8 => bytes.iter().fold(0u8, |sum, byte| sum ^ byte).into(),
             Self::Crc16(crc) => {
                 let mut digest = crc.digest();

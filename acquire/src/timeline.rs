@@ -220,7 +220,7 @@ impl Timeline {
                 counter.periods(last.counter, count, passed, most, observed)
             }
             _ => match (by_device, by_clock) {
-                (Some([passed, _]), _) if passed == 0.0 => Periods::Passed { periods: 0, is_ambiguous: false },
+                (Some([0.0, _]), _) => Periods::Passed { periods: 0, is_ambiguous: false },
                 (Some([passed, _]), _) => Periods::certain(passed.round().max(1.0) as u64),
                 (None, by_clock) => {
                     let silent = by_clock.map_or(0.0, |[least, _]| least);

@@ -165,7 +165,9 @@ fn read(document: &Document<'_>, root: &Section<'_, '_>) -> Option<Description> 
     source.finish();
     let kind = kind?;
     let (names, form) = match kind {
-        KindName::Frames => frame::read(root).map(|frame| (Names::of_fields(&frame.fields), Form::Frames(frame))),
+        KindName::Frames => {
+            frame::read(root).map(|frame| (Names::of_fields(&frame.fields), Form::Frames(Box::new(frame))))
+        }
         KindName::Lines => line::read(root).map(|(names, line)| (names, Form::Lines(line))),
         KindName::Iio => iio::read(root).map(|settings| (Names::channels(), Form::Iio(settings))),
     }
@@ -181,7 +183,7 @@ fn read(document: &Document<'_>, root: &Section<'_, '_>) -> Option<Description> 
     let device = serial.map_or(0, device);
     let columns = columns::resolve(root, &sensors, &mut names, &timing, status, device)?;
     let kind = match form? {
-        Form::Frames(frame) => Kind::Frames(port?, Box::new(frame)),
+        Form::Frames(frame) => Kind::Frames(port?, frame),
         Form::Lines(line) => Kind::Lines(port?, Line { used: names.used(), ..line }),
         Form::Iio(settings) => Kind::Iio(complete(settings, &names, &sensors, timing.interval_ns)),
     };
@@ -201,7 +203,7 @@ fn read(document: &Document<'_>, root: &Section<'_, '_>) -> Option<Description> 
 
 /// What rows come from, but for the columns that are used.
 enum Form {
-    Frames(Frame),
+    Frames(Box<Frame>),
     Lines(Line),
     Iio(IioSettings),
 }
