@@ -103,8 +103,8 @@ impl Description {
         document.finish(description)
     }
 
-    /// Takes another device in the place of the file's: a serial line, a file, or an IIO device. A file of what a serial
-    /// line has sent may take its place.
+    /// Takes another device in the place of the file's: a serial line, a file, or an IIO device. A file of what a
+    /// serial line has sent may take its place.
     ///
     /// # Errors
     /// If the source is a network address.
