@@ -15,7 +15,7 @@ const TOLD_GAPS: u64 = 10;
 const RESTARTS: u64 = 20;
 /// By how much bytes may come late \[s\] without a device being taken for slow or fast: a busy machine, or what lay in
 /// the line's buffer at the beginning.
-const LATE_S: f64 = 0.5;
+const LATE_S: f64 = 0.25;
 /// How long the rate is measured before it is judged \[s\], and before it is warned of.
 const JUDGED_S: f64 = 2.0;
 const WARNED_S: f64 = 10.0;
@@ -38,6 +38,8 @@ pub(crate) struct Intake {
     /// New sessions since the last ten regular frames, and regular frames since the last one.
     restarts: (u64, u64),
     warned_of_rate: bool,
+    /// When the rate was off, by both clocks since it is measured \[s\].
+    suspected: Option<(f64, f64)>,
     last_arrival: Option<Arrival>,
     pub(crate) tally: Tally,
 }
@@ -75,6 +77,7 @@ impl Intake {
             after_outage: false,
             restarts: (0, 0),
             warned_of_rate: false,
+            suspected: None,
             last_arrival: None,
             tally: Tally { imu: description.imu.to_string(), ..Tally::default() },
             description: description.clone(),
@@ -221,6 +224,31 @@ impl Intake {
         self.assembler.forget();
     }
 
+    /// Whether the rate is another one: it is off by more than late bytes explain, and goes on to be. A device or a
+    /// machine that stood still once is measured anew.
+    fn is_other_rate(&mut self, deviation: f64, seconds: f64) -> bool {
+        let nominal = seconds / (1.0 + deviation);
+        if (deviation.abs() - RATE_LIMIT) * nominal <= LATE_S {
+            self.suspected = None;
+            return false;
+        }
+        match self.suspected {
+            Some((since, before)) if seconds >= since => {
+                if seconds - since < JUDGED_S {
+                    return false;
+                }
+                let now = (seconds - since) / (nominal - before).max(f64::EPSILON) - 1.0;
+                if now.abs() > RATE_LIMIT && now.signum() == deviation.signum() {
+                    return true;
+                }
+                self.suspected = None;
+                self.timeline.measure_anew(self.last_arrival);
+            }
+            _ => self.suspected = Some((seconds, nominal)),
+        }
+        false
+    }
+
     /// Judges the rate.
     ///
     /// # Errors
@@ -247,8 +275,7 @@ impl Intake {
             measured / 1e9,
             nominal / 1e9
         );
-        let beyond_s = (deviation.abs() - RATE_LIMIT) * seconds / (1.0 + deviation);
-        if beyond_s > LATE_S {
+        if self.is_other_rate(deviation, seconds) {
             let remedy = "give the interval that the device is set to, or set the device";
             return Err(Failure::new(Exit::Config, format!("{compared}; {remedy}")));
         }

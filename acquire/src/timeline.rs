@@ -205,6 +205,11 @@ impl Timeline {
         (periods > 0).then(|| (passed / (periods as f64 * self.interval) - 1.0, passed / 1e9))
     }
 
+    /// Measures the rate from this arrival on.
+    pub(crate) fn measure_anew(&mut self, arrival: Option<Arrival>) {
+        self.measured = arrival.map(|arrival| Measured::after(arrival.by_ns));
+    }
+
     fn begin(&mut self, observed: &Observed) -> Placed {
         let arrival = observed.arrival.map(|arrival| arrival.by_ns);
         let clock_ns = observed.clock_ns.unwrap_or_default();

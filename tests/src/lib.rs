@@ -27,7 +27,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
-use std::sync::{Arc, Condvar, Mutex, Once};
+use std::sync::{Arc, Condvar, Mutex, Once, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 use std::{env, fs};
@@ -357,7 +357,9 @@ impl Drop for Process {
         let _ = self.child.kill();
         let _ = self.child.wait();
         if thread::panicking() {
-            eprintln!("log of process {}:\n{}", self.pid(), self.log());
+            // The panic may be that of a wait for a line, which holds the log.
+            let log = self.log.0.lock().unwrap_or_else(PoisonError::into_inner).join("\n");
+            eprintln!("log of process {}:\n{log}", self.pid());
         }
         self.pids.lock().unwrap().retain(|pid| *pid != self.child.id());
     }

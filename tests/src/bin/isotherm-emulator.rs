@@ -189,7 +189,7 @@ impl Line {
         };
         let mut empty = 0;
         // Between the terminal's ends is another buffer, which nothing tells of.
-        while empty < 20 && now_ns() < deadline && !ended.load(Ordering::Relaxed) {
+        while empty < 100 && now_ns() < deadline && !ended.load(Ordering::Relaxed) {
             thread::sleep(Duration::from_millis(5));
             empty = if ioctl_fionread(&user_side).unwrap_or(0) == 0 { empty + 1 } else { 0 };
         }

@@ -53,7 +53,7 @@ fn each_lost_wrong_and_doubled_frame_and_each_byte_of_noise_is_counted() {
         let is_text = emulator == Emulator::Arduino;
         let is_behind_noise = |number: u64| NOISE.iter().any(|(frame, _)| *frame == number);
         let is_there =
-            |number: u64| !DROP.contains(&number) && !WRONG.contains(&number) && !(is_text && is_behind_noise(number));
+            |number: u64| !(DROP.contains(&number) || WRONG.contains(&number) || is_text && is_behind_noise(number));
         assert_sequences(emulator, &samples, is_there, FRAMES);
         let there = (0..FRAMES).filter(|number| is_there(*number)).count() as u64;
         let others = gnss(emulator, FRAMES);

@@ -78,7 +78,7 @@ fn a_line_of_another_user_is_refused() {
     describe(&domain, Emulator::Vn100, &[]);
     let device = Device::start(&domain, Emulator::Vn100, &["--frames", ENDLESS]);
     let terminal = fs::read_link(line(&domain)).unwrap();
-    fs::set_permissions(&terminal, PermissionsExt::from_mode(0)).unwrap();
+    fs::set_permissions(&terminal, PermissionsExt::from_mode(0o000)).unwrap();
     let mut command = domain.isotherm(&["acquire", "source.toml"]);
     if fs::metadata("/proc/self").unwrap().uid() == 0 {
         // Root may open anything; nobody may read the description, too, and run the program from elsewhere.
