@@ -289,14 +289,15 @@ impl Timeline {
         let periods = periods as f64;
         next.time += periods * next.rate;
         let Some(arrival) = arrival.filter(|_| self.late_since.is_none()) else { return };
-        if arrival.by_ns.saturating_sub(arrival.after_ns) as f64 > HELD_BACK_NS + 2.0 * self.interval {
-            return;
-        }
         let largest = LARGEST_ERROR_NS + 2.0 * self.interval;
         let error = (arrival.by_ns as f64 - next.origin as f64 - next.time).min(largest);
         if error < -(HELD_BACK_NS + 2.0 * self.interval) {
             // No sample comes before its time: the line began with frames that had waited somewhere.
             (next.time, next.moved) = ((next.time + error).max(0.0), 1);
+            return;
+        }
+        // Seen late, so it tells no more than that.
+        if arrival.by_ns.saturating_sub(arrival.after_ns) as f64 > HELD_BACK_NS + 2.0 * self.interval {
             return;
         }
         let step = (frequency * self.interval / 1e9).min(0.2);

@@ -154,6 +154,21 @@ fn frames_that_had_waited_do_not_shift_the_times_of_the_others() {
     assert!(deviation.abs() < 1e-3, "{deviation}");
 }
 
+/// Connecting to the service took a second, as it may on a busy machine: what came meanwhile is no new session.
+#[test]
+fn a_backlog_at_the_beginning_is_no_new_session() {
+    for (counter, clock) in [(Some(EIGHT_BITS), None), (None, Some(DeviceClock { turn_ns: None }))] {
+        let mut timeline = Timeline::new(INTERVAL, counter, clock);
+        for frame in 0..6000 {
+            let (after_ns, by_ns) = if frame < 2000 { (late(0), late(2000)) } else { (late(frame), late(frame)) };
+            let arrival = Some(Arrival { after_ns, by_ns });
+            let (counter, clock_ns) = (Some(frame % 256), Some(frame * INTERVAL));
+            let placed = timeline.place(Observed { arrival, counter, clock_ns, ..Observed::default() });
+            assert!(frame == 0 || matches!(placed, Placed::Next { periods: 1, .. }), "{frame}: {placed:?}");
+        }
+    }
+}
+
 #[test]
 fn a_wide_counter_that_begins_anew_is_a_new_session() {
     let counter = Counter { bits: 16, step: 4 };
