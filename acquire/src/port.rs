@@ -7,7 +7,7 @@ use rustix::io::Errno;
 use rustix::net::sockopt;
 use std::fs::File;
 use std::io::{self, Read as _};
-use std::net::{TcpStream, ToSocketAddrs as _, UdpSocket};
+use std::net::{TcpStream, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -101,23 +101,14 @@ impl AsFd for OpenPort {
     }
 }
 
+/// A connection that notices a peer which vanishes, since that sends no end.
 fn connect(address: &str) -> io::Result<TcpStream> {
-    let mut refused = io::Error::new(io::ErrorKind::NotFound, "the host has no address");
-    for address in address.to_socket_addrs()? {
-        match TcpStream::connect_timeout(&address, CONNECT) {
-            Ok(stream) => {
-                stream.set_nonblocking(true)?;
-                // A peer that vanishes sends no end.
-                sockopt::set_socket_keepalive(&stream, true)?;
-                sockopt::set_tcp_keepidle(&stream, Duration::from_secs(1))?;
-                sockopt::set_tcp_keepintvl(&stream, Duration::from_secs(1))?;
-                sockopt::set_tcp_keepcnt(&stream, PROBES)?;
-                return Ok(stream);
-            }
-            Err(error) => refused = error,
-        }
-    }
-    Err(refused)
+    let stream = isotherm_serial::connect(address, CONNECT)?;
+    sockopt::set_socket_keepalive(&stream, true)?;
+    sockopt::set_tcp_keepidle(&stream, Duration::from_secs(1))?;
+    sockopt::set_tcp_keepintvl(&stream, Duration::from_secs(1))?;
+    sockopt::set_tcp_keepcnt(&stream, PROBES)?;
+    Ok(stream)
 }
 
 /// A port that is being opened, in a thread of its own: names are looked up and connections made there.

@@ -159,17 +159,12 @@ impl Part<'_> {
     }
 }
 
-/// Writes the description of a STIM300 with its scales, at a source.
+/// Writes the description of a STIM300 at a source.
 fn describe(domain: &BenchDomain, interval_ns: u64, source: &str) -> BenchResult<()> {
     let interval = format!("interval_s = {}", interval_ns as f64 / 1e9);
     let text = PROFILE.replace("serial = \"/dev/ttyUSB0\"\nbaud = 921600", source);
     let text = text.replace("interval_s = 0.001", &interval);
-    let accelerometer = format!("resolution = 1\nscale = {}", 2f64.powi(-22));
-    let gyroscope = format!("resolution = 1\nscale = {}", 2f64.powi(-21).to_radians());
-    let text = text.replacen("resolution = 1\n", &format!("{accelerometer}\n"), 1);
-    let (before, after) = text.split_once("[gyroscope]").ok_or("the profile has no gyroscopes")?;
-    let after = after.replacen("resolution = 1\n", &format!("{gyroscope}\n"), 1);
-    domain.replace("source.toml", &format!("{before}[gyroscope]{after}"))?;
+    domain.replace("source.toml", &text)?;
     Ok(())
 }
 

@@ -5,11 +5,11 @@
 //! control, a full window, an adapter that hangs) stops nobody for longer.
 
 use super::line_config::LineConfig;
-use isotherm_serial::OpenSerial;
+use isotherm_serial::{OpenSerial, connect};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use std::io;
-use std::net::{TcpStream, ToSocketAddrs as _};
+use std::net::TcpStream;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::time::{Duration, Instant};
 
@@ -36,24 +36,11 @@ impl InstrumentPort {
     /// Opens a device, or connects to a host.
     pub(crate) fn open(config: &LineConfig) -> io::Result<Self> {
         match config.port.strip_prefix("tcp://") {
-            Some(address) => Self::connect(address, config.timeout),
+            Some(address) => {
+                connect(address, config.timeout).map(Descriptor::Tcp).map(|descriptor| Self { descriptor })
+            }
             None => Ok(Self { descriptor: Descriptor::Serial(config.serial().open()?) }),
         }
-    }
-
-    fn connect(address: &str, timeout: Duration) -> io::Result<Self> {
-        let mut refused = io::Error::new(io::ErrorKind::NotFound, "the host has no address");
-        for address in address.to_socket_addrs()? {
-            match TcpStream::connect_timeout(&address, timeout) {
-                Ok(stream) => {
-                    stream.set_nodelay(true)?;
-                    stream.set_nonblocking(true)?;
-                    return Ok(Self { descriptor: Descriptor::Tcp(stream) });
-                }
-                Err(error) => refused = error,
-            }
-        }
-        Err(refused)
     }
 
     /// Whether it is a serial device: its bytes take time after they are written.
@@ -109,7 +96,8 @@ mod tests {
     fn a_peer_that_takes_nothing_does_not_hold_the_writer() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port =
-            InstrumentPort::connect(&listener.local_addr().unwrap().to_string(), Duration::from_secs(20)).unwrap();
+            connect(&listener.local_addr().unwrap().to_string(), Duration::from_secs(20)).map(Descriptor::Tcp).unwrap();
+        let port = InstrumentPort { descriptor: port };
         let soon = || Instant::now() + Duration::from_millis(50);
         let full = (0..10_000).any(|_| port.write(&[b'x'; 65536], soon()).unwrap() == 0);
         assert!(full);

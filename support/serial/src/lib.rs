@@ -1,4 +1,5 @@
-//! Serial lines, as instruments and IMUs are connected to: opened raw, at any rate, by one program at a time.
+//! Serial lines, as instruments and IMUs are connected to: opened raw, at any rate, by one program at a time; or over
+//! TCP, behind a converter.
 
 use rustix::fs::{FlockOperation, Mode, OFlags, flock, open};
 use rustix::termios::{
@@ -6,8 +7,10 @@ use rustix::termios::{
     tcsetattr,
 };
 use std::io;
+use std::net::{TcpStream, ToSocketAddrs as _};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Parity bit of a character.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -93,6 +96,26 @@ impl Serial {
         tcsetattr(&line.descriptor, OptionalActions::Flush, &settings)?;
         Ok(line)
     }
+}
+
+/// Connects to the first address of a host and port, as in `192.168.1.10:4000`, that answers; a serial line behind a
+/// converter. The connection never blocks, and sends at once. Each address may take `timeout`, and a name longer.
+///
+/// # Errors
+/// If the host has no address, or the last of them refuses.
+pub fn connect(address: &str, timeout: Duration) -> io::Result<TcpStream> {
+    let mut refused = io::Error::new(io::ErrorKind::NotFound, "the host has no address");
+    for address in address.to_socket_addrs()? {
+        match TcpStream::connect_timeout(&address, timeout) {
+            Ok(stream) => {
+                stream.set_nodelay(true)?;
+                stream.set_nonblocking(true)?;
+                return Ok(stream);
+            }
+            Err(error) => refused = error,
+        }
+    }
+    Err(refused)
 }
 
 fn is_pseudo_terminal(path: &Path) -> bool {

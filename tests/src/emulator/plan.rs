@@ -43,7 +43,7 @@ pub struct Plan {
     pub noise: Vec<(u64, usize)>,
     /// Silence before frames: frame, seconds.
     pub pause: Vec<(u64, f64)>,
-    /// How long a reader may take to come [s].
+    /// How long a reader may take to come \[s\].
     pub wait_s: f64,
     /// The file for the times.
     pub log: Option<PathBuf>,
