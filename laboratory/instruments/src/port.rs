@@ -11,7 +11,7 @@ use rustix::io::Errno;
 use std::io;
 use std::net::TcpStream;
 use std::os::fd::{AsFd, BorrowedFd};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// An open port.
 pub(crate) struct InstrumentPort {
@@ -90,6 +90,7 @@ impl InstrumentPort {
 mod tests {
     use super::*;
     use std::net::TcpListener;
+    use std::time::Duration;
 
     /// The other side never reads: its window and our buffer are full after some megabytes.
     #[test]
