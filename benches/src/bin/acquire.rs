@@ -41,10 +41,10 @@ const LOOK: Duration = Duration::from_millis(5);
 struct Arguments {
     #[command(flatten)]
     common: Common,
-    /// How long each part is measured [s]
+    /// Seconds that each part is measured
     #[arg(long, value_name = "S")]
     seconds: Option<f64>,
-    /// The higher of the two rates [Hz]; 2000 unless given
+    /// The higher of the two rates in Hz; 2000 unless given
     #[arg(long, value_name = "HZ")]
     rate: Option<u32>,
 }
