@@ -100,7 +100,7 @@ impl Intake {
             let value = value(column);
             // With a fraction, as seconds in a text, or a unit of its own.
             let rounded = (value.number * unit_ns as f64).round();
-            let whole = value.whole.map(|whole| whole.saturating_mul(unit_ns));
+            let whole = value.whole.filter(|_| value.number >= 0.0).map(|whole| whole.saturating_mul(unit_ns));
             whole.or((0.0..1.8e19).contains(&rounded).then_some(rounded as u64))
         });
         let observed = Observed {

@@ -3,6 +3,7 @@
 use crate::description::Port;
 use isotherm_failure::{Exit, Failure};
 use isotherm_serial::OpenSerial;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use rustix::net::sockopt;
 use std::fs::File;
@@ -60,7 +61,13 @@ impl OpenPort {
         }
     }
 
-    /// Reads what is there. The descriptor has been polled.
+    /// Whether a read would not wait: pipes do not say so themselves.
+    fn has_something(&self) -> bool {
+        let now = Timespec { tv_sec: 0, tv_nsec: 0 };
+        poll(&mut [PollFd::new(self, PollFlags::IN)], Some(&now)).is_ok_and(|ready| ready > 0)
+    }
+
+    /// Reads what is there, without waiting.
     pub(crate) fn read(&mut self, buffer: &mut [u8]) -> io::Result<Read> {
         let read = match self {
             Self::Serial(line) => rustix::io::read(&*line, buffer).map_err(io::Error::from),
@@ -71,6 +78,7 @@ impl OpenPort {
                     Err(error) => nothing(error),
                 };
             }
+            Self::File(_) | Self::Stdin(_) if !self.has_something() => return Ok(Read::Nothing),
             Self::File(file) => file.read(buffer),
             Self::Stdin(stdin) => rustix::io::read(stdin, buffer).map_err(io::Error::from),
         };
@@ -228,4 +236,28 @@ pub fn serial_ports(root: &Path) -> Vec<PathBuf> {
 fn is_real_uart(root: &Path, name: &str) -> bool {
     let kind = std::fs::read_to_string(root.join("sys/class/tty").join(name).join("type"));
     kind.is_ok_and(|kind| kind.trim() != "0")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rustix::fs::{CWD, FileType, Mode, mknodat};
+    use std::fs::OpenOptions;
+    use std::io::Write as _;
+
+    /// A read that waits would hold a signal up.
+    #[test]
+    fn a_pipe_that_is_silent_is_not_waited_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("pipe");
+        mknodat(CWD, &path, FileType::Fifo, Mode::from_raw_mode(0o600), 0).unwrap();
+        // Both ends, so that opening does not wait either.
+        let mut writer = OpenOptions::new().read(true).write(true).open(&path).unwrap();
+        let mut port = OpenPort::open(&Port::File { path, pace: false }).unwrap();
+        let mut buffer = [0; 8];
+        assert!(matches!(port.read(&mut buffer).unwrap(), Read::Nothing));
+        writer.write_all(b"abc").unwrap();
+        assert!(matches!(port.read(&mut buffer).unwrap(), Read::Bytes(3)));
+        assert!(matches!(port.read(&mut buffer).unwrap(), Read::Nothing));
+    }
 }

@@ -5,7 +5,7 @@ use crate::frames::Arrival;
 use crate::iio::{self, IioClock, IioFault, IioSource};
 use crate::intake::{Came, Intake};
 use crate::number::Value;
-use crate::port::{OpenPort, Opening, Read, name_of, open_port};
+use crate::port::{OpenPort, Opening, Read, name_of, open_port, refused};
 use crate::stream::StreamDecoder;
 use isotherm_client::{RawSample, monotonic_ns};
 use isotherm_failure::{Exit, Failure, tell};
@@ -212,6 +212,10 @@ impl Bytes {
                 }
                 Ok(Read::End) if matches!(self.port, Port::File { .. } | Port::Stdin) => return Ok(State::Ended),
                 Ok(Read::End) => return Ok(self.lose("the other side closed it", intake)),
+                // A pipe or a file does not come back.
+                Err(error) if matches!(self.port, Port::File { .. } | Port::Stdin) => {
+                    return Err(refused(&self.port, &error));
+                }
                 Err(error) => return Ok(self.lose(&error.to_string(), intake)),
             };
             intake.tally.bytes += count as u64;

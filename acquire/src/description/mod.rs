@@ -104,7 +104,7 @@ impl Description {
     }
 
     /// Takes another device in the place of the file's: a serial line, a file, or an IIO device. A file of what a
-    /// serial line has sent may take its place.
+    /// serial line has sent may take its place; `-` is stdin.
     ///
     /// # Errors
     /// If the source is a network address.
@@ -117,11 +117,13 @@ impl Description {
             }
         };
         match port {
+            _ if device == Path::new("-") => *port = Port::Stdin,
             Port::Serial(_) if device.is_file() => *port = Port::File { path: device.to_owned(), pace: false },
             Port::Serial(serial) => device.clone_into(&mut serial.path),
             Port::File { path, .. } => device.clone_into(path),
             Port::Tcp(_) | Port::Udp(_) | Port::Stdin => {
-                let message = "--device takes the place of a serial line, a file or an IIO device; the source is none";
+                let message = "--device takes the place of a serial line, a file or an IIO device; the source is a network address or \
+                               stdin: change the description";
                 return Err(Failure::new(Exit::Usage, message));
             }
         }

@@ -7,7 +7,7 @@ use clap::builder::PossibleValuesParser;
 use isotherm_acquire::{Description, PROFILES, Probed, Settings, Tally, Target, iio, probe, run, serial_ports};
 use isotherm_client::{Domain, ImuId};
 use isotherm_failure::{Exit, Failure, tell};
-use isotherm_files::{StagedText, WorldWritable, end_signals, print, print_data};
+use isotherm_files::{StagedText, WorldWritable, end_signals, print, print_data, refuse_overlap};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -98,6 +98,7 @@ impl Acquire {
             description.set_device(device)?;
         }
         if let Some(output) = &self.nominal {
+            refuse_overlap(&[(source, "the description")], &[Some(output)])?;
             let staged = StagedText::create(Some(output))?;
             return staged.write(&description.nominal(&self.sysfs)?.to_toml())?.finish();
         }
