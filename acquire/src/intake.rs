@@ -32,9 +32,11 @@ pub(crate) struct Intake {
     sequence: u64,
     /// The time of the last frame \[ns\].
     last_ns: u64,
-    /// Whether the last period has a sample.
-    has_last: bool,
+    /// Whether this session has a sample, and whether its last period has one.
+    has_sample: (bool, bool),
+    /// What happened since the last frame that was placed: the device was away, and frames were damaged.
     after_outage: bool,
+    damaged: u64,
     /// New sessions since the last ten regular frames, and regular frames since the last one.
     restarts: (u64, u64),
     warned_of_rate: bool,
@@ -73,8 +75,9 @@ impl Intake {
             byte_ns,
             sequence: 0,
             last_ns: 0,
-            has_last: false,
+            has_sample: (false, false),
             after_outage: false,
+            damaged: 0,
             restarts: (0, 0),
             warned_of_rate: false,
             suspected: None,
@@ -87,6 +90,7 @@ impl Intake {
     /// Takes a row. Returns the sample, with the number of its session from 1, if it is one.
     pub(crate) fn take(&mut self, row: &[Value], came: Came) -> Option<(RawSample, u64)> {
         self.tally.frames += 1;
+        self.damaged += came.damaged;
         let timing = self.description.timing;
         let value = |column: usize| row.get(column).copied().unwrap_or(Value::ABSENT);
         let latency = timing.latency.map_or(0.0, |(column, unit)| value(column).number * unit);
@@ -107,8 +111,8 @@ impl Intake {
             arrival,
             counter: timing.counter.and_then(|(column, _)| value(column).whole),
             clock_ns: came.stamp.or(clock_ns),
-            damaged: came.damaged,
-            after_outage: std::mem::take(&mut self.after_outage),
+            damaged: self.damaged,
+            after_outage: self.after_outage,
         };
         if self.has_items() && !self.assembler.has_sensors(row) {
             // Another message of the device, as one of its GNSS receiver.
@@ -122,6 +126,7 @@ impl Intake {
             self.tally.incomplete += 1;
             return None;
         }
+        (self.damaged, self.after_outage) = (0, false);
         let timestamp_ns = match self.timeline.place(observed) {
             Placed::Repeated => {
                 self.tally.repeated += 1;
@@ -152,6 +157,7 @@ impl Intake {
         }
         self.restarts = (self.restarts.0 + 1, 0);
         self.sequence = 0;
+        self.has_sample = (false, false);
         self.assembler.reset();
     }
 
@@ -183,7 +189,7 @@ impl Intake {
             Ok((raw, is_healthy)) => {
                 self.tally.samples += 1;
                 self.tally.unhealthy += u64::from(!is_healthy);
-                self.has_last = true;
+                self.has_sample = (true, true);
                 Some((RawSample { sequence: self.sequence, ..raw }, self.tally.sessions))
             }
             Err(why) => {
@@ -193,7 +199,7 @@ impl Intake {
         }
     }
 
-    /// A frame that is no sample: its period is missing.
+    /// A frame that is no sample: its period is missing, unless the session has no sample before it.
     fn missing_sample(&mut self, why: &NoSample) {
         let (count, message) = match why {
             NoSample::Incomplete => {
@@ -206,14 +212,12 @@ impl Intake {
         };
         *count += 1;
         if *count == 1 {
-            tell(
-                "isotherm",
-                format!("frame {}: {message}; its period is missing; later ones are counted", self.sequence),
-            );
+            tell("isotherm", format!("frame {}: {message}; it is no sample; later ones are counted", self.sequence));
         }
-        if !matches!(why, NoSample::NoTemperature) {
+        let (has_begun, has_last) = &mut self.has_sample;
+        if *has_begun {
             self.tally.missing += 1;
-            self.tally.gaps += u64::from(std::mem::take(&mut self.has_last));
+            self.tally.gaps += u64::from(std::mem::take(has_last));
         }
     }
 

@@ -5,7 +5,7 @@ use crate::iio;
 use isotherm_client::Resolution;
 use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::convert::{Kind as Count, Sensors};
-use isotherm_shared::table::{CoefficientTable, Nominal, nominal_table};
+use isotherm_shared::table::{CoefficientTable, Content, Nominal, Refusals, nominal_content};
 use std::path::Path;
 
 /// Range of the telemetry \[degC\], which a nominal table does not use.
@@ -67,6 +67,9 @@ impl Description {
             max_angular_rate,
             ..Nominal::new(self.imu.clone(), self.timing.interval_ns, RANGE)
         };
-        nominal_table(&nominal).map_err(|refusals| refused(refusals.to_string()))
+        let content = nominal_content(&nominal).map_err(|refusal| Refusals(vec![refusal]));
+        let content = content.map(|content| Content { serial: self.serial.clone(), ..content });
+        let table = content.and_then(|content| CoefficientTable::new(content).map_err(Refusals));
+        table.map_err(|refusals| refused(refusals.to_string()))
     }
 }

@@ -6,8 +6,8 @@ use crate::link::{Link, any_session};
 use crate::recorder::Recorder;
 use crate::source::{Source, State};
 use crate::tally::Tally;
-use isotherm_client::{Options, RawSample};
-use isotherm_failure::{Failure, tell};
+use isotherm_client::{ImuId, Options, RawSample, unix_s};
+use isotherm_failure::{Exit, Failure, tell};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::write::{FileError, Files, Format, Rotation};
 use isotherm_shared::stream::StreamKind;
@@ -33,6 +33,10 @@ const LOOK: Duration = Duration::from_millis(250);
 /// A silence that is told, and so many intervals.
 const SILENT: Duration = Duration::from_secs(2);
 const SILENT_INTERVALS: u64 = 10;
+
+/// What to do where bytes are no frames.
+const COMPARE: &str = "compare baud rate, sync, length and checksum with the device's setting; `isotherm acquire \
+                       --probe` tries the profiles that are known";
 
 /// Where samples go.
 pub enum Target {
@@ -66,11 +70,9 @@ pub struct Settings {
 /// If the source cannot be opened or is not as described, or the service cannot be reached by waiting. The tally is
 /// told before.
 pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failure> {
-    description
-        .realtime
-        .apply()
-        .map_err(|error| Failure::new(isotherm_failure::Exit::Config, format!("realtime: {error}")))?;
+    description.realtime.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime: {error}")))?;
     settings.record.as_deref().map(Recorder::check).transpose()?;
+    write_metrics(&settings, &Tally { imu: description.imu.to_string(), ..Tally::default() })?;
     let source = Source::open(description, settings.sysfs.clone(), &settings.end)?;
     // A source that cannot be opened leaves no file behind.
     let recorder = settings.record.as_deref().map(|path| Recorder::create(path, &description.imu)).transpose()?;
@@ -135,7 +137,7 @@ impl Acquiring<'_> {
         let ended = self.finish();
         self.bring_up_to_date();
         (self.settings.tell)(&self.intake.tally);
-        let written = self.write_metrics();
+        let written = write_metrics(&self.settings, &self.intake.tally);
         match Failure::all([result.err(), ended.err(), written.err()].into_iter().flatten().collect()) {
             Some(failure) => Err(failure),
             None => Ok(self.intake.tally),
@@ -194,7 +196,7 @@ impl Acquiring<'_> {
         if now - self.written >= WRITTEN {
             self.written = now;
             self.bring_up_to_date();
-            if let Err(failure) = self.write_metrics() {
+            if let Err(failure) = write_metrics(&self.settings, &self.intake.tally) {
                 tell("isotherm", format!("warning: {failure}"));
             }
         }
@@ -225,16 +227,20 @@ impl Acquiring<'_> {
                 0 => format!(
                     "warning: nothing has come for {seconds:.1} s: is the device on, connected, and set to send?"
                 ),
-                bytes => format!(
-                    "warning: {bytes} bytes have come in {seconds:.1} s, and no frame: compare baud rate, sync, length and \
-                 checksum with the device's setting; `isotherm acquire --probe` tries the profiles that are known"
-                ),
+                bytes => format!("warning: {bytes} bytes have come in {seconds:.1} s, and no frame: {COMPARE}"),
             },
         );
     }
 
     /// Sends what a source that has ended has given, as long as the service takes it.
+    ///
+    /// # Errors
+    /// If it had no frame at all.
     fn drain(&mut self) -> Result<(), Failure> {
+        if self.intake.tally.frames == 0 {
+            let message = format!("{} bytes, and no frame; {COMPARE}", self.intake.tally.bytes);
+            return Err(Failure::new(Exit::Data, message));
+        }
         while !self.settings.end.load(Ordering::Relaxed) {
             if self.sink.pump()? || !self.sink.is_waiting() {
                 return Ok(());
@@ -254,12 +260,11 @@ impl Acquiring<'_> {
         self.intake.tally.seconds = self.began.elapsed().as_secs_f64();
         self.sink.count(&mut self.intake.tally);
     }
+}
 
-    fn write_metrics(&self) -> Result<(), Failure> {
-        let Some(path) = &self.settings.metrics else { return Ok(()) };
-        let text = self.intake.tally.prometheus();
-        isotherm_files::replace(path, &text).map_err(|error| Failure::io("writing", path, &error))
-    }
+fn write_metrics(settings: &Settings, tally: &Tally) -> Result<(), Failure> {
+    let Some(path) = &settings.metrics else { return Ok(()) };
+    isotherm_files::replace(path, &tally.prometheus()).map_err(|error| Failure::io("writing", path, &error))
 }
 
 /// Where samples go.
@@ -330,7 +335,7 @@ struct Printed {
 }
 
 impl Printed {
-    fn new(imu: isotherm_client::ImuId, most: Option<u64>, recorder: Option<Recorder>) -> Result<Self, Failure> {
+    fn new(imu: ImuId, most: Option<u64>, recorder: Option<Recorder>) -> Result<Self, Failure> {
         let files = Files::create(Path::new("-"), Format::Csv, Rotation::default(), &[imu], &[(0, StreamKind::Raw)])?;
         let first = any_session();
         Ok(Self { files, left: most, first, failed: None, flushed: Instant::now(), recorder })
@@ -342,7 +347,7 @@ impl Printed {
         }
         self.left = self.left.map(|left| left - 1);
         let raw = RawSample { session: self.first.wrapping_add(session - 1), ..raw };
-        let recorded_ns = (isotherm_client::unix_s() * 1e9) as u64;
+        let recorded_ns = (unix_s() * 1e9) as u64;
         let row = RecordedRow { imu: 0, recorded_ns, sample: StreamSample::Raw(raw) };
         self.failed = self.files.write(&row).err();
         if let Some(recorder) = &mut self.recorder {

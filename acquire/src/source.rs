@@ -141,18 +141,17 @@ impl Source {
         }
     }
 
-    /// Looks for a source that is away. Returns whether it is back. May take seconds only for IIO.
-    pub(crate) fn look(&mut self) -> bool {
+    /// Looks for a source that is away. May take seconds only for IIO.
+    pub(crate) fn look(&mut self) {
         match self {
             Self::Bytes(bytes) => bytes.look(),
-            Self::Iio(scans) => match iio::open(&scans.root, &scans.settings) {
-                Ok(open) => {
+            Self::Iio(scans) => {
+                // Else it is unplugged, or its driver is not there yet.
+                if let Ok(open) = iio::open(&scans.root, &scans.settings) {
                     (scans.open, scans.empty_ns) = (Some(open), monotonic_ns());
-                    true
+                    tell("isotherm", format!("{} is back", scans.settings.devices.join(" and ")));
                 }
-                // It is unplugged, or its driver is not there yet.
-                Err(_) => false,
-            },
+            }
         }
     }
 
@@ -256,17 +255,17 @@ impl Bytes {
         State::Away
     }
 
-    fn look(&mut self) -> bool {
+    fn look(&mut self) {
         let Some(opening) = &self.opening else {
             self.opening = Opening::start(&self.port).ok();
-            return false;
+            return;
         };
-        let Some(result) = opening.poll() else { return false };
+        let Some(result) = opening.poll() else { return };
         self.opening = None;
-        let Ok(open) = result else { return false };
-        (self.open, self.empty_ns) = (Some(open), monotonic_ns());
-        tell("isotherm", format!("{} is back", name_of(&self.port)));
-        true
+        if let Ok(open) = result {
+            (self.open, self.empty_ns) = (Some(open), monotonic_ns());
+            tell("isotherm", format!("{} is back", name_of(&self.port)));
+        }
     }
 }
 
@@ -276,9 +275,7 @@ impl Scans {
         let now = monotonic_ns();
         let is_monotonic = *open.clock() == IioClock::Monotonic;
         let (row, polled_ns, empty_ns) = (&mut self.row, &mut self.polled_ns, self.empty_ns);
-        let bytes = &mut 0;
         let read = open.read(now, &mut |scan| {
-            *bytes += 1;
             row.fill(Value::ABSENT);
             for (value, raw) in row.iter_mut().zip(scan.values) {
                 *value = Value { number: *raw as f64, whole: Some(raw.cast_unsigned()) };

@@ -222,7 +222,7 @@ impl Timeline {
         let timestamp_ns = self.clock.map_or(origin, |_| clock_ns);
         let counter = observed.counter.unwrap_or_default();
         self.last = Some(Last { origin, time: 0.0, rate: self.interval, moved: 1, counter, clock_ns, timestamp_ns });
-        self.measured = arrival.map(Measured::after);
+        (self.measured, self.late_since) = (arrival.map(Measured::after), None);
         Placed::First { timestamp_ns }
     }
 

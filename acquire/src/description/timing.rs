@@ -39,6 +39,11 @@ pub(super) fn read(root: &Section<'_, '_>, names: &mut Names) -> Option<Timing> 
             counter.fault("bits", "missing; give the width of the counter, as in bits = 8 for one that turns at 256");
         }
         let step = counter.optional_integer("step", 1..=1_000_000).unwrap_or(1).cast_unsigned();
+        let wider = bits.zip(of_type).filter(|(bits, of_type)| bits > of_type);
+        counter.refuse(
+            "bits",
+            wider.map(|(bits, of_type)| format!("is {bits}, and the field has {of_type} bits; give its width")),
+        );
         let bits = bits? as u32;
         let is_whole = bits == 64 || (1u64 << bits).is_multiple_of(step);
         counter.refuse("step", (!is_whole).then(|| "give a step that divides the counter's turn".to_owned()));

@@ -1,9 +1,6 @@
 //! Periods and times of frames.
 
-use super::profile;
-use crate::Value;
 use crate::frames::Arrival;
-use crate::intake::{Came, Intake};
 use crate::timeline::{Counter, DeviceClock, Observed, Placed, Timeline};
 
 const INTERVAL: u64 = 500_000;
@@ -276,23 +273,4 @@ fn what_a_device_did_while_it_was_away_is_not_measured() {
     }
     let (deviation, seconds) = timeline.deviation(at(late(6999))).unwrap();
     assert!(deviation.abs() < 1e-3 && (1.7..1.8).contains(&seconds), "{deviation} over {seconds} s");
-}
-
-/// A clock below 0 is none, not one of centuries.
-#[test]
-fn a_negative_time_is_no_time() {
-    let mut intake = Intake::new(&profile("arduino-mpu6050"), 0.0, false);
-    let names = profile("arduino-mpu6050").columns();
-    let times = [5000.0, 10_000.0, -5.0, 20_000.0].map(|micros: f64| {
-        let value =
-            |name: &String| if name == "micros" { micros } else { 1.0 + f64::from(u8::from(name == "counter")) };
-        let whole = |number: f64| Value { number, whole: Some((number as i64).cast_unsigned()) };
-        let mut row: Vec<_> = names.iter().map(|name| whole(value(name))).collect();
-        if let Some(counter) = names.iter().position(|name| name == "counter") {
-            row[counter] = whole((micros / 5000.0).max(0.0));
-        }
-        intake.take(&row, Came::default()).map(|(raw, session)| (raw.timestamp_ns, session))
-    });
-    assert_eq!(times, [Some((5_000_000, 1)), Some((10_000_000, 1)), None, Some((20_000_000, 1))]);
-    assert_eq!((intake.tally.incomplete, intake.tally.missing), (1, 1));
 }

@@ -9,6 +9,7 @@ use isotherm_client::{Domain, ImuId};
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{StagedText, WorldWritable, end_signals, print, print_data, refuse_overlap};
 use std::fmt::Write as _;
+use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -202,5 +203,6 @@ fn tell_json(tally: &Tally) {
 }
 
 fn tell_json_aside(tally: &Tally) {
-    tell("isotherm", serde_json::json!(tally));
+    // As above.
+    let _ = writeln!(io::stderr(), "{}", serde_json::json!(tally));
 }

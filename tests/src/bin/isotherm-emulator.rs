@@ -27,7 +27,9 @@ use std::{env, fs};
 /// The longest sleep before a signal is looked for.
 const LOOK: Duration = Duration::from_millis(20);
 /// How long a reader may take to set the line up after it has opened it.
-const SET_UP: Duration = Duration::from_millis(100);
+const SET_UP: Duration = Duration::from_secs(1);
+/// The rate of a line that no reader has set up \[Bd\].
+const UNUSUAL: u32 = 50;
 /// How long a full terminal is waited for before bytes are lost, and how long for the last bytes to be read.
 const FULL: Duration = Duration::from_secs(10);
 
@@ -128,6 +130,7 @@ impl Line {
         let user_side = open_user_side(&path)?;
         let mut settings = tcgetattr(&user_side)?;
         settings.make_raw();
+        settings.set_speed(UNUSUAL)?;
         tcsetattr(&user_side, OptionalActions::Now, &settings)?;
         if let Some(link) = &link {
             let _ = fs::remove_file(link);
@@ -158,9 +161,17 @@ impl Line {
             }
             thread::sleep(Duration::from_millis(1));
         }
-        // What comes while a line is set up is discarded.
-        thread::sleep(SET_UP);
+        // What comes while a line is set up is discarded. A reader that sets no rate has nothing to set up.
+        let set_up = now_ns() + SET_UP.as_nanos() as u64;
+        while now_ns() < set_up && !self.is_set_up() {
+            thread::sleep(Duration::from_millis(1));
+        }
         true
+    }
+
+    /// Whether the reader has given the line its rate.
+    fn is_set_up(&self) -> bool {
+        tcgetattr(&self.controller).is_ok_and(|settings| settings.output_speed() != UNUSUAL)
     }
 
     /// Writes, and returns how many bytes were taken: none without a reader.
