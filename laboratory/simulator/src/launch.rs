@@ -13,13 +13,16 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use std::{fs, thread};
+use std::{fs, process, thread};
 
 /// Longest time until the processes are ready, and until they have ended.
 const START: Duration = Duration::from_secs(20);
 const END: Duration = Duration::from_secs(5);
 /// How often the processes are checked.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
+/// TCP ports of stations, in pairs.
+const FIRST_PORT: u32 = 10_000;
+const PORT_PAIRS: u32 = 10_000;
 /// The file that describes a station, in its folder.
 pub(crate) const DESCRIPTION: &str = "station.json";
 
@@ -71,14 +74,20 @@ pub fn end_with_parent(parent: u32) -> Result<bool, Failure> {
     Ok(getppid().map(|pid| pid.as_raw_nonzero().get().cast_unsigned()) == Some(parent))
 }
 
-/// A TCP port of this machine that is free now, as `tcp://127.0.0.1:port`.
+/// Two free TCP ports of this machine for a station, as `tcp://127.0.0.1:port`.
+///
+/// The kernel gives ports from 32 768 upwards to every program that asks for none by number. These are below, another
+/// pair for each process id: no other program takes a port while its simulated device is away.
 ///
 /// # Errors
-/// If no port is free.
-pub fn free_port() -> Result<String, Failure> {
-    let bound = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr());
-    let address = bound.map_err(|error| Failure::new(Exit::Io, format!("finding a free TCP port: {error}")))?;
-    Ok(format!("tcp://{address}"))
+/// If no pair is free.
+pub fn free_ports() -> Result<[String; 2], Failure> {
+    let free = |port: u32| TcpListener::bind(format!("127.0.0.1:{port}")).is_ok();
+    let mut pairs = (0..PORT_PAIRS).map(|step| FIRST_PORT + (process::id() % PORT_PAIRS + step) % PORT_PAIRS * 2);
+    let Some(port) = pairs.find(|port| free(*port) && free(port + 1)) else {
+        return Err(Failure::new(Exit::Io, "no two TCP ports from 10000 to 29999 are free"));
+    };
+    Ok([port, port + 1].map(|port| format!("tcp://127.0.0.1:{port}")))
 }
 
 /// The processes of a station. Dropping this ends them.

@@ -43,5 +43,5 @@ mod station;
 mod turntable;
 
 pub use faults::Injection;
-pub use launch::{end_with_parent, free_port};
+pub use launch::{end_with_parent, free_ports};
 pub use station::{ChamberProtocol, SimulatedStation, StationImu, StationProcess, TurntableProtocol};

@@ -10,7 +10,7 @@ use isotherm_files::print;
 use isotherm_simulation::{Chain, Noise};
 use isotherm_simulator::{
     ChamberProtocol, Injection, SimulatedStation, StationImu, StationProcess, TurntableProtocol, end_with_parent,
-    free_port,
+    free_ports,
 };
 use serde::Serialize;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -129,7 +129,7 @@ impl SimulateStation {
         // An exact turntable repeats exactly.
         let noise = Noise { positioning_rad, turn_rad: noise.turn_rad.min(positioning_rad), ..noise };
         let [chamber_port, table_port] = if self.tcp {
-            [free_port()?, free_port()?]
+            free_ports()?
         } else {
             ["chamber", "table"].map(|name| folder.join(name).display().to_string())
         };
