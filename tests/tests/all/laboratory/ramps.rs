@@ -98,8 +98,10 @@ fn killed_in_ramps_it_ends_with_the_lag_of_the_truth() {
         assert_eq!(unit["rows"].as_u64().unwrap() as usize + 1, text(&bytes).lines().count());
     }
     let [first, second] = [DWELLS, DWELLS + 1].map(|unit| kept[unit]["seconds"].as_f64().unwrap());
-    // Two ways and three holds, and what the air lags behind.
-    assert!((6480.0..9000.0).contains(&first) && (5040.0..7500.0).contains(&second), "{first} {second}");
+    // Two ways and three holds, and what the air lags behind; on a busy machine, at 700 times the speed, that is more.
+    // One more ramp would take as long again.
+    let once = |least: f64, found: f64| (least..2.0 * least).contains(&found);
+    assert!(once(6480.0, first) && once(5040.0, second), "{first} {second}");
     // The table has the lag and the transients of the truth, and judged by runs that heat and cool it is installed.
     let fitted = text(&laboratory.file("table.toml"));
     let [low, high] = interval_s(&fitted);
