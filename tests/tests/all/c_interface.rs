@@ -215,7 +215,10 @@ fn valgrind_finds_no_errors() {
         // Valgrind runs one thread at a time. Without fair scheduling a spinning thread could keep the other one from
         // running.
         let options = ["--quiet", "--fair-sched=yes", "--error-exitcode=9", "--leak-check=full", lost[0], lost[1]];
-        let last = if recording { RUN } else { &pid };
+        // A part of the recording: valgrind is slow.
+        let rows: String = fs::read_to_string(RUN).unwrap().split_inclusive('\n').take(801).collect();
+        let part = domain.write("part.csv", &rows);
+        let last = if recording { part.to_str().unwrap() } else { &pid };
         let words = [&options[..], &[program.to_str().unwrap(), "imu-a", last]].concat();
         run(&domain, Path::new("valgrind"), &words, "out.csv");
         service.terminate();
