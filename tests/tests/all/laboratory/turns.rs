@@ -106,6 +106,8 @@ fn a_turn_that_is_disturbed_is_taken_again() {
     laboratory.faults("no-settle:table");
     laboratory.wait_for("discarded", discarded + 1);
     laboratory.faults("");
+    // Until then the status is that of the turn before.
+    wait_long("the way back", || laboratory.phase() != "turn");
     assert_eq!(laboratory.events("kept").len(), POSITIONS);
     // The acquisition is restarted: the stream goes on with another session.
     let imu = station_part(&laboratory.station, "imu");
@@ -113,6 +115,8 @@ fn a_turn_that_is_disturbed_is_taken_again() {
     let discarded = laboratory.events("discarded").len();
     kill_process(imu, Signal::USR1).unwrap();
     laboratory.wait_for("discarded", discarded + 1);
+    // Until then the status is that of the turn before.
+    wait_long("the way back", || laboratory.phase() != "turn");
     assert_eq!(laboratory.events("kept").len(), POSITIONS);
     // The service is restarted: the acquisition sends what it has not answered again, so that nothing is missing.
     wait_for_turn(&laboratory, POSITIONS);
