@@ -9,7 +9,7 @@ use std::fs::{self, File};
 use std::io::Write as _;
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, Command, ExitCode, Stdio};
+use std::process::{Child, ChildStdin, Command, ExitCode, ExitStatus, Stdio};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread::sleep;
@@ -346,10 +346,18 @@ impl BenchProcess {
     /// # Errors
     /// If it does not end within `timeout`.
     pub fn succeeds_within(&mut self, timeout: Duration) -> BenchResult<bool> {
+        Ok(self.ends_within(timeout)?.success())
+    }
+
+    /// Waits for the end of the process. Returns how it has ended.
+    ///
+    /// # Errors
+    /// If it does not end within `timeout`.
+    pub fn ends_within(&mut self, timeout: Duration) -> BenchResult<ExitStatus> {
         let begun = Instant::now();
         while begun.elapsed() < timeout {
             if let Some(status) = self.0.try_wait()? {
-                return Ok(status.success());
+                return Ok(status);
             }
             sleep(Duration::from_millis(5));
         }

@@ -50,6 +50,23 @@ fn wait_for_ramp(laboratory: &TestLaboratory, kept: usize, end_c: f64, back: boo
     });
 }
 
+/// How many times a recording is at an end of its temperatures, in the outer quarters of their range: once more than it
+/// goes from one to the other.
+fn ends_of(recording: &str) -> usize {
+    let mut rows = recording.lines();
+    let column = rows.next().unwrap().split(',').position(|name| name == "a1_head").unwrap();
+    let heads: Vec<f64> = rows.map(|row| row.split(',').nth(column).unwrap().parse().unwrap()).collect();
+    let (low, high) = heads.iter().fold((f64::MAX, f64::MIN), |(low, high), head| (low.min(*head), high.max(*head)));
+    let mut ends: Vec<_> = heads
+        .iter()
+        .map(|head| (head - low) / (high - low))
+        .filter(|place| !(0.25..0.75).contains(place))
+        .map(|place| place > 0.5)
+        .collect();
+    ends.dedup();
+    ends.len()
+}
+
 /// The interval of the time constant in the provenance of a table \[s\].
 fn interval_s(table: &str) -> [f64; 2] {
     let line = table.lines().find_map(|line| line.strip_prefix("interval_s = ")).unwrap();
@@ -97,9 +114,12 @@ fn killed_in_ramps_it_ends_with_the_lag_of_the_truth() {
         assert_eq!(unit["to"].as_u64(), Some(bytes.len() as u64));
         assert_eq!(unit["rows"].as_u64().unwrap() as usize + 1, text(&bytes).lines().count());
     }
+    // There and back, once.
+    for file in ["ramp-1.csv", "ramp-2.csv"] {
+        assert_eq!(ends_of(&text(&laboratory.file(file))), 3, "{file}");
+    }
     let [first, second] = [DWELLS, DWELLS + 1].map(|unit| kept[unit]["seconds"].as_f64().unwrap());
-    // Two ways and three holds, and what the air lags behind; on a busy machine, at 700 times the speed, that is more.
-    // One more ramp would take as long again.
+    // Two ways and three holds. What the air lags behind is more on a busy machine, at 700 times the speed.
     let once = |least: f64, found: f64| (least..2.0 * least).contains(&found);
     assert!(once(6480.0, first) && once(5040.0, second), "{first} {second}");
     // The table has the lag and the transients of the truth, and judged by runs that heat and cool it is installed.
