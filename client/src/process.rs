@@ -9,7 +9,8 @@
 #![expect(unsafe_code, reason = "mapping memory and handlers of forks have no safe binding")]
 
 use core::ptr;
-use core::sync::atomic::{AtomicU64, Ordering};
+use core::sync::atomic::Ordering;
+use isotherm_atomic::AtomicU64;
 use std::sync::OnceLock;
 
 /// Number of the present process; 0 in a child that has not asked for one yet.
@@ -31,13 +32,7 @@ impl Process {
     #[must_use]
     pub fn current() -> Self {
         let present = *NUMBER.get_or_init(page);
-        let mut number = present.load(Ordering::Relaxed);
-        if number == 0 {
-            let fresh = HIGHEST.fetch_add(1, Ordering::Relaxed) + 1;
-            // Another thread may have been first.
-            number = present.compare_exchange(0, fresh, Ordering::Relaxed, Ordering::Relaxed).err().unwrap_or(fresh);
-        }
-        Self { number, present }
+        Self { number: number(present, &HIGHEST), present }
     }
 
     /// Whether this is the calling process. No system call.
@@ -46,6 +41,17 @@ impl Process {
     pub fn is_current(&self) -> bool {
         self.present.load(Ordering::Relaxed) == self.number
     }
+}
+
+/// The number in `present`, or a new one above `highest` where there is none. It is the same for all threads.
+fn number(present: &AtomicU64, highest: &AtomicU64) -> u64 {
+    let number = present.load(Ordering::Relaxed);
+    if number != 0 {
+        return number;
+    }
+    let fresh = highest.fetch_add(1, Ordering::Relaxed) + 1;
+    // Another thread may have been first.
+    present.compare_exchange(0, fresh, Ordering::Relaxed, Ordering::Relaxed).err().unwrap_or(fresh)
 }
 
 /// Maps the page.
@@ -106,5 +112,29 @@ mod tests {
         assert_eq!(unsafe { libc::waitpid(child as libc::pid_t, &raw mut status, 0) }, child as libc::pid_t);
         assert_eq!(status, 0);
         assert!(process.is_current());
+    }
+}
+
+#[cfg(all(test, isotherm_loom))]
+mod explored {
+    use super::*;
+    use isotherm_atomic::{explore, thread};
+    use std::sync::Arc;
+
+    #[test]
+    fn explored_all_threads_have_one_number_and_a_child_has_another() {
+        explore(|| {
+            let words = Arc::new([const { AtomicU64::new(0) }; 2]);
+            let of_a_thread = || {
+                let words = Arc::clone(&words);
+                thread::spawn(move || number(&words[0], &words[1]))
+            };
+            let others = [of_a_thread(), of_a_thread()];
+            let own = number(&words[0], &words[1]);
+            assert!(own > 0 && others.map(|other| other.join().unwrap()) == [own; 2]);
+            // What `forked` does, or the kernel.
+            words[0].store(0, Ordering::Relaxed);
+            assert!(number(&words[0], &words[1]) > own);
+        });
     }
 }

@@ -5,11 +5,11 @@ use crate::connect::Options;
 use crate::error::ConnectError;
 use crate::reader::{IncrementReader, RawReader};
 use crate::realtime::Realtime;
+use isotherm_atomic::{AtomicBool, AtomicU64};
 use isotherm_shared::stream::{INCREMENT_DEPTH, ImuId, StreamKind};
 use isotherm_shared::wire::StreamSample;
 use std::io;
 use std::sync::atomic::Ordering::Relaxed;
-use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread::{self, JoinHandle};
@@ -226,5 +226,38 @@ impl StreamReader {
             Self::Raw(reader) => reader.repeats(),
             Self::Increment(reader) => reader.repeats(),
         }
+    }
+}
+
+#[cfg(all(test, isotherm_loom))]
+mod explored {
+    use super::*;
+    use isotherm_atomic::{explore, thread};
+
+    /// The thread of a tap whose recorder does not keep up, until it is asked to end. No loss is uncounted.
+    #[test]
+    fn explored_losses_are_counted_and_the_end_is_seen() {
+        explore(|| {
+            let shared = Arc::<Shared>::default();
+            let thread = {
+                let shared = Arc::clone(&shared);
+                thread::spawn(move || {
+                    let mut lost = 0;
+                    loop {
+                        shared.overflow.fetch_add(1, Relaxed);
+                        lost += 1;
+                        if shared.end.load(Relaxed) {
+                            return lost;
+                        }
+                        shared.connected.store(1, Relaxed);
+                        thread::yield_now();
+                    }
+                })
+            };
+            let before = shared.overflow.load(Relaxed);
+            shared.end.store(true, Relaxed);
+            assert!(shared.overflow.load(Relaxed) >= before && shared.connected.load(Relaxed) < 2);
+            assert_eq!(thread.join().unwrap(), shared.overflow.load(Relaxed));
+        });
     }
 }

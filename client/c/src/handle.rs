@@ -3,8 +3,8 @@
 
 use crate::code::isotherm_code::{ISOTHERM_ERROR_BUSY, ISOTHERM_ERROR_FORKED, ISOTHERM_ERROR_INTERNAL, ISOTHERM_OK};
 use crate::code::{CodedError, NULL, code, isotherm_code};
-use core::cell::UnsafeCell;
-use core::sync::atomic::{AtomicU8, Ordering};
+use core::sync::atomic::Ordering;
+use isotherm_atomic::{AtomicU8, UnsafeCell};
 use isotherm_client::Process;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -179,5 +179,44 @@ mod tests {
         is_send::<iceoryx2::service::port_factory::publish_subscribe::PortFactory<Service, [u8], ()>>();
         is_send::<iceoryx2::node::Node<Service>>();
         is_send::<isotherm_client::Clock>();
+    }
+}
+
+#[cfg(all(test, isotherm_loom))]
+mod explored {
+    use super::*;
+    use isotherm_atomic::{explore, thread};
+    use std::sync::Arc;
+
+    struct AnyThread(Handle<u64>);
+    // SAFETY: what the model is about; loom reports a race.
+    unsafe impl Sync for AnyThread {}
+    // SAFETY: a number is `Send`.
+    unsafe impl Send for AnyThread {}
+
+    /// Two threads call at any moment: a call is done whole or refused, and what it did is there for the next.
+    #[test]
+    fn explored_calls_take_turns() {
+        let found = explore(|| {
+            let handle = Arc::new(AnyThread(Handle::new(0)));
+            let call = |handle: &AnyThread| {
+                let code = enter(Some(&handle.0), |calls| {
+                    *calls += 1;
+                    Ok(())
+                });
+                assert!(matches!(code, ISOTHERM_OK | ISOTHERM_ERROR_BUSY), "{code:?}");
+                u64::from(code == ISOTHERM_OK)
+            };
+            let other = {
+                let handle = Arc::clone(&handle);
+                thread::spawn(move || call(&handle) + call(&handle))
+            };
+            let done = call(&handle);
+            let mut total = 0;
+            let done = done + other.join().unwrap();
+            assert_eq!(enter(Some(&handle.0), |calls| Ok(total = *calls)), ISOTHERM_OK);
+            assert_eq!(total, done);
+        });
+        assert_eq!((found.needed.len(), found.idle.len()), (2, 0), "{found:?}");
     }
 }

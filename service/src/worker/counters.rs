@@ -34,11 +34,11 @@
 //! ```
 
 use super::histogram::{BucketCounts, Histogram};
+use isotherm_atomic::AtomicU64;
 use isotherm_shared::protocol::Arrival;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::{AXES, Flags, RawSample};
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
 use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
 
 /// How many flags are counted: bits 0 to 50.
@@ -310,5 +310,67 @@ mod tests {
             writer.answered(&raw, Arrival::default(), flags, 0, true);
         }
         assert_eq!((reader.device(), reader.other_device()), (1, 2));
+    }
+}
+
+#[cfg(all(test, isotherm_loom))]
+mod explored {
+    use super::*;
+    use isotherm_atomic::{explore, thread};
+    use isotherm_shared::wire::Triad;
+
+    /// A worker that answers samples, each from another unit, warmer, and later than all before, while `look` looks.
+    /// Who finds a sample, a flag or a latency counted finds what belongs to it.
+    fn answer(samples: u32, look: fn(&CounterReader)) -> CounterReader {
+        let (mut writer, reader) = counters();
+        let looking = {
+            let reader = reader.clone();
+            thread::spawn(move || look(&reader))
+        };
+        for number in 1..=samples {
+            let head_temperature = [f64::from(number); AXES];
+            let accelerometers = Triad { head_temperature, ..Triad::default() };
+            let raw = RawSample { device: number.into(), accelerometers, ..RawSample::default() };
+            writer.answered(&raw, Arrival::default(), Flags::OTHER_DEVICE, 1000 * u64::from(number), true);
+        }
+        looking.join().unwrap();
+        reader
+    }
+
+    #[test]
+    fn explored_a_counted_sample_has_its_telemetry() {
+        let found = explore(|| {
+            let reader = answer(1, |reader| {
+                let received = reader.received();
+                let [[head, ..], _] = reader.telemetry(SensorKind::Accelerometer);
+                assert!(received == 0 || head == Some(1.0), "{received} {head:?}");
+            });
+            assert_eq!(reader.received(), 1);
+        });
+        assert_eq!(found.needed.len(), 2, "{found:?}");
+    }
+
+    #[test]
+    fn explored_a_counted_flag_has_its_unit() {
+        let found = explore(|| {
+            answer(2, |reader| {
+                let flagged = reader.flagged(Flags::OTHER_DEVICE.0.trailing_zeros());
+                let device = reader.other_device();
+                assert!(device >= flagged, "{flagged} {device}");
+            });
+        });
+        assert_eq!(found.needed.len(), 2, "{found:?}");
+    }
+
+    #[test]
+    fn explored_a_counted_latency_has_its_maximum() {
+        let found = explore(|| {
+            let reader = answer(1, |reader| {
+                let summary = reader.latency().summary();
+                assert!(summary.is_none_or(|summary| summary.max >= 1000), "{summary:?}");
+            });
+            assert_eq!(reader.latency().summary().map(|summary| summary.count), Some(1));
+        });
+        assert_eq!(found.needed.len(), 2, "{found:?}");
     }
 }

@@ -1,7 +1,7 @@
 //! A log-linear histogram of latencies. One thread writes it and others read it, without locks.
 
+use isotherm_atomic::AtomicU64;
 use isotherm_shared::status::{LATENCY_BOUNDS_NS, LatencyDistribution, LatencySummary};
-use std::sync::atomic::AtomicU64;
 use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
 
 /// Buckets in an octave: the relative resolution is 1/32.

@@ -24,6 +24,7 @@ pub mod channel;
 pub mod counters;
 pub mod histogram;
 mod listeners;
+mod order;
 pub mod rehearse;
 pub mod wait;
 
@@ -36,10 +37,9 @@ use isotherm_failure::{Exit, Failure};
 use isotherm_shared::protocol::queue_depth;
 use isotherm_shared::stream::{Domain, RAW_DEPTH};
 use listeners::{WakeListeners, WakePorts};
+use order::{Order, STOP};
 use rehearse::Rehearsals;
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
-use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -54,14 +54,9 @@ pub struct Worker {
     pub thread_id: i32,
     /// Counts the turns of its loop; a turn starts at least every [`wait::BOUND_NS`].
     pub heartbeat: HeartbeatReader,
-    /// What the worker is to do besides serving: a bit for each of its IMUs whose readers are to be notified, or
-    /// [`STOP`]. Only the control thread writes it.
-    order: Arc<AtomicU64>,
+    order: Arc<Order>,
     thread: JoinHandle<()>,
 }
-
-/// The order to answer what has arrived, and to end.
-const STOP: u64 = 1 << 63;
 
 impl Worker {
     /// Starts worker `index` and waits until its streams exist. Returns `None` if `give_up` returns true before that.
@@ -75,7 +70,7 @@ impl Worker {
         links: Vec<ChannelLink>,
         mut give_up: impl FnMut() -> bool,
     ) -> Result<Option<Self>, Failure> {
-        let order = Arc::<AtomicU64>::default();
+        let order = Arc::<Order>::default();
         let (beat, heartbeat) = heartbeat();
         let (ready, started) = mpsc::sync_channel(1);
         let body = {
@@ -93,7 +88,7 @@ impl Worker {
                     return Err(Failure::new(Exit::Failed, "the worker thread died while it started"));
                 }
                 Err(RecvTimeoutError::Timeout) if give_up() => {
-                    order.store(STOP, Relaxed);
+                    order.give(STOP);
                     // It ends before the process does, so that what it has created is removed. If it hangs, the next
                     // service removes it.
                     let _ = Self { thread_id: 0, heartbeat, order, thread }.join();
@@ -111,14 +106,14 @@ impl Worker {
 
     /// Requests that the worker answers the samples that have arrived, then ends.
     pub fn request_stop(&self) {
-        self.order.store(STOP, Relaxed);
+        self.order.give(STOP);
     }
 
     /// Orders for which of its IMUs the worker notifies readers that wait, in the order of its links; before
     /// [`request_stop`](Self::request_stop).
     pub fn announce(&self, awaited: impl Iterator<Item = bool>) {
         let bit = |(index, awaited): (u32, bool)| u64::from(awaited) << index;
-        self.order.store((0..).zip(awaited).map(bit).sum(), Relaxed);
+        self.order.give((0..).zip(awaited).map(bit).sum());
     }
 
     /// Waits until the thread has ended, after [`request_stop`](Self::request_stop).
@@ -152,7 +147,7 @@ fn run(
     config: &Config,
     index: usize,
     links: Vec<ChannelLink>,
-    (order, beat): (&AtomicU64, HeartbeatWriter),
+    (order, beat): (&Order, HeartbeatWriter),
     ready: &mpsc::SyncSender<Result<i32, Failure>>,
 ) {
     let (mut channels, ports, rehearsals) = match open(domain, config, index, links, order) {
@@ -171,7 +166,7 @@ fn open(
     config: &Config,
     index: usize,
     links: Vec<ChannelLink>,
-    order: &AtomicU64,
+    order: &Order,
 ) -> Result<(Vec<Channel>, Vec<WakePorts>, Rehearsals), Failure> {
     let settings = Realtime {
         core: config.realtime.cores.get(index).copied(),
@@ -185,7 +180,7 @@ fn open(
     // Before the channels: when these are open, clients take the service for ready.
     let rehearsals = Rehearsals::open(&node, &Creator::new(&node, domain), index, links.len())?;
     let (mut channels, mut ports) = (Vec::with_capacity(links.len()), Vec::with_capacity(links.len()));
-    for link in links.into_iter().take_while(|_| order.load(Relaxed) != STOP) {
+    for link in links.into_iter().take_while(|_| order.present() != STOP) {
         let (mut channel, wake) = Channel::open(&node, domain, link, budget_ns)?;
         channel.take_table();
         channels.push(channel);
@@ -222,9 +217,9 @@ impl<'a> HotLoop<'a> {
 
     /// Serves until the order is to stop. Whether readers are told is compiled into the loop: where nobody waits it
     /// costs no instruction.
-    fn run(&mut self, order: &AtomicU64) {
+    fn run(&mut self, order: &Order) {
         loop {
-            match order.load(Relaxed) {
+            match order.present() {
                 STOP => break,
                 0 => self.serve::<false>(order, 0),
                 awaited => {
@@ -243,7 +238,7 @@ impl<'a> HotLoop<'a> {
     }
 
     /// Serves as long as the order is `current`. With `ANNOUNCE` it tells the readers of the IMUs whose bits are set.
-    fn serve<const ANNOUNCE: bool>(&mut self, order: &AtomicU64, current: u64) {
+    fn serve<const ANNOUNCE: bool>(&mut self, order: &Order, current: u64) {
         let Self { channels, rehearsals, strategy, beat, clock, waiter, wake, news } = self;
         // The channel that was served last, whether its queue has been seen empty since, and how many polls of others
         // have found nothing since.
@@ -285,7 +280,7 @@ impl<'a> HotLoop<'a> {
                     }
                 }
             }
-            if order.load(Relaxed) != current {
+            if order.present() != current {
                 return;
             }
             if served {
@@ -340,8 +335,8 @@ impl<'a> HotLoop<'a> {
 mod tests {
     use super::*;
 
-    fn worker(body: impl FnOnce(&AtomicU64) + Send + 'static) -> Worker {
-        let order = Arc::<AtomicU64>::default();
+    fn worker(body: impl FnOnce(&Order) + Send + 'static) -> Worker {
+        let order = Arc::<Order>::default();
         let thread = {
             let order = Arc::clone(&order);
             thread::spawn(move || body(&order))
@@ -364,7 +359,7 @@ mod tests {
         assert!(stuck.join().unwrap_err().message.contains("does not end within"));
         drop(release);
         let obedient = worker(|order| {
-            while order.load(Relaxed) != STOP {
+            while order.present() != STOP {
                 thread::yield_now();
             }
         });
