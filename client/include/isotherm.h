@@ -53,6 +53,11 @@
 
 /** The version of this header; isotherm_version() is the version of the library. */
 #define ISOTHERM_VERSION "0.1.0"
+#define ISOTHERM_VERSION_MAJOR 0
+#define ISOTHERM_VERSION_MINOR 1
+#define ISOTHERM_VERSION_PATCH 0
+/** For #if: major, minor and patch, two digits each. */
+#define ISOTHERM_VERSION_NUMBER (ISOTHERM_VERSION_MAJOR * 10000 + ISOTHERM_VERSION_MINOR * 100 + ISOTHERM_VERSION_PATCH)
 
 
 /**

@@ -9,7 +9,17 @@
 //     // Else it is still yours if the queue is full (examples/cpp/paced.cpp), or its increment comes late: acquisition.receive().
 //
 // Errors are thrown as isotherm::Error, with the code and message of isotherm.h. Results that are part of normal operation are
-// returned: no increment yet, a full queue, no answer in time. The rules for threads and processes are those of isotherm.h.
+// returned: no increment yet, a full queue, no answer in time.
+//
+// With -fno-exceptions, or ISOTHERM_NO_EXCEPTIONS defined, nothing is thrown: what may fail returns a Result, and connect() takes
+// the place of the constructors.
+//
+//     auto connected = isotherm::Acquisition::connect("imu-a");
+//     if (!connected.ok())
+//         return report(connected.error().what());
+//     isotherm::Acquisition acquisition = std::move(connected).value();
+//
+// The rules for threads and processes are those of isotherm.h.
 // Objects with a handle or a sample can be moved, but not copied. An object that has been moved from may be destroyed or assigned
 // to; other calls throw Error with ISOTHERM_ERROR_NULL, or return 0 or false.
 #ifndef ISOTHERM_HPP
@@ -20,13 +30,28 @@
 #include <array>
 #include <chrono>
 #include <cstdint>
+#include <exception>
 #include <memory>
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
 #include <utility>
 
+#if defined(__cpp_exceptions) && !defined(ISOTHERM_NO_EXCEPTIONS)
+#define ISOTHERM_EXCEPTIONS 1
+#else
+#define ISOTHERM_EXCEPTIONS 0
+#endif
+
 namespace isotherm {
+
+// Parts of one program may be compiled in different ways.
+#if ISOTHERM_EXCEPTIONS
+inline namespace throwing {
+#else
+inline namespace returning {
+#endif
 
 using Triad = isotherm_triad;
 using RawSample = isotherm_raw_sample;
@@ -46,13 +71,87 @@ private:
     isotherm_code code_;
 };
 
+#if ISOTHERM_EXCEPTIONS
+
+/// What a function returns that may fail: it throws Error then.
+template <class T>
+using Result = T;
+
 namespace detail {
 
-inline isotherm_code check(isotherm_code code)
+/// What `make` makes of a code that is no error.
+template <class T, class Make>
+Result<T> result(isotherm_code code, Make make)
 {
     if (code < 0)
         throw Error(code, isotherm_error_message());
-    return code;
+    return make(code);
+}
+
+}  // namespace detail
+
+#else
+
+/// What a function returns that may fail: a value or an Error.
+template <class T>
+class [[nodiscard]] Result {
+public:
+    Result(T value) : value_(std::move(value)) {}
+    Result(Error error) : error_(std::move(error)) {}
+
+    /// Whether there is a value. (A Result has no conversion to bool, because a value may be false.)
+    bool ok() const noexcept { return value_.has_value(); }
+    /// The value; ends the program if there is none.
+    T &value() & noexcept { return value_ ? *value_ : (std::terminate(), *value_); }
+    T &&value() && noexcept { return std::move(value()); }
+    /// The error; ends the program if there is none.
+    const Error &error() const noexcept { return error_ ? *error_ : (std::terminate(), *error_); }
+
+private:
+    std::optional<T> value_;
+    std::optional<Error> error_;
+};
+
+/// What a function returns that may fail and gives nothing.
+template <>
+class [[nodiscard]] Result<void> {
+public:
+    Result() = default;
+    Result(Error error) : error_(std::move(error)) {}
+
+    bool ok() const noexcept { return !error_.has_value(); }
+    /// The error; ends the program if there is none.
+    const Error &error() const noexcept { return error_ ? *error_ : (std::terminate(), *error_); }
+
+private:
+    std::optional<Error> error_;
+};
+
+namespace detail {
+
+/// What `make` makes of a code that is no error.
+template <class T, class Make>
+Result<T> result(isotherm_code code, Make make)
+{
+    if (code < 0)
+        return Error(code, isotherm_error_message());
+    if constexpr (std::is_void_v<T>) {
+        make(code);
+        return {};
+    } else {
+        return make(code);
+    }
+}
+
+}  // namespace detail
+
+#endif
+
+namespace detail {
+
+inline Result<void> done(isotherm_code code)
+{
+    return result<void>(code, [](isotherm_code) {});
 }
 
 /// A time-out for connecting.
@@ -66,9 +165,10 @@ inline std::uint64_t count(std::chrono::nanoseconds time) noexcept
     return time.count() > 0 ? static_cast<std::uint64_t>(time.count()) : 0;
 }
 
-inline std::optional<CompensatedIncrement> some(isotherm_code code, const CompensatedIncrement &increment)
+inline Result<std::optional<CompensatedIncrement>> some(isotherm_code code, const CompensatedIncrement &increment)
 {
-    return check(code) == ISOTHERM_OK ? std::optional(increment) : std::nullopt;
+    return result<std::optional<CompensatedIncrement>>(
+        code, [&](isotherm_code code) { return code == ISOTHERM_OK ? std::optional(increment) : std::nullopt; });
 }
 
 }  // namespace detail
@@ -131,6 +231,7 @@ public:
     /// The increment; all fields are 0 if there is none.
     const CompensatedIncrement &operator*() const noexcept { return increment_; }
     const CompensatedIncrement *operator->() const noexcept { return &increment_; }
+#if ISOTHERM_EXCEPTIONS
     /// The increment; throws Error (ISOTHERM_FULL, ISOTHERM_TIMEOUT) if there is none.
     const CompensatedIncrement &value() const
     {
@@ -138,6 +239,7 @@ public:
             throw Error(code_, is_full() ? "the service's queue is full of unanswered samples" : "no answer from the service in time");
         return increment_;
     }
+#endif
 
 private:
     friend class Acquisition;
@@ -149,80 +251,84 @@ private:
 class Acquisition {
 public:
     /// Connects, waiting for the service if necessary.
-    explicit Acquisition(const std::string &imu, const Options &options = {})
+    [[nodiscard]] static Result<Acquisition> connect(const std::string &imu, const Options &options = {})
     {
         isotherm_acquisition *handle = nullptr;
         const char *serial = options.serial ? options.serial->c_str() : nullptr;
         const isotherm_options given = {sizeof(isotherm_options), options.domain_or_null(), detail::patience(options.timeout), serial,
                                         options.lag_s};
-        detail::check(isotherm_acquisition_connect(imu.c_str(), &given, &handle));
-        handle_.reset(handle);
+        return detail::result<Acquisition>(isotherm_acquisition_connect(imu.c_str(), &given, &handle),
+                                           [&](isotherm_code) { return Acquisition(handle); });
     }
+#if ISOTHERM_EXCEPTIONS
+    /// The same.
+    explicit Acquisition(const std::string &imu, const Options &options = {}) : Acquisition(connect(imu, options)) {}
+#endif
 
     /// Takes a new reading of a sensor's head telemetry, measured at `time_ns` on your clock. `sensor` is 0 to 5 for A1, A2, A3, G1, G2, G3.
     /// Call it once for each new measurement of every sensor, not for each sample. Not part of the sending path.
-    void reading(std::uint32_t sensor, double telemetry, std::uint64_t time_ns)
+    Result<void> reading(std::uint32_t sensor, double telemetry, std::uint64_t time_ns)
     {
-        detail::check(isotherm_reading(handle_.get(), sensor, telemetry, time_ns));
+        return detail::done(isotherm_reading(handle_.get(), sensor, telemetry, time_ns));
     }
 
     /// The time constant that samples are sent with [ns]; 0 while there is none.
     std::uint64_t lag_ns() const noexcept { return isotherm_lag_ns(handle_.get()); }
 
     /// The state of the lag. Save it after each reading if a successor of this process shall go on with it.
-    [[nodiscard]] Lag lag() const
+    [[nodiscard]] Result<Lag> lag() const
     {
         Lag lag;
-        detail::check(isotherm_save_lag(handle_.get(), &lag));
-        return lag;
+        return detail::result<Lag>(isotherm_save_lag(handle_.get(), &lag), [&](isotherm_code) { return lag; });
     }
 
     /// Goes on with a state that was saved, on the same clock.
-    void restore_lag(const Lag &saved) { detail::check(isotherm_restore_lag(handle_.get(), &saved)); }
+    Result<void> restore_lag(const Lag &saved) { return detail::done(isotherm_restore_lag(handle_.get(), &saved)); }
 
     /// Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a saved state. Increments
     /// are flagged ISOTHERM_FLAG_LAG_UNKNOWN until the readings span three time constants.
-    void forget_lag() { detail::check(isotherm_forget_lag(handle_.get())); }
+    Result<void> forget_lag() { return detail::done(isotherm_forget_lag(handle_.get())); }
 
     /// Goes through the motions of sending a sample and receiving its increment, so that the next sample finds its way warm. Call it while you
     /// wait for the end of a control period, some tens of microseconds before it.
-    void prepare() { detail::check(isotherm_prepare(handle_.get())); }
+    Result<void> prepare() { return detail::done(isotherm_prepare(handle_.get())); }
 
     /// Loans a sample to fill in. `session` and `sequence` are set already: one above the highest that was loaned or sent.
-    [[nodiscard]] Sample loan()
+    [[nodiscard]] Result<Sample> loan()
     {
         RawSample *raw = nullptr;
-        detail::check(isotherm_loan(handle_.get(), &raw));
-        return Sample(handle_.get(), raw);
+        return detail::result<Sample>(isotherm_loan(handle_.get(), &raw), [&](isotherm_code) { return Sample(handle_.get(), raw); });
     }
 
     /// Sends a sample; `sample` is empty then. Returns false if the service's queue is full: the sample is still yours.
-    [[nodiscard]] bool send(Sample &sample) { return done(sample, isotherm_send(handle_.get(), sample.raw_)) == ISOTHERM_OK; }
+    [[nodiscard]] Result<bool> send(Sample &sample)
+    {
+        return detail::result<bool>(sent(sample, isotherm_send(handle_.get(), sample.raw_)),
+                                    [](isotherm_code code) { return code == ISOTHERM_OK; });
+    }
 
     /// Gives a sample back that stands for no control period, as at the end of a recording. `sample` is empty then.
-    void cancel(Sample &sample)
+    Result<void> cancel(Sample &sample)
     {
-        detail::check(isotherm_cancel(handle_.get(), sample.raw_));
-        sample.raw_ = nullptr;
+        return detail::result<void>(isotherm_cancel(handle_.get(), sample.raw_), [&](isotherm_code) { sample.raw_ = nullptr; });
     }
 
     /// Adds the next control period to a sample and cancels its loan; `later` is empty then. Throws Error (ISOTHERM_ERROR_MERGE) if a sum
     /// overflows; neither has changed then.
-    void merge(Sample &sample, Sample &later)
+    Result<void> merge(Sample &sample, Sample &later)
     {
-        detail::check(isotherm_merge(handle_.get(), sample.raw_, later.raw_));
-        later.raw_ = nullptr;
+        return detail::result<void>(isotherm_merge(handle_.get(), sample.raw_, later.raw_), [&](isotherm_code) { later.raw_ = nullptr; });
     }
 
     /// The increment of the oldest unanswered sample, if it has come. First come the late ones that compensate() has kept aside.
-    [[nodiscard]] std::optional<CompensatedIncrement> receive()
+    [[nodiscard]] Result<std::optional<CompensatedIncrement>> receive()
     {
         CompensatedIncrement increment;
         return detail::some(isotherm_receive(handle_.get(), &increment), increment);
     }
 
     /// The same, but waits up to `timeout`.
-    [[nodiscard]] std::optional<CompensatedIncrement> receive(std::chrono::nanoseconds timeout)
+    [[nodiscard]] Result<std::optional<CompensatedIncrement>> receive(std::chrono::nanoseconds timeout)
     {
         CompensatedIncrement increment;
         return detail::some(isotherm_receive_timeout(handle_.get(), detail::count(timeout), &increment), increment);
@@ -230,11 +336,14 @@ public:
 
     /// The round trip in one call: sends a sample and waits for its increment. `sample` is empty then, unless the queue is full. Late
     /// increments of earlier samples are kept aside for receive().
-    [[nodiscard]] Answer compensate(Sample &sample, std::chrono::nanoseconds timeout)
+    [[nodiscard]] Result<Answer> compensate(Sample &sample, std::chrono::nanoseconds timeout)
     {
         Answer answer;
-        answer.code_ = done(sample, isotherm_compensate(handle_.get(), sample.raw_, detail::count(timeout), &answer.increment_));
-        return answer;
+        const auto code = sent(sample, isotherm_compensate(handle_.get(), sample.raw_, detail::count(timeout), &answer.increment_));
+        return detail::result<Answer>(code, [&](isotherm_code code) {
+            answer.code_ = code;
+            return answer;
+        });
     }
 
     /// The most samples that can be unanswered at once.
@@ -246,24 +355,27 @@ public:
     /// Late increments that were dropped because depth() of them waited for receive() already.
     std::uint64_t dropped_answers() const noexcept { return isotherm_dropped_answers(handle_.get()); }
     /// Leaves the streams. Returns what was lost, in words; empty if nothing was. The destructor does the same, without the words.
-    std::string close()
+    Result<std::string> close()
     {
-        const auto code = detail::check(isotherm_acquisition_close(handle_.get()));
-        handle_.release();
-        return code == ISOTHERM_LOST ? isotherm_error_message() : "";
+        return detail::result<std::string>(isotherm_acquisition_close(handle_.get()), [&](isotherm_code code) {
+            handle_.release();
+            return std::string(code == ISOTHERM_LOST ? isotherm_error_message() : "");
+        });
     }
     /// The session of all samples; a new random number for each connection.
     std::uint64_t session() const noexcept { return isotherm_session(handle_.get()); }
     /// Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless its lag is restored or forgotten after this. Throws if samples are unanswered.
-    void begin_session() { detail::check(isotherm_begin_session(handle_.get())); }
+    Result<void> begin_session() { return detail::done(isotherm_begin_session(handle_.get())); }
 
 private:
+    explicit Acquisition(isotherm_acquisition *handle) noexcept : handle_(handle) {}
+
     /// Empties `sample` unless it is still the caller's.
-    static isotherm_code done(Sample &sample, isotherm_code code)
+    static isotherm_code sent(Sample &sample, isotherm_code code) noexcept
     {
         if (code == ISOTHERM_OK || code == ISOTHERM_TIMEOUT || code == ISOTHERM_ERROR_TRANSPORT || code == ISOTHERM_ERROR_NOT_ON_LOAN)
             sample.raw_ = nullptr;
-        return detail::check(code);
+        return code;
     }
 
     struct Close {
@@ -276,30 +388,35 @@ private:
 class IncrementReader {
 public:
     /// Connects, waiting for the service if necessary.
-    explicit IncrementReader(const std::string &imu, const Options &options = {})
+    [[nodiscard]] static Result<IncrementReader> connect(const std::string &imu, const Options &options = {})
     {
         isotherm_reader *handle = nullptr;
-        detail::check(isotherm_reader_connect(imu.c_str(), options.domain_or_null(), detail::patience(options.timeout), &handle));
-        handle_.reset(handle);
+        return detail::result<IncrementReader>(
+            isotherm_reader_connect(imu.c_str(), options.domain_or_null(), detail::patience(options.timeout), &handle),
+            [&](isotherm_code) { return IncrementReader(handle); });
     }
+#if ISOTHERM_EXCEPTIONS
+    /// The same.
+    explicit IncrementReader(const std::string &imu, const Options &options = {}) : IncrementReader(connect(imu, options)) {}
+#endif
 
     /// A reader that connects when the service has started; does not wait for it.
-    [[nodiscard]] static IncrementReader unconnected(const std::string &imu, const Options &options = {})
+    [[nodiscard]] static Result<IncrementReader> unconnected(const std::string &imu, const Options &options = {})
     {
         isotherm_reader *handle = nullptr;
-        detail::check(isotherm_reader_new(imu.c_str(), options.domain_or_null(), &handle));
-        return IncrementReader(handle);
+        return detail::result<IncrementReader>(isotherm_reader_new(imu.c_str(), options.domain_or_null(), &handle),
+                                               [&](isotherm_code) { return IncrementReader(handle); });
     }
 
     /// The next increment, if there is one now.
-    [[nodiscard]] std::optional<CompensatedIncrement> receive()
+    [[nodiscard]] Result<std::optional<CompensatedIncrement>> receive()
     {
         CompensatedIncrement increment;
         return detail::some(isotherm_reader_receive(handle_.get(), &increment), increment);
     }
 
     /// The same, but waits up to `timeout`.
-    [[nodiscard]] std::optional<CompensatedIncrement> receive(std::chrono::nanoseconds timeout)
+    [[nodiscard]] Result<std::optional<CompensatedIncrement>> receive(std::chrono::nanoseconds timeout)
     {
         CompensatedIncrement increment;
         return detail::some(isotherm_reader_receive_timeout(handle_.get(), detail::count(timeout), &increment), increment);
@@ -307,20 +424,19 @@ public:
 
     /// For poll, epoll and the like: readable when increments may have come. Then call receive() until it returns nothing. Wait for at most
     /// some 100 ms at once. The reader closes it.
-    [[nodiscard]] int descriptor()
+    [[nodiscard]] Result<int> descriptor()
     {
         int descriptor = -1;
-        detail::check(isotherm_reader_descriptor(handle_.get(), &descriptor));
-        return descriptor;
+        return detail::result<int>(isotherm_reader_descriptor(handle_.get(), &descriptor), [&](isotherm_code) { return descriptor; });
     }
 
     /// How long ago the service was last seen at work for this IMU: under 0.3 s while it lives. Nothing if no service was seen yet.
-    [[nodiscard]] std::optional<std::chrono::nanoseconds> heartbeat_age()
+    [[nodiscard]] Result<std::optional<std::chrono::nanoseconds>> heartbeat_age()
     {
         std::uint64_t age_ns = 0;
-        if (detail::check(isotherm_reader_heartbeat_age(handle_.get(), &age_ns)) == ISOTHERM_NONE)
-            return std::nullopt;
-        return std::chrono::nanoseconds(age_ns);
+        return detail::result<std::optional<std::chrono::nanoseconds>>(
+            isotherm_reader_heartbeat_age(handle_.get(), &age_ns),
+            [&](isotherm_code code) { return code == ISOTHERM_NONE ? std::nullopt : std::optional(std::chrono::nanoseconds(age_ns)); });
     }
 
     /// Whether the stream has been found. Stays true when the service stops.
@@ -350,9 +466,9 @@ public:
     /// Writes the pulses of a sample: `specific_force` [m/s2], and `angular_rate` [rad/s] unless the IMU has no gyroscopes, each the mean over
     /// the sample's interval. An `interval_ns` of 0 becomes the nominal one. Throws Error (ISOTHERM_ERROR_VALUE), and changes nothing, for a
     /// reading that is not finite or over 2^32 - 1 pulses.
-    void fill(RawSample &sample, const Vector &specific_force, const std::optional<Vector> &angular_rate = std::nullopt)
+    Result<void> fill(RawSample &sample, const Vector &specific_force, const std::optional<Vector> &angular_rate = std::nullopt)
     {
-        detail::check(isotherm_readings_fill(&state_, &sample, specific_force.data(), angular_rate ? angular_rate->data() : nullptr));
+        return detail::done(isotherm_readings_fill(&state_, &sample, specific_force.data(), angular_rate ? angular_rate->data() : nullptr));
     }
 
     /// Forgets what rounding has left: for a new session, and after a gap.
@@ -363,24 +479,22 @@ private:
 };
 
 /// The mean specific force over an increment's interval [m/s2]; NaN where the increment is NaN.
-inline Vector specific_force(const CompensatedIncrement &increment)
+inline Result<Vector> specific_force(const CompensatedIncrement &increment)
 {
     Vector force;
-    detail::check(isotherm_increment_specific_force(&increment, force.data()));
-    return force;
+    return detail::result<Vector>(isotherm_increment_specific_force(&increment, force.data()), [&](isotherm_code) { return force; });
 }
 
 /// The mean angular rate over an increment's interval [rad/s]; NaN where the increment is NaN.
-inline Vector angular_rate(const CompensatedIncrement &increment)
+inline Result<Vector> angular_rate(const CompensatedIncrement &increment)
 {
     Vector rate;
-    detail::check(isotherm_increment_angular_rate(&increment, rate.data()));
-    return rate;
+    return detail::result<Vector>(isotherm_increment_angular_rate(&increment, rate.data()), [&](isotherm_code) { return rate; });
 }
 
 /// Adds the next control period, which is not on loan, to a sample. Throws Error (ISOTHERM_ERROR_MERGE) if a sum overflows; neither
 /// sample has changed then.
-inline void merge(RawSample &sample, const RawSample &later) { detail::check(isotherm_merge(nullptr, &sample, &later)); }
+inline Result<void> merge(RawSample &sample, const RawSample &later) { return detail::done(isotherm_merge(nullptr, &sample, &later)); }
 
 /// The names of flags joined by `|`, or `-`.
 inline std::string flags_text(std::uint64_t flags)
@@ -406,10 +520,10 @@ struct Realtime {
 
     /// Throws Error (ISOTHERM_ERROR_REALTIME) for the first setting that fails. The settings before it, in this order, are in
     /// force.
-    void apply() const
+    Result<void> apply() const
     {
-        detail::check(isotherm_realtime(core ? static_cast<std::int32_t>(*core) : -1, priority.value_or(0), lock_memory,
-                                        detail::count(timer_slack.value_or(std::chrono::nanoseconds(0)))));
+        return detail::done(isotherm_realtime(core ? static_cast<std::int32_t>(*core) : -1, priority.value_or(0), lock_memory,
+                                              detail::count(timer_slack.value_or(std::chrono::nanoseconds(0)))));
     }
 };
 
@@ -418,6 +532,8 @@ inline std::uint64_t monotonic_ns() noexcept { return isotherm_monotonic_ns(); }
 
 /// The version of the library.
 inline std::string version() { return isotherm_version(); }
+
+}  // namespace throwing or returning
 
 }  // namespace isotherm
 

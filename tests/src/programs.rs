@@ -16,15 +16,30 @@ pub const C: (&str, &str) = ("cc", "-std=c11");
 /// The C++ compiler, and its standard.
 pub const CPP: (&str, &str) = ("c++", "-std=c++17");
 
+/// The C library of this build.
+pub fn library() -> PathBuf {
+    let built = std::env::current_exe().unwrap().with_file_name("libisotherm_client.so");
+    assert!(built.exists(), "{} is not built", built.display());
+    built
+}
+
 /// Compiles a program of the repository. Without the compiler it reports the test as skipped and returns `None`.
-pub fn compile(domain: &TestDomain, (compiler, standard): (&str, &str), source: &str) -> Option<PathBuf> {
+pub fn compile(domain: &TestDomain, language: (&str, &str), source: &str) -> Option<PathBuf> {
+    compile_with(domain, language, source, &[])
+}
+
+/// As [`compile`], with more options of the compiler.
+pub fn compile_with(
+    domain: &TestDomain,
+    (compiler, standard): (&str, &str),
+    source: &str,
+    options: &[&str],
+) -> Option<PathBuf> {
     if Command::new(compiler).arg("--version").output().is_err() {
         skip(&format!("there is no {compiler}"), Needs::Program);
         return None;
     }
-    // The library of this build.
-    let built = std::env::current_exe().unwrap().with_file_name("libisotherm_client.so");
-    assert!(built.exists(), "{} is not built", built.display());
+    let built = library();
     for name in ["libisotherm_client.so", "libisotherm_client.so.0"] {
         let _ = symlink(&built, domain.path(name));
     }
@@ -34,6 +49,7 @@ pub fn compile(domain: &TestDomain, (compiler, standard): (&str, &str), source: 
     // The language is the compiler's, whatever the file's name is.
     command.args(["-x", if standard == CPP.1 { "c++" } else { "c" }]);
     command.args([standard, "-O1", "-g", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-pthread"]);
+    command.args(options);
     command
         .arg(format!("-I{ROOT}/client/include"))
         .arg(format!("{ROOT}/{source}"))

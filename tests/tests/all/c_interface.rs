@@ -2,10 +2,13 @@
 
 use isotherm_client::{Flags, RawSample};
 use isotherm_recording::RawCsvReader;
-use isotherm_tests::programs::{C, CPP, SERIAL, assert_exact, compile, rows, run, start, whole_csv};
-use isotherm_tests::{
-    Needs, RUN, TABLE, TestDomain, WHOLE_TABLE, completed, recording, skip, table, wait_until, whole_recording,
+use isotherm_tests::programs::{
+    C, CPP, SERIAL, assert_exact, compile, compile_with, library, rows, run, start, whole_csv,
 };
+use isotherm_tests::{
+    Needs, RUN, TABLE, TestDomain, WHOLE_TABLE, completed, recording, skip, table, text, wait_until, whole_recording,
+};
+use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::Write as _;
 use std::path::Path;
@@ -185,6 +188,34 @@ fn the_cpp_wrapper_behaves_as_documented() {
     let Some(program) = compile(&domain, CPP, "tests/programs/wrapper.cpp") else { return };
     run(&domain, &program, &["imu-a"], "out");
     service.terminate();
+}
+
+#[test]
+fn the_cpp_wrapper_returns_errors_where_there_are_no_exceptions() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let Some(program) = compile_with(&domain, CPP, "tests/programs/returning.cpp", &["-fno-exceptions"]) else {
+        return;
+    };
+    run(&domain, &program, &["imu-a"], "out");
+    service.terminate();
+}
+
+/// What the library exports is what `client/c/abi/symbols` lists: no less, which would break programs, and no more,
+/// which they might come to use.
+#[test]
+fn the_library_exports_the_listed_functions() {
+    let Ok(output) = Command::new("nm").args(["-D", "--defined-only"]).arg(library()).output() else {
+        skip("there is no nm", Needs::Program);
+        return;
+    };
+    let printed = text(&output.stdout);
+    let mut exported: BTreeSet<_> = printed.lines().filter_map(|line| line.rsplit(' ').next()).collect();
+    // One of the transport's, which the compiler exports from every library that contains it.
+    exported.remove("__internal_default_logger");
+    let listed = include_str!("../../../client/c/abi/symbols").lines();
+    let listed: BTreeSet<_> = listed.filter_map(|line| line.strip_prefix(' ')?.split('@').next()).collect();
+    assert_eq!(exported, listed);
 }
 
 #[test]

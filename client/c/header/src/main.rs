@@ -59,7 +59,11 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
 fn generate(interface: &Path) -> Result<String, Box<dyn Error>> {
     let mut config = cbindgen::Config::from_file(interface.join("header/cbindgen.toml"))?;
     let version = version(&fs::read_to_string(interface.join("../../Cargo.toml"))?)?;
-    config.after_includes = config.after_includes.map(|text| text.replace("@VERSION@", &version));
+    let mut text = config.after_includes.take().ok_or("no text after the includes")?.replace("@VERSION@", &version);
+    for (place, number) in ["@MAJOR@", "@MINOR@", "@PATCH@"].into_iter().zip(version.split('.')) {
+        text = text.replace(place, number);
+    }
+    config.after_includes = Some(text);
     let mut builder = cbindgen::Builder::new().with_config(config);
     for source in SOURCES {
         builder = builder.with_src(interface.join(source));
