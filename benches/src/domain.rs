@@ -127,14 +127,22 @@ impl BenchDomain {
     /// # Errors
     /// If files cannot be written or the process not started.
     pub fn serve_many(&self, count: usize, workers: usize, settings: &str) -> BenchResult<BenchProcess> {
+        self.configure_many(count, workers, settings)?;
+        self.serve_again()
+    }
+
+    /// Writes the files for [`serve_many`](Self::serve_many).
+    ///
+    /// # Errors
+    /// If they cannot be written.
+    pub fn configure_many(&self, count: usize, workers: usize, settings: &str) -> BenchResult<()> {
         let mut config = String::new();
         for (index, id) in (0..count).map(|index| (index, imu(index))) {
             let file = format!("{id}.toml");
             fs::write(self.path(&file), TABLE.replace(&format!("\"{IMU}\""), &format!("\"{id}\"")))?;
             config += &format!("[[imu]]\nid = \"{id}\"\ntable = \"{file}\"\nworker = {}\n", index % workers);
         }
-        fs::write(self.path("service.toml"), config + settings)?;
-        self.serve_again()
+        Ok(fs::write(self.path("service.toml"), config + settings)?)
     }
 
     /// Starts the service with the configuration that it had.

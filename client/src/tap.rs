@@ -229,7 +229,8 @@ impl StreamReader {
     }
 }
 
-#[cfg(all(test, isotherm_loom))]
+#[cfg(test)]
+#[cfg(isotherm_loom)]
 mod explored {
     use super::*;
     use isotherm_atomic::{explore, thread};

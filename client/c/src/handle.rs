@@ -182,7 +182,8 @@ mod tests {
     }
 }
 
-#[cfg(all(test, isotherm_loom))]
+#[cfg(test)]
+#[cfg(isotherm_loom)]
 mod explored {
     use super::*;
     use isotherm_atomic::{explore, thread};

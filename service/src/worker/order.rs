@@ -22,7 +22,8 @@ impl Order {
     }
 }
 
-#[cfg(all(test, isotherm_loom))]
+#[cfg(test)]
+#[cfg(isotherm_loom)]
 mod explored {
     use super::*;
     use crate::worker::counters::{counters, heartbeat};

@@ -5,8 +5,10 @@
 //! every value that the memory model of C++20 allows a load to give. Then `explore` weakens each ordering that it has
 //! met to `Relaxed`, one at a time, and returns which of them let it find a fault: the code needs these.
 //!
-//!     RUSTFLAGS="--cfg isotherm_loom" CARGO_TARGET_DIR=target/loom cargo test --lib explored \
-//!         -p isotherm-atomic -p isotherm-client -p isotherm-client-c -p isotherm-service
+//! ```text
+//! RUSTFLAGS="--cfg isotherm_loom" CARGO_TARGET_DIR=target/loom cargo test --lib explored \
+//!     -p isotherm-atomic -p isotherm-client -p isotherm-client-c -p isotherm-service
+//! ```
 
 #[cfg(not(isotherm_loom))]
 pub use core::cell::UnsafeCell;
