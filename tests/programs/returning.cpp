@@ -1,6 +1,5 @@
 // Checks that the C++ wrapper returns errors where exceptions are switched off: returning IMU. Exits with 0 if it does.
-#include <cstdlib>
-#include <iostream>
+#include "check.hpp"
 #include <isotherm.hpp>
 
 #ifdef __cpp_exceptions
@@ -9,15 +8,6 @@
 
 using namespace std::chrono_literals;
 using isotherm::Acquisition, isotherm::IncrementReader;
-
-static void check(bool condition, int line)
-{
-    if (!condition) {
-        std::cerr << "line " << line << '\n';
-        std::exit(1);
-    }
-}
-#define CHECK(condition) check(condition, __LINE__)
 
 template <class T>
 static isotherm_code failed(const isotherm::Result<T> &result)

@@ -1,7 +1,6 @@
 // Checks that the C++ wrapper behaves as documented: wrapper IMU. Exits with 0 if it does.
+#include "check.hpp"
 #include <cmath>
-#include <cstdlib>
-#include <iostream>
 #include <isotherm.hpp>
 #include <poll.h>
 #include <thread>
@@ -14,15 +13,6 @@ template <class T>
 constexpr bool only_moves = std::is_nothrow_move_constructible_v<T> && std::is_nothrow_move_assignable_v<T> &&
                             !std::is_copy_constructible_v<T> && !std::is_copy_assignable_v<T>;
 static_assert(only_moves<Acquisition> && only_moves<IncrementReader> && only_moves<Sample>);
-
-static void check(bool condition, int line)
-{
-    if (!condition) {
-        std::cerr << "line " << line << '\n';
-        std::exit(1);
-    }
-}
-#define CHECK(condition) check(condition, __LINE__)
 
 template <class Work>
 static isotherm_code thrown(Work work)

@@ -6,6 +6,7 @@ use isotherm_benches::{
     BenchDomain, BenchResult, Common, TIMEOUT, imu, nearest_rank, no_role, own_folder, run, sample, shared_memory,
     status_number,
 };
+use isotherm_client::{Acquisition, RawSample};
 use serde_json::{Map, Value, json};
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf, absolute};
@@ -50,23 +51,17 @@ fn measure(common: Common, daemon: &Path, count: usize) -> BenchResult<Value> {
         let mut process = domain.spawn_program(daemon, &["serve", "--config", "service.toml"])?;
         // The acquisition waits for the service.
         let mut acquisition = domain.acquisition(&imu(0))?;
-        let first = |acquisition: &mut isotherm_client::Acquisition| -> BenchResult<()> {
-            let mut loan = acquisition.loan()?;
-            let (session, sequence) = (loan.session, loan.sequence);
-            *loan = sample();
-            (loan.session, loan.sequence) = (session, sequence);
-            acquisition.compensate(loan, TIMEOUT)?;
-            Ok(())
-        };
-        first(&mut acquisition)?;
+        round_trip(&mut acquisition)?;
         starts.push(begun.elapsed().as_secs_f64() * 1e3);
-        let mut others = (1..count).map(|index| domain.acquisition(&imu(index))).collect::<BenchResult<Vec<_>>>()?;
-        others.push(acquisition);
+        let mut all = vec![acquisition];
+        for index in 1..count {
+            all.push(domain.acquisition(&imu(index))?);
+        }
         for _ in 0..samples {
-            others.iter_mut().try_for_each(first)?;
+            all.iter_mut().try_for_each(round_trip)?;
         }
         let folder = PathBuf::from(format!("/proc/{}", process.pid()));
-        let kb = |name| status_number(&folder, name).unwrap_or_default();
+        let kb = |name| status_number(&folder, name);
         let prefix = domain.as_domain().prefix();
         let objects = shared_memory(&prefix).filter_map(|entry| entry.metadata().ok());
         let shared: u64 = objects.map(|object| object.blocks() * 512).sum();
@@ -74,9 +69,11 @@ fn measure(common: Common, daemon: &Path, count: usize) -> BenchResult<Value> {
             "rss_kb": kb("VmRSS"), "private_kb": kb("RssAnon"), "code_kb": kb("RssFile"), "highest_kb": kb("VmHWM"),
             "shared_memory_kb": shared / 1024, "threads": kb("Threads"),
         });
-        drop(others);
+        drop(all);
         process.terminate();
-        process.succeeds_within(TIMEOUT)?;
+        if !process.succeeds_within(TIMEOUT)? {
+            return Err(domain.failure("the daemon failed"));
+        }
     }
     starts.sort_unstable_by(f64::total_cmp);
     let [p50, max] = [0.5, 1.0].map(|part| nearest_rank(&starts, part));
@@ -84,4 +81,12 @@ fn measure(common: Common, daemon: &Path, count: usize) -> BenchResult<Value> {
     memory["first_increment_p50_ms"] = p50.into();
     memory["first_increment_max_ms"] = max.into();
     Ok(memory)
+}
+
+fn round_trip(acquisition: &mut Acquisition) -> BenchResult<()> {
+    let mut loan = acquisition.loan()?;
+    let (session, sequence) = (loan.session, loan.sequence);
+    *loan = RawSample { session, sequence, ..sample() };
+    acquisition.compensate(loan, TIMEOUT)?;
+    Ok(())
 }
