@@ -30,7 +30,8 @@
  *
  * Threads. Any thread may use and close a handle, but only one at a time: a second call at the same moment returns
  * ISOTHERM_ERROR_BUSY and does nothing. Any thread may fill in a sample on loan. Different handles are independent of each other, and
- * functions without a handle may be called at any time. No function may be called from a signal handler.
+ * functions without a handle may be called at any time. No function may be called from a signal handler; one that uses a
+ * handle which the interrupted thread is using returns ISOTHERM_ERROR_BUSY, and allocates nothing.
  *
  * Processes. A child made by fork() can neither use nor close its parent's handles (ISOTHERM_ERROR_FORKED). It must not access its
  * parent's samples, and it must connect again. A child made by the system call clone() with a copy of the memory gets the same code,
@@ -38,7 +39,8 @@
  * exec() needs no special care.
  *
  * Real time. isotherm_loan, _send, _receive and _discard allocate nothing, take no lock and make no system call while service and
- * readers stay the same. The one exception is the system call that wakes a sleeping service. Messages of errors are allocated.
+ * readers stay the same. The one exception is the system call that wakes a sleeping service. Messages of ISOTHERM_ERROR_TRANSPORT and
+ * of functions that connect are allocated, all others are static.
  *
  * No function unwinds, exits or installs a signal handler. Generated from client/c/src by cbindgen; do not edit.
  */
@@ -437,8 +439,8 @@ enum isotherm_code
      */
     ISOTHERM_ERROR_IN_FLIGHT = -13,
     /**
-     * The two samples cannot be summed: a channel's pulses exceed 32 bits, or the interval one hour. Neither has
-     * changed.
+     * The two samples cannot be summed: a channel's pulses exceed 32 bits, or the interval one hour, or both are the
+     * same sample. Neither has changed.
      */
     ISOTHERM_ERROR_MERGE = -14,
     /**
@@ -755,7 +757,8 @@ isotherm_code isotherm_cancel(isotherm_acquisition *acquisition, isotherm_raw_sa
 
 /**
  * Adds the next control period to a sample: pulses and intervals are summed, timestamp, telemetry and device become
- * the later ones, session, sequence and `sent_ns` stay. If `later` is on loan from this acquisition, its loan is
+ * the later ones, session, sequence and `sent_ns` stay. An `interval_ns` of 0, which is not known, stays 0, and the sum is
+ * flagged ISOTHERM_FLAG_INTERVAL. If `later` is on loan from this acquisition, its loan is
  * cancelled, as by isotherm_cancel: its pointer must not be used any more. Else it does not change. Either may be a
  * sample of your own; `acquisition` may be NULL if both are.
  *

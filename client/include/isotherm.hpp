@@ -314,7 +314,7 @@ public:
     }
 
     /// Adds the next control period to a sample and cancels its loan; `later` is empty then. Throws Error (ISOTHERM_ERROR_MERGE) if a sum
-    /// overflows; neither has changed then.
+    /// overflows or both are the same sample; neither has changed then.
     Result<void> merge(Sample &sample, Sample &later)
     {
         return detail::result<void>(isotherm_merge(handle_.get(), sample.raw_, later.raw_), [&](isotherm_code) { later.raw_ = nullptr; });

@@ -211,6 +211,9 @@ impl RawSample {
     /// Adds the next control period to this one: pulses and intervals are summed, timestamp, telemetry and device
     /// become the later ones, session, sequence and `sent_ns` stay.
     ///
+    /// An interval of 0 is not known, and so is a sum with it: it stays 0, flagged [`Flags::INTERVAL`]. Else the pulses
+    /// of a period without a length would pass as those of the other one.
+    ///
     /// The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the
     /// same in both periods. Use it when the service had no room for a sample.
     ///
@@ -238,11 +241,12 @@ impl RawSample {
             .checked_add(later.interval_ns)
             .filter(|&interval| interval <= MAX_INTERVAL_NS)
             .ok_or(MergeError::Interval)?;
+        let is_known = self.interval_ns != 0 && later.interval_ns != 0;
         *self = Self {
             session: self.session,
             sequence: self.sequence,
             sent_ns: self.sent_ns,
-            interval_ns,
+            interval_ns: if is_known { interval_ns } else { 0 },
             accelerometers: self.accelerometers.merged(&later.accelerometers)?,
             gyroscopes: self.gyroscopes.merged(&later.gyroscopes)?,
             ..*later
@@ -601,6 +605,18 @@ mod tests {
                 ..later
             }
         );
+    }
+
+    #[test]
+    fn an_interval_that_is_not_known_stays_unknown_in_a_sum() {
+        for (first, later) in [(0, 400), (400, 0), (0, 0)] {
+            let mut sum = RawSample { interval_ns: first, accelerometers: Triad::default(), ..RawSample::default() };
+            let next = RawSample { interval_ns: later, sequence: 4, ..sum };
+            sum.merge(&next).unwrap();
+            assert_eq!(sum.interval_ns, 0, "{first} and {later}");
+            sum.merge(&RawSample { interval_ns: 400, ..next }).unwrap();
+            assert_eq!(sum.interval_ns, 0, "{first} and {later}, then 400");
+        }
     }
 
     #[test]

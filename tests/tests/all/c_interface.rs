@@ -246,6 +246,16 @@ fn round_trips_allocate_nothing() {
     service.terminate();
 }
 
+/// A signal that comes in the middle of a call, and of an allocation, finds its handle busy and allocates nothing.
+#[test]
+fn a_call_from_a_signal_handler_allocates_nothing() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let program = compile(&domain, C, "tests/programs/handler.c").unwrap();
+    run(&domain, &program, &["imu-a"], "out");
+    service.terminate();
+}
+
 /// Valgrind finds no invalid access and no leak.
 #[test]
 fn valgrind_finds_no_errors() {
