@@ -6,8 +6,9 @@
 
 use crate::error::{ConnectError, free_shared_memory, shared_memory_full};
 use crate::objects::{SHARED_MEMORY, own_files};
+use isotherm_shared::own_storage::allocate_pages;
 use isotherm_shared::stream::Domain;
-use rustix::fs::{Access, FallocateFlags, access, fallocate};
+use rustix::fs::{Access, access};
 use rustix::io::Errno;
 use rustix::process::{Resource, getrlimit};
 use std::fs;
@@ -55,7 +56,7 @@ pub fn reserve(domain: &Domain) -> Result<(), ConnectError> {
     for object in own_files(SHARED_MEMORY, &domain.prefix()).filter(|object| object.missing() > 0) {
         // Another process is just removing or creating the object; this process does not need it.
         let Ok(file) = object.open() else { continue };
-        if fallocate(&file, FallocateFlags::empty(), 0, object.size()) == Err(Errno::NOSPC) {
+        if !allocate_pages(&file, object.size()) {
             return Err(shared_memory_full(object.missing()));
         }
     }

@@ -1,12 +1,14 @@
 //! Exhausted resources (shared memory, descriptors, disk, file watches), unsafe permissions, and a suspended service.
 
 use isotherm_tests::{
-    Needs, RUN, TABLE, TestDomain, may_mount, recording, round_trip, skip, table, text, variant, wait_until,
+    Needs, RUN, TABLE, TestDomain, kill, may_mount, recording, round_trip, skip, table, text, variant, wait_until,
 };
+use rustix::process::Signal;
 use std::fs;
 use std::io::Write as _;
 use std::os::unix::ffi::OsStrExt as _;
 use std::os::unix::fs::PermissionsExt as _;
+use std::process::{Command, Stdio};
 
 /// A shell command that mounts a separate `/dev/shm`.
 fn mount_private_shm(options: &str) -> String {
@@ -67,7 +69,7 @@ fn shared_memory_that_fills_up_later_does_not_disturb_connected_clients() {
         let pid = service.pid().to_string();
         let command = domain.isotherm_after(&[], &format!("cd {}", domain.path("").display()), arguments);
         let shell: Vec<_> = command.get_args().map(ToOwned::to_owned).collect();
-        let mut entered = std::process::Command::new("nsenter");
+        let mut entered = Command::new("nsenter");
         entered.args(["-t", &pid, "-m", "sh"]).args(shell);
         entered.envs(command.get_envs().filter_map(|(name, value)| Some((name, value?))));
         entered
@@ -89,6 +91,33 @@ fn shared_memory_that_fills_up_later_does_not_disturb_connected_clients() {
     let replayed = domain.run_ok(&["replay", "--table", "imu-a.toml", RUN]);
     assert!(fs::read_to_string(domain.path("fed.csv")).unwrap() == replayed);
     service.terminate();
+}
+
+/// Each allocation of shared memory that a signal has interrupted is done again, so that no page is missing later.
+#[test]
+fn shared_memory_is_allocated_although_signals_interrupt() {
+    match Command::new("strace").args(["-e", "trace=none", "true"]).output() {
+        Err(_) => return skip("there is no strace", Needs::Program),
+        Ok(output) if !output.status.success() => return skip("this user may not trace", Needs::Machine),
+        Ok(_) => {}
+    }
+    let domain = TestDomain::new();
+    domain.write("imu-a.toml", TABLE);
+    let calls = domain.path("calls");
+    let plain = domain.isotherm(&["serve", "--imu", "imu-a=imu-a.toml"]);
+    let mut traced = Command::new("strace");
+    traced.args(["-f", "-e", "trace=fallocate", "-e", "inject=fallocate:error=EINTR:when=1+2", "-o"]).arg(&calls);
+    traced.arg(plain.get_program()).args(plain.get_args()).current_dir(domain.path("")).stdin(Stdio::null());
+    traced.envs(plain.get_envs().filter_map(|(name, value)| Some((name, value?))));
+    let traced = domain.start(traced);
+    traced.wait_for_log("ready");
+    round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
+    kill(domain.status()["pid"].as_u64().unwrap() as u32, Signal::TERM);
+    let (status, log) = traced.wait();
+    assert!(status.success(), "{log}");
+    let calls = fs::read_to_string(&calls).unwrap();
+    let (interrupted, done) = (calls.matches("EINTR").count(), calls.matches(" = 0\n").count());
+    assert!(interrupted > 5 && done == interrupted, "{calls}");
 }
 
 #[test]
