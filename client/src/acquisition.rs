@@ -10,7 +10,7 @@ use crate::lag::{AcquisitionLag, Sensor};
 use crate::loan::{CompensateError, InFlight, Loan, LoansNotMerged, SendError, TransportError, transport};
 use crate::objects::refuse_foreign;
 use crate::peers::{depth_of, publisher_of};
-use crate::rehearsal::{self, Rehearsal, publish, receive};
+use crate::rehearsal::{self, Rehearsal, copied, publish, receive};
 use crate::resources::reserve;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
@@ -407,7 +407,7 @@ impl Acquisition {
         while let Some(sample) =
             receive(&self.subscriber).map_err(|error| transport("receiving an increment", error))?
         {
-            let answer = *sample;
+            let answer = copied(&*sample);
             self.read = self.leaves_to_prepare.then_some(sample);
             if self.state.answered(answer.session, answer.sequence, &answer) {
                 self.lag.note(&answer);

@@ -5,6 +5,7 @@ use crate::clock::monotonic_ns;
 use crate::connect::{Options, deadline, join_existing, retry_until, unopened};
 use crate::error::ConnectError;
 use crate::objects::refuse_foreign;
+use crate::rehearsal::copied;
 use crate::resources::reserve;
 use crate::status::{StatusError, StatusReader};
 use core::fmt;
@@ -184,8 +185,7 @@ impl<T: Streamed> Reader<T> {
         };
         loop {
             let sample = subscriber.receive().map_err(|error| ConnectError::transport("reading the stream", error))?;
-            // Copy it out of shared memory once, then use the copy.
-            let Some(received) = sample.map(|sample| *sample) else { return Ok(None) };
+            let Some(received) = sample.map(|sample| copied(&*sample)) else { return Ok(None) };
             let (session, sequence) = received.key();
             if self.state.first_time(session, sequence) {
                 return Ok(Some(received));

@@ -110,7 +110,9 @@ impl StatusReader {
         while let Some(sample) = self.subscriber.receive().map_err(|error| failed(error.to_string()))? {
             latest = Some(sample);
         }
-        Ok(latest.map(|sample| serde_json::from_slice(&sample)).transpose()?)
+        // Copied out of shared memory before it is looked at: another process could change it meanwhile.
+        let document = latest.map(|sample| sample.to_vec());
+        Ok(document.map(|document| serde_json::from_slice(&document)).transpose()?)
     }
 }
 
