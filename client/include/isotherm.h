@@ -173,7 +173,7 @@
 #define ISOTHERM_FLAG_NO_TABLE (UINT64_C(1) << 19)
 
 /**
- * The telemetry is older than the table's `max_age_s`.
+ * The telemetry is older than the table's `max_age_s`, or as much newer than the end of the control period.
  */
 #define ISOTHERM_FLAG_TELEMETRY_STALE (UINT64_C(1) << 20)
 
@@ -574,7 +574,7 @@ typedef struct {
      */
     uint64_t sent_ns;
     /**
-     * When the temperatures were read, on the acquisition's clock [ns]; 0 = unknown.
+     * When the temperatures were read, on the clock of `timestamp_ns` [ns]; 0 = unknown.
      */
     uint64_t telemetry_ns;
     /**
@@ -757,10 +757,10 @@ isotherm_code isotherm_cancel(isotherm_acquisition *acquisition, isotherm_raw_sa
 
 /**
  * Adds the next control period to a sample: pulses and intervals are summed, timestamp, telemetry and device become
- * the later ones, session, sequence and `sent_ns` stay. An `interval_ns` of 0, which is not known, stays 0, and the sum is
- * flagged ISOTHERM_FLAG_INTERVAL. If `later` is on loan from this acquisition, its loan is
- * cancelled, as by isotherm_cancel: its pointer must not be used any more. Else it does not change. Either may be a
- * sample of your own; `acquisition` may be NULL if both are.
+ * the later ones, session, sequence and `sent_ns` stay. An `interval_ns` of 0, which is not known, stays 0, and the
+ * sum is flagged ISOTHERM_FLAG_INTERVAL. If `later` is on loan from this acquisition, its loan is cancelled, as by
+ * isotherm_cancel: its pointer must not be used any more. Else it does not change. Either may be a sample of your own;
+ * `acquisition` may be NULL if both are.
  *
  * The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same
  * in both periods. Use it when the service had no room for a sample.

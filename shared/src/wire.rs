@@ -90,7 +90,7 @@ pub struct RawSample {
     pub interval_ns: u64,
     /// `CLOCK_MONOTONIC` when the sample was sent \[ns\]; 0 = unknown.
     pub sent_ns: u64,
-    /// When the temperatures were read, on the acquisition's clock \[ns\]; 0 = unknown.
+    /// When the temperatures were read, on the clock of `timestamp_ns` \[ns\]; 0 = unknown.
     pub telemetry_ns: u64,
     /// Time constant of the lagged telemetry \[ns\]; 0 = there is none.
     pub lag_ns: u64,
@@ -208,6 +208,18 @@ pub enum MergeError {
 }
 
 impl RawSample {
+    /// Time between the reading of the temperatures and the end of the control period \[s\], whichever comes first: a
+    /// reading of some later time is as far from this period as an old one, or is of another clock. 0 where one of the
+    /// two is not given.
+    #[must_use]
+    #[inline]
+    pub const fn telemetry_age_s(&self) -> f64 {
+        match (self.telemetry_ns, self.timestamp_ns) {
+            (0, _) | (_, 0) => 0.0,
+            (telemetry_ns, timestamp_ns) => timestamp_ns.abs_diff(telemetry_ns) as f64 / 1e9,
+        }
+    }
+
     /// Adds the next control period to this one: pulses and intervals are summed, timestamp, telemetry and device
     /// become the later ones, session, sequence and `sent_ns` stay.
     ///
@@ -354,9 +366,11 @@ flags! {
         INTERVAL = 18, "Give the measured control period in `interval_ns`, in nanoseconds.";
         /// The IMU is served without a table (`--allow-uncalibrated`). The increments are NaN.
         NO_TABLE = 19, "Install the table's file; it is taken without a restart.";
-        /// The telemetry is older than the table's `max_age_s`; not flagged where its age is unknown. The increment is
-        /// computed.
-        TELEMETRY_STALE = 20, "Look for a thermometer that is read no more, or read it more often.";
+        /// The telemetry is older than the table's `max_age_s`, or as much newer than the end of the control period;
+        /// not flagged where its age is unknown. The increment is computed.
+        TELEMETRY_STALE = 20,
+            "Look for a thermometer that is read no more, or read it more often. Newer than its period is telemetry of another \
+             clock: give `telemetry_ns` on that of `timestamp_ns`.";
         /// A bias had to do without its transient term: the sample's time constant is not the table's, it has none, or
         /// the lag difference is not finite or larger than the bias's range. The increment is computed without that
         /// term.

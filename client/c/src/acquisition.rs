@@ -252,10 +252,10 @@ pub unsafe extern "C" fn isotherm_cancel(
 }
 
 /// Adds the next control period to a sample: pulses and intervals are summed, timestamp, telemetry and device become
-/// the later ones, session, sequence and `sent_ns` stay. An `interval_ns` of 0, which is not known, stays 0, and the sum is
-/// flagged ISOTHERM_FLAG_INTERVAL. If `later` is on loan from this acquisition, its loan is
-/// cancelled, as by isotherm_cancel: its pointer must not be used any more. Else it does not change. Either may be a
-/// sample of your own; `acquisition` may be NULL if both are.
+/// the later ones, session, sequence and `sent_ns` stay. An `interval_ns` of 0, which is not known, stays 0, and the
+/// sum is flagged ISOTHERM_FLAG_INTERVAL. If `later` is on loan from this acquisition, its loan is cancelled, as by
+/// isotherm_cancel: its pointer must not be used any more. Else it does not change. Either may be a sample of your own;
+/// `acquisition` may be NULL if both are.
 ///
 /// The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same
 /// in both periods. Use it when the service had no room for a sample.
