@@ -891,7 +891,7 @@ uint64_t isotherm_lag_ns(const isotherm_acquisition *acquisition);
 
 /**
  * Writes the state of the lag to `*lag`. Save it after each reading if a successor of this process shall go on with
- * it.
+ * it, together with isotherm_boot().
  *
  * ISOTHERM_OK.
  */
@@ -901,6 +901,9 @@ isotherm_code isotherm_save_lag(const isotherm_acquisition *acquisition, isother
  * Goes on with a state that was saved, on the same clock, as if the telemetry had gone straight on in the pause. A
  * sensor whose telemetry or lagged telemetry is not finite, or whose next reading is earlier than the saved one, which
  * is then of another clock, is unknown as after isotherm_forget_lag.
+ *
+ * Call isotherm_forget_lag in its place if the state was saved with another isotherm_boot(), unless your clock goes on
+ * when the machine is started anew.
  *
  * ISOTHERM_OK.
  */
@@ -1031,6 +1034,12 @@ const char *isotherm_version(void);
  * CLOCK_MONOTONIC [ns], the clock of `sent_ns`.
  */
 uint64_t isotherm_monotonic_ns(void);
+
+/**
+ * The number of the machine's present start, with which CLOCK_MONOTONIC began; 0 if the kernel does not tell it. Save
+ * it with isotherm_save_lag: times of another start are of another clock.
+ */
+uint64_t isotherm_boot(void);
 
 /**
  * Applies real-time settings to the calling thread. Call it in the thread that sends and receives, before it connects.

@@ -219,7 +219,9 @@ impl Acquisition {
 
     /// Goes on with the readings of a lag that was saved, on the same clock, as if the telemetry had gone straight on
     /// in the pause. Its time constant is not used. A sensor without a saved reading, or whose next reading is earlier
-    /// than the saved one, which is then of another clock, is unknown as after [`forget_lag`](Self::forget_lag).
+    /// than the saved one, which is then of another clock, is unknown as after [`forget_lag`](Self::forget_lag). So are
+    /// all sensors of a lag that was saved before the machine was started anew. If your clock goes on over that, as one
+    /// of the hardware may, set its `boot` to 0.
     pub fn restore_lag(&mut self, saved: &Lag) {
         self.lag.restore(saved);
     }

@@ -86,7 +86,7 @@ mod tap;
 
 pub use acquisition::Acquisition;
 pub use arrival::descriptor;
-pub use clock::{Clock, monotonic_ns, unix_s};
+pub use clock::{Clock, boot, monotonic_ns, unix_s};
 pub use closing::{Closing, last_closing};
 pub use connect::{
     DOMAIN_VARIABLE, Options, ROOT_VARIABLE, STATE_VARIABLE, check_domain, domain, join, join_existing,
