@@ -101,7 +101,7 @@ pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSamp
 pub use lag::{Sensor, UnknownSensor};
 pub use lag_option::{InvalidTimeConstant, LagOption, TimeConstant};
 pub use loan::{CompensateError, InFlight, Loan, LoansNotMerged, SendError, TransportError};
-pub use objects::{Note, OwnFile, domain_files, foreign_object, own_files};
+pub use objects::{Note, OwnFile, domain_files, foreign_object, own_files, sweep};
 pub use peers::{payload_of, publisher_of, subscribers_of};
 pub use process::Process;
 pub use reader::{IncrementReader, RawReader, Reader, Streamed};
