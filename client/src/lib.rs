@@ -108,5 +108,5 @@ pub use reader::{IncrementReader, RawReader, Reader, Streamed};
 pub use realtime::{Realtime, RealtimeError, process_kb};
 pub use rehearsal::{Rehearsal, RehearsalError, RehearsalStreams, publish, receive};
 pub use resources::{check_room, reserve};
-pub use status::{StatusError, StatusReader, fetch_status};
+pub use status::{StatusError, StatusNote, StatusReader, fetch_status};
 pub use tap::{Tap, TapSettings, TappedSample};

@@ -158,8 +158,8 @@ pub struct Note {
 }
 
 impl Note {
-    /// More than a note has \[bytes\].
-    const MAX_BYTES: u64 = 4096;
+    /// More than a note has, that with a whole status too \[bytes\].
+    const MAX_BYTES: u64 = 1 << 20;
 
     /// The note of this name.
     #[must_use]
@@ -186,8 +186,9 @@ impl Note {
         let staged = self.folder.join(format!("{}.{}", self.name, std::process::id()));
         let mut file = File::options().write(true).create(true).truncate(true).mode(0o600).open(&staged)?;
         file.set_permissions(Permissions::from_mode(0o600))?;
-        file.write_all(text)?;
-        fs::rename(staged, path)
+        let written = file.write_all(text).and_then(|()| fs::rename(&staged, path));
+        // A folder that is full needs no half of it.
+        written.inspect_err(|_| _ = fs::remove_file(&staged))
     }
 
     /// Removes it; there may be none.

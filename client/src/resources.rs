@@ -26,6 +26,11 @@ const DESCRIPTORS: usize = 36;
 /// Descriptors that a service needs for each IMU and its clients.
 const DESCRIPTORS_OF_AN_IMU: usize = 36;
 
+/// Whether shared memory lacks the room that a client needs.
+pub(crate) fn lacks_room() -> bool {
+    free_shared_memory().is_some_and(|free| free < ROOM_OF_A_CLIENT)
+}
+
 /// Checks that there is enough shared memory, and enough descriptors, for a service of `imus` IMUs, or for a client
 /// (0).
 ///
