@@ -9,7 +9,7 @@ use crate::error::ConnectError;
 use crate::lag::{AcquisitionLag, Sensor};
 use crate::loan::{CompensateError, InFlight, Loan, LoansNotMerged, SendError, TransportError, transport};
 use crate::objects::refuse_foreign;
-use crate::peers::{depth_of, publisher_of};
+use crate::peers::{depth_of, pid_of, publisher_of};
 use crate::rehearsal::{self, Rehearsal, copied, publish, receive};
 use crate::resources::reserve;
 use iceoryx2::port::notifier::Notifier;
@@ -103,7 +103,8 @@ impl Acquisition {
             PublisherCreateError::ExceedsMaxSupportedPublishers => {
                 // A dead acquisition occupies the only place until its node is cleaned up.
                 node.try_cleanup_dead_nodes();
-                ConnectError::Occupied { imu: imu.clone(), pid: publisher_of(&raw).and_then(|(_, pid)| pid) }
+                let other = publisher_of(&raw).and_then(|(_, node)| pid_of(&options.domain, node));
+                ConnectError::Occupied { imu: imu.clone(), pid: other }
             }
             other => ConnectError::transport("creating the raw publisher", other),
         })?;
@@ -113,7 +114,7 @@ impl Acquisition {
             SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
                 // Dead readers occupy their places until their nodes are cleaned up.
                 node.try_cleanup_dead_nodes();
-                ConnectError::no_room(imu, &increments)
+                ConnectError::no_room(&options.domain, imu, &increments)
             }
             other => ConnectError::transport("subscribing to the increment stream", other),
         })?;

@@ -41,6 +41,19 @@ pub fn boot() -> u64 {
     u64::from_str_radix(&digits, 16).unwrap_or(0)
 }
 
+/// How far `CLOCK_MONOTONIC` of this process's time namespace is ahead of the machine's \[ns\]; 0 where there are no
+/// such namespaces.
+#[must_use]
+pub fn clock_offset_ns() -> i64 {
+    let offsets = fs::read_to_string("/proc/self/timens_offsets").unwrap_or_default();
+    let of_line = |line: &str| {
+        let mut numbers = line.strip_prefix("monotonic")?.split_whitespace().map(str::parse::<i64>);
+        let (seconds, ns) = (numbers.next()?.ok()?, numbers.next()?.ok()?);
+        Some(seconds.saturating_mul(1_000_000_000).saturating_add(ns))
+    };
+    offsets.lines().find_map(of_line).unwrap_or(0)
+}
+
 /// The present Unix time \[s\].
 #[must_use]
 pub fn unix_s() -> f64 {

@@ -1,6 +1,6 @@
 //! Why a process could not connect, and the exit code of a program for each reason.
 
-use crate::peers::subscribers_of;
+use crate::peers::{Peers, named, subscribers_of};
 use core::fmt;
 use iceoryx2::prelude::{IceoryxSend, PortFactory as _};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
@@ -26,22 +26,22 @@ pub enum ConnectError {
         domain: String,
     },
     /// Another process is this IMU's acquisition.
-    #[error("IMU {imu} already has an acquisition process{}; stop that one first", pid.map(|pid| format!(", pid {pid}")).unwrap_or_default())]
+    #[error("IMU {imu} already has an acquisition process, {}; stop that one first", named(*pid))]
     Occupied {
         /// The requested IMU.
         imu: ImuId,
-        /// Process id of the other acquisition, if known.
+        /// Process id of the other acquisition as this process sees it; `None` if that is in another pid namespace.
         pid: Option<i32>,
     },
     /// The stream has no room for another reader.
-    #[error("IMU {imu}: all {places} reader places are taken, by processes {pids:?}; stop one of them")]
+    #[error("IMU {imu}: all {places} reader places are taken, by {readers}; stop one of them")]
     NoRoom {
         /// The requested IMU.
         imu: ImuId,
         /// Number of reader places.
         places: usize,
-        /// Process ids of the readers.
-        pids: Vec<i32>,
+        /// The readers.
+        readers: Peers,
     },
     /// The domain belongs to another user.
     #[error(
@@ -75,6 +75,17 @@ pub enum ConnectError {
         domain: String,
         /// Type name of the stream's payload.
         payload: String,
+    },
+    /// The service's `CLOCK_MONOTONIC` is not this process's, so that no time of it can be used.
+    #[error(
+        "the service's clock (CLOCK_MONOTONIC) is {} s {} this process's: they are in different time namespaces, as of containers; run \
+         both in one",
+        ahead_ns.unsigned_abs() as f64 / 1e9,
+        if *ahead_ns < 0 { "behind" } else { "ahead of" }
+    )]
+    OtherClock {
+        /// How far the service's clock is ahead \[ns\].
+        ahead_ns: i64,
     },
     /// Any other error of the transport.
     #[error(
@@ -110,15 +121,26 @@ pub(crate) fn shared_memory_full(needed: u64) -> ConnectError {
 }
 
 impl ConnectError {
-    pub(crate) fn no_room<T: IceoryxSend + fmt::Debug>(imu: &ImuId, stream: &PortFactory<Ipc, T, ()>) -> Self {
+    pub(crate) fn no_room<T: IceoryxSend + fmt::Debug>(
+        domain: &Domain,
+        imu: &ImuId,
+        stream: &PortFactory<Ipc, T, ()>,
+    ) -> Self {
         let places = stream.static_config().max_subscribers();
-        Self::NoRoom { imu: imu.clone(), places, pids: subscribers_of(stream) }
+        Self::NoRoom { imu: imu.clone(), places, readers: subscribers_of(domain, stream) }
     }
 
     /// Whether connecting cannot succeed by waiting: an operator must change something first.
     #[must_use]
     pub const fn is_permanent(&self) -> bool {
-        matches!(self, Self::Permission { .. } | Self::Domain(_) | Self::Exhausted(_) | Self::OtherVersion { .. })
+        matches!(
+            self,
+            Self::Permission { .. }
+                | Self::Domain(_)
+                | Self::Exhausted(_)
+                | Self::OtherVersion { .. }
+                | Self::OtherClock { .. }
+        )
     }
 
     pub(crate) fn transport(phase: &'static str, cause: impl ToString) -> Self {
@@ -133,9 +155,10 @@ pub(crate) fn permission(domain: &Domain, made_by: Option<u32>) -> ConnectError 
 impl From<ConnectError> for Failure {
     fn from(error: ConnectError) -> Self {
         let exit = match error {
-            ConnectError::NoService(_) | ConnectError::NoSuchImu { .. } | ConnectError::OtherVersion { .. } => {
-                Exit::Unavailable
-            }
+            ConnectError::NoService(_)
+            | ConnectError::NoSuchImu { .. }
+            | ConnectError::OtherVersion { .. }
+            | ConnectError::OtherClock { .. } => Exit::Unavailable,
             ConnectError::Domain(_) => Exit::Usage,
             ConnectError::Exhausted(_) => Exit::Io,
             _ => Exit::Failed,

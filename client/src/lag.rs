@@ -11,6 +11,7 @@ use isotherm_shared::stream::{Domain, ImuId, IpcNode};
 use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, RawSample};
 use std::thread;
 use std::time::{Duration, Instant};
+use tracing::warn;
 
 /// Connecting waits this long for the time constant, at most; a running service publishes its status ten times a
 /// second.
@@ -81,6 +82,8 @@ pub(crate) struct AcquisitionLag {
     asking: Option<Asking>,
     /// A question that failed is not repeated before this \[ns\].
     retry_ns: u64,
+    /// Whether it was logged that the status cannot be read.
+    warned: bool,
 }
 
 /// The service has been asked for the time constant in force.
@@ -98,7 +101,7 @@ impl AcquisitionLag {
             LagOption::Service | LagOption::None => 0,
         };
         let lag = Lag { boot: boot(), ..Lag::new(lag_ns) };
-        Self { option, lag, fed: 0, restored: 0, flagged: 0, settled: 0, asking: None, retry_ns: 0 }
+        Self { option, lag, fed: 0, restored: 0, flagged: 0, settled: 0, asking: None, retry_ns: 0, warned: false }
     }
 
     /// Waits for the time constant in force, if the service is to give it. A service that does not answer in time is
@@ -136,7 +139,14 @@ impl AcquisitionLag {
             }
             // A reader that gets nothing may belong to a service that is gone. It would occupy a place for ever.
             Ok(_) if now - asking.since_ns <= RETRY_NS => {}
-            Ok(_) | Err(_) => (self.asking, self.retry_ns) = (None, now + RETRY_NS),
+            Ok(_) => (self.asking, self.retry_ns) = (None, now + RETRY_NS),
+            Err(error) => {
+                if !self.warned {
+                    self.warned = true;
+                    warn!("{imu}: the time constant of the lag in force is not known: {error}");
+                }
+                (self.asking, self.retry_ns) = (None, now + RETRY_NS);
+            }
         }
     }
 

@@ -86,7 +86,7 @@ mod tap;
 
 pub use acquisition::Acquisition;
 pub use arrival::descriptor;
-pub use clock::{Clock, boot, monotonic_ns, unix_s};
+pub use clock::{Clock, boot, clock_offset_ns, monotonic_ns, unix_s};
 pub use closing::{Closing, last_closing};
 pub use connect::{
     DOMAIN_VARIABLE, Options, ROOT_VARIABLE, STATE_VARIABLE, check_domain, domain, join, join_existing,
@@ -102,7 +102,9 @@ pub use lag::{Sensor, UnknownSensor};
 pub use lag_option::{InvalidTimeConstant, LagOption, TimeConstant};
 pub use loan::{CompensateError, InFlight, Loan, LoansNotMerged, SendError, TransportError};
 pub use objects::{Note, OwnFile, domain_files, foreign_object, own_files, sweep};
-pub use peers::{payload_of, publisher_of, subscribers_of};
+pub use peers::{
+    NodeHolder, Peers, named, payload_of, pid_namespace, pid_of, publisher_of, service_pid, subscribers_of,
+};
 pub use process::Process;
 pub use reader::{IncrementReader, RawReader, Reader, Streamed};
 pub use realtime::{Realtime, RealtimeError, process_kb};

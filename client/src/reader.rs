@@ -292,7 +292,7 @@ impl<T: Streamed> Reader<T> {
         let subscriber = stream.subscriber_builder().create().map_err(|error| match error {
             SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
                 node.try_cleanup_dead_nodes();
-                ConnectError::no_room(&self.imu, &stream)
+                ConnectError::no_room(&self.domain, &self.imu, &stream)
             }
             other => ConnectError::transport("subscribing to the stream", other),
         })?;

@@ -1,10 +1,10 @@
 //! Reading the status of the running service.
 
-use crate::clock::monotonic_ns;
+use crate::clock::{clock_offset_ns, monotonic_ns};
 use crate::connect::{Options, join_existing};
 use crate::error::ConnectError;
 use crate::objects::Note;
-use crate::peers::publisher_of;
+use crate::peers::{named, pid_of, publisher_of};
 use crate::resources::lacks_room;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
@@ -97,8 +97,9 @@ pub enum StatusError {
     /// The status is of another version of the service, with another layout.
     #[error("reading the status: {0}; use the `isotherm` of the service's version")]
     Version(#[from] serde_json::Error),
-    /// A service exists, but publishes no status. Its process id, if known.
-    #[error("the service{} does not publish its status; it is stopped, or hangs: continue or restart it", .0.map(|pid| format!(" (pid {pid})")).unwrap_or_default())]
+    /// A service exists, but publishes no status. Its process id as this process sees it; `None` if it is in another
+    /// pid namespace.
+    #[error("the service ({}) does not publish its status; it is stopped, or hangs: continue or restart it", named(*.0))]
     Silent(Option<i32>),
 }
 
@@ -165,7 +166,7 @@ impl StatusReader {
     /// The newest status since the last call, if one has come.
     ///
     /// # Errors
-    /// If the transport fails, or the status has the layout of another version.
+    /// If the transport fails, or the status has the layout of another version; if its times are of another clock.
     pub fn latest(&self) -> Result<Option<ServiceStatus>, StatusError> {
         let mut latest = None;
         let failed = |cause: String| StatusError::Transport { phase: "receiving", cause };
@@ -174,7 +175,10 @@ impl StatusReader {
         }
         // Copied out of shared memory before it is looked at: another process could change it meanwhile.
         let document = latest.map(|sample| sample.to_vec());
-        Ok(document.map(|document| serde_json::from_slice(&document)).transpose()?)
+        let status = document.map(|document| serde_json::from_slice::<ServiceStatus>(&document)).transpose()?;
+        // A heartbeat of another clock may lie in the future for ever, or be older than this process.
+        let ahead_ns = status.as_ref().map_or(0, |status| status.clock_offset_ns.saturating_sub(clock_offset_ns()));
+        if ahead_ns == 0 { Ok(status) } else { Err(ConnectError::OtherClock { ahead_ns }.into()) }
     }
 }
 
@@ -212,7 +216,7 @@ pub fn fetch_status(options: &Options) -> Result<ServiceStatus, StatusError> {
         }
     }
     match publisher_of(&reader.stream) {
-        Some((_, pid)) => Err(StatusError::Silent(pid)),
+        Some((_, node)) => Err(StatusError::Silent(pid_of(&options.domain, node))),
         None => Err(absent(&options.domain)),
     }
 }

@@ -37,7 +37,8 @@ pub(crate) fn connecting(error: &ConnectError) -> PyErr {
         ConnectError::Permission { .. }
         | ConnectError::Domain(_)
         | ConnectError::Exhausted(_)
-        | ConnectError::OtherVersion { .. } => IsothermError::new_err(message),
+        | ConnectError::OtherVersion { .. }
+        | ConnectError::OtherClock { .. } => IsothermError::new_err(message),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use iceoryx2::node::{NodeListFailure, NodeView as _};
 use iceoryx2::prelude::{CallbackProgression, Node, NodeState};
-use isotherm_client::{Domain, check_domain, own_files, sweep_half_created};
+use isotherm_client::{Domain, check_domain, own_files, pid_of, sweep_half_created};
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::Ipc;
 use std::fs::{self, DirEntry};
@@ -54,10 +54,10 @@ fn user_of(domain: &Domain) -> Result<Option<String>, Failure> {
     let listed = if folder.is_dir() {
         Node::<Ipc>::list(&config, |node| {
             user = match &node {
-                NodeState::Alive(view) => match view.id().pid::<Ipc>() {
-                    Ok(pid) => Some(format!("pid {}", pid.value())),
-                    Err(_) => Some("a process".to_owned()),
-                },
+                NodeState::Alive(view) => Some(match pid_of(domain, *view.id()) {
+                    Some(pid) => format!("pid {pid}"),
+                    None => "a process of another pid namespace".to_owned(),
+                }),
                 NodeState::Inaccessible(_) | NodeState::Undefined(_) => {
                     Some("a process that cannot be identified".to_owned())
                 }

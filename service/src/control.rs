@@ -19,7 +19,8 @@ use crate::worker::channel::ChannelLink;
 use crate::worker::counters::CounterReader;
 use crate::{create, sigbus};
 use isotherm_client::{
-    Realtime, check_domain, check_owner, check_room, join, monotonic_ns, process_kb, reserve, unix_s,
+    Realtime, check_domain, check_owner, check_room, clock_offset_ns, join, monotonic_ns, pid_namespace, process_kb,
+    reserve, unix_s,
 };
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::WorldWritable;
@@ -292,6 +293,8 @@ impl Service<'_> {
         ServiceStatus {
             domain: self.domain.into(),
             pid: std::process::id(),
+            pid_namespace: pid_namespace(),
+            clock_offset_ns: clock_offset_ns(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             uptime_s: self.started.elapsed().as_secs_f64(),
             started_unix_s: self.started_unix_s,

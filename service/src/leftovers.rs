@@ -14,10 +14,9 @@ use iceoryx2::prelude::{
 use iceoryx2::service::internal::ServiceInternal as _;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use iceoryx2::service::service_hash::ServiceHash;
-use isotherm_client::{check_room, domain_files};
+use isotherm_client::{NodeHolder, check_room, domain_files};
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
 use rustix::fs::{MemfdFlags, memfd_create};
-use rustix::process::{Flock, FlockType, fcntl_getlk};
 use std::collections::{BTreeSet, HashMap};
 use std::fs::{self, File};
 use std::io::Write as _;
@@ -160,9 +159,7 @@ impl Leftovers {
         if pid == self.own_pid || Path::new(&format!("/proc/{pid}")).exists() {
             return true;
         }
-        let monitor = self.nodes.join(format!("{}{number}.node_monitor", self.domain.prefix()));
-        let lock = File::open(monitor).and_then(|file| Ok(fcntl_getlk(&file, &Flock::from(FlockType::WriteLock))?));
-        lock.is_ok_and(|holder| holder.is_some())
+        NodeHolder::of(&self.domain, number) != NodeHolder::Nobody
     }
 
     /// Removes the files of a dead node.

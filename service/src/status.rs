@@ -5,7 +5,7 @@ use crate::imu::ImuState;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::{AllocationStrategy, PortFactory as _};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use isotherm_client::{StatusNote, publisher_of};
+use isotherm_client::{StatusNote, named, pid_of, publisher_of};
 use isotherm_failure::Failure;
 use isotherm_shared::status::{GyroscopeStatus, ImuStatus, Ranges, ServiceStatus, TableChange};
 use isotherm_shared::stream::{self, Domain, Ipc, IpcNode};
@@ -109,8 +109,8 @@ impl StatusPublisher {
         let (name, creator) = ("the status stream", Creator::new(node, domain));
         let service = creator.stream(name, &stream::status_name(), || Ok(stream::create_status(node)?))?;
         let taken = || {
-            let pid = publisher_of(&service).and_then(|(_, pid)| pid);
-            let pid = pid.map(|pid| format!(", pid {pid}")).unwrap_or_default();
+            let pid = publisher_of(&service).map(|(_, node)| format!(", {}", named(pid_of(domain, node))));
+            let pid = pid.unwrap_or_default();
             let domain = domain.name();
             format!("another service is running in domain {domain:?}{pid}; stop it, or give this one another --domain")
         };

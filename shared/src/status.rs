@@ -54,8 +54,15 @@ described! {
 pub struct ServiceStatus {
     /// The domain, with all that another process needs to join it.
     pub domain: DomainStatus,
-    /// Process id of the service.
+    /// Process id of the service, in its pid namespace.
     pub pid: u32,
+    /// Number of the service's pid namespace, as `ls -l /proc/self/ns/pid` shows it; 0 if it is not known.
+    #[serde(default)]
+    pub pid_namespace: u64,
+    /// How far `CLOCK_MONOTONIC` of the service's time namespace is ahead of the machine's \[ns\]; not 0 in some
+    /// containers.
+    #[serde(default)]
+    pub clock_offset_ns: i64,
     /// Version of the service.
     pub version: String,
     /// Seconds since it started.

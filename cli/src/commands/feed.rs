@@ -244,6 +244,7 @@ impl ServedTable {
         let started = Instant::now();
         loop {
             match Self::fetch(imu, options) {
+                Err(StatusError::Connect(error)) if error.is_permanent() => return Err(error.into()),
                 Err(StatusError::Connect(_) | StatusError::Silent(_)) if started.elapsed() < options.timeout => {
                     thread::sleep(PAUSE);
                 }

@@ -6,6 +6,7 @@ use super::source::Waiting;
 use super::style::AlertLevel;
 use super::{details, overview};
 use humantime::format_rfc3339_seconds;
+use isotherm_client::service_pid;
 use isotherm_failure::printable;
 use isotherm_shared::status::WorkerStatus;
 use isotherm_shared::units::SensorKind;
@@ -87,10 +88,10 @@ fn header(model: &Model, width: u16) -> Line<'static> {
     let text = match model.status() {
         None => format!(" Isotherm, domain {}", model.domain),
         Some(status) => format!(
-            " Isotherm {}  {}  pid {}  up {}  {}  cpu {}",
+            " Isotherm {}  {}  {}  up {}  {}  cpu {}",
             status.version,
             status.domain.name,
-            status.pid,
+            service_pid(status),
             age(status.uptime_s),
             status.wait,
             status.workers.iter().map(worker).collect::<Vec<_>>().join(" | ")

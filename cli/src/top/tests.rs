@@ -69,6 +69,8 @@ fn status(ids: &[&str], seconds: u64) -> ServiceStatus {
     ServiceStatus {
         domain: DomainStatus { name: "lab".to_owned(), prefix: String::new(), root_path: String::new() },
         pid: 4711,
+        pid_namespace: 0,
+        clock_offset_ns: 0,
         version: "0.1.0".to_owned(),
         uptime_s: seconds as f64,
         started_unix_s: 0.0,

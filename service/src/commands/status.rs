@@ -1,7 +1,7 @@
 //! `status`: shows the status of the running service.
 
 use clap::Args;
-use isotherm_client::{Domain, Options, check_room, fetch_status, unix_s};
+use isotherm_client::{Domain, Options, check_room, fetch_status, service_pid, unix_s};
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{print, print_data};
 use isotherm_shared::status::{
@@ -57,8 +57,13 @@ fn transport_config(domain: &Domain) -> Result<String, Failure> {
 
 fn describe(status: &ServiceStatus) -> String {
     let mut text = format!(
-        "isotherm {} in domain {}, pid {}, up {:.0} s, waiting: {}, latency budget {} us\n",
-        status.version, status.domain.name, status.pid, status.uptime_s, status.wait, status.budget_us
+        "isotherm {} in domain {}, {}, up {:.0} s, waiting: {}, latency budget {} us\n",
+        status.version,
+        status.domain.name,
+        service_pid(status),
+        status.uptime_s,
+        status.wait,
+        status.budget_us
     );
     if status.memory_locked_kb > 0 {
         let _ = writeln!(text, "memory locked: {} kB", status.memory_locked_kb);

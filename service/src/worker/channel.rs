@@ -110,9 +110,9 @@ impl Channel {
         let rehearsal =
             create_rehearsal(node, &creator, &format!("the rehearsal streams of IMU {id}"), &id.rehearsal())?;
         let crowded = || {
-            let pids = subscribers_of(&raw);
+            let readers = subscribers_of(domain, &raw);
             format!(
-                "reading the raw stream of IMU {id}: all {RAW_SUBSCRIBERS} places are taken, by processes {pids:?}; stop one of them"
+                "reading the raw stream of IMU {id}: all {RAW_SUBSCRIBERS} places are taken, by {readers}; stop one of them"
             )
         };
         let subscriber = creator.port(&name("raw subscriber"), crowded, || {

@@ -250,7 +250,7 @@ fn a_state_of_another_clock_is_not_used() {
 fn status_readers(domain: &TestDomain) -> usize {
     let node = join(domain.client_domain()).unwrap();
     let status = node.service_builder(&stream::status_name()).publish_subscribe::<[u8]>().open().unwrap();
-    subscribers_of(&status).len()
+    subscribers_of(domain.client_domain(), &status).pids.len()
 }
 
 #[test]

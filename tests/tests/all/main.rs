@@ -29,6 +29,7 @@ mod lag_restarts;
 mod life;
 mod mems;
 mod metrics;
+mod namespaces;
 mod neighbours;
 mod paced;
 mod readers;
