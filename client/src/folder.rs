@@ -108,6 +108,7 @@ pub fn prepare(domain: &Domain) -> Result<(), ConnectError> {
 
 fn failed(root: &str, cause: &str) -> ConnectError {
     ConnectError::Exhausted(format!(
-        "the domain's folder {root}: {cause}; ISOTHERM_ROOT names the folder above, which must be writable"
+        "the domain's folder {root}: {cause}; ISOTHERM_ROOT names the folder above, which must be writable; below /run/isotherm root \
+         makes it (a line in /etc/tmpfiles.d)"
     ))
 }

@@ -1,13 +1,13 @@
 //! `serve`: runs the service.
 
 use crate::config::{Config, Imu, MAX_IMUS};
-use crate::control;
+use crate::control::{self, ServeOptions};
 use crate::logging::{self, LogFormat};
 use clap::Args;
 use isotherm_client::{Domain, ImuId};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::WorldWritable;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Run the compensation service until SIGTERM or SIGINT
 ///
@@ -41,26 +41,35 @@ impl Serve {
     /// Why it could not start or continue.
     pub fn run(self, domain: &Domain) -> Result<(), Failure> {
         logging::start(self.log_format);
-        let world_writable = WorldWritable::allow_if(self.allow_world_writable);
-        let mut config = match &self.config {
-            Some(path) => Config::load(path, world_writable)?,
-            None => Config::default(),
-        };
-        for (id, table) in self.imu {
-            if config.imus.iter().any(|known| known.id == id) {
-                return Err(Failure::new(Exit::Usage, format!("IMU {id} is given twice; give every IMU once")));
-            }
-            config.imus.push(Imu::new(id, table, config.max_change));
-        }
-        if config.imus.is_empty() || config.imus.len() > MAX_IMUS {
-            let message = format!(
-                "{} IMUs to serve; give one to {MAX_IMUS} with --imu ID=TABLE or --config FILE",
-                config.imus.len()
-            );
-            return Err(Failure::new(Exit::Usage, message));
-        }
-        control::run(domain, &config, self.allow_uncalibrated, world_writable)
+        let Self { config, imu, allow_uncalibrated, allow_world_writable, .. } = self;
+        let world_writable = WorldWritable::allow_if(allow_world_writable);
+        let load = move || configuration(config.as_deref(), imu, world_writable);
+        control::run(domain, load, ServeOptions { allow_uncalibrated, world_writable })
     }
+}
+
+/// The configuration of a file and the command line.
+fn configuration(
+    path: Option<&Path>,
+    imus: Vec<(ImuId, PathBuf)>,
+    world_writable: WorldWritable,
+) -> Result<Config, Failure> {
+    let mut config = match path {
+        Some(path) => Config::load(path, world_writable)?,
+        None => Config::default(),
+    };
+    for (id, table) in imus {
+        if config.imus.iter().any(|known| known.id == id) {
+            return Err(Failure::new(Exit::Usage, format!("IMU {id} is given twice; give every IMU once")));
+        }
+        config.imus.push(Imu::new(id, table, config.max_change));
+    }
+    if config.imus.is_empty() || config.imus.len() > MAX_IMUS {
+        let message =
+            format!("{} IMUs to serve; give one to {MAX_IMUS} with --imu ID=TABLE or --config FILE", config.imus.len());
+        return Err(Failure::new(Exit::Usage, message));
+    }
+    Ok(config)
 }
 
 fn imu(text: &str) -> Result<(ImuId, PathBuf), String> {
