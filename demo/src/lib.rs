@@ -96,9 +96,7 @@ fn run_processes(domain: &Domain, imu: &ImuId, truth: &CoefficientTable) -> Resu
     let frozen = frozen(truth)?;
     // Without a provenance it would be no calibration, and the service would ask before it takes one after it.
     let text = format!("{}\n[provenance]\ntool = \"isotherm demo\"\n", frozen.to_toml());
-    fs::write(&table, text)
-        .and_then(|()| fs::write(&next, truth.to_toml()))
-        .map_err(io("writing the tables"))?;
+    fs::write(&table, text).and_then(|()| fs::write(&next, truth.to_toml())).map_err(io("writing the tables"))?;
 
     let isotherm = |arguments: &[&str]| -> Result<Command, Failure> {
         let mut command = Command::new(std::env::current_exe().map_err(io("finding this program"))?);

@@ -90,6 +90,8 @@ pub struct Config {
     pub max_change: MaxChange,
     /// What to do at the start with a table file that cannot be taken.
     pub at_start: AtStart,
+    /// The group of users that the domain belongs to, by name or number; `None` if it belongs to the service's user.
+    pub group: Option<String>,
 }
 
 /// Real-time settings. By default there is no core, no priority and no locked memory, and the timer slack is 1 ns.
@@ -124,6 +126,7 @@ impl Default for Config {
             metrics: None,
             max_change: MaxChange::default(),
             at_start: AtStart::default(),
+            group: None,
         }
     }
 }
@@ -210,6 +213,15 @@ fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
         config.max_change = max_change(&reload, config.max_change);
         config.at_start = reload.optional_choice("at_start", &AtStart::NAMES).unwrap_or_default();
         reload.finish();
+    }
+    if let Some(domain) = root.optional_section("domain") {
+        let group = domain.optional_string("group");
+        domain.refuse(
+            "group",
+            group.filter(|group| group.is_empty()).map(|_| "is empty, give a group of users".to_owned()),
+        );
+        config.group = group.map(str::to_owned);
+        domain.finish();
     }
     config.imus = imus(root, folder, config.max_change);
     let idle = (0..config.workers()).find(|worker| config.imus.iter().all(|imu| imu.worker != *worker));
@@ -312,6 +324,8 @@ mod tests {
             timer_slack_ns = 1000
             [metrics]
             listen = "127.0.0.1:9464"
+            [domain]
+            group = "imu"
         "#;
         let config = Config::from_toml(text, Path::new("/etc/isotherm")).unwrap();
         assert_eq!(config.imus[0].table, Path::new("/etc/isotherm/tables/imu-a.toml"));
@@ -323,6 +337,7 @@ mod tests {
         let cores = vec![1, 3];
         assert_eq!(config.realtime, WorkerRealtime { cores, priority: Some(60), lock_memory: true, timer_slack_ns });
         assert_eq!((config.metrics.unwrap().port(), config.at_start), (9464, AtStart::Exit));
+        assert_eq!(config.group.as_deref(), Some("imu"));
         let all = MaxChange { bias: 20.0 * 1e-3, scale: 1000.0 * 1e-6, alignment: 1e-3, ..MaxChange::default() };
         assert_eq!([config.imus[0].max_change, config.max_change], [all; 2]);
         assert_eq!(config.imus[1].max_change, MaxChange { scale: 2.0 * 1e-2, rate: 5.0, ..all });

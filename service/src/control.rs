@@ -9,11 +9,13 @@
 //! to say comes as an event.
 
 use crate::config::{Config, Strategy};
+use crate::early_death::StartMark;
 use crate::events::{EventSet, Events};
 use crate::guard::Guard;
 use crate::imu::{ImuState, PendingImu};
 use crate::keeper::{KeepRequest, Keeper};
 use crate::leftovers::{self, Leftovers};
+use crate::lock::DomainLock;
 use crate::logging::DroppedLines;
 use crate::memory::Memory;
 use crate::metrics::Metrics;
@@ -25,9 +27,9 @@ use crate::threads::{self, HeartbeatChange, WorkerThread};
 use crate::worker::Worker;
 use crate::worker::channel::ChannelLink;
 use crate::worker::counters::CounterReader;
-use crate::{create, sigbus};
+use crate::{create, login, sigbus};
 use isotherm_client::{
-    Realtime, check_domain, check_owner, check_room, join, monotonic_ns, process_kb, reserve, unix_s,
+    Realtime, check_domain, check_owner, check_room, join, monotonic_ns, process_kb, removed_object, reserve, unix_s,
 };
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::WorldWritable;
@@ -69,6 +71,15 @@ pub(crate) struct ServeOptions {
     pub world_writable: WorldWritable,
 }
 
+/// How a service has ended.
+#[derive(Debug)]
+pub(crate) enum Outcome {
+    /// By a signal.
+    Stopped,
+    /// Its shared memory was removed: it has to begin anew, with this lock.
+    BeginsAnew(DomainLock),
+}
+
 /// Runs the service until SIGTERM or SIGINT. `load` reads the configuration; it may wait for a disk.
 ///
 /// # Errors
@@ -77,7 +88,7 @@ pub(crate) fn run(
     domain: &Domain,
     load: impl FnOnce() -> Result<Config, Failure> + Send + 'static,
     options: ServeOptions,
-) -> Result<(), Failure> {
+) -> Result<Outcome, Failure> {
     let events = Arc::<Events>::default();
     forward_signals(&events)?;
     raise_descriptor_limit();
@@ -87,7 +98,7 @@ pub(crate) fn run(
         Some((config, parts)) => Service::new(domain, &config, parts, starting, events)?.run(),
         None => {
             info!("stopped while starting");
-            Ok(())
+            Ok(Outcome::Stopped)
         }
     }
 }
@@ -102,6 +113,8 @@ struct Starting {
 
 /// What a start has made.
 struct StartedParts {
+    lock: DomainLock,
+    mark: StartMark,
     node: IpcNode,
     publisher: StatusPublisher,
     workers: Vec<Worker>,
@@ -110,6 +123,9 @@ struct StartedParts {
     files: TableFiles,
     keeper: Keeper,
 }
+
+/// The node, the status stream, the workers, and the IMUs with their streams.
+type OpenedStreams = (IpcNode, StatusPublisher, Vec<Worker>, Vec<ImuState>);
 
 impl Starting {
     /// Starts everything; `None` if a signal ends the start.
@@ -131,7 +147,24 @@ impl Starting {
             return Ok(None);
         };
         let metrics = config.metrics.map(Metrics::start).transpose()?;
-        make_room(domain, &config)?;
+        let lock = DomainLock::take(domain, config.group.as_deref())?;
+        let mark = StartMark::leave(domain);
+        let Some((node, publisher, workers, imus)) = Self::open(domain, &config, first_tables, &keeper, events)? else {
+            mark.remove();
+            return Ok(None);
+        };
+        Ok(Some((config, StartedParts { lock, mark, node, publisher, workers, imus, metrics, files, keeper })))
+    }
+
+    /// Joins the domain and opens all streams; `None` if a signal ends the start.
+    fn open(
+        domain: &Domain,
+        config: &Config,
+        first_tables: Vec<FirstTable>,
+        keeper: &Keeper,
+        events: &Events,
+    ) -> Result<Option<OpenedStreams>, Failure> {
+        make_room(domain, config)?;
         let node = join(domain)?;
         let publisher = StatusPublisher::create(&node, domain)?;
 
@@ -143,7 +176,7 @@ impl Starting {
             links[imu.worker].push(link);
             pending.push(pending_imu);
         }
-        let Some(workers) = start_workers(domain, &config, links, || events.is_stopped())? else { return Ok(None) };
+        let Some(workers) = start_workers(domain, config, links, || events.is_stopped())? else { return Ok(None) };
         let mut imus = Vec::with_capacity(pending.len());
         for (number, pending) in pending.into_iter().enumerate() {
             let (imu, request) = pending.open_streams(&node)?;
@@ -153,7 +186,10 @@ impl Starting {
             imus.push(imu);
         }
         reserve(domain)?;
-        Ok(Some((config, StartedParts { node, publisher, workers, imus, metrics, files, keeper })))
+        if let Some(warning) = login::warning() {
+            warn!("{warning}");
+        }
+        Ok(Some((node, publisher, workers, imus)))
     }
 
     /// Waits for what is done in a thread of its own; `None` if a signal ends the start.
@@ -261,7 +297,9 @@ struct Service<'a> {
     started: Instant,
     started_unix_s: f64,
     events: Arc<Events>,
-    node: IpcNode,
+    lock: DomainLock,
+    /// `None` when it has been removed.
+    mark: Option<StartMark>,
     publisher: StatusPublisher,
     metrics: Option<Metrics>,
     workers: Vec<Worker>,
@@ -274,6 +312,8 @@ struct Service<'a> {
     keeper: Keeper,
     imus: Vec<ImuState>,
     logged: Logged,
+    // The ports must be dropped before their node; fields are dropped in this order.
+    node: IpcNode,
 }
 
 impl<'a> Service<'a> {
@@ -285,7 +325,7 @@ impl<'a> Service<'a> {
         starting: Starting,
         events: Arc<Events>,
     ) -> Result<Self, Failure> {
-        let StartedParts { node, publisher, workers, imus, metrics, files, keeper } = parts;
+        let StartedParts { lock, mark, node, publisher, workers, imus, metrics, files, keeper } = parts;
         let Starting { started, mut manager, .. } = starting;
         events.start();
         manager.ready();
@@ -303,6 +343,8 @@ impl<'a> Service<'a> {
             started,
             started_unix_s: unix_s() - started.elapsed().as_secs_f64(),
             events,
+            lock,
+            mark: Some(mark),
             leftovers: Leftovers::new(domain, &node),
             node,
             publisher,
@@ -318,13 +360,13 @@ impl<'a> Service<'a> {
         })
     }
 
-    fn run(mut self) -> Result<(), Failure> {
+    fn run(mut self) -> Result<Outcome, Failure> {
         let (mut next_tick, mut next_status, mut next_housekeeping) = (self.started, self.started, self.started);
         loop {
             let EventSet { stop, load_all, files, kept, .. } = self.events.wait(next_tick);
             if let Some(signal) = stop {
                 info!("{}: stopping", if signal == SIGINT { "SIGINT" } else { "SIGTERM" });
-                return self.stop();
+                return self.stop().map(|_| Outcome::Stopped);
             }
             if load_all {
                 self.load_all();
@@ -351,6 +393,9 @@ impl<'a> Service<'a> {
             let housekeeping = now >= next_housekeeping;
             if housekeeping {
                 next_housekeeping = now + HOUSEKEEPING_INTERVAL;
+                if let Some(object) = removed_object(self.domain) {
+                    return self.begin_anew(&object);
+                }
                 self.keep_house();
             }
             if housekeeping || (now >= next_status && self.publisher.has_readers()) {
@@ -408,6 +453,9 @@ impl<'a> Service<'a> {
         }
         self.log_silent_folders();
         self.logged.dropped_lines.report();
+        if self.mark.as_mut().is_some_and(StartMark::remove_after_a_second) {
+            self.mark = None;
+        }
         for (index, (thread, logged)) in self.threads.iter_mut().zip(&mut self.logged.held_back).enumerate() {
             thread.measure();
             if let Some(time) = thread.held_back().filter(|_| !*logged) {
@@ -481,7 +529,27 @@ impl<'a> Service<'a> {
         }
     }
 
-    fn stop(mut self) -> Result<(), Failure> {
+    /// Ends because the shared memory of the streams was removed: those who are connected go on with what they have,
+    /// and nobody else can connect. A supervisor starts the service again; without one it begins anew by itself.
+    fn begin_anew(self, object: &Path) -> Result<Outcome, Failure> {
+        let cause = format!(
+            "{} was removed under the running service: by systemd-logind at a logout (RemoveIPC), or by somebody who tidied up; no other \
+             process can connect",
+            object.display()
+        );
+        error!("{cause}: beginning anew");
+        let lock = self.stop()?;
+        if ["NOTIFY_SOCKET", "INVOCATION_ID"].iter().any(|variable| std::env::var_os(variable).is_some()) {
+            return Err(Failure::new(
+                Exit::Io,
+                format!("{cause}: ending, so that the supervisor starts the service anew"),
+            ));
+        }
+        Ok(Outcome::BeginsAnew(lock))
+    }
+
+    /// Stops the workers and leaves the streams. Returns the lock, which is held until the process ends.
+    fn stop(mut self) -> Result<DomainLock, Failure> {
         self.manager.stopping();
         stop_all(self.workers)?;
         self.keeper.finish(KEEP_LIMIT);
@@ -491,7 +559,10 @@ impl<'a> Service<'a> {
             let (received, compensated, missing) = (counters.received(), counters.compensated(), counters.missing());
             info!(imu = %imu.imu.id, received, compensated, missing, "stopped");
         }
-        Ok(())
+        if let Some(mark) = &self.mark {
+            mark.remove();
+        }
+        Ok(self.lock)
     }
 }
 

@@ -4,7 +4,11 @@ use crate::guard::acceptance;
 use clap::Args;
 use isotherm_client::{ConnectError, Domain, ImuId, Options, StatusError, fetch_status, prepare};
 use isotherm_failure::{Exit, Failure, tell};
+use isotherm_shared::group;
 use isotherm_shared::status::ImuStatus;
+use rustix::process::geteuid;
+use std::fs;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -50,6 +54,14 @@ impl Reload {
     pub fn run(self, domain: Domain) -> Result<(), Failure> {
         let Self { imu, accept } = self;
         prepare(&domain)?;
+        let owner = fs::metadata(domain.root_path()).map_or(0, |found| found.uid());
+        if group::of(&domain.prefix()).is_some() && owner != geteuid().as_raw() {
+            let message = format!(
+                "domain {:?} belongs to a group, and only the service's user (user {owner}) may accept a table",
+                domain.name()
+            );
+            return Err(Failure::new(Exit::Failed, message));
+        }
         let note = acceptance(&domain, &imu);
         let written = note.write(accept.as_bytes());
         written.map_err(|error| Failure::io("writing in", Path::new(domain.root_path()), &error))?;

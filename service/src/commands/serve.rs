@@ -1,13 +1,17 @@
 //! `serve`: runs the service.
 
 use crate::config::{Config, Imu, MAX_IMUS};
-use crate::control::{self, ServeOptions};
+use crate::control::{self, Outcome, ServeOptions};
+use crate::lock::DomainLock;
 use crate::logging::{self, LogFormat};
 use clap::Args;
 use isotherm_client::{Domain, ImuId};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::WorldWritable;
+use std::env;
+use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 /// Run the compensation service until SIGTERM or SIGINT
 ///
@@ -44,8 +48,27 @@ impl Serve {
         let Self { config, imu, allow_uncalibrated, allow_world_writable, .. } = self;
         let world_writable = WorldWritable::allow_if(allow_world_writable);
         let load = move || configuration(config.as_deref(), imu, world_writable);
-        control::run(domain, load, ServeOptions { allow_uncalibrated, world_writable })
+        match control::run(domain, load, ServeOptions { allow_uncalibrated, world_writable })? {
+            Outcome::Stopped => Ok(()),
+            Outcome::BeginsAnew(lock) => Err(begin_anew(&lock)),
+        }
     }
+}
+
+/// Executes this program again with the same arguments, as the same process. Returns only if that fails.
+fn begin_anew(lock: &DomainLock) -> Failure {
+    logging::flush();
+    let mut arguments = env::args_os();
+    // The program may have been replaced meanwhile; this is the one that runs.
+    let mut program = Command::new("/proc/self/exe");
+    if let Some(name) = arguments.next() {
+        program.arg0(name);
+    }
+    let error = match lock.keep_over_exec() {
+        Ok(()) => program.args(arguments).exec(),
+        Err(error) => error,
+    };
+    Failure::new(Exit::Failed, format!("beginning anew: executing this program again: {error}; start the service"))
 }
 
 /// The configuration of a file and the command line.
