@@ -2,12 +2,14 @@
 
 use isotherm_shared::wire::Flags;
 use isotherm_tests::{
-    Process, TABLE, TestDomain, WHOLE_TABLE, recording, round_trip, table, text, variant, wait_until,
+    Needs, Process, TABLE, TestDomain, WHOLE_TABLE, recording, round_trip, skip, table, text, variant, wait_until,
 };
 use rustix::process::Signal;
 use std::fs;
-use std::os::unix::fs::PermissionsExt as _;
+use std::os::unix::fs::{PermissionsExt as _, chown};
 use std::process::Command;
+
+const NOBODY: u32 = 65_534;
 
 /// A digit of K+ of A1 is lost.
 fn lost_digit() -> String {
@@ -303,6 +305,38 @@ fn a_memory_that_was_taken_away_is_missed() {
     fs::remove_file(state.join(domain.client_domain().name()).join("imu-a.toml")).unwrap();
     let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
     assert!(service.log().contains("it is not known which table was in force before"), "{}", service.log());
+    service.terminate();
+}
+
+#[test]
+fn a_memory_of_another_user_is_none() {
+    if !rustix::process::geteuid().is_root() {
+        skip("only root can be another user", Needs::Machine);
+        return;
+    }
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    wait_until_kept(&domain);
+    service.kill();
+    // He was first with the folder, and what lies in it is what he wants to be served.
+    let state = domain.path(".state");
+    let folder = state.join(domain.client_domain().name());
+    fs::write(folder.join("imu-a.toml"), lost_digit()).unwrap();
+    for path in [&state, &folder, &folder.join("imu-a.toml")] {
+        chown(path, Some(NOBODY), Some(NOBODY)).unwrap();
+    }
+    domain.write("imu-a.toml", &lost_digit());
+    let output = domain.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
+    assert_eq!(output.status.code(), Some(78), "{}", text(&output.stderr));
+    let words = text(&output.stderr);
+    assert!(
+        words.contains("belongs to another user (65534)") && words.contains("was kept and cannot be read any more"),
+        "{words}"
+    );
+    // The table that was kept is known by its digest.
+    domain.write("imu-a.toml", TABLE);
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    assert_eq!(in_force(&domain), digest(TABLE));
     service.terminate();
 }
 

@@ -16,6 +16,9 @@ mod convert;
 mod daemon;
 mod documents;
 mod endings;
+// The tracer knows the registers of this processor.
+#[cfg(target_arch = "x86_64")]
+mod faults;
 mod feed;
 mod formats;
 mod group;
