@@ -21,5 +21,6 @@ pub mod convert;
 mod protobuf;
 pub mod read;
 pub mod ros;
+mod seal;
 mod varint;
 pub mod write;

@@ -189,6 +189,7 @@ impl Numbers {
         rows.columns(&required, "does the first row name the columns? a-b is the difference of the columns a and b")?;
         let wanted = operands.wanted(times);
         let columns = wanted.iter().map(|column| rows.optional_column(&column.name)).collect::<Result<_, _>>()?;
+        rows.find_checks()?;
         let count = rows.len();
         let mark = DecimalMark::new(separator);
         Ok(Self { operands, source: Source::Csv { rows, columns, count, mark } })
@@ -205,10 +206,10 @@ impl Numbers {
                         rows.len()
                     )));
                 }
-                if has_row {
-                    rows.expect_len(*count)?;
+                if !has_row || rows.is_cut() {
+                    return Ok(false);
                 }
-                Ok(has_row)
+                rows.verify(*count).map(|()| true)
             }
             Source::Table { reader, values, .. } => reader.read(values),
         }

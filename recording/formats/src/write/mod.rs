@@ -3,7 +3,7 @@
 mod files;
 mod growing;
 mod mcap;
-mod parquet;
+pub(crate) mod parquet;
 mod ros;
 
 pub use files::{FileError, Files, Format, IMU_PLACEHOLDER, MoreColumns, Rotation};
