@@ -53,6 +53,29 @@ pub(crate) fn matches(row: &[u8], digits: &[u8]) -> bool {
     digits.len() == DIGITS && check.is_some_and(|check| check == crc32fast::hash(row))
 }
 
+/// A line with another number in one of its fields, and with the check that it then has, if there is a column of checks.
+#[must_use]
+pub fn with_field(line: &[u8], field: usize, number: u64, check: Option<usize>) -> Vec<u8> {
+    let content = line.trim_ascii_end();
+    let mut text = Vec::with_capacity(line.len() + DIGITS);
+    for (index, old) in content.split(|byte| *byte == b',').enumerate() {
+        if check == Some(index) {
+            append(&mut text, 0);
+            continue;
+        }
+        if index > 0 {
+            text.push(b',');
+        }
+        match index == field {
+            // Writing to memory cannot fail.
+            true => drop(write!(text, "{number}")),
+            false => text.extend_from_slice(old),
+        }
+    }
+    text.extend_from_slice(line.get(content.len()..).unwrap_or_default());
+    text
+}
+
 /// What a text with this header has to check its rows by.
 ///
 /// # Errors
@@ -116,6 +139,17 @@ mod tests {
         assert_eq!(text, b"0,0\n1,2.5,-,2654979e");
         assert!(matches(b"1,2.5,-", b"2654979e") && !matches(b"1,2.5,-", b"2654979E"));
         assert!(!matches(b"1,2.5,-", b"2654979") && !matches(b"", b"") && matches(b"", b"00000000"));
+    }
+
+    #[test]
+    fn a_line_with_another_session_has_another_check() {
+        let mut line = b"5,7,0.5".to_vec();
+        append(&mut line, 0);
+        line.extend_from_slice(b",note\r\n");
+        let other = with_field(&line, 1, 123, Some(3));
+        let row = b"5,123,0.5";
+        assert_eq!(other, [&row[..], format!(",{:08x},note\r\n", crc32fast::hash(row)).as_bytes()].concat());
+        assert_eq!(with_field(b"5,7,0.5\n", 0, 6, None), b"6,7,0.5\n");
     }
 
     /// A header that is damaged by one bit is refused, lacks a column, or has another last column.

@@ -274,6 +274,11 @@ impl<R: Read> Rows<R> {
         Ok(())
     }
 
+    /// Says that the column with this index has the checks, where the header is damaged.
+    pub const fn expect_checks(&mut self, column: usize) {
+        self.checks = RowChecks::Column(column);
+    }
+
     /// Whether the rows have checks.
     #[must_use]
     pub const fn has_checks(&self) -> bool {
@@ -298,6 +303,18 @@ impl<R: Read> Rows<R> {
             }),
             _ => Ok(()),
         }
+    }
+
+    /// Whether nobody knows the last column of the header, so that it may be that of the checks, with a damaged name.
+    #[must_use]
+    pub const fn may_have_checks(&self) -> bool {
+        matches!(self.checks, RowChecks::Suspected)
+    }
+
+    /// Whether the last field is the check of the current row, whatever the header says.
+    #[must_use]
+    pub fn ends_with_check(&self) -> bool {
+        self.len().checked_sub(1).is_some_and(|last| self.matches_check(last))
     }
 
     /// Whether the last line of a text with checks ends before its own.

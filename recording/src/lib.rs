@@ -39,7 +39,7 @@ mod raw;
 pub mod rows;
 
 pub use campaign::{CampaignCsvReader, CampaignRow, POSITION, SET_POINT};
-pub use check::{CHECK, layouts, stream_of};
+pub use check::{CHECK, layouts, stream_of, with_field};
 pub use columns::Layout;
 pub use continuity::{Continuity, Losses, MISSING, TimeFault};
 pub use device::other_device;

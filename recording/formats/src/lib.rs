@@ -20,6 +20,7 @@
 pub mod convert;
 mod protobuf;
 pub mod read;
+pub mod repair;
 pub mod ros;
 mod seal;
 mod varint;

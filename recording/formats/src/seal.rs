@@ -15,10 +15,17 @@
 //! The seal of a row group has the footer of a file with this group alone, so that the group can be read wherever it
 //! is, without the rest of the file. That of the footer is a mark and a CRC-32.
 
+use crate::read::pages::is_footer;
+use crate::read::panics::catch_panic;
 use memchr::memmem;
 use parquet::errors::ParquetError;
-use parquet::file::metadata::{FileMetaData, KeyValue, ParquetMetaData, ParquetMetaDataWriter, RowGroupMetaData};
+use parquet::file::metadata::{
+    FileMetaData, KeyValue, ParquetMetaData, ParquetMetaDataReader, ParquetMetaDataWriter, RowGroupMetaData,
+};
 use parquet::schema::types::{SchemaDescriptor, TypePtr};
+use std::fs::File;
+use std::io;
+use std::os::unix::fs::FileExt as _;
 use std::sync::Arc;
 
 /// The key of the checks in a footer's metadata.
@@ -170,18 +177,81 @@ pub(crate) fn group_seal(length: u64, footer: &[u8]) -> Vec<u8> {
     seal
 }
 
-/// The next whole seal of a row group from `from` on: its begin, the length of the group before it, and the footer of a
-/// file with this group alone.
-pub(crate) fn next_group_seal(file: &[u8], from: usize) -> Option<(usize, usize, &[u8])> {
-    let mut marks = memmem::find_iter(file.get(from..)?, GROUP_MARK).map(|place| from + place);
-    marks.find_map(|begin| {
-        let seal = &file[begin..];
+/// A row group that a seal describes.
+pub(crate) struct SealedGroup {
+    /// Begin and length of its bytes in the file.
+    pub(crate) begin: u64,
+    pub(crate) length: u64,
+    /// End of the seal in the file.
+    pub(crate) end: u64,
+    /// The footer of a file with this group alone.
+    pub(crate) metadata: ParquetMetaData,
+    pub(crate) checks: GroupChecks,
+}
+
+/// The row groups of all whole seals of a file, in order.
+///
+/// # Errors
+/// Those of the operating system.
+pub(crate) fn sealed_groups(file: &File) -> io::Result<Vec<SealedGroup>> {
+    const WINDOW: usize = 1 << 20;
+    let (mut groups, mut at, mut window) = (Vec::new(), 0, vec![0; WINDOW]);
+    loop {
+        let read = read_most(file, &mut window, at)?;
+        for place in memmem::find_iter(&window[..read], GROUP_MARK) {
+            groups.extend(sealed_group(file, at + place as u64)?);
+        }
+        if read < WINDOW {
+            return Ok(groups);
+        }
+        // A mark may be on the border of two windows.
+        at += (WINDOW - GROUP_MARK.len() + 1) as u64;
+    }
+}
+
+/// The row group whose seal begins at `begin`; `None` if there is no whole seal.
+fn sealed_group(file: &File, begin: u64) -> io::Result<Option<SealedGroup>> {
+    let mut seal = vec![0; GROUP_HEAD + MAX_GROUP_FOOTER + CRC];
+    let read = read_most(file, &mut seal, begin)?;
+    seal.truncate(read);
+    let sealed = || {
         let head = seal.get(..GROUP_HEAD)?;
         let length = u64::from_le_bytes(head[8..16].try_into().ok()?);
         let footer = u32::from_le_bytes(head[16..].try_into().ok()?) as usize;
         let end = GROUP_HEAD + Some(footer).filter(|length| *length <= MAX_GROUP_FOOTER)?;
         let crc = seal.get(end..end + CRC)?;
-        let is_whole = crc == crc32fast::hash(&seal[..end]).to_le_bytes();
-        is_whole.then_some((begin, usize::try_from(length).ok()?, &seal[GROUP_HEAD..end]))
-    })
+        if crc != crc32fast::hash(&seal[..end]).to_le_bytes() {
+            return None;
+        }
+        // Length and magic number end the footer.
+        let footer = seal.get(GROUP_HEAD..end.checked_sub(4 + MAGIC.len())?).filter(|footer| is_footer(footer))?;
+        let metadata = ParquetMetaDataReader::decode_metadata(footer).ok()?;
+        let checks = checks_in(&metadata, Some(true)).ok()??.pop()?;
+        let place = begin.checked_sub(length)?;
+        Some(SealedGroup { begin: place, length, end: begin + (end + CRC) as u64, metadata, checks })
+    };
+    // The library panics at some damage.
+    Ok(catch_panic(sealed).flatten())
+}
+
+/// Whether the seal of a footer begins at a place.
+///
+/// # Errors
+/// Those of the operating system.
+pub(crate) fn is_footer_sealed_at(file: &File, place: u64) -> io::Result<bool> {
+    let mut mark = [0; FOOTER_MARK.len()];
+    let read = read_most(file, &mut mark, place)?;
+    Ok(read == mark.len() && mark == *FOOTER_MARK)
+}
+
+/// Reads up to the length of `buffer` at a place. Returns how many bytes there are.
+fn read_most(file: &File, buffer: &mut [u8], at: u64) -> io::Result<usize> {
+    let mut read = 0;
+    while read < buffer.len() {
+        match file.read_at(&mut buffer[read..], at + read as u64)? {
+            0 => break,
+            more => read += more,
+        }
+    }
+    Ok(read)
 }

@@ -249,7 +249,7 @@ fn in_footer(message: String) -> RecordingError {
 
 /// Checks that a file of this size has a footer that the library can read. Returns whether the footer matches its seal;
 /// `None` if it has none.
-fn check_footer(file: &File, size: u64) -> Result<Option<bool>, RecordingError> {
+pub(crate) fn check_footer(file: &File, size: u64) -> Result<Option<bool>, RecordingError> {
     let cut = || in_footer("the end of the Parquet file is missing; is it cut?".to_owned());
     let mut tail = [0; 8];
     file.read_exact_at(&mut tail, size.checked_sub(8).ok_or_else(cut)?)?;
@@ -292,7 +292,7 @@ fn verify(file: &File, begin: u64, length: u64, check: u32) -> io::Result<()> {
 
 /// The operating system's error in an error of the library; otherwise the library's message, in an error without a
 /// code.
-fn cause(error: ParquetError) -> io::Error {
+pub(crate) fn cause(error: ParquetError) -> io::Error {
     match error {
         ParquetError::External(source) => source.downcast::<io::Error>().map_or_else(io::Error::other, |error| *error),
         error => io::Error::other(error.to_string()),

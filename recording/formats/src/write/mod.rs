@@ -6,6 +6,8 @@ mod mcap;
 pub(crate) mod parquet;
 mod ros;
 
+pub(crate) use mcap::options as mcap_options;
+
 pub use files::{FileError, Files, Format, IMU_PLACEHOLDER, MoreColumns, Rotation};
 pub use parquet::ParquetStream;
 pub use ros::{RosTable, RosWriter, refuse_same_topics};

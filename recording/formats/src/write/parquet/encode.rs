@@ -32,6 +32,8 @@ pub(super) struct Encoder {
     properties: WriterPropertiesPtr,
     open: OpenGroup,
     file: FileEncoder,
+    /// Rows of a full row group: [`ROW_GROUP`], and fewer in tests.
+    pub(super) group_rows: usize,
 }
 
 impl Encoder {
@@ -42,13 +44,13 @@ impl Encoder {
         let created_by = Some(properties.created_by().to_owned());
         let parts = FileParts { schema, created_by, metadata: metadata(&columns, imu, stream) };
         let file = FileEncoder::new(parts, sealing);
-        Ok(Self { layout, properties, open: OpenGroup::new(&columns), file })
+        Ok(Self { layout, properties, open: OpenGroup::new(&columns), file, group_rows: ROW_GROUP })
     }
 
     /// Adds a row to the open row group. Returns whether the group is full.
     pub(super) fn push(&mut self, row: &RecordedRow) -> bool {
         self.open.push(row, self.layout);
-        self.open.rows >= ROW_GROUP
+        self.open.rows >= self.group_rows
     }
 
     /// Whether rows are in the open row group.
@@ -58,8 +60,7 @@ impl Encoder {
 
     /// Ends the open row group, which begins at `offset`. Returns its bytes.
     pub(super) fn end_group(&mut self, offset: u64) -> io::Result<Vec<u8>> {
-        let (bytes, group) = self.encode()?;
-        let bytes = self.file.add(bytes, &group, offset).map_err(io_error)?;
+        let bytes = self.encode(offset)?;
         self.open.clear();
         Ok(bytes)
     }
@@ -69,17 +70,19 @@ impl Encoder {
         if !self.has_open() {
             return self.file.footer().map_err(io_error);
         }
-        let (bytes, group) = self.encode()?;
-        let mut bytes = self.file.add(bytes, &group, offset).map_err(io_error)?;
+        let mut bytes = self.encode(offset)?;
         let footer = self.file.footer();
         self.file.remove_last();
         bytes.append(&mut footer.map_err(io_error)?);
         Ok(bytes)
     }
 
-    /// The bytes of the open row group, and its entry in the footer of a file with it alone.
-    fn encode(&self) -> io::Result<(Vec<u8>, RowGroupMetaData)> {
-        encode(&self.file.parts, &self.properties, &self.open).map_err(io_error)
+    /// Adds the open row group to the file. Returns its bytes.
+    fn encode(&mut self, offset: u64) -> io::Result<Vec<u8>> {
+        let (mut bytes, group) = encode(&self.file.parts, &self.properties, &self.open).map_err(io_error)?;
+        let mut seal = self.file.add(&bytes, &group, offset).map_err(io_error)?;
+        bytes.append(&mut seal);
+        Ok(bytes)
     }
 }
 
@@ -97,17 +100,12 @@ impl FileEncoder {
         Self { parts, groups: Vec::new(), checks: (sealing == Sealing::Sealed).then(Vec::new) }
     }
 
-    /// Adds a row group that begins at `offset`. `group` is its entry in the footer of a file with it alone. Returns
-    /// the bytes, with the seal.
-    pub(crate) fn add(
-        &mut self,
-        mut bytes: Vec<u8>,
-        group: &RowGroupMetaData,
-        offset: u64,
-    ) -> Result<Vec<u8>, ParquetError> {
-        let ordinal = self.groups.len();
+    /// Adds a row group with these bytes, which are written at `offset`. `group` is its entry in the footer of a file
+    /// with it alone. Returns the seal that is written behind it; nothing for a file without checks.
+    pub(crate) fn add(&mut self, bytes: &[u8], group: &RowGroupMetaData, offset: u64) -> Result<Vec<u8>, ParquetError> {
+        let (ordinal, mut seal) = (self.groups.len(), Vec::new());
         if let Some(checks) = &mut self.checks {
-            let own = checks_of(group, &bytes, MAGIC.len() as u64)
+            let own = checks_of(group, bytes, ALONE)
                 .ok_or_else(|| ParquetError::General("a row group without its bytes".to_owned()))?;
             // What is said of the units is in the footer of the file.
             let named = |entry: &&KeyValue| [IMU, STREAM].contains(&entry.key.as_str());
@@ -116,14 +114,13 @@ impl FileEncoder {
                 created_by: self.parts.created_by.clone(),
                 metadata: self.parts.metadata.iter().filter(named).cloned().collect(),
             };
-            let mut alone = vec![moved(group, MAGIC.len() as u64, ordinal)?];
+            let mut alone = vec![moved(group, ALONE, ALONE, ordinal)?];
             let footer = footer(&parts, &mut alone, Some(std::slice::from_ref(&own)))?;
-            let length = bytes.len() as u64;
-            bytes.append(&mut group_seal(length, &footer));
+            seal = group_seal(bytes.len() as u64, &footer);
             checks.push(own);
         }
-        self.groups.push(moved(group, offset, ordinal)?);
-        Ok(bytes)
+        self.groups.push(moved(group, ALONE, offset, ordinal)?);
+        Ok(seal)
     }
 
     fn remove_last(&mut self) {
@@ -139,6 +136,8 @@ impl FileEncoder {
     }
 }
 
+/// Where a row group begins in a file with it alone.
+pub(crate) const ALONE: u64 = MAGIC.len() as u64;
 /// Keys of the names of IMU and stream in a footer.
 pub(crate) const IMU: &str = "isotherm.imu";
 pub(crate) const STREAM: &str = "isotherm.stream";
@@ -170,10 +169,14 @@ fn encode(
     Ok((bytes, group.as_ref().clone()))
 }
 
-/// The entry of a row group that begins at `offset`, and not behind the magic number. It names no index, which is not
-/// written.
-pub(crate) fn moved(group: &RowGroupMetaData, offset: u64, ordinal: usize) -> Result<RowGroupMetaData, ParquetError> {
-    let shift = offset as i64 - MAGIC.len() as i64;
+/// The entry of a row group that begins at `to` instead of `from`. It names no index, which is not written.
+pub(crate) fn moved(
+    group: &RowGroupMetaData,
+    from: u64,
+    to: u64,
+    ordinal: usize,
+) -> Result<RowGroupMetaData, ParquetError> {
+    let shift = to as i64 - from as i64;
     let columns = group.columns().iter().map(|column| {
         let moved = column.clone().into_builder().set_data_page_offset(column.data_page_offset() + shift);
         let moved = moved.set_dictionary_page_offset(column.dictionary_page_offset().map(|offset| offset + shift));
@@ -182,7 +185,7 @@ pub(crate) fn moved(group: &RowGroupMetaData, offset: u64, ordinal: usize) -> Re
         moved.set_column_index_offset(None).set_column_index_length(None).build()
     });
     let columns = columns.collect::<Result<Vec<_>, _>>()?;
-    let builder = group.clone().into_builder().set_column_metadata(columns).set_file_offset(offset as i64);
+    let builder = group.clone().into_builder().set_column_metadata(columns).set_file_offset(to as i64);
     builder.set_ordinal(ordinal as i32).build()
 }
 
@@ -200,7 +203,7 @@ fn schema(columns: &[Column]) -> Result<Type, ParquetError> {
     Type::group_type_builder("isotherm").with_fields(fields.collect::<Result<_, _>>()?).build()
 }
 
-fn metadata(columns: &[Column], imu: &ImuId, stream: StreamKind) -> Vec<KeyValue> {
+pub(crate) fn metadata(columns: &[Column], imu: &ImuId, stream: StreamKind) -> Vec<KeyValue> {
     let named = |key: &str, value: &str| KeyValue::new(key.to_owned(), value.to_owned());
     let mut metadata = vec![named(IMU, imu.as_str()), named(STREAM, stream.name())];
     metadata.extend(columns.iter().map(|column| named(&format!("isotherm.unit.{}", column.name), column.unit)));

@@ -207,6 +207,25 @@ fn copy(from: &File, to: &File, begin: u64, end: u64) -> io::Result<()> {
     Ok(())
 }
 
+/// Writes rows as the recorder does, with smaller row groups.
+#[cfg(test)]
+pub(crate) fn write_groups(
+    path: &Path,
+    imu: &ImuId,
+    stream: StreamKind,
+    layout: Layout,
+    group_rows: usize,
+    rows: &[RecordedRow],
+) -> io::Result<()> {
+    let mut file = ParquetFile::create(path, imu, stream, layout)?;
+    file.encoder.group_rows = group_rows;
+    for chunk in rows.chunks(group_rows * 2 / 3) {
+        chunk.iter().try_for_each(|row| file.write(row))?;
+        file.flush()?;
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::encode::ROW_GROUP;
