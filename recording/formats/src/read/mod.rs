@@ -8,6 +8,7 @@ mod input;
 mod mcap;
 mod numbers;
 mod open;
+mod order;
 pub(crate) mod pages;
 pub(crate) mod panics;
 pub(crate) mod parquet;

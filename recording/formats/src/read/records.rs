@@ -119,13 +119,12 @@ impl Records {
         self.bytes
     }
 
-    /// A warning if the end of the file is missing or damaged. Valid after the last record.
+    /// A warning if the end of the file is missing. Valid after the last record.
     pub(crate) fn truncation(&self) -> Option<String> {
-        let what = match (self.truncated, self.finished, self.data_ended) {
-            (_, true, true) => return None,
-            (_, _, true) => "its summary, which is not used, is cut or damaged",
-            (true, ..) => "its last record is cut and left out",
-            (false, ..) => "it has no end record",
+        let what = match (self.truncated, self.finished) {
+            (true, _) => "its last record is cut and left out",
+            (false, false) => "it has no end record",
+            _ => return None,
         };
         Some(format!("the recording was not ended properly: {what}; everything before has been read"))
     }
@@ -147,8 +146,6 @@ impl Records {
             })
         });
         match event {
-            // All rows have been read, and what is behind them is not used.
-            None | Some(Some(Err(_) | Ok(McapEvent::Impossible(_)))) if data_ended => Ok(None),
             None => invalid("a record that cannot be read".to_owned()),
             Some(None) => Ok(None),
             Some(Some(Ok(McapEvent::Impossible(what)))) => invalid(what.to_owned()),
@@ -179,6 +176,43 @@ fn event_of(opcode: u8, data: &[u8]) -> Result<McapEvent, McapError> {
         },
         _ => McapEvent::Other,
     })
+}
+
+/// Passes each record of a part of an MCAP file, which is in memory, to `take`: its kind, and its content. The records of
+/// a chunk come if it matches its check. With `begins`, the part is the begin of a file.
+///
+/// # Errors
+/// Those of `take`, or what is wrong with the part.
+pub(crate) fn each_record(
+    mut part: &[u8],
+    begins: bool,
+    mut take: impl FnMut(u8, &[u8]) -> Result<(), String>,
+) -> Result<(), String> {
+    let options = LinearReaderOptions::default()
+        .with_skip_start_magic(!begins)
+        .with_skip_end_magic(true)
+        .with_prevalidate_chunk_crcs(true)
+        .with_record_length_limit(MAX_RECORD);
+    let mut reader = LinearReader::new_with_options(options);
+    let read = || {
+        loop {
+            match reader.next_event() {
+                None => return Ok(()),
+                Some(Ok(LinearReadEvent::ReadRequest(need))) => {
+                    let (now, rest) = part.split_at(need.min(part.len()));
+                    reader.insert(now.len().max(1))[..now.len()].copy_from_slice(now);
+                    reader.notify_read(now.len());
+                    part = rest;
+                }
+                Some(Ok(LinearReadEvent::Record { opcode, data })) => take(opcode, data)?,
+                Some(Err(McapError::BadChunkCrc { .. })) => {
+                    return Err("the chunk does not match its check".to_owned());
+                }
+                Some(Err(error)) => return Err(error.to_string()),
+            }
+        }
+    };
+    catch_panic(read).unwrap_or_else(|| Err("a record that cannot be read".to_owned()))
 }
 
 /// Whether the recorder wrote the file, and rows into it: ROS messages are none.

@@ -1,11 +1,10 @@
 //! Finds the whole chunks of an MCAP file, and the damage between them.
 
 use crate::read::panics::catch_panic;
-use crate::read::records::{MAX_RECORD, foreign, impossible, is_own};
+use crate::read::records::{MAX_RECORD, each_record, foreign, impossible, is_own};
 use isotherm_recording::columns::MCAP_MAGIC;
+use mcap::parse_record;
 use mcap::records::{Metadata, Record, op};
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use mcap::{McapError, parse_record};
 use std::fs::File;
 use std::io;
 use std::os::unix::fs::FileExt as _;
@@ -181,7 +180,7 @@ impl<'a> Scan<'a> {
             self.at = end;
             match opcode {
                 op::CHUNK => {
-                    let found = chunk([head, content].concat());
+                    let found = chunk(&[head, content].concat());
                     let Err(cause) = found else { return Ok(found.ok().map(|found| found.at(at))) };
                     self.is_whole = false;
                     // Its length may be wrong, too.
@@ -258,7 +257,7 @@ impl<'a> Scan<'a> {
                 if self.spent > PATIENCE.saturating_mul(self.size) {
                     return Ok(None);
                 }
-                if chunk(self.bytes(begin, HEAD + length as usize)?).is_ok() {
+                if chunk(&self.bytes(begin, HEAD + length as usize)?).is_ok() {
                     return Ok(Some(begin));
                 }
             }
@@ -316,43 +315,18 @@ fn chunk_length(bytes: &[u8]) -> Option<u64> {
 }
 
 /// The records of a chunk, if it matches its CRC.
-fn chunk(record: Vec<u8>) -> Result<Found, String> {
-    let options = LinearReaderOptions::default()
-        .with_skip_start_magic(true)
-        .with_skip_end_magic(true)
-        .with_prevalidate_chunk_crcs(true)
-        .with_record_length_limit(MAX_RECORD);
+fn chunk(record: &[u8]) -> Result<Found, String> {
     let crc = record.get(HEAD + 24..HEAD + 28).unwrap_or_default();
     let is_checked = crc.iter().any(|byte| *byte != 0);
-    let (mut left, mut reader, mut records) = (&record[..], LinearReader::new_with_options(options), Vec::new());
-    let read = catch_panic(|| {
-        loop {
-            match reader.next_event() {
-                None => return Ok(()),
-                Some(Ok(LinearReadEvent::ReadRequest(need))) => {
-                    let (now, rest) = left.split_at(need.min(left.len()));
-                    reader.insert(now.len().max(1))[..now.len()].copy_from_slice(now);
-                    reader.notify_read(now.len());
-                    left = rest;
-                }
-                Some(Ok(LinearReadEvent::Record { opcode, data })) => {
-                    if let Some(cause) = impossible(opcode, data, false) {
-                        return Err(cause.to_owned());
-                    }
-                    records.push(parse_record(opcode, data).map_err(|error| error.to_string())?.into_owned());
-                }
-                Some(Err(McapError::BadChunkCrc { .. })) => {
-                    return Err("the chunk does not match its check".to_owned());
-                }
-                Some(Err(error)) => return Err(format!("a damaged chunk: {error}")),
-            }
+    let mut records = Vec::new();
+    each_record(record, false, |opcode, data| {
+        if let Some(cause) = impossible(opcode, data, false) {
+            return Err(cause.to_owned());
         }
-    });
-    match read {
-        Some(Ok(())) => Ok(Found::Records { records, is_checked, at: 0 }),
-        Some(Err(cause)) => Err(cause),
-        None => Err("a chunk that cannot be read".to_owned()),
-    }
+        records.push(parse_record(opcode, data).map_err(|error| error.to_string())?.into_owned());
+        Ok(())
+    })?;
+    Ok(Found::Records { records, is_checked, at: 0 })
 }
 
 /// A record outside of chunks; `None` if it is damaged.

@@ -21,7 +21,7 @@ use tempfile::TempDir;
 const ROWS: usize = 240;
 const UNIT: usize = 30;
 /// Damaged files of each kind.
-const SEEDS: u64 = 200;
+const SEEDS: u64 = 120;
 const LAYOUT: Layout = Layout { device: true, gyroscopes: true, lag: true };
 
 fn imu() -> ImuId {
@@ -300,7 +300,7 @@ fn no_bit_of_a_header_can_be_flipped_unnoticed() {
 fn what_is_before_and_behind_a_damaged_block_is_taken() {
     let folder = TempDir::new().unwrap();
     for file in recorded(&folder) {
-        for seed in 0..SEEDS / 4 {
+        for seed in 0..SEEDS / 3 {
             let mut random = TestRandom(seed);
             let mut bytes = file.whole.clone();
             let place = random.below(bytes.len());
