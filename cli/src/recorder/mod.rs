@@ -63,6 +63,8 @@ struct Reported {
     connected: u64,
     /// Whether the streams that are waited for have been reported.
     waiting: bool,
+    /// Whether the last check found an error of the transport.
+    trouble: bool,
     lost: u64,
     lost_at: Option<Instant>,
     checked: Instant,
@@ -98,7 +100,7 @@ impl Recorder {
             flushed: now,
             stalled: false,
             waiting: None,
-            reported: Reported { connected: 0, waiting: false, lost: 0, lost_at: None, checked: now },
+            reported: Reported { connected: 0, waiting: false, trouble: false, lost: 0, lost_at: None, checked: now },
             rotations: 0,
             domain,
             imus,
@@ -261,9 +263,12 @@ impl Recorder {
         }
         self.reported.connected |= connected;
         self.reported.waiting = true;
-        if let Some(warning) = self.tap.take_warning() {
+        // A peer that dies during a call is one error, and the next call reaches its successor.
+        let trouble = self.tap.take_warning();
+        if let Some(warning) = trouble.as_ref().filter(|_| self.reported.trouble) {
             print_message(&format!("warning: {warning}; trying again"));
         }
+        self.reported.trouble = trouble.is_some();
         let lost = |&(imu, stream): &(usize, StreamKind)| (imu, stream, self.counts[imu].lost(stream));
         let lost: Vec<_> = self.streams.iter().map(lost).filter(|(.., rows)| *rows > 0).collect();
         let all = lost.iter().fold(0, |all: u64, (.., rows)| all.saturating_add(*rows));

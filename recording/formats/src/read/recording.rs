@@ -132,8 +132,10 @@ impl Recording {
         loop {
             let row = self.current.next(rule).map_err(|error| match (error, &previous) {
                 (RecordingError::Data { line, message }, Some(previous)) => {
-                    let message = format!("{message}; the piece before is {}", previous.display());
-                    RecordingError::Data { line, message }
+                    RecordingError::Data { line, message: behind(previous, &message) }
+                }
+                (RecordingError::Place { place, message }, Some(previous)) => {
+                    RecordingError::Place { place, message: behind(previous, &message) }
                 }
                 (error, _) => error,
             });
@@ -309,6 +311,19 @@ impl Iterator for Samples {
     fn next(&mut self) -> Option<Self::Item> {
         let item = self.0.next()?;
         Some(item.map(|row| row.sample).map_err(|error| self.0.failure(&error)))
+    }
+}
+
+/// What is wrong with the first row of a piece, which the piece `previous` is before. Rows that do not rise are in
+/// order already.
+fn behind(previous: &Path, message: &str) -> String {
+    let previous = previous.display();
+    match message.split_once("; it must rise") {
+        Some((what, _)) => format!(
+            "{what}; the piece before is {previous}: leave out the rows that are in both, or give those of another \
+             start of the acquisition another session"
+        ),
+        None => format!("{message}; the piece before is {previous}"),
     }
 }
 

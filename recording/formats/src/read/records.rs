@@ -161,7 +161,7 @@ impl Records {
             Some(Some(Err(McapError::BadChunkCrc { .. }))) => {
                 invalid(format!("the chunk does not match its check; {DAMAGED}"))
             }
-            Some(Some(Err(error))) => invalid(format!("not a valid MCAP file: {error}")),
+            Some(Some(Err(error))) => invalid(format!("not a valid MCAP file: {error}; {DAMAGED}")),
         }
     }
 }
