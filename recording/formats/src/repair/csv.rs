@@ -212,11 +212,12 @@ impl<'a> Repair<'a> {
         if self.header.has_checks || self.header.stream == StreamKind::Increment {
             return self.write(row);
         }
-        let follows = |earlier: RowTime| earlier.session == row.key.session && row.key.sequence > earlier.sequence;
+        let follows =
+            |row: RowTime, earlier: RowTime| row.session == earlier.session && row.sequence > earlier.sequence;
         if let (Some(waiting), Some(last)) = (&self.waiting, self.last)
             && waiting.key.session == row.key.session
-            && !follows(waiting.key)
-            && follows(last)
+            && follows(row.key, last)
+            && !(follows(row.key, waiting.key) && follows(waiting.key, last))
         {
             let (line, sequence) = (waiting.line, waiting.key.sequence);
             let cause = format!("sequence {sequence} between {} and {}", last.sequence, row.key.sequence);
