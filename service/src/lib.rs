@@ -89,7 +89,7 @@ impl Daemon {
         let domain = commands::domain(self.domain.as_deref())?;
         match self.command {
             DaemonCommand::Serve(serve) => serve.run(&domain),
-            DaemonCommand::Check(check) => check.run(laboratory_file),
+            DaemonCommand::Check(check) => check.run(laboratory_file, None),
             DaemonCommand::Status(status) => status.run(domain),
             DaemonCommand::Reload(reload) => reload.run(domain),
             DaemonCommand::Explain(explain) => explain.run(),

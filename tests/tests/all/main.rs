@@ -14,6 +14,7 @@ mod acquire;
 mod c_interface;
 mod convert;
 mod daemon;
+mod damage;
 mod documents;
 mod endings;
 // The tracer knows the registers of this processor.
