@@ -1,5 +1,6 @@
 //! A file that grows only by complete flushes.
 
+use isotherm_files::sync_folder;
 use std::fs::File;
 use std::io::{self, Seek as _, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -12,7 +13,8 @@ pub(super) fn create(path: &Path, bytes: &[u8]) -> io::Result<File> {
     let mut file = staged_file(path)?;
     file.write_all(bytes)?;
     file.as_file().sync_data()?;
-    file.persist_noclobber(path).map_err(|error| error.error)
+    let file = file.persist_noclobber(path).map_err(|error| error.error)?;
+    sync_folder(path).map(|()| file)
 }
 
 /// A staged file in the folder of `path`, with a temporary name.
@@ -77,6 +79,7 @@ impl GrowingFile {
                 staged.write_all(&self.pending)?;
                 staged.as_file().sync_data()?;
                 *file = staged.persist(path).map_err(|error| error.error)?;
+                sync_folder(path)?;
                 self.restarted = None;
             }
             GrowingSink::File(file) => {
