@@ -47,6 +47,7 @@ mod resources;
 mod round_trip;
 mod tables;
 mod terminal;
+mod texts;
 mod time_steps;
 mod top;
 mod watchdog;

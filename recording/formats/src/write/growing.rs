@@ -1,6 +1,7 @@
 //! A file that grows only by complete flushes.
 
 use super::vacant::{lock, vacant};
+use isotherm_files::sync_folder;
 use std::fs::File;
 use std::io::{self, Seek as _, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -17,7 +18,7 @@ pub(super) fn create(path: &Path, bytes: &[u8]) -> io::Result<File> {
     // Before it has its name: no other recorder takes it for one that nobody writes.
     lock(file.as_file());
     let refused = match file.persist_noclobber(path) {
-        Ok(file) => return Ok(file),
+        Ok(file) => return sync_folder(path).map(|()| file),
         Err(refused) => refused,
     };
     if refused.error.kind() != io::ErrorKind::AlreadyExists {
@@ -25,7 +26,8 @@ pub(super) fn create(path: &Path, bytes: &[u8]) -> io::Result<File> {
     }
     // Locked until it is replaced.
     let Some(_vacant) = vacant(path)? else { return Err(refused.error) };
-    refused.file.persist(path).map_err(|error| error.error)
+    let file = refused.file.persist(path).map_err(|error| error.error)?;
+    sync_folder(path).map(|()| file)
 }
 
 /// A staged file in the folder of `path`, with a temporary name.
@@ -90,6 +92,7 @@ impl GrowingFile {
                 staged.write_all(&self.pending)?;
                 staged.as_file().sync_data()?;
                 *file = staged.persist(path).map_err(|error| error.error)?;
+                sync_folder(path)?;
                 self.restarted = None;
             }
             GrowingSink::File(file) => {

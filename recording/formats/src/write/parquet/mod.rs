@@ -11,11 +11,10 @@ pub(crate) mod encode;
 use super::growing::{create, staged_file};
 use crate::seal::MAGIC;
 use encode::{Encoder, Sealing};
+use isotherm_files::{exchange, sync_folder};
 use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_shared::stream::{ImuId, StreamKind};
-use rustix::fs::{CWD, RenameFlags, renameat_with};
-use rustix::io::Errno;
 use std::fs::{self, File};
 use std::io;
 use std::os::unix::fs::FileExt as _;
@@ -127,21 +126,19 @@ impl ParquetFile {
     fn exchange(&mut self) -> io::Result<()> {
         let Some((hidden, has)) = &mut self.hidden else { return Ok(()) };
         if self.exchanges {
-            match renameat_with(CWD, hidden.path(), CWD, &self.path, RenameFlags::EXCHANGE) {
-                Ok(()) => {
-                    std::mem::swap(hidden.as_file_mut(), &mut self.visible.0);
-                    std::mem::swap(has, &mut self.visible.1);
-                    return Ok(());
-                }
-                Err(Errno::INVAL | Errno::NOSYS | Errno::NOTSUP) => self.exchanges = false,
-                Err(error) => return Err(error.into()),
-            }
+            self.exchanges = exchange(hidden.path(), &self.path)?;
+        }
+        if self.exchanges {
+            std::mem::swap(hidden.as_file_mut(), &mut self.visible.0);
+            std::mem::swap(has, &mut self.visible.1);
+            return sync_folder(&self.path);
         }
         // The hidden file replaces the visible one, and the next flush makes a new hidden file. If the user has removed
         // the file, this is an error, and the file is not created again.
         fs::metadata(&self.path)?;
         if let Some((hidden, has)) = self.hidden.take() {
             self.visible = (hidden.persist(&self.path).map_err(|error| error.error)?, has);
+            sync_folder(&self.path)?;
         }
         Ok(())
     }
