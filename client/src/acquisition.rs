@@ -12,7 +12,7 @@ use crate::lag::{AcquisitionLag, Sensor};
 use crate::loan::{CompensateError, InFlight, Loan, LoansNotMerged, Place, SendError, TransportError, transport};
 use crate::loss::Loss;
 use crate::peers::{publisher_is_alive, publisher_of};
-use crate::rehearsal::{self, publish, receive};
+use crate::rehearsal::{self, copied, publish, receive};
 use crate::resources::reserve;
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use isotherm_shared::lag::Lag;
@@ -184,7 +184,9 @@ impl Acquisition {
 
     /// Goes on with the readings of a lag that was saved, on the same clock, as if the telemetry had gone straight on
     /// in the pause. Its time constant is not used. A sensor without a saved reading, or whose next reading is earlier
-    /// than the saved one, which is then of another clock, is unknown as after [`forget_lag`](Self::forget_lag).
+    /// than the saved one, which is then of another clock, is unknown as after [`forget_lag`](Self::forget_lag). So are
+    /// all sensors of a lag that was saved before the machine was started anew. If your clock goes on over that, as one
+    /// of the hardware may, set its `boot` to 0.
     pub fn restore_lag(&mut self, saved: &Lag) {
         self.lag.restore(saved);
     }
@@ -391,7 +393,7 @@ impl Acquisition {
             && let Some(sample) =
                 receive(&ports.subscriber).map_err(|error| transport("receiving an increment", error))?
         {
-            let answer = *sample;
+            let answer = copied(&*sample);
             ports.read = self.leaves_to_prepare.then_some(sample);
             if self.state.answered(answer.session, answer.sequence, &answer) {
                 self.lag.note(&answer);

@@ -7,13 +7,21 @@
 use crate::error::ConnectError;
 use isotherm_shared::group;
 pub(crate) use isotherm_shared::own_storage::SHARED_MEMORY;
-use isotherm_shared::stream::Domain;
+use isotherm_shared::stream::{CREATION_TIMEOUT, Domain};
 use rustix::fs::OFlags;
+use std::collections::HashMap;
 use std::fs::{self, DirEntry, File, Metadata, Permissions};
 use std::io::{self, Read as _, Write as _};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime};
+use std::thread;
+use std::time::{Duration, Instant, SystemTime};
+
+/// How long a sweep waits for files that are being created. It covers the age at which one counts as left behind, with
+/// a reserve.
+const SWEEP_LIMIT: Duration = Duration::from_secs(2);
+/// Pause between two looks of a sweep.
+const SWEEP_PAUSE: Duration = Duration::from_millis(5);
 /// Permissions on a file that its group and other users have.
 const OTHERS: u32 = 0o077;
 
@@ -44,7 +52,7 @@ impl OwnFile {
         self.metadata.size().saturating_sub(self.metadata.blocks() * 512)
     }
 
-    /// Time since its last change; `None` if the clock was set back meanwhile.
+    /// Time since its last change; `None` if that lies in the future, since the clock was set back.
     #[must_use]
     pub fn age(&self) -> Option<Duration> {
         self.metadata.modified().ok().and_then(|modified| SystemTime::now().duration_since(modified).ok())
@@ -175,8 +183,8 @@ pub struct Note {
 }
 
 impl Note {
-    /// More than a note has \[bytes\].
-    const MAX_BYTES: u64 = 4096;
+    /// More than a note has, that with a whole status too \[bytes\].
+    const MAX_BYTES: u64 = 1 << 20;
 
     /// The note of this name.
     #[must_use]
@@ -226,8 +234,9 @@ impl Note {
         let staged = self.folder.join(format!("{}.{}", self.name, std::process::id()));
         let mut file = File::options().write(true).create(true).truncate(true).mode(0o600).open(&staged)?;
         file.set_permissions(Permissions::from_mode(0o600))?;
-        file.write_all(text)?;
-        fs::rename(staged, path)
+        let written = file.write_all(text).and_then(|()| fs::rename(&staged, path));
+        // A folder that is full needs no half of it.
+        written.inspect_err(|_| _ = fs::remove_file(&staged))
     }
 
     /// Removes it; there may be none.
@@ -236,8 +245,79 @@ impl Note {
     }
 }
 
+/// Removes the files that the process which began to create them has left: those that were last changed before twice
+/// the transport's creation time-out. `unfinished` lists the files that are not complete now.
+///
+/// Waits until each younger file is complete or has this age, two seconds at most. A time in the future, as after the
+/// clock was set back, tells no age: such a file may be one that is just being created, so it is removed when it has
+/// been watched for as long.
+///
+/// # Errors
+/// A file that may still be being created at the end of that time.
+pub fn sweep<I: Iterator<Item = OwnFile>>(
+    unfinished: impl Fn() -> I,
+    mut remove: impl FnMut(&Path),
+) -> Result<(), PathBuf> {
+    let (limit, started) = (2 * CREATION_TIMEOUT, Instant::now());
+    let mut watched_since: HashMap<PathBuf, Instant> = HashMap::new();
+    loop {
+        let mut waiting = None;
+        for file in unfinished() {
+            let watched = watched_since.entry(file.path.clone()).or_insert_with(Instant::now).elapsed();
+            if file.age().is_some_and(|age| age > limit) || watched > limit {
+                remove(&file.path);
+            } else {
+                waiting = Some(file.path);
+            }
+        }
+        match waiting {
+            None => return Ok(()),
+            Some(path) if started.elapsed() > SWEEP_LIMIT => return Err(path),
+            Some(_) => thread::sleep(SWEEP_PAUSE),
+        }
+    }
+}
+
 /// This user's files of `domain` in shared memory, then in the domain's folder.
 pub fn domain_files(domain: &Domain) -> impl Iterator<Item = OwnFile> + use<> {
     let folder = own_files(domain.root_path().to_owned(), &domain.prefix());
     own_files(SHARED_MEMORY, &domain.prefix()).chain(folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::Cell;
+
+    #[test]
+    fn a_file_of_the_future_is_left_until_it_has_been_watched() {
+        let folder = tempfile::tempdir().unwrap();
+        let make = |name: &str, modified: SystemTime| {
+            let path = folder.path().join(name);
+            File::create(&path).unwrap().set_modified(modified).unwrap();
+            fs::set_permissions(&path, Permissions::from_mode(0o200)).unwrap();
+            path
+        };
+        let now = SystemTime::now();
+        let (old, future) = (now - Duration::from_secs(60), now + Duration::from_secs(3600));
+        let (left, begun) = (make("left", old), make("begun", future));
+        let (looks, mut removed) = (Cell::new(0), Vec::new());
+        // Its creator completes one between the first look and the second.
+        let unfinished = || {
+            if looks.replace(looks.get() + 1) == 1 {
+                fs::set_permissions(&begun, Permissions::from_mode(0o400)).unwrap();
+            }
+            own_files(folder.path(), "").filter(OwnFile::is_half_created)
+        };
+        let mut remove = |path: &Path| {
+            fs::remove_file(path).unwrap();
+            removed.push(path.to_owned());
+        };
+        assert_eq!(sweep(unfinished, &mut remove), Ok(()));
+        // Nobody completes this one.
+        let stays = make("stays", future);
+        assert_eq!(sweep(|| own_files(folder.path(), "").filter(OwnFile::is_half_created), &mut remove), Ok(()));
+        assert_eq!(removed, [left, stays]);
+        assert!(begun.exists());
+    }
 }

@@ -6,6 +6,7 @@ use crate::connect::{Options, deadline, join_existing, retry_until, unopened};
 use crate::error::ConnectError;
 use crate::loss::{Loss, removed_object, taken_connection};
 use crate::objects::refuse_foreign;
+use crate::rehearsal::copied;
 use crate::resources::reserve;
 use crate::status::{StatusError, StatusReader};
 use core::fmt;
@@ -201,8 +202,7 @@ impl<T: Streamed> Reader<T> {
         };
         loop {
             let sample = subscriber.receive().map_err(|error| ConnectError::transport("reading the stream", error))?;
-            // Copy it out of shared memory once, then use the copy.
-            let Some(received) = sample.map(|sample| *sample) else {
+            let Some(received) = sample.map(|sample| copied(&*sample)) else {
                 self.look_for_loss();
                 return Ok(None);
             };

@@ -9,7 +9,7 @@ use crate::reload::{FileChange, FileReport};
 use crate::start::FirstTable;
 use crate::windows::Windows;
 use crate::worker::channel::ChannelLink;
-use crate::worker::counters::{CounterReader, counters};
+use crate::worker::counters::{CounterReader, OtherDevice, counters};
 use iceoryx2::prelude::PortFactory as _;
 use iceoryx2::service::port_factory::event;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
@@ -198,11 +198,13 @@ struct LoggedLosses {
     at: Option<Instant>,
 }
 
-/// Samples of another unit than the table's: how many there were, and the session, table and unit of the last log line.
+/// Samples of another unit than the table's: how many there were of which table, and the session and the unit with its
+/// table of the last log line.
 #[derive(Default)]
 struct LoggedDevice {
     samples: u64,
-    last: Option<(u64, u64, u64)>,
+    table: u64,
+    last: Option<(u64, OtherDevice)>,
 }
 
 impl TableQueue {
@@ -252,10 +254,10 @@ impl ImuState {
         self.tables.alive.iter().rev().find(|sent| sent.table.id() == id)
     }
 
-    /// The unit of the last sample, if that is known and is not the unit of the table in force.
+    /// The unit of the last sample, if that was answered with the table in force and is of another unit than this.
     pub(crate) fn other_device(&self) -> Option<u64> {
-        let (device, own) = (self.counters.device(), self.in_force()?.table.device());
-        (device != 0 && own != 0 && device != own).then_some(device)
+        let other = self.counters.last_other_device()?;
+        (other.table == self.in_force()?.table.id()).then_some(other.device)
     }
 
     /// Applies what was found in the table's file. Returns what is to be kept, if another table is in force now. A
@@ -406,20 +408,25 @@ impl ImuState {
 
     /// Logs that samples came from another unit than the table's: once for each session, table and unit.
     fn log_other_device(&mut self) {
+        let Some(other) = self.counters.other_device() else { return };
         let samples = self.counters.flagged(Flags::OTHER_DEVICE.0.trailing_zeros());
-        let device = self.counters.other_device();
-        let now = Some((self.counters.sessions(), self.counters.table(), device));
-        if samples > self.logged_device.samples && now != self.logged_device.last {
-            let serial = self.in_force().and_then(|sent| sent.table.content().serial.as_deref()).unwrap_or_default();
+        let LoggedDevice { samples: before, table, last } = &mut self.logged_device;
+        if *table != other.table {
+            (*before, *table) = (0, other.table);
+        }
+        let now = Some((self.counters.sessions(), other));
+        if samples != *before && now != *last {
+            let of_table = self.tables.alive.iter().find(|sent| sent.table.id() == other.table);
+            let serial = of_table.and_then(|sent| sent.table.content().serial.as_deref()).unwrap_or_default();
             warn!(
                 imu = %self.imu.id,
-                device = format!("{device:016x}"),
+                device = format!("{:016x}", other.device),
                 "the samples are of another unit than the table, which is of serial number {serial:?}: the increments are computed with \
                  it and flagged other-device; give this unit its own table, or correct the acquisition's serial number"
             );
-            self.logged_device.last = now;
+            *last = now;
         }
-        self.logged_device.samples = samples;
+        *before = samples;
     }
 
     /// Logs that samples have gyroscopes and the table has none: once for each session and table.

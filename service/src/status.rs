@@ -5,7 +5,7 @@ use crate::imu::ImuState;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::{AllocationStrategy, PortFactory as _};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use isotherm_client::publisher_of;
+use isotherm_client::{StatusNote, publisher_of};
 use isotherm_failure::Failure;
 use isotherm_shared::status::{GyroscopeStatus, ImuStatus, Ranges, ServiceStatus, TableChange};
 use isotherm_shared::stream::{self, Domain, Ipc, IpcNode};
@@ -101,6 +101,8 @@ fn may_flag(table: Option<&CoefficientTable>, bit: u32) -> bool {
 pub(crate) struct StatusPublisher {
     stream: PortFactory<Ipc, [u8], ()>,
     publisher: Publisher<Ipc, [u8], ()>,
+    /// For readers that have no room to join.
+    note: StatusNote,
 }
 
 impl StatusPublisher {
@@ -122,7 +124,7 @@ impl StatusPublisher {
             let publisher = publisher.allocation_strategy(AllocationStrategy::PowerOfTwo).create();
             publisher.map_err(|error| CreateError::of_publisher(error, &service))
         })?;
-        Ok(Self { stream: service, publisher })
+        Ok(Self { stream: service, publisher, note: StatusNote::new(domain) })
     }
 
     /// Whether anybody has subscribed.
@@ -130,13 +132,18 @@ impl StatusPublisher {
         self.stream.dynamic_config().number_of_subscribers() > 0
     }
 
-    /// Publishes a status.
+    /// Publishes a status, also where those who cannot join read it.
     ///
     /// # Errors
-    /// The transport's error.
-    pub(crate) fn publish(&self, status: &ServiceStatus) -> Result<(), String> {
+    /// The error of the transport, else that of the file.
+    pub(crate) fn publish(&mut self, status: &ServiceStatus) -> Result<(), String> {
         let document = serde_json::to_vec(status).map_err(|error| error.to_string())?;
+        let noted = self.note.update(&document).map_err(|error| format!("in the domain's folder: {error}"));
+        self.send(&document).and(noted)
+    }
+
+    fn send(&self, document: &[u8]) -> Result<(), String> {
         let sample = self.publisher.loan_slice_uninit(document.len()).map_err(|error| error.to_string())?;
-        sample.write_from_slice(&document).send().map(|_| ()).map_err(|error| error.to_string())
+        sample.write_from_slice(document).send().map(|_| ()).map_err(|error| error.to_string())
     }
 }

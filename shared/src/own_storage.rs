@@ -28,7 +28,7 @@ use iceoryx2_cal::named_concept::{
     NamedConceptListError, NamedConceptMgmt, NamedConceptPathHintRemoveError, NamedConceptRemoveError,
 };
 use rustix::fs::{FallocateFlags, OFlags, fallocate, statvfs};
-use rustix::io::Errno;
+use rustix::io::{Errno, retry_on_intr};
 use std::cell::Cell;
 use std::fs::File;
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
@@ -173,13 +173,20 @@ impl<T: Debug + Send + Sync + ZeroCopySend + 'static> OwnStorageBuilder<'_, T> {
     }
 }
 
+/// Makes the kernel allocate the first `size` bytes of a file now. Returns whether there was room. A signal that comes
+/// meanwhile takes back what was allocated, so it is tried again. A file system that cannot is as good as room.
+#[must_use]
+pub fn allocate_pages(file: &File, size: u64) -> bool {
+    retry_on_intr(|| fallocate(file, FallocateFlags::empty(), 0, size)) != Err(Errno::NOSPC)
+}
+
 /// Makes the kernel allocate all pages of the object that this process is just creating. Returns whether it could.
 fn allocate(path: &str) -> bool {
     let flags = OFlags::NOFOLLOW | OFlags::CLOEXEC;
     let opened = File::options().write(true).custom_flags(flags.bits().cast_signed()).open(path);
     // If somebody has removed it, there is nothing to allocate in a file; it stays as it was without this function.
     let Ok((size, file)) = opened.and_then(|file| Ok((file.metadata()?.size(), file))) else { return true };
-    let full = fallocate(&file, FallocateFlags::empty(), 0, size) == Err(Errno::NOSPC);
+    let full = !allocate_pages(&file, size);
     // A smaller object that found room does not change why the larger one has failed.
     if full || size >= REFUSED.get() {
         REFUSED.set(if full { size } else { 0 });

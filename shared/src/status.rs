@@ -140,8 +140,8 @@ pub struct ImuStatus {
     pub serial: Option<String>,
     /// Number of the unit that the table in force belongs to, 16 hexadecimal digits; null without a serial number.
     pub device: Option<String>,
-    /// Number of the unit that the last sample came from, if that is not the table's unit; else null. `OTHER UNIT` for
-    /// people.
+    /// Number of the unit that the last sample came from, if it was answered with the table in force and that is not
+    /// the table's unit; else null. `OTHER UNIT` for people.
     pub other_device: Option<String>,
     /// Time constant of the lagged telemetry in the table in force \[s\]; null without one.
     pub lag_s: Option<f64>,
@@ -172,8 +172,8 @@ pub struct ImuStatus {
     pub sessions: u64,
     /// Receiving or publishing failed; should be 0.
     pub transport_errors: u64,
-    /// Increments with each flag, by the flag's name. Absent are the flags that the table in force cannot give and no
-    /// table has given.
+    /// Increments with each flag, by the flag's name; `other-device` since the table in force was taken. Absent are the
+    /// flags that the table in force cannot give and no table has given.
     pub flagged: BTreeMap<String, u64>,
     /// Tables loaded after the first.
     pub reloads: u64,

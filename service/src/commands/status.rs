@@ -1,8 +1,8 @@
 //! `status`: shows the status of the running service.
 
 use clap::Args;
-use isotherm_client::{Domain, Options, fetch_status, unix_s};
-use isotherm_failure::{Exit, Failure};
+use isotherm_client::{Domain, Options, check_room, fetch_status, unix_s};
+use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{print, print_data};
 use isotherm_shared::status::{
     GyroscopeStatus, ImuStatus, LatencySummary, Ranges, ServiceStatus, TableChange, WorkerStatus,
@@ -36,6 +36,10 @@ impl Status {
             return print_data(&transport_config(&domain)?);
         }
         let status = fetch_status(&Options::new(domain, Duration::ZERO))?;
+        if let Err(error) = check_room(0) {
+            // The status tells nothing of it, and no other client connects.
+            tell("isotherm", error);
+        }
         if !self.json {
             return print(&describe(&status));
         }

@@ -64,7 +64,8 @@ metrics! {
     BUDGET = gauge "isotherm_latency_budget_seconds" [] "Latency over which an increment is flagged late.";
     LOCKED = gauge "isotherm_memory_locked_bytes" [] "Memory of the service that is kept resident.";
     FLAGGED = counter "isotherm_flagged_total" [imu, flag]
-        "Increments that carried a flag. Absent are flags that the table in force cannot give and no table has given.";
+        "Increments that carried a flag, other-device since the table in force was taken. Absent are flags that the table in \
+         force cannot give and no table has given.";
     LATENCY = histogram "isotherm_latency_seconds" [imu, le]
         "From sending a raw sample (sent_ns) to just before publishing its increment. Buckets end at 1, 2 and 5 times \
          powers of ten, from 0.2 us to 1 s. Up to 3 % below a bound a value may count above it, never the reverse; the \

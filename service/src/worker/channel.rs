@@ -221,8 +221,9 @@ impl Channel {
         drop(sample);
         self.spare = self.publisher.loan().ok();
         self.reclaim_polls_left = RECLAIM_POLLS;
-        self.take_table();
         self.counters.answered(&self.raw, arrival, flags, latency_ns, published);
+        // Not before: what is counted is of the table that the sample was answered with.
+        self.take_table();
     }
 
     /// Rehearses the next sample with the last one, and touches what only this IMU's next sample will need. A reader

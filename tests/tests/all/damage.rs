@@ -171,7 +171,7 @@ fn a_recorder_that_cannot_start_leaves_nothing_behind() {
     };
     assert_eq!(left(), 0);
     drop(readers);
-    record(&domain, &[]).map(end);
+    record(&domain, &[]).into_iter().for_each(|recorder| drop(end(recorder)));
     service.terminate();
 }
 
@@ -201,7 +201,9 @@ fn a_recording_without_rows_blocks_no_later_start() {
     for sample in &samples[..50] {
         isotherm_tests::round_trip(&mut acquisition, sample);
     }
-    recorders.map(|recorder| assert_contains(&end(recorder), "imu-a raw: 50 rows of 1 session, 0 missing"));
+    for recorder in recorders {
+        assert_contains(&end(recorder), "imu-a raw: 50 rows of 1 session, 0 missing");
+    }
     for file in FILES {
         let (code, ..) = run(&domain, &["record", "--imu", "imu-a", "-o", file]);
         assert_eq!(code, Some(74), "it has rows");

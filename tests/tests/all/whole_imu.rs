@@ -196,8 +196,14 @@ fn samples_of_another_unit_are_logged_once_a_session_and_table() {
     // Another table, still of another unit.
     domain.replace("imu-a.toml", &with_serial("SN 3"));
     wait_until("the table", || domain.imu_status()["device"] == format!("{:016x}", device("SN 3")));
+    // The samples of before were answered with the table of before.
+    let status = domain.imu_status();
+    assert_eq!((&status["other_device"], &status["flagged"]["other-device"]), (&Value::Null, &0.into()), "{status}");
     round_trip(&mut acquisition, &of_unit("SN 2"));
     service.wait_for_log_lines(LOGGED, 2);
+    assert_eq!(domain.imu_status()["flagged"]["other-device"], 1);
+    let log = service.log();
+    assert_eq!(log.lines().filter(|line| line.contains(LOGGED) && line.contains("SN 3")).count(), 1, "{log}");
     // Another session.
     drop(acquisition);
     let mut acquisition = domain.acquisition("imu-a");
