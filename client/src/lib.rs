@@ -74,6 +74,8 @@ mod folder;
 mod lag;
 mod lag_option;
 mod loan;
+mod loss;
+mod members;
 mod objects;
 mod peers;
 mod process;
@@ -93,7 +95,7 @@ pub use connect::{
     sweep_half_created,
 };
 pub use error::{ConnectError, shortage};
-pub use folder::{check_owner, prepare};
+pub use folder::{check_owner, give_to_group, prepare};
 pub use isotherm_shared::lag::{Lag, LaggedReading};
 pub use isotherm_shared::readings::{ReadingError, Readings, Resolution};
 pub use isotherm_shared::stream::{Domain, DomainError, ImuId};
@@ -101,6 +103,8 @@ pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSamp
 pub use lag::{Sensor, UnknownSensor};
 pub use lag_option::{InvalidTimeConstant, LagOption, TimeConstant};
 pub use loan::{CompensateError, InFlight, Loan, LoansNotMerged, SendError, TransportError};
+pub use loss::removed_object;
+pub use members::open_to_group;
 pub use objects::{Note, OwnFile, domain_files, foreign_object, own_files, sweep};
 pub use peers::{
     NodeHolder, Peers, named, payload_of, pid_namespace, pid_of, publisher_of, service_pid, subscribers_of,

@@ -5,6 +5,7 @@
 //! regular files of this user count.
 
 use crate::error::ConnectError;
+use isotherm_shared::group;
 pub(crate) use isotherm_shared::own_storage::SHARED_MEMORY;
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain};
 use rustix::fs::OFlags;
@@ -64,10 +65,12 @@ impl OwnFile {
         self.mode() == 0o200
     }
 
-    /// Takes the permissions of group and other users from it. The transport makes its counter of nodes with all
-    /// permissions; programs that use it without Isotherm's client make one in shared memory.
-    pub fn close_to_others(&self) {
-        let mode = self.mode() & !OTHERS;
+    /// Takes the permissions of other users from it, and those of its group unless the domain belongs to a group. The
+    /// transport makes its counter of nodes with all permissions; programs that use it without Isotherm's client make
+    /// one in shared memory.
+    pub fn close_to_others(&self, domain: &Domain) {
+        let others = if group::of(&domain.prefix()).is_some() { OTHERS & 0o007 } else { OTHERS };
+        let mode = self.mode() & !others;
         if mode != self.mode() {
             // Its creator may just be removing it.
             let _ = self.open().and_then(|file| file.set_permissions(Permissions::from_mode(mode)));
@@ -95,7 +98,12 @@ fn own_file(entry: &DirEntry) -> Option<OwnFile> {
     own.then(|| OwnFile { path: entry.path(), metadata })
 }
 
-fn entries(folder: &Path, prefix: &str) -> impl Iterator<Item = DirEntry> + use<> {
+/// Whether a file can be trusted in a domain: it is regular, and this user's or the group's that the domain belongs to.
+pub(crate) fn is_trusted(domain: &Domain, found: &Metadata) -> bool {
+    found.is_file() && group::owns(&domain.prefix(), found)
+}
+
+pub(crate) fn entries(folder: &Path, prefix: &str) -> impl Iterator<Item = DirEntry> + use<> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let prefix = prefix.as_bytes().to_owned();
     entries.filter(move |entry| entry.file_name().as_encoded_bytes().starts_with(&prefix))
@@ -111,7 +119,7 @@ pub fn own_files<P: AsRef<Path>>(folder: P, prefix: &str) -> impl Iterator<Item 
 /// Isotherm ignores it, unless a stream needs its name.
 #[must_use]
 pub fn foreign_object(domain: &Domain) -> Option<PathBuf> {
-    let foreign = |entry: &DirEntry| own_file(entry).is_none() && fs::symlink_metadata(entry.path()).is_ok();
+    let foreign = |entry: &DirEntry| entry.metadata().is_ok_and(|found| !is_trusted(domain, &found));
     entries(Path::new(SHARED_MEMORY), &domain.prefix()).find(foreign).map(|entry| entry.path())
 }
 
@@ -127,16 +135,33 @@ pub fn foreign_object(domain: &Domain) -> Option<PathBuf> {
 pub(crate) fn refuse_foreign(domain: &Domain) -> Result<(), ConnectError> {
     let services = Path::new(domain.root_path()).join("services");
     // Other users may make any number of objects, so names are compared before anything is looked at.
-    let memories: Vec<_> = own_files(services, &domain.prefix()).filter_map(|file| memory_name(&file.path)).collect();
+    let files = entries(&services, &domain.prefix());
+    let files = files.filter(|entry| entry.metadata().is_ok_and(|found| is_trusted(domain, &found)));
+    let memories: Vec<_> = files.filter_map(|entry| memory_name(&entry.path())).collect();
     let in_use = |entry: &DirEntry| {
         let name = entry.file_name();
         memories.iter().any(|memory| name.as_encoded_bytes().ends_with(memory.as_bytes()))
     };
-    let foreign =
-        |entry: &DirEntry| in_use(entry) && own_file(entry).is_none() && fs::symlink_metadata(entry.path()).is_ok();
+    let foreign = |entry: &DirEntry| in_use(entry) && entry.metadata().is_ok_and(|found| !is_trusted(domain, &found));
     let Some(entry) = entries(Path::new(SHARED_MEMORY), &domain.prefix()).find(foreign) else { return Ok(()) };
     let cause = format!("{} is not this user's; its owner or root can remove it", entry.path().display());
     Err(ConnectError::transport("joining the domain", cause))
+}
+
+/// Why the streams of `domain` cannot be opened, if their memory was removed: their files are there without it. A
+/// running service makes them anew within a second or two.
+pub(crate) fn removed_memory(domain: &Domain) -> Option<String> {
+    let files = entries(&Path::new(domain.root_path()).join("services"), &domain.prefix());
+    let mut memories = files.filter_map(|entry| memory_name(&entry.path()));
+    let exists = |memory: &String| {
+        let mut objects = entries(Path::new(SHARED_MEMORY), &domain.prefix());
+        objects.any(|entry| entry.file_name().as_encoded_bytes().ends_with(memory.as_bytes()))
+    };
+    memories.any(|memory| !exists(&memory)).then(|| {
+        "its shared memory was removed, by systemd-logind at a logout (RemoveIPC) or by somebody who tidied up /dev/shm; a running service \
+         makes it anew within some seconds"
+            .to_owned()
+    })
 }
 
 /// How the name of a stream's memory ends, from the stream's file: it has both halves of the stream's number, each in a
@@ -165,6 +190,29 @@ impl Note {
     #[must_use]
     pub fn new(domain: &Domain, name: &str) -> Self {
         Self { folder: domain.root_path().into(), name: format!("{}{name}", domain.prefix()) }
+    }
+
+    /// Whether it is there, whoever has written it.
+    pub(crate) fn exists(&self) -> bool {
+        fs::symlink_metadata(self.folder.join(&self.name)).is_ok_and(|found| found.is_file())
+    }
+
+    /// As [`read`](Self::read), also if a member of the group that the domain belongs to has written it.
+    pub(crate) fn read_from_members(&self, domain: &Domain) -> Option<Vec<u8>> {
+        let path = self.folder.join(&self.name);
+        let flags = (OFlags::NOFOLLOW | OFlags::NONBLOCK).bits().cast_signed();
+        let file = File::options().read(true).custom_flags(flags).open(path).ok()?;
+        if !is_trusted(domain, &file.metadata().ok()?) {
+            return None;
+        }
+        let mut text = Vec::new();
+        file.take(Self::MAX_BYTES).read_to_end(&mut text).ok()?;
+        Some(text)
+    }
+
+    /// Lets the members of the group that the domain belongs to read it.
+    pub(crate) fn open_to_members(&self, domain: &Domain) {
+        group::open_path(&domain.prefix(), &self.folder.join(&self.name));
     }
 
     /// What is in it; `None` if it is not there, or is not this user's.

@@ -2,7 +2,10 @@
 
 use core::fmt;
 use iceoryx2::identifiers::UniqueNodeId;
-use iceoryx2::prelude::{CallbackProgression, IceoryxSend, MessagingPattern, PortFactory as _, ServiceName};
+use iceoryx2::node::NodeView as _;
+use iceoryx2::prelude::{
+    CallbackProgression, IceoryxSend, MessagingPattern, Node, NodeState, PortFactory as _, ServiceName,
+};
 use iceoryx2::service::Service as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as StaticPattern;
@@ -97,6 +100,24 @@ pub fn service_pid(status: &ServiceStatus) -> String {
 #[must_use]
 pub fn pid_namespace() -> u64 {
     fs::metadata("/proc/self/ns/pid").map_or(0, |namespace| namespace.ino())
+}
+
+/// Whether the process of a stream's only publisher lives. The transport keeps a dead one listed until its remains are
+/// removed.
+pub(crate) fn publisher_is_alive<T: IceoryxSend + fmt::Debug>(
+    node: &IpcNode,
+    stream: &PortFactory<Ipc, T, ()>,
+) -> bool {
+    let Some((_, publisher)) = publisher_of(stream) else { return false };
+    let mut alive = false;
+    let listed = Node::<Ipc>::list(node.config(), |state| match state {
+        NodeState::Alive(view) if *view.id() == publisher => {
+            alive = true;
+            CallbackProgression::Stop
+        }
+        _ => CallbackProgression::Continue,
+    });
+    alive && listed.is_ok()
 }
 
 /// The name of the payload type of a stream that exists.

@@ -3,7 +3,7 @@
 use crate::clock::{clock_offset_ns, monotonic_ns};
 use crate::connect::{Options, join_existing};
 use crate::error::ConnectError;
-use crate::objects::Note;
+use crate::objects::{Note, removed_memory};
 use crate::peers::{named, pid_of, publisher_of};
 use crate::resources::lacks_room;
 use iceoryx2::port::subscriber::Subscriber;
@@ -155,7 +155,10 @@ impl StatusReader {
         let stream = stream::open_status(node);
         let stream = stream.map_err(|error| match error {
             PublishSubscribeOpenError::DoesNotExist => absent(domain),
-            other => StatusError::Transport { phase: "opening", cause: other.to_string() },
+            other => {
+                let cause = removed_memory(domain).unwrap_or_else(|| other.to_string());
+                StatusError::Transport { phase: "opening", cause }
+            }
         })?;
         let subscriber = stream.subscriber_builder().history_request(1).create();
         let subscriber =

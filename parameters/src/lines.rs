@@ -28,6 +28,7 @@ pub(crate) struct Lines<'a> {
 impl<'a> Lines<'a> {
     pub(crate) fn parse(text: &'a str) -> Self {
         let mut lines = Self { entries: HashMap::new(), faults: Vec::new() };
+        let mut more = 0;
         for (text, line) in text.trim_start_matches('\u{feff}').lines().zip(1..) {
             let content = text.split('#').next().unwrap_or_default();
             let fields: Vec<&str> =
@@ -36,7 +37,10 @@ impl<'a> Lines<'a> {
                 [] => continue,
                 [name, value] if !name.starts_with('@') => (name, value, None),
                 [_, _, name, value, kind] => (name, value, Some(kind)),
-                _ if lines.faults.len() == MAX_LINE_FAULTS => break,
+                _ if lines.faults.len() == MAX_LINE_FAULTS => {
+                    more += 1;
+                    continue;
+                }
                 _ => {
                     lines.fault(line, "", "is no parameter; give NAME VALUE, or the five columns of a .params file");
                     continue;
@@ -46,6 +50,9 @@ impl<'a> Lines<'a> {
             if entry.line != line && entry.again.is_none() {
                 entry.again = Some(line);
             }
+        }
+        if let (1.., Some(last)) = (more, lines.faults.last().map(|fault| fault.line)) {
+            lines.fault(last, "", format!("and {more} lines more like this"));
         }
         lines
     }

@@ -2,6 +2,7 @@
 //! converts arguments and results.
 
 use crate::errors::{RecordingFault, faults, file};
+use crate::files::{unwritten, write_file};
 use crate::records::{Fields, INCREMENT, RAW, array, raw_bytes};
 use crate::table::Table;
 use isotherm_failure::{Exit, Failure};
@@ -13,7 +14,7 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::{PyOSError, PyValueError};
 use pyo3::prelude::*;
 use std::fs::File;
-use std::io::{self, BufWriter, Cursor};
+use std::io::{self, Cursor};
 use std::path::{Path, PathBuf};
 
 /// Foreign data: a file, or a text.
@@ -92,21 +93,22 @@ pub(crate) fn write_ros(
     let samples = samples.as_ref().map(|samples| samples.as_slice()).transpose()?.unwrap_or_default();
     let known = RosTable::new(&table.0, &table_file);
     let write = || -> io::Result<()> {
-        let sink = BufWriter::new(File::create(&path)?);
-        let mut writer = RosWriter::new(sink, &[(0, known.imu())], std::slice::from_ref(&known))?;
-        let mut write = |recorded_ns, sample| writer.write(&RecordedRow { imu: 0, recorded_ns, sample });
-        let mut raw = samples.chunks_exact(RAW).map(|record| Fields(record).raw());
-        for record in increments.chunks_exact(INCREMENT) {
-            let increment = Fields(record).increment();
-            if let Some(raw) = raw.next() {
-                write(raw.timestamp_ns, StreamSample::Raw(raw))?;
+        write_file(&path, |sink| {
+            let mut writer = RosWriter::new(sink, &[(0, known.imu())], std::slice::from_ref(&known))?;
+            let mut write = |recorded_ns, sample| writer.write(&RecordedRow { imu: 0, recorded_ns, sample });
+            let mut raw = samples.chunks_exact(RAW).map(|record| Fields(record).raw());
+            for record in increments.chunks_exact(INCREMENT) {
+                let increment = Fields(record).increment();
+                if let Some(raw) = raw.next() {
+                    write(raw.timestamp_ns, StreamSample::Raw(raw))?;
+                }
+                write(increment.timestamp_ns, StreamSample::Increment(increment))?;
             }
-            write(increment.timestamp_ns, StreamSample::Increment(increment))?;
-        }
-        writer.finish()?.into_inner()?.sync_data()
+            writer.finish().map(drop)
+        })
     };
     py.detach(write).map_err(|error| match error.kind() {
         io::ErrorKind::InvalidData => PyValueError::new_err(error.to_string()),
-        _ => file(&path, &error),
+        _ => unwritten(&path, &error),
     })
 }

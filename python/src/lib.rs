@@ -7,6 +7,7 @@ mod compare;
 mod connection;
 mod convert;
 mod errors;
+mod files;
 mod lag;
 mod lengths;
 mod noise;
@@ -37,6 +38,8 @@ mod _isotherm {
     use crate::compare::{Batch, Comparison, batch, compare};
     #[pymodule_export]
     use crate::convert::{convert, write_ros};
+    #[pymodule_export]
+    use crate::files::write_texts;
     #[pymodule_export]
     use crate::lag::device;
     #[pymodule_export]

@@ -1,6 +1,7 @@
 //! The offline tools on arrays. The libraries do the arithmetic; this module converts arguments and results.
 
-use crate::errors::{StabilityError, file, recording};
+use crate::errors::{StabilityError, recording};
+use crate::files::{unwritten, write_file};
 use crate::records::{Fields, INCREMENT, RAW, array, document, increment_bytes, increments, python, view};
 use crate::table::Table;
 use isotherm_calibration::{Origin, now, tool};
@@ -25,7 +26,7 @@ use numpy::{PyArray1, PyArrayMethods as _, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::fs::File;
-use std::io::{self, BufWriter};
+use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -103,10 +104,11 @@ pub(crate) fn read_increments(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'
             }
             None => None,
         };
+        rows.find_checks()?;
         let (count, mut bytes) = (rows.len(), Vec::new());
         let hexadecimal = |text: &str| u64::from_str_radix(text, 16).ok().filter(|_| text.len() == 16);
-        while rows.next_row()? {
-            rows.expect_len(count)?;
+        while rows.next_row()? && !rows.is_cut() {
+            rows.verify(count)?;
             let names = |column| rows.parse(column, "- or names of flags joined by |", flags);
             let floats = |columns: &[CsvColumn]| -> Result<[f64; 3], RecordingError> {
                 Ok([rows.float(&columns[0])?, rows.float(&columns[1])?, rows.float(&columns[2])?])
@@ -145,11 +147,13 @@ pub(crate) fn write_recording(py: Python<'_>, path: PathBuf, samples: PyReadonly
         let all = || samples.chunks_exact(RAW).map(|record| Fields(record).raw());
         let telemetry = all().any(|raw| raw.telemetry_ns != 0);
         let layout = all().fold(Layout::default(), |layout, raw| layout.with(Layout::of(&StreamSample::Raw(raw))));
-        let mut writer = RawCsvWriter::with_layout(BufWriter::new(File::create(&path)?), "", telemetry, layout)?;
-        all().try_for_each(|raw| writer.write("", &raw))?;
-        writer.finish().map(drop)
+        write_file(&path, |sink| {
+            let mut writer = RawCsvWriter::with_layout(sink, "", telemetry, layout)?;
+            all().try_for_each(|raw| writer.write("", &raw))?;
+            writer.finish().map(drop)
+        })
     };
-    py.detach(write).map_err(|error| file(&path, &error))
+    py.detach(write).map_err(|error| unwritten(&path, &error))
 }
 
 /// Writes increments as `replay` does, or with `delivery` as `feed --delivery` does.
@@ -165,11 +169,13 @@ pub(crate) fn write_increments(
         let all = || increments.chunks_exact(INCREMENT).map(|record| Fields(record).increment());
         let gyroscopes = all().any(|increment| Layout::of(&StreamSample::Increment(increment)).gyroscopes);
         let layout = IncrementLayout { gyroscopes, delivery };
-        let mut writer = IncrementCsvWriter::new(BufWriter::new(File::create(&path)?), layout)?;
-        all().try_for_each(|increment| writer.write(&increment))?;
-        writer.finish().map(drop)
+        write_file(&path, |sink| {
+            let mut writer = IncrementCsvWriter::new(sink, layout)?;
+            all().try_for_each(|increment| writer.write(&increment))?;
+            writer.finish().map(drop)
+        })
     };
-    py.detach(write).map_err(|error| file(&path, &error))
+    py.detach(write).map_err(|error| unwritten(&path, &error))
 }
 
 /// One polynomial regression with its order table, as the JSON document of `isotherm regress --json`.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import signal
 import subprocess
 import sys
 import threading
@@ -378,35 +377,35 @@ def test_calibrate_a_whole_imu(tmp_path: Path) -> None:
     assert other.provenance["accepted"] == ["other-device"]
 
 
-# Kills itself instead of the rename with this number.
+# Replaces both files until it is killed.
 KILLED = """
-import os, signal, sys
 from isotherm import _files
-left, rename = int(sys.argv[1]), os.replace
-def replace(*names):
-    global left
-    if left == 0:
-        os.kill(os.getpid(), signal.SIGKILL)
-    left -= 1
-    rename(*names)
-os.replace = replace
-_files.write_together([("table", "new"), ("report", "new")])
+count = 0
+while True:
+    count += 1
+    _files.write_together([("table", str(count)), ("report", str(count))])
+    print(count, flush=True)
 """
 
 
-@pytest.mark.parametrize(("renames", "left"), [(0, {"table": "old"}), (1, {"table": "new"}), (2, {"table": "new", "report": "new"})])
-def test_no_old_report_stays_beside_a_new_table(tmp_path: Path, renames: int, left: dict[str, str]) -> None:
-    for name in ("table", "report"):
-        (tmp_path / name).write_text("old")
-    killed = subprocess.run([sys.executable, "-c", KILLED, str(renames)], cwd=tmp_path)
-    assert killed.returncode == (0 if renames == 2 else -signal.SIGKILL)
-    assert {path.name: path.read_text() for path in tmp_path.iterdir() if not path.name.startswith(".")} == left
-    # What fails leaves nothing.
-    if renames == 2:
+def test_no_old_report_stays_beside_a_new_table(tmp_path: Path) -> None:
+    for count in range(20):
+        with subprocess.Popen([sys.executable, "-c", KILLED], cwd=tmp_path, stdout=subprocess.PIPE) as killed:
+            assert killed.stdout is not None
+            for _ in range(1 + count):
+                killed.stdout.readline()
+            killed.kill()
+        left = {path.name: path.read_text() for path in tmp_path.iterdir() if not path.name.startswith(".")}
+        assert left["table"] == left.get("report", left["table"])
+        for hidden in tmp_path.glob(".isotherm-*"):
+            hidden.unlink()
+    # What fails leaves nothing, and all that was there.
+    _files.write_together([(tmp_path / "table", "new"), (tmp_path / "report", "new")])
+    for nowhere in (tmp_path / "nowhere" / "report", tmp_path):
         with pytest.raises(OSError):
-            _files.write_together([(tmp_path / "table", "newer"), (tmp_path / "nowhere" / "report", "newer")])
+            _files.write_together([(tmp_path / "table", "newer"), (nowhere, "newer")])
         assert sorted(path.name for path in tmp_path.iterdir()) == ["report", "table"]
-        assert (tmp_path / "table").read_text() == "new"
+        assert (tmp_path / "table").read_text() == (tmp_path / "report").read_text() == "new"
 
 
 def test_calibrate_follows_its_options(tmp_path: Path) -> None:

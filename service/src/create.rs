@@ -12,7 +12,7 @@ use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
 use iceoryx2::service::port_factory::publish_subscribe;
-use isotherm_client::{OwnFile, foreign_object, own_files, payload_of, shortage, sweep};
+use isotherm_client::{OwnFile, foreign_object, open_to_group, own_files, payload_of, shortage, sweep};
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
 use serde::Deserialize;
@@ -93,7 +93,10 @@ impl<'a> Creator<'a> {
         let started = Instant::now();
         loop {
             let error = match attempt() {
-                Ok(value) => return Ok(value),
+                Ok(value) => {
+                    open_to_group(domain);
+                    return Ok(value);
+                }
                 Err(error) => error,
             };
             let waited = started.elapsed();

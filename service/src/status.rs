@@ -29,6 +29,7 @@ pub(crate) fn imu_status(imu: &ImuState) -> ImuStatus {
         GyroscopeStatus { ranges, head_temperature, board_temperature }
     };
     let refused = imu.last_error.as_ref();
+    let (kept, anchor) = (imu.kept(), imu.guard.anchor());
     let digits = |device: u64| format!("{device:016x}");
     let counted = |(bit, name): (u32, &str)| {
         let count = counters.flagged(bit);
@@ -37,7 +38,7 @@ pub(crate) fn imu_status(imu: &ImuState) -> ImuStatus {
     ImuStatus {
         id: imu.imu.id.to_string(),
         table: table.map(|table| table.digest().to_string()),
-        table_file: imu.file.path().display().to_string(),
+        table_file: imu.imu.table.display().to_string(),
         table_taken_unix_s: in_force.map(|sent| sent.taken_unix_s),
         table_modified_unix_s: in_force.and_then(|sent| sent.modified_unix_s),
         serial: table.and_then(|table| table.content().serial.clone()),
@@ -60,9 +61,13 @@ pub(crate) fn imu_status(imu: &ImuState) -> ImuStatus {
         reloads: imu.reloads,
         refusals: imu.refusals,
         last_reload_error: refused.map(|refused| refused.error.clone()),
-        refused_table: refused.and_then(|refused| refused.table.clone()),
+        refused_table: refused.and_then(|refused| Some(refused.table.as_ref()?.digest().to_string())),
         refused_unix_s: refused.map(|refused| refused.since_unix_s),
         table_changes: imu.guard.changes().iter().map(table_change).collect(),
+        table_kept: kept.is_some_and(|kept| kept.error.is_none()),
+        keep_error: kept.and_then(|kept| kept.error.clone()),
+        anchor: anchor.as_ref().map(|(digest, _)| digest.to_string()),
+        anchor_changes: anchor.iter().flat_map(|(_, changes)| changes).map(table_change).collect(),
         latency_ns: latency.summary(),
         latency_second_ns: imu.windows.second(),
         latency_minute_ns: imu.windows.minute(),

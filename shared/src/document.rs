@@ -6,18 +6,23 @@
 //!
 //! Over 400 lines: one reader method for each type of value; together they are the vocabulary of all file formats.
 
+mod syntax;
+
+pub use syntax::MAX_TOKENS;
+
 use crate::stream::{ImuId, NAME_RULE};
-use core::cell::RefCell;
+use core::cell::{Cell, RefCell};
 use core::fmt;
 use core::ops::Range;
+use isotherm_failure::one_line;
+use syntax::Lines;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// Largest file that is read: 1 MiB.
+/// Largest file that is read: 1 MiB. A coefficient table is smaller:
+/// [`MAX_TABLE_BYTES`](crate::table::MAX_TABLE_BYTES).
 pub const MAX_BYTES: u64 = 1 << 20;
 
-/// Limit of reported syntax errors: a file that is not TOML has one on every line.
-const MAX_SYNTAX_FAULTS: usize = 8;
 /// Limit of collected faults: a file can have a hundred thousand.
 const MAX_FAULTS: usize = 100;
 
@@ -59,11 +64,11 @@ impl fmt::Display for Faults {
 
 /// A parsed TOML file that collects faults while it is read.
 pub struct Document<'a> {
-    /// Offsets of the line ends, for a binary search: a file can have a hundred thousand sections, and each looks up
-    /// its line.
-    line_ends: Vec<usize>,
+    lines: Lines,
     root: Spanned<DeTable<'a>>,
     faults: RefCell<Vec<Fault>>,
+    /// Faults that are only counted.
+    more: Cell<usize>,
 }
 
 impl<'a> Document<'a> {
@@ -72,32 +77,9 @@ impl<'a> Document<'a> {
     /// # Errors
     /// All syntax errors that the parser finds, duplicate keys included.
     pub fn parse(text: &'a str) -> Result<Self, Faults> {
-        let (root, errors) = DeTable::parse_recoverable(text);
-        if errors.is_empty() {
-            let line_ends = memchr::memchr_iter(b'\n', text.as_bytes()).collect();
-            return Ok(Self { line_ends, root, faults: RefCell::default() });
-        }
-        let mut places: Vec<_> =
-            errors.iter().map(|error| (error.span().map_or(0, |span| span.start), error)).collect();
-        places.sort_by_key(|(offset, _)| *offset);
-        let (mut line, mut counted) = (1, 0);
-        let located = |(offset, error): (usize, &toml::de::Error)| {
-            line += newlines(text, counted..offset);
-            counted = offset;
-            let not_toml = || (String::new(), format!("not TOML: {}", error.message().replace('\n', ", ")));
-            let (key, message) = number_fault(text, offset).unwrap_or_else(not_toml);
-            Fault { line, key, message }
-        };
-        let mut faults: Vec<_> = places.into_iter().map(located).collect();
-        // After an error the parser often reports follow-up errors on the same line; the first one is the useful one.
-        // Each number counts.
-        faults.dedup_by(|later, first| later.line == first.line && (later.key.is_empty() || later == first));
-        if let Some(rest) = faults.len().checked_sub(MAX_SYNTAX_FAULTS).filter(|rest| *rest > 0) {
-            faults.truncate(MAX_SYNTAX_FAULTS);
-            let line = faults.last().map_or(1, |fault| fault.line);
-            faults.push(Fault { line, key: String::new(), message: format!("and {rest} lines more like this") });
-        }
-        Err(Faults(faults))
+        let lines = Lines::of(text);
+        let root = syntax::parse(text, &lines)?;
+        Ok(Self { lines, root, faults: RefCell::default(), more: Cell::default() })
     }
 
     /// As [`parse`](Self::parse), with one clear fault if `text` is CSV. `wanted` says what to give instead, for
@@ -130,11 +112,14 @@ impl<'a> Document<'a> {
         self.root.get_ref().get(key).is_some_and(|value| value.get_ref().is_array())
     }
 
-    /// Adds a fault at `line`.
+    /// Adds a fault at `line`. What keys and values of the file have in them makes no further line of it.
     pub fn fault(&self, line: usize, key: impl Into<String>, message: impl Into<String>) {
         let mut faults = self.faults.borrow_mut();
         if faults.len() < MAX_FAULTS {
-            faults.push(Fault { line, key: key.into(), message: message.into() });
+            let [key, message] = [key.into(), message.into()].map(|text| one_line(&text).into_owned());
+            faults.push(Fault { line, key, message });
+        } else {
+            self.more.update(|more| more + 1);
         }
     }
 
@@ -145,6 +130,9 @@ impl<'a> Document<'a> {
     pub fn finish<T>(self, value: Option<T>) -> Result<T, Faults> {
         let mut faults = self.faults.into_inner();
         faults.sort_by_key(|fault| fault.line);
+        if let (more @ 1.., Some(last)) = (self.more.get(), faults.last()) {
+            faults.push(Fault { line: last.line, key: String::new(), message: format!("and {more} faults more") });
+        }
         match value {
             Some(value) if faults.is_empty() => Ok(value),
             _ => Err(Faults(faults)),
@@ -158,74 +146,8 @@ impl<'a> Document<'a> {
     }
 
     fn line(&self, span: &Range<usize>) -> usize {
-        1 + self.line_ends.partition_point(|&end| end < span.start)
+        self.lines.at(span.start)
     }
-}
-
-/// Key and message for a place where a number is meant and none stands, as `42O.81`; `None` if it is something else.
-fn number_fault(text: &str, offset: usize) -> Option<(String, String)> {
-    let before = text.get(..offset)?;
-    let begin = before.rfind(['\n', ' ', '\t', '=', ',', '[', '{']).map_or(0, |at| at + 1);
-    let rest = text.get(begin..)?;
-    let token = rest.get(..rest.find([',', ']', '}', ' ', '\t', '\r', '\n', '#']).unwrap_or(rest.len()))?;
-    let is_of_number = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'+' | b'-' | b'.' | b':');
-    // A value, and not a key or a header: after an equals sign, or in a list.
-    let above = before.get(..begin)?;
-    let in_list =
-        above.rfind(['[', '{', ']', '}']).is_some_and(|at| above.get(at..).is_some_and(|it| it.starts_with('[')));
-    let is_value = above.trim_end().ends_with('=') || in_list && above.trim_end().ends_with([',', '[']);
-    let has_digit = token.bytes().any(|byte| byte.is_ascii_digit());
-    if !is_value || !has_digit || !token.bytes().all(is_of_number) || token.parse::<f64>().is_ok() {
-        return None;
-    }
-    let line = before.rfind('\n').map_or(0, |at| at + 1);
-    let column = text.get(line..begin)?.chars().count() + 1;
-    let key = key_before(text, begin)?;
-    Some((key, format!("column {column}: {token:?} is no number; if it is text, put it between quotation marks")))
-}
-
-/// The key whose value begins at `at`, as the text has it: section, its name, key, and key in braces.
-fn key_before(text: &str, at: usize) -> Option<String> {
-    let mut path = Vec::new();
-    let start = text.get(..at)?;
-    // A list may begin lines above its value.
-    let (first, last) = (start.get(..own_line(start)?)?, start.get(own_line(start)?..)?);
-    for above in first.lines().rev().map(str::trim) {
-        if let Some(header) = header(above) {
-            path.push(header.to_owned());
-            break;
-        }
-        if let Some(name) = above.strip_prefix("name") {
-            path.extend(name.split('"').nth(1).map(str::to_owned));
-        }
-    }
-    path.reverse();
-    let keys = |part: &str| part.rsplit(['{', ',', '[', ' ']).find(|word| !word.is_empty()).map(str::to_owned);
-    let (outer, inner) = (last.split_once('=')?.0, last.rsplit_once('=')?.0);
-    path.extend(keys(outer.trim()));
-    if outer.len() != inner.len() {
-        path.extend(keys(inner.trim()));
-    }
-    Some(path.join("."))
-}
-
-/// Where the last line begins that has a key.
-fn own_line(text: &str) -> Option<usize> {
-    let equals = text.rfind('=')?;
-    Some(text.get(..equals)?.rfind('\n').map_or(0, |at| at + 1))
-}
-
-/// The name in a section's header, as in `[imu]` or `[[axis]]`.
-fn header(line: &str) -> Option<&str> {
-    let line = line.split('#').next()?.trim();
-    let name = line.strip_prefix('[')?.strip_suffix(']')?.trim_matches(['[', ']', ' ']);
-    let is_key = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-' | b'.');
-    // A row of a matrix begins with a number.
-    (name.starts_with(|first: char| first.is_ascii_alphabetic()) && name.bytes().all(is_key)).then_some(name)
-}
-
-fn newlines(text: &str, range: Range<usize>) -> usize {
-    text.as_bytes().get(range).unwrap_or_default().iter().filter(|&&byte| byte == b'\n').count()
 }
 
 /// One table of a [`Document`]. [`finish`](Self::finish) reports every key that was never asked for.
@@ -483,10 +405,12 @@ impl<'d, 'a> Section<'d, 'a> {
     pub fn finish(self) {
         let asked = self.asked.into_inner();
         for (key, _) in self.table {
-            if self.document.faults.borrow().len() >= MAX_FAULTS {
-                return;
+            if asked.contains(&key.get_ref().as_ref()) {
+                continue;
             }
-            if !asked.contains(&key.get_ref().as_ref()) {
+            if self.document.faults.borrow().len() >= MAX_FAULTS {
+                self.document.more.update(|more| more + 1);
+            } else {
                 let name = key.get_ref();
                 let path = if self.path.is_empty() { name.to_string() } else { format!("{}.{name}", self.path) };
                 let message = format!("unknown key; known here: {}", asked.join(", "));
@@ -555,13 +479,14 @@ fn numbers_of(value: &DeValue<'_>) -> Option<Vec<f64>> {
 }
 
 /// Whether a text is CSV with a header row: names separated by commas, semicolons or tabs, and a next row with as many
-/// values. Such a first line is never TOML. (The TOML parser takes half a minute for the faults of a recording.)
+/// values. Comments may stand above. Such a first line is never TOML.
 fn is_csv(text: &str) -> bool {
     [',', ';', '\t'].into_iter().any(|separator| is_separated(text, separator))
 }
 
 fn is_separated(text: &str, separator: char) -> bool {
-    let mut lines = text.trim_start_matches('\u{feff}').lines().filter(|line| !line.trim().is_empty());
+    let is_row = |line: &&str| !line.trim_start().is_empty() && !line.starts_with('#');
+    let mut lines = text.trim_start_matches('\u{feff}').lines().filter(is_row);
     let name = |field: &str| {
         let field = field.trim().trim_matches('"');
         !field.is_empty() && field.chars().all(|c| c.is_alphanumeric() || "_-. []/".contains(c))
@@ -607,14 +532,69 @@ mod tests {
         let unknown: String = (0..5000).map(|n| format!("k{n} = 1\n")).collect();
         let document = Document::parse(&unknown).unwrap();
         document.root().finish();
-        assert_eq!(document.finish(Some(())).unwrap_err().0.len(), MAX_FAULTS);
+        let faults = document.finish(Some(())).unwrap_err().0;
+        assert_eq!((faults.len(), faults[MAX_FAULTS].message.as_str()), (MAX_FAULTS + 1, "and 4900 faults more"));
         let faults = Document::parse(&"no toml\n".repeat(1000)).err().unwrap();
         assert_eq!((faults.0.len(), faults.0[8].message.as_str()), (9, "and 992 lines more like this"));
     }
 
     #[test]
+    fn a_syntax_error_shows_its_place() {
+        let faults = |text: &str| Document::parse(text).err().unwrap().to_string();
+        assert_eq!(
+            faults("gravity = 9.8O15\n"),
+            "line 1: not TOML: invalid float, expected nothing\n    gravity = 9.8O15\n                 ^"
+        );
+        // Of a long line, what stands around the place; what steers a terminal is escaped, and a tab is one space.
+        let long = format!("{}\t\u{1b}[2J = = 1 # {}", "k".repeat(100), "c".repeat(100));
+        let [k, c] = ["k".repeat(39), "c".repeat(27)];
+        assert_eq!(
+            faults(&long),
+            format!(
+                "line 1: not TOML: key with no value, expected `=`\n    ...{k} \\u{{1b}}[2J = = 1 # {c}...\n{}^",
+                " ".repeat(47)
+            )
+        );
+        // Of an empty line nothing, and behind the end of a line too.
+        assert!(faults("a = \"\"\"\n").ends_with("line 2: not TOML: invalid multi-line basic string, expected `\"`"));
+        assert!(faults("a = {").ends_with("expected `}`\n    a = {\n         ^"));
+        assert!(faults("a = 1\na = 3\n").ends_with("duplicate key\n    a = 3\n    ^"));
+    }
+
+    #[test]
+    fn errors_that_are_found_out_of_order_are_sorted_and_counted() {
+        // What does not end is found at the end, and about its beginning.
+        for text in
+            ["x = 1O\na = [\n1,\n2", "a = [\n1,\n2", "[a\n[b\n[c", "a = 1\n= 2\na = 3", "\"\"\"\n\n\n", "é\né\r\n="]
+        {
+            let faults = Document::parse(text).err().unwrap().0;
+            let lines: Vec<_> = faults.iter().map(|fault| fault.line).collect();
+            assert!(lines.is_sorted() && lines.iter().all(|line| *line <= text.lines().count() + 1), "{faults:?}");
+            assert!(faults.iter().all(|fault| !fault.message.contains("more like this")), "{faults:?}");
+        }
+    }
+
+    #[test]
+    fn the_first_look_refuses_exactly_what_the_crate_refuses() {
+        const MARKS: &[u8] = b"ab=[]{}\"'#.,\n 1-_\\\r\t\x01";
+        let mut state = 1_u64;
+        let mut next = |below: usize| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as usize % below
+        };
+        let mut right = 0;
+        for _ in 0..50_000 {
+            let text: String = (0..next(24)).map(|_| char::from(MARKS[next(MARKS.len())])).collect();
+            let wrong = DeTable::parse(&text).is_err();
+            right += usize::from(!wrong);
+            assert_eq!(Document::parse(&text).is_err(), wrong, "{text:?}");
+        }
+        assert!(right > 1000, "{right}");
+    }
+
+    #[test]
     fn the_last_of_very_many_sections_knows_its_line() {
-        let text = "[[s]]\n".repeat(MAX_BYTES as usize / 6);
+        let text = "[[s]]\n".repeat(MAX_TOKENS / 6);
         let document = Document::parse(&text).unwrap();
         let sections = document.root().list("s");
         assert_eq!(sections.last().unwrap().line(), sections.len());
@@ -628,6 +608,8 @@ mod tests {
             let faults = Document::parse_as(text, "give the table").err().unwrap();
             assert_eq!(faults.to_string(), "line 1: this is CSV data, not TOML; give the table", "{text}");
         }
+        let faults = Document::parse_as("# of an afternoon\n\na,b\n1,2\n", "give the table").err().unwrap();
+        assert_eq!(faults.to_string(), "line 1: this is CSV data, not TOML; give the table");
         for text in ["a = [1, 2\nb = 3\n", "x, y = 1\n", "", "name\nvalue\n", "a,b\n1\n", "key = \"a,b\nc,d\n"] {
             let faults = Document::parse_as(text, "give the table").err();
             assert!(faults.is_none_or(|faults| !faults.to_string().contains("CSV")), "{text}");

@@ -197,6 +197,20 @@ pub struct ImuStatus {
     /// before the start.
     #[serde(default)]
     pub table_changes: Vec<TableChange>,
+    /// Whether the table in force is kept in the state folder, so that the next start knows it. False while a disk
+    /// takes its time, and where it cannot be kept.
+    #[serde(default)]
+    pub table_kept: bool,
+    /// Why the table in force cannot be kept; null if it is kept, or a disk takes its time. `NOT KEPT` for people.
+    #[serde(default)]
+    pub keep_error: Option<String>,
+    /// Digest of the anchor: the table of the first start, or the last one that was accepted. No table may differ from
+    /// it by more than three times `max_change`. Null without a table.
+    #[serde(default)]
+    pub anchor: Option<String>,
+    /// The largest change of each curve from the anchor to the table in force.
+    #[serde(default)]
+    pub anchor_changes: Vec<TableChange>,
     /// Latency since the start, from `sent_ns` to just before publishing, to within 3 %; null before the first sample.
     pub latency_ns: Option<LatencySummary>,
     /// Latency in the last second, with the same fields; null without a sample in it.

@@ -15,5 +15,5 @@ pub use content::{AXIS_NAMES, Axis, Content, FORMAT, GRAVITY_ONLY, GYROSCOPE_NAM
 pub use digest::Digest;
 pub use model::CoefficientTable;
 pub use nominal::{Nominal, Refusals, STANDARD_GRAVITY, nominal_content, nominal_table};
-pub use toml::{Seal, with_unchecked_digest};
+pub use toml::{MAX_TABLE_BYTES, Seal, with_unchecked_digest};
 pub use turntable::Turntable;

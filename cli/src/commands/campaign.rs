@@ -17,12 +17,11 @@ use isotherm_calibration::{AlignmentChoice, LagChoice};
 use isotherm_campaign::Member;
 use isotherm_client::Domain;
 use isotherm_failure::{Exit, Failure, tell};
-use isotherm_files::{end_signals, print, print_data};
+use isotherm_files::{create_own_folder, end_signals, print, print_data};
 use isotherm_finding::name;
 use isotherm_service::logging::{self, LogFormat};
 use isotherm_verification::Requirement;
 use std::fmt::Write as _;
-use std::fs;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
@@ -161,9 +160,9 @@ impl RunCampaign {
         for warning in plan.warnings() {
             tracing::warn!("{warning}");
         }
+        create_own_folder(&plan.output).map_err(|error| Failure::io("making", &plan.output, &error))?;
         // Before the first file in the folder: a refusal leaves none.
         journal::refuse_data_of_others(&plan.output)?;
-        fs::create_dir_all(&plan.output).map_err(|error| Failure::io("making", &plan.output, &error))?;
         let _lock = Lock::take(&plan.output)?;
         let ended = Arc::<AtomicUsize>::default();
         for signal in end_signals() {
@@ -255,7 +254,8 @@ impl CheckCampaign {
 impl StatusCampaign {
     fn run(self) -> Result<(), Failure> {
         let plan = Plan::load(&self.plan)?;
-        let (pid, snapshot) = (runner_pid(&plan.output)?, snapshot(&plan.output)?);
+        let (runner, snapshot) = (runner_pid(&plan.output), snapshot(&plan.output)?);
+        let pid = runner.as_ref().ok().copied().flatten();
         let outcome = outcome(&plan.output);
         let imus = if plan.is_batch() { outcomes(&plan) } else { Ok(Vec::new()) };
         let has_outcome = outcome.as_ref().is_ok_and(|outcome| outcome.fit.is_some());
@@ -263,7 +263,7 @@ impl StatusCampaign {
             let message = format!("{}: no campaign has been run there", plan.output.display());
             return Err(Failure::new(Exit::Unavailable, message));
         }
-        let died = pid.is_none() && snapshot.as_ref().is_some_and(|snapshot| snapshot.ended.is_none());
+        let died = matches!(runner, Ok(None)) && snapshot.as_ref().is_some_and(|snapshot| snapshot.ended.is_none());
         if self.json {
             let document = if plan.is_batch() {
                 serde_json::json!({ "pid": pid, "campaign": snapshot, "imus": imus.as_ref().ok() })
@@ -274,6 +274,7 @@ impl StatusCampaign {
         } else {
             let state = match (pid, &snapshot) {
                 (Some(pid), _) => format!("running, pid {pid}"),
+                _ if runner.is_err() => "whether it runs cannot be seen".to_owned(),
                 (None, Some(Snapshot { ended: Some(ended), .. })) => format!("ended: {ended}"),
                 (None, Some(_)) => "NOT RUNNING".to_owned(),
                 (None, None) => format!("not running; its {STATUS} is missing, or of another version"),
@@ -286,8 +287,9 @@ impl StatusCampaign {
             };
             print(&format!("{state}\n{line}{outcome}"))?;
         }
-        // The state is told even if the journal cannot be read.
+        // The state is told even if the journal, or the lock of another user, cannot be read.
         outcome?;
+        runner?;
         if died {
             let message = "its runner has died, chamber and table are as it left them; `isotherm campaign run` goes on, \
                            `isotherm campaign stop` brings them into the safe state";

@@ -3,8 +3,7 @@
 use clap::Args;
 use clap_complete::Shell;
 use isotherm_failure::Failure;
-use isotherm_files::{StagedText, check_written, print_data};
-use std::fs;
+use isotherm_files::{StagedText, check_written, create_folder, print_data};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -48,7 +47,7 @@ impl Man {
             check_written(None, rendered)?;
             return print_data(&String::from_utf8_lossy(&text));
         };
-        fs::create_dir_all(&folder).map_err(|error| Failure::io("making", &folder, &error))?;
+        create_folder(&folder).map_err(|error| Failure::io("making", &folder, &error))?;
         for program in [program, isotherm_service::command(isotherm_version::LONG_VERSION)] {
             let mut program = program.disable_help_subcommand(true);
             program.build();

@@ -2,15 +2,20 @@
 
 use super::progress::{STATUS, Snapshot};
 use isotherm_failure::{Exit, Failure};
+use isotherm_files::check_own_folder;
+use rustix::fs::OFlags;
 use rustix::process::{Pid, Signal, kill_process};
-use std::fs::{self, File, OpenOptions, TryLockError};
+use std::fs::{self, File, OpenOptions, Permissions, TryLockError};
 use std::io::{self, Read as _, Seek as _, Write as _};
+use std::os::unix::fs::{OpenOptionsExt as _, PermissionsExt as _};
 use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
 /// The lock file in the campaign's folder: locked while a runner lives, and contains the runner's process id.
 const LOCK: &str = "runner.lock";
+/// Permissions of the lock file: another user who could read it could lock it for ever.
+const OWN: u32 = 0o600;
 /// How long a new runner retries the lock: a process that inspects the folder holds it for a shorter time.
 const LOCK_PATIENCE: Duration = Duration::from_millis(500);
 /// Pause between two attempts.
@@ -31,8 +36,19 @@ impl Lock {
     pub fn take(folder: &Path) -> Result<Self, Failure> {
         let path = folder.join(LOCK);
         let failed = |error: io::Error| Failure::io("locking", &path, &error);
-        let mut file =
-            OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(failed)?;
+        // All that is written there is written in its place.
+        check_own_folder(folder).map_err(|error| Failure::io("locking", folder, &error))?;
+        let mut options = OpenOptions::new();
+        options
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .mode(OWN)
+            .custom_flags(OFlags::NOFOLLOW.bits().cast_signed());
+        let file = options.open(&path).map_err(failed)?;
+        // Earlier versions let everybody read it.
+        file.set_permissions(Permissions::from_mode(OWN)).map_err(failed)?;
         let begun = Instant::now();
         loop {
             match file.try_lock() {
@@ -43,7 +59,7 @@ impl Lock {
                     let message = format!(
                         "{}: pid {} runs this campaign; see `isotherm campaign status`",
                         folder.display(),
-                        pid_in(&mut file).map_or_else(|| "?".to_owned(), |pid| pid.to_string())
+                        pid_in(&file).map_or_else(|| "?".to_owned(), |pid| pid.to_string())
                     );
                     return Err(Failure::new(Exit::Failed, message));
                 }
@@ -59,7 +75,7 @@ impl Lock {
     }
 }
 
-fn pid_in(file: &mut File) -> Option<i32> {
+fn pid_in(mut file: &File) -> Option<i32> {
     let mut text = String::new();
     file.rewind().ok()?;
     file.read_to_string(&mut text).ok()?;
@@ -69,17 +85,17 @@ fn pid_in(file: &mut File) -> Option<i32> {
 /// The id of the process that runs the campaign in `folder`; `None` if no process does, or if its id cannot be read.
 ///
 /// # Errors
-/// If the lock cannot be inspected.
+/// If the lock cannot be inspected: only the user who runs the campaign may.
 pub fn runner_pid(folder: &Path) -> Result<Option<i32>, Failure> {
     let path = folder.join(LOCK);
-    let mut file = match File::open(&path) {
+    let file = match OpenOptions::new().read(true).custom_flags(OFlags::NONBLOCK.bits().cast_signed()).open(&path) {
         Ok(file) => file,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(Failure::io("opening", &path, &error)),
     };
     match file.try_lock_shared() {
         Ok(()) => Ok(None),
-        Err(TryLockError::WouldBlock) => Ok(pid_in(&mut file)),
+        Err(TryLockError::WouldBlock) => Ok(pid_in(&file)),
         Err(TryLockError::Error(error)) => Err(Failure::io("looking at", &path, &error)),
     }
 }

@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _isotherm
-from ._files import staged
 from ._isotherm import Table
 from ._records import INCREMENT, RAW_SAMPLE, Records, as_bytes, records, sample_bytes
 from ._toml import toml_value
@@ -105,8 +104,7 @@ def write_ros(
     raw = None if samples is None else sample_bytes(samples)
     if raw is not None and len(raw) // RAW_SAMPLE.itemsize != len(data) // INCREMENT.itemsize:
         raise ValueError("samples and increments must be of one length")
-    with staged(path) as name:
-        _isotherm.write_ros(name, table, data, raw, table_file)
+    _isotherm.write_ros(path, table, data, raw, table_file)
 
 
 def table_csv(table: Any) -> bytes:

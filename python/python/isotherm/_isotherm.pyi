@@ -56,6 +56,7 @@ __all__ = [
     "write_increments",
     "write_recording",
     "write_ros",
+    "write_texts",
 ]
 
 __version__: Final[str]
@@ -664,6 +665,7 @@ def convert(
     session: int,
     instance: int | None,
 ) -> tuple[_Bytes, list[str]]: ...
+def write_texts(texts: list[tuple[_Path, str]]) -> None: ...
 def write_ros(path: _Path, table: Table, increments: _Bytes, samples: _Bytes | None, table_file: _Path) -> None: ...
 def regress(
     x: _Doubles,

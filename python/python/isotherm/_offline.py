@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _isotherm
-from ._files import staged, write_text, write_together
+from ._files import write_text, write_together
 from ._isotherm import Batch, Comparison, Stability, Table
 from ._records import CAMPAIGN, INCREMENT, RAW_SAMPLE, Records, as_bytes, flat_doubles, increments_frame, is_frame, records, sample_bytes
 from ._toml import toml_value
@@ -67,18 +67,14 @@ def write_recording(path: AnyPath, samples: Records | pd.DataFrame) -> None:
     """Writes raw samples as a recording, without `session`, and without what is 0 in all samples: `telemetry_ns`, `device`, the lagged
     telemetry and the gyroscopes.
     """
-    data = sample_bytes(samples)
-    with staged(path) as name:
-        _isotherm.write_recording(name, data)
+    _isotherm.write_recording(path, sample_bytes(samples))
 
 
 def write_increments(path: AnyPath, increments: Records, *, delivery: bool = False) -> None:
     """Writes increments as `isotherm replay` does, or with `delivery` as `isotherm feed --delivery`. If all angles are NaN, they are left
     out, as those of a table without gyroscopes.
     """
-    data = as_bytes(records(increments, INCREMENT))
-    with staged(path) as name:
-        _isotherm.write_increments(name, data, delivery)
+    _isotherm.write_increments(path, as_bytes(records(increments, INCREMENT)), delivery)
 
 
 def verify(

@@ -107,6 +107,7 @@ fn describe_table(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
     if let Some(changed) = changed(&imu.table_changes) {
         writeln!(text, "  changed      by the table in force, at most: {changed}")?;
     }
+    describe_keeping(text, imu)?;
     if let Some(device) = &imu.other_device {
         let (own, serial) = (imu.device.as_deref().unwrap_or("-"), imu.serial.as_deref().unwrap_or_default());
         writeln!(
@@ -121,6 +122,22 @@ fn describe_table(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
         text,
         "  OTHER LAG    that of the samples is {other}: the transient terms are left out, flagged lag-unknown"
     )
+}
+
+/// Whether the table is kept, and how far it is from the anchor.
+fn describe_keeping(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
+    if let Some(error) = &imu.keep_error {
+        writeln!(text, "  NOT KEPT     {error}")?;
+    } else if imu.table.is_some() && !imu.table_kept {
+        writeln!(text, "  not kept yet the disk of the state folder takes its time")?;
+    }
+    let (Some(anchor), Some(table)) = (&imu.anchor, &imu.table) else { return Ok(()) };
+    if anchor == table {
+        return Ok(());
+    }
+    let changed = changed(&imu.anchor_changes).unwrap_or_else(|| "nothing".to_owned());
+    writeln!(text, "  anchor       {anchor}; changed since then, at most: {changed}")?;
+    writeln!(text, "               `reload --imu {} --accept {table}` makes the table in force the anchor", imu.id)
 }
 
 fn describe_samples(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {

@@ -10,10 +10,13 @@ use server::MetricsServer;
 use std::cell::{RefCell, RefMut};
 use std::net::{SocketAddr, TcpListener};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
 use std::time::{Duration, Instant};
 pub(crate) use text::METRICS;
 use tracing::{info, warn};
 
+/// Pause before a port that is taken is tried again.
+const RETRY: Duration = Duration::from_secs(1);
 /// An older snapshot is not shown: the control thread hangs, and the monitoring must notice that.
 const MAX_AGE: Duration = Duration::from_secs(5);
 
@@ -54,44 +57,27 @@ pub(crate) struct Metrics {
 }
 
 impl Metrics {
-    /// Listens on `address` and starts the thread that answers.
+    /// Starts the thread that listens on `address` and answers. A port that is taken is no reason to give no
+    /// increments: it is tried again until it is free.
     ///
     /// # Errors
-    /// If it cannot listen on the address.
+    /// If the operating system refuses the thread.
     pub(crate) fn start(address: SocketAddr) -> Result<Self, Failure> {
-        let failed = |error: std::io::Error| {
-            Failure::new(
-                Exit::Io,
-                format!(
-                    "metrics.listen = \"{address}\": {error}; `ss -ltnp` lists who listens where; give a free port of this machine, or remove [metrics]"
-                ),
-            )
-        };
-        let listener = TcpListener::bind(address).map_err(failed)?;
-        let server = MetricsServer::new(listener).map_err(failed)?;
-        let address = server.address().map_err(failed)?;
-        if !address.ip().is_loopback() {
-            warn!(
-                "metrics.listen = \"{address}\": anybody who reaches this port can read the metrics; there is no encryption and no password"
-            );
-        }
         let latest = Arc::<Latest>::default();
         let shown = Arc::downgrade(&latest);
         let body = move || {
+            let wanted = || shown.strong_count() > 0;
+            let Some(server) = listen(address, wanted) else { return };
             let page = RefCell::default();
-            server.run(
-                || shown.strong_count() > 0,
-                || {
-                    let latest = shown.upgrade()?.lock().unwrap_or_else(PoisonError::into_inner).clone();
-                    let (_, status) = latest.filter(|(updated, _)| updated.elapsed() < MAX_AGE)?;
-                    let mut page: RefMut<'_, Page<_>> = page.borrow_mut();
-                    Some(page.of(&status, Instant::now(), text::render).to_owned())
-                },
-            );
+            server.run(wanted, || {
+                let latest = shown.upgrade()?.lock().unwrap_or_else(PoisonError::into_inner).clone();
+                let (_, status) = latest.filter(|(updated, _)| updated.elapsed() < MAX_AGE)?;
+                let mut page: RefMut<'_, Page<_>> = page.borrow_mut();
+                Some(page.of(&status, Instant::now(), text::render).to_owned())
+            });
         };
-        let thread = std::thread::Builder::new().name("metrics".to_owned()).spawn(body);
-        thread.map_err(failed)?;
-        info!("metrics at http://{address}/metrics");
+        let thread = thread::Builder::new().name("metrics".to_owned()).spawn(body);
+        thread.map_err(|error| Failure::new(Exit::Failed, format!("starting the metrics: {error}")))?;
         Ok(Self { latest })
     }
 
@@ -100,6 +86,36 @@ impl Metrics {
         let latest = Some((Instant::now(), Arc::clone(status)));
         *self.latest.lock().unwrap_or_else(PoisonError::into_inner) = latest;
     }
+}
+
+/// Listens on the address, as soon as that is possible; `None` if it is not wanted any more.
+fn listen(address: SocketAddr, wanted: impl Fn() -> bool) -> Option<MetricsServer> {
+    let mut is_told = false;
+    while wanted() {
+        let server = TcpListener::bind(address).and_then(MetricsServer::new);
+        match server.and_then(|server| Ok((server.address()?, server))) {
+            Ok((address, server)) => {
+                if !address.ip().is_loopback() {
+                    warn!(
+                        "metrics.listen = \"{address}\": anybody who reaches this port can read the metrics; there is no encryption and no password"
+                    );
+                }
+                info!("metrics at http://{address}/metrics");
+                return Some(server);
+            }
+            Err(error) => {
+                if !is_told {
+                    warn!(
+                        "no metrics yet: metrics.listen = \"{address}\": {error}; it is tried again every second; `ss -ltnp` lists who listens \
+                         where; give a free port of this machine, or remove [metrics]"
+                    );
+                }
+                is_told = true;
+            }
+        }
+        thread::sleep(RETRY);
+    }
+    None
 }
 
 #[cfg(test)]

@@ -34,6 +34,10 @@ pub enum Seal {
     Renewed,
 }
 
+/// Largest text of a coefficient table: 128 KiB. One with provenance, gyroscopes and every accepted finding has under
+/// 16 KiB.
+pub const MAX_TABLE_BYTES: u64 = 128 << 10;
+
 /// Said of the digest of a file whose content cannot be read.
 const UNCHECKED_DIGEST: &str = "cannot be checked until these are right";
 
@@ -83,6 +87,10 @@ impl CoefficientTable {
     /// # Errors
     /// All faults of the text with line and key.
     pub fn from_toml_with(text: &str, expected: Option<&ImuId>, seal: Seal) -> Result<Self, Faults> {
+        if text.len() as u64 > MAX_TABLE_BYTES {
+            let message = format!("over {MAX_TABLE_BYTES} bytes; no coefficient table is that large");
+            return Err(Faults(vec![Fault { line: 1, key: String::new(), message }]));
+        }
         let document = Document::parse_as(text, "give the coefficient table")
             .map_err(|faults| with_unchecked_digest(text, faults))?;
         let root = document.root();

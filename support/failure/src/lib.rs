@@ -13,7 +13,7 @@
 
 mod printable;
 
-pub use printable::{printable, tell};
+pub use printable::{one_line, printable, shown, tell};
 
 use std::io;
 use std::path::{Path, PathBuf};

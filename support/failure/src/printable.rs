@@ -4,6 +4,7 @@
 use std::borrow::Cow;
 use std::fmt::{Display, Write as _};
 use std::io::{self, Write as _};
+use std::path::Path;
 
 /// The text with every character escaped that steers a terminal, as in `\u{1b}`: control characters (C0, DEL, C1)
 /// except line ends and tabs, and the characters that change the direction of writing.
@@ -17,12 +18,42 @@ use std::io::{self, Write as _};
 /// ```
 #[must_use]
 pub fn printable(text: &str) -> Cow<'_, str> {
-    if !text.contains(steers) {
+    escaped(text, steers)
+}
+
+/// As [`printable`], with line ends and tabs escaped, too: for what comes from a file or a stream and becomes part of a
+/// line, such as a name or a value. A line end in it would forge a line of its own.
+///
+/// ```
+/// use isotherm_failure::one_line;
+///
+/// assert_eq!(one_line("imu\nisotherm: all is well"), r"imu\u{a}isotherm: all is well");
+/// ```
+#[must_use]
+pub fn one_line(text: &str) -> Cow<'_, str> {
+    escaped(text, |character| matches!(character, '\n' | '\t') || steers(character))
+}
+
+/// The name of a file for a message, as [`one_line`] text. Every message names its files by this function.
+///
+/// ```
+/// use isotherm_failure::shown;
+/// use std::path::Path;
+///
+/// assert_eq!(shown(Path::new("a\nb.toml")).to_string(), r"a\u{a}b.toml");
+/// ```
+#[must_use]
+pub fn shown(path: &Path) -> impl Display + use<> {
+    one_line(&path.to_string_lossy()).into_owned()
+}
+
+fn escaped(text: &str, is_escaped: impl Fn(char) -> bool) -> Cow<'_, str> {
+    if !text.contains(&is_escaped) {
         return Cow::Borrowed(text);
     }
     let mut escaped = String::with_capacity(text.len() + 16);
     for character in text.chars() {
-        if steers(character) {
+        if is_escaped(character) {
             // Writing to a String cannot fail.
             let _ = write!(escaped, "{}", character.escape_unicode());
         } else {

@@ -14,12 +14,12 @@
 //! SIGKILL loses nothing: the next process that finds a `TABLE.replaced` completes the installation, or removes the
 //! copy if it equals TABLE, which then was not replaced.
 
-use crate::live::{give_mode_and_owner, mode_of, target_of};
+use crate::live::{give_mode_and_owner, mode_of};
 use crate::load::Identity;
-use crate::output::{HIDDEN, folder_of, refuse_planted};
+use crate::output::HIDDEN;
+use crate::place::{exchange, output_place, rename, sync_folder};
 use isotherm_failure::{Exit, Failure};
-use rustix::fs::{CWD, OFlags, RenameFlags, renameat_with};
-use rustix::io::Errno;
+use rustix::fs::OFlags;
 use std::ffi::OsString;
 use std::fs::{self, File, Metadata, OpenOptions, TryLockError};
 use std::io::{self, Write as _};
@@ -56,7 +56,7 @@ impl Installation {
 
     fn try_lock(target: &Path) -> io::Result<Self> {
         // A link is not replaced, but what it leads to.
-        let file = if target.is_symlink() { target_of(target) } else { target.to_owned() };
+        let file = output_place(target)?;
         let name = |before: &str, after: &str| {
             let mut name = OsString::from(before);
             name.push(file.file_name().unwrap_or_default());
@@ -105,8 +105,7 @@ impl Installation {
     fn put(&self, text: &[u8]) -> io::Result<bool> {
         let Some(present) = regular(&self.file)? else {
             self.write_new(text, None)?;
-            fs::rename(&self.new, &self.file)?;
-            self.sync_folder();
+            rename(&self.new, &self.file)?;
             return Ok(false);
         };
         if fs::read(&self.file)? == text {
@@ -116,16 +115,16 @@ impl Installation {
         self.write_new(text, Some(&present))?;
         let came_out = exchange(&self.new, &self.file)?;
         if !came_out {
-            fs::rename(&self.new, &self.file)?;
+            rename(&self.new, &self.file)?;
         }
-        let kept = if came_out { fs::rename(&self.new, &self.replaced) } else { Ok(()) };
+        let kept = if came_out { rename(&self.new, &self.replaced) } else { Ok(()) };
         kept.and_then(|()| self.settle()).map_err(|error| self.put_back(error))?;
         Ok(true)
     }
 
     /// Puts the old table in force again, because of this error.
     fn put_back(&self, error: io::Error) -> io::Error {
-        let Err(second) = fs::rename(&self.replaced, &self.file) else { return error };
+        let Err(second) = rename(&self.replaced, &self.file) else { return error };
         let replaced = self.replaced.display();
         let message = format!("{error}; the new table is in force all the same, {replaced} is the old one: {second}");
         io::Error::new(error.kind(), message)
@@ -138,7 +137,7 @@ impl Installation {
     pub fn roll_back(&self) -> Result<(), Failure> {
         let exchanged = match exchange(&self.file, &self.previous) {
             Ok(false) => self.swap(),
-            exchanged => exchanged.map(|_| self.sync_folder()),
+            exchanged => exchanged.and_then(|_| sync_folder(&self.file)),
         };
         exchanged.map_err(|error| self.failed("exchanging with its predecessor", &error))
     }
@@ -148,7 +147,7 @@ impl Installation {
         if let Some(present) = regular(&self.file)? {
             self.keep_copy(&present)?;
         }
-        fs::rename(&self.previous, &self.file)?;
+        rename(&self.previous, &self.file)?;
         self.settle()
     }
 
@@ -167,17 +166,13 @@ impl Installation {
         if same {
             return remove(&self.replaced);
         }
-        fs::rename(&self.replaced, &self.previous)?;
-        self.sync_folder();
-        Ok(())
+        rename(&self.replaced, &self.previous)
     }
 
     /// Copies the file, which is `present`, to the name that says that it is being replaced.
     fn keep_copy(&self, present: &Metadata) -> io::Result<()> {
         self.write_new(&fs::read(&self.file)?, Some(present))?;
-        fs::rename(&self.new, &self.replaced)?;
-        self.sync_folder();
-        Ok(())
+        rename(&self.new, &self.replaced)
     }
 
     /// Writes a new file with the permissions and owner of the `existing` one, and waits until it is on the disk.
@@ -188,11 +183,6 @@ impl Installation {
         give_mode_and_owner(&file, existing);
         file.write_all(content)?;
         file.sync_all()
-    }
-
-    /// Waits until the names are on the disk. Some file systems cannot.
-    fn sync_folder(&self) {
-        let _ = File::open(folder_of(&self.file)).and_then(|folder| folder.sync_all());
     }
 }
 
@@ -239,14 +229,6 @@ impl Drop for Lock {
     }
 }
 
-/// Exchanges two files in one step; `false` if the file system cannot.
-fn exchange(one: &Path, other: &Path) -> io::Result<bool> {
-    match renameat_with(CWD, one, CWD, other, RenameFlags::EXCHANGE) {
-        Err(Errno::INVAL | Errno::NOSYS | Errno::OPNOTSUPP) => Ok(false),
-        result => Ok(result.map(|()| true)?),
-    }
-}
-
 fn remove(path: &Path) -> io::Result<()> {
     match fs::remove_file(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(about(path, &error)),
@@ -256,7 +238,7 @@ fn remove(path: &Path) -> io::Result<()> {
 
 /// What is known of the regular file `path`; `None` if there is nothing.
 fn regular(path: &Path) -> io::Result<Option<Metadata>> {
-    refuse_planted(path).map_err(|error| about(path, &error))?;
+    output_place(path).map_err(|error| about(path, &error))?;
     match fs::symlink_metadata(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
         Err(error) => Err(error),

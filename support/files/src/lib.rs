@@ -25,6 +25,7 @@ mod install;
 mod live;
 mod load;
 mod output;
+mod place;
 mod signals;
 mod stdout;
 
@@ -32,6 +33,7 @@ pub use install::Installation;
 pub use live::{LiveFile, Partial, partial_path, target_of};
 pub use load::{Identity, LoadError, WorldWritable, load_table, read_text};
 pub use output::{Output, StagedText, check_written, print, print_data, refuse_overlap, replace};
+pub use place::{check_own_folder, create_folder, create_own_folder, exchange, output_place, sync_folder};
 pub use signals::{end_flag, end_signals, remove_unfinished_on_signals, report_file_limit};
 pub use stdout::check_stdout;
 

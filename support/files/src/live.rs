@@ -4,13 +4,14 @@
 //! power failure in the middle of a write, which may cut the last row. If the command ends early the file stays under
 //! that name.
 
-use super::signals::unfinished;
+use crate::place::{kind_of, output_place, rename};
+use crate::signals::unfinished;
 use isotherm_failure::Failure;
 use rustix::fs::OFlags;
 use rustix::process::geteuid;
 use std::fs::{self, File, Metadata, OpenOptions, Permissions, TryLockError};
 use std::io::{self, Seek as _, SeekFrom, Write};
-use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _, fchown};
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _, fchown};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -49,6 +50,8 @@ pub struct LiveFile {
     file: File,
     target: PathBuf,
     partial: Partial,
+    /// Permissions of the complete file. Until then nobody else may open it: who may read it could lock it for ever.
+    mode: u32,
     /// Bytes that have not been written.
     pending: Vec<u8>,
     length: u64,
@@ -56,7 +59,8 @@ pub struct LiveFile {
 }
 
 impl LiveFile {
-    /// Creates the file `target` under its temporary name, with the permissions and owner of the `existing` one.
+    /// Creates the file `target` under its temporary name, with the owner of the `existing` one; the complete file gets
+    /// its permissions, too.
     ///
     /// # Errors
     /// If it cannot be created, if another process writes it, if there are rows in it from an earlier run, or if
@@ -78,9 +82,10 @@ impl LiveFile {
             Some(_) => io::Error::new(error.kind(), format!("{}: {error}", path.display())),
             None => error,
         })?;
-        give_mode_and_owner(&file, existing);
+        give_owner(&file, existing);
+        let mode = existing.map_or_else(|| 0o666 & !umask(), |existing| mode_of(Some(existing)));
         let partial = Partial { path, lines: Arc::default() };
-        Ok(Self { file, target, partial, pending: Vec::new(), length: 0, complete: false })
+        Ok(Self { file, target, partial, mode, pending: Vec::new(), length: 0, complete: false })
     }
 
     /// Where the rows are.
@@ -95,7 +100,9 @@ impl LiveFile {
     pub fn finish(mut self) -> io::Result<()> {
         self.flush()?;
         self.file.sync_all()?;
-        fs::rename(&self.partial.path, &self.target)?;
+        // Some file systems have no permissions.
+        let _ = self.file.set_permissions(Permissions::from_mode(self.mode));
+        rename(&self.partial.path, &self.target)?;
         self.complete = true;
         Ok(())
     }
@@ -157,7 +164,7 @@ impl Drop for LiveFile {
 /// file that was there before: anybody who may write the folder can have made it, with any permissions.
 fn claim(path: &Path, existing: Option<&Metadata>) -> io::Result<Option<File>> {
     let mut options = OpenOptions::new();
-    options.write(true).create_new(true).mode(mode_of(existing));
+    options.write(true).create_new(true).mode(0o600);
     options.custom_flags((OFlags::NOFOLLOW | OFlags::NONBLOCK).bits().cast_signed());
     let (file, new) = match options.open(path) {
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
@@ -198,18 +205,11 @@ fn claim(path: &Path, existing: Option<&Metadata>) -> io::Result<Option<File>> {
 /// of the `existing` one.
 fn check_leftover(path: &Path, existing: Option<&Metadata>) -> io::Result<()> {
     let found = fs::symlink_metadata(path)?;
-    let kind = found.file_type();
-    let object = match () {
-        () if kind.is_file() => "file",
-        () if kind.is_symlink() => "link",
-        () if kind.is_dir() => "folder",
-        () if kind.is_fifo() => "pipe",
-        () => "device or socket",
-    };
     let own = found.uid() == geteuid().as_raw() || existing.is_some_and(|existing| existing.uid() == found.uid());
-    if kind.is_file() && own {
+    if found.is_file() && own {
         return Ok(());
     }
+    let object = kind_of(&found);
     Err(refusal(path, &format!("is a {object} of user {}; have it removed, or name another file", found.uid())))
 }
 
@@ -222,11 +222,25 @@ pub(crate) fn mode_of(existing: Option<&Metadata>) -> u32 {
     existing.map_or(0o666, |existing| existing.mode() & 0o777)
 }
 
+/// The permissions that new files of this process do not get.
+fn umask() -> u32 {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let umask = status.lines().find_map(|line| u32::from_str_radix(line.strip_prefix("Umask:")?.trim(), 8).ok());
+    umask.unwrap_or(0o077)
+}
+
+/// Gives a new file the owner of the `existing` one that it replaces, as far as this user and the file system allow.
+fn give_owner(file: &File, existing: Option<&Metadata>) {
+    if let Some(existing) = existing {
+        let _ = fchown(file, Some(existing.uid()), Some(existing.gid()));
+    }
+}
+
 /// Gives a new file owner and permissions of the `existing` one that it replaces, as far as this user and the file
 /// system allow.
 pub(crate) fn give_mode_and_owner(file: &File, existing: Option<&Metadata>) {
+    give_owner(file, existing);
     if let Some(existing) = existing {
-        let _ = fchown(file, Some(existing.uid()), Some(existing.gid()));
         // The umask does not apply here.
         let _ = file.set_permissions(Permissions::from_mode(mode_of(Some(existing))));
     }
@@ -243,10 +257,9 @@ fn partial_of(target: &Path) -> PathBuf {
     PathBuf::from(name)
 }
 
-/// Where `path` leads: through a symbolic link to its target, which need not exist.
+/// Where `path` leads, for a message: through symbolic links to their target, which need not exist. The path itself
+/// where nothing would be written.
 #[must_use]
 pub fn target_of(path: &Path) -> PathBuf {
-    let target = fs::canonicalize(path)
-        .or_else(|_| fs::read_link(path).map(|link| path.parent().unwrap_or(Path::new("")).join(link)));
-    target.unwrap_or_else(|_| path.to_owned())
+    output_place(path).unwrap_or_else(|_| path.to_owned())
 }

@@ -4,7 +4,7 @@
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::document::{Fault, Faults, MAX_BYTES};
 use isotherm_shared::stream::ImuId;
-use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::table::{CoefficientTable, MAX_TABLE_BYTES};
 use std::fmt;
 use std::fs::{self, Metadata, OpenOptions};
 use std::io::{self, Read as _};
@@ -105,6 +105,11 @@ impl WorldWritable {
 /// If the file cannot be read, may be written by everybody ([`WorldWritable::Refuse`]), is no regular file, is over 1
 /// MiB, is not UTF-8, or changes while it is read.
 pub fn read_text(path: &Path, world_writable: WorldWritable) -> Result<(String, Identity), LoadError> {
+    read(path, world_writable, MAX_BYTES, "table or configuration")
+}
+
+/// As [`read_text`]; `limit` is the most bytes that such a file, of this `kind`, has.
+fn read(path: &Path, world_writable: WorldWritable, limit: u64, kind: &str) -> Result<(String, Identity), LoadError> {
     let io = |error: io::Error| LoadError::Io { path: path.to_owned(), cause: error.to_string() };
     let refused = |line, message: String| LoadError::Refused {
         path: path.to_owned(),
@@ -121,9 +126,9 @@ pub fn read_text(path: &Path, world_writable: WorldWritable) -> Result<(String, 
         return Err(refused(1, format!("everybody may write it; chmod o-w {path}, or give --allow-world-writable")));
     }
     let mut bytes = Vec::new();
-    (&mut file).take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(io)?;
-    if bytes.len() as u64 > MAX_BYTES {
-        return Err(refused(1, format!("over {MAX_BYTES} bytes; no table or configuration is that large")));
+    (&mut file).take(limit + 1).read_to_end(&mut bytes).map_err(io)?;
+    if bytes.len() as u64 > limit {
+        return Err(refused(1, format!("over {limit} bytes; no {kind} is that large")));
     }
     let identity = Identity::from(&before);
     if identity != Identity::from(&file.metadata().map_err(io)?) {
@@ -142,7 +147,7 @@ pub fn read_text(path: &Path, world_writable: WorldWritable) -> Result<(String, 
     }
 }
 
-/// Loads a coefficient table; with `expected`, one for another IMU is refused.
+/// Loads a coefficient table, of at most 128 KiB; with `expected`, one for another IMU is refused.
 ///
 /// # Errors
 /// Everything that is wrong with the file.
@@ -151,7 +156,7 @@ pub fn load_table(
     expected: Option<&ImuId>,
     world_writable: WorldWritable,
 ) -> Result<(CoefficientTable, Identity), LoadError> {
-    let (text, identity) = read_text(path, world_writable)?;
+    let (text, identity) = read(path, world_writable, MAX_TABLE_BYTES, "coefficient table")?;
     let table = CoefficientTable::from_toml(&text, expected);
     let table = table.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
     Ok((table, identity))

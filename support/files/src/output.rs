@@ -1,13 +1,14 @@
 //! Writing results: a regular file appears whole or not at all; pipes, devices and stdout are written directly. Rows of
 //! a live stream are kept if the command ends early ([`Output::create_live`]).
 
-use crate::live::{LiveFile, Partial, give_mode_and_owner, mode_of, target_of};
+use crate::live::{LiveFile, Partial, give_mode_and_owner, mode_of};
+use crate::place::{folder_of, output_place, sync_folder};
 use crate::signals::unfinished;
 use crate::stdout::check_stdout;
 use isotherm_failure::{Exit, Failure, printable};
 use std::fs::{self, File, Metadata, OpenOptions, Permissions};
 use std::io::{self, BufWriter, Write};
-use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use tempfile::TempPath;
 
@@ -50,15 +51,15 @@ impl Output {
             check_stdout()?;
             return Ok(Self::Direct(BufWriter::new(Box::new(io::stdout()))));
         };
-        refuse_planted(path)?;
-        match fs::metadata(path) {
+        // If the path is a symbolic link, its target is replaced, not the link.
+        let place = output_place(path)?;
+        match fs::metadata(&place) {
             Ok(metadata) if metadata.is_dir() => Err(io::Error::from(io::ErrorKind::IsADirectory)),
             Ok(metadata) if !metadata.is_file() => {
-                let direct = OpenOptions::new().write(true).open(path)?;
+                let direct = OpenOptions::new().write(true).open(place)?;
                 Ok(Self::Direct(BufWriter::new(Box::new(direct))))
             }
-            // If the path is a symbolic link, its target is replaced, not the link.
-            existing => regular(target_of(path), existing.ok().as_ref()),
+            existing => regular(place, existing.ok().as_ref()),
         }
     }
 
@@ -87,7 +88,8 @@ impl Output {
     /// Makes the data visible and durable.
     ///
     /// # Errors
-    /// If the last bytes cannot be written or the file cannot be renamed; the old file is then unchanged.
+    /// If the last bytes cannot be written or the file cannot be renamed; the old file is then unchanged. If the disk
+    /// fails after that, the new file has its name, but may lose it.
     pub fn finish(mut self) -> io::Result<()> {
         self.complete()?;
         self.rename()
@@ -110,17 +112,19 @@ impl Output {
             // Keep only the kind of the error, as in `stage`.
             Err(error) => Err(io::Error::from(error.kind())),
             Ok(hidden) => {
-                // Some file systems cannot sync a folder.
-                let _ = File::open(folder_of(path)).and_then(|folder| folder.sync_all());
-                Ok(Some(Aside { hidden: hidden.into_temp_path(), path: path.clone() }))
+                let aside = Aside { hidden: hidden.into_temp_path(), path: path.clone() };
+                sync_folder(path).map(|()| Some(aside))
             }
         }
     }
 
-    /// Gives the file, which [`complete`](Self::complete) has made durable, its name.
+    /// Gives the file, which [`complete`](Self::complete) has made durable, its name, and makes that durable, too.
     fn rename(self) -> io::Result<()> {
         match self {
-            Self::Staged(_, temporary, path) => temporary.persist(&path).map_err(|error| error.error),
+            Self::Staged(_, temporary, path) => {
+                temporary.persist(&path).map_err(|error| error.error)?;
+                sync_folder(&path)
+            }
             Self::Live(file) => file.finish(),
             Self::Direct(_) => Ok(()),
         }
@@ -143,11 +147,6 @@ impl Aside {
     }
 }
 
-/// The folder of a file; `.` for a name alone.
-pub(crate) fn folder_of(path: &Path) -> &Path {
-    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
-}
-
 impl Write for Output {
     fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
         match self {
@@ -164,23 +163,6 @@ impl Write for Output {
             Self::Direct(writer) => writer.flush(),
         }
     }
-}
-
-/// Refuses what another user has put into a folder that everybody may write, such as `/tmp`: a link would lead the
-/// result into a file of this user, a pipe would block.
-pub(crate) fn refuse_planted(path: &Path) -> io::Result<()> {
-    /// Sticky, and writable by everybody.
-    const SHARED: u32 = 0o1002;
-    let (Ok(folder), Ok(entry)) = (fs::metadata(folder_of(path)), fs::symlink_metadata(path)) else { return Ok(()) };
-    let trusted = [rustix::process::geteuid().as_raw(), 0].contains(&entry.uid());
-    if folder.mode() & SHARED != SHARED || trusted {
-        return Ok(());
-    }
-    let message = format!(
-        "it belongs to user {}, and everybody may make one there; have it removed, or name another file",
-        entry.uid()
-    );
-    Err(io::Error::other(message))
 }
 
 /// A text that is written first and becomes visible later, when everything else has succeeded.
@@ -265,7 +247,7 @@ impl StagedText {
 /// Replaces the file `path` by one with this `text`.
 ///
 /// # Errors
-/// The operating system's error; the old file is then unchanged.
+/// As [`Output::create`] and [`Output::finish`].
 pub fn replace(path: &Path, text: &str) -> io::Result<()> {
     let mut output = Output::create(Some(path))?;
     output.write_all(text.as_bytes())?;

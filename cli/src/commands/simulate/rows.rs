@@ -3,13 +3,12 @@
 use super::options::{SimulatedFiles, usage};
 use crate::progress::rows_bar;
 use isotherm_failure::Failure;
-use isotherm_files::{check_stdout, check_written};
+use isotherm_files::{check_stdout, check_written, create_folder};
 use isotherm_recording::{Layout, RawCsvWriter};
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_simulation::{Chain, RunSchedule, Truth};
 use serde::Serialize;
 use std::fmt::Display;
-use std::fs;
 use std::path::Path;
 /// Most rows of a file: a hundred hours at 1 kHz, some 50 GB.
 pub(super) const MAX_ROWS: u64 = 360_000_000;
@@ -80,7 +79,7 @@ pub(super) fn write_rows(
         return Err(usage(format!("{count} rows; up to {MAX_ROWS} can be simulated, give a longer interval")));
     }
     check_written(None, check_stdout())?;
-    fs::create_dir_all(folder).map_err(|error| Failure::io("making", folder, &error))?;
+    create_folder(folder).map_err(|error| Failure::io("making", folder, &error))?;
     let bar = rows_bar(count);
     files.add_with(folder.join(name), |sink| {
         let mut writer = RawCsvWriter::with_layout(sink, columns.leading, columns.telemetry_ns, columns.layout)?;

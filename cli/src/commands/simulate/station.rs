@@ -6,7 +6,7 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use isotherm_client::{Domain, monotonic_ns};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::print;
+use isotherm_files::{create_own_folder, print};
 use isotherm_simulation::{Chain, Noise};
 use isotherm_simulator::{
     ChamberProtocol, Injection, SimulatedStation, StationImu, StationProcess, TurntableProtocol, end_with_parent,
@@ -192,7 +192,7 @@ impl SimulateStation {
     fn folder(&self) -> Result<PathBuf, Failure> {
         let folder = &self.imu.output;
         let failed = |error: io::Error| Failure::io("making", folder, &error);
-        fs::create_dir_all(folder).and_then(|()| fs::canonicalize(folder)).map_err(failed)
+        create_own_folder(folder).and_then(|()| fs::canonicalize(folder)).map_err(failed)
     }
 }
 
