@@ -22,7 +22,7 @@ use isotherm_client::{
     Realtime, check_domain, check_owner, check_room, join, monotonic_ns, process_kb, reserve, unix_s,
 };
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::WorldWritable;
+use isotherm_files::Trust;
 use isotherm_shared::status::ServiceStatus;
 use isotherm_shared::stream::{Domain, IpcNode};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
@@ -55,7 +55,7 @@ pub(crate) fn run(
     domain: &Domain,
     config: &Config,
     allow_uncalibrated: bool,
-    world_writable: WorldWritable,
+    trust: Trust,
 ) -> Result<(), Failure> {
     let started = Instant::now();
     let (events, inbox) = mpsc::channel();
@@ -64,7 +64,7 @@ pub(crate) fn run(
     let mut manager = ServiceManager::from_environment();
 
     let state = guard::state_folder(domain);
-    let first_tables = load_tables(domain, config, state.as_deref().ok(), allow_uncalibrated, world_writable)?;
+    let first_tables = load_tables(domain, config, state.as_deref().ok(), allow_uncalibrated, trust)?;
     let metrics = config.metrics.map(Metrics::start).transpose()?;
     make_room(domain, config)?;
     let node = join(domain)?;
@@ -396,12 +396,12 @@ fn load_tables(
     config: &Config,
     state: Option<&Path>,
     allow_uncalibrated: bool,
-    world_writable: WorldWritable,
+    trust: Trust,
 ) -> Result<Vec<FirstTable>, Failure> {
     let mut failures = Vec::new();
     let mut tables = Vec::new();
     for imu in &config.imus {
-        let mut file = TableFile::new(imu.id.clone(), imu.table.clone(), world_writable);
+        let mut file = TableFile::new(imu.id.clone(), imu.table.clone(), trust);
         let guard = Guard::new(imu, domain, state);
         let table = match file.load() {
             Ok(table) => match guard.admit(&table) {

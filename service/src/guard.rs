@@ -7,7 +7,7 @@
 
 use crate::config::Imu;
 use isotherm_client::{Domain, ImuId, Note, ROOT_VARIABLE, STATE_VARIABLE};
-use isotherm_files::{WorldWritable, load_table, replace};
+use isotherm_files::{Trust, load_table, replace};
 use isotherm_shared::table::difference::{Change, MaxChange, TableDifference};
 use isotherm_shared::table::{CoefficientTable, Digest};
 use rustix::fs::{FsWord, statfs};
@@ -52,7 +52,7 @@ fn read_kept(path: &Path, imu: &ImuId) -> Result<Option<CoefficientTable>, Strin
     }
     // Nobody else can write in this folder, whatever the permissions of the file are.
     check_owner(path.parent().unwrap_or(Path::new("/"))).map_err(failed)?;
-    load_table(path, Some(imu), WorldWritable::Allow).map(|(table, _)| Some(table)).map_err(|error| error.to_string())
+    load_table(path, Some(imu), Trust::Any).map(|(table, _)| Some(table)).map_err(|error| error.to_string())
 }
 
 impl Guard {

@@ -7,7 +7,7 @@
 //! A file that was renamed or closed after writing is loaded at once. A file that only differs, or that is not valid,
 //! must first stay unchanged for [`SETTLE`]: its writer may not have finished.
 
-use isotherm_files::{Identity, LoadError, WorldWritable, load_table};
+use isotherm_files::{Identity, LoadError, Trust, load_table};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::CoefficientTable;
 use notify::event::{AccessKind, AccessMode, EventKind, ModifyKind};
@@ -64,7 +64,7 @@ pub(crate) fn watch(
 pub(crate) struct TableFile {
     imu: ImuId,
     path: PathBuf,
-    world_writable: WorldWritable,
+    trust: Trust,
     /// The state that was last loaded or refused.
     handled: Option<Identity>,
     /// A new state, and when it was first found.
@@ -84,8 +84,8 @@ pub(crate) enum FileChange {
 
 impl TableFile {
     /// The file of `imu`'s table; it is not read yet.
-    pub(crate) const fn new(imu: ImuId, path: PathBuf, world_writable: WorldWritable) -> Self {
-        Self { imu, path, world_writable, handled: None, candidate: None }
+    pub(crate) const fn new(imu: ImuId, path: PathBuf, trust: Trust) -> Self {
+        Self { imu, path, trust, handled: None, candidate: None }
     }
 
     /// The path of the file.
@@ -105,7 +105,7 @@ impl TableFile {
     pub(crate) fn load(&mut self) -> Result<Box<CoefficientTable>, LoadError> {
         self.candidate = None;
         self.handled = Identity::of(&self.path);
-        let (table, identity) = load_table(&self.path, Some(&self.imu), self.world_writable)?;
+        let (table, identity) = load_table(&self.path, Some(&self.imu), self.trust)?;
         self.handled = Some(identity);
         Ok(Box::new(table))
     }
@@ -157,7 +157,7 @@ mod tests {
     fn file(folder: &tempfile::TempDir) -> TableFile {
         let path = folder.path().join("imu-a.toml");
         fs::write(&path, TABLE).unwrap();
-        let mut file = TableFile::new(ImuId::new("imu-a").unwrap(), path, WorldWritable::Refuse);
+        let mut file = TableFile::new(ImuId::new("imu-a").unwrap(), path, Trust::Owned);
         file.load().unwrap();
         file
     }

@@ -6,7 +6,7 @@ use crate::logging::{self, LogFormat};
 use clap::Args;
 use isotherm_client::{Domain, ImuId};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::WorldWritable;
+use isotherm_files::Trust;
 use std::path::PathBuf;
 
 /// Run the compensation service until SIGTERM or SIGINT
@@ -26,7 +26,8 @@ pub struct Serve {
     /// Serve an IMU whose table file does not exist yet: NaN until it appears
     #[arg(long)]
     allow_uncalibrated: bool,
-    /// Take a configuration or tables that everybody may write; without this they are refused
+    /// Take a configuration or tables that everybody may write, or that belong to another user than this one and root;
+    /// without this they are refused
     #[arg(long)]
     allow_world_writable: bool,
     /// Log lines for people or for machines
@@ -41,9 +42,9 @@ impl Serve {
     /// Why it could not start or continue.
     pub fn run(self, domain: &Domain) -> Result<(), Failure> {
         logging::start(self.log_format);
-        let world_writable = WorldWritable::allow_if(self.allow_world_writable);
+        let trust = Trust::owned_unless(self.allow_world_writable);
         let mut config = match &self.config {
-            Some(path) => Config::load(path, world_writable)?,
+            Some(path) => Config::load(path, trust)?,
             None => Config::default(),
         };
         for (id, table) in self.imu {
@@ -59,7 +60,7 @@ impl Serve {
             );
             return Err(Failure::new(Exit::Usage, message));
         }
-        control::run(domain, &config, self.allow_uncalibrated, world_writable)
+        control::run(domain, &config, self.allow_uncalibrated, trust)
     }
 }
 

@@ -30,6 +30,7 @@ mod life;
 mod mems;
 mod metrics;
 mod neighbours;
+mod outputs;
 mod paced;
 mod readers;
 mod realtime;
