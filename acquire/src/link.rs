@@ -3,6 +3,7 @@
 use crate::recorder::Recorder;
 use isotherm_client::{Acquisition, ConnectError, ImuId, Options, RawSample, SendError};
 use isotherm_failure::{Failure, tell};
+use isotherm_shared::stream::RECORDER_DEPTH;
 use isotherm_shared::wire::Flags;
 use serde::Serialize;
 use std::collections::VecDeque;
@@ -15,6 +16,11 @@ const KEPT: Duration = Duration::from_secs(1);
 const LEAST_KEPT: usize = 16;
 /// Pause between two attempts to reach the service.
 const RETRY: Duration = Duration::from_millis(250);
+
+/// Samples that are sent at once after an outage, and then in a millisecond: a recorder whose thread waits for its turn
+/// must not lose what the service takes.
+const BURST: u32 = RECORDER_DEPTH as u32 / 2;
+const PER_MS: u32 = 16;
 
 /// What became of the samples.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -37,6 +43,28 @@ struct Waiting {
     session: u64,
 }
 
+/// How many samples may be sent now.
+struct Pace {
+    left: u32,
+    at: Instant,
+}
+
+impl Pace {
+    /// Whether another one may be sent, which is then counted.
+    fn allows(&mut self, now: Instant) -> bool {
+        let passed = (now - self.at).as_millis();
+        if passed >= u128::from(BURST / PER_MS) {
+            (self.left, self.at) = (BURST, now);
+        } else if passed > 0 {
+            self.left = BURST.min(self.left + passed as u32 * PER_MS);
+            self.at += Duration::from_millis(passed as u64);
+        }
+        let allows = self.left > 0;
+        self.left = self.left.saturating_sub(1);
+        allows
+    }
+}
+
 /// A random number for a first session.
 pub(crate) fn any_session() -> u64 {
     RandomState::new().hash_one(isotherm_client::monotonic_ns())
@@ -49,6 +77,8 @@ pub(crate) struct Link {
     acquisition: Option<Acquisition>,
     waiting: VecDeque<Waiting>,
     most: usize,
+    /// `None`: as fast as the service takes them.
+    pace: Option<Pace>,
     /// The session of the samples that were sent last, as counted here.
     session: u64,
     /// The number of session 1 for samples of which none of their session was sent.
@@ -74,6 +104,7 @@ impl Link {
             acquisition: None,
             waiting: VecDeque::with_capacity(interval_ns.map_or(0, |_| most + 1)),
             most,
+            pace: interval_ns.map(|_| Pace { left: BURST, at: now }),
             session: 0,
             first: any_session(),
             next_attempt: now,
@@ -134,6 +165,9 @@ impl Link {
                 self.sent.invalid += u64::from(Flags(answer.flags).intersects(Flags::INVALID));
             }
             let Some(next) = self.waiting.front().filter(|_| !acquisition.is_full()) else { return Ok(()) };
+            if self.pace.as_mut().is_some_and(|pace| !pace.allows(Instant::now())) {
+                return Ok(());
+            }
             if next.session != self.session {
                 if acquisition.begin_session().is_err() {
                     // Not before the last session is answered.
@@ -208,5 +242,25 @@ impl Link {
         }
         let unanswered = self.acquisition.take().map_or(0, |acquisition| acquisition.close().unanswered);
         lost + unanswered
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_backlog_is_sent_no_faster_than_a_recorder_takes_it() {
+        let began = Instant::now();
+        let mut pace = Pace { left: BURST, at: began };
+        let sent = |pace: &mut Pace, us: u64| {
+            let now = began + Duration::from_micros(us);
+            (0..10_000).take_while(|_| pace.allows(now)).count() as u32
+        };
+        assert_eq!([0, 900].map(|us| sent(&mut pace, us)), [BURST, 0]);
+        // Looks at any distance allow as much in all.
+        let all: u32 = (1..=100).map(|look| sent(&mut pace, look * 1700)).sum();
+        assert_eq!(all, 170 * PER_MS);
+        assert_eq!(sent(&mut pace, 10_000_000), BURST);
     }
 }

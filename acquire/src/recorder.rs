@@ -3,7 +3,7 @@
 use isotherm_client::{ImuId, RawSample, unix_s};
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_recording::rows::RecordedRow;
-use isotherm_recording_formats::write::{FileError, Files, Format, Rotation};
+use isotherm_recording_formats::write::{FileError, Files, Format, Rotation, is_vacant};
 use isotherm_shared::stream::StreamKind;
 use isotherm_shared::wire::StreamSample;
 use std::io;
@@ -26,16 +26,16 @@ pub(crate) struct Recorder {
 }
 
 impl Recorder {
-    /// The format of a recording that does not exist yet, whose ending names it.
+    /// The format of a recording that does not exist yet, or has no rows, whose ending names it.
     ///
     /// # Errors
-    /// If there is such a file, or the ending names no format.
+    /// If there is such a file with rows, or the ending names no format.
     pub(crate) fn check(path: &Path) -> Result<Format, Failure> {
         let name = || format!("{}: name the recording .csv, .parquet or .mcap", path.display());
         let format = Format::of_path(path).ok_or_else(|| Failure::new(Exit::Usage, name()))?;
-        match path.exists() {
-            true => Err(FileError(path.to_owned(), io::ErrorKind::AlreadyExists.into()).into()),
-            false => Ok(format),
+        match is_vacant(path) {
+            true => Ok(format),
+            false => Err(FileError(path.to_owned(), io::ErrorKind::AlreadyExists.into()).into()),
         }
     }
 
@@ -56,7 +56,10 @@ impl Recorder {
             };
             // The other side waits for it.
             let _ = created.send(result);
-            files.map_or(Ok(()), |files| write(files, &receiver))
+            files.map_or(Ok(()), |mut files| {
+                // A recording into which nothing could be written is not left.
+                write(&mut files, &receiver).inspect_err(|_| files.remove_without_rows())
+            })
         };
         let failed =
             |error: &dyn std::fmt::Display| Failure::new(Exit::Failed, format!("starting the recorder: {error}"));
@@ -93,7 +96,7 @@ impl Recorder {
     }
 }
 
-fn write(mut files: Files, rows: &Receiver<RecordedRow>) -> Result<(), FileError> {
+fn write(files: &mut Files, rows: &Receiver<RecordedRow>) -> Result<(), FileError> {
     let mut flushed = Instant::now();
     loop {
         match rows.recv_timeout(FLUSH) {

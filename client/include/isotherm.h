@@ -30,7 +30,8 @@
  *
  * Threads. Any thread may use and close a handle, but only one at a time: a second call at the same moment returns
  * ISOTHERM_ERROR_BUSY and does nothing. Any thread may fill in a sample on loan. Different handles are independent of each other, and
- * functions without a handle may be called at any time. No function may be called from a signal handler.
+ * functions without a handle may be called at any time. No function may be called from a signal handler; one that uses a
+ * handle which the interrupted thread is using returns ISOTHERM_ERROR_BUSY, and allocates nothing.
  *
  * Processes. A child made by fork() can neither use nor close its parent's handles (ISOTHERM_ERROR_FORKED). It must not access its
  * parent's samples, and it must connect again. A child made by the system call clone() with a copy of the memory gets the same code,
@@ -38,7 +39,8 @@
  * exec() needs no special care.
  *
  * Real time. isotherm_loan, _send, _receive and _discard allocate nothing, take no lock and make no system call while service and
- * readers stay the same. The one exception is the system call that wakes a sleeping service. Messages of errors are allocated.
+ * readers stay the same. The one exception is the system call that wakes a sleeping service. Messages of ISOTHERM_ERROR_TRANSPORT and
+ * of functions that connect are allocated, all others are static.
  *
  * No function unwinds, exits or installs a signal handler. Generated from client/c/src by cbindgen; do not edit.
  */
@@ -171,7 +173,7 @@
 #define ISOTHERM_FLAG_NO_TABLE (UINT64_C(1) << 19)
 
 /**
- * The telemetry is older than the table's `max_age_s`.
+ * The telemetry is older than the table's `max_age_s`, or as much newer than the end of the control period.
  */
 #define ISOTHERM_FLAG_TELEMETRY_STALE (UINT64_C(1) << 20)
 
@@ -437,8 +439,8 @@ enum isotherm_code
      */
     ISOTHERM_ERROR_IN_FLIGHT = -13,
     /**
-     * The two samples cannot be summed: a channel's pulses exceed 32 bits, or the interval one hour. Neither has
-     * changed.
+     * The two samples cannot be summed: a channel's pulses exceed 32 bits, or the interval one hour, or both are the
+     * same sample. Neither has changed.
      */
     ISOTHERM_ERROR_MERGE = -14,
     /**
@@ -572,7 +574,7 @@ typedef struct {
      */
     uint64_t sent_ns;
     /**
-     * When the temperatures were read, on the acquisition's clock [ns]; 0 = unknown.
+     * When the temperatures were read, on the clock of `timestamp_ns` [ns]; 0 = unknown.
      */
     uint64_t telemetry_ns;
     /**
@@ -755,9 +757,10 @@ isotherm_code isotherm_cancel(isotherm_acquisition *acquisition, isotherm_raw_sa
 
 /**
  * Adds the next control period to a sample: pulses and intervals are summed, timestamp, telemetry and device become
- * the later ones, session, sequence and `sent_ns` stay. If `later` is on loan from this acquisition, its loan is
- * cancelled, as by isotherm_cancel: its pointer must not be used any more. Else it does not change. Either may be a
- * sample of your own; `acquisition` may be NULL if both are.
+ * the later ones, session, sequence and `sent_ns` stay. An `interval_ns` of 0, which is not known, stays 0, and the
+ * sum is flagged ISOTHERM_FLAG_INTERVAL. If `later` is on loan from this acquisition, its loan is cancelled, as by
+ * isotherm_cancel: its pointer must not be used any more. Else it does not change. Either may be a sample of your own;
+ * `acquisition` may be NULL if both are.
  *
  * The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same
  * in both periods. Use it when the service had no room for a sample.
@@ -888,7 +891,7 @@ uint64_t isotherm_lag_ns(const isotherm_acquisition *acquisition);
 
 /**
  * Writes the state of the lag to `*lag`. Save it after each reading if a successor of this process shall go on with
- * it.
+ * it, together with isotherm_boot().
  *
  * ISOTHERM_OK.
  */
@@ -898,6 +901,9 @@ isotherm_code isotherm_save_lag(const isotherm_acquisition *acquisition, isother
  * Goes on with a state that was saved, on the same clock, as if the telemetry had gone straight on in the pause. A
  * sensor whose telemetry or lagged telemetry is not finite, or whose next reading is earlier than the saved one, which
  * is then of another clock, is unknown as after isotherm_forget_lag.
+ *
+ * Call isotherm_forget_lag in its place if the state was saved with another isotherm_boot(), unless your clock goes on
+ * when the machine is started anew.
  *
  * ISOTHERM_OK.
  */
@@ -1028,6 +1034,12 @@ const char *isotherm_version(void);
  * CLOCK_MONOTONIC [ns], the clock of `sent_ns`.
  */
 uint64_t isotherm_monotonic_ns(void);
+
+/**
+ * The number of the machine's present start, with which CLOCK_MONOTONIC began; 0 if the kernel does not tell it. Save
+ * it with isotherm_save_lag: times of another start are of another clock.
+ */
+uint64_t isotherm_boot(void);
 
 /**
  * Applies real-time settings to the calling thread. Call it in the thread that sends and receives, before it connects.

@@ -275,14 +275,14 @@ public:
     /// The time constant that samples are sent with [ns]; 0 while there is none.
     std::uint64_t lag_ns() const noexcept { return isotherm_lag_ns(handle_.get()); }
 
-    /// The state of the lag. Save it after each reading if a successor of this process shall go on with it.
+    /// The state of the lag. Save it after each reading if a successor of this process shall go on with it, together with boot().
     [[nodiscard]] Result<Lag> lag() const
     {
         Lag lag;
         return detail::result<Lag>(isotherm_save_lag(handle_.get(), &lag), [&](isotherm_code) { return lag; });
     }
 
-    /// Goes on with a state that was saved, on the same clock.
+    /// Goes on with a state that was saved, on the same clock. Call forget_lag() in its place if it was saved with another boot().
     Result<void> restore_lag(const Lag &saved) { return detail::done(isotherm_restore_lag(handle_.get(), &saved)); }
 
     /// Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a saved state. Increments
@@ -314,7 +314,7 @@ public:
     }
 
     /// Adds the next control period to a sample and cancels its loan; `later` is empty then. Throws Error (ISOTHERM_ERROR_MERGE) if a sum
-    /// overflows; neither has changed then.
+    /// overflows or both are the same sample; neither has changed then.
     Result<void> merge(Sample &sample, Sample &later)
     {
         return detail::result<void>(isotherm_merge(handle_.get(), sample.raw_, later.raw_), [&](isotherm_code) { later.raw_ = nullptr; });
@@ -529,6 +529,9 @@ struct Realtime {
 
 /// CLOCK_MONOTONIC [ns].
 inline std::uint64_t monotonic_ns() noexcept { return isotherm_monotonic_ns(); }
+
+/// The number of the machine's present start, with which CLOCK_MONOTONIC began; 0 if the kernel does not tell it.
+inline std::uint64_t boot() noexcept { return isotherm_boot(); }
 
 /// The version of the library.
 inline std::string version() { return isotherm_version(); }

@@ -2,33 +2,38 @@
 //!
 //! Over 400 lines: every method works on the same ports and the same state.
 
+mod ports;
+
 use crate::clock::{Clock, monotonic_ns};
 use crate::closing::{self, Closing};
-use crate::connect::{Options, absent, deadline, join_existing, retry_until, unopened};
+use crate::connect::{Options, deadline, join_existing, retry_until};
 use crate::error::ConnectError;
 use crate::lag::{AcquisitionLag, Sensor};
-use crate::loan::{CompensateError, InFlight, Loan, LoansNotMerged, SendError, TransportError, transport};
-use crate::objects::refuse_foreign;
-use crate::peers::{depth_of, publisher_of};
-use crate::rehearsal::{self, Rehearsal, publish, receive};
+use crate::loan::{CompensateError, InFlight, Loan, LoansNotMerged, Place, SendError, TransportError, transport};
+use crate::loss::Loss;
+use crate::peers::{publisher_is_alive, publisher_of};
+use crate::rehearsal::{self, copied, publish, receive};
 use crate::resources::reserve;
-use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
-use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::port::update_connections::UpdateConnections as _;
-use iceoryx2::prelude::BackpressureStrategy;
-use iceoryx2::sample::Sample;
-use iceoryx2::sample_mut::SampleMut;
 use isotherm_shared::lag::Lag;
 use isotherm_shared::protocol::{AcquisitionState, Refusal, queue_depth};
-use isotherm_shared::stream::{self, Domain, ImuId, Ipc, IpcNode, Stream};
+use isotherm_shared::stream::{Domain, ImuId, IpcNode};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, device};
+use ports::Ports;
 use std::hash::{BuildHasher as _, RandomState};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Samples that the caller may have on loan, not sent yet.
-const LOANS: usize = 4;
+/// After this silence the acquisition looks whether it was cut off from the service, and then again after the same time
+/// \[ns\].
+const LOOK_NS: u64 = 250_000_000;
+/// After this silence of a service that lives the acquisition joins the streams anew; then after twice as long, and so
+/// on \[ns\].
+const REJOIN_NS: u64 = 2_000_000_000;
+/// The longest silence before it does so \[ns\].
+const MAX_REJOIN_NS: u64 = 64_000_000_000;
+/// Pause between two attempts to join the streams anew \[ns\].
+const JOIN_PAUSE_NS: u64 = 20_000_000;
 
 /// The one acquisition process of an IMU.
 ///
@@ -46,22 +51,21 @@ pub struct Acquisition {
     state: AcquisitionState<RawSample, CompensatedIncrement>,
     clock: Clock,
     lag: AcquisitionLag,
-    /// `None` if the service has no streams for it, as one of an earlier version, or if a dead predecessor's places did
-    /// not get free.
-    rehearsal: Option<Rehearsal<CompensatedIncrement, RawSample>>,
-    spare: Option<SampleMut<Ipc, RawSample, ()>>,
     /// Whether [`prepare`](Self::prepare) has been called since the last sample.
     prepared: bool,
     /// Whether it was called before the last sample: then returning the increment and loaning the next sample are left
     /// to the next call, so that the samples of other IMUs, sent at the same moment, do not wait for it.
     leaves_to_prepare: bool,
-    /// The last increment, which has been read but not returned.
-    read: Option<Sample<Ipc, CompensatedIncrement, ()>>,
-    publisher: Publisher<Ipc, RawSample, ()>,
-    subscriber: Subscriber<Ipc, CompensatedIncrement, ()>,
-    notifier: Notifier<Ipc>,
-    increments: Stream<CompensatedIncrement>,
-    node: IpcNode,
+    /// How often the streams were joined.
+    joins: u32,
+    /// The next look at what may have cut it off, or the next attempt to join \[ns\].
+    next_look_ns: u64,
+    /// After this silence of a service that lives the streams are joined anew \[ns\].
+    rejoin_after_ns: u64,
+    /// `None` while it is cut off from the streams. They are dropped before the node.
+    ports: Option<Ports>,
+    /// `None` if the domain has to be joined anew.
+    node: Option<IpcNode>,
 }
 
 impl Acquisition {
@@ -71,74 +75,29 @@ impl Acquisition {
     /// The last error when the time-out of `options` has passed; at once an error that waiting cannot resolve.
     pub fn connect(imu: &ImuId, options: &Options) -> Result<Self, ConnectError> {
         let deadline = deadline(options.timeout);
-        let node = retry_until(deadline, || join_existing(&options.domain))?;
-        let parts = retry_until(deadline, || Self::attach(&node, imu, options))?;
-        let mut acquisition = parts(node);
+        let domain = &options.domain;
+        let node = retry_until(deadline, || join_existing(domain))?;
+        let (mut ports, service) = retry_until(deadline, || Ports::attach(&node, domain, imu))?;
         // At once, and again with the streams of rehearsals, whose places it may have to wait for.
-        reserve(&options.domain)?;
-        acquisition.rehearsal = rehearsal::of_acquisition(&acquisition.node, imu, deadline)?;
-        reserve(&options.domain)?;
-        acquisition.lag.connect(&acquisition.node, &options.domain, imu);
-        Ok(acquisition)
-    }
-
-    fn attach(
-        node: &IpcNode,
-        imu: &ImuId,
-        options: &Options,
-    ) -> Result<impl FnOnce(IpcNode) -> Self + use<>, ConnectError> {
-        refuse_foreign(&options.domain)?;
-        let failed = |stream| move |error| unopened(node, &options.domain, imu, stream, error);
-        let (raw, increments) = (&imu.raw(), &imu.increment());
-        let raw = stream::open_raw(node, raw).map_err(failed(raw))?;
-        let increments = stream::open_increment(node, increments).map_err(failed(increments))?;
-        let wake = stream::open_event(node, &imu.wake());
-        let wake = wake.map_err(|error| ConnectError::transport("opening the wake-up event", error))?;
-        // The service creates its increment publisher last. When it exists, the service is ready.
-        let service = publisher_of(&increments).ok_or_else(|| absent(node, &options.domain, imu))?.0;
-
-        let publisher = raw.publisher_builder().max_loaned_samples(LOANS + 2);
-        let publisher = publisher.backpressure_strategy(BackpressureStrategy::DiscardData).create();
-        let publisher = publisher.map_err(|error| match error {
-            PublisherCreateError::ExceedsMaxSupportedPublishers => {
-                // A dead acquisition occupies the only place until its node is cleaned up.
-                node.try_cleanup_dead_nodes();
-                ConnectError::Occupied { imu: imu.clone(), pid: publisher_of(&raw).and_then(|(_, pid)| pid) }
-            }
-            other => ConnectError::transport("creating the raw publisher", other),
-        })?;
-        let depth = depth_of(&raw, &increments);
-        let subscriber = increments.subscriber_builder().buffer_size(queue_depth(depth)).create();
-        let subscriber = subscriber.map_err(|error| match error {
-            SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
-                // Dead readers occupy their places until their nodes are cleaned up.
-                node.try_cleanup_dead_nodes();
-                ConnectError::no_room(imu, &increments)
-            }
-            other => ConnectError::transport("subscribing to the increment stream", other),
-        })?;
-        let notifier = wake.notifier_builder().create();
-        let notifier = notifier.map_err(|error| ConnectError::transport("creating the notifier", error))?;
-        let (imu, domain) = (imu.clone(), options.domain.clone());
-        let device = options.serial.as_deref().map_or(0, device);
-        let lag = AcquisitionLag::new(options.lag);
-        Ok(move |node| Self {
-            imu,
-            domain,
-            device,
-            state: AcquisitionState::new(random(), depth, queue_depth(depth), service),
+        reserve(domain)?;
+        ports.rehearsal = rehearsal::of_acquisition(&node, imu, deadline)?;
+        reserve(domain)?;
+        let mut lag = AcquisitionLag::new(options.lag);
+        lag.connect(&node, domain, imu);
+        Ok(Self {
+            imu: imu.clone(),
+            domain: domain.clone(),
+            device: options.serial.as_deref().map_or(0, device),
+            state: AcquisitionState::new(random(), service.depth, queue_depth(service.depth), service.id),
             clock: Clock::new(),
             lag,
-            rehearsal: None,
-            spare: None,
             prepared: false,
             leaves_to_prepare: false,
-            read: None,
-            publisher,
-            subscriber,
-            notifier,
-            increments,
-            node,
+            joins: 0,
+            next_look_ns: 0,
+            rejoin_after_ns: REJOIN_NS,
+            ports: Some(ports),
+            node: Some(node),
         })
     }
 
@@ -199,15 +158,21 @@ impl Acquisition {
     ///
     /// [`LagOption::Service`]: crate::LagOption::Service
     pub fn reading(&mut self, sensor: Sensor, telemetry: f64, time_ns: u64) {
-        self.lag.renew(&self.node, &self.domain, &self.imu);
+        self.renew_lag();
         self.lag.read(sensor, telemetry, time_ns);
     }
 
     /// Takes the readings of a sample of which it is not known whether its telemetry is new, as in a recording: see
     /// [`Lag::follow`]. Call it before the sample is sent, instead of [`reading`](Self::reading).
     pub fn follow(&mut self, sample: &RawSample) {
-        self.lag.renew(&self.node, &self.domain, &self.imu);
+        self.renew_lag();
         self.lag.follow(sample);
+    }
+
+    fn renew_lag(&mut self) {
+        if let Some(node) = &self.node {
+            self.lag.renew(node, &self.domain, &self.imu);
+        }
     }
 
     /// The lag: its time constant, 0 while there is none, and the readings so far. Save it with each reading if a
@@ -219,7 +184,9 @@ impl Acquisition {
 
     /// Goes on with the readings of a lag that was saved, on the same clock, as if the telemetry had gone straight on
     /// in the pause. Its time constant is not used. A sensor without a saved reading, or whose next reading is earlier
-    /// than the saved one, which is then of another clock, is unknown as after [`forget_lag`](Self::forget_lag).
+    /// than the saved one, which is then of another clock, is unknown as after [`forget_lag`](Self::forget_lag). So are
+    /// all sensors of a lag that was saved before the machine was started anew. If your clock goes on over that, as one
+    /// of the hardware may, set its `boot` to 0.
     pub fn restore_lag(&mut self, saved: &Lag) {
         self.lag.restore(saved);
     }
@@ -242,12 +209,11 @@ impl Acquisition {
     /// If the caller has 4 samples on loan already.
     #[inline]
     pub fn loan(&mut self) -> Result<Loan, TransportError> {
-        let mut sample = self.take_spare()?;
-        let raw = sample.payload_mut();
-        raw.session = self.state.session();
-        raw.sequence = self.state.loan();
-        let number = Some((raw.session, raw.sequence));
-        Ok(Loan { sample, number })
+        let place = self.take_place()?;
+        let (session, sequence) = (self.state.session(), self.state.loan());
+        let mut loan = Loan { place, number: Some((session, sequence)) };
+        (loan.session, loan.sequence) = (session, sequence);
+        Ok(loan)
     }
 
     /// Loans a sample with the content of `record`, as one of a recording, in this session. It keeps the record's
@@ -256,9 +222,17 @@ impl Acquisition {
     /// # Errors
     /// As [`loan`](Self::loan).
     pub fn loan_record(&mut self, record: &RawSample) -> Result<Loan, TransportError> {
-        let mut sample = self.take_spare()?;
-        *sample.payload_mut() = RawSample { session: self.state.session(), sent_ns: 0, ..*record };
-        Ok(Loan { sample, number: None })
+        let mut loan = Loan { place: self.take_place()?, number: None };
+        *loan = RawSample { session: self.state.session(), sent_ns: 0, ..*record };
+        Ok(loan)
+    }
+
+    #[inline]
+    fn take_place(&mut self) -> Result<Place, TransportError> {
+        match &mut self.ports {
+            Some(ports) => Ok(Place::Shared { sample: ports.take_spare()?, joins: self.joins }),
+            None => Ok(Place::Private(Box::default())),
+        }
     }
 
     /// Gives a loan back that stands for no control period, as at the end of a recording, and takes its sequence back.
@@ -307,6 +281,9 @@ impl Acquisition {
 
     /// Sends a sample and wakes the service. Never waits, and the transport never copies the sample.
     ///
+    /// While the acquisition is cut off from the service, since the shared memory was removed, the sample counts as
+    /// sent and unanswered, and is sent when it has joined again.
+    ///
     /// Sets `session` and `sent_ns`; also `device`, and `lag_ns` with the lagged telemetry, where they are 0. A
     /// recorder whose queue is full is not an error.
     ///
@@ -334,16 +311,23 @@ impl Acquisition {
         self.lag.fill(&mut sample);
         let kept = self.state.send(sequence, &sample, now);
         (kept.sent_ns, sample.sent_ns) = (now, now);
-        if let Err(error) = publish(sample.sample) {
+        let Some(ports) = &mut self.ports else { return Ok(()) };
+        let sent = match sample.place {
+            Place::Shared { sample, joins } if joins == self.joins => {
+                publish(sample).map(drop).map_err(|error| error.to_string())
+            }
+            place => copy_into(ports, &Loan { place, number: None }),
+        };
+        if let Err(error) = sent {
             self.state.send_failed();
-            return Err(SendError::Transport(error.to_string()));
+            return Err(SendError::Transport(error));
         }
         // Cheap if the service does not sleep. If it fails, the service finds the sample at the end of its bounded
         // wait.
-        let _ = self.notifier.notify();
+        let _ = ports.notifier.notify();
         self.leaves_to_prepare = core::mem::take(&mut self.prepared);
         if !self.leaves_to_prepare {
-            self.spare = self.loan_sample().ok();
+            ports.spare = ports.loan().ok();
         }
         Ok(())
     }
@@ -357,14 +341,15 @@ impl Acquisition {
     /// connected now and not in [`send`](Self::send), with memory and system calls.
     pub fn prepare(&mut self) {
         self.prepared = true;
-        self.read = None;
-        if self.spare.is_none() {
-            self.spare = self.loan_sample().ok();
+        let Some(ports) = &mut self.ports else { return };
+        ports.read = None;
+        if ports.spare.is_none() {
+            ports.spare = ports.loan().ok();
         }
-        if let Some(spare) = &mut self.spare {
+        if let Some(spare) = &mut ports.spare {
             *spare.payload_mut() = RawSample::default();
         }
-        if let Some(rehearsal) = &mut self.rehearsal {
+        if let Some(rehearsal) = &mut ports.rehearsal {
             let (clock, lag) = (&mut self.clock, &mut self.lag);
             rehearsal.go(&CompensatedIncrement::default(), |_, raw| {
                 *raw = RawSample::default();
@@ -372,11 +357,11 @@ impl Acquisition {
                 raw.sent_ns = clock.now();
             });
         }
-        let _ = self.publisher.update_connections();
-        let _ = self.notifier.update_connections();
+        let _ = ports.publisher.update_connections();
+        let _ = ports.notifier.update_connections();
         // A loan reclaims the samples that the service has returned, which the transport would else do before it sends.
-        let _ = self.publisher.loan_uninit();
-        let _ = self.subscriber.has_samples();
+        let _ = ports.publisher.loan_uninit();
+        let _ = ports.subscriber.has_samples();
     }
 
     /// The answer to the oldest unanswered sample, or `None` if it has not come yet. Does not wait.
@@ -404,11 +389,12 @@ impl Acquisition {
             self.lag.note(&answer);
             return Ok(Some(answer));
         }
-        while let Some(sample) =
-            receive(&self.subscriber).map_err(|error| transport("receiving an increment", error))?
+        while let Some(ports) = &mut self.ports
+            && let Some(sample) =
+                receive(&ports.subscriber).map_err(|error| transport("receiving an increment", error))?
         {
-            let answer = *sample;
-            self.read = self.leaves_to_prepare.then_some(sample);
+            let answer = copied(&*sample);
+            ports.read = self.leaves_to_prepare.then_some(sample);
             if self.state.answered(answer.session, answer.sequence, &answer) {
                 self.lag.note(&answer);
                 return Ok(Some(answer));
@@ -513,21 +499,8 @@ impl Acquisition {
         self.receive_answer(sequence, timeout)?.ok_or(CompensateError::Timeout)
     }
 
-    #[inline]
-    fn take_spare(&mut self) -> Result<SampleMut<Ipc, RawSample, ()>, TransportError> {
-        match self.spare.take() {
-            Some(sample) => Ok(sample),
-            None => self.loan_sample(),
-        }
-    }
-
-    #[inline]
-    fn loan_sample(&self) -> Result<SampleMut<Ipc, RawSample, ()>, TransportError> {
-        let sample = self.publisher.loan_uninit().map_err(|error| transport("loaning a raw sample", error))?;
-        Ok(sample.write_payload(RawSample::default()))
-    }
-
-    /// Sends samples again if the protocol says so. Called only while samples are unanswered.
+    /// Sends samples again if the protocol says so, and joins the streams anew if they are lost. Called only while
+    /// samples are unanswered.
     #[cold]
     #[inline(never)]
     fn check_service(&mut self) -> Result<(), TransportError> {
@@ -535,22 +508,85 @@ impl Acquisition {
         if !self.state.check_due(now) {
             return Ok(());
         }
+        self.check_ports(now);
+        let Some(ports) = &mut self.ports else { return Ok(()) };
         // A dead service stays listed until its successor cleans it up, which it does before it creates its own
         // publisher.
-        let Some((service, _)) = publisher_of(&self.increments) else { return Ok(()) };
+        let Some((service, _)) = publisher_of(&ports.increments) else { return Ok(()) };
         let Some(resend) = self.state.resend_due(service, now) else { return Ok(()) };
         for sample in self.state.samples(resend) {
-            let mut copy = match self.spare.take() {
-                Some(spare) => spare,
-                None => self.loan_sample()?,
-            };
+            let mut copy = ports.take_spare()?;
             *copy.payload_mut() = *sample;
             publish(copy).map_err(|error| transport("sending a raw sample again", error))?;
         }
         self.state.resent(resend, service, now);
-        let _ = self.notifier.notify();
+        let _ = ports.notifier.notify();
         Ok(())
     }
+
+    /// Leaves streams that are lost, and joins them anew as soon as a service is there.
+    fn check_ports(&mut self, now: u64) {
+        let silence = self.state.silence_ns(now);
+        if silence < LOOK_NS {
+            self.rejoin_after_ns = REJOIN_NS;
+        }
+        if now < self.next_look_ns || silence < LOOK_NS && self.ports.is_some() {
+            return;
+        }
+        self.next_look_ns = now + LOOK_NS;
+        if let Some(ports) = &self.ports {
+            let silent = |acquisition: &Self| {
+                let lives = || {
+                    let node = acquisition.node.as_ref()?;
+                    publisher_is_alive(node, &ports.increments).then_some(())
+                };
+                let long = silence >= acquisition.rejoin_after_ns;
+                long.then(lives)?.map(|()| Loss::Silence(Duration::from_nanos(silence)))
+            };
+            let Some(loss) = ports.find_loss(&self.domain).or_else(|| silent(self)) else { return };
+            self.leave(&loss);
+        }
+        self.next_look_ns = now + JOIN_PAUSE_NS;
+        self.rejoin(now);
+    }
+
+    /// Gives up the ports, and after a removal the membership of the domain. Samples that are unanswered stay.
+    fn leave(&mut self, loss: &Loss) {
+        tracing::warn!(imu = %self.imu, "cut off from the service: {loss}; joining the streams anew");
+        self.rejoin_after_ns = (2 * self.rejoin_after_ns).min(MAX_REJOIN_NS);
+        self.ports = None;
+        if matches!(loss, Loss::Removed(_)) {
+            self.node = None;
+        }
+    }
+
+    /// Tries to join the streams. Everything that is unanswered will be sent again.
+    fn rejoin(&mut self, now: u64) {
+        let node = self.node.take().or_else(|| join_existing(&self.domain).ok());
+        let attached = node.as_ref().and_then(|node| Ports::attach(node, &self.domain, &self.imu).ok());
+        if let (Some(node), Some((ports, _))) = (&node, attached) {
+            let ports = self.ports.insert(ports);
+            let reserved = reserve(&self.domain).and_then(|()| {
+                ports.rehearsal = rehearsal::of_acquisition(node, &self.imu, Instant::now())?;
+                reserve(&self.domain)
+            });
+            if let Err(error) = reserved {
+                tracing::warn!(imu = %self.imu, "joining the streams anew: {error}");
+            }
+            self.joins += 1;
+            self.state.rejoined(now);
+            tracing::warn!(imu = %self.imu, unanswered = self.state.in_flight(), "the streams are joined again");
+        }
+        self.node = node;
+    }
+}
+
+/// Sends a sample that is not in the memory of these ports.
+#[cold]
+fn copy_into(ports: &mut Ports, sample: &RawSample) -> Result<(), String> {
+    let mut copy = ports.take_spare().map_err(|error| error.to_string())?;
+    *copy.payload_mut() = *sample;
+    publish(copy).map(drop).map_err(|error| error.to_string())
 }
 
 impl Drop for Acquisition {

@@ -22,6 +22,7 @@ const MAX_READING_TICKS: u64 = 500;
 const ATTEMPTS: usize = 10;
 /// Fractional bits of the rate.
 const FRACTION: u32 = 32;
+const BOOT_ID: &str = "/proc/sys/kernel/random/boot_id";
 const CLOCKSOURCE: &str = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
 
 /// `CLOCK_MONOTONIC` \[ns\], the clock of `sent_ns`, from the kernel.
@@ -29,6 +30,15 @@ const CLOCKSOURCE: &str = "/sys/devices/system/clocksource/clocksource0/current_
 pub fn monotonic_ns() -> u64 {
     let now = clock_gettime(ClockId::Monotonic);
     now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
+}
+
+/// The number of the machine's present start, with which `CLOCK_MONOTONIC` began; 0 if the kernel does not tell it.
+/// Times of another start are of another clock.
+#[must_use]
+pub fn boot() -> u64 {
+    let id = fs::read_to_string(BOOT_ID).unwrap_or_default();
+    let digits: String = id.chars().filter(char::is_ascii_hexdigit).take(16).collect();
+    u64::from_str_radix(&digits, 16).unwrap_or(0)
 }
 
 /// The present Unix time \[s\].
@@ -161,6 +171,13 @@ mod tests {
             readings += 1;
         }
         assert!(readings > 1_000);
+    }
+
+    #[test]
+    fn the_number_of_the_start_is_the_kernels() {
+        assert_ne!(boot(), 0);
+        let id = fs::read_to_string(BOOT_ID).unwrap();
+        assert!(id.replace('-', "").starts_with(&format!("{:016x}", boot())));
     }
 
     #[test]

@@ -3,15 +3,16 @@
 use crate::error::{ConnectError, permission};
 use crate::folder::{self, check_owner};
 use crate::lag_option::LagOption;
-use crate::objects::{OwnFile, domain_files, refuse_foreign};
+use crate::members::{open_to_group, remove_own_leftovers};
+use crate::objects::{OwnFile, domain_files, refuse_foreign, removed_memory, sweep};
 use crate::peers::{payload_of, publisher_of};
 use crate::resources::check_room;
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::prelude::{NodeBuilder, ServiceName, SignalHandlingMode};
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
-use isotherm_shared::stream::{self, CREATION_TIMEOUT, Domain, DomainError, ImuId, IpcNode};
-use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use isotherm_shared::group;
+use isotherm_shared::stream::{self, Domain, DomainError, ImuId, IpcNode};
+use std::path::Path;
 use std::time::{Duration, Instant};
 use std::{fs, thread};
 
@@ -26,9 +27,6 @@ const SYSTEM_ROOT: &str = "/run/isotherm";
 
 /// Pause between two attempts to join.
 const RETRY: Duration = Duration::from_millis(5);
-/// How long joining waits for objects that are being created. It covers the age at which one counts as left behind,
-/// with a reserve.
-const SWEEP_LIMIT: Duration = Duration::from_secs(2);
 /// If a running service does not serve an IMU after this long, connecting fails. A service that finds leftovers of a
 /// killed predecessor needs a second or two between its first stream and its last.
 const UNSERVED_LIMIT: Duration = Duration::from_secs(3);
@@ -133,10 +131,12 @@ pub fn join(domain: &Domain) -> Result<IpcNode, ConnectError> {
     let config = domain.config()?;
     let node = NodeBuilder::new().config(&config).signal_handling_mode(SignalHandlingMode::Disabled);
     let node = node.create().map_err(|error| match error {
-        NodeCreationFailure::InsufficientPermissions => permission(domain, None),
+        NodeCreationFailure::InsufficientPermissions => not_permitted(domain, "creating a node"),
         other => ConnectError::transport("creating a node", format!("{other:?}")),
     })?;
-    domain_files(domain).for_each(|file| file.close_to_others());
+    domain_files(domain).for_each(|file| file.close_to_others(domain));
+    open_to_group(domain);
+    remove_own_leftovers(domain);
     Ok(node)
 }
 
@@ -153,32 +153,16 @@ pub fn check_domain(domain: &Domain) -> Result<(), ConnectError> {
 ///
 /// Such an object keeps mode 0200 for ever, and the transport waits for it without limit. An object counts as left
 /// behind when it is older than twice the transport's creation time-out. Waits until each younger object is complete or
-/// has reached this age, but no longer than `SWEEP_LIMIT`. Objects of other users do not count.
+/// has reached this age, but no longer than two seconds. Objects of other users do not count.
 ///
 /// # Errors
 /// [`ConnectError::Transport`] if at the end of that time there still is a half-created object.
 pub fn sweep_half_created(domain: &Domain) -> Result<(), ConnectError> {
-    let (limit, started) = (2 * CREATION_TIMEOUT, Instant::now());
-    let mut watched_since: HashMap<PathBuf, Instant> = HashMap::new();
-    loop {
-        let mut waiting = None;
-        for object in domain_files(domain).filter(OwnFile::is_half_created) {
-            // The age is wrong if the clock was set meanwhile. So the object is removed too if it has been watched for
-            // the limit.
-            let watched = watched_since.entry(object.path.clone()).or_insert_with(Instant::now).elapsed();
-            if object.age().is_some_and(|age| age > limit) || watched > limit {
-                let _ = fs::remove_file(object.path);
-            } else {
-                waiting = Some(object.path);
-            }
-        }
-        let Some(path) = waiting else { return Ok(()) };
-        if started.elapsed() > SWEEP_LIMIT {
-            let cause = format!("processes of this user keep creating objects, the last one {}", path.display());
-            return Err(ConnectError::transport("joining the domain", cause));
-        }
-        thread::sleep(RETRY);
-    }
+    let half_created = || domain_files(domain).filter(OwnFile::is_half_created);
+    sweep(half_created, |path| drop(fs::remove_file(path))).map_err(|path| {
+        let cause = format!("processes of this user keep creating objects, the last one {}", path.display());
+        ConnectError::transport("joining the domain", cause)
+    })
 }
 
 /// The time when `timeout` has passed; decades ahead if the clock cannot represent it.
@@ -214,6 +198,15 @@ pub(crate) fn retry_until<T>(
     }
 }
 
+/// The error for something of the domain that this process may not open. In a domain that belongs to a group another
+/// member may just have made it, and not have opened it to the group yet.
+fn not_permitted(domain: &Domain, phase: &'static str) -> ConnectError {
+    match group::of(&domain.prefix()) {
+        Some(_) => ConnectError::transport(phase, "another member of the group has not opened it to the group"),
+        None => permission(domain, None),
+    }
+}
+
 /// The error for a stream of `imu` that could not be opened.
 pub(crate) fn unopened(
     node: &IpcNode,
@@ -224,13 +217,16 @@ pub(crate) fn unopened(
 ) -> ConnectError {
     match error {
         PublishSubscribeOpenError::DoesNotExist => absent(node, domain, imu),
-        PublishSubscribeOpenError::InsufficientPermissions => permission(domain, None),
+        PublishSubscribeOpenError::InsufficientPermissions => not_permitted(domain, "opening the stream"),
         PublishSubscribeOpenError::IncompatibleTypes => ConnectError::OtherVersion {
             domain: domain.name().to_owned(),
             payload: payload_of(node, stream).unwrap_or_else(|| "unknown".to_owned()),
             stream: stream.to_string(),
         },
-        other => ConnectError::transport("opening the stream", other),
+        other => {
+            let cause = removed_memory(domain).unwrap_or_else(|| other.to_string());
+            ConnectError::transport("opening the stream", cause)
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! The lagged telemetry of live samples: an acquisition feeds its readings, and every sample that it sends carries the
 //! state.
 
-use crate::clock::monotonic_ns;
+use crate::clock::{boot, monotonic_ns};
 use crate::lag_option::{LagOption, TimeConstant};
 use crate::status::StatusReader;
 use core::str::FromStr;
@@ -97,7 +97,8 @@ impl AcquisitionLag {
             LagOption::Fixed(time_constant) => time_constant.ns(),
             LagOption::Service | LagOption::None => 0,
         };
-        Self { option, lag: Lag::new(lag_ns), fed: 0, restored: 0, flagged: 0, settled: 0, asking: None, retry_ns: 0 }
+        let lag = Lag { boot: boot(), ..Lag::new(lag_ns) };
+        Self { option, lag, fed: 0, restored: 0, flagged: 0, settled: 0, asking: None, retry_ns: 0 }
     }
 
     /// Waits for the time constant in force, if the service is to give it. A service that does not answer in time is
@@ -204,12 +205,16 @@ impl AcquisitionLag {
         &self.lag
     }
 
-    /// Goes on with kept readings. A sensor without one is unknown, not soaked.
+    /// Goes on with kept readings. A sensor without one is unknown, not soaked. Readings of another start of the
+    /// machine are none: the time that has passed since then is not known.
     pub(crate) fn restore(&mut self, kept: &Lag) {
+        let is_of_another_boot = ![0, self.lag.boot].contains(&kept.boot) && self.lag.boot != 0;
         (self.fed, self.restored) = (0, 0);
         for (sensor, (reading, share)) in kept.sensors.iter().zip(kept.unknown).enumerate() {
             self.lag.forget(sensor);
-            if reading.is_some_and(|reading| reading.telemetry.is_finite() && reading.lagged.is_finite()) {
+            if !is_of_another_boot
+                && reading.is_some_and(|reading| reading.telemetry.is_finite() && reading.lagged.is_finite())
+            {
                 self.lag.sensors[sensor] = *reading;
                 self.lag.unknown[sensor] = if (0.0..=1.0).contains(&share) { share } else { 1.0 };
                 self.fed |= 1 << sensor;
@@ -365,6 +370,25 @@ mod tests {
         lag.reset();
         lag.follow(&RawSample { telemetry_ns: 1, ..sample(TELEMETRY) });
         assert_eq!(known(&lag, sample(TELEMETRY)), [true; SENSORS], "a new session is soaked");
+    }
+
+    #[test]
+    fn readings_of_another_start_of_the_machine_are_unknown() {
+        let mut lag = fixed();
+        let (kept, own) = (sample(TELEMETRY), *lag.state());
+        assert_eq!(own.boot, boot());
+        lag.follow(&RawSample { telemetry_ns: 1, ..kept });
+        let mut saved = *lag.state();
+        for (number, known_then) in [(own.boot, true), (0, true), (own.boot ^ 1, false), (u64::MAX, false)] {
+            saved.boot = number;
+            let mut next = fixed();
+            next.restore(&saved);
+            next.follow(&RawSample { telemetry_ns: 1_000_000_000, ..kept });
+            assert_eq!(known(&next, kept), [known_then; SENSORS], "{number}");
+            assert_eq!(next.state().boot, own.boot);
+        }
+        lag.reset();
+        assert_eq!(lag.state().boot, own.boot);
     }
 
     #[test]

@@ -74,6 +74,8 @@ mod folder;
 mod lag;
 mod lag_option;
 mod loan;
+mod loss;
+mod members;
 mod objects;
 mod peers;
 mod process;
@@ -86,14 +88,14 @@ mod tap;
 
 pub use acquisition::Acquisition;
 pub use arrival::descriptor;
-pub use clock::{Clock, monotonic_ns, unix_s};
+pub use clock::{Clock, boot, monotonic_ns, unix_s};
 pub use closing::{Closing, last_closing};
 pub use connect::{
     DOMAIN_VARIABLE, Options, ROOT_VARIABLE, STATE_VARIABLE, check_domain, domain, join, join_existing,
     sweep_half_created,
 };
 pub use error::{ConnectError, shortage};
-pub use folder::{check_owner, prepare};
+pub use folder::{check_owner, give_to_group, prepare};
 pub use isotherm_shared::lag::{Lag, LaggedReading};
 pub use isotherm_shared::readings::{ReadingError, Readings, Resolution};
 pub use isotherm_shared::stream::{Domain, DomainError, ImuId};
@@ -101,12 +103,14 @@ pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSamp
 pub use lag::{Sensor, UnknownSensor};
 pub use lag_option::{InvalidTimeConstant, LagOption, TimeConstant};
 pub use loan::{CompensateError, InFlight, Loan, LoansNotMerged, SendError, TransportError};
-pub use objects::{Note, OwnFile, domain_files, foreign_object, own_files};
+pub use loss::removed_object;
+pub use members::open_to_group;
+pub use objects::{Note, OwnFile, domain_files, foreign_object, own_files, sweep};
 pub use peers::{payload_of, publisher_of, subscribers_of};
 pub use process::Process;
 pub use reader::{IncrementReader, RawReader, Reader, Streamed};
 pub use realtime::{Realtime, RealtimeError, process_kb};
 pub use rehearsal::{Rehearsal, RehearsalError, RehearsalStreams, publish, receive};
 pub use resources::{check_room, reserve};
-pub use status::{StatusError, StatusReader, fetch_status};
+pub use status::{StatusError, StatusNote, StatusReader, fetch_status};
 pub use tap::{Tap, TapSettings, TappedSample};

@@ -6,7 +6,8 @@ use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::Ipc;
 use isotherm_shared::wire::{MergeError, RawSample};
 
-/// A raw sample in shared memory, which the caller owns until it is sent. Dereferences to [`RawSample`].
+/// A raw sample, in shared memory if a service is there, which the caller owns until it is sent. Dereferences to
+/// [`RawSample`].
 ///
 /// `session` and `sequence` are set already. A loan stands for a control period: if it is dropped, its sequence is left
 /// out, and the service flags the gap. [`Acquisition::cancel`](crate::Acquisition::cancel) gives back one that stands
@@ -14,21 +15,42 @@ use isotherm_shared::wire::{MergeError, RawSample};
 ///
 /// To add another loan to this one use [`Acquisition::merge`](crate::Acquisition::merge), which cancels it.
 pub struct Loan {
-    pub(crate) sample: SampleMut<Ipc, RawSample, ()>,
+    pub(crate) place: Place,
     /// Session and number that it was loaned with; `None` if it has the sequence of a record.
     pub(crate) number: Option<(u64, u64)>,
 }
 
+/// Where a loaned sample is.
+pub(crate) enum Place {
+    /// In the shared memory of the acquisition's ports.
+    Shared {
+        /// The sample.
+        sample: SampleMut<Ipc, RawSample, ()>,
+        /// How often the acquisition had joined the streams. A sample of earlier ports is copied when it is sent.
+        joins: u32,
+    },
+    /// In private memory, while the acquisition is cut off from the streams.
+    Private(Box<RawSample>),
+}
+
 impl core::ops::Deref for Loan {
     type Target = RawSample;
+    #[inline]
     fn deref(&self) -> &RawSample {
-        self.sample.payload()
+        match &self.place {
+            Place::Shared { sample, .. } => sample.payload(),
+            Place::Private(sample) => sample,
+        }
     }
 }
 
 impl core::ops::DerefMut for Loan {
+    #[inline]
     fn deref_mut(&mut self) -> &mut RawSample {
-        self.sample.payload_mut()
+        match &mut self.place {
+            Place::Shared { sample, .. } => sample.payload_mut(),
+            Place::Private(sample) => sample,
+        }
     }
 }
 

@@ -5,14 +5,23 @@
 //! regular files of this user count.
 
 use crate::error::ConnectError;
+use isotherm_shared::group;
 pub(crate) use isotherm_shared::own_storage::SHARED_MEMORY;
-use isotherm_shared::stream::Domain;
+use isotherm_shared::stream::{CREATION_TIMEOUT, Domain};
 use rustix::fs::OFlags;
+use std::collections::HashMap;
 use std::fs::{self, DirEntry, File, Metadata, Permissions};
 use std::io::{self, Read as _, Write as _};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime};
+use std::thread;
+use std::time::{Duration, Instant, SystemTime};
+
+/// How long a sweep waits for files that are being created. It covers the age at which one counts as left behind, with
+/// a reserve.
+const SWEEP_LIMIT: Duration = Duration::from_secs(2);
+/// Pause between two looks of a sweep.
+const SWEEP_PAUSE: Duration = Duration::from_millis(5);
 /// Permissions on a file that its group and other users have.
 const OTHERS: u32 = 0o077;
 
@@ -43,7 +52,7 @@ impl OwnFile {
         self.metadata.size().saturating_sub(self.metadata.blocks() * 512)
     }
 
-    /// Time since its last change; `None` if the clock was set back meanwhile.
+    /// Time since its last change; `None` if that lies in the future, since the clock was set back.
     #[must_use]
     pub fn age(&self) -> Option<Duration> {
         self.metadata.modified().ok().and_then(|modified| SystemTime::now().duration_since(modified).ok())
@@ -56,10 +65,12 @@ impl OwnFile {
         self.mode() == 0o200
     }
 
-    /// Takes the permissions of group and other users from it. The transport makes its counter of nodes with all
-    /// permissions; programs that use it without Isotherm's client make one in shared memory.
-    pub fn close_to_others(&self) {
-        let mode = self.mode() & !OTHERS;
+    /// Takes the permissions of other users from it, and those of its group unless the domain belongs to a group. The
+    /// transport makes its counter of nodes with all permissions; programs that use it without Isotherm's client make
+    /// one in shared memory.
+    pub fn close_to_others(&self, domain: &Domain) {
+        let others = if group::of(&domain.prefix()).is_some() { OTHERS & 0o007 } else { OTHERS };
+        let mode = self.mode() & !others;
         if mode != self.mode() {
             // Its creator may just be removing it.
             let _ = self.open().and_then(|file| file.set_permissions(Permissions::from_mode(mode)));
@@ -87,7 +98,12 @@ fn own_file(entry: &DirEntry) -> Option<OwnFile> {
     own.then(|| OwnFile { path: entry.path(), metadata })
 }
 
-fn entries(folder: &Path, prefix: &str) -> impl Iterator<Item = DirEntry> + use<> {
+/// Whether a file can be trusted in a domain: it is regular, and this user's or the group's that the domain belongs to.
+pub(crate) fn is_trusted(domain: &Domain, found: &Metadata) -> bool {
+    found.is_file() && group::owns(&domain.prefix(), found)
+}
+
+pub(crate) fn entries(folder: &Path, prefix: &str) -> impl Iterator<Item = DirEntry> + use<> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let prefix = prefix.as_bytes().to_owned();
     entries.filter(move |entry| entry.file_name().as_encoded_bytes().starts_with(&prefix))
@@ -103,7 +119,7 @@ pub fn own_files<P: AsRef<Path>>(folder: P, prefix: &str) -> impl Iterator<Item 
 /// Isotherm ignores it, unless a stream needs its name.
 #[must_use]
 pub fn foreign_object(domain: &Domain) -> Option<PathBuf> {
-    let foreign = |entry: &DirEntry| own_file(entry).is_none() && fs::symlink_metadata(entry.path()).is_ok();
+    let foreign = |entry: &DirEntry| entry.metadata().is_ok_and(|found| !is_trusted(domain, &found));
     entries(Path::new(SHARED_MEMORY), &domain.prefix()).find(foreign).map(|entry| entry.path())
 }
 
@@ -119,16 +135,33 @@ pub fn foreign_object(domain: &Domain) -> Option<PathBuf> {
 pub(crate) fn refuse_foreign(domain: &Domain) -> Result<(), ConnectError> {
     let services = Path::new(domain.root_path()).join("services");
     // Other users may make any number of objects, so names are compared before anything is looked at.
-    let memories: Vec<_> = own_files(services, &domain.prefix()).filter_map(|file| memory_name(&file.path)).collect();
+    let files = entries(&services, &domain.prefix());
+    let files = files.filter(|entry| entry.metadata().is_ok_and(|found| is_trusted(domain, &found)));
+    let memories: Vec<_> = files.filter_map(|entry| memory_name(&entry.path())).collect();
     let in_use = |entry: &DirEntry| {
         let name = entry.file_name();
         memories.iter().any(|memory| name.as_encoded_bytes().ends_with(memory.as_bytes()))
     };
-    let foreign =
-        |entry: &DirEntry| in_use(entry) && own_file(entry).is_none() && fs::symlink_metadata(entry.path()).is_ok();
+    let foreign = |entry: &DirEntry| in_use(entry) && entry.metadata().is_ok_and(|found| !is_trusted(domain, &found));
     let Some(entry) = entries(Path::new(SHARED_MEMORY), &domain.prefix()).find(foreign) else { return Ok(()) };
     let cause = format!("{} is not this user's; its owner or root can remove it", entry.path().display());
     Err(ConnectError::transport("joining the domain", cause))
+}
+
+/// Why the streams of `domain` cannot be opened, if their memory was removed: their files are there without it. A
+/// running service makes them anew within a second or two.
+pub(crate) fn removed_memory(domain: &Domain) -> Option<String> {
+    let files = entries(&Path::new(domain.root_path()).join("services"), &domain.prefix());
+    let mut memories = files.filter_map(|entry| memory_name(&entry.path()));
+    let exists = |memory: &String| {
+        let mut objects = entries(Path::new(SHARED_MEMORY), &domain.prefix());
+        objects.any(|entry| entry.file_name().as_encoded_bytes().ends_with(memory.as_bytes()))
+    };
+    memories.any(|memory| !exists(&memory)).then(|| {
+        "its shared memory was removed, by systemd-logind at a logout (RemoveIPC) or by somebody who tidied up /dev/shm; a running service \
+         makes it anew within some seconds"
+            .to_owned()
+    })
 }
 
 /// How the name of a stream's memory ends, from the stream's file: it has both halves of the stream's number, each in a
@@ -150,13 +183,36 @@ pub struct Note {
 }
 
 impl Note {
-    /// More than a note has \[bytes\].
-    const MAX_BYTES: u64 = 4096;
+    /// More than a note has, that with a whole status too \[bytes\].
+    const MAX_BYTES: u64 = 1 << 20;
 
     /// The note of this name.
     #[must_use]
     pub fn new(domain: &Domain, name: &str) -> Self {
         Self { folder: domain.root_path().into(), name: format!("{}{name}", domain.prefix()) }
+    }
+
+    /// Whether it is there, whoever has written it.
+    pub(crate) fn exists(&self) -> bool {
+        fs::symlink_metadata(self.folder.join(&self.name)).is_ok_and(|found| found.is_file())
+    }
+
+    /// As [`read`](Self::read), also if a member of the group that the domain belongs to has written it.
+    pub(crate) fn read_from_members(&self, domain: &Domain) -> Option<Vec<u8>> {
+        let path = self.folder.join(&self.name);
+        let flags = (OFlags::NOFOLLOW | OFlags::NONBLOCK).bits().cast_signed();
+        let file = File::options().read(true).custom_flags(flags).open(path).ok()?;
+        if !is_trusted(domain, &file.metadata().ok()?) {
+            return None;
+        }
+        let mut text = Vec::new();
+        file.take(Self::MAX_BYTES).read_to_end(&mut text).ok()?;
+        Some(text)
+    }
+
+    /// Lets the members of the group that the domain belongs to read it.
+    pub(crate) fn open_to_members(&self, domain: &Domain) {
+        group::open_path(&domain.prefix(), &self.folder.join(&self.name));
     }
 
     /// What is in it; `None` if it is not there, or is not this user's.
@@ -178,8 +234,9 @@ impl Note {
         let staged = self.folder.join(format!("{}.{}", self.name, std::process::id()));
         let mut file = File::options().write(true).create(true).truncate(true).mode(0o600).open(&staged)?;
         file.set_permissions(Permissions::from_mode(0o600))?;
-        file.write_all(text)?;
-        fs::rename(staged, path)
+        let written = file.write_all(text).and_then(|()| fs::rename(&staged, path));
+        // A folder that is full needs no half of it.
+        written.inspect_err(|_| _ = fs::remove_file(&staged))
     }
 
     /// Removes it; there may be none.
@@ -188,8 +245,79 @@ impl Note {
     }
 }
 
+/// Removes the files that the process which began to create them has left: those that were last changed before twice
+/// the transport's creation time-out. `unfinished` lists the files that are not complete now.
+///
+/// Waits until each younger file is complete or has this age, two seconds at most. A time in the future, as after the
+/// clock was set back, tells no age: such a file may be one that is just being created, so it is removed when it has
+/// been watched for as long.
+///
+/// # Errors
+/// A file that may still be being created at the end of that time.
+pub fn sweep<I: Iterator<Item = OwnFile>>(
+    unfinished: impl Fn() -> I,
+    mut remove: impl FnMut(&Path),
+) -> Result<(), PathBuf> {
+    let (limit, started) = (2 * CREATION_TIMEOUT, Instant::now());
+    let mut watched_since: HashMap<PathBuf, Instant> = HashMap::new();
+    loop {
+        let mut waiting = None;
+        for file in unfinished() {
+            let watched = watched_since.entry(file.path.clone()).or_insert_with(Instant::now).elapsed();
+            if file.age().is_some_and(|age| age > limit) || watched > limit {
+                remove(&file.path);
+            } else {
+                waiting = Some(file.path);
+            }
+        }
+        match waiting {
+            None => return Ok(()),
+            Some(path) if started.elapsed() > SWEEP_LIMIT => return Err(path),
+            Some(_) => thread::sleep(SWEEP_PAUSE),
+        }
+    }
+}
+
 /// This user's files of `domain` in shared memory, then in the domain's folder.
 pub fn domain_files(domain: &Domain) -> impl Iterator<Item = OwnFile> + use<> {
     let folder = own_files(domain.root_path().to_owned(), &domain.prefix());
     own_files(SHARED_MEMORY, &domain.prefix()).chain(folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::Cell;
+
+    #[test]
+    fn a_file_of_the_future_is_left_until_it_has_been_watched() {
+        let folder = tempfile::tempdir().unwrap();
+        let make = |name: &str, modified: SystemTime| {
+            let path = folder.path().join(name);
+            File::create(&path).unwrap().set_modified(modified).unwrap();
+            fs::set_permissions(&path, Permissions::from_mode(0o200)).unwrap();
+            path
+        };
+        let now = SystemTime::now();
+        let (old, future) = (now - Duration::from_secs(60), now + Duration::from_secs(3600));
+        let (left, begun) = (make("left", old), make("begun", future));
+        let (looks, mut removed) = (Cell::new(0), Vec::new());
+        // Its creator completes one between the first look and the second.
+        let unfinished = || {
+            if looks.replace(looks.get() + 1) == 1 {
+                fs::set_permissions(&begun, Permissions::from_mode(0o400)).unwrap();
+            }
+            own_files(folder.path(), "").filter(OwnFile::is_half_created)
+        };
+        let mut remove = |path: &Path| {
+            fs::remove_file(path).unwrap();
+            removed.push(path.to_owned());
+        };
+        assert_eq!(sweep(unfinished, &mut remove), Ok(()));
+        // Nobody completes this one.
+        let stays = make("stays", future);
+        assert_eq!(sweep(|| own_files(folder.path(), "").filter(OwnFile::is_half_created), &mut remove), Ok(()));
+        assert_eq!(removed, [left, stays]);
+        assert!(begun.exists());
+    }
 }

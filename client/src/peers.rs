@@ -1,7 +1,10 @@
 //! The processes at the other end of a stream.
 
 use core::fmt;
-use iceoryx2::prelude::{CallbackProgression, IceoryxSend, MessagingPattern, PortFactory as _, ServiceName};
+use iceoryx2::node::NodeView as _;
+use iceoryx2::prelude::{
+    CallbackProgression, IceoryxSend, MessagingPattern, Node, NodeState, PortFactory as _, ServiceName,
+};
 use iceoryx2::service::Service as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as StaticPattern;
@@ -20,6 +23,27 @@ pub fn publisher_of<T: IceoryxSend + fmt::Debug + ?Sized>(
         CallbackProgression::Stop
     });
     found
+}
+
+/// Whether the process of a stream's only publisher lives. The transport keeps a dead one listed until its remains are
+/// removed.
+pub(crate) fn publisher_is_alive<T: IceoryxSend + fmt::Debug>(
+    node: &IpcNode,
+    stream: &PortFactory<Ipc, T, ()>,
+) -> bool {
+    let (mut publisher, mut alive) = (None, false);
+    stream.dynamic_config().list_publishers(|details| {
+        publisher = Some(details.node_id);
+        CallbackProgression::Stop
+    });
+    let listed = Node::<Ipc>::list(node.config(), |state| match state {
+        NodeState::Alive(view) if Some(*view.id()) == publisher => {
+            alive = true;
+            CallbackProgression::Stop
+        }
+        _ => CallbackProgression::Continue,
+    });
+    alive && listed.is_ok()
 }
 
 /// The name of the payload type of a stream that exists.

@@ -4,7 +4,9 @@ use crate::arrival::Arrival;
 use crate::clock::monotonic_ns;
 use crate::connect::{Options, deadline, join_existing, retry_until, unopened};
 use crate::error::ConnectError;
+use crate::loss::{Loss, removed_object, taken_connection};
 use crate::objects::refuse_foreign;
+use crate::rehearsal::copied;
 use crate::resources::reserve;
 use crate::status::{StatusError, StatusReader};
 use core::fmt;
@@ -13,7 +15,9 @@ use iceoryx2::prelude::{ServiceName, ZeroCopySend};
 use isotherm_shared::protocol::ReaderState;
 use isotherm_shared::stream::{Domain, ImuId, Ipc, IpcNode, OpenedStream, open_increment, open_raw};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
-use std::os::fd::BorrowedFd;
+use rustix::event::epoll;
+use rustix::time::{ClockId, clock_gettime};
+use std::os::fd::{AsFd as _, BorrowedFd, OwnedFd};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -23,6 +27,8 @@ const RETRY: Duration = Duration::from_millis(20);
 const POLL: Duration = Duration::from_micros(200);
 /// Pause between two attempts to find the event.
 const EVENT_RETRY: Duration = Duration::from_secs(1);
+/// Pause between two looks whether the reader was cut off from the stream, while nothing comes \[ns\].
+const LOOK_NS: u64 = 250_000_000;
 
 /// The payload of a stream: [`RawSample`] or [`CompensatedIncrement`].
 pub trait Streamed: ZeroCopySend + fmt::Debug + Copy + 'static {
@@ -92,9 +98,10 @@ pub type RawReader = Reader<RawSample>;
 
 /// Reads one stream of an IMU as it is published, beginning when it is connected: [`IncrementReader`], [`RawReader`].
 ///
-/// It may be created before or after the service, and it stays connected across restarts of service and acquisition. It
-/// returns each (session, sequence) once, although a resend after a restart publishes some twice. It cannot disturb
-/// other processes: if its queue is full, only this reader loses samples, which is a gap in `sequence`.
+/// It may be created before or after the service, and it stays connected across restarts of service and acquisition. If
+/// the shared memory is removed under it, it joins the stream again when a service is there. It returns each (session,
+/// sequence) once, although a resend after a restart publishes some twice. It cannot disturb other processes: if its
+/// queue is full, only this reader loses samples, which is a gap in `sequence`.
 ///
 /// Sequences rise, with one exception: after a restart of the service, or a loss, a new sample may come before samples
 /// that are sent again. [`isotherm_shared::protocol`] has the rules.
@@ -108,8 +115,12 @@ pub struct Reader<T: Streamed> {
     next_event_attempt: Instant,
     /// `CLOCK_MONOTONIC` when the service's worker was last seen at work, as far as is known \[ns\].
     heartbeat_ns: Option<u64>,
-    /// Whether the caller polls the event by itself.
-    has_descriptor: bool,
+    /// When to look whether it was cut off, `CLOCK_MONOTONIC` \[ns\].
+    next_look_ns: u64,
+    /// Whether anything has come since the last look.
+    has_received: bool,
+    /// For a caller that polls the event by itself. It stays the same when the reader joins the stream again.
+    descriptor: Option<OwnedFd>,
     // The ports must be dropped before their node; fields are dropped in this order.
     status: Option<StatusReader>,
     arrival: Option<Arrival>,
@@ -128,7 +139,9 @@ impl<T: Streamed> Reader<T> {
             next_attempt: Instant::now(),
             next_event_attempt: Instant::now(),
             heartbeat_ns: None,
-            has_descriptor: false,
+            next_look_ns: 0,
+            has_received: false,
+            descriptor: None,
             status: None,
             arrival: None,
             subscriber: None,
@@ -146,7 +159,8 @@ impl<T: Streamed> Reader<T> {
         Ok(reader)
     }
 
-    /// Whether the stream has been found. Stays true when the service stops.
+    /// Whether the stream has been found. Stays true when the service stops; false while the reader is cut off from the
+    /// stream, since its shared memory was removed.
     #[must_use]
     pub const fn is_connected(&self) -> bool {
         self.subscriber.is_some()
@@ -170,7 +184,11 @@ impl<T: Streamed> Reader<T> {
     /// [`ConnectError`] if connecting cannot succeed (another user's domain, no reader place free) or reading fails.
     pub fn receive(&mut self) -> Result<Option<T>, ConnectError> {
         let received = self.next()?;
-        let Some(arrival) = self.arrival.as_ref().filter(|_| self.has_descriptor && received.is_none()) else {
+        let polls = self.descriptor.is_some() && received.is_none();
+        if polls {
+            self.find_event();
+        }
+        let Some(arrival) = self.arrival.as_ref().filter(|_| polls) else {
             return Ok(received);
         };
         // What comes after the event is lowered raises it again.
@@ -184,8 +202,11 @@ impl<T: Streamed> Reader<T> {
         };
         loop {
             let sample = subscriber.receive().map_err(|error| ConnectError::transport("reading the stream", error))?;
-            // Copy it out of shared memory once, then use the copy.
-            let Some(received) = sample.map(|sample| *sample) else { return Ok(None) };
+            let Some(received) = sample.map(|sample| copied(&*sample)) else {
+                self.look_for_loss();
+                return Ok(None);
+            };
+            self.has_received = true;
             let (session, sequence) = received.key();
             if self.state.first_time(session, sequence) {
                 return Ok(Some(received));
@@ -213,11 +234,7 @@ impl<T: Streamed> Reader<T> {
                 thread::sleep(left.min(RETRY));
                 continue;
             }
-            if self.arrival.is_none() && Instant::now() >= self.next_event_attempt {
-                self.next_event_attempt = Instant::now() + EVENT_RETRY;
-                // Without it the reader polls, which costs more and loses nothing.
-                let _ = self.listen();
-            }
+            self.find_event();
             match &self.arrival {
                 Some(arrival) => arrival.wait(left),
                 None => thread::sleep(left.min(POLL)),
@@ -231,8 +248,45 @@ impl<T: Streamed> Reader<T> {
         if arrival.is_none() && T::HAS_EVENT {
             *arrival = Arrival::open(node, imu)?;
             reserve(domain)?;
+            if let (Some(descriptor), Some(arrival)) = (&self.descriptor, &self.arrival) {
+                watch(descriptor, arrival)?;
+            }
         }
         Ok(())
+    }
+
+    /// Opens the event if there is none yet and it is time to look for it again. Without it the reader polls, which
+    /// costs more and loses nothing.
+    fn find_event(&mut self) {
+        if self.arrival.is_none() && Instant::now() >= self.next_event_attempt {
+            self.next_event_attempt = Instant::now() + EVENT_RETRY;
+            let _ = self.listen();
+        }
+    }
+
+    /// While nothing comes: looks whether the reader was cut off from the stream, and leaves it then. The next call
+    /// joins it again.
+    fn look_for_loss(&mut self) {
+        // A clock that costs a reader that spins less, and is exact enough.
+        let now = clock_gettime(ClockId::MonotonicCoarse);
+        let now = now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64;
+        if now < self.next_look_ns {
+            return;
+        }
+        self.next_look_ns = now + LOOK_NS;
+        if core::mem::take(&mut self.has_received) {
+            return;
+        }
+        let Some(subscriber) = &self.subscriber else { return };
+        let ports = [subscriber.id().value()];
+        let removed = removed_object(&self.domain).map(Loss::Removed);
+        let Some(loss) = removed.or_else(|| taken_connection(&self.domain, &ports).map(Loss::Taken)) else { return };
+        tracing::warn!(imu = %self.imu, "a reader is cut off from the service: {loss}; joining the stream anew");
+        (self.status, self.arrival, self.subscriber) = (None, None, None);
+        if matches!(loss, Loss::Removed(_)) {
+            self.node = None;
+        }
+        self.next_event_attempt = Instant::now();
     }
 
     /// How long ago the service's worker of this IMU was last seen at work: under 0.3 s while the service lives and is
@@ -302,6 +356,12 @@ impl<T: Streamed> Reader<T> {
     }
 }
 
+/// Makes a caller's descriptor readable while the event is raised. It forgets an event that is closed by itself.
+fn watch(descriptor: &OwnedFd, arrival: &Arrival) -> Result<(), ConnectError> {
+    let added = epoll::add(descriptor, arrival.descriptor(), epoll::EventData::new_u64(0), epoll::EventFlags::IN);
+    added.map_err(|error| ConnectError::transport("watching the event of the increments", error))
+}
+
 impl Reader<CompensatedIncrement> {
     /// A descriptor for `poll`, `epoll` and the like: readable when increments may have come. Then call
     /// [`receive`](Self::receive) until it returns `None`, which makes it unreadable. It stays the same as long as the
@@ -313,9 +373,19 @@ impl Reader<CompensatedIncrement> {
     /// [`ConnectError::NoService`] while the reader is not connected, and where no event tells of increments, as in the
     /// domain of a relay; if the process cannot wait.
     pub fn descriptor(&mut self) -> Result<BorrowedFd<'_>, ConnectError> {
-        self.has_descriptor = true;
         self.listen()?;
-        let no_service = || ConnectError::NoService(self.domain.name().to_owned());
-        self.arrival.as_ref().map(Arrival::descriptor).ok_or_else(no_service)
+        let descriptor = match self.descriptor.take() {
+            Some(descriptor) => descriptor,
+            None => {
+                let no_service = || ConnectError::NoService(self.domain.name().to_owned());
+                let arrival = self.arrival.as_ref().ok_or_else(no_service)?;
+                let failed = |error| ConnectError::transport("making a descriptor", error);
+                let descriptor = epoll::create(epoll::CreateFlags::CLOEXEC).map_err(failed)?;
+                watch(&descriptor, arrival)?;
+                descriptor
+            }
+        };
+        let descriptor: &OwnedFd = self.descriptor.insert(descriptor);
+        Ok(descriptor.as_fd())
     }
 }

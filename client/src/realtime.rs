@@ -10,17 +10,27 @@
 //! ```
 //! The kernel stops a thread that never sleeps and has a real-time priority for about 50 ms of every second, unless it
 //! has a core of its own and the kernel's limit is switched off: see `docs/operate.md`.
-#![expect(unsafe_code, reason = "SCHED_FIFO has no safe binding")]
+#![expect(unsafe_code, reason = "SCHED_FIFO and the bounds of a thread's stack have no safe binding")]
 
 use core::fmt;
+use core::hint::black_box;
+use core::mem::MaybeUninit;
+use core::ops::Range;
+use core::ptr;
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::process::{Resource, getrlimit};
 use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
 use std::num::NonZeroU64;
 use std::{fs, io, thread};
 
-/// Size of the stack that is touched when memory is locked, so that no later call waits for one of its pages \[bytes\].
+/// How much of the stack is touched at most when memory is locked, so that no later call waits for one of its pages
+/// \[bytes\].
 const STACK: usize = 256 * 1024;
+/// What is left untouched at the end of the stack: a page, the frames of this call, and that of a signal which comes
+/// just then \[bytes\].
+const SPARE: usize = 12 * 1024;
+/// Size of a frame that touches the stack; smaller than a page \[bytes\].
+const FRAME: usize = 1024;
 
 /// Real-time settings of a thread. A setting that is not given stays unchanged.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
@@ -72,8 +82,10 @@ impl Realtime {
             })?;
         }
         if self.lock_memory {
-            mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(lock_refused)?;
+            // Before memory is locked: a main thread whose stack grows over the limit of locked memory would be killed,
+            // whereas locking what it has is refused.
             touch_stack();
+            mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(lock_refused)?;
         }
         if let Some(slack) = self.timer_slack_ns {
             set_current_timer_slack(Some(slack)).map_err(|cause| RealtimeError {
@@ -161,7 +173,83 @@ fn set_fifo(priority: i32) -> io::Result<()> {
     if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
 
-#[inline(never)]
+/// Makes the kernel allocate the next [`STACK`] bytes of the calling thread's stack, or what the stack has left. Does
+/// nothing on another stack than the thread's own, as in a coroutine, and where its bounds are not known.
 fn touch_stack() {
-    core::hint::black_box([1_u8; STACK]);
+    let here = address();
+    if let Some(stack) = own_stack().filter(|stack| stack.contains(&here)) {
+        touch_down_to(stack.start.saturating_add(SPARE).max(here.saturating_sub(STACK)));
+    }
+}
+
+/// An address in the present frame, or near it.
+#[inline(always)]
+fn address() -> usize {
+    let local = 0_u8;
+    black_box(&raw const local) as usize
+}
+
+/// Touches one frame after the other until one lies below `end`.
+#[inline(never)]
+fn touch_down_to(end: usize) {
+    let frame = [0_u8; FRAME];
+    if black_box(&frame).as_ptr() as usize > end {
+        touch_down_to(end);
+    }
+    // Keeps the frame until here.
+    black_box(&frame);
+}
+
+/// Addresses of the calling thread's stack, without its guard. `None` if the system does not tell them.
+fn own_stack() -> Option<Range<usize>> {
+    let mut attributes = MaybeUninit::<libc::pthread_attr_t>::uninit();
+    // SAFETY: the calling thread, and a place for its attributes, which is initialized if the result is 0.
+    if unsafe { libc::pthread_getattr_np(libc::pthread_self(), attributes.as_mut_ptr()) } != 0 {
+        return None;
+    }
+    let (mut lowest, mut size, mut guard) = (ptr::null_mut(), 0, 0);
+    // SAFETY: the attributes of above and places for three values. The attributes are not used after they are freed.
+    let known = unsafe {
+        let stack = libc::pthread_attr_getstack(attributes.as_ptr(), &raw mut lowest, &raw mut size);
+        let guards = libc::pthread_attr_getguardsize(attributes.as_ptr(), &raw mut guard);
+        libc::pthread_attr_destroy(attributes.as_mut_ptr());
+        stack == 0 && guards == 0
+    };
+    // C libraries before glibc 2.27 count the guard as part of the stack.
+    known.then(|| (lowest as usize).saturating_add(guard)..(lowest as usize).saturating_add(size))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// How many pages of the calling thread's stack that lie in the [`STACK`] bytes below this call are in memory, and
+    /// how many there are without [`SPARE`].
+    fn resident() -> (usize, usize) {
+        // SAFETY: no pointers.
+        let page = unsafe { libc::sysconf(libc::_SC_PAGESIZE) } as usize;
+        let stack = own_stack().unwrap();
+        let here = address();
+        assert!(stack.contains(&here));
+        let first = (stack.start + SPARE).max(here - STACK).next_multiple_of(page);
+        let mut pages = vec![0_u8; (here - first).div_ceil(page)];
+        // SAFETY: pages of this thread's stack, and a place for one byte of each.
+        let asked = unsafe { libc::mincore(first as *mut libc::c_void, here - first, pages.as_mut_ptr()) };
+        assert_eq!(asked, 0);
+        (pages.iter().filter(|page| **page & 1 == 1).count(), pages.len())
+    }
+
+    #[test]
+    fn the_stack_is_touched_as_far_as_there_is_one() {
+        for kilobytes in [64, 128, 1024] {
+            let touch = || {
+                let (before, _) = resident();
+                touch_stack();
+                let (after, all) = resident();
+                // The frames of this function itself lie below where `touch_stack` begins.
+                assert!(before < all / 2 && after + 1 >= all, "{before}, then {after} of {all} pages");
+            };
+            thread::Builder::new().stack_size(kilobytes << 10).spawn(touch).unwrap().join().unwrap();
+        }
+    }
 }

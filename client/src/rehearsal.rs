@@ -51,6 +51,15 @@ pub fn receive<T: Payload>(port: &Subscriber<Ipc, T, ()>) -> Result<Option<Sampl
     port.receive()
 }
 
+/// The only copy of a sample out of shared memory, which another process may change at any moment. The optimizer must
+/// take the copy for changed by `black_box`, so no code that uses it reads shared memory again.
+#[inline]
+pub(crate) fn copied<T: Copy>(sample: &T) -> T {
+    let mut copy = *sample;
+    core::hint::black_box(&mut copy);
+    copy
+}
+
 /// The two streams over which a process rehearses.
 #[derive(Debug)]
 pub struct RehearsalStreams {

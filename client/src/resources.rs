@@ -5,9 +5,11 @@
 //! anything is written to them ([`isotherm_shared::own_storage`]); those that other programs have created, here.
 
 use crate::error::{ConnectError, free_shared_memory, shared_memory_full};
+use crate::members::open_to_group;
 use crate::objects::{SHARED_MEMORY, own_files};
+use isotherm_shared::own_storage::allocate_pages;
 use isotherm_shared::stream::Domain;
-use rustix::fs::{Access, FallocateFlags, access, fallocate};
+use rustix::fs::{Access, access};
 use rustix::io::Errno;
 use rustix::process::{Resource, getrlimit};
 use std::fs;
@@ -24,6 +26,11 @@ const ROOM_OF_AN_IMU: u64 = 1664 << 10;
 const DESCRIPTORS: usize = 36;
 /// Descriptors that a service needs for each IMU and its clients.
 const DESCRIPTORS_OF_AN_IMU: usize = 36;
+
+/// Whether shared memory lacks the room that a client needs.
+pub(crate) fn lacks_room() -> bool {
+    free_shared_memory().is_some_and(|free| free < ROOM_OF_A_CLIENT)
+}
 
 /// Checks that there is enough shared memory, and enough descriptors, for a service of `imus` IMUs, or for a client
 /// (0).
@@ -48,14 +55,16 @@ pub fn check_room(imus: usize) -> Result<(), ConnectError> {
 }
 
 /// Makes the kernel allocate all pages of this user's shared memory of `domain` now, so that none can be missing later.
+/// Where the domain belongs to a group, also opens what this user has made to it ([`open_to_group`]).
 ///
 /// # Errors
 /// [`ConnectError::Exhausted`] if there is not enough.
 pub fn reserve(domain: &Domain) -> Result<(), ConnectError> {
+    open_to_group(domain);
     for object in own_files(SHARED_MEMORY, &domain.prefix()).filter(|object| object.missing() > 0) {
         // Another process is just removing or creating the object; this process does not need it.
         let Ok(file) = object.open() else { continue };
-        if fallocate(&file, FallocateFlags::empty(), 0, object.size()) == Err(Errno::NOSPC) {
+        if !allocate_pages(&file, object.size()) {
             return Err(shared_memory_full(object.missing()));
         }
     }

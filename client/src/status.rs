@@ -3,20 +3,82 @@
 use crate::clock::monotonic_ns;
 use crate::connect::{Options, join_existing};
 use crate::error::ConnectError;
+use crate::objects::{Note, removed_memory};
 use crate::peers::publisher_of;
+use crate::resources::lacks_room;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::status::ServiceStatus;
 use isotherm_shared::stream::{self, Domain, Ipc, IpcNode};
-use std::thread;
 use std::time::{Duration, Instant};
+use std::{io, thread};
 
 /// Time limit for a status; a running service publishes ten times a second.
 const STATUS_LIMIT: Duration = Duration::from_secs(2);
 /// Pause between two polls.
 const PAUSE: Duration = Duration::from_millis(2);
+/// Time between two looks whether clients have room, at least.
+const NOTE_INTERVAL: Duration = Duration::from_millis(500);
+
+/// The status in a file of the domain's folder: while shared memory has no room for a client, nobody can join to read
+/// it from the stream. The service writes it then, and removes it when there is room again.
+#[derive(Debug)]
+pub struct StatusNote {
+    note: Note,
+    next: Instant,
+    /// A service that was killed may have left one.
+    exists: bool,
+}
+
+impl StatusNote {
+    /// That of a domain.
+    #[must_use]
+    pub fn new(domain: &Domain) -> Self {
+        Self { note: note(domain), next: Instant::now(), exists: true }
+    }
+
+    /// Writes the status, as JSON, or removes the file; twice a second at most.
+    ///
+    /// # Errors
+    /// The operating system's.
+    pub fn update(&mut self, document: &[u8]) -> io::Result<()> {
+        let now = Instant::now();
+        if now < self.next {
+            return Ok(());
+        }
+        self.next = now + NOTE_INTERVAL;
+        if lacks_room() {
+            self.exists = true;
+            return self.note.write(document);
+        }
+        if self.exists {
+            self.note.remove();
+            self.exists = false;
+        }
+        Ok(())
+    }
+}
+
+fn note(domain: &Domain) -> Note {
+    Note::new(domain, "status.json")
+}
+
+/// Waits for a status that the service writes into the domain's folder after the time `called_ns`. `None` if none
+/// comes, or shared memory has room.
+fn noted(domain: &Domain, called_ns: u64) -> Option<ServiceStatus> {
+    let deadline = Instant::now() + STATUS_LIMIT;
+    while lacks_room() && Instant::now() < deadline {
+        let status = note(domain).read().and_then(|text| serde_json::from_slice::<ServiceStatus>(&text).ok());
+        // One of the time before the machine was started anew may lie in the future.
+        if status.as_ref().is_some_and(|status| (called_ns..=monotonic_ns()).contains(&status.taken_ns)) {
+            return status;
+        }
+        thread::sleep(PAUSE);
+    }
+    None
+}
 
 /// Why there is no status.
 #[derive(Debug, thiserror::Error)]
@@ -92,7 +154,10 @@ impl StatusReader {
         let stream = stream::open_status(node);
         let stream = stream.map_err(|error| match error {
             PublishSubscribeOpenError::DoesNotExist => absent(domain),
-            other => StatusError::Transport { phase: "opening", cause: other.to_string() },
+            other => {
+                let cause = removed_memory(domain).unwrap_or_else(|| other.to_string());
+                StatusError::Transport { phase: "opening", cause }
+            }
         })?;
         let subscriber = stream.subscriber_builder().history_request(1).create();
         let subscriber =
@@ -110,11 +175,14 @@ impl StatusReader {
         while let Some(sample) = self.subscriber.receive().map_err(|error| failed(error.to_string()))? {
             latest = Some(sample);
         }
-        Ok(latest.map(|sample| serde_json::from_slice(&sample)).transpose()?)
+        // Copied out of shared memory before it is looked at: another process could change it meanwhile.
+        let document = latest.map(|sample| sample.to_vec());
+        Ok(document.map(|document| serde_json::from_slice(&document)).transpose()?)
     }
 }
 
-/// Waits for a status of the running service that is newer than this call.
+/// Waits for a status of the running service that is newer than this call. Where this process cannot join because
+/// shared memory is full, it reads the file that the service then writes.
 ///
 /// ```no_run
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -132,7 +200,13 @@ impl StatusReader {
 /// If no service answers within two seconds. The time-out of `options` is not used.
 pub fn fetch_status(options: &Options) -> Result<ServiceStatus, StatusError> {
     let called_ns = monotonic_ns();
-    let reader = StatusReader::connect(&options.domain)?;
+    let reader = match StatusReader::connect(&options.domain) {
+        Err(StatusError::Connect(ConnectError::Exhausted(cause))) => {
+            let exhausted = || StatusError::Connect(ConnectError::Exhausted(cause));
+            return noted(&options.domain, called_ns).ok_or_else(exhausted);
+        }
+        reader => reader?,
+    };
     let deadline = Instant::now() + STATUS_LIMIT;
     while Instant::now() < deadline {
         match reader.latest()? {

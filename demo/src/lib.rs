@@ -94,9 +94,9 @@ fn run_processes(domain: &Domain, imu: &ImuId, truth: &CoefficientTable) -> Resu
     let (table, next, log) =
         (folder.path().join("table.toml"), folder.path().join("next.toml"), folder.path().join("log"));
     let frozen = frozen(truth)?;
-    fs::write(&table, frozen.to_toml())
-        .and_then(|()| fs::write(&next, truth.to_toml()))
-        .map_err(io("writing the tables"))?;
+    // Without a provenance it would be no calibration, and the service would ask before it takes one after it.
+    let text = format!("{}\n[provenance]\ntool = \"isotherm demo\"\n", frozen.to_toml());
+    fs::write(&table, text).and_then(|()| fs::write(&next, truth.to_toml())).map_err(io("writing the tables"))?;
 
     let isotherm = |arguments: &[&str]| -> Result<Command, Failure> {
         let mut command = Command::new(std::env::current_exe().map_err(io("finding this program"))?);

@@ -52,17 +52,23 @@ static int next_sample(FILE *recording, isotherm_raw_sample *sample)
     return 1;
 }
 
+/* What is saved: the state, and the start of the machine that its times are of. */
+typedef struct {
+    uint64_t boot;
+    isotherm_lag lag;
+} saved_lag;
+
 /* Writes the state under a temporary name and renames it, so that the file is complete whenever this process ends. */
 static isotherm_code save(isotherm_acquisition *acquisition)
 {
-    isotherm_lag lag;
+    saved_lag saved = {.boot = isotherm_boot()};
     char name[4096];
-    isotherm_code code = isotherm_save_lag(acquisition, &lag);
+    isotherm_code code = isotherm_save_lag(acquisition, &saved.lag);
     if (code != ISOTHERM_OK || state == NULL)
         return code;
     snprintf(name, sizeof name, "%s.new", state);
     FILE *file = fopen(name, "wb");
-    int complete = file != NULL && fwrite(&lag, sizeof lag, 1, file) == 1;
+    int complete = file != NULL && fwrite(&saved, sizeof saved, 1, file) == 1;
     if (file == NULL || fclose(file) != 0 || !complete || rename(name, state) != 0)
         perror(name);
     return ISOTHERM_OK;
@@ -71,18 +77,19 @@ static isotherm_code save(isotherm_acquisition *acquisition)
 /* Goes on with a state that a predecessor of this process has saved. Without one the IMU is soaked, if nothing else is said. */
 static isotherm_code restore(isotherm_acquisition *acquisition)
 {
-    isotherm_lag lag;
+    saved_lag saved;
     if (state == NULL)
         return ISOTHERM_OK;
     FILE *file = fopen(state, "rb");
     if (file == NULL && errno == ENOENT && !unknown)
         return ISOTHERM_OK;
-    int complete = file != NULL && fread(&lag, sizeof lag, 1, file) == 1;
+    int complete = file != NULL && fread(&saved, sizeof saved, 1, file) == 1;
     if (file != NULL)
         fclose(file);
-    if (complete)
-        return isotherm_restore_lag(acquisition, &lag);
-    fprintf(stderr, "%s: no state of the lag; increments are flagged lag-unknown for three time constants\n", state);
+    /* The times of another start of the machine are of another clock. */
+    if (complete && saved.boot == isotherm_boot())
+        return isotherm_restore_lag(acquisition, &saved.lag);
+    fprintf(stderr, "%s: no state of the lag since the machine's start; increments are flagged lag-unknown for three time constants\n", state);
     return isotherm_forget_lag(acquisition);
 }
 

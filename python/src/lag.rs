@@ -36,15 +36,17 @@ pub(crate) fn sensor(name: &str) -> PyResult<Sensor> {
 }
 
 /// The state of a lag: for each sensor None, or time \[ns\], telemetry and lagged telemetry of its last reading, and
-/// the share of an unknown start.
+/// the share of an unknown start, and the machine's start that the time is of.
 #[derive(IntoPyObject)]
 #[pyo3(transparent)]
-pub(crate) struct LagState(Vec<Option<(u64, f64, f64, f64)>>);
+pub(crate) struct LagState(Vec<Option<Kept>>);
+
+type Kept = (u64, f64, f64, f64, u64);
 
 impl LagState {
     pub(crate) fn of(lag: &Lag) -> Self {
         let numbers = |(reading, unknown): (&Option<LaggedReading>, f64)| {
-            reading.map(|reading| (reading.time_ns, reading.telemetry, reading.lagged, unknown))
+            reading.map(|reading| (reading.time_ns, reading.telemetry, reading.lagged, unknown, lag.boot))
         };
         Self(lag.sensors.iter().zip(lag.unknown).map(numbers).collect())
     }
@@ -52,7 +54,8 @@ impl LagState {
     pub(crate) fn lag(&self) -> Lag {
         let mut lag = Lag::new(0);
         for (sensor, numbers) in self.0.iter().enumerate() {
-            if let Some((time_ns, telemetry, lagged, unknown)) = *numbers {
+            if let Some((time_ns, telemetry, lagged, unknown, boot)) = *numbers {
+                lag.boot = boot;
                 lag.sensors[sensor] = Some(LaggedReading { time_ns, telemetry, lagged });
                 lag.unknown[sensor] = unknown;
             }
@@ -67,14 +70,19 @@ impl<'py> FromPyObject<'_, 'py> for LagState {
 
     fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
         let wrong =
-            || PyValueError::new_err("give what lag_state() returned: None, or four numbers, for each of six sensors");
-        let reading = |item: Bound<'py, PyAny>| -> PyResult<Option<(u64, f64, f64, f64)>> {
+            || PyValueError::new_err("give what lag_state() returned: None, or five numbers, for each of six sensors");
+        let reading = |item: Bound<'py, PyAny>| -> PyResult<Option<Kept>> {
             if item.is_none() {
                 return Ok(None);
             }
-            let [time_ns, telemetry, lagged, unknown] =
-                item.try_iter()?.collect::<PyResult<Vec<_>>>()?.try_into().map_err(|_| wrong())?;
-            Ok(Some((time_ns.extract()?, telemetry.extract()?, lagged.extract()?, unknown.extract()?)))
+            let numbers = item.try_iter()?.collect::<PyResult<Vec<_>>>()?;
+            let (time_ns, telemetry, lagged, unknown, boot) = match &numbers[..] {
+                // As it was kept before the start of the machine was.
+                [time_ns, telemetry, lagged, unknown] => (time_ns, telemetry, lagged, unknown, 0),
+                [time_ns, telemetry, lagged, unknown, boot] => (time_ns, telemetry, lagged, unknown, boot.extract()?),
+                _ => return Err(wrong()),
+            };
+            Ok(Some((time_ns.extract()?, telemetry.extract()?, lagged.extract()?, unknown.extract()?, boot)))
         };
         let sensors = object.try_iter()?.map(|item| reading(item?)).collect::<PyResult<Vec<_>>>()?;
         if sensors.len() == Sensor::NAMES.len() { Ok(Self(sensors)) } else { Err(wrong()) }

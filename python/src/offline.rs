@@ -104,10 +104,11 @@ pub(crate) fn read_increments(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'
             }
             None => None,
         };
+        rows.find_checks()?;
         let (count, mut bytes) = (rows.len(), Vec::new());
         let hexadecimal = |text: &str| u64::from_str_radix(text, 16).ok().filter(|_| text.len() == 16);
-        while rows.next_row()? {
-            rows.expect_len(count)?;
+        while rows.next_row()? && !rows.is_cut() {
+            rows.verify(count)?;
             let names = |column| rows.parse(column, "- or names of flags joined by |", flags);
             let floats = |columns: &[CsvColumn]| -> Result<[f64; 3], RecordingError> {
                 Ok([rows.float(&columns[0])?, rows.float(&columns[1])?, rows.float(&columns[2])?])

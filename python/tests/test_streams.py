@@ -183,6 +183,13 @@ def test_the_lag_and_its_state(domain: DomainUnderTest, whole: isotherm.Records)
         assert acquisition.lag_state() == [None] * 6
         acquisition.restore_lag(json.loads(json.dumps(state)))
         assert acquisition.lag_state() == state
+        # As it was kept before it told the start of the machine.
+        acquisition.restore_lag([reading and reading[:4] for reading in state])
+        assert acquisition.lag_state() == state
+        # Of the time before the machine was started anew.
+        acquisition.restore_lag([reading and (*reading[:4], reading[4] ^ 1) for reading in state])
+        assert acquisition.lag_state() == [None] * 6
+        acquisition.restore_lag(state)
         for name in ("A4", "a1", ""):
             with pytest.raises(ValueError, match="no sensor"):
                 acquisition.reading(name, 2.0, 1)

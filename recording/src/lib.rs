@@ -8,6 +8,7 @@
 //!             [session] [telemetry_ns] [device] [g1_positive,..,g3_board] [lag_ns,a1_head_lagged,..,g3_head_lagged]
 //! campaign:   set_point_c,position, then the raw columns
 //! increments: sequence,timestamp_ns,interval_ns,a1_dv,a2_dv,a3_dv,[g1_da,g2_da,g3_da,]table,flags     [delivery]
+//! of record:  all columns, then check: a CRC of the row, which every reader of these verifies
 //! ```
 //!
 //! ```
@@ -23,6 +24,7 @@
 //! ```
 
 mod campaign;
+mod check;
 pub mod columns;
 mod continuity;
 pub mod csv;
@@ -37,6 +39,7 @@ mod raw;
 pub mod rows;
 
 pub use campaign::{CampaignCsvReader, CampaignRow, POSITION, SET_POINT};
+pub use check::{CHECK, layouts, stream_of, with_field};
 pub use columns::Layout;
 pub use continuity::{Continuity, Losses, MISSING, TimeFault};
 pub use device::other_device;

@@ -119,6 +119,7 @@ impl<R: Read> RawCsvReader<R> {
         let mut rows = Rows::new(source);
         rows.next_row()?;
         let columns = RawColumns::find(&rows)?;
+        rows.find_checks()?;
         let sequence_rule = SequenceRule::default();
         Ok(Self { rows, columns, sequence_rule, recorded_ns: None, truncated: None, failed: false })
     }
@@ -153,7 +154,7 @@ impl<R: Read> RawCsvReader<R> {
     }
 
     /// A warning if the last line was truncated. `isotherm record` ends every line, so a last line without an end was
-    /// truncated by a crash and is ignored.
+    /// truncated by a crash and is ignored, unless it matches its check.
     #[must_use]
     pub fn truncation(&self) -> Option<String> {
         self.truncated.map(|line| format!("the recording was not ended properly: line {line} is cut and left out"))
@@ -164,12 +165,12 @@ impl<R: Read> RawCsvReader<R> {
             return Ok(None);
         }
         let (row, columns) = (&self.rows, &self.columns);
-        // Ignored even if it looks complete: its last number may have been longer.
-        if columns.recorded_ns.is_some() && !row.is_terminated() {
+        // Without a check it is ignored even if it looks complete: its last number may have been longer.
+        if row.is_cut() || columns.recorded_ns.is_some() && !row.has_checks() && !row.is_terminated() {
             self.truncated = Some(row.line());
             return Ok(None);
         }
-        row.expect_len(columns.count)?;
+        row.verify(columns.count)?;
         let mut sample = RawSample::default();
         for (index, column) in &columns.stored {
             let value = match RAW[*index].kind {

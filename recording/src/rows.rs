@@ -1,5 +1,6 @@
 //! Rows as a recorder receives them, and their form in CSV.
 
+use crate::check;
 use crate::columns::{Column, ColumnKind, INCREMENT, Layout, RAW, RECORDED_NS, load, load_increment};
 use isotherm_shared::sequence::Period;
 use isotherm_shared::stream::StreamKind;
@@ -88,20 +89,21 @@ pub fn append_value(kind: ColumnKind, value: u64, text: &mut Vec<u8>) {
     };
 }
 
-/// The header line of a CSV recording.
+/// The header line of a CSV recording, whose last column has the checks.
 pub fn header(columns: &[Column]) -> Vec<u8> {
-    let names: Vec<_> = columns.iter().map(|column| column.name).collect();
+    let names: Vec<_> = columns.iter().map(|column| column.name).chain([check::CHECK]).collect();
     (names.join(",") + "\n").into_bytes()
 }
 
-/// Appends a row as a line of CSV.
+/// Appends a row as a line of CSV, with its check.
 pub fn append(row: &RecordedRow, layout: Layout, text: &mut Vec<u8>) {
+    let begin = text.len();
     row.visit(layout, |column, value| {
         append_value(column.kind, value, text);
         text.push(b',');
     });
-    // Replaces the comma after the last value.
-    if let Some(last) = text.last_mut() {
-        *last = b'\n';
-    }
+    // The comma after the last value is that before the check.
+    text.pop();
+    check::append(text, begin);
+    text.push(b'\n');
 }

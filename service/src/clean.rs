@@ -25,11 +25,31 @@ pub fn clean(domain: &Domain) -> Result<usize, Failure> {
         return Err(Failure::new(Exit::Failed, message));
     }
     let (root, prefix) = (Path::new(domain.root_path()), domain.prefix());
+    let mut removed = remove_streams(domain)?;
+    removed += remove_prefixed(root, &prefix)?;
+    remove_empty(root)?;
+    Ok(removed)
+}
+
+/// Removes what the transport has made of `domain`: streams, members and shared memory. What processes note for each
+/// other in the domain's folder stays. Returns how many objects were removed.
+///
+/// # Errors
+/// If something cannot be removed.
+pub(crate) fn remove_streams(domain: &Domain) -> Result<usize, Failure> {
+    /// How the names of the transport's files in the domain's folder end: sockets, and a counter.
+    const ENDINGS: [&[u8]; 2] = [b".event", b".global_mgmt"];
+    let (root, prefix) = (Path::new(domain.root_path()), domain.prefix());
     let mut removed = 0;
     for object in own_files("/dev/shm", &prefix) {
         removed += remove(&object.path)?;
     }
     // Remove only what the transport has created: a user may have named a folder that has other files.
+    for entry in prefixed(root, &prefix) {
+        if ENDINGS.iter().any(|ending| entry.file_name().as_encoded_bytes().ends_with(ending)) {
+            removed += remove(&entry.path())?;
+        }
+    }
     for folder in FOLDERS.map(|folder| root.join(folder)) {
         removed += remove_prefixed(&folder, &prefix)?;
         for inner in fs::read_dir(&folder).into_iter().flatten().flatten() {
@@ -40,8 +60,6 @@ pub fn clean(domain: &Domain) -> Result<usize, Failure> {
         }
         remove_empty(&folder)?;
     }
-    removed += remove_prefixed(root, &prefix)?;
-    remove_empty(root)?;
     Ok(removed)
 }
 
@@ -84,14 +102,17 @@ fn user_of(domain: &Domain) -> Result<Option<String>, Failure> {
 
 /// Removes the files and sockets of the domain's folder, or a folder in it, whose names begin with `prefix`.
 fn remove_prefixed(folder: &Path, prefix: &str) -> Result<usize, Failure> {
-    let mut removed = 0;
-    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-        let ours = entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes());
-        if ours && !entry.file_type().is_ok_and(|kind| kind.is_dir()) {
-            removed += remove(&entry.path())?;
-        }
-    }
-    Ok(removed)
+    prefixed(folder, prefix).try_fold(0, |removed, entry| Ok(removed + remove(&entry.path())?))
+}
+
+/// What is in a folder and no folder itself, and has a name that begins with `prefix`.
+fn prefixed(folder: &Path, prefix: &str) -> impl Iterator<Item = DirEntry> + use<> {
+    let prefix = prefix.as_bytes().to_owned();
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.filter(move |entry| {
+        let ours = entry.file_name().as_encoded_bytes().starts_with(&prefix);
+        ours && !entry.file_type().is_ok_and(|kind| kind.is_dir())
+    })
 }
 
 fn remove(path: &Path) -> Result<usize, Failure> {

@@ -35,6 +35,22 @@ impl Strategy {
     }
 }
 
+/// What the service does at its start with an IMU whose table file cannot be taken, where a table is kept that was in
+/// force before.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub enum AtStart {
+    /// It serves the kept table.
+    #[default]
+    Keep,
+    /// It ends.
+    Exit,
+}
+
+impl AtStart {
+    /// Every value with the name that configurations use.
+    pub const NAMES: [(Self, &'static str); 2] = [(Self::Keep, "keep"), (Self::Exit, "exit")];
+}
+
 /// The configuration of one IMU.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Imu {
@@ -72,6 +88,10 @@ pub struct Config {
     pub metrics: Option<SocketAddr>,
     /// By how much a new table may differ from the one before, for an IMU without limits of its own.
     pub max_change: MaxChange,
+    /// What to do at the start with a table file that cannot be taken.
+    pub at_start: AtStart,
+    /// The group of users that the domain belongs to, by name or number; `None` if it belongs to the service's user.
+    pub group: Option<String>,
 }
 
 /// Real-time settings. By default there is no core, no priority and no locked memory, and the timer slack is 1 ns.
@@ -105,6 +125,8 @@ impl Default for Config {
             realtime: WorkerRealtime::default(),
             metrics: None,
             max_change: MaxChange::default(),
+            at_start: AtStart::default(),
+            group: None,
         }
     }
 }
@@ -189,7 +211,17 @@ fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
     let mut config = Config::default();
     if let Some(reload) = root.optional_section("reload") {
         config.max_change = max_change(&reload, config.max_change);
+        config.at_start = reload.optional_choice("at_start", &AtStart::NAMES).unwrap_or_default();
         reload.finish();
+    }
+    if let Some(domain) = root.optional_section("domain") {
+        let group = domain.optional_string("group");
+        domain.refuse(
+            "group",
+            group.filter(|group| group.is_empty()).map(|_| "is empty, give a group of users".to_owned()),
+        );
+        config.group = group.map(str::to_owned);
+        domain.finish();
     }
     config.imus = imus(root, folder, config.max_change);
     let idle = (0..config.workers()).find(|worker| config.imus.iter().all(|imu| imu.worker != *worker));
@@ -280,6 +312,7 @@ mod tests {
             max_change = { scale = "2%", rate = "5deg/h" }
             [reload]
             max_change = { bias = "20mg0", scale = "1000 ppm", alignment = "1mrad" }
+            at_start = "exit"
             [wait]
             strategy = "block"
             [latency]
@@ -291,6 +324,8 @@ mod tests {
             timer_slack_ns = 1000
             [metrics]
             listen = "127.0.0.1:9464"
+            [domain]
+            group = "imu"
         "#;
         let config = Config::from_toml(text, Path::new("/etc/isotherm")).unwrap();
         assert_eq!(config.imus[0].table, Path::new("/etc/isotherm/tables/imu-a.toml"));
@@ -301,7 +336,8 @@ mod tests {
         let timer_slack_ns = NonZeroU64::new(1000).unwrap();
         let cores = vec![1, 3];
         assert_eq!(config.realtime, WorkerRealtime { cores, priority: Some(60), lock_memory: true, timer_slack_ns });
-        assert_eq!(config.metrics.unwrap().port(), 9464);
+        assert_eq!((config.metrics.unwrap().port(), config.at_start), (9464, AtStart::Exit));
+        assert_eq!(config.group.as_deref(), Some("imu"));
         let all = MaxChange { bias: 20.0 * 1e-3, scale: 1000.0 * 1e-6, alignment: 1e-3, ..MaxChange::default() };
         assert_eq!([config.imus[0].max_change, config.max_change], [all; 2]);
         assert_eq!(config.imus[1].max_change, MaxChange { scale: 2.0 * 1e-2, rate: 5.0, ..all });
@@ -335,7 +371,7 @@ mod tests {
         let text = "[[imu]]\nid = \"A\"\n[[imu]]\nid = \"b\"\ntable = 1\n[[imu]]\nid = \"b\"\ntable = \"x\"\n\
                     [wait]\nstrategy = \"sleep\"\n[latency]\nbudget_us = 0\nbudget = 1\n\
                     [realtime]\ncore = -1\npriority = 100\nlock_memory = 1\n[metrics]\nlisten = \"x\"\n[metrix]\n\
-                    [reload]\nmax_change = { bias = \"100\", scale = 0.1, rates = \"1deg/s\" }\n";
+                    [reload]\nmax_change = { bias = \"100\", scale = 0.1, rates = \"1deg/s\" }\nat_start = \"go\"\n";
         let faults = Config::from_toml(text, Path::new("")).unwrap_err();
         let found: Vec<_> = faults.0.iter().map(|fault| (fault.line, fault.key.as_str())).collect();
         let expected = [
@@ -354,6 +390,7 @@ mod tests {
             (22, "reload.max_change.bias"),
             (22, "reload.max_change.scale"),
             (22, "reload.max_change.rates"),
+            (23, "reload.at_start"),
         ];
         assert_eq!(found, expected);
         assert_eq!(Config::from_toml("", Path::new("")).unwrap_err().0.len(), 1);

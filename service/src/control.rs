@@ -1,25 +1,35 @@
 //! The control thread: it starts the service, then reloads tables, publishes the status and does the housekeeping, and
 //! stops the service.
 //!
-//! Start-up order: tables (all faults are reported together, before any stream is created) -> node -> status stream,
-//! which keeps a second service out -> workers with the IMUs' streams -> file watch -> loop. The service stops in the
+//! Start-up order: configuration -> tables (all faults are reported together, before any stream is created) -> node ->
+//! status stream, which keeps a second service out -> workers with the IMUs' streams -> loop. The service stops in the
 //! reverse order.
+//!
+//! It never waits for a disk, the log or a peer: what may take long has a thread that is allowed to, and what that has
+//! to say comes as an event.
 
 use crate::config::{Config, Strategy};
-use crate::guard::{self, Guard};
-use crate::imu::{FirstTable, ImuState, PendingImu, log_unlike_scale_factors};
+use crate::early_death::StartMark;
+use crate::events::{EventSet, Events};
+use crate::guard::Guard;
+use crate::imu::{ImuState, PendingImu};
+use crate::keeper::{KeepRequest, Keeper};
 use crate::leftovers::{self, Leftovers};
+use crate::lock::DomainLock;
+use crate::logging::DroppedLines;
+use crate::memory::Memory;
 use crate::metrics::Metrics;
-use crate::reload::{self, TICK, TableFile};
+use crate::reload::{FileReport, TICK, TableFile, TableFiles};
+use crate::start::{self, FirstTable};
 use crate::status::{StatusPublisher, imu_status};
 use crate::systemd::ServiceManager;
 use crate::threads::{self, HeartbeatChange, WorkerThread};
 use crate::worker::Worker;
 use crate::worker::channel::ChannelLink;
 use crate::worker::counters::CounterReader;
-use crate::{create, sigbus};
+use crate::{create, login, sigbus};
 use isotherm_client::{
-    Realtime, check_domain, check_owner, check_room, join, monotonic_ns, process_kb, reserve, unix_s,
+    Realtime, check_domain, check_owner, check_room, join, monotonic_ns, process_kb, removed_object, reserve, unix_s,
 };
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::Trust;
@@ -28,10 +38,12 @@ use isotherm_shared::stream::{Domain, IpcNode};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
-use std::ffi::OsString;
-use std::path::Path;
+use signal_hook::low_level;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
+use std::sync::mpsc::{RecvTimeoutError, sync_channel};
+use std::thread;
 use std::time::{Duration, Instant};
 use tracing::{error, info, warn};
 
@@ -39,81 +51,219 @@ use tracing::{error, info, warn};
 const STATUS_INTERVAL: Duration = Duration::from_millis(100);
 /// How often dead peers are cleaned up, and counters and worker threads inspected.
 const HOUSEKEEPING_INTERVAL: Duration = Duration::from_secs(1);
+/// How long a start waits for the table file of an IMU whose table from before is known.
+const FILE_PATIENCE: Duration = Duration::from_secs(2);
+/// How long the end waits for the last table to be kept.
+const KEEP_LIMIT: Duration = Duration::from_millis(300);
+/// How long the end may take after a signal that comes while the service starts.
+const START_END_LIMIT: Duration = Duration::from_millis(700);
+/// How long the service manager is told that tables are being reloaded, if a disk does not answer.
+const RELOAD_LIMIT: Duration = Duration::from_secs(5);
+/// How often a start that waits for a disk asks the service manager for more time, and how much it asks for.
+const EXTENSION: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(15));
 
-/// An event that wakes the control thread.
-enum ControlEvent {
-    Signal(i32),
-    /// The file of a table, given by its name, was renamed or closed after writing.
-    File(OsString),
+/// What the command line says besides the configuration.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ServeOptions {
+    /// An IMU whose table does not exist yet is served without one.
+    pub allow_uncalibrated: bool,
+    /// Whether files that everybody may write are taken.
+    pub trust: Trust,
 }
 
-/// Runs the service until SIGTERM or SIGINT.
+/// How a service has ended.
+#[derive(Debug)]
+pub(crate) enum Outcome {
+    /// By a signal.
+    Stopped,
+    /// Its shared memory was removed: it has to begin anew, with this lock.
+    BeginsAnew(DomainLock),
+}
+
+/// Runs the service until SIGTERM or SIGINT. `load` reads the configuration; it may wait for a disk.
 ///
 /// # Errors
 /// Why it could not start or continue.
 pub(crate) fn run(
     domain: &Domain,
-    config: &Config,
-    allow_uncalibrated: bool,
-    trust: Trust,
-) -> Result<(), Failure> {
-    let started = Instant::now();
-    let (events, inbox) = mpsc::channel();
-    forward_signals(events.clone())?;
+    load: impl FnOnce() -> Result<Config, Failure> + Send + 'static,
+    options: ServeOptions,
+) -> Result<Outcome, Failure> {
+    let events = Arc::<Events>::default();
+    forward_signals(&events)?;
     raise_descriptor_limit();
-    let mut manager = ServiceManager::from_environment();
-
-    let state = guard::state_folder(domain);
-    let first_tables = load_tables(domain, config, state.as_deref().ok(), allow_uncalibrated, trust)?;
-    let metrics = config.metrics.map(Metrics::start).transpose()?;
-    make_room(domain, config)?;
-    let node = join(domain)?;
-    let publisher = StatusPublisher::create(&node, domain)?;
-
-    // The first tables are queued before the streams exist, so that no sample meets a channel without its table.
-    let mut links: Vec<Vec<ChannelLink>> = (0..config.workers()).map(|_| Vec::new()).collect();
-    let mut pending = Vec::new();
-    for (imu, first) in config.imus.iter().zip(first_tables) {
-        let (pending_imu, link) = PendingImu::new(imu, first);
-        links[imu.worker].push(link);
-        pending.push(pending_imu);
+    let mut starting =
+        Starting { started: Instant::now(), extended: Instant::now(), manager: ServiceManager::from_environment() };
+    match starting.start(domain, load, options, &events)? {
+        Some((config, parts)) => Service::new(domain, &config, parts, starting, events)?.run(),
+        None => {
+            info!("stopped while starting");
+            Ok(Outcome::Stopped)
+        }
     }
-    let stopped = || matches!(inbox.try_recv(), Ok(ControlEvent::Signal(SIGTERM | SIGINT)));
-    let Some(workers) = start_workers(domain, config, links, stopped)? else {
-        info!("stopped while starting");
-        return Ok(());
-    };
-    let imus = pending.into_iter().map(|imu| imu.open_streams(&node)).collect::<Result<Vec<_>, _>>()?;
-    guard::tell_if_not_kept(&state);
-    reserve(domain)?;
-    let _watcher = watch(config, events);
-    let threads = threads_of(config, &workers);
-    manager.ready();
-    let leftovers = Leftovers::new(domain, &node);
-    let service = Service {
-        domain,
-        config,
-        started,
-        started_unix_s: unix_s() - started.elapsed().as_secs_f64(),
-        node,
-        publisher,
-        metrics,
-        logged: Logged { held_back: vec![false; workers.len()], unpublished: false },
-        threads,
-        workers,
-        manager,
-        leftovers,
-        imus,
-    };
-    info!(
-        domain = domain.name(),
-        imus = config.imus.len(),
-        wait = config.strategy.name(),
-        workers = config.workers(),
-        pid = std::process::id(),
-        "ready"
-    );
-    service.run(&inbox)
+}
+
+/// A service that starts.
+struct Starting {
+    started: Instant,
+    /// When the service manager was last asked for more time.
+    extended: Instant,
+    manager: ServiceManager,
+}
+
+/// What a start has made.
+struct StartedParts {
+    lock: DomainLock,
+    mark: StartMark,
+    node: IpcNode,
+    publisher: StatusPublisher,
+    workers: Vec<Worker>,
+    imus: Vec<ImuState>,
+    metrics: Option<Metrics>,
+    files: TableFiles,
+    keeper: Keeper,
+}
+
+/// The node, the status stream, the workers, and the IMUs with their streams.
+type OpenedStreams = (IpcNode, StatusPublisher, Vec<Worker>, Vec<ImuState>);
+
+impl Starting {
+    /// Starts everything; `None` if a signal ends the start.
+    fn start(
+        &mut self,
+        domain: &Domain,
+        load: impl FnOnce() -> Result<Config, Failure> + Send + 'static,
+        options: ServeOptions,
+        events: &Arc<Events>,
+    ) -> Result<Option<(Config, StartedParts)>, Failure> {
+        let Some(config) = self.wait_for(events, load)? else { return Ok(None) };
+        let config = config?;
+        let thread = |error: std::io::Error| Failure::new(Exit::Failed, format!("starting a thread: {error}"));
+        let ids = config.imus.iter().map(|imu| imu.id.clone()).collect();
+        let keeper = Keeper::start(domain, ids, events).map_err(thread)?;
+        let file = |imu: &crate::config::Imu| TableFile::new(imu.id.clone(), imu.table.clone(), options.trust);
+        let files = TableFiles::start(config.imus.iter().map(file).collect(), events).map_err(thread)?;
+        let Some(first_tables) = self.first_tables(domain, &config, options.allow_uncalibrated, events)? else {
+            return Ok(None);
+        };
+        let metrics = config.metrics.map(Metrics::start).transpose()?;
+        let lock = DomainLock::take(domain, config.group.as_deref())?;
+        let mark = StartMark::leave(domain);
+        let Some((node, publisher, workers, imus)) = Self::open(domain, &config, first_tables, &keeper, events)? else {
+            mark.remove();
+            return Ok(None);
+        };
+        Ok(Some((config, StartedParts { lock, mark, node, publisher, workers, imus, metrics, files, keeper })))
+    }
+
+    /// Joins the domain and opens all streams; `None` if a signal ends the start.
+    fn open(
+        domain: &Domain,
+        config: &Config,
+        first_tables: Vec<FirstTable>,
+        keeper: &Keeper,
+        events: &Events,
+    ) -> Result<Option<OpenedStreams>, Failure> {
+        make_room(domain, config)?;
+        let node = join(domain)?;
+        let publisher = StatusPublisher::create(&node, domain)?;
+
+        // The first tables are queued before the streams exist, so that no sample meets a channel without its table.
+        let mut links: Vec<Vec<ChannelLink>> = (0..config.workers()).map(|_| Vec::new()).collect();
+        let mut pending = Vec::new();
+        for (imu, first) in config.imus.iter().zip(first_tables) {
+            let (pending_imu, link) = PendingImu::new(imu, first);
+            links[imu.worker].push(link);
+            pending.push(pending_imu);
+        }
+        let Some(workers) = start_workers(domain, config, links, || events.is_stopped())? else { return Ok(None) };
+        let mut imus = Vec::with_capacity(pending.len());
+        for (number, pending) in pending.into_iter().enumerate() {
+            let (imu, request) = pending.open_streams(&node)?;
+            if let Some(request) = request {
+                keeper.keep(number, request);
+            }
+            imus.push(imu);
+        }
+        reserve(domain)?;
+        if let Some(warning) = login::warning() {
+            warn!("{warning}");
+        }
+        Ok(Some((node, publisher, workers, imus)))
+    }
+
+    /// Waits for what is done in a thread of its own; `None` if a signal ends the start.
+    fn wait_for<T: Send + 'static>(
+        &mut self,
+        events: &Events,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<Option<T>, Failure> {
+        let (sender, done) = sync_channel(1);
+        let body = move || {
+            // Nobody waits for the result of a start that was ended.
+            let _ = sender.send(work());
+        };
+        let failed = |cause: String| Failure::new(Exit::Failed, format!("starting: {cause}"));
+        thread::Builder::new().name("start".to_owned()).spawn(body).map_err(|error| failed(error.to_string()))?;
+        while !events.is_stopped() {
+            match done.recv_timeout(Duration::from_millis(20)) {
+                Ok(result) => return Ok(Some(result)),
+                Err(RecvTimeoutError::Timeout) => self.extend(),
+                Err(RecvTimeoutError::Disconnected) => {
+                    return Err(failed("reading the configuration panicked; report this".to_owned()));
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// Waits until it is known what was in force before, and what is in the table files, and chooses the first tables.
+    /// A disk that does not answer is not waited for where a table from before can be served. `None` if a signal ends
+    /// the start.
+    fn first_tables(
+        &mut self,
+        domain: &Domain,
+        config: &Config,
+        allow_uncalibrated: bool,
+        events: &Events,
+    ) -> Result<Option<Vec<FirstTable>>, Failure> {
+        let mut memories: BTreeMap<usize, Memory> = BTreeMap::new();
+        let mut reports: BTreeMap<usize, FileReport> = BTreeMap::new();
+        let mut patience = None;
+        loop {
+            let EventSet { stop, files, memories: read, .. } = events.wait(Instant::now() + TICK);
+            if stop.is_some() {
+                return Ok(None);
+            }
+            memories.extend(read);
+            reports.extend(files);
+            self.extend();
+            if memories.len() < config.imus.len() {
+                continue;
+            }
+            let patience = *patience.get_or_insert_with(|| Instant::now() + FILE_PATIENCE);
+            let can_go_on = |imu: &usize| {
+                let is_known = memories.get(imu).is_some_and(|memory| memory.reference().is_some());
+                reports.contains_key(imu) || is_known && Instant::now() >= patience
+            };
+            if (0..config.imus.len()).all(|imu| can_go_on(&imu)) {
+                break;
+            }
+        }
+        let guards = config.imus.iter().zip(memories.into_values());
+        let guards = guards.map(|(imu, memory)| Guard::new(imu, domain, memory)).collect();
+        let reports = (0..config.imus.len()).map(|imu| reports.remove(&imu)).collect();
+        start::choose(config, guards, reports, allow_uncalibrated).map(Some)
+    }
+
+    /// Asks the service manager for more time, where the start waits for a disk.
+    fn extend(&mut self) {
+        let (pause, time) = EXTENSION;
+        if self.extended.elapsed() >= pause {
+            self.extended = Instant::now();
+            self.manager.extend_start(time);
+        }
+    }
 }
 
 /// Locks memory, removes what killed processes have left, and looks whether there is room for all streams.
@@ -129,25 +279,16 @@ fn make_room(domain: &Domain, config: &Config) -> Result<(), Failure> {
     Ok(check_room(config.imus.len())?)
 }
 
-/// Watches the folders of the tables, as far as that is possible.
-fn watch(config: &Config, events: mpsc::Sender<ControlEvent>) -> Option<impl Sized + use<>> {
-    let paths: Vec<_> = config.imus.iter().map(|imu| imu.table.clone()).collect();
-    let (watcher, failures) = reload::watch(&paths, move |name| {
-        // Sending fails only after the control loop has ended.
-        let _ = events.send(ControlEvent::File(name));
-    });
-    for cause in failures {
-        warn!("watching a table's folder: {cause}; its files are checked every {} ms instead", TICK.as_millis());
-    }
-    watcher
-}
-
 /// What is logged once, until it changes.
+#[derive(Default)]
 struct Logged {
     /// Of each worker.
     held_back: Vec<bool>,
     /// Whether the last status could not be published.
     unpublished: bool,
+    /// Folders of tables whose disk does not answer.
+    silent_folders: Vec<PathBuf>,
+    dropped_lines: DroppedLines,
 }
 
 struct Service<'a> {
@@ -155,37 +296,91 @@ struct Service<'a> {
     config: &'a Config,
     started: Instant,
     started_unix_s: f64,
-    node: IpcNode,
+    events: Arc<Events>,
+    lock: DomainLock,
+    /// `None` when it has been removed.
+    mark: Option<StartMark>,
     publisher: StatusPublisher,
     metrics: Option<Metrics>,
     workers: Vec<Worker>,
     threads: Vec<WorkerThread>,
     manager: ServiceManager,
+    /// When the service manager is told that the tables were reloaded as requested, at the latest.
+    reloading_until: Option<Instant>,
     leftovers: Leftovers,
+    files: TableFiles,
+    keeper: Keeper,
     imus: Vec<ImuState>,
     logged: Logged,
+    // The ports must be dropped before their node; fields are dropped in this order.
+    node: IpcNode,
 }
 
-impl Service<'_> {
-    fn run(mut self, inbox: &Receiver<ControlEvent>) -> Result<(), Failure> {
+impl<'a> Service<'a> {
+    /// The service that was started. It is ready.
+    fn new(
+        domain: &'a Domain,
+        config: &'a Config,
+        parts: StartedParts,
+        starting: Starting,
+        events: Arc<Events>,
+    ) -> Result<Self, Failure> {
+        let StartedParts { lock, mark, node, publisher, workers, imus, metrics, files, keeper } = parts;
+        let Starting { started, mut manager, .. } = starting;
+        events.start();
+        manager.ready();
+        info!(
+            domain = domain.name(),
+            imus = config.imus.len(),
+            wait = config.strategy.name(),
+            workers = config.workers(),
+            pid = std::process::id(),
+            "ready"
+        );
+        Ok(Self {
+            domain,
+            config,
+            started,
+            started_unix_s: unix_s() - started.elapsed().as_secs_f64(),
+            events,
+            lock,
+            mark: Some(mark),
+            leftovers: Leftovers::new(domain, &node),
+            node,
+            publisher,
+            metrics,
+            logged: Logged { held_back: vec![false; workers.len()], ..Logged::default() },
+            threads: threads_of(config, &workers),
+            workers,
+            manager,
+            reloading_until: None,
+            files,
+            keeper,
+            imus,
+        })
+    }
+
+    fn run(mut self) -> Result<Outcome, Failure> {
         let (mut next_tick, mut next_status, mut next_housekeeping) = (self.started, self.started, self.started);
         loop {
-            match inbox.recv_timeout(next_tick.saturating_duration_since(Instant::now())) {
-                Ok(ControlEvent::Signal(SIGHUP)) => self.load_all(),
-                Ok(ControlEvent::Signal(signal)) => {
-                    info!("{}: stopping", if signal == SIGINT { "SIGINT" } else { "SIGTERM" });
-                    return self.stop();
+            let EventSet { stop, load_all, files, kept, .. } = self.events.wait(next_tick);
+            if let Some(signal) = stop {
+                info!("{}: stopping", if signal == SIGINT { "SIGINT" } else { "SIGTERM" });
+                return self.stop().map(|_| Outcome::Stopped);
+            }
+            if load_all {
+                self.load_all();
+            }
+            for (imu, report) in files {
+                let is_requested = report.is_requested;
+                let request = self.imus[imu].apply(report);
+                self.keep(imu, request);
+                if is_requested {
+                    self.imus[imu].awaits_load = false;
                 }
-                Ok(ControlEvent::File(name)) => {
-                    for imu in self.imus.iter_mut().filter(|imu| imu.file.path().file_name() == Some(&name)) {
-                        let change = imu.file.load_complete(Instant::now());
-                        imu.apply(change, false);
-                    }
-                }
-                Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => {
-                    return Err(Failure::new(Exit::Failed, "the signal thread ended; restart the service"));
-                }
+            }
+            for (imu, outcome) in kept {
+                self.imus[imu].note_kept(outcome);
             }
             let now = Instant::now();
             if now >= next_tick {
@@ -198,6 +393,9 @@ impl Service<'_> {
             let housekeeping = now >= next_housekeeping;
             if housekeeping {
                 next_housekeeping = now + HOUSEKEEPING_INTERVAL;
+                if let Some(object) = removed_object(self.domain) {
+                    return self.begin_anew(&object);
+                }
                 self.keep_house();
             }
             if housekeeping || (now >= next_status && self.publisher.has_readers()) {
@@ -207,26 +405,35 @@ impl Service<'_> {
         }
     }
 
+    /// Orders to load all tables. The service manager is told when that is done, or when a disk does not answer.
     fn load_all(&mut self) {
         info!("SIGHUP: loading all tables");
         self.manager.reloading();
-        for imu in &mut self.imus {
-            let change = imu.file.load().into();
-            imu.apply(change, true);
-        }
-        self.manager.ready();
+        self.reloading_until = Some(Instant::now() + RELOAD_LIMIT);
+        self.imus.iter_mut().for_each(|imu| imu.awaits_load = true);
+        self.files.load_all();
     }
 
-    /// Looks at the files of the tables, at the readers that wait, and at the workers.
+    /// Has what is in force for an IMU now kept, if there is anything new.
+    fn keep(&self, imu: usize, request: Option<KeepRequest>) {
+        if let Some(request) = request {
+            self.keeper.keep(imu, request);
+        }
+    }
+
+    /// Looks at what the operator has accepted, at the readers that wait, and at the workers.
     fn tick(&mut self, now: Instant) {
-        for imu in &mut self.imus {
-            let change = imu.file.poll(Instant::now());
-            imu.apply(change, false);
-            imu.take_accepted();
-            imu.flush();
+        for number in 0..self.imus.len() {
+            let request = self.imus[number].take_accepted();
+            self.keep(number, request);
+            self.imus[number].flush();
         }
         for (index, worker) in self.workers.iter().enumerate() {
             worker.announce(self.imus.iter().filter(|imu| imu.imu.worker == index).map(ImuState::is_awaited));
+        }
+        if self.reloading_until.is_some_and(|until| now >= until || self.imus.iter().all(|imu| !imu.awaits_load)) {
+            self.reloading_until = None;
+            self.manager.ready();
         }
         self.check_heartbeats(now);
     }
@@ -239,6 +446,15 @@ impl Service<'_> {
         for imu in &mut self.imus {
             imu.windows.end_second(imu.counters.latency());
             imu.log_news(self.domain, false);
+        }
+        for number in 0..self.imus.len() {
+            let request = self.imus[number].take_anchor();
+            self.keep(number, request);
+        }
+        self.log_silent_folders();
+        self.logged.dropped_lines.report();
+        if self.mark.as_mut().is_some_and(StartMark::remove_after_a_second) {
+            self.mark = None;
         }
         for (index, (thread, logged)) in self.threads.iter_mut().zip(&mut self.logged.held_back).enumerate() {
             thread.measure();
@@ -254,6 +470,15 @@ impl Service<'_> {
             }
         }
         self.manager.status(&summary(&self.imus));
+    }
+
+    /// Logs each folder of tables whose disk does not answer, once until it does.
+    fn log_silent_folders(&mut self) {
+        let silent: Vec<_> = self.files.silent_folders().into_iter().map(Path::to_owned).collect();
+        for folder in silent.iter().filter(|folder| !self.logged.silent_folders.contains(folder)) {
+            warn!("the disk of {} does not answer: new tables there are not seen until it does", folder.display());
+        }
+        self.logged.silent_folders = silent;
     }
 
     fn publish(&mut self) {
@@ -304,16 +529,40 @@ impl Service<'_> {
         }
     }
 
-    fn stop(mut self) -> Result<(), Failure> {
+    /// Ends because the shared memory of the streams was removed: those who are connected go on with what they have,
+    /// and nobody else can connect. A supervisor starts the service again; without one it begins anew by itself.
+    fn begin_anew(self, object: &Path) -> Result<Outcome, Failure> {
+        let cause = format!(
+            "{} was removed under the running service: by systemd-logind at a logout (RemoveIPC), or by somebody who tidied up; no other \
+             process can connect",
+            object.display()
+        );
+        error!("{cause}: beginning anew");
+        let lock = self.stop()?;
+        if ["NOTIFY_SOCKET", "INVOCATION_ID"].iter().any(|variable| std::env::var_os(variable).is_some()) {
+            return Err(Failure::new(
+                Exit::Io,
+                format!("{cause}: ending, so that the supervisor starts the service anew"),
+            ));
+        }
+        Ok(Outcome::BeginsAnew(lock))
+    }
+
+    /// Stops the workers and leaves the streams. Returns the lock, which is held until the process ends.
+    fn stop(mut self) -> Result<DomainLock, Failure> {
         self.manager.stopping();
         stop_all(self.workers)?;
+        self.keeper.finish(KEEP_LIMIT);
         for imu in &mut self.imus {
             imu.log_news(self.domain, true);
             let counters = &imu.counters;
             let (received, compensated, missing) = (counters.received(), counters.compensated(), counters.missing());
             info!(imu = %imu.imu.id, received, compensated, missing, "stopped");
         }
-        Ok(())
+        if let Some(mark) = &self.mark {
+            mark.remove();
+        }
+        Ok(self.lock)
     }
 }
 
@@ -376,57 +625,26 @@ fn summary(imus: &[ImuState]) -> String {
     format!("{} IMUs, {compensated} increments, {missing} samples missing, {refused} table files refused", imus.len())
 }
 
-fn forward_signals(events: mpsc::Sender<ControlEvent>) -> Result<(), Failure> {
+/// Passes signals on to the control thread. One that comes while the service starts ends it within
+/// [`START_END_LIMIT`], whatever the start waits for.
+fn forward_signals(events: &Arc<Events>) -> Result<(), Failure> {
     let failed = |error: std::io::Error| Failure::new(Exit::Failed, format!("handling signals: {error}"));
     sigbus::install_handler().map_err(failed)?;
     let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP]).map_err(failed)?;
+    let events = Arc::clone(events);
     let body = move || {
         for signal in signals.forever() {
-            if events.send(ControlEvent::Signal(signal)).is_err() {
-                return;
+            if signal == SIGHUP {
+                events.load_all();
+                continue;
+            }
+            events.stop(signal);
+            if !events.has_started() {
+                thread::sleep(START_END_LIMIT);
+                // What is left half-created is removed by the next start.
+                low_level::exit(0);
             }
         }
     };
-    std::thread::Builder::new().name("signals".to_owned()).spawn(body).map(drop).map_err(failed)
-}
-
-/// Loads all tables, compares each with the one that was in force last, and reports the faults of all of them together.
-fn load_tables(
-    domain: &Domain,
-    config: &Config,
-    state: Option<&Path>,
-    allow_uncalibrated: bool,
-    trust: Trust,
-) -> Result<Vec<FirstTable>, Failure> {
-    let mut failures = Vec::new();
-    let mut tables = Vec::new();
-    for imu in &config.imus {
-        let mut file = TableFile::new(imu.id.clone(), imu.table.clone(), trust);
-        let guard = Guard::new(imu, domain, state);
-        let table = match file.load() {
-            Ok(table) => match guard.admit(&table) {
-                Ok(admission) => {
-                    let (file, digest) = (imu.table.display(), table.digest());
-                    info!(imu = %imu.id, table = %digest, %file, "table loaded: {}", admission.words);
-                    log_unlike_scale_factors(imu, &table);
-                    Ok((table, admission))
-                }
-                Err(reason) => {
-                    let message = format!("{}: {reason}", imu.table.display());
-                    failures.push(Failure::new(Exit::Config, message).at(&imu.table, None));
-                    continue;
-                }
-            },
-            Err(error) if allow_uncalibrated && !imu.table.exists() => {
-                warn!(imu = %imu.id, "no table yet, serving NaN: {error}");
-                Err(error)
-            }
-            Err(error) => {
-                failures.push(Failure::from(error));
-                continue;
-            }
-        };
-        tables.push(FirstTable { file, guard, table });
-    }
-    Failure::all(failures).map_or(Ok(tables), Err)
+    thread::Builder::new().name("signals".to_owned()).spawn(body).map(drop).map_err(failed)
 }

@@ -12,7 +12,7 @@ use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
 use iceoryx2::service::port_factory::publish_subscribe;
-use isotherm_client::{OwnFile, foreign_object, own_files, payload_of, shortage};
+use isotherm_client::{OwnFile, foreign_object, open_to_group, own_files, payload_of, shortage, sweep};
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
 use serde::Deserialize;
@@ -93,7 +93,10 @@ impl<'a> Creator<'a> {
         let started = Instant::now();
         loop {
             let error = match attempt() {
-                Ok(value) => return Ok(value),
+                Ok(value) => {
+                    open_to_group(domain);
+                    return Ok(value);
+                }
                 Err(error) => error,
             };
             let waited = started.elapsed();
@@ -174,19 +177,20 @@ fn failed(name: &str, domain: &Domain, cause: &str) -> Failure {
     )
 }
 
-/// Removes a service's file if it is still unreadable long after its creation began, or if its shared memory is gone: a
-/// process that removes a service removes the memory first, and this one was killed before it removed the file.
+/// Removes a service's file if it is still unreadable long after its creation began ([`sweep`]), or if its shared
+/// memory is gone: a process that removes a service removes the memory first, and this one was killed before it removed
+/// the file.
 pub fn remove_half_created(domain: &Domain) {
     let (folder, prefix) = (format!("{}/services", domain.root_path()), domain.prefix());
-    for file in own_files(folder, &prefix) {
-        let left = match file.mode() {
-            0o600 => file.age().is_none_or(|age| age > 2 * CREATION_TIMEOUT),
-            0o400 => ServiceFile::read(&file.path).is_some_and(|service| service.memory(&prefix).is_none()),
-            _ => false,
-        };
-        if left {
-            tracing::warn!(path = %file.path.display(), "removing a stream that a killed process left half-created");
-            let _ = fs::remove_file(file.path);
+    let remove = |path: &Path| {
+        tracing::warn!(path = %path.display(), "removing a stream that a killed process left half-created");
+        let _ = fs::remove_file(path);
+    };
+    // One that stays is reported when its stream is created.
+    let _ = sweep(|| own_files(&folder, &prefix).filter(|file| file.mode() == 0o600), remove);
+    for file in own_files(&folder, &prefix).filter(|file| file.mode() == 0o400) {
+        if ServiceFile::read(&file.path).is_some_and(|service| service.memory(&prefix).is_none()) {
+            remove(&file.path);
         }
     }
 }

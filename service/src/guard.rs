@@ -1,21 +1,23 @@
 //! Whether a new table may take the place of the one that was in force before: a lost digit must not go into the air.
 //!
-//! The tables are compared by [`TableDifference`], without errors or statistics. The table in force is kept in a folder
-//! that outlives the service and its domain, so that a restart installs no table that a reload has refused. Somebody
-//! who means the change accepts the table's digest with the command `reload`: by a [`Note`] in the domain's folder,
-//! where nobody else can write.
+//! The tables are compared by [`TableDifference`], without errors or statistics. A new table is compared with the one
+//! that was in force last, within the limits; and with an *anchor*, the table of the first start or the last one that
+//! was accepted, within three times the limits, so that many small steps do not add up unseen. Gyroscopes are compared
+//! with those of the last table that had any. [`Memory`] keeps these tables over a restart, so that a restart installs
+//! no table that a reload has refused.
+//!
+//! Somebody who means the change accepts the table's digest with the command `reload`: by a [`Note`] in the domain's
+//! folder, where nobody else can write.
 
 use crate::config::Imu;
-use isotherm_client::{Domain, ImuId, Note, ROOT_VARIABLE, STATE_VARIABLE};
-use isotherm_files::{Trust, load_table, replace};
+use crate::memory::Memory;
+use isotherm_client::{Domain, ImuId, Note};
 use isotherm_shared::table::difference::{Change, MaxChange, TableDifference};
 use isotherm_shared::table::{CoefficientTable, Digest};
-use rustix::fs::{FsWord, statfs};
-use std::fs::DirBuilder;
-use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _};
-use std::path::{Path, PathBuf};
-use std::{env, io};
-use tracing::warn;
+use std::sync::Arc;
+
+/// By how much more than the limits a table may differ from the anchor.
+const ANCHOR_FACTOR: f64 = 3.0;
 
 /// Guards the table of one IMU.
 #[derive(Debug)]
@@ -23,10 +25,8 @@ pub(crate) struct Guard {
     imu: ImuId,
     limits: MaxChange,
     acceptance: Note,
-    /// Where the table in force is kept; `None` if it is not.
-    kept: Option<PathBuf>,
-    /// The last table in force, of this service or the one before.
-    reference: Option<CoefficientTable>,
+    /// What is known of earlier tables, of this service or the one before.
+    memory: Memory,
     changes: Vec<Change>,
 }
 
@@ -37,6 +37,17 @@ pub(crate) struct Admission {
     changes: Vec<Change>,
     /// The changes, or why there is no comparison, for the log.
     pub words: String,
+    /// Whether the operator has accepted its digest, and it would have been refused without that.
+    accepted: bool,
+}
+
+/// Why a table may not be taken.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub(crate) struct Refusal {
+    /// Each curve with both values and the limit, and the remedy.
+    pub reason: String,
+    /// Whether it is the table of another unit than the one in force: both have serial numbers, and they differ.
+    pub is_other_unit: bool,
 }
 
 /// The digest that is accepted for an IMU's table.
@@ -44,35 +55,21 @@ pub(crate) fn acceptance(domain: &Domain, imu: &ImuId) -> Note {
     Note::new(domain, &format!("accepted-{imu}"))
 }
 
-/// The table that was kept; `None` if there is none.
-fn read_kept(path: &Path, imu: &ImuId) -> Result<Option<CoefficientTable>, String> {
-    let failed = |error: io::Error| format!("{}: {error}", path.display());
-    if !path.try_exists().map_err(failed)? {
-        return Ok(None);
-    }
-    // Nobody else can write in this folder, whatever the permissions of the file are.
-    check_owner(path.parent().unwrap_or(Path::new("/"))).map_err(failed)?;
-    load_table(path, Some(imu), Trust::Any).map(|(table, _)| Some(table)).map_err(|error| error.to_string())
-}
-
 impl Guard {
-    /// The guard of an IMU; reads which table was in force last. `folder` is that of [`state_folder`], if there is one.
-    pub(crate) fn new(imu: &Imu, domain: &Domain, folder: Option<&Path>) -> Self {
-        let kept = folder.map(|folder| folder.join(format!("{}.toml", imu.id)));
-        let lost = |cause: String| warn!(imu = %imu.id, "the table that was in force last cannot be read: {cause}");
-        let reference = kept.as_deref().and_then(|path| {
-            read_kept(path, &imu.id).unwrap_or_else(|cause| {
-                lost(cause);
-                None
-            })
-        });
+    /// The guard of an IMU with this memory.
+    pub(crate) fn new(imu: &Imu, domain: &Domain, memory: Memory) -> Self {
         let (imu, limits, acceptance) = (imu.id.clone(), imu.max_change, acceptance(domain, &imu.id));
-        Self { imu, limits, acceptance, kept, reference, changes: Vec::new() }
+        Self { imu, limits, acceptance, memory, changes: Vec::new() }
+    }
+
+    /// What is accepted, whichever table it is of.
+    pub(crate) fn accepted(&self) -> Option<Vec<u8>> {
+        self.acceptance.read()
     }
 
     /// Whether the operator has accepted the table of this digest.
-    pub(crate) fn is_accepted(&self, digest: &str) -> bool {
-        self.acceptance.read().is_some_and(|text| text.trim_ascii() == digest.as_bytes())
+    pub(crate) fn is_accepted(&self, digest: &Digest) -> bool {
+        self.accepted().is_some_and(|text| text.trim_ascii() == digest.to_string().as_bytes())
     }
 
     /// The largest changes of each curve by the table in force; empty if there was nothing to compare it with.
@@ -80,26 +77,85 @@ impl Guard {
         &self.changes
     }
 
-    /// Compares a table with the one that was in force last.
+    /// The table that small steps are compared with, and the largest changes of each curve since then.
+    pub(crate) fn anchor(&self) -> Option<(&Digest, Vec<Change>)> {
+        let (anchor, in_force) = (self.memory.anchor.as_ref()?, self.memory.in_force.as_ref()?);
+        Some((anchor.digest(), TableDifference::of(anchor, in_force).changes))
+    }
+
+    /// What is known of earlier tables.
+    pub(crate) const fn memory(&self) -> &Memory {
+        &self.memory
+    }
+
+    /// Compares a table with those that were in force before.
     ///
     /// # Errors
-    /// Why it must not be taken: each curve with both values and the limit, and the remedy.
-    pub(crate) fn admit(&self, table: &CoefficientTable) -> Result<Admission, String> {
-        let alone = |words: &str| Ok(Admission { changes: Vec::new(), words: words.to_owned() });
-        let Some(reference) = &self.reference else {
-            return alone("it is not known which table was in force before, so it is compared with none");
+    /// Why it must not be taken.
+    pub(crate) fn admit(&self, table: &CoefficientTable) -> Result<Admission, Refusal> {
+        if let Some(forgotten) = &self.memory.forgotten {
+            return self.admit_without_memory(table, forgotten);
+        }
+        let Some(reference) = self.memory.reference() else {
+            let words = "it is not known which table was in force before, so it is compared with none".to_owned();
+            return Ok(Admission { changes: Vec::new(), words, accepted: false });
         };
         if reference.digest() == table.digest() {
-            return Ok(Admission { changes: self.changes.clone(), words: "the same as before".to_owned() });
+            let words = "the same as before".to_owned();
+            return Ok(Admission { changes: self.changes.clone(), words, accepted: false });
         }
         let difference = TableDifference::of(reference, table);
-        let refusals = self.limits.refusals(&difference);
-        let accepted = !refusals.is_empty() && self.is_accepted(&table.digest().to_string());
+        let refusals = self.refusals(reference, &difference, table);
+        let accepted = !refusals.is_empty() && self.is_accepted(table.digest());
         if !refusals.is_empty() && !accepted {
-            return Err(self.refusal(&refusals, reference.digest(), table.digest()));
+            let serials = [reference, table].map(|table| table.content().serial.as_ref());
+            let is_other_unit = serials[0] != serials[1] && !serials.contains(&None) && difference.changes_a_curve();
+            let reason = self.refusal(&refusals, reference.digest(), table.digest());
+            return Err(Refusal { reason, is_other_unit });
         }
         let words = format!("{difference}{}", if accepted { "; accepted by its digest" } else { "" });
-        Ok(Admission { changes: difference.changes, words })
+        Ok(Admission { changes: difference.changes, words, accepted })
+    }
+
+    /// Whoever takes the memory away must not get a table into force by that.
+    fn admit_without_memory(&self, table: &CoefficientTable, forgotten: &str) -> Result<Admission, Refusal> {
+        let digest = table.digest().to_string();
+        let accepted = self.is_accepted(table.digest());
+        if accepted || digest == forgotten {
+            let how = if accepted { "accepted by its digest" } else { "the same as before, by its digest" };
+            let words = format!("{how}; the tables that were in force before cannot be read");
+            return Ok(Admission { changes: Vec::new(), words, accepted });
+        }
+        let imu = &self.imu;
+        let reason = format!(
+            "the table that was in force last, {forgotten}, was kept and cannot be read any more, so this one cannot be compared with it; \
+             bring that table back, or accept this one with the command `reload --imu {imu} --accept {digest}`"
+        );
+        Err(Refusal { reason, is_other_unit: false })
+    }
+
+    /// Why a table that differs so from the one in force last is refused; empty if it may be taken.
+    fn refusals(
+        &self,
+        reference: &CoefficientTable,
+        difference: &TableDifference,
+        table: &CoefficientTable,
+    ) -> Vec<String> {
+        let mut refusals = self.limits.refusals(difference);
+        if let Some(gyroscopes) = self.memory.gyroscopes.as_ref().filter(|_| reference.content().gyroscopes.is_none()) {
+            let difference = TableDifference::of_gyroscopes(gyroscopes, table);
+            let digest = gyroscopes.digest();
+            let with = |refusal| format!("{refusal}, compared with the last table that had gyroscopes, {digest}");
+            refusals.extend(self.limits.refusals(&difference).into_iter().map(with));
+        }
+        if refusals.is_empty()
+            && let Some(anchor) = &self.memory.anchor
+        {
+            let difference = TableDifference::of(anchor, table);
+            let with = |refusal| format!("{refusal}, in all steps since the anchor, {}", anchor.digest());
+            refusals.extend(self.limits.times(ANCHOR_FACTOR).refusals(&difference).into_iter().map(with));
+        }
+        refusals
     }
 
     fn refusal(&self, refusals: &[String], from: &Digest, to: &Digest) -> String {
@@ -117,73 +173,148 @@ impl Guard {
         )
     }
 
-    /// Notes that an admitted table is in force now: keeps it, and uses up any acceptance.
-    pub(crate) fn taken(&mut self, table: &CoefficientTable, admission: Admission) {
+    /// Notes that an admitted table is in force now.
+    pub(crate) fn taken(&mut self, table: &Arc<CoefficientTable>, admission: Admission) {
         self.changes = admission.changes;
-        // An acceptance that was not needed does not wait for a later table.
-        self.acceptance.remove();
-        // A table that was kept without its provenance could not be told from one that is no calibration.
-        let provenance = if table.is_nominal() { "" } else { "\n[provenance]\ntool = \"isothermd\"\n" };
-        let text = format!("# The table that was in force last.\n{}{provenance}", table.to_toml());
-        if let Some(path) = &self.kept
-            && let Err(error) = keep(path, &text)
-        {
-            warn!(
-                imu = %self.imu,
-                "keeping the table in force as {}: {error}; the next start compares with an older one, or with none; name a folder that this \
-                 user may write in {STATE_VARIABLE}",
-                path.display()
-            );
+        self.memory.take(table, admission.accepted);
+    }
+
+    /// Makes the table in force the anchor, if the operator has accepted its digest. Returns whether that is new.
+    pub(crate) fn take_anchor(&mut self) -> bool {
+        let Some(in_force) = self.memory.in_force.clone() else { return false };
+        if self.memory.is_anchored() || !self.is_accepted(in_force.digest()) {
+            return false;
         }
-        self.reference = Some(table.clone());
+        self.memory.take(&in_force, true);
+        true
     }
 }
 
-/// The folder in which the tables in force of `domain` are kept. It need not exist.
-///
-/// # Errors
-/// Why there is none.
-pub(crate) fn state_folder(domain: &Domain) -> Result<PathBuf, &'static str> {
-    let set = |name: &str| env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-    // systemd names several folders with colons between them.
-    let systemd =
-        || env::var("STATE_DIRECTORY").ok()?.split(':').next().filter(|path| !path.is_empty()).map(PathBuf::from);
-    // A domain that was given a folder of its own keeps what it has beside it.
-    let root = || set(ROOT_VARIABLE).and_then(|_| Some(Path::new(domain.root_path()).parent()?.join(".state")));
-    let user =
-        || set("XDG_STATE_HOME").or_else(|| Some(set("HOME")?.join(".local/state"))).map(|path| path.join("isotherm"));
-    let folder = set(STATE_VARIABLE).or_else(systemd).or_else(root).or_else(user);
-    Ok(folder.ok_or("this user has no home folder")?.join(domain.name()))
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::PathBuf;
 
-/// Writes a file into the state folder, which is made if necessary.
-fn keep(path: &Path, text: &str) -> io::Result<()> {
-    let folder = path.parent().unwrap_or(Path::new("/"));
-    DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
-    check_owner(folder)?;
-    replace(path, text)
-}
+    const TABLE: &str = include_str!("../../tests/data/imu-a.toml");
 
-/// What others can write is not believed.
-fn check_owner(folder: &Path) -> io::Result<()> {
-    let found = folder.metadata()?;
-    let own = found.uid() == rustix::process::geteuid().as_raw() && found.mode() & 0o022 == 0;
-    if own { Ok(()) } else { Err(io::Error::other("its folder belongs to another user, or others may write it")) }
-}
+    fn table(text: &str) -> Arc<CoefficientTable> {
+        Arc::new(CoefficientTable::from_toml(text, None).unwrap())
+    }
 
-/// Says so if the tables in force are not kept over a power cycle.
-pub(crate) fn tell_if_not_kept(folder: &Result<PathBuf, &'static str>) {
-    let cause = match folder {
-        Ok(folder) if statfs(folder).is_ok_and(|found| found.f_type == TMPFS) => {
-            format!("{} is in memory", folder.display())
+    /// The table with the bias of A1 raised by so many mg0.
+    fn raised(mg0: f64) -> Arc<CoefficientTable> {
+        table(&TABLE.replace("c0 = 793.55", &format!("c0 = {:?}", 793.55 + mg0 * 1e3)))
+    }
+
+    fn with_serial(text: &str, serial: &str) -> String {
+        text.replacen("[imu]\n", &format!("[imu]\nserial = \"{serial}\"\n"), 1)
+    }
+
+    struct Guarded {
+        folder: tempfile::TempDir,
+        guard: Guard,
+    }
+
+    impl Guarded {
+        fn new(memory: Memory) -> Self {
+            let folder = tempfile::tempdir().unwrap();
+            let domain = Domain::new("guard", &format!("{}", folder.path().display())).unwrap();
+            let imu = Imu::new(ImuId::new("imu-a").unwrap(), PathBuf::new(), MaxChange::default());
+            Self { folder, guard: Guard::new(&imu, &domain, memory) }
         }
-        Ok(_) => return,
-        Err(cause) => (*cause).to_owned(),
-    };
-    warn!(
-        "a power cycle forgets which tables were in force, and the next start takes any: {cause}; name another folder in {STATE_VARIABLE}"
-    );
-}
 
-/// `TMPFS_MAGIC` of statfs(2).
-const TMPFS: FsWord = 0x0102_1994;
+        fn take(&mut self, table: &Arc<CoefficientTable>) -> Result<String, Refusal> {
+            let admission = self.guard.admit(table)?;
+            let words = admission.words.clone();
+            self.guard.taken(table, admission);
+            Ok(words)
+        }
+
+        fn accept(&self, table: &CoefficientTable) {
+            self.guard.acceptance.write(table.digest().to_string().as_bytes()).unwrap();
+            assert!(self.folder.path().exists());
+        }
+    }
+
+    #[test]
+    fn many_small_steps_do_not_add_up_beyond_three_times_the_limits() {
+        let mut guarded = Guarded::new(Memory::default());
+        assert!(guarded.take(&raised(0.0)).unwrap().contains("compared with none"));
+        for mg0 in [90.0, 180.0, 270.0] {
+            guarded.take(&raised(mg0)).unwrap();
+        }
+        let refusal = guarded.take(&raised(310.0)).unwrap_err();
+        let anchor = raised(0.0).digest().to_string();
+        assert!(refusal.reason.contains("A1 bias changes by 309837 ug0"), "{}", refusal.reason);
+        assert!(
+            refusal.reason.contains(&format!(
+                "at most 300 mg0 is taken (max_change.bias), in all steps since the anchor, {anchor}"
+            ))
+        );
+        // Back is always possible.
+        guarded.take(&raised(270.0)).unwrap();
+        let (digest, changes) = guarded.guard.anchor().unwrap();
+        assert_eq!((digest.to_string(), changes[0].size.round()), (anchor, 269_858.0));
+        // What is in force becomes the anchor by its digest, and the next step is taken.
+        assert!(!guarded.guard.take_anchor(), "nothing is accepted");
+        guarded.accept(&raised(270.0));
+        assert!(guarded.guard.take_anchor() && !guarded.guard.take_anchor());
+        guarded.take(&raised(310.0)).unwrap();
+        // A table that is accepted becomes the anchor, too.
+        guarded.accept(&raised(900.0));
+        assert!(guarded.take(&raised(900.0)).unwrap().ends_with("; accepted by its digest"));
+        assert_eq!(guarded.guard.anchor().unwrap().0, raised(900.0).digest());
+        // One that needs no acceptance does not.
+        guarded.accept(&raised(910.0));
+        guarded.take(&raised(910.0)).unwrap();
+        assert_eq!(guarded.guard.anchor().unwrap().0, raised(900.0).digest());
+    }
+
+    #[test]
+    fn gyroscopes_are_compared_with_the_last_that_there_were() {
+        let whole = include_str!("../../tests/data/imu-g.toml").replace("imu-g", "imu-a");
+        let without = table(whole.split("[[gyroscope]]").next().unwrap());
+        let tenfold = table(&whole.replace("c0 = 1.05214", "c0 = 10.5214"));
+        let mut guarded = Guarded::new(Memory::default());
+        guarded.take(&table(&whole)).unwrap();
+        let lost = guarded.take(&without).unwrap_err();
+        assert!(lost.reason.starts_with("the table before has gyroscopes, and this one has none"), "{}", lost.reason);
+        guarded.accept(&without);
+        guarded.take(&without).unwrap();
+        let gained = guarded.take(&tenfold).unwrap_err();
+        assert!(gained.reason.contains("G1 positive_scale_factor changes by"), "{}", gained.reason);
+        assert!(gained.reason.contains("compared with the last table that had gyroscopes, "), "{}", gained.reason);
+        assert!(!guarded.take(&table(&whole)).unwrap_err().reason.contains("G1"));
+    }
+
+    #[test]
+    fn another_unit_is_one_with_another_serial_number_and_other_curves() {
+        let (own, other) = (with_serial(TABLE, "7"), with_serial(TABLE, "8"));
+        let bent = |text: &str| table(&text.replace("c0 = 793.55", "c0 = 800.0"));
+        let far = |text: &str| table(&text.replace("91733.0", "9173.0"));
+        let mut guarded = Guarded::new(Memory::default());
+        guarded.take(&table(&own)).unwrap();
+        assert!(guarded.take(&bent(&other)).unwrap_err().is_other_unit);
+        assert!(!guarded.take(&far(&own)).unwrap_err().is_other_unit);
+        assert!(!guarded.take(&far(TABLE)).unwrap_err().is_other_unit);
+        assert!(guarded.take(&table(&other)).unwrap().contains("serial 7 -> 8"));
+        let mut guarded = Guarded::new(Memory::default());
+        guarded.take(&table(TABLE)).unwrap();
+        assert!(!guarded.take(&bent(&own)).unwrap_err().is_other_unit, "its number was not known");
+    }
+
+    #[test]
+    fn a_memory_that_was_taken_away_admits_only_what_was_in_force() {
+        let digest = table(TABLE).digest().to_string();
+        let mut guarded = Guarded::new(Memory { forgotten: Some(digest.clone()), ..Memory::default() });
+        let refusal = guarded.take(&raised(1.0)).unwrap_err();
+        assert!(refusal.reason.contains(&format!("in force last, {digest}, was kept and cannot be read")));
+        assert!(guarded.take(&table(TABLE)).unwrap().starts_with("the same as before, by its digest"));
+        // From now on it is known again.
+        guarded.take(&raised(1.0)).unwrap();
+        let mut guarded = Guarded::new(Memory { forgotten: Some(digest), ..Memory::default() });
+        guarded.accept(&raised(900.0));
+        guarded.take(&raised(900.0)).unwrap();
+        assert_eq!(guarded.guard.anchor().unwrap().0, raised(900.0).digest());
+    }
+}

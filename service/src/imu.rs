@@ -3,17 +3,18 @@
 
 use crate::config::Imu;
 use crate::guard::{Admission, Guard};
+use crate::keeper::{KeepOutcome, KeepRequest};
 use crate::leftovers::{Port, ports_of, ports_of_event};
-use crate::reload::{FileChange, TableFile};
+use crate::reload::{FileChange, FileReport};
+use crate::start::FirstTable;
 use crate::windows::Windows;
 use crate::worker::channel::ChannelLink;
-use crate::worker::counters::{CounterReader, counters};
+use crate::worker::counters::{CounterReader, OtherDevice, counters};
 use iceoryx2::prelude::PortFactory as _;
 use iceoryx2::service::port_factory::event;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use isotherm_client::{Domain, RehearsalStreams, last_closing, unix_s};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::LoadError;
 use isotherm_shared::status::ClosedStatus;
 use isotherm_shared::stream::{self, Ipc, IpcNode};
 use isotherm_shared::table::CoefficientTable;
@@ -27,56 +28,45 @@ use tracing::{error, info, warn};
 /// Room for tables in the queue to the worker. The worker takes them at least every
 /// [`BOUND_NS`](crate::worker::wait::BOUND_NS). If the queue is full, a table waits for the next tick.
 const TABLE_QUEUE_DEPTH: usize = 16;
+/// So often it is logged that a table's file is not in force.
+const REFUSAL_LOG_INTERVAL: Duration = Duration::from_secs(60);
 /// Further losses are logged at most once in this time.
 const LOSS_LOG_INTERVAL: Duration = Duration::from_secs(60);
 
 /// One IMU before its streams exist.
 pub(crate) struct PendingImu {
     imu: Imu,
-    file: TableFile,
     counters: CounterReader,
     last_error: Option<Refused>,
     tables: TableQueue,
     guard: Guard,
     /// The first table, which is in force when the streams are open.
     first: Option<(Arc<CoefficientTable>, Admission)>,
-}
-
-/// What was read at the start: the file of an IMU's table, and what guards it.
-pub(crate) struct FirstTable {
-    /// The file, as it was read.
-    pub file: TableFile,
-    /// The guard, which has admitted the table if there is an admission.
-    pub guard: Guard,
-    /// The table, and why it may be taken; or why there is none.
-    pub table: Result<(Box<CoefficientTable>, Admission), LoadError>,
+    /// What was accepted when the first table was chosen.
+    accepted: Option<Vec<u8>>,
 }
 
 impl PendingImu {
     /// Queues the first table for the worker. The result contains the worker's link to this IMU.
     pub(crate) fn new(imu: &Imu, first: FirstTable) -> (Self, ChannelLink) {
-        let FirstTable { file, guard, table } = first;
+        let FirstTable { guard, table, modified_unix_s, refused, accepted } = first;
         let (queue, taken) = RingBuffer::new(TABLE_QUEUE_DEPTH);
         let mut tables = TableQueue { alive: Vec::new(), unsent: None, queue };
-        let (first, last_error) = match table {
-            Ok((table, admission)) => {
-                let table = Arc::from(table);
-                tables.send(Arc::clone(&table), file.modified_unix_s());
-                (Some((table, admission)), None)
-            }
-            Err(error) => (None, Some(Refused::now(truncate(error.to_string()), None))),
-        };
+        if let Some((table, _)) = &table {
+            tables.send(Arc::clone(table), modified_unix_s);
+        }
         let (writer, counters) = counters();
         let link = ChannelLink { imu: imu.clone(), tables: taken, counters: writer };
-        (Self { imu: imu.clone(), file, counters, last_error, tables, guard, first }, link)
+        (Self { imu: imu.clone(), counters, last_error: refused, tables, guard, first: table, accepted }, link)
     }
 
-    /// Opens the streams, which the worker must have created before.
+    /// Opens the streams, which the worker must have created before. The first table is in force then, and is to be
+    /// kept.
     ///
     /// # Errors
     /// If they cannot be opened.
-    pub(crate) fn open_streams(self, node: &IpcNode) -> Result<ImuState, Failure> {
-        let Self { imu, file, counters, last_error, tables, mut guard, first } = self;
+    pub(crate) fn open_streams(self, node: &IpcNode) -> Result<(ImuState, Option<KeepRequest>), Failure> {
+        let Self { imu, counters, last_error, tables, mut guard, first, accepted } = self;
         let failed =
             |error: String| Failure::new(Exit::Failed, format!("opening the streams of IMU {}: {error}", imu.id));
         let raw = stream::open_raw(node, &imu.id.raw()).map_err(|error| failed(error.to_string()))?;
@@ -85,13 +75,13 @@ impl PendingImu {
         let wake = stream::open_event(node, &imu.id.wake()).map_err(|error| failed(error.to_string()))?;
         let arrival = stream::open_event(node, &imu.id.arrival()).map_err(|error| failed(error.to_string()))?;
         let rehearsal = RehearsalStreams::open(node, &imu.id.rehearsal()).map_err(|error| failed(error.to_string()))?;
-        if let Some((table, admission)) = first {
+        let request = first.map(|(table, admission)| {
             guard.taken(&table, admission);
-        }
+            KeepRequest { memory: guard.memory().clone(), accepted }
+        });
         let refusals = u64::from(last_error.is_some());
-        Ok(ImuState {
+        let state = ImuState {
             imu,
-            file,
             counters,
             reloads: 0,
             refusals,
@@ -106,9 +96,13 @@ impl PendingImu {
             logged: LoggedLosses::default(),
             logged_device: LoggedDevice::default(),
             logged_gyroscopes: None,
+            logged_refusal: Instant::now(),
             closed: None,
             guard,
-        })
+            kept: None,
+            awaits_load: false,
+        };
+        Ok((state, request))
     }
 }
 
@@ -116,8 +110,6 @@ impl PendingImu {
 pub(crate) struct ImuState {
     /// Its configuration.
     pub imu: Imu,
-    /// The watched file of its table.
-    pub file: TableFile,
     /// Written by the worker.
     pub counters: CounterReader,
     /// Tables sent to the worker after the first.
@@ -143,10 +135,16 @@ pub(crate) struct ImuState {
     logged_device: LoggedDevice,
     /// The sessions so far and the table when it was logged last that the table lacks the samples' gyroscopes.
     logged_gyroscopes: Option<(u64, u64)>,
+    /// When a file that is not in force was last logged.
+    logged_refusal: Instant,
     /// What the last acquisition that closed with a loss had lost.
     pub closed: Option<ClosedStatus>,
     /// Compares a new table with the one in force.
     pub guard: Guard,
+    /// How keeping the table in force has ended; `None` before it has.
+    kept: Option<KeepOutcome>,
+    /// Whether its file is to be loaded, as requested.
+    pub awaits_load: bool,
 }
 
 /// Why a file was refused, and when.
@@ -154,15 +152,23 @@ pub(crate) struct ImuState {
 pub(crate) struct Refused {
     /// What is wrong with it.
     pub error: String,
-    /// Digest of its table, if that is a valid one that changes too much.
-    pub table: Option<String>,
-    /// Unix time \[s\].
+    /// Its table, if that is a valid one that changes too much.
+    pub table: Option<Arc<CoefficientTable>>,
+    /// When the file was changed, Unix time \[s\].
+    pub modified_unix_s: Option<f64>,
+    /// Since when, Unix time \[s\].
     pub since_unix_s: f64,
 }
 
 impl Refused {
-    fn now(error: String, table: Option<String>) -> Self {
-        Self { error, table, since_unix_s: unix_s() }
+    /// Refused now.
+    pub(crate) fn now(error: String, table: Option<Arc<CoefficientTable>>, modified_unix_s: Option<f64>) -> Self {
+        Self { error: truncate(error), table, modified_unix_s, since_unix_s: unix_s() }
+    }
+
+    /// The reason in one line.
+    pub(crate) fn line(&self) -> String {
+        self.error.replace('\n', "; ")
     }
 }
 
@@ -192,11 +198,13 @@ struct LoggedLosses {
     at: Option<Instant>,
 }
 
-/// Samples of another unit than the table's: how many there were, and the session, table and unit of the last log line.
+/// Samples of another unit than the table's: how many there were of which table, and the session and the unit with its
+/// table of the last log line.
 #[derive(Default)]
 struct LoggedDevice {
     samples: u64,
-    last: Option<(u64, u64, u64)>,
+    table: u64,
+    last: Option<(u64, OtherDevice)>,
 }
 
 impl TableQueue {
@@ -246,66 +254,101 @@ impl ImuState {
         self.tables.alive.iter().rev().find(|sent| sent.table.id() == id)
     }
 
-    /// The unit of the last sample, if that is known and is not the unit of the table in force.
+    /// The unit of the last sample, if that was answered with the table in force and is of another unit than this.
     pub(crate) fn other_device(&self) -> Option<u64> {
-        let (device, own) = (self.counters.device(), self.in_force()?.table.device());
-        (device != 0 && own != 0 && device != own).then_some(device)
+        let other = self.counters.last_other_device()?;
+        (other.table == self.in_force()?.table.id()).then_some(other.device)
     }
 
-    /// Applies a change of the table's file. With `forced`, a table or an error that is already known is applied again.
-    pub(crate) fn apply(&mut self, change: FileChange, forced: bool) {
-        let id = &self.imu.id;
+    /// Applies what was found in the table's file. Returns what is to be kept, if another table is in force now. A
+    /// report that was requested applies a table or an error that is already known again.
+    pub(crate) fn apply(&mut self, report: FileReport) -> Option<KeepRequest> {
+        let FileReport { change, modified_unix_s, is_requested, .. } = report;
         match change {
-            FileChange::Unchanged => {}
-            FileChange::Loaded(table) => {
-                let newest = self.tables.alive.last_mut().filter(|newest| newest.table.digest() == table.digest());
-                if let Some(newest) = newest.filter(|_| !forced) {
-                    newest.modified_unix_s = self.file.modified_unix_s();
-                    if self.last_error.take().is_some() {
-                        info!(imu = %id, table = %table.digest(), "table file is good again, and the same as in force");
-                    }
-                    return;
-                }
-                let admission = match self.guard.admit(&table) {
-                    Ok(admission) => admission,
-                    Err(reason) => return self.refuse(reason, Some(table.digest().to_string()), forced),
-                };
-                self.last_error = None;
-                info!(imu = %id, table = %table.digest(), file = %self.file.path().display(), "table taken: {}", admission.words);
-                log_unlike_scale_factors(&self.imu, &table);
-                self.reloads += u64::from(!self.tables.alive.is_empty());
-                let table = Arc::from(table);
-                self.tables.send(Arc::clone(&table), self.file.modified_unix_s());
-                self.guard.taken(&table, admission);
+            FileChange::Unchanged => None,
+            FileChange::Loaded(table) => self.apply_table(table, modified_unix_s, is_requested),
+            FileChange::Refused(error) => {
+                self.refuse(Refused::now(error.to_string(), None, modified_unix_s), is_requested);
+                None
             }
-            FileChange::Refused(error) => self.refuse(error.to_string(), None, forced),
         }
     }
 
-    /// Notes why the table file as it is now is not in force; `table` is its digest if it is a valid table.
-    fn refuse(&mut self, error: String, table: Option<String>, forced: bool) {
-        let error = truncate(error);
-        if forced || self.last_error.as_ref().is_none_or(|refused| refused.error != error) {
+    fn apply_table(
+        &mut self,
+        table: Arc<CoefficientTable>,
+        modified_unix_s: Option<f64>,
+        is_requested: bool,
+    ) -> Option<KeepRequest> {
+        let id = &self.imu.id;
+        let newest = self.tables.alive.last_mut().filter(|newest| newest.table.digest() == table.digest());
+        if let Some(newest) = newest.filter(|_| !is_requested) {
+            newest.modified_unix_s = modified_unix_s;
+            if self.last_error.take().is_some() {
+                info!(imu = %id, table = %table.digest(), "table file is good again, and the same as in force");
+            }
+            return None;
+        }
+        let admission = match self.guard.admit(&table) {
+            Ok(admission) => admission,
+            Err(refusal) => {
+                self.refuse(Refused::now(refusal.reason, Some(table), modified_unix_s), is_requested);
+                return None;
+            }
+        };
+        self.last_error = None;
+        info!(imu = %id, table = %table.digest(), file = %self.imu.table.display(), "table taken: {}", admission.words);
+        log_unlike_scale_factors(&self.imu, &table);
+        self.reloads += u64::from(!self.tables.alive.is_empty());
+        let accepted = self.guard.accepted();
+        self.guard.taken(&table, admission);
+        self.tables.send(table, modified_unix_s);
+        Some(KeepRequest { memory: self.guard.memory().clone(), accepted })
+    }
+
+    /// Notes why the table file as it is now is not in force.
+    fn refuse(&mut self, refused: Refused, is_requested: bool) {
+        if is_requested || self.last_error.as_ref().is_none_or(|last| last.error != refused.error) {
             let stays = if self.tables.alive.is_empty() { "there is none in force" } else { "the one in force stays" };
-            warn!(imu = %self.imu.id, "table refused, {stays}: {}", error.replace('\n', "; "));
+            warn!(imu = %self.imu.id, "table refused, {stays}: {}", refused.line());
             self.refusals += 1;
-            self.last_error = Some(Refused::now(error, table));
+            self.logged_refusal = Instant::now();
+            self.last_error = Some(refused);
         }
     }
 
-    /// Loads the file again if the operator has accepted the table that was refused.
-    pub(crate) fn take_accepted(&mut self) {
-        let refused = self.last_error.as_ref().and_then(|refused| refused.table.as_deref());
-        if refused.is_some_and(|digest| self.guard.is_accepted(digest)) {
-            let change = self.file.load().into();
-            self.apply(change, false);
-        }
+    /// Takes the table that was refused, if the operator has accepted it. Returns what is to be kept then.
+    pub(crate) fn take_accepted(&mut self) -> Option<KeepRequest> {
+        let refused = self.last_error.as_ref()?;
+        let (table, modified_unix_s) = (refused.table.clone()?, refused.modified_unix_s);
+        self.guard.is_accepted(table.digest()).then(|| self.apply_table(table, modified_unix_s, false))?
+    }
+
+    /// Makes the table in force the anchor, if the operator has accepted that. Returns what is to be kept then.
+    pub(crate) fn take_anchor(&mut self) -> Option<KeepRequest> {
+        let accepted = self.guard.accepted();
+        self.guard.take_anchor().then(|| {
+            info!(imu = %self.imu.id, "the table in force is the anchor now, accepted by its digest");
+            KeepRequest { memory: self.guard.memory().clone(), accepted }
+        })
+    }
+
+    /// Notes how keeping a table has ended.
+    pub(crate) fn note_kept(&mut self, outcome: KeepOutcome) {
+        self.kept = Some(outcome);
+    }
+
+    /// How keeping the table in force has ended; `None` if it has not.
+    pub(crate) fn kept(&self) -> Option<&KeepOutcome> {
+        let in_force = self.guard.memory().in_force.as_ref()?.digest().to_string();
+        self.kept.as_ref().filter(|kept| kept.table == in_force)
     }
 
     /// Logs what was lost, came from another unit or was left by an acquisition that closed; `last` as in
     /// [`log_losses`](Self::log_losses).
     pub(crate) fn log_news(&mut self, domain: &Domain, last: bool) {
         self.log_losses(last);
+        self.log_refusal();
         self.log_other_device();
         self.log_unused_gyroscopes();
         self.note_closing(domain);
@@ -329,6 +372,25 @@ impl ImuState {
         }
     }
 
+    /// Logs once a minute that the file of the table is not in force.
+    fn log_refusal(&mut self) {
+        if let Some(refused) = &self.last_error
+            && self.logged_refusal.elapsed() >= REFUSAL_LOG_INTERVAL
+        {
+            self.logged_refusal = Instant::now();
+            let instead = match self.in_force() {
+                Some(sent) => format!("{} is", sent.table.digest()),
+                None => "none is, and the increments are NaN".to_owned(),
+            };
+            error!(
+                imu = %self.imu.id,
+                "the table of {} is still not in force, {instead}: {}",
+                self.imu.table.display(),
+                refused.line()
+            );
+        }
+    }
+
     /// Looks for what an acquisition had lost when it closed, and logs it once.
     fn note_closing(&mut self, domain: &Domain) {
         let closed = last_closing(domain, &self.imu.id);
@@ -346,20 +408,25 @@ impl ImuState {
 
     /// Logs that samples came from another unit than the table's: once for each session, table and unit.
     fn log_other_device(&mut self) {
+        let Some(other) = self.counters.other_device() else { return };
         let samples = self.counters.flagged(Flags::OTHER_DEVICE.0.trailing_zeros());
-        let device = self.counters.other_device();
-        let now = Some((self.counters.sessions(), self.counters.table(), device));
-        if samples > self.logged_device.samples && now != self.logged_device.last {
-            let serial = self.in_force().and_then(|sent| sent.table.content().serial.as_deref()).unwrap_or_default();
+        let LoggedDevice { samples: before, table, last } = &mut self.logged_device;
+        if *table != other.table {
+            (*before, *table) = (0, other.table);
+        }
+        let now = Some((self.counters.sessions(), other));
+        if samples != *before && now != *last {
+            let of_table = self.tables.alive.iter().find(|sent| sent.table.id() == other.table);
+            let serial = of_table.and_then(|sent| sent.table.content().serial.as_deref()).unwrap_or_default();
             warn!(
                 imu = %self.imu.id,
-                device = format!("{device:016x}"),
+                device = format!("{:016x}", other.device),
                 "the samples are of another unit than the table, which is of serial number {serial:?}: the increments are computed with \
                  it and flagged other-device; give this unit its own table, or correct the acquisition's serial number"
             );
-            self.logged_device.last = now;
+            *last = now;
         }
-        self.logged_device.samples = samples;
+        *before = samples;
     }
 
     /// Logs that samples have gyroscopes and the table has none: once for each session and table.

@@ -25,7 +25,7 @@ use std::os::fd::AsRawFd as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use std::{fmt, thread};
-use tracing::{debug, error, info};
+use tracing::{debug, info};
 
 /// So many searches in a row must find a process dead before its leftovers are removed.
 const PASSES: u32 = 3;
@@ -81,7 +81,6 @@ pub(crate) struct Leftovers {
     nodes: PathBuf,
     domain: Domain,
     own_pid: u32,
-    removal_logged: bool,
     /// Dead nodes by number, with how many searches in a row have found them dead.
     dead: HashMap<u128, u32>,
 }
@@ -89,30 +88,14 @@ pub(crate) struct Leftovers {
 impl Leftovers {
     /// For the domain of `node`.
     pub(crate) fn new(domain: &Domain, node: &IpcNode) -> Self {
-        let nodes = Path::new(domain.root_path()).join("nodes");
-        Self {
-            nodes,
-            domain: domain.clone(),
-            own_pid: pid(node.id().value()),
-            removal_logged: false,
-            dead: HashMap::new(),
-        }
+        Self { nodes: nodes(domain), domain: domain.clone(), own_pid: pid(node.id().value()), dead: HashMap::new() }
     }
 
     /// Searches once, and removes the leftovers of processes that have been dead for long enough. `ports` are the ports
     /// of all streams.
     pub(crate) fn sweep(&mut self, node: &IpcNode, ports: &[Port]) {
-        let removed = !self.nodes.exists();
-        if removed && !self.removal_logged {
-            error!(
-                "{} has been removed under the running service: clients that are connected go on, no other can connect; restart the service, and \
-                 keep domains in /run/isotherm, which no clean-up program empties",
-                self.nodes.display()
-            );
-        }
-        self.removal_logged = removed;
         for file in domain_files(&self.domain) {
-            file.close_to_others();
+            file.close_to_others(&self.domain);
             if file.is_half_created() && file.age().is_some_and(|age| age > 2 * CREATION_TIMEOUT) {
                 let _ = fs::remove_file(file.path);
             }
@@ -122,7 +105,7 @@ impl Leftovers {
         if self.own_pid != std::process::id() {
             return;
         }
-        let mut numbers = self.node_numbers();
+        let mut numbers = node_numbers(&self.domain);
         numbers.extend(ports.iter().map(|(node, _)| node.value()));
         numbers.retain(|number| !self.may_be_alive(*number));
         self.dead.retain(|number, _| numbers.contains(number));
@@ -146,23 +129,9 @@ impl Leftovers {
         }
     }
 
-    /// The numbers of the nodes that have a folder or a file.
-    fn node_numbers(&self) -> BTreeSet<u128> {
-        let names = fs::read_dir(&self.nodes).into_iter().flatten().flatten();
-        let names = names.filter_map(|entry| entry.file_name().into_string().ok());
-        let prefix = self.domain.prefix();
-        names.filter_map(|name| name.strip_prefix(&prefix).unwrap_or(&name).split('.').next()?.parse().ok()).collect()
-    }
-
-    /// Whether the process of a node may be alive. A live process that is not visible in `/proc` still holds its lock.
+    /// Whether the process of a node may be alive.
     fn may_be_alive(&self, number: u128) -> bool {
-        let pid = pid(number);
-        if pid == self.own_pid || Path::new(&format!("/proc/{pid}")).exists() {
-            return true;
-        }
-        let monitor = self.nodes.join(format!("{}{number}.node_monitor", self.domain.prefix()));
-        let lock = File::open(monitor).and_then(|file| Ok(fcntl_getlk(&file, &Flock::from(FlockType::WriteLock))?));
-        lock.is_ok_and(|holder| holder.is_some())
+        pid(number) == self.own_pid || may_be_alive(&self.domain, number)
     }
 
     /// Removes the files of a dead node.
@@ -178,6 +147,34 @@ impl Leftovers {
         }
         let _ = fs::remove_dir(folder);
     }
+}
+
+/// The numbers of the nodes of a domain that have a folder or a file.
+fn node_numbers(domain: &Domain) -> BTreeSet<u128> {
+    let names = fs::read_dir(nodes(domain)).into_iter().flatten().flatten();
+    let names = names.filter_map(|entry| entry.file_name().into_string().ok());
+    let prefix = domain.prefix();
+    names.filter_map(|name| name.strip_prefix(&prefix).unwrap_or(&name).split('.').next()?.parse().ok()).collect()
+}
+
+/// Whether the process of a node may be alive. A live process that is not visible in `/proc` still holds its lock.
+fn may_be_alive(domain: &Domain, number: u128) -> bool {
+    if Path::new(&format!("/proc/{}", pid(number))).exists() {
+        return true;
+    }
+    let monitor = nodes(domain).join(format!("{}{number}.node_monitor", domain.prefix()));
+    let lock = File::open(monitor).and_then(|file| Ok(fcntl_getlk(&file, &Flock::from(FlockType::WriteLock))?));
+    lock.is_ok_and(|holder| holder.is_some())
+}
+
+/// Whether a process of the domain may be alive besides this one.
+pub(crate) fn is_in_use(domain: &Domain) -> bool {
+    let others = node_numbers(domain).into_iter().filter(|number| pid(*number) != std::process::id());
+    others.into_iter().any(|number| may_be_alive(domain, number))
+}
+
+fn nodes(domain: &Domain) -> PathBuf {
+    Path::new(domain.root_path()).join("nodes")
 }
 
 /// The process id of a node, which is part of its number.

@@ -21,13 +21,21 @@ pub mod commands;
 pub mod config;
 mod control;
 pub mod create;
+mod early_death;
+mod events;
+mod group;
 mod guard;
 mod imu;
+mod keeper;
 mod leftovers;
+mod lock;
 pub mod logging;
+mod login;
+mod memory;
 mod metrics;
 mod reload;
 mod sigbus;
+mod start;
 mod status;
 mod systemd;
 mod threads;
@@ -81,7 +89,7 @@ impl Daemon {
         let domain = commands::domain(self.domain.as_deref())?;
         match self.command {
             DaemonCommand::Serve(serve) => serve.run(&domain),
-            DaemonCommand::Check(check) => check.run(laboratory_file),
+            DaemonCommand::Check(check) => check.run(laboratory_file, None),
             DaemonCommand::Status(status) => status.run(domain),
             DaemonCommand::Reload(reload) => reload.run(domain),
             DaemonCommand::Explain(explain) => explain.run(),

@@ -5,7 +5,7 @@ use crate::imu::ImuState;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::{AllocationStrategy, PortFactory as _};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use isotherm_client::publisher_of;
+use isotherm_client::{StatusNote, publisher_of};
 use isotherm_failure::Failure;
 use isotherm_shared::status::{GyroscopeStatus, ImuStatus, Ranges, ServiceStatus, TableChange};
 use isotherm_shared::stream::{self, Domain, Ipc, IpcNode};
@@ -29,6 +29,7 @@ pub(crate) fn imu_status(imu: &ImuState) -> ImuStatus {
         GyroscopeStatus { ranges, head_temperature, board_temperature }
     };
     let refused = imu.last_error.as_ref();
+    let (kept, anchor) = (imu.kept(), imu.guard.anchor());
     let digits = |device: u64| format!("{device:016x}");
     let counted = |(bit, name): (u32, &str)| {
         let count = counters.flagged(bit);
@@ -37,7 +38,7 @@ pub(crate) fn imu_status(imu: &ImuState) -> ImuStatus {
     ImuStatus {
         id: imu.imu.id.to_string(),
         table: table.map(|table| table.digest().to_string()),
-        table_file: imu.file.path().display().to_string(),
+        table_file: imu.imu.table.display().to_string(),
         table_taken_unix_s: in_force.map(|sent| sent.taken_unix_s),
         table_modified_unix_s: in_force.and_then(|sent| sent.modified_unix_s),
         serial: table.and_then(|table| table.content().serial.clone()),
@@ -60,9 +61,13 @@ pub(crate) fn imu_status(imu: &ImuState) -> ImuStatus {
         reloads: imu.reloads,
         refusals: imu.refusals,
         last_reload_error: refused.map(|refused| refused.error.clone()),
-        refused_table: refused.and_then(|refused| refused.table.clone()),
+        refused_table: refused.and_then(|refused| Some(refused.table.as_ref()?.digest().to_string())),
         refused_unix_s: refused.map(|refused| refused.since_unix_s),
         table_changes: imu.guard.changes().iter().map(table_change).collect(),
+        table_kept: kept.is_some_and(|kept| kept.error.is_none()),
+        keep_error: kept.and_then(|kept| kept.error.clone()),
+        anchor: anchor.as_ref().map(|(digest, _)| digest.to_string()),
+        anchor_changes: anchor.iter().flat_map(|(_, changes)| changes).map(table_change).collect(),
         latency_ns: latency.summary(),
         latency_second_ns: imu.windows.second(),
         latency_minute_ns: imu.windows.minute(),
@@ -96,6 +101,8 @@ fn may_flag(table: Option<&CoefficientTable>, bit: u32) -> bool {
 pub(crate) struct StatusPublisher {
     stream: PortFactory<Ipc, [u8], ()>,
     publisher: Publisher<Ipc, [u8], ()>,
+    /// For readers that have no room to join.
+    note: StatusNote,
 }
 
 impl StatusPublisher {
@@ -117,7 +124,7 @@ impl StatusPublisher {
             let publisher = publisher.allocation_strategy(AllocationStrategy::PowerOfTwo).create();
             publisher.map_err(|error| CreateError::of_publisher(error, &service))
         })?;
-        Ok(Self { stream: service, publisher })
+        Ok(Self { stream: service, publisher, note: StatusNote::new(domain) })
     }
 
     /// Whether anybody has subscribed.
@@ -125,13 +132,18 @@ impl StatusPublisher {
         self.stream.dynamic_config().number_of_subscribers() > 0
     }
 
-    /// Publishes a status.
+    /// Publishes a status, also where those who cannot join read it.
     ///
     /// # Errors
-    /// The transport's error.
-    pub(crate) fn publish(&self, status: &ServiceStatus) -> Result<(), String> {
+    /// The error of the transport, else that of the file.
+    pub(crate) fn publish(&mut self, status: &ServiceStatus) -> Result<(), String> {
         let document = serde_json::to_vec(status).map_err(|error| error.to_string())?;
+        let noted = self.note.update(&document).map_err(|error| format!("in the domain's folder: {error}"));
+        self.send(&document).and(noted)
+    }
+
+    fn send(&self, document: &[u8]) -> Result<(), String> {
         let sample = self.publisher.loan_slice_uninit(document.len()).map_err(|error| error.to_string())?;
-        sample.write_from_slice(&document).send().map(|_| ()).map_err(|error| error.to_string())
+        sample.write_from_slice(document).send().map(|_| ()).map_err(|error| error.to_string())
     }
 }

@@ -20,8 +20,8 @@ pub(crate) struct ServiceManager {
 impl ServiceManager {
     /// The service manager that the environment of this process names.
     pub(crate) fn from_environment() -> Self {
-        // Twice as often as required, as sd_watchdog_enabled(3) recommends.
-        let period = sd_notify::watchdog_enabled().filter(|timeout| !timeout.is_zero()).map(|timeout| timeout / 2);
+        // Twice as often as sd_watchdog_enabled(3) recommends, so that one delay does not end the service.
+        let period = sd_notify::watchdog_enabled().filter(|timeout| !timeout.is_zero()).map(|timeout| timeout / 4);
         if let Some(period) = period {
             info!("the service manager's watchdog is fed every {} ms while all workers run", period.as_millis());
         }
@@ -44,6 +44,11 @@ impl ServiceManager {
     /// Reports that the service is stopping.
     pub(crate) fn stopping(&mut self) {
         self.notify(&[NotifyState::Stopping]);
+    }
+
+    /// Asks for this much more time until [`ready`](Self::ready).
+    pub(crate) fn extend_start(&mut self, time: Duration) {
+        self.notify(&[NotifyState::ExtendTimeoutUsec(time.as_micros() as u32)]);
     }
 
     /// Sends one line of status text for people.

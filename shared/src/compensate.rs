@@ -89,8 +89,7 @@ pub fn answer_into(table: Option<&CoefficientTable>, raw: &RawSample, increment:
     } else {
         (increment.velocity_increment, increment.angle_increment, flags) = any(table.content(), raw, &period);
     }
-    let age_ns = raw.timestamp_ns.saturating_sub(raw.telemetry_ns);
-    if raw.telemetry_ns != 0 && age_ns as f64 / 1e9 > kernel.max_age_s {
+    if raw.telemetry_age_s() > kernel.max_age_s {
         flags |= Flags::TELEMETRY_STALE;
     }
     if raw.device != 0 && kernel.device != 0 && raw.device != kernel.device {

@@ -67,18 +67,21 @@ pub struct Lag {
     /// The share of each sensor's L that rests on a start of which it is not known that the sensor was soaked: 0 where
     /// it was, else 1 at the first reading, and `exp(-dt / tau)` of that dt later. [`KNOWN_SHARE`] is small enough.
     pub unknown: [f64; SENSORS],
+    /// Which start of the machine the times are of; 0 = unknown, or of a clock that goes on over a start.
+    #[serde(default)]
+    pub boot: u64,
 }
 
 impl Lag {
     /// A lag without readings.
     #[must_use]
     pub const fn new(lag_ns: u64) -> Self {
-        Self { lag_ns, sensors: [None; SENSORS], unknown: [0.0; SENSORS] }
+        Self { lag_ns, sensors: [None; SENSORS], unknown: [0.0; SENSORS], boot: 0 }
     }
 
     /// Forgets all readings: each sensor is soaked at its next one.
     pub const fn reset(&mut self) {
-        *self = Self::new(self.lag_ns);
+        *self = Self { boot: self.boot, ..Self::new(self.lag_ns) };
     }
 
     /// Forgets the readings of a sensor, and that it was soaked: its L is unknown until its readings span three time

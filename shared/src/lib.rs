@@ -35,16 +35,18 @@
 //! [`CompensatedIncrement`](wire::CompensatedIncrement)s. [`stream`] defines the streams, [`document`] reads files, and
 //! [`status`] is the document that describes the running service.
 //!
-//! This crate starts no thread. It opens no file and reads no clock, except for the transport's shared memory
-//! ([`own_storage`]).
+//! This crate starts no thread. It opens no file and reads no clock, except for the transport's files and shared memory
+//! ([`own_storage`], [`own_static`], [`group`]).
 
 pub mod bounds;
 pub mod compensate;
 pub mod document;
+pub mod group;
 mod kernel;
 pub mod kind;
 pub mod lag;
 pub mod nominal;
+pub mod own_static;
 pub mod own_storage;
 pub mod polynomial;
 pub mod protocol;

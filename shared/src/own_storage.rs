@@ -1,4 +1,4 @@
-//! Shared memory of the transport that belongs to this process's user.
+//! Shared memory of the transport that belongs to this process's user, or to the group of its domain.
 //!
 //! iceoryx2 opens shared memory by its name, whoever made it: an object that another user puts in the place of a
 //! connection would be taken for a queue, and an empty one would be waited for without limit. [`OwnStorage`] is
@@ -9,6 +9,7 @@
 //! same, so processes that use iceoryx2's own storage take part in the same streams.
 #![expect(unsafe_code, reason = "three functions of iceoryx2's traits are unsafe, and are passed on")]
 
+use crate::group;
 use core::fmt::Debug;
 use core::mem::MaybeUninit;
 use core::ptr::NonNull;
@@ -27,7 +28,7 @@ use iceoryx2_cal::named_concept::{
     NamedConceptListError, NamedConceptMgmt, NamedConceptPathHintRemoveError, NamedConceptRemoveError,
 };
 use rustix::fs::{FallocateFlags, OFlags, fallocate, statvfs};
-use rustix::io::Errno;
+use rustix::io::{Errno, retry_on_intr};
 use std::cell::Cell;
 use std::fs::File;
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
@@ -44,10 +45,25 @@ const PAUSE: Duration = Duration::from_millis(1);
 /// An object that appears and vanishes so often while it is opened is given up.
 const MAX_ATTEMPTS: u32 = 100;
 
-/// iceoryx2's storage in POSIX shared memory, for objects of this user only.
+/// iceoryx2's storage in POSIX shared memory, for objects of this user, or of the group that the domain belongs to.
 #[derive(Debug)]
-#[repr(transparent)]
-pub struct OwnStorage<T: Debug + Send + Sync + ZeroCopySend>(Storage<T>);
+pub struct OwnStorage<T: Debug + Send + Sync + ZeroCopySend> {
+    storage: Storage<T>,
+    path: String,
+}
+
+impl<T: Debug + Send + Sync + ZeroCopySend> Drop for OwnStorage<T> {
+    fn drop(&mut self) {
+        // Only its owner can remove an object from a folder with the sticky bit. The next process of that user does.
+        if self.storage.has_ownership() && is_of_another_user(&self.path) {
+            self.storage.release_ownership();
+        }
+    }
+}
+
+fn is_of_another_user(path: &str) -> bool {
+    fs::symlink_metadata(path).is_ok_and(|found| found.uid() != rustix::process::geteuid().as_raw())
+}
 
 thread_local! {
     /// Size of the last object that this thread could not create because shared memory was full \[bytes\]; 0 for none.
@@ -81,9 +97,17 @@ enum Found {
     Foreign,
 }
 
+fn path_of<T: Debug + Send + Sync + ZeroCopySend>(name: &FileName, config: &Configuration<T>) -> String {
+    format!("{SHARED_MEMORY}/{}", config.path_for(name).file_name())
+}
+
 impl<T: Debug + Send + Sync + ZeroCopySend + 'static> OwnStorageBuilder<'_, T> {
     fn path(&self) -> String {
-        format!("{SHARED_MEMORY}/{}", self.config.path_for(&self.name).file_name())
+        path_of(&self.name, &self.config)
+    }
+
+    fn own(&self, storage: Storage<T>) -> OwnStorage<T> {
+        OwnStorage { storage, path: self.path() }
     }
 
     /// Looks at the object without opening it. Waits for an own object that has no size yet.
@@ -94,15 +118,25 @@ impl<T: Debug + Send + Sync + ZeroCopySend + 'static> OwnStorageBuilder<'_, T> {
             match fs::symlink_metadata(&path) {
                 Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Found::Nothing),
                 Err(_) => return Err(DynamicStorageOpenError::InternalError),
-                Ok(found) if !found.is_file() || found.uid() != rustix::process::geteuid().as_raw() => {
-                    return Ok(Found::Foreign);
+                Ok(found) if !found.is_file() => return Ok(Found::Foreign),
+                Ok(found) if found.uid() == rustix::process::geteuid().as_raw() => {
+                    if found.size() > 0 {
+                        return Ok(Found::Own);
+                    }
                 }
-                Ok(found) if found.size() > 0 => return Ok(Found::Own),
-                Ok(_) if begun.elapsed() >= self.timeout => {
-                    return Err(DynamicStorageOpenError::InitializationNotYetFinalized);
+                Ok(found) if group::owns(&self.prefix(), &found) => {
+                    if found.size() > 0 && found.mode() & 0o060 == 0o060 {
+                        return Ok(Found::Own);
+                    }
                 }
-                Ok(_) => thread::sleep(PAUSE),
+                // Another member of the group may be creating it, and has not given it to the group yet.
+                Ok(_) if group::of(&self.prefix()).is_some() && begun.elapsed() < self.timeout => {}
+                Ok(_) => return Ok(Found::Foreign),
             }
+            if begun.elapsed() >= self.timeout {
+                return Err(DynamicStorageOpenError::InitializationNotYetFinalized);
+            }
+            thread::sleep(PAUSE);
         }
     }
 
@@ -115,7 +149,13 @@ impl<T: Debug + Send + Sync + ZeroCopySend + 'static> OwnStorageBuilder<'_, T> {
             REFUSED.set(size);
             return Err(DynamicStorageCreateError::InternalError);
         }
-        self.inner().create().map(OwnStorage)
+        let created = self.inner().create()?;
+        group::open_path(&self.prefix(), self.path().as_ref());
+        Ok(self.own(created))
+    }
+
+    fn prefix(&self) -> String {
+        self.config.get_prefix().to_string()
     }
 
     /// iceoryx2's builder with the same settings. Nobody else gets permissions.
@@ -133,13 +173,20 @@ impl<T: Debug + Send + Sync + ZeroCopySend + 'static> OwnStorageBuilder<'_, T> {
     }
 }
 
+/// Makes the kernel allocate the first `size` bytes of a file now. Returns whether there was room. A signal that comes
+/// meanwhile takes back what was allocated, so it is tried again. A file system that cannot is as good as room.
+#[must_use]
+pub fn allocate_pages(file: &File, size: u64) -> bool {
+    retry_on_intr(|| fallocate(file, FallocateFlags::empty(), 0, size)) != Err(Errno::NOSPC)
+}
+
 /// Makes the kernel allocate all pages of the object that this process is just creating. Returns whether it could.
 fn allocate(path: &str) -> bool {
     let flags = OFlags::NOFOLLOW | OFlags::CLOEXEC;
     let opened = File::options().write(true).custom_flags(flags.bits().cast_signed()).open(path);
     // If somebody has removed it, there is nothing to allocate in a file; it stays as it was without this function.
     let Ok((size, file)) = opened.and_then(|file| Ok((file.metadata()?.size(), file))) else { return true };
-    let full = fallocate(&file, FallocateFlags::empty(), 0, size) == Err(Errno::NOSPC);
+    let full = !allocate_pages(&file, size);
     // A smaller object that found room does not change why the larger one has failed.
     if full || size >= REFUSED.get() {
         REFUSED.set(if full { size } else { 0 });
@@ -199,7 +246,10 @@ impl<'builder, T: Debug + Send + Sync + ZeroCopySend + 'static> DynamicStorageBu
     fn open(mut self, access_mode: AccessMode) -> Result<OwnStorage<T>, DynamicStorageOpenError> {
         match self.find()? {
             Found::Nothing => Err(DynamicStorageOpenError::DoesNotExist),
-            Found::Own => self.inner().open(access_mode).map(OwnStorage),
+            Found::Own => {
+                let storage = self.inner().open(access_mode)?;
+                Ok(self.own(storage))
+            }
             Found::Foreign => Err(DynamicStorageOpenError::InternalError),
         }
     }
@@ -213,7 +263,10 @@ impl<'builder, T: Debug + Send + Sync + ZeroCopySend + 'static> DynamicStorageBu
                 },
                 Found::Own => match self.inner().open(AccessMode::ReadWrite) {
                     Err(DynamicStorageOpenError::DoesNotExist) => {}
-                    result => return Ok(OwnStorage(result?)),
+                    result => {
+                        let storage = result?;
+                        return Ok(self.own(storage));
+                    }
                 },
                 Found::Foreign => return Err(DynamicStorageOpenError::InternalError.into()),
             }
@@ -223,16 +276,15 @@ impl<'builder, T: Debug + Send + Sync + ZeroCopySend + 'static> DynamicStorageBu
 }
 
 impl<T: Debug + Send + Sync + ZeroCopySend> Abandonable for OwnStorage<T> {
-    unsafe fn abandon_in_place(this: NonNull<Self>) {
-        // SAFETY: the type is transparent, so the pointer to it is a pointer to its only field; the caller's promises
-        // are passed on.
-        unsafe { Storage::abandon_in_place(this.cast::<Storage<T>>()) };
+    unsafe fn abandon_in_place(mut this: NonNull<Self>) {
+        // SAFETY: the caller's promises are passed on to the field.
+        unsafe { Storage::abandon_in_place(NonNull::from_mut(&mut this.as_mut().storage)) };
     }
 }
 
 impl<T: Debug + Send + Sync + ZeroCopySend> NamedConcept for OwnStorage<T> {
     fn name(&self) -> &FileName {
-        self.0.name()
+        self.storage.name()
     }
 }
 
@@ -248,6 +300,12 @@ impl<T: Debug + Send + Sync + ZeroCopySend> NamedConceptMgmt for OwnStorage<T> {
     }
 
     unsafe fn remove_cfg(name: &FileName, config: &Configuration<T>) -> Result<bool, NamedConceptRemoveError> {
+        let of_member =
+            group::of(&config.get_prefix().to_string()).is_some() && is_of_another_user(&path_of(name, config));
+        if of_member {
+            // As in `drop`.
+            return Ok(true);
+        }
         // SAFETY: the caller's promise, that no other process uses the object, is passed on.
         unsafe { Storage::<T>::remove_cfg(name, config) }
     }
@@ -265,19 +323,19 @@ impl<T: Debug + Send + Sync + ZeroCopySend + 'static> DynamicStorage<T> for OwnS
     }
 
     fn has_ownership(&self) -> bool {
-        self.0.has_ownership()
+        self.storage.has_ownership()
     }
 
     fn release_ownership(&self) {
-        self.0.release_ownership();
+        self.storage.release_ownership();
     }
 
     fn acquire_ownership(&self) {
-        self.0.acquire_ownership();
+        self.storage.acquire_ownership();
     }
 
     fn get(&self) -> &T {
-        self.0.get()
+        self.storage.get()
     }
 
     unsafe fn __internal_set_type_name_in_config(config: &mut Configuration<T>, type_name: &str) {

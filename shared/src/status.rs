@@ -140,8 +140,8 @@ pub struct ImuStatus {
     pub serial: Option<String>,
     /// Number of the unit that the table in force belongs to, 16 hexadecimal digits; null without a serial number.
     pub device: Option<String>,
-    /// Number of the unit that the last sample came from, if that is not the table's unit; else null. `OTHER UNIT` for
-    /// people.
+    /// Number of the unit that the last sample came from, if it was answered with the table in force and that is not
+    /// the table's unit; else null. `OTHER UNIT` for people.
     pub other_device: Option<String>,
     /// Time constant of the lagged telemetry in the table in force \[s\]; null without one.
     pub lag_s: Option<f64>,
@@ -172,8 +172,8 @@ pub struct ImuStatus {
     pub sessions: u64,
     /// Receiving or publishing failed; should be 0.
     pub transport_errors: u64,
-    /// Increments with each flag, by the flag's name. Absent are the flags that the table in force cannot give and no
-    /// table has given.
+    /// Increments with each flag, by the flag's name; `other-device` since the table in force was taken. Absent are the
+    /// flags that the table in force cannot give and no table has given.
     pub flagged: BTreeMap<String, u64>,
     /// Tables loaded after the first.
     pub reloads: u64,
@@ -190,6 +190,20 @@ pub struct ImuStatus {
     /// before the start.
     #[serde(default)]
     pub table_changes: Vec<TableChange>,
+    /// Whether the table in force is kept in the state folder, so that the next start knows it. False while a disk
+    /// takes its time, and where it cannot be kept.
+    #[serde(default)]
+    pub table_kept: bool,
+    /// Why the table in force cannot be kept; null if it is kept, or a disk takes its time. `NOT KEPT` for people.
+    #[serde(default)]
+    pub keep_error: Option<String>,
+    /// Digest of the anchor: the table of the first start, or the last one that was accepted. No table may differ from
+    /// it by more than three times `max_change`. Null without a table.
+    #[serde(default)]
+    pub anchor: Option<String>,
+    /// The largest change of each curve from the anchor to the table in force.
+    #[serde(default)]
+    pub anchor_changes: Vec<TableChange>,
     /// Latency since the start, from `sent_ns` to just before publishing, to within 3 %; null before the first sample.
     pub latency_ns: Option<LatencySummary>,
     /// Latency in the last second, with the same fields; null without a sample in it.

@@ -18,6 +18,7 @@
 //!
 //! Over 400 lines: names, limits and settings of all streams, which other languages copy, stand in one place.
 
+use crate::own_static::OwnStatic;
 use crate::own_storage::OwnStorage;
 use crate::recycled::Recycled;
 use crate::wire::{CompensatedIncrement, RawSample};
@@ -78,17 +79,18 @@ pub const MAX_NAME: usize = 32;
 /// The samples of a publisher.
 type Segment = Memory<PoolAllocator, OwnStorage<AllocatorDetails<PoolAllocator>>>;
 
-/// iceoryx2's inter-process variant with three differences. Shared memory of other users is never opened, see
-/// [`OwnStorage`]. The bookkeeping of a loan uses [`Recycled`] memory instead of a new allocation for each loan. The
-/// counter of the domain's nodes is a file in the domain's folder, which other users cannot enter: in shared memory the
-/// transport would leave it writable by everybody, and would wait for it without limit if somebody cut it.
+/// iceoryx2's inter-process variant with four differences. Shared memory of other users is never opened, see
+/// [`OwnStorage`]. A process removes no file that another one has made in the place of its own, see [`OwnStatic`]. The
+/// bookkeeping of a loan uses [`Recycled`] memory instead of a new allocation for each loan. The counter of the
+/// domain's nodes is a file in the domain's folder, which other users cannot enter: in shared memory the transport
+/// would leave it writable by everybody, and would wait for it without limit if somebody cut it.
 ///
 /// Other processes see no difference to [`ipc::Service`]; both variants can use the same streams.
 #[derive(Clone, Debug)]
 pub struct Ipc;
 
 impl Service for Ipc {
-    type StaticStorage = <ipc::Service as Service>::StaticStorage;
+    type StaticStorage = OwnStatic;
     type ConfigSerializer = <ipc::Service as Service>::ConfigSerializer;
     type PersistentDynamicStorage<T: fmt::Debug + Send + Sync + ZeroCopySend + 'static> = file::Storage<T>;
     type Bag = <ipc::Service as Service>::Bag;

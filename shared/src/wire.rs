@@ -90,7 +90,7 @@ pub struct RawSample {
     pub interval_ns: u64,
     /// `CLOCK_MONOTONIC` when the sample was sent \[ns\]; 0 = unknown.
     pub sent_ns: u64,
-    /// When the temperatures were read, on the acquisition's clock \[ns\]; 0 = unknown.
+    /// When the temperatures were read, on the clock of `timestamp_ns` \[ns\]; 0 = unknown.
     pub telemetry_ns: u64,
     /// Time constant of the lagged telemetry \[ns\]; 0 = there is none.
     pub lag_ns: u64,
@@ -208,8 +208,23 @@ pub enum MergeError {
 }
 
 impl RawSample {
+    /// Time between the reading of the temperatures and the end of the control period \[s\], whichever comes first: a
+    /// reading of some later time is as far from this period as an old one, or is of another clock. 0 where one of the
+    /// two is not given.
+    #[must_use]
+    #[inline]
+    pub const fn telemetry_age_s(&self) -> f64 {
+        match (self.telemetry_ns, self.timestamp_ns) {
+            (0, _) | (_, 0) => 0.0,
+            (telemetry_ns, timestamp_ns) => timestamp_ns.abs_diff(telemetry_ns) as f64 / 1e9,
+        }
+    }
+
     /// Adds the next control period to this one: pulses and intervals are summed, timestamp, telemetry and device
     /// become the later ones, session, sequence and `sent_ns` stay.
+    ///
+    /// An interval of 0 is not known, and so is a sum with it: it stays 0, flagged [`Flags::INTERVAL`]. Else the pulses
+    /// of a period without a length would pass as those of the other one.
     ///
     /// The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the
     /// same in both periods. Use it when the service had no room for a sample.
@@ -238,11 +253,12 @@ impl RawSample {
             .checked_add(later.interval_ns)
             .filter(|&interval| interval <= MAX_INTERVAL_NS)
             .ok_or(MergeError::Interval)?;
+        let is_known = self.interval_ns != 0 && later.interval_ns != 0;
         *self = Self {
             session: self.session,
             sequence: self.sequence,
             sent_ns: self.sent_ns,
-            interval_ns,
+            interval_ns: if is_known { interval_ns } else { 0 },
             accelerometers: self.accelerometers.merged(&later.accelerometers)?,
             gyroscopes: self.gyroscopes.merged(&later.gyroscopes)?,
             ..*later
@@ -350,9 +366,11 @@ flags! {
         INTERVAL = 18, "Give the measured control period in `interval_ns`, in nanoseconds.";
         /// The IMU is served without a table (`--allow-uncalibrated`). The increments are NaN.
         NO_TABLE = 19, "Install the table's file; it is taken without a restart.";
-        /// The telemetry is older than the table's `max_age_s`; not flagged where its age is unknown. The increment is
-        /// computed.
-        TELEMETRY_STALE = 20, "Look for a thermometer that is read no more, or read it more often.";
+        /// The telemetry is older than the table's `max_age_s`, or as much newer than the end of the control period;
+        /// not flagged where its age is unknown. The increment is computed.
+        TELEMETRY_STALE = 20,
+            "Look for a thermometer that is read no more, or read it more often. Newer than its period is telemetry of another \
+             clock: give `telemetry_ns` on that of `timestamp_ns`.";
         /// A bias had to do without its transient term: the sample's time constant is not the table's, it has none, or
         /// the lag difference is not finite or larger than the bias's range. The increment is computed without that
         /// term.
@@ -601,6 +619,18 @@ mod tests {
                 ..later
             }
         );
+    }
+
+    #[test]
+    fn an_interval_that_is_not_known_stays_unknown_in_a_sum() {
+        for (first, later) in [(0, 400), (400, 0), (0, 0)] {
+            let mut sum = RawSample { interval_ns: first, accelerometers: Triad::default(), ..RawSample::default() };
+            let next = RawSample { interval_ns: later, sequence: 4, ..sum };
+            sum.merge(&next).unwrap();
+            assert_eq!(sum.interval_ns, 0, "{first} and {later}");
+            sum.merge(&RawSample { interval_ns: 400, ..next }).unwrap();
+            assert_eq!(sum.interval_ns, 0, "{first} and {later}, then 400");
+        }
     }
 
     #[test]

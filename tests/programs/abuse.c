@@ -147,7 +147,7 @@ static void samples(isotherm_acquisition *acquisition)
 
 static void full_queue(isotherm_acquisition *acquisition)
 {
-    isotherm_raw_sample *sample, *later, largest;
+    isotherm_raw_sample *sample, *later, largest, copy;
     isotherm_compensated_increment increment;
     uint64_t sequence = 0;
     isotherm_code code;
@@ -174,7 +174,16 @@ static void full_queue(isotherm_acquisition *acquisition)
     largest.accelerometers.positive_pulses[0] = UINT32_MAX;
     GIVES(isotherm_merge(acquisition, sample, &largest), ISOTHERM_ERROR_MERGE, "32 bits");
     CHECK(sample->accelerometers.positive_pulses[0] == 10);
-    CHECK(isotherm_merge(NULL, &largest, &largest) == ISOTHERM_ERROR_MERGE);
+    /* A sample is not added to itself, and a loan stays one. */
+    copy = largest;
+    GIVES(isotherm_merge(NULL, &largest, &largest), ISOTHERM_ERROR_MERGE, "itself");
+    CHECK(memcmp(&copy, &largest, sizeof copy) == 0);
+    copy = *sample;
+    GIVES(isotherm_merge(acquisition, sample, sample), ISOTHERM_ERROR_MERGE, "itself");
+    CHECK(memcmp(&copy, sample, sizeof copy) == 0);
+    /* An interval that is not known stays unknown. */
+    copy.interval_ns = 0;
+    CHECK(isotherm_merge(NULL, &copy, sample) == ISOTHERM_OK && copy.interval_ns == 0);
     CHECK(isotherm_send(acquisition, sample) == ISOTHERM_FULL);
     CHECK(isotherm_receive_timeout(acquisition, TIMEOUT_NS, &increment) == ISOTHERM_OK);
     CHECK(isotherm_send(acquisition, sample) == ISOTHERM_OK);

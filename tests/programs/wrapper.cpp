@@ -104,6 +104,7 @@ int main(int, char **words)
     acquisition.begin_session();
     CHECK(!(acquisition.lag().sensors[0].lagged == kept.sensors[0].lagged));
     acquisition.restore_lag(kept);
+    CHECK(isotherm::boot() != 0 && isotherm::boot() == isotherm_boot());
     CHECK(acquisition.lag().sensors[0].lagged == kept.sensors[0].lagged);
     CHECK(thrown([&] { acquisition.reading(6, 2.0, 1); }) == ISOTHERM_ERROR_VALUE);
     CHECK(isotherm::device("SN 42") == 0x46a7426ef29cc83b && isotherm::device("") == 0);

@@ -16,7 +16,8 @@ pub mod laboratory;
 pub mod programs;
 
 use isotherm_client::{
-    Acquisition, CompensatedIncrement, Domain, Flags, ImuId, IncrementReader, Lag, Options, RawSample, Triad, device,
+    Acquisition, CompensatedIncrement, Domain, Flags, ImuId, IncrementReader, Lag, Note, Options, RawSample, Triad,
+    device,
 };
 use isotherm_recording::RawCsvReader;
 use isotherm_shared::table::CoefficientTable;
@@ -106,6 +107,13 @@ impl TestDomain {
     /// Writes a file under a temporary name and renames it over the old one, as most editors do.
     pub fn replace(&self, name: &str, text: &str) {
         fs::rename(self.write(&format!("{name}.new"), text), self.path(name)).unwrap();
+    }
+
+    /// Accepts a table for an IMU by its digest, as the command `reload` does.
+    pub fn accept(&self, imu: &str, text: &str) {
+        let table = CoefficientTable::from_toml(text, None).unwrap();
+        let note = Note::new(&self.domain, &format!("accepted-{imu}"));
+        note.write(table.digest().to_string().as_bytes()).unwrap();
     }
 
     /// Client options for this domain.

@@ -1,4 +1,4 @@
-//! The laboratory's kinds of files, which `check` knows besides tables and configurations.
+//! The kinds of files that `check` knows besides tables and configurations: those of the laboratory, and recordings.
 
 use isotherm_acquire::Description;
 use isotherm_automation::plan::Plan;
@@ -7,6 +7,7 @@ use isotherm_campaign::Campaign;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::LoadError;
 use isotherm_recording_formats::convert::{KnownColumns, Mapping};
+use isotherm_recording_formats::repair::{Hole, Repaired, inspect};
 use isotherm_shared::document::Document;
 use isotherm_shared::kind::FileKind;
 use std::path::Path;
@@ -23,6 +24,34 @@ pub(super) fn laboratory_file(kind: FileKind, text: &str, path: &Path) -> Result
             format!("{}: {} is not a file of the laboratory", path.display(), kind.name()),
         )),
     }
+}
+
+/// Damaged places that are told one by one.
+const TOLD: usize = 8;
+
+/// Reads a recording, and verifies its checks.
+pub(super) fn recording(path: &Path) -> Result<String, Failure> {
+    let found = inspect(path)?;
+    if found.holes.is_empty() {
+        let Repaired { format, has_checks, streams, .. } = &found;
+        let checks = match has_checks {
+            true => "all as recorded, by its checks",
+            false => "without checks: a number that damage has made of another would not be noticed",
+        };
+        let rows = streams.iter().map(|stream| {
+            let counted = |count: u64, noun: &str| format!("{count} {noun}{}", if count == 1 { "" } else { "s" });
+            format!("{} {} of {}", stream.name, counted(stream.rows, "row"), counted(stream.sessions, "session"))
+        });
+        let rows = rows.collect::<Vec<_>>().join(", ");
+        return Ok(format!("recording in {}, {rows}, {checks}", format.name()));
+    }
+    let mut lines: Vec<_> = found.holes.iter().take(TOLD).map(Hole::to_string).collect();
+    if let Some(more) = found.holes.len().checked_sub(TOLD).filter(|more| *more > 0) {
+        lines.push(format!("{more} more damaged places"));
+    }
+    let remedy = format!("`isotherm repair {0} -o NEW` takes what is whole", path.display());
+    let message = format!("{}: damaged: {found}\n{}\n{remedy}", path.display(), lines.join("\n"));
+    Err(Failure::new(Exit::Data, message).at(path, None))
 }
 
 fn mapping(text: &str, path: &Path) -> Result<String, Failure> {

@@ -18,6 +18,7 @@ mod noise;
 mod record;
 mod regress;
 mod relay;
+mod repair;
 mod replay;
 mod rollback;
 mod simulate;
@@ -35,7 +36,7 @@ use isotherm_service::commands::serve::Serve;
 use isotherm_service::commands::status::Status;
 
 /// Commands that join no domain.
-pub(crate) const WITHOUT_DOMAIN: [&str; 21] = [
+pub(crate) const WITHOUT_DOMAIN: [&str; 22] = [
     "calibrate",
     "campaign check",
     "campaign status",
@@ -51,6 +52,7 @@ pub(crate) const WITHOUT_DOMAIN: [&str; 21] = [
     "man",
     "noise",
     "regress",
+    "repair",
     "replay",
     "rollback",
     "simulate campaign",
@@ -72,6 +74,7 @@ pub(crate) enum Command {
     Feed(feed::Feed),
     Replay(replay::Replay),
     Record(record::Record),
+    Repair(repair::Repair),
     Convert(convert::Convert),
     Calibrate(Box<calibrate::Calibrate>),
     Regress(regress::Regress),
@@ -101,7 +104,7 @@ impl Command {
         }
         match self {
             Self::Serve(serve) => serve.run(&domain),
-            Self::Check(check) => check.run(check::laboratory_file),
+            Self::Check(check) => check.run(check::laboratory_file, Some(check::recording)),
             Self::Status(status) => status.run(domain),
             Self::Reload(reload) => reload.run(domain),
             Self::Top(top) => top.run(domain),
@@ -110,6 +113,7 @@ impl Command {
             Self::Feed(feed) => feed.run(domain),
             Self::Replay(replay) => replay.run(),
             Self::Record(record) => record.run(domain),
+            Self::Repair(repair) => repair.run(),
             Self::Convert(convert) => convert.run(),
             Self::Calibrate(calibrate) => calibrate.run(),
             Self::Regress(regress) => regress.run(),
@@ -138,6 +142,7 @@ impl Command {
             | Self::Verify(_)
             | Self::Compare(_)
             | Self::Convert(_)
+            | Self::Repair(_)
             | Self::Noise(_)
             | Self::Export(_)
             | Self::Import(_)

@@ -8,9 +8,7 @@ use isotherm_analysis::{NoiseAnalysis, imu_yaml};
 use isotherm_calibration::{now, tool};
 use isotherm_client::{ImuId, RawSample};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{
-    StagedText, Trust, check_stdout, check_written, load_table, print, print_data, refuse_overlap,
-};
+use isotherm_files::{StagedText, Trust, check_stdout, check_written, load_table, print, print_data, refuse_overlap};
 use isotherm_finding::Finding;
 use isotherm_job::Refused;
 use isotherm_recording::{Continuity, MISSING};

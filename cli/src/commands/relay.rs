@@ -4,7 +4,7 @@ use super::common::options;
 use clap::Args;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::BackpressureStrategy;
-use isotherm_client::{CompensatedIncrement, Domain, ImuId, IncrementReader, join, reserve};
+use isotherm_client::{CompensatedIncrement, Domain, ImuId, IncrementReader, join, removed_object, reserve};
 use isotherm_failure::{Exit, Failure};
 use isotherm_service::create::{CreateError, Creator};
 use isotherm_service::logging::{self, LogFormat};
@@ -71,6 +71,14 @@ impl Relay {
                 imu.hand_on()?;
             }
             if Instant::now() >= due {
+                if let Some(object) = removed_object(&to) {
+                    let message = format!(
+                        "{} was removed under the relay, so nobody can join domain {:?} any more; start the relay and the tunnel anew",
+                        object.display(),
+                        to.name()
+                    );
+                    return Err(Failure::new(Exit::Io, message));
+                }
                 node.try_cleanup_dead_nodes();
                 imus.iter_mut().for_each(RelayedImu::log);
                 due += HOUSEKEEPING;

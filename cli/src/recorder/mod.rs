@@ -44,6 +44,8 @@ pub(crate) struct Recorder {
     /// For each IMU the index into `files`.
     route: Vec<usize>,
     counts: Vec<StreamCounts>,
+    /// Sessions of each of `streams` that its files have.
+    sessions: Vec<u64>,
     names: Vec<PathBuf>,
     rotations: u64,
     started: Instant,
@@ -61,6 +63,8 @@ struct Reported {
     connected: u64,
     /// Whether the streams that are waited for have been reported.
     waiting: bool,
+    /// Whether the last check found an error of the transport.
+    trouble: bool,
     lost: u64,
     lost_at: Option<Instant>,
     checked: Instant,
@@ -88,6 +92,7 @@ impl Recorder {
         let now = Instant::now();
         Ok(Self {
             counts: vec![StreamCounts::default(); imus.len()],
+            sessions: vec![0; streams.len()],
             route: (0..imus.len()).map(|imu| if files.len() == 1 { 0 } else { imu }).collect(),
             names: files.iter().flat_map(Files::current_paths).collect(),
             started: now,
@@ -95,7 +100,7 @@ impl Recorder {
             flushed: now,
             stalled: false,
             waiting: None,
-            reported: Reported { connected: 0, waiting: false, lost: 0, lost_at: None, checked: now },
+            reported: Reported { connected: 0, waiting: false, trouble: false, lost: 0, lost_at: None, checked: now },
             rotations: 0,
             domain,
             imus,
@@ -193,6 +198,21 @@ impl Recorder {
 
     /// Flushes all files. If the disk is full the recorder waits for room; every other error is returned.
     fn flush(&mut self) -> Result<(), FileError> {
+        let result = self.flush_files();
+        self.note_sessions();
+        result
+    }
+
+    /// Notes how many sessions are in the files, of each stream of which all rows are.
+    fn note_sessions(&mut self) {
+        for (stream, rows) in self.files.iter().flat_map(Files::unwritten) {
+            if let Some(place) = self.streams.iter().position(|of| *of == stream).filter(|_| rows == 0) {
+                self.sessions[place] = self.counts[stream.0].tally(stream.1).sessions;
+            }
+        }
+    }
+
+    fn flush_files(&mut self) -> Result<(), FileError> {
         for files in &mut self.files {
             match files.flush() {
                 Ok(None) => {}
@@ -243,63 +263,95 @@ impl Recorder {
         }
         self.reported.connected |= connected;
         self.reported.waiting = true;
-        if let Some(warning) = self.tap.take_warning() {
+        // A peer that dies during a call is one error, and the next call reaches its successor.
+        let trouble = self.tap.take_warning();
+        if let Some(warning) = trouble.as_ref().filter(|_| self.reported.trouble) {
             print_message(&format!("warning: {warning}; trying again"));
         }
-        let tallies = self.streams.iter().map(|&(imu, stream)| self.counts[imu].tally(stream));
-        let lost = tallies.map(|tally| tally.missing).fold(0, u64::saturating_add);
-        if lost > self.reported.lost && self.reported.lost_at.is_none_or(|at| at.elapsed() >= REPORT) {
+        self.reported.trouble = trouble.is_some();
+        let lost = |&(imu, stream): &(usize, StreamKind)| (imu, stream, self.counts[imu].lost(stream));
+        let lost: Vec<_> = self.streams.iter().map(lost).filter(|(.., rows)| *rows > 0).collect();
+        let all = lost.iter().fold(0, |all: u64, (.., rows)| all.saturating_add(*rows));
+        if all > self.reported.lost && self.reported.lost_at.is_none_or(|at| at.elapsed() >= REPORT) {
             self.reported.lost_at = Some(Instant::now());
-            self.reported.lost = lost;
-            print_message(&format!("warning: {lost} rows are missing so far, by their sequences"));
+            self.reported.lost = all;
+            let each =
+                lost.iter().map(|(imu, stream, rows)| format!("{rows} of {} {}", self.imus[*imu], stream.name()));
+            let each = each.collect::<Vec<_>>().join(", ");
+            print_message(&format!("warning: rows are missing so far, by their sequences: {each}"));
         }
     }
 
-    /// Finishes the files and prints the totals.
+    /// Finishes the files and prints the totals. If nothing could be recorded, nothing is left.
     fn end(mut self, result: Result<(), FileError>) -> Result<(), Failure> {
         let result = result.and_then(|()| self.files.iter_mut().try_for_each(Files::finish));
+        self.note_sessions();
         // Rows are left over only after an error.
         self.tap.end();
-        let mut lost = self.files.iter().map(Files::unflushed).sum::<u64>() + u64::from(self.waiting.is_some());
+        let mut lost = self.unwritten();
         while !self.tap.has_ended() {
             thread::sleep(PAUSE);
         }
-        while self.tap.pop().is_some() {
-            lost += 1;
+        while let Some(sample) = self.tap.pop() {
+            lost[sample.stream].1 += 1;
         }
         let overflow = self.tap.overflow();
-        let repeats = self.tap.finish();
+        let (repeats, ended) = match self.tap.finish() {
+            Ok(repeats) => (repeats, Ok(())),
+            Err(error) => (vec![0; self.streams.len()], Err(Failure::from(error))),
+        };
+        let result = match result {
+            Err(FileError(_, error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+            result => result.map_err(Failure::from).and(ended),
+        };
+        if result.is_err() && self.first_row.is_none() {
+            self.files.iter().for_each(Files::remove_without_rows);
+            return result;
+        }
         if self.streams.len() > self.imus.len() {
             self.counts.iter_mut().for_each(StreamCounts::count_missing_at_ends);
         }
         for (place, &(imu, stream)) in self.streams.iter().enumerate() {
-            let repeats = repeats.as_ref().map_or(0, |repeats| repeats[place]);
-            print_totals(&self.imus[imu], stream, &self.counts[imu], repeats);
+            let (unwritten, left) = lost[place];
+            let mut tally = *self.counts[imu].tally(stream);
+            tally.rows = tally.rows.saturating_sub(unwritten);
+            tally.missing = tally.missing.saturating_add(unwritten).saturating_add(left);
+            tally.sessions = self.sessions[place];
+            print_totals(&self.imus[imu], stream, tally, &self.counts[imu], repeats[place]);
         }
+        let lost: u64 = lost.iter().map(|(unwritten, left)| unwritten + left).sum();
         if overflow > 0 {
             print_message(&format!(
                 "{overflow} rows had no place in memory while the disk was slow or full; they are missing"
             ));
         }
         if lost > 0 {
-            print_message(&format!("{lost} rows at the end could not be written"));
+            print_message(&format!("{lost} rows at the end could not be written; they are missing"));
         }
         if let Some(last) = self.names.last() {
             let (seconds, count, rotations) = (self.started.elapsed().as_secs_f64(), self.names.len(), self.rotations);
             let (files, last) = (if count == 1 { "file" } else { "files" }, last.display());
             print_message(&format!("{seconds:.1} s, {count} {files}, the last {last}, {rotations} rotations"));
         }
-        match result {
-            Err(FileError(_, error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-            Err(error) => Err(error.into()),
-            Ok(()) => repeats.map(|_| ()).map_err(Failure::from),
+        result
+    }
+
+    /// For each stream how many rows were counted that are not in its files; then 0 for those that were not counted.
+    fn unwritten(&self) -> Vec<(u64, u64)> {
+        let mut all = vec![(0, 0); self.streams.len()];
+        let waiting = self.waiting.iter().map(|row| ((row.imu, row.stream()), 1));
+        for (stream, rows) in self.files.iter().flat_map(Files::unwritten).chain(waiting) {
+            if let Some(place) = self.streams.iter().position(|of| *of == stream) {
+                all[place].0 += rows;
+            }
         }
+        all
     }
 }
 
 /// Prints the totals of a stream.
-fn print_totals(imu: &ImuId, stream: StreamKind, counts: &StreamCounts, repeats: u64) {
-    let Tally { rows, sessions, missing, late, .. } = *counts.tally(stream);
+fn print_totals(imu: &ImuId, stream: StreamKind, tally: Tally, counts: &StreamCounts, repeats: u64) {
+    let Tally { rows, sessions, missing, late, .. } = tally;
     let sessions = format!("{sessions} session{}", if sessions == 1 { "" } else { "s" });
     let late = match (late, stream) {
         (0, _) => String::new(),

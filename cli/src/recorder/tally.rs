@@ -28,6 +28,8 @@ pub(super) struct StreamCounts {
     tallies: [Tally; 2],
     continuity: [Continuity; 2],
     ends: VecDeque<(u64, Ends)>,
+    /// Sequences that have not come and may still come, the first and the last of each hole.
+    open: [VecDeque<(u64, u64)>; 2],
 }
 
 /// The first and last sequence of a session in each stream.
@@ -40,6 +42,7 @@ impl StreamCounts {
     pub(super) fn take(&mut self, stream: StreamKind, row: Period) -> bool {
         let Period { session, sequence, .. } = row;
         self.extend(stream, session, sequence);
+        self.note_holes(stream, session, sequence);
         let tally = &mut self.tallies[stream as usize];
         match tally.last {
             Some((known, last)) if known == session => {
@@ -60,6 +63,37 @@ impl StreamCounts {
         self.continuity[stream as usize].add(row);
         tally.rows += 1;
         true
+    }
+
+    /// Keeps the holes that may still be filled: after a restart of the service the samples that were in flight are
+    /// answered behind later ones.
+    fn note_holes(&mut self, stream: StreamKind, session: u64, sequence: u64) {
+        let open = &mut self.open[stream as usize];
+        let Some((known, last)) = self.tallies[stream as usize].last else { return };
+        if known != session {
+            open.clear();
+            return;
+        }
+        if sequence > last {
+            if sequence - last > 1 {
+                open.push_back((last + 1, sequence - 1));
+            }
+            let oldest = sequence.saturating_sub(RAW_DEPTH as u64);
+            open.retain(|(_, end)| *end >= oldest);
+            open.iter_mut().for_each(|(begin, _)| *begin = oldest.max(*begin));
+        } else if let Some(place) = open.iter().position(|(begin, end)| (begin..=end).contains(&&sequence))
+            && let Some((begin, end)) = open.remove(place)
+        {
+            let parts = [(begin, sequence.wrapping_sub(1)), (sequence + 1, end)];
+            let parts = [(begin < sequence).then_some(parts[0]), (sequence < end).then_some(parts[1])];
+            parts.into_iter().flatten().rev().for_each(|part| open.insert(place, part));
+        }
+    }
+
+    /// Rows of a stream that are missing so far, without those that may still come.
+    pub(super) fn lost(&self, stream: StreamKind) -> u64 {
+        let open: u64 = self.open[stream as usize].iter().map(|(begin, end)| end - begin + 1).sum();
+        self.tallies[stream as usize].missing.saturating_sub(open)
     }
 
     /// What the times of a stream's rows say, of those that came in order.
@@ -153,6 +187,29 @@ mod tests {
         assert_eq!(totals(&counts, Increment), (7, 3, 1, 1));
         counts.count_missing_at_ends();
         assert_eq!(counts.tally(Raw).missing, 2, "both ended alike");
+    }
+
+    /// As after a restart of the service: what was in flight comes behind later samples.
+    #[test]
+    fn what_may_still_come_is_not_lost() {
+        let mut counts = StreamCounts::default();
+        take_all(&mut counts, Increment, 1, (0..10).chain([30, 31]));
+        assert_eq!((counts.tally(Increment).missing, counts.lost(Increment)), (20, 0));
+        take_all(&mut counts, Increment, 1, [15, 10, 29].into_iter().chain(11..15).chain(16..29));
+        assert_eq!((counts.tally(Increment).missing, counts.lost(Increment)), (0, 0));
+        // Of a longer hole the begin is lost at once, the rest when 64 more have come, or in the next session.
+        take_all(&mut counts, Increment, 1, [132, 133].into_iter());
+        assert_eq!((counts.tally(Increment).missing, counts.lost(Increment)), (100, 37));
+        take_all(&mut counts, Increment, 1, 134..=195);
+        assert_eq!(counts.lost(Increment), 99);
+        take_all(&mut counts, Increment, 1, 196..=196);
+        assert_eq!(counts.lost(Increment), 100);
+        take_all(&mut counts, Raw, 1, [1, 5].into_iter());
+        assert_eq!(counts.lost(Raw), 0);
+        take_all(&mut counts, Raw, 2, 0..1);
+        assert_eq!(counts.lost(Raw), 3);
+        take_all(&mut counts, Raw, 2, [u64::MAX, 0].into_iter());
+        assert!(counts.lost(Raw) > 1 << 63);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 #![allow(non_camel_case_types, reason = "the names of C")]
 
 use crate::code::isotherm_code::{
-    ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_VALUE, ISOTHERM_LOST,
+    ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_MERGE, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_VALUE, ISOTHERM_LOST,
 };
 use crate::code::{CodedError, NONE, NULL, code, isotherm_code};
 use crate::handle::{Handle, close, create, enter};
@@ -11,7 +11,7 @@ use core::ffi::c_char;
 use core::ptr::NonNull;
 use core::time::Duration;
 use isotherm_client::{
-    Acquisition, Closing, CompensateError, CompensatedIncrement, Loan, MergeError, Options, RawSample, SendError,
+    Acquisition, Closing, CompensateError, CompensatedIncrement, Loan, Options, RawSample, SendError,
 };
 
 /// Maximum number of samples on loan from one acquisition.
@@ -90,10 +90,12 @@ unsafe fn merge(sample: *mut RawSample, later: *const RawSample) -> Result<(), C
     if sample.is_null() || later.is_null() {
         return Err(NULL);
     }
-    // SAFETY: not NULL, so they are readable, as the header requires. Both are copied, because they may be the same
-    // sample.
+    if core::ptr::eq(sample, later) {
+        return Err(SAME);
+    }
+    // SAFETY: not NULL, so they are readable, as the header requires.
     let (mut sum, later) = unsafe { (sample.read(), later.read()) };
-    sum.merge(&later).map_err(|error: MergeError| CodedError::from(error))?;
+    sum.merge(&later)?;
     // SAFETY: not NULL, so it is writable, as the header requires.
     unsafe { sample.write(sum) };
     Ok(())
@@ -106,6 +108,10 @@ const SERIAL: CodedError =
 const SIZE: CodedError = CodedError::fixed(
     ISOTHERM_ERROR_VALUE,
     c"the size in isotherm_options is not that of this library; set it to sizeof(isotherm_options) or 0, with the header of this library",
+);
+const SAME: CodedError = CodedError::fixed(
+    ISOTHERM_ERROR_MERGE,
+    c"a sample cannot be added to itself; give the next control period's as the later one",
 );
 const NOT_ON_LOAN: CodedError = CodedError::fixed(
     ISOTHERM_ERROR_NOT_ON_LOAN,
@@ -246,9 +252,10 @@ pub unsafe extern "C" fn isotherm_cancel(
 }
 
 /// Adds the next control period to a sample: pulses and intervals are summed, timestamp, telemetry and device become
-/// the later ones, session, sequence and `sent_ns` stay. If `later` is on loan from this acquisition, its loan is
-/// cancelled, as by isotherm_cancel: its pointer must not be used any more. Else it does not change. Either may be a
-/// sample of your own; `acquisition` may be NULL if both are.
+/// the later ones, session, sequence and `sent_ns` stay. An `interval_ns` of 0, which is not known, stays 0, and the
+/// sum is flagged ISOTHERM_FLAG_INTERVAL. If `later` is on loan from this acquisition, its loan is cancelled, as by
+/// isotherm_cancel: its pointer must not be used any more. Else it does not change. Either may be a sample of your own;
+/// `acquisition` may be NULL if both are.
 ///
 /// The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same
 /// in both periods. Use it when the service had no room for a sample.

@@ -7,7 +7,7 @@ use isotherm_client::{
     TransportError,
 };
 use std::borrow::Cow;
-use std::cell::RefCell;
+use std::cell::Cell;
 use std::ffi::CString;
 
 /// Result of a call: 0 is success, positive codes are part of normal operation, negative codes are errors. The numbers
@@ -56,8 +56,8 @@ pub enum isotherm_code {
     ISOTHERM_ERROR_SEQUENCE = -12,
     /// Samples of the old session are unanswered.
     ISOTHERM_ERROR_IN_FLIGHT = -13,
-    /// The two samples cannot be summed: a channel's pulses exceed 32 bits, or the interval one hour. Neither has
-    /// changed.
+    /// The two samples cannot be summed: a channel's pulses exceed 32 bits, or the interval one hour, or both are the
+    /// same sample. Neither has changed.
     ISOTHERM_ERROR_MERGE = -14,
     /// The operating system refused a real-time setting; the message has the setting, the cause and a remedy.
     ISOTHERM_ERROR_REALTIME = -15,
@@ -103,6 +103,16 @@ pub(crate) const NULL: CodedError =
     CodedError::fixed(ISOTHERM_ERROR_NULL, c"a pointer is NULL that must not be; see the function's description");
 pub(crate) const FULL: CodedError =
     CodedError::fixed(ISOTHERM_FULL, c"the service's queue is full of unanswered samples; the sample is still yours");
+const SEQUENCE: CodedError = CodedError::fixed(
+    ISOTHERM_ERROR_SEQUENCE,
+    c"the sequence does not rise above the last one sent; the sample is still yours: raise it, or begin a session",
+);
+const TIMEOUT: CodedError =
+    CodedError::fixed(ISOTHERM_TIMEOUT, c"no answer from the service in time; `isotherm status` shows whether it runs");
+const PULSES: CodedError =
+    CodedError::fixed(ISOTHERM_ERROR_MERGE, c"the summed pulses of a channel exceed 32 bits; send what you have first");
+const INTERVAL: CodedError =
+    CodedError::fixed(ISOTHERM_ERROR_MERGE, c"the summed interval exceeds one hour; send what you have first");
 
 impl From<ConnectError> for CodedError {
     fn from(error: ConnectError) -> Self {
@@ -136,7 +146,6 @@ coded! {
     DomainError => ISOTHERM_ERROR_NAME,
     TransportError => ISOTHERM_ERROR_TRANSPORT,
     InFlight => ISOTHERM_ERROR_IN_FLIGHT,
-    MergeError => ISOTHERM_ERROR_MERGE,
     ReadingError => ISOTHERM_ERROR_VALUE,
     RealtimeError => ISOTHERM_ERROR_REALTIME,
 }
@@ -146,7 +155,7 @@ impl From<&SendError> for CodedError {
     fn from(error: &SendError) -> Self {
         match error {
             SendError::Full(_) => FULL,
-            SendError::Sequence(_) => Self::new(ISOTHERM_ERROR_SEQUENCE, error),
+            SendError::Sequence(_) => SEQUENCE,
             SendError::Transport(_) => Self::new(ISOTHERM_ERROR_TRANSPORT, error),
         }
     }
@@ -157,14 +166,35 @@ impl From<&CompensateError> for CodedError {
     fn from(error: &CompensateError) -> Self {
         match error {
             CompensateError::Send(error) => error.into(),
-            CompensateError::Timeout => Self::new(ISOTHERM_TIMEOUT, error),
+            CompensateError::Timeout => TIMEOUT,
             CompensateError::Receive(error) => Self::new(ISOTHERM_ERROR_TRANSPORT, error),
         }
     }
 }
 
+impl From<MergeError> for CodedError {
+    fn from(error: MergeError) -> Self {
+        match error {
+            MergeError::Pulses => PULSES,
+            MergeError::Interval => INTERVAL,
+        }
+    }
+}
+
 thread_local! {
-    static MESSAGE: RefCell<Cow<'static, CStr>> = const { RefCell::new(Cow::Borrowed(c"")) };
+    /// The message of the thread's last call: a static text, or that of `ALLOCATED`. A signal handler may set and read
+    /// it at any moment.
+    static MESSAGE: Cell<*const c_char> = const { Cell::new(c"".as_ptr()) };
+    /// The last message that was allocated.
+    static ALLOCATED: Allocated = const { Allocated(Cell::new(None)) };
+}
+
+struct Allocated(Cell<Option<CString>>);
+
+impl Drop for Allocated {
+    fn drop(&mut self) {
+        MESSAGE.set(c"".as_ptr());
+    }
 }
 
 /// The code for C. The message is kept for [`isotherm_error_message`].
@@ -174,9 +204,26 @@ pub(crate) fn code(result: Result<(), CodedError>) -> isotherm_code {
         Ok(()) => ISOTHERM_OK,
         Err(CodedError { code, message: None }) => code,
         Err(CodedError { code, message: Some(message) }) => {
-            // The message may have been destroyed already while the thread ends.
-            let _ = MESSAGE.try_with(|last| last.replace(message));
+            keep(message);
             code
+        }
+    }
+}
+
+/// Keeps a message. A static one is kept without an allocation and without freeing another: this may be a signal
+/// handler, and the interrupted thread in its allocator.
+fn keep(message: Cow<'static, CStr>) {
+    match message {
+        Cow::Borrowed(text) => MESSAGE.set(text.as_ptr()),
+        // While the thread ends there may be no place for it any more.
+        Cow::Owned(text) => {
+            _ = ALLOCATED.try_with(|place| {
+                let pointer = text.as_ptr();
+                let before = place.0.replace(Some(text));
+                MESSAGE.set(pointer);
+                // Not earlier: a handler could have found it.
+                drop(before);
+            });
         }
     }
 }
@@ -186,5 +233,5 @@ pub(crate) fn code(result: Result<(), CodedError>) -> isotherm_code {
 /// if you keep it.
 #[unsafe(no_mangle)]
 pub extern "C" fn isotherm_error_message() -> *const c_char {
-    MESSAGE.try_with(|last| last.borrow().as_ptr()).unwrap_or(c"".as_ptr())
+    MESSAGE.get()
 }

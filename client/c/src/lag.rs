@@ -74,7 +74,7 @@ pub unsafe extern "C" fn isotherm_lag_ns(acquisition: *const isotherm_acquisitio
 }
 
 /// Writes the state of the lag to `*lag`. Save it after each reading if a successor of this process shall go on with
-/// it.
+/// it, together with isotherm_boot().
 ///
 /// ISOTHERM_OK.
 #[unsafe(no_mangle)]
@@ -99,6 +99,9 @@ pub unsafe extern "C" fn isotherm_save_lag(
 /// Goes on with a state that was saved, on the same clock, as if the telemetry had gone straight on in the pause. A
 /// sensor whose telemetry or lagged telemetry is not finite, or whose next reading is earlier than the saved one, which
 /// is then of another clock, is unknown as after isotherm_forget_lag.
+///
+/// Call isotherm_forget_lag in its place if the state was saved with another isotherm_boot(), unless your clock goes on
+/// when the machine is started anew.
 ///
 /// ISOTHERM_OK.
 #[unsafe(no_mangle)]

@@ -1,4 +1,4 @@
-//! The version, the clock, and real-time settings of a thread.
+//! The version, the clocks, and real-time settings of a thread.
 
 use crate::code::isotherm_code;
 use crate::handle::without_handle;
@@ -20,6 +20,13 @@ pub extern "C" fn isotherm_version() -> *const c_char {
 #[unsafe(no_mangle)]
 pub extern "C" fn isotherm_monotonic_ns() -> u64 {
     isotherm_client::monotonic_ns()
+}
+
+/// The number of the machine's present start, with which CLOCK_MONOTONIC began; 0 if the kernel does not tell it. Save
+/// it with isotherm_save_lag: times of another start are of another clock.
+#[unsafe(no_mangle)]
+pub extern "C" fn isotherm_boot() -> u64 {
+    isotherm_client::boot()
 }
 
 /// Applies real-time settings to the calling thread. Call it in the thread that sends and receives, before it connects.

@@ -39,7 +39,13 @@ impl Lock {
         // All that is written there is written in its place.
         check_own_folder(folder).map_err(|error| Failure::io("locking", folder, &error))?;
         let mut options = OpenOptions::new();
-        options.read(true).write(true).create(true).truncate(false).mode(OWN).custom_flags(OFlags::NOFOLLOW.bits().cast_signed());
+        options
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .mode(OWN)
+            .custom_flags(OFlags::NOFOLLOW.bits().cast_signed());
         let file = options.open(&path).map_err(failed)?;
         // Earlier versions let everybody read it.
         file.set_permissions(Permissions::from_mode(OWN)).map_err(failed)?;

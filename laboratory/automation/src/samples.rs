@@ -372,13 +372,12 @@ impl<'p> SampleRecorder<'p> {
         }
     }
 
-    /// Whether a sample is left out: `calibrate` would refuse it, its time is wrong, or its telemetry is too old.
+    /// Whether a sample is left out: `calibrate` would refuse it, its time is wrong, or its telemetry is stale.
     fn unusable(&self, sample: &RawSample, last: Option<&RawSample>) -> bool {
-        let RawSample { timestamp_ns, interval_ns, telemetry_ns, .. } = *sample;
+        let RawSample { timestamp_ns, interval_ns, .. } = *sample;
         let previous_ns = last.map(|last| last.timestamp_ns);
         let far_ahead = previous_ns.is_some_and(|previous_ns| timestamp_ns.saturating_sub(previous_ns) > MAX_STEP_NS);
-        let age_s = timestamp_ns.saturating_sub(telemetry_ns) as f64 / 1e9;
-        let stale = telemetry_ns > 0 && self.plan.campaign.max_age_s.is_some_and(|most| age_s > most);
+        let stale = self.plan.campaign.max_age_s.is_some_and(|most| sample.telemetry_age_s() > most);
         let gyroscopes = !self.plan.turns.is_empty() && gyroscopes_implausible(&sample.gyroscopes.or_zero()).is_some();
         implausible(sample, previous_ns).is_some() || gyroscopes || timestamp_ns < interval_ns || far_ahead || stale
     }

@@ -16,7 +16,7 @@ _Path = str | os.PathLike[str]
 _Triple = tuple[float, float, float]
 _Pulses = Sequence[int] | npt.NDArray[np.integer[Any]]
 _Telemetry = Sequence[float] | npt.NDArray[np.floating[Any]]
-_Lagged = tuple[int, float, float, float]
+_Lagged = tuple[int, float, float, float, int]
 
 __all__ = [
     "FLAGS",
@@ -124,11 +124,12 @@ class Acquisition:
         """The time constant that samples are sent with [ns]; 0 while there is none."""
     def lag_state(self) -> list[_Lagged | None]:
         """The state of the lag, which `json` can keep: for each sensor None, or time, telemetry and lagged telemetry of its last reading,
-        and the share of an unknown start."""
+        the share of an unknown start, and the number of the machine's start that the time is of."""
     def restore_lag(self, state: Sequence[Sequence[float] | None]) -> None:
         """Goes on with a state of `lag_state`, on the same clock, as if the telemetry had gone straight on in the pause.
 
-        A sensor that is None, or whose next reading is earlier than the kept one, is unknown as after `forget_lag`.
+        A sensor that is None, or whose next reading is earlier than the kept one, is unknown as after `forget_lag`. So are all of a state
+        that was kept before the machine was started anew. If your clock goes on over that, set the last number of each sensor to 0.
         """
     def forget_lag(self) -> None:
         """Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a kept state.

@@ -20,6 +20,8 @@
 pub mod convert;
 mod protobuf;
 pub mod read;
+pub mod repair;
 pub mod ros;
+mod seal;
 mod varint;
 pub mod write;

@@ -19,8 +19,8 @@ use std::path::{Path, PathBuf};
 
 /// Validate files with the code that loads them
 ///
-/// Coefficient tables and service configurations; `isotherm check` also campaign files, campaign plans, mappings and
-/// descriptions of sources.
+/// Coefficient tables and service configurations; `isotherm check` also campaign files, campaign plans, mappings,
+/// descriptions of sources, and recordings, with their checks.
 /// The content of a file tells what it is. All faults of all files are reported, each with line and key. A warning
 /// tells of scale factors that look like a lost digit, and of a service configuration what serve would refuse on this
 /// machine and as this user: a core, a priority, locked memory, an address, too little shared memory.
@@ -51,16 +51,21 @@ pub struct Check {
 /// valid.
 pub type CheckLaboratoryFile = fn(FileKind, &str, &Path) -> Result<String, Failure>;
 
+/// Validates the recording with this path. Returns a line for the operator if it is whole.
+pub type CheckRecording = fn(&Path) -> Result<String, Failure>;
+
 impl Check {
-    /// Validates the files. `laboratory` validates campaign files, plans and mappings.
+    /// Validates the files. `laboratory` validates campaign files, plans and mappings, `recording` recordings, which are
+    /// refused without it.
     ///
     /// # Errors
     /// All faults of all files.
-    pub fn run(self, laboratory: CheckLaboratoryFile) -> Result<(), Failure> {
+    pub fn run(self, laboratory: CheckLaboratoryFile, recording: Option<CheckRecording>) -> Result<(), Failure> {
         remove_unfinished_on_signals()?;
         let trust = Trust::protected_unless(self.allow_world_writable);
         let against = self.against.as_deref().map(|path| load_table(path, None, trust)).transpose()?;
-        let checker = Checker { command: &self, trust, against: against.map(|(table, _)| table), laboratory };
+        let against = against.map(|(table, _)| table);
+        let checker = Checker { command: &self, trust, against, laboratory, recording };
         let mut failures = Vec::new();
         for path in &self.files {
             match checker.check(path) {
@@ -78,12 +83,16 @@ struct Checker<'a> {
     /// What each table is compared with.
     against: Option<CoefficientTable>,
     laboratory: CheckLaboratoryFile,
+    recording: Option<CheckRecording>,
 }
 
 impl Checker<'_> {
     fn check(&self, path: &Path) -> Result<String, Failure> {
         let &Self { command: &Check { seal, .. }, trust, laboratory, .. } = self;
         if let Some(format) = recording_format(path) {
+            if let Some(recording) = self.recording.filter(|_| !seal && self.against.is_none()) {
+                return recording(path);
+            }
             let message =
                 format!("{}: a recording ({format}), for replay, verify and noise; {EXPECTED_KINDS}", path.display());
             return Err(Failure::new(Exit::Config, message));
@@ -234,19 +243,27 @@ fn format_2(content: &Content) -> String {
     text
 }
 
-/// The format of a file that is a recording: Parquet, MCAP, or CSV with the times of samples.
+/// The format of a file that is a recording: Parquet, MCAP, or CSV with sequences and times. An empty file is one by its
+/// name.
 fn recording_format(path: &Path) -> Option<&'static str> {
     const MAGIC: [(&[u8], &str); 2] = [(b"PAR1", "Parquet"), (b"\x89MCAP0\r\n", "MCAP")];
+    const ENDINGS: [(&str, &str); 3] = [("parquet", "Parquet"), ("mcap", "MCAP"), ("csv", "CSV")];
     const BEGINNING: u64 = 4096;
+    /// Two of them are enough, so that a header that is damaged is one.
+    const COLUMNS: [&str; 5] = ["recorded_ns", "session", "sequence", "timestamp_ns", "interval_ns"];
     let mut beginning = Vec::new();
     // A pipe is not even opened: that waits for its writer. What cannot be opened is told when it is read.
     fs::metadata(path).ok().filter(fs::Metadata::is_file)?;
     let file = File::open(path).ok()?;
     file.take(BEGINNING).read_to_end(&mut beginning).ok()?;
+    if beginning.is_empty() {
+        let is_it = |ending: &&(&str, &str)| path.extension().is_some_and(|extension| extension == ending.0);
+        return ENDINGS.iter().find(is_it).map(|(_, format)| *format);
+    }
     let header = beginning.split(|byte| *byte == b'\n').next().unwrap_or_default();
     let has = |name: &str| header.split(|byte| *byte == b',').any(|field| field.trim_ascii() == name.as_bytes());
     let magic = MAGIC.iter().find(|(magic, _)| beginning.starts_with(magic)).map(|(_, format)| *format);
-    magic.or_else(|| (has("sequence") && has("timestamp_ns")).then_some("CSV"))
+    magic.or_else(|| (COLUMNS.iter().filter(|name| has(name)).count() > 1).then_some("CSV"))
 }
 
 /// The remedy in the message for a file that is no TOML at all.

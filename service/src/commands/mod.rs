@@ -6,6 +6,7 @@ pub mod reload;
 pub mod serve;
 pub mod status;
 
+use crate::logging;
 use isotherm_client::Domain;
 use isotherm_failure::{EXIT_CODES, Exit, Failure, printable, tell};
 use std::borrow::Cow;
@@ -63,7 +64,10 @@ pub fn finish(command: clap::Command, program: &str) -> clap::Command {
 pub fn exit_code(program: &str, run: impl FnOnce() -> Result<Result<(), Failure>, clap::Error>) -> ExitCode {
     isotherm_files::report_file_limit();
     match run() {
-        Ok(Ok(())) => ExitCode::SUCCESS,
+        Ok(Ok(())) => {
+            logging::flush();
+            ExitCode::SUCCESS
+        }
         Ok(Err(failure)) => {
             // The libraries' messages name the program `isotherm`. A vehicle has only `isothermd`, with these commands.
             let message = match program {
@@ -73,7 +77,7 @@ pub fn exit_code(program: &str, run: impl FnOnce() -> Result<Result<(), Failure>
                     .replace("`isotherm status", "`isothermd status"),
                 _ => failure.message,
             };
-            tell(program, message);
+            logging::tell_last(program, message);
             ExitCode::from(failure.exit as u8)
         }
         Err(error) => {

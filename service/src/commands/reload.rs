@@ -4,18 +4,26 @@ use crate::guard::acceptance;
 use clap::Args;
 use isotherm_client::{ConnectError, Domain, ImuId, Options, StatusError, fetch_status, prepare};
 use isotherm_failure::{Exit, Failure, tell};
+use isotherm_shared::group;
 use isotherm_shared::status::ImuStatus;
+use rustix::process::geteuid;
+use std::fs;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
 /// How long the service may take until it has read the file and has its table in force; it looks 20 times a second.
 const TAKEN_LIMIT: Duration = Duration::from_secs(3);
+/// How long keeping the table may take.
+const KEPT_LIMIT: Duration = Duration::from_secs(10);
 
 /// Take a table that the service refuses because it changes too much
 ///
 /// The service takes the table of this digest, and no other, although it differs from the one before by more than
-/// max_change. Its message and `status` have the digest. Without a running service the next one takes it at its start.
+/// max_change. Its message and `status` have the digest. The table becomes the anchor, from which no later one may
+/// differ by more than three times max_change; the digest of the table in force makes that one the anchor. The command
+/// waits until the table is kept. Without a running service the next one takes it at its start.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  isotherm reload --imu imu-a --accept sha256:5a82..(64 digits)")]
 pub struct Reload {
@@ -38,13 +46,22 @@ fn digest(text: &str) -> Result<String, String> {
 }
 
 impl Reload {
-    /// Accepts the table, and waits until a running service has it in force.
+    /// Accepts the table, and waits until a running service has it in force and has kept it.
     ///
     /// # Errors
-    /// If the service does not serve the IMU, its file has another table, or the acceptance cannot be written.
+    /// If the service does not serve the IMU, its file has another table, the acceptance cannot be written, or the
+    /// table cannot be kept.
     pub fn run(self, domain: Domain) -> Result<(), Failure> {
         let Self { imu, accept } = self;
         prepare(&domain)?;
+        let owner = fs::metadata(domain.root_path()).map_or(0, |found| found.uid());
+        if group::of(&domain.prefix()).is_some() && owner != geteuid().as_raw() {
+            let message = format!(
+                "domain {:?} belongs to a group, and only the service's user (user {owner}) may accept a table",
+                domain.name()
+            );
+            return Err(Failure::new(Exit::Failed, message));
+        }
         let note = acceptance(&domain, &imu);
         let written = note.write(accept.as_bytes());
         written.map_err(|error| Failure::io("writing in", Path::new(domain.root_path()), &error))?;
@@ -62,18 +79,38 @@ impl Reload {
                 status => status.inspect_err(|_| note.remove())?,
             };
             let found = status.imus.iter().find(|found| found.id == imu.as_str());
-            if found.is_some_and(|found| found.table.as_ref() == Some(&accept)) {
-                note.remove();
-                tell("isotherm", format_args!("{imu}: {accept} is in force"));
-                return Ok(());
+            // The service makes an accepted table the anchor, too.
+            let taken = found.filter(|found| found.table.as_ref() == Some(&accept) && found.anchor == found.table);
+            match taken {
+                Some(ImuStatus { table_kept: true, .. }) => {
+                    tell("isotherm", format_args!("{imu}: {accept} is in force, and kept"));
+                    return Ok(());
+                }
+                Some(ImuStatus { keep_error: Some(error), .. }) => return Err(not_kept(&imu, error)),
+                Some(_) if begun.elapsed() > KEPT_LIMIT => {
+                    let limit = KEPT_LIMIT.as_secs();
+                    return Err(not_kept(
+                        &imu,
+                        &format!("the disk of the state folder has not answered for {limit} s"),
+                    ));
+                }
+                None if found.is_none() || begun.elapsed() > TAKEN_LIMIT => {
+                    note.remove();
+                    return Err(not_taken(&imu, found));
+                }
+                _ => thread::sleep(Duration::from_millis(20)),
             }
-            if found.is_none() || begun.elapsed() > TAKEN_LIMIT {
-                note.remove();
-                return Err(not_taken(&imu, found));
-            }
-            thread::sleep(Duration::from_millis(20));
         }
     }
+}
+
+/// Why the table, which is in force, may not be known to the next start. The acceptance stays for it.
+fn not_kept(imu: &ImuId, cause: &str) -> Failure {
+    let message = format!(
+        "{imu}: the table is in force, but it is not kept: {cause}; make room, or name another state folder and restart the service; until it \
+         is kept the acceptance stays, and the next start takes the table by it"
+    );
+    Failure::new(Exit::Io, message)
 }
 
 /// Why the table is not taken.

@@ -1,13 +1,17 @@
 //! `serve`: runs the service.
 
 use crate::config::{Config, Imu, MAX_IMUS};
-use crate::control;
+use crate::control::{self, Outcome, ServeOptions};
+use crate::lock::DomainLock;
 use crate::logging::{self, LogFormat};
 use clap::Args;
 use isotherm_client::{Domain, ImuId};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::Trust;
-use std::path::PathBuf;
+use std::env;
+use std::os::unix::process::CommandExt as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 
 /// Run the compensation service until SIGTERM or SIGINT
 ///
@@ -42,26 +46,50 @@ impl Serve {
     /// Why it could not start or continue.
     pub fn run(self, domain: &Domain) -> Result<(), Failure> {
         logging::start(self.log_format);
-        let trust = Trust::owned_unless(self.allow_world_writable);
-        let mut config = match &self.config {
-            Some(path) => Config::load(path, trust)?,
-            None => Config::default(),
-        };
-        for (id, table) in self.imu {
-            if config.imus.iter().any(|known| known.id == id) {
-                return Err(Failure::new(Exit::Usage, format!("IMU {id} is given twice; give every IMU once")));
-            }
-            config.imus.push(Imu::new(id, table, config.max_change));
+        let Self { config, imu, allow_uncalibrated, allow_world_writable, .. } = self;
+        let trust = Trust::owned_unless(allow_world_writable);
+        let load = move || configuration(config.as_deref(), imu, trust);
+        match control::run(domain, load, ServeOptions { allow_uncalibrated, trust })? {
+            Outcome::Stopped => Ok(()),
+            Outcome::BeginsAnew(lock) => Err(begin_anew(&lock)),
         }
-        if config.imus.is_empty() || config.imus.len() > MAX_IMUS {
-            let message = format!(
-                "{} IMUs to serve; give one to {MAX_IMUS} with --imu ID=TABLE or --config FILE",
-                config.imus.len()
-            );
-            return Err(Failure::new(Exit::Usage, message));
-        }
-        control::run(domain, &config, self.allow_uncalibrated, trust)
     }
+}
+
+/// Executes this program again with the same arguments, as the same process. Returns only if that fails.
+fn begin_anew(lock: &DomainLock) -> Failure {
+    logging::flush();
+    let mut arguments = env::args_os();
+    // The program may have been replaced meanwhile; this is the one that runs.
+    let mut program = Command::new("/proc/self/exe");
+    if let Some(name) = arguments.next() {
+        program.arg0(name);
+    }
+    let error = match lock.keep_over_exec() {
+        Ok(()) => program.args(arguments).exec(),
+        Err(error) => error,
+    };
+    Failure::new(Exit::Failed, format!("beginning anew: executing this program again: {error}; start the service"))
+}
+
+/// The configuration of a file and the command line.
+fn configuration(path: Option<&Path>, imus: Vec<(ImuId, PathBuf)>, trust: Trust) -> Result<Config, Failure> {
+    let mut config = match path {
+        Some(path) => Config::load(path, trust)?,
+        None => Config::default(),
+    };
+    for (id, table) in imus {
+        if config.imus.iter().any(|known| known.id == id) {
+            return Err(Failure::new(Exit::Usage, format!("IMU {id} is given twice; give every IMU once")));
+        }
+        config.imus.push(Imu::new(id, table, config.max_change));
+    }
+    if config.imus.is_empty() || config.imus.len() > MAX_IMUS {
+        let message =
+            format!("{} IMUs to serve; give one to {MAX_IMUS} with --imu ID=TABLE or --config FILE", config.imus.len());
+        return Err(Failure::new(Exit::Usage, message));
+    }
+    Ok(config)
 }
 
 fn imu(text: &str) -> Result<(ImuId, PathBuf), String> {

@@ -1,8 +1,8 @@
 //! `status`: shows the status of the running service.
 
 use clap::Args;
-use isotherm_client::{Domain, Options, fetch_status, unix_s};
-use isotherm_failure::{Exit, Failure};
+use isotherm_client::{Domain, Options, check_room, fetch_status, unix_s};
+use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{print, print_data};
 use isotherm_shared::status::{
     GyroscopeStatus, ImuStatus, LatencySummary, Ranges, ServiceStatus, TableChange, WorkerStatus,
@@ -36,6 +36,10 @@ impl Status {
             return print_data(&transport_config(&domain)?);
         }
         let status = fetch_status(&Options::new(domain, Duration::ZERO))?;
+        if let Err(error) = check_room(0) {
+            // The status tells nothing of it, and no other client connects.
+            tell("isotherm", error);
+        }
         if !self.json {
             return print(&describe(&status));
         }
@@ -98,6 +102,7 @@ fn describe_table(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
     if let Some(changed) = changed(&imu.table_changes) {
         writeln!(text, "  changed      by the table in force, at most: {changed}")?;
     }
+    describe_keeping(text, imu)?;
     if let Some(device) = &imu.other_device {
         let (own, serial) = (imu.device.as_deref().unwrap_or("-"), imu.serial.as_deref().unwrap_or_default());
         writeln!(
@@ -112,6 +117,22 @@ fn describe_table(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
         text,
         "  OTHER LAG    that of the samples is {other}: the transient terms are left out, flagged lag-unknown"
     )
+}
+
+/// Whether the table is kept, and how far it is from the anchor.
+fn describe_keeping(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
+    if let Some(error) = &imu.keep_error {
+        writeln!(text, "  NOT KEPT     {error}")?;
+    } else if imu.table.is_some() && !imu.table_kept {
+        writeln!(text, "  not kept yet the disk of the state folder takes its time")?;
+    }
+    let (Some(anchor), Some(table)) = (&imu.anchor, &imu.table) else { return Ok(()) };
+    if anchor == table {
+        return Ok(());
+    }
+    let changed = changed(&imu.anchor_changes).unwrap_or_else(|| "nothing".to_owned());
+    writeln!(text, "  anchor       {anchor}; changed since then, at most: {changed}")?;
+    writeln!(text, "               `reload --imu {} --accept {table}` makes the table in force the anchor", imu.id)
 }
 
 fn describe_samples(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {

@@ -47,6 +47,8 @@ metrics! {
     REFUSED = counter "isotherm_reloads_refused_total" [imu] "Table files refused, one that is away included.";
     RELOAD_FAILED = gauge "isotherm_reload_failed" [imu]
         "Whether the table's file as it is now is not in force: 0 or 1.";
+    TABLE_KEPT = gauge "isotherm_table_kept" [imu]
+        "Whether the table in force is kept for the next start: 0 or 1; absent without a table.";
     TABLE_TAKEN = gauge "isotherm_table_taken_timestamp_seconds" [imu]
         "When the table in force was taken over, Unix time.";
     TABLE_MODIFIED = gauge "isotherm_table_modified_timestamp_seconds" [imu]
@@ -62,7 +64,8 @@ metrics! {
     BUDGET = gauge "isotherm_latency_budget_seconds" [] "Latency over which an increment is flagged late.";
     LOCKED = gauge "isotherm_memory_locked_bytes" [] "Memory of the service that is kept resident.";
     FLAGGED = counter "isotherm_flagged_total" [imu, flag]
-        "Increments that carried a flag. Absent are flags that the table in force cannot give and no table has given.";
+        "Increments that carried a flag, other-device since the table in force was taken. Absent are flags that the table in \
+         force cannot give and no table has given.";
     LATENCY = histogram "isotherm_latency_seconds" [imu, le]
         "From sending a raw sample (sent_ns) to just before publishing its increment. Buckets end at 1, 2 and 5 times \
          powers of ten, from 0.2 us to 1 s. Up to 3 % below a bound a value may count above it, never the reverse; the \
@@ -98,7 +101,7 @@ type ChooseValue = fn(Option<f64>, Option<[f64; 2]>) -> Option<f64>;
 type ImuMetric = (Metric, fn(&ImuStatus) -> Option<f64>);
 
 /// The metrics with one value for each IMU. An IMU without a value is left out.
-const IMU_METRICS: [ImuMetric; 16] = [
+const IMU_METRICS: [ImuMetric; 17] = [
     (RECEIVED, |imu| count(imu.received)),
     (INCREMENTS, |imu| count(imu.compensated)),
     (MISSING, |imu| count(imu.missing)),
@@ -109,6 +112,7 @@ const IMU_METRICS: [ImuMetric; 16] = [
     (RELOADS, |imu| count(imu.reloads)),
     (REFUSED, |imu| count(imu.refusals)),
     (RELOAD_FAILED, |imu| count(imu.last_reload_error.is_some().into())),
+    (TABLE_KEPT, |imu| imu.table.as_ref().and_then(|_| count(imu.table_kept.into()))),
     (TABLE_TAKEN, |imu| imu.table_taken_unix_s),
     (TABLE_MODIFIED, |imu| imu.table_modified_unix_s),
     (CONNECTED, |imu| count(imu.acquisition_connected.into())),

@@ -13,7 +13,7 @@ use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::sample::Sample;
 use iceoryx2::sample_mut::SampleMut;
 use iceoryx2::service::port_factory::event;
-use isotherm_client::{Clock, Rehearsal, RehearsalStreams, publish, receive, subscribers_of};
+use isotherm_client::{Clock, Rehearsal, RehearsalStreams, open_to_group, publish, receive, subscribers_of};
 use isotherm_failure::Failure;
 use isotherm_shared::compensate::answer_into;
 use isotherm_shared::protocol::{Arrival, SequenceTracker, queue_depth};
@@ -121,6 +121,8 @@ impl Channel {
                 other => CreateError::Other(other.to_string()),
             })
         })?;
+        // Before the publisher: clients take that for readiness.
+        open_to_group(domain);
         let publisher = creator.port(&name("increment publisher"), served, || {
             let publisher = increments.publisher_builder().max_loaned_samples(1).create();
             publisher.map_err(|error| CreateError::of_publisher(error, &increments))
@@ -219,8 +221,9 @@ impl Channel {
         drop(sample);
         self.spare = self.publisher.loan().ok();
         self.reclaim_polls_left = RECLAIM_POLLS;
-        self.take_table();
         self.counters.answered(&self.raw, arrival, flags, latency_ns, published);
+        // Not before: what is counted is of the table that the sample was answered with.
+        self.take_table();
     }
 
     /// Rehearses the next sample with the last one, and touches what only this IMU's next sample will need. A reader

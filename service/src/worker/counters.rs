@@ -43,6 +43,8 @@ use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
 
 /// How many flags are counted: bits 0 to 50.
 const FLAGS: usize = 51;
+/// The bit of [`Flags::OTHER_DEVICE`].
+const OTHER_DEVICE: usize = Flags::OTHER_DEVICE.0.trailing_zeros() as usize;
 /// Head and board telemetry of both triads.
 const TELEMETRY: usize = 4 * AXES;
 
@@ -58,9 +60,10 @@ struct Counters {
     transport_errors: AtomicU64,
     flagged: FlagCounts,
     table: AtomicU64,
-    /// Which unit the last sample came from.
-    device: AtomicU64,
-    /// Which unit the last sample came from that had [`Flags::OTHER_DEVICE`].
+    /// Which other unit than that of the table in force the last sample came from; 0 if it came from none, or before
+    /// the table.
+    last_other_device: AtomicU64,
+    /// The same of the last sample that had [`Flags::OTHER_DEVICE`].
     other_device: AtomicU64,
     /// Time constant of the lagged telemetry of the last sample \[ns\].
     lag_ns: AtomicU64,
@@ -78,6 +81,15 @@ impl Default for FlagCounts {
     fn default() -> Self {
         Self([const { AtomicU64::new(0) }; FLAGS])
     }
+}
+
+/// A sample's unit that is not the unit of the table that the sample was answered with.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub struct OtherDevice {
+    /// Number of the sample's unit.
+    pub device: u64,
+    /// Id of the table.
+    pub table: u64,
 }
 
 /// New counters of one IMU: the half that writes and the half that reads.
@@ -103,10 +115,15 @@ fn add(counter: &AtomicU64, by: u64) {
 }
 
 impl CounterWriter {
-    /// The table with this id ([`CoefficientTable::id`](isotherm_shared::table::CoefficientTable::id)) is in force.
+    /// The table with this id ([`CoefficientTable::id`](isotherm_shared::table::CoefficientTable::id)) is in force for
+    /// all further samples. What is known of other units than its own begins anew.
     #[inline]
     pub fn table_taken(&mut self, id: u64) {
-        self.0.table.store(id, Relaxed);
+        let counters = &*self.0;
+        counters.last_other_device.store(0, Relaxed);
+        counters.other_device.store(0, Relaxed);
+        counters.flagged.0[OTHER_DEVICE].store(0, Relaxed);
+        counters.table.store(id, Release);
     }
 
     /// Receiving or publishing failed in the transport.
@@ -120,10 +137,11 @@ impl CounterWriter {
     pub fn answered(&mut self, raw: &RawSample, arrival: Arrival, flags: Flags, latency_ns: u64, published: bool) {
         let counters = &*self.0;
         // Values first, then the counts that tell a reader that there are values.
-        counters.device.store(raw.device, Relaxed);
         counters.lag_ns.store(raw.lag_ns, Relaxed);
-        if flags.intersects(Flags::OTHER_DEVICE) {
-            counters.other_device.store(raw.device, Relaxed);
+        let is_other = flags.intersects(Flags::OTHER_DEVICE);
+        counters.last_other_device.store(if is_other { raw.device } else { 0 }, Release);
+        if is_other {
+            counters.other_device.store(raw.device, Release);
         }
         let [a, g] = [&raw.accelerometers, &raw.gyroscopes];
         let telemetry = [a.head_temperature, a.board_temperature, g.head_temperature, g.board_temperature];
@@ -199,14 +217,22 @@ impl CounterReader {
         self.0.table.load(Relaxed)
     }
 
-    /// The unit of the last sample, 0 if it is unknown.
-    pub fn device(&self) -> u64 {
-        self.0.device.load(Relaxed)
+    /// The unit of the last sample, if that is not the unit of its table, and the id of that table.
+    pub fn last_other_device(&self) -> Option<OtherDevice> {
+        self.of_table(&self.0.last_other_device)
     }
 
-    /// The unit of the last sample that was not of the table's unit, 0 if there was none.
-    pub fn other_device(&self) -> u64 {
-        self.0.other_device.load(Relaxed)
+    /// The unit of the last sample that was not of its table's unit, and the id of that table; `None` if no sample has
+    /// come from another unit since the table was taken.
+    pub fn other_device(&self) -> Option<OtherDevice> {
+        self.of_table(&self.0.other_device)
+    }
+
+    /// A unit and the table that its sample was answered with; `None` also while the worker takes another table.
+    fn of_table(&self, device: &AtomicU64) -> Option<OtherDevice> {
+        let table = self.0.table.load(Acquire);
+        let device = device.load(Acquire);
+        (device != 0 && self.0.table.load(Relaxed) == table).then_some(OtherDevice { device, table })
     }
 
     /// Time constant of the lagged telemetry of the last sample \[ns\], 0 if it has none.
@@ -309,7 +335,27 @@ mod tests {
             let raw = RawSample { device, ..RawSample::default() };
             writer.answered(&raw, Arrival::default(), flags, 0, true);
         }
-        assert_eq!((reader.device(), reader.other_device()), (1, 2));
+        assert_eq!(
+            (reader.last_other_device(), reader.other_device()),
+            (None, Some(OtherDevice { device: 2, table: 0 }))
+        );
+    }
+
+    #[test]
+    fn other_units_are_counted_for_the_table_in_force() {
+        let (mut writer, reader) = counters();
+        let raw = RawSample { device: 2, ..RawSample::default() };
+        let found = || (reader.last_other_device(), reader.other_device(), reader.flagged(OTHER_DEVICE as u32));
+        for table in [7, 8] {
+            writer.table_taken(table);
+            assert_eq!(found(), (None, None, 0));
+            for number in 1..=3 {
+                writer.answered(&raw, Arrival::default(), Flags::OTHER_DEVICE, 0, true);
+                let other = Some(OtherDevice { device: 2, table });
+                assert_eq!(found(), (other, other, number));
+            }
+        }
+        assert_eq!(reader.received(), 6);
     }
 }
 
@@ -356,11 +402,36 @@ mod explored {
         let found = explore(|| {
             answer(2, |reader| {
                 let flagged = reader.flagged(Flags::OTHER_DEVICE.0.trailing_zeros());
-                let device = reader.other_device();
+                let device = reader.other_device().map_or(0, |other| other.device);
                 assert!(device >= flagged, "{flagged} {device}");
             });
         });
         assert_eq!(found.needed.len(), 2, "{found:?}");
+    }
+
+    /// A worker takes tables while another thread looks. The unit of each table's samples is ten times its id.
+    #[test]
+    fn explored_another_unit_is_found_with_the_table_of_its_sample() {
+        for look in [CounterReader::other_device, CounterReader::last_other_device] {
+            let found = explore(move || {
+                let (mut writer, reader) = counters();
+                let looking = {
+                    let reader = reader.clone();
+                    thread::spawn(move || {
+                        let found = look(&reader);
+                        assert!(found.is_none_or(|OtherDevice { device, table }| device == 10 * table), "{found:?}");
+                    })
+                };
+                for table in 1..=2 {
+                    writer.table_taken(table);
+                    let raw = RawSample { device: 10 * table, ..RawSample::default() };
+                    writer.answered(&raw, Arrival::default(), Flags::OTHER_DEVICE, 0, true);
+                }
+                looking.join().unwrap();
+                assert_eq!(look(&reader), Some(OtherDevice { device: 20, table: 2 }));
+            });
+            assert_eq!(found.needed.len(), 4, "{found:?}");
+        }
     }
 
     #[test]

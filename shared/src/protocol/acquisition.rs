@@ -17,6 +17,9 @@ const OVERTAKEN_PART: u64 = 10;
 /// Repeats of single samples, after silences, that the service's queue has room for.
 const SINGLE_REPEATS: usize = 4;
 
+/// No service has this id.
+const NO_SERVICE: u128 = 0;
+
 /// Raw samples that the service's queue holds if `depth` samples may be in flight. There is room for each of them
 /// twice: a new service finds those in its queue that were sent before the acquisition noticed it, and then all that
 /// were sent again.
@@ -53,8 +56,11 @@ pub struct AcquisitionState<S, A> {
     service: u128,
     empty_polls: u32,
     checked_ns: u64,
-    /// Since when samples have been unanswered and no answer has come; updated by checks, so a few ms late.
+    /// Since when samples have been unanswered, no answer has come and nothing was sent again; updated by checks, so a
+    /// few ms late.
     silent_since_ns: u64,
+    /// Since when samples have been unanswered and no answer has come.
+    unanswered_since_ns: u64,
     /// How long that may last before something is sent again.
     resend_after_ns: u64,
     /// When samples were last sent again to the same service.
@@ -105,6 +111,7 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
             empty_polls: 0,
             checked_ns: 0,
             silent_since_ns: 0,
+            unanswered_since_ns: 0,
             resend_after_ns: SILENCE_NS,
             resent_ns: 0,
             progress: false,
@@ -217,7 +224,7 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
     #[inline]
     pub fn send(&mut self, sequence: u64, sample: &S, now: u64) -> &mut S {
         if self.pending.len() == 0 {
-            self.silent_since_ns = now;
+            (self.silent_since_ns, self.unanswered_since_ns) = (now, now);
             self.resend_after_ns = SILENCE_NS;
         }
         let left_out = match self.last_sequence {
@@ -311,7 +318,7 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         // While answers come, no check is necessary. It would allocate memory in the transport.
         if self.progress {
             self.progress = false;
-            self.silent_since_ns = now;
+            (self.silent_since_ns, self.unanswered_since_ns) = (now, now);
             self.resend_after_ns = SILENCE_NS;
             return false;
         }
@@ -356,6 +363,21 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         self.service = service;
         self.silent_since_ns = now;
         self.resent_ns = now;
+    }
+
+    /// The streams were joined anew, with other ports: nothing that was sent before is certain to be in the service's
+    /// queue, which has room for it all. Everything that is unanswered is sent again.
+    pub const fn rejoined(&mut self, now: u64) {
+        self.service = NO_SERVICE;
+        self.surplus_taken = self.surplus;
+        self.silent_since_ns = now;
+    }
+
+    /// How long samples have been unanswered and no answer has come, at this time \[ns\]; 0 while none is unanswered.
+    /// It is updated by checks, so a few ms late.
+    #[must_use]
+    pub const fn silence_ns(&self, now: u64) -> u64 {
+        if self.pending.len() == 0 { 0 } else { now.saturating_sub(self.unanswered_since_ns) }
     }
 
     /// For the search: everything but times, and what only decides when they are looked at.

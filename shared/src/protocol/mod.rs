@@ -33,7 +33,8 @@
 //!
 //! **Service** ([`SequenceTracker`]). It answers what comes, in order, also what comes again. A sequence more than 1
 //! above the highest of the session is a gap; a lower one is a repeat, never a gap. The first sample of a session that
-//! it sees begins anywhere, so a new service reports no gap before it.
+//! it sees begins anywhere, so a new service reports no gap before it. It knows the last four sessions, so that samples
+//! of an earlier one that come late, or again, are counted right.
 //!
 //! **Reader** ([`ReaderState`]). It returns each session and sequence once, within a window of 1024 sequences and 4
 //! sessions. It may come at any time, and its queue loses the oldest increments if it does not read.

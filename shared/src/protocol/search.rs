@@ -113,6 +113,8 @@ mod tests {
         skips: 0,
         loans: 0,
         reader: false,
+        removals: 0,
+        rejoins: 0,
     };
 
     fn holds(name: &str, bounds: Bounds) {
@@ -175,6 +177,14 @@ mod tests {
     }
 
     #[test]
+    fn joining_anew() {
+        holds("after a removal", Bounds { samples: 3, service_kills: 1, removals: 1, ..CALM });
+        holds("after two removals", Bounds { samples: 3, removals: 2, reader: true, resends: 0, ..CALM });
+        holds("three in flight", Bounds { depth: 3, queue: 6, removals: 1, lost_samples: 1, ..CALM });
+        holds("for want of answers", Bounds { samples: 3, service_kills: 1, rejoins: 1, lost_samples: 1, ..CALM });
+    }
+
+    #[test]
     #[ignore = "minutes: cargo test --release -p isotherm-shared --lib protocol::search -- --ignored --nocapture"]
     fn larger_worlds() {
         holds("restarts", Bounds { samples: 5, service_kills: 3, resends: 2, ..CALM });
@@ -199,6 +209,10 @@ mod tests {
         holds(
             "readers",
             Bounds { samples: 3, service_kills: 2, acquisition_kills: 1, resends: 2, reader: true, ..CALM },
+        );
+        holds(
+            "removals",
+            Bounds { service_kills: 1, acquisition_kills: 1, removals: 2, rejoins: 1, reader: true, ..CALM },
         );
     }
 

@@ -4,10 +4,15 @@
 use crate::sequence::{Period, rises, time_step};
 use crate::wire::Flags;
 
-/// Of the last sample's session, the sample with the highest sequence number.
+/// Number of remembered sessions, as many as a reader remembers: the running acquisition's, and its predecessors',
+/// whose last samples may still arrive or come again.
+const SESSIONS: usize = 4;
+
+/// Of each of the last sessions, the sample with the highest sequence number.
 #[derive(Clone, Copy, Debug, Default, Eq, Hash, PartialEq)]
 pub struct SequenceTracker {
-    last: Option<Period>,
+    /// The session of the last sample first, then that of the last sample of another session, and so on.
+    highest: [Option<Period>; SESSIONS],
 }
 
 /// What session, sequence number and times say about a sample.
@@ -24,19 +29,31 @@ pub struct Arrival {
 }
 
 impl SequenceTracker {
-    /// Notes the next sample. A repeat changes nothing.
+    /// Notes the next sample.
     #[inline]
     pub fn note(&mut self, sample: Period) -> Arrival {
-        let Some(last) = self.last.filter(|last| last.session == sample.session) else {
-            self.last = Some(sample);
+        let [last, ..] = self.highest;
+        let Some(last) = last.filter(|last| last.session == sample.session).or_else(|| self.turn_to(sample.session))
+        else {
+            self.highest[0] = Some(sample);
             return Arrival { begins: true, ..Arrival::default() };
         };
         if !rises(Some(last.sequence), sample.sequence) {
             return Arrival { repeated: true, ..Arrival::default() };
         }
-        self.last = Some(sample);
+        self.highest[0] = Some(sample);
         let missing = sample.sequence - last.sequence - 1;
         Arrival { missing, time_step: time_step(last, sample), ..Arrival::default() }
+    }
+
+    /// Puts a session first. Returns its highest sample; `None` if it is new, or was forgotten.
+    #[cold]
+    #[inline(never)]
+    fn turn_to(&mut self, session: u64) -> Option<Period> {
+        let is_known = |known: &Option<Period>| known.is_some_and(|known| known.session == session);
+        let place = self.highest.iter().position(is_known);
+        self.highest[..=place.unwrap_or(SESSIONS - 1)].rotate_right(1);
+        self.highest[0].filter(|_| place.is_some())
     }
 }
 
@@ -79,11 +96,30 @@ mod tests {
             repeated,
             repeated,
             begins,
-            begins,
-            Arrival { missing: u64::MAX - 1, ..plain },
+            repeated,
+            Arrival { missing: u64::MAX - 10, ..plain },
             repeated,
         ];
         assert_eq!(arrivals.map(|(session, sequence)| tracker.note(at(session, sequence, 0))), expected);
+    }
+
+    /// Samples of an earlier session that come again make no session, and hide no gap of the newer one.
+    #[test]
+    fn the_last_four_sessions_are_remembered() {
+        let mut tracker = SequenceTracker::default();
+        let mut note = |session, sequence| tracker.note(at(session, sequence, 0));
+        let (repeated, begins) =
+            (Arrival { repeated: true, ..Arrival::default() }, Arrival { begins: true, ..Arrival::default() });
+        for session in 1..=4 {
+            assert_eq!(note(session, 9), begins);
+        }
+        assert_eq!([note(1, 8), note(4, 9), note(2, 9), note(3, 1)], [repeated; 4]);
+        assert_eq!(note(4, 12), Arrival { missing: 2, ..Arrival::default() });
+        assert_eq!(note(1, 10), Arrival::default());
+        // The session whose last sample is the longest ago is forgotten.
+        assert_eq!(note(5, 0), begins);
+        assert_eq!([note(1, 10), note(3, 9), note(4, 12), note(5, 0)], [repeated; 4]);
+        assert_eq!(note(2, 9), begins);
     }
 
     fn at(session: u64, sequence: u64, timestamp_ns: u64) -> Period {

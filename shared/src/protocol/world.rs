@@ -43,6 +43,10 @@ pub(super) struct Bounds {
     pub loans: usize,
     /// Whether there is a reader. It comes at any time.
     pub reader: bool,
+    /// The shared memory of all is removed. Those that have it go on with it until each joins anew.
+    pub removals: u8,
+    /// The acquisition joins anew though nothing was removed.
+    pub rejoins: u8,
 }
 
 /// What is broken on purpose, to show that the search finds it.
@@ -104,6 +108,13 @@ pub(super) enum Step {
     Publish,
     ReaderJoins,
     ReaderTakes,
+    /// Somebody removes the shared memory.
+    Remove,
+    /// The service notices that, and ends to begin anew.
+    BeginAnew,
+    /// The acquisition notices that, or that it gets no answers, and joins anew.
+    Rejoin,
+    ReaderRejoins,
 }
 
 /// Which of the samples on loan.
@@ -113,7 +124,7 @@ pub(super) enum End {
     Newest,
 }
 
-const STEPS: [Step; 26] = [
+const STEPS: [Step; 30] = [
     Step::Send,
     Step::Loan,
     Step::SendLoaned(End::Oldest),
@@ -140,6 +151,10 @@ const STEPS: [Step; 26] = [
     Step::Publish,
     Step::ReaderJoins,
     Step::ReaderTakes,
+    Step::Remove,
+    Step::BeginAnew,
+    Step::Rejoin,
+    Step::ReaderRejoins,
 ];
 
 #[derive(Clone, Copy, Debug, Eq, Hash, PartialEq)]
@@ -202,6 +217,12 @@ pub(super) struct World {
 
     reader: Option<(ReaderState, VecDeque<Key>)>,
 
+    /// How often the shared memory was removed, and how often it had been when each of them joined.
+    removed: u8,
+    acquisition_joined: u8,
+    service_joined: u8,
+    reader_joined: u8,
+
     // What the properties need to know.
     /// Sequences that were sent and not handed out, in order.
     expected: VecDeque<u8>,
@@ -232,6 +253,10 @@ impl World {
             raw: VecDeque::new(),
             listed: 1,
             reader: None,
+            removed: 0,
+            acquisition_joined: 0,
+            service_joined: 0,
+            reader_joined: 0,
             expected: VecDeque::new(),
             missing: Samples::default(),
             told: Samples::default(),
@@ -246,7 +271,8 @@ impl World {
         let left = self.left;
         let kills = [left.service_kills, left.acquisition_kills, left.new_sessions];
         let losses = [left.lost_samples, left.lost_answers, left.failed_sends, left.skips];
-        (left.samples, left.resends, kills, losses).hash(hasher);
+        (left.samples, left.resends, kills, losses, left.removals, left.rejoins).hash(hasher);
+        (self.removed, self.acquisition_joined, self.service_joined, self.reader_joined).hash(hasher);
         self.acquisition.hash_untimed(hasher);
         let resend = self.resend.map(|(resend, service, sent)| (resend == Resend::All, service, sent));
         (resend, self.port, &self.answers, &self.loans, self.discarded).hash(hasher);
@@ -275,13 +301,22 @@ impl World {
         let nothing = Bounds { samples: 0, service_kills: 0, acquisition_kills: 0, ..self.left };
         let nothing =
             Bounds { new_sessions: 0, lost_samples: 0, lost_answers: 0, failed_sends: 0, skips: 0, ..nothing };
+        let nothing = Bounds { removals: 0, rejoins: 0, ..nothing };
         Self { left: nothing, ..self.clone() }
     }
 
     /// The state after the next step of processes that all run.
     pub(super) fn goes_on(&self) -> Option<Result<Self, String>> {
-        const FAIR: [Step; 6] =
-            [Step::ResendOne, Step::Subscribe, Step::Publish, Step::Serve, Step::Receive, Step::CheckAfterSilence];
+        const FAIR: [Step; 8] = [
+            Step::ResendOne,
+            Step::BeginAnew,
+            Step::Subscribe,
+            Step::Publish,
+            Step::Rejoin,
+            Step::Serve,
+            Step::Receive,
+            Step::CheckAfterSilence,
+        ];
         FAIR.into_iter().find_map(|step| {
             let mut next = self.clone();
             next.left.resends = 1;
@@ -301,6 +336,7 @@ impl World {
             Step::KillAcquisition => self.left.acquisition_kills,
             Step::KillService => self.left.service_kills,
             Step::ServeWithoutPublishing => self.left.lost_answers,
+            Step::Remove => self.left.removals,
             _ => 1,
         }
     }
@@ -351,6 +387,7 @@ impl World {
             }
             Step::Subscribe => (self.phase == Phase::Dead).then(|| {
                 self.service += 1;
+                self.service_joined = self.removed;
                 self.phase = Phase::Subscribed;
                 self.tracker = SequenceTracker::default();
             }),
@@ -360,8 +397,13 @@ impl World {
             }),
             Step::ReaderJoins => (self.left.reader && self.reader.is_none()).then(|| {
                 self.reader = Some((ReaderState::new(), VecDeque::new()));
+                self.reader_joined = self.removed;
             }),
             Step::ReaderTakes => return self.reader_takes(),
+            Step::Remove => spend(&mut self.left.removals).map(|()| self.removed += 1),
+            Step::BeginAnew => self.begin_anew(),
+            Step::Rejoin if free => self.rejoin(),
+            Step::ReaderRejoins => self.reader_rejoins(),
             _ => None,
         };
         Ok(done)
@@ -463,7 +505,8 @@ impl World {
     fn deliver(&mut self, sequence: u8) {
         let sample = Key { port: self.port, session: self.session(), sequence };
         let queued = self.raw.iter().filter(|queued| queued.port == self.port).count();
-        if self.phase != Phase::Dead && queued < self.left.queue {
+        let meets = self.phase != Phase::Dead && self.acquisition_joined == self.service_joined;
+        if meets && queued < self.left.queue {
             self.raw.push_back(sample);
         }
     }
@@ -501,7 +544,7 @@ impl World {
             self.now = self.now.saturating_add(later_ns);
             self.acquisition.check_due(self.now).then_some(())?;
         }
-        let listed = (self.listed != 0).then_some(self.listed)?;
+        let listed = self.found()?;
         let resend = self.acquisition.resend_due(u128::from(listed), self.now)?;
         if self.acquisition.is_known(u128::from(listed)) {
             spend(&mut self.left.resends)?;
@@ -554,7 +597,9 @@ impl World {
     /// in its queue.
     fn kill_acquisition(&mut self) -> Option<()> {
         spend(&mut self.left.acquisition_kills)?;
-        let listed = (self.listed != 0).then_some(self.listed)?;
+        // It finds what is there now, whatever the dead one had.
+        self.acquisition_joined = self.removed;
+        let listed = self.found()?;
         let session = self.acquisition.session() + 1;
         self.acquisition = AcquisitionState::new(session, self.left.depth, self.left.queue, u128::from(listed));
         self.port += 1;
@@ -562,6 +607,29 @@ impl World {
         self.resend = None;
         self.answers.clear();
         self.expected.clear();
+        Some(())
+    }
+
+    /// The service whose publisher the acquisition finds where it has joined.
+    fn found(&self) -> Option<u8> {
+        (self.listed != 0 && self.acquisition_joined == self.service_joined).then_some(self.listed)
+    }
+
+    /// The acquisition joins where a service is ready: because the memory that it has was removed, or because it gets
+    /// no answer. What it had sent stays in the queue of its old port, if that was not removed.
+    fn rejoin(&mut self) -> Option<()> {
+        let is_ready = self.phase == Phase::Ready && self.service_joined == self.removed;
+        let waits = self.acquisition.in_flight() > 0;
+        if !is_ready || !waits || self.listed != self.service {
+            return None;
+        }
+        if self.acquisition_joined == self.removed {
+            spend(&mut self.left.rejoins)?;
+        }
+        self.acquisition_joined = self.removed;
+        self.port += 1;
+        self.answers.clear();
+        self.acquisition.rejoined(self.now);
         Some(())
     }
 
@@ -590,8 +658,12 @@ impl World {
         }
         self.missing.remove(session, sequence);
         let increment = Key { port: self.service, ..sample };
-        overwriting_push(&mut self.answers, increment, self.left.answers);
-        if let Some((_, queue)) = &mut self.reader {
+        if self.acquisition_joined == self.service_joined {
+            overwriting_push(&mut self.answers, increment, self.left.answers);
+        }
+        if let Some((_, queue)) = &mut self.reader
+            && self.reader_joined == self.service_joined
+        {
             overwriting_push(queue, increment, self.acquisition.depth());
         }
         Ok(Some(()))
@@ -607,7 +679,28 @@ impl World {
         Some(())
     }
 
+    /// The service ends because the memory that it has was removed. Its publisher is gone, too.
+    fn begin_anew(&mut self) -> Option<()> {
+        if self.phase == Phase::Dead || self.service_joined == self.removed {
+            return None;
+        }
+        (self.phase, self.listed) = (Phase::Dead, 0);
+        self.raw.clear();
+        Some(())
+    }
+
     // The reader.
+
+    /// The reader joins anew, because the memory that it has was removed.
+    fn reader_rejoins(&mut self) -> Option<()> {
+        let (_, queue) = self.reader.as_mut()?;
+        if self.reader_joined == self.removed {
+            return None;
+        }
+        queue.clear();
+        self.reader_joined = self.removed;
+        Some(())
+    }
 
     fn reader_takes(&mut self) -> Result<Option<()>, String> {
         let Some((state, queue)) = &mut self.reader else { return Ok(None) };

@@ -5,7 +5,7 @@
 //! changes is relative to its old value, the difference of two biases is in ug0 of 9.80665e-6 m/s2, of two rates in
 //! deg/h.
 
-use super::content::{AXIS_NAMES, Axis, Content, GYROSCOPE_NAMES};
+use super::content::{AXIS_NAMES, Axis, Content, GYROSCOPE_NAMES, Gyroscopes, OutOfRange};
 use super::model::CoefficientTable;
 use crate::bounds::{self, Bound};
 use crate::nominal::comparable;
@@ -234,6 +234,13 @@ impl MaxChange {
         }
     }
 
+    /// Limits that are `factor` times as wide.
+    #[must_use]
+    pub fn times(self, factor: f64) -> Self {
+        let Self { bias, scale, rate, alignment } = self;
+        Self { bias: bias * factor, scale: scale * factor, rate: rate * factor, alignment: alignment * factor }
+    }
+
     /// Why a table that differs so from the one before is refused; empty if it is taken.
     #[must_use]
     pub fn refusals(&self, difference: &TableDifference) -> Vec<String> {
@@ -259,21 +266,18 @@ impl MaxChange {
 pub struct TableDifference {
     /// The largest change of everything that both tables have.
     pub changes: Vec<Change>,
-    /// What cannot be compared though both have it: another unit of the telemetry, scale factors of
-    /// another interval, too little of a range in common.
+    /// What cannot be compared, whatever its size: another unit of the telemetry, scale factors of another interval,
+    /// too little of a range in common, gyroscopes that one table alone has, a calibration and none
+    /// ([`CoefficientTable::is_nominal`]), a policy that begins or ends to reject, another serial number with other
+    /// curves.
     pub incomparable: Vec<String>,
     /// All else that changes, in words.
     pub others: Vec<String>,
-    /// The old table is no calibration ([`CoefficientTable::is_nominal`]): nothing is compared with it.
-    pub has_no_reference: bool,
 }
 
 /// `A1 bias changes by 12.3 ug0, A1 positive_scale_factor by 45.6 ppm, ..; besides: lag none -> 240`
 impl fmt::Display for TableDifference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.has_no_reference {
-            return f.write_str("the one before is no calibration, so it is compared with none");
-        }
         let changed = self.changes.iter().filter(|change| change.size != 0.0).enumerate();
         let changed = changed.map(|(index, change)| {
             let Change { name, size, unit, .. } = change;
@@ -289,9 +293,7 @@ impl TableDifference {
     /// From `old` to `new`.
     #[must_use]
     pub fn of(old: &CoefficientTable, new: &CoefficientTable) -> Self {
-        if old.is_nominal() {
-            return Self { has_no_reference: true, ..Self::default() };
-        }
+        let nominal = [old, new].map(CoefficientTable::is_nominal);
         let (old, new) = (old.content(), new.content());
         let mut found = Self { others: others(old, new), ..Self::default() };
         if old.imu != new.imu {
@@ -309,16 +311,76 @@ impl TableDifference {
             found.incomparable.push(text);
             return found;
         }
-        found.sensors(SensorKind::Accelerometer, [(&old.axes, old.gravity), (&new.axes, new.gravity)]);
-        found.matrix("alignment", [old.alignment, new.alignment]);
-        if let (Some(from), Some(to)) = (&old.gyroscopes, &new.gyroscopes) {
-            found.sensors(SensorKind::Gyroscope, [(&from.axes, old.gravity), (&to.axes, new.gravity)]);
-            for (name, pair) in GYROSCOPE_NAMES.iter().zip(from.g_sensitivity.iter().zip(&to.g_sensitivity)) {
-                found.g_sensitivity(name, [pair.0.unwrap_or_default(), pair.1.unwrap_or_default()]);
-            }
-            found.matrix("gyroscope_alignment", [from.alignment, to.alignment]);
+        if nominal[0] != nominal[1] {
+            let [from, to] = nominal.map(|nominal| if nominal { "no calibration" } else { "a calibration" });
+            let text = format!(
+                "the table before is {from} and this one is {to}: no calibration has constant curves and no [provenance]"
+            );
+            found.incomparable.push(text);
+            return found;
+        }
+        found.compare(old, new);
+        found.policy([old.out_of_range, new.out_of_range]);
+        found.serial([&old.serial, &new.serial]);
+        found
+    }
+
+    /// Compares all curves and alignments that both tables have.
+    fn compare(&mut self, old: &Content, new: &Content) {
+        self.sensors(SensorKind::Accelerometer, [(&old.axes, old.gravity), (&new.axes, new.gravity)]);
+        self.matrix("alignment", [old.alignment, new.alignment]);
+        let incomparable = match (&old.gyroscopes, &new.gyroscopes) {
+            (Some(from), Some(to)) => return self.gyroscopes([(from, old.gravity), (to, new.gravity)]),
+            (Some(_), None) => "the table before has gyroscopes, and this one has none",
+            (None, Some(_)) => "this table has gyroscopes, and the one before has none",
+            (None, None) => return,
+        };
+        self.incomparable.push(incomparable.to_owned());
+    }
+
+    /// The difference of the gyroscopes of two tables of one IMU, if both have gyroscopes and the same unit of the
+    /// telemetry; else nothing.
+    #[must_use]
+    pub fn of_gyroscopes(old: &CoefficientTable, new: &CoefficientTable) -> Self {
+        let (old, new) = (old.content(), new.content());
+        let mut found = Self::default();
+        if let (Some(from), Some(to)) = (&old.gyroscopes, &new.gyroscopes)
+            && old.temperature_unit == new.temperature_unit
+        {
+            found.gyroscopes([(from, old.gravity), (to, new.gravity)]);
         }
         found
+    }
+
+    fn gyroscopes(&mut self, [(from, old_gravity), (to, new_gravity)]: [(&Gyroscopes, f64); 2]) {
+        self.sensors(SensorKind::Gyroscope, [(&from.axes, old_gravity), (&to.axes, new_gravity)]);
+        for (name, pair) in GYROSCOPE_NAMES.iter().zip(from.g_sensitivity.iter().zip(&to.g_sensitivity)) {
+            self.g_sensitivity(name, [pair.0.unwrap_or_default(), pair.1.unwrap_or_default()]);
+        }
+        self.matrix("gyroscope_alignment", [from.alignment, to.alignment]);
+    }
+
+    /// A policy that begins or ends to reject decides whether there are increments at all.
+    fn policy(&mut self, policies: [OutOfRange; 2]) {
+        if policies[0] != policies[1] && policies.contains(&OutOfRange::Reject) {
+            let [from, to] = policies.map(OutOfRange::name);
+            self.incomparable.push(format!("temperature.out_of_range: it was {from:?}, now it is {to:?}"));
+        }
+    }
+
+    /// Another serial number with the same curves is a correction. With other curves it is another unit.
+    fn serial(&mut self, [old, new]: [&Option<String>; 2]) {
+        if new.is_some() && old != new && self.changes_a_curve() {
+            let [from, to] = [old, new].map(|serial| serial.as_deref().unwrap_or("none"));
+            self.incomparable.push(format!("imu.serial: it was {from:?}, now it is {to:?}, and the curves change too"));
+        }
+    }
+
+    /// Whether any curve or alignment differs, or something cannot be compared.
+    #[must_use]
+    pub fn changes_a_curve(&self) -> bool {
+        // NaN is a change.
+        !self.incomparable.is_empty() || !self.changes.iter().all(|change| change.size == 0.0)
     }
 
     fn sensors(&mut self, kind: SensorKind, [(old, old_gravity), (new, new_gravity)]: [(&[Axis; AXES], f64); 2]) {

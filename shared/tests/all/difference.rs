@@ -88,6 +88,67 @@ fn scale_factors_of_another_interval_are_not_compared() {
     assert_eq!(without.others, ["nominal_interval_s 0.0025 -> none"]);
 }
 
+/// A table without curves that change, and without provenance.
+fn nominal() -> String {
+    let constant = |line: &str| line.find(", c1 = ").map_or(line.to_owned(), |end| format!("{} }}", &line[..end]));
+    TABLE.lines().map(|line| constant(line) + "\n").collect()
+}
+
+fn refused(old: &str, new: &str) -> Vec<String> {
+    MaxChange::default().refusals(&TableDifference::of(&table(old), &table(new)))
+}
+
+#[test]
+fn what_no_limit_can_measure_is_refused() {
+    let without = WHOLE.split_inclusive("\n[[gyroscope]]").next().unwrap().trim_end_matches("[[gyroscope]]");
+    let without = without.to_owned();
+    assert!(table(&without).content().gyroscopes.is_none());
+    assert_eq!(refused(WHOLE, &without), ["the table before has gyroscopes, and this one has none"]);
+    assert_eq!(refused(&without, WHOLE), ["this table has gyroscopes, and the one before has none"]);
+    // What the last table with gyroscopes had is compared all the same.
+    let tenfold = WHOLE.replace("c0 = 1.05214", "c0 = 10.5214");
+    let difference = TableDifference::of_gyroscopes(&table(WHOLE), &table(&tenfold));
+    assert!(MaxChange::default().refusals(&difference)[0].starts_with("G1 positive_scale_factor changes by "));
+    assert!(TableDifference::of_gyroscopes(&table(&without), &table(WHOLE)).changes.is_empty());
+    // A policy that rejects decides whether there are increments.
+    let policy = |name: &str| TABLE.replace("\"clamp\"", &format!("\"{name}\""));
+    assert_eq!(refused(TABLE, &policy("reject")), ["temperature.out_of_range: it was \"clamp\", now it is \"reject\""]);
+    assert_eq!(refused(&policy("reject"), &policy("extrapolate")).len(), 1);
+    assert!(refused(TABLE, &policy("extrapolate")).is_empty());
+    // No calibration in between walks round the limits.
+    assert!(table(&nominal()).is_nominal());
+    for (old, new) in [(TABLE, &*nominal()), (&*nominal(), TABLE)] {
+        assert!(refused(old, new)[0].contains("no calibration"), "{:?}", refused(old, new));
+    }
+    assert!(refused(&nominal(), &nominal().replace("91733.0", "9173.0"))[0].starts_with("A1 positive_scale_factor"));
+}
+
+#[test]
+fn another_serial_number_with_other_curves_is_another_unit() {
+    let plain: String =
+        TABLE.lines().filter(|line| !line.starts_with("serial")).map(|line| format!("{line}\n")).collect();
+    let serial = |name: &str| plain.replacen("[imu]\n", &format!("[imu]\nserial = \"{name}\"\n"), 1);
+    assert_ne!(serial("7"), plain);
+    let bent = |text: &str| text.replace("c0 = 793.55", "c0 = 793.56");
+    // Added or corrected while no curve changes.
+    for (old, new) in [(plain.clone(), serial("7")), (serial("7"), serial("8"))] {
+        assert!(refused(&old, &new).is_empty());
+        let difference = TableDifference::of(&table(&old), &table(&new));
+        assert!(difference.others[0].starts_with("serial "), "{difference}");
+        let refusals = refused(&old, &bent(&new));
+        assert!(refusals.len() == 1 && refusals[0].starts_with("imu.serial: it was "), "{refusals:?}");
+    }
+    assert!(refused(&serial("7"), &bent(&serial("7"))).is_empty());
+    // A table that does not name its unit is not of another one.
+    assert!(refused(&serial("7"), &bent(&plain)).is_empty());
+}
+
+#[test]
+fn wider_limits_are_a_multiple_of_each() {
+    let MaxChange { bias, scale, rate, alignment } = MaxChange::default().times(3.0);
+    assert_eq!([bias, scale, rate, alignment], [0.1 * 3.0, 0.1 * 3.0, 10_800.0, 0.1 * 3.0]);
+}
+
 proptest! {
     /// A polynomial in other coefficients, centred and scaled or in another unit, is the same curve.
     #[test]

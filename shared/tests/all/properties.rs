@@ -407,7 +407,12 @@ fn stale_telemetry_and_high_rates_are_flagged() {
     assert_eq!(flags(raw(0, 0)), Flags::default(), "unknown age");
     assert_eq!(flags(raw(70_000_000_000, 0)), Flags::default(), "30 s old");
     assert_eq!(flags(raw(69_999_999_999, 0)), Flags::TELEMETRY_STALE);
-    assert_eq!(flags(raw(u64::MAX, 0)), Flags::default(), "from the future");
+    assert_eq!(flags(raw(100_000_000_001, 0)), Flags::default(), "read after the period's end");
+    assert_eq!(flags(raw(130_000_000_000, 0)), Flags::default(), "30 s after it");
+    for telemetry_ns in [130_000_000_001, 1_700_000_000_000_000_000, u64::MAX] {
+        assert_eq!(flags(raw(telemetry_ns, 0)), Flags::TELEMETRY_STALE, "of another clock");
+    }
+    assert_eq!(flags(RawSample { timestamp_ns: 0, ..raw(u64::MAX, 0) }), Flags::default(), "unknown end of the period");
     assert_eq!(flags(raw(0, 1_999_999)), Flags::default(), "both channels together at the limit");
     assert_eq!(flags(raw(0, 2_000_000)), Flags::rate(0));
     for interval_ns in [0, MAX_INTERVAL_NS + 1] {

@@ -184,7 +184,6 @@ impl Installation {
         file.write_all(content)?;
         file.sync_all()
     }
-
 }
 
 /// A locked file, which is removed at the end. It has no permissions for others, so that they cannot lock it for ever.

@@ -181,6 +181,22 @@ fn every_misuse_returns_an_error_code() {
     service.terminate();
 }
 
+/// A thread that locks memory touches its stack, and no more than that. Without the right to lock memory it lives, too.
+#[test]
+fn memory_is_locked_in_threads_with_small_stacks() {
+    let domain = TestDomain::new();
+    let program = compile(&domain, C, "tests/programs/stacks.c").unwrap();
+    let codes = |program: &Path, words: &[&str]| {
+        run(&domain, program, words, "out");
+        fs::read_to_string(domain.path("out")).unwrap().lines().map(str::to_owned).collect::<Vec<_>>()
+    };
+    let (granted, refused) = (["0"; 5], ["-15"; 5]);
+    let found = codes(&program, &[]);
+    assert!(found == granted || found == refused, "{found:?}");
+    let counted = Path::new(env!("CARGO_BIN_EXE_counted"));
+    assert_eq!(codes(counted, &["without-rights", program.to_str().unwrap()]), refused);
+}
+
 #[test]
 fn the_cpp_wrapper_behaves_as_documented() {
     let domain = TestDomain::new();
@@ -227,6 +243,16 @@ fn round_trips_allocate_nothing() {
     let program = compile(&domain, C, "tests/programs/allocations.c").unwrap();
     run(&domain, &program, &["imu-a", "20000"], "out");
     assert_eq!(fs::read_to_string(domain.path("out")).unwrap(), "0\n");
+    service.terminate();
+}
+
+/// A signal that comes in the middle of a call, and of an allocation, finds its handle busy and allocates nothing.
+#[test]
+fn a_call_from_a_signal_handler_allocates_nothing() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let program = compile(&domain, C, "tests/programs/handler.c").unwrap();
+    run(&domain, &program, &["imu-a"], "out");
     service.terminate();
 }
 

@@ -1,11 +1,15 @@
 //! A table that changes too much does not go into force: not by a reload, not by a restart, only by its digest.
 
+use isotherm_shared::wire::Flags;
 use isotherm_tests::{
-    Process, TABLE, TestDomain, WHOLE_TABLE, recording, round_trip, table, text, variant, wait_until,
+    Needs, Process, TABLE, TestDomain, WHOLE_TABLE, recording, round_trip, skip, table, text, variant, wait_until,
 };
 use rustix::process::Signal;
 use std::fs;
-use std::os::unix::fs::PermissionsExt as _;
+use std::os::unix::fs::{PermissionsExt as _, chown};
+use std::process::Command;
+
+const NOBODY: u32 = 65_534;
 
 /// A digit of K+ of A1 is lost.
 fn lost_digit() -> String {
@@ -18,11 +22,28 @@ fn digest(text: &str) -> String {
     table(text).digest().to_string()
 }
 
-/// Tries to start the service with the table `imu-a.toml`, which must be refused. Returns what it says.
+/// Starts the service with the table `imu-a.toml`, which must be refused: the one from before is served.
+fn serve_kept(domain: &TestDomain, kept: &str) -> Process {
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    let log = service.log();
+    assert!(log.contains("the table file is not taken, and the table that was in force last is served: "), "{log}");
+    assert!(log.contains(" ERROR "), "{log}");
+    assert_eq!(in_force(domain), kept);
+    service
+}
+
+/// Tries to start the service with a configuration that ends where a table is refused. Returns what it says.
 fn refused_start(domain: &TestDomain) -> String {
-    let output = domain.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
+    let config = "[reload]\nat_start = \"exit\"\n[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n";
+    domain.write("exit.toml", config);
+    let output = domain.run(&["serve", "--config", "exit.toml"]);
     assert_eq!(output.status.code(), Some(78), "{}", text(&output.stderr));
     text(&output.stderr)
+}
+
+/// Waits until the table in force is kept.
+fn wait_until_kept(domain: &TestDomain) {
+    wait_until("the table to be kept", || domain.imu_status()["table_kept"] == true);
 }
 
 /// Runs `reload` of a program, which must end with this exit code. Returns what it says.
@@ -72,14 +93,21 @@ fn a_lost_digit_is_refused_while_running_and_at_the_next_start_until_its_digest_
         reload(&domain, "isotherm", wrong, 64);
     }
 
-    // A restart, ordered or not, does not install what the reload has refused; nor does one after the domain was
-    // removed.
+    // A restart, ordered or not, does not install what the reload has refused, and serves the table from before; so
+    // does one after the domain was removed.
     service.kill();
-    let words = refused_start(&domain);
-    assert!(words.contains("imu-a.toml: A1 positive_scale_factor changes by") && words.contains("--accept sha256:"));
+    let service = serve_kept(&domain, &good);
+    let status = domain.imu_status();
+    assert_eq!((status["refused_table"].as_str(), &status["refusals"]), (Some(&*bad), &1.into()));
+    assert!(status["last_reload_error"].as_str().unwrap().contains("A1 positive_scale_factor changes by 911470 ppm"));
+    assert_eq!(round_trip(&mut acquisition, &recording()[1]).table, table(TABLE).id());
+    service.terminate();
     drop(acquisition);
     domain.run_ok(&["clean"]);
-    refused_start(&domain);
+    serve_kept(&domain, &good).terminate();
+    // Unless it is to end then.
+    let words = refused_start(&domain);
+    assert!(words.contains("imu-a.toml: A1 positive_scale_factor changes by") && words.contains("--accept sha256:"));
 
     // Accepted without a service, it is taken at the next start, once.
     let words = reload(&domain, "isothermd", &bad, 0);
@@ -90,7 +118,7 @@ fn a_lost_digit_is_refused_while_running_and_at_the_next_start_until_its_digest_
     // The way back changes as much; it is accepted while the service runs.
     let reason = refuse(&domain, &service, TABLE);
     assert!(reason.contains("changes by 10295600 ppm"), "{reason}");
-    assert!(reload(&domain, "isothermd", &good, 0).contains(&format!("imu-a: {good} is in force")));
+    assert!(reload(&domain, "isothermd", &good, 0).contains(&format!("imu-a: {good} is in force, and kept")));
     let status = domain.imu_status();
     assert_eq!((in_force(&domain), &status["refused_table"]), (good, &serde_json::Value::Null));
     assert_eq!(status["last_reload_error"], serde_json::Value::Null);
@@ -98,6 +126,251 @@ fn a_lost_digit_is_refused_while_running_and_at_the_next_start_until_its_digest_
     refuse(&domain, &service, &lost_digit());
     service.terminate();
     refused_start(&domain);
+}
+
+/// What may lie in the place of a table.
+fn damage() -> Vec<(&'static str, Vec<u8>)> {
+    let flipped = TABLE.replace("c0 = 793.55", "c0 = 7x3.55");
+    vec![
+        ("lost digit", lost_digit().into()),
+        ("damaged", flipped.into()),
+        ("empty", Vec::new()),
+        ("zeros", vec![0; 4096]),
+        ("huge", b"# \n".repeat(1 << 20)),
+        ("of another IMU", TABLE.replace("\"imu-a\"", "\"imu-b\"").into()),
+    ]
+}
+
+#[test]
+fn whatever_lies_in_the_place_of_a_table_that_was_in_force_it_is_served_again() {
+    let domain = TestDomain::new();
+    domain.serve_recording().terminate();
+    let file = domain.path("imu-a.toml");
+    for (what, bytes) in damage() {
+        fs::write(&file, bytes).unwrap();
+        println!("{what}");
+        let service = serve_kept(&domain, &digest(TABLE));
+        assert!(domain.imu_status()["last_reload_error"].is_string());
+        // A good file ends it.
+        domain.replace("imu-a.toml", TABLE);
+        service.wait_for_log("table file is good again, and the same as in force");
+        service.kill();
+    }
+    for what in ["absent", "a folder", "a pipe"] {
+        let _ = fs::remove_file(&file);
+        match what {
+            "a folder" => fs::create_dir(&file).unwrap(),
+            "a pipe" => assert!(Command::new("mkfifo").arg(&file).status().unwrap().success()),
+            _ => {}
+        }
+        serve_kept(&domain, &digest(TABLE)).terminate();
+        let _ = fs::remove_dir(&file);
+    }
+    // Without a table from before it is as at a first start: all faults, and no service.
+    fs::remove_dir_all(domain.path(".state")).unwrap();
+    domain.run_ok(&["clean"]);
+    for (what, bytes) in damage().into_iter().filter(|(what, _)| *what != "lost digit") {
+        let _ = fs::remove_file(&file);
+        fs::write(&file, bytes).unwrap();
+        let output = domain.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
+        assert_eq!(output.status.code(), Some(78), "{what}: {}", text(&output.stderr));
+    }
+}
+
+#[test]
+fn each_imu_is_judged_by_itself() {
+    let domain = TestDomain::new();
+    let of = |imu: &str, text: &str| text.replace("\"imu-a\"", &format!("\"{imu}\""));
+    domain.write("imu-a.toml", TABLE);
+    domain.write("imu-b.toml", "format = 1\n");
+    let both = ["--imu", "imu-a=imu-a.toml", "--imu", "imu-b=imu-b.toml"];
+    // At a first start all faults are reported.
+    let output = domain.run(&[&["serve"], &both[..]].concat());
+    assert_eq!(output.status.code(), Some(78), "{}", text(&output.stderr));
+    domain.serve(&both[..2]).terminate();
+    // An IMU of which nothing is known is served without a table beside one that can be served.
+    let service = domain.serve(&both);
+    assert!(service.log().contains("there is no table for this IMU, and the others are served"), "{}", service.log());
+    let increment = round_trip(&mut domain.acquisition("imu-b"), &recording()[0]);
+    assert!(
+        Flags(increment.flags).intersects(Flags::NO_TABLE) && increment.velocity_increment.iter().all(|v| v.is_nan())
+    );
+    assert_eq!(round_trip(&mut domain.acquisition("imu-a"), &recording()[0]).table, table(TABLE).id());
+    // Its table comes later.
+    domain.replace("imu-b.toml", &of("imu-b", TABLE));
+    wait_until("the table of imu-b", || domain.status()["imus"][1]["table"].is_string());
+    service.terminate();
+    // Now both are known, and neither needs its file.
+    fs::remove_file(domain.path("imu-a.toml")).unwrap();
+    domain.write("imu-b.toml", "format = 1\n");
+    let service = domain.serve(&both);
+    let status = domain.status();
+    assert!((0..2).all(|imu| status["imus"][imu]["table"].is_string()), "{status}");
+    assert!((0..2).all(|imu| status["imus"][imu]["last_reload_error"].is_string()), "{status}");
+    service.terminate();
+    // A table from before comes before an IMU without a table.
+    let service = domain.serve(&[&["--allow-uncalibrated"], &both[..]].concat());
+    assert_eq!(in_force(&domain), digest(TABLE));
+    service.terminate();
+}
+
+#[test]
+fn an_imu_that_was_exchanged_is_not_served_with_the_table_of_the_other() {
+    let domain = TestDomain::new();
+    let of_unit = |serial: &str, text: &str| text.replacen("[imu]\n", &format!("[imu]\nserial = \"{serial}\"\n"), 1);
+    let (first, second) = (of_unit("7", TABLE), of_unit("8", &TABLE.replace("c0 = 793.55", "c0 = 790.0")));
+    domain.write("imu-a.toml", &first);
+    domain.serve(&["--imu", "imu-a=imu-a.toml"]).terminate();
+    domain.write("imu-a.toml", &second);
+    let output = domain.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
+    let words = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(78), "{words}");
+    assert!(words.contains("imu.serial: it was \"7\", now it is \"8\", and the curves change too"), "{words}");
+    assert!(words.contains("the IMU was exchanged, or the file is not its own: "), "{words}");
+    assert!(words.contains(&format!("`reload --imu imu-a --accept {}`", digest(&second))), "{words}");
+    reload(&domain, "isothermd", &digest(&second), 0);
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    assert_eq!(in_force(&domain), digest(&second));
+    // A number that is corrected changes no curve.
+    let corrected = second.replace("\"8\"", "\"8b\"");
+    domain.replace("imu-a.toml", &corrected);
+    wait_until("the corrected number", || in_force(&domain) == digest(&corrected));
+    service.terminate();
+}
+
+#[test]
+fn many_small_steps_need_an_acceptance_too() {
+    let domain = TestDomain::new();
+    let raised = |mg0: f64| TABLE.replace("c0 = 793.55", &format!("c0 = {:?}", 793.55 + mg0 * 1e3));
+    let service = domain.serve_recording();
+    for mg0 in [90.0, 180.0, 270.0] {
+        domain.replace("imu-a.toml", &raised(mg0));
+        wait_until("the next step", || in_force(&domain) == digest(&raised(mg0)));
+    }
+    let reason = refuse(&domain, &service, &raised(310.0));
+    let anchor = digest(TABLE);
+    assert!(
+        reason
+            .contains(&format!("at most 300 mg0 is taken (max_change.bias), in all steps since the anchor, {anchor}"))
+    );
+    wait_until_kept(&domain);
+    // Over a restart, too.
+    service.kill();
+    let service = serve_kept(&domain, &digest(&raised(270.0)));
+    let status = domain.imu_status();
+    assert_eq!(status["anchor"], *anchor);
+    let words = domain.run_ok(&["status"]);
+    let in_force_now = digest(&raised(270.0));
+    assert!(words.contains(&format!("  anchor       {anchor}; changed since then, at most: 269858.")), "{words}");
+    assert!(
+        words.contains(&format!("`reload --imu imu-a --accept {in_force_now}` makes the table in force the anchor"))
+    );
+    reload(&domain, "isotherm", &in_force_now, 0);
+    assert_eq!(domain.imu_status()["anchor"], *in_force_now);
+    assert!(!domain.run_ok(&["status"]).contains("  anchor"));
+    domain.replace("imu-a.toml", &raised(311.0));
+    wait_until("the step from the new anchor", || in_force(&domain) == digest(&raised(311.0)));
+    service.terminate();
+    // A state folder of an earlier version has no anchor: the kept table becomes it.
+    fs::remove_file(domain.path(".state").join(domain.client_domain().name()).join("imu-a.anchor.toml")).unwrap();
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    assert_eq!(domain.imu_status()["anchor"], *digest(&raised(311.0)));
+    service.terminate();
+}
+
+#[test]
+fn a_memory_that_was_taken_away_is_missed() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    wait_until_kept(&domain);
+    service.kill();
+    let state = domain.path(".state");
+    fs::remove_dir_all(&state).unwrap();
+    // The same table is known by its digest.
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    assert!(service.log().contains(&format!("the table {} was kept, and is missing now", digest(TABLE))));
+    assert!(service.log().contains("the same as before, by its digest"), "{}", service.log());
+    wait_until_kept(&domain);
+    service.kill();
+    // Another one is not taken, however little it differs.
+    fs::remove_dir_all(&state).unwrap();
+    domain.write("imu-a.toml", &variant(1));
+    let output = domain.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
+    assert_eq!(output.status.code(), Some(78), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("was kept and cannot be read any more"), "{}", text(&output.stderr));
+    reload(&domain, "isothermd", &digest(&variant(1)), 0);
+    domain.serve(&["--imu", "imu-a=imu-a.toml"]).terminate();
+    // A file that is removed from a folder of the own user is what the page on operating recommends.
+    domain.write("imu-a.toml", &lost_digit());
+    fs::remove_file(state.join(domain.client_domain().name()).join("imu-a.toml")).unwrap();
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    assert!(service.log().contains("it is not known which table was in force before"), "{}", service.log());
+    service.terminate();
+}
+
+#[test]
+fn a_memory_of_another_user_is_none() {
+    if !rustix::process::geteuid().is_root() {
+        skip("only root can be another user", Needs::Machine);
+        return;
+    }
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    wait_until_kept(&domain);
+    service.kill();
+    // He was first with the folder, and what lies in it is what he wants to be served.
+    let state = domain.path(".state");
+    let folder = state.join(domain.client_domain().name());
+    fs::write(folder.join("imu-a.toml"), lost_digit()).unwrap();
+    for path in [&state, &folder, &folder.join("imu-a.toml")] {
+        chown(path, Some(NOBODY), Some(NOBODY)).unwrap();
+    }
+    domain.write("imu-a.toml", &lost_digit());
+    let output = domain.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
+    assert_eq!(output.status.code(), Some(78), "{}", text(&output.stderr));
+    let words = text(&output.stderr);
+    assert!(
+        words.contains("belongs to another user (65534)") && words.contains("was kept and cannot be read any more"),
+        "{words}"
+    );
+    // The table that was kept is known by its digest.
+    domain.write("imu-a.toml", TABLE);
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    assert_eq!(in_force(&domain), digest(TABLE));
+    service.terminate();
+}
+
+#[test]
+fn an_acceptance_is_used_up_when_the_table_is_kept_and_not_before() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    wait_until_kept(&domain);
+    // Nothing can be kept any more: a file is in the place of the folder.
+    let folder = domain.path(".state").join(domain.client_domain().name());
+    let aside = domain.path("aside");
+    fs::rename(&folder, &aside).unwrap();
+    fs::write(&folder, "").unwrap();
+    let bad = digest(&lost_digit());
+    refuse(&domain, &service, &lost_digit());
+    let words = reload(&domain, "isotherm", &bad, 74);
+    assert!(
+        words.contains("imu-a: the table is in force, but it is not kept: keeping the table in force as "),
+        "{words}"
+    );
+    let status = domain.imu_status();
+    assert_eq!((in_force(&domain), &status["table_kept"]), (bad.clone(), &false.into()));
+    assert!(domain.run_ok(&["status"]).contains("  NOT KEPT     keeping the table in force as "));
+    // A kill loses nothing: the acceptance is still there.
+    service.kill();
+    fs::remove_file(&folder).unwrap();
+    fs::rename(&aside, &folder).unwrap();
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    assert_eq!(in_force(&domain), bad);
+    wait_until_kept(&domain);
+    service.kill();
+    // Now it is used up, and the way back is refused.
+    domain.write("imu-a.toml", TABLE);
+    serve_kept(&domain, &bad).terminate();
 }
 
 #[test]
@@ -123,15 +396,20 @@ fn a_refusal_lasts_as_long_as_the_file_and_an_acceptance_is_for_the_next_table_o
     domain.write("imu-a.toml", &variant(2));
     reload(&domain, "isotherm", &bad, 0);
     let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    wait_until_kept(&domain);
     refuse(&domain, &service, &lost_digit());
     service.terminate();
-    // Compared is with the table that was in force, also where the service starts without one.
+    // Where the table from before is served, the acceptance waits: no table has been taken.
     fs::remove_file(domain.path("imu-a.toml")).unwrap();
+    reload(&domain, "isotherm", &bad, 0);
     let service = domain.serve(&["--allow-uncalibrated", "--imu", "imu-a=imu-a.toml"]);
-    let reason = refuse(&domain, &service, &lost_digit());
-    assert!(reason.contains(&format!("in force last, {}", digest(&variant(2)))), "{reason}");
-    assert!(service.log().contains("table refused, there is none in force: "), "{}", service.log());
-    domain.replace("imu-a.toml", &variant(3));
+    wait_until_kept(&domain);
+    domain.replace("imu-a.toml", &lost_digit());
+    wait_until("the accepted table", || in_force(&domain) == bad);
+    wait_until_kept(&domain);
+    let reason = refuse(&domain, &service, &variant(3));
+    assert!(reason.contains(&format!("in force last, {bad}")), "{reason}");
+    reload(&domain, "isotherm", &digest(&variant(3)), 0);
     wait_until("the table", || domain.imu_status()["table"].as_str() == Some(&digest(&variant(3))));
     service.terminate();
 }
@@ -142,14 +420,16 @@ fn what_a_calibration_changes_is_taken_and_told_for_each_curve() {
     let service = domain.serve_recording();
     assert!(service.log().contains("it is not known which table was in force before"));
     assert_eq!(domain.imu_status()["table_changes"], serde_json::json!([]));
-    let next =
-        TABLE.replace("c0 = 793.55", "c0 = 893.55").replace("91733.0", "91742.0").replace("\"clamp\"", "\"reject\"");
+    let next = TABLE
+        .replace("c0 = 793.55", "c0 = 893.55")
+        .replace("91733.0", "91742.0")
+        .replace("\"clamp\"", "\"extrapolate\"");
     domain.replace("imu-a.toml", &next);
     wait_until("the next table", || in_force(&domain) == digest(&next));
     let log = service.log();
     let taken = log.lines().find(|line| line.contains("table taken")).unwrap();
     assert!(taken.contains("A1 bias changes by 99.9475 ug0, A1 positive_scale_factor by 99.3"), "{taken}");
-    assert!(taken.contains("; besides: out_of_range clamp -> reject"), "{taken}");
+    assert!(taken.contains("; besides: out_of_range clamp -> extrapolate"), "{taken}");
     let status = domain.imu_status();
     let changes = status["table_changes"].as_array().unwrap();
     let names: Vec<_> = changes.iter().map(|change| change["name"].as_str().unwrap()).collect();
@@ -163,6 +443,7 @@ fn what_a_calibration_changes_is_taken_and_told_for_each_curve() {
             .contains("  changed      by the table in force, at most: 99.947 ug0 (A1 bias), 99.3")
     );
     // A restart compares with the table that is in force now: the same.
+    wait_until_kept(&domain);
     service.kill();
     let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
     assert!(service.log().contains("table loaded: the same as before"), "{}", service.log());
@@ -203,7 +484,7 @@ fn limits_are_those_of_the_configuration_and_of_each_imu() {
 }
 
 #[test]
-fn a_table_that_is_no_calibration_is_no_reference() {
+fn a_calibration_after_none_needs_an_acceptance_and_so_does_the_way_back() {
     let domain = TestDomain::new();
     let constant = |line: &str| match line.find(", c1 = ") {
         Some(end) => format!("{} }}\n", &line[..end]),
@@ -213,13 +494,17 @@ fn a_table_that_is_no_calibration_is_no_reference() {
     let nominal = nominal.replace("91733.0", "45000.0");
     domain.write("imu-a.toml", &nominal);
     let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    wait_until_kept(&domain);
     // Kept over a restart it is none either.
     service.kill();
     let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
     assert!(service.log().contains("K+ and K- of A1 differ by more than a factor 2"), "{}", service.log());
-    domain.replace("imu-a.toml", TABLE);
-    wait_until("the first calibration", || in_force(&domain) == digest(TABLE));
-    assert!(service.log().contains("table taken: the one before is no calibration, so it is compared with none"));
+    let reason = refuse(&domain, &service, TABLE);
+    assert!(reason.contains("the table before is no calibration and this one is a calibration"), "{reason}");
+    reload(&domain, "isotherm", &digest(TABLE), 0);
+    // Nor is there a way round the limits through a table that is none.
+    let reason = refuse(&domain, &service, &nominal);
+    assert!(reason.contains("the table before is a calibration and this one is no calibration"), "{reason}");
     // With a provenance constant curves are a calibration, and stay one over a restart.
     let calibrated = format!("{nominal}[provenance]\ntool = \"by hand\"\n");
     refuse(&domain, &service, &calibrated);
@@ -230,7 +515,7 @@ fn a_table_that_is_no_calibration_is_no_reference() {
 }
 
 #[test]
-fn another_unit_of_telemetry_or_range_is_refused_and_gyroscopes_may_appear() {
+fn another_unit_of_telemetry_range_policy_or_set_of_sensors_is_refused() {
     let domain = TestDomain::new();
     let service = domain.serve_recording();
     for (next, why) in [
@@ -245,11 +530,33 @@ fn another_unit_of_telemetry_or_range_is_refused_and_gyroscopes_may_appear() {
         let reason = refuse(&domain, &service, &next);
         assert!(reason.contains(why), "{reason}");
     }
+    let reason = refuse(&domain, &service, &TABLE.replace("\"clamp\"", "\"reject\""));
+    assert!(reason.contains("temperature.out_of_range: it was \"clamp\", now it is \"reject\""), "{reason}");
+    // A range that grows or shrinks a little is compared over what both have.
+    let range = |range: &str| TABLE.replacen("range = [0.9, 4.2]", range, 1);
+    for next in [range("range = [0.9, 4.4]"), range("range = [2.3, 4.2]"), TABLE.to_owned()] {
+        domain.replace("imu-a.toml", &next);
+        wait_until("the other range", || in_force(&domain) == digest(&next));
+    }
+    assert!(service.log().contains("; besides: A1 ranges "), "{}", service.log());
     let whole = WHOLE_TABLE.replace("\"imu-g\"", "\"imu-a\"");
-    domain.replace("imu-a.toml", &whole);
-    wait_until("gyroscopes", || in_force(&domain) == digest(&whole));
+    let reason = refuse(&domain, &service, &whole);
+    assert!(reason.contains("this table has gyroscopes, and the one before has none"), "{reason}");
+    reload(&domain, "isotherm", &digest(&whole), 0);
     let log = service.log();
     assert!(log.contains("gyroscopes none -> yes") && log.contains("lag none -> 240"), "{log}");
+    // Two reloads do not walk round a limit: gyroscopes that come back are compared with those that there were.
+    assert!(refuse(&domain, &service, TABLE).contains("the table before has gyroscopes, and this one has none"));
+    reload(&domain, "isotherm", &digest(TABLE), 0);
+    service.kill();
+    domain.write("imu-a.toml", &whole.replace("c0 = 1.05214", "c0 = 10.5214"));
+    let service = serve_kept(&domain, &digest(TABLE));
+    let reason = domain.imu_status()["last_reload_error"].as_str().unwrap().to_owned();
+    assert!(reason.contains("G1 positive_scale_factor changes by "), "{reason}");
+    assert!(
+        reason.contains(&format!("compared with the last table that had gyroscopes, {}", digest(&whole))),
+        "{reason}"
+    );
     service.terminate();
 }
 
@@ -265,17 +572,19 @@ fn what_cannot_be_kept_or_read_is_told_and_the_service_runs() {
         service
     };
     let service = state("/proc/none");
-    assert!(service.log().contains("keeping the table in force as /proc/none/"), "{}", service.log());
+    service.wait_for_log("keeping the table in force as /proc/none/");
     service.terminate();
     // In memory it is lost with the machine.
     let memory = format!("/dev/shm/{}state", domain.client_domain().prefix());
     let service = state(&memory);
-    assert!(service.log().contains(" is in memory; name another folder in ISOTHERM_STATE"), "{}", service.log());
+    service.wait_for_log(" is in memory; name another folder in ISOTHERM_STATE");
     service.terminate();
     fs::remove_dir_all(&memory).unwrap();
     // A folder that others may write is not believed; a damaged file is told.
     let folder = domain.path("state").display().to_string();
+    domain.run_ok(&["clean"]);
     let service = state(&folder);
+    wait_until_kept(&domain);
     assert!(!service.log().contains("WARN"), "{}", service.log());
     service.terminate();
     let inner = format!("{folder}/{}", domain.client_domain().name());
@@ -283,12 +592,15 @@ fn what_cannot_be_kept_or_read_is_told_and_the_service_runs() {
     assert_eq!(digest(&fs::read_to_string(&kept).unwrap()), digest(TABLE));
     fs::set_permissions(&inner, fs::Permissions::from_mode(0o777)).unwrap();
     let service = state(&folder);
-    assert!(service.log().contains("cannot be read: ") && service.log().contains("or others may write it"));
+    assert!(service.log().contains("cannot be read: ") && service.log().contains(" can be written by others"));
+    assert!(service.log().contains("the same as before, by its digest"), "{}", service.log());
+    service.wait_for_log(" can be written by others; the next start compares with an older one");
     service.terminate();
     fs::set_permissions(&inner, fs::Permissions::from_mode(0o700)).unwrap();
     fs::write(&kept, "format = 1\n").unwrap();
     let service = state(&folder);
     assert!(service.log().contains("the table that was in force last cannot be read: "), "{}", service.log());
+    wait_until_kept(&domain);
     service.terminate();
     // The next start compares again.
     assert_eq!(digest(&fs::read_to_string(&kept).unwrap()), digest(TABLE));
@@ -320,11 +632,9 @@ fn check_compares_with_a_table_as_the_service_does() {
     let constant = |line: &str| line.find(", c1 = ").map_or(line.to_owned(), |end| format!("{} }}", &line[..end]));
     let nominal: Vec<_> = TABLE.lines().map(constant).collect();
     domain.write("nominal.toml", &nominal.join("\n").replace("91733.0", "60000.0"));
-    let words = domain.run_ok(&["check", "--against", "nominal.toml", "old.toml"]);
-    assert!(
-        words.ends_with("not sealed\n  the one before is no calibration, so it is compared with none\n"),
-        "{words}"
-    );
+    let output = domain.run(&["check", "--against", "nominal.toml", "old.toml"]);
+    assert_eq!(output.status.code(), Some(78));
+    assert!(text(&output.stderr).contains("the table before is no calibration and this one is a calibration"));
     domain.write("other.toml", &TABLE.replace("imu-a", "imu-b"));
     let output = domain.run(&["check", "--against", "old.toml", "other.toml"]);
     assert!(text(&output.stderr).contains("imu.id: the table before is of imu-a, this one of imu-b"));

@@ -4,7 +4,7 @@
 
 use isotherm_client::{
     Acquisition, CompensatedIncrement, Flags, LagOption, Options, RawReader, RawSample, SendError, Sensor,
-    TimeConstant, device, join, subscribers_of,
+    TimeConstant, boot, device, join, subscribers_of,
 };
 use isotherm_shared::compensate::answer;
 use isotherm_shared::lag::Lag;
@@ -308,7 +308,7 @@ fn a_reading_that_is_given_again_is_none_but_asks_for_the_time_constant() {
         }
         increment.table == table(&new).id() && !is_lag_unknown(&increment)
     });
-    assert_eq!(*acquisition.lag(), Lag { lag_ns: 120_000_000_000, sensors, ..Lag::default() });
+    assert_eq!(*acquisition.lag(), Lag { lag_ns: 120_000_000_000, sensors, boot: boot(), ..Lag::default() });
     service.terminate();
 }
 
@@ -347,7 +347,7 @@ fn a_table_without_a_lag_keeps_it_for_the_next_one() {
         });
     }
     assert_eq!(*acquisition.lag(), {
-        let mut model = Lag::new(LAG_NS);
+        let mut model = Lag { boot: boot(), ..Lag::new(LAG_NS) };
         samples[..=last].iter().for_each(|sample| model.follow(sample));
         model
     });
@@ -498,6 +498,13 @@ fn a_successor_goes_on_with_a_kept_lag() {
         }
         kept = Some(serde_json::to_string(acquisition.lag()).unwrap());
     }
+    // A lag that was kept by an earlier version does not tell the start of the machine.
+    let mut old: serde_json::Value = serde_json::from_str(&kept.unwrap()).unwrap();
+    assert_eq!(old.as_object_mut().unwrap().remove("boot"), Some(boot().into()));
+    let mut acquisition = connect(&domain, LagOption::Service, None);
+    acquisition.restore_lag(&serde_json::from_value(old).unwrap());
+    assert_exact(&feed(&mut acquisition, &samples[199]), &exact, &expected[199]);
+    drop(acquisition);
     // Without it a session begins soaked.
     let mut acquisition = connect(&domain, LagOption::Service, None);
     let first = feed(&mut acquisition, &samples[180]);

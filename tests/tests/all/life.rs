@@ -241,11 +241,14 @@ fn clean_touches_no_other_domain_and_nothing_that_is_not_ours() {
     assert!(elsewhere.join(name).join("precious").exists());
     round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
     // Without the folder the transport cannot list the processes, but the service still has its memory mapped.
+    service.stop();
     fs::remove_dir_all(domain.client_domain().root_path()).unwrap();
-    service.wait_for_log("has been removed under the running service");
     let refused = domain.run(&["clean"]);
     assert_eq!(refused.status.code(), Some(1), "{}", text(&refused.stderr));
-    drop(service);
+    service.resume();
+    service.wait_for_log("was removed under the running service");
+    service.wait_for_log_lines(" ready ", 2);
+    service.terminate();
 }
 
 #[test]

@@ -14,10 +14,15 @@ mod acquire;
 mod c_interface;
 mod convert;
 mod daemon;
+mod damage;
 mod documents;
 mod endings;
+// The tracer knows the registers of this processor.
+#[cfg(target_arch = "x86_64")]
+mod faults;
 mod feed;
 mod formats;
+mod group;
 mod guard;
 mod harness;
 mod hostile;
@@ -38,6 +43,7 @@ mod record;
 mod rehearsal;
 mod relay;
 mod reload;
+mod removal;
 mod resources;
 mod round_trip;
 mod tables;

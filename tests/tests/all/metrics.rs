@@ -155,6 +155,9 @@ fn every_metric_is_updated() {
     for text in [TABLE, "format = 4\n", &whole()] {
         let digest = domain.imu_status()["table"].clone();
         let refusals = domain.imu_status()["refusals"].clone();
+        if text == whole() {
+            domain.accept("imu-a", text);
+        }
         domain.replace("imu-a.toml", text);
         wait_until("a reload or a refusal", || {
             let status = domain.imu_status();
@@ -257,6 +260,7 @@ fn an_imu_without_gyroscopes_has_no_series_of_them() {
     assert!(!has_gyroscopes(&plain), "{before:?}");
     assert!(plain.samples.values().all(|value| !value.is_nan()));
 
+    domain.accept("imu-a", &whole());
     domain.replace("imu-a.toml", &whole());
     wait_until("gyroscopes", || has_gyroscopes(&scrape(&address)));
     assert_eq!(flags(&scrape(&address)), names(&|_| true));
@@ -266,6 +270,7 @@ fn an_imu_without_gyroscopes_has_no_series_of_them() {
     round_trip(&mut domain.acquisition("imu-a"), &sample);
     let lag_unknown = "isotherm_flagged_total{imu=\"imu-a\",flag=\"lag-unknown\"}";
     wait_until("the flag", || scrape(&address).value(lag_unknown) == 1.0);
+    domain.accept("imu-a", TABLE);
     domain.replace("imu-a.toml", TABLE);
     wait_until("no gyroscopes", || !has_gyroscopes(&scrape(&address)));
     // What was counted stays.
@@ -465,12 +470,18 @@ fn configure_port(domain: &TestDomain) -> (TcpListener, SocketAddr) {
 }
 
 #[test]
-fn a_port_in_use_prevents_the_start() {
+fn a_port_in_use_does_not_prevent_the_start_and_is_taken_when_it_is_free() {
     let domain = TestDomain::new();
-    let (_taken, address) = configure_port(&domain);
-    let (status, log) = domain.spawn(&["serve", "--config", "service.toml"]).wait();
-    assert_eq!(status.code(), Some(74), "{log}");
-    assert!(log.contains(&format!("metrics.listen = \"{address}\": ")) && log.contains("give a free port"), "{log}");
+    let (taken, address) = configure_port(&domain);
+    let service = domain.serve(&["--config", "service.toml"]);
+    service.wait_for_log(&format!("no metrics yet: metrics.listen = \"{address}\": "));
+    assert!(service.log().contains("give a free port"), "{}", service.log());
+    round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
+    drop(taken);
+    service.wait_for_log(&format!("metrics at http://{address}/metrics"));
+    wait_until("the page", || try_scrape(&address.to_string()).is_some());
+    assert_eq!(service.count_in_log("no metrics yet"), 1);
+    service.terminate();
 }
 
 #[test]

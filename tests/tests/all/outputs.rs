@@ -13,8 +13,7 @@ use std::path::{Path, PathBuf};
 
 const NOBODY: u32 = 65_534;
 /// The log of an IMU that warms up.
-const HEATING: &str =
-    concat!(env!("CARGO_MANIFEST_DIR"), "/../recording/formats/tests/data/autopilots/heating.BIN");
+const HEATING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../recording/formats/tests/data/autopilots/heating.BIN");
 /// In the arguments: the path that is written.
 const OUT: &str = "OUT";
 
@@ -51,7 +50,22 @@ const WRITING: &[Writing] = &[
         ends: None,
         ..file("calibrate batch", &["calibrate", "batch.toml", "-o", "{imu}.toml", "--other-device", "--batch", OUT])
     },
-    file("calibrate export", &["calibrate", "--one-attitude", HEATING, "--imu", "i", "-o", "made.toml", "--device-id", "1,2", "--export", "px4=OUT"]),
+    file(
+        "calibrate export",
+        &[
+            "calibrate",
+            "--one-attitude",
+            HEATING,
+            "--imu",
+            "i",
+            "-o",
+            "made.toml",
+            "--device-id",
+            "1,2",
+            "--export",
+            "px4=OUT",
+        ],
+    ),
     Writing {
         option: "campaign run plan",
         arguments: &["campaign", "run", "plan.toml"],
@@ -85,9 +99,15 @@ const WRITING: &[Writing] = &[
     },
     Writing {
         inside: &["campaign.toml", "samples.csv"],
-        ..file("simulate campaign output", &["simulate", "campaign", "--dwell", "1", "--soak", "1", "--set-points", "0:10:10", "-o", OUT])
+        ..file(
+            "simulate campaign output",
+            &["simulate", "campaign", "--dwell", "1", "--soak", "1", "--set-points", "0:10:10", "-o", OUT],
+        )
     },
-    Writing { inside: &["ramp-1.csv", "table.toml"], ..file("simulate ramp output", &["simulate", "ramp", "--interval", "10", "-o", OUT]) },
+    Writing {
+        inside: &["ramp-1.csv", "table.toml"],
+        ..file("simulate ramp output", &["simulate", "ramp", "--interval", "10", "-o", OUT])
+    },
     Writing {
         inside: &["run.csv", "truth.toml"],
         ..file("simulate run output", &["simulate", "run", "--interval", "10", "-o", OUT])
@@ -190,7 +210,9 @@ impl Fixture {
         domain.write("mems.toml", &read("examples/tables/imu-mems.toml"));
         domain.write("full.params", &read("parameters/tests/data/full.params"));
         let samples = ["samples.csv", "imu-a.csv", "imu-b.csv"];
-        samples.map(|name| domain.write(name, &read("examples/campaign/samples.csv")));
+        for name in samples {
+            domain.write(name, &read("examples/campaign/samples.csv"));
+        }
         let campaign = read("examples/campaign/campaign.toml");
         let imus = "imus = [{ id = \"imu-a\" }, { id = \"imu-b\" }]";
         let batch = campaign.replace("imu = \"imu-paper\"", imus).replace("samples.csv", "{imu}.csv");

@@ -115,6 +115,7 @@ fn restarts_of_service_and_acquisition_are_one_recording() {
     let log = end(recorder);
     assert_contains(&log, "imu-a raw: 900 rows of 3 sessions, 0 missing");
     assert_contains(&log, "imu-a increment: 900 rows of 3 sessions, 0 missing");
+    assert!(!log.contains("warning"), "nothing is lost:\n{log}");
     let exact = replay(&domain, short);
     let rows: Vec<_> = exact.lines().skip(1).collect();
     assert!(replay(&domain, "r.csv").lines().skip(1).eq([&rows[..], &rows, &rows].concat()));

@@ -33,15 +33,19 @@ impl TargetDomain {
             node.service_builder(&id("imu-a").increment()).publish_subscribe::<CompensatedIncrement>().open().unwrap();
         (stream.publisher_builder().create().unwrap(), node)
     }
-}
 
-impl Drop for TargetDomain {
-    fn drop(&mut self) {
+    fn remove_shared_memory(&self) {
         for entry in fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
             if entry.file_name().to_string_lossy().starts_with(&self.0.prefix()) {
                 let _ = fs::remove_file(entry.path());
             }
         }
+    }
+}
+
+impl Drop for TargetDomain {
+    fn drop(&mut self) {
+        self.remove_shared_memory();
     }
 }
 
@@ -134,6 +138,22 @@ fn a_killed_relay_is_replaced_by_the_next() {
         !target.0.root_path().parse::<std::path::PathBuf>().unwrap().exists(),
         "the folder of the domain still exists"
     );
+}
+
+#[test]
+fn a_relay_whose_shared_memory_was_removed_ends_so_that_it_is_started_anew() {
+    let domain = TestDomain::new();
+    let target = TargetDomain::beside(&domain);
+    let relay = domain.spawn(&["relay", "--imu", "imu-a", "--to", "net"]);
+    relay.wait_for_log("ready");
+    target.remove_shared_memory();
+    let (status, log) = relay.wait();
+    assert_eq!(status.code(), Some(74), "{log}");
+    assert!(log.contains("was removed under the relay"), "{log}");
+    let relay = domain.spawn(&["relay", "--imu", "imu-a", "--to", "net"]);
+    relay.wait_for_log("ready");
+    drop(target.reader());
+    relay.terminate();
 }
 
 #[test]

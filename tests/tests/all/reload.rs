@@ -247,6 +247,8 @@ fn reload_under_two_kilohertz(texts: &[String], samples: &[RawSample], wanted: u
         if requested.is_none() && sent.len() % 10 == 0 {
             let text = &texts[reloads as usize % texts.len()];
             requested = Some(table(text).id());
+            // Gyroscopes that come or go need it.
+            domain.accept("imu-a", text);
             domain.replace("imu-a.toml", text);
         }
         while acquisition.in_flight() == acquisition.depth() {

@@ -1,12 +1,14 @@
 //! Exhausted resources (shared memory, descriptors, disk, file watches), unsafe permissions, and a suspended service.
 
 use isotherm_tests::{
-    Needs, RUN, TABLE, TestDomain, may_mount, recording, round_trip, skip, table, text, variant, wait_until,
+    Needs, RUN, TABLE, TestDomain, kill, may_mount, recording, round_trip, skip, table, text, variant, wait_until,
 };
+use rustix::process::Signal;
 use std::fs;
 use std::io::Write as _;
 use std::os::unix::ffi::OsStrExt as _;
 use std::os::unix::fs::PermissionsExt as _;
+use std::process::{Command, Stdio};
 
 /// A shell command that mounts a separate `/dev/shm`.
 fn mount_private_shm(options: &str) -> String {
@@ -63,15 +65,15 @@ fn shared_memory_that_fills_up_later_does_not_disturb_connected_clients() {
     let mount = mount_private_shm("size=8m");
     let service = domain.start(domain.isotherm_after(&["-m"], &mount, &["serve", "--imu", "imu-a=imu-a.toml"]));
     service.wait_for_log("ready");
-    let inside = |arguments: &[&str]| {
-        let pid = service.pid().to_string();
+    let beside = |pid: u32, arguments: &[&str]| {
         let command = domain.isotherm_after(&[], &format!("cd {}", domain.path("").display()), arguments);
         let shell: Vec<_> = command.get_args().map(ToOwned::to_owned).collect();
-        let mut entered = std::process::Command::new("nsenter");
-        entered.args(["-t", &pid, "-m", "sh"]).args(shell);
+        let mut entered = Command::new("nsenter");
+        entered.args(["-t", &pid.to_string(), "-m", "sh"]).args(shell);
         entered.envs(command.get_envs().filter_map(|(name, value)| Some((name, value?))));
         entered
     };
+    let inside = |arguments: &[&str]| beside(service.pid(), arguments);
     let feed = domain.start(inside(&["feed", "--imu", "imu-a", "--rate", "2000", RUN, "-o", "fed.csv"]));
     wait_until("samples", || {
         let output = inside(&["status", "--json"]).output().unwrap();
@@ -81,14 +83,69 @@ fn shared_memory_that_fills_up_later_does_not_disturb_connected_clients() {
     let filler = format!("/proc/{}/root/dev/shm/filler", service.pid());
     let mut filler = fs::File::create(filler).unwrap();
     while filler.write_all(&[1; 4096]).is_ok() {}
-    let refused = inside(&["status"]).output().unwrap();
+    let refused = inside(&["feed", "--imu", "imu-a", RUN]).output().unwrap();
     assert_eq!(refused.status.code(), Some(74), "{}", text(&refused.stderr));
     assert!(text(&refused.stderr).contains("shared memory /dev/shm is full: "), "{}", text(&refused.stderr));
+    // The status is there all the same, each time a new one, and says why nobody else can connect.
+    let mut received = Vec::new();
+    for _ in 0..2 {
+        let output = inside(&["status", "--json"]).output().unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        assert!(text(&output.stderr).contains("shared memory /dev/shm is full: "), "{}", text(&output.stderr));
+        let status: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(status["pid"], service.pid());
+        received.push((status["taken_ns"].as_u64().unwrap(), status["imus"][0]["received"].as_u64().unwrap()));
+    }
+    assert!(received[1].0 > received[0].0 && received[1].1 >= received[0].1, "{received:?}");
     let (status, log) = feed.wait();
     assert!(status.success(), "{log}");
     let replayed = domain.run_ok(&["replay", "--table", "imu-a.toml", RUN]);
     assert!(fs::read_to_string(domain.path("fed.csv")).unwrap() == replayed);
-    service.terminate();
+    // Nothing is left of it when there is room, and a service that is gone has none.
+    let note = std::path::Path::new(domain.client_domain().root_path())
+        .join(format!("{}status.json", domain.client_domain().prefix()));
+    assert!(note.exists());
+    let mut stays = Command::new("nsenter");
+    stays.args(["-t", &service.pid().to_string(), "-m", "sleep", "1000"]);
+    let stays = domain.start(stays);
+    drop(filler);
+    let filler = format!("/proc/{}/root/dev/shm/filler", service.pid());
+    fs::remove_file(&filler).unwrap();
+    wait_until("room", || !note.exists());
+    assert!(inside(&["status"]).output().unwrap().stderr.is_empty());
+    let mut filler = fs::File::create(filler).unwrap();
+    while filler.write_all(&[1; 4096]).is_ok() {}
+    wait_until("no room", || note.exists());
+    service.kill();
+    let output = beside(stays.pid(), &["status"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(74), "{}", text(&output.stdout));
+}
+
+/// Each allocation of shared memory that a signal has interrupted is done again, so that no page is missing later.
+#[test]
+fn shared_memory_is_allocated_although_signals_interrupt() {
+    match Command::new("strace").args(["-e", "trace=none", "true"]).output() {
+        Err(_) => return skip("there is no strace", Needs::Program),
+        Ok(output) if !output.status.success() => return skip("this user may not trace", Needs::Machine),
+        Ok(_) => {}
+    }
+    let domain = TestDomain::new();
+    domain.write("imu-a.toml", TABLE);
+    let calls = domain.path("calls");
+    let plain = domain.isotherm(&["serve", "--imu", "imu-a=imu-a.toml"]);
+    let mut traced = Command::new("strace");
+    traced.args(["-f", "-e", "trace=fallocate", "-e", "inject=fallocate:error=EINTR:when=1+2", "-o"]).arg(&calls);
+    traced.arg(plain.get_program()).args(plain.get_args()).current_dir(domain.path("")).stdin(Stdio::null());
+    traced.envs(plain.get_envs().filter_map(|(name, value)| Some((name, value?))));
+    let traced = domain.start(traced);
+    traced.wait_for_log("ready");
+    round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
+    kill(domain.status()["pid"].as_u64().unwrap() as u32, Signal::TERM);
+    let (status, log) = traced.wait();
+    assert!(status.success(), "{log}");
+    let calls = fs::read_to_string(&calls).unwrap();
+    let (interrupted, done) = (calls.matches("EINTR").count(), calls.matches(" = 0\n").count());
+    assert!(interrupted > 5 && done == interrupted, "{calls}");
 }
 
 #[test]
@@ -226,7 +283,7 @@ fn without_file_watches_tables_are_polled() {
 }
 
 #[test]
-fn world_writable_files_are_refused_unless_allowed() {
+fn trust_files_are_refused_unless_allowed() {
     let domain = TestDomain::new();
     domain.write("imu-a.toml", TABLE);
     domain.write("service.toml", "[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n");

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
 /// The keys of an IMU in the status, less those that are about a whole IMU.
-const KEYS: [&str; 31] = [
+const KEYS: [&str; 35] = [
     "id",
     "table",
     "table_file",
@@ -37,6 +37,10 @@ const KEYS: [&str; 31] = [
     "refused_unix_s",
     "refused_table",
     "table_changes",
+    "table_kept",
+    "keep_error",
+    "anchor",
+    "anchor_changes",
     "latency_ns",
     "latency_second_ns",
     "latency_minute_ns",
@@ -97,7 +101,9 @@ fn the_status_has_gyroscopes_only_where_the_table_has_them() {
     }
 
     // A table of format 1 takes all of it away again.
-    domain.replace("imu-g.toml", &TABLE.replace("\"imu-a\"", "\"imu-g\""));
+    let plain = TABLE.replace("\"imu-a\"", "\"imu-g\"");
+    domain.accept("imu-g", &plain);
+    domain.replace("imu-g.toml", &plain);
     wait_until("the other table", || domain.status()["imus"][1]["lag_s"].is_null());
     let status = domain.status();
     expected.remove("gyroscopes");
@@ -190,8 +196,14 @@ fn samples_of_another_unit_are_logged_once_a_session_and_table() {
     // Another table, still of another unit.
     domain.replace("imu-a.toml", &with_serial("SN 3"));
     wait_until("the table", || domain.imu_status()["device"] == format!("{:016x}", device("SN 3")));
+    // The samples of before were answered with the table of before.
+    let status = domain.imu_status();
+    assert_eq!((&status["other_device"], &status["flagged"]["other-device"]), (&Value::Null, &0.into()), "{status}");
     round_trip(&mut acquisition, &of_unit("SN 2"));
     service.wait_for_log_lines(LOGGED, 2);
+    assert_eq!(domain.imu_status()["flagged"]["other-device"], 1);
+    let log = service.log();
+    assert_eq!(log.lines().filter(|line| line.contains(LOGGED) && line.contains("SN 3")).count(), 1, "{log}");
     // Another session.
     drop(acquisition);
     let mut acquisition = domain.acquisition("imu-a");

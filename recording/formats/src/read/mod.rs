@@ -8,9 +8,10 @@ mod input;
 mod mcap;
 mod numbers;
 mod open;
-mod pages;
-mod panics;
-mod parquet;
+mod order;
+pub(crate) mod pages;
+pub(crate) mod panics;
+pub(crate) mod parquet;
 mod piece;
 mod places;
 mod recognise;
@@ -26,4 +27,4 @@ pub use recording::{Recording, Samples};
 pub use table::ImuChoice;
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

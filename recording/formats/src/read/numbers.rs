@@ -2,15 +2,14 @@
 
 use super::mcap::McapReader;
 use super::open::{Opened, open_source};
+use super::order::{FirstRow, first_row_columns, in_order};
 use super::parquet::ParquetReader;
 use super::places::Places;
-use super::recording::{in_order, time_column};
 use super::table::{ImuChoice, TableReader, WantedColumn};
 use core::ops::Sub;
 use indicatif::ProgressBar;
 use isotherm_failure::{Exit, Failure};
 use isotherm_recording::RecordingError;
-use isotherm_recording::columns::{RAW, RECORDED_NS, TIMESTAMP_NS};
 use isotherm_recording::csv::{CsvColumn, DecimalMark, Rows, Separator};
 use std::borrow::Cow;
 use std::io::Read;
@@ -41,8 +40,8 @@ pub struct NumberTable<T> {
 /// a valid one. A double of a binary format is passed as text, in the shortest form that reads back as the same double.
 ///
 /// The columns of a text are separated by commas, semicolons, tabs or spaces, as its header shows; [`DecimalMark`] says
-/// which decimal commas are read. Pieces are sorted by their first `recorded_ns`, else by their first `timestamp_ns`,
-/// if all of them have it.
+/// which decimal commas are read. Pieces are sorted as those of every recording, as far as they have sessions,
+/// sequences and times.
 ///
 /// # Errors
 /// If a piece cannot be opened, lacks a column, has several columns that a name may mean, or a value is refused.
@@ -53,17 +52,12 @@ pub fn read_numbers<T: Sub<Output = T>>(
     bar: &ProgressBar,
     parse: impl Fn(usize, &str) -> Result<T, &'static str>,
 ) -> Result<NumberTable<T>, Failure> {
-    let times = [RECORDED_NS, TIMESTAMP_NS].map(|index| time_column(RAW[index].name));
-    let first_times = |path: &Path| {
-        let mut source = Numbers::open(path, names, &times, choice, &ProgressBar::hidden())?;
+    let first_row = |path: &Path| {
+        let mut source = Numbers::open(path, names, &first_row_columns(), choice, &ProgressBar::hidden())?;
         let row = source.next().map_err(|error| error.failure(path))?;
-        Ok(row.then(|| [0, 1].map(|time| source.time(time))))
+        Ok(row.then(|| source.first_row()))
     };
-    let ordered = in_order(paths, first_times, |firsts: &[Option<[Option<u64>; 2]>]| {
-        let all_have = |time: usize| firsts.iter().flatten().all(|times| times[time].is_some());
-        let time = (0..times.len()).find(|time| all_have(*time));
-        firsts.iter().map(|times| time.and_then(|time| times.as_ref()?[time])).collect()
-    })?;
+    let ordered = in_order(paths, first_row)?;
     let mut table = NumberTable { rows: Vec::new(), places: Places::default(), notes: Vec::new() };
     let mut before = 0;
     for path in &ordered {
@@ -189,6 +183,7 @@ impl Numbers {
         rows.columns(&required, "does the first row name the columns? a-b is the difference of the columns a and b")?;
         let wanted = operands.wanted(times);
         let columns = wanted.iter().map(|column| rows.optional_column(&column.name)).collect::<Result<_, _>>()?;
+        rows.find_checks()?;
         let count = rows.len();
         let mark = DecimalMark::new(separator);
         Ok(Self { operands, source: Source::Csv { rows, columns, count, mark } })
@@ -205,10 +200,10 @@ impl Numbers {
                         rows.len()
                     )));
                 }
-                if has_row {
-                    rows.expect_len(*count)?;
+                if !has_row || rows.is_cut() {
+                    return Ok(false);
                 }
-                Ok(has_row)
+                rows.verify(*count).map(|()| true)
             }
             Source::Table { reader, values, .. } => reader.read(values),
         }
@@ -230,7 +225,10 @@ impl Numbers {
 
     /// How the columns and numbers of a text were read, unless by commas and with points. Valid after the last row.
     fn note(&self) -> Result<Option<String>, RecordingError> {
-        let Source::Csv { mark, .. } = &self.source else { return Ok(None) };
+        let Source::Csv { rows, mark, .. } = &self.source else { return Ok(None) };
+        if rows.is_cut() {
+            return Ok(Some(format!("line {} is cut and left out", rows.line())));
+        }
         let commas = mark.has_commas().map_err(|(line, message)| RecordingError::Data { line, message })?;
         let note = (commas || mark.separator() != Separator::Comma).then(|| {
             let numbers = if commas { "commas" } else { "points" };
@@ -277,12 +275,22 @@ impl Numbers {
         }
     }
 
-    /// The integer of a time column in the current row, if there is one.
-    fn time(&self, time: usize) -> Option<u64> {
-        let column = self.operands.columns.len() + time;
-        match &self.source {
-            Source::Csv { rows, columns, .. } => rows.integer(columns[column].as_ref()?).ok(),
-            Source::Table { values, .. } => values[column].map(|bits| f64::from_bits(bits) as u64),
+    /// The current row, which is the first. A session of a binary format is rounded to a double, so that of a text is,
+    /// too.
+    fn first_row(&self) -> FirstRow {
+        let integer = |place: usize| {
+            let column = self.operands.columns.len() + place;
+            match &self.source {
+                Source::Csv { rows, columns, .. } => rows.integer(columns[column].as_ref()?).ok(),
+                Source::Table { values, .. } => values[column].map(|bits| f64::from_bits(bits) as u64),
+            }
+        };
+        let rounded = |number: u64| (number as f64).to_bits();
+        FirstRow {
+            session: integer(0).filter(|session| *session != 0).map_or(0, rounded),
+            sequence: integer(1).unwrap_or(0),
+            recorded_ns: integer(2),
+            timestamp_ns: integer(3),
         }
     }
 }

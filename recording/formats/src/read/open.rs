@@ -27,6 +27,9 @@ pub(super) fn open_source(path: &Path, bar: &ProgressBar, hash: Option<&SharedHa
     let mut source = open_recording(path).map_err(|error| io(&error))?;
     let mut magic = Vec::new();
     (&mut source).take(MCAP_MAGIC.len() as u64).read_to_end(&mut magic).map_err(|error| io(&error))?;
+    if magic.is_empty() {
+        return Err(Failure::new(Exit::Data, format!("{}: the file is empty", path.display())).at(path, None));
+    }
     if magic.starts_with(PARQUET_MAGIC) {
         let message = "a Parquet file cannot be read from a pipe: its footer is at its end; name the file";
         let file = File::open(path).ok().filter(|file| file.metadata().is_ok_and(|metadata| metadata.is_file()));

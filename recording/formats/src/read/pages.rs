@@ -18,7 +18,7 @@ const MAX_HEADER: usize = 1 << 16;
 ///
 /// # Errors
 /// The operating system's error, or one without its code if a page is not valid.
-pub(super) fn check(file: &File, begin: u64, length: u64) -> io::Result<()> {
+pub(crate) fn check(file: &File, begin: u64, length: u64) -> io::Result<()> {
     let end = begin.checked_add(length).ok_or_else(|| io::Error::other("a column's place"))?;
     let (mut at, mut buffer) = (begin, vec![0; MAX_HEADER]);
     while at < end {
@@ -40,7 +40,7 @@ pub(super) fn check(file: &File, begin: u64, length: u64) -> io::Result<()> {
 }
 
 /// Whether the footer is a structure whose lists end within it.
-pub(super) fn is_footer(bytes: &[u8]) -> bool {
+pub(crate) fn is_footer(bytes: &[u8]) -> bool {
     let mut footer = Thrift { bytes };
     footer.each_field(0, &mut |footer, _, kind| footer.skip(kind, 0)).is_some()
 }

@@ -9,7 +9,7 @@ thread_local! {
 }
 
 /// Runs `work`. A panic in it means an invalid file, not an error of the program: returns `None`, and prints nothing.
-pub(super) fn catch_panic<T>(work: impl FnOnce() -> T) -> Option<T> {
+pub(crate) fn catch_panic<T>(work: impl FnOnce() -> T) -> Option<T> {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
         let default_hook = take_hook();

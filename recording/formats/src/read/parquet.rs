@@ -3,6 +3,7 @@
 use super::pages;
 use super::panics::catch_panic;
 use super::table::{Absence, ImuChoice, TableReader, ValueKind, WantedColumn, refuse_missing};
+use crate::seal::{DAMAGED, FOOTER_SEAL, GroupChecks, checks_in, matches_seal};
 use indicatif::ProgressBar;
 use isotherm_recording::RecordingError;
 use isotherm_recording::columns::{PARQUET_MAGIC, hex};
@@ -18,6 +19,8 @@ use std::os::unix::fs::FileExt as _;
 
 /// Number of rows that are decoded at once.
 const BATCH: usize = 4096;
+/// Most bytes of a column that are read at once to check them.
+const BUFFER: usize = 1 << 20;
 /// Longest footer that is read \[bytes\]. Decoded it takes several times its size in memory.
 const MAX_FOOTER: u64 = 16 << 20;
 
@@ -27,6 +30,8 @@ pub(super) struct ParquetReader {
     reader: SerializedFileReader<File>,
     /// The IMU that the metadata name.
     imu: Option<String>,
+    /// The checks of the row groups, if the file has any.
+    checks: Option<Vec<GroupChecks>>,
     wanted: Vec<WantedColumn>,
     columns: Vec<FoundColumn>,
     /// Index of the next row group, and the columns of the open one.
@@ -82,7 +87,7 @@ impl ParquetReader {
         bar: &ProgressBar,
     ) -> Result<Self, RecordingError> {
         let size = file.metadata()?.len();
-        check_footer(&file, size)?;
+        let is_sealed = check_footer(&file, size)?;
         let reader = match catch_panic(|| file.try_clone().map(SerializedFileReader::new)) {
             Some(Ok(Ok(reader))) => reader,
             Some(Ok(Err(error))) => {
@@ -91,6 +96,7 @@ impl ParquetReader {
             Some(Err(error)) => return Err(error.into()),
             None => return Err(in_footer(NOT_VALID.to_owned())),
         };
+        let checks = checks_in(reader.metadata(), is_sealed).map_err(in_footer)?;
         let metadata = reader.metadata().file_metadata();
         let imu = metadata.key_value_metadata().into_iter().flatten().find(|entry| entry.key == "isotherm.imu");
         let imu = imu.and_then(|imu| imu.value.clone());
@@ -109,6 +115,7 @@ impl ParquetReader {
             file,
             reader,
             imu,
+            checks,
             group: 0,
             open: Vec::new(),
             batch: columns.iter().map(|_| Vec::new()).collect(),
@@ -170,12 +177,16 @@ impl ParquetReader {
         if self.group == self.reader.num_row_groups() {
             return Ok(false);
         }
-        let (reader, file, group) = (&self.reader, &self.file, self.group);
+        let (reader, file, number) = (&self.reader, &self.file, self.group);
+        let checks = self.checks.as_ref().and_then(|checks| checks.get(number));
         let opened = catch_panic(|| {
-            let group = reader.get_row_group(group).map_err(|error| (None, cause(error)))?;
+            let group = reader.get_row_group(number).map_err(|error| (None, cause(error)))?;
             let open = self.columns.iter().enumerate().map(|(index, column)| {
                 let chunk = group.metadata().column(column.index);
                 let (begin, length) = chunk.byte_range();
+                if let Some(check) = checks.and_then(|checks| checks.get(column.index)) {
+                    verify(file, begin, length, *check).map_err(|error| (Some(index), error))?;
+                }
                 pages::check(file, begin, length).map_err(|error| (Some(index), error))?;
                 group.get_column_reader(column.index).map_err(|error| (Some(index), cause(error)))
             });
@@ -183,8 +194,9 @@ impl ParquetReader {
         });
         let opened = opened.unwrap_or_else(|| Err((None, io::Error::other("a row group that cannot be read"))));
         self.open = opened.map_err(|(column, error)| {
-            let name = column.map(|column| format!("{}: ", self.name(column))).unwrap_or_default();
-            located(error, |error| self.error(format!("{name}{error}")))
+            let name = column.map(|column| format!(", {}", self.name(column))).unwrap_or_default();
+            let place = format!("row group {} from row {} on{name}", number + 1, self.row + 1);
+            located(error, |error| RecordingError::Place { place, message: error.to_string() })
         })?;
         self.group += 1;
         Ok(true)
@@ -235,8 +247,9 @@ fn in_footer(message: String) -> RecordingError {
     RecordingError::Place { place: "footer".to_owned(), message }
 }
 
-/// Checks that a file of this size has a footer that the library can read.
-fn check_footer(file: &File, size: u64) -> Result<(), RecordingError> {
+/// Checks that a file of this size has a footer that the library can read. Returns whether the footer matches its seal;
+/// `None` if it has none.
+pub(crate) fn check_footer(file: &File, size: u64) -> Result<Option<bool>, RecordingError> {
     let cut = || in_footer("the end of the Parquet file is missing; is it cut?".to_owned());
     let mut tail = [0; 8];
     file.read_exact_at(&mut tail, size.checked_sub(8).ok_or_else(cut)?)?;
@@ -248,14 +261,38 @@ fn check_footer(file: &File, size: u64) -> Result<(), RecordingError> {
     if length > MAX_FOOTER {
         return Err(in_footer(format!("{length} bytes; at most {MAX_FOOTER} are read: make larger row groups")));
     }
-    let mut footer = vec![0; length as usize];
-    file.read_exact_at(&mut footer, (size - 8).checked_sub(length).ok_or_else(cut)?)?;
-    if pages::is_footer(&footer) { Ok(()) } else { Err(in_footer(NOT_VALID.to_owned())) }
+    // Seal, footer, length.
+    let begin = (size - 8).checked_sub(length).ok_or_else(cut)?;
+    let seal = FOOTER_SEAL.min(begin as usize);
+    let mut bytes = vec![0; seal + length as usize + 4];
+    file.read_exact_at(&mut bytes, begin - seal as u64)?;
+    let (seal, footer) = bytes.split_at(seal);
+    let is_sealed = matches_seal(footer, seal);
+    if is_sealed == Some(false) {
+        return Err(in_footer(format!("does not match its check; {DAMAGED}")));
+    }
+    if pages::is_footer(&footer[..length as usize]) { Ok(is_sealed) } else { Err(in_footer(NOT_VALID.to_owned())) }
+}
+
+/// Checks the bytes of a column.
+fn verify(file: &File, begin: u64, length: u64, check: u32) -> io::Result<()> {
+    let mut buffer = vec![0; BUFFER.min(length as usize)];
+    let (mut hasher, mut at, end) = (crc32fast::Hasher::new(), begin, begin.saturating_add(length));
+    while at < end {
+        let most = buffer.len().min((end - at) as usize);
+        file.read_exact_at(&mut buffer[..most], at)?;
+        hasher.update(&buffer[..most]);
+        at += most as u64;
+    }
+    if hasher.finalize() == check {
+        return Ok(());
+    }
+    Err(io::Error::other(format!("does not match its check; {DAMAGED}")))
 }
 
 /// The operating system's error in an error of the library; otherwise the library's message, in an error without a
 /// code.
-fn cause(error: ParquetError) -> io::Error {
+pub(crate) fn cause(error: ParquetError) -> io::Error {
     match error {
         ParquetError::External(source) => source.downcast::<io::Error>().map_or_else(io::Error::other, |error| *error),
         error => io::Error::other(error.to_string()),

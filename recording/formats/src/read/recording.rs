@@ -3,22 +3,19 @@
 use super::converted::Converted;
 use super::input::Input;
 use super::open::SharedHash;
+use super::order::{FirstRow, Sessions, in_order};
 use super::piece::{Piece, RowKind};
 use super::places::Places;
-use super::table::WantedColumn;
 use crate::convert::Foreign;
 use indicatif::ProgressBar;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_finding::{Finding, Location, name};
-use isotherm_recording::columns::ColumnSet;
 use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
 use isotherm_shared::lag::LagCompletion;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::Nominal;
 use isotherm_shared::wire::RawSample;
 use sha2::Digest as _;
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 
 /// An iterator over the rows of a recording that ends at the first error. [`failure`](Self::failure) turns that error
@@ -37,6 +34,8 @@ pub struct Recording {
     lag: LagCompletion,
     /// Number of pieces that have been opened.
     opened: u64,
+    /// The sessions so far, of the rows that name one.
+    sessions: Sessions,
     /// What the pieces that have ended were.
     converted: Converted,
     ended: bool,
@@ -75,7 +74,7 @@ impl Recording {
     ) -> Result<Self, Failure> {
         let mut has_foreign = false;
         let mut known: Option<(PathBuf, String)> = None;
-        let first_time = |path: &Path| {
+        let first_row = |path: &Path| {
             let mut piece = Piece::open(path, kind, &input, &ProgressBar::hidden(), None)?;
             has_foreign |= piece.source.conversion().is_some();
             let row = piece.next(SequenceRule::default());
@@ -84,16 +83,14 @@ impl Recording {
                 let (first, of) = known.get_or_insert_with(|| (path.to_owned(), imu.to_owned()));
                 refuse_other_imu((path, imu), (first, of))?;
             }
-            Ok(row.map(|row| (piece.source.recorded_ns(), row.sample.timestamp_ns)))
+            Ok(row.map(|CampaignRow { sample, .. }| FirstRow {
+                session: sample.session,
+                sequence: sample.sequence,
+                recorded_ns: piece.source.recorded_ns(),
+                timestamp_ns: Some(sample.timestamp_ns),
+            }))
         };
-        let mut waiting = in_order(paths, first_time, |times: &[Option<(Option<u64>, u64)>]| {
-            // The recorder's clock continues when the acquisition restarts, so it is preferred if all pieces have it.
-            let recorded = times.iter().flatten().all(|(recorded_ns, _)| recorded_ns.is_some());
-            times
-                .iter()
-                .map(|time| time.map(|(unix, timestamp)| if recorded { unix.unwrap_or(0) } else { timestamp }))
-                .collect()
-        })?;
+        let mut waiting = in_order(paths, first_row)?;
         waiting.reverse();
         let Some(first) = waiting.pop() else {
             return Err(Failure::new(Exit::Usage, "no recording is named"));
@@ -115,6 +112,7 @@ impl Recording {
             hash,
             lag,
             opened: 1,
+            sessions: Sessions::default(),
             converted: Converted::default(),
             ended: false,
         })
@@ -134,12 +132,16 @@ impl Recording {
         loop {
             let row = self.current.next(rule).map_err(|error| match (error, &previous) {
                 (RecordingError::Data { line, message }, Some(previous)) => {
-                    let message = format!("{message}; the piece before is {}", previous.display());
-                    RecordingError::Data { line, message }
+                    RecordingError::Data { line, message: behind(previous, &message) }
+                }
+                (RecordingError::Place { place, message }, Some(previous)) => {
+                    RecordingError::Place { place, message: behind(previous, &message) }
                 }
                 (error, _) => error,
             });
             if let Some(mut row) = row? {
+                let again = self.sessions.take(row.sample.session, row.sample.sequence);
+                again.map_err(|message| RecordingError::Data { line: row.line, message })?;
                 self.lag.complete(&mut row.sample, self.current.source.has_lag());
                 return Ok(Some(CampaignRow { line: self.places.before() + row.line, ..row }));
             }
@@ -312,35 +314,17 @@ impl Iterator for Samples {
     }
 }
 
-/// Sorts the pieces of a recording by time. `first` reads the times of a piece's first row, `None` if the piece is
-/// empty. `times` chooses one time for each piece, by the same rule for all. Pieces without a time come first; if no
-/// piece has one, the given order is kept.
-pub(super) fn in_order<T>(
-    paths: &[PathBuf],
-    mut first: impl FnMut(&Path) -> Result<Option<T>, Failure>,
-    times: impl FnOnce(&[Option<T>]) -> Vec<Option<u64>>,
-) -> Result<Vec<PathBuf>, Failure> {
-    if paths.len() < 2 {
-        return Ok(paths.to_vec());
+/// What is wrong with the first row of a piece, which the piece `previous` is before. Rows that do not rise are in
+/// order already.
+fn behind(previous: &Path, message: &str) -> String {
+    let previous = previous.display();
+    match message.split_once("; it must rise") {
+        Some((what, _)) => format!(
+            "{what}; the piece before is {previous}: leave out the rows that are in both, or give those of another \
+             start of the acquisition another session"
+        ),
+        None => format!("{message}; the piece before is {previous}"),
     }
-    let usage = |message: String| Err(Failure::new(Exit::Usage, message));
-    let mut names = Vec::new();
-    for path in paths {
-        let io = |error: &io::Error| Failure::io("opening", path, error);
-        if path == Path::new("-") || !fs::metadata(path).map_err(|error| io(&error))?.is_file() {
-            return usage(format!("{}: pieces of a recording must be files; a pipe is read alone", path.display()));
-        }
-        let name = fs::canonicalize(path).map_err(|error| io(&error))?;
-        if names.contains(&name) {
-            return usage(format!("{} is named twice; name every piece once", path.display()));
-        }
-        names.push(name);
-    }
-    let firsts: Vec<_> = paths.iter().map(|path| first(path)).collect::<Result<_, _>>()?;
-    let mut pieces: Vec<_> = times(&firsts).into_iter().zip(paths).collect();
-    // The sort is stable, and `None` is less than any time.
-    pieces.sort_by_key(|(time, _)| *time);
-    Ok(pieces.into_iter().map(|(_, path)| path.clone()).collect())
 }
 
 /// Refuses what is said of foreign data where all pieces are recordings: it would have no effect.
@@ -362,9 +346,4 @@ fn refuse_other_imu((path, imu): (&Path, &str), (first, of): (&Path, &str)) -> R
     }
     let (first, path, imu, of) = (first.display(), path.display(), imu.escape_debug(), of.escape_debug());
     Err(Failure::new(Exit::Data, format!("{path} is of {imu}, but {first} of {of}; give the pieces of one IMU")))
-}
-
-/// An optional column with a time by which pieces are sorted.
-pub(super) fn time_column(name: &str) -> WantedColumn {
-    WantedColumn { set: ColumnSet::Recorder, ..WantedColumn::number(name) }
 }

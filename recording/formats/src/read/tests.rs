@@ -19,14 +19,14 @@ fn imu(name: &str) -> ImuId {
 }
 
 /// Pseudorandom numbers with a fixed seed.
-struct TestRandom(u64);
+pub(crate) struct TestRandom(pub(crate) u64);
 
 impl TestRandom {
-    fn next(&mut self) -> u64 {
+    pub(crate) fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         self.0 ^ (self.0 >> 29)
     }
-    fn below(&mut self, limit: usize) -> usize {
+    pub(crate) fn below(&mut self, limit: usize) -> usize {
         (self.next() >> 11) as usize % limit
     }
 }
@@ -82,11 +82,11 @@ fn write(folder: &Path, format: Format, name: &str, imus: &[ImuId], samples: &[R
     path
 }
 
-fn read(path: &Path, choice: ImuChoice) -> Result<Vec<RawSample>, Failure> {
+pub(crate) fn read(path: &Path, choice: ImuChoice) -> Result<Vec<RawSample>, Failure> {
     Samples::open(&[path.to_owned()], choice, &ProgressBar::hidden())?.collect()
 }
 
-fn bits(samples: &[RawSample]) -> Vec<String> {
+pub(crate) fn bits(samples: &[RawSample]) -> Vec<String> {
     let triad = |triad: &Triad| {
         let telemetry = [triad.head_temperature, triad.board_temperature, triad.head_lagged];
         format!(

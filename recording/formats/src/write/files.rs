@@ -1,12 +1,9 @@
 //! The files of a recording: their names, the rows that each one gets, and their rotation.
 
-use super::growing::GrowingFile;
-use super::mcap::McapFile;
-use super::parquet::ParquetFile;
-use super::ros::{RosFile, RosTable};
-use isotherm_failure::{Exit, Failure};
+use super::open::{FileError, OpenFile};
+use super::ros::RosTable;
 use isotherm_recording::columns::Layout;
-use isotherm_recording::rows::{self, RecordedRow, columns};
+use isotherm_recording::rows::RecordedRow;
 use isotherm_shared::stream::{ImuId, StreamKind};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -76,7 +73,8 @@ pub struct Files {
     opened: Instant,
     /// One for each of `streams`, or one MCAP file for all.
     open: Vec<OpenFile>,
-    unflushed: u64,
+    /// Rows of each of `streams` that are not in its file yet.
+    unwritten: Vec<u64>,
     /// Which columns the samples of each IMU need, as far as they have come.
     layouts: Vec<Layout>,
     /// The rows before the first flush of the current files. They decide which columns the files have.
@@ -85,39 +83,12 @@ pub struct Files {
     has_rows: bool,
 }
 
-/// A file that is being written.
-struct OpenFile {
-    path: PathBuf,
-    writer: FormatWriter,
-}
-
-enum FormatWriter {
-    Csv(GrowingFile, Layout),
-    Mcap(Box<McapFile>),
-    Parquet(Box<ParquetFile>),
-    Ros(Box<RosFile>),
-}
-
 /// What became of the columns that a row needs and the current files do not have.
 pub enum MoreColumns {
     /// The rows go on in these files.
     In(Vec<PathBuf>),
     /// They are left out: the standard output has one header.
     LeftOut,
-}
-
-/// An error of the operating system, and the file.
-pub struct FileError(pub PathBuf, pub io::Error);
-
-impl From<FileError> for Failure {
-    fn from(FileError(path, error): FileError) -> Self {
-        if error.kind() == io::ErrorKind::AlreadyExists {
-            let path = path.display();
-            let remedy = "a recording is never replaced: name another, or rotate, which numbers the files";
-            return Self::new(Exit::Io, format!("{path} exists; {remedy}"));
-        }
-        Self::io("writing", &path, &error)
-    }
 }
 
 impl Files {
@@ -158,7 +129,7 @@ impl Files {
             number: 0,
             opened: Instant::now(),
             open: Vec::new(),
-            unflushed: 0,
+            unwritten: vec![0; streams.len()],
             layouts: vec![Layout::default(); imus.len()],
             held: Vec::new(),
             has_rows: false,
@@ -188,7 +159,9 @@ impl Files {
                 Some(MoreColumns::In(next))
             }
         };
-        self.unflushed += 1;
+        if let Some(stream) = self.streams.iter().position(|of| *of == (row.imu, row.stream())) {
+            self.unwritten[stream] += 1;
+        }
         if self.has_rows {
             self.encode(row)?;
         } else {
@@ -202,22 +175,10 @@ impl Files {
         if self.held.is_empty() {
             return Ok(());
         }
-        for (index, OpenFile { path, writer }) in self.open.iter_mut().enumerate() {
+        for (index, file) in self.open.iter_mut().enumerate() {
             let (imu, stream) = self.streams[index];
             let layout = self.layouts[imu].of_stream(stream);
-            let result = match writer {
-                FormatWriter::Csv(file, known) => {
-                    if *known != layout {
-                        file.restart(path, rows::header(&columns(stream, layout)));
-                        *known = layout;
-                    }
-                    Ok(())
-                }
-                FormatWriter::Mcap(file) => file.change_layouts(&self.layouts),
-                FormatWriter::Parquet(file) => file.change_layout(&self.imus[imu], stream, layout),
-                FormatWriter::Ros(_) => Ok(()),
-            };
-            result.map_err(|error| FileError(path.clone(), error))?;
+            file.change_layout(&self.imus[imu], stream, layout, &self.layouts)?;
         }
         self.has_rows = true;
         std::mem::take(&mut self.held).iter().try_for_each(|row| self.encode(row))
@@ -228,30 +189,20 @@ impl Files {
             format if format.is_joint() => 0,
             _ => self.streams.iter().position(|(_, stream)| *stream == row.stream()).unwrap_or(0),
         };
-        let OpenFile { path, writer } = &mut self.open[index];
-        let result = match writer {
-            FormatWriter::Csv(file, layout) => {
-                rows::append(row, *layout, &mut file.pending);
-                Ok(())
-            }
-            FormatWriter::Mcap(file) => file.write(row, self.layouts[row.imu]),
-            FormatWriter::Parquet(file) => file.write(row),
-            FormatWriter::Ros(file) => file.write(row),
-        };
-        result.map_err(|error| FileError(path.clone(), error))
+        self.open[index].write(row, self.layouts[row.imu])
     }
 
     /// Opens the next files before it ends these: if that fails, these continue.
     fn go_on_in_next(&mut self) -> Result<Vec<PathBuf>, FileError> {
         self.flush_open()?;
         let mut full = self.open_next()?;
-        finish(&mut full)?;
+        full.iter_mut().try_for_each(OpenFile::finish)?;
         Ok(self.current_paths())
     }
 
     /// Whether the number of unflushed rows requires a flush now.
-    pub const fn is_flush_due(&self) -> bool {
-        self.unflushed >= MAX_UNFLUSHED
+    pub fn is_flush_due(&self) -> bool {
+        self.unwritten.iter().sum::<u64>() >= MAX_UNFLUSHED
     }
 
     /// Makes all rows so far visible and durable. If the files are full, opens the next ones and returns their names.
@@ -265,24 +216,31 @@ impl Files {
 
     fn flush_open(&mut self) -> Result<(), FileError> {
         self.encode_held()?;
-        if self.unflushed > 0 {
-            for OpenFile { path, writer } in &mut self.open {
-                let result = match writer {
-                    FormatWriter::Csv(file, _) => file.flush(),
-                    FormatWriter::Mcap(file) => file.flush(),
-                    FormatWriter::Parquet(file) => file.flush(),
-                    FormatWriter::Ros(file) => file.flush(),
-                };
-                result.map_err(|error| FileError(path.clone(), error))?;
+        if self.unwritten.iter().any(|rows| *rows > 0) { self.each_open(OpenFile::flush) } else { Ok(()) }
+    }
+
+    /// Writes what has been encoded for each file, until one fails.
+    fn each_open(&mut self, write: fn(&mut OpenFile) -> Result<(), FileError>) -> Result<(), FileError> {
+        for (index, file) in self.open.iter_mut().enumerate() {
+            write(file)?;
+            match self.format.is_joint() {
+                true => self.unwritten.fill(0),
+                false => self.unwritten[index] = 0,
             }
-            self.unflushed = 0;
         }
         Ok(())
     }
 
-    /// Number of rows that have not been flushed.
-    pub const fn unflushed(&self) -> u64 {
-        self.unflushed
+    /// The rows of each stream that are not in its file: since the last flush, or because that failed.
+    pub fn unwritten(&self) -> impl Iterator<Item = ((usize, StreamKind), u64)> {
+        self.streams.iter().copied().zip(self.unwritten.iter().copied())
+    }
+
+    /// Removes the current files if they have no rows: nothing was recorded into them.
+    pub fn remove_without_rows(&self) {
+        if !self.has_rows {
+            self.open.iter().for_each(|file| drop(fs::remove_file(&file.path)));
+        }
     }
 
     /// The names of the current files.
@@ -296,20 +254,12 @@ impl Files {
     /// As [`flush`](Self::flush).
     pub fn finish(&mut self) -> Result<(), FileError> {
         self.encode_held()?;
-        finish(&mut self.open)?;
-        self.unflushed = 0;
-        Ok(())
+        self.each_open(OpenFile::finish)
     }
 
     fn is_full(&self) -> bool {
-        let size = |file: &OpenFile| match &file.writer {
-            FormatWriter::Csv(file, _) => file.size(),
-            FormatWriter::Mcap(file) => file.size(),
-            FormatWriter::Parquet(file) => file.size(),
-            FormatWriter::Ros(file) => file.size(),
-        };
         let old = self.rotation.time.is_some_and(|time| self.opened.elapsed() >= time);
-        let large = self.rotation.size.is_some_and(|most| self.open.iter().any(|file| size(file) >= most));
+        let large = self.rotation.size.is_some_and(|most| self.open.iter().any(|file| file.size() >= most));
         self.has_rows && (old || large)
     }
 
@@ -329,7 +279,7 @@ impl Files {
         let mut opened: Vec<OpenFile> = Vec::new();
         for (index, path) in paths.into_iter().enumerate() {
             match self.open(&path, index) {
-                Ok(writer) => opened.push(OpenFile { path, writer }),
+                Ok(file) => opened.push(file),
                 Err(error) => {
                     // All files are created, or none.
                     opened.iter().for_each(|made| drop(fs::remove_file(&made.path)));
@@ -343,25 +293,19 @@ impl Files {
         Ok(std::mem::replace(&mut self.open, opened))
     }
 
-    fn open(&self, path: &Path, index: usize) -> io::Result<FormatWriter> {
+    fn open(&self, path: &Path, index: usize) -> io::Result<OpenFile> {
         let (imu, stream) = self.streams[index];
         let layout = self.layouts[imu].of_stream(stream);
-        let header = || rows::header(&columns(stream, layout));
-        Ok(match self.format {
-            Format::Csv if path == Path::new("-") => FormatWriter::Csv(GrowingFile::stdout(header()), layout),
-            Format::Csv => FormatWriter::Csv(GrowingFile::create(path, &header())?, layout),
-            Format::Mcap => {
-                FormatWriter::Mcap(Box::new(McapFile::create(path, &self.imus, &self.streams, &self.layouts)?))
-            }
-            Format::Parquet => {
-                FormatWriter::Parquet(Box::new(ParquetFile::create(path, &self.imus[imu], stream, layout)?))
-            }
+        match self.format {
+            Format::Csv => OpenFile::csv(path, stream, layout),
+            Format::Mcap => OpenFile::mcap(path, &self.imus, &self.streams, &self.layouts),
+            Format::Parquet => OpenFile::parquet(path, &self.imus[imu], stream, layout),
             Format::Ros => {
                 let increments = self.streams.iter().filter(|(_, stream)| *stream == StreamKind::Increment);
                 let imus: Vec<_> = increments.map(|(imu, _)| (*imu, &self.imus[*imu])).collect();
-                FormatWriter::Ros(Box::new(RosFile::create(path, &imus, &self.tables)?))
+                OpenFile::ros(path, &imus, &self.tables)
             }
-        })
+        }
     }
 
     /// The names of the files with this number: one per stream, for MCAP one for all.
@@ -377,19 +321,6 @@ impl Files {
                 .to_vec(),
         }
     }
-}
-
-fn finish(files: &mut [OpenFile]) -> Result<(), FileError> {
-    for OpenFile { path, writer } in files {
-        let result = match writer {
-            FormatWriter::Csv(file, _) => file.flush(),
-            FormatWriter::Mcap(file) => file.finish(),
-            FormatWriter::Parquet(file) => file.flush(),
-            FormatWriter::Ros(file) => file.finish(),
-        };
-        result.map_err(|error| FileError(path.clone(), error))?;
-    }
-    Ok(())
 }
 
 /// `name` with the IMU's name for `{imu}`, and `end` before the extension.

@@ -1,11 +1,13 @@
 //! A file that grows only by complete flushes.
 
+use super::vacant::{lock, vacant};
 use isotherm_files::sync_folder;
 use std::fs::File;
 use std::io::{self, Seek as _, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// Creates `path` with these bytes. The file appears with its full content, and never replaces an existing one.
+/// Creates `path` with these bytes. The file appears with its full content, and never replaces an existing one, except a
+/// recording without rows.
 ///
 /// # Errors
 /// If it exists or cannot be written.
@@ -13,7 +15,18 @@ pub(super) fn create(path: &Path, bytes: &[u8]) -> io::Result<File> {
     let mut file = staged_file(path)?;
     file.write_all(bytes)?;
     file.as_file().sync_data()?;
-    let file = file.persist_noclobber(path).map_err(|error| error.error)?;
+    // Before it has its name: no other recorder takes it for one that nobody writes.
+    lock(file.as_file());
+    let refused = match file.persist_noclobber(path) {
+        Ok(file) => return sync_folder(path).map(|()| file),
+        Err(refused) => refused,
+    };
+    if refused.error.kind() != io::ErrorKind::AlreadyExists {
+        return Err(refused.error);
+    }
+    // Locked until it is replaced.
+    let Some(_vacant) = vacant(path)? else { return Err(refused.error) };
+    let file = refused.file.persist(path).map_err(|error| error.error)?;
     sync_folder(path).map(|()| file)
 }
 

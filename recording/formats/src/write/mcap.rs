@@ -168,7 +168,7 @@ fn begin(memory: &Memory) -> io::Result<mcap::Writer<NoSeek<Memory>>> {
 }
 
 /// How all MCAP files are written.
-pub(super) fn options() -> WriteOptions {
+pub(crate) fn options() -> WriteOptions {
     let library = concat!("isotherm ", env!("CARGO_PKG_VERSION"));
     // Compression runs in this thread. The sink cannot seek.
     let options = WriteOptions::new().library(library).disable_seeking(true);

@@ -3,9 +3,15 @@
 mod files;
 mod growing;
 mod mcap;
-mod parquet;
+mod open;
+pub(crate) mod parquet;
 mod ros;
+mod vacant;
 
-pub use files::{FileError, Files, Format, IMU_PLACEHOLDER, MoreColumns, Rotation};
+pub(crate) use mcap::options as mcap_options;
+
+pub use files::{Files, Format, IMU_PLACEHOLDER, MoreColumns, Rotation};
+pub use open::FileError;
 pub use parquet::ParquetStream;
 pub use ros::{RosTable, RosWriter, refuse_same_topics};
+pub use vacant::is_vacant;

@@ -11,3 +11,4 @@ mod convert_time;
 mod foreign;
 mod layouts;
 mod logs;
+mod unchecked;

@@ -1,0 +1,71 @@
+//! How a process finds out that it is cut off from the others though none of them has died.
+//!
+//! systemd-logind unlinks the shared memory of a login user at logout, and people tidy `/dev/shm`. Processes that are
+//! connected go on with what they have, but no new one reaches them. And another user who watches `/dev/shm` can make
+//! the object of a connection before the processes that it is for.
+
+use crate::objects::{SHARED_MEMORY, entries, is_trusted};
+use core::fmt;
+use isotherm_shared::stream::Domain;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// What has cut a process off.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub(crate) enum Loss {
+    /// An object that it has open was removed.
+    Removed(PathBuf),
+    /// Another user has made the object of one of its connections first.
+    Taken(PathBuf),
+    /// No answer has come for this long, and the service lives.
+    Silence(Duration),
+}
+
+impl fmt::Display for Loss {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Removed(path) => write!(
+                f,
+                "{} was removed under the running processes: by systemd-logind at a logout (RemoveIPC), or by somebody who tidied up",
+                path.display()
+            ),
+            Self::Taken(path) => write!(f, "another user has made {} first", path.display()),
+            Self::Silence(time) => write!(f, "the service has not answered for {} s", time.as_secs()),
+        }
+    }
+}
+
+/// An object in shared memory that describes a stream of `domain`, or the file that shows that this process is alive,
+/// if this process has it open and it was removed.
+///
+/// The transport removes them only when nobody uses them any more.
+#[must_use]
+pub fn removed_object(domain: &Domain) -> Option<PathBuf> {
+    const DELETED: &str = " (deleted)";
+    let prefix = format!("{SHARED_MEMORY}/{}", domain.prefix());
+    let monitors = format!("{}/nodes/{}", domain.root_path(), domain.prefix());
+    let names = fs::read_dir("/proc/self/fd").into_iter().flatten().flatten();
+    let targets = names.filter_map(|entry| fs::read_link(entry.path()).ok()?.into_os_string().into_string().ok());
+    let mut removed = targets.filter_map(|target| target.strip_suffix(DELETED).map(str::to_owned));
+    // The number of a process's member has its process id in the upper half.
+    let is_own = |number: &str| number.parse().is_ok_and(|number: u128| (number >> 64) as u32 == std::process::id());
+    let is_own_monitor = |path: &str| {
+        let number = path.strip_prefix(&monitors).and_then(|rest| rest.strip_suffix(".node_monitor"));
+        number.is_some_and(is_own)
+    };
+    let describes = |path: &String| path.starts_with(&prefix) && path.ends_with(".dynamic") || is_own_monitor(path);
+    removed.find(describes).map(PathBuf::from)
+}
+
+/// The object of a connection of one of these ports that another user has made.
+pub(crate) fn taken_connection(domain: &Domain, ports: &[u128]) -> Option<PathBuf> {
+    let ports = ports.iter().map(u128::to_string).collect::<Vec<_>>();
+    // Other users may make any number of objects, so names are compared before anything is looked at.
+    let is_of_port = |name: &str| ports.iter().any(|port| name.contains(port.as_str()));
+    let foreign = |path: &Path| fs::symlink_metadata(path).is_ok_and(|found| !is_trusted(domain, &found));
+    entries(Path::new(SHARED_MEMORY), &domain.prefix())
+        .filter(|entry| entry.file_name().to_str().is_some_and(is_of_port))
+        .map(|entry| entry.path())
+        .find(|path| foreign(path))
+}

@@ -1,0 +1,162 @@
+//! Takes what is whole of a damaged recording into another file: the rows before and behind each damaged place.
+//!
+//! What was recorded with checks is taken where it matches them: rows of CSV, row groups of Parquet, chunks of MCAP.
+//! Without checks it is taken where it can be read. Rows keep their session and sequence, by which the length of a hole
+//! is known. Where it is not, because the same session goes on with a sequence that does not rise, a new session begins.
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use isotherm_recording_formats::repair::repair;
+//!
+//! let folder = tempfile::tempdir()?;
+//! let damaged = folder.path().join("damaged.csv");
+//! let text = include_str!("../../../../tests/data/run.csv").replacen("\n7,", "\n7\u{0},", 1);
+//! std::fs::write(&damaged, text)?;
+//! let repaired = repair(&damaged, std::io::sink())?;
+//! assert_eq!((repaired.holes.len(), repaired.lost()), (1, Some(1)));
+//! # Ok(())
+//! # }
+//! ```
+
+mod account;
+mod chunks;
+mod csv;
+mod mcap;
+mod parquet;
+mod report;
+
+pub use report::{Hole, Loss, Repaired, RowTime, StreamRows};
+
+use crate::seal::MAGIC;
+use isotherm_failure::{Exit, Failure};
+use isotherm_files::{Output, check_written, refuse_overlap};
+use isotherm_recording::columns::MCAP_MAGIC;
+use std::fs::{self, File};
+use std::io::{self, Read as _, Write};
+use std::path::Path;
+
+/// Takes what is whole of the recording `source` into `target`, in the same format. Returns what was taken and lost.
+///
+/// # Errors
+/// If `target` exists, if nothing can be taken, or if a file cannot be read or written.
+pub fn repair_into(source: &Path, target: &Path) -> Result<Repaired, Failure> {
+    refuse_overlap(&[(source, "the recording")], &[Some(target)])?;
+    let refuse_existing = || match fs::symlink_metadata(target) {
+        Ok(_) => {
+            let message = format!("{} exists; a recording is never replaced: name another", target.display());
+            Err(Failure::new(Exit::Io, message).at(target, None))
+        }
+        Err(_) => Ok(()),
+    };
+    refuse_existing()?;
+    let written = |result: io::Result<Output>| match result {
+        Ok(output) => Ok(output),
+        Err(error) => {
+            check_written(Some(target), Err(error))?;
+            Err(Failure::new(Exit::Io, format!("writing {}", target.display())))
+        }
+    };
+    let mut output = written(Output::create(Some(target)))?;
+    let repaired = repair(source, &mut output).map_err(|failure| match failure.exit {
+        // An error of the output has no other place.
+        Exit::Io if failure.place.is_none() => Failure::new(Exit::Io, format!("{}: {failure}", target.display())),
+        _ => failure,
+    })?;
+    refuse_existing()?;
+    check_written(Some(target), output.finish())?;
+    Ok(repaired)
+}
+
+/// As [`repair_into`], into any sink.
+///
+/// # Errors
+/// As [`repair_into`].
+pub fn repair(source: &Path, mut sink: impl Write) -> Result<Repaired, Failure> {
+    let io = |error: &io::Error| Failure::io("opening", source, error);
+    let is_file = fs::metadata(source).map_err(|error| io(&error))?.is_file();
+    let file = File::open(source).map_err(|error| io(&error))?;
+    if !is_file {
+        let message = format!("{}: only a file can be repaired", source.display());
+        return Err(Failure::new(Exit::Usage, message).at(source, None));
+    }
+    let mut begin = Vec::new();
+    (&file).take(MCAP_MAGIC.len() as u64).read_to_end(&mut begin).map_err(|error| io(&error))?;
+    let sink: &mut dyn Write = &mut sink;
+    let repaired = match format_of(source, &begin) {
+        None => Err(Unusable::Nothing("the file is empty".to_owned())),
+        Some(RecordingFormat::Csv) => csv::repair(source, sink),
+        Some(RecordingFormat::Parquet) => parquet::repair(file, sink),
+        Some(RecordingFormat::Mcap) => mcap::repair(&file, sink),
+    };
+    let repaired = repaired.and_then(|repaired| match repaired.holes.is_empty() || repaired.rows() > 0 {
+        true => Ok(repaired),
+        false => {
+            let hole = repaired.holes.first().map(Hole::to_string).unwrap_or_default();
+            Err(Unusable::Nothing(format!("no row is whole: {hole}")))
+        }
+    });
+    repaired.map_err(|error| match error {
+        Unusable::Nothing(message) => {
+            Failure::new(Exit::Data, format!("{}: {message}", source.display())).at(source, None)
+        }
+        Unusable::Read(error) => Failure::io("reading", source, &error),
+        Unusable::Write(error) => Failure::new(Exit::Io, format!("writing: {error}")),
+    })
+}
+
+/// As [`repair`], without a result: finds all damaged places.
+///
+/// # Errors
+/// If no row is whole, or the file cannot be read.
+pub fn inspect(source: &Path) -> Result<Repaired, Failure> {
+    repair(source, io::sink())
+}
+
+/// A format of recordings.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum RecordingFormat {
+    /// Text
+    Csv,
+    /// Apache Parquet
+    Parquet,
+    /// MCAP
+    Mcap,
+}
+
+impl RecordingFormat {
+    /// Its name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Csv => "CSV",
+            Self::Parquet => "Parquet",
+            Self::Mcap => "MCAP",
+        }
+    }
+}
+
+/// The format of a file: by its first bytes, or where these are damaged, by its name. `None` if it is empty.
+fn format_of(path: &Path, begin: &[u8]) -> Option<RecordingFormat> {
+    let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    match (begin, ending.as_str()) {
+        ([], _) => None,
+        (begin, _) if begin.starts_with(MAGIC) => Some(RecordingFormat::Parquet),
+        (begin, _) if begin == MCAP_MAGIC => Some(RecordingFormat::Mcap),
+        (_, "parquet") => Some(RecordingFormat::Parquet),
+        (_, "mcap") => Some(RecordingFormat::Mcap),
+        _ => Some(RecordingFormat::Csv),
+    }
+}
+
+/// Why nothing was taken.
+enum Unusable {
+    /// Nothing can be, and why.
+    Nothing(String),
+    /// The source cannot be read.
+    Read(io::Error),
+    /// The sink cannot be written.
+    Write(io::Error),
+}
+
+#[cfg(test)]
+mod tests;

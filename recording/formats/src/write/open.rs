@@ -1,0 +1,150 @@
+//! A file of a recording that is being written, in its format.
+
+use super::growing::GrowingFile;
+use super::mcap::McapFile;
+use super::parquet::ParquetFile;
+use super::ros::{RosFile, RosTable};
+use isotherm_failure::{Exit, Failure};
+use isotherm_recording::columns::Layout;
+use isotherm_recording::rows::{self, RecordedRow, columns};
+use isotherm_shared::stream::{ImuId, StreamKind};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// An error of the operating system, and the file.
+pub struct FileError(pub PathBuf, pub io::Error);
+
+impl From<FileError> for Failure {
+    fn from(FileError(path, error): FileError) -> Self {
+        if error.kind() == io::ErrorKind::AlreadyExists {
+            let path = path.display();
+            let remedy = "a recording is never replaced: name another, or rotate, which numbers the files";
+            return Self::new(Exit::Io, format!("{path} exists; {remedy}"));
+        }
+        Self::io("writing", &path, &error)
+    }
+}
+
+/// A file that is being written.
+pub(super) struct OpenFile {
+    pub(super) path: PathBuf,
+    writer: FormatWriter,
+}
+
+enum FormatWriter {
+    Csv(GrowingFile, Layout),
+    Mcap(Box<McapFile>),
+    Parquet(Box<ParquetFile>),
+    Ros(Box<RosFile>),
+}
+
+impl OpenFile {
+    fn new(path: &Path, writer: FormatWriter) -> Self {
+        Self { path: path.to_owned(), writer }
+    }
+
+    /// Creates a file of a stream as text; `-` is the standard output.
+    pub(super) fn csv(path: &Path, stream: StreamKind, layout: Layout) -> io::Result<Self> {
+        let header = rows::header(&columns(stream, layout));
+        let file = match path == Path::new("-") {
+            true => GrowingFile::stdout(header),
+            false => GrowingFile::create(path, &header)?,
+        };
+        Ok(Self::new(path, FormatWriter::Csv(file, layout)))
+    }
+
+    /// Creates a file of all streams.
+    pub(super) fn mcap(
+        path: &Path,
+        imus: &[ImuId],
+        streams: &[(usize, StreamKind)],
+        layouts: &[Layout],
+    ) -> io::Result<Self> {
+        let file = McapFile::create(path, imus, streams, layouts)?;
+        Ok(Self::new(path, FormatWriter::Mcap(Box::new(file))))
+    }
+
+    /// Creates a file of a stream in Parquet.
+    pub(super) fn parquet(path: &Path, imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<Self> {
+        let file = ParquetFile::create(path, imu, stream, layout)?;
+        Ok(Self::new(path, FormatWriter::Parquet(Box::new(file))))
+    }
+
+    /// Creates a file of ROS messages.
+    pub(super) fn ros(path: &Path, imus: &[(usize, &ImuId)], tables: &[RosTable]) -> io::Result<Self> {
+        let file = RosFile::create(path, imus, tables)?;
+        Ok(Self::new(path, FormatWriter::Ros(Box::new(file))))
+    }
+
+    fn failed(&self, error: io::Error) -> FileError {
+        FileError(self.path.clone(), error)
+    }
+
+    /// Gives a file without rows another layout: that of its stream, or those of all IMUs.
+    pub(super) fn change_layout(
+        &mut self,
+        imu: &ImuId,
+        stream: StreamKind,
+        layout: Layout,
+        all: &[Layout],
+    ) -> Result<(), FileError> {
+        let result = match &mut self.writer {
+            FormatWriter::Csv(file, known) => {
+                if *known != layout {
+                    file.restart(&self.path, rows::header(&columns(stream, layout)));
+                    *known = layout;
+                }
+                Ok(())
+            }
+            FormatWriter::Mcap(file) => file.change_layouts(all),
+            FormatWriter::Parquet(file) => file.change_layout(imu, stream, layout),
+            FormatWriter::Ros(_) => Ok(()),
+        };
+        result.map_err(|error| self.failed(error))
+    }
+
+    /// Encodes a row. `layout` is that of its IMU, which matters to a file of all streams.
+    pub(super) fn write(&mut self, row: &RecordedRow, layout: Layout) -> Result<(), FileError> {
+        let result = match &mut self.writer {
+            FormatWriter::Csv(file, layout) => {
+                rows::append(row, *layout, &mut file.pending);
+                Ok(())
+            }
+            FormatWriter::Mcap(file) => file.write(row, layout),
+            FormatWriter::Parquet(file) => file.write(row),
+            FormatWriter::Ros(file) => file.write(row),
+        };
+        result.map_err(|error| self.failed(error))
+    }
+
+    /// Makes what has been encoded visible and durable.
+    pub(super) fn flush(&mut self) -> Result<(), FileError> {
+        let result = match &mut self.writer {
+            FormatWriter::Csv(file, _) => file.flush(),
+            FormatWriter::Mcap(file) => file.flush(),
+            FormatWriter::Parquet(file) => file.flush(),
+            FormatWriter::Ros(file) => file.flush(),
+        };
+        result.map_err(|error| self.failed(error))
+    }
+
+    /// As [`flush`](Self::flush), and ends the file.
+    pub(super) fn finish(&mut self) -> Result<(), FileError> {
+        let result = match &mut self.writer {
+            FormatWriter::Csv(..) | FormatWriter::Parquet(_) => return self.flush(),
+            FormatWriter::Mcap(file) => file.finish(),
+            FormatWriter::Ros(file) => file.finish(),
+        };
+        result.map_err(|error| self.failed(error))
+    }
+
+    /// Size \[bytes\].
+    pub(super) fn size(&self) -> u64 {
+        match &self.writer {
+            FormatWriter::Csv(file, _) => file.size(),
+            FormatWriter::Mcap(file) => file.size(),
+            FormatWriter::Parquet(file) => file.size(),
+            FormatWriter::Ros(file) => file.size(),
+        }
+    }
+}

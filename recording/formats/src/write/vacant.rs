@@ -1,0 +1,153 @@
+//! Whether a file is a recording without rows: what a recorder leaves that began and got no row.
+
+use crate::read::pages::is_footer;
+use crate::read::panics::catch_panic;
+use crate::read::records::each_record;
+use crate::seal::{CREATOR, MAGIC};
+use isotherm_recording::columns::MCAP_MAGIC;
+use isotherm_recording::rows::{columns, header};
+use isotherm_recording::{CHECK, layouts};
+use mcap::parse_record;
+use mcap::records::{Record, op};
+use parquet::file::metadata::ParquetMetaDataReader;
+use rustix::fs::{FlockOperation, Mode, OFlags, flock, open};
+use std::fs::{self, File};
+use std::io::{self, Read as _};
+use std::os::unix::fs::MetadataExt as _;
+use std::path::Path;
+
+/// The longest file without rows \[bytes\]: an MCAP file of many IMUs.
+const MOST: u64 = 1 << 20;
+
+/// Takes the lock of a file that has no rows yet: as long as it is held, no other recorder replaces the file. Where the
+/// file system has no locks, none does.
+pub(super) fn lock(file: &File) {
+    let _ = flock(file, FlockOperation::NonBlockingLockExclusive);
+}
+
+/// Whether a recording can be created with this name: there is no such file, or one of this user without rows, that no
+/// recorder is writing.
+#[must_use]
+pub fn is_vacant(path: &Path) -> bool {
+    fs::symlink_metadata(path).is_err() || vacant(path).is_ok_and(|file| file.is_some())
+}
+
+/// Whether `path` is a recording of this user without rows, that no recorder is writing. It then stays locked by the
+/// file that is returned.
+pub(super) fn vacant(path: &Path) -> io::Result<Option<File>> {
+    let flags = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    let Ok(file) = open(path, flags, Mode::empty()).map(File::from) else { return Ok(None) };
+    let about = file.metadata()?;
+    let is_own = about.is_file() && about.nlink() == 1 && about.uid() == rustix::process::geteuid().as_raw();
+    if !is_own || about.len() > MOST || flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+        return Ok(None);
+    }
+    let mut bytes = Vec::new();
+    (&file).take(MOST).read_to_end(&mut bytes)?;
+    // Between its opening and the lock another recorder may have replaced it.
+    let named = fs::symlink_metadata(path)?;
+    let is_named = (named.dev(), named.ino(), named.len()) == (about.dev(), about.ino(), bytes.len() as u64);
+    Ok((is_named && has_no_rows(&bytes)).then_some(file))
+}
+
+/// Whether these are the bytes of a recording without rows, or none.
+fn has_no_rows(bytes: &[u8]) -> bool {
+    if bytes.is_empty() {
+        return true;
+    }
+    if bytes.starts_with(MCAP_MAGIC) {
+        return has_no_messages(bytes);
+    }
+    if bytes.starts_with(MAGIC) {
+        return has_no_groups(bytes);
+    }
+    layouts().any(|(stream, layout)| {
+        let header = header(&columns(stream, layout));
+        // Files from before there were checks.
+        let unchecked = header.strip_suffix(format!(",{CHECK}\n").as_bytes()).unwrap_or_default();
+        bytes == header || bytes.strip_suffix(b"\n").is_some_and(|bytes| bytes == unchecked)
+    })
+}
+
+fn has_no_groups(bytes: &[u8]) -> bool {
+    let footer = || {
+        let end = bytes.len().checked_sub(8)?;
+        let length = u32::from_le_bytes(*bytes.get(end..)?.first_chunk()?) as usize;
+        let footer = bytes.get(end.checked_sub(length)?..end).filter(|footer| is_footer(footer))?;
+        ParquetMetaDataReader::decode_metadata(footer).ok()
+    };
+    let footer = catch_panic(footer).flatten();
+    footer.is_some_and(|footer| {
+        let about = footer.file_metadata();
+        about.created_by().is_some_and(|by| by.starts_with(CREATOR)) && footer.num_row_groups() == 0
+    })
+}
+
+/// Whether an MCAP file of the recorder has channels alone. A record that is cut, or wrong, may be of messages.
+fn has_no_messages(bytes: &[u8]) -> bool {
+    let mut is_own = false;
+    let read = each_record(bytes, true, |opcode, data| match (opcode, parse_record(opcode, data)) {
+        (op::MESSAGE, _) | (_, Err(_)) => Err(String::new()),
+        (_, Ok(Record::Header(header))) => {
+            is_own = header.library.starts_with(CREATOR);
+            Ok(())
+        }
+        _ => Ok(()),
+    });
+    read.is_ok() && is_own
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::write::{Files, Format, Rotation};
+    use isotherm_recording::rows::RecordedRow;
+    use isotherm_shared::stream::StreamKind;
+    use isotherm_shared::wire::{RawSample, StreamSample};
+
+    #[test]
+    fn a_recording_without_rows_is_replaced_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let streams = StreamKind::BOTH.map(|stream| (0, stream));
+        for (format, name) in [(Format::Csv, "r.csv"), (Format::Parquet, "r.parquet"), (Format::Mcap, "r.mcap")] {
+            let path = folder.path().join(name);
+            let create = || Files::create(&path, format, Rotation::default(), &["imu-a".parse().unwrap()], &streams);
+            let refused = || create().err().map(|error| error.1.kind()) == Some(io::ErrorKind::AlreadyExists);
+            let mut first = create().ok().unwrap();
+            assert!(refused(), "{name}: another recorder has begun it");
+            first.finish().ok().unwrap();
+            drop(first);
+            // An empty recording, and an empty file.
+            drop(create().ok().unwrap());
+            fs::write(&path, "").unwrap();
+            let mut third = create().ok().unwrap();
+            let raw = RawSample { session: 1, sequence: 1, ..RawSample::default() };
+            let row = RecordedRow { imu: 0, recorded_ns: 1, sample: StreamSample::Raw(raw) };
+            third.write(&row).ok().unwrap();
+            third.flush().ok().unwrap();
+            assert!(refused(), "{name}: it has a row");
+            third.finish().ok().unwrap();
+            drop(third);
+            assert!(refused(), "{name}: it has a row");
+            for other in ["a note", "\n", "PAR1", "sequence,timestamp_ns\n"] {
+                fs::write(&path, other).unwrap();
+                assert!(refused(), "{name}: {other:?}");
+            }
+            fs::remove_file(&path).unwrap();
+            std::os::unix::fs::symlink(folder.path().join("none"), &path).unwrap();
+            assert!(refused(), "{name}: a link");
+        }
+        assert!(!folder.path().join("none").exists());
+    }
+
+    /// A file that was begun before there were checks.
+    #[test]
+    fn a_header_of_before_is_a_recording_without_rows() {
+        for (stream, layout) in layouts() {
+            let names: Vec<_> = columns(stream, layout).iter().map(|column| column.name).collect();
+            let text = names.join(",");
+            assert!(has_no_rows(format!("{text}\n").as_bytes()) && has_no_rows(format!("{text},check\n").as_bytes()));
+            assert!(!has_no_rows(format!("{text}\n1\n").as_bytes()) && !has_no_rows(text.as_bytes()));
+        }
+    }
+}

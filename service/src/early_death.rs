@@ -1,0 +1,90 @@
+//! Services that die within the first second.
+//!
+//! What dead processes leave in shared memory may be damaged, by a fault of the memory or by a program that wrote where
+//! it should not. A service that finds it dies at its start, whenever it is started. So each start leaves a mark, which
+//! is removed when the service has run for a second or ends in order. A start that finds the mark of the one before
+//! clears the domain.
+
+use crate::{clean, leftovers};
+use isotherm_client::{Domain, Note};
+use std::time::{Duration, Instant};
+use tracing::warn;
+
+/// So long a service must have run.
+const EARLY: Duration = Duration::from_secs(1);
+/// So many services in a row must have crashed early before the domain is cleared under processes that use it. They
+/// join again, but may miss increments. A service that was killed has not crashed.
+const CRASHES_BESIDE_OTHERS: u32 = 2;
+/// What a service that crashes adds to the mark.
+const CRASH: u8 = b'x';
+
+/// The mark of a start: how many services before have crashed early, and whether this one has.
+#[derive(Debug)]
+pub(crate) struct StartMark {
+    note: Note,
+    ready: Option<Instant>,
+}
+
+impl StartMark {
+    /// Leaves the mark. Clears the domain if the service before has died early.
+    pub(crate) fn leave(domain: &Domain) -> Self {
+        let note = Note::new(domain, "starting");
+        let before = note.read();
+        let crashes = before.as_deref().map_or(0, crashes);
+        if crashes >= CRASHES_BESIDE_OTHERS || before.is_some() && !leftovers::is_in_use(domain) {
+            match clean::remove_streams(domain) {
+                Ok(0) => {}
+                Ok(removed) => warn!(
+                    "the last service has died within a second of its start: {removed} objects that were left of the domain are removed, since \
+                     they may be damaged"
+                ),
+                Err(error) => warn!("removing what is left of the domain: {error}"),
+            }
+        }
+        let mark = Self { note, ready: None };
+        mark.write(&crashes.to_string());
+        mark
+    }
+
+    fn write(&self, text: &str) {
+        if let Err(error) = self.note.write(text.as_bytes()) {
+            warn!("noting that the service starts: {error}");
+        }
+    }
+
+    /// The service is ready. Returns whether the mark was removed, which is when it has run for a second.
+    pub(crate) fn remove_after_a_second(&mut self) -> bool {
+        let ready = *self.ready.get_or_insert_with(Instant::now);
+        let is_over = ready.elapsed() > EARLY;
+        if is_over {
+            self.note.remove();
+        }
+        is_over
+    }
+
+    /// The service ends in order.
+    pub(crate) fn remove(&self) {
+        self.note.remove();
+    }
+}
+
+/// How many services in a row have crashed early, by a mark that was found.
+fn crashes(mark: &[u8]) -> u32 {
+    let Some(before) = mark.strip_suffix(&[CRASH]) else { return 0 };
+    let before: u32 = str::from_utf8(before).ok().and_then(|text| text.parse().ok()).unwrap_or(0);
+    before.saturating_add(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_crashes_in_a_row_count() {
+        for (mark, count) in
+            [("", 0), ("0", 0), ("3", 0), ("0x", 1), ("1x", 2), ("x", 1), ("?x", 1), ("4294967295x", u32::MAX)]
+        {
+            assert_eq!(crashes(mark.as_bytes()), count, "{mark:?}");
+        }
+    }
+}

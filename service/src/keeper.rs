@@ -1,0 +1,219 @@
+//! Keeps the tables in force in the state folder, in a thread of its own: a disk may take its time.
+//!
+//! Of each IMU only the newest request waits. A request that fails is tried again until it succeeds or a newer one
+//! replaces it.
+
+use crate::events::Events;
+use crate::memory::{Memory, StateFolder, kept_note, remedy};
+use isotherm_client::{Domain, ImuId, STATE_VARIABLE};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use std::{io, thread};
+use tracing::warn;
+
+/// Pause before what could not be kept is tried again.
+const RETRY: Duration = Duration::from_secs(10);
+
+/// What is to be kept for an IMU.
+#[derive(Clone, Debug)]
+pub(crate) struct KeepRequest {
+    /// The table in force, and those that the next one is compared with.
+    pub memory: Memory,
+    /// What was accepted when the table was taken. It is used up when the table is kept.
+    pub accepted: Option<Vec<u8>>,
+}
+
+/// How keeping a table has ended, for now.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub(crate) struct KeepOutcome {
+    /// Digest of the table in force that was to be kept.
+    pub table: String,
+    /// Why it is not kept.
+    pub error: Option<String>,
+}
+
+/// The control thread's handle. Dropping it ends the thread when it has nothing to do.
+pub(crate) struct Keeper {
+    shared: Arc<Shared>,
+}
+
+#[derive(Default)]
+struct Shared {
+    queue: Mutex<Queue>,
+    changed: Condvar,
+}
+
+#[derive(Default)]
+struct Queue {
+    /// By the number of the IMU.
+    requests: BTreeMap<usize, KeepRequest>,
+    /// Whether the thread is at work on a request.
+    is_busy: bool,
+    ended: bool,
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Queue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Keeper {
+    /// Starts the thread. It first reads what is kept for each IMU, and passes that to `events`.
+    ///
+    /// # Errors
+    /// If the operating system refuses the thread.
+    pub(crate) fn start(domain: &Domain, imus: Vec<ImuId>, events: &Arc<Events>) -> io::Result<Self> {
+        let shared = Arc::<Shared>::default();
+        let body = {
+            let (shared, domain, events) = (Arc::clone(&shared), domain.clone(), Arc::clone(events));
+            move || KeeperThread::new(domain, imus, shared, events).run()
+        };
+        thread::Builder::new().name("keeper".to_owned()).spawn(body)?;
+        Ok(Self { shared })
+    }
+
+    /// Requests that the tables of an IMU are kept. The outcome comes as an event.
+    pub(crate) fn keep(&self, imu: usize, request: KeepRequest) {
+        self.shared.lock().requests.insert(imu, request);
+        self.shared.changed.notify_all();
+    }
+
+    /// Waits until nothing is left to do, but no longer than this.
+    pub(crate) fn finish(&self, limit: Duration) {
+        let is_at_work = |queue: &mut Queue| queue.is_busy || !queue.requests.is_empty();
+        // What is not kept then is kept after the next start.
+        drop(self.shared.changed.wait_timeout_while(self.shared.lock(), limit, is_at_work));
+    }
+}
+
+impl Drop for Keeper {
+    fn drop(&mut self) {
+        self.shared.lock().ended = true;
+        self.shared.changed.notify_all();
+    }
+}
+
+struct KeeperThread {
+    domain: Domain,
+    imus: Vec<ImuId>,
+    shared: Arc<Shared>,
+    events: Arc<Events>,
+    folder: Result<StateFolder, &'static str>,
+    /// What is in the folder, by the number of the IMU.
+    kept: Vec<Memory>,
+    /// What could not be kept.
+    failed: BTreeMap<usize, KeepRequest>,
+    told_in_memory: bool,
+}
+
+impl KeeperThread {
+    fn new(domain: Domain, imus: Vec<ImuId>, shared: Arc<Shared>, events: Arc<Events>) -> Self {
+        let folder = StateFolder::of(&domain);
+        Self { domain, imus, shared, events, folder, kept: Vec::new(), failed: BTreeMap::new(), told_in_memory: false }
+    }
+
+    fn run(mut self) {
+        for (number, imu) in self.imus.iter().enumerate() {
+            let (memory, faults) = match &self.folder {
+                Ok(folder) => folder.load(&self.domain, imu),
+                Err(_) => (Memory::default(), Vec::new()),
+            };
+            for cause in faults {
+                warn!(%imu, "the table that was in force last cannot be read: {cause}");
+            }
+            if let Some(digest) = &memory.forgotten {
+                warn!(%imu, "the table {digest} was kept, and is missing now: no other table is taken unless it is accepted");
+            }
+            self.kept.push(memory.clone());
+            self.events.memory(number, memory);
+        }
+        while let Some((number, request)) = self.next() {
+            self.keep(number, request);
+        }
+    }
+
+    /// Waits for the next request; `None` at the end.
+    fn next(&mut self) -> Option<(usize, KeepRequest)> {
+        let mut queue = self.shared.lock();
+        queue.is_busy = false;
+        self.shared.changed.notify_all();
+        loop {
+            if let Some(next) = queue.requests.pop_first() {
+                queue.is_busy = true;
+                return Some(next);
+            }
+            if queue.ended {
+                return None;
+            }
+            if self.failed.is_empty() {
+                queue = self.shared.changed.wait(queue).unwrap_or_else(PoisonError::into_inner);
+            } else {
+                let (again, waited) =
+                    self.shared.changed.wait_timeout(queue, RETRY).unwrap_or_else(PoisonError::into_inner);
+                queue = again;
+                if waited.timed_out() && queue.requests.is_empty() {
+                    return self.failed.pop_first();
+                }
+            }
+        }
+    }
+
+    fn keep(&mut self, number: usize, request: KeepRequest) {
+        let imu = &self.imus[number];
+        let Some(table) = request.memory.in_force.as_ref().map(|table| table.digest().to_string()) else { return };
+        let stored = match &self.folder {
+            Ok(folder) => folder
+                .store(imu, &request.memory, &self.kept[number])
+                .map_err(|error| format!("keeping the table in force as {}: {error}", folder.path(imu).display())),
+            Err(cause) => Err(format!("keeping the table in force: {cause}")),
+        };
+        let is_again =
+            self.failed.remove(&number).is_some_and(|before| before.memory.in_force == request.memory.in_force);
+        match stored {
+            Ok(()) => {
+                self.note_kept(imu, &table);
+                self.use_up(imu, request.accepted.as_deref());
+                self.kept[number] = request.memory;
+                self.tell_if_in_memory();
+                self.events.kept(number, KeepOutcome { table, error: None });
+            }
+            Err(error) => {
+                if !is_again {
+                    warn!(%imu, "{error}; the next start compares with an older one, or with none; {}", remedy());
+                }
+                self.failed.insert(number, request);
+                self.events.kept(number, KeepOutcome { table, error: Some(error) });
+            }
+        }
+    }
+
+    /// Notes in the domain's folder that a table is kept, so that the next start misses it.
+    fn note_kept(&self, imu: &ImuId, table: &str) {
+        if let Err(error) = kept_note(&self.domain, imu).write(table.as_bytes()) {
+            warn!(%imu, "noting in {} that its table is kept: {error}", Path::new(self.domain.root_path()).display());
+        }
+    }
+
+    /// Removes what was accepted when the table was taken, which may be another one: an acceptance that was not needed
+    /// does not wait for a later table. One that came meanwhile stays.
+    fn use_up(&self, imu: &ImuId, accepted: Option<&[u8]>) {
+        let acceptance = crate::guard::acceptance(&self.domain, imu);
+        if accepted.is_some() && acceptance.read().as_deref() == accepted {
+            acceptance.remove();
+        }
+    }
+
+    fn tell_if_in_memory(&mut self) {
+        if !std::mem::replace(&mut self.told_in_memory, true)
+            && let Ok(Some(cause)) = self.folder.as_ref().map(StateFolder::is_in_memory)
+        {
+            warn!(
+                "a power cycle forgets which tables were in force, and the next start takes any: {cause}; name another folder in \
+                 {STATE_VARIABLE}"
+            );
+        }
+    }
+}

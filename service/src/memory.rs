@@ -1,0 +1,231 @@
+//! Which tables were in force before, and the state folder that keeps them over a restart.
+//!
+//! For each IMU the folder has up to three files, each a table:
+//!
+//! | name | what |
+//! |---|---|
+//! | `IMU.toml` | the table that was in force last |
+//! | `IMU.anchor.toml` | the anchor: the table of the first start, or the last one that was accepted by its digest |
+//! | `IMU.gyroscopes.toml` | the last table with gyroscopes, while the one in force has none |
+//!
+//! What another user could have written or taken away is not believed.
+
+use isotherm_client::{Domain, ImuId, Note, ROOT_VARIABLE, STATE_VARIABLE};
+use isotherm_files::{Trust, load_table, replace};
+use isotherm_shared::table::CoefficientTable;
+use rustix::fs::{FsWord, statfs};
+use std::fs::{self, DirBuilder, File};
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::{env, io};
+
+/// The tables of one IMU that a new one is compared with.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Memory {
+    /// The table that was in force last.
+    pub in_force: Option<Arc<CoefficientTable>>,
+    /// The table of the first start, or the last one that was accepted.
+    pub anchor: Option<Arc<CoefficientTable>>,
+    /// The last table with gyroscopes, if the one in force has none.
+    pub gyroscopes: Option<Arc<CoefficientTable>>,
+    /// Digest of the table that was kept last and cannot be read any more.
+    pub forgotten: Option<String>,
+}
+
+impl Memory {
+    /// The table to compare a new one with, and to serve where there is no other.
+    pub(crate) fn reference(&self) -> Option<&Arc<CoefficientTable>> {
+        self.in_force.as_ref().or(self.anchor.as_ref())
+    }
+
+    /// Whether the table in force is the anchor.
+    pub(crate) fn is_anchored(&self) -> bool {
+        let digest = |table: &Option<Arc<CoefficientTable>>| table.as_ref().map(|table| *table.digest());
+        digest(&self.in_force) == digest(&self.anchor)
+    }
+
+    /// Notes that this table is in force now, and that it is the anchor if it was accepted or there is none.
+    pub(crate) fn take(&mut self, table: &Arc<CoefficientTable>, accepted: bool) {
+        let has_gyroscopes = |table: &Arc<CoefficientTable>| table.content().gyroscopes.is_some();
+        let before = self.in_force.replace(Arc::clone(table));
+        if has_gyroscopes(table) {
+            self.gyroscopes = None;
+        } else {
+            self.gyroscopes = before.filter(has_gyroscopes).or(self.gyroscopes.take());
+        }
+        if accepted || self.anchor.is_none() {
+            self.anchor = Some(Arc::clone(table));
+        }
+        self.forgotten = None;
+    }
+}
+
+/// The digest of the table that was kept last for an IMU. It outlives the state folder, not a restart of the machine.
+pub(crate) fn kept_note(domain: &Domain, imu: &ImuId) -> Note {
+    Note::new(domain, &format!("kept-{imu}"))
+}
+
+/// The folder in which the tables of a domain are kept. It need not exist.
+#[derive(Clone, Debug)]
+pub(crate) struct StateFolder(PathBuf);
+
+impl StateFolder {
+    /// The folder that the environment of this process names.
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub(crate) fn of(domain: &Domain) -> Result<Self, &'static str> {
+        let set = |name: &str| env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+        // systemd names several folders with colons between them.
+        let systemd =
+            || env::var("STATE_DIRECTORY").ok()?.split(':').next().filter(|path| !path.is_empty()).map(PathBuf::from);
+        // A domain that was given a folder of its own keeps what it has beside it.
+        let root = || set(ROOT_VARIABLE).and_then(|_| Some(Path::new(domain.root_path()).parent()?.join(".state")));
+        let user = || {
+            set("XDG_STATE_HOME").or_else(|| Some(set("HOME")?.join(".local/state"))).map(|path| path.join("isotherm"))
+        };
+        let folder = set(STATE_VARIABLE).or_else(systemd).or_else(root).or_else(user);
+        Ok(Self(folder.ok_or("this user has no home folder")?.join(domain.name())))
+    }
+
+    /// Reads what is kept for an IMU. The second part says what is kept and cannot be used.
+    pub(crate) fn load(&self, domain: &Domain, imu: &ImuId) -> (Memory, Vec<String>) {
+        let mut faults = Vec::new();
+        let mut read = |name: &str| match self.read(name, imu) {
+            Ok(table) => table.map(Arc::new),
+            Err(cause) => {
+                faults.push(cause);
+                None
+            }
+        };
+        let in_force = read(&format!("{imu}.toml"));
+        let is_removed = in_force.is_none() && self.is_removed(&format!("{imu}.toml"));
+        if is_removed {
+            // By this user: nobody else may write the folder. What lies beside it is of no use any more.
+            return (Memory::default(), faults);
+        }
+        let anchor = read(&format!("{imu}.anchor.toml")).or_else(|| in_force.clone());
+        let gyroscopes = read(&format!("{imu}.gyroscopes.toml"));
+        let gyroscopes =
+            gyroscopes.filter(|_| in_force.as_ref().is_some_and(|table| table.content().gyroscopes.is_none()));
+        let forgotten = if in_force.is_none() && anchor.is_none() { forgotten(domain, imu) } else { None };
+        (Memory { in_force, anchor, gyroscopes, forgotten }, faults)
+    }
+
+    /// Whether the folder can be believed and does not have the file.
+    fn is_removed(&self, name: &str) -> bool {
+        check_owner(&self.0).is_ok() && self.0.join(name).try_exists().is_ok_and(|exists| !exists)
+    }
+
+    /// A table of the folder; `None` if there is none.
+    fn read(&self, name: &str, imu: &ImuId) -> Result<Option<CoefficientTable>, String> {
+        let path = self.0.join(name);
+        let failed = |error: io::Error| format!("{}: {error}", path.display());
+        // Another user may have made a folder that this user cannot enter.
+        match check_owner(&self.0) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            checked => checked.map_err(failed)?,
+        }
+        if !path.try_exists().map_err(failed)? {
+            return Ok(None);
+        }
+        // Nobody else can write in this folder, whatever the permissions of the file are.
+        load_table(&path, Some(imu), Trust::Any).map(|(table, _)| Some(table)).map_err(|error| error.to_string())
+    }
+
+    /// Writes what is in `memory` and not in `kept`. The table in force comes last: until it is written, the one before
+    /// is compared with.
+    ///
+    /// # Errors
+    /// The operating system's; what was kept before is then kept.
+    pub(crate) fn store(&self, imu: &ImuId, memory: &Memory, kept: &Memory) -> io::Result<()> {
+        if !self.0.is_dir() {
+            DirBuilder::new().recursive(true).mode(0o700).create(&self.0)?;
+            if let Some(parent) = self.0.parent() {
+                // Some file systems cannot sync a folder.
+                let _ = File::open(parent).and_then(|parent| parent.sync_all());
+            }
+        }
+        check_owner(&self.0)?;
+        let files = [
+            ("anchor.toml", &memory.anchor, &kept.anchor),
+            ("gyroscopes.toml", &memory.gyroscopes, &kept.gyroscopes),
+            ("toml", &memory.in_force, &kept.in_force),
+        ];
+        for (ending, table, before) in files {
+            let path = self.0.join(format!("{imu}.{ending}"));
+            match table {
+                Some(table) if before.as_ref().is_some_and(|before| is_same(before, table)) => {}
+                Some(table) => replace(&path, &text_of(table))?,
+                None if before.is_some() => fs::remove_file(&path).or_else(|error| match error.kind() {
+                    io::ErrorKind::NotFound => Ok(()),
+                    _ => Err(error),
+                })?,
+                None => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Why a power cycle forgets what is in the folder; `None` if it does not.
+    pub(crate) fn is_in_memory(&self) -> Option<String> {
+        let in_memory = statfs(&self.0).is_ok_and(|found| found.f_type == TMPFS);
+        in_memory.then(|| format!("{} is in memory", self.0.display()))
+    }
+
+    /// Where the table in force of an IMU is kept.
+    pub(crate) fn path(&self, imu: &ImuId) -> PathBuf {
+        self.0.join(format!("{imu}.toml"))
+    }
+}
+
+/// The digest of a table that was kept, by the note in the domain's folder.
+fn forgotten(domain: &Domain, imu: &ImuId) -> Option<String> {
+    let digest = String::from_utf8(kept_note(domain, imu).read()?).ok()?;
+    Some(digest.trim_ascii().to_owned()).filter(|digest| !digest.is_empty())
+}
+
+/// Whether a table that was kept need not be written again.
+fn is_same(one: &CoefficientTable, other: &CoefficientTable) -> bool {
+    one.digest() == other.digest() && one.is_nominal() == other.is_nominal()
+}
+
+/// A table that was kept without its provenance could not be told from one that is no calibration.
+fn text_of(table: &CoefficientTable) -> String {
+    let provenance = if table.is_nominal() { "" } else { "\n[provenance]\ntool = \"isothermd\"\n" };
+    format!("# Kept by the service; docs/operate.md says what for.\n{}{provenance}", table.to_toml())
+}
+
+/// What others can write or exchange is not believed: the folder must be this user's, and nobody else may be able to
+/// put another one in its place or in the place of the folder above.
+fn check_owner(folder: &Path) -> io::Result<()> {
+    let own = rustix::process::geteuid().as_raw();
+    let refused = |path: &Path, why: &str| Err(io::Error::other(format!("{} {why}", path.display())));
+    for (level, path) in folder.ancestors().take(3).enumerate() {
+        let found = fs::symlink_metadata(path)?;
+        let is_trusted = found.uid() == own || level > 0 && found.uid() == 0;
+        if !is_trusted {
+            return refused(path, &format!("belongs to another user ({})", found.uid()));
+        }
+        // Permissions of a link say nothing. What it leads to counts, and its owner could have made that directly.
+        let found = if found.is_symlink() { fs::metadata(path)? } else { found };
+        if !found.is_dir() {
+            return refused(path, "is not a folder");
+        }
+        // A group that may write the folders above is the administrator's decision.
+        let (others, sticky) = (if level == 0 { 0o022 } else { 0o002 }, found.mode() & 0o1000 != 0);
+        if found.mode() & others != 0 && (level == 0 || !sticky) {
+            return refused(path, "can be written by others");
+        }
+    }
+    Ok(())
+}
+
+/// `TMPFS_MAGIC` of statfs(2).
+const TMPFS: FsWord = 0x0102_1994;
+
+/// The remedy where tables cannot be kept.
+pub(crate) fn remedy() -> String {
+    format!("name a folder that this user may write in {STATE_VARIABLE}")
+}

@@ -1,0 +1,249 @@
+//! Which table each IMU is served with at the start.
+//!
+//! A service that has served once serves again: an IMU whose file is refused, damaged or absent is served with the
+//! table that was in force last. An IMU of which nothing is known is served without a table, if others can be served.
+//! There are three exceptions, in which the service does not start: it is the first start; the configuration asks for
+//! it; or the file is the table of another unit, so that the table from before is wrong.
+
+use crate::config::{AtStart, Config, Imu};
+use crate::guard::{Admission, Guard};
+use crate::imu::{Refused, log_unlike_scale_factors};
+use crate::reload::{FileChange, FileReport};
+use isotherm_failure::{Exit, Failure};
+use isotherm_shared::table::CoefficientTable;
+use std::sync::Arc;
+use tracing::{error, info, warn};
+
+/// What an IMU is served with first.
+#[derive(Debug)]
+pub(crate) struct FirstTable {
+    /// The guard, which has admitted the table if there is one.
+    pub guard: Guard,
+    /// The table, and why it may be taken.
+    pub table: Option<(Arc<CoefficientTable>, Admission)>,
+    /// When the table's file was changed, Unix time \[s\].
+    pub modified_unix_s: Option<f64>,
+    /// Why the file as it is now is not in force.
+    pub refused: Option<Refused>,
+    /// What was accepted, if the table is that of the file.
+    pub accepted: Option<Vec<u8>>,
+}
+
+/// What became of an IMU's file.
+#[derive(Debug)]
+enum Choice {
+    /// Its table is served.
+    File,
+    /// There is no file yet, and the command line allows that.
+    Uncalibrated(Failure),
+    /// The table that was in force last is served.
+    Kept(Failure),
+    /// There is nothing to serve.
+    Nothing(Failure),
+    /// It is the table of another unit than the one that was in force last.
+    OtherUnit(Failure),
+}
+
+/// Chooses the first tables. `reports` says what was found in the files, in the order of the IMUs; `None` if a file has
+/// not been read yet.
+///
+/// # Errors
+/// Why the service must not start: the faults of all files together.
+pub(crate) fn choose(
+    config: &Config,
+    guards: Vec<Guard>,
+    reports: Vec<Option<FileReport>>,
+    allow_uncalibrated: bool,
+) -> Result<Vec<FirstTable>, Failure> {
+    let is_first_start = guards.iter().all(|guard| guard.memory().reference().is_none());
+    let chosen = config.imus.iter().zip(guards).zip(reports);
+    let chosen: Vec<_> =
+        chosen.map(|((imu, guard), report)| choose_one(imu, guard, report, allow_uncalibrated)).collect();
+    let is_served = chosen.iter().any(|(choice, _)| matches!(choice, Choice::File | Choice::Kept(_)));
+    let must_exit = |choice: &Choice| match choice {
+        Choice::File | Choice::Uncalibrated(_) => false,
+        Choice::Kept(_) => config.at_start == AtStart::Exit,
+        Choice::Nothing(_) => config.at_start == AtStart::Exit || is_first_start || !is_served,
+        Choice::OtherUnit(_) => true,
+    };
+    let (mut failures, mut tables) = (Vec::new(), Vec::new());
+    for (imu, (choice, first)) in config.imus.iter().zip(chosen) {
+        let exits = must_exit(&choice);
+        match choice {
+            Choice::Kept(failure) | Choice::Nothing(failure) | Choice::OtherUnit(failure) if exits => {
+                failures.push(failure);
+            }
+            choice => log(imu, &choice, &first),
+        }
+        tables.push(first);
+    }
+    Failure::all(failures).map_or(Ok(tables), Err)
+}
+
+fn choose_one(imu: &Imu, guard: Guard, report: Option<FileReport>, allow_uncalibrated: bool) -> (Choice, FirstTable) {
+    let modified_unix_s = report.as_ref().and_then(|report| report.modified_unix_s);
+    let is_absent = report.as_ref().is_some_and(|report| report.is_absent);
+    let (failure, table, is_other_unit) = match report.map(|report| report.change) {
+        Some(FileChange::Loaded(table)) => match guard.admit(&table) {
+            Ok(admission) => {
+                let accepted = guard.accepted();
+                let table = Some((table, admission));
+                return (Choice::File, FirstTable { guard, table, modified_unix_s, refused: None, accepted });
+            }
+            Err(refusal) => {
+                let message = format!("{}: {}", imu.table.display(), refusal.reason);
+                let failure = Failure::new(Exit::Config, message).at(&imu.table, None);
+                (failure, Some(table), refusal.is_other_unit)
+            }
+        },
+        Some(FileChange::Refused(error)) => (Failure::from(error), None, false),
+        Some(FileChange::Unchanged) | None => {
+            let message = format!("reading {}: its disk does not answer; see to the disk", imu.table.display());
+            (Failure::new(Exit::Io, message).at(&imu.table, None), None, false)
+        }
+    };
+    let refused = Some(Refused::now(failure.message.clone(), table, modified_unix_s));
+    let reference = guard.memory().reference().cloned();
+    let table = reference.and_then(|table| guard.admit(&table).ok().map(|admission| (table, admission)));
+    let choice = match &table {
+        _ if is_other_unit => Choice::OtherUnit(exchanged(failure)),
+        Some(_) => Choice::Kept(failure),
+        None if allow_uncalibrated && is_absent => Choice::Uncalibrated(failure),
+        None => Choice::Nothing(failure),
+    };
+    (choice, FirstTable { guard, table, modified_unix_s: None, refused, accepted: None })
+}
+
+/// The failure of a file with the table of another unit.
+fn exchanged(failure: Failure) -> Failure {
+    let message = format!(
+        "{}\nthe IMU was exchanged, or the file is not its own: the table that was in force last is of the other unit, and is not served \
+         either",
+        failure.message
+    );
+    Failure { message, ..failure }
+}
+
+fn log(imu: &Imu, choice: &Choice, first: &FirstTable) {
+    let (id, file) = (&imu.id, imu.table.display());
+    let line = |failure: &Failure| failure.message.replace('\n', "; ");
+    match (choice, &first.table) {
+        (Choice::File, Some((table, admission))) => {
+            info!(imu = %id, table = %table.digest(), %file, "table loaded: {}", admission.words);
+            log_unlike_scale_factors(imu, table);
+        }
+        (Choice::Kept(failure), Some((table, _))) => error!(
+            imu = %id, table = %table.digest(), %file,
+            "the table file is not taken, and the table that was in force last is served: {}", line(failure)
+        ),
+        (Choice::Uncalibrated(failure), _) => warn!(imu = %id, "no table yet, serving NaN: {}", line(failure)),
+        (Choice::Nothing(failure) | Choice::OtherUnit(failure), _) => error!(
+            imu = %id, %file,
+            "there is no table for this IMU, and the others are served: its increments are NaN, flagged no-table: {}", line(failure)
+        ),
+        (Choice::File | Choice::Kept(_), None) => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::memory::Memory;
+    use isotherm_client::{Domain, ImuId};
+    use isotherm_files::LoadError;
+    use isotherm_shared::table::difference::MaxChange;
+    use std::path::PathBuf;
+
+    const TABLE: &str = include_str!("../../tests/data/imu-a.toml");
+
+    /// What lies in the place of a table's file.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    enum Lies {
+        Good,
+        /// A table that changes too much.
+        Far,
+        /// One of another serial number, with other curves.
+        OtherUnit,
+        Damaged,
+        Absent,
+        /// Its disk does not answer.
+        Silent,
+    }
+    use Lies::{Absent, Damaged, Far, Good, OtherUnit, Silent};
+
+    fn table(serial: &str, from: &str, to: &str) -> Arc<CoefficientTable> {
+        let text = TABLE.replacen("[imu]\n", &format!("[imu]\nserial = \"{serial}\"\n"), 1).replace(from, to);
+        Arc::new(CoefficientTable::from_toml(&text, None).unwrap())
+    }
+
+    fn report(lies: Lies) -> Option<FileReport> {
+        let refused =
+            |cause: &str| FileChange::Refused(LoadError::Io { path: PathBuf::from("t"), cause: cause.to_owned() });
+        let change = match lies {
+            Good => FileChange::Loaded(table("7", "c0 = 793.55", "c0 = 793.56")),
+            Far => FileChange::Loaded(table("7", "91733.0", "9173.0")),
+            OtherUnit => FileChange::Loaded(table("8", "c0 = 793.55", "c0 = 793.56")),
+            Damaged | Absent => refused("no such file"),
+            Silent => return None,
+        };
+        Some(FileReport { change, modified_unix_s: Some(1.0), is_absent: lies == Absent, is_requested: false })
+    }
+
+    /// Serves IMUs with these files, and with a table from before or none. Of each IMU the result has whether it has a
+    /// table and whether its file is refused; an error has the number of messages.
+    fn serve(imus: &[(Lies, bool)], at_start: AtStart, allow_uncalibrated: bool) -> Result<Vec<(bool, bool)>, usize> {
+        let folder = tempfile::tempdir().unwrap();
+        let domain = Domain::new("start", &folder.path().display().to_string()).unwrap();
+        let imu = Imu::new(ImuId::new("imu-a").unwrap(), PathBuf::from("t"), MaxChange::default());
+        let config = Config { imus: vec![imu.clone(); imus.len()], at_start, ..Config::default() };
+        let memory = |is_kept: bool| {
+            let mut memory = Memory::default();
+            if is_kept {
+                memory.take(&table("7", "", ""), false);
+            }
+            memory
+        };
+        let guards = imus.iter().map(|(_, is_kept)| Guard::new(&imu, &domain, memory(*is_kept))).collect();
+        let reports = imus.iter().map(|(lies, _)| report(*lies)).collect();
+        match choose(&config, guards, reports, allow_uncalibrated) {
+            Ok(tables) => Ok(tables.iter().map(|first| (first.table.is_some(), first.refused.is_some())).collect()),
+            Err(failure) => {
+                assert!(matches!(failure.exit, Exit::Config | Exit::Io));
+                Err(failure.message.matches("t: ").count())
+            }
+        }
+    }
+
+    #[test]
+    fn beside_a_good_kept_table_no_file_ends_the_start() {
+        for lies in [Far, Damaged, Absent, Silent] {
+            assert_eq!(serve(&[(lies, true)], AtStart::Keep, false), Ok(vec![(true, true)]), "{lies:?}");
+            assert!(serve(&[(lies, true)], AtStart::Exit, false).is_err(), "{lies:?}");
+            assert_eq!(
+                serve(&[(lies, true)], AtStart::Keep, true),
+                Ok(vec![(true, true)]),
+                "{lies:?}: kept before NaN"
+            );
+        }
+        assert_eq!(serve(&[(Good, true), (Good, false)], AtStart::Keep, false), Ok(vec![(true, false); 2]));
+        // An IMU that was exchanged: what is kept is wrong, too.
+        assert!(serve(&[(OtherUnit, true)], AtStart::Keep, false).is_err());
+        assert_eq!(serve(&[(OtherUnit, false)], AtStart::Keep, false), Ok(vec![(true, false)]));
+    }
+
+    #[test]
+    fn a_first_start_names_all_faults() {
+        assert_eq!(serve(&[(Damaged, false), (Good, false), (Absent, false)], AtStart::Keep, false), Err(2));
+        assert_eq!(serve(&[(Absent, false)], AtStart::Keep, true), Ok(vec![(false, true)]));
+        assert_eq!(serve(&[(Absent, false), (Damaged, false)], AtStart::Keep, true), Err(1));
+    }
+
+    #[test]
+    fn an_imu_of_which_nothing_is_known_does_not_stop_the_others() {
+        let known = (Far, true);
+        for lies in [Damaged, Absent, Silent] {
+            assert_eq!(serve(&[known, (lies, false)], AtStart::Keep, false), Ok(vec![(true, true), (false, true)]));
+            assert!(serve(&[(Good, true), (lies, false)], AtStart::Exit, false).is_err());
+        }
+    }
+}

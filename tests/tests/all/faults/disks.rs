@@ -1,0 +1,176 @@
+//! Disks and a log that are slow, or fail: the watchdog is fed, and signals are obeyed.
+
+use super::supervisor::{Supervisor, WATCHDOG};
+use super::tracer::{Call, End, Fate, Traced};
+use super::{Ground, lost_digit, may_trace, try_all};
+use isotherm_tests::{TIMEOUT, variant};
+use nix::errno::Errno;
+use nix::sys::signal::Signal;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+
+/// What is slow or fails.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+enum Target {
+    /// Calls of this name on the files of tables, configuration and state folder.
+    Disk(&'static str),
+    /// Writing the log.
+    Log,
+}
+
+/// When it begins.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+enum From {
+    /// With the process; the service is asked to end before it is ready.
+    Start,
+    /// When the service is ready. Then it gets a table, one that it refuses, and the acceptance of that.
+    Ready,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Case {
+    target: Target,
+    fate: Fate,
+    from: From,
+}
+
+const DELAY: Fate = Fate::Waits(Duration::from_secs(6));
+
+fn cases() -> Vec<Case> {
+    let disks = ["fsync", "rename", "open", "stat", "unlink"].map(Target::Disk);
+    let targets = disks.into_iter().chain([Target::Log]);
+    let fates = [DELAY].into_iter().chain([Errno::EIO, Errno::ENOSPC, Errno::EROFS, Errno::EINTR].map(Fate::Fails));
+    let fates: Vec<_> = fates.collect();
+    let both = targets.flat_map(|target| fates.iter().map(move |fate| (target, *fate)));
+    let both: Vec<_> = both.collect();
+    [From::Start, From::Ready]
+        .into_iter()
+        .flat_map(|from| both.iter().map(move |&(target, fate)| Case { target, fate, from }))
+        .collect()
+}
+
+/// What came of a case.
+struct Outcome {
+    /// The longest time without a feed of the watchdog, from READY=1 to the signal; `None` if it was not ready.
+    gap: Option<Duration>,
+    /// From SIGTERM to the end.
+    stops_after: Duration,
+    /// How often the fault happened.
+    faults: u32,
+    end: End,
+}
+
+/// Runs the service with a fault, and asks it to end.
+fn attempt(case: &Case) -> Outcome {
+    let ground = Ground::new();
+    let supervisor = Supervisor::listen(&ground.domain.path("notify"));
+    let (lasts, faults) = (Arc::new(AtomicBool::new(case.from == From::Start)), Arc::<AtomicU32>::default());
+    let folder = ground.domain.path("").display().to_string();
+    let streams = ground.domain.client_domain().root_path().to_owned();
+    let (target, fate) = (case.target, case.fate);
+    let decide = {
+        let (lasts, faults) = (Arc::clone(&lasts), Arc::clone(&faults));
+        move |call: &Call| {
+            // The files of the transport lie in memory.
+            let on_disk =
+                call.path.starts_with(&folder) && !call.path.starts_with(&streams) && !call.path.ends_with("notify");
+            let hit = match target {
+                Target::Disk(name) => call.name == name && on_disk,
+                Target::Log => call.name == "write" && call.path.starts_with("pipe:"),
+            };
+            if !hit || !lasts.load(Ordering::Relaxed) {
+                return Fate::Happens;
+            }
+            let number = faults.fetch_add(1, Ordering::Relaxed);
+            // An interrupted call is made again: every other one.
+            if fate == Fate::Fails(Errno::EINTR) && number % 2 == 1 { Fate::Happens } else { fate }
+        }
+    };
+    let mut traced = Traced::start(ground.serve(&supervisor), decide);
+    ground.domain.register_process(traced.pid);
+    let mut ready = None;
+    if case.from == From::Ready {
+        ready = Some(supervisor.wait_for("READY=1", TIMEOUT).unwrap_or_else(|| panic!("{case:?}:\n{}", traced.log())));
+        lasts.store(true, Ordering::Relaxed);
+        // What comes of them is slow or fails. What matters is that the watchdog is fed meanwhile.
+        let goes_on =
+            |feeds| assert!(supervisor.is_fed(Instant::now(), feeds, TIMEOUT), "{case:?}: not fed:\n{}", traced.log());
+        for text in [variant(1), lost_digit()] {
+            ground.domain.replace("imu-a.toml", &text);
+            goes_on(1);
+        }
+        ground.domain.accept("imu-a", &lost_digit());
+        goes_on(5);
+    } else {
+        // Until the first fault has happened, or the service is ready without one.
+        let begun = Instant::now();
+        while faults.load(Ordering::Relaxed) == 0 && begun.elapsed() < TIMEOUT {
+            if supervisor.wait_for("READY=1", Duration::from_millis(2)).is_some() {
+                break;
+            }
+        }
+    }
+    let asked = Instant::now();
+    traced.signal(Signal::SIGTERM);
+    let end = traced.end(TIMEOUT).unwrap_or_else(|| panic!("{case:?}: SIGTERM is not obeyed:\n{}", traced.log()));
+    let gap = ready.map(|ready| supervisor.largest_gap(ready, asked));
+    Outcome { gap, stops_after: asked.elapsed(), faults: faults.load(Ordering::Relaxed), end }
+}
+
+/// Tries these cases, and prints the largest figures of each fate.
+fn try_cases(cases: &[Case]) {
+    let outcomes = try_all(cases, attempt);
+    println!("{:<16}{:<18}{:<8}{:>8}{:>10}{:>12}  end", "target", "fault", "from", "faults", "gap [s]", "SIGTERM [s]");
+    for (case, outcome) in cases.iter().zip(&outcomes) {
+        let Case { target, fate, from } = case;
+        let name = match target {
+            Target::Disk(name) => format!("disk {name}"),
+            Target::Log => "log write".to_owned(),
+        };
+        let fate = match fate {
+            Fate::Waits(time) => format!("{} s late", time.as_secs()),
+            Fate::Fails(errno) => format!("{errno:?}"),
+            fate => format!("{fate:?}"),
+        };
+        let gap = outcome.gap.map_or("-".to_owned(), |gap| format!("{:.2}", gap.as_secs_f64()));
+        println!(
+            "{name:<16}{fate:<18}{:<8}{:>8}{gap:>10}{:>12.2}  {:?}",
+            format!("{from:?}"),
+            outcome.faults,
+            outcome.stops_after.as_secs_f64(),
+            outcome.end
+        );
+    }
+    for (case, outcome) in cases.iter().zip(&outcomes) {
+        // The watchdog of the unit file would have ended it.
+        assert!(outcome.gap.is_none_or(|gap| gap < WATCHDOG), "{case:?}: {:?} without a feed", outcome.gap);
+        let ends_well = match case.from {
+            From::Ready => outcome.end == End::Exited(0),
+            // A configuration that cannot be read ends the start, and the supervisor tries again.
+            From::Start => [End::Exited(0), End::Exited(74), End::Killed(Signal::SIGTERM)].contains(&outcome.end),
+        };
+        assert!(ends_well, "{case:?}: {:?}", outcome.end);
+    }
+}
+
+#[test]
+fn slow_and_failing_disks_and_logs_stop_neither_watchdog_nor_signals() {
+    if may_trace() {
+        // Those that hang longest, and of the rest each kind once.
+        let share = cases().into_iter().enumerate().filter(|(index, case)| {
+            let slow =
+                case.fate == DELAY && matches!(case.target, Target::Disk("fsync" | "open" | "stat") | Target::Log);
+            slow || index % 11 == 3
+        });
+        try_cases(&share.map(|(_, case)| case).collect::<Vec<_>>());
+    }
+}
+
+#[test]
+#[ignore = "minutes: cargo test -p isotherm-tests --test all faults -- --ignored --nocapture"]
+fn every_fault_of_disks_and_logs_stops_neither_watchdog_nor_signals() {
+    if may_trace() {
+        try_cases(&cases());
+    }
+}
