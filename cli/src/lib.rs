@@ -50,6 +50,12 @@ impl Cli {
     }
 }
 
+/// The whole command line of the program.
+#[must_use]
+pub fn command() -> clap::Command {
+    Cli::full_command()
+}
+
 /// Runs the program with the command line of this process.
 #[must_use]
 pub fn main() -> ExitCode {

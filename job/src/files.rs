@@ -3,7 +3,7 @@
 use indicatif::ProgressBar;
 use isotherm_campaign::{Campaign, select_imu};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{LoadError, WorldWritable, read_text};
+use isotherm_files::{LoadError, Trust, read_text};
 use std::path::{Path, PathBuf};
 
 /// Makes the progress bar for reading these files, with a word of what is done.
@@ -30,7 +30,7 @@ impl CampaignFile {
     /// # Errors
     /// If it cannot be read.
     pub fn read(path: &Path) -> Result<Self, Failure> {
-        let (text, _) = read_text(path, WorldWritable::Allow)?;
+        let (text, _) = read_text(path, Trust::Any)?;
         Ok(Self { path: path.to_owned(), text })
     }
 

@@ -1,6 +1,6 @@
 //! The service's configuration, from a file, the command line, or both.
 
-use isotherm_files::{LoadError, WorldWritable, read_text};
+use isotherm_files::{LoadError, Trust, read_text};
 use isotherm_shared::document::{Document, Faults, Section};
 use isotherm_shared::stream::{ImuId, RAW_DEPTH};
 use isotherm_shared::table::difference::{Limit, MaxChange};
@@ -136,8 +136,8 @@ impl Config {
     ///
     /// # Errors
     /// Everything that is wrong with the file.
-    pub fn load(path: &Path, world_writable: WorldWritable) -> Result<Self, LoadError> {
-        let (text, _) = read_text(path, world_writable)?;
+    pub fn load(path: &Path, trust: Trust) -> Result<Self, LoadError> {
+        let (text, _) = read_text(path, trust)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         Self::from_toml(&text, folder).map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })
     }

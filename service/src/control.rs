@@ -33,7 +33,7 @@ use isotherm_client::{
     removed_object, reserve, unix_s,
 };
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::WorldWritable;
+use isotherm_files::Trust;
 use isotherm_shared::status::ServiceStatus;
 use isotherm_shared::stream::{Domain, IpcNode};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
@@ -69,7 +69,7 @@ pub(crate) struct ServeOptions {
     /// An IMU whose table does not exist yet is served without one.
     pub allow_uncalibrated: bool,
     /// Whether files that everybody may write are taken.
-    pub world_writable: WorldWritable,
+    pub trust: Trust,
 }
 
 /// How a service has ended.
@@ -142,7 +142,7 @@ impl Starting {
         let thread = |error: std::io::Error| Failure::new(Exit::Failed, format!("starting a thread: {error}"));
         let ids = config.imus.iter().map(|imu| imu.id.clone()).collect();
         let keeper = Keeper::start(domain, ids, events).map_err(thread)?;
-        let file = |imu: &crate::config::Imu| TableFile::new(imu.id.clone(), imu.table.clone(), options.world_writable);
+        let file = |imu: &crate::config::Imu| TableFile::new(imu.id.clone(), imu.table.clone(), options.trust);
         let files = TableFiles::start(config.imus.iter().map(file).collect(), events).map_err(thread)?;
         let Some(first_tables) = self.first_tables(domain, &config, options.allow_uncalibrated, events)? else {
             return Ok(None);

@@ -11,7 +11,7 @@
 //! What another user could have written or taken away is not believed.
 
 use isotherm_client::{Domain, ImuId, Note, ROOT_VARIABLE, STATE_VARIABLE};
-use isotherm_files::{WorldWritable, load_table, replace};
+use isotherm_files::{Trust, load_table, replace};
 use isotherm_shared::table::CoefficientTable;
 use rustix::fs::{FsWord, statfs};
 use std::fs::{self, DirBuilder, File};
@@ -131,9 +131,7 @@ impl StateFolder {
             return Ok(None);
         }
         // Nobody else can write in this folder, whatever the permissions of the file are.
-        load_table(&path, Some(imu), WorldWritable::Allow)
-            .map(|(table, _)| Some(table))
-            .map_err(|error| error.to_string())
+        load_table(&path, Some(imu), Trust::Any).map(|(table, _)| Some(table)).map_err(|error| error.to_string())
     }
 
     /// Writes what is in `memory` and not in `kept`. The table in force comes last: until it is written, the one before

@@ -12,7 +12,7 @@
 //! The control thread gets what was found as an event.
 
 use crate::events::Events;
-use isotherm_files::{Identity, LoadError, WorldWritable, load_table};
+use isotherm_files::{Identity, LoadError, Trust, load_table};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::CoefficientTable;
 use notify::event::{AccessKind, AccessMode, EventKind, ModifyKind};
@@ -277,7 +277,7 @@ fn watch(
 pub(crate) struct TableFile {
     imu: ImuId,
     path: PathBuf,
-    world_writable: WorldWritable,
+    trust: Trust,
     /// The state that was last loaded or refused.
     handled: Option<Identity>,
     /// A new state, and when it was first found.
@@ -299,8 +299,8 @@ pub(crate) enum FileChange {
 
 impl TableFile {
     /// The file of `imu`'s table; it is not read yet.
-    pub(crate) fn new(imu: ImuId, path: PathBuf, world_writable: WorldWritable) -> Self {
-        Self { imu, path, world_writable, handled: None, candidate: None, next_load: Instant::now() }
+    pub(crate) fn new(imu: ImuId, path: PathBuf, trust: Trust) -> Self {
+        Self { imu, path, trust, handled: None, candidate: None, next_load: Instant::now() }
     }
 
     /// The path of the file.
@@ -326,7 +326,7 @@ impl TableFile {
         self.candidate = None;
         self.next_load = Instant::now() + LOAD_INTERVAL;
         self.handled = Identity::of(&self.path);
-        let (table, identity) = load_table(&self.path, Some(&self.imu), self.world_writable)?;
+        let (table, identity) = load_table(&self.path, Some(&self.imu), self.trust)?;
         self.handled = Some(identity);
         Ok(Arc::new(table))
     }
@@ -378,7 +378,7 @@ mod tests {
     fn file(folder: &tempfile::TempDir) -> TableFile {
         let path = folder.path().join("imu-a.toml");
         fs::write(&path, TABLE).unwrap();
-        let mut file = TableFile::new(ImuId::new("imu-a").unwrap(), path, WorldWritable::Refuse);
+        let mut file = TableFile::new(ImuId::new("imu-a").unwrap(), path, Trust::Owned);
         file.load().unwrap();
         file
     }

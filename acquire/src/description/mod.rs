@@ -20,7 +20,7 @@ use crate::sample::Columns;
 use columns::Names;
 use isotherm_client::{ImuId, Realtime, device};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{LoadError, WorldWritable, read_text};
+use isotherm_files::{LoadError, Trust, read_text};
 use isotherm_recording_formats::convert::{SensorColumns, Temperature};
 use isotherm_shared::document::{Document, Faults, Section};
 use std::num::NonZeroU64;
@@ -74,8 +74,8 @@ impl Description {
     ///
     /// # Errors
     /// If it cannot be read, and everything that is wrong with it.
-    pub fn load(path: &Path, world_writable: WorldWritable) -> Result<Self, LoadError> {
-        let (text, _) = read_text(path, world_writable)?;
+    pub fn load(path: &Path, trust: Trust) -> Result<Self, LoadError> {
+        let (text, _) = read_text(path, trust)?;
         Self::from_toml(&text).map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })
     }
 

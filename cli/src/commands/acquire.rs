@@ -7,7 +7,7 @@ use clap::builder::PossibleValuesParser;
 use isotherm_acquire::{Description, PROFILES, Probed, Settings, Tally, Target, iio, probe, run, serial_ports};
 use isotherm_client::{Domain, ImuId};
 use isotherm_failure::{Exit, Failure, tell};
-use isotherm_files::{StagedText, WorldWritable, end_signals, print, print_data, refuse_overlap};
+use isotherm_files::{StagedText, Trust, end_signals, print, print_data, refuse_overlap};
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
@@ -91,7 +91,7 @@ impl Acquire {
             (None, Some(source)) => source,
             (None, None) => return Err(Failure::new(Exit::Usage, "give the description of the source")),
         };
-        let mut description = Description::load(source, WorldWritable::Allow)?;
+        let mut description = Description::load(source, Trust::Any)?;
         if let Some(imu) = &self.imu {
             description.imu = imu.clone();
         }

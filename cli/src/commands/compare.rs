@@ -6,7 +6,7 @@ use isotherm_analysis::{ComparisonRequirement, compare};
 use isotherm_calibration::{TableFile, now, tool};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{
-    LoadError, StagedText, WorldWritable, check_stdout, check_written, print, print_data, read_text, refuse_overlap,
+    LoadError, StagedText, Trust, check_stdout, check_written, print, print_data, read_text, refuse_overlap,
 };
 use isotherm_job::Refused;
 use isotherm_report::comparison::{ComparisonSource, document, html, text};
@@ -57,7 +57,7 @@ impl Compare {
         refuse_overlap(&files, &[self.report.as_deref()])?;
         check_written(None, check_stdout())?;
         let load = |path: &PathBuf| {
-            let (text, _) = read_text(path, WorldWritable::Allow)?;
+            let (text, _) = read_text(path, Trust::Any)?;
             let table = TableFile::from_toml(path.display().to_string(), &text);
             table.map_err(|faults| Failure::from(LoadError::Refused { path: path.clone(), faults }))
         };

@@ -6,7 +6,7 @@ use clap::Args;
 use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, tell};
-use isotherm_files::{Output, StagedText, WorldWritable, check_written, load_table, refuse_overlap};
+use isotherm_files::{Output, StagedText, Trust, check_written, load_table, refuse_overlap};
 use isotherm_finding::Finding;
 use isotherm_recording::RawCsvWriter;
 use isotherm_recording::rows::RecordedRow;
@@ -75,7 +75,7 @@ impl Convert {
         inputs.extend(self.table.iter().map(|table| (table.as_path(), "the table")));
         let all = outputs.iter().chain(&self.nominal).map(|output| Some(output.as_path())).collect::<Vec<_>>();
         refuse_overlap(&inputs, &all)?;
-        let table = self.table.as_ref().map(|path| load_table(path, None, WorldWritable::Allow));
+        let table = self.table.as_ref().map(|path| load_table(path, None, Trust::Any));
         let table = table.transpose()?.map(|(table, _)| table);
         let first = self.session.unwrap_or(u64::from(self.input.len() > 1));
         // Created first: what cannot be written is said before anything is converted.

@@ -3,7 +3,7 @@
 use clap::Args;
 use clap::builder::TypedValueParser as _;
 use isotherm_failure::{Failure, tell};
-use isotherm_files::{StagedText, WorldWritable, load_table, refuse_overlap};
+use isotherm_files::{StagedText, Trust, load_table, refuse_overlap};
 use isotherm_parameters::{Autopilot, Effect, ExportOptions, Exported, export, size};
 use std::path::{Path, PathBuf};
 
@@ -49,7 +49,7 @@ pub(super) struct ParameterArgs {
 impl Export {
     pub(crate) fn run(self) -> Result<(), Failure> {
         refuse_overlap(&[(&self.table, "the table")], &[Some(&self.output)])?;
-        let (table, _) = load_table(&self.table, None, WorldWritable::Allow)?;
+        let (table, _) = load_table(&self.table, None, Trust::Any)?;
         let options = ExportOptions {
             autopilot: self.to,
             instance: self.instance,

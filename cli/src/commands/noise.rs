@@ -8,9 +8,7 @@ use isotherm_analysis::{NoiseAnalysis, imu_yaml};
 use isotherm_calibration::{now, tool};
 use isotherm_client::{ImuId, RawSample};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{
-    StagedText, WorldWritable, check_stdout, check_written, load_table, print, print_data, refuse_overlap,
-};
+use isotherm_files::{StagedText, Trust, check_stdout, check_written, load_table, print, print_data, refuse_overlap};
 use isotherm_finding::Finding;
 use isotherm_job::Refused;
 use isotherm_recording::{Continuity, MISSING};
@@ -80,7 +78,7 @@ impl Noise {
         refuse_overlap(&files, &[self.report.as_deref(), self.kalibr.as_deref()])?;
         check_written(None, check_stdout())?;
         let table = match &self.table {
-            Some(path) => Some(load_table(path, None, WorldWritable::Allow)?.0),
+            Some(path) => Some(load_table(path, None, Trust::Any)?.0),
             None => None,
         };
         let staged = |path: &Option<PathBuf>| path.as_deref().map(|path| StagedText::create(Some(path))).transpose();

@@ -7,7 +7,7 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use isotherm_client::{Domain, ImuId, Realtime};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{WorldWritable, check_stdout, check_written, end_signals, load_table};
+use isotherm_files::{Trust, check_stdout, check_written, end_signals, load_table};
 use isotherm_recording_formats::write::{Files, Format, IMU_PLACEHOLDER, RosTable, Rotation, refuse_same_topics};
 use isotherm_service::config::MAX_IMUS;
 use isotherm_shared::stream::StreamKind;
@@ -111,7 +111,7 @@ impl Record {
             return usage("--table is for --format ros".to_owned());
         }
         let tables = self.tables.iter().map(|path| {
-            let (table, _) = load_table(path, None, WorldWritable::Allow)?;
+            let (table, _) = load_table(path, None, Trust::Any)?;
             let table = RosTable::new(&table, path);
             if self.imus.contains(table.imu()) {
                 return Ok(table);

@@ -6,7 +6,7 @@ use indicatif::ProgressBar;
 use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
 use isotherm_client::{Flags, ImuId};
 use isotherm_failure::{Failure, tell};
-use isotherm_files::{Output, WorldWritable, check_written, load_table, refuse_overlap};
+use isotherm_files::{Output, Trust, check_written, load_table, refuse_overlap};
 use isotherm_finding::Finding;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording::{Continuity, IncrementCsvWriter, IncrementLayout, other_device};
@@ -57,7 +57,7 @@ impl Replay {
         inputs.push((&self.table, "the table"));
         inputs.extend(self.foreign.inputs());
         refuse_overlap(&inputs, &[self.output.as_deref()])?;
-        let (table, _) = load_table(&self.table, None, WorldWritable::Allow)?;
+        let (table, _) = load_table(&self.table, None, Trust::Any)?;
         let choice = super::common::choice(self.imu, &table);
         let input = (choice, self.foreign.read()?);
         let mut samples = Samples::open(&self.recording, input, &ProgressBar::hidden())?;

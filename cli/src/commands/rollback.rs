@@ -3,7 +3,7 @@
 use clap::Args;
 use isotherm_automation::in_force::changes;
 use isotherm_failure::{Exit, Failure, tell};
-use isotherm_files::{Installation, WorldWritable, load_table, print};
+use isotherm_files::{Installation, Trust, load_table, print};
 use isotherm_shared::stream::ImuId;
 use std::path::PathBuf;
 
@@ -40,13 +40,13 @@ impl Rollback {
             return Err(failed(Exit::Io, cause));
         }
         // The installed table may be the broken one; its predecessor must be whole, and of the same IMU.
-        let present = load_table(&self.table, self.imu.as_ref(), WorldWritable::Allow).map(|(table, _)| table);
+        let present = load_table(&self.table, self.imu.as_ref(), Trust::Any).map(|(table, _)| table);
         let present = present.inspect_err(|error| tell("isotherm", error)).ok();
         let Some(imu) = self.imu.or_else(|| present.as_ref().map(|present| present.content().imu.clone())) else {
             let cause = format!("{place} is broken and cannot say whose predecessor comes back; give --imu ID");
             return Err(failed(Exit::Config, cause));
         };
-        let (back, _) = load_table(kept, Some(&imu), WorldWritable::Allow).map_err(|error| {
+        let (back, _) = load_table(kept, Some(&imu), Trust::Any).map_err(|error| {
             let failure = Failure::from(error);
             failed(failure.exit, failure.to_string())
         })?;

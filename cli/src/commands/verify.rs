@@ -11,7 +11,7 @@ use isotherm_campaign::{STANDSTILL_WINDOW_S, faults, length_at_rest};
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{
-    StagedText, WorldWritable, check_stdout, check_written, load_table, print, print_data, read_text, refuse_overlap,
+    StagedText, Trust, check_stdout, check_written, load_table, print, print_data, read_text, refuse_overlap,
 };
 use isotherm_finding::{Finding, name};
 use isotherm_job::{Refused, Run};
@@ -187,8 +187,8 @@ impl Verify {
         files.extend(self.foreign.inputs());
         refuse_overlap(&files, &[self.report.as_deref()])?;
         check_written(None, check_stdout())?;
-        let (table, _) = load_table(&self.table, None, WorldWritable::Allow)?;
-        let origin = Origin::of_toml(&read_text(&self.table, WorldWritable::Allow)?.0, &table);
+        let (table, _) = load_table(&self.table, None, Trust::Any)?;
+        let origin = Origin::of_toml(&read_text(&self.table, Trust::Any)?.0, &table);
         let setup = Setup::new(self.attitude, LocalGravity::of(self.gravity_local, &table));
         let setup = Setup { other_device: self.other_device, ..setup }.at_angles(&table, self.angles);
         let setup = setup.map_err(|message| Failure::new(Exit::Usage, message))?;

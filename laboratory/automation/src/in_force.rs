@@ -3,7 +3,7 @@
 
 use super::plan::Plan;
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{Identity, WorldWritable, load_table};
+use isotherm_files::{Identity, Trust, load_table};
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::wire::AXES;
 use isotherm_verification::arcsec;
@@ -34,7 +34,7 @@ impl InForce {
             Ok(_) => {}
         }
         let place = target.display();
-        let (table, state) = load_table(target, None, WorldWritable::Allow).map_err(|error| {
+        let (table, state) = load_table(target, None, Trust::Any).map_err(|error| {
             let failure = Failure::from(error);
             let message = format!(
                 "{failure}\n{place}, the table in force, cannot be compared with; mend it (`isotherm rollback --imu {} {place}` brings a \

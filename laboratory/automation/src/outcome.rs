@@ -4,7 +4,7 @@ use super::journal::{self, Entry, JOURNAL, JournalLine, LargestError};
 use super::page::utc;
 use super::plan::Plan;
 use isotherm_failure::Failure;
-use isotherm_files::{WorldWritable, load_table};
+use isotherm_files::{Trust, load_table};
 use serde::Serialize;
 use std::fmt::{self, Write as _};
 use std::path::{Path, PathBuf};
@@ -103,7 +103,7 @@ pub fn outcomes(plan: &Plan) -> Result<Vec<ImuOutcome>, Failure> {
 fn present(mut outcome: Outcome) -> Outcome {
     if let Some(installation) = &mut outcome.installation {
         let file = installation.file.as_ref().filter(|file| file.is_absolute());
-        let table = file.map(|file| load_table(file, None, WorldWritable::Allow));
+        let table = file.map(|file| load_table(file, None, Trust::Any));
         installation.present = table.and_then(Result::ok).map(|(table, _)| table.digest().to_string());
     }
     outcome

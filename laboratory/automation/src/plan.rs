@@ -18,7 +18,7 @@ pub use model::{
 };
 
 use isotherm_campaign::Position;
-use isotherm_files::{LoadError, WorldWritable, read_text};
+use isotherm_files::{LoadError, Trust, read_text};
 use isotherm_shared::document::{Document, Faults};
 use std::path::Path;
 
@@ -28,7 +28,7 @@ impl Plan {
     /// # Errors
     /// All faults of the file.
     pub fn load(path: &Path) -> Result<Self, LoadError> {
-        let (text, _) = read_text(path, WorldWritable::Allow)?;
+        let (text, _) = read_text(path, Trust::Any)?;
         Self::from_toml(&text, folder(path)).map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })
     }
 
@@ -37,7 +37,7 @@ impl Plan {
     /// # Errors
     /// As [`load`](Self::load).
     pub fn load_to_run(path: &Path) -> Result<Self, LoadError> {
-        let (text, _) = read_text(path, WorldWritable::Allow)?;
+        let (text, _) = read_text(path, Trust::Any)?;
         Self::parse(&text, folder(path), true).map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })
     }
 

@@ -9,7 +9,7 @@ use super::positioning::PositioningErrors;
 use super::station::{SimulatedStation, StationImu, StationProcess};
 use isotherm_client::{Acquisition, Domain, ImuId, Options, SendError};
 use isotherm_failure::{Exit, Failure, tell};
-use isotherm_files::{WorldWritable, load_table};
+use isotherm_files::{Trust, load_table};
 use isotherm_shared::wire::RawSample;
 use isotherm_simulation as simulate;
 use isotherm_simulation::{InertialMotion, SimulatedTurntable, Truth};
@@ -51,7 +51,7 @@ pub(crate) fn run(station: &SimulatedStation, folder: &Path, domain: &Domain) ->
     handled.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
     let failed = |error: io::Error| Failure::new(Exit::Io, format!("the simulated IMU: {error}"));
     let truths = station.imus.iter().map(|imu| {
-        let table = load_table(&folder.join(&imu.truth), None, WorldWritable::Allow)?.0;
+        let table = load_table(&folder.join(&imu.truth), None, Trust::Any)?.0;
         let SimulatedStation { tilt_rad, gravity_local, latitude_deg, heading_deg, .. } = *station;
         let plays = station.plays.clone();
         Ok(Truth { plays, tilt_rad, gravity_local, latitude_deg, heading_deg, ..Truth::of(table) })

@@ -4,7 +4,7 @@ use crate::config::{Config, WorkerRealtime};
 use clap::Args;
 use isotherm_client::{Realtime, check_room};
 use isotherm_failure::{Exit, Failure, tell};
-use isotherm_files::{LoadError, WorldWritable, load_table, print, read_text, remove_unfinished_on_signals, replace};
+use isotherm_files::{LoadError, Trust, load_table, print, read_text, remove_unfinished_on_signals, replace};
 use isotherm_shared::document::{Document, Fault, Faults, MAX_BYTES};
 use isotherm_shared::kind::FileKind;
 use isotherm_shared::polynomial::Polynomial;
@@ -62,10 +62,10 @@ impl Check {
     /// All faults of all files.
     pub fn run(self, laboratory: CheckLaboratoryFile, recording: Option<CheckRecording>) -> Result<(), Failure> {
         remove_unfinished_on_signals()?;
-        let world_writable = WorldWritable::allow_if(self.allow_world_writable);
-        let against = self.against.as_deref().map(|path| load_table(path, None, world_writable)).transpose()?;
+        let trust = Trust::protected_unless(self.allow_world_writable);
+        let against = self.against.as_deref().map(|path| load_table(path, None, trust)).transpose()?;
         let against = against.map(|(table, _)| table);
-        let checker = Checker { command: &self, world_writable, against, laboratory, recording };
+        let checker = Checker { command: &self, trust, against, laboratory, recording };
         let mut failures = Vec::new();
         for path in &self.files {
             match checker.check(path) {
@@ -79,7 +79,7 @@ impl Check {
 
 struct Checker<'a> {
     command: &'a Check,
-    world_writable: WorldWritable,
+    trust: Trust,
     /// What each table is compared with.
     against: Option<CoefficientTable>,
     laboratory: CheckLaboratoryFile,
@@ -88,7 +88,7 @@ struct Checker<'a> {
 
 impl Checker<'_> {
     fn check(&self, path: &Path) -> Result<String, Failure> {
-        let &Self { command: &Check { seal, .. }, world_writable, laboratory, .. } = self;
+        let &Self { command: &Check { seal, .. }, trust, laboratory, .. } = self;
         if let Some(format) = recording_format(path) {
             if let Some(recording) = self.recording.filter(|_| !seal && self.against.is_none()) {
                 return recording(path);
@@ -97,7 +97,7 @@ impl Checker<'_> {
                 format!("{}: a recording ({format}), for replay, verify and noise; {EXPECTED_KINDS}", path.display());
             return Err(Failure::new(Exit::Config, message));
         }
-        let text = if path == Path::new("-") { read_stdin()? } else { read_text(path, world_writable)?.0 };
+        let text = if path == Path::new("-") { read_stdin()? } else { read_text(path, trust)?.0 };
         let refuse = |faults| Failure::from(LoadError::Refused { path: path.to_owned(), faults });
         match kind(&text).map_err(refuse)? {
             FileKind::Table if seal && path == Path::new("-") => {
@@ -146,7 +146,7 @@ impl Checker<'_> {
     fn configuration(&self, path: &Path, config: &Config) -> Result<String, Failure> {
         let (mut failures, mut warnings) = (Vec::new(), refused_here(config));
         for imu in &config.imus {
-            match load_table(&imu.table, Some(&imu.id), self.world_writable) {
+            match load_table(&imu.table, Some(&imu.id), self.trust) {
                 Ok((table, _)) => {
                     let unlike = table.content().unlike_scale_factors().into_iter();
                     warnings.extend(unlike.map(|warning| format!("{}: {warning}", imu.table.display())));

@@ -7,7 +7,7 @@ use crate::logging::{self, LogFormat};
 use clap::Args;
 use isotherm_client::{Domain, ImuId};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::WorldWritable;
+use isotherm_files::Trust;
 use std::env;
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
@@ -30,7 +30,8 @@ pub struct Serve {
     /// Serve an IMU whose table file does not exist yet: NaN until it appears
     #[arg(long)]
     allow_uncalibrated: bool,
-    /// Take a configuration or tables that everybody may write; without this they are refused
+    /// Take a configuration or tables that everybody may write, or that belong to another user than this one and root;
+    /// without this they are refused
     #[arg(long)]
     allow_world_writable: bool,
     /// Log lines for people or for machines
@@ -46,9 +47,9 @@ impl Serve {
     pub fn run(self, domain: &Domain) -> Result<(), Failure> {
         logging::start(self.log_format);
         let Self { config, imu, allow_uncalibrated, allow_world_writable, .. } = self;
-        let world_writable = WorldWritable::allow_if(allow_world_writable);
-        let load = move || configuration(config.as_deref(), imu, world_writable);
-        match control::run(domain, load, ServeOptions { allow_uncalibrated, world_writable })? {
+        let trust = Trust::owned_unless(allow_world_writable);
+        let load = move || configuration(config.as_deref(), imu, trust);
+        match control::run(domain, load, ServeOptions { allow_uncalibrated, trust })? {
             Outcome::Stopped => Ok(()),
             Outcome::BeginsAnew(lock) => Err(begin_anew(&lock)),
         }
@@ -72,13 +73,9 @@ fn begin_anew(lock: &DomainLock) -> Failure {
 }
 
 /// The configuration of a file and the command line.
-fn configuration(
-    path: Option<&Path>,
-    imus: Vec<(ImuId, PathBuf)>,
-    world_writable: WorldWritable,
-) -> Result<Config, Failure> {
+fn configuration(path: Option<&Path>, imus: Vec<(ImuId, PathBuf)>, trust: Trust) -> Result<Config, Failure> {
     let mut config = match path {
-        Some(path) => Config::load(path, world_writable)?,
+        Some(path) => Config::load(path, trust)?,
         None => Config::default(),
     };
     for (id, table) in imus {

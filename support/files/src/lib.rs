@@ -7,7 +7,7 @@
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! use isotherm_files::{Output, WorldWritable, read_text};
+//! use isotherm_files::{Output, Trust, read_text};
 //! use std::io::Write as _;
 //!
 //! let folder = tempfile::tempdir()?;
@@ -16,7 +16,7 @@
 //! output.write_all(b"whole\n")?;
 //! assert!(!path.exists()); // it has a temporary name yet
 //! output.finish()?;
-//! assert!(read_text(&path, WorldWritable::Refuse).is_ok_and(|(text, _)| text == "whole\n"));
+//! assert!(read_text(&path, Trust::Owned).is_ok_and(|(text, _)| text == "whole\n"));
 //! # Ok(())
 //! # }
 //! ```
@@ -31,7 +31,7 @@ mod stdout;
 
 pub use install::Installation;
 pub use live::{LiveFile, Partial, partial_path, target_of};
-pub use load::{Identity, LoadError, WorldWritable, load_table, read_text};
+pub use load::{Identity, LoadError, Trust, load_table, read_text};
 pub use output::{Output, StagedText, check_written, print, print_data, refuse_overlap, replace};
 pub use place::{check_own_folder, create_folder, create_own_folder, exchange, output_place, sync_folder};
 pub use signals::{end_flag, end_signals, remove_unfinished_on_signals, report_file_limit};

@@ -5,7 +5,7 @@
 //! that name.
 
 use crate::place::{kind_of, output_place, rename};
-use crate::signals::unfinished;
+use crate::signals::{Unfinished, hold_signals};
 use isotherm_failure::Failure;
 use rustix::fs::OFlags;
 use rustix::process::geteuid;
@@ -56,6 +56,8 @@ pub struct LiveFile {
     pending: Vec<u8>,
     length: u64,
     complete: bool,
+    /// Until there is a row.
+    unfinished: Option<Unfinished>,
 }
 
 impl LiveFile {
@@ -68,16 +70,13 @@ impl LiveFile {
     pub fn create(target: PathBuf, existing: Option<&Metadata>) -> io::Result<Self> {
         let path = partial_of(&target);
         let tries = (0..TRIES).find_map(|_| {
-            // Hold the lock until the file is listed, so that a signal between creating and listing removes it too.
-            let mut unfinished = unfinished();
+            // Until the file is listed: a signal between creating and listing removes it too.
+            let _held = hold_signals();
             let claimed = claim(&path, existing).transpose()?;
-            if claimed.is_ok() {
-                unfinished.add(&path);
-            }
-            Some(claimed)
+            Some(claimed.map(|file| (file, Unfinished::list(&path))))
         });
         let busy = || refusal(&path, "is made and removed by other processes all the time; name another file");
-        let file = tries.unwrap_or_else(|| Err(busy())).map_err(|error| match error.raw_os_error() {
+        let (file, unfinished) = tries.unwrap_or_else(|| Err(busy())).map_err(|error| match error.raw_os_error() {
             // The user knows the name of the target only.
             Some(_) => io::Error::new(error.kind(), format!("{}: {error}", path.display())),
             None => error,
@@ -85,7 +84,8 @@ impl LiveFile {
         give_owner(&file, existing);
         let mode = existing.map_or_else(|| 0o666 & !umask(), |existing| mode_of(Some(existing)));
         let partial = Partial { path, lines: Arc::default() };
-        Ok(Self { file, target, partial, mode, pending: Vec::new(), length: 0, complete: false })
+        let unfinished = Some(unfinished);
+        Ok(Self { file, target, partial, mode, pending: Vec::new(), length: 0, complete: false, unfinished })
     }
 
     /// Where the rows are.
@@ -127,10 +127,9 @@ impl LiveFile {
             self.file.set_len(self.length)?;
             self.file.seek(SeekFrom::Start(self.length))?;
         }
-        let had_rows = self.partial.rows() > 0;
         self.partial.lines.fetch_add(lines, Ordering::Relaxed);
-        if !had_rows && self.partial.rows() > 0 {
-            unfinished().keep(&self.partial.path);
+        if self.partial.rows() > 0 {
+            self.unfinished = None;
         }
         result
     }

@@ -1,10 +1,12 @@
 //! Reads a table or configuration. Checks the kind of file, its size and who may write it, and returns which state of
 //! the file was read.
 
+use crate::place::is_trusted;
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::document::{Fault, Faults, MAX_BYTES};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{CoefficientTable, MAX_TABLE_BYTES};
+use rustix::process::geteuid;
 use std::fmt;
 use std::fs::{self, Metadata, OpenOptions};
 use std::io::{self, Read as _};
@@ -82,34 +84,63 @@ impl fmt::Display for LoadError {
     }
 }
 
-/// Whether to read a file that every user of the machine may write.
+/// Whose file is read.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum WorldWritable {
-    /// For the service: it reloads the file, so every user of the machine could change what it does.
-    Refuse,
-    /// For a command that reads the file once: its user has chosen the file.
-    Allow,
+pub enum Trust {
+    /// Of this process's user or of root, and not writable by everybody. For the service: it reloads the file, so
+    /// whoever can write or replace it changes what the service does.
+    Owned,
+    /// Of anybody, but not writable by everybody. For a command that says what a service would take, which may be
+    /// another user's.
+    Protected,
+    /// Any. For a command that reads the file once: its user has chosen the file.
+    Any,
 }
 
-impl WorldWritable {
-    /// [`Allow`](Self::Allow) if the option `--allow-world-writable` is given.
+impl Trust {
+    /// [`Owned`](Self::Owned) unless the option `--allow-world-writable` is given.
     #[must_use]
-    pub const fn allow_if(given: bool) -> Self {
-        if given { Self::Allow } else { Self::Refuse }
+    pub const fn owned_unless(given: bool) -> Self {
+        if given { Self::Any } else { Self::Owned }
+    }
+
+    /// [`Protected`](Self::Protected) unless the option `--allow-world-writable` is given.
+    #[must_use]
+    pub const fn protected_unless(given: bool) -> Self {
+        if given { Self::Any } else { Self::Protected }
+    }
+
+    /// Why the file, which has been opened by this path, is not trusted.
+    fn refusal(self, path: &Path, opened: &Metadata) -> Option<String> {
+        let name = path.display();
+        if self != Self::Any && opened.mode() & 0o002 != 0 {
+            return Some(format!("everybody may write it; chmod o-w {name}, or give --allow-world-writable"));
+        }
+        if self != Self::Owned {
+            return None;
+        }
+        // Another user could have made a link to a file that would be trusted by itself.
+        let link = fs::symlink_metadata(path).ok().filter(Metadata::is_symlink);
+        let mut owners = [Some(opened), link.as_ref()].into_iter().flatten().map(Metadata::uid);
+        let (foreign, own) = (owners.find(|owner| !is_trusted(*owner))?, geteuid().as_raw());
+        Some(format!(
+            "it belongs to user {foreign}, who could change what the service does; if it is as it should be, chown -h {own} {name}, \
+             or give --allow-world-writable"
+        ))
     }
 }
 
 /// Reads the text of a table or configuration. Returns also the state of the file from which it was read.
 ///
 /// # Errors
-/// If the file cannot be read, may be written by everybody ([`WorldWritable::Refuse`]), is no regular file, is over 1
-/// MiB, is not UTF-8, or changes while it is read.
-pub fn read_text(path: &Path, world_writable: WorldWritable) -> Result<(String, Identity), LoadError> {
-    read(path, world_writable, MAX_BYTES, "table or configuration")
+/// If the file cannot be read, is not to be trusted, is no regular file, is over 1 MiB, is not UTF-8, or changes while
+/// it is read.
+pub fn read_text(path: &Path, trust: Trust) -> Result<(String, Identity), LoadError> {
+    read(path, trust, MAX_BYTES, "table or configuration")
 }
 
 /// As [`read_text`]; `limit` is the most bytes that such a file, of this `kind`, has.
-fn read(path: &Path, world_writable: WorldWritable, limit: u64, kind: &str) -> Result<(String, Identity), LoadError> {
+fn read(path: &Path, trust: Trust, limit: u64, kind: &str) -> Result<(String, Identity), LoadError> {
     let io = |error: io::Error| LoadError::Io { path: path.to_owned(), cause: error.to_string() };
     let refused = |line, message: String| LoadError::Refused {
         path: path.to_owned(),
@@ -121,9 +152,8 @@ fn read(path: &Path, world_writable: WorldWritable, limit: u64, kind: &str) -> R
     if !before.is_file() {
         return Err(refused(1, "not a regular file".to_owned()));
     }
-    if world_writable == WorldWritable::Refuse && before.mode() & 0o002 != 0 {
-        let path = path.display();
-        return Err(refused(1, format!("everybody may write it; chmod o-w {path}, or give --allow-world-writable")));
+    if let Some(refusal) = trust.refusal(path, &before) {
+        return Err(refused(1, refusal));
     }
     let mut bytes = Vec::new();
     (&mut file).take(limit + 1).read_to_end(&mut bytes).map_err(io)?;
@@ -154,9 +184,9 @@ fn read(path: &Path, world_writable: WorldWritable, limit: u64, kind: &str) -> R
 pub fn load_table(
     path: &Path,
     expected: Option<&ImuId>,
-    world_writable: WorldWritable,
+    trust: Trust,
 ) -> Result<(CoefficientTable, Identity), LoadError> {
-    let (text, identity) = read(path, world_writable, MAX_TABLE_BYTES, "coefficient table")?;
+    let (text, identity) = read(path, trust, MAX_TABLE_BYTES, "coefficient table")?;
     let table = CoefficientTable::from_toml(&text, expected);
     let table = table.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
     Ok((table, identity))

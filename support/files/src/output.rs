@@ -3,7 +3,7 @@
 
 use crate::live::{LiveFile, Partial, give_mode_and_owner, mode_of};
 use crate::place::{folder_of, output_place, sync_folder};
-use crate::signals::unfinished;
+use crate::signals::{Unfinished, hold_signals};
 use crate::stdout::check_stdout;
 use isotherm_failure::{Exit, Failure, printable};
 use std::fs::{self, File, Metadata, OpenOptions, Permissions};
@@ -17,12 +17,42 @@ pub(crate) const HIDDEN: &str = ".isotherm-";
 
 /// Where a command writes its data.
 pub enum Output {
-    /// A file with a temporary name in the target's folder, and the target; it is renamed when it is complete.
-    Staged(BufWriter<File>, TempPath, PathBuf),
+    /// A file with a temporary name in the target's folder, which is renamed when it is complete.
+    Staged(StagedFile),
     /// A file of rows that is kept if the command ends early.
     Live(LiveFile),
     /// Stdout, a pipe or a device.
     Direct(BufWriter<Box<dyn Write>>),
+}
+
+/// A file with a temporary name. Dropping it removes the file.
+pub struct StagedFile {
+    writer: BufWriter<File>,
+    temporary: TempPath,
+    target: PathBuf,
+    /// Dropped after the file is removed or renamed.
+    _unfinished: Unfinished,
+}
+
+impl StagedFile {
+    fn create(target: &Path, existing: Option<&Metadata>) -> io::Result<Self> {
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(HIDDEN).permissions(Permissions::from_mode(mode_of(existing)));
+        // Until the file is listed: a signal between creating and listing removes it too.
+        let _held = hold_signals();
+        // Keep only the kind of the error: its text names the temporary file, which the user does not know.
+        let staged = builder.tempfile_in(folder_of(target)).map_err(|error| io::Error::from(error.kind()))?;
+        let (file, temporary) = staged.into_parts();
+        let unfinished = Unfinished::list(&temporary);
+        give_mode_and_owner(&file, existing);
+        Ok(Self { writer: BufWriter::new(file), temporary, target: target.to_owned(), _unfinished: unfinished })
+    }
+
+    /// Gives the file its name, and makes that durable.
+    fn rename(self) -> io::Result<()> {
+        self.temporary.persist(&self.target).map_err(|error| error.error)?;
+        sync_folder(&self.target)
+    }
 }
 
 impl Output {
@@ -31,7 +61,7 @@ impl Output {
     /// # Errors
     /// If the file cannot be created, or stdout is closed.
     pub fn create(path: Option<&Path>) -> io::Result<Self> {
-        Self::open(path, |target, existing| Self::stage(&target, existing))
+        Self::open(path, |target, existing| StagedFile::create(&target, existing).map(Self::Staged))
     }
 
     /// Opens the output of rows that come from a live stream and cannot be had again; `None` or `-` is stdout. The
@@ -63,25 +93,12 @@ impl Output {
         }
     }
 
-    fn stage(target: &Path, existing: Option<&Metadata>) -> io::Result<Self> {
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(HIDDEN).permissions(Permissions::from_mode(mode_of(existing)));
-        // Hold the lock until the file is listed, so that a signal between creating and listing removes it too.
-        let mut unfinished = unfinished();
-        // Keep only the kind of the error: its text names the temporary file, which the user does not know.
-        let staged = builder.tempfile_in(folder_of(target)).map_err(|error| io::Error::from(error.kind()))?;
-        let (file, temporary) = staged.into_parts();
-        unfinished.add(&temporary);
-        give_mode_and_owner(&file, existing);
-        Ok(Self::Staged(BufWriter::new(file), temporary, target.to_owned()))
-    }
-
     /// Where the rows are until the output is complete, if it keeps them.
     #[must_use]
     pub fn partial(&self) -> Option<Partial> {
         match self {
             Self::Live(file) => Some(file.partial().clone()),
-            Self::Staged(..) | Self::Direct(_) => None,
+            Self::Staged(_) | Self::Direct(_) => None,
         }
     }
 
@@ -99,14 +116,14 @@ impl Output {
     fn complete(&mut self) -> io::Result<()> {
         self.flush()?;
         match self {
-            Self::Staged(writer, ..) => writer.get_ref().sync_all(),
+            Self::Staged(file) => file.writer.get_ref().sync_all(),
             Self::Live(_) | Self::Direct(_) => Ok(()),
         }
     }
 
     /// Gives the file that is about to be replaced, if there is one, a hidden name, and waits until that is durable.
     fn set_aside(&self) -> io::Result<Option<Aside>> {
-        let Self::Staged(_, _, path) = self else { return Ok(None) };
+        let Self::Staged(StagedFile { target: path, .. }) = self else { return Ok(None) };
         match tempfile::Builder::new().prefix(HIDDEN).make_in(folder_of(path), |hidden| fs::rename(path, hidden)) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             // Keep only the kind of the error, as in `stage`.
@@ -121,10 +138,7 @@ impl Output {
     /// Gives the file, which [`complete`](Self::complete) has made durable, its name, and makes that durable, too.
     fn rename(self) -> io::Result<()> {
         match self {
-            Self::Staged(_, temporary, path) => {
-                temporary.persist(&path).map_err(|error| error.error)?;
-                sync_folder(&path)
-            }
+            Self::Staged(file) => file.rename(),
             Self::Live(file) => file.finish(),
             Self::Direct(_) => Ok(()),
         }
@@ -150,7 +164,7 @@ impl Aside {
 impl Write for Output {
     fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
         match self {
-            Self::Staged(writer, ..) => writer.write(buffer),
+            Self::Staged(file) => file.writer.write(buffer),
             Self::Live(file) => file.write(buffer),
             Self::Direct(writer) => writer.write(buffer),
         }
@@ -158,7 +172,7 @@ impl Write for Output {
 
     fn flush(&mut self) -> io::Result<()> {
         match self {
-            Self::Staged(writer, ..) => writer.flush(),
+            Self::Staged(file) => file.writer.flush(),
             Self::Live(file) => file.flush(),
             Self::Direct(writer) => writer.flush(),
         }
@@ -224,7 +238,7 @@ impl StagedText {
             let result = text.output.complete();
             check_written(text.path.as_deref(), result)?;
         }
-        let _no_signal = unfinished();
+        let _held = hold_signals();
         let mut texts = texts.into_iter();
         let Some(first) = texts.next() else { return Ok(()) };
         let rest: Vec<_> = texts.collect();

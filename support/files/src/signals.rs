@@ -8,30 +8,42 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::{fs, io, thread};
 
 /// What a signal that ends the command has to know.
-pub(crate) struct Unfinished {
-    /// Files to remove. A staged file that has been renamed no longer has its temporary name.
-    files: Vec<PathBuf>,
+struct Ending {
+    /// Names of files to remove.
+    unfinished: Vec<PathBuf>,
     /// Set by the first signal instead of ending the process.
     flag: Option<Arc<AtomicBool>>,
 }
 
-impl Unfinished {
-    /// Adds a file that a signal removes.
-    pub(crate) fn add(&mut self, path: &Path) {
-        self.files.push(path.to_owned());
-    }
+fn ending() -> MutexGuard<'static, Ending> {
+    static ENDING: Mutex<Ending> = Mutex::new(Ending { unfinished: Vec::new(), flag: None });
+    ENDING.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
-    /// From now on the file is kept.
-    pub(crate) fn keep(&mut self, path: &Path) {
-        self.files.retain(|other| other != path);
+/// While this guard lives no signal ends a command that has called [`remove_unfinished_on_signals`].
+pub(crate) fn hold_signals() -> MutexGuard<'static, ()> {
+    static HELD: Mutex<()> = Mutex::new(());
+    HELD.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A file that a signal removes while this value lives.
+pub(crate) struct Unfinished(PathBuf);
+
+impl Unfinished {
+    /// Lists the file of this name.
+    pub(crate) fn list(path: &Path) -> Self {
+        ending().unfinished.push(path.to_owned());
+        Self(path.to_owned())
     }
 }
 
-/// The unfinished files. While this guard lives no signal ends a command that has called
-/// [`remove_unfinished_on_signals`].
-pub(crate) fn unfinished() -> MutexGuard<'static, Unfinished> {
-    static UNFINISHED: Mutex<Unfinished> = Mutex::new(Unfinished { files: Vec::new(), flag: None });
-    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        let mut ending = ending();
+        if let Some(place) = ending.unfinished.iter().position(|listed| *listed == self.0) {
+            ending.unfinished.swap_remove(place);
+        }
+    }
 }
 
 /// The signals that ask a command to end: SIGINT, SIGTERM, and SIGHUP unless the process was started with it ignored,
@@ -55,11 +67,12 @@ pub fn remove_unfinished_on_signals() -> Result<(), Failure> {
     let mut signals = signal_hook::iterator::Signals::new(end_signals()).map_err(failed)?;
     let body = move || {
         for signal in signals.forever() {
-            let mut unfinished = unfinished();
-            if unfinished.flag.take().is_some_and(|flag| !flag.swap(true, Ordering::Relaxed)) {
+            let _held = hold_signals();
+            let mut ending = ending();
+            if ending.flag.take().is_some_and(|flag| !flag.swap(true, Ordering::Relaxed)) {
                 continue;
             }
-            for path in unfinished.files.drain(..) {
+            for path in ending.unfinished.drain(..) {
                 // Fails if the file was already renamed; then nothing must be removed.
                 let _ = fs::remove_file(path);
             }
@@ -74,7 +87,7 @@ pub fn remove_unfinished_on_signals() -> Result<(), Failure> {
 /// command can end by itself. The second one ends the process.
 #[must_use]
 pub fn end_flag() -> Arc<AtomicBool> {
-    Arc::clone(unfinished().flag.insert(Arc::default()))
+    Arc::clone(ending().flag.insert(Arc::default()))
 }
 
 /// Makes a write beyond the limit of a file's size (`ulimit -f`) fail with an error. Without this SIGXFSZ kills the
@@ -83,4 +96,40 @@ pub fn report_file_limit() {
     // A handler that does nothing is enough: the write then returns the error. Fails only for signals that cannot be
     // handled.
     let _ = signal_hook::flag::register(SIGXFSZ, Arc::default());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::output::{Output, StagedText, replace};
+    use std::io::Write as _;
+
+    /// How many of the files of this folder are listed. Other tests have theirs.
+    fn listed(folder: &Path) -> usize {
+        ending().unfinished.iter().filter(|path| path.starts_with(folder)).count()
+    }
+
+    #[test]
+    fn only_unfinished_files_are_listed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        let other = folder.path().join("b");
+        for _ in 0..3 {
+            replace(&path, "text").unwrap();
+            let texts = [&path, &other].map(|path| StagedText::create(Some(path)).unwrap().write("text").unwrap());
+            assert_eq!(listed(folder.path()), 2);
+            StagedText::finish_together(texts.into()).unwrap();
+            drop(Output::create(Some(&path)).unwrap());
+            drop(Output::create_live(Some(&path)).unwrap());
+            assert_eq!(listed(folder.path()), 0);
+            // A file with rows is kept.
+            let mut live = Output::create_live(Some(&path)).unwrap();
+            assert_eq!(listed(folder.path()), 1);
+            live.write_all(b"header\nrow\n").unwrap();
+            live.flush().unwrap();
+            assert_eq!(listed(folder.path()), 0);
+            live.finish().unwrap();
+        }
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+    }
 }

@@ -36,6 +36,7 @@ mod mems;
 mod metrics;
 mod namespaces;
 mod neighbours;
+mod outputs;
 mod paced;
 mod readers;
 mod realtime;

@@ -265,6 +265,64 @@ fn a_folder_or_link_that_another_user_made_first_is_refused_with_the_remedy() {
     }
 }
 
+/// A file, or a link to one of root's, that another user has put where the path was away: refused by the service, at
+/// the start and while it runs. One-shot commands read what their user names.
+#[test]
+fn a_table_or_configuration_of_another_user_is_refused() {
+    let domain = TestDomain::new();
+    let (parent, _) = shared_parent(&domain);
+    let elsewhere = domain.write("elsewhere.toml", isotherm_tests::TABLE);
+    let [table, configuration] = ["imu-a.toml", "service.toml"].map(|name| parent.join(name));
+    let own = || {
+        fs::write(&table, isotherm_tests::TABLE).unwrap();
+        fs::write(&configuration, "[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n").unwrap();
+    };
+    let arguments = ["serve", "--config", configuration.to_str().unwrap()];
+    let as_link = format!("ln -s {} $1", elsewhere.display());
+    let as_file = |text: &str| format!("cat > $1 <<'end'\n{text}end");
+    let next = as_file(&isotherm_tests::variant(1));
+    for script in [&as_link, &next] {
+        own();
+        let service = domain.serve(&arguments[1..]);
+        fs::remove_file(&table).unwrap();
+        if !plant(script, &table) {
+            return;
+        }
+        let refused = "table refused, the one in force stays: ";
+        service.wait_for_log(&format!("{refused}{}:1: it belongs to user 65534, ", table.display()));
+        let status = domain.run_ok(&["status"]);
+        assert!(status.contains("REFUSED") && status.contains("chown -h 0 "), "{status}");
+        service.terminate();
+        fs::remove_file(&table).unwrap();
+    }
+    for (path, scripts) in [
+        (&table, [as_link.clone(), next.clone()]),
+        (&configuration, [as_link, as_file("[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n")]),
+    ] {
+        for script in scripts {
+            own();
+            fs::remove_file(path).unwrap();
+            assert!(plant(&script, path));
+            let output = domain.run(&arguments);
+            let message = text(&output.stderr);
+            assert_eq!(output.status.code(), Some(78), "{message}");
+            for part in [":1: it belongs to user 65534, ", "chown -h 0 ", "--allow-world-writable"] {
+                assert!(message.contains(part), "{message}");
+            }
+            // Its user has named it.
+            if !path.is_symlink() {
+                domain.run_ok(&["check", path.to_str().unwrap()]);
+                domain.serve(&[&arguments[1..], &["--allow-world-writable"]].concat()).terminate();
+            }
+            fs::remove_file(path).unwrap();
+        }
+    }
+    own();
+    fs::remove_file(&table).unwrap();
+    assert!(plant(&next, &table));
+    domain.run_ok(&["replay", "--table", table.to_str().unwrap(), RUN, "-o", "replayed.csv"]);
+}
+
 #[test]
 fn results_do_not_follow_what_another_user_has_put_into_a_shared_folder() {
     let domain = TestDomain::new();

@@ -283,7 +283,7 @@ fn without_file_watches_tables_are_polled() {
 }
 
 #[test]
-fn world_writable_files_are_refused_unless_allowed() {
+fn trust_files_are_refused_unless_allowed() {
     let domain = TestDomain::new();
     domain.write("imu-a.toml", TABLE);
     domain.write("service.toml", "[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n");

@@ -6,7 +6,7 @@ use isotherm_automation::plan::Plan;
 use isotherm_calibration::TableFile;
 use isotherm_client::ImuId;
 use isotherm_failure::Failure;
-use isotherm_files::{WorldWritable, load_table, read_text};
+use isotherm_files::{Trust, load_table, read_text};
 use isotherm_job::{CampaignFile, no_bar};
 use isotherm_parameters::{Autopilot, Parameters};
 use isotherm_recording_formats::convert::{Conversion, Settings};
@@ -146,17 +146,17 @@ fn said<T, E: ToString>(result: Result<T, E>) -> Result<(), String> {
 }
 
 fn text_of(path: &Path) -> Result<String, String> {
-    read_text(path, WorldWritable::Allow).map(|(text, _)| text).map_err(|error| error.to_string())
+    read_text(path, Trust::Any).map(|(text, _)| text).map_err(|error| error.to_string())
 }
 
 const LOADERS: [Loader; 12] = [
-    ("coefficient table", |path| said(load_table(path, ImuId::new("imu-a").as_ref(), WorldWritable::Refuse))),
+    ("coefficient table", |path| said(load_table(path, ImuId::new("imu-a").as_ref(), Trust::Owned))),
     ("table of a comparison", |path| said(TableFile::from_toml("table", &text_of(path)?))),
-    ("service configuration", |path| said(Config::load(path, WorldWritable::Refuse))),
+    ("service configuration", |path| said(Config::load(path, Trust::Owned))),
     ("campaign file", |path| said(CampaignFile::read(path).and_then(|file| file.campaigns()))),
     ("campaign plan", |path| said(Plan::load(path))),
     ("plan to run", |path| said(Plan::load_to_run(path))),
-    ("description of a source", |path| said(Description::load(path, WorldWritable::Refuse))),
+    ("description of a source", |path| said(Description::load(path, Trust::Owned))),
     ("parameters of PX4", |path| said(Parameters::read(&text_of(path)?, Autopilot::Px4, None))),
     ("parameters of ArduPilot", |path| said(Parameters::read(&text_of(path)?, Autopilot::ArduPilot, None))),
     ("mapping", |path| said(Conversion::open(Path::new(RUN), Some(path), &Settings::default()))),

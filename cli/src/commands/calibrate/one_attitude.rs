@@ -7,7 +7,7 @@ use crate::progress::{bytes_bar, spinner};
 use isotherm_calibration::{LagChoice, OneAttitudeOptions};
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{StagedText, WorldWritable, load_table, refuse_overlap};
+use isotherm_files::{StagedText, Trust, load_table, refuse_overlap};
 use isotherm_job::{FitOptions, Inputs, Refused, Source};
 use isotherm_parameters::{Autopilot, ExportOptions, HIGHEST_ORDER, export};
 use std::path::{Path, PathBuf};
@@ -20,7 +20,7 @@ impl Calibrate {
         let files: Vec<PathBuf> = core::iter::once(&self.campaign).chain(&self.samples).cloned().collect();
         let [output, report] = self.outputs(imu);
         self.refuse_overlaps_at_one_attitude(&files, [output.as_deref(), report.as_deref()])?;
-        let nominal = args.nominal.as_deref().map(|path| load_table(path, Some(imu), WorldWritable::Allow));
+        let nominal = args.nominal.as_deref().map(|path| load_table(path, Some(imu), Trust::Any));
         let nominal = nominal.transpose()?.map(|(table, _)| table);
         let table = StagedText::create(output.as_deref())?;
         let page = report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;

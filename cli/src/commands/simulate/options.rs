@@ -4,7 +4,7 @@ use super::memory::MemoryOptions;
 use crate::parse::{gravity, latitude, size, sizes, vibration};
 use clap::Args;
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{Output, StagedText, WorldWritable, load_table, print};
+use isotherm_files::{Output, StagedText, Trust, load_table, print};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{CoefficientTable, Content, Refusal};
 use isotherm_shared::wire::AXES;
@@ -90,7 +90,7 @@ impl SimulatedImuOptions {
 
     fn first_truth(&self) -> Result<Truth, Failure> {
         let given = match &self.truth {
-            Some(path) => load_table(path, None, WorldWritable::Allow)?.0,
+            Some(path) => load_table(path, None, Trust::Any)?.0,
             None => {
                 let paper = CoefficientTable::from_toml(isotherm_demo::TABLE, None);
                 paper.map_err(|faults| Failure::new(Exit::Failed, format!("the embedded table: {faults}")))?

@@ -2,7 +2,7 @@
 
 use super::settings::Settings;
 use isotherm_failure::Failure;
-use isotherm_files::{WorldWritable, read_text};
+use isotherm_files::{Trust, read_text};
 use std::path::{Path, PathBuf};
 
 /// What is known of foreign data: what `isotherm convert` is told of them.
@@ -20,7 +20,7 @@ impl Foreign {
     /// # Errors
     /// If it cannot be read.
     pub fn new(mapping: Option<&Path>, settings: Settings) -> Result<Self, Failure> {
-        let read = |path: &Path| Ok::<_, Failure>((path.to_owned(), read_text(path, WorldWritable::Allow)?.0));
+        let read = |path: &Path| Ok::<_, Failure>((path.to_owned(), read_text(path, Trust::Any)?.0));
         Ok(Self { mapping: mapping.map(read).transpose()?, settings })
     }
 

@@ -37,7 +37,7 @@ pub use source::PLACEHOLDER;
 
 use interval::{GAP, Steps};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{LoadError, WorldWritable, open_recording, read_text};
+use isotherm_files::{LoadError, Trust, open_recording, read_text};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
 use isotherm_recording::columns::Layout;
@@ -92,7 +92,7 @@ impl Conversion {
     /// [`Exit::Io`].
     pub fn open(path: &Path, mapping: Option<&Path>, settings: &Settings) -> Result<Self, Failure> {
         let text = match mapping {
-            Some(mapping) => Some(read_text(mapping, WorldWritable::Allow)?.0),
+            Some(mapping) => Some(read_text(mapping, Trust::Any)?.0),
             None => None,
         };
         Self::of_file(path, mapping.zip(text.as_deref()), settings)
