@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
-"""Reads one recording in its three formats with other programs' libraries, and compares them value by value.
+"""Reads one recording in its three formats with other programs' libraries, and compares them value by value; verifies the checks of
+CSV and Parquet, which other programs ignore.
 
     pip install pyarrow pandas mcap mcap-protobuf-support
     python3 docs/recordings.py flight        # flight.csv, flight.increments.csv, flight.parquet, .., flight.mcap of imu-a
 """
 import math
 import sys
+import zlib
 
 import pandas
 import pyarrow.parquet
@@ -34,6 +36,28 @@ def messages(topic):
         yield {field.name: getattr(decoded, field.name) for field in decoded.DESCRIPTOR.fields}
 
 
+def verify_csv(path):
+    """Each row ends with the CRC-32 of its text before the last comma."""
+    with open(path, "rb") as file:
+        next(file)
+        for number, line in enumerate(file, 2):
+            row, check = line.rstrip(b"\r\n").rsplit(b",", 1)
+            assert f"{zlib.crc32(row):08x}".encode() == check, (path, number)
+
+
+def verify_parquet(path):
+    """The metadata have the CRC-32 of the bytes of each column of each row group."""
+    metadata = pyarrow.parquet.read_metadata(path)
+    groups = metadata.metadata[b"isotherm.check"].decode().split(";")
+    with open(path, "rb") as file:
+        for group, checks in enumerate(groups):
+            for column, check in enumerate(checks.split(",")):
+                chunk = metadata.row_group(group).column(column)
+                begin = chunk.dictionary_page_offset or chunk.data_page_offset
+                file.seek(begin)
+                assert f"{zlib.crc32(file.read(chunk.total_compressed_size)):08x}" == check, (path, group, column)
+
+
 def same(a, b):
     return a == b or (isinstance(a, float) and math.isnan(a) and math.isnan(b))
 
@@ -41,7 +65,9 @@ def same(a, b):
 for stream, suffix in (("raw", ""), ("increment", ".increments")):
     parquet = pyarrow.parquet.read_table(f"{name}{suffix}.parquet")
     whole = {field.name: "uint64" if str(field.type).startswith("uint") else str for field in parquet.schema if str(field.type) != "double"}
-    csv = pandas.read_csv(f"{name}{suffix}.csv", dtype=whole)
+    csv = pandas.read_csv(f"{name}{suffix}.csv", dtype=whole | {"check": str}).drop(columns="check")
+    verify_csv(f"{name}{suffix}.csv")
+    verify_parquet(f"{name}{suffix}.parquet")
     types = {str(field.type) for field in parquet.schema}
     assert types <= {"uint64", "uint32", "double", "string"}, types
     assert parquet.schema.metadata[b"isotherm.imu"].decode() == imu

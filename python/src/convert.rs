@@ -61,7 +61,7 @@ pub(crate) fn convert(
     Ok((array(py, bytes), findings))
 }
 
-fn exception(failure: Failure, mapping: Option<(&Path, &str)>) -> PyErr {
+pub(crate) fn exception(failure: Failure, mapping: Option<(&Path, &str)>) -> PyErr {
     let line = failure.place.as_ref().and_then(|(_, line)| *line);
     match (failure.exit, mapping) {
         (Exit::Config, Some((name, text))) => {

@@ -48,7 +48,7 @@ mod _isotherm {
     use crate::noise::{noise, noise_of_rates};
     #[pymodule_export]
     use crate::offline::{
-        Stability, read_increments, read_recording, regress, replay, time_warnings, verify, write_increments,
+        Stability, read_increments, read_recording, regress, repair, replay, time_warnings, verify, write_increments,
         write_recording,
     };
     #[pymodule_export]

@@ -1,6 +1,7 @@
 //! The offline tools on arrays. The libraries do the arithmetic; this module converts arguments and results.
 
-use crate::errors::{StabilityError, recording};
+use crate::convert::exception;
+use crate::errors::{StabilityError, file, recording};
 use crate::files::{unwritten, write_file};
 use crate::records::{Fields, INCREMENT, RAW, array, document, increment_bytes, increments, python, view};
 use crate::table::Table;
@@ -11,6 +12,7 @@ use isotherm_recording::{
     ANGLE_CSV_COLUMNS, Continuity, INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader,
     RawCsvWriter, RecordingError,
 };
+use isotherm_recording_formats::repair::repair_into;
 use isotherm_report::json::verification;
 use isotherm_report::verification::{VerificationSource, html};
 use isotherm_shared::compensate::answer;
@@ -137,6 +139,16 @@ fn flags(text: &str) -> Option<Flags> {
         "-" => Some(Flags::default()),
         _ => text.split('|').try_fold(Flags::default(), |all, name| Some(all | bit(name)?)),
     }
+}
+
+/// Takes what is whole of a recording into another file. Returns what was taken and lost, as the JSON document of
+/// `isotherm repair --json`.
+#[pyfunction]
+pub(crate) fn repair(py: Python<'_>, source: PathBuf, target: PathBuf) -> PyResult<String> {
+    // Python's own exception for a file that cannot be opened.
+    File::open(&source).map_err(|error| file(&source, &error))?;
+    let repaired = py.detach(|| repair_into(&source, &target)).map_err(|failure| exception(failure, None))?;
+    Ok(serde_json::json!(repaired).to_string())
 }
 
 /// Writes raw samples as a recording.

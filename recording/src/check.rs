@@ -16,7 +16,7 @@ const DIGITS: usize = 8;
 /// Columns of a recording by which a text is one, though others may be missing.
 const FEW: usize = 3;
 
-/// What a text has to check its rows by, as its header tells.
+/// What a text has to check its rows by, as its header says.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub(crate) enum RowChecks {
     /// Nothing.
@@ -177,7 +177,7 @@ mod tests {
         assert_eq!(of_header(&["x", "y"].map(str::to_owned)), Ok(RowChecks::Absent));
     }
 
-    /// The number of columns tells the layout, by which a damaged header can be written anew.
+    /// The number of columns identifies the layout, by which a damaged header can be written anew.
     #[test]
     fn no_two_layouts_have_as_many_columns() {
         let mut counts: Vec<_> = layouts().map(|(stream, layout)| columns(stream, layout).len()).collect();

@@ -7,7 +7,7 @@ use isotherm_campaign::Campaign;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::LoadError;
 use isotherm_recording_formats::convert::{KnownColumns, Mapping};
-use isotherm_recording_formats::repair::{Hole, Repaired, inspect};
+use isotherm_recording_formats::repair::{Hole, RepairReport, inspect};
 use isotherm_shared::document::Document;
 use isotherm_shared::kind::FileKind;
 use std::path::Path;
@@ -26,14 +26,14 @@ pub(super) fn laboratory_file(kind: FileKind, text: &str, path: &Path) -> Result
     }
 }
 
-/// Damaged places that are told one by one.
-const TOLD: usize = 8;
+/// Damaged places that are printed one by one.
+const PRINTED: usize = 8;
 
 /// Reads a recording, and verifies its checks.
 pub(super) fn recording(path: &Path) -> Result<String, Failure> {
     let found = inspect(path)?;
     if found.holes.is_empty() {
-        let Repaired { format, has_checks, streams, .. } = &found;
+        let RepairReport { format, has_checks, streams, .. } = &found;
         let checks = match has_checks {
             true => "all as recorded, by its checks",
             false => "without checks: a number that damage has made of another would not be noticed",
@@ -45,8 +45,8 @@ pub(super) fn recording(path: &Path) -> Result<String, Failure> {
         let rows = rows.collect::<Vec<_>>().join(", ");
         return Ok(format!("recording in {}, {rows}, {checks}", format.name()));
     }
-    let mut lines: Vec<_> = found.holes.iter().take(TOLD).map(Hole::to_string).collect();
-    if let Some(more) = found.holes.len().checked_sub(TOLD).filter(|more| *more > 0) {
+    let mut lines: Vec<_> = found.holes.iter().take(PRINTED).map(Hole::to_string).collect();
+    if let Some(more) = found.holes.len().checked_sub(PRINTED).filter(|more| *more > 0) {
         lines.push(format!("{more} more damaged places"));
     }
     let remedy = format!("`isotherm repair {0} -o NEW` takes what is whole", path.display());

@@ -2,7 +2,7 @@
 
 use clap::Args;
 use isotherm_failure::{Failure, tell};
-use isotherm_files::print;
+use isotherm_files::{print, print_data};
 use isotherm_recording_formats::repair::repair_into;
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use std::path::PathBuf;
 /// CSV, Parquet and MCAP; the new file has the same format. What was recorded with checks is taken where it matches them:
 /// rows of CSV, row groups of Parquet, chunks of MCAP. Without checks it is taken where it can be read. Each damaged
 /// place is printed with the rows and times that are lost. Rows keep session and sequence, so a hole within a session is
-/// a gap of known length; behind one whose length nothing tells, a new session begins. The recording itself is not
+/// a gap of known length; behind one of unknown length a new session begins. The recording itself is not
 /// changed.
 #[derive(Debug, Args)]
 #[command(
@@ -24,11 +24,17 @@ pub(crate) struct Repair {
     /// Where the rows go; a file that exists is never replaced
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    /// Print what was taken and lost as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 impl Repair {
     pub(crate) fn run(self) -> Result<(), Failure> {
         let repaired = repair_into(&self.recording, &self.output)?;
+        if self.json {
+            return print_data(&format!("{}\n", serde_json::json!(repaired)));
+        }
         for hole in &repaired.holes {
             print(&format!("{}: {hole}\n", self.recording.display()))?;
         }

@@ -63,6 +63,17 @@ def read_increments(path: AnyPath) -> Records:
     return _isotherm.read_increments(path).view(INCREMENT)
 
 
+def repair(source: AnyPath, target: AnyPath) -> dict[str, Any]:
+    """Takes what is whole of a damaged recording (CSV, Parquet, MCAP) into a new file of the same format, as the command: the rows before
+    and behind each damaged place.
+
+    Returns what was taken and lost, as `isotherm repair --json`: `holes` is empty if nothing is damaged.
+
+    Raises RecordingFault if nothing can be taken, and OSError if `target` exists.
+    """
+    return json.loads(_isotherm.repair(Path(source), Path(target)))  # type: ignore[no-any-return]
+
+
 def write_recording(path: AnyPath, samples: Records | pd.DataFrame) -> None:
     """Writes raw samples as a recording, without `session`, and without what is 0 in all samples: `telemetry_ns`, `device`, the lagged
     telemetry and the gyroscopes.

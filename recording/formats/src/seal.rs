@@ -12,7 +12,7 @@
 //! `isotherm.check`, the CRC-32 of each column of each row group: 8 hexadecimal digits, `,` between columns, `;` between
 //! groups.
 //!
-//! The seal of a row group has the footer of a file with this group alone, so that the group can be read wherever it
+//! The seal of a row group has the footer of a file with this one group, so that the group can be read wherever it
 //! is, without the rest of the file. That of the footer is a mark and a CRC-32.
 
 use crate::read::pages::is_footer;
@@ -166,7 +166,7 @@ pub(crate) fn matches_seal(footer: &[u8], seal: &[u8]) -> Option<bool> {
     Some(crc == crc32fast::hash(footer).to_le_bytes())
 }
 
-/// The seal of a row group of this length. `footer` is that of a file with this group alone.
+/// The seal of a row group of this length. `footer` is that of a file with this one group.
 pub(crate) fn group_seal(length: u64, footer: &[u8]) -> Vec<u8> {
     let mut seal = GROUP_MARK.to_vec();
     seal.extend(length.to_le_bytes());
@@ -184,7 +184,7 @@ pub(crate) struct SealedGroup {
     pub(crate) length: u64,
     /// End of the seal in the file.
     pub(crate) end: u64,
-    /// The footer of a file with this group alone.
+    /// The footer of a file with this one group.
     pub(crate) metadata: ParquetMetaData,
     pub(crate) checks: GroupChecks,
 }

@@ -1,7 +1,7 @@
 //! The account of the rows that are taken and lost, stream by stream, and of the sessions that they get.
 
 use super::RecordingFormat;
-use super::report::{Hole, Loss, Repaired, RowTime, StreamRows};
+use super::report::{Hole, Loss, RepairReport, RowTime, StreamRows};
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 
@@ -18,7 +18,7 @@ pub(super) enum Fate {
     OutOfOrder,
 }
 
-/// How the rows of a stream are told apart.
+/// What identifies a row of a stream.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub(super) enum Keys {
     /// Sequences rise within a session; each row comes once.
@@ -155,7 +155,7 @@ impl Account {
     }
 
     /// The result, after the last row. A stream without a row behind a hole lost everything behind it.
-    pub(super) fn end(mut self, format: RecordingFormat, has_checks: bool, notes: Vec<String>) -> Repaired {
+    pub(super) fn end(mut self, format: RecordingFormat, has_checks: bool, notes: Vec<String>) -> RepairReport {
         for stream in &mut self.streams {
             let Some(hole) = stream.hole.take() else { continue };
             let lost = |hole: &OpenHole| -> Option<u64> {
@@ -171,7 +171,7 @@ impl Account {
         }
         let rows =
             |stream: &Stream| StreamRows { name: stream.name.clone(), rows: stream.rows, sessions: stream.sessions };
-        Repaired {
+        RepairReport {
             format,
             has_checks,
             streams: self.streams.iter().map(rows).collect(),

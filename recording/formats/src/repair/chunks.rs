@@ -24,7 +24,7 @@ const WINDOW: usize = 1 << 20;
 const PATIENCE: u64 = 8;
 
 /// What is found next.
-pub(super) enum Found {
+pub(super) enum ScanEvent {
     /// The records of a whole chunk at this byte, or one outside of chunks, which has no check.
     Records { records: Vec<Record<'static>>, is_checked: bool, at: u64 },
     /// A metadata record.
@@ -38,6 +38,8 @@ pub(super) struct Scan<'a> {
     file: &'a File,
     size: u64,
     at: u64,
+    /// The end of the last chunk: up to here records are where they seem to be.
+    sure: u64,
     /// Bytes that have been read to find whole chunks.
     spent: u64,
     profile: String,
@@ -66,6 +68,7 @@ impl<'a> Scan<'a> {
             file,
             size,
             at: 0,
+            sure: MCAP_MAGIC.len() as u64,
             spent: 0,
             profile,
             is_own: false,
@@ -134,13 +137,13 @@ impl<'a> Scan<'a> {
     }
 
     /// What comes next; `None` at the end.
-    pub(super) fn next(&mut self) -> io::Result<Option<Found>> {
+    pub(super) fn next(&mut self) -> io::Result<Option<ScanEvent>> {
         if self.at == 0 {
             self.at = MCAP_MAGIC.len() as u64;
             if self.bytes(0, MCAP_MAGIC.len())? != MCAP_MAGIC {
                 let cause = "not the first bytes of an MCAP file".to_owned();
                 self.is_whole = false;
-                return Ok(Some(Found::Damage { at: 0, cause, has_rows: false }));
+                return Ok(Some(ScanEvent::Damage { at: 0, cause, has_rows: false }));
             }
         }
         loop {
@@ -180,42 +183,49 @@ impl<'a> Scan<'a> {
             self.at = end;
             match opcode {
                 op::CHUNK => {
-                    let found = chunk(&[head, content].concat());
-                    let Err(cause) = found else { return Ok(found.ok().map(|found| found.at(at))) };
+                    let cause = match chunk(&[head, content].concat()) {
+                        Ok(found) => {
+                            self.sure = end;
+                            return Ok(Some(found.at(at)));
+                        }
+                        Err(cause) => cause,
+                    };
                     self.is_whole = false;
                     // Its length may be wrong, too.
                     if !self.is_record(end)? {
                         return self.damage(at, &cause);
                     }
-                    return Ok(Some(Found::Damage { at, cause, has_rows: true }));
+                    self.sure = end;
+                    return Ok(Some(ScanEvent::Damage { at, cause, has_rows: true }));
                 }
                 op::SCHEMA | op::CHANNEL | op::MESSAGE => {
                     let Some(record) = parsed(opcode, &content) else { return self.damage(at, "a damaged record") };
-                    return Ok(Some(Found::Records { records: vec![record], is_checked: false, at }));
+                    return Ok(Some(ScanEvent::Records { records: vec![record], is_checked: false, at }));
                 }
                 op::METADATA => {
                     let Some(Record::Metadata(record)) = parsed(opcode, &content) else {
                         return self.damage(at, "a damaged record");
                     };
-                    return Ok(Some(Found::Metadata(record)));
+                    return Ok(Some(ScanEvent::Metadata(record)));
                 }
                 _ => {}
             }
         }
     }
 
-    /// Goes on at the next chunk, or at the end.
-    fn damage(&mut self, at: u64, cause: &str) -> io::Result<Option<Found>> {
+    /// Goes on at the next chunk, or at the end. Records before the damage may have been none, so that it is sought from
+    /// the last chunk on.
+    fn damage(&mut self, at: u64, cause: &str) -> io::Result<Option<ScanEvent>> {
         self.is_whole = false;
-        match self.search(at + 1)? {
+        match self.search(self.sure)? {
             Some(next) => self.at = next,
             None => self.progress = Progress::Ended,
         }
-        Ok(Some(Found::Damage { at, cause: cause.to_owned(), has_rows: true }))
+        Ok(Some(ScanEvent::Damage { at, cause: cause.to_owned(), has_rows: true }))
     }
 
     /// The end of the data: what is outside of chunks is checked here.
-    fn data_end(&self, at: u64) -> io::Result<Option<Found>> {
+    fn data_end(&self, at: u64) -> io::Result<Option<ScanEvent>> {
         let content = self.bytes(at + HEAD as u64, 4)?;
         let saved = content.first_chunk().map_or(0, |saved| u32::from_le_bytes(*saved));
         if !self.is_whole || saved == 0 {
@@ -232,14 +242,14 @@ impl<'a> Scan<'a> {
         }
         let cause = "outside of its chunks the file does not match its check".to_owned();
         // The recorder has no rows there.
-        Ok((hasher.finalize() != saved).then_some(Found::Damage { at, cause, has_rows: !self.is_own }))
+        Ok((hasher.finalize() != saved).then_some(ScanEvent::Damage { at, cause, has_rows: !self.is_own }))
     }
 
     /// What is behind the data, and is not used.
-    fn end(&mut self, at: u64) -> io::Result<Option<Found>> {
+    fn end(&mut self, at: u64) -> io::Result<Option<ScanEvent>> {
         self.progress = Progress::Ended;
         let cause = "the summary at the end does not match its check".to_owned();
-        Ok((!self.has_end).then_some(Found::Damage { at, cause, has_rows: false }))
+        Ok((!self.has_end).then_some(ScanEvent::Damage { at, cause, has_rows: false }))
     }
 
     /// The place of the next whole chunk from `from` on, or of the end of the data behind it.
@@ -287,7 +297,7 @@ impl<'a> Scan<'a> {
     }
 }
 
-impl Found {
+impl ScanEvent {
     fn at(self, place: u64) -> Self {
         match self {
             Self::Records { records, is_checked, .. } => Self::Records { records, is_checked, at: place },
@@ -315,7 +325,7 @@ fn chunk_length(bytes: &[u8]) -> Option<u64> {
 }
 
 /// The records of a chunk, if it matches its CRC.
-fn chunk(record: &[u8]) -> Result<Found, String> {
+fn chunk(record: &[u8]) -> Result<ScanEvent, String> {
     let crc = record.get(HEAD + 24..HEAD + 28).unwrap_or_default();
     let is_checked = crc.iter().any(|byte| *byte != 0);
     let mut records = Vec::new();
@@ -326,7 +336,7 @@ fn chunk(record: &[u8]) -> Result<Found, String> {
         records.push(parse_record(opcode, data).map_err(|error| error.to_string())?.into_owned());
         Ok(())
     })?;
-    Ok(Found::Records { records, is_checked, at: 0 })
+    Ok(ScanEvent::Records { records, is_checked, at: 0 })
 }
 
 /// A record outside of chunks; `None` if it is damaged.

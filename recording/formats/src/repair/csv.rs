@@ -4,8 +4,8 @@
 //! sequence is known by those around it: a row from which the next does not rise, though it does from the row before.
 
 use super::account::{Account, Fate, Keys};
-use super::report::{Repaired, RowTime};
-use super::{RecordingFormat, Unusable};
+use super::report::{RepairReport, RowTime};
+use super::{RecordingFormat, RepairError};
 use isotherm_recording::columns::{Column, ColumnKind, INCREMENT, RAW, SEQUENCE, SESSION, TIMESTAMP_NS};
 use isotherm_recording::csv::{CsvColumn, Rows};
 use isotherm_recording::rows::columns;
@@ -25,8 +25,8 @@ struct Header {
     is_renewed: bool,
 }
 
-/// The columns by which rows are told apart, and those whose values are looked at.
-struct Wanted {
+/// The columns that identify a row, and those whose values are looked at.
+struct WantedColumns {
     session: Option<CsvColumn>,
     sequence: CsvColumn,
     timestamp_ns: CsvColumn,
@@ -41,14 +41,14 @@ struct Row {
     text: Vec<u8>,
 }
 
-pub(super) fn repair(path: &Path, sink: &mut dyn Write) -> Result<Repaired, Unusable> {
-    let open = || File::open(path).map_err(Unusable::Read);
+pub(super) fn repair(path: &Path, sink: &mut dyn Write) -> Result<RepairReport, RepairError> {
+    let open = || File::open(path).map_err(RepairError::Read);
     let header = Header::find(|| open().map(Rows::new))?;
     let mut repair = Repair::begin(header, BufWriter::new(sink))?;
     let mut rows = Rows::new(open()?);
     if !repair.header.is_renewed {
-        next(&mut rows)?.map_err(Unusable::Nothing)?;
-        rows.find_checks().map_err(|error| Unusable::Nothing(error.to_string()))?;
+        next(&mut rows)?.map_err(RepairError::Nothing)?;
+        rows.find_checks().map_err(|error| RepairError::Nothing(error.to_string()))?;
     } else if repair.header.has_checks {
         rows.expect_checks(repair.header.names.len() - 1);
     }
@@ -63,10 +63,10 @@ pub(super) fn repair(path: &Path, sink: &mut dyn Write) -> Result<Repaired, Unus
 }
 
 /// The next row; false at the end. The inner error is that of a row.
-fn next(rows: &mut Rows<File>) -> Result<Result<bool, String>, Unusable> {
+fn next(rows: &mut Rows<File>) -> Result<Result<bool, String>, RepairError> {
     match rows.next_row() {
         Ok(more) => Ok(Ok(more)),
-        Err(RecordingError::Io(error)) => Err(Unusable::Read(error)),
+        Err(RecordingError::Io(error)) => Err(RepairError::Read(error)),
         Err(error) => Ok(Err(cause(&error))),
     }
 }
@@ -82,7 +82,7 @@ fn cause(error: &RecordingError) -> String {
 impl Header {
     /// Reads the header. One that is damaged is that of the recorder's files whose rows have as many columns, and their
     /// checks.
-    fn find(open: impl Fn() -> Result<Rows<File>, Unusable>) -> Result<Self, Unusable> {
+    fn find(open: impl Fn() -> Result<Rows<File>, RepairError>) -> Result<Self, RepairError> {
         let mut rows = open()?;
         let mut whole = None;
         if next(&mut rows)? == Ok(true) {
@@ -113,9 +113,9 @@ impl Header {
                 _ => {}
             }
         }
-        let message = "the first line does not name the columns of a recording, and rows without checks do not tell \
+        let message = "the first line does not name the columns of a recording, and without checks the rows do not show \
                        them; write it anew";
-        whole.ok_or_else(|| Unusable::Nothing(message.to_owned()))
+        whole.ok_or_else(|| RepairError::Nothing(message.to_owned()))
     }
 
     fn column(&self, name: &str) -> Option<CsvColumn> {
@@ -123,17 +123,17 @@ impl Header {
         Some(CsvColumn::new(name.to_owned(), index))
     }
 
-    fn wanted(&self) -> Result<Wanted, Unusable> {
+    fn wanted(&self) -> Result<WantedColumns, RepairError> {
         let all: &[Column] = match self.stream {
             StreamKind::Raw => &RAW,
             StreamKind::Increment => &INCREMENT,
         };
         let needed = |index: usize| {
             let name = all[index].name;
-            self.column(name).ok_or_else(|| Unusable::Nothing(format!("missing columns: {name}")))
+            self.column(name).ok_or_else(|| RepairError::Nothing(format!("missing columns: {name}")))
         };
         let known = all.iter().filter(|_| !self.has_checks);
-        Ok(Wanted {
+        Ok(WantedColumns {
             session: self.column(all[SESSION].name),
             sequence: needed(SEQUENCE)?,
             timestamp_ns: needed(TIMESTAMP_NS)?,
@@ -144,7 +144,7 @@ impl Header {
 
 struct Repair<'a> {
     header: Header,
-    wanted: Wanted,
+    wanted: WantedColumns,
     stream: usize,
     account: Account,
     sink: BufWriter<&'a mut dyn Write>,
@@ -155,8 +155,8 @@ struct Repair<'a> {
 }
 
 impl<'a> Repair<'a> {
-    fn begin(header: Header, mut sink: BufWriter<&'a mut dyn Write>) -> Result<Self, Unusable> {
-        writeln!(sink, "{}", header.names.join(",")).map_err(Unusable::Write)?;
+    fn begin(header: Header, mut sink: BufWriter<&'a mut dyn Write>) -> Result<Self, RepairError> {
+        writeln!(sink, "{}", header.names.join(",")).map_err(RepairError::Write)?;
         let wanted = header.wanted()?;
         let keys = match (header.stream, &wanted.session) {
             (StreamKind::Raw, Some(_)) => Keys::Rising,
@@ -200,15 +200,15 @@ impl<'a> Repair<'a> {
         Ok(Row { line: rows.line(), key, text })
     }
 
-    fn hole(&mut self, line: u64, cause: &str) -> Result<(), Unusable> {
+    fn hole(&mut self, line: u64, cause: &str) -> Result<(), RepairError> {
         self.take_waiting()?;
         let cause = cause.split(';').next().unwrap_or_default();
         self.account.hole("line", line, cause, None);
         Ok(())
     }
 
-    /// Takes a row. Without checks, and where rows must rise, it waits for the next, which tells whether it does.
-    fn take(&mut self, row: Row) -> Result<(), Unusable> {
+    /// Takes a row. Without checks, and where rows must rise, it waits for the next, which shows whether it does.
+    fn take(&mut self, row: Row) -> Result<(), RepairError> {
         if self.header.has_checks || self.header.stream == StreamKind::Increment {
             return self.write(row);
         }
@@ -229,13 +229,13 @@ impl<'a> Repair<'a> {
         Ok(())
     }
 
-    fn take_waiting(&mut self) -> Result<(), Unusable> {
+    fn take_waiting(&mut self) -> Result<(), RepairError> {
         let Some(row) = self.waiting.take() else { return Ok(()) };
         self.last = Some(row.key);
         self.write(row)
     }
 
-    fn write(&mut self, row: Row) -> Result<(), Unusable> {
+    fn write(&mut self, row: Row) -> Result<(), RepairError> {
         let check = self.header.has_checks.then(|| self.header.column(CHECK)).flatten();
         match (self.account.take(self.stream, row.key), &self.wanted.session) {
             (Fate::Taken, _) => self.sink.write_all(&row.text),
@@ -252,12 +252,12 @@ impl<'a> Repair<'a> {
                 Ok(())
             }
         }
-        .map_err(Unusable::Write)
+        .map_err(RepairError::Write)
     }
 
-    fn end(mut self) -> Result<Repaired, Unusable> {
+    fn end(mut self) -> Result<RepairReport, RepairError> {
         self.take_waiting()?;
-        self.sink.flush().map_err(Unusable::Write)?;
+        self.sink.flush().map_err(RepairError::Write)?;
         Ok(self.account.end(RecordingFormat::Csv, self.header.has_checks, Vec::new()))
     }
 }

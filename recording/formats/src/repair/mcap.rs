@@ -4,9 +4,9 @@
 //! channels are in the chunks before the first message, and again in the summary of a file that was ended.
 
 use super::account::{Account, Fate, Keys};
-use super::chunks::{Found, Scan};
-use super::report::{Repaired, RowTime};
-use super::{RecordingFormat, Unusable};
+use super::chunks::{Scan, ScanEvent};
+use super::report::{RepairReport, RowTime};
+use super::{RecordingFormat, RepairError};
 use crate::protobuf::{self, FieldNumber, Value, with_varint};
 use crate::write::mcap_options;
 use isotherm_recording::columns::{RAW, SEQUENCE, SESSION, TIMESTAMP_NS};
@@ -16,12 +16,12 @@ use std::collections::HashMap;
 use std::fs::File;
 use std::io::{self, Write};
 
-pub(super) fn repair(file: &File, sink: &mut dyn Write) -> Result<Repaired, Unusable> {
-    let mut scan = Scan::new(file).map_err(Unusable::Read)?;
+pub(super) fn repair(file: &File, sink: &mut dyn Write) -> Result<RepairReport, RepairError> {
+    let mut scan = Scan::new(file).map_err(RepairError::Read)?;
     let mut descriptions = Descriptions::default();
     // A file that was ended has them again in its summary, with the number of messages.
     let mut counts = Vec::new();
-    for record in scan.summary().map_err(Unusable::Read)? {
+    for record in scan.summary().map_err(RepairError::Read)? {
         descriptions.take(&record);
         if let Record::Statistics(statistics) = record {
             counts.extend(statistics.channel_message_counts);
@@ -31,17 +31,17 @@ pub(super) fn repair(file: &File, sink: &mut dyn Write) -> Result<Repaired, Unus
     let writer = mcap_options().profile(profile).create(NoSeek::new(sink)).map_err(unwritten)?;
     let mut repair = Repair { writer, descriptions, account: Account::default(), channels: HashMap::new() };
     let (mut metadata, mut has_checks) = (Vec::new(), true);
-    while let Some(found) = scan.next().map_err(Unusable::Read)? {
+    while let Some(found) = scan.next().map_err(RepairError::Read)? {
         match found {
-            Found::Records { records, is_checked, at } => {
+            ScanEvent::Records { records, is_checked, at } => {
                 has_checks &= is_checked;
                 let records = records.into_iter().map(|record| repair.take(record, at));
                 records.collect::<Result<(), _>>()?;
                 // A chunk of the new file has the messages of one of the old.
                 repair.writer.flush().map_err(unwritten)?;
             }
-            Found::Metadata(record) => metadata.push(record),
-            Found::Damage { at, cause, has_rows } => {
+            ScanEvent::Metadata(record) => metadata.push(record),
+            ScanEvent::Damage { at, cause, has_rows } => {
                 repair.account.hole("byte", at, cause, if has_rows { None } else { Some(0) });
             }
         }
@@ -61,10 +61,10 @@ pub(super) fn repair(file: &File, sink: &mut dyn Write) -> Result<Repaired, Unus
     Ok(repair.account.end(RecordingFormat::Mcap, has_checks, notes))
 }
 
-fn unwritten(error: mcap::McapError) -> Unusable {
+fn unwritten(error: mcap::McapError) -> RepairError {
     match error {
-        mcap::McapError::Io(error) => Unusable::Write(error),
-        error => Unusable::Write(io::Error::other(error)),
+        mcap::McapError::Io(error) => RepairError::Write(error),
+        error => RepairError::Write(io::Error::other(error)),
     }
 }
 
@@ -104,7 +104,7 @@ struct WrittenChannel {
 }
 
 impl<W: Write> Repair<W> {
-    fn take(&mut self, record: Record<'static>, at: u64) -> Result<(), Unusable> {
+    fn take(&mut self, record: Record<'static>, at: u64) -> Result<(), RepairError> {
         self.descriptions.take(&record);
         let Record::Message { header, data } = record else { return Ok(()) };
         let Some(channel) = self.channel(header.channel_id)? else {
@@ -134,13 +134,13 @@ impl<W: Write> Repair<W> {
         }
     }
 
-    fn write(&mut self, channel: WrittenChannel, header: MessageHeader, data: &[u8]) -> Result<(), Unusable> {
+    fn write(&mut self, channel: WrittenChannel, header: MessageHeader, data: &[u8]) -> Result<(), RepairError> {
         let header = MessageHeader { channel_id: channel.number, ..header };
         self.writer.write_to_known_channel(&header, data).map_err(unwritten)
     }
 
     /// The channel of the new file for one of the source; `None` if nothing describes it.
-    fn channel(&mut self, number: u16) -> Result<Option<WrittenChannel>, Unusable> {
+    fn channel(&mut self, number: u16) -> Result<Option<WrittenChannel>, RepairError> {
         if let Some(known) = self.channels.get(&number) {
             return Ok(Some(*known));
         }

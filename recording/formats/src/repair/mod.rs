@@ -25,12 +25,13 @@ mod mcap;
 mod parquet;
 mod report;
 
-pub use report::{Hole, Loss, Repaired, RowTime, StreamRows};
+pub use report::{Hole, Loss, RepairReport, RowTime, StreamRows};
 
 use crate::seal::MAGIC;
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{Output, check_written, refuse_overlap};
 use isotherm_recording::columns::MCAP_MAGIC;
+use serde::Serialize;
 use std::fs::{self, File};
 use std::io::{self, Read as _, Write};
 use std::path::Path;
@@ -39,7 +40,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// If `target` exists, if nothing can be taken, or if a file cannot be read or written.
-pub fn repair_into(source: &Path, target: &Path) -> Result<Repaired, Failure> {
+pub fn repair_into(source: &Path, target: &Path) -> Result<RepairReport, Failure> {
     refuse_overlap(&[(source, "the recording")], &[Some(target)])?;
     let refuse_existing = || match fs::symlink_metadata(target) {
         Ok(_) => {
@@ -71,7 +72,7 @@ pub fn repair_into(source: &Path, target: &Path) -> Result<Repaired, Failure> {
 ///
 /// # Errors
 /// As [`repair_into`].
-pub fn repair(source: &Path, mut sink: impl Write) -> Result<Repaired, Failure> {
+pub fn repair(source: &Path, mut sink: impl Write) -> Result<RepairReport, Failure> {
     let io = |error: &io::Error| Failure::io("opening", source, error);
     let is_file = fs::metadata(source).map_err(|error| io(&error))?.is_file();
     let file = File::open(source).map_err(|error| io(&error))?;
@@ -83,7 +84,7 @@ pub fn repair(source: &Path, mut sink: impl Write) -> Result<Repaired, Failure> 
     (&file).take(MCAP_MAGIC.len() as u64).read_to_end(&mut begin).map_err(|error| io(&error))?;
     let sink: &mut dyn Write = &mut sink;
     let repaired = match format_of(source, &begin) {
-        None => Err(Unusable::Nothing("the file is empty".to_owned())),
+        None => Err(RepairError::Nothing("the file is empty".to_owned())),
         Some(RecordingFormat::Csv) => csv::repair(source, sink),
         Some(RecordingFormat::Parquet) => parquet::repair(file, sink),
         Some(RecordingFormat::Mcap) => mcap::repair(&file, sink),
@@ -92,15 +93,15 @@ pub fn repair(source: &Path, mut sink: impl Write) -> Result<Repaired, Failure> 
         true => Ok(repaired),
         false => {
             let hole = repaired.holes.first().map(Hole::to_string).unwrap_or_default();
-            Err(Unusable::Nothing(format!("no row is whole: {hole}")))
+            Err(RepairError::Nothing(format!("no row is whole: {hole}")))
         }
     });
     repaired.map_err(|error| match error {
-        Unusable::Nothing(message) => {
+        RepairError::Nothing(message) => {
             Failure::new(Exit::Data, format!("{}: {message}", source.display())).at(source, None)
         }
-        Unusable::Read(error) => Failure::io("reading", source, &error),
-        Unusable::Write(error) => Failure::new(Exit::Io, format!("writing: {error}")),
+        RepairError::Read(error) => Failure::io("reading", source, &error),
+        RepairError::Write(error) => Failure::new(Exit::Io, format!("writing: {error}")),
     })
 }
 
@@ -108,12 +109,13 @@ pub fn repair(source: &Path, mut sink: impl Write) -> Result<Repaired, Failure> 
 ///
 /// # Errors
 /// If no row is whole, or the file cannot be read.
-pub fn inspect(source: &Path) -> Result<Repaired, Failure> {
+pub fn inspect(source: &Path) -> Result<RepairReport, Failure> {
     repair(source, io::sink())
 }
 
 /// A format of recordings.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+#[derive(Clone, Copy, Debug, Eq, PartialEq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum RecordingFormat {
     /// Text
     Csv,
@@ -149,7 +151,7 @@ fn format_of(path: &Path, begin: &[u8]) -> Option<RecordingFormat> {
 }
 
 /// Why nothing was taken.
-enum Unusable {
+enum RepairError {
     /// Nothing can be, and why.
     Nothing(String),
     /// The source cannot be read.

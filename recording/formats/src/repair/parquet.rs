@@ -4,8 +4,8 @@
 //! or the group is not where the footer says, by its seal. Without checks a group is whole if all of it can be decoded.
 
 use super::account::{Account, Fate, Keys};
-use super::report::{Repaired, RowTime};
-use super::{RecordingFormat, Unusable};
+use super::report::{RepairReport, RowTime};
+use super::{RecordingFormat, RepairError};
 use crate::read::pages;
 use crate::read::panics::catch_panic;
 use crate::read::parquet::{cause, check_footer};
@@ -13,7 +13,7 @@ use crate::seal::{
     CREATOR, FileParts, GroupChecks, MAGIC, SealedGroup, checks_in, checks_of, chunk_range, group_range,
     is_footer_sealed_at, sealed_groups,
 };
-use crate::write::parquet::encode::{ALONE, FileEncoder, IMU, Sealing, metadata, moved};
+use crate::write::parquet::encode::{Checks, FileEncoder, IMU, SINGLE, metadata, moved};
 use isotherm_recording::columns::{RAW, SEQUENCE, SESSION, TIMESTAMP_NS};
 use isotherm_recording::rows::columns;
 use isotherm_recording::{layouts, stream_of};
@@ -48,22 +48,22 @@ struct Group {
     bytes: Vec<u8>,
 }
 
-pub(super) fn repair(file: File, sink: &mut dyn Write) -> Result<Repaired, Unusable> {
-    let size = file.metadata().map_err(Unusable::Read)?.len();
+pub(super) fn repair(file: File, sink: &mut dyn Write) -> Result<RepairReport, RepairError> {
+    let size = file.metadata().map_err(RepairError::Read)?.len();
     let file = Arc::new(file);
-    let sealed = sealed_groups(&file).map_err(Unusable::Read)?;
+    let sealed = sealed_groups(&file).map_err(RepairError::Read)?;
     let footer = footer(&file, size)?;
     let about = match (&footer, sealed.first()) {
         (Ok((footer, _)), _) => footer.file_metadata(),
         (Err(_), Some(group)) => group.metadata.file_metadata(),
         (Err(cause), None) => {
-            return Err(Unusable::Nothing(format!("footer: {cause}; nothing else tells where its rows are")));
+            return Err(RepairError::Nothing(format!("footer: {cause}; nothing else says where its rows are")));
         }
     };
     let names: Vec<_> = (0..about.schema_descr().num_columns())
         .map(|column| about.schema_descr().column(column).path().string())
         .collect();
-    let stream = stream_of(&names).ok_or_else(|| Unusable::Nothing("not a recording: other columns".to_owned()))?;
+    let stream = stream_of(&names).ok_or_else(|| RepairError::Nothing("not a recording: other columns".to_owned()))?;
     let has_checks = !sealed.is_empty() || matches!(&footer, Ok((_, Some(_))));
     let parts = parts(about, &names, stream, footer.is_ok());
     let name = imu(about).map_or_else(|| stream.name().to_owned(), |imu| format!("{imu} {}", stream.name()));
@@ -75,7 +75,7 @@ pub(super) fn repair(file: File, sink: &mut dyn Write) -> Result<Repaired, Unusa
     };
     let stream = account.stream(&name, keys);
     let mut magic = [0; MAGIC.len()];
-    file.read_exact_at(&mut magic, 0).map_err(Unusable::Read)?;
+    file.read_exact_at(&mut magic, 0).map_err(RepairError::Read)?;
     if magic != MAGIC {
         account.hole("byte", 0, "not the first bytes of a Parquet file", Some(0));
     }
@@ -83,7 +83,7 @@ pub(super) fn repair(file: File, sink: &mut dyn Write) -> Result<Repaired, Unusa
         file: Arc::clone(&file),
         sink,
         length: 0,
-        encoder: FileEncoder::new(parts, if has_checks { Sealing::Sealed } else { Sealing::Plain }),
+        encoder: FileEncoder::new(parts, if has_checks { Checks::Written } else { Checks::Absent }),
         account,
         stream,
         names,
@@ -94,7 +94,7 @@ pub(super) fn repair(file: File, sink: &mut dyn Write) -> Result<Repaired, Unusa
     repair.groups(known, sealed)?;
     if let Err(cause) = &footer {
         // A seal of the footer behind the last group says that no group is missing.
-        let ended = last.map_or(Ok(false), |end| is_footer_sealed_at(&file, end)).map_err(Unusable::Read)?;
+        let ended = last.map_or(Ok(false), |end| is_footer_sealed_at(&file, end)).map_err(RepairError::Read)?;
         repair.account.hole("byte", size, format!("footer: {cause}"), ended.then_some(0));
     }
     repair.end(has_checks)
@@ -103,11 +103,11 @@ pub(super) fn repair(file: File, sink: &mut dyn Write) -> Result<Repaired, Unusa
 /// The footer and its checks. The inner error says what is wrong with it.
 type Footer = Result<(ParquetMetaData, Option<Vec<GroupChecks>>), String>;
 
-fn footer(file: &Arc<File>, size: u64) -> Result<Footer, Unusable> {
+fn footer(file: &Arc<File>, size: u64) -> Result<Footer, RepairError> {
     let invalid = || "not a valid Parquet file".to_owned();
     let is_sealed = match check_footer(file, size) {
         Ok(is_sealed) => is_sealed,
-        Err(isotherm_recording::RecordingError::Io(error)) => return Err(Unusable::Read(error)),
+        Err(isotherm_recording::RecordingError::Io(error)) => return Err(RepairError::Read(error)),
         Err(error) => {
             let message = error.to_string();
             let message = message.trim_start_matches("footer: ");
@@ -150,9 +150,9 @@ struct Repair<'a> {
 }
 
 impl Repair<'_> {
-    fn write(&mut self, bytes: &[u8]) -> Result<(), Unusable> {
+    fn write(&mut self, bytes: &[u8]) -> Result<(), RepairError> {
         self.length += bytes.len() as u64;
-        self.sink.write_all(bytes).map_err(Unusable::Write)
+        self.sink.write_all(bytes).map_err(RepairError::Write)
     }
 
     /// Takes the row groups that the footer names, and those that seals name.
@@ -160,7 +160,7 @@ impl Repair<'_> {
         &mut self,
         footer: Option<(&ParquetMetaData, Option<&Vec<GroupChecks>>)>,
         sealed: Vec<SealedGroup>,
-    ) -> Result<(), Unusable> {
+    ) -> Result<(), RepairError> {
         let mut sealed: Vec<Vec<SealedGroup>> = {
             let mut by_ordinal = Vec::new();
             for group in sealed {
@@ -197,18 +197,18 @@ impl Repair<'_> {
     }
 
     /// Reads a group and finds out whether it is whole.
-    fn verify(&self, group: &mut Group) -> Result<(), Unusable> {
+    fn verify(&self, group: &mut Group) -> Result<(), RepairError> {
         if group.length > MAX_GROUP {
             group.damage = Some(format!("over {MAX_GROUP} bytes"));
             return Ok(());
         }
-        let size = self.file.metadata().map_err(Unusable::Read)?.len();
+        let size = self.file.metadata().map_err(RepairError::Read)?.len();
         if group.begin.checked_add(group.length).is_none_or(|end| end > size) {
             group.damage = Some("the file ends before it".to_owned());
             return Ok(());
         }
         let mut bytes = vec![0; group.length as usize];
-        self.file.read_exact_at(&mut bytes, group.begin).map_err(Unusable::Read)?;
+        self.file.read_exact_at(&mut bytes, group.begin).map_err(RepairError::Read)?;
         group.damage = match &group.checks {
             Some(checks) => {
                 let own = checks_of(&group.metadata, &bytes, group.begin).unwrap_or_default();
@@ -229,7 +229,7 @@ impl Repair<'_> {
     }
 
     /// Takes those of the groups with this number that are whole.
-    fn take(&mut self, number: usize, groups: Vec<Group>) -> Result<(), Unusable> {
+    fn take(&mut self, number: usize, groups: Vec<Group>) -> Result<(), RepairError> {
         let place = number as u64 + 1;
         if !groups.iter().any(|group| group.damage.is_none()) {
             // The seal is nearer to the rows than the footer.
@@ -263,19 +263,19 @@ impl Repair<'_> {
         Ok(())
     }
 
-    fn copy(&mut self, group: &Group) -> Result<(), Unusable> {
-        let invalid = |error: ParquetError| Unusable::Write(io::Error::other(error));
+    fn copy(&mut self, group: &Group) -> Result<(), RepairError> {
+        let invalid = |error: ParquetError| RepairError::Write(io::Error::other(error));
         let offset = self.length;
         self.write(&group.bytes)?;
-        let alone = moved(&group.metadata, group.begin, ALONE, group.ordinal).map_err(invalid)?;
-        let seal = self.encoder.add(&group.bytes, &alone, offset).map_err(invalid)?;
+        let single = moved(&group.metadata, group.begin, SINGLE, group.ordinal).map_err(invalid)?;
+        let seal = self.encoder.add(&group.bytes, &single, offset).map_err(invalid)?;
         self.write(&seal)
     }
 
-    fn end(mut self, has_checks: bool) -> Result<Repaired, Unusable> {
-        let footer = self.encoder.footer().map_err(|error| Unusable::Write(io::Error::other(error)))?;
+    fn end(mut self, has_checks: bool) -> Result<RepairReport, RepairError> {
+        let footer = self.encoder.footer().map_err(|error| RepairError::Write(io::Error::other(error)))?;
         self.write(&footer)?;
-        self.sink.flush().map_err(Unusable::Write)?;
+        self.sink.flush().map_err(RepairError::Write)?;
         Ok(self.account.end(RecordingFormat::Parquet, has_checks, Vec::new()))
     }
 
@@ -341,7 +341,7 @@ impl Group {
 
     fn of_seal(ordinal: usize, seal: SealedGroup) -> Option<Self> {
         let SealedGroup { begin, length, metadata, checks, .. } = seal;
-        let metadata = moved(metadata.row_groups().first()?, ALONE, begin, ordinal).ok()?;
+        let metadata = moved(metadata.row_groups().first()?, SINGLE, begin, ordinal).ok()?;
         Some(Self::new(ordinal, (begin, length), metadata, Some(checks)))
     }
 }

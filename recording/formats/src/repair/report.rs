@@ -1,11 +1,12 @@
 //! What was taken of a recording, and what was lost.
 
 use super::RecordingFormat;
+use serde::Serialize;
 use std::fmt;
 
 /// What was taken of a recording, and what was lost.
-#[derive(Clone, Debug)]
-pub struct Repaired {
+#[derive(Clone, Debug, Serialize)]
+pub struct RepairReport {
     /// Its format.
     pub format: RecordingFormat,
     /// Whether all of it has checks.
@@ -21,7 +22,7 @@ pub struct Repaired {
 }
 
 /// The rows of a stream that were taken.
-#[derive(Clone, Debug, Eq, PartialEq)]
+#[derive(Clone, Debug, Eq, PartialEq, Serialize)]
 pub struct StreamRows {
     /// The stream: `raw`, or with the IMU that the file names, `imu-a raw`.
     pub name: String,
@@ -32,7 +33,7 @@ pub struct StreamRows {
 }
 
 /// A damaged place.
-#[derive(Clone, Debug, Eq, PartialEq)]
+#[derive(Clone, Debug, Eq, PartialEq, Serialize)]
 pub struct Hole {
     /// Where it is: lines, row group, bytes.
     pub place: String,
@@ -43,7 +44,7 @@ pub struct Hole {
 }
 
 /// Rows of a stream that are lost.
-#[derive(Clone, Debug, Eq, PartialEq)]
+#[derive(Clone, Debug, Eq, PartialEq, Serialize)]
 pub struct Loss {
     /// The stream.
     pub stream: String,
@@ -58,7 +59,7 @@ pub struct Loss {
 }
 
 /// Which row it is, and when.
-#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq, Serialize)]
 pub struct RowTime {
     /// Session; 0 if rows have none.
     pub session: u64,
@@ -68,7 +69,7 @@ pub struct RowTime {
     pub timestamp_ns: u64,
 }
 
-impl Repaired {
+impl RepairReport {
     /// The rows that were taken, of all streams.
     #[must_use]
     pub fn rows(&self) -> u64 {
@@ -83,7 +84,7 @@ impl Repaired {
 }
 
 /// `59997 rows of 2 sessions, checked; 3 rows lost in 1 place`
-impl fmt::Display for Repaired {
+impl fmt::Display for RepairReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let several = self.streams.len() > 1;
         for (number, StreamRows { name, rows, sessions }) in self.streams.iter().enumerate() {

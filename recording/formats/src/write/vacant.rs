@@ -83,7 +83,7 @@ fn has_no_groups(bytes: &[u8]) -> bool {
     })
 }
 
-/// Whether an MCAP file of the recorder has channels alone. A record that is cut, or wrong, may be of messages.
+/// Whether an MCAP file of the recorder has nothing but channels. A record that is cut, or wrong, may be of messages.
 fn has_no_messages(bytes: &[u8]) -> bool {
     let mut is_own = false;
     let read = each_record(bytes, true, |opcode, data| match (opcode, parse_record(opcode, data)) {

@@ -4,7 +4,7 @@
 use indicatif::ProgressBar;
 use isotherm_recording::columns::{ColumnKind, RAW, RECORDED_NS, SENT_NS, hex, load};
 use isotherm_recording_formats::read::{ImuChoice, Samples, read_numbers};
-use isotherm_recording_formats::repair::{Repaired, inspect, repair};
+use isotherm_recording_formats::repair::{RepairReport, inspect, repair};
 use isotherm_shared::wire::RawSample;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -75,7 +75,7 @@ fn files_from_before_there_were_checks_are_known_and_can_be_repaired() {
     for name in
         RAW_FILES.map(|(name, ..)| name).into_iter().chain(["recorded.increments.csv", "recorded.increments.parquet"])
     {
-        let Repaired { has_checks, holes, streams, .. } = inspect(&file(name)).unwrap();
+        let RepairReport { has_checks, holes, streams, .. } = inspect(&file(name)).unwrap();
         // Chunks of MCAP have always had one.
         assert_eq!((has_checks, holes.len()), (name.ends_with("mcap"), 0), "{name}");
         let count = if name.starts_with("recorded") { (40, 2) } else { (19, 1) };

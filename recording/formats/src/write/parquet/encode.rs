@@ -19,11 +19,11 @@ pub(super) const ROW_GROUP: usize = 1 << 16;
 
 /// Whether a file has checks.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(crate) enum Sealing {
+pub(crate) enum Checks {
     /// As [`seal`](crate::seal) has them.
-    Sealed,
+    Written,
     /// None: nothing but Parquet.
-    Plain,
+    Absent,
 }
 
 /// Makes the bytes of a file of one stream.
@@ -37,13 +37,13 @@ pub(super) struct Encoder {
 }
 
 impl Encoder {
-    pub(super) fn new(imu: &ImuId, stream: StreamKind, layout: Layout, sealing: Sealing) -> io::Result<Self> {
+    pub(super) fn new(imu: &ImuId, stream: StreamKind, layout: Layout, checks: Checks) -> io::Result<Self> {
         let columns = columns(stream, layout);
         let schema = Arc::new(schema(&columns).map_err(io_error)?);
         let properties = Arc::new(properties(&columns).map_err(io_error)?);
         let created_by = Some(properties.created_by().to_owned());
         let parts = FileParts { schema, created_by, metadata: metadata(&columns, imu, stream) };
-        let file = FileEncoder::new(parts, sealing);
+        let file = FileEncoder::new(parts, checks);
         Ok(Self { layout, properties, open: OpenGroup::new(&columns), file, group_rows: ROW_GROUP })
     }
 
@@ -95,17 +95,17 @@ pub(crate) struct FileEncoder {
 }
 
 impl FileEncoder {
-    pub(crate) fn new(mut parts: FileParts, sealing: Sealing) -> Self {
+    pub(crate) fn new(mut parts: FileParts, checks: Checks) -> Self {
         parts.metadata.retain(|entry| entry.key != KEY);
-        Self { parts, groups: Vec::new(), checks: (sealing == Sealing::Sealed).then(Vec::new) }
+        Self { parts, groups: Vec::new(), checks: (checks == Checks::Written).then(Vec::new) }
     }
 
     /// Adds a row group with these bytes, which are written at `offset`. `group` is its entry in the footer of a file
-    /// with it alone. Returns the seal that is written behind it; nothing for a file without checks.
+    /// with this one group. Returns the seal that is written behind it; nothing for a file without checks.
     pub(crate) fn add(&mut self, bytes: &[u8], group: &RowGroupMetaData, offset: u64) -> Result<Vec<u8>, ParquetError> {
         let (ordinal, mut seal) = (self.groups.len(), Vec::new());
         if let Some(checks) = &mut self.checks {
-            let own = checks_of(group, bytes, ALONE)
+            let own = checks_of(group, bytes, SINGLE)
                 .ok_or_else(|| ParquetError::General("a row group without its bytes".to_owned()))?;
             // What is said of the units is in the footer of the file.
             let named = |entry: &&KeyValue| [IMU, STREAM].contains(&entry.key.as_str());
@@ -114,12 +114,12 @@ impl FileEncoder {
                 created_by: self.parts.created_by.clone(),
                 metadata: self.parts.metadata.iter().filter(named).cloned().collect(),
             };
-            let mut alone = vec![moved(group, ALONE, ALONE, ordinal)?];
-            let footer = footer(&parts, &mut alone, Some(std::slice::from_ref(&own)))?;
+            let mut single = vec![moved(group, SINGLE, SINGLE, ordinal)?];
+            let footer = footer(&parts, &mut single, Some(std::slice::from_ref(&own)))?;
             seal = group_seal(bytes.len() as u64, &footer);
             checks.push(own);
         }
-        self.groups.push(moved(group, ALONE, offset, ordinal)?);
+        self.groups.push(moved(group, SINGLE, offset, ordinal)?);
         Ok(seal)
     }
 
@@ -136,13 +136,13 @@ impl FileEncoder {
     }
 }
 
-/// Where a row group begins in a file with it alone.
-pub(crate) const ALONE: u64 = MAGIC.len() as u64;
+/// Where a row group begins in a file with this one group.
+pub(crate) const SINGLE: u64 = MAGIC.len() as u64;
 /// Keys of the names of IMU and stream in a footer.
 pub(crate) const IMU: &str = "isotherm.imu";
 pub(crate) const STREAM: &str = "isotherm.stream";
 
-/// Encodes a row group: its bytes, and its entry in the footer of a file with it alone.
+/// Encodes a row group: its bytes, and its entry in the footer of a file with this one group.
 fn encode(
     parts: &FileParts,
     properties: &WriterPropertiesPtr,

@@ -10,7 +10,7 @@ pub(crate) mod encode;
 
 use super::growing::{create, staged_file};
 use crate::seal::MAGIC;
-use encode::{Encoder, Sealing};
+use encode::{Checks, Encoder};
 use isotherm_files::{exchange, sync_folder};
 use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::RecordedRow;
@@ -46,7 +46,7 @@ impl ParquetFile {
     /// # Errors
     /// If it exists or cannot be written.
     pub(super) fn create(path: &Path, imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<Self> {
-        let mut encoder = Encoder::new(imu, stream, layout, Sealing::Sealed)?;
+        let mut encoder = Encoder::new(imu, stream, layout, Checks::Written)?;
         let mut bytes = MAGIC.to_vec();
         bytes.append(&mut encoder.tail(MAGIC.len() as u64)?);
         let (visible, body) = (create(path, &bytes)?, MAGIC.len() as u64);
@@ -68,7 +68,7 @@ impl ParquetFile {
     /// If the library refuses it.
     pub(super) fn change_layout(&mut self, imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<()> {
         if layout != self.encoder.layout {
-            self.encoder = Encoder::new(imu, stream, layout, Sealing::Sealed)?;
+            self.encoder = Encoder::new(imu, stream, layout, Checks::Written)?;
         }
         Ok(())
     }
@@ -159,7 +159,7 @@ impl<W: io::Write> ParquetStream<W> {
     /// # Errors
     /// Those of the sink and of the library.
     pub fn new(mut sink: W, imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<Self> {
-        let encoder = Encoder::new(imu, stream, layout, Sealing::Plain)?;
+        let encoder = Encoder::new(imu, stream, layout, Checks::Absent)?;
         sink.write_all(MAGIC)?;
         Ok(Self { sink, encoder, length: MAGIC.len() as u64 })
     }
