@@ -27,7 +27,7 @@ use crate::threads::{self, HeartbeatChange, WorkerThread};
 use crate::worker::Worker;
 use crate::worker::channel::ChannelLink;
 use crate::worker::counters::CounterReader;
-use crate::{create, login, sigbus};
+use crate::{crash, create, login};
 use isotherm_client::{
     Realtime, check_domain, check_owner, check_room, clock_offset_ns, join, monotonic_ns, pid_namespace, process_kb,
     removed_object, reserve, unix_s,
@@ -632,7 +632,7 @@ fn summary(imus: &[ImuState]) -> String {
 /// [`START_END_LIMIT`], whatever the start waits for.
 fn forward_signals(events: &Arc<Events>) -> Result<(), Failure> {
     let failed = |error: std::io::Error| Failure::new(Exit::Failed, format!("handling signals: {error}"));
-    sigbus::install_handler().map_err(failed)?;
+    crash::install_handlers().map_err(failed)?;
     let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP]).map_err(failed)?;
     let events = Arc::clone(events);
     let body = move || {

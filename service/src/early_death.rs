@@ -5,6 +5,7 @@
 //! is removed when the service has run for a second or ends in order. A start that finds the mark of the one before
 //! clears the domain.
 
+use crate::crash::{self, CRASH};
 use crate::{clean, leftovers};
 use isotherm_client::{Domain, Note};
 use std::time::{Duration, Instant};
@@ -15,9 +16,6 @@ const EARLY: Duration = Duration::from_secs(1);
 /// So many services in a row must have crashed early before the domain is cleared under processes that use it. They
 /// join again, but may miss increments. A service that was killed has not crashed.
 const CRASHES_BESIDE_OTHERS: u32 = 2;
-/// What a service that crashes adds to the mark.
-const CRASH: u8 = b'x';
-
 /// The mark of a start: how many services before have crashed early, and whether this one has.
 #[derive(Debug)]
 pub(crate) struct StartMark {
@@ -47,8 +45,9 @@ impl StartMark {
     }
 
     fn write(&self, text: &str) {
-        if let Err(error) = self.note.write(text.as_bytes()) {
-            warn!("noting that the service starts: {error}");
+        match self.note.write_open(text.as_bytes()) {
+            Ok(file) => crash::mark_in(file),
+            Err(error) => warn!("noting that the service starts: {error}"),
         }
     }
 
@@ -70,7 +69,9 @@ impl StartMark {
 
 /// How many services in a row have crashed early, by a mark that was found.
 fn crashes(mark: &[u8]) -> u32 {
-    let Some(before) = mark.strip_suffix(&[CRASH]) else { return 0 };
+    // A panic that becomes an abort marks twice.
+    let numbers = mark.iter().position(|byte| *byte == CRASH);
+    let Some(before) = numbers.map(|end| &mark[..end]) else { return 0 };
     let before: u32 = str::from_utf8(before).ok().and_then(|text| text.parse().ok()).unwrap_or(0);
     before.saturating_add(1)
 }
@@ -81,9 +82,17 @@ mod tests {
 
     #[test]
     fn only_crashes_in_a_row_count() {
-        for (mark, count) in
-            [("", 0), ("0", 0), ("3", 0), ("0x", 1), ("1x", 2), ("x", 1), ("?x", 1), ("4294967295x", u32::MAX)]
-        {
+        for (mark, count) in [
+            ("", 0),
+            ("0", 0),
+            ("3", 0),
+            ("0x", 1),
+            ("1x", 2),
+            ("1xx", 2),
+            ("x", 1),
+            ("?x", 1),
+            ("4294967295x", u32::MAX),
+        ] {
             assert_eq!(crashes(mark.as_bytes()), count, "{mark:?}");
         }
     }

@@ -3,10 +3,11 @@
 use isotherm_client::{Acquisition, ConnectError, Options};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::stream::CREATION_TIMEOUT;
-use isotherm_tests::{RUN, TABLE, TIMEOUT, TestDomain, id, recording, round_trip, table, text, wait_until};
+use isotherm_tests::{Process, RUN, TABLE, TIMEOUT, TestDomain, id, recording, round_trip, table, text, wait_until};
 use rustix::process::Signal;
 use std::fs::{self, File, Permissions};
 use std::os::unix::fs::PermissionsExt as _;
+use std::os::unix::process::ExitStatusExt as _;
 use std::thread;
 use std::time::{Duration, SystemTime};
 
@@ -176,6 +177,50 @@ fn after_a_kill_at_any_moment_of_its_start_the_next_service_starts() {
     }
     let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
     round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
+    service.terminate();
+}
+
+#[test]
+fn a_crash_has_a_last_line() {
+    for (signal, words) in
+        [(Signal::SEGV, "SIGSEGV: an access to memory that is not there"), (Signal::ABORT, "SIGABRT: ended")]
+    {
+        let domain = TestDomain::new();
+        let service = domain.serve_recording();
+        service.signal(signal);
+        let (status, log) = service.wait();
+        assert_eq!(status.signal(), Some(signal.as_raw()), "{log}");
+        assert!(log.lines().last().unwrap().contains(words), "{log}");
+    }
+}
+
+/// Memory that was damaged lets every service crash that finds it. The processes that use it must join again then.
+#[test]
+fn after_crashes_in_a_row_the_domain_is_cleared_beside_living_processes_but_never_after_kills() {
+    const CLEARED: &str = "has died within a second of its start";
+    let domain = TestDomain::new();
+    let mut service = domain.serve_recording();
+    let mut acquisition = domain.acquisition("imu-a");
+    round_trip(&mut acquisition, &recording()[0]);
+    let again = |service: Process, signal| {
+        service.signal(signal);
+        service.wait();
+        domain.serve(&["--imu", "imu-a=imu-a.toml"])
+    };
+    for _ in 0..4 {
+        service = again(service, Signal::KILL);
+        assert_eq!(service.count_in_log(CLEARED), 0, "{}", service.log());
+    }
+    round_trip(&mut acquisition, &recording()[1]);
+    // Each of them must crash within a second of its start, and the machine may be slow.
+    let mut crashes = 0;
+    while service.count_in_log(CLEARED) == 0 {
+        assert!(crashes < 20, "{}", service.log());
+        service = again(service, Signal::SEGV);
+        crashes += 1;
+    }
+    assert!(crashes >= 2);
+    round_trip(&mut acquisition, &recording()[2]);
     service.terminate();
 }
 
