@@ -410,7 +410,7 @@ enum isotherm_code
      */
     ISOTHERM_ERROR_NO_ROOM = -6,
     /**
-     * The domain belongs to another user.
+     * The domain belongs to another user, or others could put something into its place.
      */
     ISOTHERM_ERROR_PERMISSION = -7,
     /**

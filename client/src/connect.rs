@@ -122,7 +122,7 @@ pub fn join_existing(domain: &Domain) -> Result<IpcNode, ConnectError> {
 /// Makes this process a member of `domain`, after [`sweep_half_created`].
 ///
 /// # Errors
-/// [`ConnectError::Permission`], [`ConnectError::Domain`] or [`ConnectError::Transport`].
+/// [`ConnectError::Permission`], [`ConnectError::Foreign`], [`ConnectError::Domain`] or [`ConnectError::Transport`].
 pub fn join(domain: &Domain) -> Result<IpcNode, ConnectError> {
     folder::prepare(domain)?;
     check_room(0)?;
@@ -143,7 +143,7 @@ pub fn join(domain: &Domain) -> Result<IpcNode, ConnectError> {
 /// Checks that `domain`, if it exists, is this user's, and that no other user's object is in the place of a stream.
 ///
 /// # Errors
-/// [`ConnectError::Permission`] or [`ConnectError::Transport`].
+/// [`ConnectError::Permission`], [`ConnectError::Foreign`] or [`ConnectError::Transport`].
 pub fn check_domain(domain: &Domain) -> Result<(), ConnectError> {
     check_owner(domain)?;
     refuse_foreign(domain)

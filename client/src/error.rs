@@ -57,6 +57,10 @@ pub enum ConnectError {
         /// The number of the user who made the folder, if that is known.
         made_by: Option<u32>,
     },
+    /// Something of the domain is another user's, or others could put something of theirs into its place. The message
+    /// contains the remedy.
+    #[error("joining the domain: {0}")]
+    Foreign(String),
     /// The domain cannot be used.
     #[error(transparent)]
     Domain(#[from] DomainError),
@@ -161,7 +165,10 @@ impl From<ConnectError> for Failure {
             | ConnectError::OtherClock { .. } => Exit::Unavailable,
             ConnectError::Domain(_) => Exit::Usage,
             ConnectError::Exhausted(_) => Exit::Io,
-            _ => Exit::Failed,
+            ConnectError::Permission { .. } | ConnectError::Foreign(_) => Exit::OtherUser,
+            ConnectError::Occupied { .. } | ConnectError::NoRoom { .. } | ConnectError::Transport { .. } => {
+                Exit::Failed
+            }
         };
         Self::new(exit, error.to_string())
     }

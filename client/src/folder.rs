@@ -25,7 +25,7 @@ const GROUP_MODE: u32 = 0o2770;
 /// as a member of its group, is trusted.
 ///
 /// # Errors
-/// [`ConnectError::Permission`] if not, and [`ConnectError::Transport`] if it is not usable.
+/// [`ConnectError::Permission`] or [`ConnectError::Foreign`] if not, and [`ConnectError::Transport`] if it is not usable.
 pub fn check_owner(domain: &Domain) -> Result<(), ConnectError> {
     inspect(domain).map(drop)
 }
@@ -33,7 +33,8 @@ pub fn check_owner(domain: &Domain) -> Result<(), ConnectError> {
 /// Opens the domain's folder without following a link, and checks the open folder. Returns whether it exists.
 fn inspect(domain: &Domain) -> Result<bool, ConnectError> {
     let root = domain.root_path();
-    let unusable = |cause: String| Err(ConnectError::transport("joining the domain", cause));
+    let own = rustix::process::geteuid().as_raw();
+    let foreign = |cause: String| Err(ConnectError::Foreign(cause));
     let opened = |flags| open(root, OFlags::PATH | OFlags::CLOEXEC | flags, Mode::empty());
     let mut folder = match opened(OFlags::NOFOLLOW) {
         Ok(folder) => File::from(folder),
@@ -47,14 +48,14 @@ fn inspect(domain: &Domain) -> Result<bool, ConnectError> {
     let shared = parent_mode & EVERYBODY != 0;
     if shared && parent_mode & STICKY == 0 {
         let parent = parent.display();
-        return unusable(format!(
+        return foreign(format!(
             "everybody may replace {root}; chmod o-w {parent}, or name another folder in ISOTHERM_ROOT"
         ));
     }
     let mut found = folder.metadata().map_err(failed)?;
     if found.is_symlink() {
         if shared {
-            return unusable(format!(
+            return foreign(format!(
                 "{root} is a link of user {}, and everybody may make one there; remove it, use another --domain, or name a folder of \
                  your own in ISOTHERM_ROOT",
                 found.uid()
@@ -62,23 +63,31 @@ fn inspect(domain: &Domain) -> Result<bool, ConnectError> {
         }
         match opened(OFlags::empty()) {
             Ok(target) => folder = File::from(target),
-            Err(error) => return unusable(format!("{root} is a link: {error}; remove it, or make what it names")),
+            Err(error) => {
+                let cause = format!("{root} is a link: {error}; remove it, or make what it names");
+                return Err(ConnectError::transport("joining the domain", cause));
+            }
         }
         found = folder.metadata().map_err(failed)?;
     }
     if !found.is_dir() {
-        return unusable(format!(
+        let cause = format!(
             "{root} of user {} is not a folder; remove it, use another --domain, or name another folder in ISOTHERM_ROOT",
             found.uid()
-        ));
+        );
+        return if found.uid() == own {
+            Err(ConnectError::transport("joining the domain", cause))
+        } else {
+            foreign(cause)
+        };
     }
     let group = group_of(domain, &found).filter(|_| !shared);
     group::set(&domain.prefix(), group);
-    if found.uid() != rustix::process::geteuid().as_raw() && group.is_none() {
+    if found.uid() != own && group.is_none() {
         return Err(permission(domain, Some(found.uid())));
     }
     if found.mode() & EVERYBODY != 0 {
-        return unusable(format!("everybody may write {root}; chmod o-w {root}"));
+        return foreign(format!("everybody may write {root}; chmod o-w {root}"));
     }
     Ok(true)
 }
@@ -144,7 +153,7 @@ pub fn give_to_group(domain: &Domain, group: Option<u32>) -> Result<(), String> 
 /// files of streams and processes.
 ///
 /// # Errors
-/// [`ConnectError::Permission`], [`ConnectError::Transport`] or [`ConnectError::Exhausted`].
+/// Those of [`check_owner`], and [`ConnectError::Exhausted`].
 pub fn prepare(domain: &Domain) -> Result<(), ConnectError> {
     const ROOM: u64 = 64 << 10;
     const FILES: u64 = 64;

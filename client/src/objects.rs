@@ -131,7 +131,7 @@ pub fn foreign_object(domain: &Domain) -> Option<PathBuf> {
 /// the object.
 ///
 /// # Errors
-/// [`ConnectError::Transport`].
+/// [`ConnectError::Foreign`].
 pub(crate) fn refuse_foreign(domain: &Domain) -> Result<(), ConnectError> {
     let services = Path::new(domain.root_path()).join("services");
     // Other users may make any number of objects, so names are compared before anything is looked at.
@@ -144,8 +144,10 @@ pub(crate) fn refuse_foreign(domain: &Domain) -> Result<(), ConnectError> {
     };
     let foreign = |entry: &DirEntry| in_use(entry) && entry.metadata().is_ok_and(|found| !is_trusted(domain, &found));
     let Some(entry) = entries(Path::new(SHARED_MEMORY), &domain.prefix()).find(foreign) else { return Ok(()) };
-    let cause = format!("{} is not this user's; its owner or root can remove it", entry.path().display());
-    Err(ConnectError::transport("joining the domain", cause))
+    Err(ConnectError::Foreign(format!(
+        "{} is not this user's; its owner or root can remove it",
+        entry.path().display()
+    )))
 }
 
 /// Why the streams of `domain` cannot be opened, if their memory was removed: their files are there without it. A

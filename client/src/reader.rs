@@ -329,7 +329,12 @@ impl<T: Streamed> Reader<T> {
         }
         self.next_attempt = Instant::now() + RETRY;
         match self.attach() {
-            Err(ConnectError::NoService(_) | ConnectError::NoSuchImu { .. } | ConnectError::Transport { .. }) => Ok(()),
+            Err(
+                ConnectError::NoService(_)
+                | ConnectError::NoSuchImu { .. }
+                | ConnectError::Foreign(_)
+                | ConnectError::Transport { .. },
+            ) => Ok(()),
             other => other,
         }
     }

@@ -35,6 +35,7 @@ pub(crate) fn connecting(error: &ConnectError) -> PyErr {
         ConnectError::Occupied { .. } | ConnectError::NoRoom { .. } => Occupied::new_err(message),
         ConnectError::Transport { .. } => TransportError::new_err(message),
         ConnectError::Permission { .. }
+        | ConnectError::Foreign(_)
         | ConnectError::Domain(_)
         | ConnectError::Exhausted(_)
         | ConnectError::OtherVersion { .. }

@@ -38,6 +38,7 @@ pub(crate) struct PendingImu {
     imu: Imu,
     counters: CounterReader,
     last_error: Option<Refused>,
+    waits: bool,
     tables: TableQueue,
     guard: Guard,
     /// The first table, which is in force when the streams are open.
@@ -49,7 +50,7 @@ pub(crate) struct PendingImu {
 impl PendingImu {
     /// Queues the first table for the worker. The result contains the worker's link to this IMU.
     pub(crate) fn new(imu: &Imu, first: FirstTable) -> (Self, ChannelLink) {
-        let FirstTable { guard, table, modified_unix_s, refused, accepted } = first;
+        let FirstTable { guard, table, modified_unix_s, refused, waits, accepted } = first;
         let (queue, taken) = RingBuffer::new(TABLE_QUEUE_DEPTH);
         let mut tables = TableQueue { alive: Vec::new(), unsent: None, queue };
         if let Some((table, _)) = &table {
@@ -57,7 +58,7 @@ impl PendingImu {
         }
         let (writer, counters) = counters();
         let link = ChannelLink { imu: imu.clone(), tables: taken, counters: writer };
-        (Self { imu: imu.clone(), counters, last_error: refused, tables, guard, first: table, accepted }, link)
+        (Self { imu: imu.clone(), counters, last_error: refused, waits, tables, guard, first: table, accepted }, link)
     }
 
     /// Opens the streams, which the worker must have created before. The first table is in force then, and is to be
@@ -66,7 +67,7 @@ impl PendingImu {
     /// # Errors
     /// If they cannot be opened.
     pub(crate) fn open_streams(self, node: &IpcNode) -> Result<(ImuState, Option<KeepRequest>), Failure> {
-        let Self { imu, counters, last_error, tables, mut guard, first, accepted } = self;
+        let Self { imu, counters, last_error, waits, tables, mut guard, first, accepted } = self;
         let failed =
             |error: String| Failure::new(Exit::Failed, format!("opening the streams of IMU {}: {error}", imu.id));
         let raw = stream::open_raw(node, &imu.id.raw()).map_err(|error| failed(error.to_string()))?;
@@ -86,6 +87,8 @@ impl PendingImu {
             reloads: 0,
             refusals,
             last_error,
+            may_wait: waits,
+            is_absent: waits,
             raw,
             increments,
             wake,
@@ -118,6 +121,10 @@ pub(crate) struct ImuState {
     pub refusals: u64,
     /// Why the current file is not in force.
     pub last_error: Option<Refused>,
+    /// Whether the service was started without its table, as the command line allows.
+    may_wait: bool,
+    /// Whether there was no file when that changed last.
+    is_absent: bool,
     /// The open raw stream: to count the acquisition.
     pub raw: PortFactory<Ipc, RawSample, ()>,
     /// The open increment stream: to count the readers.
@@ -254,6 +261,11 @@ impl ImuState {
         self.tables.alive.iter().rev().find(|sent| sent.table.id() == id)
     }
 
+    /// Whether it waits for its first table, as the command line allows. A file that is refused is no wait.
+    pub(crate) fn waits_for_table(&self) -> bool {
+        self.may_wait && self.is_absent && self.tables.alive.is_empty()
+    }
+
     /// The unit of the last sample, if that was answered with the table in force and is of another unit than this.
     pub(crate) fn other_device(&self) -> Option<u64> {
         let other = self.counters.last_other_device()?;
@@ -263,7 +275,8 @@ impl ImuState {
     /// Applies what was found in the table's file. Returns what is to be kept, if another table is in force now. A
     /// report that was requested applies a table or an error that is already known again.
     pub(crate) fn apply(&mut self, report: FileReport) -> Option<KeepRequest> {
-        let FileReport { change, modified_unix_s, is_requested, .. } = report;
+        let FileReport { change, modified_unix_s, is_absent, is_requested } = report;
+        self.is_absent = is_absent;
         match change {
             FileChange::Unchanged => None,
             FileChange::Loaded(table) => self.apply_table(table, modified_unix_s, is_requested),

@@ -25,6 +25,8 @@ pub(crate) struct FirstTable {
     pub modified_unix_s: Option<f64>,
     /// Why the file as it is now is not in force.
     pub refused: Option<Refused>,
+    /// Whether the IMU waits for its first table, as the command line allows.
+    pub waits: bool,
     /// What was accepted, if the table is that of the file.
     pub accepted: Option<Vec<u8>>,
 }
@@ -88,7 +90,8 @@ fn choose_one(imu: &Imu, guard: Guard, report: Option<FileReport>, allow_uncalib
             Ok(admission) => {
                 let accepted = guard.accepted();
                 let table = Some((table, admission));
-                return (Choice::File, FirstTable { guard, table, modified_unix_s, refused: None, accepted });
+                let first = FirstTable { guard, table, modified_unix_s, refused: None, waits: false, accepted };
+                return (Choice::File, first);
             }
             Err(refusal) => {
                 let message = format!("{}: {}", imu.table.display(), refusal.reason);
@@ -111,7 +114,8 @@ fn choose_one(imu: &Imu, guard: Guard, report: Option<FileReport>, allow_uncalib
         None if allow_uncalibrated && is_absent => Choice::Uncalibrated(failure),
         None => Choice::Nothing(failure),
     };
-    (choice, FirstTable { guard, table, modified_unix_s: None, refused, accepted: None })
+    let waits = matches!(choice, Choice::Uncalibrated(_));
+    (choice, FirstTable { guard, table, modified_unix_s: None, refused, waits, accepted: None })
 }
 
 /// The failure of a file with the table of another unit.

@@ -188,6 +188,10 @@ pub struct ImuStatus {
     pub refusals: u64,
     /// Why the table file in its present state is not in force; null if it is in force. `REFUSED` for people.
     pub last_reload_error: Option<String>,
+    /// Whether no table has been in force yet, and there is no file, as `--allow-uncalibrated` allows. Increments are
+    /// NaN, flagged `no-table`, until there is one.
+    #[serde(default)]
+    pub waits_for_table: bool,
     /// Digest of the table file's table, if that is valid but changes too much to be taken; else null.
     #[serde(default)]
     pub refused_table: Option<String>,

@@ -104,6 +104,7 @@ fn about_lines(model: &Model, imu: &ImuStatus, width: u16) -> Vec<Line<'static>>
             imu.reloads,
             imu.refusals
         ),
+        None if imu.waits_for_table => "waits for its first table: increments are NaN until it is there".to_owned(),
         None => "none: increments are NaN until the file is there".to_owned(),
     };
     let acquisition = if imu.acquisition_connected { "acquisition" } else { "NO acquisition" };
@@ -120,7 +121,7 @@ fn about_lines(model: &Model, imu: &ImuStatus, width: u16) -> Vec<Line<'static>>
 /// Lines that say why the table file as it is now is not in force, and that the samples are of another unit, or have
 /// another lag, than the table.
 fn alert_lines(theme: Theme, imu: &ImuStatus) -> Vec<Line<'static>> {
-    let refused = imu.last_reload_error.as_ref().map(|error| {
+    let refused = imu.last_reload_error.as_ref().filter(|_| !imu.waits_for_table).map(|error| {
         let since = imu.refused_unix_s.map_or(String::new(), |then| format!(" {} ago", age(unix_s() - then)));
         format!("REFUSED{since}: {}", error.replace('\n', "; "))
     });

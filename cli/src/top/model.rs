@@ -52,6 +52,7 @@ pub(super) struct Model {
 pub(crate) const STATES: &[(&str, &str)] = &[
     ("not served", "Bad: the service does not answer; the line above says why. It goes on by itself."),
     ("stands still", "Bad: the worker's loop has not turned for a second: `isotherm explain stands_still`."),
+    ("first table", "To be looked into: it waits for its first table, and increments are NaN: install the file."),
     ("no table", "Bad: the service has no table for it yet, and increments are NaN: install the file."),
     ("file REFUSED", "Bad: the table's file is not in force: `last_reload_error` of the status says why."),
     ("other unit", "Bad: the samples are of another unit than the table: `isotherm explain other-device`."),
@@ -243,6 +244,7 @@ impl Model {
         let conditions = [
             ("not served", bad, self.waiting.is_some()),
             ("stands still", bad, workers.any(|it| it.stands_still && it.imus.contains(&imu.id))),
+            ("first table", warning, imu.waits_for_table),
             ("no table", bad, imu.table.is_none()),
             ("file REFUSED", bad, imu.last_reload_error.is_some()),
             ("other unit", bad, imu.other_device.is_some()),

@@ -51,6 +51,7 @@ fn imu(id: &str, seconds: u64) -> ImuStatus {
         reloads: 3,
         refusals: 0,
         last_reload_error: None,
+        waits_for_table: false,
         refused_table: None,
         table_changes: Vec::new(),
         table_kept: true,
@@ -341,6 +342,15 @@ fn every_condition_is_shown() {
         status.imus[0].ranges = None;
     });
     has(&without, &["no table", "none: increments are NaN"]);
+    let waits = |status: &mut ServiceStatus| {
+        status.imus[0].table = None;
+        status.imus[0].ranges = None;
+        status.imus[0].last_reload_error = Some("imu-a.toml: no such file".to_owned());
+        status.imus[0].waits_for_table = true;
+    };
+    let waiting = state(waits);
+    has(&waiting, &["first table", "waits for its first table: increments are NaN"]);
+    assert!(!waiting.contains("REFUSED"), "{waiting}");
     let refused = state(|status| {
         status.imus[0].last_reload_error = Some("imu-a.toml:3: gravity: is 8\nand more".to_owned());
         status.imus[0].refused_unix_s = Some(0.0);

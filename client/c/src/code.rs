@@ -41,7 +41,7 @@ pub enum isotherm_code {
     ISOTHERM_ERROR_OCCUPIED = -5,
     /// All reader places of the IMU are taken.
     ISOTHERM_ERROR_NO_ROOM = -6,
-    /// The domain belongs to another user.
+    /// The domain belongs to another user, or others could put something into its place.
     ISOTHERM_ERROR_PERMISSION = -7,
     /// Shared memory, disk space or the file descriptors of the process are exhausted.
     ISOTHERM_ERROR_EXHAUSTED = -8,
@@ -121,7 +121,7 @@ impl From<ConnectError> for CodedError {
             ConnectError::NoSuchImu { .. } => ISOTHERM_ERROR_NO_SUCH_IMU,
             ConnectError::Occupied { .. } => ISOTHERM_ERROR_OCCUPIED,
             ConnectError::NoRoom { .. } => ISOTHERM_ERROR_NO_ROOM,
-            ConnectError::Permission { .. } => ISOTHERM_ERROR_PERMISSION,
+            ConnectError::Permission { .. } | ConnectError::Foreign(_) => ISOTHERM_ERROR_PERMISSION,
             ConnectError::Domain(_) => ISOTHERM_ERROR_NAME,
             ConnectError::Exhausted(_) => ISOTHERM_ERROR_EXHAUSTED,
             ConnectError::OtherVersion { .. } => ISOTHERM_ERROR_OTHER_VERSION,

@@ -60,7 +60,7 @@ impl Reload {
                 "domain {:?} belongs to a group, and only the service's user (user {owner}) may accept a table",
                 domain.name()
             );
-            return Err(Failure::new(Exit::Failed, message));
+            return Err(Failure::new(Exit::OtherUser, message));
         }
         let note = acceptance(&domain, &imu);
         let written = note.write(accept.as_bytes());

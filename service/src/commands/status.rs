@@ -99,10 +99,15 @@ fn describe_imu(text: &mut String, imu: &ImuStatus, budget_us: f64) -> std::fmt:
 }
 
 fn describe_table(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
-    let table = imu.table.as_deref().unwrap_or("none");
-    writeln!(text, "  table        {table} ({}), {} reloads", imu.table_file, imu.reloads)?;
-    if let Some(error) = &imu.last_reload_error {
-        writeln!(text, "  REFUSED      {}", error.replace('\n', "\n               "))?;
+    if imu.waits_for_table {
+        let file = &imu.table_file;
+        writeln!(text, "  table        waits for its first table ({file}); until it is there increments are NaN")?;
+    } else {
+        let table = imu.table.as_deref().unwrap_or("none");
+        writeln!(text, "  table        {table} ({}), {} reloads", imu.table_file, imu.reloads)?;
+        if let Some(error) = &imu.last_reload_error {
+            writeln!(text, "  REFUSED      {}", error.replace('\n', "\n               "))?;
+        }
     }
     if let Some(changed) = changed(&imu.table_changes) {
         writeln!(text, "  changed      by the table in force, at most: {changed}")?;

@@ -54,8 +54,8 @@ macro_rules! exit_codes {
 }
 
 exit_codes! {
-    /// The command failed for another reason: another service or acquisition runs, the domain is another user's, a
-    /// verdict is negative, or it was interrupted.
+    /// The command failed for another reason: another service or acquisition runs, a verdict is negative, or it was
+    /// interrupted.
     Failed = 1, "failed", "The message on stderr has cause and remedy.";
     /// The command line is wrong.
     Usage = 64, "usage", "`--help` of the command shows its options, with examples.";
@@ -68,6 +68,9 @@ exit_codes! {
     /// A file, shared memory or a port cannot be opened, read or written.
     Io = 74, "a file cannot be read or written",
         "The message says what is needed: room, a right, another path. `isotherm clean` frees what a domain has left.";
+    /// The domain belongs to another user, or others can put something into its place.
+    OtherUser = 77, "the domain is another user's",
+        "Run as the service's user, or use a domain of your own: another `--domain`, or a folder in `ISOTHERM_ROOT`.";
     /// A configuration, table, campaign file or plan is wrong; a table changes too much, or a setting is not permitted.
     Config = 78, "bad configuration, table, campaign file or plan", "`isotherm check FILE` names all faults.";
 }

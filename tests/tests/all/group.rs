@@ -141,7 +141,7 @@ fn users_of_the_group_share_a_domain_and_nobody_else_enters_it() {
 }
 
 /// Exit code of a command that meets another user's domain.
-const OTHER_USER: i32 = 1;
+const OTHER_USER: i32 = 77;
 
 #[test]
 fn members_that_are_killed_are_replaced_and_what_they_leave_is_removed() {

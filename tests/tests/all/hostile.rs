@@ -285,7 +285,7 @@ fn another_user_gets_the_reason_for_its_refusal_and_so_does_root() {
         [&["status"][..], &["feed", "--imu", "imu-a", RUN], &["clean"], &["serve", "--imu", "imu-a=imu-a.toml"]]
     {
         let Some((code, message)) = as_nobody(&domain, arguments) else { return };
-        assert_eq!(code, Some(1), "{arguments:?}: {message}");
+        assert_eq!(code, Some(77), "{arguments:?}: {message}");
         assert!(
             message.contains("belongs to another user") && message.contains("run as the service's user"),
             "{message}"
@@ -299,7 +299,7 @@ fn another_user_gets_the_reason_for_its_refusal_and_so_does_root() {
     fs::create_dir(domain.client_domain().root_path()).unwrap();
     fs::set_permissions(domain.client_domain().root_path(), Permissions::from_mode(0o777)).unwrap();
     let output = domain.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
-    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(output.status.code(), Some(77));
     assert!(text(&output.stderr).contains("everybody may write "), "{}", text(&output.stderr));
     fs::remove_dir(domain.client_domain().root_path()).unwrap();
 
@@ -308,7 +308,7 @@ fn another_user_gets_the_reason_for_its_refusal_and_so_does_root() {
     chown(domain.client_domain().root_path(), Some(65_534), Some(65_534)).unwrap();
     for arguments in [&["status"][..], &["feed", "--imu", "imu-a", RUN]] {
         let output = domain.run(arguments);
-        assert_eq!(output.status.code(), Some(1));
+        assert_eq!(output.status.code(), Some(77));
         assert!(text(&output.stderr).contains("run as the service's user"), "{}", text(&output.stderr));
     }
 }

@@ -141,7 +141,7 @@ fn an_object_in_the_place_of_a_stream_is_named_and_a_new_service_makes_another()
     let output = domain.run(&["feed", "--imu", "imu-a", "--timeout", "1", RUN, "-o", "fed.csv"]);
     let message = text(&output.stderr);
     assert!(message.contains("is not this user's; its owner or root can remove it"), "{message}");
-    assert!(!output.status.success());
+    assert_eq!(output.status.code(), Some(77));
     assert_usable(&domain, domain.serve_recording());
 }
 
@@ -212,7 +212,7 @@ fn assert_refused(domain: &TestDomain, parent: &Path, expected: &str) {
         command.env("ISOTHERM_ROOT", parent);
         let output = domain.finish(command);
         let message = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(1), "{message}");
+        assert_eq!(output.status.code(), Some(77), "{message}");
         for part in [expected, "ISOTHERM_ROOT", "--domain"] {
             assert!(message.contains(part), "{arguments:?}: {message}");
         }

@@ -288,6 +288,16 @@ fn an_uncalibrated_imu_gets_nan_until_its_table_appears() {
     assert!(increment.velocity_increment.iter().all(|dv| dv.is_nan()));
     assert_eq!((Flags(increment.flags).only(Flags::SAMPLE), increment.table), (Flags::NO_TABLE, 0));
     assert_eq!(domain.imu_status()["table"], serde_json::Value::Null);
+    // That it waits is no fault. A file that cannot be its table is one.
+    let waits = || domain.imu_status()["waits_for_table"] == true;
+    let words = domain.run_ok(&["status"]);
+    assert!(waits() && words.contains("waits for its first table (") && !words.contains("REFUSED"), "{words}");
+    domain.replace("imu-a.toml", "no table");
+    wait_until("the refusal", || !waits());
+    let words = domain.run_ok(&["status"]);
+    assert!(words.contains("REFUSED") && !words.contains("waits for"), "{words}");
+    std::fs::remove_file(domain.path("imu-a.toml")).unwrap();
+    wait_until("the wait", waits);
     domain.replace("imu-a.toml", TABLE);
     wait_until("the first table", || round_trip(&mut acquisition, &sample).table == table(TABLE).id());
     let increment = round_trip(&mut acquisition, &sample);
