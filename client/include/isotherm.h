@@ -42,6 +42,9 @@
  * readers stay the same. The one exception is the system call that wakes a sleeping service. Messages of ISOTHERM_ERROR_TRANSPORT and
  * of functions that connect are allocated, all others are static.
  *
+ * Warnings. A program that is cut off from the service, as by somebody who tidies /dev/shm, joins it again by itself, and writes a line
+ * that begins with "isotherm: warning:" to stderr, if that can be written at once.
+ *
  * No function unwinds, exits or installs a signal handler. Generated from client/c/src by cbindgen; do not edit.
  */
 

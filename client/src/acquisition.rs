@@ -14,6 +14,7 @@ use crate::loss::Loss;
 use crate::peers::{publisher_is_alive, publisher_of};
 use crate::rehearsal::{self, copied, publish, receive};
 use crate::resources::reserve;
+use crate::warning::warn;
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use isotherm_shared::lag::Lag;
 use isotherm_shared::protocol::{AcquisitionState, Refusal, queue_depth};
@@ -552,7 +553,7 @@ impl Acquisition {
 
     /// Gives up the ports, and after a removal the membership of the domain. Samples that are unanswered stay.
     fn leave(&mut self, loss: &Loss) {
-        tracing::warn!(imu = %self.imu, "cut off from the service: {loss}; joining the streams anew");
+        warn(&self.imu, format_args!("cut off from the service: {loss}; joining the streams anew"));
         self.rejoin_after_ns = (2 * self.rejoin_after_ns).min(MAX_REJOIN_NS);
         self.ports = None;
         if matches!(loss, Loss::Removed(_)) {
@@ -571,11 +572,12 @@ impl Acquisition {
                 reserve(&self.domain)
             });
             if let Err(error) = reserved {
-                tracing::warn!(imu = %self.imu, "joining the streams anew: {error}");
+                warn(&self.imu, format_args!("joining the streams anew: {error}"));
             }
             self.joins += 1;
             self.state.rejoined(now);
-            tracing::warn!(imu = %self.imu, unanswered = self.state.in_flight(), "the streams are joined again");
+            let unanswered = self.state.in_flight();
+            warn(&self.imu, format_args!("the streams are joined again, with {unanswered} samples unanswered"));
         }
         self.node = node;
     }

@@ -4,6 +4,7 @@
 use crate::clock::{boot, monotonic_ns};
 use crate::lag_option::{LagOption, TimeConstant};
 use crate::status::StatusReader;
+use crate::warning::warn;
 use core::str::FromStr;
 use isotherm_shared::lag::{Lag, SENSORS};
 use isotherm_shared::status::ImuStatus;
@@ -11,7 +12,6 @@ use isotherm_shared::stream::{Domain, ImuId, IpcNode};
 use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, RawSample};
 use std::thread;
 use std::time::{Duration, Instant};
-use tracing::warn;
 
 /// Connecting waits this long for the time constant, at most; a running service publishes its status ten times a
 /// second.
@@ -143,7 +143,7 @@ impl AcquisitionLag {
             Err(error) => {
                 if !self.warned {
                     self.warned = true;
-                    warn!("{imu}: the time constant of the lag in force is not known: {error}");
+                    warn(imu, format_args!("the time constant of the lag in force is not known: {error}"));
                 }
                 (self.asking, self.retry_ns) = (None, now + RETRY_NS);
             }

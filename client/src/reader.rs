@@ -9,6 +9,7 @@ use crate::objects::refuse_foreign;
 use crate::rehearsal::copied;
 use crate::resources::reserve;
 use crate::status::{StatusError, StatusReader};
+use crate::warning::warn;
 use core::fmt;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::{ServiceName, ZeroCopySend};
@@ -281,7 +282,7 @@ impl<T: Streamed> Reader<T> {
         let ports = [subscriber.id().value()];
         let removed = removed_object(&self.domain).map(Loss::Removed);
         let Some(loss) = removed.or_else(|| taken_connection(&self.domain, &ports).map(Loss::Taken)) else { return };
-        tracing::warn!(imu = %self.imu, "a reader is cut off from the service: {loss}; joining the stream anew");
+        warn(&self.imu, format_args!("a reader is cut off from the service: {loss}; joining the stream anew"));
         (self.status, self.arrival, self.subscriber) = (None, None, None);
         if matches!(loss, Loss::Removed(_)) {
             self.node = None;

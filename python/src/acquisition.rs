@@ -277,12 +277,11 @@ impl Acquisition {
         new_session: bool,
     ) -> PyResult<Bound<'py, PyAny>> {
         let samples = sample_bytes(samples)?;
-        let bytes = samples.as_slice()?;
-        let out = increments(py, bytes.len() / RAW);
+        let out = increments(py, samples.len() / RAW);
         let mut writable = out.readwrite();
         let window = window.map_or(self.depth, |window| window.min(self.depth));
         let mut run =
-            Run::new(bytes, writable.as_slice_mut()?, window, seconds("timeout", timeout)?, rate, new_session)?;
+            Run::new(&samples, writable.as_slice_mut()?, window, seconds("timeout", timeout)?, rate, new_session)?;
         let end = loop {
             let mut held = self.owned.hold()?;
             let state = held.open()?;

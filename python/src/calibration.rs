@@ -2,7 +2,7 @@
 
 use crate::connection::imu_id;
 use crate::errors::{CalibrationError, RecordingFault, TableError, faults, file};
-use crate::records::{Fields, RAW, document};
+use crate::records::{Fields, RAW, Values, document};
 use crate::table::Table;
 use isotherm_calibration::{
     Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, FittedRun, GravityOnlyOptions, LagChoice,
@@ -17,7 +17,7 @@ use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
 use isotherm_recording_formats::convert::{Foreign, Settings};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_statistics::OrderTable;
-use numpy::{PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1};
+use numpy::{PyArray1, PyArray2, PyArrayMethods as _};
 use pyo3::exceptions::{PyOSError, PyValueError};
 use pyo3::prelude::*;
 use serde_json::Value;
@@ -36,8 +36,8 @@ pub struct Calibration {
 
 /// A recording: the path of a file, or the bytes of rows.
 #[derive(FromPyObject)]
-pub(crate) enum Recorded<'py> {
-    Rows(PyReadonlyArray1<'py, u8>),
+pub(crate) enum Recorded {
+    Rows(Values<u8>),
     File(PathBuf),
 }
 
@@ -90,7 +90,7 @@ pub(crate) fn calibrate(
     text: String,
     path: PathBuf,
     imu: Option<&str>,
-    recordings: Option<Vec<Recorded<'_>>>,
+    recordings: Option<Vec<Recorded>>,
     by_hand: bool,
     options: Options,
 ) -> PyResult<Calibration> {
@@ -131,7 +131,7 @@ pub(crate) fn calibrate(
 #[expect(clippy::needless_pass_by_value, reason = "an argument of a Python function")]
 pub(crate) fn calibrate_one_attitude(
     py: Python<'_>,
-    recordings: Vec<Recorded<'_>>,
+    recordings: Vec<Recorded>,
     imu: &str,
     nominal: Option<&Table>,
     gravity: Option<f64>,
@@ -151,7 +151,7 @@ pub(crate) fn calibrate_one_attitude(
     made.map_err(|refused| failed(&refused))
 }
 
-impl Recorded<'_> {
+impl Recorded {
     fn path(&self) -> Option<&PathBuf> {
         if let Self::File(path) = self { Some(path) } else { None }
     }
@@ -229,11 +229,11 @@ enum Rows {
 }
 
 /// The recordings as the job takes them.
-fn sources<'a>(recordings: &'a [Recorded<'_>], rows_are: Rows) -> PyResult<Vec<Source<'a>>> {
-    let source = |(index, recorded): (usize, &'a Recorded<'_>)| match recorded {
+fn sources<'a>(recordings: &'a [Recorded], rows_are: Rows) -> PyResult<Vec<Source<'a>>> {
+    let source = |(index, recorded): (usize, &'a Recorded)| match recorded {
         Recorded::File(path) => Ok(Source::File(path.clone())),
         Recorded::Rows(rows) => {
-            let bytes = rows.as_slice()?;
+            let bytes = &**rows;
             let sha256 = sha256(bytes);
             Ok(match rows_are {
                 Rows::OfRecordings => {

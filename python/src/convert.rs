@@ -3,14 +3,14 @@
 
 use crate::errors::{RecordingFault, faults, file};
 use crate::files::{unwritten, write_file};
-use crate::records::{Fields, INCREMENT, RAW, array, raw_bytes};
+use crate::records::{Fields, INCREMENT, RAW, Values, array, raw_bytes};
 use crate::table::Table;
 use isotherm_failure::{Exit, Failure};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::convert::{Conversion, KnownColumns, Mapping, Settings};
 use isotherm_recording_formats::write::{RosTable, RosWriter};
 use isotherm_shared::wire::StreamSample;
-use numpy::{PyArray1, PyReadonlyArray1};
+use numpy::PyArray1;
 use pyo3::exceptions::{PyOSError, PyValueError};
 use pyo3::prelude::*;
 use std::fs::File;
@@ -85,12 +85,11 @@ pub(crate) fn write_ros(
     py: Python<'_>,
     path: PathBuf,
     table: &Table,
-    increments: PyReadonlyArray1<'_, u8>,
-    samples: Option<PyReadonlyArray1<'_, u8>>,
+    increments: Values<u8>,
+    samples: Option<Values<u8>>,
     table_file: PathBuf,
 ) -> PyResult<()> {
-    let increments = increments.as_slice()?;
-    let samples = samples.as_ref().map(|samples| samples.as_slice()).transpose()?.unwrap_or_default();
+    let samples = samples.unwrap_or_default();
     let known = RosTable::new(&table.0, &table_file);
     let write = || -> io::Result<()> {
         write_file(&path, |sink| {

@@ -2,13 +2,12 @@
 
 use crate::errors::StabilityError;
 use crate::offline::with_lag;
-use crate::records::document;
+use crate::records::{Values, document};
 use crate::table::Table;
 use isotherm_calibration::Origin;
 use isotherm_campaign::STANDSTILL_WINDOW_S;
 use isotherm_report::lengths as report;
 use isotherm_verification::{Lengths, LengthsError, LocalGravity, Requirement};
-use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -19,7 +18,7 @@ use pyo3::prelude::*;
 pub(crate) fn lengths<'py>(
     py: Python<'py>,
     table: &Table,
-    samples: PyReadonlyArray1<'py, u8>,
+    samples: Values<u8>,
     window: Option<f64>,
     gravity_local: Option<f64>,
     other_device: bool,
@@ -27,9 +26,8 @@ pub(crate) fn lengths<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let required: Option<Requirement> =
         require.map(str::parse).transpose().map_err(|message| PyValueError::new_err(format!("require: {message}")))?;
-    let bytes = samples.as_slice()?;
     let found = py.detach(|| {
-        let rows: Vec<_> = with_lag(bytes, &table.0).collect();
+        let rows: Vec<_> = with_lag(&samples, &table.0).collect();
         let lengths = Lengths::of(&table.0, &rows, window, LocalGravity::of(gravity_local, &table.0), other_device)?;
         let origin = Origin::of_toml(table.text(), &table.0);
         let made_the_table = origin.is_made_from(&rows.into_iter().collect(), "");

@@ -2,30 +2,28 @@
 
 use crate::errors::NoiseError;
 use crate::offline::with_lag;
-use crate::records::{Fields, RAW};
+use crate::records::{Fields, RAW, Values};
 use crate::table::Table;
 use isotherm_analysis::{Allan, MIN_ROWS, NoiseAnalysis, TemperatureLine, imu_yaml};
 use isotherm_calibration::{now, tool};
 use isotherm_finding::Severity;
 use isotherm_report::noise::{NoiseSource, html, json};
 use isotherm_shared::wire::RawSample;
-use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 
 /// The noise of a recording: the document of `isotherm noise --json`, the report, and with a table Kalibr's file.
 #[pyfunction]
 pub(crate) fn noise(
     py: Python<'_>,
-    samples: PyReadonlyArray1<'_, u8>,
+    samples: Values<u8>,
     table: Option<&Table>,
     part: [f64; 2],
     recording: String,
 ) -> PyResult<(String, String, Option<String>)> {
-    let samples = samples.as_slice()?;
     let time = now();
     py.detach(|| {
         let rows: Vec<RawSample> = match table {
-            Some(table) => with_lag(samples, &table.0).collect(),
+            Some(table) => with_lag(&samples, &table.0).collect(),
             None => samples.chunks_exact(RAW).map(|record| Fields(record).raw()).collect(),
         };
         let table = table.map(|table| &*table.0);
@@ -46,12 +44,10 @@ pub(crate) fn noise(
 #[pyfunction]
 pub(crate) fn noise_of_rates(
     py: Python<'_>,
-    rates: PyReadonlyArray1<'_, f64>,
+    rates: Values<f64>,
     interval_s: f64,
-    telemetry: Option<PyReadonlyArray1<'_, f64>>,
+    telemetry: Option<Values<f64>>,
 ) -> PyResult<String> {
-    let rates = rates.as_slice()?;
-    let telemetry = telemetry.as_ref().map(|telemetry| telemetry.as_slice()).transpose()?;
     if rates.len() < MIN_ROWS {
         return Err(NoiseError::new_err(format!("{} rates; at least {MIN_ROWS} are needed", rates.len())));
     }
@@ -59,9 +55,9 @@ pub(crate) fn noise_of_rates(
         return Err(NoiseError::new_err(format!("rates[{index}] is {}, give finite numbers", rates[index])));
     }
     py.detach(|| {
-        let allan = Allan::of(rates, interval_s);
+        let allan = Allan::of(&rates, interval_s);
         let allan = allan.ok_or_else(|| NoiseError::new_err("the rates never change"))?;
-        let line = telemetry.and_then(|telemetry| TemperatureLine::of(rates, telemetry, interval_s, &allan));
+        let line = telemetry.and_then(|telemetry| TemperatureLine::of(&rates, &telemetry, interval_s, &allan));
         Ok(json::rates(&allan, line.as_ref()).to_string())
     })
 }

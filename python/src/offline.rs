@@ -3,7 +3,7 @@
 use crate::convert::exception;
 use crate::errors::{StabilityError, file, recording};
 use crate::files::{unwritten, write_file};
-use crate::records::{Fields, INCREMENT, RAW, array, document, increment_bytes, increments, python, view};
+use crate::records::{Fields, INCREMENT, RAW, Values, array, document, increment_bytes, increments, python, view};
 use crate::table::Table;
 use isotherm_calibration::{Origin, now, tool};
 use isotherm_finding::Finding;
@@ -24,7 +24,7 @@ use isotherm_statistics::{
     DataPoint, DoubleDouble, LinearColumn, MAX_ORDER, OrderTable, Regression, Rule, default_order,
 };
 use isotherm_verification::{Collector, LocalGravity, Requirement, Setup, Stability as Figures};
-use numpy::{PyArray1, PyArrayMethods as _, PyReadonlyArray1};
+use numpy::{PyArray1, PyArrayMethods as _};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::fs::File;
@@ -34,17 +34,12 @@ use std::sync::Arc;
 
 /// The increments of raw samples; samples and increments are bytes.
 #[pyfunction]
-pub(crate) fn replay<'py>(
-    py: Python<'py>,
-    table: &Table,
-    samples: PyReadonlyArray1<'py, u8>,
-) -> PyResult<Bound<'py, PyArray1<u8>>> {
-    let samples = samples.as_slice()?;
+pub(crate) fn replay<'py>(py: Python<'py>, table: &Table, samples: Values<u8>) -> PyResult<Bound<'py, PyArray1<u8>>> {
     let out = increments(py, samples.len() / RAW);
     let mut writable = out.readwrite();
     let places = writable.as_slice_mut()?;
     py.detach(|| {
-        for (sample, place) in with_lag(samples, &table.0).zip(places.chunks_exact_mut(INCREMENT)) {
+        for (sample, place) in with_lag(&samples, &table.0).zip(places.chunks_exact_mut(INCREMENT)) {
             place.copy_from_slice(&increment_bytes(&answer(Some(&table.0), &sample)));
         }
     });
@@ -55,8 +50,7 @@ pub(crate) fn replay<'py>(
 /// What the commands warn of: intervals that are not the time from row to row, lost time, missing rows, scale factors
 /// of another interval.
 #[pyfunction]
-pub(crate) fn time_warnings(py: Python<'_>, table: &Table, samples: PyReadonlyArray1<'_, u8>) -> PyResult<Vec<String>> {
-    let samples = samples.as_slice()?;
+pub(crate) fn time_warnings(py: Python<'_>, table: &Table, samples: Values<u8>) -> PyResult<Vec<String>> {
     let rows = samples.chunks_exact(RAW).map(|record| Period::from(&Fields(record).raw()));
     let found = py.detach(|| {
         let continuity: Continuity = rows.collect();
@@ -153,8 +147,7 @@ pub(crate) fn repair(py: Python<'_>, source: PathBuf, target: PathBuf) -> PyResu
 
 /// Writes raw samples as a recording.
 #[pyfunction]
-pub(crate) fn write_recording(py: Python<'_>, path: PathBuf, samples: PyReadonlyArray1<'_, u8>) -> PyResult<()> {
-    let samples = samples.as_slice()?;
+pub(crate) fn write_recording(py: Python<'_>, path: PathBuf, samples: Values<u8>) -> PyResult<()> {
     let write = || -> io::Result<()> {
         let all = || samples.chunks_exact(RAW).map(|record| Fields(record).raw());
         let telemetry = all().any(|raw| raw.telemetry_ns != 0);
@@ -170,13 +163,7 @@ pub(crate) fn write_recording(py: Python<'_>, path: PathBuf, samples: PyReadonly
 
 /// Writes increments as `replay` does, or with `delivery` as `feed --delivery` does.
 #[pyfunction]
-pub(crate) fn write_increments(
-    py: Python<'_>,
-    path: PathBuf,
-    increments: PyReadonlyArray1<'_, u8>,
-    delivery: bool,
-) -> PyResult<()> {
-    let increments = increments.as_slice()?;
+pub(crate) fn write_increments(py: Python<'_>, path: PathBuf, increments: Values<u8>, delivery: bool) -> PyResult<()> {
     let write = || -> io::Result<()> {
         let all = || increments.chunks_exact(INCREMENT).map(|record| Fields(record).increment());
         let gyroscopes = all().any(|increment| Layout::of(&StreamSample::Increment(increment)).gyroscopes);
@@ -194,17 +181,14 @@ pub(crate) fn write_increments(
 #[pyfunction]
 pub(crate) fn regress(
     py: Python<'_>,
-    x: PyReadonlyArray1<'_, f64>,
-    y: PyReadonlyArray1<'_, f64>,
-    weights: Option<PyReadonlyArray1<'_, f64>>,
-    linear: Vec<(String, PyReadonlyArray1<'_, f64>)>,
+    x: Values<f64>,
+    y: Values<f64>,
+    weights: Option<Values<f64>>,
+    linear: Vec<(String, Values<f64>)>,
     max_order: Option<usize>,
     min_effect: Option<f64>,
 ) -> PyResult<String> {
-    let (x, y, weights) =
-        (x.as_slice()?, y.as_slice()?, weights.as_ref().map(|weights| weights.as_slice()).transpose()?);
-    let linear = linear.iter().map(|(name, values)| Ok((name, values.as_slice()?))).collect::<PyResult<Vec<_>>>()?;
-    if x.len() != y.len() || weights.is_some_and(|weights| weights.len() != x.len()) {
+    if x.len() != y.len() || weights.as_ref().is_some_and(|weights| weights.len() != x.len()) {
         return Err(PyValueError::new_err("x, y and weights must be of one length"));
     }
     if let Some(order) = max_order.filter(|order| !(1..=MAX_ORDER).contains(order)) {
@@ -214,15 +198,16 @@ pub(crate) fn regress(
         return Err(PyValueError::new_err(format!("min_effect is {effect}, give a number from 0")));
     }
     let document = py.detach(|| {
-        let points =
-            (0..x.len()).map(|i| point(i, x[i], y[i], weights.map(|weights| weights[i]))).collect::<Result<_, _>>()?;
-        let column = |&(name, values): &(&String, &[f64])| {
+        let points = (0..x.len())
+            .map(|i| point(i, x[i], y[i], weights.as_ref().map(|weights| weights[i])))
+            .collect::<Result<_, _>>()?;
+        let column = |(name, values): &(String, Values<f64>)| {
             let values =
                 values.iter().enumerate().map(|(i, value)| decimal(name, i, *value)).collect::<Result<_, _>>()?;
             Ok::<_, String>(LinearColumn { name: name.clone(), values })
         };
         let linear: Vec<_> = linear.iter().map(column).collect::<Result<_, _>>()?;
-        let order = max_order.unwrap_or_else(|| default_order(x, linear.len()));
+        let order = max_order.unwrap_or_else(|| default_order(&x, linear.len()));
         let regression = Regression::with_linear(points, "x", linear, order).map_err(|error| error.to_string())?;
         Ok::<_, String>(OrderTable::choose(regression, &Rule { effect: min_effect, ..Rule::default() }).json())
     });
@@ -277,7 +262,7 @@ impl Require {
 pub(crate) fn verify(
     py: Python<'_>,
     table: &Table,
-    samples: PyReadonlyArray1<'_, u8>,
+    samples: Values<u8>,
     window: f64,
     attitude: Option<[f64; 3]>,
     angles: Option<[f64; 2]>,
@@ -285,12 +270,11 @@ pub(crate) fn verify(
     other_device: bool,
     recording: String,
 ) -> PyResult<Stability> {
-    let samples = samples.as_slice()?;
     let setup = Setup { other_device, ..Setup::new(attitude, LocalGravity::of(gravity_local, &table.0)) };
     let setup = setup.at_angles(&table.0, angles).map_err(PyValueError::new_err)?;
     let figures = py.detach(|| {
         let mut collector = Collector::new(&table.0, window);
-        with_lag(samples, &table.0).for_each(|sample| collector.add(&sample));
+        with_lag(&samples, &table.0).for_each(|sample| collector.add(&sample));
         let made_the_table = Origin::of_toml(table.text(), &table.0).is_made_from(collector.marks(), "");
         collector.finish(&setup).map(|stability| Figures { made_the_table, ..stability })
     });

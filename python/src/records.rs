@@ -1,7 +1,8 @@
 //! Samples and increments as bytes of NumPy's structured arrays, and the Python class `Increment`.
 
+use core::ops::Deref;
 use isotherm_shared::wire::{AXES, CompensatedIncrement, RawSample, Triad};
-use numpy::{PyArray1, PyReadonlyArray1};
+use numpy::{Element, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 
@@ -127,6 +128,28 @@ pub(crate) fn increment_bytes(increment: &CompensatedIncrement) -> [u8; INCREMEN
     record
 }
 
+/// The values of a contiguous array. They are copied: while the interpreter's lock is released, another thread may write
+/// into the array.
+#[derive(Debug, Default)]
+pub(crate) struct Values<T>(Vec<T>);
+
+impl<'py, T: Element + Copy> FromPyObject<'_, 'py> for Values<T> {
+    type Error = PyErr;
+
+    fn extract(array: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        let array: PyReadonlyArray1<'py, T> = array.extract()?;
+        Ok(Self(array.as_slice()?.to_vec()))
+    }
+}
+
+impl<T> Deref for Values<T> {
+    type Target = [T];
+
+    fn deref(&self) -> &[T] {
+        &self.0
+    }
+}
+
 /// A function or value of a module of this package that is written in Python.
 pub(crate) fn python<'py>(py: Python<'py>, module: &str, name: &str) -> PyResult<Bound<'py, PyAny>> {
     py.import(format!("isotherm.{module}"))?.getattr(name)
@@ -137,9 +160,8 @@ pub(crate) fn document<'py>(py: Python<'py>, document: &serde_json::Value) -> Py
     py.import("json")?.call_method1("loads", (document.to_string(),))
 }
 
-/// The records of `samples` (an array or a data frame) as the bytes of one contiguous array:
-/// `isotherm._records.sample_bytes`.
-pub(crate) fn sample_bytes<'py>(samples: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArray1<'py, u8>> {
+/// The bytes of the records of `samples` (an array or a data frame): `isotherm._records.sample_bytes`.
+pub(crate) fn sample_bytes(samples: &Bound<'_, PyAny>) -> PyResult<Values<u8>> {
     static FUNCTION: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let py = samples.py();
     let function = FUNCTION.get_or_try_init(py, || python(py, "_records", "sample_bytes").map(Bound::unbind))?;

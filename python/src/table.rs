@@ -1,11 +1,12 @@
 //! The Python classes `Table`, `Axis` and `Polynomial`.
 
 use crate::errors::{TableError, faults, file};
+use crate::records::Values;
 use isotherm_shared::document::MAX_BYTES;
 use isotherm_shared::polynomial::Polynomial as Curve;
 use isotherm_shared::table::{Axis as Coefficients, CoefficientTable};
 use isotherm_shared::units::SensorKind;
-use numpy::{PyArray1, PyArrayMethods as _, PyReadonlyArray1};
+use numpy::{PyArray1, PyArrayMethods as _};
 use pyo3::prelude::*;
 use std::fs::File;
 use std::io::{self, Read as _};
@@ -275,13 +276,12 @@ impl Polynomial {
             return Ok(self.curve.at(value).into_pyobject(py)?.into_any());
         }
         let flat = crate::records::python(py, "_records", "flat_doubles")?.call1((telemetry,))?;
-        let values: PyReadonlyArray1<'_, f64> = flat.extract()?;
-        let values = values.as_slice()?;
+        let values: Values<f64> = flat.extract()?;
         let out = PyArray1::zeros(py, values.len(), false);
         {
             let mut writable = out.readwrite();
             let results = writable.as_slice_mut()?;
-            py.detach(|| results.iter_mut().zip(values).for_each(|(result, value)| *result = self.curve.at(*value)));
+            py.detach(|| results.iter_mut().zip(&*values).for_each(|(result, value)| *result = self.curve.at(*value)));
         }
         out.call_method1("reshape", (telemetry.getattr("shape")?,))
     }

@@ -737,6 +737,32 @@ def test_waiting_lets_other_threads_run(domain: DomainUnderTest) -> None:
     assert during > 10, during
 
 
+def test_an_array_may_be_changed_while_a_call_works_with_it(
+    domain: DomainUnderTest, recorded: isotherm.Records, table: isotherm.Table
+) -> None:
+    domain.serve()
+    samples = recorded[:100].copy()
+    changed = threading.Event()
+
+    def change() -> None:
+        with isotherm.IncrementReader("imu-a", timeout=TIMEOUT) as reader:
+            ready.set()
+            assert reader.receive(TIMEOUT) is not None
+            samples.view(np.uint8)[:] = 0
+            changed.set()
+
+    ready = threading.Event()
+    thread = threading.Thread(target=change)
+    thread.start()
+    assert ready.wait(TIMEOUT)
+    with isotherm.Acquisition("imu-a", timeout=TIMEOUT) as acquisition:
+        # Half a second: the array changes after the first of the samples.
+        got = acquisition.run(samples, rate=200.0, timeout=TIMEOUT)
+    thread.join()
+    assert changed.is_set() and not samples.view(np.uint8).any()
+    assert same(got, isotherm.replay(table, recorded[:100]))
+
+
 @pytest.mark.parametrize("wait", ["reader.receive(1e9)", "next(reader)", "acquisition.receive(1e9)", "acquisition.run(samples, rate=0.01)"])
 def test_ctrl_c_ends_a_wait(domain: DomainUnderTest, wait: str) -> None:
     domain.serve()

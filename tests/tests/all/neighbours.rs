@@ -288,13 +288,22 @@ fn a_table_or_configuration_of_another_user_is_refused() {
         if !plant(script, &table) {
             return;
         }
-        let refused = "table refused, the one in force stays: ";
-        service.wait_for_log(&format!("{refused}{}:1: it belongs to user 65534, ", table.display()));
-        let status = domain.run_ok(&["status"]);
-        assert!(status.contains("REFUSED") && status.contains("chown -h 0 "), "{status}");
-        service.terminate();
+        let assert_refused = |service: Process| {
+            service.wait_for_log(&format!("{}:1: it belongs to user 65534, ", table.display()));
+            let status = domain.run_ok(&["status"]);
+            assert!(status.contains("REFUSED") && status.contains("chown -h 0 "), "{status}");
+            service.terminate();
+        };
+        assert_refused(service);
+        // A start has the kept table.
+        assert_refused(domain.serve(&arguments[1..]));
         fs::remove_file(&table).unwrap();
     }
+    let forget = || {
+        fs::remove_dir_all(domain.path(".state")).unwrap();
+        domain.run_ok(&["clean"]);
+    };
+    forget();
     for (path, scripts) in [
         (&table, [as_link.clone(), next.clone()]),
         (&configuration, [as_link, as_file("[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n")]),
@@ -313,6 +322,7 @@ fn a_table_or_configuration_of_another_user_is_refused() {
             if !path.is_symlink() {
                 domain.run_ok(&["check", path.to_str().unwrap()]);
                 domain.serve(&[&arguments[1..], &["--allow-world-writable"]].concat()).terminate();
+                forget();
             }
             fs::remove_file(path).unwrap();
         }

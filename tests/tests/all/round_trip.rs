@@ -296,7 +296,7 @@ fn an_uncalibrated_imu_gets_nan_until_its_table_appears() {
     wait_until("the refusal", || !waits());
     let words = domain.run_ok(&["status"]);
     assert!(words.contains("REFUSED") && !words.contains("waits for"), "{words}");
-    std::fs::remove_file(domain.path("imu-a.toml")).unwrap();
+    fs::remove_file(domain.path("imu-a.toml")).unwrap();
     wait_until("the wait", waits);
     domain.replace("imu-a.toml", TABLE);
     wait_until("the first table", || round_trip(&mut acquisition, &sample).table == table(TABLE).id());

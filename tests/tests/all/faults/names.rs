@@ -39,6 +39,8 @@ fn an_acquisition_whose_connections_another_user_makes_joins_again() {
     let end = feed.end(2 * TIMEOUT);
     assert_eq!(end, Some(End::Exited(0)), "{}", feed.log());
     assert!(taken.load(Ordering::Relaxed) > 0);
+    let log = feed.log();
+    assert!(log.contains("warning: IMU imu-a: cut off from the service: another user has made /dev/shm/"), "{log}");
     let replayed = ground.domain.run_ok(&["replay", "--table", "imu-a.toml", RUN]);
     assert!(fs::read_to_string(ground.domain.path("fed.csv")).unwrap() == replayed);
     service.terminate();
