@@ -2,10 +2,11 @@
 
 use super::progress::{STATUS, Snapshot};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::check_own_folder;
+use isotherm_files::{check_own_folder, open_without_waiting};
+use isotherm_shared::document::MAX_BYTES;
 use rustix::fs::OFlags;
 use rustix::process::{Pid, Signal, kill_process};
-use std::fs::{self, File, OpenOptions, Permissions, TryLockError};
+use std::fs::{File, OpenOptions, Permissions, TryLockError};
 use std::io::{self, Read as _, Seek as _, Write as _};
 use std::os::unix::fs::{OpenOptionsExt as _, PermissionsExt as _};
 use std::path::Path;
@@ -76,9 +77,10 @@ impl Lock {
 }
 
 fn pid_in(mut file: &File) -> Option<i32> {
+    const MOST: u64 = 32;
     let mut text = String::new();
     file.rewind().ok()?;
-    file.read_to_string(&mut text).ok()?;
+    file.take(MOST).read_to_string(&mut text).ok()?;
     text.trim().parse().ok()
 }
 
@@ -88,7 +90,7 @@ fn pid_in(mut file: &File) -> Option<i32> {
 /// If the lock cannot be inspected: only the user who runs the campaign may.
 pub fn runner_pid(folder: &Path) -> Result<Option<i32>, Failure> {
     let path = folder.join(LOCK);
-    let file = match OpenOptions::new().read(true).custom_flags(OFlags::NONBLOCK.bits().cast_signed()).open(&path) {
+    let file = match open_without_waiting(&path) {
         Ok(file) => file,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(Failure::io("opening", &path, &error)),
@@ -106,9 +108,10 @@ pub fn runner_pid(folder: &Path) -> Result<Option<i32>, Failure> {
 /// If the status file cannot be read.
 pub fn snapshot(folder: &Path) -> Result<Option<Snapshot>, Failure> {
     let path = folder.join(STATUS);
-    match fs::read_to_string(&path) {
+    let mut text = String::new();
+    match open_without_waiting(&path).and_then(|file| file.take(MAX_BYTES).read_to_string(&mut text)) {
         // A file of another version counts as missing.
-        Ok(text) => Ok(serde_json::from_str(&text).ok()),
+        Ok(_) => Ok(serde_json::from_str(&text).ok()),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
         Err(error) => Err(Failure::io("reading", &path, &error)),
     }
@@ -117,8 +120,9 @@ pub fn snapshot(folder: &Path) -> Result<Option<Snapshot>, Failure> {
 /// Asks the runner to end in the safe state and waits until it has ended. Returns whether there was a runner.
 ///
 /// # Errors
-/// If it does not end within `timeout`.
+/// If it does not end within `timeout`, or others may write into the folder: they could name any process there.
 pub fn stop(folder: &Path, timeout: Duration) -> Result<bool, Failure> {
+    check_own_folder(folder).map_err(|error| Failure::io("looking into", folder, &error))?;
     let Some(pid) = runner_pid(folder)? else { return Ok(false) };
     // The signal fails if the runner has just ended by itself, which is fine.
     let _ = Pid::from_raw(pid).map(|pid| kill_process(pid, Signal::TERM));

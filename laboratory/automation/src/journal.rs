@@ -7,17 +7,20 @@ use super::plan::{BACK, Plan, RAMP_FILE, RAMP_KEY, RUN_FILE, RUN_KEY, SAMPLES, w
 use isotherm_calibration::{sha256, tool};
 use isotherm_client::unix_s;
 use isotherm_failure::{Exit, Failure};
+use isotherm_files::open_without_waiting;
 use isotherm_shared::stream::ImuId;
 use serde::{Deserialize, Serialize};
 use std::fmt;
-use std::fs::{self, File, OpenOptions};
-use std::io::{self, Read as _, Seek as _, SeekFrom, Write as _};
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufRead as _, BufReader, Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 
 /// The journal's file in the campaign's folder.
 pub const JOURNAL: &str = "journal.jsonl";
 /// Version of the format of the lines.
 const FORMAT: u32 = 1;
+/// Most bytes of a line.
+const MAX_LINE: u64 = 1 << 20;
 
 /// A line of the journal.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
@@ -357,24 +360,31 @@ impl Journal {
 /// # Errors
 /// If the journal cannot be read, or a complete line is not an entry.
 pub fn read(path: &Path) -> Result<(Vec<JournalLine>, u64), Failure> {
-    let text = match fs::read(path) {
-        Ok(text) => text,
+    let failed = |error: io::Error| Failure::io("reading the journal", path, &error);
+    let mut file = match open_without_waiting(path) {
+        Ok(file) => BufReader::new(file),
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok((Vec::new(), 0)),
-        Err(error) => return Err(Failure::io("reading the journal", path, &error)),
+        Err(error) => return Err(failed(error)),
     };
-    let whole = text.iter().rposition(|&byte| byte == b'\n').map_or(0, |last| last + 1);
-    let lines = text[..whole].split_inclusive(|&byte| byte == b'\n').enumerate();
-    let lines = lines.map(|(index, line)| {
-        serde_json::from_slice(line).map_err(|error| {
+    let (mut lines, mut whole, mut line) = (Vec::new(), 0, Vec::new());
+    loop {
+        line.clear();
+        (&mut file).take(MAX_LINE).read_until(b'\n', &mut line).map_err(failed)?;
+        let is_whole = line.ends_with(b"\n");
+        if !is_whole && (line.len() as u64) < MAX_LINE {
+            return Ok((lines, whole));
+        }
+        let entry = serde_json::from_slice(&line).map_err(|error| {
             let message = format!(
                 "{}:{}: not a line of a journal: {error}; restore it, or begin anew in another folder",
                 path.display(),
-                index + 1
+                lines.len() + 1
             );
             Failure::new(Exit::Data, message)
-        })
-    });
-    Ok((lines.collect::<Result<_, _>>()?, whole as u64))
+        });
+        lines.push(entry?);
+        whole += line.len() as u64;
+    }
 }
 
 /// Whether a runner has started in `folder` without a confirmed safe state since, or the journal cannot be read.
@@ -514,6 +524,7 @@ fn check_unchanged(folder: &Path, kept: &[Kept]) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     fn plan(folder: &Path) -> Plan {
         let text = include_str!("../../../examples/plan.toml");

@@ -24,11 +24,11 @@ use isotherm_calibration::{Hashed, implausible as gyroscopes_implausible};
 use isotherm_campaign::implausible;
 use isotherm_client::{Options, Realtime, Tap, TapSettings, monotonic_ns};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::replace;
+use isotherm_files::{Trust, read_text, replace};
 use isotherm_recording::{Layout, RawCsvWriter};
 use isotherm_shared::stream::{ImuId, StreamKind};
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, StreamSample, Triad, device};
-use std::fs::{self, File, OpenOptions};
+use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead as _, BufReader, BufWriter, Read as _, Seek as _, SeekFrom};
 use std::mem;
 use std::time::{Duration, Instant};
@@ -672,9 +672,9 @@ impl RowSum {
 /// If it cannot be written.
 pub fn write_campaign_file(plan: &Plan) -> Result<(), Failure> {
     let path = plan.output.join("campaign.toml");
-    match fs::read_to_string(&path) {
-        Ok(text) if text == plan.campaign_toml => return Ok(()),
-        Ok(text) => {
+    match read_text(&path, Trust::Any) {
+        Ok((text, _)) if text == plan.campaign_toml => return Ok(()),
+        Ok((text, _)) => {
             // What is there less is at the end.
             let pairs = text.lines().chain([""]).zip(plan.campaign_toml.lines().chain([""]));
             let different = (1..).zip(pairs).find(|(_, (there, planned))| there != planned);

@@ -8,7 +8,7 @@ use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{CoefficientTable, MAX_TABLE_BYTES};
 use rustix::process::geteuid;
 use std::fmt;
-use std::fs::{self, Metadata, OpenOptions};
+use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Read as _};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
@@ -130,6 +130,14 @@ impl Trust {
     }
 }
 
+/// Opens a file for reading. Where the path is a pipe, it does not wait for a writer.
+///
+/// # Errors
+/// If it cannot be opened.
+pub fn open_without_waiting(path: &Path) -> io::Result<File> {
+    OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK).open(path)
+}
+
 /// Reads the text of a table or configuration. Returns also the state of the file from which it was read.
 ///
 /// # Errors
@@ -146,8 +154,7 @@ fn read(path: &Path, trust: Trust, limit: u64, kind: &str) -> Result<(String, Id
         path: path.to_owned(),
         faults: Faults(vec![Fault { line, key: String::new(), message }]),
     };
-    // Non-blocking: if the path is a pipe, opening it would wait for a writer.
-    let mut file = OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK).open(path).map_err(io)?;
+    let mut file = open_without_waiting(path).map_err(io)?;
     let before = file.metadata().map_err(io)?;
     if !before.is_file() {
         return Err(refused(1, "not a regular file".to_owned()));

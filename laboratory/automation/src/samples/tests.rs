@@ -2,6 +2,7 @@ use super::*;
 use crate::plan::{Plan, SAMPLES};
 use isotherm_campaign::{Campaign, read_dwells};
 use isotherm_recording::CampaignCsvReader;
+use std::fs;
 use std::path::Path;
 use tempfile::TempDir;
 
