@@ -5,7 +5,7 @@
 
 use clap::Command;
 use isotherm_tests::{Needs, RUN, TABLE, TestDomain, skip, text, variant};
-use rustix::fs::{CWD, FileType, Mode, mknodat};
+use rustix::fs::{CWD, FileType, Mode, OFlags, mknodat, open};
 use std::collections::BTreeSet;
 use std::fs::{self, File, Permissions};
 use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, lchown, symlink};
@@ -275,6 +275,8 @@ impl Fixture {
     fn attempt(&self, writing: &Writing, object: &str, path: &Path, out: &Path) -> Option<String> {
         self.plant(object, path);
         let before = fs::symlink_metadata(path).unwrap();
+        // While it is open, no other file gets its number.
+        let _planted = open(path, OFlags::PATH | OFlags::NOFOLLOW, Mode::empty()).unwrap();
         let (code, said) = self.run(writing, out);
         let context = format!("{} with a {object}: {code:?}\n{said}", writing.option);
         self.assert_untouched(&context);
