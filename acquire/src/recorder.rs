@@ -1,7 +1,7 @@
 //! Records samples in a thread of its own, so that a slow disk does not hold the line up.
 
 use isotherm_client::{ImuId, RawSample, unix_s};
-use isotherm_failure::{Exit, Failure, tell};
+use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::write::{FileError, Files, Format, Rotation, is_vacant};
 use isotherm_shared::stream::StreamKind;
@@ -31,7 +31,7 @@ impl Recorder {
     /// # Errors
     /// If there is such a file with rows, or the ending names no format.
     pub(crate) fn check(path: &Path) -> Result<Format, Failure> {
-        let name = || format!("{}: name the recording .csv, .parquet or .mcap", path.display());
+        let name = || format!("{}: name the recording .csv, .parquet or .mcap", shown(path));
         let format = Format::of_path(path).ok_or_else(|| Failure::new(Exit::Usage, name()))?;
         match is_vacant(path) {
             true => Ok(format),

@@ -4,7 +4,7 @@ use crate::diagnosis::Diagnosis;
 use crate::gravity_only::error::GravityOnlyError;
 use crate::one_stage::OneStageError;
 use crate::transients::TransientsError;
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_finding::{Finding, Severity, name};
 use isotherm_shared::table::Refusal;
 use isotherm_statistics::RegressionError;
@@ -132,12 +132,12 @@ impl CalibrationError {
             }
             Self::Options(_) | Self::GravityOnly(_) => self.to_string(),
             // The name of the recording is in the message.
-            Self::Transients(_) => format!("{}: the ramps: {self}", campaign.display()),
+            Self::Transients(_) => format!("{}: the ramps: {self}", shown(campaign)),
             Self::Positions(deficiencies) | Self::Curves(deficiencies) => {
-                let line = |deficiency: &String| format!("{}: {deficiency}", campaign.display());
+                let line = |deficiency: &String| format!("{}: {deficiency}", shown(campaign));
                 deficiencies.iter().map(line).collect::<Vec<_>>().join("\n")
             }
-            _ => format!("{}: {self}", samples.display()),
+            _ => format!("{}: {self}", shown(samples)),
         };
         let failure = Failure::new(exit, message);
         match self {

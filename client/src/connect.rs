@@ -10,6 +10,7 @@ use crate::resources::check_room;
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::prelude::{NodeBuilder, ServiceName, SignalHandlingMode};
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
+use isotherm_failure::shown;
 use isotherm_shared::group;
 use isotherm_shared::stream::{self, Domain, DomainError, ImuId, IpcNode};
 use std::path::Path;
@@ -160,7 +161,7 @@ pub fn check_domain(domain: &Domain) -> Result<(), ConnectError> {
 pub fn sweep_half_created(domain: &Domain) -> Result<(), ConnectError> {
     let half_created = || domain_files(domain).filter(OwnFile::is_half_created);
     sweep(half_created, |path| drop(fs::remove_file(path))).map_err(|path| {
-        let cause = format!("processes of this user keep creating objects, the last one {}", path.display());
+        let cause = format!("processes of this user keep creating objects, the last one {}", shown(&path));
         ConnectError::transport("joining the domain", cause)
     })
 }

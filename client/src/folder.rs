@@ -2,6 +2,7 @@
 
 use crate::error::{ConnectError, permission};
 use crate::objects::Note;
+use isotherm_failure::shown;
 use isotherm_shared::group;
 use isotherm_shared::stream::Domain;
 use rustix::fs::{Access, Mode, OFlags, access, open, statvfs};
@@ -47,7 +48,7 @@ fn inspect(domain: &Domain) -> Result<bool, ConnectError> {
     let parent_mode = fs::metadata(parent).map_err(failed)?.mode();
     let shared = parent_mode & EVERYBODY != 0;
     if shared && parent_mode & STICKY == 0 {
-        let parent = parent.display();
+        let parent = shown(parent);
         return foreign(format!(
             "everybody may replace {root}; chmod o-w {parent}, or name another folder in ISOTHERM_ROOT"
         ));
@@ -120,7 +121,7 @@ pub fn give_to_group(domain: &Domain, group: Option<u32>) -> Result<(), String> 
     let parent = Path::new(root).parent().unwrap_or(Path::new("/"));
     let failed = |error: io::Error| format!("the domain's folder {root}: {error}");
     if fs::metadata(parent).map_err(failed)?.mode() & EVERYBODY != 0 {
-        let parent = parent.display();
+        let parent = shown(parent);
         return Err(format!(
             "everybody may make a folder in {parent}; name another folder in ISOTHERM_ROOT, such as /run/isotherm"
         ));

@@ -6,6 +6,7 @@
 
 use crate::objects::{SHARED_MEMORY, entries, is_trusted};
 use core::fmt;
+use isotherm_failure::shown;
 use isotherm_shared::stream::Domain;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -28,9 +29,9 @@ impl fmt::Display for Loss {
             Self::Removed(path) => write!(
                 f,
                 "{} was removed under the running processes: by systemd-logind at a logout (RemoveIPC), or by somebody who tidied up",
-                path.display()
+                shown(path)
             ),
-            Self::Taken(path) => write!(f, "another user has made {} first", path.display()),
+            Self::Taken(path) => write!(f, "another user has made {} first", shown(path)),
             Self::Silence(time) => write!(f, "the service has not answered for {} s", time.as_secs()),
         }
     }

@@ -5,6 +5,7 @@
 //! regular files of this user count.
 
 use crate::error::ConnectError;
+use isotherm_failure::shown;
 use isotherm_shared::group;
 pub(crate) use isotherm_shared::own_storage::SHARED_MEMORY;
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain};
@@ -144,10 +145,7 @@ pub(crate) fn refuse_foreign(domain: &Domain) -> Result<(), ConnectError> {
     };
     let foreign = |entry: &DirEntry| in_use(entry) && entry.metadata().is_ok_and(|found| !is_trusted(domain, &found));
     let Some(entry) = entries(Path::new(SHARED_MEMORY), &domain.prefix()).find(foreign) else { return Ok(()) };
-    Err(ConnectError::Foreign(format!(
-        "{} is not this user's; its owner or root can remove it",
-        entry.path().display()
-    )))
+    Err(ConnectError::Foreign(format!("{} is not this user's; its owner or root can remove it", shown(&entry.path()))))
 }
 
 /// Why the streams of `domain` cannot be opened, if their memory was removed: their files are there without it. A

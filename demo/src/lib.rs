@@ -9,7 +9,7 @@ use acquisition::{Message, RunOutcome};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use isotherm_client::{Domain, ImuId, Options, STATE_VARIABLE, fetch_status};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{StagedText, print};
 use isotherm_service::clean::clean;
 use isotherm_shared::polynomial::Polynomial;
@@ -79,7 +79,7 @@ impl Demo {
         print(&text)?;
         if let Some(report) = report {
             report.write(&text)?.finish()?;
-            print(&format!("\nThe same in {}.\n", self.report.display()))?;
+            print(&format!("\nThe same in {}.\n", shown(&self.report)))?;
         }
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use indicatif::ProgressBar;
 use isotherm_campaign::{Campaign, select_imu};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{LoadError, Trust, read_text};
 use std::path::{Path, PathBuf};
 
@@ -49,7 +49,7 @@ impl CampaignFile {
     /// As [`campaigns`](Self::campaigns), and if it is not in the file.
     pub fn campaign(&self, imu: Option<&str>) -> Result<Campaign, Failure> {
         let chosen = select_imu(self.campaigns()?, imu);
-        chosen.map_err(|message| Failure::new(Exit::Usage, format!("{}: {message}", self.path.display())))
+        chosen.map_err(|message| Failure::new(Exit::Usage, format!("{}: {message}", shown(&self.path))))
     }
 
     /// Its name without the folder.

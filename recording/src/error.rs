@@ -1,6 +1,6 @@
 //! The error of readers of recordings.
 
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, one_line, shown};
 use std::io;
 use std::path::Path;
 
@@ -36,14 +36,13 @@ impl RecordingError {
     /// The failure of a program that reads the file `path`.
     #[must_use]
     pub fn failure(&self, path: &Path) -> Failure {
+        let data = |place: &str, message: &str, line| {
+            Failure::new(Exit::Data, format!("{}{place}: {}", shown(path), one_line(message))).at(path, line)
+        };
         match self {
-            Self::Data { line, message } => {
-                Failure::new(Exit::Data, format!("{}:{line}: {message}", path.display())).at(path, Some(*line))
-            }
-            Self::Place { .. } => Failure::new(Exit::Data, format!("{}: {self}", path.display())).at(path, None),
-            Self::Io(error) if error.raw_os_error().is_none() => {
-                Failure::new(Exit::Data, format!("{}: {error}", path.display())).at(path, None)
-            }
+            Self::Data { line, message } => data(&format!(":{line}"), message, Some(*line)),
+            Self::Place { .. } => data("", &self.to_string(), None),
+            Self::Io(error) if error.raw_os_error().is_none() => data("", &error.to_string(), None),
             Self::Io(error) => Failure::io("reading", path, error),
             Self::Piece(failure) => {
                 Failure { place: failure.place.clone(), ..Failure::new(failure.exit, failure.message.as_str()) }

@@ -32,7 +32,7 @@ use isotherm_client::{
     Realtime, check_domain, check_owner, check_room, clock_offset_ns, join, monotonic_ns, pid_namespace, process_kb,
     removed_object, reserve, unix_s,
 };
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::Trust;
 use isotherm_shared::status::ServiceStatus;
 use isotherm_shared::stream::{Domain, IpcNode};
@@ -477,7 +477,7 @@ impl<'a> Service<'a> {
     fn log_silent_folders(&mut self) {
         let silent: Vec<_> = self.files.silent_folders().into_iter().map(Path::to_owned).collect();
         for folder in silent.iter().filter(|folder| !self.logged.silent_folders.contains(folder)) {
-            warn!("the disk of {} does not answer: new tables there are not seen until it does", folder.display());
+            warn!("the disk of {} does not answer: new tables there are not seen until it does", shown(folder));
         }
         self.logged.silent_folders = silent;
     }
@@ -538,7 +538,7 @@ impl<'a> Service<'a> {
         let cause = format!(
             "{} was removed under the running service: by systemd-logind at a logout (RemoveIPC), or by somebody who tidied up; no other \
              process can connect",
-            object.display()
+            shown(object)
         );
         error!("{cause}: beginning anew");
         let lock = self.stop()?;

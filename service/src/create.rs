@@ -13,7 +13,7 @@ use iceoryx2::service::builder::publish_subscribe::{
 };
 use iceoryx2::service::port_factory::publish_subscribe;
 use isotherm_client::{OwnFile, foreign_object, open_to_group, own_files, payload_of, shortage, sweep};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -166,7 +166,7 @@ fn failed(name: &str, domain: &Domain, cause: &str) -> Failure {
     let (root, prefix) = (domain.root_path(), domain.prefix());
     let foreign = foreign_object(domain);
     let foreign =
-        foreign.map(|path| format!(" ({} is not this user's: its owner or root can remove it)", path.display()));
+        foreign.map(|path| format!(" ({} is not this user's: its owner or root can remove it)", shown(&path)));
     let foreign = foreign.unwrap_or_default();
     Failure::new(
         Exit::Failed,

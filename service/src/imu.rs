@@ -14,7 +14,7 @@ use iceoryx2::prelude::PortFactory as _;
 use iceoryx2::service::port_factory::event;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use isotherm_client::{Domain, RehearsalStreams, last_closing, unix_s};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_shared::status::ClosedStatus;
 use isotherm_shared::stream::{self, Ipc, IpcNode};
 use isotherm_shared::table::CoefficientTable;
@@ -310,7 +310,7 @@ impl ImuState {
             }
         };
         self.last_error = None;
-        info!(imu = %id, table = %table.digest(), file = %self.imu.table.display(), "table taken: {}", admission.words);
+        info!(imu = %id, table = %table.digest(), file = %shown(&self.imu.table), "table taken: {}", admission.words);
         log_unlike_scale_factors(&self.imu, &table);
         self.reloads += u64::from(!self.tables.alive.is_empty());
         let accepted = self.guard.accepted();
@@ -398,7 +398,7 @@ impl ImuState {
             error!(
                 imu = %self.imu.id,
                 "the table of {} is still not in force, {instead}: {}",
-                self.imu.table.display(),
+                shown(&self.imu.table),
                 refused.line()
             );
         }

@@ -6,6 +6,7 @@
 use crate::events::Events;
 use crate::memory::{Memory, StateFolder, kept_note, remedy};
 use isotherm_client::{Domain, ImuId, STATE_VARIABLE};
+use isotherm_failure::shown;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -167,7 +168,7 @@ impl KeeperThread {
         let stored = match &self.folder {
             Ok(folder) => folder
                 .store(imu, &request.memory, &self.kept[number])
-                .map_err(|error| format!("keeping the table in force as {}: {error}", folder.path(imu).display())),
+                .map_err(|error| format!("keeping the table in force as {}: {error}", shown(&folder.path(imu)))),
             Err(cause) => Err(format!("keeping the table in force: {cause}")),
         };
         let is_again =
@@ -193,7 +194,7 @@ impl KeeperThread {
     /// Notes in the domain's folder that a table is kept, so that the next start misses it.
     fn note_kept(&self, imu: &ImuId, table: &str) {
         if let Err(error) = kept_note(&self.domain, imu).write(table.as_bytes()) {
-            warn!(%imu, "noting in {} that its table is kept: {error}", Path::new(self.domain.root_path()).display());
+            warn!(%imu, "noting in {} that its table is kept: {error}", shown(Path::new(self.domain.root_path())));
         }
     }
 

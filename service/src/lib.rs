@@ -48,7 +48,7 @@ use commands::explain::Explain;
 use commands::reload::Reload;
 use commands::serve::Serve;
 use commands::status::Status;
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_shared::kind::FileKind;
 use std::path::Path;
 use std::process::ExitCode;
@@ -99,7 +99,7 @@ impl Daemon {
 
 /// Files of the laboratory: this program recognises them but does not read them.
 fn laboratory_file(kind: FileKind, _: &str, path: &Path) -> Result<String, Failure> {
-    let message = format!("{}: {}; `isotherm check` reads it", path.display(), kind.name());
+    let message = format!("{}: {}; `isotherm check` reads it", shown(path), kind.name());
     Err(Failure::new(Exit::Usage, message))
 }
 

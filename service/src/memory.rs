@@ -11,6 +11,7 @@
 //! What another user could have written or taken away is not believed.
 
 use isotherm_client::{Domain, ImuId, Note, ROOT_VARIABLE, STATE_VARIABLE};
+use isotherm_failure::shown;
 use isotherm_files::{Trust, load_table, replace};
 use isotherm_shared::table::CoefficientTable;
 use rustix::fs::{FsWord, statfs};
@@ -121,7 +122,7 @@ impl StateFolder {
     /// A table of the folder; `None` if there is none.
     fn read(&self, name: &str, imu: &ImuId) -> Result<Option<CoefficientTable>, String> {
         let path = self.0.join(name);
-        let failed = |error: io::Error| format!("{}: {error}", path.display());
+        let failed = |error: io::Error| format!("{}: {error}", shown(&path));
         // Another user may have made a folder that this user cannot enter.
         match check_owner(&self.0) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -171,7 +172,7 @@ impl StateFolder {
     /// Why a power cycle forgets what is in the folder; `None` if it does not.
     pub(crate) fn is_in_memory(&self) -> Option<String> {
         let in_memory = statfs(&self.0).is_ok_and(|found| found.f_type == TMPFS);
-        in_memory.then(|| format!("{} is in memory", self.0.display()))
+        in_memory.then(|| format!("{} is in memory", shown(&self.0)))
     }
 
     /// Where the table in force of an IMU is kept.
@@ -201,7 +202,7 @@ fn text_of(table: &CoefficientTable) -> String {
 /// put another one in its place or in the place of the folder above.
 fn check_owner(folder: &Path) -> io::Result<()> {
     let own = rustix::process::geteuid().as_raw();
-    let refused = |path: &Path, why: &str| Err(io::Error::other(format!("{} {why}", path.display())));
+    let refused = |path: &Path, why: &str| Err(io::Error::other(format!("{} {why}", shown(path))));
     for (level, path) in folder.ancestors().take(3).enumerate() {
         let found = fs::symlink_metadata(path)?;
         let is_trusted = found.uid() == own || level > 0 && found.uid() == 0;

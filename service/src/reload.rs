@@ -12,6 +12,7 @@
 //! The control thread gets what was found as an event.
 
 use crate::events::Events;
+use isotherm_failure::shown;
 use isotherm_files::{Identity, LoadError, Trust, load_table};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::CoefficientTable;
@@ -266,7 +267,7 @@ fn watch(
     let mut failures = Vec::new();
     for folder in paths.iter().map(|path| folder_of(path)).collect::<BTreeSet<_>>() {
         if let Err(error) = watcher.watch(&folder, RecursiveMode::NonRecursive) {
-            failures.push(format!("{}: {error}", folder.display()));
+            failures.push(format!("{}: {error}", shown(&folder)));
         }
     }
     (Some(watcher), failures)

@@ -9,7 +9,7 @@ use crate::config::{AtStart, Config, Imu};
 use crate::guard::{Admission, Guard};
 use crate::imu::{Refused, log_unlike_scale_factors};
 use crate::reload::{FileChange, FileReport};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_shared::table::CoefficientTable;
 use std::sync::Arc;
 use tracing::{error, info, warn};
@@ -94,14 +94,14 @@ fn choose_one(imu: &Imu, guard: Guard, report: Option<FileReport>, allow_uncalib
                 return (Choice::File, first);
             }
             Err(refusal) => {
-                let message = format!("{}: {}", imu.table.display(), refusal.reason);
+                let message = format!("{}: {}", shown(&imu.table), refusal.reason);
                 let failure = Failure::new(Exit::Config, message).at(&imu.table, None);
                 (failure, Some(table), refusal.is_other_unit)
             }
         },
         Some(FileChange::Refused(error)) => (Failure::from(error), None, false),
         Some(FileChange::Unchanged) | None => {
-            let message = format!("reading {}: its disk does not answer; see to the disk", imu.table.display());
+            let message = format!("reading {}: its disk does not answer; see to the disk", shown(&imu.table));
             (Failure::new(Exit::Io, message).at(&imu.table, None), None, false)
         }
     };
@@ -129,7 +129,7 @@ fn exchanged(failure: Failure) -> Failure {
 }
 
 fn log(imu: &Imu, choice: &Choice, first: &FirstTable) {
-    let (id, file) = (&imu.id, imu.table.display());
+    let (id, file) = (&imu.id, shown(&imu.table));
     let line = |failure: &Failure| failure.message.replace('\n', "; ");
     match (choice, &first.table) {
         (Choice::File, Some((table, admission))) => {

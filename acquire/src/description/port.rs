@@ -1,5 +1,6 @@
 //! Where the bytes come from.
 
+use isotherm_failure::shown;
 use isotherm_serial::{Parity, Serial};
 use isotherm_shared::document::Section;
 use std::fmt;
@@ -28,10 +29,10 @@ pub(crate) enum Port {
 impl fmt::Display for Port {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Serial(serial) => write!(f, "{} at {} Bd", serial.path.display(), serial.baud),
+            Self::Serial(serial) => write!(f, "{} at {} Bd", shown(&serial.path), serial.baud),
             Self::Tcp(address) => write!(f, "tcp {address}"),
             Self::Udp(address) => write!(f, "udp {address}"),
-            Self::File { path, .. } => write!(f, "{}", path.display()),
+            Self::File { path, .. } => write!(f, "{}", shown(path)),
             Self::Stdin => write!(f, "stdin"),
         }
     }

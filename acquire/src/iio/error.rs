@@ -3,7 +3,7 @@
 use std::io;
 use std::path::Path;
 
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use rustix::io::Errno;
 
 /// The kind of an [`IioError`].
@@ -49,7 +49,7 @@ impl IioError {
 
     /// A file of sysfs or a device node that could not be opened, read or written.
     pub(super) fn io(phase: impl Into<String>, path: &Path, error: &io::Error) -> Self {
-        let path = path.display();
+        let path = shown(path);
         match error.raw_os_error().map(Errno::from_raw_os_error) {
             Some(Errno::ACCESS | Errno::PERM) => Self::new(
                 IioFault::Permission,

@@ -6,7 +6,7 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 use isotherm_acquire::{Description, PROFILES, Probed, Settings, Tally, Target, iio, probe, run, serial_ports};
 use isotherm_client::{Domain, ImuId};
-use isotherm_failure::{Exit, Failure, tell};
+use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::{StagedText, Trust, end_signals, print, print_data, refuse_overlap};
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
@@ -142,7 +142,7 @@ impl Acquire {
             }
         }
         for port in &ports {
-            let _ = writeln!(text, "{}", port.display());
+            let _ = writeln!(text, "{}", shown(port));
         }
         if devices.is_empty() && ports.is_empty() {
             let _ = writeln!(text, "no IIO device and no serial port");
@@ -170,7 +170,7 @@ impl Acquire {
                      names, or write a description (docs/acquire.md)"
                 ),
             };
-            return Err(Failure::new(Exit::Data, format!("{}: {message}", device.display())));
+            return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(device))));
         };
         if !self.json {
             let name = &best.profile;

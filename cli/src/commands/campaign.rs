@@ -16,7 +16,7 @@ use isotherm_automation::timeline::{duration, left_s, moments, units};
 use isotherm_calibration::{AlignmentChoice, LagChoice};
 use isotherm_campaign::Member;
 use isotherm_client::Domain;
-use isotherm_failure::{Exit, Failure, tell};
+use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::{create_own_folder, end_signals, print, print_data};
 use isotherm_finding::name;
 use isotherm_service::logging::{self, LogFormat};
@@ -154,7 +154,7 @@ impl RunCampaign {
         let require = joined(&self.require)?;
         let plan = Plan::load_to_run(&self.plan)?;
         if require.is_some() && plan.verify.is_none() {
-            let message = format!("--require needs verification runs; give {} a [verify]", self.plan.display());
+            let message = format!("--require needs verification runs; give {} a [verify]", shown(&self.plan));
             return Err(Failure::new(Exit::Usage, message));
         }
         for warning in plan.warnings() {
@@ -218,8 +218,7 @@ fn imus(plan: &Plan) -> String {
         let Some(Member { imu, serial, mounting }) = &plan.member else { continue };
         let serial = serial.as_ref().map_or_else(String::new, |serial| format!(", serial {serial}"));
         let rows = [0, 1, 2].map(|i| format!("[{}, {}, {}]", mounting[(i, 0)], mounting[(i, 1)], mounting[(i, 2)]));
-        let install =
-            plan.install.as_ref().map_or_else(String::new, |file| format!(", to install as {}", file.display()));
+        let install = plan.install.as_ref().map_or_else(String::new, |file| format!(", to install as {}", shown(file)));
         // Writing to a String cannot fail.
         let _ =
             writeln!(text, "  {imu}{serial}, mounting [{}], samples {}{install}", rows.join(", "), plan.samples_file());
@@ -231,7 +230,7 @@ impl CheckCampaign {
     fn run(self) -> Result<(), Failure> {
         let plan = Plan::load_to_run(&self.plan)?;
         let takes_s = left_s(&plan, 0);
-        let mut text = format!("{}: campaign of {}, {}", self.plan.display(), plan.names(), plan.size());
+        let mut text = format!("{}: campaign of {}, {}", shown(&self.plan), plan.names(), plan.size());
         // Writing to a String cannot fail.
         let _ = plan.verify.as_ref().map(|verify| {
             let s = if verify.runs == 1 { "" } else { "s" };
@@ -260,7 +259,7 @@ impl StatusCampaign {
         let imus = if plan.is_batch() { outcomes(&plan) } else { Ok(Vec::new()) };
         let has_outcome = outcome.as_ref().is_ok_and(|outcome| outcome.fit.is_some());
         if snapshot.is_none() && !has_outcome {
-            let message = format!("{}: no campaign has been run there", plan.output.display());
+            let message = format!("{}: no campaign has been run there", shown(&plan.output));
             return Err(Failure::new(Exit::Unavailable, message));
         }
         let died = matches!(runner, Ok(None)) && snapshot.as_ref().is_some_and(|snapshot| snapshot.ended.is_none());
@@ -307,7 +306,7 @@ impl StopCampaign {
             return safe(&plan);
         }
         if !stopped {
-            let message = format!("{}: nobody runs this campaign", plan.output.display());
+            let message = format!("{}: nobody runs this campaign", shown(&plan.output));
             return Err(Failure::new(Exit::Unavailable, message));
         }
         let ended = snapshot(&plan.output)?.and_then(|snapshot| snapshot.ended);

@@ -4,7 +4,7 @@ use isotherm_acquire::Description;
 use isotherm_automation::plan::Plan;
 use isotherm_calibration::observable;
 use isotherm_campaign::Campaign;
-use isotherm_failure::{Exit, Failure, tell};
+use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::LoadError;
 use isotherm_recording_formats::convert::{KnownColumns, Mapping};
 use isotherm_recording_formats::repair::{Hole, RepairReport, inspect};
@@ -19,10 +19,9 @@ pub(super) fn laboratory_file(kind: FileKind, text: &str, path: &Path) -> Result
         FileKind::Campaign => campaign(text, path),
         FileKind::Mapping => mapping(text, path),
         FileKind::Source => source(text, path),
-        FileKind::Configuration | FileKind::Table => Err(Failure::new(
-            Exit::Usage,
-            format!("{}: {} is not a file of the laboratory", path.display(), kind.name()),
-        )),
+        FileKind::Configuration | FileKind::Table => {
+            Err(Failure::new(Exit::Usage, format!("{}: {} is not a file of the laboratory", shown(path), kind.name())))
+        }
     }
 }
 
@@ -49,8 +48,8 @@ pub(super) fn recording(path: &Path) -> Result<String, Failure> {
     if let Some(more) = found.holes.len().checked_sub(PRINTED).filter(|more| *more > 0) {
         lines.push(format!("{more} more damaged places"));
     }
-    let remedy = format!("`isotherm repair {0} -o NEW` takes what is whole", path.display());
-    let message = format!("{}: damaged: {found}\n{}\n{remedy}", path.display(), lines.join("\n"));
+    let remedy = format!("`isotherm repair {0} -o NEW` takes what is whole", shown(path));
+    let message = format!("{}: damaged: {found}\n{}\n{remedy}", shown(path), lines.join("\n"));
     Err(Failure::new(Exit::Data, message).at(path, None))
 }
 
@@ -74,7 +73,7 @@ fn plan(text: &str, path: &Path) -> Result<String, Failure> {
     let plan = Plan::from_toml(text, path.parent().unwrap_or(Path::new("")));
     let plan = plan.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
     for warning in plan.warnings() {
-        tell("isotherm", format!("{}: warning: {warning}", path.display()));
+        tell("isotherm", format!("{}: warning: {warning}", shown(path)));
     }
     Ok(format!("campaign plan of {}, {}", plan.names(), plan.size()))
 }
@@ -102,7 +101,7 @@ fn campaign(text: &str, path: &Path) -> Result<String, Failure> {
         let each = if campaigns.len() > 1 { " each" } else { "" };
         return Ok(format!("campaign of {imus} without a turntable, {recordings}{each}"));
     }
-    observable(campaign).map_err(|error| Failure::new(Exit::Config, format!("{}: {error}", path.display())))?;
+    observable(campaign).map_err(|error| Failure::new(Exit::Config, format!("{}: {error}", shown(path))))?;
     let turns = match campaign.turns.len() {
         0 => String::new(),
         turns => format!(" and {turns} turns"),

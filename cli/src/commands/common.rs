@@ -2,7 +2,7 @@
 
 use clap::Args;
 use isotherm_client::{Domain, ImuId, Options, RawSample};
-use isotherm_failure::{Exit, Failure, tell};
+use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::print_data;
 use isotherm_finding::{Admission, Finding, Location, name};
 use isotherm_job::Refused;
@@ -224,7 +224,7 @@ pub(super) fn refuse_other_imu(
 ) -> Result<(), Failure> {
     let of_table = &table.content().imu;
     let Some(imu) = samples.imu().filter(|imu| !other_imu && *imu != of_table.as_str()) else { return Ok(()) };
-    let (imu, file, table) = (imu.escape_debug(), joined_paths(recording), path.display());
+    let (imu, file, table) = (imu.escape_debug(), joined_paths(recording), shown(path));
     let message = format!(
         "{file}: the recording is of {imu}, and the table {table} of {of_table}; give the table of {imu}, or take it \
          all the same with --other-imu"
@@ -234,7 +234,7 @@ pub(super) fn refuse_other_imu(
 
 /// The files of a recording, for messages.
 pub(super) fn joined_paths(recording: &[PathBuf]) -> String {
-    recording.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
+    recording.iter().map(|path| shown(path).to_string()).collect::<Vec<_>>().join(", ")
 }
 
 /// The IMU whose samples are read for a table: `imu` if it is given, or else the table's.

@@ -5,7 +5,7 @@ use crate::progress::bytes_bar;
 use clap::Args;
 use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
 use isotherm_client::ImuId;
-use isotherm_failure::{Exit, Failure, tell};
+use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::{Output, StagedText, Trust, check_written, load_table, refuse_overlap};
 use isotherm_finding::Finding;
 use isotherm_recording::RawCsvWriter;
@@ -63,7 +63,7 @@ pub(crate) struct Convert {
 type NominalTable = (Scale, CoefficientTable);
 
 enum Writer {
-    Csv(RawCsvWriter<Output>),
+    Csv(Box<RawCsvWriter<Output>>),
     Parquet(Box<ParquetStream<Output>>),
 }
 
@@ -98,7 +98,7 @@ impl Convert {
         before: Option<&NominalTable>,
     ) -> Result<NominalTable, Failure> {
         let refused = |why: &str| {
-            let message = format!("{}: no nominal table: {why}", input.display());
+            let message = format!("{}: no nominal table: {why}", shown(input));
             Failure::new(Exit::Data, message).at(input, None)
         };
         let own = conversion.scale().map_err(|why| refused(&why))?;
@@ -122,18 +122,18 @@ impl Convert {
         if let [_] = self.input[..] {
             return Ok(vec![self.output.clone()]);
         }
-        let folder = self.output.display();
+        let folder = shown(&self.output);
         if !self.output.is_dir() {
             return usage(format!("{folder}: several files are converted into a folder; make it, and name it with -o"));
         }
         let mut outputs: Vec<PathBuf> = Vec::new();
         for input in &self.input {
             let Some(stem) = input.file_stem().filter(|_| input != Path::new("-")) else {
-                return usage(format!("{}: of several inputs each is a file", input.display()));
+                return usage(format!("{}: of several inputs each is a file", shown(input)));
             };
             let output = self.output.join(stem).with_extension("csv");
             if outputs.contains(&output) {
-                return usage(format!("two inputs would be {}; rename one", output.display()));
+                return usage(format!("two inputs would be {}; rename one", shown(&output)));
             }
             outputs.push(output);
         }
@@ -152,7 +152,7 @@ impl Convert {
         let parquet = match extension.as_deref() {
             Some("parquet") => true,
             Some("mcap") => {
-                let message = format!("{}: converted samples go to .csv or .parquet", output.display());
+                let message = format!("{}: converted samples go to .csv or .parquet", shown(output));
                 return Err(Failure::new(Exit::Usage, message));
             }
             _ => false,
@@ -172,7 +172,7 @@ impl Convert {
                 0 => RawCsvWriter::with_layout(sink, "", false, layout)?,
                 _ => RawCsvWriter::of_sessions(sink, layout)?,
             };
-            Ok(Writer::Csv(writer.with_plain_whole_numbers()))
+            Ok(Writer::Csv(Box::new(writer.with_plain_whole_numbers())))
         });
         let mut writer = match writer {
             Ok(writer) => writer,
@@ -198,11 +198,11 @@ impl Convert {
         for note in conversion.notes() {
             tell("isotherm", note);
         }
-        let name = if self.input.len() > 1 { input.display().to_string() } else { String::new() };
+        let name = if self.input.len() > 1 { shown(input).to_string() } else { String::new() };
         // Before the file is put in place: what is refused leaves none.
         self.acceptance.admit(&name, findings).map_err(|refused| refused.failure)?;
         check_written(path, writer.finish())?;
-        let to = if output == Path::new("-") { "stdout".into() } else { output.display().to_string() };
+        let to = if output == Path::new("-") { "stdout".into() } else { shown(output).to_string() };
         tell("isotherm", format_args!("{} rows in {to}", conversion.rows()));
         Ok(())
     }

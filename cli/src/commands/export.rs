@@ -2,7 +2,7 @@
 
 use clap::Args;
 use clap::builder::TypedValueParser as _;
-use isotherm_failure::{Failure, tell};
+use isotherm_failure::{Failure, shown, tell};
 use isotherm_files::{StagedText, Trust, load_table, refuse_overlap};
 use isotherm_parameters::{Autopilot, Effect, ExportOptions, Exported, export, size};
 use std::path::{Path, PathBuf};
@@ -73,7 +73,7 @@ pub(super) fn tell_exported(exported: &Exported, autopilot: Autopilot, output: &
         tell("isotherm", format_args!("note: {note}"));
     }
     let lines = exported.text.lines().filter(|line| !line.starts_with('#')).count();
-    let to = if output == Path::new("-") { "stdout".into() } else { output.display().to_string() };
+    let to = if output == Path::new("-") { "stdout".into() } else { shown(output).to_string() };
     let gyroscopes = exported.difference.gyroscopes.map(|rate| format!(" and {} rad/s", size(rate)));
     let [low, high] = exported.range;
     tell(

@@ -6,7 +6,7 @@ use crate::recorder::{Recorder, Streams, remove};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use isotherm_client::{Domain, ImuId, Realtime};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{Trust, check_stdout, check_written, end_signals, load_table};
 use isotherm_recording_formats::write::{Files, Format, IMU_PLACEHOLDER, RosTable, Rotation, refuse_same_topics};
 use isotherm_service::config::MAX_IMUS;
@@ -116,7 +116,7 @@ impl Record {
             if self.imus.contains(table.imu()) {
                 return Ok(table);
             }
-            let message = format!("{}: a table of {}, which is not recorded", path.display(), table.imu());
+            let message = format!("{}: a table of {}, which is not recorded", shown(path), table.imu());
             Err(Failure::new(Exit::Usage, message))
         });
         let tables = tables.collect::<Result<Vec<_>, _>>()?;

@@ -5,7 +5,7 @@ use clap::Args;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::BackpressureStrategy;
 use isotherm_client::{CompensatedIncrement, Domain, ImuId, IncrementReader, join, removed_object, reserve};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_service::create::{CreateError, Creator};
 use isotherm_service::logging::{self, LogFormat};
 use isotherm_shared::stream::{INCREMENT_DEPTH, Ipc, IpcNode, create_increment};
@@ -74,7 +74,7 @@ impl Relay {
                 if let Some(object) = removed_object(&to) {
                     let message = format!(
                         "{} was removed under the relay, so nobody can join domain {:?} any more; start the relay and the tunnel anew",
-                        object.display(),
+                        shown(&object),
                         to.name()
                     );
                     return Err(Failure::new(Exit::Io, message));

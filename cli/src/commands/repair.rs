@@ -1,7 +1,7 @@
 //! `repair`: takes what is whole of a damaged recording.
 
 use clap::Args;
-use isotherm_failure::{Failure, tell};
+use isotherm_failure::{Failure, shown, tell};
 use isotherm_files::{print, print_data};
 use isotherm_recording_formats::repair::repair_into;
 use std::path::PathBuf;
@@ -36,12 +36,12 @@ impl Repair {
             return print_data(&format!("{}\n", serde_json::json!(repaired)));
         }
         for hole in &repaired.holes {
-            print(&format!("{}: {hole}\n", self.recording.display()))?;
+            print(&format!("{}: {hole}\n", shown(&self.recording)))?;
         }
         repaired.notes.iter().for_each(|note| tell("isotherm", note));
         if !repaired.has_checks {
             tell("isotherm", "note: the recording has no checks: what could be read was taken");
         }
-        print(&format!("{}: {repaired}\n", self.output.display()))
+        print(&format!("{}: {repaired}\n", shown(&self.output)))
     }
 }

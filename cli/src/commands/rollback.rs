@@ -2,7 +2,7 @@
 
 use clap::Args;
 use isotherm_automation::in_force::changes;
-use isotherm_failure::{Exit, Failure, tell};
+use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::{Installation, Trust, load_table, print};
 use isotherm_shared::stream::ImuId;
 use std::path::PathBuf;
@@ -31,7 +31,7 @@ impl Rollback {
         // What a killed installation has left is settled now; until the end no other one changes the files.
         let installation = Installation::lock(&self.table)?;
         let kept = installation.previous();
-        let (place, beside) = (self.table.display(), kept.display());
+        let (place, beside) = (shown(&self.table), shown(kept));
         if !kept.exists() {
             return Err(failed(Exit::Io, format!("{place} has no predecessor: there is no {beside}")));
         }

@@ -3,7 +3,7 @@
 mod tally;
 
 use isotherm_client::{ImuId, Options, Realtime, Tap, TapSettings, TappedSample};
-use isotherm_failure::{Exit, Failure, tell};
+use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::write::{FileError, Files, MoreColumns};
 use isotherm_shared::stream::StreamKind;
@@ -242,7 +242,7 @@ impl Recorder {
             return Err(error);
         }
         if !self.stalled {
-            let path = path.display();
+            let path = shown(path);
             print_message(&format!("writing {path}: {cause}; what is written stays, the rest waits for room"));
         }
         self.stalled = true;
@@ -330,7 +330,7 @@ impl Recorder {
         }
         if let Some(last) = self.names.last() {
             let (seconds, count, rotations) = (self.started.elapsed().as_secs_f64(), self.names.len(), self.rotations);
-            let (files, last) = (if count == 1 { "file" } else { "files" }, last.display());
+            let (files, last) = (if count == 1 { "file" } else { "files" }, shown(last));
             print_message(&format!("{seconds:.1} s, {count} {files}, the last {last}, {rotations} rotations"));
         }
         result

@@ -1,7 +1,7 @@
 //! The lock that allows one runner in a folder, and how other processes inspect and stop this runner.
 
 use super::progress::{STATUS, Snapshot};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{check_own_folder, open_without_waiting};
 use isotherm_shared::document::MAX_BYTES;
 use rustix::fs::OFlags;
@@ -59,7 +59,7 @@ impl Lock {
                 Err(TryLockError::WouldBlock) => {
                     let message = format!(
                         "{}: pid {} runs this campaign; see `isotherm campaign status`",
-                        folder.display(),
+                        shown(folder),
                         pid_in(&file).map_or_else(|| "?".to_owned(), |pid| pid.to_string())
                     );
                     return Err(Failure::new(Exit::Failed, message));

@@ -5,6 +5,7 @@ use super::journal::{Entry, JournalLine};
 use super::machine::Unit;
 use super::plan::Plan;
 use super::timeline::{duration, units};
+use isotherm_failure::shown;
 
 use isotherm_report::NoteKind;
 
@@ -79,9 +80,7 @@ pub(crate) fn events(plan: &Plan, lines: &[JournalLine]) -> Vec<Event> {
             }
             Entry::NotJudged { reasons } => (NoteKind::Warning, "not judged", reasons.join("\n")),
             Entry::NotInstalled { reason } => (NoteKind::Warning, "not installed", reason.clone()),
-            Entry::Installed { digest, file } => {
-                (NoteKind::Good, "installed", format!("{digest} as {}", file.display()))
-            }
+            Entry::Installed { digest, file } => (NoteKind::Good, "installed", format!("{digest} as {}", shown(file))),
             Entry::Begin { .. } | Entry::Connected { .. } | Entry::Reached { .. } | Entry::Left | Entry::FitBegun => {
                 continue;
             }

@@ -12,7 +12,7 @@ use super::runner::stopped_by;
 use super::samples::file_of;
 use isotherm_calibration::{Accuracy, AlignmentChoice, Calibration, CalibrationOptions, Fitted, LagChoice, now, tool};
 use isotherm_client::{Options, fetch_status};
-use isotherm_failure::{Exit, Failure, printable, tell};
+use isotherm_failure::{Exit, Failure, printable, shown, tell};
 use isotherm_files::{Installation, StagedText, print};
 use isotherm_job::{CampaignFile, FitOptions, Inputs, Run, no_bar};
 use isotherm_recording_formats::read::ImuChoice;
@@ -132,7 +132,7 @@ impl Finish {
         let accuracy = transients.fold(accuracy, |accuracy, words| format!("{accuracy}; {words}"));
         journal.write_synced(Entry::Calibrated { digest: fit.digest(), accuracy })?;
         let left_aside = plan.output.join(plan.file(TABLE, "toml"));
-        let left_aside = left_aside.display();
+        let left_aside = shown(&left_aside);
         let mut verify_and_install = || {
             self.verify(plan, journal, &fit, stop_signal)?;
             check_stop_signal(stop_signal)?;
@@ -280,7 +280,7 @@ impl Finish {
         let file = CampaignFile::read(&folder.join("campaign.toml"))?;
         let campaign = file.campaigns()?.into_iter().find(|campaign| campaign.imu == plan.imu);
         let campaign = campaign.ok_or_else(|| {
-            let (file, imu) = (file.path.display(), &plan.imu);
+            let (file, imu) = (shown(&file.path), &plan.imu);
             let message = format!("{file}: {imu} is not in it; run the campaign again, which writes it anew");
             Failure::new(Exit::Data, message)
         })?;
@@ -427,7 +427,7 @@ impl FittedTable {
     fn install<'t>(&self, target: &'t Path) -> Result<&'t Path, Failure> {
         let installation = Installation::lock(target)?;
         installation.check_unchanged(self.in_force.as_ref().map(|in_force| in_force.state))?;
-        let (digest, place) = (self.digest(), target.display());
+        let (digest, place) = (self.digest(), shown(target));
         if self.in_force.as_ref().is_some_and(|in_force| in_force.table.digest().to_string() == digest) {
             print_message(&format!("{digest} is installed as {place} already"));
             return Ok(target);
@@ -435,7 +435,7 @@ impl FittedTable {
         let has_predecessor = installation.install(&self.text)?;
         print_message(&format!("{digest} is installed as {place}"));
         if has_predecessor {
-            let kept = installation.previous().display();
+            let kept = shown(installation.previous());
             print_message(&format!("its predecessor is kept as {kept}; `isotherm rollback {place}` brings it back"));
         }
         Ok(target)

@@ -2,7 +2,7 @@
 //! show is in [`isotherm_verification::Gate`].
 
 use super::plan::Plan;
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{Identity, Trust, load_table};
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::wire::AXES;
@@ -33,7 +33,7 @@ impl InForce {
             Err(error) => return Err(Failure::io("reading the table in force", target, &error)),
             Ok(_) => {}
         }
-        let place = target.display();
+        let place = shown(target);
         let (table, state) = load_table(target, None, Trust::Any).map_err(|error| {
             let failure = Failure::from(error);
             let message = format!(

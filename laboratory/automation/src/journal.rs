@@ -6,7 +6,7 @@
 use super::plan::{BACK, Plan, RAMP_FILE, RAMP_KEY, RUN_FILE, RUN_KEY, SAMPLES, without_comment};
 use isotherm_calibration::{sha256, tool};
 use isotherm_client::unix_s;
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::open_without_waiting;
 use isotherm_shared::stream::ImuId;
 use serde::{Deserialize, Serialize};
@@ -272,7 +272,7 @@ pub fn refuse_data_of_others(folder: &Path) -> Result<(), Failure> {
     let data = [SAMPLES, "campaign.toml"].into_iter().find(|name| folder.join(name).exists());
     match data {
         Some(name) if read(&folder.join(JOURNAL))?.0.is_empty() => {
-            let folder = folder.display();
+            let folder = shown(folder);
             let message = format!(
                 "{folder}: there is a {name} without a journal; give another output folder, or move this one away"
             );
@@ -377,7 +377,7 @@ pub fn read(path: &Path) -> Result<(Vec<JournalLine>, u64), Failure> {
         let entry = serde_json::from_slice(&line).map_err(|error| {
             let message = format!(
                 "{}:{}: not a line of a journal: {error}; restore it, or begin anew in another folder",
-                path.display(),
+                shown(path),
                 lines.len() + 1
             );
             Failure::new(Exit::Data, message)
@@ -449,7 +449,7 @@ fn begin_entry(plan: &Plan) -> Entry {
 fn check_same_plan(path: &Path, lines: &[JournalLine], plan: &Plan, kept: &[Kept]) -> Result<bool, Failure> {
     let runs = kept.iter().filter(|kept| kept.file.starts_with(RUN_FILE)).count();
     let ramps = kept.iter().filter(|kept| kept.file.starts_with(RAMP_FILE)).count();
-    let refuse = |message: String| Err(Failure::new(Exit::Config, format!("{}: {message}", path.display())));
+    let refuse = |message: String| Err(Failure::new(Exit::Config, format!("{}: {message}", shown(path))));
     let begun = lines.iter().rev().find(|line| matches!(line.entry, Entry::Begin { .. }));
     let Some(Entry::Begin { format: FORMAT, plan: before, .. }) = begun.map(|line| &line.entry) else {
         return refuse("it is not the journal of a campaign of this version; give another output folder".to_owned());
@@ -510,7 +510,7 @@ fn check_unchanged(folder: &Path, kept: &[Kept]) -> Result<(), Failure> {
         if sha256(&buffer) != unit.sha256 {
             let message = format!(
                 "{}: the bytes {} to {} ({}) are not those that were taken; restore the file, or begin anew in another folder",
-                path.display(),
+                shown(&path),
                 unit.from,
                 unit.to,
                 unit.name

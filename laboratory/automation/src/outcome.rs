@@ -3,7 +3,7 @@
 use super::journal::{self, Entry, JOURNAL, JournalLine, LargestError};
 use super::page::utc;
 use super::plan::Plan;
-use isotherm_failure::Failure;
+use isotherm_failure::{Failure, shown};
 use isotherm_files::{Trust, load_table};
 use serde::Serialize;
 use std::fmt::{self, Write as _};
@@ -183,7 +183,7 @@ impl fmt::Display for Outcome {
             let Installation { unix_s, file, present, refused } = installation;
             let clock = utc(*unix_s);
             match file {
-                Some(file) => write!(text, "\ninstalled, {clock}: as {}", file.display())?,
+                Some(file) => write!(text, "\ninstalled, {clock}: as {}", shown(file))?,
                 None => write!(text, "\nnot installed, {clock}:{}", listed(refused.as_deref().unwrap_or_default()))?,
             }
             match (file, present) {

@@ -2,7 +2,7 @@
 
 use super::timeline::duration;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use isotherm_failure::printable;
+use isotherm_failure::{printable, shown};
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io::{self, IsTerminal as _};
@@ -133,7 +133,7 @@ pub fn write(path: &Path, snapshot: &Snapshot) {
     };
     let result: io::Result<()> = write();
     if let Err(error) = result {
-        tracing::warn!("writing {}: {error}", path.display());
+        tracing::warn!("writing {}: {error}", shown(path));
     }
 }
 

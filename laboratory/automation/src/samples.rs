@@ -23,7 +23,7 @@ use super::plan::{MAX_ROW_DEG, Plan};
 use isotherm_calibration::{Hashed, implausible as gyroscopes_implausible};
 use isotherm_campaign::implausible;
 use isotherm_client::{Options, Realtime, Tap, TapSettings, monotonic_ns};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{Trust, read_text, replace};
 use isotherm_recording::{Layout, RawCsvWriter};
 use isotherm_shared::stream::{ImuId, StreamKind};
@@ -681,10 +681,7 @@ pub fn write_campaign_file(plan: &Plan) -> Result<(), Failure> {
             let different = different.map_or_else(String::new, |(number, (there, planned))| {
                 format!(": line {number} was `{there}`, is `{planned}`")
             });
-            tracing::warn!(
-                "{} was not what the plan gives; it is written anew from the plan{different}",
-                path.display()
-            );
+            tracing::warn!("{} was not what the plan gives; it is written anew from the plan{different}", shown(&path));
         }
         Err(_) => {}
     }

@@ -6,7 +6,7 @@
 //! is permanent. Requests are counted from the last reading of the file.
 
 use super::station::StationProcess;
-use isotherm_failure::tell;
+use isotherm_failure::{shown, tell};
 use isotherm_files::Identity;
 use isotherm_shared::stream::ImuId;
 use std::fs;
@@ -182,7 +182,7 @@ impl FaultSchedule {
                     Ok(injection) => self.injections.push(injection),
                     // Both devices read the file, one reports.
                     Err(wrong) if self.device == StationProcess::Chamber => {
-                        let path = self.path.display();
+                        let path = shown(&self.path);
                         tell("isotherm", format_args!("the simulated station: {path}:{number}: {line:?}: {wrong}"));
                     }
                     Err(_) => {}

@@ -3,7 +3,7 @@
 use crate::station::{SimulatedStation, StationProcess};
 use crate::{chamber, imu, launch, server, turntable};
 use isotherm_client::Domain;
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use std::path::Path;
 
 impl SimulatedStation {
@@ -16,7 +16,7 @@ impl SimulatedStation {
         let path = folder.join(launch::DESCRIPTION);
         let text = std::fs::read_to_string(&path).map_err(|error| Failure::io("reading", &path, &error))?;
         let station: Self = serde_json::from_str(&text)
-            .map_err(|error| Failure::new(Exit::Config, format!("reading {}: {error}", path.display())))?;
+            .map_err(|error| Failure::new(Exit::Config, format!("reading {}: {error}", shown(&path))))?;
         match process {
             StationProcess::Chamber => {
                 let device = chamber::ChamberDevice::new(&station);

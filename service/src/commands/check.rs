@@ -3,7 +3,7 @@
 use crate::config::{Config, WorkerRealtime};
 use clap::Args;
 use isotherm_client::{Realtime, check_room};
-use isotherm_failure::{Exit, Failure, tell};
+use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::{LoadError, Trust, load_table, print, read_text, remove_unfinished_on_signals, replace};
 use isotherm_shared::document::{Document, Fault, Faults, MAX_BYTES};
 use isotherm_shared::kind::FileKind;
@@ -69,7 +69,7 @@ impl Check {
         let mut failures = Vec::new();
         for path in &self.files {
             match checker.check(path) {
-                Ok(line) => print(&format!("{}: {line}\n", path.display()))?,
+                Ok(line) => print(&format!("{}: {line}\n", shown(path)))?,
                 Err(failure) => failures.push(failure),
             }
         }
@@ -94,7 +94,7 @@ impl Checker<'_> {
                 return recording(path);
             }
             let message =
-                format!("{}: a recording ({format}), for replay, verify and noise; {EXPECTED_KINDS}", path.display());
+                format!("{}: a recording ({format}), for replay, verify and noise; {EXPECTED_KINDS}", shown(path));
             return Err(Failure::new(Exit::Config, message));
         }
         let text = if path == Path::new("-") { read_stdin()? } else { read_text(path, trust)?.0 };
@@ -111,7 +111,7 @@ impl Checker<'_> {
                 if seal || self.against.is_some() =>
             {
                 let what = if seal { "sealed" } else { "compared" };
-                let message = format!("{}: {}; only tables are {what}", path.display(), kind.name());
+                let message = format!("{}: {}; only tables are {what}", shown(path), kind.name());
                 Err(Failure::new(Exit::Config, message))
             }
             FileKind::Table => self.table(path, &text),
@@ -149,7 +149,7 @@ impl Checker<'_> {
             match load_table(&imu.table, Some(&imu.id), self.trust) {
                 Ok((table, _)) => {
                     let unlike = table.content().unlike_scale_factors().into_iter();
-                    warnings.extend(unlike.map(|warning| format!("{}: {warning}", imu.table.display())));
+                    warnings.extend(unlike.map(|warning| format!("{}: {warning}", shown(&imu.table))));
                 }
                 Err(error) => failures.push(error.into()),
             }
@@ -164,7 +164,7 @@ impl Checker<'_> {
         let Some(against) = &self.against else { return Ok(String::new()) };
         let difference = TableDifference::of(against, table);
         let refusals = MaxChange::default().refusals(&difference);
-        let refused = |refusal| Failure::new(Exit::Config, format!("{}: {refusal}", path.display())).at(path, None);
+        let refused = |refusal| Failure::new(Exit::Config, format!("{}: {refusal}", shown(path))).at(path, None);
         let refused = Failure::all(refusals.into_iter().map(refused).collect());
         refused.map_or_else(|| Ok(format!("\n  {difference}")), Err)
     }
@@ -174,7 +174,7 @@ impl Checker<'_> {
     /// # Errors
     /// With `--strict`, the warnings.
     fn warn(&self, path: &Path, warnings: Vec<String>) -> Result<(), Failure> {
-        let lines = warnings.into_iter().map(|warning| format!("{}: warning: {warning}", path.display()));
+        let lines = warnings.into_iter().map(|warning| format!("{}: warning: {warning}", shown(path)));
         if self.command.strict {
             let failures = lines.map(|line| Failure::new(Exit::Config, line)).collect();
             return Failure::all(failures).map_or(Ok(()), Err);
@@ -299,7 +299,7 @@ fn write_digest(path: &Path, text: &str, table: &CoefficientTable) -> Result<(),
     // Read the result back before the file is replaced: it must be the same table, with a valid seal.
     let sealed = sealed.filter(|sealed| CoefficientTable::from_toml(sealed, None).as_ref() == Ok(table));
     let sealed = sealed.ok_or_else(|| {
-        let (path, digest) = (path.display(), table.digest().to_string());
+        let (path, digest) = (shown(path), table.digest().to_string());
         let message =
             format!("{path}: cannot be sealed as it is laid out; put digest = {digest:?} below format by hand");
         Failure::new(Exit::Failed, message)

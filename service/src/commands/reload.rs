@@ -3,7 +3,7 @@
 use crate::guard::acceptance;
 use clap::Args;
 use isotherm_client::{ConnectError, Domain, ImuId, Options, StatusError, fetch_status, prepare};
-use isotherm_failure::{Exit, Failure, tell};
+use isotherm_failure::{Exit, Failure, one_line, tell};
 use isotherm_shared::group;
 use isotherm_shared::status::ImuStatus;
 use rustix::process::geteuid;
@@ -125,6 +125,6 @@ fn not_taken(imu: &ImuId, found: Option<&ImuStatus>) -> Failure {
     };
     Failure::new(
         Exit::Config,
-        format!("{imu}: this is not the table of {table_file}, which {file}; nothing is changed"),
+        format!("{imu}: this is not the table of {}, which {file}; nothing is changed", one_line(table_file)),
     )
 }

@@ -2,7 +2,7 @@
 
 use clap::Args;
 use isotherm_client::{Domain, Options, check_room, fetch_status, service_pid, unix_s};
-use isotherm_failure::{Exit, Failure, tell};
+use isotherm_failure::{Exit, Failure, one_line, tell};
 use isotherm_files::{print, print_data};
 use isotherm_shared::status::{
     GyroscopeStatus, ImuStatus, LatencySummary, Ranges, ServiceStatus, TableChange, WorkerStatus,
@@ -100,11 +100,11 @@ fn describe_imu(text: &mut String, imu: &ImuStatus, budget_us: f64) -> std::fmt:
 
 fn describe_table(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
     if imu.waits_for_table {
-        let file = &imu.table_file;
+        let file = one_line(&imu.table_file);
         writeln!(text, "  table        waits for its first table ({file}); until it is there increments are NaN")?;
     } else {
         let table = imu.table.as_deref().unwrap_or("none");
-        writeln!(text, "  table        {table} ({}), {} reloads", imu.table_file, imu.reloads)?;
+        writeln!(text, "  table        {table} ({}), {} reloads", one_line(&imu.table_file), imu.reloads)?;
         if let Some(error) = &imu.last_reload_error {
             writeln!(text, "  REFUSED      {}", error.replace('\n', "\n               "))?;
         }

@@ -104,10 +104,10 @@ impl Failure {
     #[must_use]
     pub fn io(phase: &str, path: &Path, error: &io::Error) -> Self {
         let folder = path.parent().filter(|folder| error.kind() == io::ErrorKind::NotFound && is_absent(folder));
-        let name = path.display();
+        let name = shown(path);
         let message = match folder {
             Some(folder) => {
-                format!("{phase} {name}: there is no folder {}; make it, or name another", folder.display())
+                format!("{phase} {name}: there is no folder {}; make it, or name another", shown(folder))
             }
             None => format!("{phase} {name}: {error}"),
         };

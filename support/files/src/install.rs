@@ -18,7 +18,7 @@ use crate::live::{give_mode_and_owner, mode_of};
 use crate::load::Identity;
 use crate::output::HIDDEN;
 use crate::place::{exchange, output_place, rename, sync_folder};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use rustix::fs::OFlags;
 use std::ffi::OsString;
 use std::fs::{self, File, Metadata, OpenOptions, TryLockError};
@@ -87,7 +87,7 @@ impl Installation {
         if Identity::of(&self.file) == compared {
             return Ok(());
         }
-        let place = self.file.display();
+        let place = shown(&self.file);
         let message = format!("{place} has changed meanwhile; run it again, to compare with what it is now");
         Err(Failure::new(Exit::Failed, message))
     }
@@ -125,7 +125,7 @@ impl Installation {
     /// Puts the old table in force again, because of this error.
     fn put_back(&self, error: io::Error) -> io::Error {
         let Err(second) = rename(&self.replaced, &self.file) else { return error };
-        let replaced = self.replaced.display();
+        let replaced = shown(&self.replaced);
         let message = format!("{error}; the new table is in force all the same, {replaced} is the old one: {second}");
         io::Error::new(error.kind(), message)
     }
@@ -203,7 +203,7 @@ impl Lock {
             match file.try_lock() {
                 Err(TryLockError::WouldBlock) if begun.elapsed() < LOCK_PATIENCE => thread::sleep(RETRY_PAUSE),
                 Err(TryLockError::WouldBlock) => {
-                    let message = format!("another process has locked {} for {LOCK_PATIENCE:?}", path.display());
+                    let message = format!("another process has locked {} for {LOCK_PATIENCE:?}", shown(&path));
                     return Err(io::Error::new(io::ErrorKind::ResourceBusy, message));
                 }
                 // Some network file systems have no locks.
@@ -244,7 +244,7 @@ fn regular(path: &Path) -> io::Result<Option<Metadata>> {
         Err(error) => Err(error),
         Ok(metadata) if metadata.is_file() => Ok(Some(metadata)),
         Ok(_) => {
-            let message = format!("{} is no regular file; move it away", path.display());
+            let message = format!("{} is no regular file; move it away", shown(path));
             Err(io::Error::new(io::ErrorKind::InvalidInput, message))
         }
     }
@@ -252,7 +252,7 @@ fn regular(path: &Path) -> io::Result<Option<Metadata>> {
 
 /// The user knows the name of the target only.
 fn about(path: &Path, error: &io::Error) -> io::Error {
-    io::Error::new(error.kind(), format!("{}: {error}", path.display()))
+    io::Error::new(error.kind(), format!("{}: {error}", shown(path)))
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@
 
 use crate::place::{kind_of, output_place, rename};
 use crate::signals::{Unfinished, hold_signals};
-use isotherm_failure::Failure;
+use isotherm_failure::{Failure, shown};
 use rustix::fs::OFlags;
 use rustix::process::geteuid;
 use std::fs::{self, File, Metadata, OpenOptions, Permissions, TryLockError};
@@ -37,7 +37,7 @@ impl Partial {
     /// Says in the message where the rows are, if there are any.
     #[must_use]
     pub fn explain(&self, failure: Failure) -> Failure {
-        match (self.rows(), self.path.display()) {
+        match (self.rows(), shown(&self.path)) {
             (0, _) => failure,
             (1, path) => Failure::new(failure.exit, format!("1 row is in {path}: {failure}")),
             (rows, path) => Failure::new(failure.exit, format!("{rows} rows are in {path}: {failure}")),
@@ -78,7 +78,7 @@ impl LiveFile {
         let busy = || refusal(&path, "is made and removed by other processes all the time; name another file");
         let (file, unfinished) = tries.unwrap_or_else(|| Err(busy())).map_err(|error| match error.raw_os_error() {
             // The user knows the name of the target only.
-            Some(_) => io::Error::new(error.kind(), format!("{}: {error}", path.display())),
+            Some(_) => io::Error::new(error.kind(), format!("{}: {error}", shown(&path))),
             None => error,
         })?;
         give_owner(&file, existing);
@@ -177,7 +177,7 @@ fn claim(path: &Path, existing: Option<&Metadata>) -> io::Result<Option<File>> {
     };
     match file.try_lock() {
         Err(TryLockError::WouldBlock) => {
-            let message = format!("another process is writing {}; name another file", path.display());
+            let message = format!("another process is writing {}; name another file", shown(path));
             return Err(io::Error::new(io::ErrorKind::ResourceBusy, message));
         }
         // Some network file systems have no locks.
@@ -213,7 +213,7 @@ fn check_leftover(path: &Path, existing: Option<&Metadata>) -> io::Result<()> {
 }
 
 fn refusal(path: &Path, why: &str) -> io::Error {
-    io::Error::new(io::ErrorKind::AlreadyExists, format!("{} {why}", path.display()))
+    io::Error::new(io::ErrorKind::AlreadyExists, format!("{} {why}", shown(path)))
 }
 
 /// The permissions to create a file with that replaces the `existing` one. The umask applies to them.

@@ -2,7 +2,7 @@
 //! the file was read.
 
 use crate::place::is_trusted;
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_shared::document::{Fault, Faults, MAX_BYTES};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{CoefficientTable, MAX_TABLE_BYTES};
@@ -72,11 +72,11 @@ pub enum LoadError {
 impl fmt::Display for LoadError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Io { path, cause } => write!(f, "reading {}: {cause}", path.display()),
+            Self::Io { path, cause } => write!(f, "reading {}: {cause}", shown(path)),
             Self::Refused { path, faults } => {
                 for (index, Fault { line, key, message }) in faults.0.iter().enumerate() {
                     let (newline, colon) = (if index > 0 { "\n" } else { "" }, if key.is_empty() { "" } else { ": " });
-                    write!(f, "{newline}{}:{line}: {key}{colon}{message}", path.display())?;
+                    write!(f, "{newline}{}:{line}: {key}{colon}{message}", shown(path))?;
                 }
                 Ok(())
             }
@@ -112,7 +112,7 @@ impl Trust {
 
     /// Why the file, which has been opened by this path, is not trusted.
     fn refusal(self, path: &Path, opened: &Metadata) -> Option<String> {
-        let name = path.display();
+        let name = shown(path);
         if self != Self::Any && opened.mode() & 0o002 != 0 {
             return Some(format!("everybody may write it; chmod o-w {name}, or give --allow-world-writable"));
         }

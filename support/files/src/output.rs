@@ -5,7 +5,7 @@ use crate::live::{LiveFile, Partial, give_mode_and_owner, mode_of};
 use crate::place::{folder_of, output_place, sync_folder};
 use crate::signals::{Unfinished, hold_signals};
 use crate::stdout::check_stdout;
-use isotherm_failure::{Exit, Failure, printable};
+use isotherm_failure::{Exit, Failure, printable, shown};
 use std::fs::{self, File, Metadata, OpenOptions, Permissions};
 use std::io::{self, BufWriter, Write};
 use std::os::unix::fs::PermissionsExt as _;
@@ -157,7 +157,7 @@ impl Aside {
         let hidden = aside.hidden.to_path_buf();
         let Err(error) = aside.hidden.persist(&aside.path) else { return failure };
         let _ = error.path.keep();
-        Failure::new(failure.exit, format!("{failure}; the old {} is {}", aside.path.display(), hidden.display()))
+        Failure::new(failure.exit, format!("{failure}; the old {} is {}", shown(&aside.path), shown(&hidden)))
     }
 }
 
@@ -323,10 +323,10 @@ pub fn refuse_overlap(inputs: &[(&Path, &str)], outputs: &[Option<&Path>]) -> Re
         let Some(output) = output else { continue };
         let same = |other: &Path| *output == other || regular(output).is_some_and(|path| regular(other) == Some(path));
         if let Some((_, role)) = inputs.iter().find(|(input, _)| *input != Path::new("-") && same(input)) {
-            return usage(format!("{} is {role}; write to another file", output.display()));
+            return usage(format!("{} is {role}; write to another file", shown(output)));
         }
         if outputs[..index].iter().flatten().any(|other| same(other)) {
-            return usage(format!("{} is named for two outputs; give each a file of its own", output.display()));
+            return usage(format!("{} is named for two outputs; give each a file of its own", shown(output)));
         }
     }
     Ok(())

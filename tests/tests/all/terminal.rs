@@ -5,15 +5,17 @@ use isotherm_tests::{RUN, TABLE, TestDomain, text, wait_until};
 use std::fs;
 use std::process::Output;
 
-/// Sets the title of a terminal, clears it, returns to the beginning of the line, and turns the direction of writing.
-const HOSTILE: &str = "\u{1b}]0;x\u{7}\u{9b}2J\r\u{202e}";
+/// Sets the title of a terminal, clears it, returns to the beginning of the line, turns the direction of writing, and
+/// begins a line.
+const HOSTILE: &str = "\u{1b}]0;x\u{7}\u{9b}2J\r\u{202e}\nFORGED";
 /// The same in TOML.
-const HOSTILE_TOML: &str = r"\u001b]0;x\u0007\u009b2J\r\u202e";
+const HOSTILE_TOML: &str = r"\u001b]0;x\u0007\u009b2J\r\u202e\nFORGED";
 
 /// Asserts that the output has the hostile text, and has it escaped.
 #[track_caller]
 fn assert_escaped(printed: &str) {
     assert_eq!(printable(printed), printed);
+    assert!(!printed.lines().any(|line| line.trim_start().starts_with("FORGED")), "{printed}");
     let shown = ["\\u{1b}", "\\u{202e}", "\\x1b"];
     assert!(shown.iter().any(|escaped| printed.contains(escaped)), "the hostile text is not in: {printed}");
 }
@@ -44,9 +46,9 @@ fn hostile_text_in_files_is_escaped() {
         assert_refused(&domain.run(&["check", domain.path(name).to_str().unwrap()]), 78);
     }
     // Arguments that are repeated, such as the name of a file that looks like an option.
-    assert_refused(&domain.run(&["check", &format!("--{HOSTILE}")]), 64);
+    assert_refused(&domain.run(&["check", &format!("--{}", HOSTILE.replace('\n', ""))]), 64);
     // CSV: names of columns and fields. A carriage return in a row is refused without being shown.
-    let hostile = HOSTILE.replace('\r', "");
+    let hostile = HOSTILE.replace(['\r', '\n'], "");
     let run = fs::read_to_string(RUN).unwrap();
     let (header, rows) = run.split_once('\n').unwrap();
     for (name, content) in [
@@ -87,7 +89,7 @@ fn hostile_text_in_files_is_escaped() {
 fn the_columns_of_a_regression_are_escaped_and_its_json_is_json() {
     let domain = TestDomain::new();
     let rows: String = (0..20).map(|x| format!("{x},{}\n", 2 * x + x % 3)).collect();
-    let column = HOSTILE.replace('\r', "");
+    let column = HOSTILE.replace(['\r', '\n'], "");
     let data = domain.write("data.csv", &format!("{column},y\n{rows}"));
     let data = data.to_str().unwrap();
     let arguments = ["regress", data, "--x", &column, "--y", "y"];

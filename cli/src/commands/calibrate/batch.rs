@@ -6,7 +6,7 @@ use crate::commands::common::inputs;
 use isotherm_analysis::{batch, same_rows};
 use isotherm_calibration::{TableFile, now, tool};
 use isotherm_campaign::{Campaign, IMU, select_imu};
-use isotherm_failure::{Exit, Failure, printable, tell};
+use isotherm_failure::{Exit, Failure, printable, shown, tell};
 use isotherm_files::{StagedText, refuse_overlap};
 use isotherm_finding::Finding;
 use isotherm_job::CampaignFile;
@@ -34,7 +34,7 @@ impl Calibrate {
     pub(super) fn chosen(&self, campaigns: Vec<Campaign>) -> Result<Vec<Campaign>, Failure> {
         let Some(imu) = &self.without_turntable.imu else { return Ok(campaigns) };
         let chosen = select_imu(campaigns, Some(imu.as_str()));
-        let chosen = chosen.map_err(|message| format!("--imu: {}: {message}", self.campaign.display()));
+        let chosen = chosen.map_err(|message| format!("--imu: {}: {message}", shown(&self.campaign)));
         Ok(vec![chosen.map_err(|message| Failure::new(Exit::Usage, message))?])
     }
 
@@ -116,7 +116,7 @@ impl Calibrate {
         let names: Vec<_> = dropped.iter().map(|(imu, _)| imu.as_str()).collect();
         let message = format!(
             "{}: {} of {} IMUs dropped, the reasons are above: {}",
-            self.campaign.display(),
+            shown(&self.campaign),
             dropped.len(),
             campaigns.len(),
             names.join(", ")
@@ -152,7 +152,7 @@ impl Calibrate {
         let wrong = |message: String| Err(Failure::new(Exit::Usage, message));
         for (option, path) in [("-o", Some(self.output.as_path())), ("--report", self.report.as_deref())] {
             if let Some(path) = path.filter(|path| !path.to_string_lossy().contains(IMU)) {
-                let name = path.display();
+                let name = shown(path);
                 return wrong(format!(
                     "{option} {name}: there are {count} IMUs; give a name with {IMU} in it, or choose one with --imu"
                 ));

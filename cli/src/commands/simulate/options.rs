@@ -3,7 +3,7 @@
 use super::memory::MemoryOptions;
 use crate::parse::{gravity, latitude, size, sizes, vibration};
 use clap::Args;
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{Output, StagedText, Trust, load_table, print};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{CoefficientTable, Content, Refusal};
@@ -216,7 +216,7 @@ impl SimulatedFiles {
     /// Makes the files visible, and prints their paths.
     pub(super) fn finish(self) -> Result<(), Failure> {
         StagedText::finish_together(self.texts)?;
-        self.paths.iter().try_for_each(|path| print(&format!("{}\n", path.display())))
+        self.paths.iter().try_for_each(|path| print(&format!("{}\n", shown(path))))
     }
 }
 

@@ -5,7 +5,7 @@ use crate::parse::{interval, size};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use isotherm_client::{Domain, monotonic_ns};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{create_own_folder, print};
 use isotherm_simulation::{Chain, Noise};
 use isotherm_simulator::{
@@ -198,7 +198,7 @@ impl SimulateStation {
 
 /// Prints the ports and the next commands.
 fn announce(station: &SimulatedStation, folder: &Path) -> Result<(), Failure> {
-    let folder = folder.display();
+    let folder = shown(folder);
     let imus = station.imus.iter().map(|StationImu { id, .. }| format!(" --imu {id}={folder}/{id}.toml"));
     let imus: String = imus.collect();
     print(&format!(

@@ -13,6 +13,7 @@ use super::turns::{self, turn_plan};
 use crate::limits::{self, Limits};
 use isotherm_calibration::observable;
 use isotherm_campaign::{Campaign, IMU, Position, Ramp, SAME_DIRECTION, Scheme, Turn, mounting};
+use isotherm_failure::shown;
 use isotherm_files::target_of;
 use isotherm_instruments::{ChamberConfig, TurntableConfig};
 use isotherm_shared::document::Section;
@@ -120,7 +121,7 @@ fn missing_folder(file: &Path) -> Option<String> {
     // The installation writes where a link leads.
     let file = if file.is_symlink() { target_of(file) } else { file.to_owned() };
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty())?;
-    (!folder.is_dir()).then(|| format!("there is no folder {}; make it", folder.display()))
+    (!folder.is_dir()).then(|| format!("there is no folder {}; make it", shown(folder)))
 }
 
 /// The values that go into the campaign file unchanged.

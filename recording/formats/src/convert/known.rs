@@ -5,7 +5,7 @@ use super::novatel::{self, NovatelSource};
 use super::ros::RosSource;
 use super::settings::Settings;
 use super::source::Source;
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_recording::columns::MCAP_MAGIC;
 use std::io::Read;
 use std::path::Path;
@@ -58,7 +58,7 @@ impl Known {
 
 /// Refuses settings of another format than the data's.
 pub(super) fn check(settings: &Settings, path: &Path, format: Option<Known>) -> Result<(), Failure> {
-    let refused = |message: &str| Err(Failure::new(Exit::Usage, format!("{}: {message}", path.display())));
+    let refused = |message: &str| Err(Failure::new(Exit::Usage, format!("{}: {message}", shown(path))));
     if format != Some(Known::Mcap) && (settings.topic.is_some() || settings.temperature_topic.is_some()) {
         return refused("a topic is named, but this is not MCAP");
     }

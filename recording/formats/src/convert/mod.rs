@@ -36,7 +36,7 @@ pub use settings::Settings;
 pub use source::PLACEHOLDER;
 
 use interval::{GAP, Steps};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{LoadError, Trust, open_recording, read_text};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
@@ -104,7 +104,7 @@ impl Conversion {
     /// As [`open`](Self::open).
     pub fn of_file(path: &Path, mapping: Option<(&Path, &str)>, settings: &Settings) -> Result<Self, Failure> {
         if path.is_dir() {
-            let message = format!("{}: a folder; name the .mcap file in it", path.display());
+            let message = format!("{}: a folder; name the .mcap file in it", shown(path));
             return Err(Failure::new(Exit::Data, message));
         }
         let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
@@ -141,7 +141,7 @@ impl Conversion {
         let read = (&mut source).take(BEGINNING).read_to_end(&mut beginning);
         read.map_err(|error| Failure::io("reading", path, &error))?;
         if let Some(message) = refused::reason(&beginning) {
-            return Err(Failure::new(Exit::Data, format!("{}: {message}", path.display())));
+            return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(path))));
         }
         let (format, no_text) = (Known::of(&beginning), refused::no_text(&beginning));
         let source: Box<dyn Read> = Box::new(Cursor::new(beginning).chain(source));
@@ -157,12 +157,12 @@ impl Conversion {
             return Self::begin(path, source, interval_ns, settings.session).map_err(failed);
         }
         if let Some(message) = no_text {
-            return Err(Failure::new(Exit::Data, format!("{}: {message}", path.display())));
+            return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(path))));
         }
         let mut rows = Rows::new(source);
         let Some((file, text)) = mapping else {
             let proposal = proposal::propose(&mut rows).map_err(failed)?;
-            let name = path.display();
+            let name = shown(path);
             let message = format!("{name}: which columns are what? Give --mapping with a file such as\n\n{proposal}");
             return Err(Failure::new(Exit::Usage, message));
         };

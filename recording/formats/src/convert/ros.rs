@@ -8,7 +8,7 @@ use super::settings::Settings;
 use super::source::{PLACEHOLDER, Reading, Source, placeholder, pulses};
 use crate::read::records::Records;
 use crate::ros::{Encoding, IMU, Imu, TEMPERATURE, Temperature};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::open_recording;
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
@@ -145,7 +145,7 @@ impl RosSource {
             ));
         }
         let failed = |error: RecordingError| error.failure(path);
-        let refused = |message: String| Failure::new(Exit::Data, format!("{}: {message}", path.display()));
+        let refused = |message: String| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
         let mut contents = Contents::read(&mut Messages::open(path, settings)?).map_err(failed)?;
         let topic = choose(&contents.imus, settings.topic.as_deref(), "--topic")
             .map_err(|problem| refused(contents.problem(&problem, IMU)))?

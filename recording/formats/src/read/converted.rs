@@ -2,7 +2,7 @@
 
 use super::piece::Piece;
 use crate::convert::{Conversion, Scale};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_finding::{Finding, Location, name};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::Nominal;
@@ -40,14 +40,14 @@ impl Converted {
     pub(super) fn notes(&self) -> Vec<String> {
         let named = |path: &Path, note: &String| match self.0.len() {
             1 => note.clone(),
-            _ => format!("{}: {note}", path.display()),
+            _ => format!("{}: {note}", shown(path)),
         };
         self.foreign().flat_map(|(path, end)| end.notes.iter().map(move |note| named(path, note))).collect()
     }
 
     /// As [`Recording::findings`](super::Recording::findings).
     pub(super) fn findings(&self) -> Vec<Finding> {
-        let place = |path: &Path| Location::Recording(path.display().to_string());
+        let place = |path: &Path| Location::Recording(shown(path).to_string());
         let found = |(path, end): (&Path, &End)| -> Vec<Finding> {
             end.findings.iter().map(|finding| finding.clone().at(place(path))).collect()
         };
@@ -63,10 +63,10 @@ impl Converted {
         let message = format!(
             "the nominal interval is {} s, but that of {} is {} s, and a table holds for one; give the interval",
             seconds[1],
-            first.display(),
+            shown(first),
             seconds[0]
         );
-        Some(Finding::warning(name::INTERVAL, message).at(Location::Recording(path.display().to_string())))
+        Some(Finding::warning(name::INTERVAL, message).at(Location::Recording(shown(path).to_string())))
     }
 
     /// As [`Recording::nominal`](super::Recording::nominal).
@@ -77,7 +77,7 @@ impl Converted {
     /// What the pulses of all pieces stand for.
     pub(super) fn scale(&self) -> Result<Scale, Failure> {
         let refused = |path: &Path, why: &str| {
-            let message = format!("{}: no nominal table: {why}", path.display());
+            let message = format!("{}: no nominal table: {why}", shown(path));
             Failure::new(Exit::Data, message).at(path, None)
         };
         let mut joint: Option<(&Path, Scale)> = None;
@@ -92,7 +92,7 @@ impl Converted {
                     let both = of.with(scale).map_err(|what| {
                         refused(
                             path,
-                            &format!("{what} is not that of {}; give files that belong together", first.display()),
+                            &format!("{what} is not that of {}; give files that belong together", shown(first)),
                         )
                     })?;
                     Some((first, both))

@@ -8,7 +8,7 @@ use super::places::Places;
 use super::table::{ImuChoice, TableReader, WantedColumn};
 use core::ops::Sub;
 use indicatif::ProgressBar;
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{CsvColumn, DecimalMark, Rows, Separator};
 use std::borrow::Cow;
@@ -70,7 +70,7 @@ pub fn read_numbers<T: Sub<Output = T>>(
             table.rows.push(NumberRow { line, values: values.map_err(failed)? });
         }
         let note = source.note().map_err(failed)?;
-        table.notes.extend(note.map(|note| format!("{}: {note}", path.display())));
+        table.notes.extend(note.map(|note| format!("{}: {note}", shown(path))));
         before += source.place();
     }
     if ordered.is_empty() {

@@ -1,7 +1,7 @@
 //! Opens the file of a recording: its format by the first bytes, and the hash of all of them.
 
 use indicatif::ProgressBar;
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::open_recording;
 use isotherm_recording::columns::{MCAP_MAGIC, PARQUET_MAGIC};
 use sha2::{Digest as _, Sha256};
@@ -28,7 +28,7 @@ pub(super) fn open_source(path: &Path, bar: &ProgressBar, hash: Option<&SharedHa
     let mut magic = Vec::new();
     (&mut source).take(MCAP_MAGIC.len() as u64).read_to_end(&mut magic).map_err(|error| io(&error))?;
     if magic.is_empty() {
-        return Err(Failure::new(Exit::Data, format!("{}: the file is empty", path.display())).at(path, None));
+        return Err(Failure::new(Exit::Data, format!("{}: the file is empty", shown(path))).at(path, None));
     }
     if magic.starts_with(PARQUET_MAGIC) {
         let message = "a Parquet file cannot be read from a pipe: its footer is at its end; name the file";

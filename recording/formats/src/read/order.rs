@@ -1,7 +1,7 @@
 //! The order of the pieces of a recording.
 
 use super::table::WantedColumn;
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_recording::columns::{ColumnSet, RAW, RECORDED_NS, SEQUENCE, SESSION, TIMESTAMP_NS};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -39,11 +39,11 @@ pub(super) fn in_order(
     for path in paths {
         let io = |error: &io::Error| Failure::io("opening", path, error);
         if path == Path::new("-") || !fs::metadata(path).map_err(|error| io(&error))?.is_file() {
-            return usage(format!("{}: pieces of a recording must be files; a pipe is read alone", path.display()));
+            return usage(format!("{}: pieces of a recording must be files; a pipe is read alone", shown(path)));
         }
         let name = fs::canonicalize(path).map_err(|error| io(&error))?;
         if names.contains(&name) {
-            return usage(format!("{} is named twice; name every piece once", path.display()));
+            return usage(format!("{} is named twice; name every piece once", shown(path)));
         }
         names.push(name);
     }

@@ -1,5 +1,6 @@
 //! Converts the row count over all pieces of a recording back to file and line.
 
+use isotherm_failure::shown;
 use std::path::{Path, PathBuf};
 
 /// The pieces of a recording as far as they have been opened, in order.
@@ -30,7 +31,7 @@ impl Places {
     #[must_use]
     pub fn locate(&self, place: u64) -> String {
         let Some(PiecePlace { path, unit, .. }) = self.piece(place) else { return place.to_string() };
-        let (path, place) = (path.display(), self.within_piece(place));
+        let (path, place) = (shown(path), self.within_piece(place));
         match unit {
             None => format!("{path}:{place}"),
             Some(unit) => format!("{path}: {unit} {place}"),

@@ -8,7 +8,7 @@ use super::piece::{Piece, RowKind};
 use super::places::Places;
 use crate::convert::Foreign;
 use indicatif::ProgressBar;
-use isotherm_failure::{Exit, Failure, tell};
+use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_finding::{Finding, Location, name};
 use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
 use isotherm_shared::lag::LagCompletion;
@@ -147,7 +147,7 @@ impl Recording {
             }
             rule = self.current.source.sequence_rule();
             if let Some(warning) = self.current.source.truncation() {
-                let place = Location::Recording(self.current.path.display().to_string());
+                let place = Location::Recording(shown(&self.current.path).to_string());
                 let finding = Finding::warning(name::TRUNCATED, warning).at(place);
                 tell("isotherm", finding.tagged(|line| line.to_string()));
             }
@@ -225,7 +225,7 @@ impl Recording {
         let Some(hash) = self.hash else { return Ok(String::new()) };
         drop(self.current);
         let digest = hash.try_borrow_mut().map(|mut hash| hash.finalize_reset());
-        let digest = digest.map_err(|_| Failure::new(Exit::Failed, format!("hashing {}", path.display())))?;
+        let digest = digest.map_err(|_| Failure::new(Exit::Failed, format!("hashing {}", shown(&path))))?;
         Ok(digest.iter().map(|byte| format!("{byte:02x}")).collect())
     }
 }
@@ -317,7 +317,7 @@ impl Iterator for Samples {
 /// What is wrong with the first row of a piece, which the piece `previous` is before. Rows that do not rise are in
 /// order already.
 fn behind(previous: &Path, message: &str) -> String {
-    let previous = previous.display();
+    let previous = shown(previous);
     match message.split_once("; it must rise") {
         Some((what, _)) => format!(
             "{what}; the piece before is {previous}: leave out the rows that are in both, or give those of another \
@@ -333,7 +333,7 @@ fn refuse_needless(input: &Input, path: &Path) -> Result<(), Failure> {
     if given.is_empty() {
         return Ok(());
     }
-    let (path, given) = (path.display(), given.join(", "));
+    let (path, given) = (shown(path), given.join(", "));
     let message =
         format!("{path}: a recording, which has all that is needed; leave out what is for other data: {given}");
     Err(Failure::new(Exit::Usage, message))
@@ -344,6 +344,6 @@ fn refuse_other_imu((path, imu): (&Path, &str), (first, of): (&Path, &str)) -> R
     if imu == of {
         return Ok(());
     }
-    let (first, path, imu, of) = (first.display(), path.display(), imu.escape_debug(), of.escape_debug());
+    let (first, path, imu, of) = (shown(first), shown(path), imu.escape_debug(), of.escape_debug());
     Err(Failure::new(Exit::Data, format!("{path} is of {imu}, but {first} of {of}; give the pieces of one IMU")))
 }

@@ -28,7 +28,7 @@ mod report;
 pub use report::{Hole, Loss, RepairReport, RowTime, StreamRows};
 
 use crate::seal::MAGIC;
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{Output, check_written, refuse_overlap};
 use isotherm_recording::columns::MCAP_MAGIC;
 use serde::Serialize;
@@ -44,7 +44,7 @@ pub fn repair_into(source: &Path, target: &Path) -> Result<RepairReport, Failure
     refuse_overlap(&[(source, "the recording")], &[Some(target)])?;
     let refuse_existing = || match fs::symlink_metadata(target) {
         Ok(_) => {
-            let message = format!("{} exists; a recording is never replaced: name another", target.display());
+            let message = format!("{} exists; a recording is never replaced: name another", shown(target));
             Err(Failure::new(Exit::Io, message).at(target, None))
         }
         Err(_) => Ok(()),
@@ -54,13 +54,13 @@ pub fn repair_into(source: &Path, target: &Path) -> Result<RepairReport, Failure
         Ok(output) => Ok(output),
         Err(error) => {
             check_written(Some(target), Err(error))?;
-            Err(Failure::new(Exit::Io, format!("writing {}", target.display())))
+            Err(Failure::new(Exit::Io, format!("writing {}", shown(target))))
         }
     };
     let mut output = written(Output::create(Some(target)))?;
     let repaired = repair(source, &mut output).map_err(|failure| match failure.exit {
         // An error of the output has no other place.
-        Exit::Io if failure.place.is_none() => Failure::new(Exit::Io, format!("{}: {failure}", target.display())),
+        Exit::Io if failure.place.is_none() => Failure::new(Exit::Io, format!("{}: {failure}", shown(target))),
         _ => failure,
     })?;
     refuse_existing()?;
@@ -77,7 +77,7 @@ pub fn repair(source: &Path, mut sink: impl Write) -> Result<RepairReport, Failu
     let is_file = fs::metadata(source).map_err(|error| io(&error))?.is_file();
     let file = File::open(source).map_err(|error| io(&error))?;
     if !is_file {
-        let message = format!("{}: only a file can be repaired", source.display());
+        let message = format!("{}: only a file can be repaired", shown(source));
         return Err(Failure::new(Exit::Usage, message).at(source, None));
     }
     let mut begin = Vec::new();
@@ -98,7 +98,7 @@ pub fn repair(source: &Path, mut sink: impl Write) -> Result<RepairReport, Failu
     });
     repaired.map_err(|error| match error {
         RepairError::Nothing(message) => {
-            Failure::new(Exit::Data, format!("{}: {message}", source.display())).at(source, None)
+            Failure::new(Exit::Data, format!("{}: {message}", shown(source))).at(source, None)
         }
         RepairError::Read(error) => Failure::io("reading", source, &error),
         RepairError::Write(error) => Failure::new(Exit::Io, format!("writing: {error}")),

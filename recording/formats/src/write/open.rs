@@ -4,7 +4,7 @@ use super::growing::GrowingFile;
 use super::mcap::McapFile;
 use super::parquet::ParquetFile;
 use super::ros::{RosFile, RosTable};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::{self, RecordedRow, columns};
 use isotherm_shared::stream::{ImuId, StreamKind};
@@ -17,7 +17,7 @@ pub struct FileError(pub PathBuf, pub io::Error);
 impl From<FileError> for Failure {
     fn from(FileError(path, error): FileError) -> Self {
         if error.kind() == io::ErrorKind::AlreadyExists {
-            let path = path.display();
+            let path = shown(&path);
             let remedy = "a recording is never replaced: name another, or rotate, which numbers the files";
             return Self::new(Exit::Io, format!("{path} exists; {remedy}"));
         }

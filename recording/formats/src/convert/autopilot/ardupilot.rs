@@ -7,7 +7,7 @@ use super::dataflash::{Message, Messages};
 use super::dataflash_format::ImuColumns;
 use super::imu::{Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Values, choose, devices_told, open, units};
 use super::undo::{Corrections, concerns, devices};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
 use isotherm_shared::wire::{AXES, device};
@@ -57,7 +57,7 @@ impl DataFlashSource {
         telemetry: Option<f64>,
         is_text: bool,
     ) -> Result<Self, Failure> {
-        let refused = |message: &str| Failure::new(Exit::Data, format!("{}: {message}", path.display()));
+        let refused = |message: &str| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
         let mut first = Messages::new(open(path, settings)?, is_text);
         let failed = |error: RecordingError| error.failure(path);
         let mut contents = Contents::read(&mut first).map_err(failed)?;

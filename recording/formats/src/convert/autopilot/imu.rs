@@ -3,7 +3,7 @@
 use super::super::scale::Units;
 use super::super::settings::Settings;
 use super::super::source::{Reading, pulses};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::open_recording;
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
@@ -41,7 +41,7 @@ pub(super) fn units() -> Units {
 /// Opens a log that is read twice.
 pub(super) fn open(path: &Path, settings: &Settings) -> Result<Box<dyn Read>, Failure> {
     if !fs::metadata(path).is_ok_and(|metadata| metadata.is_file()) {
-        let message = format!("{}: a log of an autopilot is read twice; give a file, not a stream", path.display());
+        let message = format!("{}: a log of an autopilot is read twice; give a file, not a stream", shown(path));
         return Err(Failure::new(Exit::Usage, message));
     }
     let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
@@ -66,7 +66,7 @@ pub(super) fn choose(path: &Path, imus: &BTreeMap<u8, Imu>, wanted: Option<u32>)
         format!("{number} ({device}, {} rows)", imu.rows)
     });
     let listed = listed.collect::<Vec<_>>().join(", ");
-    Err(Failure::new(Exit::Usage, format!("{}: {problem}: {listed}", path.display())))
+    Err(Failure::new(Exit::Usage, format!("{}: {problem}: {listed}", shown(path))))
 }
 
 /// The ids of both sensors, for the operator.
