@@ -138,6 +138,16 @@ pub fn open_without_waiting(path: &Path) -> io::Result<File> {
     OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK).open(path)
 }
 
+/// Makes a call again that a signal has interrupted. The standard library does so for most calls, but not for `fstat`.
+fn uninterrupted<T>(mut call: impl FnMut() -> io::Result<T>) -> io::Result<T> {
+    loop {
+        match call() {
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            result => return result,
+        }
+    }
+}
+
 /// Reads the text of a table or configuration. Returns also the state of the file from which it was read.
 ///
 /// # Errors
@@ -155,7 +165,7 @@ fn read(path: &Path, trust: Trust, limit: u64, kind: &str) -> Result<(String, Id
         faults: Faults(vec![Fault { line, key: String::new(), message }]),
     };
     let mut file = open_without_waiting(path).map_err(io)?;
-    let before = file.metadata().map_err(io)?;
+    let before = uninterrupted(|| file.metadata()).map_err(io)?;
     if !before.is_file() {
         return Err(refused(1, "not a regular file".to_owned()));
     }
@@ -168,7 +178,7 @@ fn read(path: &Path, trust: Trust, limit: u64, kind: &str) -> Result<(String, Id
         return Err(refused(1, format!("over {limit} bytes; no {kind} is that large")));
     }
     let identity = Identity::from(&before);
-    if identity != Identity::from(&file.metadata().map_err(io)?) {
+    if identity != Identity::from(&uninterrupted(|| file.metadata()).map_err(io)?) {
         return Err(refused(1, "changed while it was read; write it under another name and rename it".to_owned()));
     }
     match String::from_utf8(bytes) {

@@ -68,7 +68,7 @@ fn random(alphabet: impl Fn(u64) -> u8) -> Vec<u8> {
 }
 
 /// A megabyte of each kind of text that is in the wrong place, or meant to do harm.
-fn generators() -> Vec<(&'static str, Vec<u8>)> {
+pub(crate) fn generators() -> Vec<(&'static str, Vec<u8>)> {
     const MARKS: &[u8] = b"ab=[]{}\"'#.,\n 1-_\\\r\t";
     let utf16 = |text: &str| text.encode_utf16().flat_map(u16::to_le_bytes).collect::<Vec<_>>();
     let deep = |open: &str, close: &str| {

@@ -14,6 +14,7 @@ mod kills;
 mod leftovers;
 mod names;
 mod supervisor;
+mod tables;
 mod tracer;
 
 use isotherm_tests::{Needs, TABLE, TestDomain, skip, table};
