@@ -50,6 +50,7 @@ __all__ = [
     "read_recording",
     "read_text",
     "regress",
+    "repair",
     "replay",
     "time_warnings",
     "verify",
