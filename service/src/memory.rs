@@ -12,7 +12,7 @@
 
 use isotherm_client::{Domain, ImuId, Note, ROOT_VARIABLE, STATE_VARIABLE};
 use isotherm_failure::shown;
-use isotherm_files::{Trust, load_table, replace};
+use isotherm_files::{Trust, load_table, replace, uninterrupted};
 use isotherm_shared::table::CoefficientTable;
 use rustix::fs::{FsWord, statfs};
 use std::fs::{self, DirBuilder, File};
@@ -204,13 +204,13 @@ fn check_owner(folder: &Path) -> io::Result<()> {
     let own = rustix::process::geteuid().as_raw();
     let refused = |path: &Path, why: &str| Err(io::Error::other(format!("{} {why}", shown(path))));
     for (level, path) in folder.ancestors().take(3).enumerate() {
-        let found = fs::symlink_metadata(path)?;
+        let found = uninterrupted(|| fs::symlink_metadata(path))?;
         let is_trusted = found.uid() == own || level > 0 && found.uid() == 0;
         if !is_trusted {
             return refused(path, &format!("belongs to another user ({})", found.uid()));
         }
         // Permissions of a link say nothing. What it leads to counts, and its owner could have made that directly.
-        let found = if found.is_symlink() { fs::metadata(path)? } else { found };
+        let found = if found.is_symlink() { uninterrupted(|| fs::metadata(path))? } else { found };
         if !found.is_dir() {
             return refused(path, "is not a folder");
         }

@@ -153,6 +153,9 @@ impl Run {
             assert!(phase.is_start(), "it ended before the phase:\n{}", self.traced.log());
             return;
         }
+        if !phase.is_start() {
+            assert!(self.wait(|run| !run.ground.is_in_its_first_second()));
+        }
         let refused = |run: &Self| run.traced.has_logged("table refused", Duration::ZERO);
         if phase == Phase::Acceptance {
             self.ground.domain.replace("imu-a.toml", &lost_digit());
@@ -186,8 +189,7 @@ impl Run {
     }
 
     fn is_accepted(&self) -> bool {
-        let name = format!("{}accepted-imu-a", self.ground.domain.client_domain().prefix());
-        std::path::Path::new(self.ground.domain.client_domain().root_path()).join(name).exists()
+        self.ground.note("accepted-imu-a").exists()
     }
 }
 

@@ -36,6 +36,8 @@ fn leave_objects(ground: &Ground) {
     wait_until("samples and a recorder", || {
         served()["received"].as_u64() > Some(3) && served()["readers"].as_u64() > Some(1)
     });
+    // Otherwise the next start clears the domain, whatever lies there.
+    wait_until("a second of life", || !ground.is_in_its_first_second());
     [service, acquisition, recorder].into_iter().for_each(Process::kill);
 }
 

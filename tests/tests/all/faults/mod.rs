@@ -96,10 +96,20 @@ impl Ground {
         command
     }
 
+    /// A note in the folder of the domain.
+    fn note(&self, name: &str) -> PathBuf {
+        let domain = self.domain.client_domain();
+        PathBuf::from(domain.root_path()).join(format!("{}{name}", domain.prefix()))
+    }
+
     /// The digest that is noted as kept.
     fn kept(&self) -> String {
-        let name = format!("{}kept-imu-a", self.domain.client_domain().prefix());
-        fs::read_to_string(PathBuf::from(self.domain.client_domain().root_path()).join(name)).unwrap_or_default()
+        fs::read_to_string(self.note("kept-imu-a")).unwrap_or_default()
+    }
+
+    /// Whether the service is in the first second of its life. The start after a death in it clears the domain.
+    fn is_in_its_first_second(&self) -> bool {
+        self.note("starting").exists()
     }
 }
 

@@ -203,7 +203,8 @@ impl Tracer {
     fn stopped(&mut self, tid: Pid) {
         let Ok(mut registers) = ptrace::getregs(tid) else { return };
         let thread = self.threads.entry(tid.as_raw()).or_default();
-        let begins = registers.rax == (-i64::from(libc::ENOSYS)).cast_unsigned();
+        // A call that is left out ends as it begins: as one that the kernel does not have.
+        let begins = thread.fails.is_none() && registers.rax == (-i64::from(libc::ENOSYS)).cast_unsigned();
         if !begins {
             if let Some(errno) = thread.fails.take() {
                 registers.rax = (-i64::from(errno as i32)).cast_unsigned();
