@@ -24,6 +24,8 @@ enum Target {
 enum From {
     /// With the process; the service is asked to end before it is ready.
     Start,
+    /// With the process, but the configuration is whole.
+    Tables,
     /// When the service is ready. Then it gets a table, one that it refuses, and the acceptance of that.
     Ready,
 }
@@ -44,7 +46,7 @@ fn cases() -> Vec<Case> {
     let fates: Vec<_> = fates.collect();
     let both = targets.flat_map(|target| fates.iter().map(move |fate| (target, *fate)));
     let both: Vec<_> = both.collect();
-    [From::Start, From::Ready]
+    [From::Start, From::Tables, From::Ready]
         .into_iter()
         .flat_map(|from| both.iter().map(move |&(target, fate)| Case { target, fate, from }))
         .collect()
@@ -65,16 +67,17 @@ struct Outcome {
 fn attempt(case: &Case) -> Outcome {
     let ground = Ground::new();
     let supervisor = Supervisor::listen(&ground.domain.path("notify"));
-    let (lasts, faults) = (Arc::new(AtomicBool::new(case.from == From::Start)), Arc::<AtomicU32>::default());
+    let (lasts, faults) = (Arc::new(AtomicBool::new(case.from != From::Ready)), Arc::<AtomicU32>::default());
     let folder = ground.domain.path("").display().to_string();
     let streams = ground.domain.client_domain().root_path().to_owned();
     let (target, fate) = (case.target, case.fate);
+    let spared = if case.from == From::Tables { "/service.toml" } else { "/notify" };
     let decide = {
         let (lasts, faults) = (Arc::clone(&lasts), Arc::clone(&faults));
         move |call: &Call| {
             // The files of the transport lie in memory.
             let on_disk =
-                call.path.starts_with(&folder) && !call.path.starts_with(&streams) && !call.path.ends_with("notify");
+                call.path.starts_with(&folder) && !call.path.starts_with(&streams) && !call.path.ends_with(spared);
             let hit = match target {
                 Target::Disk(name) => call.name == name && on_disk,
                 Target::Log => call.name == "write" && call.path.starts_with("pipe:"),
@@ -147,8 +150,10 @@ fn try_cases(cases: &[Case]) {
         assert!(outcome.gap.is_none_or(|gap| gap < WATCHDOG), "{case:?}: {:?} without a feed", outcome.gap);
         let ends_well = match case.from {
             From::Ready => outcome.end == End::Exited(0),
-            // A configuration that cannot be read ends the start, and the supervisor tries again.
-            From::Start => [End::Exited(0), End::Exited(74), End::Killed(Signal::SIGTERM)].contains(&outcome.end),
+            // What cannot be read ends the start, and the supervisor tries again.
+            From::Start | From::Tables => {
+                [End::Exited(0), End::Exited(74), End::Killed(Signal::SIGTERM)].contains(&outcome.end)
+            }
         };
         assert!(ends_well, "{case:?}: {:?}", outcome.end);
     }
