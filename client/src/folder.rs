@@ -26,7 +26,8 @@ const GROUP_MODE: u32 = 0o2770;
 /// as a member of its group, is trusted.
 ///
 /// # Errors
-/// [`ConnectError::Permission`] or [`ConnectError::Foreign`] if not, and [`ConnectError::Transport`] if it is not usable.
+/// [`ConnectError::Permission`] or [`ConnectError::Foreign`] if not, and [`ConnectError::Transport`] if it is not
+/// usable.
 pub fn check_owner(domain: &Domain) -> Result<(), ConnectError> {
     inspect(domain).map(drop)
 }

@@ -60,8 +60,8 @@
 //!   [`Acquisition::close`] returns what was lost.
 //! * After a restart of the service the unanswered samples are sent to it again. Each answer is returned once, in
 //!   order.
-//! * A program that is cut off from the service, as by somebody who tidies `/dev/shm`, joins it again by itself. It warns
-//!   through `tracing` then, or on stderr if there is no subscriber and stderr can be written at once.
+//! * A program that is cut off from the service, as by somebody who tidies `/dev/shm`, joins it again by itself. It
+//!   warns through `tracing` then, or on stderr if there is no subscriber and stderr can be written at once.
 //!
 //! Service and clients must run as the same user and use the same [`Domain`]. An application that itself depends on
 //! `iceoryx2` must not enable that crate's `console` feature.

@@ -128,8 +128,8 @@ pub(crate) fn increment_bytes(increment: &CompensatedIncrement) -> [u8; INCREMEN
     record
 }
 
-/// The values of a contiguous array. They are copied: while the interpreter's lock is released, another thread may write
-/// into the array.
+/// The values of a contiguous array. They are copied: while the interpreter's lock is released, another thread may
+/// write into the array.
 #[derive(Debug, Default)]
 pub(crate) struct Values<T>(Vec<T>);
 

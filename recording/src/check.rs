@@ -1,8 +1,8 @@
 //! The checks of rows in CSV, by which a reader finds damage: `record` and `acquire --record` write them.
 //!
-//! The last column, `check`, has the CRC-32 of a row's text up to the comma before it, in 8 hexadecimal digits. A header
-//! has no check. So a header with this column is one that the recorder writes, name by name; and where the last column
-//! has a name that nobody knows, no row may have its own check there.
+//! The last column, `check`, has the CRC-32 of a row's text up to the comma before it, in 8 hexadecimal digits. A
+//! header has no check. So a header with this column is one that the recorder writes, name by name; and where the last
+//! column has a name that nobody knows, no row may have its own check there.
 
 use crate::columns::{Column, ColumnSet, INCREMENT, Layout, RAW};
 use crate::rows::columns;
@@ -53,7 +53,8 @@ pub(crate) fn matches(row: &[u8], digits: &[u8]) -> bool {
     digits.len() == DIGITS && check.is_some_and(|check| check == crc32fast::hash(row))
 }
 
-/// A line with another number in one of its fields, and with the check that it then has, if there is a column of checks.
+/// A line with another number in one of its fields, and with the check that it then has, if there is a column of
+/// checks.
 #[must_use]
 pub fn with_field(line: &[u8], field: usize, number: u64, check: Option<usize>) -> Vec<u8> {
     let content = line.trim_ascii_end();

@@ -37,12 +37,13 @@ impl RecordingError {
     #[must_use]
     pub fn failure(&self, path: &Path) -> Failure {
         let data = |place: &str, message: &str, line| {
-            Failure::new(Exit::Data, format!("{}{place}: {}", shown(path), one_line(message))).at(path, line)
+            Failure::new(Exit::Data, format!("{}{place}: {message}", shown(path))).at(path, line)
         };
         match self {
             Self::Data { line, message } => data(&format!(":{line}"), message, Some(*line)),
-            Self::Place { .. } => data("", &self.to_string(), None),
-            Self::Io(error) if error.raw_os_error().is_none() => data("", &error.to_string(), None),
+            // Libraries quote what is in the file.
+            Self::Place { .. } => data("", &one_line(&self.to_string()), None),
+            Self::Io(error) if error.raw_os_error().is_none() => data("", &one_line(&error.to_string()), None),
             Self::Io(error) => Failure::io("reading", path, error),
             Self::Piece(failure) => {
                 Failure { place: failure.place.clone(), ..Failure::new(failure.exit, failure.message.as_str()) }

@@ -19,7 +19,7 @@ use crate::lock::DomainLock;
 use crate::logging::DroppedLines;
 use crate::memory::Memory;
 use crate::metrics::Metrics;
-use crate::reload::{FileReport, TICK, TableFile, TableFiles};
+use crate::reload::{FileChange, FileReport, TICK, TableFile, TableFiles};
 use crate::start::{self, FirstTable};
 use crate::status::{StatusPublisher, imu_status};
 use crate::systemd::ServiceManager;
@@ -243,11 +243,13 @@ impl Starting {
                 continue;
             }
             let patience = *patience.get_or_insert_with(|| Instant::now() + FILE_PATIENCE);
-            let can_go_on = |imu: &usize| {
-                let is_known = memories.get(imu).is_some_and(|memory| memory.reference().is_some());
-                reports.contains_key(imu) || is_known && Instant::now() >= patience
+            // A disk that does not answer keeps its own IMUs from being served, and no others.
+            let can_be_served = |imu: &usize| {
+                let is_loaded = reports.get(imu).is_some_and(|report| matches!(report.change, FileChange::Loaded(_)));
+                is_loaded || memories.get(imu).is_some_and(|memory| memory.reference().is_some())
             };
-            if (0..config.imus.len()).all(|imu| can_go_on(&imu)) {
+            let is_over = Instant::now() >= patience && (0..config.imus.len()).any(|imu| can_be_served(&imu));
+            if reports.len() == config.imus.len() || is_over {
                 break;
             }
         }

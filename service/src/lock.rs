@@ -38,8 +38,11 @@ impl DomainLock {
         let mut file = options.open(&path).map_err(failed)?;
         if let Err(error) = fcntl_lock(&file, FlockOperation::NonBlockingLockExclusive) {
             let holder = fcntl_getlk(&file, &Flock::from(FlockType::WriteLock)).ok().flatten();
-            let pid = holder.and_then(|holder| holder.pid).map(|pid| format!(", pid {}", pid.as_raw_nonzero()));
-            let Some(pid) = pid else { return Err(failed(error.into())) };
+            let Some(holder) = holder else { return Err(failed(error.into())) };
+            let pid = match holder.pid {
+                Some(pid) => format!(", pid {}", pid.as_raw_nonzero()),
+                None => ", in another pid namespace".to_owned(),
+            };
             let domain = domain.name();
             let message = format!(
                 "another service is running in domain {domain:?}{pid}; stop it, or give this one another --domain"

@@ -8,10 +8,10 @@ use std::path::PathBuf;
 
 /// Take the rows before and behind damaged places of a recording into a new file
 ///
-/// CSV, Parquet and MCAP; the new file has the same format. What was recorded with checks is taken where it matches them:
-/// rows of CSV, row groups of Parquet, chunks of MCAP. Without checks it is taken where it can be read. Each damaged
-/// place is printed with the rows and times that are lost. Rows keep session and sequence, so a hole within a session is
-/// a gap of known length; behind one of unknown length a new session begins. The recording itself is not
+/// CSV, Parquet and MCAP; the new file has the same format. What was recorded with checks is taken where it matches
+/// them: rows of CSV, row groups of Parquet, chunks of MCAP. Without checks it is taken where it can be read. Each
+/// damaged place is printed with the rows and times that are lost. Rows keep session and sequence, so a hole within a
+/// session is a gap of known length; behind one of unknown length a new session begins. The recording itself is not
 /// changed.
 #[derive(Debug, Args)]
 #[command(

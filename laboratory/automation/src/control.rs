@@ -122,6 +122,9 @@ pub fn snapshot(folder: &Path) -> Result<Option<Snapshot>, Failure> {
 /// # Errors
 /// If it does not end within `timeout`, or others may write into the folder: they could name any process there.
 pub fn stop(folder: &Path, timeout: Duration) -> Result<bool, Failure> {
+    if !folder.exists() {
+        return Ok(false);
+    }
     check_own_folder(folder).map_err(|error| Failure::io("looking into", folder, &error))?;
     let Some(pid) = runner_pid(folder)? else { return Ok(false) };
     // The signal fails if the runner has just ended by itself, which is fine.

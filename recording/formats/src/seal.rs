@@ -9,8 +9,8 @@
 //! ```
 //!
 //! Other readers find row groups by the footer, and do not look between them. The footer's metadata have, under
-//! `isotherm.check`, the CRC-32 of each column of each row group: 8 hexadecimal digits, `,` between columns, `;` between
-//! groups.
+//! `isotherm.check`, the CRC-32 of each column of each row group: 8 hexadecimal digits, `,` between columns, `;`
+//! between groups.
 //!
 //! The seal of a row group has the footer of a file with this one group, so that the group can be read wherever it
 //! is, without the rest of the file. That of the footer is a mark and a CRC-32.

@@ -55,8 +55,8 @@ pub type CheckLaboratoryFile = fn(FileKind, &str, &Path) -> Result<String, Failu
 pub type CheckRecording = fn(&Path) -> Result<String, Failure>;
 
 impl Check {
-    /// Validates the files. `laboratory` validates campaign files, plans and mappings, `recording` recordings, which are
-    /// refused without it.
+    /// Validates the files. `laboratory` validates campaign files, plans and mappings, `recording` recordings, which
+    /// are refused without it.
     ///
     /// # Errors
     /// All faults of all files.
@@ -243,8 +243,8 @@ fn format_2(content: &Content) -> String {
     text
 }
 
-/// The format of a file that is a recording: Parquet, MCAP, or CSV with sequences and times. An empty file is one by its
-/// name.
+/// The format of a file that is a recording: Parquet, MCAP, or CSV with sequences and times. An empty file is one by
+/// its name.
 fn recording_format(path: &Path) -> Option<&'static str> {
     const MAGIC: [(&[u8], &str); 2] = [(b"PAR1", "Parquet"), (b"\x89MCAP0\r\n", "MCAP")];
     const ENDINGS: [(&str, &str); 3] = [("parquet", "Parquet"), ("mcap", "MCAP"), ("csv", "CSV")];

@@ -178,7 +178,7 @@ fn read(path: &Path, trust: Trust, limit: u64, kind: &str) -> Result<(String, Id
     let mut bytes = Vec::new();
     (&mut file).take(limit + 1).read_to_end(&mut bytes).map_err(io)?;
     if bytes.len() as u64 > limit {
-        return Err(refused(1, format!("over {limit} bytes; no {kind} is that large")));
+        return Err(refused(1, format!("over {limit} bytes; no {kind} is that large; give the {kind}")));
     }
     let identity = Identity::from(&before);
     if identity != Identity::from(&uninterrupted(|| file.metadata()).map_err(io)?) {

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
 /// The keys of an IMU in the status, less those that are about a whole IMU.
-const KEYS: [&str; 35] = [
+const KEYS: [&str; 36] = [
     "id",
     "table",
     "table_file",
@@ -30,6 +30,7 @@ const KEYS: [&str; 35] = [
     "repeats",
     "sessions",
     "transport_errors",
+    "waits_for_table",
     "flagged",
     "reloads",
     "refusals",

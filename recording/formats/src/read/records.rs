@@ -178,8 +178,8 @@ fn event_of(opcode: u8, data: &[u8]) -> Result<McapEvent, McapError> {
     })
 }
 
-/// Passes each record of a part of an MCAP file, which is in memory, to `take`: its kind, and its content. The records of
-/// a chunk come if it matches its check. With `begins`, the part is the begin of a file.
+/// Passes each record of a part of an MCAP file, which is in memory, to `take`: its kind, and its content. The records
+/// of a chunk come if it matches its check. With `begins`, the part is the begin of a file.
 ///
 /// # Errors
 /// Those of `take`, or what is wrong with the part.
@@ -261,8 +261,8 @@ fn is_index(record: &[u8]) -> bool {
     length.is_some_and(|length| length % 16 == 0 && record.len() == 6 + length as usize)
 }
 
-/// Whether the texts of a header, a schema or a channel end within its record. The library allocates the length that a text
-/// claims before it reads the text.
+/// Whether the texts of a header, a schema or a channel end within its record. The library allocates the length that a
+/// text claims before it reads the text.
 fn texts_fit(opcode: u8, record: &[u8]) -> bool {
     fn length(rest: &mut &[u8]) -> Option<usize> {
         let (length, after) = rest.split_first_chunk()?;

@@ -213,8 +213,8 @@ impl<'a> Scan<'a> {
         }
     }
 
-    /// Goes on at the next chunk, or at the end. Records before the damage may have been none, so that it is sought from
-    /// the last chunk on.
+    /// Goes on at the next chunk, or at the end. Records before the damage may have been none, so that it is sought
+    /// from the last chunk on.
     fn damage(&mut self, at: u64, cause: &str) -> io::Result<Option<ScanEvent>> {
         self.is_whole = false;
         match self.search(self.sure)? {

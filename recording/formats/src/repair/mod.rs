@@ -2,7 +2,8 @@
 //!
 //! What was recorded with checks is taken where it matches them: rows of CSV, row groups of Parquet, chunks of MCAP.
 //! Without checks it is taken where it can be read. Rows keep their session and sequence, by which the length of a hole
-//! is known. Where it is not, because the same session goes on with a sequence that does not rise, a new session begins.
+//! is known. Where it is not, because the same session goes on with a sequence that does not rise, a new session
+//! begins.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {

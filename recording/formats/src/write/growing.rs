@@ -6,8 +6,8 @@ use std::fs::File;
 use std::io::{self, Seek as _, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// Creates `path` with these bytes. The file appears with its full content, and never replaces an existing one, except a
-/// recording without rows.
+/// Creates `path` with these bytes. The file appears with its full content, and never replaces an existing one, except
+/// a recording without rows.
 ///
 /// # Errors
 /// If it exists or cannot be written.

@@ -1,5 +1,5 @@
-//! Files that `record` and `acquire --record` wrote before there were checks, in `tests/data/unchecked`: they are read as
-//! they were, and known to have no checks.
+//! Files that `record` and `acquire --record` wrote before there were checks, in `tests/data/unchecked`: they are read
+//! as they were, and known to have no checks.
 
 use indicatif::ProgressBar;
 use isotherm_recording::columns::{ColumnKind, RAW, RECORDED_NS, SENT_NS, hex, load};

@@ -2,8 +2,8 @@
 
 use super::supervisor::{Supervisor, WATCHDOG};
 use super::tracer::{Call, End, Fate, Traced};
-use super::{Ground, lost_digit, may_trace, try_all};
-use isotherm_tests::{TIMEOUT, variant};
+use super::{Ground, digest, lost_digit, may_trace, try_all};
+use isotherm_tests::{TABLE, TIMEOUT, variant};
 use nix::errno::Errno;
 use nix::sys::signal::Signal;
 use std::sync::Arc;
@@ -157,6 +157,31 @@ fn try_cases(cases: &[Case]) {
         };
         assert!(ends_well, "{case:?}: {:?}", outcome.end);
     }
+}
+
+/// An IMU that is new, and whose disk does not answer, keeps no other from being served.
+#[test]
+fn a_disk_that_does_not_answer_keeps_no_other_imu_from_being_served() {
+    if !may_trace() {
+        return;
+    }
+    let ground = Ground::new();
+    ground.domain.write("imu-b.toml", TABLE);
+    let both = "[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n[[imu]]\nid = \"imu-b\"\ntable = \"imu-b.toml\"\n";
+    ground.domain.write("service.toml", both);
+    let supervisor = Supervisor::listen(&ground.domain.path("notify"));
+    let decide = |call: &Call| {
+        let is_new = call.name == "open" && call.path.ends_with("imu-b.toml") && !call.path.contains("/.state/");
+        if is_new { Fate::Waits(Duration::from_secs(60)) } else { Fate::Happens }
+    };
+    let mut traced = Traced::start(ground.serve(&supervisor), decide);
+    ground.domain.register_process(traced.pid);
+    assert!(supervisor.wait_for("READY=1", TIMEOUT).is_some(), "{}", traced.log());
+    let status = ground.domain.status();
+    assert_eq!(status["imus"][0]["table"], digest(TABLE));
+    assert!(status["imus"][1]["table"].is_null(), "{status}");
+    traced.signal(Signal::SIGTERM);
+    assert_eq!(traced.end(TIMEOUT), Some(End::Exited(0)), "{}", traced.log());
 }
 
 #[test]

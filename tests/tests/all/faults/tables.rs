@@ -1,5 +1,5 @@
-//! A megabyte of anything in the place of the table: it is refused, the watchdog is fed, and the service starts with the
-//! kept table.
+//! A megabyte of anything in the place of the table: it is refused, the watchdog is fed, and the service starts with
+//! the kept table.
 
 use super::supervisor::{Supervisor, WATCHDOG};
 use super::{Ground, digest, try_all};

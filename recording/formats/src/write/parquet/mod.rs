@@ -1,5 +1,5 @@
-//! Rows in a Parquet file: one that is complete at every instant, with checks, and one that is written from beginning to
-//! end, without.
+//! Rows in a Parquet file: one that is complete at every instant, with checks, and one that is written from beginning
+//! to end, without.
 //!
 //! A Parquet file has its footer at the end, so it cannot simply grow. Two files take turns, a visible one under the
 //! name and a hidden one. At a flush the hidden file gets the full row groups that it lacks, then the open row group,
