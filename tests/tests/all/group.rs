@@ -103,18 +103,22 @@ fn users_of_the_group_share_a_domain_and_nobody_else_enters_it() {
     // While all are connected: the group may what the owner may, and others nothing.
     let private = ["group", "kept-imu-a", "service.lock", "starting"];
     let mut sockets = 0;
-    for path in group.objects() {
-        let Ok(found) = fs::symlink_metadata(&path) else { continue };
-        let mode = found.mode() & 0o777;
-        assert_eq!(mode & 0o007, 0, "{}: {mode:o}", path.display());
-        assert!([SERVICE, ACQUISITION, READER].contains(&found.uid()), "{}: {}", path.display(), found.uid());
-        if private.iter().any(|name| path.to_string_lossy().ends_with(name)) {
-            assert_eq!((found.uid(), mode), (SERVICE, 0o600), "{}", path.display());
-        } else {
-            assert_eq!((found.gid(), mode >> 3 & 7), (GROUP, mode >> 6), "{}: {mode:o}", path.display());
-        }
-        sockets += usize::from(found.file_type().is_socket());
-    }
+    // What was just created is opened to the group a moment later.
+    wait_until("all objects are the group's", || {
+        sockets = 0;
+        group.objects().iter().all(|path| {
+            let Ok(found) = fs::symlink_metadata(path) else { return true };
+            let mode = found.mode() & 0o777;
+            assert_eq!(mode & 0o007, 0, "{}: {mode:o}", path.display());
+            assert!([SERVICE, ACQUISITION, READER].contains(&found.uid()), "{}: {}", path.display(), found.uid());
+            sockets += usize::from(found.file_type().is_socket());
+            if private.iter().any(|name| path.to_string_lossy().ends_with(name)) {
+                (found.uid(), mode) == (SERVICE, 0o600)
+            } else {
+                (found.gid(), mode >> 3 & 7) == (GROUP, mode >> 6)
+            }
+        })
+    });
     assert!(sockets > 0);
     let (status, log) = feed.wait();
     assert!(status.success(), "{log}");
