@@ -161,7 +161,7 @@ pub fn tell_last(program: &str, message: impl Display) {
     }
 }
 
-/// Waits until all lines are written, at most [`FLUSH_LIMIT`].
+/// Waits until all lines are written, at most for 0.3 s.
 pub fn flush() {
     let begun = Instant::now();
     while LINES.get().is_some_and(|queue| queue.waiting() > 0) && begun.elapsed() < FLUSH_LIMIT {

@@ -3,7 +3,7 @@
 //! [`OwnStatic`] is iceoryx2's storage in files with two differences. Dropping it removes only the file that it has
 //! created or opened: iceoryx2 removes whatever has the name, and where the memory of a domain was removed under its
 //! processes, the last one to leave the old streams would remove the files of the new ones. And where a domain belongs
-//! to a group, its members may read the file ([`group`](crate::group)).
+//! to a group, its members may read the file (`group`).
 #![expect(unsafe_code, reason = "functions of iceoryx2's traits are unsafe, and are passed on")]
 
 use crate::group;
