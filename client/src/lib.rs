@@ -116,6 +116,6 @@ pub use process::Process;
 pub use reader::{IncrementReader, RawReader, Reader, Streamed};
 pub use realtime::{Realtime, RealtimeError, process_kb};
 pub use rehearsal::{Rehearsal, RehearsalError, RehearsalStreams, publish, receive};
-pub use resources::{check_room, reserve};
+pub use resources::{check_descriptors, check_room, reserve};
 pub use status::{StatusError, StatusNote, StatusReader, fetch_status};
 pub use tap::{Tap, TapSettings, TappedSample};

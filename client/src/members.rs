@@ -9,7 +9,7 @@ use std::fs::{self, DirEntry};
 use std::path::Path;
 
 /// Opens what this user has made in the folder of a domain to the group that the domain belongs to, if it does. The
-/// transport makes sockets, locks and marks for their owner alone.
+/// transport gives access to sockets, locks and marks only to their owner.
 pub fn open_to_group(domain: &Domain) {
     let (root, prefix) = (Path::new(domain.root_path()), domain.prefix());
     if group::of(&prefix).is_none() {

@@ -192,7 +192,7 @@ impl Note {
         Self { folder: domain.root_path().into(), name: format!("{}{name}", domain.prefix()) }
     }
 
-    /// Whether it is there, whoever has written it.
+    /// Whether the note exists, whichever user wrote it.
     pub(crate) fn exists(&self) -> bool {
         fs::symlink_metadata(self.folder.join(&self.name)).is_ok_and(|found| found.is_file())
     }
@@ -230,21 +230,19 @@ impl Note {
     /// # Errors
     /// The operating system's.
     pub fn write(&self, text: &[u8]) -> io::Result<()> {
-        self.write_open(text).map(drop)
-    }
-
-    /// As [`write`](Self::write); what is written into the file that is returned is added to the note.
-    ///
-    /// # Errors
-    /// The operating system's.
-    pub fn write_open(&self, text: &[u8]) -> io::Result<File> {
-        let path = self.folder.join(&self.name);
+        let path = self.path();
         let staged = self.folder.join(format!("{}.{}", self.name, std::process::id()));
         let mut file = File::options().write(true).create(true).truncate(true).mode(0o600).open(&staged)?;
         file.set_permissions(Permissions::from_mode(0o600))?;
         let written = file.write_all(text).and_then(|()| fs::rename(&staged, path));
         // A folder that is full needs no half of it.
-        written.inspect_err(|_| _ = fs::remove_file(&staged)).map(|()| file)
+        written.inspect_err(|_| _ = fs::remove_file(&staged))
+    }
+
+    /// Its file.
+    #[must_use]
+    pub fn path(&self) -> PathBuf {
+        self.folder.join(&self.name)
     }
 
     /// Removes it; there may be none.

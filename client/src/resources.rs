@@ -71,7 +71,11 @@ pub fn reserve(domain: &Domain) -> Result<(), ConnectError> {
     Ok(())
 }
 
-fn check_descriptors(imus: usize) -> Result<(), ConnectError> {
+/// Checks that this process may open enough files for a service of `imus` IMUs, or for a client (0).
+///
+/// # Errors
+/// [`ConnectError::Exhausted`], which names the limit.
+pub fn check_descriptors(imus: usize) -> Result<(), ConnectError> {
     let needed = fs::read_dir("/proc/self/fd").map_or(0, Iterator::count) + DESCRIPTORS + imus * DESCRIPTORS_OF_AN_IMU;
     match getrlimit(Resource::Nofile).current {
         Some(limit) if limit < needed as u64 => Err(ConnectError::Exhausted(format!(

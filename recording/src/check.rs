@@ -4,8 +4,7 @@
 //! header has no check. So a header with this column is one that the recorder writes, name by name; and where the last
 //! column has a name that nobody knows, no row may have its own check there.
 
-use crate::columns::{Column, ColumnSet, INCREMENT, Layout, RAW};
-use crate::rows::columns;
+use crate::columns::{Column, ColumnSet, INCREMENT, Layout, RAW, columns};
 use isotherm_shared::stream::StreamKind;
 use std::io::Write as _;
 

@@ -406,6 +406,19 @@ pub fn hex(text: &[u8]) -> Option<u64> {
     u64::from_str_radix(core::str::from_utf8(text).ok()?, 16).ok()
 }
 
+/// Columns of a stream's recording.
+#[must_use]
+pub fn columns(stream: StreamKind, layout: Layout) -> Vec<Column> {
+    all(stream).iter().filter(|column| layout.has(column)).copied().collect()
+}
+
+pub(crate) const fn all(stream: StreamKind) -> &'static [Column] {
+    match stream {
+        StreamKind::Raw => &RAW,
+        StreamKind::Increment => &INCREMENT,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,7 +1,7 @@
 //! Rows as a recorder receives them, and their form in CSV.
 
 use crate::check;
-use crate::columns::{Column, ColumnKind, INCREMENT, Layout, RAW, RECORDED_NS, load, load_increment};
+use crate::columns::{Column, ColumnKind, Layout, RECORDED_NS, all, load, load_increment};
 use isotherm_shared::sequence::Period;
 use isotherm_shared::stream::StreamKind;
 use isotherm_shared::wire::{Flags, StreamSample};
@@ -16,19 +16,6 @@ pub struct RecordedRow {
     pub recorded_ns: u64,
     /// The sample.
     pub sample: StreamSample,
-}
-
-/// Columns of a stream's recording.
-#[must_use]
-pub fn columns(stream: StreamKind, layout: Layout) -> Vec<Column> {
-    all(stream).iter().filter(|column| layout.has(column)).copied().collect()
-}
-
-const fn all(stream: StreamKind) -> &'static [Column] {
-    match stream {
-        StreamKind::Raw => &RAW,
-        StreamKind::Increment => &INCREMENT,
-    }
 }
 
 impl RecordedRow {

@@ -10,27 +10,27 @@
 
 use crate::config::{Config, Strategy};
 use crate::early_death::StartMark;
-use crate::events::{EventSet, Events};
+use crate::events::{EventSet, Events, FileChange, FileReport};
 use crate::guard::Guard;
-use crate::imu::{ImuState, PendingImu};
+use crate::imu::{FirstTable, ImuState, PendingImu};
 use crate::keeper::{KeepRequest, Keeper};
 use crate::leftovers::{self, Leftovers};
 use crate::lock::DomainLock;
 use crate::logging::DroppedLines;
 use crate::memory::Memory;
 use crate::metrics::Metrics;
-use crate::reload::{FileChange, FileReport, TICK, TableFile, TableFiles};
-use crate::start::{self, FirstTable};
+use crate::reload::{TICK, TableFile, TableFiles};
+use crate::start;
 use crate::status::{StatusPublisher, imu_status};
-use crate::systemd::ServiceManager;
+use crate::systemd::{ServiceManager, has_supervisor};
 use crate::threads::{self, HeartbeatChange, WorkerThread};
 use crate::worker::Worker;
 use crate::worker::channel::ChannelLink;
 use crate::worker::counters::CounterReader;
 use crate::{crash, create, login};
 use isotherm_client::{
-    Realtime, check_domain, check_owner, check_room, clock_offset_ns, join, monotonic_ns, pid_namespace, process_kb,
-    removed_object, reserve, unix_s,
+    Realtime, check_descriptors, check_domain, check_owner, check_room, clock_offset_ns, join, monotonic_ns,
+    pid_namespace, process_kb, removed_object, reserve, unix_s,
 };
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::Trust;
@@ -148,6 +148,7 @@ impl Starting {
             return Ok(None);
         };
         let metrics = config.metrics.map(Metrics::start).transpose()?;
+        check_descriptors(config.imus.len())?;
         let lock = DomainLock::take(domain, config.group.as_deref())?;
         let mark = StartMark::leave(domain);
         let Some((node, publisher, workers, imus)) = Self::open(domain, &config, first_tables, &keeper, events)? else {
@@ -544,7 +545,7 @@ impl<'a> Service<'a> {
         );
         error!("{cause}: beginning anew");
         let lock = self.stop()?;
-        if ["NOTIFY_SOCKET", "INVOCATION_ID"].iter().any(|variable| std::env::var_os(variable).is_some()) {
+        if has_supervisor() {
             return Err(Failure::new(
                 Exit::Io,
                 format!("{cause}: ending, so that the supervisor starts the service anew"),

@@ -11,12 +11,14 @@
 
 use isotherm_failure::Exit;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{Mode, OFlags, open};
 use rustix::io::write;
 use rustix::stdio::stderr;
 use signal_hook::consts::{SIGABRT, SIGBUS, SIGSEGV};
-use std::ffi::c_int;
-use std::fs::File;
+use std::ffi::{CString, c_int};
 use std::io;
+use std::os::unix::ffi::OsStrExt as _;
+use std::path::Path;
 use std::sync::OnceLock;
 
 /// What a crash adds to the mark of the start.
@@ -31,16 +33,19 @@ const ABRT: &[u8] =
 damaged, the next start removes it when no other process uses the domain, else the one after the next\n";
 
 /// The mark of this start.
-static MARK: OnceLock<File> = OnceLock::new();
+static MARK: OnceLock<CString> = OnceLock::new();
 
-/// Names the file to which a crash adds [`CRASH`]; the first one counts.
-pub(crate) fn mark_in(file: File) {
-    let _ = MARK.set(file);
+/// Names the file to which a crash adds [`CRASH`], while it is there; the first one counts.
+pub(crate) fn mark_in(path: &Path) {
+    if let Ok(path) = CString::new(path.as_os_str().as_bytes()) {
+        let _ = MARK.set(path);
+    }
 }
 
 /// Adds [`CRASH`] to the mark of this start. A signal handler may call it.
 fn mark() {
-    if let Some(mark) = MARK.get() {
+    let flags = OFlags::WRONLY | OFlags::APPEND | OFlags::NOFOLLOW | OFlags::CLOEXEC;
+    if let Some(Ok(mark)) = MARK.get().map(|path| open(path, flags, Mode::empty())) {
         let _ = write(mark, &[CRASH]);
     }
 }

@@ -183,7 +183,7 @@ fn failed(name: &str, domain: &Domain, cause: &str) -> Failure {
 pub fn remove_half_created(domain: &Domain) {
     let (folder, prefix) = (format!("{}/services", domain.root_path()), domain.prefix());
     let remove = |path: &Path| {
-        tracing::warn!(path = %path.display(), "removing a stream that a killed process left half-created");
+        tracing::warn!(path = %path.display(), "removing a stream that is half-created, or whose memory is gone");
         let _ = fs::remove_file(path);
     };
     // One that stays is reported when its stream is created.

@@ -45,8 +45,8 @@ impl StartMark {
     }
 
     fn write(&self, text: &str) {
-        match self.note.write_open(text.as_bytes()) {
-            Ok(file) => crash::mark_in(file),
+        match self.note.write(text.as_bytes()) {
+            Ok(()) => crash::mark_in(&self.note.path()),
             Err(error) => warn!("noting that the service starts: {error}"),
         }
     }

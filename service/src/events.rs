@@ -1,14 +1,47 @@
 //! What the other threads have to say to the control thread. Of each kind only the newest waits, so that nothing that
 //! happens outside, however often, takes memory or holds a signal up.
 
-use crate::keeper::KeepOutcome;
 use crate::memory::Memory;
-use crate::reload::FileReport;
+use isotherm_files::LoadError;
+use isotherm_shared::table::CoefficientTable;
 use std::collections::BTreeMap;
 use std::mem;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+
+/// What was found in an IMU's table file.
+#[derive(Debug)]
+pub(crate) struct FileReport {
+    /// The table, or why there is none.
+    pub change: FileChange,
+    /// When the file was changed, Unix time \[s\].
+    pub modified_unix_s: Option<f64>,
+    /// Whether there is no file.
+    pub is_absent: bool,
+    /// Whether it was to be loaded, whatever its state.
+    pub is_requested: bool,
+}
+
+/// The result of checking a table's file.
+#[derive(Debug)]
+pub(crate) enum FileChange {
+    /// No new state, or a new one that may not be complete.
+    Unchanged,
+    /// A valid table.
+    Loaded(Arc<CoefficientTable>),
+    /// The file is not a valid table for this IMU, or is missing.
+    Refused(LoadError),
+}
+
+/// How keeping a table has ended, for now.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub(crate) struct KeepOutcome {
+    /// Digest of the table in force that was to be kept.
+    pub table: String,
+    /// Why it is not kept.
+    pub error: Option<String>,
+}
 
 /// What has happened since the control thread looked last. IMUs are given by their numbers in the configuration.
 #[derive(Debug, Default)]

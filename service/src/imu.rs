@@ -2,11 +2,10 @@
 //! logged.
 
 use crate::config::Imu;
+use crate::events::{FileChange, FileReport, KeepOutcome};
 use crate::guard::{Admission, Guard};
-use crate::keeper::{KeepOutcome, KeepRequest};
+use crate::keeper::KeepRequest;
 use crate::leftovers::{Port, ports_of, ports_of_event};
-use crate::reload::{FileChange, FileReport};
-use crate::start::FirstTable;
 use crate::windows::Windows;
 use crate::worker::channel::ChannelLink;
 use crate::worker::counters::{CounterReader, OtherDevice, counters};
@@ -32,6 +31,23 @@ const TABLE_QUEUE_DEPTH: usize = 16;
 const REFUSAL_LOG_INTERVAL: Duration = Duration::from_secs(60);
 /// Further losses are logged at most once in this time.
 const LOSS_LOG_INTERVAL: Duration = Duration::from_secs(60);
+
+/// What an IMU is served with first.
+#[derive(Debug)]
+pub(crate) struct FirstTable {
+    /// The guard, which has admitted the table if there is one.
+    pub guard: Guard,
+    /// The table, and why it may be taken.
+    pub table: Option<(Arc<CoefficientTable>, Admission)>,
+    /// When the table's file was changed, Unix time \[s\].
+    pub modified_unix_s: Option<f64>,
+    /// Why the file as it is now is not in force.
+    pub refused: Option<Refused>,
+    /// Whether the IMU waits for its first table, as the command line allows.
+    pub waits: bool,
+    /// What was accepted, if the table is that of the file.
+    pub accepted: Option<Vec<u8>>,
+}
 
 /// One IMU before its streams exist.
 pub(crate) struct PendingImu {

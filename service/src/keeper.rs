@@ -3,7 +3,7 @@
 //! Of each IMU only the newest request waits. A request that fails is tried again until it succeeds or a newer one
 //! replaces it.
 
-use crate::events::Events;
+use crate::events::{Events, KeepOutcome};
 use crate::memory::{Memory, StateFolder, kept_note, remedy};
 use isotherm_client::{Domain, ImuId, STATE_VARIABLE};
 use isotherm_failure::shown;
@@ -24,15 +24,6 @@ pub(crate) struct KeepRequest {
     pub memory: Memory,
     /// What was accepted when the table was taken. It is used up when the table is kept.
     pub accepted: Option<Vec<u8>>,
-}
-
-/// How keeping a table has ended, for now.
-#[derive(Clone, Debug, Eq, PartialEq)]
-pub(crate) struct KeepOutcome {
-    /// Digest of the table in force that was to be kept.
-    pub table: String,
-    /// Why it is not kept.
-    pub error: Option<String>,
 }
 
 /// The control thread's handle. Dropping it ends the thread when it has nothing to do.

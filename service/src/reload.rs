@@ -11,7 +11,7 @@
 //! Each folder has a thread of its own, which looks at its files and loads them: a disk or a network may let it wait.
 //! The control thread gets what was found as an event.
 
-use crate::events::Events;
+use crate::events::{Events, FileChange, FileReport};
 use isotherm_failure::shown;
 use isotherm_files::{Identity, LoadError, Trust, load_table};
 use isotherm_shared::stream::ImuId;
@@ -36,19 +36,6 @@ const ABSENCE: Duration = Duration::from_secs(1);
 const LOAD_INTERVAL: Duration = Duration::from_millis(100);
 /// A look at the files of a folder that takes longer is reported.
 const LOOK_LIMIT: Duration = Duration::from_secs(5);
-
-/// What was found in an IMU's table file.
-#[derive(Debug)]
-pub(crate) struct FileReport {
-    /// The table, or why there is none.
-    pub change: FileChange,
-    /// When the file was changed, Unix time \[s\].
-    pub modified_unix_s: Option<f64>,
-    /// Whether there is no file.
-    pub is_absent: bool,
-    /// Whether it was to be loaded, whatever its state.
-    pub is_requested: bool,
-}
 
 /// The threads that look at the table files. Dropping it ends them.
 pub(crate) struct TableFiles {
@@ -285,17 +272,6 @@ pub(crate) struct TableFile {
     candidate: Option<(Option<Identity>, Instant)>,
     /// When it may be loaded again.
     next_load: Instant,
-}
-
-/// The result of checking a table's file.
-#[derive(Debug)]
-pub(crate) enum FileChange {
-    /// No new state, or a new one that may not be complete.
-    Unchanged,
-    /// A valid table.
-    Loaded(Arc<CoefficientTable>),
-    /// The file is not a valid table for this IMU, or is missing.
-    Refused(LoadError),
 }
 
 impl TableFile {

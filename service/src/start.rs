@@ -6,30 +6,11 @@
 //! it; or the file is the table of another unit, so that the table from before is wrong.
 
 use crate::config::{AtStart, Config, Imu};
-use crate::guard::{Admission, Guard};
-use crate::imu::{Refused, log_unlike_scale_factors};
-use crate::reload::{FileChange, FileReport};
+use crate::events::{FileChange, FileReport};
+use crate::guard::Guard;
+use crate::imu::{FirstTable, Refused, log_unlike_scale_factors};
 use isotherm_failure::{Exit, Failure, shown};
-use isotherm_shared::table::CoefficientTable;
-use std::sync::Arc;
 use tracing::{error, info, warn};
-
-/// What an IMU is served with first.
-#[derive(Debug)]
-pub(crate) struct FirstTable {
-    /// The guard, which has admitted the table if there is one.
-    pub guard: Guard,
-    /// The table, and why it may be taken.
-    pub table: Option<(Arc<CoefficientTable>, Admission)>,
-    /// When the table's file was changed, Unix time \[s\].
-    pub modified_unix_s: Option<f64>,
-    /// Why the file as it is now is not in force.
-    pub refused: Option<Refused>,
-    /// Whether the IMU waits for its first table, as the command line allows.
-    pub waits: bool,
-    /// What was accepted, if the table is that of the file.
-    pub accepted: Option<Vec<u8>>,
-}
 
 /// What became of an IMU's file.
 #[derive(Debug)]
@@ -155,8 +136,10 @@ mod tests {
     use crate::memory::Memory;
     use isotherm_client::{Domain, ImuId};
     use isotherm_files::LoadError;
+    use isotherm_shared::table::CoefficientTable;
     use isotherm_shared::table::difference::MaxChange;
     use std::path::PathBuf;
+    use std::sync::Arc;
 
     const TABLE: &str = include_str!("../../tests/data/imu-a.toml");
 

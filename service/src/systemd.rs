@@ -8,6 +8,13 @@ use std::time::{Duration, Instant};
 use std::{env, io};
 use tracing::{info, warn};
 
+/// Whether a service manager starts this process again when it ends. A shell that systemd has started hands
+/// `INVOCATION_ID` on to its programs; from systemd 248 on, `SYSTEMD_EXEC_PID` says which process it was meant for.
+pub(crate) fn has_supervisor() -> bool {
+    let is_meant = || env::var("SYSTEMD_EXEC_PID").map_or(true, |pid| pid == std::process::id().to_string());
+    env::var_os("NOTIFY_SOCKET").is_some() || env::var_os("INVOCATION_ID").is_some() && is_meant()
+}
+
 /// The connection to the service manager.
 #[derive(Debug)]
 pub(crate) struct ServiceManager {

@@ -6,13 +6,14 @@
 //!
 //! Over 400 lines: one reader method for each type of value; together they are the vocabulary of all file formats.
 
+mod faults;
 mod syntax;
 
+pub use faults::{Fault, Faults};
 pub use syntax::MAX_TOKENS;
 
 use crate::stream::{ImuId, NAME_RULE};
 use core::cell::{Cell, RefCell};
-use core::fmt;
 use core::ops::Range;
 use isotherm_failure::one_line;
 use syntax::Lines;
@@ -25,42 +26,6 @@ pub const MAX_BYTES: u64 = 1 << 20;
 
 /// Limit of collected faults: a file can have a hundred thousand.
 const MAX_FAULTS: usize = 100;
-
-/// One fault of a file.
-#[derive(Clone, Debug, Eq, PartialEq)]
-pub struct Fault {
-    /// Line, from 1.
-    pub line: usize,
-    /// The key as a path, for example `axis.A1.bias.c2`; empty if the fault concerns no key.
-    pub key: String,
-    /// What is wrong, and what to write instead.
-    pub message: String,
-}
-
-impl fmt::Display for Fault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.key.as_str() {
-            "" => write!(f, "line {}: {}", self.line, self.message),
-            key => write!(f, "line {}: {key}: {}", self.line, self.message),
-        }
-    }
-}
-
-/// All faults of a file, in the order of its lines.
-#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
-pub struct Faults(pub Vec<Fault>);
-
-impl fmt::Display for Faults {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (index, fault) in self.0.iter().enumerate() {
-            if index > 0 {
-                f.write_str("\n")?;
-            }
-            write!(f, "{fault}")?;
-        }
-        Ok(())
-    }
-}
 
 /// A parsed TOML file that collects faults while it is read.
 pub struct Document<'a> {
@@ -88,11 +53,7 @@ impl<'a> Document<'a> {
     /// # Errors
     /// As [`parse`](Self::parse).
     pub fn parse_as(text: &'a str, wanted: &str) -> Result<Self, Faults> {
-        if is_csv(text) {
-            let message = format!("this is CSV data, not TOML; {wanted}");
-            return Err(Faults(vec![Fault { line: 1, key: String::new(), message }]));
-        }
-        Self::parse(text)
+        if is_csv(text) { Err(csv_instead(wanted)) } else { Self::parse(text) }
     }
 
     /// The top level.
@@ -476,6 +437,22 @@ fn number_of(value: &DeValue<'_>) -> Option<f64> {
 
 fn numbers_of(value: &DeValue<'_>) -> Option<Vec<f64>> {
     value.as_array()?.iter().map(|item| number_of(item.get_ref())).collect()
+}
+
+fn csv_instead(wanted: &str) -> Faults {
+    Faults(vec![Fault { line: 1, key: String::new(), message: format!("this is CSV data, not TOML; {wanted}") }])
+}
+
+/// The fault of a text that begins with these bytes and has over `limit`, the most that a file of this `kind` has, for
+/// example "coefficient table".
+#[must_use]
+pub fn too_large(begin: &[u8], limit: u64, kind: &str) -> Faults {
+    const HEADER: usize = 64 << 10;
+    if is_csv(&String::from_utf8_lossy(begin.get(..HEADER).unwrap_or(begin))) {
+        return csv_instead(&format!("give the {kind}"));
+    }
+    let message = format!("over {limit} bytes; no {kind} is that large");
+    Faults(vec![Fault { line: 1, key: String::new(), message }])
 }
 
 /// Whether a text is CSV with a header row: names separated by commas, semicolons or tabs, and a next row with as many

@@ -4,7 +4,7 @@
 //! processes create belongs to that group, its members may read and write it, and nobody else may. Only a member of a
 //! group can give a file to it, so a file of the group was made by a member, or by root.
 //!
-//! The transport makes its files for their owner alone, with constants of iceoryx2-cal 0.10. So they are opened to the
+//! The transport opens its files only to their owner, by constants of iceoryx2-cal 0.10. So they are opened to the
 //! group after they were created: here what [`OwnStorage`](crate::own_storage::OwnStorage) and
 //! [`OwnStatic`](crate::own_static::OwnStatic) create, by the client library the rest.
 

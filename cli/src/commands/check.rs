@@ -1,4 +1,4 @@
-//! The kinds of files that `check` knows besides tables and configurations: those of the laboratory, and recordings.
+//! The kinds of files that `check` reads in addition to tables and configurations: laboratory files and recordings.
 
 use isotherm_acquire::Description;
 use isotherm_automation::plan::Plan;

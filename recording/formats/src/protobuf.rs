@@ -2,8 +2,8 @@
 //! need.
 
 use crate::varint;
-use isotherm_recording::columns::{Column, ColumnKind, Layout};
-use isotherm_recording::rows::{RecordedRow, append_value, columns};
+use isotherm_recording::columns::{Column, ColumnKind, Layout, columns};
+use isotherm_recording::rows::{RecordedRow, append_value};
 use isotherm_shared::stream::StreamKind;
 use std::collections::HashMap;
 

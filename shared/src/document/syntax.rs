@@ -4,7 +4,7 @@
 //! megabyte. Therefore its parser first runs into a sink that only counts, and keeps the errors of the first lines. The
 //! tree is built of what has few errors and few tokens.
 
-use super::{Fault, Faults};
+use super::faults::{Fault, Faults};
 use core::ops::Range;
 use isotherm_failure::one_line;
 use std::collections::BTreeMap;

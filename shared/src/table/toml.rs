@@ -11,7 +11,7 @@ use super::content::{
 };
 use super::model::CoefficientTable;
 use super::turntable::Turntable;
-use crate::document::{Document, Fault, Faults, Section};
+use crate::document::{Document, Fault, Faults, Section, too_large};
 use crate::polynomial::{MAX_ORDER, Polynomial};
 use crate::stream::ImuId;
 use crate::units::{BiasUnit, SensorKind};
@@ -88,8 +88,7 @@ impl CoefficientTable {
     /// All faults of the text with line and key.
     pub fn from_toml_with(text: &str, expected: Option<&ImuId>, seal: Seal) -> Result<Self, Faults> {
         if text.len() as u64 > MAX_TABLE_BYTES {
-            let message = format!("over {MAX_TABLE_BYTES} bytes; no coefficient table is that large");
-            return Err(Faults(vec![Fault { line: 1, key: String::new(), message }]));
+            return Err(too_large(text.as_bytes(), MAX_TABLE_BYTES, "coefficient table"));
         }
         let document = Document::parse_as(text, "give the coefficient table")
             .map_err(|faults| with_unchecked_digest(text, faults))?;

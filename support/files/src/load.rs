@@ -3,7 +3,7 @@
 
 use crate::place::is_trusted;
 use isotherm_failure::{Exit, Failure, shown};
-use isotherm_shared::document::{Fault, Faults, MAX_BYTES};
+use isotherm_shared::document::{Fault, Faults, MAX_BYTES, too_large};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{CoefficientTable, MAX_TABLE_BYTES};
 use rustix::process::geteuid;
@@ -178,7 +178,7 @@ fn read(path: &Path, trust: Trust, limit: u64, kind: &str) -> Result<(String, Id
     let mut bytes = Vec::new();
     (&mut file).take(limit + 1).read_to_end(&mut bytes).map_err(io)?;
     if bytes.len() as u64 > limit {
-        return Err(refused(1, format!("over {limit} bytes; no {kind} is that large; give the {kind}")));
+        return Err(LoadError::Refused { path: path.to_owned(), faults: too_large(&bytes, limit, kind) });
     }
     let identity = Identity::from(&before);
     if identity != Identity::from(&uninterrupted(|| file.metadata()).map_err(io)?) {

@@ -100,7 +100,7 @@ pub fn output_place(path: &Path) -> io::Result<PathBuf> {
         if !check(&place)? {
             return Ok(place);
         }
-        let target = folder_of(&place).join(fs::read_link(&place)?);
+        let target = place.parent().unwrap_or(Path::new("")).join(fs::read_link(&place)?);
         // What a link of /proc/self/fd names need not be a path, as for a pipe.
         if fs::symlink_metadata(&target).is_err() && fs::metadata(&place).is_ok() {
             return Ok(place);

@@ -211,6 +211,20 @@ fn a_supervisor_starts_it_anew() {
     domain.serve(&["--imu", "imu-a=imu-a.toml"]).terminate();
 }
 
+/// A shell below the service manager of a user hands its variables on to what it runs.
+#[test]
+fn a_supervisor_of_another_process_does_not_count() {
+    let domain = TestDomain::new();
+    domain.write("imu-a.toml", TABLE);
+    let mut command = domain.isotherm(&["serve", "--imu", "imu-a=imu-a.toml"]);
+    command.env("INVOCATION_ID", "0123456789abcdef0123456789abcdef").env("SYSTEMD_EXEC_PID", "1");
+    let service = domain.start(command);
+    service.wait_for_log("ready");
+    remove_memory(&domain);
+    wait_until("a new beginning", || service.count_in_log(" ready ") == 2);
+    service.terminate();
+}
+
 #[test]
 fn a_second_service_is_kept_out_while_the_memory_is_away() {
     let domain = TestDomain::new();

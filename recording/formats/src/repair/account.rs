@@ -1,7 +1,6 @@
 //! The account of the rows that are taken and lost, stream by stream, and of the sessions that they get.
 
-use super::RecordingFormat;
-use super::report::{Hole, Loss, RepairReport, RowTime, StreamRows};
+use super::report::{Hole, Loss, RecordingFormat, RepairReport, RowTime, StreamRows};
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 

@@ -4,11 +4,9 @@
 //! sequence is known by those around it: a row from which the next does not rise, though it does from the row before.
 
 use super::account::{Account, Fate, Keys};
-use super::report::{RepairReport, RowTime};
-use super::{RecordingFormat, RepairError};
-use isotherm_recording::columns::{Column, ColumnKind, INCREMENT, RAW, SEQUENCE, SESSION, TIMESTAMP_NS};
+use super::report::{RecordingFormat, RepairError, RepairReport, RowTime};
+use isotherm_recording::columns::{Column, ColumnKind, INCREMENT, RAW, SEQUENCE, SESSION, TIMESTAMP_NS, columns};
 use isotherm_recording::csv::{CsvColumn, Rows};
-use isotherm_recording::rows::columns;
 use isotherm_recording::{CHECK, RecordingError, layouts, stream_of, with_field};
 use isotherm_shared::stream::StreamKind;
 use isotherm_shared::wire::Flags;

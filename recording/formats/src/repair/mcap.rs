@@ -5,8 +5,7 @@
 
 use super::account::{Account, Fate, Keys};
 use super::chunks::{Scan, ScanEvent};
-use super::report::{RepairReport, RowTime};
-use super::{RecordingFormat, RepairError};
+use super::report::{RecordingFormat, RepairError, RepairReport, RowTime};
 use crate::protobuf::{self, FieldNumber, Value, with_varint};
 use crate::write::mcap_options;
 use isotherm_recording::columns::{RAW, SEQUENCE, SESSION, TIMESTAMP_NS};

@@ -26,13 +26,13 @@ mod mcap;
 mod parquet;
 mod report;
 
-pub use report::{Hole, Loss, RepairReport, RowTime, StreamRows};
+pub use report::{Hole, Loss, RecordingFormat, RepairReport, RowTime, StreamRows};
 
 use crate::seal::MAGIC;
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{Output, check_written, refuse_overlap};
 use isotherm_recording::columns::MCAP_MAGIC;
-use serde::Serialize;
+use report::RepairError;
 use std::fs::{self, File};
 use std::io::{self, Read as _, Write};
 use std::path::Path;
@@ -114,30 +114,6 @@ pub fn inspect(source: &Path) -> Result<RepairReport, Failure> {
     repair(source, io::sink())
 }
 
-/// A format of recordings.
-#[derive(Clone, Copy, Debug, Eq, PartialEq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum RecordingFormat {
-    /// Text
-    Csv,
-    /// Apache Parquet
-    Parquet,
-    /// MCAP
-    Mcap,
-}
-
-impl RecordingFormat {
-    /// Its name.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Csv => "CSV",
-            Self::Parquet => "Parquet",
-            Self::Mcap => "MCAP",
-        }
-    }
-}
-
 /// The format of a file: by its first bytes, or where these are damaged, by its name. `None` if it is empty.
 fn format_of(path: &Path, begin: &[u8]) -> Option<RecordingFormat> {
     let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
@@ -149,16 +125,6 @@ fn format_of(path: &Path, begin: &[u8]) -> Option<RecordingFormat> {
         (_, "mcap") => Some(RecordingFormat::Mcap),
         _ => Some(RecordingFormat::Csv),
     }
-}
-
-/// Why nothing was taken.
-enum RepairError {
-    /// Nothing can be, and why.
-    Nothing(String),
-    /// The source cannot be read.
-    Read(io::Error),
-    /// The sink cannot be written.
-    Write(io::Error),
 }
 
 #[cfg(test)]

@@ -4,8 +4,7 @@
 //! or the group is not where the footer says, by its seal. Without checks a group is whole if all of it can be decoded.
 
 use super::account::{Account, Fate, Keys};
-use super::report::{RepairReport, RowTime};
-use super::{RecordingFormat, RepairError};
+use super::report::{RecordingFormat, RepairError, RepairReport, RowTime};
 use crate::read::pages;
 use crate::read::panics::catch_panic;
 use crate::read::parquet::{cause, check_footer};
@@ -14,8 +13,7 @@ use crate::seal::{
     is_footer_sealed_at, sealed_groups,
 };
 use crate::write::parquet::encode::{Checks, FileEncoder, IMU, SINGLE, metadata, moved};
-use isotherm_recording::columns::{RAW, SEQUENCE, SESSION, TIMESTAMP_NS};
-use isotherm_recording::rows::columns;
+use isotherm_recording::columns::{RAW, SEQUENCE, SESSION, TIMESTAMP_NS, columns};
 use isotherm_recording::{layouts, stream_of};
 use isotherm_shared::stream::{ImuId, StreamKind};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl, get_column_reader};

@@ -1,8 +1,42 @@
 //! What was taken of a recording, and what was lost.
 
-use super::RecordingFormat;
 use serde::Serialize;
 use std::fmt;
+use std::io;
+
+/// A format of recordings.
+#[derive(Clone, Copy, Debug, Eq, PartialEq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RecordingFormat {
+    /// Text
+    Csv,
+    /// Apache Parquet
+    Parquet,
+    /// MCAP
+    Mcap,
+}
+
+impl RecordingFormat {
+    /// Its name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Csv => "CSV",
+            Self::Parquet => "Parquet",
+            Self::Mcap => "MCAP",
+        }
+    }
+}
+
+/// Why nothing was taken.
+pub(super) enum RepairError {
+    /// Nothing can be, and why.
+    Nothing(String),
+    /// The source cannot be read.
+    Read(io::Error),
+    /// The sink cannot be written.
+    Write(io::Error),
+}
 
 /// What was taken of a recording, and what was lost.
 #[derive(Clone, Debug, Serialize)]

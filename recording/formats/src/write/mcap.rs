@@ -3,8 +3,8 @@
 
 use super::growing::GrowingFile;
 use crate::protobuf;
-use isotherm_recording::columns::Layout;
-use isotherm_recording::rows::{RecordedRow, columns};
+use isotherm_recording::columns::{Layout, columns};
+use isotherm_recording::rows::RecordedRow;
 use isotherm_shared::stream::{ImuId, StreamKind};
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;

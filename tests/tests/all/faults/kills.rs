@@ -247,6 +247,7 @@ fn try_places(changing: usize, others: usize) {
         let killed = outcomes.iter().filter(|outcome| outcome.was_killed).count();
         let latest = outcomes.iter().map(|outcome| outcome.ready_after).max().unwrap_or_default();
         println!("{:<16}{all:>8}{:>8}{killed:>8}{:>12.2}", format!("{phase:?}"), outcomes.len(), latest.as_secs_f64());
+        assert!(killed > 0, "{phase:?}");
         (all_tried, all_killed) = (all_tried + outcomes.len(), all_killed + killed);
     }
     // Some calls are not made in each run.

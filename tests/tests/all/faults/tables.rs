@@ -26,8 +26,9 @@ fn replace(ground: &Ground, text: &[u8]) {
     fs::rename(ground.domain.path("new"), ground.domain.path("imu-a.toml")).unwrap();
 }
 
-/// Puts one text after the other over the table that is in force.
-fn replace_by_all(texts: &[Text]) {
+/// Puts one text after the other over the table that is in force. Returns the longest time without a feed of the
+/// watchdog.
+fn replace_by_all(texts: &[Text]) -> Duration {
     let ground = Ground::new();
     let supervisor = Supervisor::listen(&ground.domain.path("notify"));
     let service = ground.domain.start(ground.serve(&supervisor));
@@ -43,6 +44,7 @@ fn replace_by_all(texts: &[Text]) {
         wait_until("the table", || !is_refused());
     }
     assert_eq!(ground.domain.imu_status()["table"], digest(TABLE));
+    assert!(supervisor.is_fed(Instant::now(), 1, TIMEOUT), "{}", service.log());
     let asked = Instant::now();
     let gap = supervisor.largest_gap(ready, asked);
     service.terminate();
@@ -55,7 +57,7 @@ fn replace_by_all(texts: &[Text]) {
         gap.as_secs_f64(),
         asked.elapsed().as_secs_f64()
     );
-    assert!(gap < WATCHDOG, "{gap:?}");
+    gap
 }
 
 /// Starts with the text in the place of the table. Returns when the service was ready, and when it had ended.
@@ -96,6 +98,8 @@ fn a_text_in_the_place_of_the_table_stops_neither_service_nor_start() {
 #[test]
 #[ignore = "a minute: cargo test -p isotherm-tests --test all faults -- --ignored --nocapture"]
 fn no_text_in_the_place_of_the_table_stops_service_or_start() {
-    replace_by_all(&texts());
+    let gap = replace_by_all(&texts());
+    // Half of what the unit file allows. This is for a machine that does nothing else.
+    assert!(gap < WATCHDOG / 2, "{gap:?} without a feed");
     start_with_all(&texts());
 }

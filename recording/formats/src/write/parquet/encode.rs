@@ -1,8 +1,8 @@
 //! The bytes of a Parquet file of one stream: row groups, then the footer. With checks or without.
 
 use crate::seal::{FileParts, GroupChecks, KEY, MAGIC, checks_of, footer, footer_seal, group_seal};
-use isotherm_recording::columns::{Column, ColumnKind, Layout};
-use isotherm_recording::rows::{RecordedRow, append_value, columns};
+use isotherm_recording::columns::{Column, ColumnKind, Layout, columns};
+use isotherm_recording::rows::{RecordedRow, append_value};
 use isotherm_shared::stream::{ImuId, StreamKind};
 use parquet::basic::{Compression, ConvertedType, Encoding, LogicalType, Repetition, Type as Physical, ZstdLevel};
 use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int32Type, Int64Type};
