@@ -231,7 +231,7 @@ impl Starting {
     ) -> Result<Option<Vec<FirstTable>>, Failure> {
         let mut memories: BTreeMap<usize, Memory> = BTreeMap::new();
         let mut reports: BTreeMap<usize, FileReport> = BTreeMap::new();
-        let mut patience = None;
+        let (mut patience, begun, mut is_told) = (None, Instant::now(), false);
         loop {
             let EventSet { stop, files, memories: read, .. } = events.wait(Instant::now() + TICK);
             if stop.is_some() {
@@ -241,6 +241,10 @@ impl Starting {
             reports.extend(files);
             self.extend();
             if memories.len() < config.imus.len() {
+                if !is_told && begun.elapsed() >= FILE_PATIENCE {
+                    is_told = true;
+                    warn!("the disk of the state folder does not answer; the service starts when it does");
+                }
                 continue;
             }
             let patience = *patience.get_or_insert_with(|| Instant::now() + FILE_PATIENCE);
