@@ -31,7 +31,13 @@ pub(super) fn read(domain: &TestDomain, file: &str) -> Process {
 
 /// Number of samples that the service has received.
 pub(super) fn received(domain: &TestDomain) -> u64 {
-    domain.imu_status()["received"].as_u64().unwrap()
+    let status = domain.imu_status();
+    // For the output of a test that waits in vain.
+    println!(
+        "received {}, missing {}, connected {}",
+        status["received"], status["missing"], status["acquisition_connected"]
+    );
+    status["received"].as_u64().unwrap()
 }
 
 /// What an increment says, by session and sequence: the text of its increments, its table and its flags.
