@@ -5,12 +5,20 @@
 //! Their outputs are those that the profiles of the same names in `examples/acquire` describe.
 
 mod arduino;
+pub mod arguments;
 mod checksum;
 mod kvh1750;
 mod mtdata2;
+mod network;
+pub mod output;
+pub mod own;
 pub mod plan;
 mod stim300;
+mod terminal;
+pub mod time;
 mod vn100;
+
+use own::Own;
 
 /// What the fields of a frame say, under their names in the profile, after scale and offset.
 pub type Values = Vec<(&'static str, f64)>;
@@ -66,18 +74,28 @@ impl Emulator {
         }
     }
 
-    /// The bytes of sample number `number`.
+    /// Whether its counter counts time in the data sheet, and not frames.
+    pub fn counts_time(self) -> bool {
+        matches!(self, Self::Stim300 | Self::Stim300Rate)
+    }
+
+    /// The bytes of sample number `number` of a device that was never reset and always had one rate.
     pub fn frame(self, number: u64) -> Vec<u8> {
+        self.frame_at(number, Own::regular(number))
+    }
+
+    /// The bytes of sample number `number`, with a counter and a clock that say this.
+    pub fn frame_at(self, number: u64, own: Own) -> Vec<u8> {
         match self {
-            Self::Stim300 | Self::Stim300Rate => stim300::frame(number),
-            Self::Kvh1750 => kvh1750::frame(number),
-            Self::Vn100 => vn100::frame(number),
-            Self::Mtdata2 => mtdata2::frame(number),
-            Self::Arduino => arduino::frame(number),
+            Self::Stim300 | Self::Stim300Rate => stim300::frame(number, own),
+            Self::Kvh1750 => kvh1750::frame(number, own),
+            Self::Vn100 => vn100::frame(number, own),
+            Self::Mtdata2 => mtdata2::frame(number, own),
+            Self::Arduino => arduino::frame(number, own),
         }
     }
 
-    /// What sample number `number` says.
+    /// What sample number `number` of a device that was never reset and always had one rate says.
     pub fn expected(self, number: u64) -> Values {
         match self {
             Self::Stim300 => stim300::increments(number),

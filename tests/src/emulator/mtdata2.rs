@@ -2,6 +2,7 @@
 //! no profile knows, and messages of GNSS that count, too. Source: MTi User Manual MT0605P.E, p. 23, 24, 53, 54.
 
 use super::checksum::negative_sum;
+use super::own::Own;
 use super::{AXES, Values, pulses, temperature};
 
 /// Samples between two messages of GNSS, of which each has a counter of its own, and between two temperatures.
@@ -28,27 +29,28 @@ fn degrees(number: u64) -> f32 {
     f32::from(temperature(number / TEMPERATURE_EVERY * TEMPERATURE_EVERY, 0)) / 256.0
 }
 
-fn counter(number: u64) -> u16 {
-    (COUNTER + number + number / GNSS_EVERY) as u16
+/// It counts messages of GNSS, too.
+fn counter(own: Own) -> u16 {
+    (own.from(COUNTER) + own.count(1) + own.frames / GNSS_EVERY) as u16
 }
 
-fn time(number: u64) -> u32 {
-    TIME.wrapping_add((100 * number) as u32)
+fn time(own: Own) -> u32 {
+    own.from(TIME).wrapping_add(own.time(100) as u32)
 }
 
-pub(super) fn frame(number: u64) -> Vec<u8> {
+pub(super) fn frame(number: u64, own: Own) -> Vec<u8> {
     let mut bytes = Vec::new();
-    if number > 0 && number.is_multiple_of(GNSS_EVERY) {
-        bytes.extend(gnss(number));
+    if own.frames > 0 && own.frames.is_multiple_of(GNSS_EVERY) {
+        bytes.extend(gnss(own));
     }
     let [ax, ay, az, gx, gy, gz] = readings(number).map(f32::to_be_bytes);
     let mut items = vec![
-        (0x1020, counter(number).to_be_bytes().to_vec()),
-        (0x1060, time(number).to_be_bytes().to_vec()),
+        (0x1020, counter(own).to_be_bytes().to_vec()),
+        (0x1060, time(own).to_be_bytes().to_vec()),
         (0x1010, LOOKS_LIKE_A_MESSAGE.to_vec()),
         (0xE020, 5_u32.to_be_bytes().to_vec()),
     ];
-    if number.is_multiple_of(TEMPERATURE_EVERY) {
+    if number.is_multiple_of(TEMPERATURE_EVERY) || own.frames == 0 {
         items.push((0x0810, degrees(number).to_be_bytes().to_vec()));
     }
     items.push((0x4020, [ax, ay, az].concat()));
@@ -58,11 +60,11 @@ pub(super) fn frame(number: u64) -> Vec<u8> {
 }
 
 /// A message of GNSS before a sample. Its time is earlier than that of the sample before.
-fn gnss(number: u64) -> Vec<u8> {
+fn gnss(own: Own) -> Vec<u8> {
     message(&[
         (0x7010, vec![0x5A; 94]),
-        (0x1060, time(number - 4).to_be_bytes().to_vec()),
-        (0x1020, counter(number).wrapping_sub(1).to_be_bytes().to_vec()),
+        (0x1060, time(own).wrapping_sub(400).to_be_bytes().to_vec()),
+        (0x1020, counter(own).wrapping_sub(1).to_be_bytes().to_vec()),
     ])
 }
 
@@ -81,9 +83,10 @@ fn message(items: &[(u16, Vec<u8>)]) -> Vec<u8> {
 
 /// The temperature is the last one sent.
 pub(super) fn expected(number: u64) -> Values {
+    let own = Own::regular(number);
     let mut values: Values = vec![
-        ("counter", f64::from(counter(number))),
-        ("time", f64::from(time(number)) * 100.0),
+        ("counter", f64::from(counter(own))),
+        ("time", f64::from(time(own)) * 100.0),
         ("status", 5.0),
         ("temperature", f64::from(degrees(number))),
     ];
@@ -103,9 +106,9 @@ mod tests {
         assert_eq!(counters(50), 16.0);
         assert!(value(&expected(41), "time") < value(&expected(40), "time"));
         // 4 + 5 + 7 + 15 + 7 + 15 + 15 + 1 bytes; a temperature has 7, a message of GNSS 114.
-        assert_eq!([0, 1, 25, 100].map(|number| frame(number).len()), [76, 69, 183, 190]);
+        assert_eq!([0, 1, 25, 100].map(|number| frame(number, Own::regular(number)).len()), [76, 69, 183, 190]);
         for number in 0..30 {
-            let bytes = frame(number);
+            let bytes = frame(number, Own::regular(number));
             assert_eq!(bytes[..3], [0xFA, 0xFF, 0x36]);
             let first = usize::from(bytes[3]) + 5;
             assert_eq!(negative_sum(&bytes[1..first]), 0);

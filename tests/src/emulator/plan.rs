@@ -1,24 +1,19 @@
 //! What the program `isotherm-emulator` sends, and when: the frames, and what goes wrong with them.
 
 use super::Emulator;
+use super::own::Own;
 use std::path::PathBuf;
 
-/// How the program is called.
-pub const USAGE: &str = "\
-isotherm-emulator PROFILE [--rate HZ] --frames N [--first N] [--jitter-ms J] [--drop N,..] [--wrong N,..]
-                  [--double N,..] [--noise BYTES@N,..] [--pause N:SECONDS,..] [--wait SECONDS] [--log FILE] [--link PATH]
-PROFILE  stim300, stim300-rate, kvh1750, vn100, mtdata2, arduino-mpu6050, or the path of such a file
-rate     frames a second; that of the profile unless given. The device's clock runs at that of the profile
-first    the number of the first frame, as of a device that was on before; 0 unless given
-jitter   all frames of each J ms come together, as over USB
-drop     these frames, numbered from 0, are not sent
-wrong    one bit of them is wrong
-double   they come twice
-noise    so many bytes of noise before frame N
-pause    so many seconds of silence before frame N; no frame is lost
-wait     so long a reader may take to open the terminal; 20 s unless given
-log      at the end, a line for each frame: its number, when it was written, when it was due [ns, CLOCK_MONOTONIC]
-link     a symbolic link to the terminal, as long as the program runs";
+/// Where the frames go.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub enum Place {
+    /// A pseudo-terminal, with this symbolic link to it.
+    Terminal(Option<PathBuf>),
+    /// Datagrams to this address.
+    Udp(String),
+    /// A TCP port of this machine; 0: any.
+    Tcp(u16),
+}
 
 /// What is sent, and when.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,14 +36,30 @@ pub struct Plan {
     pub double: Vec<u64>,
     /// Bytes of noise before frames: frame, count.
     pub noise: Vec<(u64, usize)>,
-    /// Silence before frames: frame, seconds.
+    /// Silence before frames: frame, seconds. The device stands still.
     pub pause: Vec<(u64, f64)>,
+    /// Silence from frames on: frame, seconds. The device goes on.
+    pub mute: Vec<(u64, f64)>,
+    /// Frames that are held back: frame, seconds.
+    pub stall: Vec<(u64, f64)>,
+    /// Frames that come after the next one.
+    pub swap: Vec<u64>,
+    /// Other rates: first frame, frames a second; in the order of the frames.
+    pub change_rate: Vec<(u64, f64)>,
+    /// Whether the counter counts the time on the device's clock, and not frames.
+    pub counts_time: bool,
+    /// Frames before which the device starts again.
+    pub reset: Vec<u64>,
+    /// How long a start takes \[s\].
+    pub reset_silence_s: f64,
+    /// Ends of connections: frame, seconds without another one, whether it is closed.
+    pub disconnect: Vec<(u64, f64, bool)>,
     /// How long a reader may take to come \[s\].
     pub wait_s: f64,
     /// The file for the times.
     pub log: Option<PathBuf>,
-    /// The symbolic link.
-    pub link: Option<PathBuf>,
+    /// Where the frames go.
+    pub place: Place,
 }
 
 impl Plan {
@@ -65,58 +76,18 @@ impl Plan {
             double: Vec::new(),
             noise: Vec::new(),
             pause: Vec::new(),
+            mute: Vec::new(),
+            stall: Vec::new(),
+            swap: Vec::new(),
+            change_rate: Vec::new(),
+            counts_time: emulator.counts_time(),
+            reset: Vec::new(),
+            reset_silence_s: 1.0,
+            disconnect: Vec::new(),
             wait_s: 20.0,
             log: None,
-            link: None,
+            place: Place::Terminal(None),
         }
-    }
-
-    /// Reads the arguments of the program.
-    ///
-    /// # Errors
-    ///
-    /// What is wrong with them, as a sentence.
-    pub fn parse(arguments: &[String]) -> Result<Self, String> {
-        let Some((profile, options)) = arguments.split_first() else {
-            return Err("a profile is missing".into());
-        };
-        let emulator = Emulator::of_profile(profile).ok_or_else(|| format!("no emulator has the profile {profile}"))?;
-        let mut plan = Self::new(emulator, 0);
-        for option in options.chunks(2) {
-            let [name, value] = option else {
-                return Err(format!("{} has no value", option[0]));
-            };
-            plan.set(name, value)?;
-        }
-        if plan.frames == 0 {
-            return Err("--frames is missing, or 0".into());
-        }
-        Ok(plan)
-    }
-
-    fn set(&mut self, name: &str, value: &str) -> Result<(), String> {
-        let wrong = || format!("{name} cannot be {value}");
-        let number =
-            || value.parse().ok().filter(|number: &f64| number.is_finite() && *number >= 0.0).ok_or_else(wrong);
-        match name {
-            "--rate" => self.rate = Some(number()?).filter(|rate| *rate > 0.0).ok_or_else(wrong)?,
-            "--frames" => self.frames = value.parse().map_err(|_| wrong())?,
-            "--first" => self.first = value.parse().map_err(|_| wrong())?,
-            "--jitter-ms" => self.jitter_ms = number()?,
-            "--drop" => self.drop = list(value).ok_or_else(wrong)?,
-            "--wrong" => self.wrong = list(value).ok_or_else(wrong)?,
-            "--double" => self.double = list(value).ok_or_else(wrong)?,
-            "--noise" => {
-                let pairs: Option<Vec<(usize, u64)>> = pairs(value, '@');
-                self.noise = pairs.ok_or_else(wrong)?.into_iter().map(|(bytes, frame)| (frame, bytes)).collect();
-            }
-            "--pause" => self.pause = pairs(value, ':').ok_or_else(wrong)?,
-            "--wait" => self.wait_s = number()?,
-            "--log" => self.log = Some(value.into()),
-            "--link" => self.link = Some(value.into()),
-            _ => return Err(format!("there is no option {name}")),
-        }
-        Ok(())
     }
 
     /// The numbers of all frames.
@@ -124,28 +95,85 @@ impl Plan {
         self.first..self.first.saturating_add(self.frames)
     }
 
-    /// When a frame is due, in nanoseconds from the first.
-    pub fn due_ns(&self, number: u64) -> u64 {
-        let silence: f64 = self.pause.iter().filter(|(frame, _)| *frame <= number).map(|(_, seconds)| seconds).sum();
-        ((number.saturating_sub(self.first) as f64 / self.rate + silence) * 1e9).round() as u64
+    /// The same in the order in which they are written.
+    pub fn order(&self) -> impl Iterator<Item = u64> {
+        let all = self.numbers();
+        all.clone().map(move |number| match self.swapped(number) {
+            true => number + 1,
+            false if number > all.start && self.swapped(number - 1) => number - 1,
+            false => number,
+        })
     }
 
-    /// When a frame is written: when it is due, or with all others of the same milliseconds at their end.
+    /// Whether this frame comes after the next one.
+    fn swapped(&self, number: u64) -> bool {
+        self.swap.contains(&number) && self.numbers().contains(&(number + 1))
+    }
+
+    /// Intervals from frame `from` to frame `to`, each as long as `length` says of its rate.
+    fn intervals(&self, from: u64, to: u64, length: impl Fn(f64) -> f64) -> f64 {
+        let ends = self.change_rate.iter().map(|(frame, _)| *frame).chain([u64::MAX]);
+        let rates = [(0, self.rate)].into_iter().chain(self.change_rate.iter().copied());
+        let frames = |begin: u64, end: u64| end.min(to).saturating_sub(begin.max(from)) as f64;
+        rates.zip(ends).map(|((begin, rate), end)| frames(begin, end) * length(rate)).sum()
+    }
+
+    /// When a frame is due, in nanoseconds from the first: when the device has sampled it.
+    pub fn due_ns(&self, number: u64) -> u64 {
+        let silence: f64 = self.pause.iter().filter(|(frame, _)| *frame <= number).map(|(_, seconds)| seconds).sum();
+        let resets = self.reset.iter().filter(|frame| (self.first + 1..=number).contains(*frame)).count();
+        let sampled = self.intervals(self.first, number, |rate| 1.0 / rate);
+        ((sampled + silence + resets as f64 * self.reset_silence_s) * 1e9).round() as u64
+    }
+
+    /// When a frame is written: when it is due, or with all others of the same milliseconds at their end, or when its
+    /// adapter no longer stalls, or after the next one.
     pub fn written_ns(&self, number: u64) -> u64 {
+        let number = number + u64::from(self.swapped(number));
         let due = self.due_ns(number);
-        match (self.jitter_ms * 1e6) as u64 {
+        let written = match (self.jitter_ms * 1e6) as u64 {
             0 => due,
             together => due.div_ceil(together) * together,
+        };
+        self.within(&self.stall, due).map_or(written, |end| end.max(written))
+    }
+
+    /// Whether a frame is lost in a silence.
+    pub fn is_mute(&self, number: u64) -> bool {
+        self.within(&self.mute, self.due_ns(number)).is_some()
+    }
+
+    /// The end of the period in which a moment is: one of those that begin with a frame and last so many seconds.
+    fn within(&self, periods: &[(u64, f64)], moment_ns: u64) -> Option<u64> {
+        let all = periods.iter().map(|(frame, seconds)| {
+            let begin = self.due_ns(*frame);
+            begin..begin + (seconds * 1e9) as u64
+        });
+        all.filter(|period| period.contains(&moment_ns)).map(|period| period.end).max()
+    }
+
+    /// What the device's counter and clock say with a frame.
+    pub fn own(&self, number: u64) -> Own {
+        let reset = self.reset.iter().filter(|frame| **frame <= number).max();
+        let powered = reset.copied().unwrap_or(0);
+        Own {
+            frames: number - powered,
+            intervals: self.intervals(powered, number, |rate| self.rate / rate),
+            counts_time: self.counts_time,
+            was_reset: reset.is_some(),
         }
     }
 
-    /// What is written for a frame, noise before it included.
+    /// What is written for a frame, noise before it included; nothing for one that is lost.
     pub fn bytes(&self, number: u64) -> Vec<u8> {
+        if self.is_mute(number) {
+            return Vec::new();
+        }
         let mut bytes: Vec<u8> = self.noise.iter().filter(|(frame, _)| *frame == number).flat_map(noise).collect();
         if self.drop.contains(&number) {
             return bytes;
         }
-        let mut frame = self.emulator.frame(number);
+        let mut frame = self.emulator.frame_at(number, self.own(number));
         if self.wrong.contains(&number) {
             // In the last message of the frame, and in no line's end.
             let place = frame.len() - 8;
@@ -170,58 +198,9 @@ fn noise(&(frame, count): &(u64, usize)) -> Vec<u8> {
         .collect()
 }
 
-fn list(text: &str) -> Option<Vec<u64>> {
-    text.split(',').map(|number| number.parse().ok()).collect()
-}
-
-fn pairs<A: std::str::FromStr, B: std::str::FromStr>(text: &str, separator: char) -> Option<Vec<(A, B)>> {
-    let pair = |pair: &str| {
-        let (first, second) = pair.split_once(separator)?;
-        Some((first.parse().ok()?, second.parse().ok()?))
-    };
-    text.split(',').map(pair).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn parse(text: &str) -> Result<Plan, String> {
-        Plan::parse(&text.split(' ').map(str::to_owned).collect::<Vec<_>>())
-    }
-
-    #[test]
-    fn arguments_are_read() {
-        let plan = parse(
-            "examples/acquire/kvh1750.toml --frames 9 --first 5 --rate 500 --jitter-ms 4 --drop 1,2 --wrong 3 --double 4 --noise 7@5,9@6 \
-             --pause 3:0.5 --wait 1 --log l --link p",
-        )
-        .unwrap();
-        assert_eq!((plan.emulator, plan.frames, plan.rate, plan.wait_s), (Emulator::Kvh1750, 9, 500.0, 1.0));
-        assert_eq!((plan.numbers(), plan.due_ns(6) - plan.due_ns(5)), (5..14, 2_000_000));
-        assert_eq!((plan.drop, plan.wrong, plan.double), (vec![1, 2], vec![3], vec![4]));
-        assert_eq!((plan.noise, plan.pause), (vec![(5, 7), (6, 9)], vec![(3, 0.5)]));
-        assert_eq!((plan.log, plan.link), (Some("l".into()), Some("p".into())));
-        assert_eq!(parse("vn100 --frames 3").unwrap(), Plan::new(Emulator::Vn100, 3));
-    }
-
-    #[test]
-    fn wrong_arguments_are_named() {
-        for (text, reason) in [
-            ("", "no emulator has the profile "),
-            ("bmi270", "no emulator has the profile bmi270"),
-            ("vn100", "--frames is missing, or 0"),
-            ("vn100 --frames", "--frames has no value"),
-            ("vn100 --frames 3 --rate 0", "--rate cannot be 0"),
-            ("vn100 --frames 3 --rate nan", "--rate cannot be nan"),
-            ("vn100 --frames 3 --pause 4", "--pause cannot be 4"),
-            ("vn100 --frames 3 --noise x@4", "--noise cannot be x@4"),
-            ("vn100 --frames 3 --drop 1,", "--drop cannot be 1,"),
-            ("vn100 --frames 3 --speed 1", "there is no option --speed"),
-        ] {
-            assert_eq!(parse(text), Err(reason.to_owned()), "{text}");
-        }
-    }
 
     #[test]
     fn frames_are_due_at_the_rate_and_come_in_bursts() {
@@ -247,6 +226,63 @@ mod tests {
             assert_eq!(plan.bytes(3), good(3).repeat(2));
             assert_eq!(plan.bytes(4)[1000..], good(4));
             assert_eq!(plan.bytes(4), plan.bytes(4));
+        }
+    }
+
+    #[test]
+    fn the_device_goes_on_while_its_adapter_stalls_or_nothing_comes() {
+        let mut plan = Plan::new(Emulator::Vn100, 1000);
+        (plan.mute, plan.stall) = (vec![(10, 0.0125)], vec![(100, 0.0125)]);
+        let lost: Vec<_> = plan.numbers().filter(|number| plan.bytes(*number).is_empty()).collect();
+        assert_eq!(lost, [10, 11, 12, 13, 14]);
+        assert_eq!(plan.bytes(15), Emulator::Vn100.frame(15));
+        assert_eq!(plan.due_ns(101), 252_500_000);
+        assert_eq!(
+            [99, 100, 104, 105].map(|number| plan.written_ns(number)),
+            [247_500_000, 262_500_000, 262_500_000, 262_500_000]
+        );
+        assert_eq!(plan.written_ns(106), plan.due_ns(106));
+    }
+
+    #[test]
+    fn a_pair_is_exchanged() {
+        let mut plan = Plan::new(Emulator::Vn100, 6);
+        plan.swap = vec![2, 5];
+        assert_eq!(plan.order().collect::<Vec<_>>(), [0, 1, 3, 2, 4, 5]);
+        assert_eq!(plan.written_ns(2), plan.written_ns(3));
+        assert_eq!(plan.written_ns(5), plan.due_ns(5));
+    }
+
+    #[test]
+    fn clock_and_counter_keep_their_pace_when_the_rate_changes() {
+        let mut plan = Plan::new(Emulator::Stim300, 100);
+        plan.change_rate = vec![(10, 250.0), (20, 1000.0)];
+        let counters = [0, 9, 10, 11, 20, 21].map(|number| plan.bytes(number)[35]);
+        assert_eq!(counters, [0, 18, 20, 28, 100, 102]);
+        assert_eq!(
+            [10, 11, 20, 21].map(|number| plan.due_ns(number)),
+            [10_000_000, 14_000_000, 50_000_000, 51_000_000]
+        );
+        plan.counts_time = false;
+        assert_eq!([9, 10, 11, 20].map(|number| plan.bytes(number)[35]), [18, 20, 22, 40]);
+        let mut plan = Plan::new(Emulator::Vn100, 100);
+        plan.change_rate = vec![(0, 200.0)];
+        let time = |number| u64::from_le_bytes(plan.bytes(number)[6..14].try_into().unwrap());
+        assert_eq!([0, 1, 3].map(time), [1_000_000_000, 1_005_000_000, 1_015_000_000]);
+    }
+
+    #[test]
+    fn after_a_reset_counter_and_clock_begin_at_0() {
+        let mut plan = Plan::new(Emulator::Arduino, 100);
+        (plan.reset, plan.reset_silence_s) = (vec![50], 0.5);
+        let line = |number| String::from_utf8(plan.bytes(number)).unwrap();
+        assert!(line(49).starts_with("$IMU,13,113928,"), "{}", line(49));
+        assert!(line(50).starts_with("$IMU,0,0,") && line(51).starts_with("$IMU,1,5000,"), "{}", line(51));
+        assert_eq!(plan.due_ns(50) - plan.due_ns(49), 505_000_000);
+        for emulator in Emulator::ALL {
+            let mut plan = Plan::new(emulator, 100);
+            plan.reset = vec![50];
+            assert_ne!(plan.bytes(50), emulator.frame(50), "{emulator:?}");
         }
     }
 }
