@@ -31,6 +31,7 @@ mod intake;
 mod lines;
 mod link;
 mod nominal;
+mod note;
 mod number;
 mod offline;
 mod port;

@@ -1,5 +1,6 @@
 //! The way to the service: what is decoded is sent in order, and kept for a second if the service has no room.
 
+use crate::note::AcquisitionNote;
 use crate::recorder::Recorder;
 use isotherm_client::{Acquisition, ConnectError, ImuId, Options, RawSample, SendError};
 use isotherm_failure::{Failure, tell};
@@ -87,13 +88,21 @@ pub(crate) struct Link {
     since: Instant,
     give_up: Option<Duration>,
     told: Option<String>,
+    /// For the successor of this process; `None` for a source that is no device.
+    note: Option<AcquisitionNote>,
     pub(crate) sent: Sent,
     pub(crate) recorder: Option<Recorder>,
 }
 
 impl Link {
     /// `interval_ns` is that of samples which come at their time; `None`: they wait for the service, all of them.
-    pub(crate) fn new(imu: ImuId, options: Options, interval_ns: Option<u64>, recorder: Option<Recorder>) -> Self {
+    pub(crate) fn new(
+        imu: ImuId,
+        options: Options,
+        interval_ns: Option<u64>,
+        note: Option<AcquisitionNote>,
+        recorder: Option<Recorder>,
+    ) -> Self {
         let kept = |interval_ns: u64| (KEPT.as_nanos() as u64 / interval_ns.max(1)) as usize;
         let most = interval_ns.map_or(usize::MAX, |interval_ns| kept(interval_ns).max(LEAST_KEPT));
         let give_up = Some(options.timeout).filter(|timeout| !timeout.is_zero());
@@ -111,6 +120,7 @@ impl Link {
             since: now,
             give_up,
             told: None,
+            note,
             sent: Sent::default(),
             recorder,
         }
@@ -178,7 +188,12 @@ impl Link {
             acquisition.follow(&next.raw);
             let loan = acquisition.loan_record(&next.raw).map_err(|error| error.to_string())?;
             match acquisition.send(loan) {
-                Ok(()) => self.sent.sent += 1,
+                Ok(()) => {
+                    self.sent.sent += 1;
+                    if let Some(note) = &mut self.note {
+                        note.keep(acquisition.lag());
+                    }
+                }
                 Err(SendError::Full(_)) => return Ok(()),
                 // It cannot be sent any more, so readers see a gap.
                 Err(error) => {
@@ -239,6 +254,9 @@ impl Link {
             self.sent.dropped += 1;
             lost += 1;
             self.record(&next);
+        }
+        if let (Some(note), Some(acquisition)) = (&mut self.note, &self.acquisition) {
+            note.end(acquisition.lag());
         }
         let unanswered = self.acquisition.take().map_or(0, |acquisition| acquisition.close().unanswered);
         lost + unanswered

@@ -3,6 +3,7 @@
 use crate::description::Description;
 use crate::intake::Intake;
 use crate::link::{Link, any_session};
+use crate::note::AcquisitionNote;
 use crate::recorder::Recorder;
 use crate::source::{Source, State};
 use crate::tally::Tally;
@@ -82,7 +83,9 @@ pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failu
         Target::Service(ref options) => {
             let options = Options { serial: description.serial.clone(), ..options.clone() };
             let kept = source.is_live().then_some(description.timing.interval_ns);
-            Sink::Service(Box::new(Link::new(imu, options, kept, recorder)))
+            // What a file has is of no time, and no successor goes on with it.
+            let note = source.is_device().then(|| AcquisitionNote::load(&options.domain, &imu));
+            Sink::Service(Box::new(Link::new(imu, options, kept, note, recorder)))
         }
         Target::Rows(most) => Sink::Rows(Box::new(Printed::new(imu, most, recorder)?)),
     };

@@ -99,6 +99,14 @@ impl Source {
         }
     }
 
+    /// Whether this is a device, which may come back, and not a file or the standard input.
+    pub(crate) fn is_device(&self) -> bool {
+        match self {
+            Self::Bytes(bytes) => !matches!(bytes.port, Port::File { .. } | Port::Stdin),
+            Self::Iio(_) => true,
+        }
+    }
+
     /// Whether rows have a time of their own on the monotonic clock.
     pub(crate) fn is_stamped(&self) -> bool {
         match self {

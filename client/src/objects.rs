@@ -198,7 +198,8 @@ impl Note {
     }
 
     /// As [`read`](Self::read), also if a member of the group that the domain belongs to has written it.
-    pub(crate) fn read_from_members(&self, domain: &Domain) -> Option<Vec<u8>> {
+    #[must_use]
+    pub fn read_from_members(&self, domain: &Domain) -> Option<Vec<u8>> {
         let path = self.folder.join(&self.name);
         let flags = (OFlags::NOFOLLOW | OFlags::NONBLOCK).bits().cast_signed();
         let file = File::options().read(true).custom_flags(flags).open(path).ok()?;
@@ -211,7 +212,7 @@ impl Note {
     }
 
     /// Lets the members of the group that the domain belongs to read it.
-    pub(crate) fn open_to_members(&self, domain: &Domain) {
+    pub fn open_to_members(&self, domain: &Domain) {
         group::open_path(&domain.prefix(), &self.folder.join(&self.name));
     }
 
