@@ -1,11 +1,12 @@
 //! From rows to samples: each gets its period, its time and its number.
 
-use crate::description::{Description, Kind};
+use crate::description::{Description, Kind, Port};
 use crate::frames::{Arrival, Found};
+use crate::notice::Notice;
 use crate::number::Value;
-use crate::sample::{Assembler, NoSample};
+use crate::sample::{Assembler, NoSample, invalidate};
 use crate::tally::Tally;
-use crate::timeline::{Observed, Placed, RATE_LIMIT, Timeline};
+use crate::timeline::{Observed, Place, Placed, RATE_LIMIT, Timeline};
 use isotherm_client::RawSample;
 use isotherm_failure::{Exit, Failure, tell};
 
@@ -27,8 +28,15 @@ pub(crate) struct Intake {
     description: Description,
     /// How long a byte takes on the line \[ns\].
     byte_ns: f64,
-    timeline: Timeline,
+    timeline: Timeline<Vec<Value>>,
     assembler: Assembler,
+    /// Room for rows that wait.
+    spare: Vec<Vec<Value>>,
+    last_row: Vec<Value>,
+    /// Whether a rate or a counter that is not as described ends the acquisition, also after the first sample.
+    ends: bool,
+    /// Whether the IMU has sent a sample since the machine was started: then nothing ends the acquisition.
+    has_sent: bool,
     sequence: u64,
     /// The time of the last frame \[ns\].
     last_ns: u64,
@@ -43,6 +51,9 @@ pub(crate) struct Intake {
     /// When the rate was off, by both clocks since it is measured \[s\].
     suspected: Option<(f64, f64)>,
     last_arrival: Option<Arrival>,
+    sessions: Notice,
+    counts: Notice,
+    rates: Notice,
     pub(crate) tally: Tally,
 }
 
@@ -69,9 +80,19 @@ impl Intake {
     pub(crate) fn new(description: &Description, byte_ns: f64, stamped: bool) -> Self {
         let timing = &description.timing;
         let clock = if stamped { Some(STAMPS) } else { timing.clock.map(|(.., clock)| clock) };
+        let timeline = Timeline::new(timing.interval_ns, timing.counter.map(|(_, counter)| counter), clock);
+        let port = match &description.kind {
+            Kind::Frames(port, _) | Kind::Lines(port, _) => Some(port),
+            Kind::Iio(_) => None,
+        };
+        let is_datagrams = matches!(port, Some(Port::Udp(_)));
         Self {
-            timeline: Timeline::new(timing.interval_ns, timing.counter.map(|(_, counter)| counter), clock),
+            timeline: if is_datagrams { timeline.of_datagrams() } else { timeline },
             assembler: Assembler::new(description.columns),
+            spare: Vec::new(),
+            last_row: Vec::new(),
+            ends: matches!(port, Some(Port::File { .. } | Port::Stdin)),
+            has_sent: false,
             byte_ns,
             sequence: 0,
             last_ns: 0,
@@ -82,13 +103,26 @@ impl Intake {
             warned_of_rate: false,
             suspected: None,
             last_arrival: None,
+            sessions: Notice::default(),
+            counts: Notice::default(),
+            rates: Notice::default(),
             tally: Tally { imu: description.imu.to_string(), ..Tally::default() },
             description: description.clone(),
         }
     }
 
-    /// Takes a row. Returns the sample, with the number of its session from 1, if it is one.
-    pub(crate) fn take(&mut self, row: &[Value], came: Came) -> Option<(RawSample, u64)> {
+    /// For an IMU that has sent a sample since the machine was started.
+    pub(crate) fn of_sender(self, has_sent: bool) -> Self {
+        Self { has_sent, ..self }
+    }
+
+    /// Whether this IMU has sent a sample, so that nothing but a signal ends the acquisition from its device.
+    pub(crate) const fn goes_on(&self) -> bool {
+        !self.ends && (self.has_sent || self.tally.samples > 0)
+    }
+
+    /// Takes a row. Gives each sample that is placed to `sink`, with the number of its session from 1.
+    pub(crate) fn take(&mut self, row: &[Value], came: Came, sink: &mut dyn FnMut(RawSample, u64)) {
         self.tally.frames += 1;
         self.damaged += came.damaged;
         let timing = self.description.timing;
@@ -107,42 +141,82 @@ impl Intake {
             let whole = value.whole.filter(|_| value.number >= 0.0).map(|whole| whole.saturating_mul(unit_ns));
             whole.or((0.0..1.8e19).contains(&rounded).then_some(rounded as u64))
         });
+        let is_same = row.len() == self.last_row.len() && row.iter().zip(&self.last_row).all(|(a, b)| a.is_same(b));
+        self.last_row.clear();
+        self.last_row.extend_from_slice(row);
         let observed = Observed {
             arrival,
             counter: timing.counter.and_then(|(column, _)| value(column).whole),
             clock_ns: came.stamp.or(clock_ns),
             damaged: self.damaged,
             after_outage: self.after_outage,
+            is_same,
         };
         if self.has_items() && !self.assembler.has_sensors(row) {
             // Another message of the device, as one of its GNSS receiver.
             self.tally.others += 1;
             self.assembler.take_telemetry(row, self.last_ns);
-            return None;
+            return;
         }
         if timing.counter.is_some() && observed.counter.is_none()
             || timing.clock.is_some() && observed.clock_ns.is_none()
         {
             self.tally.incomplete += 1;
-            return None;
+            return;
         }
         (self.damaged, self.after_outage) = (0, false);
-        let timestamp_ns = match self.timeline.place(observed) {
-            Placed::Repeated => {
+        let mut kept = self.spare.pop().unwrap_or_default();
+        kept.clear();
+        kept.extend_from_slice(row);
+        self.timeline.push(observed, kept);
+        self.hand_out(sink);
+    }
+
+    /// Hands out what has waited long enough at this time \[ns\].
+    pub(crate) fn look(&mut self, now_ns: u64, sink: &mut dyn FnMut(RawSample, u64)) {
+        if self.timeline.is_waiting() {
+            self.timeline.look(now_ns);
+            self.hand_out(sink);
+        }
+    }
+
+    /// Hands out all that waits: nothing more comes for now.
+    pub(crate) fn settle(&mut self, sink: &mut dyn FnMut(RawSample, u64)) {
+        self.timeline.settle_all();
+        self.hand_out(sink);
+    }
+
+    fn hand_out(&mut self, sink: &mut dyn FnMut(RawSample, u64)) {
+        while let Some((placed, row)) = self.timeline.next() {
+            // Before the first sample another rate is refused, and nothing is sent.
+            if self.goes_on() || self.ends || !self.timeline.is_other_rate() {
+                self.hand_out_one(placed, &row, sink);
+            }
+            self.spare.push(row);
+        }
+    }
+
+    fn hand_out_one(&mut self, placed: Placed, row: &[Value], sink: &mut dyn FnMut(RawSample, u64)) {
+        let timestamp_ns = placed.timestamp_ns;
+        match placed.place {
+            Place::Repeated => {
                 self.tally.repeated += 1;
-                return None;
+                return;
             }
-            Placed::First { timestamp_ns } => {
-                self.begin_session();
-                timestamp_ns
-            }
-            Placed::Next { periods, timestamp_ns, is_ambiguous } => {
-                self.pass(periods, is_ambiguous);
-                timestamp_ns
-            }
-        };
+            Place::First => self.begin_session(),
+            Place::Next { periods, is_ambiguous } => self.pass(periods, is_ambiguous),
+        }
         self.last_ns = timestamp_ns;
-        self.sample(row, timestamp_ns)
+        let is_other = placed.interval_ns != self.description.timing.interval_ns;
+        let is_valid = placed.is_certain && (!is_other || self.assembler.adopts());
+        self.assembler.set_interval(placed.interval_ns);
+        if let Some((mut raw, session)) = self.sample(row, timestamp_ns) {
+            if !is_valid {
+                invalidate(&mut raw);
+                self.tally.other_rate += 1;
+            }
+            sink(raw, session);
+        }
     }
 
     /// Whether frames may lack the sensors.
@@ -153,7 +227,8 @@ impl Intake {
     fn begin_session(&mut self) {
         self.tally.sessions += 1;
         if self.tally.sessions > 1 {
-            tell("isotherm", "the device has started again, or was away for over a turn of its counter: a new session");
+            let text = "the device has started again, or was away for over a turn of its counter: a new session";
+            self.sessions.tell(|| text.to_owned());
         }
         self.restarts = (self.restarts.0 + 1, 0);
         self.sequence = 0;
@@ -221,8 +296,9 @@ impl Intake {
         }
     }
 
-    /// The device was away.
-    pub(crate) const fn outage(&mut self) {
+    /// The device was away: what waits is handed out.
+    pub(crate) fn outage(&mut self, sink: &mut dyn FnMut(RawSample, u64)) {
+        self.settle(sink);
         self.tally.outages += 1;
         self.after_outage = true;
         self.assembler.forget();
@@ -230,64 +306,124 @@ impl Intake {
 
     /// Whether the rate is another one: it is off by more than late bytes explain, and goes on to be. A device or a
     /// machine that stood still once is measured anew.
-    fn is_other_rate(&mut self, deviation: f64, seconds: f64) -> bool {
+    fn is_off(&mut self, deviation: f64, seconds: f64) -> Option<f64> {
         let nominal = seconds / (1.0 + deviation);
         if (deviation.abs() - RATE_LIMIT) * nominal <= LATE_S {
             self.suspected = None;
-            return false;
+            return None;
         }
         match self.suspected {
             Some((since, before)) if seconds >= since => {
                 if seconds - since < JUDGED_S {
-                    return false;
+                    return None;
                 }
                 let now = (seconds - since) / (nominal - before).max(f64::EPSILON) - 1.0;
                 if now.abs() > RATE_LIMIT && now.signum() == deviation.signum() {
-                    return true;
+                    return Some(now);
                 }
                 self.suspected = None;
                 self.timeline.measure_anew(self.last_arrival);
             }
             _ => self.suspected = Some((seconds, nominal)),
         }
-        false
+        None
     }
 
     /// Judges the rate.
     ///
     /// # Errors
-    /// If it is not that of the description, or if the counter is not.
+    /// If it is not that of the description, or if the counter is not, and this IMU has not sent a sample yet.
     pub(crate) fn judge(&mut self) -> Result<(), Failure> {
-        let nominal = self.description.timing.interval_ns as f64;
-        if self.restarts.0 > RESTARTS {
-            let message = format!(
-                "{} new sessions within {} frames: the counter or the clock does not rise as described; compare \
-                 timing.counter.step and bits, or timing.time, with the data sheet",
-                self.restarts.0, self.tally.frames
-            );
-            return Err(Failure::new(Exit::Config, message));
+        self.judge_counter()?;
+        if self.timeline.is_other_rate() {
+            self.tell_rate()?;
+        } else {
+            self.rates.is_over();
         }
         let Some((deviation, seconds)) = self.timeline.deviation(self.last_arrival) else { return Ok(()) };
         if seconds < JUDGED_S {
             return Ok(());
         }
-        let measured = nominal * (1.0 + deviation);
-        (self.tally.rate_hz, self.tally.deviation_ppm) = (1e9 / measured, deviation * 1e6);
-        let compared = format!(
-            "the device sends {:.6} Hz, an interval of {:.9} s, and timing.interval_s is {:.9}",
-            1e9 / measured,
-            measured / 1e9,
-            nominal / 1e9
-        );
-        if self.is_other_rate(deviation, seconds) {
-            let remedy = "give the interval that the device is set to, or set the device";
-            return Err(Failure::new(Exit::Config, format!("{compared}; {remedy}")));
+        let taken = self.timeline.taken().0;
+        let measured = taken * (1.0 + deviation);
+        self.tally.deviation_ppm = deviation * 1e6;
+        if let Some(off) = self.is_off(deviation, seconds) {
+            self.suspected = None;
+            self.timeline.adopt(taken * (1.0 + off), 1.0);
+            return self.tell_rate();
         }
         if deviation.abs() > WARNED && seconds > WARNED_S && !self.warned_of_rate {
             self.warned_of_rate = true;
+            let compared = self.compared(measured);
             tell("isotherm", format!("warning: {compared}: {:+.0} ppm", deviation * 1e6));
         }
         Ok(())
+    }
+
+    fn judge_counter(&mut self) -> Result<(), Failure> {
+        if self.restarts.0 <= RESTARTS {
+            return Ok(());
+        }
+        let message = format!(
+            "{} new sessions within {} frames: the counter or the clock does not rise as described; compare \
+             timing.counter.step and bits, or timing.time, with the data sheet",
+            self.restarts.0, self.tally.frames
+        );
+        if !self.goes_on() {
+            return Err(Failure::new(Exit::Config, message));
+        }
+        self.counts.tell(|| format!("warning: {message}"));
+        Ok(())
+    }
+
+    /// Says that the device has another rate, or refuses it before the first sample.
+    fn tell_rate(&mut self) -> Result<(), Failure> {
+        let (interval, step) = self.timeline.taken();
+        let described = self.description.timing.counter.map_or(1, |(_, counter)| counter.step);
+        let is_step = interval == self.description.timing.interval_ns as f64;
+        let (compared, remedy) = match is_step {
+            true => (
+                format!(
+                    "the device's counter rises by {step} from frame to frame, and timing.counter.step is {described}"
+                ),
+                "give the step that the data sheet has for this rate",
+            ),
+            false => (self.compared(interval), self.remedy(step != described)),
+        };
+        if !self.goes_on() {
+            return Err(Failure::new(Exit::Config, format!("{compared}; {remedy}")));
+        }
+        if self.tally.adopted_interval_ns != interval as u64 {
+            self.tally.adopted_interval_ns = interval as u64;
+            self.tally.adopted += 1;
+            self.rates.is_over();
+        }
+        let consequence = match self.assembler.adopts() {
+            _ if is_step => "the periods are counted by what it does",
+            true => "the samples have that interval from now on",
+            false => "the samples are invalid, since the scale factors of counts hold for one interval",
+        };
+        self.rates.tell(|| format!("warning: {compared}: {consequence}; {remedy}"));
+        Ok(())
+    }
+
+    fn compared(&self, measured: f64) -> String {
+        let described = self.description.timing.interval_ns as f64;
+        format!(
+            "the device sends {:.6} Hz, an interval of {:.9} s, and timing.interval_s is {:.9}, {:.6} Hz",
+            1e9 / measured,
+            measured / 1e9,
+            described / 1e9,
+            1e9 / described
+        )
+    }
+
+    const fn remedy(&self, has_other_step: bool) -> &'static str {
+        if has_other_step {
+            "give interval_s and counter.step of the rate that the device is set to, or set the device"
+        } else {
+            "give the interval that the device is set to, or set the device"
+        }
     }
 }
 

@@ -24,6 +24,7 @@
 //! ```
 
 mod checksum;
+mod datagrams;
 mod description;
 mod frames;
 pub mod iio;
@@ -32,6 +33,7 @@ mod lines;
 mod link;
 mod nominal;
 mod note;
+mod notice;
 mod number;
 mod offline;
 mod port;

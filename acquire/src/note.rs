@@ -56,7 +56,6 @@ impl AcquisitionNote {
     }
 
     /// Whether this IMU has sent a sample to the service since the machine was started.
-    #[cfg_attr(not(test), expect(dead_code, reason = "what depends on it comes next"))]
     pub(crate) const fn has_sent(&self) -> bool {
         self.noted.is_some()
     }

@@ -115,6 +115,11 @@ impl Value {
     /// What a row has that lacks the column.
     pub const ABSENT: Self = Self { number: f64::NAN, whole: None };
 
+    /// Whether it is the same value, bit for bit.
+    pub(crate) fn is_same(&self, other: &Self) -> bool {
+        self.whole == other.whole && self.number.to_bits() == other.number.to_bits()
+    }
+
     /// A number that may have a fraction.
     #[must_use]
     pub const fn real(number: f64) -> Self {

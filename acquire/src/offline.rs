@@ -23,12 +23,11 @@ pub fn samples_of<'a>(
     for (piece, arrival) in pieces {
         intake.tally.bytes += piece.len() as u64;
         decoder.push(piece, arrival.unwrap_or_default(), &mut |found: Found<'_>| {
-            if let Some((raw, session)) = intake.take(found.row, Came::of(&found, arrival.is_some())) {
-                sink(&raw, session);
-            }
+            intake.take(found.row, Came::of(&found, arrival.is_some()), &mut |raw, session| sink(&raw, session));
         });
     }
     decoder.end();
+    intake.settle(&mut |raw, session| sink(&raw, session));
     intake.tally.skipped = *decoder.skipped();
     Some(intake.tally)
 }

@@ -1,5 +1,6 @@
 //! An open port: a descriptor that never blocks.
 
+use crate::datagrams::Datagrams;
 use crate::description::Port;
 use isotherm_failure::{Exit, Failure};
 use isotherm_serial::OpenSerial;
@@ -8,7 +9,7 @@ use rustix::io::Errno;
 use rustix::net::sockopt;
 use std::fs::File;
 use std::io::{self, Read as _};
-use std::net::{TcpStream, UdpSocket};
+use std::net::TcpStream;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,11 +22,14 @@ const CONNECT: Duration = Duration::from_secs(3);
 /// A TCP connection without a sign of life is given up after so many probes, one a second.
 const PROBES: u32 = 3;
 
+/// Reads of what waited in a port that comes back.
+const DISCARDED: usize = 256;
+
 /// An open port.
 pub(crate) enum OpenPort {
     Serial(OpenSerial),
     Tcp(TcpStream),
-    Udp(UdpSocket),
+    Udp(Datagrams),
     File(File),
     Stdin(io::Stdin),
 }
@@ -45,11 +49,7 @@ impl OpenPort {
         match port {
             Port::Serial(serial) => serial.open().map(Self::Serial),
             Port::Tcp(address) => connect(address).map(Self::Tcp),
-            Port::Udp(address) => {
-                let socket = UdpSocket::bind(address)?;
-                socket.set_nonblocking(true)?;
-                Ok(Self::Udp(socket))
-            }
+            Port::Udp(udp) => Datagrams::open(udp).map(Self::Udp),
             Port::File { path, .. } => {
                 let file = File::open(path)?;
                 if file.metadata()?.is_dir() {
@@ -72,8 +72,8 @@ impl OpenPort {
         let read = match self {
             Self::Serial(line) => rustix::io::read(&*line, buffer).map_err(io::Error::from),
             Self::Tcp(stream) => stream.read(buffer),
-            Self::Udp(socket) => {
-                return match socket.recv(buffer) {
+            Self::Udp(datagrams) => {
+                return match datagrams.receive(buffer) {
                     Ok(count) => Ok(Read::Bytes(count)),
                     Err(error) => nothing(error),
                 };
@@ -90,6 +90,35 @@ impl OpenPort {
     }
 }
 
+impl OpenPort {
+    /// When the bytes that were read last came, if the kernel tells that \[ns, monotonic clock\].
+    pub(crate) const fn received_ns(&self) -> Option<u64> {
+        match self {
+            Self::Udp(datagrams) => datagrams.received_ns,
+            _ => None,
+        }
+    }
+
+    /// Datagrams of others than the peer.
+    pub(crate) const fn strangers(&self) -> u64 {
+        match self {
+            Self::Udp(datagrams) => datagrams.strangers,
+            _ => 0,
+        }
+    }
+
+    /// Reads what has waited, and forgets it.
+    pub(crate) fn discard(&mut self, buffer: &mut [u8]) {
+        if matches!(self, Self::Serial(_) | Self::Tcp(_) | Self::Udp(_)) {
+            for _ in 0..DISCARDED {
+                if !matches!(self.read(buffer), Ok(Read::Bytes(_))) {
+                    return;
+                }
+            }
+        }
+    }
+}
+
 fn nothing(error: io::Error) -> io::Result<Read> {
     match error.kind() {
         io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted => Ok(Read::Nothing),
@@ -102,7 +131,7 @@ impl AsFd for OpenPort {
         match self {
             Self::Serial(line) => line.as_fd(),
             Self::Tcp(stream) => stream.as_fd(),
-            Self::Udp(socket) => socket.as_fd(),
+            Self::Udp(datagrams) => datagrams.as_fd(),
             Self::File(file) => file.as_fd(),
             Self::Stdin(stdin) => stdin.as_fd(),
         }

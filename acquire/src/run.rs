@@ -4,15 +4,17 @@ use crate::description::Description;
 use crate::intake::Intake;
 use crate::link::{Link, any_session};
 use crate::note::AcquisitionNote;
+use crate::notice::Notice;
 use crate::recorder::Recorder;
 use crate::source::{Source, State};
 use crate::tally::Tally;
-use isotherm_client::{ImuId, Options, RawSample, unix_s};
+use isotherm_client::{ImuId, Options, RawSample, monotonic_ns, unix_s};
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::write::{FileError, Files, Format, Rotation};
 use isotherm_shared::stream::StreamKind;
 use isotherm_shared::wire::StreamSample;
+use std::collections::VecDeque;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -33,7 +35,11 @@ const JUDGED: Duration = Duration::from_millis(500);
 const LOOK: Duration = Duration::from_millis(250);
 /// A silence that is told, and so many intervals.
 const SILENT: Duration = Duration::from_secs(2);
-const SILENT_INTERVALS: u64 = 10;
+const SILENT_INTERVALS: u32 = 10;
+/// After this time without a frame it is told once a minute what came instead.
+const LONG: Duration = Duration::from_secs(10);
+/// The rate is that of so many looks.
+const RATE_LOOKS: usize = 10;
 
 /// What to do where bytes are no frames.
 const COMPARE: &str = "compare baud rate, sync, length and checksum with the device's setting; `isotherm acquire \
@@ -73,18 +79,25 @@ pub struct Settings {
 pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failure> {
     description.realtime.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime: {error}")))?;
     settings.record.as_deref().map(Recorder::check).transpose()?;
-    write_metrics(&settings, &Tally { imu: description.imu.to_string(), ..Tally::default() })?;
-    let source = Source::open(description, settings.sysfs.clone(), &settings.end)?;
+    let imu = description.imu.clone();
+    // What a file has is of no time, and no successor goes on with it.
+    let note = match &settings.target {
+        Target::Service(options) if description.is_of_device() => Some(AcquisitionNote::load(&options.domain, &imu)),
+        _ => None,
+    };
+    let has_sent = note.as_ref().is_some_and(AcquisitionNote::has_sent);
+    match write_metrics(&settings, &Tally { imu: imu.to_string(), ..Tally::default() }) {
+        Err(failure) if has_sent => tell("isotherm", format!("warning: {failure}")),
+        written => written?,
+    }
+    let source = Source::open(description, settings.sysfs.clone(), has_sent, &settings.end)?;
     // A source that cannot be opened leaves no file behind.
     let recorder = settings.record.as_deref().map(|path| Recorder::create(path, &description.imu)).transpose()?;
-    let intake = Intake::new(description, source.byte_ns(), source.is_stamped());
-    let imu = description.imu.clone();
+    let intake = Intake::new(description, source.byte_ns(), source.is_stamped()).of_sender(has_sent);
     let sink = match settings.target {
         Target::Service(ref options) => {
             let options = Options { serial: description.serial.clone(), ..options.clone() };
             let kept = source.is_live().then_some(description.timing.interval_ns);
-            // What a file has is of no time, and no successor goes on with it.
-            let note = source.is_device().then(|| AcquisitionNote::load(&options.domain, &imu));
             Sink::Service(Box::new(Link::new(imu, options, kept, note, recorder)))
         }
         Target::Rows(most) => Sink::Rows(Box::new(Printed::new(imu, most, recorder)?)),
@@ -101,7 +114,8 @@ pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failu
         written: now,
         judged: now,
         looked: now,
-        heard: Heard::new(now),
+        heard: Heard::new(now, Tally::default()),
+        pace: Rate::default(),
     };
     acquiring.run()
 }
@@ -118,19 +132,44 @@ struct Acquiring<'a> {
     judged: Instant,
     looked: Instant,
     heard: Heard,
+    pace: Rate,
 }
 
 /// When something was last heard of the device.
 struct Heard {
     at: Instant,
-    bytes: u64,
-    frames: u64,
+    /// What had been counted then.
+    tally: Tally,
     told: bool,
+    /// What came instead of frames.
+    instead: Notice,
+    /// When the device was opened again, or heard.
+    opened: Instant,
 }
 
 impl Heard {
-    const fn new(at: Instant) -> Self {
-        Self { at, bytes: 0, frames: 0, told: false }
+    fn new(at: Instant, tally: Tally) -> Self {
+        Self { at, tally, told: false, instead: Notice::default(), opened: at }
+    }
+}
+
+/// Frames over the last seconds.
+#[derive(Default)]
+struct Rate(VecDeque<(Instant, u64)>);
+
+impl Rate {
+    fn note(&mut self, now: Instant, frames: u64) {
+        if self.0.len() > RATE_LOOKS {
+            self.0.pop_front();
+        }
+        self.0.push_back((now, frames));
+    }
+
+    /// Frames a second \[Hz\]; 0 while there are none.
+    fn hz(&self) -> f64 {
+        let (Some(first), Some(last)) = (self.0.front(), self.0.back()) else { return 0.0 };
+        let seconds = (last.0 - first.0).as_secs_f64();
+        if seconds > 0.0 { (last.1 - first.1) as f64 / seconds } else { 0.0 }
     }
 }
 
@@ -160,10 +199,15 @@ impl Acquiring<'_> {
             if self.source.is_live() || !self.sink.is_waiting() {
                 self.source.wait(pause);
                 let sink = &mut self.sink;
-                match self.source.read(&mut self.intake, &mut |raw, session| sink.take(raw, session))? {
-                    State::Open => {}
+                let mut take = |raw, session| sink.take(raw, session);
+                let state = self.source.read(&mut self.intake, &mut take)?;
+                match state {
+                    State::Open => self.intake.look(monotonic_ns(), &mut take),
                     State::Away => self.look(),
-                    State::Ended => return self.drain(),
+                    State::Ended => {
+                        self.intake.settle(&mut take);
+                        return self.drain();
+                    }
                 }
             } else {
                 std::thread::sleep(BUSY);
@@ -176,8 +220,9 @@ impl Acquiring<'_> {
     }
 
     fn look(&mut self) {
-        if self.looked.elapsed() >= LOOK {
-            self.source.look();
+        let is_due = self.looked.elapsed() >= LOOK;
+        self.source.look(is_due);
+        if is_due {
             self.looked = Instant::now();
         }
     }
@@ -206,33 +251,49 @@ impl Acquiring<'_> {
         Ok(())
     }
 
-    /// Tells once if the device is silent, or babbles, and when it is heard again.
+    /// Tells if the device is silent, or babbles, and when it is heard again. Opens a silent one again.
     fn listen(&mut self, now: Instant) {
-        let (bytes, frames) = (self.intake.tally.bytes, self.intake.tally.frames);
+        self.source.count(&mut self.intake);
+        let tally = &self.intake.tally;
         let heard = &mut self.heard;
-        if frames != heard.frames {
+        self.pace.note(now, tally.frames);
+        if tally.frames != heard.tally.frames {
             if heard.told {
                 tell("isotherm", "frames come");
             }
-            *heard = Heard { at: now, bytes, frames, told: false };
+            self.intake.tally.last_frame_s = unix_s();
+            *heard = Heard::new(now, self.intake.tally.clone());
             return;
         }
         let interval = Duration::from_nanos(self.description.timing.interval_ns);
-        let longest = SILENT.max(interval * SILENT_INTERVALS as u32);
-        if heard.told || now - heard.at < longest {
+        let (passed, bytes) = (now - heard.at, tally.bytes - heard.tally.bytes);
+        if passed < SILENT.max(interval * SILENT_INTERVALS) || !self.source.is_live() {
             return;
         }
-        heard.told = true;
-        let seconds = (now - heard.at).as_secs_f64();
-        tell(
-            "isotherm",
-            match bytes - heard.bytes {
-                0 => format!(
-                    "warning: nothing has come for {seconds:.1} s: is the device on, connected, and set to send?"
-                ),
-                bytes => format!("warning: {bytes} bytes have come in {seconds:.1} s, and no frame: {COMPARE}"),
-            },
-        );
+        let seconds = passed.as_secs_f64();
+        if !heard.told {
+            heard.told = true;
+            tell(
+                "isotherm",
+                match bytes {
+                    0 => format!(
+                        "warning: nothing has come for {seconds:.1} s: is the device on, connected, and set to send?"
+                    ),
+                    bytes => format!("warning: {bytes} bytes have come in {seconds:.1} s, and no frame: {COMPARE}"),
+                },
+            );
+        }
+        if passed >= LONG {
+            let instead = tally.skipped.since(&heard.tally.skipped);
+            heard.instead.tell(|| format!("warning: no frame for {seconds:.0} s; instead came {bytes} bytes{instead}"));
+        }
+        let is_due = |after: Duration| now - heard.opened >= after.max(interval * 2 * SILENT_INTERVALS);
+        if bytes == 0 && self.source.is_there() && self.description.reopen_after.is_some_and(is_due) {
+            heard.opened = now;
+            let sink = &mut self.sink;
+            let why = format!("silent for {seconds:.0} s, so it is opened again");
+            self.source.reopen(&why, &mut self.intake, &mut |raw, session| sink.take(raw, session));
+        }
     }
 
     /// Sends what a source that has ended has given, as long as the service takes it.
@@ -255,12 +316,16 @@ impl Acquiring<'_> {
 
     fn finish(&mut self) -> Result<(), Failure> {
         self.source.end(&mut self.intake);
+        let sink = &mut self.sink;
+        self.intake.settle(&mut |raw, session| sink.take(raw, session));
         self.sink.finish()
     }
 
     fn bring_up_to_date(&mut self) {
         self.source.count(&mut self.intake);
         self.intake.tally.seconds = self.began.elapsed().as_secs_f64();
+        self.intake.tally.is_there = self.source.is_there();
+        self.intake.tally.rate_hz = self.pace.hz();
         self.sink.count(&mut self.intake.tally);
     }
 }

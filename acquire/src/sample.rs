@@ -13,14 +13,18 @@ pub(crate) struct Axes {
     pub(crate) offset: f64,
     /// 1, or -1 for an axis that points the other way.
     pub(crate) sign: [f64; AXES],
+    /// Whether a number is a mean over the sample's interval, and not what has summed up in it.
+    pub(crate) is_reading: bool,
 }
 
 impl Axes {
-    /// The readings of a row, in the columns' unit, with the signs of the axes; `None` if one is not a finite number.
-    fn readings(&self, row: &[Value]) -> Option<[f64; AXES]> {
+    /// The readings of a row, in the columns' unit and for the nominal interval, with the signs of the axes; `None` if
+    /// one is not a finite number. A sample has `ratio` nominal intervals.
+    fn readings(&self, row: &[Value], ratio: f64) -> Option<[f64; AXES]> {
+        let ratio = if self.is_reading { ratio } else { 1.0 };
         let mut readings = [0.0; AXES];
         for ((reading, column), sign) in readings.iter_mut().zip(self.columns).zip(self.sign) {
-            *reading = (row.get(column)?.number - self.offset) * sign;
+            *reading = (row.get(column)?.number - self.offset) * sign * ratio;
         }
         readings.iter().all(|reading| reading.is_finite()).then_some(readings)
     }
@@ -92,6 +96,8 @@ pub(crate) struct Assembler {
     heads: [f64; 2 * AXES],
     boards: [f64; 2 * AXES],
     telemetry_ns: u64,
+    /// The interval of the samples \[ns\].
+    interval_ns: u64,
 }
 
 impl Assembler {
@@ -103,7 +109,7 @@ impl Assembler {
             Telemetry::Constant(constant) => [constant; 2 * AXES],
             Telemetry::Columns { .. } => [f64::NAN; 2 * AXES],
         };
-        Self { columns, readings, heads: constant, boards: constant, telemetry_ns: 0 }
+        Self { columns, readings, heads: constant, boards: constant, telemetry_ns: 0, interval_ns: columns.interval_ns }
     }
 
     /// Forgets what rounding has left: for a new session, and after a gap.
@@ -113,7 +119,21 @@ impl Assembler {
 
     /// Forgets the telemetry, too: for a device that was away.
     pub(crate) const fn forget(&mut self) {
-        *self = Self::new(self.columns);
+        *self = Self { interval_ns: self.interval_ns, ..Self::new(self.columns) };
+    }
+
+    /// Takes this interval for that of the samples \[ns\].
+    pub(crate) const fn set_interval(&mut self, interval_ns: u64) {
+        self.interval_ns = interval_ns;
+    }
+
+    /// Whether samples of another interval than the nominal one are right: increments are, and readings. Counts of a
+    /// reading have scale factors for one interval.
+    pub(crate) fn adopts(&self) -> bool {
+        let Columns { accelerometer, gyroscope, resolution, .. } = &self.columns;
+        let of = |axes: &Axes, resolution: f64| !axes.is_reading || resolution != 1.0;
+        of(accelerometer, resolution.accelerometer)
+            && gyroscope.as_ref().is_none_or(|axes| of(axes, resolution.gyroscope))
     }
 
     /// A raw sample of a row that was sampled at this time. Session and sequence are not set. Returns also whether the
@@ -125,8 +145,10 @@ impl Assembler {
     /// [`NoSample`]: the control period is missing.
     pub(crate) fn sample(&mut self, row: &[Value], timestamp_ns: u64) -> Result<(RawSample, bool), NoSample> {
         self.take_telemetry(row, timestamp_ns);
-        let accelerometer = self.columns.accelerometer.readings(row).ok_or(NoSample::Incomplete)?;
-        let gyroscope = self.columns.gyroscope.as_ref().map(|axes| axes.readings(row).ok_or(NoSample::Incomplete));
+        let ratio = self.interval_ns as f64 / self.columns.interval_ns as f64;
+        let accelerometer = self.columns.accelerometer.readings(row, ratio).ok_or(NoSample::Incomplete)?;
+        let gyroscope =
+            self.columns.gyroscope.as_ref().map(|axes| axes.readings(row, ratio).ok_or(NoSample::Incomplete));
         let gyroscope = gyroscope.transpose()?;
         if self.heads.iter().chain(&self.boards).any(|telemetry| telemetry.is_nan()) {
             return Err(NoSample::NoTemperature);
@@ -139,6 +161,7 @@ impl Assembler {
             ..RawSample::default()
         };
         self.readings.fill(&mut raw, accelerometer, gyroscope).map_err(NoSample::OutOfRange)?;
+        raw.interval_ns = self.interval_ns;
         let is_healthy = self.columns.status.is_none_or(|status| {
             status.columns.iter().all(|column| {
                 let whole = row.get(*column).and_then(|value| value.whole);
@@ -159,7 +182,7 @@ impl Assembler {
 
     /// Whether a row has all accelerometers and gyroscopes.
     pub(crate) fn has_sensors(&self, row: &[Value]) -> bool {
-        let has = |axes: &Axes| axes.readings(row).is_some();
+        let has = |axes: &Axes| axes.readings(row, 1.0).is_some();
         has(&self.columns.accelerometer) && self.columns.gyroscope.as_ref().is_none_or(has)
     }
 
@@ -176,6 +199,16 @@ impl Assembler {
         }
         if is_new {
             self.telemetry_ns = timestamp_ns;
+        }
+    }
+}
+
+/// Makes a sample invalid: its telemetry is not finite, so that no increment is computed of it.
+pub(crate) fn invalidate(raw: &mut RawSample) {
+    for triad in [&mut raw.accelerometers, &mut raw.gyroscopes] {
+        let is_there = triad.head_temperature.iter().any(|telemetry| !telemetry.is_nan());
+        if is_there {
+            (triad.head_temperature, triad.board_temperature) = ([f64::NAN; AXES], [f64::NAN; AXES]);
         }
     }
 }

@@ -4,6 +4,7 @@ use crate::description::{Description, Kind, Port};
 use crate::frames::Arrival;
 use crate::iio::{self, IioClock, IioFault, IioSource};
 use crate::intake::{Came, Intake};
+use crate::notice::Notice;
 use crate::number::Value;
 use crate::port::{OpenPort, Opening, Read, name_of, open_port, refused};
 use crate::stream::StreamDecoder;
@@ -11,7 +12,7 @@ use isotherm_client::{RawSample, monotonic_ns};
 use isotherm_failure::{Exit, Failure, tell};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::path::PathBuf;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Bytes that are read at once.
@@ -47,6 +48,10 @@ pub(crate) struct Bytes {
     empty_ns: u64,
     /// Of a file that is read at the rate of its frames: when that began \[ns\], its interval, and frames so far.
     pace: Option<(u64, u64, u64)>,
+    losses: Notice,
+    returns: Notice,
+    /// Datagrams of others at sockets that are closed.
+    strangers: u64,
 }
 
 /// The buffers of IIO.
@@ -62,19 +67,25 @@ pub(crate) struct Scans {
 }
 
 impl Source {
-    /// Opens the source of a description. `sysfs` is `/`, or the root of a tree for tests.
+    /// Opens the source of a description. `sysfs` is `/`, or the root of a tree for tests. With `waits` a device that
+    /// cannot be opened is waited for.
     ///
     /// # Errors
     /// If it cannot be opened. May take seconds.
-    pub(crate) fn open(description: &Description, sysfs: PathBuf, end: &AtomicBool) -> Result<Self, Failure> {
+    pub(crate) fn open(
+        description: &Description,
+        sysfs: PathBuf,
+        waits: bool,
+        end: &AtomicBool,
+    ) -> Result<Self, Failure> {
         match &description.kind {
-            Kind::Frames(port, _) | Kind::Lines(port, _) => Bytes::open(port, description, end),
+            Kind::Frames(port, _) | Kind::Lines(port, _) => Bytes::open(port, description, waits, end),
             Kind::Iio(settings) => {
-                let open = iio::open(&sysfs, settings)?;
-                open.remarks().iter().for_each(|remark| tell("isotherm", remark));
+                let open = unless_away(iio::open(&sysfs, settings).map_err(Failure::from), waits)?;
+                open.iter().flat_map(IioSource::remarks).for_each(|remark| tell("isotherm", remark));
                 let row = vec![Value::ABSENT; settings.columns.len() + settings.temperature.len()];
                 let settings = settings.clone();
-                let (open, polled_ns, empty_ns) = (Some(open), None, monotonic_ns());
+                let (polled_ns, empty_ns) = (None, monotonic_ns());
                 Ok(Self::Iio(Box::new(Scans { root: sysfs, settings, open, row, polled_ns, empty_ns, unpaired: 0 })))
             }
         }
@@ -99,19 +110,11 @@ impl Source {
         }
     }
 
-    /// Whether this is a device, which may come back, and not a file or the standard input.
-    pub(crate) fn is_device(&self) -> bool {
-        match self {
-            Self::Bytes(bytes) => !matches!(bytes.port, Port::File { .. } | Port::Stdin),
-            Self::Iio(_) => true,
-        }
-    }
-
     /// Whether rows have a time of their own on the monotonic clock.
     pub(crate) fn is_stamped(&self) -> bool {
         match self {
             Self::Bytes(_) => false,
-            Self::Iio(scans) => scans.open.as_ref().is_some_and(|open| *open.clock() == IioClock::Monotonic),
+            Self::Iio(scans) => scans.open.as_ref().is_none_or(|open| *open.clock() == IioClock::Monotonic),
         }
     }
 
@@ -138,6 +141,24 @@ impl Source {
         };
     }
 
+    /// Whether the device is there.
+    pub(crate) const fn is_there(&self) -> bool {
+        match self {
+            Self::Bytes(bytes) => bytes.open.is_some(),
+            Self::Iio(scans) => scans.open.is_some(),
+        }
+    }
+
+    /// Closes a device that is silent, to open it again.
+    pub(crate) fn reopen(&mut self, why: &str, intake: &mut Intake, sink: &mut dyn FnMut(RawSample, u64)) {
+        match self {
+            Self::Bytes(bytes) => {
+                bytes.lose(why, intake, sink);
+            }
+            Self::Iio(_) => {}
+        }
+    }
+
     /// Reads what is there, without waiting, and gives each sample to `sink`.
     ///
     /// # Errors
@@ -149,17 +170,18 @@ impl Source {
         }
     }
 
-    /// Looks for a source that is away. May take seconds only for IIO.
-    pub(crate) fn look(&mut self) {
+    /// Looks for a source that is away, and begins to open it if `may_begin`. May take seconds only for IIO.
+    pub(crate) fn look(&mut self, may_begin: bool) {
         match self {
-            Self::Bytes(bytes) => bytes.look(),
-            Self::Iio(scans) => {
+            Self::Bytes(bytes) => bytes.look(may_begin),
+            Self::Iio(scans) if may_begin => {
                 // Else it is unplugged, or its driver is not there yet.
                 if let Ok(open) = iio::open(&scans.root, &scans.settings) {
                     (scans.open, scans.empty_ns) = (Some(open), monotonic_ns());
                     tell("isotherm", format!("{} is back", scans.settings.devices.join(" and ")));
                 }
             }
+            Self::Iio(_) => {}
         }
     }
 
@@ -176,6 +198,8 @@ impl Source {
         match self {
             Self::Bytes(bytes) => {
                 intake.tally.skipped = *bytes.decoder.skipped();
+                let open = bytes.open.as_ref().map_or(0, OpenPort::strangers);
+                intake.tally.strangers = bytes.strangers + open;
             }
             Self::Iio(scans) => {
                 let open = scans.open.as_ref().map_or(0, |open| open.counters().unpaired);
@@ -186,17 +210,32 @@ impl Source {
 }
 
 impl Bytes {
-    fn open(port: &Port, description: &Description, end: &AtomicBool) -> Result<Source, Failure> {
+    fn open(port: &Port, description: &Description, waits: bool, end: &AtomicBool) -> Result<Source, Failure> {
         let none = || Failure::new(Exit::Config, "the source has no bytes");
         let decoder = StreamDecoder::new(description).ok_or_else(none)?;
-        let open = open_port(port, end)?;
+        let open = unless_away(open_port(port, end), waits && !end.load(Ordering::Relaxed))?;
         let empty_ns = monotonic_ns();
-        tell("isotherm", format!("reading {port}"));
+        if open.is_some() {
+            tell("isotherm", format!("reading {port}"));
+        }
         let interval_ns = description.timing.interval_ns;
         let pace = matches!(port, Port::File { pace: true, .. }).then_some((empty_ns, interval_ns, 0));
         let buffer = vec![0; BUFFER];
         let port = port.clone();
-        Ok(Source::Bytes(Box::new(Self { port, open: Some(open), opening: None, decoder, buffer, empty_ns, pace })))
+        let (losses, returns) = (Notice::default(), Notice::default());
+        let opening = None;
+        Ok(Source::Bytes(Box::new(Self {
+            port,
+            open,
+            opening,
+            decoder,
+            buffer,
+            empty_ns,
+            pace,
+            losses,
+            returns,
+            strangers: 0,
+        })))
     }
 
     fn read(&mut self, intake: &mut Intake, sink: &mut dyn FnMut(RawSample, u64)) -> Result<State, Failure> {
@@ -218,21 +257,22 @@ impl Bytes {
                     return Ok(State::Open);
                 }
                 Ok(Read::End) if matches!(self.port, Port::File { .. } | Port::Stdin) => return Ok(State::Ended),
-                Ok(Read::End) => return Ok(self.lose("the other side closed it", intake)),
+                Ok(Read::End) => return Ok(self.lose("the other side closed it", intake, sink)),
                 // A pipe or a file does not come back.
                 Err(error) if matches!(self.port, Port::File { .. } | Port::Stdin) => {
                     return Err(refused(&self.port, &error));
                 }
-                Err(error) => return Ok(self.lose(&error.to_string(), intake)),
+                Err(error) => return Ok(self.lose(&error.to_string(), intake, sink)),
             };
             intake.tally.bytes += count as u64;
-            let arrival = Arrival { after_ns: self.empty_ns, by_ns: monotonic_ns() };
+            let arrival = match open.received_ns() {
+                Some(at) => Arrival { after_ns: at, by_ns: at },
+                None => Arrival { after_ns: self.empty_ns, by_ns: monotonic_ns() },
+            };
             let mut frames = 0;
             let mut take = |found: crate::frames::Found<'_>| {
                 frames += 1;
-                if let Some((raw, session)) = intake.take(found.row, Came::of(&found, is_live)) {
-                    sink(raw, session);
-                }
+                intake.take(found.row, Came::of(&found, is_live), sink);
             };
             self.decoder.push(&self.buffer[..count], arrival, &mut take);
             if let Some((.., passed)) = &mut self.pace {
@@ -240,11 +280,6 @@ impl Bytes {
             }
             if !is_live {
                 // The caller sends these first.
-                return Ok(State::Open);
-            }
-            if count < most {
-                // All that was there has been read.
-                self.empty_ns = before;
                 return Ok(State::Open);
             }
         }
@@ -255,25 +290,43 @@ impl Bytes {
         !matches!(self.port, Port::File { pace: false, .. })
     }
 
-    fn lose(&mut self, why: &str, intake: &mut Intake) -> State {
-        tell("isotherm", format!("{} went away: {why}; waiting for it to come back", name_of(&self.port)));
-        self.open = None;
+    fn lose(&mut self, why: &str, intake: &mut Intake, sink: &mut dyn FnMut(RawSample, u64)) -> State {
+        let name = name_of(&self.port);
+        self.losses.tell(|| format!("{name} went away: {why}; waiting for it to come back"));
+        self.strangers += self.open.take().as_ref().map_or(0, OpenPort::strangers);
         self.decoder.end();
-        intake.outage();
+        intake.outage(sink);
         State::Away
     }
 
-    fn look(&mut self) {
+    fn look(&mut self, may_begin: bool) {
         let Some(opening) = &self.opening else {
-            self.opening = Opening::start(&self.port).ok();
+            if may_begin {
+                self.opening = Opening::start(&self.port).ok();
+            }
             return;
         };
         let Some(result) = opening.poll() else { return };
         self.opening = None;
-        if let Ok(open) = result {
+        if let Ok(mut open) = result {
+            // It waited there for an unknown time.
+            open.discard(&mut self.buffer);
             (self.open, self.empty_ns) = (Some(open), monotonic_ns());
-            tell("isotherm", format!("{} is back", name_of(&self.port)));
+            let name = name_of(&self.port);
+            self.returns.tell(|| format!("{name} is back"));
         }
+    }
+}
+
+/// What was opened; nothing if it could not be, and is waited for.
+fn unless_away<T>(opened: Result<T, Failure>, waits: bool) -> Result<Option<T>, Failure> {
+    match opened {
+        Ok(open) => Ok(Some(open)),
+        Err(failure) if waits => {
+            tell("isotherm", format!("{failure}; this IMU has sent before, so it is waited for"));
+            Ok(None)
+        }
+        Err(failure) => Err(failure),
     }
 }
 
@@ -297,18 +350,16 @@ impl Scans {
             }
             let stamp = scan.timestamp_ns.filter(|_| is_monotonic).map(i64::cast_unsigned);
             let arrival = Some(Arrival { after_ns: empty_ns, by_ns: now });
-            if let Some((raw, session)) = intake.take(row, Came { arrival, stamp, ..Came::default() }) {
-                sink(raw, session);
-            }
+            intake.take(row, Came { arrival, stamp, ..Came::default() }, sink);
         });
         self.empty_ns = now;
         match read {
             Ok(()) => Ok(State::Open),
-            Err(error) if error.kind == IioFault::Gone => {
+            Err(error) if error.kind == IioFault::Gone || intake.goes_on() => {
                 tell("isotherm", format!("{error}; waiting for it to come back"));
                 self.unpaired += open.counters().unpaired;
                 (self.open, self.polled_ns) = (None, None);
-                intake.outage();
+                intake.outage(sink);
                 Ok(State::Away)
             }
             Err(error) => Err(error.into()),

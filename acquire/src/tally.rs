@@ -67,6 +67,14 @@ impl Skipped {
         self.noise + self.length + self.checksum + self.unconfirmed + self.items + self.columns + self.cut
     }
 
+    /// What was counted since `before`, as a text: empty, or the bytes by cause in brackets.
+    pub(crate) fn since(&self, before: &Self) -> String {
+        let both = self.causes().into_iter().zip(before.causes());
+        let new = both.map(|((cause, now), (_, then))| (cause, now - then)).filter(|(_, bytes)| *bytes > 0);
+        let new: Vec<_> = new.map(|(cause, bytes)| format!("{cause} {bytes}")).collect();
+        if new.is_empty() { String::new() } else { format!(" ({})", new.join(", ")) }
+    }
+
     /// The bytes by cause, with the names of the causes.
     #[must_use]
     pub const fn causes(&self) -> [(&'static str, u64); 7] {
@@ -97,7 +105,13 @@ pub struct Tally {
     pub samples: u64,
     /// Samples of a device whose status is not healthy: their telemetry is NaN.
     pub unhealthy: u64,
-    /// Frames with the number of the frame before.
+    /// Samples that are invalid since the device's rate is another one: their telemetry is NaN.
+    pub other_rate: u64,
+    /// Times that another rate than the described one was taken for the device's.
+    pub adopted: u64,
+    /// The interval that was taken for the device's \[ns\]; 0 while it is the described one.
+    pub adopted_interval_ns: u64,
+    /// Frames with the number of the frame before, and datagrams that came after a later one.
     pub repeated: u64,
     /// Frames of items without those of the sensors: other messages of the device.
     pub others: u64,
@@ -119,9 +133,15 @@ pub struct Tally {
     pub outages: u64,
     /// Scans of two devices that found no partner.
     pub unpaired: u64,
-    /// Measured rate \[Hz\]; 0 while it is not known.
+    /// Datagrams of others than the peer.
+    pub strangers: u64,
+    /// Whether the device is there.
+    pub is_there: bool,
+    /// When the last frame was seen, within half a second \[s since 1970\]; 0 before the first.
+    pub last_frame_s: f64,
+    /// Frames a second over the last seconds \[Hz\].
     pub rate_hz: f64,
-    /// How much the measured interval is over the nominal one \[ppm\].
+    /// How much the measured interval is over the one that is taken for the device's \[ppm\].
     pub deviation_ppm: f64,
     /// Bytes that were no frame.
     pub skipped: Skipped,
@@ -135,7 +155,7 @@ pub struct Tally {
 type Metric = (&'static str, &'static str, &'static str, f64);
 
 impl Tally {
-    fn metrics(&self) -> [Metric; 21] {
+    fn metrics(&self) -> [Metric; 27] {
         let count = |value: u64| value as f64;
         [
             ("seconds", "gauge", "How long the acquisition has run [s].", self.seconds),
@@ -158,7 +178,33 @@ impl Tally {
             ("ambiguous_total", "counter", "Gaps whose length is not certain.", count(self.ambiguous)),
             ("sessions_total", "counter", "Sessions.", count(self.sessions)),
             ("outages_total", "counter", "Times that the device went away.", count(self.outages)),
-            ("rate_hz", "gauge", "Measured rate [Hz].", self.rate_hz),
+            ("rate_hz", "gauge", "Frames a second over the last seconds [Hz].", self.rate_hz),
+            (
+                "device_present",
+                "gauge",
+                "Whether the device is there (1) or away (0).",
+                f64::from(u8::from(self.is_there)),
+            ),
+            (
+                "last_frame_timestamp_seconds",
+                "gauge",
+                "When the last frame was seen [s since 1970]; 0 before the first.",
+                self.last_frame_s,
+            ),
+            ("other_rate_total", "counter", "Samples that are invalid for another rate.", count(self.other_rate)),
+            (
+                "adopted_total",
+                "counter",
+                "Times that another rate than the described one was taken.",
+                count(self.adopted),
+            ),
+            (
+                "adopted_interval_seconds",
+                "gauge",
+                "Interval that was taken for the device's [s]; 0 while it is the described one.",
+                self.adopted_interval_ns as f64 / 1e9,
+            ),
+            ("strangers_total", "counter", "Datagrams of others than the peer.", count(self.strangers)),
             ("damaged_total", "counter", "Frames or lines that began and were not right.", count(self.skipped.damaged)),
             ("sent_total", "counter", "Samples sent to the service.", count(self.service.sent)),
             ("answered_total", "counter", "Samples answered by the service.", count(self.service.answered)),
@@ -199,12 +245,17 @@ impl fmt::Display for Tally {
         if self.rate_hz > 0.0 {
             write!(f, ", {:.2} Hz ({:+.0} ppm of the interval)", self.rate_hz, self.deviation_ppm)?;
         }
+        if self.adopted_interval_ns > 0 {
+            let hz = 1e9 / self.adopted_interval_ns as f64;
+            write!(f, ", at {hz:.2} Hz instead of the described rate")?;
+        }
         write!(f, "; {} missing in {} gaps", self.missing, self.gaps)?;
         if self.ambiguous > 0 {
             write!(f, ", {} of uncertain length", self.ambiguous)?;
         }
         let faults = [
             (self.unhealthy, "unhealthy"),
+            (self.other_rate, "invalid for their rate"),
             (self.repeated, "repeated"),
             (self.others, "other messages"),
             (self.incomplete, "incomplete"),
@@ -214,6 +265,7 @@ impl fmt::Display for Tally {
             (self.skipped.damaged, "damaged"),
             (self.skipped.unread, "with unknown items"),
             (self.outages, "outages"),
+            (self.strangers, "datagrams of others"),
             (self.sessions.saturating_sub(1), "new sessions"),
             (self.service.dropped, "dropped"),
             (self.service.invalid, "answered as invalid"),

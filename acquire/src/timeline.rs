@@ -4,59 +4,43 @@
 //! From one frame to the next n periods pass. The number is
 //! * with a counter of M periods a turn: of its rise d plus whole turns, the one nearest to the time that has passed;
 //! * with a clock of the device: the time that has passed on it over the interval, rounded;
-//! * with neither: 1, and what damaged bytes show; and the time over the interval, rounded, after a silence of a
-//!   quarter of a second. Whole frames that vanish without a trace in less time are not seen then.
+//! * with neither: 1, and what damaged bytes show; and the time that has passed over the interval, rounded, where
+//!   frames come later than the line's jitter explains.
 //!
-//! Where bytes were damaged or the device was away, the time counts at once. Else frames may be late and catch up, as
-//! after a pause of an adapter: then turns and silences count once frames have been late for a quarter of a second, and
-//! the gap is said to be ambiguous.
+//! # Waiting
+//! What is in doubt waits, a quarter of a second at most, and is then placed with the frames that came after it: the
+//! first frames of a session, those after an outage or a silence, those that come late or early, and a number that
+//! rises otherwise than by one period where no bytes were damaged. Frames that were late and catch up are no gap. The
+//! very first frames wait until the rate is decided, too ([`pace`]).
 //!
 //! # Time
 //! Bytes arrive late, by the line's delays and in bursts, as from USB. So the moment of a sample is a line through the
-//! arrivals, whose phase and rate follow with a time constant of about a second: with the error e of an arrival,
+//! arrivals ([`line`]), whose phase and rate follow with a time constant of about a second: with the error e of an
+//! arrival,
 //! ```text
 //! x = t + n r        t = x + a e        r = r + b e / n
 //! a = 2 z w T, or 1/(m + 1) for the m-th frame while that is more      b = (w T)^2 after the first second
 //! w = 2 / s, z = 0.7; w T is at most 0.2
 //! ```
-//! A sample is moved by 1 % of the interval at most. The rate r begins with the nominal interval and stays within 5 %
-//! of it. An arrival that was not seen at its time, since this process was held back, moves neither. One that is
-//! earlier than its time by more than bursts explain begins the line anew: the frames before had waited somewhere.
+//! A sample is moved by 1 % of the interval at most. The rate r begins with the interval and stays within 5 % of it. An
+//! arrival that was not seen at its time, since this process was held back, moves neither. After a doubt the line goes
+//! through the earliest arrivals of those that have waited: bytes are late, and never early.
+
+mod line;
+mod measured;
+mod number;
+mod pace;
+mod place;
+
+pub(crate) use line::RATE_LIMIT;
+pub(crate) use number::{Counter, DeviceClock};
 
 use crate::frames::Arrival;
-
-/// By how much the measured rate may differ from the nominal one.
-pub(crate) const RATE_LIMIT: f64 = 0.05;
-/// Time that a counter may seem to run ahead of the clock \[s\].
-const AHEAD_S: f64 = 0.5;
-/// A silence that shows lost periods of a device without counter and clock \[s\].
-const SILENCE_S: f64 = 0.25;
-/// How long frames that are late may take to catch up \[s\].
-const CATCH_UP_S: f64 = 0.25;
-/// An arrival may have been up to so much earlier \[ns\], and two intervals more, to count for the time.
-const HELD_BACK_NS: f64 = 20e6;
-/// Largest error of an arrival that counts \[ns\], and two intervals more.
-const LARGEST_ERROR_NS: f64 = 50e6;
-/// How much the time of a sample is moved at most, in intervals.
-const LARGEST_STEP: f64 = 0.01;
-/// Angular frequency w of the line's loop \[1/s\], and its damping z.
-const LOOP: (f64, f64) = (2.0, 0.7);
-
-/// The device's counter.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(crate) struct Counter {
-    /// It counts modulo 2 to this power, 1 to 64.
-    pub(crate) bits: u32,
-    /// What it rises by from frame to frame.
-    pub(crate) step: u64,
-}
-
-/// The device's clock.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(crate) struct DeviceClock {
-    /// After this time it begins at 0 again \[ns\]; `None`: never.
-    pub(crate) turn_ns: Option<u64>,
-}
+use line::Line;
+use measured::Measured;
+use number::{Numbering, Numbers};
+use pace::Trace;
+use std::collections::VecDeque;
 
 /// What is known of a frame's time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -72,137 +56,159 @@ pub(crate) struct Observed {
     pub(crate) damaged: u64,
     /// Whether the device was away before it.
     pub(crate) after_outage: bool,
+    /// Whether it says the same as the frame before it, in all its numbers.
+    pub(crate) is_same: bool,
 }
 
 /// The place of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Placed {
+pub(crate) enum Place {
     /// The first of a session: the first of all, or after the device has started again or was away for longer than a
     /// turn of its counter.
-    First {
-        /// When it was sampled \[ns\].
-        timestamp_ns: u64,
-    },
+    First,
     /// So many periods after the frame before.
     Next {
         /// 1 or more; all but the last are missing.
         periods: u64,
-        /// When it was sampled \[ns\].
-        timestamp_ns: u64,
-        /// Whether another number of turns of the counter is about as near.
+        /// Whether another number of turns of the counter, or of periods, is about as near.
         is_ambiguous: bool,
     },
     /// The frame before once more.
     Repeated,
 }
 
-/// The frames of one source on the line of time.
+/// A frame on the line of time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Placed {
+    pub(crate) place: Place,
+    /// When it was sampled \[ns\].
+    pub(crate) timestamp_ns: u64,
+    /// Its control period \[ns\].
+    pub(crate) interval_ns: u64,
+    /// Whether nothing contradicts that interval.
+    pub(crate) is_certain: bool,
+}
+
+/// Why frames wait.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+enum Doubt {
+    /// A session begins.
+    Beginning,
+    /// They came after an outage.
+    Outage,
+    /// They come later, or earlier, than the line explains.
+    Time,
+    /// Their number rises otherwise than by one period.
+    Number,
+}
+
+/// The frames of one source on the line of time, each with something that belongs to it.
 #[derive(Clone, Debug)]
-pub(crate) struct Timeline {
-    interval: f64,
-    counter: Option<Counter>,
-    clock: Option<DeviceClock>,
+pub(crate) struct Timeline<T> {
+    /// The interval of the description \[ns\], and the step of its counter.
+    described: (f64, u64),
+    numbering: Numbering,
+    /// Whether two frames may come in the wrong order, as datagrams may.
+    may_overtake: bool,
     last: Option<Last>,
+    waiting: VecDeque<(Observed, T)>,
+    doubt: Option<Doubt>,
+    /// What those that wait show of the rate, and how many of them it has.
+    trace: Trace,
+    traced: usize,
+    /// Whether the interval is contradicted and no other one is known yet.
+    is_doubted: bool,
+    placed: VecDeque<(Placed, T)>,
     measured: Option<Measured>,
-    /// Since when frames come later than the interval explains \[ns\].
-    late_since: Option<u64>,
+    /// The device's time of the frame that was taken last, and whether it stood still before that.
+    pushed_clock: Option<(u64, bool)>,
 }
 
-/// The measurement of the rate.
-#[derive(Clone, Copy, Debug)]
-struct Measured {
-    /// When it began or will begin \[ns\].
-    since: f64,
-    /// Periods since then.
-    periods: u64,
-    has_begun: bool,
-}
-
-impl Measured {
-    /// Begins a second later: what comes first may have waited.
-    const fn after(by_ns: u64) -> Self {
-        Self { since: by_ns as f64 + 1e9, periods: 0, has_begun: false }
-    }
-
-    fn count(&mut self, by_ns: u64, periods: u64) {
-        let now = by_ns as f64;
-        if self.has_begun {
-            self.periods += periods;
-        } else if now >= self.since {
-            *self = Self { since: now, periods: 0, has_begun: true };
-        }
-    }
-}
-
+/// The frame that was placed last.
 #[derive(Clone, Copy, Debug)]
 struct Last {
-    /// What times of the line count from \[ns\].
-    origin: u64,
-    /// Its time on the line \[ns\].
-    time: f64,
-    /// Rate of the line \[ns\].
-    rate: f64,
-    /// Frames that moved the line.
-    moved: u64,
-    counter: u64,
-    clock_ns: u64,
-    timestamp_ns: u64,
+    line: Line,
+    numbers: Numbers,
+    /// The stamp of the first frame with its time of the device \[ns\].
+    clock_stamp_ns: u64,
+    /// When it came \[ns\].
+    by_ns: u64,
 }
 
-impl Timeline {
-    /// A line without frames. `interval_ns` is the nominal interval.
+impl<T> Timeline<T> {
+    /// A line without frames. `interval_ns` is the described interval.
     #[must_use]
     pub(crate) fn new(interval_ns: u64, counter: Option<Counter>, clock: Option<DeviceClock>) -> Self {
-        Self { interval: interval_ns as f64, counter, clock, last: None, measured: None, late_since: None }
-    }
-
-    /// Places a frame.
-    pub(crate) fn place(&mut self, observed: Observed) -> Placed {
-        let Some(last) = self.last else { return self.begin(&observed) };
-        let (least, periods, is_ambiguous) = match self.periods(&last, &observed) {
-            Periods::Restarted => return self.begin(&observed),
-            Periods::Passed { periods: 0, .. } => return Placed::Repeated,
-            Periods::Passed { least, periods, is_ambiguous } => (least, periods, is_ambiguous),
-        };
-        let mut next = last;
-        self.follow(&mut next, periods, observed.arrival);
-        let clock_ns = observed.clock_ns.unwrap_or_default();
-        let timestamp_ns = match &self.clock {
-            Some(clock) => {
-                // A clock that is coarser than the interval may stand still.
-                let passed = clock.passed(last.clock_ns, clock_ns).unwrap_or_default().max(1);
-                last.timestamp_ns.checked_add(passed)
-            }
-            None => {
-                let time = next.origin.checked_add(next.time.round() as u64);
-                time.map(|time| time.max(last.timestamp_ns.saturating_add(1)))
-            }
-        };
-        // A device that says so for over 584 years counts something else.
-        let Some(timestamp_ns) = timestamp_ns.filter(|time| *time > last.timestamp_ns) else {
-            return self.begin(&observed);
-        };
-        next.timestamp_ns = timestamp_ns;
-        (next.counter, next.clock_ns) = (observed.counter.unwrap_or_default(), clock_ns);
-        self.last = Some(next);
-        if let (Some(measured), Some(arrival)) = (&mut self.measured, observed.arrival) {
-            match observed.after_outage {
-                // What the device did while it was away is not known.
-                true => *measured = Measured::after(arrival.by_ns),
-                // What the time alone explains would hide a rate that is not the nominal one.
-                false => measured.count(arrival.by_ns, if is_ambiguous { least } else { periods }),
-            }
+        let interval = interval_ns as f64;
+        Self {
+            described: (interval, counter.map_or(1, |counter| counter.step)),
+            numbering: Numbering { interval, counter, clock, grain_ns: 0 },
+            may_overtake: false,
+            last: None,
+            waiting: VecDeque::new(),
+            doubt: None,
+            trace: Trace::default(),
+            traced: 0,
+            is_doubted: false,
+            placed: VecDeque::new(),
+            measured: None,
+            pushed_clock: None,
         }
-        Placed::Next { periods, timestamp_ns: next.timestamp_ns, is_ambiguous }
     }
 
-    /// How much the measured interval is over the nominal one, relative, and over how long that was measured \[s\].
-    /// `None` for a source without arrivals.
+    /// For frames of which two may come in the wrong order.
+    pub(crate) fn of_datagrams(self) -> Self {
+        Self { may_overtake: true, ..self }
+    }
+
+    /// Takes the next frame, with what belongs to it. [`next`](Self::next) gives what is placed.
+    pub(crate) fn push(&mut self, observed: Observed, of: T) {
+        self.look_at_clock(&observed);
+        let Some(arrival) = observed.arrival else {
+            let placed = self.place_without_arrival(&observed);
+            self.placed.push_back((placed, of));
+            return;
+        };
+        self.waiting.push_back((observed, of));
+        self.put_in_order();
+        self.decide(arrival.by_ns, false);
+    }
+
+    /// The next frame that is placed, in their order.
+    pub(crate) fn next(&mut self) -> Option<(Placed, T)> {
+        self.placed.pop_front()
+    }
+
+    /// Places what has waited long enough at this time \[ns\].
+    pub(crate) fn look(&mut self, now_ns: u64) {
+        self.decide(now_ns, false);
+    }
+
+    /// Places all that waits: nothing more comes for now.
+    pub(crate) fn settle_all(&mut self) {
+        self.decide(u64::MAX, true);
+    }
+
+    /// Whether frames wait.
+    pub(crate) fn is_waiting(&self) -> bool {
+        !self.waiting.is_empty()
+    }
+
+    /// The interval that the device is taken to have \[ns\], and the step of its counter.
+    pub(crate) fn taken(&self) -> (f64, u64) {
+        (self.numbering.interval, self.numbering.counter.map_or(1, |counter| counter.step))
+    }
+
+    /// Whether the device sends at another rate than the described one, or its counter rises by other steps.
+    pub(crate) fn is_other_rate(&self) -> bool {
+        self.taken() != self.described
+    }
+
+    /// How much the measured interval is over the one that is taken, relative, and over how long that was measured
+    /// \[s\]. `None` for a source without arrivals.
     #[must_use]
     pub(crate) fn deviation(&self, arrival: Option<Arrival>) -> Option<(f64, f64)> {
-        let Measured { since, periods, .. } = self.measured?;
-        let passed = arrival?.by_ns as f64 - since;
-        (periods > 0).then(|| (passed / (periods as f64 * self.interval) - 1.0, passed / 1e9))
+        self.measured?.deviation(self.numbering.interval, arrival?.by_ns)
     }
 
     /// Measures the rate from this arrival on.
@@ -210,175 +216,49 @@ impl Timeline {
         self.measured = arrival.map(|arrival| Measured::after(arrival.by_ns));
     }
 
-    fn begin(&mut self, observed: &Observed) -> Placed {
-        let arrival = observed.arrival.map(|arrival| arrival.by_ns);
-        let clock_ns = observed.clock_ns.unwrap_or_default();
-        let origin = match (arrival, self.last) {
-            (Some(by_ns), _) => by_ns,
-            // Two sessions of a file follow each other.
-            (None, Some(last)) => last.timestamp_ns.saturating_add(self.interval as u64),
-            (None, None) => self.interval as u64,
-        };
-        let timestamp_ns = self.clock.map_or(origin, |_| clock_ns);
-        let counter = observed.counter.unwrap_or_default();
-        self.last = Some(Last { origin, time: 0.0, rate: self.interval, moved: 1, counter, clock_ns, timestamp_ns });
-        (self.measured, self.late_since) = (arrival.map(Measured::after), None);
-        Placed::First { timestamp_ns }
+    /// Takes this interval for the device's \[ns\], and a step of its counter so many times as large. An interval near
+    /// to a usual part or multiple of the described one is taken for that.
+    pub(crate) fn adopt(&mut self, interval: f64, step: f64) {
+        let described = self.described.0;
+        let ratio = pace::usual(interval / described);
+        self.numbering.interval = ratio.map_or(interval, |ratio| described * ratio).round().max(1.0);
+        if let Some(counter) = &mut self.numbering.counter {
+            counter.step = ((counter.step as f64 * step).round() as u64).max(1);
+        }
+        if let Some(last) = &mut self.last {
+            last.line.set_rate(self.numbering.interval);
+            self.measured = Some(Measured::after(last.by_ns));
+        }
+        self.is_doubted = false;
     }
 
-    /// How many periods have passed since the last frame.
-    fn periods(&mut self, last: &Last, observed: &Observed) -> Periods {
-        // How many periods have passed by the clock of this machine: at least, and at most.
-        let by_clock = observed.arrival.map(|arrival| {
-            let passed = |at: u64| (at as f64 - last.origin as f64 - last.time) / self.interval;
-            [passed(arrival.after_ns), passed(arrival.by_ns)]
-        });
-        let most = by_clock.map_or(f64::INFINITY, |[_, most]| most + 2.0 + AHEAD_S * 1e9 / self.interval);
-        let by_device = match (&self.clock, observed.clock_ns) {
-            (Some(clock), Some(now)) => {
-                let passed = clock.passed(last.clock_ns, now).map(|ns| ns as f64 / self.interval);
-                // Set back, which counts as nearly a turn.
-                let Some(passed) = passed.filter(|passed| *passed <= most) else { return Periods::Restarted };
-                if by_clock.is_none() && clock.is_back(last.clock_ns, now) {
-                    return Periods::Restarted;
-                }
-                Some([passed; 2])
+    /// Places frames of the front until one has to wait.
+    fn decide(&mut self, now_ns: u64, at_once: bool) {
+        while let Some((front, _)) = self.waiting.front() {
+            let front = *front;
+            let doubt = match self.doubt {
+                Some(doubt) => doubt,
+                None => match self.doubt_of(&front) {
+                    None => {
+                        let placed = self.place(&front);
+                        self.hand_out(placed);
+                        continue;
+                    }
+                    Some(doubt) => self.begin_doubt(doubt),
+                },
+            };
+            self.extend_trace();
+            if !at_once && !self.is_decided(doubt, &front, now_ns) {
+                return;
             }
-            _ => None,
-        };
-        let periods = match (&self.counter, observed.counter) {
-            (Some(counter), Some(count)) => {
-                let passed = by_device.or(by_clock);
-                counter.periods(last.counter, count, passed, most, observed)
-            }
-            _ => match (by_device, by_clock) {
-                (Some([0.0, _]), _) => Periods::certain(0),
-                (Some([passed, _]), _) => Periods::certain(passed.round().max(1.0) as u64),
-                (None, by_clock) => {
-                    let silent = by_clock.map_or(0.0, |[least, _]| least);
-                    let is_silence = silent > (SILENCE_S * 1e9 / self.interval).max(1.5);
-                    let silent = if is_silence { silent.round() as u64 } else { 1 };
-                    let least = 1 + observed.damaged;
-                    Periods::Passed { least, periods: silent.max(least), is_ambiguous: false }
-                }
-            },
-        };
-        if by_device.is_some() { periods } else { self.believed(periods, observed) }
-    }
-
-    /// Whether frames without a trace of damage are missing, or late. Late ones catch up, as after a pause of this
-    /// machine or of an adapter; so the time alone is believed after a quarter of a second.
-    fn believed(&mut self, found: Periods, observed: &Observed) -> Periods {
-        let Periods::Passed { least, periods, .. } = found else { return found };
-        let late = observed.arrival.filter(|_| periods > least && observed.damaged == 0 && !observed.after_outage);
-        let Some(arrival) = late else {
-            self.late_since = None;
-            return found;
-        };
-        let since = *self.late_since.get_or_insert(arrival.by_ns);
-        if (arrival.by_ns.saturating_sub(since) as f64) < CATCH_UP_S * 1e9 {
-            return Periods::certain(least);
-        }
-        self.late_since = None;
-        Periods::Passed { least, periods, is_ambiguous: true }
-    }
-
-    /// Moves the line to a frame that came so many periods later.
-    fn follow(&self, next: &mut Last, periods: u64, arrival: Option<Arrival>) {
-        let (frequency, damping) = LOOP;
-        let periods = periods as f64;
-        next.time += periods * next.rate;
-        let Some(arrival) = arrival.filter(|_| self.late_since.is_none()) else { return };
-        let largest = LARGEST_ERROR_NS + 2.0 * self.interval;
-        let error = (arrival.by_ns as f64 - next.origin as f64 - next.time).min(largest);
-        if error < -(HELD_BACK_NS + 2.0 * self.interval) {
-            // No sample comes before its time: the line began with frames that had waited somewhere.
-            (next.time, next.moved) = ((next.time + error).max(0.0), 1);
-            return;
-        }
-        // Seen late, so it tells no more than that.
-        if arrival.by_ns.saturating_sub(arrival.after_ns) as f64 > HELD_BACK_NS + 2.0 * self.interval {
-            return;
-        }
-        let step = (frequency * self.interval / 1e9).min(0.2);
-        next.moved += 1;
-        let (settled, beginning) = (2.0 * damping * step, 1.0 / next.moved as f64);
-        // The times of two samples never differ visibly from the interval, whatever the arrivals do.
-        let slowly = LARGEST_STEP * self.interval * periods;
-        next.time = (next.time + (settled.max(beginning) * error).clamp(-slowly, slowly)).max(0.0);
-        if beginning < settled {
-            let slowest = self.interval * (1.0 + RATE_LIMIT);
-            let rate = next.rate + step * step * error / periods;
-            next.rate = rate.clamp(self.interval * (1.0 - RATE_LIMIT), slowest);
-        }
-    }
-}
-
-enum Periods {
-    Passed {
-        /// By the counter alone, or by the damage alone.
-        least: u64,
-        /// By the time, too.
-        periods: u64,
-        is_ambiguous: bool,
-    },
-    Restarted,
-}
-
-impl Periods {
-    const fn certain(periods: u64) -> Self {
-        Self::Passed { least: periods, periods, is_ambiguous: false }
-    }
-}
-
-impl Counter {
-    /// Periods in one turn; 2^64 counts as one less.
-    #[must_use]
-    pub(crate) const fn turn(&self) -> u64 {
-        match 1u64.checked_shl(self.bits) {
-            Some(turn) => turn / self.step,
-            None => u64::MAX / self.step,
+            self.settle(doubt);
         }
     }
 
-    fn periods(&self, last: u64, now: u64, passed: Option<[f64; 2]>, most: f64, observed: &Observed) -> Periods {
-        let rise = wrapped(now.wrapping_sub(last), self.bits);
-        let turn = self.turn() as f64;
-        if !rise.is_multiple_of(self.step) {
-            return Periods::Restarted;
-        }
-        let rise = rise / self.step;
-        if rise as f64 > most {
-            return Periods::Restarted;
-        }
-        let Some([least, latest]) = passed else { return Periods::certain(rise) };
-        if observed.after_outage && latest > turn {
-            return Periods::Restarted;
-        }
-        let turns = ((least - rise as f64) / turn).round().max(0.0);
-        let periods = rise as f64 + turns * turn;
-        let is_far = (least - periods).abs() > 0.35 * turn;
-        let is_open = observed.damaged > 0 && latest > periods + 0.5 * turn;
-        Periods::Passed { least: rise, periods: periods as u64, is_ambiguous: is_far || is_open }
-    }
-}
-
-impl DeviceClock {
-    /// The time from one reading to the next \[ns\]; `None` if it was set back.
-    fn passed(&self, last: u64, now: u64) -> Option<u64> {
-        match (now.checked_sub(last), self.turn_ns) {
-            (Some(passed), _) => Some(passed),
-            (None, Some(turn)) => now.checked_add(turn)?.checked_sub(last),
-            (None, None) => None,
+    /// Hands out the frame of the front.
+    fn hand_out(&mut self, placed: Placed) {
+        if let Some((_, of)) = self.waiting.pop_front() {
+            self.placed.push_back((placed, of));
         }
     }
-
-    /// Whether it was set back, as far as less than half a turn can tell.
-    fn is_back(&self, last: u64, now: u64) -> bool {
-        self.turn_ns.is_some_and(|turn| self.passed(last, now).is_none_or(|passed| passed > turn / 2))
-    }
-}
-
-const fn wrapped(number: u64, bits: u32) -> u64 {
-    if bits >= 64 { number } else { number & ((1 << bits) - 1) }
 }

@@ -217,7 +217,8 @@ fn axes(root: &Section<'_, '_>, key: &'static str, of: &Sensors, names: &mut Nam
             return None;
         }
     };
-    Some((Axes { columns, offset: of.offset, sign: of.sign }, resolution))
+    let is_reading = of.kind == Kind::Reading;
+    Some((Axes { columns, offset: of.offset, sign: of.sign, is_reading }, resolution))
 }
 
 fn telemetry(root: &Section<'_, '_>, of: &Temperature, names: &mut Names) -> Option<Telemetry> {

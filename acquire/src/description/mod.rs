@@ -10,7 +10,7 @@ mod line;
 mod port;
 mod timing;
 
-pub(crate) use port::Port;
+pub(crate) use port::{Peer, Port, Udp};
 pub(crate) use timing::Timing;
 
 use crate::frames::Frame;
@@ -25,6 +25,7 @@ use isotherm_recording_formats::convert::{SensorColumns, Temperature};
 use isotherm_shared::document::{Document, Faults, Section};
 use std::num::NonZeroU64;
 use std::path::Path;
+use std::time::Duration;
 
 /// The description of a source.
 #[derive(Clone)]
@@ -47,6 +48,8 @@ pub struct Description {
     pub(crate) realtime: Realtime,
     /// Whether that thread never sleeps.
     pub(crate) spin: bool,
+    /// A device that is silent for this long is opened again; `None`: never.
+    pub(crate) reopen_after: Option<Duration>,
 }
 
 /// What rows come from.
@@ -130,6 +133,15 @@ impl Description {
         Ok(())
     }
 
+    /// Whether the source is a device, which may come back, and not a file or the standard input.
+    #[must_use]
+    pub(crate) const fn is_of_device(&self) -> bool {
+        match &self.kind {
+            Kind::Frames(port, _) | Kind::Lines(port, _) => !matches!(port, Port::File { .. } | Port::Stdin),
+            Kind::Iio(_) => true,
+        }
+    }
+
     /// The names of the columns of a row; empty for lines without names.
     #[must_use]
     pub fn columns(&self) -> Vec<String> {
@@ -164,6 +176,7 @@ fn read(document: &Document<'_>, root: &Section<'_, '_>) -> Option<Description> 
     let source = root.section("source", "a section [source]")?;
     let kind = source.choice("kind", &KINDS);
     let port = if kind == Some(KindName::Iio) { None } else { port::read(&source) };
+    let reopen_after = port.as_ref().and_then(|port| port::reopen_after(&source, port));
     source.finish();
     let kind = kind?;
     let (names, form) = match kind {
@@ -200,6 +213,7 @@ fn read(document: &Document<'_>, root: &Section<'_, '_>) -> Option<Description> 
         sensors,
         realtime,
         spin,
+        reopen_after,
     })
 }
 

@@ -4,7 +4,9 @@ use isotherm_failure::shown;
 use isotherm_serial::{Parity, Serial};
 use isotherm_shared::document::Section;
 use std::fmt;
+use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// Where bytes come from.
 #[derive(Clone, Debug, Eq, PartialEq)]
@@ -14,7 +16,7 @@ pub(crate) enum Port {
     /// A TCP connection to this host and port.
     Tcp(String),
     /// UDP datagrams to this local address and port. Each has whole frames or lines.
-    Udp(String),
+    Udp(Udp),
     /// A file, or a device that gives bytes; `pace`: at the rate of the frames.
     File {
         /// Its path.
@@ -26,12 +28,30 @@ pub(crate) enum Port {
     Stdin,
 }
 
+/// Where datagrams come from.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub(crate) struct Udp {
+    /// The local address and port.
+    pub(crate) address: String,
+    /// Who sends them; `None`: anybody.
+    pub(crate) peer: Option<Peer>,
+}
+
+/// A sender of datagrams.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(crate) struct Peer {
+    /// Its address.
+    pub(crate) ip: IpAddr,
+    /// Its port; `None`: any.
+    pub(crate) port: Option<u16>,
+}
+
 impl fmt::Display for Port {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Serial(serial) => write!(f, "{} at {} Bd", shown(&serial.path), serial.baud),
             Self::Tcp(address) => write!(f, "tcp {address}"),
-            Self::Udp(address) => write!(f, "udp {address}"),
+            Self::Udp(udp) => write!(f, "udp {}", udp.address),
             Self::File { path, .. } => write!(f, "{}", shown(path)),
             Self::Stdin => write!(f, "stdin"),
         }
@@ -53,6 +73,17 @@ pub(super) fn read(section: &Section<'_, '_>) -> Option<Port> {
             section.fault(key, "is for a serial line; leave it out");
         }
     }
+    let peer = section.optional_string("peer");
+    let sender = peer.and_then(|peer| {
+        let address = peer.parse::<SocketAddr>().map(|from| Peer { ip: from.ip(), port: Some(from.port()) });
+        let found = address.or_else(|_| peer.parse().map(|ip| Peer { ip, port: None })).ok();
+        let wrong = found.is_none().then(|| format!("is {peer:?}; give an address, as 192.168.1.10, or with a port"));
+        section.refuse("peer", wrong);
+        found
+    });
+    if udp.is_none() && section.has("peer") {
+        section.fault("peer", "is for udp; leave it out");
+    }
     if file.is_none() && section.has("pace") {
         section.fault("pace", "is for a file; leave it out");
     }
@@ -65,7 +96,9 @@ pub(super) fn read(section: &Section<'_, '_>) -> Option<Port> {
             Some(Port::Serial(Serial { path: path.into(), baud: baud? as u32, data_bits: 8, parity, stop_bits }))
         }
         (1, _, Some(address), ..) => host_and_port(section, "tcp", address).map(Port::Tcp),
-        (1, _, _, Some(address), _) => host_and_port(section, "udp", address).map(Port::Udp),
+        (1, _, _, Some(address), _) => {
+            host_and_port(section, "udp", address).map(|address| Port::Udp(Udp { address, peer: sender }))
+        }
         (1, .., Some("-")) => Some(Port::Stdin),
         (1, .., Some(path)) => Some(Port::File { path: path.into(), pace: pace.unwrap_or_default() }),
         (0, ..) => {
@@ -79,6 +112,21 @@ pub(super) fn read(section: &Section<'_, '_>) -> Option<Port> {
         }
     }
 }
+
+/// After what silence a device is opened again: 10 s unless given. `None`: never.
+pub(super) fn reopen_after(section: &Section<'_, '_>, port: &Port) -> Option<Duration> {
+    let is_line = matches!(port, Port::Serial(_) | Port::Tcp(_));
+    if !is_line && section.has("reopen_after_s") {
+        section.fault("reopen_after_s", "is for a serial line or TCP; leave it out");
+    }
+    let seconds = section.optional_number("reopen_after_s").unwrap_or(REOPEN_S);
+    let is_right = seconds == 0.0 || (1.0..=86_400.0).contains(&seconds);
+    section.refuse("reopen_after_s", (!is_right).then(|| "give 1 to 86400 s, or 0 for never".to_owned()));
+    (is_line && is_right && seconds > 0.0).then(|| Duration::from_secs_f64(seconds))
+}
+
+/// A silence after which a device is opened again \[s\].
+const REOPEN_S: f64 = 10.0;
 
 fn host_and_port(section: &Section<'_, '_>, key: &str, address: &str) -> Option<String> {
     let parts = address.rsplit_once(':').filter(|(host, _)| !host.is_empty());

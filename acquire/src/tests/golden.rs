@@ -1,8 +1,8 @@
 //! Frames that nobody of this project wrote: `tests/data/golden.toml`.
 
-use super::{decode, profile};
+use super::{decode, profile, take};
 use crate::description::Description;
-use crate::intake::{Came, Intake};
+use crate::intake::Intake;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -62,7 +62,7 @@ fn golden_frames_decode_to_what_their_sources_say() {
             assert!((number - value).abs() <= 1e-12 * value.abs(), "{source}: {field} is {number}, not {value}");
         }
         let mut intake = Intake::new(&description, 0.0, false);
-        let taken = intake.take(row, Came::default());
+        let taken = take(&mut intake, row);
         let is_sample = taken.is_some() || intake.tally.without_temperature == 1;
         assert_eq!(is_sample, *sample, "{source}: {:?}", intake.tally);
         if taken.is_some() {

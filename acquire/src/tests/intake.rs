@@ -6,6 +6,7 @@ use crate::description::Description;
 use crate::frames::Arrival;
 use crate::intake::{Came, Intake};
 use crate::profiles::PROFILES;
+use isotherm_client::RawSample;
 
 /// A row with these numbers, by the names of its columns; others are not there.
 fn row(description: &Description, numbers: &[(&str, f64)]) -> Vec<Value> {
@@ -26,7 +27,9 @@ fn a_negative_time_is_no_time() {
     let times = [5000.0, 10_000.0, -5.0, 20_000.0].map(|micros: f64| {
         let own = [("counter", (micros / 5000.0).max(0.0)), ("micros", micros), ("temperature", 25.0)];
         let row = row(&description, &[&SENSORS[..], &own].concat());
-        intake.take(&row, Came::default()).map(|(raw, session)| (raw.timestamp_ns, session))
+        let mut taken = None;
+        intake.take(&row, Came::default(), &mut |raw, session| taken = Some((raw.timestamp_ns, session)));
+        taken
     });
     assert_eq!(times, [Some((5_000_000, 1)), Some((10_000_000, 1)), None, Some((20_000_000, 1))]);
     assert_eq!((intake.tally.incomplete, intake.tally.missing), (1, 1));
@@ -46,7 +49,11 @@ fn take(intake: &mut Intake, seconds: f64, numbers: &[(&str, f64)]) -> Option<(u
     let arrival = Some(Arrival { after_ns: by_ns, by_ns });
     let own = [("counter", (seconds * 100.0).round() % 256.0), ("status", 0.0)];
     let row = row(&with_messages(), &[numbers, &own].concat());
-    intake.take(&row, Came { arrival, ..Came::default() }).map(|(raw, session)| (session, raw.sequence))
+    let mut taken = None;
+    let mut sink = |raw: RawSample, session| taken = Some((session, raw.sequence));
+    intake.take(&row, Came { arrival, ..Came::default() }, &mut sink);
+    intake.settle(&mut sink);
+    taken
 }
 
 #[test]
@@ -57,7 +64,7 @@ fn a_period_before_the_first_sample_of_a_session_is_not_missing_and_a_later_one_
     assert_eq!(take(&mut intake, 0.015, &[("temperature", 30.0)]), None);
     assert_eq!(take(&mut intake, 0.02, &SENSORS), Some((1, 1)));
     // Away for two periods, and the temperature is forgotten.
-    intake.outage();
+    intake.outage(&mut |_, _| {});
     assert_eq!(take(&mut intake, 0.05, &SENSORS), None);
     assert_eq!((intake.tally.without_temperature, intake.tally.missing), (2, 3));
 }
@@ -67,7 +74,7 @@ fn another_message_does_not_hide_that_the_device_was_away() {
     let mut intake = Intake::new(&with_messages(), 0.0, false);
     take(&mut intake, 0.01, &[("temperature", 30.0)]);
     assert_eq!(take(&mut intake, 0.02, &SENSORS), Some((1, 0)));
-    intake.outage();
+    intake.outage(&mut |_, _| {});
     assert_eq!(take(&mut intake, 9.01, &[("temperature", 31.0)]), None);
     assert_eq!(take(&mut intake, 9.02, &SENSORS), Some((2, 0)), "away for over a turn of the counter");
     assert_eq!((intake.tally.others, intake.tally.outages), (2, 1));

@@ -3,20 +3,31 @@
 mod descriptions;
 mod golden;
 mod intake;
+mod outages;
 mod page;
 mod streams;
 mod times;
+mod world;
 
 use crate::description::Description;
+use crate::intake::{Came, Intake};
 use crate::profiles::PROFILES;
 use crate::stream::StreamDecoder;
 use crate::tally::Skipped;
 use crate::{Arrival, Value};
+use isotherm_client::RawSample;
 
 /// A shipped profile.
 fn profile(name: &str) -> Description {
     let text = PROFILES.iter().find(|(of, _)| *of == name).unwrap().1;
     Description::from_toml(text).unwrap()
+}
+
+/// The sample of a row that comes when it is read.
+fn take(intake: &mut Intake, row: &[Value]) -> Option<(RawSample, u64)> {
+    let mut taken = None;
+    intake.take(row, Came::default(), &mut |raw, session| taken = Some((raw, session)));
+    taken
 }
 
 /// The rows of a stream that arrives in pieces of these lengths, in turn.

@@ -1,9 +1,9 @@
 //! The description that `docs/acquire.md` writes from a data sheet, an SBG Ellipse's.
 
-use super::decode;
 use super::golden::bytes;
+use super::{decode, take};
 use crate::description::Description;
-use crate::intake::{Came, Intake};
+use crate::intake::Intake;
 use std::path::Path;
 
 /// `SBG_ECOM_LOG_IMU_SHORT`, put together by hand from doc/binaryProtocol.md and doc/binaryMessages.md of
@@ -35,7 +35,7 @@ fn the_page_s_description_decodes_what_its_data_sheet_says() {
     let (counts, rates) = ([-104_858.0, 209_715.0, -10_283_086.0], [671_089.0, -1_342_177.0, 2_013_266.0]);
     assert_eq!(numbers, [&[1_234_567_890.0, 1023.0][..], &counts, &rates, &[25.5]].concat());
     let mut intake = Intake::new(&description, 0.0, false);
-    let (raw, _) = intake.take(&rows[0], Came::default()).unwrap();
+    let (raw, _) = take(&mut intake, &rows[0]).unwrap();
     assert_eq!((raw.timestamp_ns, intake.tally.unhealthy), (1_234_567_890_000, 0));
     assert_eq!(raw.accelerometers.negative_pulses, [104_858, 0, 10_283_086]);
     assert_eq!(raw.gyroscopes.positive_pulses, [671_089, 0, 2_013_266]);
@@ -52,7 +52,7 @@ fn a_frame_whose_status_is_another_is_unhealthy() {
     for (status, unhealthy) in [(0x7FF, 1), (0x3FE, 1), (0xFBFF, 0)] {
         rows[0][1].whole = Some(status);
         let mut intake = Intake::new(&description, 0.0, false);
-        intake.take(&rows[0], Came::default()).unwrap();
+        take(&mut intake, &rows[0]).unwrap();
         assert_eq!(intake.tally.unhealthy, unhealthy, "{status:x}");
     }
 }
