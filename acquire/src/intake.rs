@@ -2,10 +2,11 @@
 
 use crate::description::{Description, Kind};
 use crate::frames::{Arrival, Found};
+use crate::link::Soaked;
 use crate::number::Value;
-use crate::sample::{Assembler, NoSample};
+use crate::sample::{Assembler, NoSample, Telemetry};
 use crate::tally::Tally;
-use crate::timeline::{Observed, Placed, RATE_LIMIT, Timeline};
+use crate::timeline::{Counter, Observed, Placed, RATE_LIMIT, Timeline};
 use isotherm_client::RawSample;
 use isotherm_failure::{Exit, Failure, tell};
 
@@ -21,6 +22,10 @@ const JUDGED_S: f64 = 2.0;
 const WARNED_S: f64 = 10.0;
 /// A deviation of the rate that is warned of.
 const WARNED: f64 = 1e-3;
+/// A device whose own clock or counter began so long ago was just powered \[ns\], unless it may have turned: it turns
+/// within less than a day \[ns\].
+const JUST_POWERED_NS: u64 = 10_000_000_000;
+const LONG_TURN_NS: u128 = 86_400_000_000_000;
 
 /// Makes samples of rows, and counts.
 pub(crate) struct Intake {
@@ -43,6 +48,8 @@ pub(crate) struct Intake {
     /// When the rate was off, by both clocks since it is measured \[s\].
     suspected: Option<(f64, f64)>,
     last_arrival: Option<Arrival>,
+    /// Where the device is taken to be soaked.
+    pub(crate) soaked: Soaked,
     pub(crate) tally: Tally,
 }
 
@@ -82,6 +89,7 @@ impl Intake {
             warned_of_rate: false,
             suspected: None,
             last_arrival: None,
+            soaked: Soaked::default(),
             tally: Tally { imu: description.imu.to_string(), ..Tally::default() },
             description: description.clone(),
         }
@@ -134,6 +142,7 @@ impl Intake {
             }
             Placed::First { timestamp_ns } => {
                 self.begin_session();
+                self.note_power(&observed, timestamp_ns);
                 timestamp_ns
             }
             Placed::Next { periods, timestamp_ns, is_ambiguous } => {
@@ -159,6 +168,31 @@ impl Intake {
         self.sequence = 0;
         self.has_sample = (false, false);
         self.assembler.reset();
+    }
+
+    /// Notes whether the device is taken to be soaked, since its own clock or counter has just begun.
+    fn note_power(&mut self, observed: &Observed, timestamp_ns: u64) {
+        let timing = &self.description.timing;
+        let session = self.tally.sessions;
+        if matches!(self.description.columns.telemetry, Telemetry::Constant(_)) {
+            // What never changes has no lag.
+            self.soaked = Soaked { session, until_ns: u64::MAX };
+            return;
+        }
+        let ns = |counts: u64, step: u64| u128::from(counts) * u128::from(timing.interval_ns) / u128::from(step.max(1));
+        let of_counter = timing.counter.zip(observed.counter).map(|((_, Counter { bits, step }), counter)| {
+            let most = u64::MAX >> (64 - bits.clamp(1, 64));
+            (ns(counter & most, step), ns(most, step))
+        });
+        // A stamp of the kernel is no clock of the device.
+        let of_clock = timing
+            .clock
+            .zip(observed.clock_ns)
+            .map(|((.., clock), clock_ns)| (u128::from(clock_ns), clock.turn_ns.map_or(u128::MAX, u128::from)));
+        let is_new = |(since_ns, turn_ns): (u128, u128)| since_ns < JUST_POWERED_NS.into() && turn_ns >= LONG_TURN_NS;
+        if [of_counter, of_clock].into_iter().flatten().any(is_new) {
+            self.soaked = Soaked { session, until_ns: timestamp_ns.saturating_add(JUST_POWERED_NS) };
+        }
     }
 
     /// Counts the periods up to this frame.
