@@ -2,11 +2,12 @@
 
 use crate::description::{Description, Kind, Port};
 use crate::frames::{Arrival, Found};
+use crate::link::Soaked;
 use crate::notice::Notice;
 use crate::number::Value;
-use crate::sample::{Assembler, NoSample, invalidate};
+use crate::sample::{Assembler, NoSample, Telemetry, invalidate};
 use crate::tally::Tally;
-use crate::timeline::{Observed, Place, Placed, RATE_LIMIT, Timeline};
+use crate::timeline::{Counter, Observed, Place, Placed, RATE_LIMIT, Timeline};
 use isotherm_client::RawSample;
 use isotherm_failure::{Exit, Failure, tell};
 
@@ -22,6 +23,10 @@ const JUDGED_S: f64 = 2.0;
 const WARNED_S: f64 = 10.0;
 /// A deviation of the rate that is warned of.
 const WARNED: f64 = 1e-3;
+/// A device whose own clock or counter began so long ago was just powered \[ns\], unless it may have turned: it turns
+/// within less than a day \[ns\].
+const JUST_POWERED_NS: u64 = 10_000_000_000;
+const LONG_TURN_NS: u128 = 86_400_000_000_000;
 
 /// Makes samples of rows, and counts.
 pub(crate) struct Intake {
@@ -54,6 +59,8 @@ pub(crate) struct Intake {
     sessions: Notice,
     counts: Notice,
     rates: Notice,
+    /// Where the device is taken to be soaked.
+    pub(crate) soaked: Soaked,
     pub(crate) tally: Tally,
 }
 
@@ -106,6 +113,7 @@ impl Intake {
             sessions: Notice::default(),
             counts: Notice::default(),
             rates: Notice::default(),
+            soaked: Soaked::default(),
             tally: Tally { imu: description.imu.to_string(), ..Tally::default() },
             description: description.clone(),
         }
@@ -134,20 +142,13 @@ impl Intake {
             .arrival
             .map(|Arrival { after_ns, by_ns }| Arrival { after_ns: earlier(after_ns), by_ns: earlier(by_ns) });
         self.last_arrival = arrival;
-        let clock_ns = timing.clock.and_then(|(column, unit_ns, _)| {
-            let value = value(column);
-            // With a fraction, as seconds in a text, or a unit of its own.
-            let rounded = (value.number * unit_ns as f64).round();
-            let whole = value.whole.filter(|_| value.number >= 0.0).map(|whole| whole.saturating_mul(unit_ns));
-            whole.or((0.0..1.8e19).contains(&rounded).then_some(rounded as u64))
-        });
         let is_same = row.len() == self.last_row.len() && row.iter().zip(&self.last_row).all(|(a, b)| a.is_same(b));
         self.last_row.clear();
         self.last_row.extend_from_slice(row);
         let observed = Observed {
             arrival,
-            counter: timing.counter.and_then(|(column, _)| value(column).whole),
-            clock_ns: came.stamp.or(clock_ns),
+            counter: self.counter_of(row),
+            clock_ns: came.stamp.or_else(|| self.clock_of(row)),
             damaged: self.damaged,
             after_outage: self.after_outage,
             is_same,
@@ -170,6 +171,21 @@ impl Intake {
         kept.extend_from_slice(row);
         self.timeline.push(observed, kept);
         self.hand_out(sink);
+    }
+
+    /// The device's counter in a row.
+    fn counter_of(&self, row: &[Value]) -> Option<u64> {
+        self.description.timing.counter.and_then(|(column, _)| row.get(column)?.whole)
+    }
+
+    /// The device's clock in a row \[ns\].
+    fn clock_of(&self, row: &[Value]) -> Option<u64> {
+        let (column, unit_ns, _) = self.description.timing.clock?;
+        let value = row.get(column)?;
+        // With a fraction, as seconds in a text, or a unit of its own.
+        let rounded = (value.number * unit_ns as f64).round();
+        let whole = value.whole.filter(|_| value.number >= 0.0).map(|whole| whole.saturating_mul(unit_ns));
+        whole.or((0.0..1.8e19).contains(&rounded).then_some(rounded as u64))
     }
 
     /// Hands out what has waited long enough at this time \[ns\].
@@ -203,7 +219,10 @@ impl Intake {
                 self.tally.repeated += 1;
                 return;
             }
-            Place::First => self.begin_session(),
+            Place::First => {
+                self.begin_session();
+                self.note_power(row, timestamp_ns);
+            }
             Place::Next { periods, is_ambiguous } => self.pass(periods, is_ambiguous),
         }
         self.last_ns = timestamp_ns;
@@ -234,6 +253,31 @@ impl Intake {
         self.sequence = 0;
         self.has_sample = (false, false);
         self.assembler.reset();
+    }
+
+    /// Notes whether the device is taken to be soaked, since its own clock or counter has just begun.
+    fn note_power(&mut self, row: &[Value], timestamp_ns: u64) {
+        let timing = &self.description.timing;
+        let session = self.tally.sessions;
+        if matches!(self.description.columns.telemetry, Telemetry::Constant(_)) {
+            // What never changes has no lag.
+            self.soaked = Soaked { session, until_ns: u64::MAX };
+            return;
+        }
+        let ns = |counts: u64, step: u64| u128::from(counts) * u128::from(timing.interval_ns) / u128::from(step.max(1));
+        let of_counter = timing.counter.zip(self.counter_of(row)).map(|((_, Counter { bits, step }), counter)| {
+            let most = u64::MAX >> (64 - bits.clamp(1, 64));
+            (ns(counter & most, step), ns(most, step))
+        });
+        // A stamp of the kernel is no clock of the device.
+        let of_clock = timing
+            .clock
+            .zip(self.clock_of(row))
+            .map(|((.., clock), clock_ns)| (u128::from(clock_ns), clock.turn_ns.map_or(u128::MAX, u128::from)));
+        let is_new = |(since_ns, turn_ns): (u128, u128)| since_ns < JUST_POWERED_NS.into() && turn_ns >= LONG_TURN_NS;
+        if [of_counter, of_clock].into_iter().flatten().any(is_new) {
+            self.soaked = Soaked { session, until_ns: timestamp_ns.saturating_add(JUST_POWERED_NS) };
+        }
     }
 
     /// Counts the periods up to this frame.

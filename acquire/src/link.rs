@@ -1,8 +1,8 @@
 //! The way to the service: what is decoded is sent in order, and kept for a second if the service has no room.
 
-use crate::note::AcquisitionNote;
+use crate::note::{AcquisitionNote, KeptLag};
 use crate::recorder::Recorder;
-use isotherm_client::{Acquisition, ConnectError, ImuId, Options, RawSample, SendError};
+use isotherm_client::{Acquisition, ConnectError, ImuId, Options, RawSample, SendError, monotonic_ns};
 use isotherm_failure::{Failure, tell};
 use isotherm_shared::stream::RECORDER_DEPTH;
 use isotherm_shared::wire::Flags;
@@ -44,6 +44,49 @@ struct Waiting {
     session: u64,
 }
 
+/// The samples before which a device was soaked, since it says that it was just powered: those of a session up to a
+/// time.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Soaked {
+    /// As counted from 1.
+    pub(crate) session: u64,
+    /// Of the samples \[ns\].
+    pub(crate) until_ns: u64,
+}
+
+impl Soaked {
+    fn contains(self, sample: &Waiting) -> bool {
+        sample.session == self.session && sample.raw.timestamp_ns <= self.until_ns
+    }
+}
+
+/// Goes on with the lag of before in a session that has just begun. Where that is not possible, the IMU is soaked or its
+/// lag is not known.
+fn resume(acquisition: &mut Acquisition, before: Option<KeptLag>, first: &RawSample, is_soaked: bool) {
+    let lag_ns = acquisition.lag().lag_ns;
+    match before.and_then(|before| before.resumed(first, lag_ns, monotonic_ns())) {
+        Some(lag) => acquisition.restore_lag(&lag),
+        None if is_soaked => {}
+        None => {
+            acquisition.forget_lag();
+            if lag_ns > 0 {
+                let seconds = 3.0 * lag_ns as f64 / 1e9;
+                tell(
+                    "isotherm",
+                    format!(
+                        "what the temperatures were before is not known: increments are flagged lag-unknown for {seconds:.0} s"
+                    ),
+                );
+            }
+        }
+    }
+}
+
+/// The lag of an acquisition, with the last sample and when it was sent.
+fn kept(acquisition: &Acquisition, (sample_ns, sent_ns): (u64, u64)) -> KeptLag {
+    KeptLag { lag: *acquisition.lag(), sample_ns, sent_ns }
+}
+
 /// How many samples may be sent now.
 struct Pace {
     left: u32,
@@ -68,7 +111,7 @@ impl Pace {
 
 /// A random number for a first session.
 pub(crate) fn any_session() -> u64 {
-    RandomState::new().hash_one(isotherm_client::monotonic_ns())
+    RandomState::new().hash_one(monotonic_ns())
 }
 
 /// The acquisition, and the samples that wait for it.
@@ -80,7 +123,7 @@ pub(crate) struct Link {
     most: usize,
     /// `None`: as fast as the service takes them.
     pace: Option<Pace>,
-    /// The session of the samples that were sent last, as counted here.
+    /// The session of the samples that were sent last on this connection, as counted here; 0 before.
     session: u64,
     /// The number of session 1 for samples of which none of their session was sent.
     first: u64,
@@ -90,6 +133,12 @@ pub(crate) struct Link {
     told: Option<String>,
     /// For the successor of this process; `None` for a source that is no device.
     note: Option<AcquisitionNote>,
+    /// The lag of the process before this one, or of the last connection, until a session goes on with it.
+    lag: Option<KeptLag>,
+    /// Time of the last sample that was sent, and when that was \[ns\].
+    last: (u64, u64),
+    /// Where the device is taken to be soaked.
+    pub(crate) soaked: Soaked,
     pub(crate) sent: Sent,
     pub(crate) recorder: Option<Recorder>,
 }
@@ -120,7 +169,10 @@ impl Link {
             since: now,
             give_up,
             told: None,
+            lag: note.as_ref().and_then(AcquisitionNote::lag),
             note,
+            last: (0, 0),
+            soaked: Soaked::default(),
             sent: Sent::default(),
             recorder,
         }
@@ -132,8 +184,9 @@ impl Link {
         while self.waiting.len() > self.most {
             if let Some(lost) = self.waiting.pop_front() {
                 self.sent.dropped += 1;
-                if let Some(acquisition) = &mut self.acquisition {
+                if let Some(acquisition) = self.acquisition.as_mut().filter(|_| self.session != 0) {
                     acquisition.follow(&lost.raw);
+                    self.last = (lost.raw.timestamp_ns, monotonic_ns());
                 }
                 self.record(&lost);
             }
@@ -161,7 +214,8 @@ impl Link {
         }
         if let Err(failed) = self.exchange() {
             tell("isotherm", format!("{failed}; connecting again"));
-            self.acquisition = None;
+            let acquisition = self.acquisition.take().filter(|_| self.session != 0);
+            self.lag = acquisition.map(|acquisition| kept(&acquisition, self.last)).or(self.lag);
             (self.since, self.next_attempt) = (Instant::now(), Instant::now() + RETRY);
         }
         Ok(())
@@ -179,19 +233,26 @@ impl Link {
                 return Ok(());
             }
             if next.session != self.session {
+                let before = if self.session == 0 { self.lag } else { Some(kept(acquisition, self.last)) };
                 if acquisition.begin_session().is_err() {
                     // Not before the last session is answered.
                     return Ok(());
                 }
-                self.session = next.session;
+                (self.session, self.lag) = (next.session, None);
+                if self.note.is_some() {
+                    resume(acquisition, before, &next.raw, self.soaked.contains(next));
+                }
             }
             acquisition.follow(&next.raw);
+            self.last = (next.raw.timestamp_ns, monotonic_ns());
+            let mut sent = next.raw;
+            acquisition.complete(&mut sent);
             let loan = acquisition.loan_record(&next.raw).map_err(|error| error.to_string())?;
             match acquisition.send(loan) {
                 Ok(()) => {
                     self.sent.sent += 1;
                     if let Some(note) = &mut self.note {
-                        note.keep(acquisition.lag());
+                        note.keep(&kept(acquisition, self.last));
                     }
                 }
                 Err(SendError::Full(_)) => return Ok(()),
@@ -201,8 +262,9 @@ impl Link {
                     tell("isotherm", format!("sample {} is lost: {error}", next.raw.sequence));
                 }
             }
-            if let (Some(recorder), Some(next)) = (&mut self.recorder, self.waiting.pop_front()) {
-                recorder.take(&RawSample { session: acquisition.session(), ..next.raw });
+            self.waiting.pop_front();
+            if let Some(recorder) = &mut self.recorder {
+                recorder.take(&sent);
             }
         }
     }
@@ -216,7 +278,8 @@ impl Link {
             Ok(acquisition) => {
                 tell("isotherm", format!("connected to the service as the acquisition of {}", self.imu));
                 self.acquisition = Some(acquisition);
-                self.session = self.waiting.front().map_or(0, |next| next.session);
+                // The next sample begins a session, and goes on with the lag.
+                self.session = 0;
                 self.sent.connections += 1;
                 self.told = None;
                 return Ok(());
@@ -255,8 +318,9 @@ impl Link {
             lost += 1;
             self.record(&next);
         }
-        if let (Some(note), Some(acquisition)) = (&mut self.note, &self.acquisition) {
-            note.end(acquisition.lag());
+        let of_session = self.acquisition.as_ref().filter(|_| self.session != 0);
+        if let (Some(note), Some(acquisition)) = (&mut self.note, of_session) {
+            note.end(&kept(acquisition, self.last));
         }
         let unanswered = self.acquisition.take().map_or(0, |acquisition| acquisition.close().unanswered);
         lost + unanswered

@@ -1,7 +1,7 @@
 //! What an acquisition notes in the domain's folder for its successor: that this IMU has sent a sample since the machine
 //! was started, and the lag of its temperatures.
 
-use isotherm_client::{Domain, ImuId, Lag, Note, boot, monotonic_ns};
+use isotherm_client::{Domain, ImuId, Lag, Note, RawSample, boot};
 use isotherm_failure::tell;
 use serde::{Deserialize, Serialize};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -12,6 +12,8 @@ use std::time::{Duration, Instant};
 const PAUSE: Duration = Duration::from_secs(1);
 /// A lag that is older than this many time constants tells nothing: the temperatures may have done anything meanwhile.
 const MOST_TIME_CONSTANTS: u64 = 10;
+/// Clocks that differ by less since the last reading are the same one \[ns\]: samples may wait for the service.
+const SAME_CLOCK_NS: u128 = 2_000_000_000;
 
 /// The note of one IMU.
 ///
@@ -35,7 +37,49 @@ struct Content {
     /// The machine's start, in which the sample was sent.
     boot: u64,
     /// The lag; `None` while the table has no time constant.
-    lag: Option<Lag>,
+    lag: Option<KeptLag>,
+}
+
+/// A lag, and when it was the present one.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
+pub(crate) struct KeptLag {
+    pub(crate) lag: Lag,
+    /// Time of the last sample \[ns\], on the clock of the readings: that of this machine, or one of the device, which
+    /// may begin anew.
+    pub(crate) sample_ns: u64,
+    /// When that sample was sent, on `CLOCK_MONOTONIC` \[ns\].
+    pub(crate) sent_ns: u64,
+}
+
+impl KeptLag {
+    /// The lag with which a session goes on whose first sample is `first`, at `now_ns` and under the time constant
+    /// `lag_ns` \[ns\]; `None` if that is another one, or ten of them have passed.
+    pub(crate) fn resumed(&self, first: &RawSample, lag_ns: u64, now_ns: u64) -> Option<Lag> {
+        let passed = now_ns.saturating_sub(self.sent_ns);
+        let has_readings = self.lag.sensors.iter().any(Option::is_some);
+        let is_young = passed < lag_ns.saturating_mul(MOST_TIME_CONSTANTS);
+        if !has_readings || lag_ns == 0 || self.lag.lag_ns != lag_ns || !is_young {
+            return None;
+        }
+        let on_this = i128::from(first.timestamp_ns) - i128::from(self.sample_ns);
+        if on_this.abs_diff(passed.into()) <= SAME_CLOCK_NS {
+            return Some(self.lag);
+        }
+        // Another clock: as much time has passed as on that of this machine. The first reading of the new one is taken
+        // here, at the time that it would have had on the old one.
+        let first_ns = if first.telemetry_ns == 0 { first.timestamp_ns } else { first.telemetry_ns };
+        let age = first.timestamp_ns.saturating_sub(first_ns);
+        let on_old = self.sample_ns.saturating_add(passed).saturating_sub(age);
+        let mut lag = self.lag;
+        lag.follow(&RawSample { telemetry_ns: on_old, ..*first });
+        for reading in &mut lag.sensors {
+            *reading = reading.filter(|reading| reading.time_ns == on_old);
+            if let Some(reading) = reading {
+                reading.time_ns = first_ns;
+            }
+        }
+        Some(lag)
+    }
 }
 
 struct Writer {
@@ -60,22 +104,21 @@ impl AcquisitionNote {
         self.noted.is_some()
     }
 
-    /// The last lag, if it can be gone on with under this time constant \[ns\]: it has the same one, and is younger than
-    /// ten of them. A sensor whose last reading is older has none.
-    pub(crate) fn lag(&self, lag_ns: u64) -> Option<Lag> {
-        young(&self.noted?.lag?, lag_ns, monotonic_ns())
+    /// The last lag.
+    pub(crate) fn lag(&self) -> Option<KeptLag> {
+        self.noted?.lag
     }
 
     /// Notes that a sample was sent, and the lag after it: at once the first time, then once a second at most and only
     /// if there is something new. Never waits; what the disk is too slow for is tried again with the next sample.
-    pub(crate) fn keep(&mut self, lag: &Lag) {
+    pub(crate) fn keep(&mut self, lag: &KeptLag) {
         if self.handed.is_none_or(|handed| handed.elapsed() >= PAUSE) {
             self.hand_over(lag);
         }
     }
 
     /// Notes the last lag, if a sample was sent, and waits for the disk, for a second at most.
-    pub(crate) fn end(&mut self, lag: &Lag) {
+    pub(crate) fn end(&mut self, lag: &KeptLag) {
         if self.handed.is_some() {
             self.hand_over(lag);
         }
@@ -86,9 +129,11 @@ impl AcquisitionNote {
         }
     }
 
-    fn hand_over(&mut self, lag: &Lag) {
-        let content = Content { boot: self.boot, lag: (lag.lag_ns != 0).then_some(*lag) };
-        if self.noted != Some(content) {
+    fn hand_over(&mut self, lag: &KeptLag) {
+        let lag = (lag.lag.lag_ns != 0).then_some(*lag);
+        let is_new = self.noted.is_none_or(|noted| noted.lag.map(|kept| kept.lag) != lag.map(|kept| kept.lag));
+        if is_new {
+            let content = Content { boot: self.boot, lag };
             let writer = self.writer.get_or_insert_with(|| Writer::start(&self.domain, &self.imu));
             if let Err(TrySendError::Full(_)) = writer.contents.try_send(content) {
                 return;
@@ -101,17 +146,6 @@ impl AcquisitionNote {
 
 fn note(domain: &Domain, imu: &ImuId) -> Note {
     Note::new(domain, &format!("acquired-{imu}.json"))
-}
-
-/// The sensors of a lag whose last reading is young enough at `now_ns`; `None` if there is none, or its time constant is
-/// another one.
-pub(crate) fn young(lag: &Lag, lag_ns: u64, now_ns: u64) -> Option<Lag> {
-    let longest = lag_ns.saturating_mul(MOST_TIME_CONSTANTS);
-    let mut young = *lag;
-    for reading in &mut young.sensors {
-        *reading = reading.filter(|reading| now_ns.saturating_sub(reading.time_ns) < longest);
-    }
-    (lag.lag_ns == lag_ns && young.sensors.iter().any(Option::is_some)).then_some(young)
 }
 
 impl Writer {
@@ -154,25 +188,61 @@ fn refused(error: &std::io::Error) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use isotherm_client::LaggedReading;
+    use isotherm_client::{LaggedReading, Triad};
 
     const SECOND: u64 = 1_000_000_000;
+    const TAU: u64 = 240 * SECOND;
 
-    fn lag(boot: u64) -> Lag {
-        let mut lag = Lag { boot, ..Lag::new(240 * SECOND) };
+    fn kept(at_s: u64) -> KeptLag {
+        let mut lag = Lag { boot: boot(), ..Lag::new(TAU) };
         lag.sensors = [Some(LaggedReading { time_ns: 100 * SECOND, telemetry: 25.3, lagged: 25.1 }); 6];
-        lag
+        KeptLag { lag, sample_ns: at_s * SECOND, sent_ns: at_s * SECOND }
+    }
+
+    fn sample(second: u64, telemetry: f64) -> RawSample {
+        let triad = Triad { head_temperature: [telemetry; 3], ..Triad::default() };
+        RawSample {
+            timestamp_ns: second * SECOND,
+            telemetry_ns: second * SECOND,
+            accelerometers: triad,
+            gyroscopes: triad,
+            ..RawSample::default()
+        }
     }
 
     #[test]
-    fn only_young_readings_under_the_same_time_constant_are_gone_on_with() {
-        let mut of_two = lag(1);
-        of_two.sensors[3] = Some(LaggedReading { time_ns: 2000 * SECOND, telemetry: 30.0, lagged: 29.0 });
-        assert_eq!(young(&of_two, 240 * SECOND, 2499 * SECOND), Some(of_two));
-        let later = young(&of_two, 240 * SECOND, 2501 * SECOND).unwrap();
-        assert_eq!(later.sensors.map(|reading| reading.is_some()), [false, false, false, true, false, false]);
-        assert_eq!(young(&of_two, 240 * SECOND, 5000 * SECOND), None);
-        assert_eq!([0, 241 * SECOND].map(|lag_ns| young(&of_two, lag_ns, 101 * SECOND)), [None; 2]);
+    fn only_a_young_lag_with_the_same_time_constant_is_gone_on_with() {
+        let resumed = |lag_ns, second: u64| kept(100).resumed(&sample(second, 26.0), lag_ns, second * SECOND);
+        assert_eq!([101, 2499].map(|second| resumed(TAU, second)), [Some(kept(100).lag); 2]);
+        assert_eq!(resumed(TAU, 2500), None);
+        assert_eq!([0, TAU + SECOND].map(|lag_ns| resumed(lag_ns, 101)), [None; 2]);
+        let without = KeptLag { lag: Lag::new(TAU), ..kept(100) };
+        assert_eq!(without.resumed(&sample(101, 26.0), TAU, 101 * SECOND), None);
+    }
+
+    /// 60 s pass, and 30 s after them, on the same clock and on one that began in between or ran on.
+    #[test]
+    fn a_clock_that_began_anew_changes_nothing() {
+        let after = |first_s: u64| {
+            let mut lag = kept(100).resumed(&sample(first_s, 26.0), TAU, 160 * SECOND).unwrap();
+            lag.follow(&sample(first_s, 26.0));
+            lag.follow(&sample(first_s + 30, 26.5));
+            lag.sensors.map(|reading| reading.unwrap().lagged)
+        };
+        let same = after(160);
+        assert!(same[0] > 25.2 && same[0] < 26.0, "{same:?}");
+        for other in [1, 90, 4000].map(after) {
+            assert!(other.iter().zip(&same).all(|(one, other)| (one - other).abs() < 1e-12), "{other:?} {same:?}");
+        }
+        // Telemetry that comes every 50 s is on the same clock.
+        let mut slow = kept(100);
+        (slow.sample_ns, slow.sent_ns) = (149 * SECOND, 149 * SECOND);
+        assert_eq!(slow.resumed(&sample(160, 26.0), TAU, 160 * SECOND), Some(slow.lag));
+        // A sensor without a reading at the change is not known.
+        let mut first = sample(1, 26.0);
+        first.gyroscopes.head_temperature[2] = f64::NAN;
+        let lag = kept(100).resumed(&first, TAU, 160 * SECOND).unwrap();
+        assert_eq!(lag.sensors.map(|reading| reading.is_some()), [true, true, true, true, true, false]);
     }
 
     #[test]
@@ -186,29 +256,27 @@ mod tests {
         let mut first = load();
         assert!(!first.has_sent());
         // The end of an acquisition that has sent nothing is no note.
-        first.end(&lag(boot()));
+        first.end(&kept(100));
         assert!(!load().has_sent());
-        let without = Lag { boot: boot(), ..Lag::default() };
+        let without = KeptLag { lag: Lag::default(), ..kept(100) };
         first.keep(&without);
         first.end(&without);
-        assert!(load().has_sent() && load().lag(0).is_none());
-        let (mut second, now) = (load(), monotonic_ns());
-        let mut young = lag(boot());
-        young.sensors[0] = Some(LaggedReading { time_ns: now, telemetry: 0.1 + 0.2, lagged: 1.0 / 3.0 });
-        second.keep(&young);
-        second.end(&young);
-        let kept = load().lag(240 * SECOND).unwrap();
-        let of_first = kept.sensors[0].unwrap();
-        assert!((of_first.telemetry - 0.3).abs() < 1e-15 && (of_first.lagged - 1.0 / 3.0).abs() < 1e-15, "{kept:?}");
-        assert_eq!(load().lag(241 * SECOND), None);
+        assert!(load().has_sent() && load().lag().is_none());
+        let mut second = load();
+        let mut lag = kept(100);
+        lag.lag.sensors[0] = Some(LaggedReading { time_ns: 7, telemetry: 0.1 + 0.2, lagged: 1.0 / 3.0 });
+        second.keep(&lag);
+        second.end(&lag);
+        let of_first = load().lag().unwrap().lag.sensors[0].unwrap();
+        assert!((of_first.telemetry - 0.3).abs() < 1e-15 && (of_first.lagged - 1.0 / 3.0).abs() < 1e-15);
         let path = note(&domain, &imu).path();
         let text = std::fs::read_to_string(&path).unwrap();
-        for damaged in ["", "{", &text.replace(&boot().to_string(), &(boot() ^ 1).to_string()), &text[..text.len() / 2]]
-        {
+        let of_other_start = text.replace(&boot().to_string(), &(boot() ^ 1).to_string());
+        for damaged in ["", "{", &of_other_start, &text[..text.len() / 2]] {
             std::fs::write(&path, damaged).unwrap();
-            assert!(!load().has_sent() && load().lag(240 * SECOND).is_none(), "{damaged}");
+            assert!(!load().has_sent() && load().lag().is_none(), "{damaged}");
         }
-        // By the names of all files of the domain `isotherm clean` finds them.
+        // By the beginning of its name `isotherm clean` finds it.
         assert!(path.file_name().unwrap().to_str().unwrap().starts_with(&domain.prefix()));
     }
 }

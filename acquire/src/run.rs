@@ -2,7 +2,7 @@
 
 use crate::description::Description;
 use crate::intake::Intake;
-use crate::link::{Link, any_session};
+use crate::link::{Link, Soaked, any_session};
 use crate::note::AcquisitionNote;
 use crate::notice::Notice;
 use crate::recorder::Recorder;
@@ -212,6 +212,7 @@ impl Acquiring<'_> {
             } else {
                 std::thread::sleep(BUSY);
             }
+            self.sink.note_soaked(self.intake.soaked);
             if self.sink.pump()? {
                 return Ok(());
             }
@@ -346,6 +347,12 @@ impl Sink {
         match self {
             Self::Service(link) => link.take(raw, session),
             Self::Rows(rows) => rows.take(raw, session),
+        }
+    }
+
+    const fn note_soaked(&mut self, soaked: Soaked) {
+        if let Self::Service(link) = self {
+            link.soaked = soaked;
         }
     }
 

@@ -199,6 +199,16 @@ impl Acquisition {
         self.lag.restore(&Lag::default());
     }
 
+    /// Completes a copy of a sample as [`send`](Self::send) would now: session, and, where they are 0, `device` and
+    /// `lag_ns` with the lagged telemetry. What is recorded so replays to the increment of the service.
+    pub fn complete(&self, sample: &mut RawSample) {
+        sample.session = self.state.session();
+        if sample.device == 0 {
+            sample.device = self.device;
+        }
+        self.lag.fill(sample);
+    }
+
     /// Loans a sample in shared memory, to be filled in. It is loaned already after a send or
     /// [`prepare`](Self::prepare), so this call is cheap.
     ///

@@ -79,3 +79,34 @@ fn another_message_does_not_hide_that_the_device_was_away() {
     assert_eq!(take(&mut intake, 9.02, &SENSORS), Some((2, 0)), "away for over a turn of the counter");
     assert_eq!((intake.tally.others, intake.tally.outages), (2, 1));
 }
+
+/// A device whose own clock has just begun is taken to be soaked, unless the clock may have turned.
+#[test]
+fn a_device_that_was_just_powered_is_soaked() {
+    let soaked = |name: &str, from: &str, to: &str, numbers: [(&str, f64); 3]| {
+        let text = PROFILES.iter().find(|(of, _)| *of == name).unwrap().1;
+        assert!(text.contains(from), "{from}");
+        let description = Description::from_toml(&text.replace(from, to)).unwrap();
+        let mut intake = Intake::new(&description, 0.0, false);
+        let row = row(&description, &[&SENSORS[..], &numbers].concat());
+        assert!(super::take(&mut intake, &row).is_some(), "{name}");
+        (intake.soaked.session, intake.soaked.until_ns)
+    };
+    let vn100 = |seconds: f64| [("time", seconds * 1e9), ("temperature", 25.0), ("delta_time", 0.0025)];
+    assert_eq!(soaked("vn100", "imu", "imu", vn100(9.9)), (1, 19_900_000_000));
+    assert_eq!(soaked("vn100", "imu", "imu", vn100(10.1)), (0, 0));
+    // A clock of 32 bits in microseconds turns after 71 minutes.
+    let arduino = |counter: f64| [("counter", counter), ("micros", 5000.0 * counter), ("temperature", 25.0)];
+    let clock = "time = { column = \"micros\", unit = \"us\", bits = 32 }\n";
+    assert_eq!(soaked("arduino-mpu6050", "imu", "imu", arduino(1.0)), (0, 0));
+    // Its counter of 16 bits after 5 minutes, one of 32 bits after 248 days.
+    assert_eq!(soaked("arduino-mpu6050", clock, "", arduino(1.0)), (0, 0));
+    let wide = "counter = { column = \"counter\", bits = 32 }\n";
+    let narrow = "counter = { column = \"counter\", bits = 16 }\n";
+    let both = format!("{narrow}{clock}");
+    assert_eq!(soaked("arduino-mpu6050", &both, wide, arduino(1999.0)).0, 1);
+    assert_eq!(soaked("arduino-mpu6050", &both, wide, arduino(2001.0)), (0, 0));
+    // What never changes has no lag.
+    let constant = ("columns = \"temperature\"", "constant = 25.0");
+    assert_eq!(soaked("vn100", constant.0, constant.1, vn100(100.0)), (1, u64::MAX));
+}

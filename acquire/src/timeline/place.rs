@@ -422,9 +422,8 @@ impl<T> Timeline<T> {
             return self.place_anew(observed, last.line.timestamp_ns);
         };
         let numbers = Numbers::of(observed);
-        if numbers.clock_ns != last.numbers.clock_ns {
-            last.clock_stamp_ns = timestamp_ns;
-        }
+        let passed = self.numbering.clock.and_then(|clock| clock.passed(last.numbers.clock_ns, numbers.clock_ns));
+        last.clock_stamp_ns = last.clock_stamp_ns.saturating_add(passed.unwrap_or_default());
         last.line.timestamp_ns = timestamp_ns;
         (last.numbers, last.by_ns) = (numbers, by_ns);
         self.last = Some(last);
