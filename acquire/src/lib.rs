@@ -25,11 +25,14 @@
 
 mod checksum;
 mod description;
+mod dialogue;
 mod frames;
+mod identity;
 pub mod iio;
 mod intake;
 mod lines;
 mod link;
+mod message;
 mod nominal;
 mod number;
 mod offline;

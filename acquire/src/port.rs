@@ -7,7 +7,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use rustix::net::sockopt;
 use std::fs::File;
-use std::io::{self, Read as _};
+use std::io::{self, Read as _, Write as _};
 use std::net::{TcpStream, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::path::{Path, PathBuf};
@@ -65,6 +65,21 @@ impl OpenPort {
     fn has_something(&self) -> bool {
         let now = Timespec { tv_sec: 0, tv_nsec: 0 };
         poll(&mut [PollFd::new(self, PollFlags::IN)], Some(&now)).is_ok_and(|ready| ready > 0)
+    }
+
+    /// Whether somebody hears what is written.
+    pub(crate) const fn is_heard(&self) -> bool {
+        matches!(self, Self::Serial(_) | Self::Tcp(_))
+    }
+
+    /// Writes what the line takes at once, and returns how many bytes it took: none where nobody hears it.
+    pub(crate) fn write(&mut self, bytes: &[u8]) -> usize {
+        match self {
+            Self::Serial(line) => rustix::io::write(&*line, bytes).unwrap_or(0),
+            Self::Tcp(stream) => stream.write(bytes).unwrap_or(0),
+            // A line that has failed is found so by the next read.
+            Self::Udp(_) | Self::File(_) | Self::Stdin(_) => 0,
+        }
     }
 
     /// Reads what is there, without waiting.
@@ -243,7 +258,6 @@ mod tests {
     use super::*;
     use rustix::fs::{CWD, FileType, Mode, mknodat};
     use std::fs::OpenOptions;
-    use std::io::Write as _;
 
     /// A read that waits would hold a signal up.
     #[test]

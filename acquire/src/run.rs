@@ -73,7 +73,9 @@ pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failu
     description.realtime.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime: {error}")))?;
     settings.record.as_deref().map(Recorder::check).transpose()?;
     write_metrics(&settings, &Tally { imu: description.imu.to_string(), ..Tally::default() })?;
-    let source = Source::open(description, settings.sysfs.clone(), &settings.end)?;
+    // Whether this IMU has sent a sample since the machine was started: then another device is not refused.
+    let has_sent = false;
+    let source = Source::open(description, has_sent, settings.sysfs.clone(), &settings.end)?;
     // A source that cannot be opened leaves no file behind.
     let recorder = settings.record.as_deref().map(|path| Recorder::create(path, &description.imu)).transpose()?;
     let intake = Intake::new(description, source.byte_ns(), source.is_stamped());

@@ -1,7 +1,8 @@
 //! The source of rows: bytes through a decoder, or the buffers of IIO.
 
 use crate::description::{Description, Kind, Port};
-use crate::frames::Arrival;
+use crate::frames::{Arrival, Found};
+use crate::identity::Recognition;
 use crate::iio::{self, IioClock, IioFault, IioSource};
 use crate::intake::{Came, Intake};
 use crate::number::Value;
@@ -42,6 +43,7 @@ pub(crate) struct Bytes {
     open: Option<OpenPort>,
     opening: Option<Opening>,
     decoder: StreamDecoder,
+    recognition: Recognition,
     buffer: Vec<u8>,
     /// When the line was last known to be empty \[ns\].
     empty_ns: u64,
@@ -62,13 +64,23 @@ pub(crate) struct Scans {
 }
 
 impl Source {
-    /// Opens the source of a description. `sysfs` is `/`, or the root of a tree for tests.
+    /// Opens the source of a description. `sysfs` is `/`, or the root of a tree for tests; `has_sent`: this IMU has sent
+    /// a sample since the machine was started.
     ///
     /// # Errors
     /// If it cannot be opened. May take seconds.
-    pub(crate) fn open(description: &Description, sysfs: PathBuf, end: &AtomicBool) -> Result<Self, Failure> {
+    pub(crate) fn open(
+        description: &Description,
+        has_sent: bool,
+        sysfs: PathBuf,
+        end: &AtomicBool,
+    ) -> Result<Self, Failure> {
+        let recognition = Recognition::new(description, has_sent);
+        if !matches!(description.port(), Some(Port::File { .. } | Port::Stdin)) {
+            recognition.announce();
+        }
         match &description.kind {
-            Kind::Frames(port, _) | Kind::Lines(port, _) => Bytes::open(port, description, end),
+            Kind::Frames(port, _) | Kind::Lines(port, _) => Bytes::open(port, description, recognition, end),
             Kind::Iio(settings) => {
                 let open = iio::open(&sysfs, settings)?;
                 open.remarks().iter().for_each(|remark| tell("isotherm", remark));
@@ -178,17 +190,25 @@ impl Source {
 }
 
 impl Bytes {
-    fn open(port: &Port, description: &Description, end: &AtomicBool) -> Result<Source, Failure> {
+    fn open(
+        port: &Port,
+        description: &Description,
+        mut recognition: Recognition,
+        end: &AtomicBool,
+    ) -> Result<Source, Failure> {
         let none = || Failure::new(Exit::Config, "the source has no bytes");
         let decoder = StreamDecoder::new(description).ok_or_else(none)?;
         let open = open_port(port, end)?;
+        if open.is_heard() {
+            recognition.begin();
+        }
         let empty_ns = monotonic_ns();
         tell("isotherm", format!("reading {port}"));
         let interval_ns = description.timing.interval_ns;
         let pace = matches!(port, Port::File { pace: true, .. }).then_some((empty_ns, interval_ns, 0));
         let buffer = vec![0; BUFFER];
-        let port = port.clone();
-        Ok(Source::Bytes(Box::new(Self { port, open: Some(open), opening: None, decoder, buffer, empty_ns, pace })))
+        let (port, open, opening) = (port.clone(), Some(open), None);
+        Ok(Source::Bytes(Box::new(Self { port, open, opening, decoder, recognition, buffer, empty_ns, pace })))
     }
 
     fn read(&mut self, intake: &mut Intake, sink: &mut dyn FnMut(RawSample, u64)) -> Result<State, Failure> {
@@ -207,6 +227,7 @@ impl Bytes {
                 Ok(Read::Bytes(count)) => count,
                 Ok(Read::Nothing) => {
                     self.empty_ns = before;
+                    self.recognition.hear(&[], &mut intake.tally, &mut |bytes| open.write(bytes))?;
                     return Ok(State::Open);
                 }
                 Ok(Read::End) if matches!(self.port, Port::File { .. } | Port::Stdin) => return Ok(State::Ended),
@@ -217,16 +238,27 @@ impl Bytes {
                 }
                 Err(error) => return Ok(self.lose(&error.to_string(), intake)),
             };
-            intake.tally.bytes += count as u64;
+            // What comes while the device is asked and set up is not used.
+            let heard = &self.buffer[..count];
+            let begin = self.recognition.hear(heard, &mut intake.tally, &mut |bytes| open.write(bytes))?;
+            intake.tally.bytes += (count - begin) as u64;
             let arrival = Arrival { after_ns: self.empty_ns, by_ns: monotonic_ns() };
-            let mut frames = 0;
-            let mut take = |found: crate::frames::Found<'_>| {
+            let (mut frames, mut refused) = (0, Ok(()));
+            let recognition = &mut self.recognition;
+            let mut take = |found: Found<'_>| {
                 frames += 1;
-                if let Some((raw, session)) = intake.take(found.row, Came::of(&found, is_live)) {
+                if refused.is_ok() {
+                    refused = recognition.see(found.row, &mut intake.tally);
+                }
+                if refused.is_ok()
+                    && let Some((raw, session)) = intake.take(found.row, Came::of(&found, is_live))
+                    && let Some(raw) = recognition.sign(raw, &mut intake.tally)
+                {
                     sink(raw, session);
                 }
             };
-            self.decoder.push(&self.buffer[..count], arrival, &mut take);
+            self.decoder.push(&self.buffer[begin..count], arrival, &mut take);
+            refused?;
             if let Some((.., passed)) = &mut self.pace {
                 *passed += frames;
             }
@@ -263,6 +295,9 @@ impl Bytes {
         let Some(result) = opening.poll() else { return };
         self.opening = None;
         if let Ok(open) = result {
+            if open.is_heard() {
+                self.recognition.begin();
+            }
             (self.open, self.empty_ns) = (Some(open), monotonic_ns());
             tell("isotherm", format!("{} is back", name_of(&self.port)));
         }

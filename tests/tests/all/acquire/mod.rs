@@ -5,6 +5,7 @@
 mod damage;
 mod endings;
 mod errors;
+mod identity;
 mod outages;
 mod pipeline;
 mod ports;
