@@ -91,6 +91,10 @@ impl Recognition {
     /// The port was opened: the device is asked who it is, and then set up.
     pub(crate) fn begin(&mut self) {
         self.asked = 0;
+        // Another one may be there now. That it is the right one again it has to say itself.
+        if self.known == Known::Right {
+            self.known = Known::Unknown;
+        }
         if let Some(finder) = &mut self.finder {
             finder.reset();
         }

@@ -43,7 +43,10 @@ pub(super) fn read(root: &Section<'_, '_>, port: Option<&Port>, names: &mut Name
     }
     let section = root.optional_section("identity");
     let asks = section.as_ref().is_some_and(|section| section.has("ask"));
-    let identity = section.and_then(|section| identity(section, port, names));
+    if let Some(section) = section.as_ref().filter(|_| root.has("serial") && matches!(port, Some(Port::Udp(_)))) {
+        refuse_silent(section, "ask", port);
+    }
+    let identity = section.and_then(|section| identity(section, names));
     if root.has("setup") && root.has("identity") && !asks {
         root.fault("setup", "is sent once the device has said who it is; give identity.ask, or leave one out");
     }
@@ -51,14 +54,13 @@ pub(super) fn read(root: &Section<'_, '_>, port: Option<&Port>, names: &mut Name
     (identity, steps(set_up, false))
 }
 
-fn identity(section: Section<'_, '_>, port: Option<&Port>, names: &mut Names) -> Option<Identity> {
+fn identity(section: Section<'_, '_>, names: &mut Names) -> Option<Identity> {
     let field = section.has("field").then(|| names.all_of_section(&section, "field"));
     section.ignore("field");
     let field = field.map(|places| places.and_then(|places| places.first().copied()));
     let message = section.optional_section("message").map(message);
     let ask = steps(section.list("ask"), true);
     let holds = section.optional_choice("on_other", &[(false, "flag"), (true, "hold")]).unwrap_or(false);
-    refuse_silent(&section, "ask", port);
     match (&field, &message) {
         (None, None) => section.fault("message", "missing; give how the device says who it is: field or message"),
         (Some(_), Some(_)) => section.fault("field", "is there beside message; give one of them"),
