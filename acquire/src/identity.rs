@@ -130,7 +130,8 @@ impl Recognition {
             match self.asked {
                 0 => {
                     tally.power_ups += 1;
-                    tell("isotherm", format!("the device was just powered: it says that it is {number}"));
+                    let gone = if self.setup.is_empty() { "" } else { "; what setup has set may be gone" };
+                    tell("isotherm", format!("the device was just powered: it says that it is {number}{gone}"));
                 }
                 _ => self.asked -= 1,
             }

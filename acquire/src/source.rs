@@ -64,8 +64,8 @@ pub(crate) struct Scans {
 }
 
 impl Source {
-    /// Opens the source of a description. `sysfs` is `/`, or the root of a tree for tests; `has_sent`: this IMU has sent
-    /// a sample since the machine was started.
+    /// Opens the source of a description. `sysfs` is `/`, or the root of a tree for tests; `has_sent`: this IMU has
+    /// sent a sample since the machine was started.
     ///
     /// # Errors
     /// If it cannot be opened. May take seconds.
