@@ -2,6 +2,7 @@
 
 use crate::description::{Description, Kind, Port};
 use crate::frames::{Arrival, Found};
+use crate::identity::Signature;
 use crate::link::Soaked;
 use crate::notice::Notice;
 use crate::number::Value;
@@ -41,7 +42,7 @@ pub(crate) struct Intake {
     /// Whether a rate or a counter that is not as described ends the acquisition, also after the first sample.
     ends: bool,
     /// Whether the IMU has sent a sample since the machine was started: then nothing ends the acquisition.
-    has_sent: bool,
+    pub(crate) has_sent: bool,
     sequence: u64,
     /// The time of the last frame \[ns\].
     last_ns: u64,
@@ -61,6 +62,10 @@ pub(crate) struct Intake {
     rates: Notice,
     /// Where the device is taken to be soaked.
     pub(crate) soaked: Soaked,
+    /// Times that the device had said that it was just powered, when a session began.
+    power_ups: u64,
+    /// Under whose number samples go out.
+    pub(crate) signature: Signature,
     pub(crate) tally: Tally,
 }
 
@@ -93,12 +98,15 @@ impl Intake {
             Kind::Iio(_) => None,
         };
         let is_datagrams = matches!(port, Some(Port::Udp(_)));
+        let ends = matches!(port, Some(Port::File { .. } | Port::Stdin));
+        let timeline = if is_datagrams { timeline.of_datagrams() } else { timeline };
         Self {
-            timeline: if is_datagrams { timeline.of_datagrams() } else { timeline },
+            // What a program hands on may come at any pace.
+            timeline: if ends { timeline.at_any_pace() } else { timeline },
             assembler: Assembler::new(description.columns),
             spare: Vec::new(),
             last_row: Vec::new(),
-            ends: matches!(port, Some(Port::File { .. } | Port::Stdin)),
+            ends,
             has_sent: false,
             byte_ns,
             sequence: 0,
@@ -114,6 +122,8 @@ impl Intake {
             counts: Notice::default(),
             rates: Notice::default(),
             soaked: Soaked::default(),
+            power_ups: 0,
+            signature: Signature::Own,
             tally: Tally { imu: description.imu.to_string(), ..Tally::default() },
             description: description.clone(),
         }
@@ -126,7 +136,7 @@ impl Intake {
 
     /// Whether this IMU has sent a sample, so that nothing but a signal ends the acquisition from its device.
     pub(crate) const fn goes_on(&self) -> bool {
-        !self.ends && (self.has_sent || self.tally.samples > 0)
+        !self.ends && self.has_sent
     }
 
     /// Takes a row. Gives each sample that is placed to `sink`, with the number of its session from 1.
@@ -234,6 +244,18 @@ impl Intake {
                 invalidate(&mut raw);
                 self.tally.other_rate += 1;
             }
+            match self.signature {
+                Signature::Own => {}
+                Signature::Other(device) => {
+                    raw.device = device;
+                    self.tally.other_device += 1;
+                }
+                Signature::Held => {
+                    self.tally.other_device += 1;
+                    self.tally.held += 1;
+                    return;
+                }
+            }
             sink(raw, session);
         }
     }
@@ -264,6 +286,7 @@ impl Intake {
             self.soaked = Soaked { session, until_ns: u64::MAX };
             return;
         }
+        let was_powered = std::mem::replace(&mut self.power_ups, self.tally.power_ups) != self.tally.power_ups;
         let ns = |counts: u64, step: u64| u128::from(counts) * u128::from(timing.interval_ns) / u128::from(step.max(1));
         let of_counter = timing.counter.zip(self.counter_of(row)).map(|((_, Counter { bits, step }), counter)| {
             let most = u64::MAX >> (64 - bits.clamp(1, 64));
@@ -275,7 +298,7 @@ impl Intake {
             .zip(self.clock_of(row))
             .map(|((.., clock), clock_ns)| (u128::from(clock_ns), clock.turn_ns.map_or(u128::MAX, u128::from)));
         let is_new = |(since_ns, turn_ns): (u128, u128)| since_ns < JUST_POWERED_NS.into() && turn_ns >= LONG_TURN_NS;
-        if [of_counter, of_clock].into_iter().flatten().any(is_new) {
+        if was_powered || [of_counter, of_clock].into_iter().flatten().any(is_new) {
             self.soaked = Soaked { session, until_ns: timestamp_ns.saturating_add(JUST_POWERED_NS) };
         }
     }

@@ -26,11 +26,14 @@
 mod checksum;
 mod datagrams;
 mod description;
+mod dialogue;
 mod frames;
+mod identity;
 pub mod iio;
 mod intake;
 mod lines;
 mod link;
+mod message;
 mod nominal;
 mod note;
 mod notice;

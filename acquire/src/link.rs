@@ -34,6 +34,9 @@ pub struct Sent {
     pub invalid: u64,
     /// Given up, since the service took none for a second.
     pub dropped: u64,
+    /// Sent and not answered when the way to the service failed: a gap for every reader, but for those that were
+    /// answered all the same.
+    pub unanswered: u64,
     /// Connections to the service.
     pub connections: u64,
 }
@@ -215,6 +218,7 @@ impl Link {
         if let Err(failed) = self.exchange() {
             tell("isotherm", format!("{failed}; connecting again"));
             let acquisition = self.acquisition.take().filter(|_| self.session != 0);
+            self.sent.unanswered += acquisition.as_ref().map_or(0, |acquisition| acquisition.in_flight() as u64);
             self.lag = acquisition.map(|acquisition| kept(&acquisition, self.last)).or(self.lag);
             (self.since, self.next_attempt) = (Instant::now(), Instant::now() + RETRY);
         }
@@ -287,7 +291,9 @@ impl Link {
             Err(error) => error,
         };
         self.next_attempt = Instant::now() + RETRY;
-        if error.is_permanent() || self.give_up.is_some_and(|longest| now - self.since > longest) {
+        let goes_on = self.sent.sent > 0 || self.note.as_ref().is_some_and(AcquisitionNote::has_sent);
+        let is_over = error.is_permanent() && !goes_on;
+        if is_over || self.give_up.is_some_and(|longest| now - self.since > longest) {
             return Err(error.into());
         }
         let text = error.to_string();

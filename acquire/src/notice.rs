@@ -9,17 +9,25 @@ const PAUSE: Duration = Duration::from_secs(60);
 /// Something that may recur often.
 #[derive(Debug, Default)]
 pub(crate) struct Notice {
-    told: Option<Instant>,
+    /// When it was told last, and how often at once.
+    told: Option<(Instant, u32)>,
+    /// So many more are told at once.
+    more: u32,
     /// How often it has happened since it was told.
     untold: u64,
 }
 
 impl Notice {
+    /// One of which so many are told at once, one after the other.
+    pub(crate) const fn of(many: u32) -> Self {
+        Self { told: None, more: many.saturating_sub(1), untold: 0 }
+    }
+
     /// Tells what has happened, unless that was told within the last minute. A later line has the number of those that
     /// were not told.
     pub(crate) fn tell(&mut self, text: impl FnOnce() -> String) {
-        let is_due = self.told.is_none_or(|told| told.elapsed() >= PAUSE);
-        if !is_due {
+        let (is_late, told) = self.told.map_or((true, 0), |(told, times)| (told.elapsed() >= PAUSE, times));
+        if !is_late && told > self.more {
             self.untold += 1;
             return;
         }
@@ -27,12 +35,12 @@ impl Notice {
             0 => String::new(),
             times => format!("; {times} times more in the last minute"),
         };
-        self.told = Some(Instant::now());
+        self.told = Some((Instant::now(), if is_late { 1 } else { told + 1 }));
         tell("isotherm", format!("{}{times}", text()));
     }
 
     /// Tells of the next one at once.
     pub(crate) fn is_over(&mut self) {
-        *self = Self::default();
+        *self = Self { told: None, more: self.more, untold: 0 };
     }
 }

@@ -2,16 +2,18 @@
 
 use crate::datagrams::Datagrams;
 use crate::description::Port;
+use isotherm_client::monotonic_ns;
 use isotherm_failure::{Exit, Failure};
 use isotherm_serial::OpenSerial;
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
 use rustix::io::Errno;
 use rustix::net::sockopt;
 use std::fs::File;
-use std::io::{self, Read as _};
+use std::io::{self, Read as _, Write as _};
 use std::net::TcpStream;
-use std::os::fd::{AsFd, BorrowedFd};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::thread;
@@ -21,9 +23,6 @@ use std::time::Duration;
 const CONNECT: Duration = Duration::from_secs(3);
 /// A TCP connection without a sign of life is given up after so many probes, one a second.
 const PROBES: u32 = 3;
-
-/// Reads of what waited in a port that comes back.
-const DISCARDED: usize = 256;
 
 /// An open port.
 pub(crate) enum OpenPort {
@@ -67,6 +66,21 @@ impl OpenPort {
         poll(&mut [PollFd::new(self, PollFlags::IN)], Some(&now)).is_ok_and(|ready| ready > 0)
     }
 
+    /// Whether somebody hears what is written.
+    pub(crate) const fn is_heard(&self) -> bool {
+        matches!(self, Self::Serial(_) | Self::Tcp(_))
+    }
+
+    /// Writes what the line takes at once, and returns how many bytes it took: none where nobody hears it.
+    pub(crate) fn write(&mut self, bytes: &[u8]) -> usize {
+        match self {
+            Self::Serial(line) => rustix::io::write(&*line, bytes).unwrap_or(0),
+            Self::Tcp(stream) => stream.write(bytes).unwrap_or(0),
+            // A line that has failed is found so by the next read.
+            Self::Udp(_) | Self::File(_) | Self::Stdin(_) => 0,
+        }
+    }
+
     /// Reads what is there, without waiting.
     pub(crate) fn read(&mut self, buffer: &mut [u8]) -> io::Result<Read> {
         let read = match self {
@@ -106,17 +120,6 @@ impl OpenPort {
             _ => 0,
         }
     }
-
-    /// Reads what has waited, and forgets it.
-    pub(crate) fn discard(&mut self, buffer: &mut [u8]) {
-        if matches!(self, Self::Serial(_) | Self::Tcp(_) | Self::Udp(_)) {
-            for _ in 0..DISCARDED {
-                if !matches!(self.read(buffer), Ok(Read::Bytes(_))) {
-                    return;
-                }
-            }
-        }
-    }
 }
 
 fn nothing(error: io::Error) -> io::Result<Read> {
@@ -149,27 +152,42 @@ fn connect(address: &str) -> io::Result<TcpStream> {
 }
 
 /// A port that is being opened, in a thread of its own: names are looked up and connections made there.
-pub(crate) struct Opening(Receiver<io::Result<OpenPort>>);
+pub(crate) struct Opening {
+    result: Receiver<(io::Result<OpenPort>, u64)>,
+    /// Readable when the port is open or was refused.
+    event: Arc<OwnedFd>,
+}
 
 impl Opening {
     pub(crate) fn start(port: &Port) -> io::Result<Self> {
-        let (sender, receiver) = channel();
-        let port = port.clone();
+        let event = Arc::new(eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?);
+        let (sender, result) = channel();
+        let (port, raised) = (port.clone(), Arc::clone(&event));
         let body = move || {
+            let opened = OpenPort::open(&port);
             // Nobody waits for it any more if the process ends.
-            let _ = sender.send(OpenPort::open(&port));
+            let _ = sender.send((opened, monotonic_ns()));
+            let _ = rustix::io::write(&raised, &1u64.to_ne_bytes());
         };
         thread::Builder::new().name("open".to_owned()).spawn(body)?;
-        Ok(Self(receiver))
+        Ok(Self { result, event })
     }
 
-    /// The port, once it is open or was refused.
-    pub(crate) fn poll(&self) -> Option<io::Result<OpenPort>> {
-        match self.0.try_recv() {
+    /// The port, once it is open or was refused, and when that was \[ns\].
+    pub(crate) fn poll(&self) -> Option<(io::Result<OpenPort>, u64)> {
+        match self.result.try_recv() {
             Ok(result) => Some(result),
             Err(TryRecvError::Empty) => None,
-            Err(TryRecvError::Disconnected) => Some(Err(io::Error::other("the thread that opens it ended"))),
+            Err(TryRecvError::Disconnected) => {
+                Some((Err(io::Error::other("the thread that opens it ended")), monotonic_ns()))
+            }
         }
+    }
+}
+
+impl AsFd for Opening {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.event.as_fd()
     }
 }
 
@@ -177,7 +195,7 @@ impl Opening {
 pub(crate) fn open_port(port: &Port, end: &AtomicBool) -> Result<OpenPort, Failure> {
     let opening = Opening::start(port).map_err(|error| refused(port, &error))?;
     loop {
-        if let Some(result) = opening.poll() {
+        if let Some((result, _)) = opening.poll() {
             return result.map_err(|error| refused(port, &error));
         }
         if end.load(Ordering::Relaxed) {
@@ -272,7 +290,6 @@ mod tests {
     use super::*;
     use rustix::fs::{CWD, FileType, Mode, mknodat};
     use std::fs::OpenOptions;
-    use std::io::Write as _;
 
     /// A read that waits would hold a signal up.
     #[test]

@@ -90,7 +90,7 @@ pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failu
         Err(failure) if has_sent => tell("isotherm", format!("warning: {failure}")),
         written => written?,
     }
-    let source = Source::open(description, settings.sysfs.clone(), has_sent, &settings.end)?;
+    let source = Source::open(description, has_sent, settings.sysfs.clone(), &settings.end)?;
     // A source that cannot be opened leaves no file behind.
     let recorder = settings.record.as_deref().map(|path| Recorder::create(path, &description.imu)).transpose()?;
     let intake = Intake::new(description, source.byte_ns(), source.is_stamped()).of_sender(has_sent);
@@ -216,6 +216,7 @@ impl Acquiring<'_> {
             if self.sink.pump()? {
                 return Ok(());
             }
+            self.intake.has_sent |= self.sink.has_sent();
             self.look_around()?;
         }
     }
@@ -362,6 +363,11 @@ impl Sink {
             Self::Service(link) => link.pump().map(|()| false),
             Self::Rows(rows) => rows.pump(),
         }
+    }
+
+    /// Whether a sample was sent to the service.
+    fn has_sent(&self) -> bool {
+        matches!(self, Self::Service(link) if link.sent.sent > 0)
     }
 
     fn is_waiting(&self) -> bool {

@@ -1,7 +1,8 @@
 //! The source of rows: bytes through a decoder, or the buffers of IIO.
 
 use crate::description::{Description, Kind, Port};
-use crate::frames::Arrival;
+use crate::frames::{Arrival, Found};
+use crate::identity::Recognition;
 use crate::iio::{self, IioClock, IioFault, IioSource};
 use crate::intake::{Came, Intake};
 use crate::notice::Notice;
@@ -19,6 +20,9 @@ use std::time::Duration;
 const BUFFER: usize = 1 << 16;
 /// Reads before the caller gets its turn, on a line that never is silent.
 const READS: usize = 16;
+
+/// Outages that are told one by one within a minute.
+const TOLD: u32 = 10;
 
 /// The source of rows.
 pub(crate) enum Source {
@@ -43,6 +47,7 @@ pub(crate) struct Bytes {
     open: Option<OpenPort>,
     opening: Option<Opening>,
     decoder: StreamDecoder,
+    recognition: Recognition,
     buffer: Vec<u8>,
     /// When the line was last known to be empty \[ns\].
     empty_ns: u64,
@@ -67,21 +72,25 @@ pub(crate) struct Scans {
 }
 
 impl Source {
-    /// Opens the source of a description. `sysfs` is `/`, or the root of a tree for tests. With `waits` a device that
-    /// cannot be opened is waited for.
+    /// Opens the source of a description. `sysfs` is `/`, or the root of a tree for tests; `has_sent`: this IMU has
+    /// sent a sample since the machine was started. Then a device that cannot be opened is waited for.
     ///
     /// # Errors
     /// If it cannot be opened. May take seconds.
     pub(crate) fn open(
         description: &Description,
+        has_sent: bool,
         sysfs: PathBuf,
-        waits: bool,
         end: &AtomicBool,
     ) -> Result<Self, Failure> {
+        let recognition = Recognition::new(description, has_sent);
+        if !matches!(description.port(), Some(Port::File { .. } | Port::Stdin)) {
+            recognition.announce();
+        }
         match &description.kind {
-            Kind::Frames(port, _) | Kind::Lines(port, _) => Bytes::open(port, description, waits, end),
+            Kind::Frames(port, _) | Kind::Lines(port, _) => Bytes::open(port, description, recognition, has_sent, end),
             Kind::Iio(settings) => {
-                let open = unless_away(iio::open(&sysfs, settings).map_err(Failure::from), waits)?;
+                let open = unless_away(iio::open(&sysfs, settings).map_err(Failure::from), has_sent)?;
                 open.iter().flat_map(IioSource::remarks).for_each(|remark| tell("isotherm", remark));
                 let row = vec![Value::ABSENT; settings.columns.len() + settings.temperature.len()];
                 let settings = settings.clone();
@@ -125,7 +134,10 @@ impl Source {
         let _ = match self {
             Self::Bytes(bytes) => match &bytes.open {
                 Some(open) => poll(&mut [PollFd::new(open, PollFlags::IN)], Some(&longest)),
-                None => poll(&mut [], Some(&longest)),
+                None => match &bytes.opening {
+                    Some(opening) => poll(&mut [PollFd::new(opening, PollFlags::IN)], Some(&longest)),
+                    None => poll(&mut [], Some(&longest)),
+                },
             },
             Self::Iio(scans) => match &scans.open {
                 Some(open) => {
@@ -210,10 +222,19 @@ impl Source {
 }
 
 impl Bytes {
-    fn open(port: &Port, description: &Description, waits: bool, end: &AtomicBool) -> Result<Source, Failure> {
+    fn open(
+        port: &Port,
+        description: &Description,
+        mut recognition: Recognition,
+        waits: bool,
+        end: &AtomicBool,
+    ) -> Result<Source, Failure> {
         let none = || Failure::new(Exit::Config, "the source has no bytes");
         let decoder = StreamDecoder::new(description).ok_or_else(none)?;
         let open = unless_away(open_port(port, end), waits && !end.load(Ordering::Relaxed))?;
+        if open.as_ref().is_some_and(OpenPort::is_heard) {
+            recognition.begin();
+        }
         let empty_ns = monotonic_ns();
         if open.is_some() {
             tell("isotherm", format!("reading {port}"));
@@ -222,13 +243,14 @@ impl Bytes {
         let pace = matches!(port, Port::File { pace: true, .. }).then_some((empty_ns, interval_ns, 0));
         let buffer = vec![0; BUFFER];
         let port = port.clone();
-        let (losses, returns) = (Notice::default(), Notice::default());
+        let (losses, returns) = (Notice::of(TOLD), Notice::of(TOLD));
         let opening = None;
         Ok(Source::Bytes(Box::new(Self {
             port,
             open,
             opening,
             decoder,
+            recognition,
             buffer,
             empty_ns,
             pace,
@@ -254,6 +276,7 @@ impl Bytes {
                 Ok(Read::Bytes(count)) => count,
                 Ok(Read::Nothing) => {
                     self.empty_ns = before;
+                    self.recognition.hear(&[], &mut intake.tally, &mut |bytes| open.write(bytes))?;
                     return Ok(State::Open);
                 }
                 Ok(Read::End) if matches!(self.port, Port::File { .. } | Port::Stdin) => return Ok(State::Ended),
@@ -264,17 +287,29 @@ impl Bytes {
                 }
                 Err(error) => return Ok(self.lose(&error.to_string(), intake, sink)),
             };
-            intake.tally.bytes += count as u64;
+            // What comes while the device is asked and set up is not used.
+            let heard = &self.buffer[..count];
+            let begin = self.recognition.hear(heard, &mut intake.tally, &mut |bytes| open.write(bytes))?;
+            intake.tally.bytes += (count - begin) as u64;
             let arrival = match open.received_ns() {
                 Some(at) => Arrival { after_ns: at, by_ns: at },
                 None => Arrival { after_ns: self.empty_ns, by_ns: monotonic_ns() },
             };
-            let mut frames = 0;
-            let mut take = |found: crate::frames::Found<'_>| {
+            let (mut frames, mut refused) = (0, Ok(()));
+            let recognition = &mut self.recognition;
+            intake.signature = recognition.signature();
+            let mut take = |found: Found<'_>| {
                 frames += 1;
-                intake.take(found.row, Came::of(&found, is_live), sink);
+                if refused.is_ok() {
+                    refused = recognition.see(found.row, &mut intake.tally);
+                }
+                if refused.is_ok() {
+                    intake.signature = recognition.signature();
+                    intake.take(found.row, Came::of(&found, is_live), sink);
+                }
             };
-            self.decoder.push(&self.buffer[..count], arrival, &mut take);
+            self.decoder.push(&self.buffer[begin..count], arrival, &mut take);
+            refused?;
             if let Some((.., passed)) = &mut self.pace {
                 *passed += frames;
             }
@@ -306,12 +341,13 @@ impl Bytes {
             }
             return;
         };
-        let Some(result) = opening.poll() else { return };
+        let Some((result, opened_ns)) = opening.poll() else { return };
         self.opening = None;
-        if let Ok(mut open) = result {
-            // It waited there for an unknown time.
-            open.discard(&mut self.buffer);
-            (self.open, self.empty_ns) = (Some(open), monotonic_ns());
+        if let Ok(open) = result {
+            if open.is_heard() {
+                self.recognition.begin();
+            }
+            (self.open, self.empty_ns) = (Some(open), opened_ns);
             let name = name_of(&self.port);
             self.returns.tell(|| format!("{name} is back"));
         }

@@ -145,6 +145,18 @@ pub struct Tally {
     pub deviation_ppm: f64,
     /// Bytes that were no frame.
     pub skipped: Skipped,
+    /// The serial number that the device has told, if the description has one to compare it with.
+    pub device: String,
+    /// Whether the device is another one than the description's now.
+    pub is_other: bool,
+    /// Samples of another device than the description's.
+    pub other_device: u64,
+    /// How many of these were held, and not sent.
+    pub held: u64,
+    /// Questions and settings that the device has not answered as described.
+    pub unanswered: u64,
+    /// Times that the device said that it was just powered.
+    pub power_ups: u64,
     /// What became of the samples.
     pub service: Sent,
     /// Rows that could not be recorded.
@@ -155,7 +167,7 @@ pub struct Tally {
 type Metric = (&'static str, &'static str, &'static str, f64);
 
 impl Tally {
-    fn metrics(&self) -> [Metric; 27] {
+    fn metrics(&self) -> [Metric; 32] {
         let count = |value: u64| value as f64;
         [
             ("seconds", "gauge", "How long the acquisition has run [s].", self.seconds),
@@ -205,6 +217,21 @@ impl Tally {
                 self.adopted_interval_ns as f64 / 1e9,
             ),
             ("strangers_total", "counter", "Datagrams of others than the peer.", count(self.strangers)),
+            (
+                "other_device",
+                "gauge",
+                "1 if the device is another one than the description's.",
+                count(self.is_other.into()),
+            ),
+            ("other_device_total", "counter", "Samples of another device.", count(self.other_device)),
+            ("held_total", "counter", "Samples of another device that were not sent.", count(self.held)),
+            ("unanswered_total", "counter", "Questions and settings without their answer.", count(self.unanswered)),
+            (
+                "power_ups_total",
+                "counter",
+                "Times that the device said that it was just powered.",
+                count(self.power_ups),
+            ),
             ("damaged_total", "counter", "Frames or lines that began and were not right.", count(self.skipped.damaged)),
             ("sent_total", "counter", "Samples sent to the service.", count(self.service.sent)),
             ("answered_total", "counter", "Samples answered by the service.", count(self.service.answered)),
@@ -264,6 +291,9 @@ impl fmt::Display for Tally {
             (self.unpaired, "scans without partner"),
             (self.skipped.damaged, "damaged"),
             (self.skipped.unread, "with unknown items"),
+            (self.other_device, "of another device"),
+            (self.held, "held"),
+            (self.unanswered, "unanswered questions"),
             (self.outages, "outages"),
             (self.strangers, "datagrams of others"),
             (self.sessions.saturating_sub(1), "new sessions"),

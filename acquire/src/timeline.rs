@@ -110,6 +110,8 @@ pub(crate) struct Timeline<T> {
     numbering: Numbering,
     /// Whether two frames may come in the wrong order, as datagrams may.
     may_overtake: bool,
+    /// Whether the arrivals tell of the rate.
+    has_pace: bool,
     last: Option<Last>,
     waiting: VecDeque<(Observed, T)>,
     doubt: Option<Doubt>,
@@ -144,6 +146,7 @@ impl<T> Timeline<T> {
             described: (interval, counter.map_or(1, |counter| counter.step)),
             numbering: Numbering { interval, counter, clock, grain_ns: 0 },
             may_overtake: false,
+            has_pace: true,
             last: None,
             waiting: VecDeque::new(),
             doubt: None,
@@ -159,6 +162,11 @@ impl<T> Timeline<T> {
     /// For frames of which two may come in the wrong order.
     pub(crate) fn of_datagrams(self) -> Self {
         Self { may_overtake: true, ..self }
+    }
+
+    /// For frames whose arrivals tell nothing of the rate.
+    pub(crate) fn at_any_pace(self) -> Self {
+        Self { has_pace: false, ..self }
     }
 
     /// Takes the next frame, with what belongs to it. [`next`](Self::next) gives what is placed.

@@ -215,6 +215,20 @@ impl<'d, 'a> Section<'d, 'a> {
         integers
     }
 
+    /// Bytes: those of a string, or a list of whole numbers from 0 to 255.
+    pub fn optional_bytes(&self, key: &'static str) -> Option<Vec<u8>> {
+        let value = self.get(key)?.get_ref();
+        let byte = |item: &Spanned<DeValue<'_>>| integer_of(item.get_ref()).and_then(|byte| u8::try_from(byte).ok());
+        let bytes = match value.as_array() {
+            Some(list) => list.iter().map(byte).collect(),
+            None => value.as_str().map(|text| text.as_bytes().to_vec()),
+        };
+        if bytes.is_none() {
+            self.wrong(key, value, "a string in quotation marks, or a list of bytes from 0 to 255");
+        }
+        bytes
+    }
+
     /// `true` or `false`.
     pub fn optional_bool(&self, key: &'static str) -> Option<bool> {
         let value = self.get(key)?.get_ref();

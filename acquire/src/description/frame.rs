@@ -104,7 +104,11 @@ fn length(section: &Section<'_, '_>, order: ByteOrder, sync: usize) -> Option<Le
 }
 
 /// `Some(None)` for a frame without checksum.
-fn checksum(section: &Section<'_, '_>, order: ByteOrder, length: Option<Length>) -> Option<Option<Checksum>> {
+pub(super) fn checksum(
+    section: &Section<'_, '_>,
+    order: ByteOrder,
+    length: Option<Length>,
+) -> Option<Option<Checksum>> {
     let section =
         section.section("checksum", "checksum = { algorithm = \"..\", at = -2 }, or { algorithm = \"none\" }")?;
     let name = section.string("algorithm", "the name of a checksum, or \"none\"")?;

@@ -5,14 +5,17 @@
 
 mod columns;
 mod frame;
+mod identity;
 mod iio;
 mod line;
 mod port;
 mod timing;
 
+pub(crate) use identity::{Identity, Says};
 pub(crate) use port::{Peer, Port, Udp};
 pub(crate) use timing::Timing;
 
+use crate::dialogue::Step;
 use crate::frames::Frame;
 use crate::iio::IioSettings;
 use crate::lines::Line;
@@ -40,6 +43,10 @@ pub struct Description {
     pub(crate) timing: Timing,
     /// The places of the sensors in a row.
     pub(crate) columns: Columns,
+    /// How the device says who it is.
+    pub(crate) identity: Option<Identity>,
+    /// How it is set up when the port was opened.
+    pub(crate) setup: Vec<Step>,
     /// The names of the columns of a row.
     pub(crate) names: Vec<String>,
     /// The sensors, as the file has them.
@@ -133,12 +140,19 @@ impl Description {
         Ok(())
     }
 
-    /// Whether the source is a device, which may come back, and not a file or the standard input.
-    #[must_use]
-    pub(crate) const fn is_of_device(&self) -> bool {
+    /// Where the bytes come from; `None` for IIO.
+    pub(crate) const fn port(&self) -> Option<&Port> {
         match &self.kind {
-            Kind::Frames(port, _) | Kind::Lines(port, _) => !matches!(port, Port::File { .. } | Port::Stdin),
-            Kind::Iio(_) => true,
+            Kind::Frames(port, _) | Kind::Lines(port, _) => Some(port),
+            Kind::Iio(_) => None,
+        }
+    }
+
+    /// Whether the source is a device, which may come back, and not a file or the standard input.
+    pub(crate) const fn is_of_device(&self) -> bool {
+        match self.port() {
+            Some(port) => !matches!(port, Port::File { .. } | Port::Stdin),
+            None => true,
         }
     }
 
@@ -193,6 +207,7 @@ fn read(document: &Document<'_>, root: &Section<'_, '_>) -> Option<Description> 
     let sensors = SensorColumns::read(document, root, named);
     let timing = timing::read(root, &mut names);
     let status = columns::status(root, &mut names);
+    let (identity, setup) = identity::read(root, port.as_ref(), &mut names);
     let (realtime, spin) = realtime(root);
     let (sensors, timing) = (sensors?, timing?);
     let device = serial.map_or(0, device);
@@ -209,6 +224,8 @@ fn read(document: &Document<'_>, root: &Section<'_, '_>) -> Option<Description> 
         kind,
         timing,
         columns,
+        identity,
+        setup,
         names,
         sensors,
         realtime,

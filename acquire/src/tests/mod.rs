@@ -2,6 +2,7 @@
 
 mod descriptions;
 mod golden;
+mod identity;
 mod intake;
 mod outages;
 mod page;

@@ -14,6 +14,8 @@ const OTHER: f64 = 1.3;
 const SAME: f64 = 1.15;
 /// The change from one quarter to the next that shows another rate.
 const EACH: f64 = 0.13;
+/// Below this ratio frames had waited somewhere, and come together.
+const LEAST: f64 = 0.05;
 /// Frames that are kept.
 const KEPT: usize = 4096;
 
@@ -95,12 +97,18 @@ impl Trace {
         if is_slow || is_fast { Pace::Off { factor: step * ratio, step } } else { Pace::Open }
     }
 
-    /// Whether the few frames that are there contradict the interval \[ns\].
+    /// Whether the few frames that are there contradict the interval \[ns\]: not if they came together, as what had
+    /// waited somewhere.
     pub(super) fn is_suspicious(&self, interval: f64) -> bool {
         let (Some(first), Some(last)) = (self.frames.front(), self.frames.back()) else { return false };
-        let passed = (last.place - first.place) * interval;
-        let ratio = last.by_ns.saturating_sub(first.by_ns) as f64 / passed.max(1.0);
-        self.frames.len() > 2 && (self.step().is_none_or(|step| !is_one(step)) || ratio > OTHER || ratio < 1.0 / OTHER)
+        let span = last.by_ns.saturating_sub(first.by_ns) as f64;
+        let arrivals = self.frames.iter().zip(self.frames.iter().skip(1));
+        let longest = arrivals.map(|(a, b)| b.by_ns.saturating_sub(a.by_ns)).max().unwrap_or_default() as f64;
+        if self.frames.len() < 4 || longest > 0.5 * span {
+            return false;
+        }
+        let ratio = span / ((last.place - first.place) * interval).max(1.0);
+        self.step().is_none_or(|step| !is_one(step)) || ratio > OTHER || (LEAST..1.0 / OTHER).contains(&ratio)
     }
 
     /// The step from frame to frame: that of most frames, if these are alike; 1 if frames are missing here and there.

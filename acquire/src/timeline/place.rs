@@ -160,17 +160,21 @@ impl<T> Timeline<T> {
     /// Whether what waits can be placed at this time \[ns\].
     pub(super) fn is_decided(&self, doubt: Doubt, front: &Observed, now_ns: u64) -> bool {
         let interval = self.numbering.interval;
-        let waited = now_ns.saturating_sub(front.arrival.unwrap_or_default().by_ns);
+        let front_arrival = front.arrival.unwrap_or_default();
+        let waited = now_ns.saturating_sub(front_arrival.by_ns);
         match (doubt, &self.last) {
-            (Doubt::Beginning, None) => {
-                self.trace.pace(interval) != Pace::Open || waited >= FIRST_WAIT_NS && self.waiting.len() >= FRAMES
+            (Doubt::Beginning, None) if self.has_pace => {
+                let newest = self.waiting.back().and_then(|(newest, _)| newest.arrival).unwrap_or(front_arrival);
+                let silent = now_ns.saturating_sub(newest.by_ns) as f64 >= WAIT_NS as f64 + 3.0 * interval;
+                let is_long = waited >= FIRST_WAIT_NS && self.waiting.len() >= FRAMES;
+                self.trace.pace(interval) != Pace::Open || is_long || silent
             }
             _ if waited >= WAIT_NS => true,
             (Doubt::Time, Some(last)) => self.has_caught_up(last) || self.is_steady(last),
             (Doubt::Outage, Some(last)) => self.is_steady(last),
             (Doubt::Number, Some(last)) => {
                 let is_clear = self.is_in_time(last) || self.has_caught_up(last) || self.is_steady(last);
-                self.is_regular_again() && is_clear || self.trace.pace(interval) != Pace::Open
+                self.is_regular_again() && is_clear || self.has_pace && self.trace.pace(interval) != Pace::Open
             }
             _ => false,
         }
@@ -248,6 +252,7 @@ impl<T> Timeline<T> {
         let last = self.last.filter(|_| doubt != Doubt::Beginning);
         match self.trace.pace(self.numbering.interval) {
             // Frames that were late and catch up come fast.
+            _ if !self.has_pace => {}
             _ if doubt == Doubt::Time && last.is_some_and(|last| self.has_caught_up(&last)) => self.is_doubted = false,
             _ if doubt == Doubt::Number && self.is_regular_again() => self.is_doubted = false,
             Pace::Off { factor, .. }

@@ -4,9 +4,10 @@
 #![allow(clippy::print_stderr, clippy::print_stdout, reason = "a program for tests")]
 
 use isotherm_tests::emulator::arguments::USAGE;
+use isotherm_tests::emulator::device::Device;
 use isotherm_tests::emulator::output::Output;
 use isotherm_tests::emulator::plan::Plan;
-use isotherm_tests::emulator::time::{now_ns, sleep_until};
+use isotherm_tests::emulator::time::now_ns;
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
 use std::process::ExitCode;
@@ -23,7 +24,7 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
-    match run(&plan) {
+    match run(plan) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("emulator: {error}");
@@ -32,7 +33,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(plan: &Plan) -> io::Result<()> {
+fn run(plan: Plan) -> io::Result<()> {
     let ended = Arc::<AtomicBool>::default();
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
         signal_hook::flag::register(signal, Arc::clone(&ended))?;
@@ -43,22 +44,35 @@ fn run(plan: &Plan) -> io::Result<()> {
     if !output.wait_for_reader(plan.wait_s, &ended) {
         return if ended.load(Ordering::Relaxed) { Ok(()) } else { Err(io::Error::other("nobody opened it")) };
     }
+    let path = plan.log.clone();
     let log = send(plan, &mut output, &ended);
     output.drain(&ended);
-    match &plan.log {
+    match path {
         Some(path) => fs::write(path, log),
         None => Ok(()),
     }
 }
 
 /// Sends all frames, or as many as there were before the signal. Returns the log.
-fn send(plan: &Plan, output: &mut Output, ended: &AtomicBool) -> String {
+fn send(mut plan: Plan, output: &mut Output, ended: &AtomicBool) -> String {
+    let mut device = Device::new(&plan);
     let mut log = String::new();
     let mut lost = 0;
     let start = now_ns();
-    for number in plan.order() {
-        let bytes = plan.bytes(number);
-        sleep_until(start + plan.written_ns(number), ended);
+    for place in plan.numbers() {
+        let number = plan.in_place_of(place);
+        let moment = start + plan.written_ns(number);
+        while now_ns() < moment && !ended.load(Ordering::Relaxed) {
+            let answer = device.hear(&output.hear(moment, ended));
+            output.write(&answer, ended);
+        }
+        if let Some(rate) = device.take_rate() {
+            plan.change_rate.push((number, rate));
+        }
+        if plan.reset.contains(&number) {
+            device.reset();
+        }
+        let bytes = device.frame(plan.bytes(number));
         if ended.load(Ordering::Relaxed) {
             break;
         }
@@ -67,7 +81,7 @@ fn send(plan: &Plan, output: &mut Output, ended: &AtomicBool) -> String {
         }
         let written = now_ns();
         lost += bytes.len() - output.write(&bytes, ended);
-        if plan.log.is_some() && !plan.drop.contains(&number) && !plan.is_mute(number) {
+        if plan.log.is_some() && !plan.drop.contains(&number) && !bytes.is_empty() {
             let _ = writeln!(log, "{number} {written} {}", start + plan.due_ns(number));
         }
     }

@@ -8,7 +8,8 @@ pub const USAGE: &str = "\
 isotherm-emulator PROFILE [--rate HZ] --frames N [--first N] [--jitter-ms J] [--drop N,..] [--wrong N,..]
                   [--double N,..] [--noise BYTES@N,..] [--pause N:SECONDS,..] [--mute N:SECONDS,..]
                   [--stall N:SECONDS,..] [--swap-order N,..] [--change-rate N:HZ,..] [--counter frames|time]
-                  [--reset N,..] [--reset-silence SECONDS] [--udp HOST:PORT | --tcp PORT]
+                  [--reset N,..] [--reset-silence SECONDS] [--serial NUMBER] [--answers on|off] [--output set|new]
+                  [--udp HOST:PORT | --tcp PORT]
                   [--drop-connection N:SECONDS,..] [--close-connection N:SECONDS,..]
                   [--wait SECONDS] [--log FILE] [--link PATH]
 PROFILE  stim300, stim300-rate, kvh1750, vn100, mtdata2, arduino-mpu6050, or the path of such a file
@@ -25,8 +26,12 @@ stall    from frame N on, the frames of so many seconds come together at their e
 swap-order       frame N comes after frame N + 1
 change-rate      from frame N on so many frames a second; the device's clock keeps its pace
 counter          what the counter counts: frames, or time on the device's clock; as in the data sheet unless given
-reset            the device starts again before frame N: its counter and its clock begin at 0
+reset            the device starts again before frame N: its counter and its clock begin at 0, and it says what it says
+                 when it was powered
 reset-silence    how long that takes; 1 s unless given
+serial   the unit's serial number; one of the device's unless given
+answers  whether the device answers what it is asked; on unless given
+output   set: the device sends frames as the profile describes them; new: not before it is set up so
 udp      each frame is a datagram to this address, and there is no terminal
 tcp      a port of this machine that takes connections, one at a time, and there is no terminal; 0: any, see the output
 drop-connection  at frame N the peer vanishes: the connection stays open, but nothing comes over it any more; for so
@@ -85,15 +90,12 @@ impl Plan {
                     seconds(value).filter(|all| all.iter().all(|(_, hz)| *hz > 0.0)).ok_or_else(wrong)?;
                 self.change_rate.sort_by_key(|(frame, _)| *frame);
             }
-            "--counter" => {
-                self.counts_time = match value {
-                    "time" => true,
-                    "frames" => false,
-                    _ => return Err(wrong()),
-                }
-            }
+            "--counter" => self.counts_time = one_of(value, ["frames", "time"]).ok_or_else(wrong)?,
             "--reset" => self.reset = list(value).ok_or_else(wrong)?,
             "--reset-silence" => self.reset_silence_s = number()?,
+            "--serial" => self.serial = value.into(),
+            "--answers" => self.answers = one_of(value, ["off", "on"]).ok_or_else(wrong)?,
+            "--output" => self.is_new = one_of(value, ["set", "new"]).ok_or_else(wrong)?,
             "--udp" => self.place = Place::Udp(value.into()),
             "--tcp" => self.place = Place::Tcp(value.parse().map_err(|_| wrong())?),
             "--drop-connection" | "--close-connection" => {
@@ -108,6 +110,11 @@ impl Plan {
         }
         Ok(())
     }
+}
+
+/// Whether a value is the second of two.
+fn one_of(value: &str, [no, yes]: [&str; 2]) -> Option<bool> {
+    [no, yes].contains(&value).then_some(value == yes)
 }
 
 /// Frames, each with a number that is no number of frames.
@@ -149,12 +156,13 @@ mod tests {
         assert_eq!((plan.log, plan.place), (Some("l".into()), Place::Terminal(Some("p".into()))));
         let plan = parse(
             "vn100 --frames 9 --mute 3:0.5 --stall 4:1 --swap-order 6 --change-rate 8:100,7:200 --counter time --reset 5 \
-             --reset-silence 2 --drop-connection 1:3 --close-connection 2:4 --tcp 0",
+             --reset-silence 2 --drop-connection 1:3 --close-connection 2:4 --tcp 0 --serial 7 --answers off --output new",
         )
         .unwrap();
         assert_eq!((&plan.mute, &plan.stall, &plan.swap), (&vec![(3, 0.5)], &vec![(4, 1.0)], &vec![6]));
         assert_eq!((&plan.change_rate, plan.counts_time), (&vec![(7, 200.0), (8, 100.0)], true));
         assert_eq!((&plan.reset, plan.reset_silence_s, &plan.place), (&vec![5], 2.0, &Place::Tcp(0)));
+        assert_eq!((plan.serial.as_str(), plan.answers, plan.is_new), ("7", false, true));
         assert_eq!(plan.disconnect, [(1, 3.0, false), (2, 4.0, true)]);
         assert_eq!(parse("vn100 --frames 3 --udp a:1").unwrap().place, Place::Udp("a:1".into()));
         assert_eq!(parse("vn100 --frames 3").unwrap(), Plan::new(Emulator::Vn100, 3));

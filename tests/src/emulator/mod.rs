@@ -4,9 +4,11 @@
 //!
 //! Their outputs are those that the profiles of the same names in `examples/acquire` describe.
 
+mod answers;
 mod arduino;
 pub mod arguments;
 mod checksum;
+pub mod device;
 mod kvh1750;
 mod mtdata2;
 mod network;
@@ -71,6 +73,25 @@ impl Emulator {
             Self::Vn100 => 400.0,
             Self::Mtdata2 => 100.0,
             Self::Arduino => 200.0,
+        }
+    }
+
+    /// The serial number of a unit, unless another one is ordered; empty if it says none.
+    pub fn serial(self) -> &'static str {
+        match self {
+            Self::Stim300 | Self::Stim300Rate => "N25582405002002",
+            Self::Vn100 => "0100061897",
+            Self::Mtdata2 => "03801ABC",
+            Self::Kvh1750 | Self::Arduino => "",
+        }
+    }
+
+    /// What a unit of this serial number sends when it was powered, before its first frame.
+    pub fn greeting(self, serial: &str) -> Vec<u8> {
+        match self {
+            Self::Stim300 | Self::Stim300Rate => answers::stim300::greeting(serial),
+            Self::Mtdata2 => mtdata2::xbus(0x3E, &[]),
+            Self::Vn100 | Self::Kvh1750 | Self::Arduino => Vec::new(),
         }
     }
 

@@ -75,8 +75,13 @@ fn message(items: &[(u16, Vec<u8>)]) -> Vec<u8> {
         data.push(content.len() as u8);
         data.extend_from_slice(content);
     }
-    let mut bytes = vec![0xFA, 0xFF, 0x36, data.len() as u8];
-    bytes.extend(data);
+    xbus(0x36, &data)
+}
+
+/// A message with this identifier.
+pub(super) fn xbus(id: u8, data: &[u8]) -> Vec<u8> {
+    let mut bytes = vec![0xFA, 0xFF, id, data.len() as u8];
+    bytes.extend_from_slice(data);
     bytes.push(negative_sum(&bytes[1..]));
     bytes
 }

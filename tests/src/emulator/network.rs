@@ -1,7 +1,7 @@
 //! A device behind a network: datagrams, or connections that it takes.
 
-use super::time::{FULL, now_ns, wait};
-use std::io::{self, ErrorKind, Write as _};
+use super::time::{FULL, LOOK, now_ns, wait, wait_to_hear};
+use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -80,6 +80,22 @@ impl Connections {
         self.listener = None;
         self.vanished.extend(self.connection.take().filter(|_| !closes));
         self.away_until = now_ns() + (seconds * 1e9) as u64;
+    }
+
+    /// What the peer has said, for which it is waited until this moment and a little at most.
+    pub(super) fn hear(&mut self, moment_ns: u64) -> Vec<u8> {
+        let mut bytes = vec![0; 1024];
+        let Some(stream) = &mut self.connection else {
+            thread::sleep(Duration::from_nanos(moment_ns.saturating_sub(now_ns())).min(LOOK));
+            return Vec::new();
+        };
+        let is_heard = wait_to_hear(&*stream, moment_ns);
+        let count = if is_heard { stream.read(&mut bytes).unwrap_or(0) } else { 0 };
+        if is_heard && count == 0 {
+            self.connection = None;
+        }
+        bytes.truncate(count);
+        bytes
     }
 
     pub(super) fn write(&mut self, bytes: &[u8], ended: &AtomicBool) -> usize {

@@ -52,6 +52,18 @@ impl Output {
         }
     }
 
+    /// What was said to the device until this moment, for which it waits. Returns early if there is something.
+    pub fn hear(&mut self, moment_ns: u64, ended: &AtomicBool) -> Vec<u8> {
+        match &mut self.0 {
+            Kind::Terminal(terminal) => terminal.hear(moment_ns),
+            Kind::Udp(_) => {
+                sleep_until(moment_ns, ended);
+                Vec::new()
+            }
+            Kind::Tcp(connections) => connections.hear(moment_ns),
+        }
+    }
+
     /// Writes, and returns how many bytes were taken: none without a reader.
     pub fn write(&mut self, bytes: &[u8], ended: &AtomicBool) -> usize {
         match &mut self.0 {

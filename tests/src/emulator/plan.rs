@@ -52,6 +52,12 @@ pub struct Plan {
     pub reset: Vec<u64>,
     /// How long a start takes \[s\].
     pub reset_silence_s: f64,
+    /// The unit's serial number.
+    pub serial: String,
+    /// Whether it answers what it is asked.
+    pub answers: bool,
+    /// Whether it is as it left its factory: it does not send these frames until it is set up.
+    pub is_new: bool,
     /// Ends of connections: frame, seconds without another one, whether it is closed.
     pub disconnect: Vec<(u64, f64, bool)>,
     /// How long a reader may take to come \[s\].
@@ -83,6 +89,9 @@ impl Plan {
             counts_time: emulator.counts_time(),
             reset: Vec::new(),
             reset_silence_s: 1.0,
+            serial: emulator.serial().to_owned(),
+            answers: true,
+            is_new: false,
             disconnect: Vec::new(),
             wait_s: 20.0,
             log: None,
@@ -95,14 +104,13 @@ impl Plan {
         self.first..self.first.saturating_add(self.frames)
     }
 
-    /// The same in the order in which they are written.
-    pub fn order(&self) -> impl Iterator<Item = u64> {
-        let all = self.numbers();
-        all.clone().map(move |number| match self.swapped(number) {
+    /// The frame that is written at the place of frame `number`.
+    pub fn in_place_of(&self, number: u64) -> u64 {
+        match self.swapped(number) {
             true => number + 1,
-            false if number > all.start && self.swapped(number - 1) => number - 1,
+            false if number > self.first && self.swapped(number - 1) => number - 1,
             false => number,
-        })
+        }
     }
 
     /// Whether this frame comes after the next one.
@@ -170,6 +178,9 @@ impl Plan {
             return Vec::new();
         }
         let mut bytes: Vec<u8> = self.noise.iter().filter(|(frame, _)| *frame == number).flat_map(noise).collect();
+        if self.reset.contains(&number) {
+            bytes.extend(self.emulator.greeting(&self.serial));
+        }
         if self.drop.contains(&number) {
             return bytes;
         }
@@ -248,7 +259,7 @@ mod tests {
     fn a_pair_is_exchanged() {
         let mut plan = Plan::new(Emulator::Vn100, 6);
         plan.swap = vec![2, 5];
-        assert_eq!(plan.order().collect::<Vec<_>>(), [0, 1, 3, 2, 4, 5]);
+        assert_eq!(plan.numbers().map(|number| plan.in_place_of(number)).collect::<Vec<_>>(), [0, 1, 3, 2, 4, 5]);
         assert_eq!(plan.written_ns(2), plan.written_ns(3));
         assert_eq!(plan.written_ns(5), plan.due_ns(5));
     }
@@ -282,6 +293,7 @@ mod tests {
         for emulator in Emulator::ALL {
             let mut plan = Plan::new(emulator, 100);
             plan.reset = vec![50];
+            assert!(plan.bytes(50).starts_with(&emulator.greeting(emulator.serial())));
             assert_ne!(plan.bytes(50), emulator.frame(50), "{emulator:?}");
         }
     }

@@ -42,6 +42,13 @@ pub(super) fn frame(number: u64, own: Own) -> Vec<u8> {
     bytes
 }
 
+/// A datagram that is none of measurements, with its CRC.
+pub(super) fn special(mut bytes: Vec<u8>) -> Vec<u8> {
+    let crc = padded_crc(&bytes);
+    bytes.extend_from_slice(&crc.to_be_bytes());
+    bytes
+}
+
 /// The CRC with zeros up to a multiple of 4 bytes, which are not sent (5.5.7, p. 37).
 fn padded_crc(bytes: &[u8]) -> u32 {
     let mut padded = bytes.to_vec();

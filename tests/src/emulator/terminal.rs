@@ -1,6 +1,6 @@
 //! The device's end of a pseudo-terminal.
 
-use super::time::{FULL, LOOK, now_ns, sleep_until, wait};
+use super::time::{FULL, LOOK, now_ns, sleep_until, wait, wait_to_hear};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags, open};
 use rustix::io::{Errno, ioctl_fionbio, ioctl_fionread};
@@ -76,6 +76,15 @@ impl Terminal {
     /// Whether the reader has given the line its rate.
     fn is_set_up(&self) -> bool {
         tcgetattr(&self.controller).is_ok_and(|settings| settings.output_speed() != UNUSUAL)
+    }
+
+    /// What the reader has said, for which it is waited until this moment and a little at most.
+    pub(super) fn hear(&self, moment_ns: u64) -> Vec<u8> {
+        let mut bytes = vec![0; 1024];
+        let is_heard = wait_to_hear(&self.controller, moment_ns);
+        let count = if is_heard { rustix::io::read(&self.controller, &mut bytes).unwrap_or(0) } else { 0 };
+        bytes.truncate(count);
+        bytes
     }
 
     pub(super) fn write(&self, bytes: &[u8], ended: &AtomicBool) -> usize {

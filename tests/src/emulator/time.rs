@@ -1,6 +1,8 @@
 //! The clock by which an emulator writes.
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::time::{ClockId, clock_gettime};
+use std::os::fd::AsFd;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
@@ -25,6 +27,19 @@ pub fn sleep_until(moment_ns: u64, ended: &AtomicBool) {
         }
         thread::sleep(left.min(LOOK));
     }
+}
+
+/// Waits for something to be heard on a descriptor, at most until this moment and [`LOOK`].
+pub(super) fn wait_to_hear(descriptor: impl AsFd, moment_ns: u64) -> bool {
+    let left = Duration::from_nanos(moment_ns.saturating_sub(now_ns())).min(LOOK);
+    let Ok(patience) = Timespec::try_from(left) else { return false };
+    let mut polled = [PollFd::new(&descriptor, PollFlags::IN)];
+    let is_heard = poll(&mut polled, Some(&patience)).is_ok() && polled[0].revents().contains(PollFlags::IN);
+    // Without a reader poll returns at once.
+    if !is_heard && polled[0].revents().contains(PollFlags::HUP) {
+        thread::sleep(left);
+    }
+    is_heard
 }
 
 /// Waits until this is so, at most for so many seconds. Returns whether it was.

@@ -5,6 +5,7 @@
 mod damage;
 mod endings;
 mod errors;
+mod identity;
 mod lag;
 mod outages;
 mod pipeline;
