@@ -53,6 +53,7 @@ pub use number::Value;
 pub use offline::samples_of;
 pub use port::serial_ports;
 pub use profiles::{PROFILES, Probed, probe};
+pub use recorder::Recording;
 pub use run::{Settings, Target, run};
 pub use stream::StreamDecoder;
 pub use tally::{Cause, Skipped, Tally};

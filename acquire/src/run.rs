@@ -4,7 +4,7 @@ use crate::description::Description;
 use crate::intake::Intake;
 use crate::link::{Link, Soaked, any_session};
 use crate::note::AcquisitionNote;
-use crate::recorder::Recorder;
+use crate::recorder::{Recorder, Recording};
 use crate::source::{Source, State};
 use crate::tally::Tally;
 use isotherm_client::{ImuId, Options, RawSample, unix_s};
@@ -51,8 +51,8 @@ pub enum Target {
 pub struct Settings {
     /// Where samples go.
     pub target: Target,
-    /// A file for all samples; its ending names its format.
-    pub record: Option<PathBuf>,
+    /// Where all samples are recorded.
+    pub record: Option<Recording>,
     /// A file that gets the tally as metrics, every few seconds.
     pub metrics: Option<PathBuf>,
     /// Root of `/sys` and `/dev` for IIO: `/`, or a tree for tests.
@@ -72,11 +72,12 @@ pub struct Settings {
 /// told before.
 pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failure> {
     description.realtime.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime: {error}")))?;
-    settings.record.as_deref().map(Recorder::check).transpose()?;
+    settings.record.as_ref().map(Recorder::check).transpose()?;
     write_metrics(&settings, &Tally { imu: description.imu.to_string(), ..Tally::default() })?;
     let source = Source::open(description, settings.sysfs.clone(), &settings.end)?;
     // A source that cannot be opened leaves no file behind.
-    let recorder = settings.record.as_deref().map(|path| Recorder::create(path, &description.imu)).transpose()?;
+    let recorder =
+        settings.record.as_ref().map(|recording| Recorder::create(recording, &description.imu)).transpose()?;
     let intake = Intake::new(description, source.byte_ns(), source.is_stamped());
     let imu = description.imu.clone();
     let sink = match settings.target {
@@ -329,7 +330,7 @@ impl Sink {
             }
             Self::Rows(rows) => &rows.recorder,
         };
-        tally.not_recorded = recorder.as_ref().map_or(0, |recorder| recorder.lost);
+        [tally.recorded, tally.not_recorded] = recorder.as_ref().map_or([0; 2], Recorder::counts);
     }
 }
 

@@ -127,6 +127,8 @@ pub struct Tally {
     pub skipped: Skipped,
     /// What became of the samples.
     pub service: Sent,
+    /// Rows that were recorded and are lasting.
+    pub recorded: u64,
     /// Rows that could not be recorded.
     pub not_recorded: u64,
 }
@@ -135,7 +137,7 @@ pub struct Tally {
 type Metric = (&'static str, &'static str, &'static str, f64);
 
 impl Tally {
-    fn metrics(&self) -> [Metric; 21] {
+    fn metrics(&self) -> [Metric; 22] {
         let count = |value: u64| value as f64;
         [
             ("seconds", "gauge", "How long the acquisition has run [s].", self.seconds),
@@ -168,6 +170,7 @@ impl Tally {
                 "Samples that the service took not within a second.",
                 count(self.service.dropped),
             ),
+            ("recorded_total", "counter", "Rows that were recorded.", count(self.recorded)),
             ("not_recorded_total", "counter", "Rows that could not be recorded.", count(self.not_recorded)),
         ]
     }

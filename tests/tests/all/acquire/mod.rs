@@ -10,6 +10,7 @@ mod outages;
 mod pipeline;
 mod ports;
 mod profiles;
+mod recording;
 mod seen;
 
 use isotherm_client::RawSample;
