@@ -2,10 +2,11 @@
 
 use crate::description::{Description, Kind};
 use crate::frames::{Arrival, Found};
+use crate::health::Health;
 use crate::link::Soaked;
 use crate::number::Value;
 use crate::sample::{Assembler, NoSample, Telemetry};
-use crate::tally::Tally;
+use crate::tally::{Tally, of_described};
 use crate::timeline::{Counter, Observed, Placed, RATE_LIMIT, Timeline};
 use isotherm_client::RawSample;
 use isotherm_failure::{Exit, Failure, tell};
@@ -48,6 +49,7 @@ pub(crate) struct Intake {
     /// When the rate was off, by both clocks since it is measured \[s\].
     suspected: Option<(f64, f64)>,
     last_arrival: Option<Arrival>,
+    health: Health,
     /// Where the device is taken to be soaked.
     pub(crate) soaked: Soaked,
     pub(crate) tally: Tally,
@@ -89,6 +91,7 @@ impl Intake {
             warned_of_rate: false,
             suspected: None,
             last_arrival: None,
+            health: Health::default(),
             soaked: Soaked::default(),
             tally: Tally { imu: description.imu.to_string(), ..Tally::default() },
             description: description.clone(),
@@ -220,9 +223,10 @@ impl Intake {
 
     fn sample(&mut self, row: &[Value], timestamp_ns: u64) -> Option<(RawSample, u64)> {
         match self.assembler.sample(row, timestamp_ns) {
-            Ok((raw, is_healthy)) => {
+            Ok((raw, unhealthy)) => {
                 self.tally.samples += 1;
-                self.tally.unhealthy += u64::from(!is_healthy);
+                self.tally.unhealthy += u64::from(unhealthy != 0);
+                self.health.note(unhealthy);
                 self.has_sample = (true, true);
                 Some((RawSample { sequence: self.sequence, ..raw }, self.tally.sessions))
             }
@@ -319,7 +323,7 @@ impl Intake {
         }
         if deviation.abs() > WARNED && seconds > WARNED_S && !self.warned_of_rate {
             self.warned_of_rate = true;
-            tell("isotherm", format!("warning: {compared}: {:+.0} ppm", deviation * 1e6));
+            tell("isotherm", format!("warning: {compared}: {}", of_described(deviation)));
         }
         Ok(())
     }

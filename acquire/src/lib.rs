@@ -26,6 +26,7 @@
 mod checksum;
 mod description;
 mod frames;
+mod health;
 pub mod iio;
 mod intake;
 mod lines;
