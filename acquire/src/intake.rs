@@ -2,12 +2,13 @@
 
 use crate::description::{Description, Kind, Port};
 use crate::frames::{Arrival, Found};
+use crate::health::Health;
 use crate::identity::Signature;
 use crate::link::Soaked;
 use crate::notice::Notice;
 use crate::number::Value;
 use crate::sample::{Assembler, NoSample, Telemetry, invalidate};
-use crate::tally::Tally;
+use crate::tally::{Tally, of_described};
 use crate::timeline::{Counter, Observed, Place, Placed, RATE_LIMIT, Timeline};
 use isotherm_client::RawSample;
 use isotherm_failure::{Exit, Failure, tell};
@@ -60,6 +61,7 @@ pub(crate) struct Intake {
     sessions: Notice,
     counts: Notice,
     rates: Notice,
+    health: Health,
     /// Where the device is taken to be soaked.
     pub(crate) soaked: Soaked,
     /// Times that the device had said that it was just powered, when a session began.
@@ -121,6 +123,7 @@ impl Intake {
             sessions: Notice::default(),
             counts: Notice::default(),
             rates: Notice::default(),
+            health: Health::default(),
             soaked: Soaked::default(),
             power_ups: 0,
             signature: Signature::Own,
@@ -328,9 +331,10 @@ impl Intake {
 
     fn sample(&mut self, row: &[Value], timestamp_ns: u64) -> Option<(RawSample, u64)> {
         match self.assembler.sample(row, timestamp_ns) {
-            Ok((raw, is_healthy)) => {
+            Ok((raw, unhealthy)) => {
                 self.tally.samples += 1;
-                self.tally.unhealthy += u64::from(!is_healthy);
+                self.tally.unhealthy += u64::from(unhealthy != 0);
+                self.health.note(unhealthy);
                 self.has_sample = (true, true);
                 Some((RawSample { sequence: self.sequence, ..raw }, self.tally.sessions))
             }
@@ -422,7 +426,7 @@ impl Intake {
         if deviation.abs() > WARNED && seconds > WARNED_S && !self.warned_of_rate {
             self.warned_of_rate = true;
             let compared = self.compared(measured);
-            tell("isotherm", format!("warning: {compared}: {:+.0} ppm", deviation * 1e6));
+            tell("isotherm", format!("warning: {compared}: {}", of_described(deviation)));
         }
         Ok(())
     }

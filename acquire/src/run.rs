@@ -5,11 +5,11 @@ use crate::intake::Intake;
 use crate::link::{Link, Soaked, any_session};
 use crate::note::AcquisitionNote;
 use crate::notice::Notice;
-use crate::recorder::Recorder;
+use crate::recorder::{Recorder, Recording};
 use crate::source::{Source, State};
 use crate::tally::Tally;
 use isotherm_client::{ImuId, Options, RawSample, monotonic_ns, unix_s};
-use isotherm_failure::{Exit, Failure, tell};
+use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::write::{FileError, Files, Format, Rotation};
 use isotherm_shared::stream::StreamKind;
@@ -41,6 +41,9 @@ const LONG: Duration = Duration::from_secs(10);
 /// The rate is that of so many looks.
 const RATE_LOOKS: usize = 10;
 
+/// When a numbered file is full that nothing but its name asks for.
+const NEVER: Duration = Duration::from_secs(3_000_000_000);
+
 /// What to do where bytes are no frames.
 const COMPARE: &str = "compare baud rate, sync, length and checksum with the device's setting; `isotherm acquire \
                        --probe` tries the profiles that are known";
@@ -57,8 +60,8 @@ pub enum Target {
 pub struct Settings {
     /// Where samples go.
     pub target: Target,
-    /// A file for all samples; its ending names its format.
-    pub record: Option<PathBuf>,
+    /// Where all samples are recorded.
+    pub record: Option<Recording>,
     /// A file that gets the tally as metrics, every few seconds.
     pub metrics: Option<PathBuf>,
     /// Root of `/sys` and `/dev` for IIO: `/`, or a tree for tests.
@@ -78,7 +81,6 @@ pub struct Settings {
 /// told before.
 pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failure> {
     description.realtime.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime: {error}")))?;
-    settings.record.as_deref().map(Recorder::check).transpose()?;
     let imu = description.imu.clone();
     // What a file has is of no time, and no successor goes on with it.
     let note = match &settings.target {
@@ -86,13 +88,24 @@ pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failu
         _ => None,
     };
     let has_sent = note.as_ref().is_some_and(AcquisitionNote::has_sent);
+    let mut settings = settings;
+    match &mut settings.record {
+        // What ran before has recorded under this name, and nothing may end this one.
+        Some(recording) if has_sent && Recorder::is_there(recording) => {
+            recording.rotation.time = Some(NEVER);
+            let path = shown(&recording.path);
+            tell("isotherm", format!("{path} has rows of before: the recording goes on in a numbered file beside it"));
+        }
+        recording => drop(recording.as_ref().map(Recorder::check).transpose()?),
+    }
     match write_metrics(&settings, &Tally { imu: imu.to_string(), ..Tally::default() }) {
         Err(failure) if has_sent => tell("isotherm", format!("warning: {failure}")),
         written => written?,
     }
     let source = Source::open(description, has_sent, settings.sysfs.clone(), &settings.end)?;
     // A source that cannot be opened leaves no file behind.
-    let recorder = settings.record.as_deref().map(|path| Recorder::create(path, &description.imu)).transpose()?;
+    let recorder =
+        settings.record.as_ref().map(|recording| Recorder::create(recording, &description.imu)).transpose()?;
     let intake = Intake::new(description, source.byte_ns(), source.is_stamped()).of_sender(has_sent);
     let sink = match settings.target {
         Target::Service(ref options) => {
@@ -400,7 +413,7 @@ impl Sink {
             }
             Self::Rows(rows) => &rows.recorder,
         };
-        tally.not_recorded = recorder.as_ref().map_or(0, |recorder| recorder.lost);
+        [tally.recorded, tally.not_recorded] = recorder.as_ref().map_or([0; 2], Recorder::counts);
     }
 }
 

@@ -56,7 +56,31 @@ pub(crate) struct Status {
     pub(crate) mask: u64,
     /// What they are when it is healthy.
     pub(crate) healthy: u64,
+    /// For each number the bits of A1 to G3; 0 for sensors that have none in it.
+    pub(crate) bits: [[u64; 2 * AXES]; MAX_STATUS],
 }
+
+impl Status {
+    /// The sensors that are not healthy, one bit each, A1 first. A number says it of the sensors whose bits are wrong; if
+    /// only others are, of all sensors that have bits in it; of all six if none has.
+    fn unhealthy(&self, row: &[Value]) -> u8 {
+        let of_number = |(column, bits): (&usize, &[u64; 2 * AXES])| {
+            let sensors = |counts: &dyn Fn(u64) -> bool| {
+                let all = bits.iter().enumerate().filter(|(_, bits)| counts(**bits));
+                all.fold(0, |all, (sensor, _)| all | 1u8 << sensor)
+            };
+            let whole = row.get(*column).and_then(|value| value.whole);
+            // A number that is not there tells nothing good.
+            let wrong = whole.map_or(u64::MAX, |whole| (whole ^ self.healthy) & self.mask);
+            let (own, of_any) = (sensors(&|bits| bits & wrong != 0), sensors(&|bits| bits != 0));
+            [own, of_any, ALL].into_iter().find(|sensors| *sensors != 0).filter(|_| wrong != 0).unwrap_or(0)
+        };
+        self.columns.iter().zip(&self.bits).map(of_number).fold(0, |all, sensors| all | sensors)
+    }
+}
+
+/// All sensors, one bit each.
+pub(crate) const ALL: u8 = (1 << (2 * AXES)) - 1;
 
 /// What the columns of a row are.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -136,14 +160,14 @@ impl Assembler {
             && gyroscope.as_ref().is_none_or(|axes| of(axes, resolution.gyroscope))
     }
 
-    /// A raw sample of a row that was sampled at this time. Session and sequence are not set. Returns also whether the
-    /// device is healthy.
+    /// A raw sample of a row that was sampled at this time. Session and sequence are not set. Returns also the sensors that
+    /// are not healthy, one bit each, A1 first.
     ///
-    /// The telemetry of a device that is not healthy is NaN, so that its increment is flagged.
+    /// Their telemetry is NaN, so that the increment is flagged.
     ///
     /// # Errors
     /// [`NoSample`]: the control period is missing.
-    pub(crate) fn sample(&mut self, row: &[Value], timestamp_ns: u64) -> Result<(RawSample, bool), NoSample> {
+    pub(crate) fn sample(&mut self, row: &[Value], timestamp_ns: u64) -> Result<(RawSample, u8), NoSample> {
         self.take_telemetry(row, timestamp_ns);
         let ratio = self.interval_ns as f64 / self.columns.interval_ns as f64;
         let accelerometer = self.columns.accelerometer.readings(row, ratio).ok_or(NoSample::Incomplete)?;
@@ -162,22 +186,17 @@ impl Assembler {
         };
         self.readings.fill(&mut raw, accelerometer, gyroscope).map_err(NoSample::OutOfRange)?;
         raw.interval_ns = self.interval_ns;
-        let is_healthy = self.columns.status.is_none_or(|status| {
-            status.columns.iter().all(|column| {
-                let whole = row.get(*column).and_then(|value| value.whole);
-                whole.is_some_and(|whole| whole & status.mask == status.healthy & status.mask)
-            })
-        });
+        let unhealthy = self.columns.status.map_or(0, |status| status.unhealthy(row));
         let of = |all: &[f64; 2 * AXES]| {
-            let [a1, a2, a3, g1, g2, g3] = if is_healthy { *all } else { [f64::NAN; 2 * AXES] };
-            [[a1, a2, a3], [g1, g2, g3]]
+            let of_sensor = |sensor: usize| if unhealthy & 1 << sensor == 0 { all[sensor] } else { f64::NAN };
+            [0, AXES].map(|first| std::array::from_fn(|axis| of_sensor(first + axis)))
         };
         let ([a_head, g_head], [a_board, g_board]) = (of(&self.heads), of(&self.boards));
         (raw.accelerometers.head_temperature, raw.accelerometers.board_temperature) = (a_head, a_board);
         if self.columns.gyroscope.is_some() {
             (raw.gyroscopes.head_temperature, raw.gyroscopes.board_temperature) = (g_head, g_board);
         }
-        Ok((raw, is_healthy))
+        Ok((raw, unhealthy))
     }
 
     /// Whether a row has all accelerometers and gyroscopes.

@@ -1,6 +1,7 @@
 //! What has been counted.
 
 use crate::link::Sent;
+use isotherm_client::unix_s;
 use serde::Serialize;
 use std::fmt::{self, Write as _};
 
@@ -159,17 +160,29 @@ pub struct Tally {
     pub power_ups: u64,
     /// What became of the samples.
     pub service: Sent,
+    /// Rows that were recorded and are lasting.
+    pub recorded: u64,
     /// Rows that could not be recorded.
     pub not_recorded: u64,
+}
+
+/// How the rate is to the described one, by how much the interval is over the nominal one.
+pub(crate) fn of_described(deviation: f64) -> String {
+    let ratio = 1.0 / (1.0 + deviation);
+    match ratio - 1.0 {
+        over if over.abs() < 0.01 => format!("{:+.0} ppm of the described rate", over * 1e6),
+        _ => format!("{ratio:.3} times the described rate"),
+    }
 }
 
 /// The metrics: name, type, help and value.
 type Metric = (&'static str, &'static str, &'static str, f64);
 
 impl Tally {
-    fn metrics(&self) -> [Metric; 32] {
+    fn metrics(&self) -> [Metric; 34] {
         let count = |value: u64| value as f64;
         [
+            ("written_timestamp_seconds", "gauge", "When these were written, in Unix time [s].", unix_s()),
             ("seconds", "gauge", "How long the acquisition has run [s].", self.seconds),
             ("bytes_total", "counter", "Bytes received.", count(self.bytes)),
             ("frames_total", "counter", "Frames, lines or scans received whole.", count(self.frames)),
@@ -241,6 +254,7 @@ impl Tally {
                 "Samples that the service took not within a second.",
                 count(self.service.dropped),
             ),
+            ("recorded_total", "counter", "Rows that were recorded.", count(self.recorded)),
             ("not_recorded_total", "counter", "Rows that could not be recorded.", count(self.not_recorded)),
         ]
     }
@@ -270,7 +284,7 @@ impl fmt::Display for Tally {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {} frames in {:.1} s, {} samples", self.imu, self.frames, self.seconds, self.samples)?;
         if self.rate_hz > 0.0 {
-            write!(f, ", {:.2} Hz ({:+.0} ppm of the interval)", self.rate_hz, self.deviation_ppm)?;
+            write!(f, ", {:.2} Hz ({})", self.rate_hz, of_described(self.deviation_ppm / 1e6))?;
         }
         if self.adopted_interval_ns > 0 {
             let hz = 1e9 / self.adopted_interval_ns as f64;

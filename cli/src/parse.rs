@@ -28,6 +28,18 @@ pub(crate) fn from_zero(text: &str) -> Result<f64, String> {
     seconds.ok_or_else(|| "give a number of seconds from 0".to_owned())
 }
 
+/// A size in bytes, with k, M or G for powers of 1000.
+pub(crate) fn bytes(text: &str) -> Result<u64, String> {
+    let (number, factor) = match text.as_bytes().last() {
+        Some(b'k') => (&text[..text.len() - 1], 1_000),
+        Some(b'M') => (&text[..text.len() - 1], 1_000_000),
+        Some(b'G') => (&text[..text.len() - 1], 1_000_000_000),
+        _ => (text, 1),
+    };
+    let size = number.parse::<u64>().ok().and_then(|number| number.checked_mul(factor)).filter(|size| *size > 0);
+    size.ok_or_else(|| "give a number of bytes over 0, as 500M or 2G".to_owned())
+}
+
 /// A time constant of lagged telemetry \[ns\]: a number of seconds, or `none` for 0.
 pub(crate) fn lag(text: &str) -> Result<u64, String> {
     if text == "none" {

@@ -159,8 +159,16 @@ impl Names {
     }
 }
 
-/// The section `[status]`.
-pub(super) fn status(root: &Section<'_, '_>, names: &mut Names) -> Option<Status> {
+/// Bits of the status that belong to one sensor each.
+pub(super) struct SensorBits {
+    /// Places of the numbers of the status.
+    columns: Vec<usize>,
+    /// Places of the sensors, each with its bits.
+    sensors: Vec<(usize, u64)>,
+}
+
+/// The section `[status]`, and what belongs to single sensors.
+pub(super) fn status(root: &Section<'_, '_>, names: &mut Names) -> Option<(Status, Vec<SensorBits>)> {
     let section = root.optional_section("status")?;
     if names.are_channels() {
         section.fault("", "is not for IIO; leave it out");
@@ -175,10 +183,58 @@ pub(super) fn status(root: &Section<'_, '_>, names: &mut Names) -> Option<Status
         "healthy",
         (healthy & !mask != 0).then(|| "has bits that mask lacks; give those of a healthy device".to_owned()),
     );
+    let known = columns.clone().unwrap_or_default();
+    let axes: Vec<_> = section.list("axes").into_iter().map(|axes| sensor_bits(axes, names, &known, mask)).collect();
     section.finish();
     let columns = columns?;
     let repeated = |at: usize| columns.get(at).or(columns.first()).copied().unwrap_or_default();
-    Some(Status { columns: std::array::from_fn(repeated), mask, healthy })
+    let status = Status { columns: std::array::from_fn(repeated), mask, healthy, bits: Default::default() };
+    Some((status, axes.into_iter().collect::<Option<_>>()?))
+}
+
+/// A section `[[status.axes]]`: the bits of single sensors in some numbers of the status.
+fn sensor_bits(section: Section<'_, '_>, names: &mut Names, known: &[usize], mask: u64) -> Option<SensorBits> {
+    let columns = names.all_of_section(&section, "columns");
+    let sensors = names.all_of_section(&section, "sensors");
+    let bits = section.optional_integers("bits", 1..=i64::MAX);
+    if bits.is_none() && !section.has("bits") {
+        section.fault("bits", "missing; give the bit of each sensor, as in [0x01, 0x02, 0x04]");
+    }
+    let other = columns.as_ref().is_some_and(|columns| columns.iter().any(|column| !known.contains(column)));
+    let other = other && !names.are_unknown();
+    section.refuse("columns", other.then(|| "has a column that columns of [status] lacks".to_owned()));
+    let lengths = sensors.as_ref().map(Vec::len).zip(bits.as_ref().map(Vec::len));
+    let differ = lengths.filter(|(sensors, bits)| sensors != bits);
+    section
+        .refuse("bits", differ.map(|(sensors, bits)| format!("has {bits}, and sensors {sensors}; give one a sensor")));
+    let bits: Option<Vec<_>> = bits.map(|bits| bits.into_iter().map(i64::cast_unsigned).collect());
+    let outside = bits.iter().flatten().any(|bits| bits & !mask != 0);
+    section.refuse("bits", outside.then(|| "has bits that mask lacks".to_owned()));
+    section.finish();
+    let (columns, sensors, bits) = (columns?, sensors?, bits?);
+    let sensors = sensors.into_iter().zip(bits).collect();
+    (differ.is_none() && !outside && !other).then_some(SensorBits { columns, sensors })
+}
+
+/// Gives the numbers of a status the bits of the sensors that have these places.
+fn complete(
+    root: &Section<'_, '_>,
+    status: (Status, Vec<SensorBits>),
+    places: [Option<usize>; TEMPERATURES],
+) -> Status {
+    let (mut status, all) = status;
+    for SensorBits { columns, sensors } in all {
+        for (place, bits) in sensors {
+            let sensor = places.iter().position(|of| *of == Some(place));
+            let fault = "has a column that is none of [accelerometer] and [gyroscope]";
+            root.refuse("status.axes.sensors", sensor.is_none().then(|| fault.to_owned()));
+            let numbers = status.columns.iter().zip(&mut status.bits).filter(|(column, _)| columns.contains(column));
+            if let Some(sensor) = sensor {
+                numbers.for_each(|(_, of)| of[sensor] |= bits);
+            }
+        }
+    }
+    status
 }
 
 /// The places of the sensors' columns in a row.
@@ -187,7 +243,7 @@ pub(super) fn resolve(
     sensors: &SensorColumns,
     names: &mut Names,
     interval_ns: u64,
-    status: Option<Status>,
+    status: Option<(Status, Vec<SensorBits>)>,
     device: u64,
 ) -> Option<Columns> {
     let accelerometer = axes(root, "accelerometer", &sensors.accelerometer, names);
@@ -199,6 +255,10 @@ pub(super) fn resolve(
     let resolution = Resolution { accelerometer: of_accelerometer, gyroscope: of_gyroscope };
     let gyroscope = gyroscope.map(|(axes, _)| axes);
     let telemetry = telemetry?;
+    let places = |axes: Option<&Axes>| axes.map_or([None; AXES], |axes| axes.columns.map(Some));
+    let [[a1, a2, a3], [g1, g2, g3]] = [Some(&accelerometer), gyroscope.as_ref()].map(places);
+    let is_known = !names.are_unknown();
+    let status = status.filter(|_| is_known).map(|status| complete(root, status, [a1, a2, a3, g1, g2, g3]));
     Some(Columns { accelerometer, gyroscope, telemetry, status, resolution, interval_ns, device })
 }
 

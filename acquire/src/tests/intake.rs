@@ -110,3 +110,62 @@ fn a_device_that_was_just_powered_is_soaked() {
     let constant = ("columns = \"temperature\"", "constant = 25.0");
     assert_eq!(soaked("vn100", constant.0, constant.1, vn100(100.0)), (1, u64::MAX));
 }
+
+/// The bit of a channel blanks that channel, one without a channel its triad, and one of a description without axes all.
+#[test]
+fn a_status_of_one_axis_blanks_that_axis() {
+    let unhealthy = |description: &Description, status: &[(&str, f64)]| {
+        let mut intake = Intake::new(description, 0.0, false);
+        let mut all = SENSORS.to_vec();
+        let columns = description.columns();
+        all.extend(columns.iter().filter(|name| name.starts_with("temperature")).map(|name| (&**name, 25.0)));
+        all.extend([("counter", 2.0), ("sequence", 1.0), ("latency", 0.0)]);
+        all.retain(|(name, _)| !status.iter().any(|(of, _)| of == name));
+        all.extend(status);
+        let (raw, _) = super::take(&mut intake, &row(description, &all)).unwrap();
+        let heads = [raw.accelerometers.head_temperature, raw.gyroscopes.head_temperature].concat();
+        let boards = [raw.accelerometers.board_temperature, raw.gyroscopes.board_temperature].concat();
+        let names = ["A1", "A2", "A3", "G1", "G2", "G3"];
+        assert!(heads.iter().zip(&boards).all(|(head, board)| head.is_nan() == board.is_nan()));
+        let nan = names.into_iter().zip(heads).filter(|(_, head)| head.is_nan()).map(|(name, _)| name);
+        (nan.collect::<Vec<_>>().join(" "), intake.tally.unhealthy)
+    };
+    let stim = |of: &str, status: [f64; 4]| {
+        let names = ["status", "status_a", "status_tg", "status_ta"];
+        unhealthy(&profile(of), &names.into_iter().zip(status).collect::<Vec<_>>())
+    };
+    for name in ["stim300", "stim300-rate"] {
+        assert_eq!(stim(name, [0.0; 4]), (String::new(), 0));
+        // An overload of the gyroscope X; an error of two accelerometers, and of a temperature of the gyroscope Z.
+        assert_eq!(stim(name, [17.0, 0.0, 0.0, 0.0]), ("G1".to_owned(), 1));
+        assert_eq!(stim(name, [0.0, 14.0, 12.0, 0.0]), ("A2 A3 G3".to_owned(), 1));
+        // The start-up names no channel.
+        assert_eq!(stim(name, [64.0, 0.0, 0.0, 0.0]), ("G1 G2 G3".to_owned(), 1));
+        assert_eq!(stim(name, [64.0, 64.0, 0.0, 0.0]), ("A1 A2 A3 G1 G2 G3".to_owned(), 1));
+    }
+    // A bit for each sensor that is valid.
+    let kvh = |status: f64| unhealthy(&profile("kvh1750"), &[("status", status)]);
+    assert_eq!(kvh(119.0), (String::new(), 0));
+    assert_eq!(kvh(87.0), ("A2".to_owned(), 1));
+    assert_eq!(kvh(0.0), ("A1 A2 A3 G1 G2 G3".to_owned(), 1));
+    let text = PROFILES.iter().find(|(of, _)| *of == "kvh1750").unwrap().1;
+    let begin = text.find("[[status.axes]]").unwrap();
+    let end = begin + text[begin..].find("[frame]").unwrap();
+    let before = Description::from_toml(&[&text[..begin], &text[end..]].concat()).unwrap();
+    assert_eq!(unhealthy(&before, &[("status", 87.0)]), ("A1 A2 A3 G1 G2 G3".to_owned(), 1));
+    for (from, to, fault) in [
+        (
+            "columns = \"status\"\nsensors",
+            "columns = \"sequence\"\nsensors",
+            "has a column that columns of [status] lacks",
+        ),
+        ("bits = [0x01,", "bits = [0x80,", "has bits that mask lacks"),
+        ("bits = [0x01, ", "bits = [", "has 5, and sensors 6"),
+        ("sensors = [\"gx\"", "sensors = [\"status\"", "none of [accelerometer] and [gyroscope]"),
+        ("sensors = [\"gx\"", "sensor = 1\nsensors = [\"gx\"", "unknown key"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let faults = Description::from_toml(&text.replacen(from, to, 1)).err().unwrap().to_string();
+        assert!(faults.contains(fault), "{faults}");
+    }
+}

@@ -1,10 +1,12 @@
 //! `acquire`: from a device to the service.
 
-use super::common::options;
+use super::common::{RotationArgs, options};
 use crate::parse::seconds;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use isotherm_acquire::{Description, PROFILES, Probed, Settings, Tally, Target, iio, probe, run, serial_ports};
+use isotherm_acquire::{
+    Description, PROFILES, Probed, Recording, Settings, Tally, Target, iio, probe, run, serial_ports,
+};
 use isotherm_client::{Domain, ImuId};
 use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::{StagedText, Trust, end_signals, print, print_data, refuse_overlap};
@@ -37,6 +39,8 @@ pub(crate) struct Acquire {
     /// Record all samples, sent or not; the name ends with .csv, .parquet or .mcap
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
+    #[command(flatten)]
+    rotation: RotationArgs,
     /// Send nothing, and print the rows as `feed` reads them (CSV)
     #[arg(long)]
     dry_run: bool,
@@ -112,7 +116,12 @@ impl Acquire {
             (true, false) => tell_json,
             (true, true) => tell_json_aside,
         };
+        let (rotation, is_given) = self.rotation.get()?;
+        if is_given && self.record.is_none() {
+            return Err(Failure::new(Exit::Usage, "--rotate-size, --rotate-time and --keep-free are for --record"));
+        }
         let Self { record, metrics, sysfs, .. } = self;
+        let record = record.map(|path| Recording { path, rotation });
         run(&description, Settings { target, record, metrics, sysfs, end, tell }).map(drop)
     }
 

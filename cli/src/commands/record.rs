@@ -1,6 +1,6 @@
 //! `record`: writes the streams of running IMUs into files.
 
-use super::common::options;
+use super::common::{RotationArgs, options};
 use crate::parse::seconds;
 use crate::recorder::{Recorder, Streams, remove};
 use clap::Args;
@@ -8,7 +8,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use isotherm_client::{Domain, ImuId, Realtime};
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{Trust, check_stdout, check_written, end_signals, load_table};
-use isotherm_recording_formats::write::{Files, Format, IMU_PLACEHOLDER, RosTable, Rotation, refuse_same_topics};
+use isotherm_recording_formats::write::{Files, Format, IMU_PLACEHOLDER, RosTable, refuse_same_topics};
 use isotherm_service::config::MAX_IMUS;
 use isotherm_shared::stream::StreamKind;
 use std::path::{Path, PathBuf};
@@ -46,12 +46,8 @@ pub(crate) struct Record {
     /// Only this stream; both unless given, and raw if they go to stdout
     #[arg(long, value_name = "STREAM", value_parser = PossibleValuesParser::new(StreamKind::BOTH.map(StreamKind::name)).map(stream))]
     stream: Option<StreamKind>,
-    /// Begin the next file at this size: bytes, or with k, M, G; files are then numbered, FILE-0001.csv
-    #[arg(long, value_name = "SIZE", value_parser = size)]
-    rotate_size: Option<u64>,
-    /// Begin the next file after this time [s]; files are then numbered, FILE-0001.csv
-    #[arg(long, value_name = "S", value_parser = seconds)]
-    rotate_time: Option<Duration>,
+    #[command(flatten)]
+    rotation: RotationArgs,
     /// How often rows are made visible and lasting [s]
     #[arg(long, value_name = "S", default_value = "1", value_parser = seconds)]
     flush: Duration,
@@ -92,10 +88,8 @@ impl Record {
             (None, None) if stdout => Format::Csv,
             (None, None) => return usage(format!("{name}: name it .csv, .parquet or .mcap, or give --format")),
         };
-        let rotation = Rotation { size: self.rotate_size, time: self.rotate_time };
-        if stdout
-            && (format != Format::Csv || self.imus.len() > 1 || rotation.size.is_some() || rotation.time.is_some())
-        {
+        let (rotation, is_given) = self.rotation.get()?;
+        if stdout && (format != Format::Csv || self.imus.len() > 1 || is_given) {
             return usage("stdout takes one stream of one IMU as CSV, without rotation; name a file".to_owned());
         }
         if stdout {
@@ -165,16 +159,4 @@ fn format(name: String) -> Format {
 /// A stream, from its name.
 fn stream(name: String) -> StreamKind {
     StreamKind::BOTH.into_iter().find(|kind| kind.name() == name).unwrap_or(StreamKind::Raw)
-}
-
-/// A size in bytes, with k, M or G for powers of 1000.
-fn size(text: &str) -> Result<u64, String> {
-    let (number, factor) = match text.as_bytes().last() {
-        Some(b'k') => (&text[..text.len() - 1], 1_000),
-        Some(b'M') => (&text[..text.len() - 1], 1_000_000),
-        Some(b'G') => (&text[..text.len() - 1], 1_000_000_000),
-        _ => (text, 1),
-    };
-    let size = number.parse::<u64>().ok().and_then(|number| number.checked_mul(factor)).filter(|size| *size > 0);
-    size.ok_or_else(|| "give a number of bytes over 0, as 500M or 2G".to_owned())
 }

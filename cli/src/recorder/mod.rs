@@ -5,9 +5,8 @@ mod tally;
 use isotherm_client::{ImuId, Options, Realtime, Tap, TapSettings, TappedSample};
 use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_recording::rows::RecordedRow;
-use isotherm_recording_formats::write::{FileError, Files, MoreColumns};
+use isotherm_recording_formats::write::{FileError, Files, PatientFiles};
 use isotherm_shared::stream::StreamKind;
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use std::{io, thread};
@@ -40,21 +39,13 @@ pub(crate) struct Recorder {
     streams: Streams,
     domain: String,
     tap: Tap,
-    files: Vec<Files>,
-    /// For each IMU the index into `files`.
-    route: Vec<usize>,
+    files: PatientFiles,
     counts: Vec<StreamCounts>,
     /// Sessions of each of `streams` that its files have.
     sessions: Vec<u64>,
-    names: Vec<PathBuf>,
-    rotations: u64,
     started: Instant,
     first_row: Option<Instant>,
     flushed: Instant,
-    /// The disk is full. Nothing is taken out of the queue until there is room again.
-    stalled: bool,
-    /// A row that needs the next files, for which the disk has no room.
-    waiting: Option<RecordedRow>,
     reported: Reported,
 }
 
@@ -93,19 +84,14 @@ impl Recorder {
         Ok(Self {
             counts: vec![StreamCounts::default(); imus.len()],
             sessions: vec![0; streams.len()],
-            route: (0..imus.len()).map(|imu| if files.len() == 1 { 0 } else { imu }).collect(),
-            names: files.iter().flat_map(Files::current_paths).collect(),
             started: now,
             first_row: None,
             flushed: now,
-            stalled: false,
-            waiting: None,
             reported: Reported { connected: 0, waiting: false, trouble: false, lost: 0, lost_at: None, checked: now },
-            rotations: 0,
             domain,
+            files: PatientFiles::new(imus.clone(), files),
             imus,
             streams,
-            files,
             tap,
         })
     }
@@ -123,9 +109,9 @@ impl Recorder {
     fn record(&mut self, end: &AtomicBool, flush: Duration, duration: Option<Duration>) -> Result<(), FileError> {
         loop {
             let ended = self.tap.has_ended();
-            let came = !self.stalled && self.take()?;
-            let due = !self.stalled && self.files.iter().any(Files::is_flush_due);
-            if due || self.flushed.elapsed() >= flush {
+            // While the disk is full, nothing is taken out of the queue.
+            let came = !self.files.is_stalled() && self.take()?;
+            if self.files.is_flush_due() || self.flushed.elapsed() >= flush {
                 self.flush()?;
                 self.flushed = Instant::now();
             }
@@ -148,16 +134,11 @@ impl Recorder {
 
     /// Writes what is left after the tap has ended.
     fn write_rest(&mut self) -> Result<(), FileError> {
-        if self.stalled {
+        if self.files.is_stalled() {
             self.flush()?;
         }
         // The disk was not full, or has room again.
-        while !self.stalled && self.take()? {}
-        if let Some(row) = &self.waiting {
-            // There is no room at the end either, unless this succeeds.
-            self.files[self.route[row.imu]].write(row)?;
-            self.waiting = None;
-        }
+        while !self.files.is_stalled() && self.take()? {}
         Ok(())
     }
 
@@ -167,86 +148,30 @@ impl Recorder {
             let Some(TappedSample { stream, unix_ns, sample, .. }) = self.tap.pop() else { return Ok(count > 0) };
             self.first_row.get_or_insert_with(Instant::now);
             let row = RecordedRow { imu: self.streams[stream].0, recorded_ns: unix_ns, sample };
-            if self.counts[row.imu].take(row.stream(), row.period()) && !self.write(row)? {
-                return Ok(true);
+            if self.counts[row.imu].take(row.stream(), row.period()) {
+                self.files.write(row)?;
+                if self.files.is_stalled() {
+                    return Ok(true);
+                }
             }
         }
         Ok(true)
     }
 
-    /// Writes a row. If the disk has no room for the files that it needs, keeps it and returns false.
-    fn write(&mut self, row: RecordedRow) -> Result<bool, FileError> {
-        let imu = &self.imus[row.imu];
-        match self.files[self.route[row.imu]].write(&row) {
-            Ok(None) => {}
-            Ok(Some(MoreColumns::In(next))) => {
-                let name = next.first().map(|path| path.display().to_string()).unwrap_or_default();
-                print_message(&format!("{imu} now has more columns; they begin in {name}"));
-                self.names.extend(next);
-            }
-            Ok(Some(MoreColumns::LeftOut)) => print_message(&format!(
-                "warning: {imu} now has more columns than the header on stdout; they are left out until the recorder is started anew"
-            )),
-            Err(error) => {
-                self.stall(error)?;
-                self.waiting = Some(row);
-                return Ok(false);
-            }
-        }
-        Ok(true)
-    }
-
-    /// Flushes all files. If the disk is full the recorder waits for room; every other error is returned.
+    /// Flushes all files.
     fn flush(&mut self) -> Result<(), FileError> {
-        let result = self.flush_files();
+        let result = self.files.flush();
         self.note_sessions();
         result
     }
 
     /// Notes how many sessions are in the files, of each stream of which all rows are.
     fn note_sessions(&mut self) {
-        for (stream, rows) in self.files.iter().flat_map(Files::unwritten) {
+        for (stream, rows) in self.files.unwritten() {
             if let Some(place) = self.streams.iter().position(|of| *of == stream).filter(|_| rows == 0) {
                 self.sessions[place] = self.counts[stream.0].tally(stream.1).sessions;
             }
         }
-    }
-
-    fn flush_files(&mut self) -> Result<(), FileError> {
-        for files in &mut self.files {
-            match files.flush() {
-                Ok(None) => {}
-                Ok(Some(next)) => {
-                    self.rotations += 1;
-                    self.names.extend(next);
-                }
-                Err(error) => return self.stall(error),
-            }
-        }
-        if let Some(row) = self.waiting.take()
-            && !self.write(row)?
-        {
-            return Ok(());
-        }
-        if self.stalled {
-            print_message("there is room again, recording goes on");
-        }
-        self.stalled = false;
-        Ok(())
-    }
-
-    /// Waits for room if the disk is full; returns every other error.
-    fn stall(&mut self, error: FileError) -> Result<(), FileError> {
-        let FileError(path, cause) = &error;
-        if !is_full(cause) {
-            return Err(error);
-        }
-        if !self.stalled {
-            let path = shown(path);
-            print_message(&format!("writing {path}: {cause}; what is written stays, the rest waits for room"));
-        }
-        self.stalled = true;
-        Ok(())
     }
 
     /// Reports connections, warnings and losses to the operator.
@@ -284,7 +209,7 @@ impl Recorder {
 
     /// Finishes the files and prints the totals. If nothing could be recorded, nothing is left.
     fn end(mut self, result: Result<(), FileError>) -> Result<(), Failure> {
-        let result = result.and_then(|()| self.files.iter_mut().try_for_each(Files::finish));
+        let result = result.and_then(|()| self.files.finish());
         self.note_sessions();
         // Rows are left over only after an error.
         self.tap.end();
@@ -305,7 +230,7 @@ impl Recorder {
             result => result.map_err(Failure::from).and(ended),
         };
         if result.is_err() && self.first_row.is_none() {
-            self.files.iter().for_each(Files::remove_without_rows);
+            self.files.remove_without_rows();
             return result;
         }
         if self.streams.len() > self.imus.len() {
@@ -328,8 +253,9 @@ impl Recorder {
         if lost > 0 {
             print_message(&format!("{lost} rows at the end could not be written; they are missing"));
         }
-        if let Some(last) = self.names.last() {
-            let (seconds, count, rotations) = (self.started.elapsed().as_secs_f64(), self.names.len(), self.rotations);
+        let (names, rotations) = self.files.names();
+        if let Some(last) = names.last() {
+            let (seconds, count) = (self.started.elapsed().as_secs_f64(), names.len());
             let (files, last) = (if count == 1 { "file" } else { "files" }, shown(last));
             print_message(&format!("{seconds:.1} s, {count} {files}, the last {last}, {rotations} rotations"));
         }
@@ -339,8 +265,7 @@ impl Recorder {
     /// For each stream how many rows were counted that are not in its files; then 0 for those that were not counted.
     fn unwritten(&self) -> Vec<(u64, u64)> {
         let mut all = vec![(0, 0); self.streams.len()];
-        let waiting = self.waiting.iter().map(|row| ((row.imu, row.stream()), 1));
-        for (stream, rows) in self.files.iter().flat_map(Files::unwritten).chain(waiting) {
+        for (stream, rows) in self.files.unwritten() {
             if let Some(place) = self.streams.iter().position(|of| *of == stream) {
                 all[place].0 += rows;
             }
@@ -371,10 +296,6 @@ fn print_totals(imu: &ImuId, stream: StreamKind, tally: Tally, counts: &StreamCo
     if let Some(fault) = continuity.fault() {
         print_message(&format!("warning: {imu} {name}: {fault}"));
     }
-}
-
-fn is_full(error: &io::Error) -> bool {
-    matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded)
 }
 
 fn print_message(message: &str) {

@@ -1,6 +1,7 @@
 //! The files of a recording: their names, the rows that each one gets, and their rotation.
 
 use super::open::{FileError, OpenFile};
+use super::pieces;
 use super::ros::RosTable;
 use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::RecordedRow;
@@ -46,17 +47,24 @@ pub const IMU_PLACEHOLDER: &str = "{imu}";
 /// A flush is due after this number of rows, so that memory is bounded.
 const MAX_UNFLUSHED: u64 = 100_000;
 
-/// When the recorder goes on in the next file.
+/// When the recorder goes on in the next file, and what it leaves of the disk.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Rotation {
     /// At this size of the current file \[bytes\].
     pub size: Option<u64>,
     /// At this age of the current file.
     pub time: Option<Duration>,
+    /// So much of the disk stays free \[bytes\]: with less it counts as full.
+    pub keep_free: Option<u64>,
+    /// Whether the oldest files of this name are removed for that: those with the lowest numbers, which recorders of this
+    /// user have written and none is writing.
+    pub delete_oldest: bool,
 }
 
 impl Rotation {
-    const fn is_enabled(self) -> bool {
+    /// Whether files are numbered from the first one on.
+    #[must_use]
+    pub const fn is_enabled(self) -> bool {
         self.size.is_some() || self.time.is_some()
     }
 }
@@ -81,6 +89,8 @@ pub struct Files {
     held: Vec<RecordedRow>,
     /// Whether the current files have rows.
     has_rows: bool,
+    /// Files that were removed to make room, until they are asked for.
+    removed: Vec<PathBuf>,
 }
 
 /// What became of the columns that a row needs and the current files do not have.
@@ -133,7 +143,13 @@ impl Files {
             layouts: vec![Layout::default(); imus.len()],
             held: Vec::new(),
             has_rows: false,
+            removed: Vec::new(),
         };
+        if rotation.is_enabled() {
+            // What recorders before have written, of which the oldest may have been removed.
+            files.number = pieces::numbers(&files.unnumbered()).last().copied().unwrap_or(0);
+        }
+        files.make_room()?;
         files.open_next()?;
         Ok(files)
     }
@@ -143,8 +159,8 @@ impl Files {
     /// these columns.
     ///
     /// # Errors
-    /// If the row cannot be encoded, or the next files cannot be written. If the disk is full, the row has not been
-    /// added, and the call can be repeated.
+    /// If the row cannot be encoded, or the next files cannot be written. The row has not been added then; if the disk
+    /// is full, the call can be repeated.
     pub fn write(&mut self, row: &RecordedRow) -> Result<Option<MoreColumns>, FileError> {
         let known = self.layouts[row.imu];
         let layout = known.with(Layout::of(&row.sample));
@@ -159,13 +175,13 @@ impl Files {
                 Some(MoreColumns::In(next))
             }
         };
-        if let Some(stream) = self.streams.iter().position(|of| *of == (row.imu, row.stream())) {
-            self.unwritten[stream] += 1;
-        }
         if self.has_rows {
             self.encode(row)?;
         } else {
             self.held.push(*row);
+        }
+        if let Some(stream) = self.streams.iter().position(|of| *of == (row.imu, row.stream())) {
+            self.unwritten[stream] += 1;
         }
         Ok(more)
     }
@@ -216,7 +232,46 @@ impl Files {
 
     fn flush_open(&mut self) -> Result<(), FileError> {
         self.encode_held()?;
-        if self.unwritten.iter().any(|rows| *rows > 0) { self.each_open(OpenFile::flush) } else { Ok(()) }
+        if self.unwritten.iter().all(|rows| *rows == 0) {
+            return Ok(());
+        }
+        self.make_room()?;
+        self.each_open(OpenFile::flush)
+    }
+
+    /// Removes the oldest files, if that is wanted, until what is not written fits beside what stays free.
+    fn make_room(&mut self) -> Result<(), FileError> {
+        let Some(keep_free) = self.rotation.keep_free else { return Ok(()) };
+        let path = self.open.first().map_or_else(|| self.unnumbered(), |file| file.path.clone());
+        let rows = self.unwritten.iter().sum();
+        let needed = self.open.iter().map(|file| file.needs(rows)).fold(keep_free, u64::saturating_add);
+        // A file system that does not tell shows when it is written to.
+        while pieces::free_beside(&path).is_some_and(|free| free < needed) {
+            if !self.rotation.delete_oldest || !self.remove_oldest() {
+                let cause = format!("fewer than {keep_free} bytes would stay free");
+                return Err(FileError(path, io::Error::new(io::ErrorKind::StorageFull, cause)));
+            }
+        }
+        Ok(())
+    }
+
+    /// Removes the oldest files before the current ones. Returns whether there were some that could be removed.
+    fn remove_oldest(&mut self) -> bool {
+        let current = self.current_paths();
+        for number in pieces::numbers(&self.unnumbered()) {
+            let paths = self.paths(number).into_iter().filter(|path| !current.contains(path) && pieces::is_own(path));
+            let removed: Vec<_> = paths.filter(|path| fs::remove_file(path).is_ok()).collect();
+            if !removed.is_empty() {
+                self.removed.extend(removed);
+                return true;
+            }
+        }
+        false
+    }
+
+    /// The files that were removed to make room since this was asked last.
+    pub fn take_removed(&mut self) -> Vec<PathBuf> {
+        std::mem::take(&mut self.removed)
     }
 
     /// Writes what has been encoded for each file, until one fails.
@@ -254,6 +309,9 @@ impl Files {
     /// As [`flush`](Self::flush).
     pub fn finish(&mut self) -> Result<(), FileError> {
         self.encode_held()?;
+        if self.unwritten.iter().any(|rows| *rows > 0) {
+            self.make_room()?;
+        }
         self.each_open(OpenFile::finish)
     }
 
@@ -306,6 +364,11 @@ impl Files {
                 OpenFile::ros(path, &imus, &self.tables)
             }
         }
+    }
+
+    /// The name of which all pieces have a number more.
+    fn unnumbered(&self) -> PathBuf {
+        file_name(&self.name, &self.imus[self.streams[0].0], "")
     }
 
     /// The names of the files with this number: one per stream, for MCAP one for all.

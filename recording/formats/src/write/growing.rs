@@ -1,5 +1,6 @@
 //! A file that grows only by complete flushes.
 
+use super::pieces::folder_of;
 use super::vacant::{lock, vacant};
 use isotherm_files::sync_folder;
 use std::fs::File;
@@ -15,8 +16,6 @@ pub(super) fn create(path: &Path, bytes: &[u8]) -> io::Result<File> {
     let mut file = staged_file(path)?;
     file.write_all(bytes)?;
     file.as_file().sync_data()?;
-    // Before it has its name: no other recorder takes it for one that nobody writes.
-    lock(file.as_file());
     let refused = match file.persist_noclobber(path) {
         Ok(file) => return sync_folder(path).map(|()| file),
         Err(refused) => refused,
@@ -30,14 +29,16 @@ pub(super) fn create(path: &Path, bytes: &[u8]) -> io::Result<File> {
     sync_folder(path).map(|()| file)
 }
 
-/// A staged file in the folder of `path`, with a temporary name.
+/// A staged file in the folder of `path`, with a temporary name. It is locked before it has its name: no other recorder
+/// takes it for one that nobody writes.
 pub(super) fn staged_file(path: &Path) -> io::Result<tempfile::NamedTempFile> {
     use std::os::unix::fs::PermissionsExt as _;
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
     // The umask still applies.
     builder.prefix(".isotherm-").permissions(std::fs::Permissions::from_mode(0o666));
-    builder.tempfile_in(folder).map_err(|error| io::Error::from(error.kind()))
+    let file = builder.tempfile_in(folder_of(path)).map_err(|error| io::Error::from(error.kind()))?;
+    lock(file.as_file());
+    Ok(file)
 }
 
 /// Collects bytes and appends them to a file, or the standard output, at a flush. A flush that fails leaves the file as

@@ -5,6 +5,8 @@ mod growing;
 mod mcap;
 mod open;
 pub(crate) mod parquet;
+mod patient;
+mod pieces;
 mod ros;
 mod vacant;
 
@@ -13,5 +15,6 @@ pub(crate) use mcap::options as mcap_options;
 pub use files::{Files, Format, IMU_PLACEHOLDER, MoreColumns, Rotation};
 pub use open::FileError;
 pub use parquet::ParquetStream;
+pub use patient::PatientFiles;
 pub use ros::{RosTable, RosWriter, refuse_same_topics};
 pub use vacant::is_vacant;

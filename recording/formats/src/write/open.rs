@@ -25,6 +25,14 @@ impl From<FileError> for Failure {
     }
 }
 
+impl FileError {
+    /// Whether the disk, or what this user may have of it, is full: there may be room again.
+    #[must_use]
+    pub fn is_full(&self) -> bool {
+        matches!(self.1.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded)
+    }
+}
+
 /// A file that is being written.
 pub(super) struct OpenFile {
     pub(super) path: PathBuf,
@@ -136,6 +144,16 @@ impl OpenFile {
             FormatWriter::Ros(file) => file.finish(),
         };
         result.map_err(|error| self.failed(error))
+    }
+
+    /// How much of the disk the next flush takes at most \[bytes\], with so many rows that are not written.
+    pub(super) fn needs(&self, rows: u64) -> u64 {
+        /// More than a row takes that is no text.
+        const ROW: u64 = 512;
+        match &self.writer {
+            FormatWriter::Csv(file, _) => file.pending.len() as u64,
+            _ => rows.saturating_mul(ROW),
+        }
     }
 
     /// Size \[bytes\].

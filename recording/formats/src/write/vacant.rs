@@ -11,7 +11,7 @@ use mcap::parse_record;
 use mcap::records::{Record, op};
 use parquet::file::metadata::ParquetMetaDataReader;
 use rustix::fs::{FlockOperation, Mode, OFlags, flock, open};
-use std::fs::{self, File};
+use std::fs::{self, File, Metadata};
 use std::io::{self, Read as _};
 use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
@@ -19,8 +19,8 @@ use std::path::Path;
 /// The longest file without rows \[bytes\]: an MCAP file of many IMUs.
 const MOST: u64 = 1 << 20;
 
-/// Takes the lock of a file that has no rows yet: as long as it is held, no other recorder replaces the file. Where the
-/// file system has no locks, none does.
+/// Takes the lock of a file that is written: as long as it is held, no other recorder replaces or removes the file. Where
+/// the file system has no locks, none does.
 pub(super) fn lock(file: &File) {
     let _ = flock(file, FlockOperation::NonBlockingLockExclusive);
 }
@@ -35,19 +35,23 @@ pub fn is_vacant(path: &Path) -> bool {
 /// Whether `path` is a recording of this user without rows, that no recorder is writing. It then stays locked by the
 /// file that is returned.
 pub(super) fn vacant(path: &Path) -> io::Result<Option<File>> {
-    let flags = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
-    let Ok(file) = open(path, flags, Mode::empty()).map(File::from) else { return Ok(None) };
-    let about = file.metadata()?;
-    let is_own = about.is_file() && about.nlink() == 1 && about.uid() == rustix::process::geteuid().as_raw();
-    if !is_own || about.len() > MOST || flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
-        return Ok(None);
-    }
+    let Some((file, about)) = unwritten(path)?.filter(|(_, about)| about.len() <= MOST) else { return Ok(None) };
     let mut bytes = Vec::new();
     (&file).take(MOST).read_to_end(&mut bytes)?;
     // Between its opening and the lock another recorder may have replaced it.
     let named = fs::symlink_metadata(path)?;
     let is_named = (named.dev(), named.ino(), named.len()) == (about.dev(), about.ino(), bytes.len() as u64);
     Ok((is_named && has_no_rows(&bytes)).then_some(file))
+}
+
+/// The regular file of this user with this one name, if there is one and no recorder is writing it. It stays locked.
+pub(super) fn unwritten(path: &Path) -> io::Result<Option<(File, Metadata)>> {
+    let flags = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    let Ok(file) = open(path, flags, Mode::empty()).map(File::from) else { return Ok(None) };
+    let about = file.metadata()?;
+    let is_own = about.is_file() && about.nlink() == 1 && about.uid() == rustix::process::geteuid().as_raw();
+    let is_free = || flock(&file, FlockOperation::NonBlockingLockExclusive).is_ok();
+    Ok((is_own && is_free()).then_some((file, about)))
 }
 
 /// Whether these are the bytes of a recording without rows, or none.

@@ -357,7 +357,7 @@ fn the_recorder_writes_messages_of_several_imus() {
     let path = folder.path().join("drive.mcap");
     let imus: Vec<_> = ["imu-g", "2nd"].map(|name| name.parse().unwrap()).into();
     let streams: Vec<_> = (0..2).flat_map(|imu| StreamKind::BOTH.map(|stream| (imu, stream))).collect();
-    let rotation = Rotation { size: Some(1), time: None };
+    let rotation = Rotation { size: Some(1), ..Rotation::default() };
     let tables = [RosTable::new(&table, Path::new("imu-g.toml"))];
     let files = Files::create_with_tables(&path, Format::Ros, rotation, &imus, &streams, &tables);
     let mut files = files.ok().unwrap();

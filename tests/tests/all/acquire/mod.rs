@@ -11,6 +11,7 @@ mod outages;
 mod pipeline;
 mod ports;
 mod profiles;
+mod recording;
 mod seen;
 
 use isotherm_client::RawSample;

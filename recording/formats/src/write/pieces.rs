@@ -1,0 +1,162 @@
+//! The pieces of a recording that rotates: which numbers are there, and which file a recorder has written.
+
+use super::vacant::unwritten;
+use crate::read::pages::is_footer;
+use crate::read::panics::catch_panic;
+use crate::read::records::each_record;
+use crate::seal::{CREATOR, MAGIC};
+use isotherm_recording::columns::{MCAP_MAGIC, columns};
+use isotherm_recording::layouts;
+use isotherm_recording::rows::header;
+use mcap::parse_record;
+use mcap::records::Record;
+use parquet::file::metadata::ParquetMetaDataReader;
+use rustix::fs::statvfs;
+use std::collections::BTreeSet;
+use std::fs::{self, File};
+use std::io::{self, Read as _, Seek as _, SeekFrom};
+use std::path::Path;
+
+/// The begin of a file that tells whose it is \[bytes\]: the header of CSV with all columns is shorter.
+const BEGIN: u64 = 1 << 13;
+/// The longest footer that is looked at \[bytes\].
+const MOST_FOOTER: u64 = 1 << 26;
+
+/// The folder of a file.
+pub(super) fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Bytes that this user may still write beside `path`; `None` if the file system does not tell.
+pub(super) fn free_beside(path: &Path) -> Option<u64> {
+    let found = statvfs(folder_of(path)).ok()?;
+    Some(found.f_bavail.saturating_mul(found.f_frsize))
+}
+
+/// The numbers of the files beside `path` whose names are `path` with a number, `-0001` or higher, before the ending.
+/// What stands between number and ending is not looked at.
+pub(super) fn numbers(path: &Path) -> BTreeSet<u32> {
+    let Some(stem) = path.file_stem() else { return BTreeSet::new() };
+    let begin = format!("{}-", stem.to_string_lossy());
+    let end = path.extension().map(|ending| format!(".{}", ending.to_string_lossy())).unwrap_or_default();
+    let number = |name: &str| {
+        let rest = name.strip_prefix(&begin).filter(|rest| rest.ends_with(&end))?;
+        let digits = &rest[..rest.find(|letter: char| !letter.is_ascii_digit()).unwrap_or(rest.len())];
+        let number: u32 = digits.parse().ok()?;
+        (digits == format!("{number:04}")).then_some(number)
+    };
+    let entries = fs::read_dir(folder_of(path)).into_iter().flatten().flatten();
+    entries.filter_map(|entry| number(&entry.file_name().to_string_lossy())).collect()
+}
+
+/// Whether a file is a recording that a recorder of this user has written, and none is writing.
+pub(super) fn is_own(path: &Path) -> bool {
+    unwritten(path).ok().flatten().is_some_and(|(file, _)| is_of_recorder(&file).unwrap_or(false))
+}
+
+/// Whether a file begins as the recorder's do; of Parquet, whose begin tells nothing, the end is looked at.
+fn is_of_recorder(mut file: &File) -> io::Result<bool> {
+    let mut begin = Vec::new();
+    file.take(BEGIN).read_to_end(&mut begin)?;
+    if begin.starts_with(MCAP_MAGIC) {
+        let mut is_own = false;
+        // What follows the first record is cut.
+        let _ = each_record(&begin, true, |opcode, data| {
+            if let Ok(Record::Header(header)) = parse_record(opcode, data) {
+                is_own = header.library.starts_with(CREATOR);
+            }
+            Ok(())
+        });
+        return Ok(is_own);
+    }
+    if !begin.starts_with(MAGIC) {
+        return Ok(layouts().any(|(stream, layout)| begin.starts_with(&header(&columns(stream, layout)))));
+    }
+    let length = file.seek(SeekFrom::End(0))?;
+    let mut end = [0; 8];
+    file.seek(SeekFrom::Start(length.saturating_sub(8)))?;
+    file.read_exact(&mut end)?;
+    let footer = u64::from(u32::from_le_bytes([end[0], end[1], end[2], end[3]]));
+    if footer > MOST_FOOTER || footer + 8 > length {
+        return Ok(false);
+    }
+    file.seek(SeekFrom::Start(length - 8 - footer))?;
+    let mut bytes = Vec::new();
+    file.take(footer).read_to_end(&mut bytes)?;
+    let footer =
+        catch_panic(|| ParquetMetaDataReader::decode_metadata(Some(&bytes[..]).filter(|of| is_footer(of))?).ok());
+    Ok(footer
+        .flatten()
+        .is_some_and(|footer| footer.file_metadata().created_by().is_some_and(|by| by.starts_with(CREATOR))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::write::{Files, Format, Rotation};
+    use isotherm_recording::rows::RecordedRow;
+    use isotherm_shared::stream::StreamKind;
+    use isotherm_shared::wire::{RawSample, StreamSample};
+
+    #[test]
+    fn only_numbered_names_are_pieces() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in [
+            "r.csv",
+            "r-0001.csv",
+            "r-0003.increments.csv",
+            "r-12345.csv",
+            "r-12.csv",
+            "r-00012.csv",
+            "r-x.csv",
+            "q-0004.csv",
+            "r-0009",
+            "r-0010.mcap",
+        ] {
+            fs::write(folder.path().join(name), "").unwrap();
+        }
+        assert_eq!(numbers(&folder.path().join("r.csv")).into_iter().collect::<Vec<_>>(), [1, 3, 12_345]);
+        assert!(numbers(Path::new("/nowhere/r.csv")).is_empty());
+    }
+
+    /// Recordings of all formats are pieces once nobody writes them, and nothing else is.
+    #[test]
+    fn only_what_a_recorder_has_written_is_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let rotation =
+            Rotation { size: Some(1), keep_free: Some(u64::MAX), delete_oldest: true, ..Rotation::default() };
+        for (format, name) in [(Format::Csv, "r.csv"), (Format::Parquet, "r.parquet"), (Format::Mcap, "r.mcap")] {
+            let path = |number: u32| folder.path().join(name.replace('.', &format!("-{number:04}.")));
+            let imus = ["imu-a".parse().unwrap()];
+            let create =
+                |rotation| Files::create(&folder.path().join(name), format, rotation, &imus, &[(0, StreamKind::Raw)]);
+            let plain = Rotation { size: Some(1), ..Rotation::default() };
+            fs::write(path(2), "a note").unwrap();
+            std::os::unix::fs::symlink(path(2), path(3)).unwrap();
+            for number in 4..7 {
+                let mut files = create(plain).ok().unwrap();
+                assert_eq!(files.current_paths(), [path(number)], "{name}: after the highest number");
+                let raw = RawSample { session: 1, sequence: number.into(), ..RawSample::default() };
+                files.write(&RecordedRow { imu: 0, recorded_ns: 1, sample: StreamSample::Raw(raw) }).ok().unwrap();
+                files.finish().ok().unwrap();
+                assert!(!is_own(&path(number)), "{name}: it is being written");
+                drop(files);
+                assert!(is_own(&path(number)), "{name}");
+            }
+            let held = create(plain).ok().unwrap();
+            assert_eq!(held.current_paths(), [path(7)]);
+            // The disk never has so much room: all goes that may go, and that is not enough.
+            let error = create(rotation).err().unwrap();
+            assert!(error.is_full(), "{name}: {}", error.1);
+            let left: Vec<_> = numbers(&folder.path().join(name))
+                .into_iter()
+                .filter(|of| fs::symlink_metadata(path(*of)).is_ok())
+                .collect();
+            assert_eq!(left, [2, 3, 7], "{name}");
+            assert_eq!(fs::read_to_string(path(2)).unwrap(), "a note");
+            for number in [2, 3, 7] {
+                fs::remove_file(path(number)).unwrap();
+            }
+        }
+    }
+}
