@@ -61,4 +61,4 @@ mod world;
 
 pub use acquisition::{AcquisitionState, Refusal, Resend, depth_in_flight, queue_depth};
 pub use reader::ReaderState;
-pub use service::{Arrival, SequenceTracker};
+pub use service::{Arrival, LastSession, SequenceTracker, SessionChange};
