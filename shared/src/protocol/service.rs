@@ -102,6 +102,18 @@ impl SequenceTracker {
 }
 
 impl Arrival {
+    /// The control periods that are missing right before it, as far as that can be known: not where time steps, nor
+    /// before the first sample of all, nor between sessions of different clocks. One that comes late has none: it was
+    /// missing before a later one.
+    #[must_use]
+    pub fn lost(self) -> Option<u64> {
+        match self.change {
+            Some(change) => change.missing,
+            None if self.begins || self.time_step => None,
+            None => Some(self.missing),
+        }
+    }
+
     /// The [delivery flags](Flags::DELIVERY) of the increment, which is published this long after its sample was sent.
     #[inline]
     #[must_use]
@@ -172,6 +184,15 @@ mod tests {
         assert_eq!(note(5, 0), follows);
         assert_eq!([note(1, 10), note(3, 9), note(4, 12), note(5, 0)], [repeated; 4]);
         assert_eq!(note(2, 9), follows);
+    }
+
+    #[test]
+    fn what_is_lost_before_a_sample_is_a_number_or_unknown() {
+        let mut tracker = SequenceTracker::default();
+        let mut lost = |session, sequence, timestamp_ns| tracker.note(at(session, sequence, timestamp_ns)).lost();
+        assert_eq!([lost(1, 5, 100), lost(1, 6, 110), lost(1, 9, 140), lost(1, 8, 130)], [None, Some(0), Some(2), Some(0)]);
+        assert_eq!([lost(1, 10, 170), lost(1, 11, 180)], [None, Some(0)], "a step of time");
+        assert_eq!([lost(2, 0, 230), lost(2, 1, 240), lost(3, 0, 0)], [Some(4), Some(0), None]);
     }
 
     fn at(session: u64, sequence: u64, timestamp_ns: u64) -> Seen {
