@@ -190,6 +190,9 @@ impl<T: Streamed> Reader<T> {
     /// `None` if that is unknown: where time steps, between sessions whose timestamps are of different clocks, are 0,
     /// or do not agree with the reader's clock to within 0.25 s, and before the first that this reader returns.
     ///
+    /// Where samples are sent again, later ones may come before them. What is not there then counts as missing, and
+    /// comes behind, with nothing missing before it.
+    ///
     /// ```no_run
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// use isotherm_client::{IncrementReader, Options};

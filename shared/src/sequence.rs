@@ -94,7 +94,8 @@ const SAME_CLOCK_NS: u128 = 250_000_000;
 
 /// The control periods between the last sample of a session and the first of the next one, which is no sample of the
 /// same session. `None` if that is not known: the sessions need timestamps of the same clock. They have it if the step
-/// of the timestamps agrees with the time from seeing the one to seeing the other, within 0.25 s and 0.1 % of it.
+/// of the timestamps agrees with the time from seeing the one to seeing the other, within 0.25 s and 0.1 % of it, and
+/// does not go back.
 ///
 /// The time that is missing is the step less the interval of `later`, which may be a sum of periods; the shorter of
 /// both intervals is taken for one period.
@@ -114,15 +115,14 @@ const SAME_CLOCK_NS: u128 = 250_000_000;
 pub fn periods_between(earlier: Seen, later: Seen) -> Option<u64> {
     let (last, first) = (earlier.period, later.period);
     let interval_ns = last.interval_ns.min(first.interval_ns);
-    let has_times = [last, first].iter().all(|period| {
-        period.timestamp_ns != 0 && (1..=MAX_INTERVAL_NS).contains(&period.interval_ns)
-    });
+    let has_times = [last, first]
+        .iter()
+        .all(|period| period.timestamp_ns != 0 && (1..=MAX_INTERVAL_NS).contains(&period.interval_ns));
     // 128 bits hold every difference of numbers of 64 bits.
     let step = |from: u64, to: u64| i128::from(to) - i128::from(from);
-    let (by_timestamps, by_clock) =
-        (step(last.timestamp_ns, first.timestamp_ns), step(earlier.at_ns, later.at_ns));
+    let (by_timestamps, by_clock) = (step(last.timestamp_ns, first.timestamp_ns), step(earlier.at_ns, later.at_ns));
     let limit_ns = SAME_CLOCK_NS + by_clock.unsigned_abs() / 1000;
-    if !has_times || (by_timestamps - by_clock).unsigned_abs() > limit_ns {
+    if !has_times || by_timestamps <= 0 || (by_timestamps - by_clock).unsigned_abs() > limit_ns {
         return None;
     }
     let missing_ns = u128::try_from(by_timestamps - i128::from(first.interval_ns)).unwrap_or(0);
@@ -217,12 +217,13 @@ mod tests {
             // 0.1 % of 1000 s.
             (1_000_000, 1250, Some(499_999)),
             (1_000_000, 1252, None),
-            // Back by less than the clocks may differ.
-            (0, 200, Some(0)),
+            (1, 200, Some(0)),
+            // A clock that began anew a short time ago.
+            (0, 200, None),
         ] {
             assert_eq!(periods_between(last, after(ms, late)), expected, "{ms} ms, {late} ms late");
         }
-        assert_eq!(periods_between(last, seen(900 * MS, 2 * MS, 71 * MS)), Some(0));
+        assert_eq!(periods_between(last, seen(900 * MS, 2 * MS, 71 * MS)), None);
     }
 
     #[test]

@@ -38,8 +38,8 @@ use isotherm_atomic::AtomicU64;
 use isotherm_shared::protocol::{Arrival, LastSession};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::{AXES, Flags, RawSample};
-use std::sync::{Arc, OnceLock};
 use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
+use std::sync::{Arc, OnceLock};
 
 /// How many flags are counted: bits 0 to 50.
 const FLAGS: usize = 51;

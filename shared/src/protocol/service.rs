@@ -190,7 +190,10 @@ mod tests {
     fn what_is_lost_before_a_sample_is_a_number_or_unknown() {
         let mut tracker = SequenceTracker::default();
         let mut lost = |session, sequence, timestamp_ns| tracker.note(at(session, sequence, timestamp_ns)).lost();
-        assert_eq!([lost(1, 5, 100), lost(1, 6, 110), lost(1, 9, 140), lost(1, 8, 130)], [None, Some(0), Some(2), Some(0)]);
+        assert_eq!(
+            [lost(1, 5, 100), lost(1, 6, 110), lost(1, 9, 140), lost(1, 8, 130)],
+            [None, Some(0), Some(2), Some(0)]
+        );
         assert_eq!([lost(1, 10, 170), lost(1, 11, 180)], [None, Some(0)], "a step of time");
         assert_eq!([lost(2, 0, 230), lost(2, 1, 240), lost(3, 0, 0)], [Some(4), Some(0), None]);
     }
