@@ -213,6 +213,12 @@
 #define ISOTHERM_FLAG_TIME_STEP (UINT64_C(1) << 26)
 
 /**
+ * The first sample of a session other than the one that was served last for this IMU, by this service or by the one
+ * before it since boot. Time may be missing before it.
+ */
+#define ISOTHERM_FLAG_SESSION (UINT64_C(1) << 27)
+
+/**
  * Head telemetry of G1 below the bias range.
  */
 #define ISOTHERM_FLAG_G1_HEAD_BELOW (UINT64_C(1) << 32)
@@ -321,9 +327,9 @@
 #define ISOTHERM_MASK_DEGRADED ((1002750317137919 | ISOTHERM_FLAG_G_UNKNOWN) | ISOTHERM_FLAG_INTERVAL_NOT_NOMINAL)
 
 /**
- * Mask: time is missing before this increment. gap, time-step.
+ * Mask: time is missing before this increment, or may be. gap, time-step, session.
  */
-#define ISOTHERM_MASK_LOST (ISOTHERM_FLAG_GAP | ISOTHERM_FLAG_TIME_STEP)
+#define ISOTHERM_MASK_LOST ((ISOTHERM_FLAG_GAP | ISOTHERM_FLAG_TIME_STEP) | ISOTHERM_FLAG_SESSION)
 
 /**
  * Mask: says nothing against the increment. late.
@@ -993,6 +999,14 @@ bool isotherm_reader_is_connected(const isotherm_reader *reader);
  * Increments that came again after a resend and were not returned. 0 for a handle that cannot be used.
  */
 uint64_t isotherm_reader_repeats(const isotherm_reader *reader);
+
+/**
+ * The control periods that are missing right before the increment that was received last: holes in `sequence`, also
+ * those of a reader that was too slow, and the time between two sessions of the same clock. -1 if that is unknown:
+ * where time steps, between sessions whose timestamps are of different clocks, are 0, or do not agree with the
+ * reader's clock to within 0.25 s, before the first increment of the reader, and for a handle that cannot be used.
+ */
+int64_t isotherm_reader_lost_before(const isotherm_reader *reader);
 
 /**
  * Writes the pulses of a sample: three of `specific_force` [m/s2] along A1, A2, A3, and three of `angular_rate`

@@ -443,6 +443,13 @@ public:
     bool is_connected() const noexcept { return isotherm_reader_is_connected(handle_.get()); }
     /// Increments that came again after a resend and were not returned.
     std::uint64_t repeats() const noexcept { return isotherm_reader_repeats(handle_.get()); }
+    /// The control periods that are missing right before the increment that was received last. Nothing if that is unknown: where time
+    /// steps, between sessions of different clocks, and before the first one.
+    std::optional<std::uint64_t> lost_before() const noexcept
+    {
+        const std::int64_t lost = isotherm_reader_lost_before(handle_.get());
+        return lost < 0 ? std::nullopt : std::optional(static_cast<std::uint64_t>(lost));
+    }
 
 private:
     explicit IncrementReader(isotherm_reader *handle) noexcept : handle_(handle) {}

@@ -13,7 +13,8 @@ use crate::warning::warn;
 use core::fmt;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::{ServiceName, ZeroCopySend};
-use isotherm_shared::protocol::ReaderState;
+use isotherm_shared::protocol::{self, ReaderState, SequenceTracker};
+use isotherm_shared::sequence::{Period, Seen};
 use isotherm_shared::stream::{Domain, ImuId, Ipc, IpcNode, OpenedStream, open_increment, open_raw};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use rustix::event::epoll;
@@ -40,8 +41,8 @@ pub trait Streamed: ZeroCopySend + fmt::Debug + Copy + 'static {
     /// # Errors
     /// Those of the transport.
     fn open(node: &IpcNode, name: &ServiceName) -> OpenedStream<Self>;
-    /// Session and sequence.
-    fn key(&self) -> (u64, u64);
+    /// Session, sequence and times.
+    fn period(&self) -> Period;
     /// Whether the service notifies an event when it has published.
     const HAS_EVENT: bool;
 }
@@ -54,8 +55,8 @@ impl Streamed for RawSample {
     fn open(node: &IpcNode, name: &ServiceName) -> OpenedStream<Self> {
         open_raw(node, name)
     }
-    fn key(&self) -> (u64, u64) {
-        (self.session, self.sequence)
+    fn period(&self) -> Period {
+        self.into()
     }
 }
 
@@ -67,8 +68,8 @@ impl Streamed for CompensatedIncrement {
     fn open(node: &IpcNode, name: &ServiceName) -> OpenedStream<Self> {
         open_increment(node, name)
     }
-    fn key(&self) -> (u64, u64) {
-        (self.session, self.sequence)
+    fn period(&self) -> Period {
+        self.into()
     }
 }
 
@@ -111,6 +112,9 @@ pub struct Reader<T: Streamed> {
     domain: Domain,
     imu: ImuId,
     state: ReaderState,
+    /// The order of what was returned, and the place of the last one in it.
+    order: SequenceTracker,
+    last: Option<protocol::Arrival>,
     next_attempt: Instant,
     /// When the event is looked for again.
     next_event_attempt: Instant,
@@ -137,6 +141,8 @@ impl<T: Streamed> Reader<T> {
             domain: options.domain.clone(),
             imu,
             state: ReaderState::new(),
+            order: SequenceTracker::default(),
+            last: None,
             next_attempt: Instant::now(),
             next_event_attempt: Instant::now(),
             heartbeat_ns: None,
@@ -179,6 +185,34 @@ impl<T: Streamed> Reader<T> {
         self.state.repeats()
     }
 
+    /// The control periods that are missing right before the sample or increment that was returned last: holes in
+    /// `sequence`, also those of a reader that was too slow, and the time between two sessions of the same clock.
+    /// `None` if that is unknown: where time steps, between sessions whose timestamps are of different clocks, are 0,
+    /// or do not agree with the reader's clock to within 0.25 s, and before the first that this reader returns.
+    ///
+    /// Where samples are sent again, later ones may come before them. What is not there then counts as missing, and
+    /// comes behind, with nothing missing before it.
+    ///
+    /// ```no_run
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_client::{IncrementReader, Options};
+    ///
+    /// let mut reader = IncrementReader::connect("imu-a".parse()?, &Options::from_environment()?)?;
+    /// while let Some(increment) = reader.receive()? {
+    ///     match reader.lost_before() {
+    ///         Some(0) => println!("{:?} m/s", increment.velocity_increment),
+    ///         Some(periods) => println!("{periods} periods of {} ns to bridge", increment.interval_ns),
+    ///         None => println!("navigation begins anew"),
+    ///     }
+    /// }
+    /// # Ok(())
+    /// # }
+    /// ```
+    #[must_use]
+    pub fn lost_before(&self) -> Option<u64> {
+        self.last?.lost()
+    }
+
     /// The next sample or increment, or `None` if there is none now (or no service yet). Does not wait.
     ///
     /// # Errors
@@ -208,8 +242,9 @@ impl<T: Streamed> Reader<T> {
                 return Ok(None);
             };
             self.has_received = true;
-            let (session, sequence) = received.key();
-            if self.state.first_time(session, sequence) {
+            let period = received.period();
+            if self.state.first_time(period.session, period.sequence) {
+                self.last = Some(self.order.note(Seen { period, at_ns: coarse_ns() }));
                 return Ok(Some(received));
             }
         }
@@ -268,9 +303,7 @@ impl<T: Streamed> Reader<T> {
     /// While nothing comes: looks whether the reader was cut off from the stream, and leaves it then. The next call
     /// joins it again.
     fn look_for_loss(&mut self) {
-        // A clock that costs a reader that spins less, and is exact enough.
-        let now = clock_gettime(ClockId::MonotonicCoarse);
-        let now = now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64;
+        let now = coarse_ns();
         if now < self.next_look_ns {
             return;
         }
@@ -360,6 +393,12 @@ impl<T: Streamed> Reader<T> {
         self.subscriber = Some(subscriber);
         Ok(())
     }
+}
+
+/// `CLOCK_MONOTONIC` to within some milliseconds \[ns\]: it costs a reader that spins less.
+fn coarse_ns() -> u64 {
+    let now = clock_gettime(ClockId::MonotonicCoarse);
+    now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
 }
 
 /// Makes a caller's descriptor readable while the event is raised. It forgets an event that is closed by itself.

@@ -25,6 +25,11 @@ int main(int count, char **words)
         isotherm_compensated_increment increment;
         code = isotherm_reader_receive_timeout(reader, 1000000000, &increment);
         if (code == ISOTHERM_OK) {
+            /* Holes in the sequence are those of a reader that was too slow, too; between sessions time may be missing. */
+            int64_t lost = isotherm_reader_lost_before(reader);
+            if (lost > 0 || (increment.flags & ISOTHERM_MASK_LOST) != 0)
+                fprintf(stderr, "%" PRIu64 ": %" PRId64 " control periods are missing before this increment (-1: unknown)\n",
+                        increment.sequence, lost);
             const double *dv = increment.velocity_increment, *da = increment.angle_increment;
             printf("%" PRIu64 ",%.17g,%.17g,%.17g", increment.sequence, dv[0], dv[1], dv[2]);
             /* Without gyroscopes in the table, every angle is NaN. */

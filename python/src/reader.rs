@@ -45,6 +45,11 @@ impl IncrementReader {
         Ok(self.owned.hold()?.open()?.repeats())
     }
 
+    #[getter]
+    fn lost_before(&self) -> PyResult<Option<u64>> {
+        Ok(self.owned.hold()?.open()?.lost_before())
+    }
+
     fn fileno(&self) -> PyResult<i32> {
         Ok(self.owned.hold()?.open()?.descriptor().map_err(|error| connecting(&error))?.as_raw_fd())
     }

@@ -48,8 +48,9 @@ def test_records_and_flags_are_those_of_the_wire() -> None:
         "flags": 88, "latency_ns": 96,
     }  # fmt: skip
     assert [(int(flag).bit_length() - 1, name) for flag in isotherm.Flags for name in isotherm.flag_names(flag)] == _isotherm.FLAGS
-    assert isotherm.flag_names(0) == [] and isotherm.flag_names(1 << 27) == []
+    assert isotherm.flag_names(0) == [] and isotherm.flag_names(1 << 28) == []
     assert isotherm.flag_names(1 << 26) == ["time-step"]
+    assert isotherm.flag_names(1 << 27) == ["session"] and isotherm.Flags.LOST == 0xD000000
     # Every flag is in one mask, by its name.
     flags = isotherm.Flags
     masks = {"INVALID": flags.INVALID, "DEGRADED": flags.DEGRADED, "LOST": flags.LOST, "INFORMATION": flags.INFORMATION}
@@ -57,7 +58,7 @@ def test_records_and_flags_are_those_of_the_wire() -> None:
     def mask_of(name: str) -> str:
         if name in ("interval", "no-table") or name.endswith("-not-finite"):
             return "INVALID"
-        return {"gap": "LOST", "time-step": "LOST", "late": "INFORMATION"}.get(name, "DEGRADED")
+        return {"gap": "LOST", "time-step": "LOST", "session": "LOST", "late": "INFORMATION"}.get(name, "DEGRADED")
 
     for bit, name in _isotherm.FLAGS:
         assert [mask for mask, flags in masks.items() if flags & (1 << bit)] == [mask_of(name)], name

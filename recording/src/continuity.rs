@@ -19,7 +19,7 @@ use crate::nominal::not_nominal;
 use crate::overlap::{Overlap, Span};
 use core::fmt;
 use isotherm_finding::{Finding, name};
-use isotherm_shared::sequence::{Period, excess_ns, time_step};
+use isotherm_shared::sequence::{Period, Seen, excess_ns, periods_between, time_step};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::MAX_INTERVAL_NS;
 use std::collections::VecDeque;
@@ -54,6 +54,8 @@ const ODD_ROWS: u32 = 10;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Continuity {
     last: Option<Period>,
+    /// When the last row was recorded.
+    last_recorded_ns: Option<u64>,
     losses: Losses,
     rows: u64,
     intervals: Intervals,
@@ -76,6 +78,12 @@ pub struct Losses {
     pub gaps: u64,
     /// Rows whose time is not one interval after that of the row before: [`time_step`].
     pub time_steps: u64,
+    /// How often another session follows.
+    pub session_changes: u64,
+    /// Control periods between two sessions, in sum, where they are known: [`periods_between`].
+    pub session_missing: u64,
+    /// Changes of session with an unknown number of periods between.
+    pub session_unknown: u64,
 }
 
 /// Where time is lost, counted twice, or the intervals are wrong.
@@ -112,7 +120,14 @@ struct Block {
 impl Continuity {
     /// Adds the next row. Returns whether the first fault shows at this row.
     pub fn add(&mut self, row: impl Into<Period>) -> bool {
+        self.add_recorded(row, None)
+    }
+
+    /// As [`add`](Self::add), of a row that was recorded at this time \[ns\], on one clock for all rows: without it the
+    /// periods between two sessions are unknown.
+    pub fn add_recorded(&mut self, row: impl Into<Period>, recorded_ns: Option<u64>) -> bool {
         let row = row.into();
+        let last_recorded_ns = core::mem::replace(&mut self.last_recorded_ns, recorded_ns);
         let overlap = self.span.add(row);
         self.overlap = self.overlap.or(overlap);
         let last = self.last.replace(row);
@@ -129,6 +144,11 @@ impl Continuity {
             let missing = if last.session == row.session { row.sequence.saturating_sub(last.sequence) } else { 0 };
             self.losses.missing = self.losses.missing.saturating_add(missing.saturating_sub(1));
             self.losses.gaps += u64::from(missing > 1);
+            if last.session != row.session {
+                let seen = |period, at_ns: Option<u64>| at_ns.map(|at_ns| Seen { period, at_ns });
+                let both = seen(last, last_recorded_ns).zip(seen(row, recorded_ns));
+                self.losses.add_change(both.and_then(|(earlier, later)| periods_between(earlier, later)));
+            }
         }
         if self.fault.is_some() {
             return false;
@@ -273,7 +293,29 @@ impl Stretch {
 }
 
 impl Losses {
-    /// Whether nothing is missing, and time does not step.
+    /// Counts a change of session with so many periods between.
+    fn add_change(&mut self, missing: Option<u64>) {
+        self.session_changes += 1;
+        self.session_missing = self.session_missing.saturating_add(missing.unwrap_or(0));
+        self.session_unknown += u64::from(missing.is_none());
+    }
+
+    /// What is between sessions, `2 changes of session with 599 periods between, 1 unknown`; `None` if there is one
+    /// session.
+    #[must_use]
+    pub fn between_sessions(self) -> Option<String> {
+        let Self { session_changes, session_missing, session_unknown, .. } = self;
+        let plural = if session_changes == 1 { "" } else { "s" };
+        let unknown = if session_unknown > 0 { format!(", {session_unknown} unknown") } else { String::new() };
+        (session_changes > 0).then(|| {
+            format!(
+                "{session_changes} change{plural} of session with {} between{unknown}",
+                counted(session_missing, "period")
+            )
+        })
+    }
+
+    /// Whether no session lacks rows, and time does not step.
     #[must_use]
     pub const fn is_none(self) -> bool {
         self.missing == 0 && self.time_steps == 0
@@ -286,17 +328,21 @@ impl Losses {
             missing: self.missing.saturating_add(other.missing),
             gaps: self.gaps.saturating_add(other.gaps),
             time_steps: self.time_steps.saturating_add(other.time_steps),
+            session_changes: self.session_changes.saturating_add(other.session_changes),
+            session_missing: self.session_missing.saturating_add(other.session_missing),
+            session_unknown: self.session_unknown.saturating_add(other.session_unknown),
         }
     }
 }
 
-/// `571 rows missing in 12 gaps, 3 time steps`
+/// `571 rows missing in 12 gaps, 3 time steps`, and what is between sessions.
 impl fmt::Display for Losses {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { missing, gaps, time_steps } = self;
+        let Self { missing, gaps, time_steps, .. } = self;
         let [rows, gaps, steps] =
             [(missing, "row"), (gaps, "gap"), (time_steps, "time step")].map(|(n, word)| counted(*n, word));
-        write!(f, "{rows} missing in {gaps}, {steps}")
+        write!(f, "{rows} missing in {gaps}, {steps}")?;
+        self.between_sessions().map_or(Ok(()), |words| write!(f, ", {words}"))
     }
 }
 
@@ -360,7 +406,7 @@ mod tests {
     }
 
     fn losses(missing: u64, gaps: u64, time_steps: u64) -> Losses {
-        Losses { missing, gaps, time_steps }
+        Losses { missing, gaps, time_steps, ..Losses::default() }
     }
 
     #[test]
@@ -452,7 +498,9 @@ mod tests {
             row.session = jump;
             row.timestamp_ns += jump * 1_000_000_000;
         }
-        assert_eq!((read(&sessions).losses(), read(&sessions).fault()), (Losses::default(), None));
+        let changes = Losses { session_changes: 9, session_unknown: 9, ..Losses::default() };
+        assert_eq!((read(&sessions).losses(), read(&sessions).fault()), (changes, None));
+        assert!(changes.is_none());
         let mut without = rows(3000, |_| 0.0);
         without.iter_mut().for_each(|row| row.timestamp_ns = 0);
         assert_eq!((read(&without).losses(), read(&without).fault()), (Losses::default(), None));
@@ -498,6 +546,24 @@ mod tests {
         }
         continuity.add(Period { session: 0, sequence: u64::MAX, timestamp_ns: 1, interval_ns: 1 });
         assert!(continuity.losses().missing > u64::MAX / 2);
+    }
+
+    #[test]
+    fn periods_between_sessions_are_counted_where_they_are_known() {
+        let mut continuity = Continuity::default();
+        let mut losses = |session, timestamp_ns, recorded_ns: Option<u64>| {
+            continuity.add_recorded(Period { session, sequence: 0, timestamp_ns, interval_ns: INTERVAL }, recorded_ns);
+            continuity.losses()
+        };
+        let second = 1_000_000_000;
+        assert_eq!(losses(1, second, Some(7)), Losses::default());
+        let all = losses(2, 2 * second, Some(7 + second));
+        assert_eq!(all.between_sessions().as_deref(), Some("1 change of session with 399 periods between"));
+        // A clock that begins anew, then rows without the time of recording.
+        losses(3, INTERVAL, Some(7 + 2 * second));
+        let all = losses(4, second, None);
+        let words = "0 rows missing in 0 gaps, 0 time steps, 3 changes of session with 399 periods between, 2 unknown";
+        assert_eq!(all.to_string(), words);
     }
 
     #[test]

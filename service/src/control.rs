@@ -174,7 +174,7 @@ impl Starting {
         let mut links: Vec<Vec<ChannelLink>> = (0..config.workers()).map(|_| Vec::new()).collect();
         let mut pending = Vec::new();
         for (imu, first) in config.imus.iter().zip(first_tables) {
-            let (pending_imu, link) = PendingImu::new(imu, first);
+            let (pending_imu, link) = PendingImu::new(domain, imu, first);
             links[imu.worker].push(link);
             pending.push(pending_imu);
         }
@@ -435,6 +435,7 @@ impl<'a> Service<'a> {
             let request = self.imus[number].take_accepted();
             self.keep(number, request);
             self.imus[number].flush();
+            self.imus[number].note_session();
         }
         for (index, worker) in self.workers.iter().enumerate() {
             worker.announce(self.imus.iter().filter(|imu| imu.imu.worker == index).map(ImuState::is_awaited));
@@ -564,6 +565,7 @@ impl<'a> Service<'a> {
         stop_all(self.workers)?;
         self.keeper.finish(KEEP_LIMIT);
         for imu in &mut self.imus {
+            imu.end_session();
             imu.log_news(self.domain, true);
             let counters = &imu.counters;
             let (received, compensated, missing) = (counters.received(), counters.compensated(), counters.missing());

@@ -6,6 +6,7 @@ use crate::events::{FileChange, FileReport, KeepOutcome};
 use crate::guard::{Admission, Guard};
 use crate::keeper::KeepRequest;
 use crate::leftovers::{Port, ports_of, ports_of_event};
+use crate::session::SessionNote;
 use crate::windows::Windows;
 use crate::worker::channel::ChannelLink;
 use crate::worker::counters::{CounterReader, OtherDevice, counters};
@@ -53,6 +54,7 @@ pub(crate) struct FirstTable {
 pub(crate) struct PendingImu {
     imu: Imu,
     counters: CounterReader,
+    session: SessionNote,
     last_error: Option<Refused>,
     waits: bool,
     tables: TableQueue,
@@ -65,7 +67,7 @@ pub(crate) struct PendingImu {
 
 impl PendingImu {
     /// Queues the first table for the worker. The result contains the worker's link to this IMU.
-    pub(crate) fn new(imu: &Imu, first: FirstTable) -> (Self, ChannelLink) {
+    pub(crate) fn new(domain: &Domain, imu: &Imu, first: FirstTable) -> (Self, ChannelLink) {
         let FirstTable { guard, table, modified_unix_s, refused, waits, accepted } = first;
         let (queue, taken) = RingBuffer::new(TABLE_QUEUE_DEPTH);
         let mut tables = TableQueue { alive: Vec::new(), unsent: None, queue };
@@ -73,8 +75,10 @@ impl PendingImu {
             tables.send(Arc::clone(table), modified_unix_s);
         }
         let (writer, counters) = counters();
-        let link = ChannelLink { imu: imu.clone(), tables: taken, counters: writer };
-        (Self { imu: imu.clone(), counters, last_error: refused, waits, tables, guard, first: table, accepted }, link)
+        let session = SessionNote::take(domain, &imu.id);
+        let link = ChannelLink { imu: imu.clone(), tables: taken, counters: writer, before: session.before() };
+        let imu = imu.clone();
+        (Self { imu, counters, session, last_error: refused, waits, tables, guard, first: table, accepted }, link)
     }
 
     /// Opens the streams, which the worker must have created before. The first table is in force then, and is to be
@@ -83,7 +87,7 @@ impl PendingImu {
     /// # Errors
     /// If they cannot be opened.
     pub(crate) fn open_streams(self, node: &IpcNode) -> Result<(ImuState, Option<KeepRequest>), Failure> {
-        let Self { imu, counters, last_error, waits, tables, mut guard, first, accepted } = self;
+        let Self { imu, counters, session, last_error, waits, tables, mut guard, first, accepted } = self;
         let failed =
             |error: String| Failure::new(Exit::Failed, format!("opening the streams of IMU {}: {error}", imu.id));
         let raw = stream::open_raw(node, &imu.id.raw()).map_err(|error| failed(error.to_string()))?;
@@ -100,6 +104,7 @@ impl PendingImu {
         let state = ImuState {
             imu,
             counters,
+            session,
             reloads: 0,
             refusals,
             last_error,
@@ -131,6 +136,8 @@ pub(crate) struct ImuState {
     pub imu: Imu,
     /// Written by the worker.
     pub counters: CounterReader,
+    /// Which session was served last, for the next service.
+    session: SessionNote,
     /// Tables sent to the worker after the first.
     pub reloads: u64,
     /// Refused files; a missing file counts too.
@@ -217,6 +224,10 @@ struct TableQueue {
 #[derive(Default)]
 struct LoggedLosses {
     missing: u64,
+    /// Changes of session, the control periods between in sum, and how often their number was unknown.
+    changes: u64,
+    between: u64,
+    unknown: u64,
     transport_errors: u64,
     at: Option<Instant>,
 }
@@ -256,6 +267,16 @@ impl ImuState {
     /// Sends the table for which the queue had no room, and frees the tables that the worker no longer holds.
     pub(crate) fn flush(&mut self) {
         self.tables.flush();
+    }
+
+    /// Notes which session was served last, if that is another one.
+    pub(crate) fn note_session(&mut self) {
+        self.session.keep(self.counters.last_session());
+    }
+
+    /// Notes the last session with its last sample, after the worker has ended.
+    pub(crate) fn end_session(&mut self) {
+        self.session.end(self.counters.last_session());
     }
 
     /// All ports of its streams.
@@ -388,6 +409,19 @@ impl ImuState {
     fn log_losses(&mut self, last: bool) {
         if !last && self.logged.at.is_some_and(|logged| logged.elapsed() < LOSS_LOG_INTERVAL) {
             return;
+        }
+        let changes = self.counters.flagged(Flags::SESSION.0.trailing_zeros());
+        if changes > self.logged.changes {
+            let (between, unknown) = (self.counters.session_missing(), self.counters.session_unknown());
+            let (periods, times) = (between - self.logged.between, unknown - self.logged.unknown);
+            warn!(
+                imu = %self.imu.id,
+                changes,
+                "another session followed {} times, after {periods} control periods in sum; {times} times their number is unknown",
+                changes - self.logged.changes
+            );
+            (self.logged.changes, self.logged.between, self.logged.unknown) = (changes, between, unknown);
+            self.logged.at = Some(Instant::now());
         }
         let missing = self.counters.missing();
         if missing > self.logged.missing {

@@ -35,6 +35,7 @@ mod login;
 mod memory;
 mod metrics;
 mod reload;
+mod session;
 mod start;
 mod status;
 mod systemd;

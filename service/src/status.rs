@@ -56,6 +56,8 @@ pub(crate) fn imu_status(imu: &ImuState) -> ImuStatus {
         missing: counters.missing(),
         repeats: counters.repeats(),
         sessions: counters.sessions(),
+        session_missing: counters.session_missing(),
+        session_unknown: counters.session_unknown(),
         transport_errors: counters.transport_errors(),
         flagged: Flags::NAMES.into_iter().filter_map(counted).collect(),
         reloads: imu.reloads,

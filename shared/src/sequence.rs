@@ -1,7 +1,7 @@
 //! The order and the times of the samples of a session: one rule for what an acquisition sends and for what a recording
 //! has.
 
-use crate::wire::{CompensatedIncrement, RawSample};
+use crate::wire::{CompensatedIncrement, MAX_INTERVAL_NS, RawSample};
 
 /// Whether a sample with this `sequence` may follow the sample `last` of its session; with `None` it is the session's
 /// first.
@@ -80,6 +80,56 @@ pub const fn time_step(earlier: Period, later: Period) -> bool {
     }
 }
 
+/// A period and when it was seen: what [`periods_between`] compares.
+#[derive(Clone, Copy, Debug, Default, Eq, Hash, PartialEq)]
+pub struct Seen {
+    /// The period.
+    pub period: Period,
+    /// When it was seen, by any one clock of this machine \[ns\].
+    pub at_ns: u64,
+}
+
+/// Two clocks agree if their steps differ by less than this \[ns\], and by 0.1 % of the step.
+const SAME_CLOCK_NS: u128 = 250_000_000;
+
+/// The control periods between the last sample of a session and the first of the next one, which is no sample of the
+/// same session. `None` if that is not known: the sessions need timestamps of the same clock. They have it if the step
+/// of the timestamps agrees with the time from seeing the one to seeing the other, within 0.25 s and 0.1 % of it, and
+/// does not go back.
+///
+/// The time that is missing is the step less the interval of `later`, which may be a sum of periods; the shorter of
+/// both intervals is taken for one period.
+///
+/// ```
+/// use isotherm_shared::sequence::{Period, Seen, periods_between};
+///
+/// let last = Period { session: 1, sequence: 8, timestamp_ns: 5_000_000_000, interval_ns: 2_500_000 };
+/// let first = Period { session: 2, sequence: 0, timestamp_ns: 6_500_000_000, interval_ns: 2_500_000 };
+/// let [last, first] = [(last, 100), (first, 1_500_200_100)].map(|(period, at_ns)| Seen { period, at_ns });
+/// assert_eq!(periods_between(last, first), Some(599)); // 1.5 s are 600 periods, and `first` has one of them
+/// // A device whose clock begins anew tells nothing.
+/// let anew = Seen { period: Period { timestamp_ns: 2_500_000, ..first.period }, ..first };
+/// assert_eq!(periods_between(last, anew), None);
+/// ```
+#[must_use]
+pub fn periods_between(earlier: Seen, later: Seen) -> Option<u64> {
+    let (last, first) = (earlier.period, later.period);
+    let interval_ns = last.interval_ns.min(first.interval_ns);
+    let has_times = [last, first]
+        .iter()
+        .all(|period| period.timestamp_ns != 0 && (1..=MAX_INTERVAL_NS).contains(&period.interval_ns));
+    // 128 bits hold every difference of numbers of 64 bits.
+    let step = |from: u64, to: u64| i128::from(to) - i128::from(from);
+    let (by_timestamps, by_clock) = (step(last.timestamp_ns, first.timestamp_ns), step(earlier.at_ns, later.at_ns));
+    let limit_ns = SAME_CLOCK_NS + by_clock.unsigned_abs() / 1000;
+    if !has_times || by_timestamps <= 0 || (by_timestamps - by_clock).unsigned_abs() > limit_ns {
+        return None;
+    }
+    let missing_ns = u128::try_from(by_timestamps - i128::from(first.interval_ns)).unwrap_or(0);
+    let interval_ns = u128::from(interval_ns);
+    u64::try_from((missing_ns + interval_ns / 2) / interval_ns).ok()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -145,6 +195,58 @@ mod tests {
             ..CompensatedIncrement::default()
         };
         assert_eq!([Period::from(&raw), Period::from(&increment)], [period(1, 2, 3, 4); 2]);
+    }
+
+    fn seen(timestamp_ns: u64, interval_ns: u64, at_ns: u64) -> Seen {
+        Seen { period: period(1, 0, timestamp_ns, interval_ns), at_ns }
+    }
+
+    #[test]
+    fn periods_between_sessions_of_one_clock_are_counted() {
+        let last = seen(1000 * MS, 2 * MS, 70 * MS);
+        let after = |ms: u64, late: i64| seen((1000 + ms) * MS, 2 * MS, (70 + ms).saturating_add_signed(late) * MS);
+        for (ms, late, expected) in [
+            (2, 0, Some(0)),
+            (3, 0, Some(1)),
+            (4, 0, Some(1)),
+            (1500, 0, Some(749)),
+            (1500, 250, Some(749)),
+            (1500, 252, None),
+            (1500, -251, Some(749)),
+            (1500, -252, None),
+            // 0.1 % of 1000 s.
+            (1_000_000, 1250, Some(499_999)),
+            (1_000_000, 1252, None),
+            (1, 200, Some(0)),
+            // A clock that began anew a short time ago.
+            (0, 200, None),
+        ] {
+            assert_eq!(periods_between(last, after(ms, late)), expected, "{ms} ms, {late} ms late");
+        }
+        assert_eq!(periods_between(last, seen(900 * MS, 2 * MS, 71 * MS)), None);
+    }
+
+    #[test]
+    fn the_first_sample_may_be_a_sum_of_periods() {
+        let last = seen(1000 * MS, 2 * MS, 0);
+        assert_eq!(periods_between(last, seen(1100 * MS, 20 * MS, 100 * MS)), Some(40));
+        assert_eq!(periods_between(seen(1000 * MS, 20 * MS, 0), seen(1100 * MS, 2 * MS, 100 * MS)), Some(49));
+    }
+
+    #[test]
+    fn without_times_or_of_another_clock_the_periods_are_unknown() {
+        let last = seen(1000 * MS, 2 * MS, 0);
+        for first in [
+            seen(0, 2 * MS, 0),
+            seen(1100 * MS, 0, 100 * MS),
+            seen(1100 * MS, MAX_INTERVAL_NS + 1, 100 * MS),
+            seen(2 * MS, 2 * MS, 100 * MS),
+            seen(u64::MAX, 1, 0),
+            seen(1, 1, u64::MAX),
+        ] {
+            assert_eq!([periods_between(last, first), periods_between(first, last)], [None; 2], "{first:?}");
+        }
+        assert_eq!(periods_between(seen(1, 1, 1), seen(u64::MAX, 1, u64::MAX)), Some(u64::MAX - 2));
     }
 
     /// Small numbers, so that samples often follow each other, and any.

@@ -177,6 +177,13 @@ pub struct ImuStatus {
     pub repeats: u64,
     /// Acquisition sessions that have sent samples.
     pub sessions: u64,
+    /// Control periods between two sessions, in sum over all changes of session after which they are known: where both
+    /// sessions have timestamps of the same clock. Such a change is flagged `session`.
+    #[serde(default)]
+    pub session_missing: u64,
+    /// Changes of session after which the number of control periods between is unknown.
+    #[serde(default)]
+    pub session_unknown: u64,
     /// Receiving or publishing failed; should be 0.
     pub transport_errors: u64,
     /// Increments with each flag, by the flag's name; `other-device` since the table in force was taken. Absent are the

@@ -288,8 +288,8 @@ impl Triad {
 /// Flags of a sample and of its delivery: the bits of [`CompensatedIncrement::flags`].
 ///
 /// Bits 0 to 23 and 32 to 50 are **sample flags**, a pure function of raw sample and table; 32 to 49 are the flags of
-/// the gyroscopes, as bits 0 to 17 are those of the accelerometers. Bits 24 to 26 are **delivery flags**, which the
-/// service adds.
+/// the gyroscopes, as bits 0 to 17 are those of the accelerometers. Bits 24 to 27 are **delivery flags**, which the
+/// service adds. A later service may set bits that have no name today: who compares flags masks them.
 ///
 /// ```
 /// use isotherm_shared::wire::Flags;
@@ -393,6 +393,11 @@ flags! {
         /// wrong. The increment is computed.
         TIME_STEP = 26,
             "Time is missing before it, or the clock was set: look at the acquisition's clock and interval.";
+        /// The first sample of a session other than the one that was served last for this IMU, by this service or by
+        /// the one before it since boot: the acquisition, or its device, began anew. The increment is computed.
+        SESSION = 27,
+            "Time may be missing before it: navigation begins anew, or goes on over as many periods as `lost_before` of a \
+             reader counts. Look for why the acquisition was started again, or its device was away.";
         /// The table has a nominal interval, and the sample's is not within 1 % of 1 to 64 times that; not flagged
         /// where the interval cannot be (`interval`). The increment is computed, with scale factors that are of another
         /// interval.
@@ -409,7 +414,7 @@ impl Flags {
     pub const SAMPLE: Self =
         Self(((1 << 24) - 1) | (((1 << 18) - 1) << Self::GYROSCOPES) | Self::INTERVAL_NOT_NOMINAL.0);
     /// All delivery flags.
-    pub const DELIVERY: Self = Self(Self::GAP.0 | Self::LATE.0 | Self::TIME_STEP.0);
+    pub const DELIVERY: Self = Self(Self::GAP.0 | Self::LATE.0 | Self::TIME_STEP.0 | Self::SESSION.0);
 
     /// Bits 0 to 17 of the accelerometers, with those of the gyroscopes.
     const fn of_both(accelerometers: u64) -> u64 {
@@ -429,13 +434,13 @@ impl Flags {
             | Self::G_UNKNOWN.0
             | Self::INTERVAL_NOT_NOMINAL.0,
     );
-    /// Mask: time is missing before this increment. `gap`, `time-step`.
-    pub const LOST: Self = Self(Self::GAP.0 | Self::TIME_STEP.0);
+    /// Mask: time is missing before this increment, or may be. `gap`, `time-step`, `session`.
+    pub const LOST: Self = Self(Self::GAP.0 | Self::TIME_STEP.0 | Self::SESSION.0);
     /// Mask: says nothing against the increment. `late`.
     pub const INFORMATION: Self = Self(Self::LATE.0);
 
     /// Bit and name of every flag, lowest bit first.
-    pub const NAMES: [(u32, &'static str); 46] = [
+    pub const NAMES: [(u32, &'static str); 47] = [
         (0, "a1-head-below"),
         (1, "a2-head-below"),
         (2, "a3-head-below"),
@@ -463,6 +468,7 @@ impl Flags {
         (24, "gap"),
         (25, "late"),
         (26, "time-step"),
+        (27, "session"),
         (32, "g1-head-below"),
         (33, "g2-head-below"),
         (34, "g3-head-below"),
@@ -677,7 +683,7 @@ mod tests {
         assert_eq!(masks.iter().map(|mask| mask.0.count_ones()).sum::<u32>() as usize, Flags::NAMES.len());
         assert_eq!(Flags::INVALID.to_string().matches("not-finite").count(), 2 * AXES);
         assert_eq!(Flags::INVALID.only(Flags((1 << 24) - 1)).0, 0b111 << 12 | 1 << 18 | 1 << 19);
-        assert_eq!([Flags::LOST.to_string(), Flags::INFORMATION.to_string()], ["gap|time-step", "late"]);
+        assert_eq!([Flags::LOST.to_string(), Flags::INFORMATION.to_string()], ["gap|time-step|session", "late"]);
     }
 
     #[test]
@@ -707,10 +713,12 @@ mod tests {
         assert_eq!(named("gap"), Flags::GAP);
         assert_eq!(named("late"), Flags::LATE);
         assert_eq!(named("time-step"), Flags::TIME_STEP);
+        assert_eq!(named("session"), Flags::SESSION);
+        assert_eq!(Flags::LOST.0, 0xd00_0000);
         for (bit, name) in Flags::NAMES {
             let [meaning, remedy] = Flags::text(bit).unwrap();
             assert!(meaning.ends_with('.') && remedy.ends_with('.'), "{name}");
         }
-        assert_eq!([27, 31, 51, 63].map(Flags::text), [None; 4]);
+        assert_eq!([28, 31, 51, 63].map(Flags::text), [None; 4]);
     }
 }

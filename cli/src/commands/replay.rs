@@ -20,8 +20,8 @@ use std::{fmt, io, slice};
 /// Compensate a recording offline, with the very arithmetic of the service
 ///
 /// The output equals that of `feed`, byte for byte. A file named .mcap gets ROS messages instead, sensor_msgs/msg/Imu.
-/// The last line on stderr counts the flags, and where rows are missing or time steps, those too. The flags are those
-/// of the service without delivery.
+/// The last line on stderr counts the flags, and where rows are missing, time steps or another session follows, those
+/// too. The flags are those of the service without delivery.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm replay --table imu-a.toml run.csv -o increments.csv\n  isotherm replay --table imu-a.toml flight-????.parquet -o increments.csv\n  zcat run.csv.gz | isotherm replay --table imu-a.toml - | head\n  isotherm replay --table imu-a.toml run.csv -o run.mcap"
@@ -62,8 +62,8 @@ impl Replay {
         let input = (choice, self.foreign.read()?);
         let mut samples = Samples::open(&self.recording, input, &ProgressBar::hidden())?;
         samples.set_lag(self.lag.ns.unwrap_or(table.lag_ns()));
-        let first = samples.next();
-        if let Some(Ok(_)) = first {
+        let mut next = samples.next();
+        if let Some(Ok(_)) = next {
             super::common::refuse_other_imu(&samples, &self.recording, (&table, &self.table), self.other_imu)?;
         }
         let path = self.output.as_deref();
@@ -77,10 +77,10 @@ impl Replay {
         let mut warning = GyroscopeWarning::new(layout.gyroscopes);
         let mut continuity = Continuity::default();
         let mut begin: Vec<RawSample> = Vec::new();
-        for sample in first.into_iter().chain(samples.by_ref()) {
+        while let Some(sample) = next {
             let sample = sample?;
             warning.check(&sample);
-            continuity.add(&sample);
+            continuity.add_recorded(&sample, samples.recorded_ns());
             if begin.len() < LENGTH_ROWS {
                 begin.push(sample);
             }
@@ -89,6 +89,7 @@ impl Replay {
             if let Err(error) = writer.write(&sample, &increment) {
                 return check_written(path, Err(error));
             }
+            next = samples.next();
         }
         let tells_no_temperature = matches!(writer, Writer::Ros(_)) && !ros.is_celsius();
         let others = flags.count(Flags::OTHER_DEVICE);
@@ -104,7 +105,7 @@ impl Replay {
             let unit = &table.content().temperature_unit;
             tell("isotherm", format_args!("no sensor_msgs/msg/Temperature: the telemetry is in {unit}, not in degC"));
         }
-        let losses = Some(continuity.losses()).filter(|losses| !losses.is_none());
+        let losses = Some(continuity.losses()).filter(|losses| !losses.is_none() || losses.session_changes > 0);
         let losses = losses.map(|losses| format!("; {losses}")).unwrap_or_default();
         tell("isotherm", format_args!("{flags}{losses}"));
         Ok(())

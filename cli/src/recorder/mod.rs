@@ -148,7 +148,7 @@ impl Recorder {
             let Some(TappedSample { stream, unix_ns, sample, .. }) = self.tap.pop() else { return Ok(count > 0) };
             self.first_row.get_or_insert_with(Instant::now);
             let row = RecordedRow { imu: self.streams[stream].0, recorded_ns: unix_ns, sample };
-            if self.counts[row.imu].take(row.stream(), row.period()) {
+            if self.counts[row.imu].take(row.stream(), row.period(), row.recorded_ns) {
                 self.files.write(row)?;
                 if self.files.is_stalled() {
                     return Ok(true);
@@ -289,9 +289,10 @@ fn print_totals(imu: &ImuId, stream: StreamKind, tally: Tally, counts: &StreamCo
         1 => ", 1 time step".to_owned(),
         steps => format!(", {steps} time steps"),
     };
+    let between = continuity.losses().between_sessions().map(|words| format!(", {words}")).unwrap_or_default();
     let name = stream.name();
     print_message(&format!(
-        "{imu} {name}: {rows} rows of {sessions}, {missing} missing, {repeats} repeats{late}{steps}"
+        "{imu} {name}: {rows} rows of {sessions}, {missing} missing, {repeats} repeats{late}{steps}{between}"
     ));
     if let Some(fault) = continuity.fault() {
         print_message(&format!("warning: {imu} {name}: {fault}"));

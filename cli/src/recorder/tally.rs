@@ -39,7 +39,7 @@ impl StreamCounts {
     /// Counts a row that comes for the first time. Returns whether it is to be written. A raw sample that comes after a
     /// later one is not written, because `feed` needs rising sequences. An increment that comes after a later one is
     /// written.
-    pub(super) fn take(&mut self, stream: StreamKind, row: Period) -> bool {
+    pub(super) fn take(&mut self, stream: StreamKind, row: Period, recorded_ns: u64) -> bool {
         let Period { session, sequence, .. } = row;
         self.extend(stream, session, sequence);
         self.note_holes(stream, session, sequence);
@@ -60,7 +60,7 @@ impl StreamCounts {
             _ => tally.sessions += 1,
         }
         tally.last = Some((session, sequence));
-        self.continuity[stream as usize].add(row);
+        self.continuity[stream as usize].add_recorded(row, Some(recorded_ns));
         tally.rows += 1;
         true
     }
@@ -165,7 +165,7 @@ mod tests {
 
     fn take_all(counts: &mut StreamCounts, stream: StreamKind, session: u64, sequences: impl Iterator<Item = u64>) {
         for sequence in sequences {
-            counts.take(stream, row(session, sequence));
+            counts.take(stream, row(session, sequence), 0);
         }
     }
 
@@ -174,13 +174,13 @@ mod tests {
         let mut counts = StreamCounts::default();
         for stream in StreamKind::BOTH {
             for sequence in [5, 6, 9] {
-                assert!(counts.take(stream, row(1, sequence)));
+                assert!(counts.take(stream, row(1, sequence), 0));
             }
-            assert_eq!(counts.take(stream, row(1, 7)), stream == Increment);
+            assert_eq!(counts.take(stream, row(1, 7), 0), stream == Increment);
             assert!(
-                counts.take(stream, row(2, u64::MAX))
-                    && counts.take(stream, row(3, 0))
-                    && counts.take(stream, row(3, 1))
+                counts.take(stream, row(2, u64::MAX), 0)
+                    && counts.take(stream, row(3, 0), 0)
+                    && counts.take(stream, row(3, 1), 0)
             );
         }
         assert_eq!(totals(&counts, Raw), (6, 3, 2, 1));
@@ -216,7 +216,7 @@ mod tests {
     fn time_steps_are_those_of_rows_in_order() {
         let mut counts = StreamCounts::default();
         for (sequence, timestamp_ns) in [(1, 10), (2, 20), (3, 60), (5, 100), (4, 70), (6, 110), (7, 0), (8, 900)] {
-            counts.take(Increment, Period { session: 1, sequence, timestamp_ns, interval_ns: 10 });
+            counts.take(Increment, Period { session: 1, sequence, timestamp_ns, interval_ns: 10 }, 0);
         }
         let losses = counts.continuity(Increment).losses();
         assert_eq!((losses.time_steps, counts.tally(Increment).missing, counts.tally(Increment).late), (1, 0, 1));
@@ -229,7 +229,7 @@ mod tests {
         take_all(&mut counts, Raw, 1, 0..10);
         take_all(&mut counts, Increment, 1, 5..30);
         take_all(&mut counts, Raw, 2, 8..12);
-        counts.take(Raw, row(3, 0));
+        counts.take(Raw, row(3, 0), 0);
         assert_eq!((counts.tally(Raw).missing, counts.tally(Increment).missing), (0, 0));
         counts.count_missing_at_ends();
         assert_eq!((counts.tally(Raw).missing, counts.tally(Increment).missing), (20, 4));
@@ -259,8 +259,8 @@ mod tests {
         let mut counts = StreamCounts::default();
         for session in 0..1000 {
             for sequence in [0, u64::MAX] {
-                assert!(counts.take(Raw, row(session, sequence)));
-                counts.take(Increment, row(session ^ 1, sequence));
+                assert!(counts.take(Raw, row(session, sequence), 0));
+                counts.take(Increment, row(session ^ 1, sequence), 0);
             }
         }
         counts.count_missing_at_ends();

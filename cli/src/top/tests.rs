@@ -334,6 +334,7 @@ fn every_condition_is_shown() {
         &["late", "flags     late 5 (5.0/s)"],
     );
     has(&state(|status| _ = status.imus[0].flagged.insert("time-step".to_owned(), 5)), &["time steps", "time-step 5"]);
+    has(&state(|status| _ = status.imus[0].flagged.insert("session".to_owned(), 1)), &["new session", "session 1"]);
     let other = state(|status| _ = status.imus[0].flagged.insert("interval-not-nominal".to_owned(), 5));
     has(&other, &["wrong interval", "interval-not-nominal 5"]);
     has(&state(|status| _ = status.imus[0].flagged.insert("a1-rate".to_owned(), 5)), &["flagged", "a1-rate 5"]);

@@ -56,6 +56,9 @@ pub const ISOTHERM_FLAG_LATE: u64 = 1 << 25;
 /// No sequence is missing before this sample, and its `timestamp_ns` is not one `interval_ns` after that of the sample
 /// before: the step differs from the interval by more than half of it. Time was lost, or the interval is wrong.
 pub const ISOTHERM_FLAG_TIME_STEP: u64 = 1 << 26;
+/// The first sample of a session other than the one that was served last for this IMU, by this service or by the one
+/// before it since boot. Time may be missing before it.
+pub const ISOTHERM_FLAG_SESSION: u64 = 1 << 27;
 /// Head telemetry of G1 below the bias range.
 pub const ISOTHERM_FLAG_G1_HEAD_BELOW: u64 = 1 << 32;
 /// Head telemetry of G2 below the bias range.
@@ -110,8 +113,8 @@ pub const ISOTHERM_MASK_INVALID: u64 = ISOTHERM_FLAG_INTERVAL
 /// interval-not-nominal.
 pub const ISOTHERM_MASK_DEGRADED: u64 =
     0x00038fff00738fff | ISOTHERM_FLAG_G_UNKNOWN | ISOTHERM_FLAG_INTERVAL_NOT_NOMINAL;
-/// Mask: time is missing before this increment. gap, time-step.
-pub const ISOTHERM_MASK_LOST: u64 = ISOTHERM_FLAG_GAP | ISOTHERM_FLAG_TIME_STEP;
+/// Mask: time is missing before this increment, or may be. gap, time-step, session.
+pub const ISOTHERM_MASK_LOST: u64 = ISOTHERM_FLAG_GAP | ISOTHERM_FLAG_TIME_STEP | ISOTHERM_FLAG_SESSION;
 /// Mask: says nothing against the increment. late.
 pub const ISOTHERM_MASK_INFORMATION: u64 = ISOTHERM_FLAG_LATE;
 

@@ -169,3 +169,17 @@ pub unsafe extern "C" fn isotherm_reader_repeats(reader: *const isotherm_reader)
     });
     repeats
 }
+
+/// The control periods that are missing right before the increment that was received last: holes in `sequence`, also
+/// those of a reader that was too slow, and the time between two sessions of the same clock. -1 if that is unknown:
+/// where time steps, between sessions whose timestamps are of different clocks, are 0, or do not agree with the
+/// reader's clock to within 0.25 s, before the first increment of the reader, and for a handle that cannot be used.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_reader_lost_before(reader: *const isotherm_reader) -> i64 {
+    let mut lost = None;
+    with(reader, |reader| {
+        lost = reader.lost_before();
+        Ok(())
+    });
+    lost.map_or(-1, |lost| i64::try_from(lost).unwrap_or(i64::MAX))
+}

@@ -4,7 +4,7 @@
 
 use crate::{SAMPLE, checked, sample};
 use isotherm_shared::protocol::{Arrival, SequenceTracker};
-use isotherm_shared::sequence::Period;
+use isotherm_shared::sequence::{Period, Seen};
 use isotherm_shared::table::{CoefficientTable, OutOfRange};
 use isotherm_shared::wire::{MAX_INTERVAL_NS, RawSample};
 use std::sync::LazyLock;
@@ -47,6 +47,7 @@ fn track(samples: &[RawSample]) {
     // The last four sessions, the last sample's last; of each its sequence numbers so far, how many were missing, and
     // how many new.
     let mut sessions = Vec::<(u64, Vec<u64>, u128, u128)>::new();
+    let mut last_seen = None;
     for raw in samples {
         let known = sessions.iter().position(|(session, ..)| *session == raw.session);
         let session = known.map_or((raw.session, Vec::new(), 0, 0), |place| sessions.remove(place));
@@ -55,10 +56,12 @@ fn track(samples: &[RawSample]) {
             sessions.remove(0);
         }
         let Some((_, sequences, missing, new)) = sessions.last_mut() else { continue };
-        let arrival = tracker.note(Period::from(raw));
+        let is_first = last_seen.replace(raw).is_none();
+        let arrival = tracker.note(Seen { period: Period::from(raw), at_ns: raw.sent_ns });
         let repeated = sequences.iter().any(|sequence| *sequence >= raw.sequence);
-        let Arrival { missing: before, time_step, .. } = arrival;
-        assert_eq!(arrival, Arrival { missing: before, repeated, begins: sequences.is_empty(), time_step });
+        let Arrival { missing: before, time_step, change, .. } = arrival;
+        assert_eq!(arrival, Arrival { missing: before, repeated, begins: sequences.is_empty(), time_step, change });
+        assert_eq!(change.is_some(), arrival.begins && !is_first);
         assert!(!repeated || before == 0);
         // Only the next sample of a session can have one.
         let is_next = sequences.iter().max().and_then(|highest| highest.checked_add(1)) == Some(raw.sequence);

@@ -349,6 +349,10 @@ class IncrementReader:
     @property
     def repeats(self) -> int:
         """Increments that came again after a resend and were not returned."""
+    @property
+    def lost_before(self) -> int | None:
+        """The control periods that are missing right before the increment that was returned last. None if that is unknown: where time steps,
+        between sessions of different clocks, and before the first one. After `read_available` it is of the last one of the array."""
     def fileno(self) -> int:
         """A descriptor for `select`, `selectors` and `asyncio`: readable when increments may have come. Then call `receive` until it returns
         None, or `read_available`. Wait for at most some 0.1 s at once. Raises NoService while the reader is not connected."""

@@ -96,13 +96,13 @@ def _at(array: Any, path: Path) -> Any:
 
 
 class Flags(enum.IntFlag):
-    """Flags of a sample (bits 0 to 23 and 50, and of the gyroscopes 32 to 49) and of its delivery (24 to 26), and masks.
+    """Flags of a sample (bits 0 to 23 and 50, and of the gyroscopes 32 to 49) and of its delivery (24 to 27), and masks.
 
     They can be combined with integers and with arrays: `increments["flags"] & Flags.LOST`.
 
     INVALID: an increment could not be computed and is NaN, on one axis or on all.
     DEGRADED: computed, outside of what the calibration covers or without a part of it; NaN under the policy `reject`.
-    LOST: time is missing before this increment.
+    LOST: time is missing before this increment, or may be.
     INFORMATION: says nothing against the increment.
     Together they have every flag, each once. Use a value if it is finite.
     """
@@ -134,6 +134,7 @@ class Flags(enum.IntFlag):
     GAP = 1 << 24
     LATE = 1 << 25
     TIME_STEP = 1 << 26
+    SESSION = 1 << 27
     G1_HEAD_BELOW = 1 << 32
     G2_HEAD_BELOW = 1 << 33
     G3_HEAD_BELOW = 1 << 34
@@ -156,7 +157,7 @@ class Flags(enum.IntFlag):
 
     INVALID = INTERVAL | NO_TABLE | (0b111 << 12) | (0b111 << 44)
     DEGRADED = 0xFFF | (0b111 << 15) | (0xFFF << 32) | (0b111 << 47) | TELEMETRY_STALE | LAG_UNKNOWN | OTHER_DEVICE | G_UNKNOWN | INTERVAL_NOT_NOMINAL
-    LOST = GAP | TIME_STEP
+    LOST = GAP | TIME_STEP | SESSION
     INFORMATION = LATE
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:

@@ -56,7 +56,7 @@ pub fn topics() -> Vec<Topic> {
     let masks = [
         (Flags::INVALID, "a value is NaN: use the others"),
         (Flags::DEGRADED, "use what is finite, with less trust"),
-        (Flags::LOST, "time is missing before it"),
+        (Flags::LOST, "time is missing before it, or may be"),
         (Flags::INFORMATION, "nothing to do"),
     ];
     let names = ["INVALID", "DEGRADED", "LOST", "INFORMATION"];

@@ -153,6 +153,10 @@ fn describe_samples(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
         "  samples      {} received, {} answered, {} missing in {} gaps, {} repeated",
         imu.received, imu.compensated, imu.missing, imu.gaps, imu.repeats
     )?;
+    if imu.session_missing > 0 || imu.session_unknown > 0 {
+        let (missing, unknown) = (imu.session_missing, imu.session_unknown);
+        writeln!(text, "  between      sessions {missing} periods are missing, and {unknown} times an unknown number")?;
+    }
     if let Some(closed) = &imu.closed {
         writeln!(
             text,

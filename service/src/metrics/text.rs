@@ -42,6 +42,10 @@ metrics! {
     GAPS = counter "isotherm_gaps_total" [imu] "Samples before which others of their session were missing.";
     REPEATED = counter "isotherm_samples_repeated_total" [imu] "Samples whose sequence did not rise: resends.";
     SESSIONS = counter "isotherm_sessions_total" [imu] "Starts of an acquisition.";
+    SESSION_MISSING = counter "isotherm_session_missing_periods_total" [imu]
+        "Control periods between two sessions, where both have timestamps of the same clock.";
+    SESSION_UNKNOWN = counter "isotherm_session_unknown_total" [imu]
+        "Changes of session with an unknown number of control periods between.";
     TRANSPORT = counter "isotherm_transport_errors_total" [imu] "Receiving or publishing failed; should be 0.";
     RELOADS = counter "isotherm_reloads_total" [imu] "Tables taken over after the first.";
     REFUSED = counter "isotherm_reloads_refused_total" [imu] "Table files refused, one that is away included.";
@@ -101,13 +105,15 @@ type ChooseValue = fn(Option<f64>, Option<[f64; 2]>) -> Option<f64>;
 type ImuMetric = (Metric, fn(&ImuStatus) -> Option<f64>);
 
 /// The metrics with one value for each IMU. An IMU without a value is left out.
-const IMU_METRICS: [ImuMetric; 17] = [
+const IMU_METRICS: [ImuMetric; 19] = [
     (RECEIVED, |imu| count(imu.received)),
     (INCREMENTS, |imu| count(imu.compensated)),
     (MISSING, |imu| count(imu.missing)),
     (GAPS, |imu| count(imu.gaps)),
     (REPEATED, |imu| count(imu.repeats)),
     (SESSIONS, |imu| count(imu.sessions)),
+    (SESSION_MISSING, |imu| count(imu.session_missing)),
+    (SESSION_UNKNOWN, |imu| count(imu.session_unknown)),
     (TRANSPORT, |imu| count(imu.transport_errors)),
     (RELOADS, |imu| count(imu.reloads)),
     (REFUSED, |imu| count(imu.refusals)),

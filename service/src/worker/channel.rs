@@ -16,8 +16,8 @@ use iceoryx2::service::port_factory::event;
 use isotherm_client::{Clock, Rehearsal, RehearsalStreams, open_to_group, publish, receive, subscribers_of};
 use isotherm_failure::Failure;
 use isotherm_shared::compensate::answer_into;
-use isotherm_shared::protocol::{Arrival, SequenceTracker, queue_depth};
-use isotherm_shared::sequence::Period;
+use isotherm_shared::protocol::{Arrival, LastSession, SequenceTracker, queue_depth};
+use isotherm_shared::sequence::{Period, Seen};
 use isotherm_shared::stream::{self, Domain, Ipc, IpcNode, RAW_SUBSCRIBERS, RehearsalNames};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample};
@@ -37,6 +37,8 @@ pub struct ChannelLink {
     pub tables: Consumer<Arc<CoefficientTable>>,
     /// The channel's counters, which the control thread reads.
     pub counters: CounterWriter,
+    /// The session that was served last, as the service before has noted it.
+    pub before: Option<LastSession>,
 }
 
 /// One IMU's streams.
@@ -133,7 +135,7 @@ impl Channel {
             counters: link.counters,
             budget_ns,
             reclaim_polls_left: 0,
-            sequence: SequenceTracker::default(),
+            sequence: SequenceTracker::after(link.before),
             raw: RawSample::default(),
             unsettled: None,
             spare: publisher.loan().ok(),
@@ -186,7 +188,7 @@ impl Channel {
         self.raw = *sample;
         core::hint::black_box(&mut self.raw);
         let since = if self.raw.sent_ns == 0 { clock.now() } else { self.raw.sent_ns };
-        let arrival = self.sequence.note(Period::from(&self.raw));
+        let arrival = self.sequence.note(Seen { period: Period::from(&self.raw), at_ns: since });
 
         let increment = loan.payload_mut();
         answer_into(self.table.as_deref(), &self.raw, increment);
@@ -224,6 +226,13 @@ impl Channel {
         self.counters.answered(&self.raw, arrival, flags, latency_ns, published);
         // Not before: what is counted is of the table that the sample was answered with.
         self.take_table();
+    }
+
+    /// Tells the control thread which sample was the last, when no more are served.
+    pub fn end(&mut self) {
+        if let Some(last) = self.sequence.last() {
+            self.counters.ended(last);
+        }
     }
 
     /// Rehearses the next sample with the last one, and touches what only this IMU's next sample will need. A reader

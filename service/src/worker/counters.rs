@@ -35,11 +35,11 @@
 
 use super::histogram::{BucketCounts, Histogram};
 use isotherm_atomic::AtomicU64;
-use isotherm_shared::protocol::Arrival;
+use isotherm_shared::protocol::{Arrival, LastSession};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::{AXES, Flags, RawSample};
-use std::sync::Arc;
 use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
+use std::sync::{Arc, OnceLock};
 
 /// How many flags are counted: bits 0 to 50.
 const FLAGS: usize = 51;
@@ -57,6 +57,12 @@ struct Counters {
     missing: AtomicU64,
     repeats: AtomicU64,
     sessions: AtomicU64,
+    session_missing: AtomicU64,
+    session_unknown: AtomicU64,
+    /// Session of the last sample that was no resend.
+    session: AtomicU64,
+    /// That sample, after the end.
+    last: OnceLock<LastSession>,
     transport_errors: AtomicU64,
     flagged: FlagCounts,
     table: AtomicU64,
@@ -132,12 +138,21 @@ impl CounterWriter {
         add(&self.0.transport_errors, 1);
     }
 
+    /// No more samples are served; this was the last one.
+    pub fn ended(&mut self, last: LastSession) {
+        // There is one end.
+        let _ = self.0.last.set(last);
+    }
+
     /// A sample was received, and its increment published unless the transport failed.
     #[inline]
     pub fn answered(&mut self, raw: &RawSample, arrival: Arrival, flags: Flags, latency_ns: u64, published: bool) {
         let counters = &*self.0;
         // Values first, then the counts that tell a reader that there are values.
         counters.lag_ns.store(raw.lag_ns, Relaxed);
+        if !arrival.repeated {
+            counters.session.store(raw.session, Relaxed);
+        }
         let is_other = flags.intersects(Flags::OTHER_DEVICE);
         counters.last_other_device.store(if is_other { raw.device } else { 0 }, Release);
         if is_other {
@@ -159,6 +174,11 @@ impl CounterWriter {
         }
         if arrival.begins {
             add(&counters.sessions, 1);
+        }
+        match arrival.change.map(|change| change.missing) {
+            Some(Some(missing)) => add(&counters.session_missing, missing),
+            Some(None) => add(&counters.session_unknown, 1),
+            None => {}
         }
         let mut rest = flags.0;
         while rest != 0 {
@@ -200,6 +220,22 @@ impl CounterReader {
     /// Sessions that have begun.
     pub fn sessions(&self) -> u64 {
         self.0.sessions.load(Relaxed)
+    }
+
+    /// Control periods between two sessions, in sum, where they are known.
+    pub fn session_missing(&self) -> u64 {
+        self.0.session_missing.load(Relaxed)
+    }
+
+    /// How often another session followed after an unknown time.
+    pub fn session_unknown(&self) -> u64 {
+        self.0.session_unknown.load(Relaxed)
+    }
+
+    /// The session of the last sample that was no resend, with that sample after the end; `None` before the first.
+    pub fn last_session(&self) -> Option<LastSession> {
+        let session = || LastSession { session: self.0.session.load(Relaxed), last: None };
+        (self.received() > 0).then(|| self.0.last.get().copied().unwrap_or_else(session))
     }
 
     /// Failures of the transport.

@@ -234,6 +234,7 @@ impl<'a> HotLoop<'a> {
             (0..queue_depth(RAW_DEPTH)).take_while(|_| channel.serve(&mut self.clock).is_some()).count();
             channel.settle();
             channel.announce();
+            channel.end();
         }
     }
 

@@ -34,7 +34,11 @@
 //! **Service** ([`SequenceTracker`]). It answers what comes, in order, also what comes again. A sequence more than 1
 //! above the highest of the session is a gap; a lower one is a repeat, never a gap. The first sample of a session that
 //! it sees begins anywhere, so a new service reports no gap before it. It knows the last four sessions, so that samples
-//! of an earlier one that come late, or again, are counted right.
+//! of an earlier one that come late, or again, are counted right. The first sample of a session that follows another
+//! one is flagged. A service notes which session it has served last, for the next one, which goes on from there: it
+//! flags a session that is another one, and not that one. Only a service that is killed before it has noted a new
+//! session leaves the one before, so that the new one is flagged again; and if it was the first of all, the next
+//! session is not flagged if the acquisition has died as well.
 //!
 //! **Reader** ([`ReaderState`]). It returns each session and sequence once, within a window of 1024 sequences and 4
 //! sessions. It may come at any time, and its queue loses the oldest increments if it does not read.
@@ -44,6 +48,8 @@
 //! - No control period gets the number of one that was dropped, and no two samples on loan have the same.
 //! - A gap is reported only before a sample of whose predecessors a fault, or the user, has left one out.
 //! - A reader returns each sample once.
+//! - The first increment of each session but the first of all has the flag, and no other increment has, but for the
+//!   services that were killed before they had noted the session.
 //! - When faults stop, every sample gets its answer, and the next one can be sent.
 //!
 //! The search (`search.rs`, with the queues and faults of `world.rs`) checks this in every state of small worlds, and
@@ -61,4 +67,4 @@ mod world;
 
 pub use acquisition::{AcquisitionState, Refusal, Resend, depth_in_flight, queue_depth};
 pub use reader::ReaderState;
-pub use service::{Arrival, SequenceTracker};
+pub use service::{Arrival, LastSession, SequenceTracker, SessionChange};

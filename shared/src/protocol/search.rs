@@ -251,7 +251,7 @@ mod tests {
             Bounds { samples: 5, queue: 2, service_kills: 1, resends: 0, ..CALM },
             false_gap,
         );
-        is_found(Mutation::OneSession, Bounds { acquisition_kills: 1, ..CALM }, false_gap);
+        is_found(Mutation::OneSession, Bounds { acquisition_kills: 1, ..CALM }, "without its flag");
         for mutation in [Mutation::NeverResends, Mutation::ResendsNewestOnly] {
             is_found(mutation, RESTART, "stay unanswered");
         }
@@ -261,5 +261,9 @@ mod tests {
         is_found(Mutation::CancelsAnyNumber, loans, "same number");
         is_found(Mutation::HandsOutAtOnce, RESTART, "out of order");
         is_found(Mutation::ReaderForgets, Bounds { reader: true, ..RESTART }, "twice");
+        let bounds = Bounds { samples: 2, service_kills: 1, acquisition_kills: 1, ..CALM };
+        let steps = is_found(Mutation::ForgetsSessions, bounds, "without its flag");
+        assert!(steps.contains(&Step::Note) && steps.contains(&Step::KillAcquisition), "{steps:?}");
+        is_found(Mutation::EverySessionIsNew, Bounds { service_kills: 1, ..CALM }, "a flag too much");
     }
 }

@@ -8,8 +8,8 @@
 
 use crate::protocol::acquisition::{AcquisitionState, Refusal, Resend};
 use crate::protocol::reader::ReaderState;
-use crate::protocol::service::SequenceTracker;
-use crate::sequence::Period;
+use crate::protocol::service::{LastSession, SequenceTracker};
+use crate::sequence::{Period, Seen};
 use std::collections::VecDeque;
 use std::hash::{Hash, Hasher};
 
@@ -74,6 +74,10 @@ pub(super) enum Mutation {
     DiscardingCancels,
     /// Cancelling a loan also takes back the number of one that was loaned before the last.
     CancelsAnyNumber,
+    /// A service does not know which session the one before has served.
+    ForgetsSessions,
+    /// A service takes each session for a new one.
+    EverySessionIsNew,
 }
 
 /// Something that one of the processes does, or a fault.
@@ -99,6 +103,8 @@ pub(super) enum Step {
     KillAcquisition,
     Serve,
     ServeWithoutPublishing,
+    /// The service notes which session it has served last, for the next service.
+    Note,
     KillService,
     /// A dead service is removed from the list of publishers.
     CleanUp,
@@ -124,7 +130,7 @@ pub(super) enum End {
     Newest,
 }
 
-const STEPS: [Step; 30] = [
+const STEPS: [Step; 31] = [
     Step::Send,
     Step::Loan,
     Step::SendLoaned(End::Oldest),
@@ -145,6 +151,7 @@ const STEPS: [Step; 30] = [
     Step::KillAcquisition,
     Step::Serve,
     Step::ServeWithoutPublishing,
+    Step::Note,
     Step::KillService,
     Step::CleanUp,
     Step::Subscribe,
@@ -212,6 +219,9 @@ pub(super) struct World {
     phase: Phase,
     tracker: SequenceTracker,
     raw: VecDeque<Key>,
+    /// The session of the last sample that is no repeat, and what is noted of it for the next service.
+    served: Option<u8>,
+    noted: Option<u8>,
     /// The publisher of increments that the acquisition would find; 0 for none.
     listed: u8,
 
@@ -233,6 +243,20 @@ pub(super) struct World {
     /// Sequences of loans that the user has discarded: control periods that were measured and not sent.
     discarded: Samples,
     returned: Samples,
+    sessions: Sessions,
+}
+
+/// What is known of the sessions that any service has served. A session is a bit.
+#[derive(Clone, Copy, Debug, Default, Eq, Hash, PartialEq)]
+struct Sessions {
+    /// Served, the first of all too.
+    begun: u8,
+    /// Flagged by an increment that has gone out, or excused: the first session, and those whose flag a fault has lost.
+    flagged: u8,
+    /// Begun when their service was killed before it had noted them: they are flagged again.
+    unnoted: u8,
+    /// A service was killed before it had noted the first session: the next one has no flag.
+    first_unnoted: bool,
 }
 
 impl World {
@@ -251,6 +275,8 @@ impl World {
             phase: Phase::Ready,
             tracker: SequenceTracker::default(),
             raw: VecDeque::new(),
+            served: None,
+            noted: None,
             listed: 1,
             reader: None,
             removed: 0,
@@ -262,6 +288,7 @@ impl World {
             told: Samples::default(),
             discarded: Samples::default(),
             returned: Samples::default(),
+            sessions: Sessions::default(),
         }
     }
 
@@ -278,6 +305,7 @@ impl World {
         (resend, self.port, &self.answers, &self.loans, self.discarded).hash(hasher);
         (self.service, self.phase, self.tracker, &self.raw, self.listed).hash(hasher);
         (&self.reader, &self.expected, self.missing, self.told, self.returned).hash(hasher);
+        (self.served, self.noted, self.sessions).hash(hasher);
     }
 
     /// Whether every sample has been answered, and the next one can be sent.
@@ -380,6 +408,7 @@ impl World {
             Step::ServeWithoutPublishing => {
                 return if spend(&mut self.left.lost_answers).is_some() { self.serve(false) } else { Ok(None) };
             }
+            Step::Note => (self.phase == Phase::Ready && self.noted != self.served).then(|| self.noted = self.served),
             Step::KillService => self.kill_service(),
             Step::CleanUp => {
                 let dead = self.listed != 0 && (self.listed != self.service || self.phase == Phase::Dead);
@@ -389,7 +418,8 @@ impl World {
                 self.service += 1;
                 self.service_joined = self.removed;
                 self.phase = Phase::Subscribed;
-                self.tracker = SequenceTracker::default();
+                self.tracker = SequenceTracker::after(self.noted().map(|session| LastSession { session, last: None }));
+                self.served = self.noted;
             }),
             Step::Publish => (self.phase == Phase::Subscribed).then(|| {
                 self.phase = Phase::Ready;
@@ -646,7 +676,12 @@ impl World {
         let Some(sample) = self.raw.pop_front() else { return Ok(None) };
         let Key { session, sequence, .. } = sample;
         let noted = if self.mutation == Some(Mutation::OneSession) { 0 } else { u64::from(session) };
-        let arrival = self.tracker.note(Period { session: noted, sequence: u64::from(sequence), ..Period::default() });
+        let period = Period { session: noted, sequence: u64::from(sequence), ..Period::default() };
+        let arrival = self.tracker.note(Seen { period, at_ns: 0 });
+        self.check_session(session, arrival.change.is_some(), publishes)?;
+        if !arrival.repeated {
+            self.served = Some(session);
+        }
         for missing in (1..=arrival.missing).map(|back| sequence - back as u8) {
             if !self.missing.contains(session, missing) && !self.told.contains(session, missing) {
                 return Err(format!("a false gap before {sequence}: {missing} is not missing"));
@@ -669,11 +704,43 @@ impl World {
         Ok(Some(()))
     }
 
+    /// Every session but the first has one increment with the flag, and that is its first.
+    fn check_session(&mut self, session: u8, is_flagged: bool, publishes: bool) -> Result<(), String> {
+        let (bit, Sessions { begun, flagged, unnoted, first_unnoted }) = (1 << session, self.sessions);
+        // The first session since boot, and the first of a service if none before had the time to note one.
+        let needs_none = begun & !bit == 0 || first_unnoted && self.served.is_none();
+        let is_new = begun & bit == 0;
+        self.sessions.begun |= bit;
+        if is_flagged && (begun & !bit == 0 || flagged & !unnoted & bit != 0) {
+            return Err(format!("session {session} has a flag too much"));
+        }
+        if is_flagged || is_new && needs_none {
+            self.sessions.flagged |= bit;
+            self.sessions.unnoted &= !bit;
+        } else if publishes && flagged & bit == 0 {
+            return Err(format!("session {session} begins without its flag"));
+        }
+        Ok(())
+    }
+
+    /// What a new service finds noted.
+    fn noted(&self) -> Option<u64> {
+        match self.mutation {
+            Some(Mutation::ForgetsSessions) => None,
+            Some(Mutation::EverySessionIsNew) => self.noted.map(|_| u64::MAX),
+            _ => self.noted.map(u64::from),
+        }
+    }
+
     fn kill_service(&mut self) -> Option<()> {
         if self.phase == Phase::Dead {
             return None;
         }
         spend(&mut self.left.service_kills)?;
+        if let Some(session) = self.served.filter(|_| self.noted != self.served) {
+            self.sessions.unnoted |= 1 << session;
+            self.sessions.first_unnoted |= self.noted.is_none();
+        }
         self.phase = Phase::Dead;
         self.raw.clear();
         Some(())
@@ -685,6 +752,7 @@ impl World {
             return None;
         }
         (self.phase, self.listed) = (Phase::Dead, 0);
+        self.noted = self.served;
         self.raw.clear();
         Some(())
     }

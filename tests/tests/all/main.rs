@@ -47,6 +47,7 @@ mod reload;
 mod removal;
 mod resources;
 mod round_trip;
+mod sessions;
 mod tables;
 mod terminal;
 mod texts;

@@ -57,7 +57,7 @@ fn a_clock_that_jumps_is_flagged_and_counted_and_nothing_else_is() {
     // A new session begins anywhere.
     drop(acquisition);
     let mut acquisition = domain.acquisition("imu-a");
-    assert_eq!(lost(&send(&mut acquisition, 23, 500 * MS)), none);
+    assert_eq!(lost(&send(&mut acquisition, 23, 500 * MS)), Flags::SESSION);
     assert_eq!(lost(&send(&mut acquisition, 24, 900 * MS)), step);
 
     let status = domain.imu_status();

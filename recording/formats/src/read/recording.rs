@@ -298,6 +298,12 @@ impl Samples {
         self.0.set_lag(lag_ns);
     }
 
+    /// When the recorder received the last sample, Unix time \[ns\]; `None` where the recording does not tell.
+    #[must_use]
+    pub fn recorded_ns(&self) -> Option<u64> {
+        self.0.current.source.recorded_ns()
+    }
+
     /// The IMU of the rows, where the recording names it: Parquet and MCAP. Valid after the first row.
     #[must_use]
     pub fn imu(&self) -> Option<&str> {
