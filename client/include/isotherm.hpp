@@ -236,7 +236,7 @@ public:
     const CompensatedIncrement &value() const
     {
         if (code_ != ISOTHERM_OK)
-            throw Error(code_, is_full() ? "the service has no room for another sample; keep it" : "no answer from the service in time");
+            throw Error(code_, is_full() ? "the service's queue is full, or samples that are kept go first; keep this one too" : "no answer from the service in time");
         return increment_;
     }
 #endif

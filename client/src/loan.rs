@@ -66,7 +66,7 @@ pub enum SendError {
     /// As many samples are unanswered as may be, or others are kept, which go first, or the service's queue may be
     /// full: [`Acquisition::is_full`](crate::Acquisition::is_full). Keep the sample
     /// ([`Acquisition::keep`](crate::Acquisition::keep)), wait and send it again, or drop it, which is a gap.
-    #[error("the service has no room for another sample; keep it, and send what is kept in the next periods")]
+    #[error("the service's queue is full, or samples that are kept go first; keep this one too")]
     Full(Loan),
     /// The sequence is not above the last one sent or kept in this session. After the highest sequence, 2^64-1, only a new
     /// session can begin.

@@ -11,8 +11,8 @@
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that prints")]
 
 use isotherm_client::{
-    Acquisition, CompensateError, CompensatedIncrement, Flags, Loan, Options, RawSample, ReadingError, Readings, Realtime,
-    Resolution, SendError, Sensor, monotonic_ns,
+    Acquisition, CompensateError, CompensatedIncrement, Flags, Loan, Options, RawSample, ReadingError, Readings,
+    Realtime, Resolution, SendError, Sensor, monotonic_ns,
 };
 use std::env;
 use std::error::Error;

@@ -104,7 +104,7 @@ pub(crate) const NULL: CodedError =
     CodedError::fixed(ISOTHERM_ERROR_NULL, c"a pointer is NULL that must not be; see the function's description");
 pub(crate) const FULL: CodedError = CodedError::fixed(
     ISOTHERM_FULL,
-    c"the service has no room for another sample; it is still yours: isotherm_keep it",
+    c"the service's queue is full, or samples that are kept go first; this one is still yours: isotherm_keep it",
 );
 const SEQUENCE: CodedError = CodedError::fixed(
     ISOTHERM_ERROR_SEQUENCE,

@@ -254,7 +254,8 @@ class Loan:
     def merge(self, later: Loan | Records | np.void) -> None:
         """Adds the next control period: pulses and intervals are summed, timestamp and telemetry become the later ones.
 
-        A loan that is merged is cancelled. Raises OverflowError, and changes nothing, if a sum overflows.
+        A loan that is merged is cancelled. Raises OverflowError, and changes nothing, if a sum overflows. If the sum is dropped, that is one
+        sequence, whatever it holds; for a service that has no room use `Acquisition.keep`.
         """
     def to_numpy(self) -> Records:
         """A copy, as an array without dimensions."""
@@ -358,7 +359,8 @@ class Readings:
 class IncrementReader:
     """Reads the increments of one IMU as they are published. Only the thread that created it may use it.
 
-    Waits up to `timeout` seconds for the service. With None it does not wait, and connects when the service has started.
+    Waits up to `timeout` seconds for the service. With None it does not wait: it connects at once if the service is
+    there, and else in a later call. What is published before it is `connected` is not received.
     """
 
     def __new__(cls, imu: str, domain: str | None = None, timeout: float | None = 5.0) -> Self: ...
