@@ -385,7 +385,7 @@ flags! {
         G_UNKNOWN = 23, "Mend what makes the velocity increment NaN: another flag tells.";
         /// Samples of this session are missing before this one. The increment is computed.
         GAP = 24,
-            "Time is missing before it: navigation begins anew. The acquisition should merge what a full queue hands back, \
+            "Time is missing before it: navigation begins anew. The acquisition should keep what a full queue hands back, \
              and skip no sequence.";
         /// The latency was over the configured budget. The increment is right; on a desktop most are late.
         LATE = 25, "Nothing, or a core and a priority for the worker: docs/operate.md#real-time.";
