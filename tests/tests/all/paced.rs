@@ -6,7 +6,7 @@ use isotherm_shared::compensate::answer;
 use isotherm_tests::programs::{C, CPP, SERIAL, compile, start};
 use isotherm_tests::{Process, TestDomain, table, wait_until};
 use std::fs;
-use std::path::PathBuf;
+use std::path::Path;
 use std::thread::sleep;
 use std::time::Duration;
 
@@ -52,7 +52,7 @@ fn numbers(line: &str) -> Vec<f64> {
 }
 
 /// Runs an example while the service is away: `away` ends it, and may wait. No period may be lost, and none flagged.
-fn survives(domain: &TestDomain, program: &PathBuf, periods: u64, away: impl FnOnce(Process)) {
+fn survives(domain: &TestDomain, program: &Path, periods: u64, away: impl FnOnce(Process)) {
     domain.write("imu-mems.toml", &MEMS_TABLE.replace("S/N 0311", SERIAL));
     let served = ["--imu", "imu-mems=imu-mems.toml"];
     let service = domain.serve(&served);
@@ -66,7 +66,7 @@ fn survives(domain: &TestDomain, program: &PathBuf, periods: u64, away: impl FnO
     let mut read = || {
         while let Some(increment) = reader.receive().unwrap() {
             add(&mut sums, &increment);
-            flags = flags | Flags(increment.flags);
+            flags |= Flags(increment.flags);
             longest = longest.max(increment.interval_ns);
         }
     };
@@ -95,7 +95,7 @@ fn survives(domain: &TestDomain, program: &PathBuf, periods: u64, away: impl FnO
     service.terminate();
 }
 
-fn survives_10_s(domain: &TestDomain, program: &PathBuf) {
+fn survives_10_s(domain: &TestDomain, program: &Path) {
     // 2.5 s more than the outage, for the start of the program and of the service.
     survives(domain, program, 5000, |service| {
         service.kill();
@@ -105,7 +105,7 @@ fn survives_10_s(domain: &TestDomain, program: &PathBuf) {
 
 #[test]
 fn rust_loses_nothing_in_10_s_without_the_service() {
-    survives_10_s(&TestDomain::new(), &PathBuf::from(env!("CARGO_BIN_EXE_example-paced")));
+    survives_10_s(&TestDomain::new(), Path::new(env!("CARGO_BIN_EXE_example-paced")));
 }
 
 #[test]
@@ -124,8 +124,8 @@ fn cpp_loses_nothing_in_10_s_without_the_service() {
 
 #[test]
 fn no_period_is_lost_while_the_service_stands_still_and_is_replaced() {
-    let program = PathBuf::from(env!("CARGO_BIN_EXE_example-paced"));
-    survives(&TestDomain::new(), &program, 1200, |service| {
+    let program = Path::new(env!("CARGO_BIN_EXE_example-paced"));
+    survives(&TestDomain::new(), program, 1200, |service| {
         service.stop();
         // For longer than 64 periods, so that the queues fill and periods are kept.
         sleep(Duration::from_millis(500));
