@@ -15,7 +15,8 @@ impl Acquisition {
     /// most, so that it is not flagged
     /// [`INTERVAL_NOT_NOMINAL`](isotherm_shared::wire::Flags::INTERVAL_NOT_NOMINAL). Where the table is not known,
     /// since [`LagOption::Service`](crate::LagOption::Service) was not given or the table has been replaced, it has 64
-    /// periods. At most [`MOST_KEPT`](crate::MOST_KEPT) sums wait. Beyond that the oldest is dropped with all its
+    /// periods. Only the last loan is added to a sum, since its sequence can be given back; another one, and a
+    /// [record](Self::loan_record), waits by itself. At most [`MOST_KEPT`](crate::MOST_KEPT) sums wait. Beyond that the oldest is dropped with all its
     /// periods, which count as [lost](Self::lost), and as many sequences are left out: a gap for every reader.
     ///
     /// Nothing overtakes what is kept: `send` and `compensate` hand later samples back ([`SendError::Full`]) until the
@@ -40,7 +41,8 @@ impl Acquisition {
     /// ```
     ///
     /// # Errors
-    /// [`SendError::Sequence`] if its sequence is not above the last that was sent or kept; the sample is handed back.
+    /// [`SendError::Sequence`] if its sequence is not above the last that was sent or kept, as that of one that was
+    /// loaned before sums were dropped; the sample is handed back.
     pub fn keep(&mut self, sample: Loan) -> Result<(), SendError> {
         // Shared memory: read once.
         let mut raw = *sample;
