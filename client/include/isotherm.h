@@ -38,7 +38,7 @@
  * but cannot connect, since the C library does not know it. A child that shares the memory, as by vfork(), must call no function.
  * exec() needs no special care.
  *
- * Real time. isotherm_loan, _send, _receive and _discard allocate nothing, take no lock and make no system call while service and
+ * Real time. isotherm_loan, _send, _keep, _send_kept, _receive and _discard allocate nothing, take no lock and make no system call while service and
  * readers stay the same. The one exception is the system call that wakes a sleeping service. Messages of ISOTHERM_ERROR_TRANSPORT and
  * of functions that connect are allocated, all others are static.
  *
@@ -74,6 +74,11 @@
  * Maximum number of samples on loan from one acquisition.
  */
 #define ISOTHERM_LOANS 4
+
+/**
+ * Most sums that isotherm_keep lets wait: 30 s at 546 Hz even where no two periods fit into one. They take 4.1 MiB.
+ */
+#define ISOTHERM_MOST_KEPT 16384
 
 /**
  * Head telemetry of A1 below the bias range.
@@ -379,8 +384,9 @@ enum isotherm_code
      */
     ISOTHERM_NONE = 1,
     /**
-     * As many samples are unanswered as the service's queue holds. The sample has not been sent and is still yours:
-     * wait and send it again, add the next sample to it with isotherm_merge, or discard it, which is a gap.
+     * As many samples are unanswered as the service's queue holds, or others are kept, which go first. The sample has
+     * not been sent and is still yours: keep it with isotherm_keep, wait and send it again, or discard it, which is a
+     * gap.
      */
     ISOTHERM_FULL = 2,
     /**
@@ -440,11 +446,11 @@ enum isotherm_code
      */
     ISOTHERM_ERROR_LOANS = -11,
     /**
-     * The sequence is not above the last one sent in this session. The sample is still yours.
+     * The sequence is not above the last one sent or kept in this session. The sample is still yours.
      */
     ISOTHERM_ERROR_SEQUENCE = -12,
     /**
-     * Samples of the old session are unanswered.
+     * Samples of the old session are unanswered, or kept.
      */
     ISOTHERM_ERROR_IN_FLIGHT = -13,
     /**
@@ -772,7 +778,8 @@ isotherm_code isotherm_cancel(isotherm_acquisition *acquisition, isotherm_raw_sa
  * `acquisition` may be NULL if both are.
  *
  * The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same
- * in both periods. Use it when the service had no room for a sample.
+ * in both periods. If the sum is dropped, that is one sequence, whatever it holds. When the service has no room for a
+ * sample, use isotherm_keep: it begins another sum where one is full, and counts all periods.
  *
  * ISOTHERM_OK; ISOTHERM_ERROR_MERGE, after which neither has changed, and a loan is still yours.
  */
@@ -790,6 +797,45 @@ isotherm_code isotherm_merge(isotherm_acquisition *acquisition,
  * ISOTHERM_OK, ISOTHERM_FULL, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_SEQUENCE, ISOTHERM_ERROR_TRANSPORT.
  */
 isotherm_code isotherm_send(isotherm_acquisition *acquisition, isotherm_raw_sample *sample);
+
+/**
+ * Keeps a control period that isotherm_send or isotherm_compensate has handed back (ISOTHERM_FULL), or any other: it
+ * waits in memory of this process until isotherm_send_kept sends it. The loan is free again. Nothing is allocated.
+ *
+ * Periods are summed, as by isotherm_merge, while a sum fits; then another sum begins, and also where a sum would hide
+ * something: another unit, a missing interval, telemetry that is not finite on one side, time that is missing between
+ * the two. Under a table of readings a sum has 64 nominal intervals at most, so that it is not flagged
+ * ISOTHERM_FLAG_INTERVAL_NOT_NOMINAL. Where the table is not known, since `lag_s` is not ISOTHERM_LAG_SERVICE or the
+ * table has been replaced, it has 64 periods. At most ISOTHERM_MOST_KEPT sums wait. Beyond that the oldest is dropped
+ * with all its periods, which count as lost (isotherm_lost), and as many sequences are left out: a gap for every
+ * reader.
+ *
+ * Nothing overtakes what is kept: isotherm_send and isotherm_compensate return ISOTHERM_FULL until it is sent, and
+ * those samples are kept too. So in each control period call isotherm_send_kept, then send or compensate, then
+ * isotherm_keep if that is ISOTHERM_FULL, then isotherm_receive. The lagged telemetry is that of the time of this call.
+ *
+ * After ISOTHERM_OK the sample's pointer must not be used any more. After ISOTHERM_ERROR_SEQUENCE, for a sequence that
+ * is not above the last one sent or kept, the sample is still yours.
+ *
+ * ISOTHERM_OK, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_SEQUENCE.
+ */
+isotherm_code isotherm_keep(isotherm_acquisition *acquisition, isotherm_raw_sample *sample);
+
+/**
+ * Sends what isotherm_keep has kept, oldest first, as far as the service takes it now: until isotherm_depth samples
+ * are unanswered, and after an outage no faster than readers and recorders take it (256 samples at once, then 16 in a
+ * millisecond). Never waits. Call it in each control period, before the new sample is sent; the increments come from
+ * isotherm_receive. Without anything kept it does nothing.
+ *
+ * ISOTHERM_OK, also if some or all go on to wait: isotherm_kept tells. ISOTHERM_ERROR_TRANSPORT: the sum that was being
+ * sent is lost with all its periods, if isotherm_kept is less; the others go on to wait.
+ */
+isotherm_code isotherm_send_kept(isotherm_acquisition *acquisition);
+
+/**
+ * Control periods that are kept. 0 for a handle that cannot be used.
+ */
+uint64_t isotherm_kept(const isotherm_acquisition *acquisition);
 
 /**
  * Goes through the motions of sending a sample and receiving its increment, so that the next sample finds its way
@@ -846,8 +892,8 @@ size_t isotherm_in_flight(const isotherm_acquisition *acquisition);
 
 /**
  * Control periods, of all sessions of this connection, that have a sequence and were not sent: samples that were
- * discarded or are still on loan, sequences that were left out, and samples whose sending has failed. 0 for a handle
- * that cannot be used.
+ * discarded or are still on loan, sequences that were left out, samples whose sending has failed, and all that is kept
+ * or was dropped there. 0 for a handle that cannot be used.
  */
 uint64_t isotherm_lost(const isotherm_acquisition *acquisition);
 
@@ -866,7 +912,7 @@ uint64_t isotherm_session(const isotherm_acquisition *acquisition);
  * Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless
  * isotherm_restore_lag or isotherm_forget_lag follows.
  *
- * ISOTHERM_OK, ISOTHERM_ERROR_IN_FLIGHT if samples are unanswered.
+ * ISOTHERM_OK, ISOTHERM_ERROR_IN_FLIGHT if samples are unanswered or kept.
  */
 isotherm_code isotherm_begin_session(isotherm_acquisition *acquisition);
 
@@ -928,8 +974,12 @@ isotherm_code isotherm_restore_lag(isotherm_acquisition *acquisition, const isot
 isotherm_code isotherm_forget_lag(isotherm_acquisition *acquisition);
 
 /**
- * Creates a reader that connects when the service has started; does not wait for it. `domain` is as in
- * isotherm_options. Close the handle with isotherm_reader_close.
+ * Creates a reader that connects at once if the service is there, and else in a later call, as soon as it is; does not
+ * wait for it. `domain` is as in isotherm_options. Close the handle with isotherm_reader_close.
+ *
+ * If isotherm_reader_is_connected is true then, nothing is missed that is published from now on. If it is false, what
+ * is published before the call that connects it is not received. What prevents it from ever connecting is the error of
+ * the next call.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_NAME.
  */

@@ -6,7 +6,7 @@
 //     sample->interval_ns = 2'500'000;                     // and timestamps, pulses, telemetry
 //     if (auto increment = acquisition.compensate(sample, 10ms))
 //         use(increment->velocity_increment, increment->angle_increment);
-//     // Else it is still yours if the queue is full (examples/cpp/paced.cpp), or its increment comes late: acquisition.receive().
+//     // Else it is still yours if the service has no room: keep it (examples/cpp/paced.cpp), or its increment comes late: acquisition.receive().
 //
 // Errors are thrown as isotherm::Error, with the code and message of isotherm.h. Results that are part of normal operation are
 // returned: no increment yet, a full queue, no answer in time.
@@ -189,7 +189,7 @@ struct Options {
 
 /// A raw sample in shared memory, which is yours until it is sent. It stands for a control period: when this object is destroyed with a
 /// sample that was not sent, the period is lost, and the service flags the gap. Acquisition::cancel gives back one that stands for none.
-/// Destroy it before its acquisition. It is empty after the sample has been sent, merged into another one, or cancelled.
+/// Destroy it before its acquisition. It is empty after the sample has been sent, kept, merged into another one, or cancelled.
 class Sample {
 public:
     Sample(Sample &&other) noexcept : acquisition_(other.acquisition_), raw_(std::exchange(other.raw_, nullptr)) {}
@@ -223,7 +223,7 @@ class Answer {
 public:
     /// Whether there is an increment.
     explicit operator bool() const noexcept { return code_ == ISOTHERM_OK; }
-    /// The service's queue is full of unanswered samples; the sample has not been sent.
+    /// The service has no room, or samples that are kept go first; the sample has not been sent.
     bool is_full() const noexcept { return code_ == ISOTHERM_FULL; }
     /// The sample was sent, but its increment did not come in time. It is kept for a later receive().
     bool is_late() const noexcept { return code_ == ISOTHERM_TIMEOUT; }
@@ -236,7 +236,7 @@ public:
     const CompensatedIncrement &value() const
     {
         if (code_ != ISOTHERM_OK)
-            throw Error(code_, is_full() ? "the service's queue is full of unanswered samples" : "no answer from the service in time");
+            throw Error(code_, is_full() ? "the service's queue is full, or samples that are kept go first; keep this one too" : "no answer from the service in time");
         return increment_;
     }
 #endif
@@ -300,12 +300,27 @@ public:
         return detail::result<Sample>(isotherm_loan(handle_.get(), &raw), [&](isotherm_code) { return Sample(handle_.get(), raw); });
     }
 
-    /// Sends a sample; `sample` is empty then. Returns false if the service's queue is full: the sample is still yours.
+    /// Sends a sample; `sample` is empty then. Returns false if the service has no room: the sample is still yours, to be kept.
     [[nodiscard]] Result<bool> send(Sample &sample)
     {
         return detail::result<bool>(sent(sample, isotherm_send(handle_.get(), sample.raw_)),
                                     [](isotherm_code code) { return code == ISOTHERM_OK; });
     }
+
+    /// Keeps a control period for which the service has no room; `sample` is empty then. It waits in memory of this process, summed with the
+    /// next ones, until send_kept() sends it. Nothing overtakes it: send() and compensate() hand later samples back until then. See
+    /// isotherm_keep.
+    Result<void> keep(Sample &sample)
+    {
+        return detail::result<void>(isotherm_keep(handle_.get(), sample.raw_), [&](isotherm_code) { sample.raw_ = nullptr; });
+    }
+
+    /// Sends what is kept, oldest first, as far as the service takes it now; never waits. Call it in each control period, before the new
+    /// sample is sent. The increments come from receive().
+    Result<void> send_kept() { return detail::done(isotherm_send_kept(handle_.get())); }
+
+    /// Control periods that are kept.
+    std::uint64_t kept() const noexcept { return isotherm_kept(handle_.get()); }
 
     /// Gives a sample back that stands for no control period, as at the end of a recording. `sample` is empty then.
     Result<void> cancel(Sample &sample)
@@ -314,7 +329,7 @@ public:
     }
 
     /// Adds the next control period to a sample and cancels its loan; `later` is empty then. Throws Error (ISOTHERM_ERROR_MERGE) if a sum
-    /// overflows or both are the same sample; neither has changed then.
+    /// overflows or both are the same sample; neither has changed then. For a service that has no room use keep().
     Result<void> merge(Sample &sample, Sample &later)
     {
         return detail::result<void>(isotherm_merge(handle_.get(), sample.raw_, later.raw_), [&](isotherm_code) { later.raw_ = nullptr; });
@@ -334,7 +349,7 @@ public:
         return detail::some(isotherm_receive_timeout(handle_.get(), detail::count(timeout), &increment), increment);
     }
 
-    /// The round trip in one call: sends a sample and waits for its increment. `sample` is empty then, unless the queue is full. Late
+    /// The round trip in one call: sends a sample and waits for its increment. `sample` is empty then, unless the service has no room. Late
     /// increments of earlier samples are kept aside for receive().
     [[nodiscard]] Result<Answer> compensate(Sample &sample, std::chrono::nanoseconds timeout)
     {
@@ -350,7 +365,7 @@ public:
     std::size_t depth() const noexcept { return isotherm_depth(handle_.get()); }
     /// Samples that have been sent and whose increments have not been received.
     std::size_t in_flight() const noexcept { return isotherm_in_flight(handle_.get()); }
-    /// Control periods that have a sequence and were not sent, in all sessions of this connection.
+    /// Control periods that have a sequence and were not sent, in all sessions of this connection; also those that are kept.
     std::uint64_t lost() const noexcept { return isotherm_lost(handle_.get()); }
     /// Late increments that were dropped because depth() of them waited for receive() already.
     std::uint64_t dropped_answers() const noexcept { return isotherm_dropped_answers(handle_.get()); }
@@ -400,7 +415,8 @@ public:
     explicit IncrementReader(const std::string &imu, const Options &options = {}) : IncrementReader(connect(imu, options)) {}
 #endif
 
-    /// A reader that connects when the service has started; does not wait for it.
+    /// A reader that connects at once if the service is there, and else in a later call; does not wait for it. What is published before it is
+    /// connected, as is_connected() tells, is not received.
     [[nodiscard]] static Result<IncrementReader> unconnected(const std::string &imu, const Options &options = {})
     {
         isotherm_reader *handle = nullptr;

@@ -2,12 +2,14 @@
 //!
 //! Over 400 lines: every method works on the same ports and the same state.
 
+mod keeping;
 mod ports;
 
 use crate::clock::{Clock, monotonic_ns};
 use crate::closing::{self, Closing};
 use crate::connect::{Options, deadline, join_existing, retry_until};
 use crate::error::ConnectError;
+use crate::kept::{Kept, MOST_KEPT};
 use crate::lag::{AcquisitionLag, Sensor};
 use crate::loan::{CompensateError, InFlight, Loan, LoansNotMerged, Place, SendError, TransportError, transport};
 use crate::loss::Loss;
@@ -52,6 +54,8 @@ pub struct Acquisition {
     state: AcquisitionState<RawSample, CompensatedIncrement>,
     clock: Clock,
     lag: AcquisitionLag,
+    /// Control periods that wait to be sent.
+    kept: Kept,
     /// Whether [`prepare`](Self::prepare) has been called since the last sample.
     prepared: bool,
     /// Whether it was called before the last sample: then returning the increment and loaning the next sample are left
@@ -92,6 +96,7 @@ impl Acquisition {
             state: AcquisitionState::new(random(), service.depth, queue_depth(service.depth), service.id),
             clock: Clock::new(),
             lag,
+            kept: Kept::new(MOST_KEPT),
             prepared: false,
             leaves_to_prepare: false,
             joins: 0,
@@ -118,8 +123,11 @@ impl Acquisition {
     /// [restored](Self::restore_lag) or [forgotten](Self::forget_lag) after this.
     ///
     /// # Errors
-    /// If samples are unanswered.
+    /// If samples are unanswered, or [kept](Self::keep).
     pub fn begin_session(&mut self) -> Result<(), InFlight> {
+        if !self.kept.is_empty() {
+            return Err(InFlight(self.state.in_flight() + self.kept.sums()));
+        }
         self.state.begin_session(random()).map_err(InFlight)?;
         self.lag.reset();
         Ok(())
@@ -137,12 +145,12 @@ impl Acquisition {
         self.state.in_flight()
     }
 
-    /// Whether [`send`](Self::send) would hand a sample back: [`depth`](Self::depth) samples are unanswered, or, after
-    /// several restarts of the service within a short time, its queue may still be full of samples that were sent
-    /// again.
+    /// Whether [`send`](Self::send) would hand a sample back: [`depth`](Self::depth) samples are unanswered, or samples
+    /// are [kept](Self::keep), which go first, or, after several restarts of the service within a short time, its queue
+    /// may still be full of samples that were sent again.
     #[must_use]
     pub fn is_full(&self) -> bool {
-        self.state.is_full()
+        self.state.is_full() || !self.kept.is_empty()
     }
 
     /// Takes a new reading of a sensor's head telemetry, in the table's unit, measured at `time_ns` on the
@@ -256,8 +264,9 @@ impl Acquisition {
         }
     }
 
-    /// Adds the next control period to a sample ([`RawSample::merge`]) and cancels its loan. Use it when the service
-    /// has no room: no velocity and no angle is lost, and no sequence is left out.
+    /// Adds the next control period to a sample ([`RawSample::merge`]) and cancels its loan: no velocity and no angle is
+    /// lost, and no sequence is left out. If the sum is dropped, that is one sequence, whatever it holds. For a service
+    /// that has no room use [`keep`](Self::keep), which begins another sum where one is full, and counts all periods.
     ///
     /// # Errors
     /// [`LoansNotMerged`] when a sum would overflow.
@@ -272,10 +281,10 @@ impl Acquisition {
     }
 
     /// Control periods, of all sessions of this connection, that have a sequence and were not sent: see
-    /// [`Closing::lost`]. A sample that is on loan counts until it is sent.
+    /// [`Closing::lost`]. A sample that is on loan, and each period that is [kept](Self::keep), counts until it is sent.
     #[must_use]
     pub fn lost(&self) -> u64 {
-        self.state.lost()
+        self.state.lost().saturating_add(self.kept.unnumbered())
     }
 
     /// Leaves the streams, and returns what was lost. If anything was, it is logged, and the service keeps it in its
@@ -287,7 +296,7 @@ impl Acquisition {
     /// What [`close`](Self::close) would return now.
     #[must_use]
     pub fn closing(&self) -> Closing {
-        Closing { lost: self.state.lost(), unanswered: self.state.in_flight() as u64 }
+        Closing { lost: self.lost(), unanswered: self.state.in_flight() as u64 }
     }
 
     /// Sends a sample and wakes the service. Never waits, and the transport never copies the sample.
@@ -307,8 +316,9 @@ impl Acquisition {
         // Shared memory: read once.
         let sequence = sample.sequence;
         match self.state.may_send(sequence) {
-            Ok(()) => {}
-            Err(Refusal::Full) => return Err(SendError::Full(sample)),
+            // What is kept goes first.
+            Ok(()) if self.kept.is_empty() => {}
+            Ok(()) | Err(Refusal::Full) => return Err(SendError::Full(sample)),
             Err(Refusal::Sequence) => return Err(SendError::Sequence(sample)),
         }
         // Each is written only where it differs: the copy below would wait until what has just been written is in the

@@ -11,7 +11,7 @@ use std::io;
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub struct Closing {
     /// Control periods, of all its sessions, that have a sequence and were not sent: loans that were dropped, sequences
-    /// that were left out, samples whose sending has failed.
+    /// that were left out, samples whose sending has failed, and of what was kept each period.
     pub lost: u64,
     /// Samples that were sent and whose increments were not received. Other readers may have them.
     pub unanswered: u64,

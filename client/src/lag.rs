@@ -2,11 +2,13 @@
 //! state.
 
 use crate::clock::{boot, monotonic_ns};
+use crate::kept::Ceiling;
 use crate::lag_option::{LagOption, TimeConstant};
 use crate::status::StatusReader;
 use crate::warning::warn;
 use core::str::FromStr;
 use isotherm_shared::lag::{Lag, SENSORS};
+use isotherm_shared::nominal::nominal_ns;
 use isotherm_shared::status::ImuStatus;
 use isotherm_shared::stream::{Domain, ImuId, IpcNode};
 use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, RawSample};
@@ -78,6 +80,10 @@ pub(crate) struct AcquisitionLag {
     flagged: u64,
     /// The table of the last status that was an answer, whose time constant is known; 0 before.
     settled: u64,
+    /// The table that sums are computed with, as far as is known: that of the last answer.
+    table: u64,
+    /// A table of which it is known how far its sums may go, and how far.
+    ceiling: (u64, Ceiling),
     /// A question that is under way.
     asking: Option<Asking>,
     /// A question that failed is not repeated before this \[ns\].
@@ -101,7 +107,19 @@ impl AcquisitionLag {
             LagOption::Service | LagOption::None => 0,
         };
         let lag = Lag { boot: boot(), ..Lag::new(lag_ns) };
-        Self { option, lag, fed: 0, restored: 0, flagged: 0, settled: 0, asking: None, retry_ns: 0, warned: false }
+        Self {
+            option,
+            lag,
+            fed: 0,
+            restored: 0,
+            flagged: 0,
+            settled: 0,
+            table: 0,
+            ceiling: (0, Ceiling::UNKNOWN),
+            asking: None,
+            retry_ns: 0,
+            warned: false,
+        }
     }
 
     /// Waits for the time constant in force, if the service is to give it. A service that does not answer in time is
@@ -155,15 +173,27 @@ impl AcquisitionLag {
     fn learn(&mut self, in_force: Option<&ImuStatus>) {
         self.settled = in_force.map_or(0, ImuStatus::table_id);
         self.flagged = self.settled;
+        if let Some(imu) = in_force {
+            let interval_ns = imu.nominal_interval_s.map(nominal_ns);
+            self.table = self.settled;
+            self.ceiling = (self.table, interval_ns.map_or(Ceiling::COUNTS, Ceiling::readings));
+        }
         // A table without a time constant needs none. The old one stays, so that L goes on for a later table.
         if let Some(Ok(time_constant)) = in_force.and_then(|imu| imu.lag_s).map(TimeConstant::from_seconds) {
             self.lag.lag_ns = time_constant.ns();
         }
     }
 
-    /// Looks at the flags of an answer.
+    /// How far sums of control periods may go. A table may have come since the one that is known.
+    pub(crate) const fn ceiling(&self) -> Ceiling {
+        let (table, ceiling) = self.ceiling;
+        if table == self.table { ceiling } else { Ceiling::UNKNOWN }
+    }
+
+    /// Looks at table and flags of an answer.
     #[inline]
     pub(crate) fn note(&mut self, answer: &CompensatedIncrement) {
+        self.table = answer.table;
         if Flags(answer.flags).intersects(Flags::LAG_UNKNOWN) {
             self.flagged = answer.table;
         }

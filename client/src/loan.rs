@@ -13,7 +13,7 @@ use isotherm_shared::wire::{MergeError, RawSample};
 /// out, and the service flags the gap. [`Acquisition::cancel`](crate::Acquisition::cancel) gives back one that stands
 /// for none. If periods were lost before they could be loaned, raise `sequence` by their number.
 ///
-/// To add another loan to this one use [`Acquisition::merge`](crate::Acquisition::merge), which cancels it.
+/// One that the service has no room for is kept: [`Acquisition::keep`](crate::Acquisition::keep).
 pub struct Loan {
     pub(crate) place: Place,
     /// Session and number that it was loaned with; `None` if it has the sequence of a record.
@@ -63,12 +63,12 @@ impl fmt::Debug for Loan {
 /// Why a sample was not sent. Contains the sample if the caller can still use it.
 #[derive(Debug, thiserror::Error)]
 pub enum SendError {
-    /// As many samples are unanswered as may be, or the service's queue may be full:
-    /// [`Acquisition::is_full`](crate::Acquisition::is_full). Wait and send the sample again, add the next one to it
-    /// with [`Acquisition::merge`](crate::Acquisition::merge), or drop it, which is a gap.
-    #[error("the service's queue is full of unanswered samples")]
+    /// As many samples are unanswered as may be, or others are kept, which go first, or the service's queue may be
+    /// full: [`Acquisition::is_full`](crate::Acquisition::is_full). Keep the sample
+    /// ([`Acquisition::keep`](crate::Acquisition::keep)), wait and send it again, or drop it, which is a gap.
+    #[error("the service's queue is full, or samples that are kept go first; keep this one too")]
     Full(Loan),
-    /// The sequence is not above the last one sent in this session. After the highest sequence, 2^64-1, only a new
+    /// The sequence is not above the last one sent or kept in this session. After the highest sequence, 2^64-1, only a new
     /// session can begin.
     #[error("the sequence does not rise above the last one sent")]
     Sequence(Loan),
@@ -116,9 +116,9 @@ pub struct LoansNotMerged {
     pub later: Loan,
 }
 
-/// This many samples of the current session are unanswered.
+/// This many samples of the current session are unanswered, or kept.
 #[derive(Clone, Copy, Debug, Eq, PartialEq, thiserror::Error)]
-#[error("{0} samples of this session are unanswered; receive their answers first")]
+#[error("{0} samples of this session are unanswered or kept; send and receive them first")]
 pub struct InFlight(pub usize);
 
 pub(crate) fn transport(phase: &'static str, cause: impl ToString) -> TransportError {

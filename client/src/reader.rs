@@ -134,9 +134,23 @@ pub struct Reader<T: Streamed> {
 }
 
 impl<T: Streamed> Reader<T> {
-    /// A reader that connects as soon as the service is there; it never waits (the time-out of `options` is not used).
+    /// A reader that connects at once if the service is there, and else in a later call, as soon as it is; it never
+    /// waits (the time-out of `options` is not used).
+    ///
+    /// Where [`is_connected`](Self::is_connected) is true after this, nothing is missed that is published from now on.
+    /// Where it is false, what is published before the call that connects it is not received: the first sample or
+    /// increment that comes may be any of its session. What prevents it from ever connecting is the error of the next
+    /// call.
     #[must_use]
     pub fn new(imu: ImuId, options: &Options) -> Self {
+        let mut reader = Self::unconnected(imu, options);
+        if reader.try_attach().is_err() {
+            reader.next_attempt = Instant::now();
+        }
+        reader
+    }
+
+    fn unconnected(imu: ImuId, options: &Options) -> Self {
         Self {
             domain: options.domain.clone(),
             imu,
@@ -161,7 +175,7 @@ impl<T: Streamed> Reader<T> {
     /// # Errors
     /// If it could not connect in that time.
     pub fn connect(imu: ImuId, options: &Options) -> Result<Self, ConnectError> {
-        let mut reader = Self::new(imu, options);
+        let mut reader = Self::unconnected(imu, options);
         retry_until(deadline(options.timeout), || reader.attach())?;
         Ok(reader)
     }

@@ -1,11 +1,13 @@
 /*
- * An acquisition at the pace of its hardware: 400 samples a second, each sent when its control period ends.
+ * An acquisition at the pace of its hardware: 400 readings a second, each sent when its control period ends.
  *
  *     paced IMU [PERIODS [CORE PRIORITY]]
  *
- * Start with this program. It loses no control period while the service is replaced, and says so where one is lost all the same. Replace
- * wait_for_period() and latch() by your hardware, and use() by your navigation. CORE and PRIORITY (SCHED_FIFO, 1 to 99) are for a machine
- * that has a core to spare; they need rights, see docs/operate.md. The environment variable ISOTHERM_DOMAIN names the domain.
+ * Start with this program. It loses no control period while the service is away or replaced, and says so where one is lost all the same.
+ * Replace wait_for_period() and read_imu() by your hardware, and use() by your navigation. Resolution and interval are those of the table,
+ * here of examples/tables/imu-mems.toml. An IMU that counts pulses writes them, and the measured gate length, into the sample itself. CORE
+ * and PRIORITY (SCHED_FIFO, 1 to 99) are for a machine that has a core to spare; they need rights, see docs/operate.md. The environment
+ * variable ISOTHERM_DOMAIN names the domain.
  */
 #define _POSIX_C_SOURCE 199309L /* nanosleep */
 #include <inttypes.h>
@@ -13,6 +15,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <time.h>
 
 #define PERIOD_NS 2500000u
@@ -23,8 +26,9 @@
 /* prepare() takes some ten microseconds in cold caches. */
 #define PREPARE_NS 100000u
 
-static uint64_t began, answered, late, merged, lost;
-static double velocity[3];
+static isotherm_readings readings = {.accelerometer = 1e-6, .gyroscope = 1e-7, .interval_ns = PERIOD_NS};
+static uint64_t began, answered, late, kept, lost;
+static double velocity[3], angle[3];
 
 static void sleep_until(uint64_t time_ns)
 {
@@ -46,25 +50,36 @@ static uint64_t wait_for_period(isotherm_acquisition *acquisition, uint64_t peri
     return end;
 }
 
-/* What the hardware has counted and measured. Every field that is not set is 0. */
-static void latch(isotherm_acquisition *acquisition, isotherm_raw_sample *sample, uint64_t period, uint64_t end)
+/* Specific force [m/s2] and angular rate [rad/s], the means over the period; returns the temperature [degC]. */
+static double read_imu(uint64_t period, double specific_force[3], double angular_rate[3])
 {
-    static double head;
+    double turn = (double)(period % 100);
+    memcpy(specific_force, (double[]){0.1 + 1e-4 * turn, -0.3, 9.80665}, 3 * sizeof(double));
+    memcpy(angular_rate, (double[]){0.01, 1e-5 * turn - 0.02, 7.292e-5}, 3 * sizeof(double));
+    return 31.25 + 1e-6 * (double)period;
+}
+
+/* What the hardware has measured. Every field that is not set is 0. */
+static isotherm_code latch(isotherm_acquisition *acquisition, isotherm_raw_sample *sample, uint64_t period, uint64_t end)
+{
+    static double temperature;
     static uint64_t measured;
+    double force[3], rate[3], now = read_imu(period, force, rate);
     if (period % TELEMETRY_PERIODS == 0) {
         /* A new measurement. The library keeps its lag; a value that is only repeated is not given again. */
-        head = 2.5 + 1e-6 * (double)period;
+        temperature = now;
         measured = end;
-        for (unsigned sensor = 0; sensor < 3; sensor++)
-            isotherm_reading(acquisition, sensor, head, measured);
+        for (unsigned sensor = 0; sensor < ISOTHERM_SENSORS; sensor++)
+            isotherm_reading(acquisition, sensor, temperature, measured);
     }
     sample->timestamp_ns = end;
-    sample->interval_ns = PERIOD_NS; /* the measured gate length */
     sample->telemetry_ns = measured;
     for (unsigned axis = 0; axis < 3; axis++) {
-        sample->accelerometers.positive_pulses[axis] = 140 + axis;
-        sample->accelerometers.head_temperature[axis] = sample->accelerometers.board_temperature[axis] = head;
+        sample->accelerometers.head_temperature[axis] = sample->accelerometers.board_temperature[axis] = temperature;
+        sample->gyroscopes.head_temperature[axis] = sample->gyroscopes.board_temperature[axis] = temperature;
     }
+    /* Pulses, and the nominal interval unless interval_ns has the measured one. */
+    return isotherm_readings_fill(&readings, sample, force, rate);
 }
 
 /* Navigation: a value counts if it is finite, whatever the flags say. */
@@ -77,42 +92,19 @@ static void use(const isotherm_compensated_increment *increment)
         isotherm_flags_text(increment->flags, names, sizeof names);
         fprintf(stderr, "%" PRIu64 ": %s\n", increment->sequence, names);
     }
-    for (unsigned axis = 0; axis < 3; axis++)
+    for (unsigned axis = 0; axis < 3; axis++) {
         if (isfinite(increment->velocity_increment[axis]))
             velocity[axis] += increment->velocity_increment[axis];
-}
-
-/* Adds a period to the one that waits, or gives up the one that waits. Either way `*waiting` is the sample to send. */
-static isotherm_code add(isotherm_acquisition *acquisition, isotherm_raw_sample **waiting, isotherm_raw_sample *sample)
-{
-    if (*waiting == NULL) {
-        *waiting = sample;
-        return ISOTHERM_OK;
+        if (isfinite(increment->angle_increment[axis]))
+            angle[axis] += increment->angle_increment[axis];
     }
-    isotherm_code code = isotherm_merge(acquisition, *waiting, sample);
-    if (code == ISOTHERM_OK)
-        merged++;
-    if (code != ISOTHERM_ERROR_MERGE)
-        return code;
-    /* A sum does not fit: over an hour without a service. Its sequence is left out, which is a gap for every reader. */
-    code = isotherm_discard(acquisition, *waiting);
-    *waiting = sample;
-    return code;
 }
 
-/* Sends what waits and takes all increments that are there. A full queue leaves the sample to the next period. */
-static isotherm_code exchange(isotherm_acquisition *acquisition, isotherm_raw_sample **waiting)
+/* Takes all increments that are there. */
+static isotherm_code take_late(isotherm_acquisition *acquisition)
 {
     isotherm_compensated_increment increment;
-    isotherm_code code = isotherm_compensate(acquisition, *waiting, TIMEOUT_NS, &increment);
-    if (code == ISOTHERM_OK) {
-        answered++;
-        use(&increment);
-    }
-    if (code == ISOTHERM_OK || code == ISOTHERM_TIMEOUT)
-        *waiting = NULL; /* sent; after a time-out its increment comes from isotherm_receive */
-    if (code < 0)
-        return code;
+    isotherm_code code;
     while ((code = isotherm_receive(acquisition, &increment)) == ISOTHERM_OK) {
         late++;
         use(&increment);
@@ -120,32 +112,52 @@ static isotherm_code exchange(isotherm_acquisition *acquisition, isotherm_raw_sa
     return code == ISOTHERM_NONE ? ISOTHERM_OK : code;
 }
 
+/*
+ * Sends a period, after all that waits, and takes the increments that are there. A service that has no room, or is away, leaves it to the
+ * next periods: nothing is lost.
+ */
+static isotherm_code exchange(isotherm_acquisition *acquisition, isotherm_raw_sample *sample)
+{
+    isotherm_compensated_increment increment;
+    isotherm_code code = isotherm_send_kept(acquisition);
+    if (code == ISOTHERM_OK)
+        code = isotherm_compensate(acquisition, sample, TIMEOUT_NS, &increment);
+    if (code == ISOTHERM_OK) {
+        answered++;
+        use(&increment);
+    }
+    if (code == ISOTHERM_FULL) {
+        kept++;
+        code = isotherm_keep(acquisition, sample);
+    }
+    /* After ISOTHERM_TIMEOUT it was sent, and its increment comes from isotherm_receive. */
+    return code < 0 ? code : take_late(acquisition);
+}
+
 static isotherm_code run(isotherm_acquisition *acquisition, uint64_t periods)
 {
-    isotherm_raw_sample *waiting = NULL, *sample;
-    isotherm_compensated_increment increment;
+    isotherm_raw_sample *sample;
     isotherm_code code = ISOTHERM_OK;
     began = isotherm_monotonic_ns();
     for (uint64_t period = 0; period < periods && code == ISOTHERM_OK; period++) {
         uint64_t end = wait_for_period(acquisition, period);
         if ((code = isotherm_loan(acquisition, &sample)) != ISOTHERM_OK)
             return code;
-        latch(acquisition, sample, period, end);
-        if ((code = add(acquisition, &waiting, sample)) == ISOTHERM_OK)
-            code = exchange(acquisition, &waiting);
+        if (latch(acquisition, sample, period, end) == ISOTHERM_OK) {
+            code = exchange(acquisition, sample);
+        } else {
+            fprintf(stderr, "%s\n", isotherm_error_message());
+            memset(readings.remainders, 0, sizeof readings.remainders);
+            code = isotherm_discard(acquisition, sample); /* a gap for every reader */
+        }
     }
     /* The last periods: wait for a service that is away, 20 s. */
-    for (int turn = 0; turn < 20000 && code == ISOTHERM_OK && (waiting != NULL || isotherm_in_flight(acquisition) > 0); turn++) {
-        if (waiting != NULL)
-            code = exchange(acquisition, &waiting);
-        else if ((code = isotherm_receive_timeout(acquisition, 1000000, &increment)) == ISOTHERM_OK) {
-            late++;
-            use(&increment);
-        }
-        if (code == ISOTHERM_NONE)
-            code = ISOTHERM_OK;
-        if (waiting != NULL)
-            sleep_until(isotherm_monotonic_ns() + 1000000);
+    for (int turn = 0; turn < 20000 && code == ISOTHERM_OK; turn++) {
+        if (isotherm_kept(acquisition) == 0 && isotherm_in_flight(acquisition) == 0)
+            break;
+        if ((code = isotherm_send_kept(acquisition)) == ISOTHERM_OK)
+            code = take_late(acquisition);
+        sleep_until(isotherm_monotonic_ns() + 1000000);
     }
     lost = isotherm_lost(acquisition);
     return code;
@@ -170,8 +182,9 @@ int main(int count, char **words)
         fprintf(stderr, "paced: %s\n", isotherm_error_message());
     if (isotherm_acquisition_close(acquisition) == ISOTHERM_LOST)
         fprintf(stderr, "paced: %s\n", isotherm_error_message());
-    printf("%" PRIu64 " periods: %" PRIu64 " answered in time, %" PRIu64 " late, %" PRIu64 " merged, %" PRIu64 " lost\n", periods, answered, late,
-           merged, lost);
-    printf("velocity %.9g %.9g %.9g m/s\n", velocity[0], velocity[1], velocity[2]);
+    printf("%" PRIu64 " periods: %" PRIu64 " answered in time, %" PRIu64 " late, %" PRIu64 " kept, %" PRIu64 " lost\n", periods, answered, late,
+           kept, lost);
+    printf("velocity %.9f %.9f %.9f m/s\n", velocity[0], velocity[1], velocity[2]);
+    printf("angle %.9f %.9f %.9f rad\n", angle[0], angle[1], angle[2]);
     return code < 0;
 }

@@ -1,10 +1,12 @@
-// An acquisition at the pace of its hardware: 400 samples a second, each sent when its control period ends.
+// An acquisition at the pace of its hardware: 400 readings a second, each sent when its control period ends.
 //
 //     paced IMU [PERIODS [CORE PRIORITY]]
 //
-// Start with this program. It loses no control period while the service is replaced, and says so where one is lost all the same. Replace
-// wait_for_period() and latch() by your hardware, and use() by your navigation. CORE and PRIORITY (SCHED_FIFO, 1 to 99) are for a machine
-// that has a core to spare; they need rights, see docs/operate.md. The environment variable ISOTHERM_DOMAIN names the domain.
+// Start with this program. It loses no control period while the service is away or replaced, and says so where one is lost all the same.
+// Replace wait_for_period() and read_imu() by your hardware, and use() by your navigation. Resolution and interval are those of the table,
+// here of examples/tables/imu-mems.toml. An IMU that counts pulses writes them, and the measured gate length, into the sample itself. CORE
+// and PRIORITY (SCHED_FIFO, 1 to 99) are for a machine that has a core to spare; they need rights, see docs/operate.md. The environment
+// variable ISOTHERM_DOMAIN names the domain.
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -23,6 +25,18 @@ constexpr unsigned TELEMETRY_PERIODS = 40;
 // prepare() takes some ten microseconds in cold caches.
 constexpr auto PREPARE = 100us;
 
+struct Reading {
+    isotherm::Vector specific_force;  // m/s2, the mean over the period
+    isotherm::Vector angular_rate;    // rad/s, the mean over the period
+    double temperature;               // degC
+};
+
+Reading read_imu(unsigned period)
+{
+    const double turn = period % 100;
+    return {{0.1 + 1e-4 * turn, -0.3, 9.80665}, {0.01, 1e-5 * turn - 0.02, 7.292e-5}, 31.25 + 1e-6 * period};
+}
+
 class Paced {
 public:
     Paced(const std::string &imu, const isotherm::Options &options) : acquisition_(imu, options) {}
@@ -34,23 +48,30 @@ public:
             const auto end = began + (period + 1) * PERIOD;
             wait_for_period(end);
             auto sample = acquisition_.loan();
-            latch(*sample, period, end);
-            add(std::move(sample));
-            exchange();
+            try {
+                latch(*sample, period, end);
+            } catch (const isotherm::Error &error) {
+                if (error.code() != ISOTHERM_ERROR_VALUE)
+                    throw;
+                std::cerr << error.what() << '\n';  // the sample is dropped, a gap for every reader
+                readings_.reset();
+                continue;
+            }
+            exchange(sample);
         }
         // The last periods: wait for a service that is away, 20 s.
-        for (int turn = 0; turn < 20'000 && (waiting_ || acquisition_.in_flight() > 0); turn++) {
-            if (waiting_)
-                exchange();
-            std::this_thread::sleep_for(1ms);
+        for (int turn = 0; turn < 20'000 && (acquisition_.kept() > 0 || acquisition_.in_flight() > 0); turn++) {
+            acquisition_.send_kept();
             take_late();
+            std::this_thread::sleep_for(1ms);
         }
         const auto lost = acquisition_.lost();
         if (const auto words = acquisition_.close(); !words.empty())
             std::cerr << "paced: " << words << '\n';
-        std::printf("%u periods: %u answered in time, %u late, %u merged, %llu lost\n", periods, answered_, late_, merged_,
+        std::printf("%u periods: %u answered in time, %u late, %u kept, %llu lost\n", periods, answered_, late_, kept_,
                     static_cast<unsigned long long>(lost));
-        std::printf("velocity %.9g %.9g %.9g m/s\n", velocity_[0], velocity_[1], velocity_[2]);
+        std::printf("velocity %.9f %.9f %.9f m/s\n", velocity_[0], velocity_[1], velocity_[2]);
+        std::printf("angle %.9f %.9f %.9f rad\n", angle_[0], angle_[1], angle_[2]);
     }
 
 private:
@@ -63,52 +84,39 @@ private:
         std::this_thread::sleep_until(end);
     }
 
-    // What the hardware has counted and measured. Every field that is not set is 0.
+    // What the hardware has measured. Every field that is not set is 0.
     void latch(isotherm::RawSample &sample, unsigned period, Clock::time_point end)
     {
+        const auto reading = read_imu(period);
         sample.timestamp_ns = static_cast<std::uint64_t>(std::chrono::nanoseconds(end.time_since_epoch()).count());
         if (period % TELEMETRY_PERIODS == 0) {
             // A new measurement. The library keeps its lag; a value that is only repeated is not given again.
-            head_ = 2.5 + 1e-6 * period;
+            temperature_ = reading.temperature;
             measured_ = sample.timestamp_ns;
-            for (unsigned sensor = 0; sensor < 3; sensor++)
-                acquisition_.reading(sensor, head_, measured_);
+            for (unsigned sensor = 0; sensor < ISOTHERM_SENSORS; sensor++)
+                acquisition_.reading(sensor, temperature_, measured_);
         }
-        sample.interval_ns = std::chrono::nanoseconds(PERIOD).count();  // the measured gate length
         sample.telemetry_ns = measured_;
-        for (unsigned axis = 0; axis < 3; axis++) {
-            sample.accelerometers.positive_pulses[axis] = 140 + axis;
-            sample.accelerometers.head_temperature[axis] = sample.accelerometers.board_temperature[axis] = head_;
-        }
+        // Pulses, and the nominal interval unless interval_ns has the measured one.
+        readings_.fill(sample, reading.specific_force, reading.angular_rate);
+        for (auto *triad : {&sample.accelerometers, &sample.gyroscopes})
+            for (unsigned axis = 0; axis < 3; axis++)
+                triad->head_temperature[axis] = triad->board_temperature[axis] = temperature_;
     }
 
-    // Adds a period to the one that waits, or gives up the one that waits.
-    void add(isotherm::Sample sample)
+    // Sends a period, after all that waits, and takes the increments that are there. A service that has no room, or is away, leaves it to
+    // the next periods: nothing is lost.
+    void exchange(isotherm::Sample &sample)
     {
-        if (waiting_) {
-            try {
-                acquisition_.merge(*waiting_, sample);
-                merged_++;
-                return;
-            } catch (const isotherm::Error &error) {
-                // A sum does not fit: over an hour without a service. The sample that waits is dropped, which is a gap for every reader.
-                if (error.code() != ISOTHERM_ERROR_MERGE)
-                    throw;
-            }
-        }
-        waiting_ = std::move(sample);
-    }
-
-    // Sends what waits and takes all increments that are there. A full queue leaves the sample to the next period.
-    void exchange()
-    {
-        const auto answer = acquisition_.compensate(*waiting_, TIMEOUT);
+        acquisition_.send_kept();
+        const auto answer = acquisition_.compensate(sample, TIMEOUT);
         if (answer) {
             answered_++;
             use(*answer);
-        }
-        if (!answer.is_full())
-            waiting_.reset();  // sent; after a time-out its increment comes from receive()
+        } else if (answer.is_full()) {
+            kept_++;
+            acquisition_.keep(sample);
+        }  // else it was sent, and its increment comes from receive()
         take_late();
     }
 
@@ -127,16 +135,19 @@ private:
             std::cerr << increment.sequence << ": time is missing before this increment\n";
         if ((increment.flags & (ISOTHERM_MASK_INVALID | ISOTHERM_MASK_DEGRADED)) != 0)
             std::cerr << increment.sequence << ": " << isotherm::flags_text(increment.flags) << '\n';
-        for (unsigned axis = 0; axis < 3; axis++)
+        for (unsigned axis = 0; axis < 3; axis++) {
             if (std::isfinite(increment.velocity_increment[axis]))
                 velocity_[axis] += increment.velocity_increment[axis];
+            if (std::isfinite(increment.angle_increment[axis]))
+                angle_[axis] += increment.angle_increment[axis];
+        }
     }
 
     isotherm::Acquisition acquisition_;
-    std::optional<isotherm::Sample> waiting_;
-    double head_ = 0, velocity_[3] = {};
+    isotherm::Readings readings_{1e-6, 1e-7, PERIOD};
+    double temperature_ = 0, velocity_[3] = {}, angle_[3] = {};
     std::uint64_t measured_ = 0;
-    unsigned answered_ = 0, late_ = 0, merged_ = 0;
+    unsigned answered_ = 0, late_ = 0, kept_ = 0;
 };
 
 int main(int count, char **words)

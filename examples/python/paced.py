@@ -1,16 +1,19 @@
-"""An acquisition at the pace of its hardware: 400 samples a second, each sent when its control period ends.
+"""An acquisition at the pace of its hardware: 400 readings a second, each sent when its control period ends.
 
-    python paced.py --imu imu-a [--periods N] [--core N --priority N]
+    python paced.py [--imu imu-mems] [--periods N] [--core N --priority N]
 
-Start with this program. It loses no control period while the service is replaced, and says so where one is lost all the same. Replace `latch`
-by your hardware, and `navigate` by your navigation. Core and priority (SCHED_FIFO, 1 to 99) are for a machine that has a core to spare; they
-need rights, see docs/operate.md. The environment variable ISOTHERM_DOMAIN names the domain.
+Start with this program. It loses no control period while the service is away or replaced, and says so where one is lost all the same. Replace
+`read_imu` by your hardware, and `navigate` by your navigation. Resolution and interval are those of the table, here of
+examples/tables/imu-mems.toml. An IMU that counts pulses writes them, and the measured gate length, into the sample itself. Core and priority
+(SCHED_FIFO, 1 to 99) are for a machine that has a core to spare; they need rights, see docs/operate.md. The environment variable
+ISOTHERM_DOMAIN names the domain.
 """
 
 import argparse
 import gc
 import math
 import os
+import sys
 import time
 
 import isotherm
@@ -19,19 +22,26 @@ PERIOD_NS = 2_500_000
 TIMEOUT_S = 0.001  # an increment that takes longer is late; it leaves time for the rest of the period
 TELEMETRY_PERIODS = 40  # telemetry is measured ten times a second
 PREPARE_NS = 200_000  # how long before the end of a period its way is warmed
+Vector = tuple[float, float, float]
 
 
 def sleep_until(time_ns: int) -> None:
     time.sleep(max(0, time_ns - time.monotonic_ns()) / 1e9)
 
 
+def read_imu(period: int) -> tuple[Vector, Vector, float]:
+    """Specific force [m/s2] and angular rate [rad/s], the means over the period, and temperature [degC]."""
+    turn = period % 100
+    return (0.1 + 1e-4 * turn, -0.3, 9.80665), (0.01, 1e-5 * turn - 0.02, 7.292e-5), 31.25 + 1e-6 * period
+
+
 class Paced:
     def __init__(self, acquisition: isotherm.Acquisition) -> None:
         self.acquisition = acquisition
-        self.waiting: isotherm.Loan | None = None  # a sample for which there was no room; the next periods are added to it
-        self.head, self.measured_ns = 0.0, 0
-        self.answered = self.late = self.merged = 0
-        self.velocity = [0.0, 0.0, 0.0]
+        self.readings = isotherm.Readings(accelerometer=1e-6, gyroscope=1e-7, interval_ns=PERIOD_NS)
+        self.temperature, self.measured_ns = 0.0, 0
+        self.answered = self.late = self.kept = 0
+        self.velocity, self.angle = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
 
     def run(self, periods: int) -> None:
         began = time.monotonic_ns()
@@ -41,52 +51,52 @@ class Paced:
             if time.monotonic_ns() < end:
                 self.acquisition.prepare()
             sleep_until(end)
-            self.add(self.latch(period, end))
-            self.exchange()
+            sample = self.acquisition.loan()
+            try:
+                self.latch(sample, period, end)
+            except ValueError as error:
+                print(error, file=sys.stderr)  # the sample is dropped, a gap for every reader
+                self.readings.reset()
+                continue
+            self.exchange(sample)
         for _ in range(20_000):  # the last periods: wait for a service that is away, 20 s
-            if self.waiting is None and self.acquisition.in_flight == 0:
+            if self.acquisition.kept == 0 and self.acquisition.in_flight == 0:
                 break
-            self.exchange()
+            self.acquisition.send_kept()
+            self.take_late()
             time.sleep(0.001)
 
-    def latch(self, period: int, end: int) -> isotherm.Loan:
-        """What the hardware has counted and measured. Every field that is not set is 0."""
+    def latch(self, sample: isotherm.Loan, period: int, end: int) -> None:
+        """What the hardware has measured. Every field that is not set is 0."""
+        specific_force, angular_rate, temperature = read_imu(period)
         if period % TELEMETRY_PERIODS == 0:  # a new measurement; a value that is only repeated is not given again
-            self.head, self.measured_ns = 2.5 + 1e-6 * period, end
-            for name in ("A1", "A2", "A3"):
-                self.acquisition.reading(name, self.head, self.measured_ns)
-        sample = self.acquisition.loan()
+            self.temperature, self.measured_ns = temperature, end
+            for name in ("A1", "A2", "A3", "G1", "G2", "G3"):
+                self.acquisition.reading(name, temperature, end)
         sample.timestamp_ns = end
-        sample.interval_ns = PERIOD_NS  # the measured gate length
         sample.telemetry_ns = self.measured_ns
-        sample.accelerometers.positive_pulses = (140, 141, 142)
-        sample.accelerometers.head_temperature = (self.head,) * 3
-        sample.accelerometers.board_temperature = (self.head,) * 3
-        return sample
+        self.readings.fill(sample, specific_force, angular_rate)  # with the nominal interval, unless `interval_ns` has the measured one
+        for triad in (sample.accelerometers, sample.gyroscopes):
+            triad.head_temperature = triad.board_temperature = (self.temperature,) * 3
 
-    def add(self, sample: isotherm.Loan) -> None:
-        """Adds a period to the one that waits, or gives up the one that waits."""
-        if self.waiting is None:
-            self.waiting = sample
-            return
+    def exchange(self, sample: isotherm.Loan) -> None:
+        """Sends a period, after all that waits, and takes the increments that are there.
+
+        A service that has no room, or is away, leaves it to the next periods: nothing is lost.
+        """
+        self.acquisition.send_kept()
         try:
-            self.waiting.merge(sample)
-            self.merged += 1
-        except OverflowError:  # over an hour without a service: the sample that waits is dropped, a gap for every reader
-            self.waiting = sample
+            increment = self.acquisition.compensate(sample, timeout=TIMEOUT_S)
+            self.answered += 1
+            self.navigate(increment)
+        except isotherm.Timeout:
+            pass  # it was sent; its increment comes from `receive`
+        except isotherm.Full:
+            self.kept += 1
+            self.acquisition.keep(sample)
+        self.take_late()
 
-    def exchange(self) -> None:
-        """Sends what waits and takes all increments that are there. A full queue leaves the sample to the next period."""
-        if self.waiting is not None:
-            try:
-                increment = self.acquisition.compensate(self.waiting, timeout=TIMEOUT_S)
-                self.waiting = None
-                self.answered += 1
-                self.navigate(increment)
-            except isotherm.Timeout:
-                self.waiting = None  # it was sent; its increment comes from `receive`
-            except isotherm.Full:
-                pass
+    def take_late(self) -> None:
         while (late := self.acquisition.receive()) is not None:
             self.late += 1
             self.navigate(late)
@@ -97,14 +107,15 @@ class Paced:
             print(f"{increment.sequence}: time is missing before this increment", flush=True)
         if increment.flags & (isotherm.Flags.INVALID | isotherm.Flags.DEGRADED):
             print(increment.sequence, isotherm.flag_names(increment.flags), flush=True)
-        for axis, dv in enumerate(increment.velocity_increment):
-            if math.isfinite(dv):
-                self.velocity[axis] += dv
+        for sums, values in ((self.velocity, increment.velocity_increment), (self.angle, increment.angle_increment)):
+            for axis, value in enumerate(values):
+                if math.isfinite(value):
+                    sums[axis] += value
 
 
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    arguments.add_argument("--imu", default="imu-a")
+    arguments.add_argument("--imu", default="imu-mems")
     arguments.add_argument("--periods", type=int, default=4000)
     arguments.add_argument("--core", type=int)
     arguments.add_argument("--priority", type=int)
@@ -118,8 +129,9 @@ def main() -> None:
         paced = Paced(acquisition)
         paced.run(options.periods)
         lost, _ = acquisition.close()
-    print(f"{options.periods} periods: {paced.answered} answered in time, {paced.late} late, {paced.merged} merged, {lost} lost")
-    print("velocity", *(f"{value:.9g}" for value in paced.velocity), "m/s")
+    print(f"{options.periods} periods: {paced.answered} answered in time, {paced.late} late, {paced.kept} kept, {lost} lost")
+    print("velocity", *(f"{value:.9f}" for value in paced.velocity), "m/s")
+    print("angle", *(f"{value:.9f}" for value in paced.angle), "rad")
 
 
 if __name__ == "__main__":

@@ -1,16 +1,18 @@
-//! An acquisition at the pace of its hardware: 400 samples a second, each sent when its control period ends.
+//! An acquisition at the pace of its hardware: 400 readings a second, each sent when its control period ends.
 //!
 //!     example-paced IMU [PERIODS [CORE PRIORITY]]
 //!
-//! Start with this program. It loses no control period while the service is replaced, and says so where one is lost all
-//! the same. Replace `wait_for_period` and `latch` by your hardware, and `navigate` by your navigation. CORE and
-//! PRIORITY (`SCHED_FIFO`, 1 to 99) are for a machine that has a core to spare; they need rights, see docs/operate.md.
-//! The environment variable `ISOTHERM_DOMAIN` names the domain.
+//! Start with this program. It loses no control period while the service is away or replaced, and says so where one is
+//! lost all the same. Replace `wait_for_period` and `read_imu` by your hardware, and `navigate` by your navigation.
+//! Resolution and interval are those of the table, here of examples/tables/imu-mems.toml. An IMU that counts pulses
+//! writes them, and the measured gate length, into the sample itself. CORE and PRIORITY (`SCHED_FIFO`, 1 to 99) are for
+//! a machine that has a core to spare; they need rights, see docs/operate.md. The environment variable
+//! `ISOTHERM_DOMAIN` names the domain.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that prints")]
 
 use isotherm_client::{
-    Acquisition, CompensateError, CompensatedIncrement, Flags, Loan, LoansNotMerged, Options, RawSample, Realtime,
-    SendError, Sensor, monotonic_ns,
+    Acquisition, CompensateError, CompensatedIncrement, Flags, Loan, Options, RawSample, ReadingError, Readings,
+    Realtime, Resolution, SendError, Sensor, monotonic_ns,
 };
 use std::env;
 use std::error::Error;
@@ -19,6 +21,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 const PERIOD_NS: u64 = 2_500_000;
+const RESOLUTION: Resolution = Resolution { accelerometer: 1e-6, gyroscope: 1e-7 };
 /// An increment that takes longer is late. It leaves time for the rest of the period.
 const TIMEOUT: Duration = Duration::from_millis(1);
 /// Telemetry is measured every 40th period: ten times a second.
@@ -28,14 +31,14 @@ const PREPARE_NS: u64 = 100_000;
 
 struct Paced {
     acquisition: Acquisition,
-    /// A sample for which there was no room; the next periods are added to it.
-    waiting: Option<Loan>,
-    head: f64,
+    readings: Readings,
+    temperature: f64,
     measured_ns: u64,
     answered: u64,
     late: u64,
-    merged: u64,
+    kept: u64,
     velocity: [f64; 3],
+    angle: [f64; 3],
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -53,9 +56,24 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     realtime.apply()?;
     let options = Options { serial: env::var("SERIAL").ok(), ..Options::from_environment()? };
-    let acquisition = Acquisition::connect(&imu.parse()?, &options)?;
-    let (waiting, head, measured_ns, velocity) = (None, 0.0, 0, [0.0; 3]);
-    Paced { acquisition, waiting, head, measured_ns, answered: 0, late: 0, merged: 0, velocity }.run(periods)
+    let paced = Paced {
+        acquisition: Acquisition::connect(&imu.parse()?, &options)?,
+        readings: Readings::new(RESOLUTION, PERIOD_NS),
+        temperature: 0.0,
+        measured_ns: 0,
+        answered: 0,
+        late: 0,
+        kept: 0,
+        velocity: [0.0; 3],
+        angle: [0.0; 3],
+    };
+    paced.run(periods)
+}
+
+/// Specific force \[m/s2\] and angular rate \[rad/s\], the means over the period, and temperature \[degC\].
+fn read_imu(period: u64) -> ([f64; 3], [f64; 3], f64) {
+    let turn = (period % 100) as f64;
+    ([0.1 + 1e-4 * turn, -0.3, 9.80665], [0.01, 1e-5 * turn - 0.02, 7.292e-5], 31.25 + 1e-6 * period as f64)
 }
 
 impl Paced {
@@ -65,23 +83,28 @@ impl Paced {
             let end = began + (period + 1) * PERIOD_NS;
             self.wait_for_period(end);
             let mut sample = self.acquisition.loan()?;
-            self.latch(&mut sample, period, end);
-            self.add(sample);
-            self.exchange()?;
+            match self.latch(&mut sample, period, end) {
+                Ok(()) => self.exchange(sample)?,
+                Err(error) => {
+                    eprintln!("{error}"); // the sample is dropped, a gap for every reader
+                    self.readings.reset();
+                }
+            }
         }
         // The last periods: wait for a service that is away, 20 s.
         for _ in 0..20_000 {
-            if self.waiting.is_none() && self.acquisition.in_flight() == 0 {
+            if self.acquisition.kept() == 0 && self.acquisition.in_flight() == 0 {
                 break;
             }
-            self.exchange()?;
+            self.acquisition.send_kept()?;
+            self.take_late()?;
             sleep(Duration::from_millis(1));
         }
-        let Self { answered, late, merged, velocity, waiting, acquisition, .. } = self;
-        drop(waiting);
+        let Self { answered, late, kept, velocity, angle, acquisition, .. } = self;
         let closing = acquisition.close();
-        println!("{periods} periods: {answered} answered in time, {late} late, {merged} merged, {} lost", closing.lost);
+        println!("{periods} periods: {answered} answered in time, {late} late, {kept} kept, {} lost", closing.lost);
         println!("velocity {:.9} {:.9} {:.9} m/s", velocity[0], velocity[1], velocity[2]);
+        println!("angle {:.9} {:.9} {:.9} rad", angle[0], angle[1], angle[2]);
         Ok(())
     }
 
@@ -94,49 +117,47 @@ impl Paced {
         sleep_until(end);
     }
 
-    /// What the hardware has counted and measured. Every field that is not set is 0.
-    fn latch(&mut self, sample: &mut RawSample, period: u64, end: u64) {
+    /// What the hardware has measured. Every field that is not set is 0.
+    fn latch(&mut self, sample: &mut RawSample, period: u64, end: u64) -> Result<(), ReadingError> {
+        let (specific_force, angular_rate, temperature) = read_imu(period);
         if period.is_multiple_of(TELEMETRY_PERIODS) {
             // A new measurement. The library keeps its lag; a value that is only repeated is not given again.
-            self.head = 2.5 + 1e-6 * period as f64;
-            self.measured_ns = end;
-            for (sensor, _) in &Sensor::NAMES[..3] {
-                self.acquisition.reading(*sensor, self.head, self.measured_ns);
+            (self.temperature, self.measured_ns) = (temperature, end);
+            for (sensor, _) in Sensor::NAMES {
+                self.acquisition.reading(sensor, temperature, end);
             }
         }
         sample.timestamp_ns = end;
-        sample.interval_ns = PERIOD_NS; // the measured gate length
         sample.telemetry_ns = self.measured_ns;
-        sample.accelerometers.positive_pulses = [140, 141, 142];
-        sample.accelerometers.head_temperature = [self.head; 3];
-        sample.accelerometers.board_temperature = [self.head; 3];
-    }
-
-    /// Adds a period to the one that waits, or gives up the one that waits.
-    fn add(&mut self, sample: Loan) {
-        let Some(waiting) = &mut self.waiting else { return self.waiting = Some(sample) };
-        match self.acquisition.merge(waiting, sample) {
-            Ok(()) => self.merged += 1,
-            // A sum does not fit: over an hour without a service. The sample that waits is dropped, which is a gap for
-            // every reader.
-            Err(LoansNotMerged { later, .. }) => self.waiting = Some(later),
+        // Pulses, and the nominal interval unless `interval_ns` has the measured one.
+        self.readings.fill(sample, specific_force, Some(angular_rate))?;
+        for triad in [&mut sample.accelerometers, &mut sample.gyroscopes] {
+            (triad.head_temperature, triad.board_temperature) = ([self.temperature; 3], [self.temperature; 3]);
         }
+        Ok(())
     }
 
-    /// Sends what waits and takes all increments that are there. A full queue leaves the sample to the next period.
-    fn exchange(&mut self) -> Result<(), Box<dyn Error>> {
-        if let Some(sample) = self.waiting.take() {
-            match self.acquisition.compensate(sample, TIMEOUT) {
-                Ok(increment) => {
-                    self.answered += 1;
-                    self.navigate(&increment);
-                }
-                // It was sent; its increment comes from `receive`.
-                Err(CompensateError::Timeout) => {}
-                Err(CompensateError::Send(SendError::Full(sample))) => self.waiting = Some(sample),
-                Err(other) => return Err(other.into()),
+    /// Sends a period, after all that waits, and takes the increments that are there. A service that has no room, or is
+    /// away, leaves it to the next periods: nothing is lost.
+    fn exchange(&mut self, sample: Loan) -> Result<(), Box<dyn Error>> {
+        self.acquisition.send_kept()?;
+        match self.acquisition.compensate(sample, TIMEOUT) {
+            Ok(increment) => {
+                self.answered += 1;
+                self.navigate(&increment);
             }
+            // It was sent; its increment comes from `receive`.
+            Err(CompensateError::Timeout) => {}
+            Err(CompensateError::Send(SendError::Full(sample))) => {
+                self.kept += 1;
+                self.acquisition.keep(sample)?;
+            }
+            Err(other) => return Err(other.into()),
         }
+        self.take_late()
+    }
+
+    fn take_late(&mut self) -> Result<(), Box<dyn Error>> {
         while let Some(increment) = self.acquisition.receive()? {
             self.late += 1;
             self.navigate(&increment);
@@ -153,9 +174,10 @@ impl Paced {
         if flags.intersects(Flags::INVALID) || flags.intersects(Flags::DEGRADED) {
             eprintln!("{}: {flags}", increment.sequence);
         }
-        for (velocity, dv) in self.velocity.iter_mut().zip(increment.velocity_increment) {
-            if dv.is_finite() {
-                *velocity += dv;
+        let sums = self.velocity.iter_mut().chain(&mut self.angle);
+        for (sum, value) in sums.zip(increment.velocity_increment.iter().chain(&increment.angle_increment)) {
+            if value.is_finite() {
+                *sum += value;
             }
         }
     }

@@ -225,6 +225,23 @@ impl Acquisition {
         state.client.send(loan).map_err(|error| unsent(state, id, error, sample))
     }
 
+    fn keep(&self, sample: &Bound<'_, PyAny>) -> PyResult<()> {
+        let given = self.sample(sample)?;
+        let mut held = self.owned.hold()?;
+        let state = held.open()?;
+        let (id, loan) = prepare(state, &given)?;
+        state.client.keep(loan).map_err(|error| unsent(state, id, error, sample))
+    }
+
+    fn send_kept(&self) -> PyResult<()> {
+        self.owned.hold()?.open()?.client.send_kept().map_err(transport)
+    }
+
+    #[getter]
+    fn kept(&self) -> PyResult<u64> {
+        Ok(self.owned.hold()?.open()?.client.kept())
+    }
+
     #[pyo3(signature = (timeout = 0.0))]
     fn receive(&self, py: Python<'_>, timeout: f64) -> PyResult<Option<Increment>> {
         let timeout = seconds("timeout", timeout)?;

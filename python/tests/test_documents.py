@@ -15,7 +15,7 @@ from pathlib import Path
 import isotherm
 import numpy as np
 import pytest
-from conftest import BINARY, CAMPAIGN, EXAMPLES, REPOSITORY, RUN, TABLE, TIMEOUT, DomainUnderTest
+from conftest import BINARY, CAMPAIGN, EXAMPLES, MEMS_TABLE, REPOSITORY, RUN, TABLE, TIMEOUT, DomainUnderTest
 
 DOCUMENT = REPOSITORY / "docs/python.md"
 
@@ -54,21 +54,64 @@ def status(domain: DomainUnderTest) -> dict[str, int]:
     return imu
 
 
-def test_paced_loses_nothing_while_the_service_is_replaced(domain: DomainUnderTest) -> None:
-    service = domain.serve()
-    paced = domain.start(sys.executable, EXAMPLES / "paced.py", "--periods", "800")
-    deadline = time.monotonic() + TIMEOUT
-    while status(domain)["received"] < 20:
-        assert time.monotonic() < deadline
-    service.pause()
-    time.sleep(0.4)  # longer than 64 periods
-    service.kill()
-    domain.serve()
+def generated(table: Path, periods: int) -> np.ndarray:
+    """Velocity and angle of what paced.py reads, as the kernel computes them."""
+    number = np.arange(periods)
+    turn = number % 100
+    slow = np.round(729.2 * (number + 1)) - np.round(729.2 * number)  # what rounding leaves is carried
+    samples = np.zeros(periods, isotherm.RAW_SAMPLE)
+    samples["sequence"], samples["interval_ns"] = number, 2_500_000
+    samples["timestamp_ns"] = (number + 1) * 2_500_000
+    accelerometers, gyroscopes = samples["accelerometers"], samples["gyroscopes"]
+    accelerometers["positive_pulses"] = np.stack([100_000 + 100 * turn, 0 * turn, 0 * turn + 9_806_650], axis=1)
+    accelerometers["negative_pulses"] = (0, 300_000, 0)
+    gyroscopes["positive_pulses"] = np.stack([0 * turn + 100_000, 0 * turn, slow], axis=1)
+    gyroscopes["negative_pulses"] = np.stack([0 * turn, 200_000 - 100 * turn, 0 * turn], axis=1)
+    for triad in (accelerometers, gyroscopes):
+        triad["head_temperature"] = triad["board_temperature"] = (31.25 + 1e-6 * (number // 40 * 40))[:, None]
+    return sums(isotherm.replay(isotherm.Table.load(table), samples))
+
+
+def sums(increments: np.ndarray) -> np.ndarray:
+    return np.concatenate([increments["velocity_increment"].sum(axis=0), increments["angle_increment"].sum(axis=0)])
+
+
+@pytest.mark.parametrize("stands_still_s, away_s, periods", [(0.4, 0.0, 800), (0.0, 10.0, 5000)])
+def test_paced_loses_nothing_without_the_service(
+    domain: DomainUnderTest, stands_still_s: float, away_s: float, periods: int
+) -> None:
+    table = domain.folder / MEMS_TABLE.name
+    shutil.copy(MEMS_TABLE, table)
+    service = domain.spawn("--imu", f"imu-mems={table}").wait_until_ready()
+    read = []
+    with isotherm.IncrementReader("imu-mems", timeout=TIMEOUT) as reader:
+        paced = domain.start(sys.executable, EXAMPLES / "paced.py", "--periods", str(periods))
+        deadline = time.monotonic() + TIMEOUT
+        while status(domain)["received"] < 20:
+            assert time.monotonic() < deadline
+        if stands_still_s:
+            service.pause()
+            time.sleep(stands_still_s)  # longer than 64 periods
+        service.kill()
+        time.sleep(away_s)
+        domain.spawn("--imu", f"imu-mems={table}").wait_until_ready()
+        deadline = time.monotonic() + TIMEOUT
+        while paced.poll() is None:
+            assert time.monotonic() < deadline
+            read.append(reader.read_available())
+            time.sleep(0.01)
+        read.append(reader.read_available())
     out = paced.communicate(timeout=TIMEOUT)[0]
-    counts = re.search(r"800 periods: (\d+) answered in time, (\d+) late, (\d+) merged, 0 lost", out)
+    counts = re.search(rf"{periods} periods: (\d+) answered in time, (\d+) late, (\d+) kept, 0 lost", out)
     assert paced.returncode == 0 and counts, out
-    answered, late, merged = map(int, counts.groups())
-    assert answered + late + merged == 800 and late >= 64 and merged > 0
+    answered, late, kept = map(int, counts.groups())
+    assert answered > 0 and late >= 64 and kept > 64, out
+    increments, exact = np.concatenate(read), generated(table, periods)
+    assert not np.any(increments["flags"] & ~np.uint64(isotherm.Flags.LATE)), "no gap, no time step, no interval-not-nominal"
+    assert increments["interval_ns"].max() == 64 * 2_500_000
+    np.testing.assert_allclose(sums(increments), exact, rtol=1e-6, atol=1e-8)
+    printed = [float(value) for line in out.splitlines()[-2:] for value in line.split()[1:-1]]
+    np.testing.assert_allclose(printed, exact, rtol=1e-6, atol=1e-8)
     assert status(domain)["missing"] == 0
 
 

@@ -155,6 +155,9 @@ pub struct ImuStatus {
     /// Time constant of the lagged telemetry of the last sample \[s\]; null if it has none, or before the first sample.
     /// If it is not `lag_s`, increments are flagged `lag-unknown`: `OTHER LAG` for people.
     pub sample_lag_s: Option<f64>,
+    /// Nominal interval that the scale factors of the table in force are of \[s\]; null without one, as of counts.
+    #[serde(default)]
+    pub nominal_interval_s: Option<f64>,
     /// The telemetry that its polynomials were calibrated over; null without a table.
     pub ranges: Option<Ranges>,
     /// Head telemetry of the last sample, A1 to A3, in the table's unit; null if it is not finite, or before the first

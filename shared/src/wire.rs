@@ -200,10 +200,10 @@ const _: () = {
 #[derive(Clone, Copy, Debug, Eq, PartialEq, thiserror::Error)]
 pub enum MergeError {
     /// A channel's sum does not fit into 32 bits.
-    #[error("the summed pulses of a channel exceed 32 bits; send what you have first")]
+    #[error("the summed pulses of a channel exceed 32 bits; begin another sum: an acquisition's `keep` does that")]
     Pulses,
     /// The summed period is over [`MAX_INTERVAL_NS`].
-    #[error("the summed interval exceeds one hour; send what you have first")]
+    #[error("the summed interval exceeds one hour; begin another sum: an acquisition's `keep` does that")]
     Interval,
 }
 
@@ -227,7 +227,8 @@ impl RawSample {
     /// of a period without a length would pass as those of the other one.
     ///
     /// The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the
-    /// same in both periods. Use it when the service had no room for a sample.
+    /// same in both periods. For a service that has no room, an acquisition's `keep` does this, and begins another sum
+    /// where one ends.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -384,7 +385,7 @@ flags! {
         G_UNKNOWN = 23, "Mend what makes the velocity increment NaN: another flag tells.";
         /// Samples of this session are missing before this one. The increment is computed.
         GAP = 24,
-            "Time is missing before it: navigation begins anew. The acquisition should merge what a full queue hands back, \
+            "Time is missing before it: navigation begins anew. The acquisition should keep what a full queue hands back, \
              and skip no sequence.";
         /// The latency was over the configured budget. The increment is right; on a desktop most are late.
         LATE = 25, "Nothing, or a core and a priority for the worker: docs/operate.md#real-time.";

@@ -185,8 +185,18 @@ static void full_queue(isotherm_acquisition *acquisition)
     copy.interval_ns = 0;
     CHECK(isotherm_merge(NULL, &copy, sample) == ISOTHERM_OK && copy.interval_ns == 0);
     CHECK(isotherm_send(acquisition, sample) == ISOTHERM_FULL);
+    /* It is kept, and nothing overtakes it. */
+    CHECK(isotherm_keep(acquisition, sample) == ISOTHERM_OK && isotherm_kept(acquisition) == 1);
+    CHECK(isotherm_keep(acquisition, sample) == ISOTHERM_ERROR_NOT_ON_LOAN && isotherm_keep(acquisition, NULL) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_send_kept(acquisition) == ISOTHERM_OK && isotherm_kept(acquisition) == 1);
     CHECK(isotherm_receive_timeout(acquisition, TIMEOUT_NS, &increment) == ISOTHERM_OK);
-    CHECK(isotherm_send(acquisition, sample) == ISOTHERM_OK);
+    CHECK(isotherm_loan(acquisition, &later) == ISOTHERM_OK && later->sequence == sequence + 1);
+    GIVES(isotherm_send(acquisition, later), ISOTHERM_FULL, "kept");
+    later->sequence = sequence;
+    GIVES(isotherm_keep(acquisition, later), ISOTHERM_ERROR_SEQUENCE, "kept");
+    CHECK(isotherm_cancel(acquisition, later) == ISOTHERM_OK);
+    GIVES(isotherm_begin_session(acquisition), ISOTHERM_ERROR_IN_FLIGHT, "kept");
+    CHECK(isotherm_send_kept(acquisition) == ISOTHERM_OK && isotherm_kept(acquisition) == 0 && isotherm_kept(NULL) == 0);
     while (isotherm_in_flight(acquisition) > 0)
         CHECK(isotherm_receive_timeout(acquisition, TIMEOUT_NS, &increment) == ISOTHERM_OK);
     CHECK(increment.sequence == sequence && increment.interval_ns == 1500 && increment.timestamp_ns == 42);
@@ -360,10 +370,13 @@ int main(int count, char **words)
     isotherm_acquisition *acquisition;
     isotherm_reader *reader;
     int descriptor;
-    CHECK(isotherm_reader_new(imu, NULL, &reader) == ISOTHERM_OK && !isotherm_reader_is_connected(reader));
+    CHECK(isotherm_reader_new(imu, "nobody-here", &reader) == ISOTHERM_OK && !isotherm_reader_is_connected(reader));
+    GIVES(isotherm_reader_descriptor(reader, &descriptor), ISOTHERM_ERROR_NO_SERVICE, "no service");
+    CHECK(isotherm_reader_close(reader) == ISOTHERM_OK);
+    /* The service is there: nothing is missed from now on. */
+    CHECK(isotherm_reader_new(imu, NULL, &reader) == ISOTHERM_OK && isotherm_reader_is_connected(reader));
     CHECK(isotherm_reader_descriptor(reader, NULL) == ISOTHERM_ERROR_NULL);
     CHECK(isotherm_reader_heartbeat_age(reader, NULL) == ISOTHERM_ERROR_NULL);
-    GIVES(isotherm_reader_descriptor(reader, &descriptor), ISOTHERM_ERROR_NO_SERVICE, "no service");
     CHECK(isotherm_acquisition_connect(imu, &patient, &acquisition) == ISOTHERM_OK);
     null_everywhere(acquisition);
     wrong_names();
@@ -372,8 +385,7 @@ int main(int count, char **words)
     time_out(acquisition, (pid_t)atoi(words[2]));
     lag(acquisition);
     isotherm_compensated_increment increment;
-    while (isotherm_reader_receive(reader, &increment) == ISOTHERM_NONE && !isotherm_reader_is_connected(reader))
-        ;
+    CHECK(isotherm_reader_receive(reader, &increment) == ISOTHERM_OK && increment.interval_ns == 2500000);
     threads(acquisition);
     while (isotherm_reader_receive(reader, &increment) == ISOTHERM_OK)
         ;

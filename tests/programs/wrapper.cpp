@@ -39,8 +39,8 @@ int main(int, char **words)
     CHECK(thrown([&] { Acquisition(imu, {"nobody-here", 0s}); }) == ISOTHERM_ERROR_NO_SERVICE);
     CHECK(thrown([&] { Acquisition("no name"); }) == ISOTHERM_ERROR_NAME);
     CHECK(thrown([&] { Acquisition(imu, {std::nullopt, 20s, std::nullopt, 0.01}); }) == ISOTHERM_ERROR_VALUE);
-    auto early = IncrementReader::unconnected(imu);
-    CHECK(!early.is_connected());
+    auto early = IncrementReader::unconnected(imu, {"nobody-here"});
+    CHECK(!early.is_connected() && IncrementReader::unconnected(imu).is_connected());
     // The first acquisition is closed at the end of its scope, so a second one can connect.
     connected(imu);
     auto acquisition = connected(imu);
@@ -90,8 +90,24 @@ int main(int, char **words)
     moved->interval_ns = 1;
     CHECK(thrown([&] { isotherm::merge(*moved, huge); }) == ISOTHERM_ERROR_MERGE && moved->interval_ns == 1);
     CHECK(thrown([&] { acquisition.begin_session(); }) == ISOTHERM_ERROR_IN_FLIGHT);
-    while (acquisition.in_flight() > 0)
+    // What is kept goes first, and in order.
+    acquisition.keep(moved);
+    CHECK(!moved && acquisition.kept() == 1);
+    auto after = acquisition.loan();
+    after->interval_ns = 1;
+    const auto number = after->sequence;
+    acquisition.send_kept();
+    while (acquisition.kept() > 0) {
+        CHECK(acquisition.compensate(after, 1s).is_full() && after);
         CHECK(acquisition.receive(20s).has_value());
+        acquisition.send_kept();
+    }
+    CHECK(acquisition.receive(20s).has_value() && acquisition.send(after));
+    CHECK(thrown([&] { acquisition.keep(after); }) == ISOTHERM_ERROR_NULL);
+    std::uint64_t last = 0;
+    while (acquisition.in_flight() > 0)
+        last = acquisition.receive(20s)->sequence;
+    CHECK(last == number);
     const auto session = acquisition.session();
     acquisition.begin_session();
     CHECK(acquisition.session() != session && !acquisition.receive() && !acquisition.receive(-1s));

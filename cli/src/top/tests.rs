@@ -36,6 +36,7 @@ fn imu(id: &str, seconds: u64) -> ImuStatus {
         other_device: None,
         lag_s: None,
         sample_lag_s: None,
+        nominal_interval_s: None,
         ranges: Some(Ranges { unit: "V".to_owned(), head: [[1.0, 2.0]; 3], board: [[1.0, 3.0]; 3] }),
         head_temperature: [Some(1.25), Some(1.5), Some(1.75)],
         board_temperature: [Some(1.5), Some(2.0), Some(2.5)],

@@ -17,6 +17,10 @@ use isotherm_client::{
 /// Maximum number of samples on loan from one acquisition.
 pub const ISOTHERM_LOANS: usize = 4;
 
+/// Most sums that isotherm_keep lets wait: 30 s at 546 Hz even where no two periods fit into one. They take 4.1 MiB.
+pub const ISOTHERM_MOST_KEPT: usize = 16384;
+const _: () = assert!(ISOTHERM_MOST_KEPT == isotherm_client::MOST_KEPT);
+
 /// The one acquisition process of an IMU. It sends raw samples and receives their increments, each once and in the
 /// order of sending.
 #[derive(Debug)]
@@ -73,8 +77,17 @@ impl AcquisitionContent {
         Err(CodedError::new(ISOTHERM_LOST, &text))
     }
 
-    /// Keeps a sample that could not be sent. There is a free entry, because [`take`](Self::take) has just emptied one.
+    /// The error of a sample that was not sent. One that is still the caller's stays on loan.
     #[cold]
+    fn unsent(&mut self, error: SendError) -> CodedError {
+        let coded = CodedError::from(&error);
+        if let SendError::Full(loan) | SendError::Sequence(loan) = error {
+            self.give_back(loan);
+        }
+        coded
+    }
+
+    /// Keeps a sample that could not be sent on loan. There is a free entry, because [`take`](Self::take) has just emptied one.
     fn give_back(&mut self, mut loan: Loan) {
         if let Some(entry) = self.loans.iter_mut().find(|entry| entry.is_none()) {
             *entry = Some((NonNull::from(&mut *loan), loan));
@@ -258,7 +271,8 @@ pub unsafe extern "C" fn isotherm_cancel(
 /// `acquisition` may be NULL if both are.
 ///
 /// The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same
-/// in both periods. Use it when the service had no room for a sample.
+/// in both periods. If the sum is dropped, that is one sequence, whatever it holds. When the service has no room for a
+/// sample, use isotherm_keep: it begins another sum where one is full, and counts all periods.
 ///
 /// ISOTHERM_OK; ISOTHERM_ERROR_MERGE, after which neither has changed, and a loan is still yours.
 #[unsafe(no_mangle)]
@@ -290,14 +304,56 @@ pub unsafe extern "C" fn isotherm_send(
 ) -> isotherm_code {
     with(acquisition, |content| {
         let loan = content.take(sample)?;
-        content.acquisition.send(loan).map_err(|error| {
-            let coded = CodedError::from(&error);
-            if let SendError::Full(loan) | SendError::Sequence(loan) = error {
-                content.give_back(loan);
-            }
-            coded
-        })
+        content.acquisition.send(loan).map_err(|error| content.unsent(error))
     })
+}
+
+/// Keeps a control period that isotherm_send or isotherm_compensate has handed back (ISOTHERM_FULL), or any other: it
+/// waits in memory of this process until isotherm_send_kept sends it. The loan is free again. Nothing is allocated.
+///
+/// Periods are summed, as by isotherm_merge, while a sum fits; then another sum begins, and also where a sum would hide
+/// something: another unit, a missing interval, telemetry that is not finite on one side, time that is missing between
+/// the two. Under a table of readings a sum has 64 nominal intervals at most, so that it is not flagged
+/// ISOTHERM_FLAG_INTERVAL_NOT_NOMINAL. Where the table is not known, since `lag_s` is not ISOTHERM_LAG_SERVICE or the
+/// table has been replaced, it has 64 periods. At most ISOTHERM_MOST_KEPT sums wait. Beyond that the oldest is dropped
+/// with all its periods, which count as lost (isotherm_lost), and as many sequences are left out: a gap for every
+/// reader.
+///
+/// Nothing overtakes what is kept: isotherm_send and isotherm_compensate return ISOTHERM_FULL until it is sent, and
+/// those samples are kept too. So in each control period call isotherm_send_kept, then send or compensate, then
+/// isotherm_keep if that is ISOTHERM_FULL, then isotherm_receive. The lagged telemetry is that of the time of this call.
+///
+/// After ISOTHERM_OK the sample's pointer must not be used any more. After ISOTHERM_ERROR_SEQUENCE, for a sequence that
+/// is not above the last one sent or kept, the sample is still yours.
+///
+/// ISOTHERM_OK, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_SEQUENCE.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_keep(
+    acquisition: *mut isotherm_acquisition,
+    sample: *mut RawSample,
+) -> isotherm_code {
+    with(acquisition, |content| {
+        let loan = content.take(sample)?;
+        content.acquisition.keep(loan).map_err(|error| content.unsent(error))
+    })
+}
+
+/// Sends what isotherm_keep has kept, oldest first, as far as the service takes it now: until isotherm_depth samples
+/// are unanswered, and after an outage no faster than readers and recorders take it (256 samples at once, then 16 in a
+/// millisecond). Never waits. Call it in each control period, before the new sample is sent; the increments come from
+/// isotherm_receive. Without anything kept it does nothing.
+///
+/// ISOTHERM_OK, also if some or all go on to wait: isotherm_kept tells. ISOTHERM_ERROR_TRANSPORT: the sum that was being
+/// sent is lost with all its periods, if isotherm_kept is less; the others go on to wait.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_send_kept(acquisition: *mut isotherm_acquisition) -> isotherm_code {
+    with(acquisition, |content| Ok(content.acquisition.send_kept()?))
+}
+
+/// Control periods that are kept. 0 for a handle that cannot be used.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_kept(acquisition: *const isotherm_acquisition) -> u64 {
+    number(acquisition, Acquisition::kept)
 }
 
 /// Goes through the motions of sending a sample and receiving its increment, so that the next sample finds its way
@@ -370,12 +426,9 @@ pub unsafe extern "C" fn isotherm_compensate(
         let output = NonNull::new(increment).ok_or(NULL)?;
         let loan = content.take(sample)?;
         let answer = content.acquisition.compensate(loan, Duration::from_nanos(timeout_ns));
-        let increment = answer.map_err(|error| {
-            let coded = CodedError::from(&error);
-            if let CompensateError::Send(SendError::Full(loan) | SendError::Sequence(loan)) = error {
-                content.give_back(loan);
-            }
-            coded
+        let increment = answer.map_err(|error| match error {
+            CompensateError::Send(error) => content.unsent(error),
+            other => CodedError::from(&other),
         })?;
         // SAFETY: not NULL, so it is writable, as the header requires.
         unsafe { output.write(increment) };
@@ -406,8 +459,8 @@ pub unsafe extern "C" fn isotherm_in_flight(acquisition: *const isotherm_acquisi
 }
 
 /// Control periods, of all sessions of this connection, that have a sequence and were not sent: samples that were
-/// discarded or are still on loan, sequences that were left out, and samples whose sending has failed. 0 for a handle
-/// that cannot be used.
+/// discarded or are still on loan, sequences that were left out, samples whose sending has failed, and all that is kept
+/// or was dropped there. 0 for a handle that cannot be used.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_lost(acquisition: *const isotherm_acquisition) -> u64 {
     number(acquisition, Acquisition::lost)
@@ -429,7 +482,7 @@ pub unsafe extern "C" fn isotherm_session(acquisition: *const isotherm_acquisiti
 /// Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless
 /// isotherm_restore_lag or isotherm_forget_lag follows.
 ///
-/// ISOTHERM_OK, ISOTHERM_ERROR_IN_FLIGHT if samples are unanswered.
+/// ISOTHERM_OK, ISOTHERM_ERROR_IN_FLIGHT if samples are unanswered or kept.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_begin_session(acquisition: *mut isotherm_acquisition) -> isotherm_code {
     with(acquisition, |content| Ok(content.acquisition.begin_session()?))

@@ -19,8 +19,9 @@ pub enum isotherm_code {
     ISOTHERM_OK = 0,
     /// There is no increment now, or none came in time. Nothing has been written.
     ISOTHERM_NONE = 1,
-    /// As many samples are unanswered as the service's queue holds. The sample has not been sent and is still yours:
-    /// wait and send it again, add the next sample to it with isotherm_merge, or discard it, which is a gap.
+    /// As many samples are unanswered as the service's queue holds, or others are kept, which go first. The sample has
+    /// not been sent and is still yours: keep it with isotherm_keep, wait and send it again, or discard it, which is a
+    /// gap.
     ISOTHERM_FULL = 2,
     /// The sample was sent, but its increment did not come in time. It stays in flight: it is sent again when a new
     /// service has started, and its late increment is kept for isotherm_receive.
@@ -52,9 +53,9 @@ pub enum isotherm_code {
     ISOTHERM_ERROR_NOT_ON_LOAN = -10,
     /// ISOTHERM_LOANS samples are on loan already.
     ISOTHERM_ERROR_LOANS = -11,
-    /// The sequence is not above the last one sent in this session. The sample is still yours.
+    /// The sequence is not above the last one sent or kept in this session. The sample is still yours.
     ISOTHERM_ERROR_SEQUENCE = -12,
-    /// Samples of the old session are unanswered.
+    /// Samples of the old session are unanswered, or kept.
     ISOTHERM_ERROR_IN_FLIGHT = -13,
     /// The two samples cannot be summed: a channel's pulses exceed 32 bits, or the interval one hour, or both are the
     /// same sample. Neither has changed.
@@ -101,18 +102,24 @@ impl CodedError {
 pub(crate) const NONE: CodedError = CodedError { code: ISOTHERM_NONE, message: None };
 pub(crate) const NULL: CodedError =
     CodedError::fixed(ISOTHERM_ERROR_NULL, c"a pointer is NULL that must not be; see the function's description");
-pub(crate) const FULL: CodedError =
-    CodedError::fixed(ISOTHERM_FULL, c"the service's queue is full of unanswered samples; the sample is still yours");
+pub(crate) const FULL: CodedError = CodedError::fixed(
+    ISOTHERM_FULL,
+    c"the service's queue is full, or samples that are kept go first; this one is still yours: isotherm_keep it",
+);
 const SEQUENCE: CodedError = CodedError::fixed(
     ISOTHERM_ERROR_SEQUENCE,
-    c"the sequence does not rise above the last one sent; the sample is still yours: raise it, or begin a session",
+    c"the sequence does not rise above the last one sent or kept; the sample is still yours: raise it, or begin a session",
 );
 const TIMEOUT: CodedError =
     CodedError::fixed(ISOTHERM_TIMEOUT, c"no answer from the service in time; `isotherm status` shows whether it runs");
-const PULSES: CodedError =
-    CodedError::fixed(ISOTHERM_ERROR_MERGE, c"the summed pulses of a channel exceed 32 bits; send what you have first");
-const INTERVAL: CodedError =
-    CodedError::fixed(ISOTHERM_ERROR_MERGE, c"the summed interval exceeds one hour; send what you have first");
+const PULSES: CodedError = CodedError::fixed(
+    ISOTHERM_ERROR_MERGE,
+    c"the summed pulses of a channel exceed 32 bits; begin another sum: isotherm_keep does that",
+);
+const INTERVAL: CodedError = CodedError::fixed(
+    ISOTHERM_ERROR_MERGE,
+    c"the summed interval exceeds one hour; begin another sum: isotherm_keep does that",
+);
 
 impl From<ConnectError> for CodedError {
     fn from(error: ConnectError) -> Self {

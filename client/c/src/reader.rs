@@ -26,8 +26,12 @@ fn with(
     enter(unsafe { reader.as_ref() }.map(|handle| &handle.0), work)
 }
 
-/// Creates a reader that connects when the service has started; does not wait for it. `domain` is as in
-/// isotherm_options. Close the handle with isotherm_reader_close.
+/// Creates a reader that connects at once if the service is there, and else in a later call, as soon as it is; does not
+/// wait for it. `domain` is as in isotherm_options. Close the handle with isotherm_reader_close.
+///
+/// If isotherm_reader_is_connected is true then, nothing is missed that is published from now on. If it is false, what
+/// is published before the call that connects it is not received. What prevents it from ever connecting is the error of
+/// the next call.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NAME.
 #[unsafe(no_mangle)]

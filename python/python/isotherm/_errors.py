@@ -30,9 +30,9 @@ class TransportError(IsothermError):
 
 
 class Full(IsothermError):
-    """As many samples are unanswered as the service's queue holds.
+    """As many samples are unanswered as the service's queue holds, or others are kept, which go first.
 
-    `sample` was not sent. It can be sent later, or the next sample can be merged into it.
+    `sample` was not sent. `Acquisition.keep` it, or send it later.
     """
 
     def __init__(self, message: str, sample: Loan | Any) -> None:

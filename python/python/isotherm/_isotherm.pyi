@@ -99,7 +99,8 @@ class Acquisition:
         """Whether it has been closed."""
     @property
     def lost(self) -> int:
-        """Control periods that have a sequence and were not sent, in all sessions: loans that were dropped, are still on loan, or failed."""
+        """Control periods that have a sequence and were not sent, in all sessions: loans that were dropped, are still on loan, or failed,
+        and all that is kept or was dropped there."""
     @property
     def dropped_answers(self) -> int:
         """Late answers that were dropped because `depth` of them waited for `receive` already."""
@@ -113,7 +114,7 @@ class Acquisition:
     def begin_session(self) -> None:
         """Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless its lag is restored or forgotten after this.
 
-        Raises IsothermError if samples are unanswered.
+        Raises IsothermError if samples are unanswered or kept.
         """
     def reading(self, name: str, telemetry: float, time_ns: int) -> None:
         """Takes a new reading of the head telemetry of a sensor, A1 to G3, measured at `time_ns` on the acquisition's clock.
@@ -151,9 +152,30 @@ class Acquisition:
     def send(self, sample: Loan | Records | np.void) -> None:
         """Sends a sample: a loan, or a record of RAW_SAMPLE, which is copied and keeps its sequence. Never waits.
 
-        Raises Full, with the sample, if `depth` samples are unanswered, or the service's queue may still be full of samples that were sent
-        again after restarts.
+        Raises Full, with the sample, if `depth` samples are unanswered, or samples are kept, which go first, or the service's queue may still
+        be full of samples that were sent again after restarts. `keep` it then.
         """
+    def keep(self, sample: Loan | Records | np.void) -> None:
+        """Keeps a control period for which the service has no room: it waits in memory of this process until `send_kept` sends it.
+
+        Periods are summed while a sum fits; then another sum begins, and where a sum would hide something: another unit, a missing interval,
+        telemetry that is not finite on one side, missing time; a record is never added to another. A sum of readings has 64 nominal
+        intervals at most, so that it is not flagged INTERVAL_NOT_NOMINAL; where the table is not known, since `lag` is not "service" or the
+        table has been replaced, 64 periods. At most 16384 sums wait. Beyond that the oldest is dropped with all its periods, which count as
+        `lost`, and as many sequences are left out: a gap for every reader.
+
+        Nothing overtakes what is kept: `send` and `compensate` raise Full until it is sent; keep those samples too. So in each control
+        period call `send_kept`, then `send` or `compensate`, `keep` after Full, then `receive`. Raises SequenceError if the sequence is not
+        above the last one sent or kept.
+        """
+    def send_kept(self) -> None:
+        """Sends what is kept, oldest first, as far as the service takes it now; after an outage no faster than readers and recorders take it.
+
+        Never waits. Call it in each control period, before the new sample is sent. The increments come from `receive`.
+        """
+    @property
+    def kept(self) -> int:
+        """Control periods that are kept."""
     def receive(self, timeout: float = 0.0) -> Increment | None:
         """The answer to the oldest unanswered sample, or None if it does not come within `timeout` seconds.
 
@@ -232,7 +254,8 @@ class Loan:
     def merge(self, later: Loan | Records | np.void) -> None:
         """Adds the next control period: pulses and intervals are summed, timestamp and telemetry become the later ones.
 
-        A loan that is merged is cancelled. Raises OverflowError, and changes nothing, if a sum overflows.
+        A loan that is merged is cancelled. Raises OverflowError, and changes nothing, if a sum overflows. If the sum is dropped, that is one
+        sequence, whatever it holds; for a service that has no room use `Acquisition.keep`.
         """
     def to_numpy(self) -> Records:
         """A copy, as an array without dimensions."""
@@ -336,7 +359,8 @@ class Readings:
 class IncrementReader:
     """Reads the increments of one IMU as they are published. Only the thread that created it may use it.
 
-    Waits up to `timeout` seconds for the service. With None it does not wait, and connects when the service has started.
+    Waits up to `timeout` seconds for the service. With None it does not wait: it connects at once if the service is
+    there, and else in a later call. What is published before it is `connected` is not received.
     """
 
     def __new__(cls, imu: str, domain: str | None = None, timeout: float | None = 5.0) -> Self: ...

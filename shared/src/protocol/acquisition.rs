@@ -150,8 +150,40 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
     /// Takes the number of a loan back that stands for no control period. Only the last loan's: another one stays left
     /// out.
     pub fn cancel(&mut self, number: u64) {
-        if self.highest == Some(number) && rises(self.last_sequence, number) {
+        if self.is_newest(number) {
             self.highest = number.checked_sub(1);
+        }
+    }
+
+    /// A sample with this number will be sent, after all that are kept already, if `others` are: what is loaned from now
+    /// on has a higher one.
+    pub fn keep(&mut self, number: u64, others: bool) {
+        if !others && self.last_sequence.is_none() {
+            self.lost = self.lost.saturating_add(self.left_out(number));
+            // The one before it counts as sent, so that only the numbers from this one on are still to come.
+            self.last_sequence = number.checked_sub(1);
+        }
+        self.highest = self.highest.max(Some(number));
+    }
+
+    /// Leaves as many numbers out as control periods are lost that have none of their own, as those of a sum.
+    pub fn leave_out(&mut self, periods: u64) {
+        self.highest = self.highest.map(|highest| highest.saturating_add(periods));
+    }
+
+    /// As many control periods are lost, and no number stands for them.
+    pub const fn lose(&mut self, periods: u64) {
+        self.lost = self.lost.saturating_add(periods);
+    }
+
+    /// How many numbers a sample leaves out that is sent now.
+    #[inline]
+    fn left_out(&self, sequence: u64) -> u64 {
+        match self.last_sequence {
+            Some(last) => sequence - last - 1,
+            // The first may have any number. Up to the highest loaned, the lower ones were given to loans.
+            None if self.highest >= Some(sequence) => sequence,
+            None => 0,
         }
     }
 
@@ -227,13 +259,7 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
             (self.silent_since_ns, self.unanswered_since_ns) = (now, now);
             self.resend_after_ns = SILENCE_NS;
         }
-        let left_out = match self.last_sequence {
-            Some(last) => sequence - last - 1,
-            // The first may have any number. Up to the highest loaned, the lower ones were given to loans.
-            None if self.highest >= Some(sequence) => sequence,
-            None => 0,
-        };
-        self.lost = self.lost.saturating_add(left_out);
+        self.lost = self.lost.saturating_add(self.left_out(sequence));
         self.last_sequence = Some(sequence);
         self.highest = self.highest.max(Some(sequence));
         self.pending.push(sequence, self.surplus, sample)
@@ -279,6 +305,18 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
     #[must_use]
     pub const fn aside_dropped(&self) -> u64 {
         self.aside_dropped
+    }
+
+    /// The sequence of the last sample of this session that was sent; after a first [`keep`](Self::keep) the one before.
+    #[must_use]
+    pub const fn last_sequence(&self) -> Option<u64> {
+        self.last_sequence
+    }
+
+    /// Whether this is the number of the last loan, so that [`cancel`](Self::cancel) takes it back.
+    #[must_use]
+    pub fn is_newest(&self, number: u64) -> bool {
+        self.highest == Some(number) && rises(self.last_sequence, number)
     }
 
     /// The next answer that came before the answer to an earlier sample, if it may leave now.

@@ -1,80 +1,134 @@
-//! The examples that send at the pace of an IMU, in C, C++ and Rust: none loses a period while the service is away.
+//! The examples that send at the pace of an IMU, in C, C++ and Rust: none loses a period while the service is away, and
+//! every reader gets the velocity and the angle of every period.
 
-use isotherm_client::{RawSample, Triad};
+use isotherm_client::{CompensatedIncrement, Flags, RawSample, Readings, Resolution, Triad};
 use isotherm_shared::compensate::answer;
-use isotherm_tests::programs::{C, CPP, compile, start};
-use isotherm_tests::{TABLE, TestDomain, table, wait_until};
+use isotherm_tests::programs::{C, CPP, SERIAL, compile, start};
+use isotherm_tests::{Process, TestDomain, table, wait_until};
 use std::fs;
-use std::path::PathBuf;
+use std::path::Path;
 use std::thread::sleep;
 use std::time::Duration;
 
-const PERIODS: u64 = 1200;
+const MEMS_TABLE: &str = include_str!("../../../examples/tables/imu-mems.toml");
+const IMU: &str = "imu-mems";
+const PERIOD_NS: u64 = 2_500_000;
+
+/// Sums of velocity and angle.
+type Sums = [f64; 6];
+
+fn add(sums: &mut Sums, increment: &CompensatedIncrement) {
+    let values = increment.velocity_increment.iter().chain(&increment.angle_increment);
+    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+}
+
+/// Velocity and angle after all periods, as the kernel computes them from what the examples read.
+fn generated(periods: u64) -> Sums {
+    let table = table(MEMS_TABLE);
+    let mut readings = Readings::new(Resolution { accelerometer: 1e-6, gyroscope: 1e-7 }, PERIOD_NS);
+    let mut sums = Sums::default();
+    for period in 0..periods {
+        let telemetry = [31.25 + 1e-6 * (period / 40 * 40) as f64; 3];
+        let triad = Triad { head_temperature: telemetry, board_temperature: telemetry, ..Triad::default() };
+        let mut raw = RawSample { accelerometers: triad, gyroscopes: triad, ..RawSample::default() };
+        let turn = (period % 100) as f64;
+        let rate = [0.01, 1e-5 * turn - 0.02, 7.292e-5];
+        readings.fill(&mut raw, [0.1 + 1e-4 * turn, -0.3, 9.80665], Some(rate)).unwrap();
+        add(&mut sums, &answer(Some(&table), &raw));
+    }
+    sums
+}
+
+fn assert_all_arrived(sums: &Sums, periods: u64, whose: &str) {
+    for (sum, generated) in sums.iter().zip(generated(periods)) {
+        // One period of 10 000 is 1e-4 of it. Within a sum the telemetry of its last period counts for all.
+        assert!((sum - generated).abs() < 1e-6 * generated.abs().max(0.01), "{whose}: {sums:?}, generated {generated}");
+    }
+}
 
 /// The numbers of a line of an example, in their order.
 fn numbers(line: &str) -> Vec<f64> {
     line.split([' ', ',', ':']).filter_map(|word| word.parse().ok()).collect()
 }
 
-/// Velocity after all periods, as the kernel computes it from what the examples send.
-fn velocity() -> f64 {
-    let exact = table(TABLE);
-    let of_period = |period: u64| {
-        let head = 2.5 + 1e-6 * (period / 40 * 40) as f64;
-        let positive_pulses = [140, 141, 142];
-        let triad =
-            Triad { head_temperature: [head; 3], board_temperature: [head; 3], positive_pulses, ..Triad::default() };
-        let raw = RawSample { interval_ns: 2_500_000, accelerometers: triad, ..RawSample::default() };
-        answer(Some(&exact), &raw).velocity_increment[0]
+/// Runs an example while the service is away: `away` ends it, and may wait. No period may be lost, and none flagged.
+fn survives(domain: &TestDomain, program: &Path, periods: u64, away: impl FnOnce(Process)) {
+    domain.write("imu-mems.toml", &MEMS_TABLE.replace("S/N 0311", SERIAL));
+    let served = ["--imu", "imu-mems=imu-mems.toml"];
+    let service = domain.serve(&served);
+    let mut reader = domain.reader(IMU);
+    let mut child = start(domain, program, &[IMU, &periods.to_string()], "out");
+    wait_until("samples", || domain.imu_status()["received"].as_u64().unwrap() > 20);
+    away(service);
+    let service = domain.serve(&served);
+
+    let (mut sums, mut flags, mut longest) = (Sums::default(), Flags::default(), 0);
+    let mut read = || {
+        while let Some(increment) = reader.receive().unwrap() {
+            add(&mut sums, &increment);
+            flags |= Flags(increment.flags);
+            longest = longest.max(increment.interval_ns);
+        }
     };
-    (0..PERIODS).map(of_period).sum()
+    let mut status = None;
+    wait_until("the end of the example", || {
+        read();
+        status = child.try_wait().unwrap();
+        status.is_some()
+    });
+    read();
+    assert!(status.unwrap().success());
+    assert_eq!(flags.only(Flags(!Flags::LATE.0)), Flags::default(), "no gap, no time step, no interval-not-nominal");
+    assert_eq!(longest, 64 * PERIOD_NS, "readings are summed up to 64 periods");
+    assert_all_arrived(&sums, periods, "a reader");
+
+    let printed = fs::read_to_string(domain.path("out")).unwrap();
+    let lines: Vec<_> = printed.lines().map(numbers).collect();
+    let [counts, velocity, angle] = &lines[..] else { panic!("{printed}") };
+    let [all, answered, late, kept, lost] = counts[..] else { panic!("{printed}") };
+    assert_eq!((all, lost), (periods as f64, 0.0), "{printed}");
+    assert!(kept > 64.0 && late >= 64.0 && answered > 0.0, "{printed}");
+    assert_all_arrived(&[&velocity[..], angle].concat().try_into().unwrap(), periods, &printed);
+    let imu = domain.imu_status();
+    let counted = ["missing", "closed"].map(|key| imu[key].clone());
+    assert_eq!((counted, &imu["flagged"]["interval-not-nominal"]), ([0.into(), ().into()], &0.into()), "{imu}");
+    service.terminate();
+}
+
+fn survives_10_s(domain: &TestDomain, program: &Path) {
+    // 2.5 s more than the outage, for the start of the program and of the service.
+    survives(domain, program, 5000, |service| {
+        service.kill();
+        sleep(Duration::from_secs(10));
+    });
+}
+
+#[test]
+fn rust_loses_nothing_in_10_s_without_the_service() {
+    survives_10_s(&TestDomain::new(), Path::new(env!("CARGO_BIN_EXE_example-paced")));
+}
+
+#[test]
+fn c_loses_nothing_in_10_s_without_the_service() {
+    let domain = TestDomain::new();
+    let Some(program) = compile(&domain, C, "examples/c/paced.c") else { return };
+    survives_10_s(&domain, &program);
+}
+
+#[test]
+fn cpp_loses_nothing_in_10_s_without_the_service() {
+    let domain = TestDomain::new();
+    let Some(program) = compile(&domain, CPP, "examples/cpp/paced.cpp") else { return };
+    survives_10_s(&domain, &program);
 }
 
 #[test]
 fn no_period_is_lost_while_the_service_stands_still_and_is_replaced() {
-    let domain = TestDomain::new();
-    let compiled = [(C, "examples/c/paced.c"), (CPP, "examples/cpp/paced.cpp")];
-    let compiled = compiled.into_iter().filter_map(|(language, source)| compile(&domain, language, source));
-    let programs: Vec<_> = compiled.chain([PathBuf::from(env!("CARGO_BIN_EXE_example-paced"))]).collect();
-    let ids = ["imu-a", "imu-b", "imu-c"];
-    let served: Vec<_> = ids.iter().flat_map(|id| ["--imu".to_owned(), format!("{id}={id}.toml")]).collect();
-    let served: Vec<_> = served.iter().map(String::as_str).collect();
-    ids.iter().for_each(|id| drop(domain.write(&format!("{id}.toml"), &TABLE.replace("imu-a", id))));
-    let service = domain.serve(&served);
-    let received = || {
-        domain.status()["imus"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .map(|imu| imu["received"].as_u64().unwrap())
-            .collect::<Vec<_>>()
-    };
-    let begin =
-        |(program, id): (&PathBuf, &&str)| start(&domain, program, &[id, &PERIODS.to_string()], &format!("{id}.txt"));
-    let mut running: Vec<_> = programs.iter().zip(&ids).map(begin).collect();
-    wait_until("samples of each", || received()[..programs.len()].iter().all(|received| *received > 20));
-    // For longer than 64 periods, so that the queues fill and periods are merged; then a new service.
-    service.stop();
-    sleep(Duration::from_millis(500));
-    service.kill();
-    let service = domain.serve(&served);
-    for (child, id) in running.iter_mut().zip(ids) {
-        assert!(child.wait().unwrap().success(), "{id}");
-        let printed = fs::read_to_string(domain.path(&format!("{id}.txt"))).unwrap();
-        let (counts, end) = printed.split_once('\n').unwrap();
-        let [periods, answered, late, merged, lost] = numbers(counts)[..] else { panic!("{printed}") };
-        assert_eq!((periods, lost, answered + late + merged), (PERIODS as f64, 0.0, periods), "{printed}");
-        assert!(late >= 64.0 && merged > 0.0, "{printed}");
-        let velocity = velocity();
-        assert!((numbers(end)[0] - velocity).abs() < 1e-6 * velocity.abs(), "{printed}: {velocity}");
-    }
-    let status = domain.status();
-    for imu in status["imus"].as_array().unwrap() {
-        assert_eq!(
-            (&imu["missing"], &imu["flagged"]["time-step"], &imu["closed"]),
-            (&0.into(), &0.into(), &().into()),
-            "{imu}"
-        );
-    }
-    service.terminate();
+    let program = Path::new(env!("CARGO_BIN_EXE_example-paced"));
+    survives(&TestDomain::new(), program, 1200, |service| {
+        service.stop();
+        // For longer than 64 periods, so that the queues fill and periods are kept.
+        sleep(Duration::from_millis(500));
+        service.kill();
+    });
 }

@@ -35,13 +35,17 @@ fn a_reader_may_start_before_the_service_or_late() {
         round_trip(&mut acquisition, &sample);
     }
     let mut late = domain.reader("imu-a");
+    // It does not wait for the service, and misses nothing from here on, since the service is there.
+    let mut unwaiting = IncrementReader::new(id("imu-a"), &domain.options());
+    assert!(unwaiting.is_connected());
     for _ in 0..50 {
         round_trip(&mut acquisition, &sample);
     }
     let sequences = |reader: &mut IncrementReader| drain(reader).iter().map(|i| i.sequence).collect::<Vec<_>>();
     assert_eq!(sequences(&mut early), (0..150).collect::<Vec<_>>());
     assert_eq!(sequences(&mut late), (100..150).collect::<Vec<_>>());
-    assert_eq!(domain.imu_status()["readers"], 3);
+    assert_eq!(sequences(&mut unwaiting), (100..150).collect::<Vec<_>>());
+    assert_eq!(domain.imu_status()["readers"], 4);
     service.terminate();
 }
 

@@ -9,13 +9,14 @@ use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
 /// The keys of an IMU in the status, less those that are about a whole IMU.
-const KEYS: [&str; 36] = [
+const KEYS: [&str; 37] = [
     "id",
     "table",
     "table_file",
     "table_taken_unix_s",
     "table_modified_unix_s",
     "sample_lag_s",
+    "nominal_interval_s",
     "serial",
     "device",
     "other_device",
