@@ -812,7 +812,8 @@ isotherm_code isotherm_send(isotherm_acquisition *acquisition, isotherm_raw_samp
  *
  * Nothing overtakes what is kept: isotherm_send and isotherm_compensate return ISOTHERM_FULL until it is sent, and
  * those samples are kept too. So in each control period call isotherm_send_kept, then send or compensate, then
- * isotherm_keep if that is ISOTHERM_FULL, then isotherm_receive. The lagged telemetry is that of the time of this call.
+ * isotherm_keep if that is ISOTHERM_FULL, then isotherm_receive. The lagged telemetry is that of the time of this
+ * call.
  *
  * After ISOTHERM_OK the sample's pointer must not be used any more. After ISOTHERM_ERROR_SEQUENCE, for a sequence that
  * is not above the last one sent or kept, the sample is still yours.
@@ -827,8 +828,8 @@ isotherm_code isotherm_keep(isotherm_acquisition *acquisition, isotherm_raw_samp
  * millisecond). Never waits. Call it in each control period, before the new sample is sent; the increments come from
  * isotherm_receive. Without anything kept it does nothing.
  *
- * ISOTHERM_OK, also if some or all go on to wait: isotherm_kept tells. ISOTHERM_ERROR_TRANSPORT: the sum that was being
- * sent is lost with all its periods, if isotherm_kept is less; the others go on to wait.
+ * ISOTHERM_OK, also if some or all go on to wait: isotherm_kept tells. ISOTHERM_ERROR_TRANSPORT: the sum that was
+ * being sent is lost with all its periods, if isotherm_kept is less; the others go on to wait.
  */
 isotherm_code isotherm_send_kept(isotherm_acquisition *acquisition);
 

@@ -264,9 +264,10 @@ impl Acquisition {
         }
     }
 
-    /// Adds the next control period to a sample ([`RawSample::merge`]) and cancels its loan: no velocity and no angle is
-    /// lost, and no sequence is left out. If the sum is dropped, that is one sequence, whatever it holds. For a service
-    /// that has no room use [`keep`](Self::keep), which begins another sum where one is full, and counts all periods.
+    /// Adds the next control period to a sample ([`RawSample::merge`]) and cancels its loan: no velocity and no angle
+    /// is lost, and no sequence is left out. If the sum is dropped, that is one sequence, whatever it holds. For a
+    /// service that has no room use [`keep`](Self::keep), which begins another sum where one is full, and counts all
+    /// periods.
     ///
     /// # Errors
     /// [`LoansNotMerged`] when a sum would overflow.
@@ -281,7 +282,8 @@ impl Acquisition {
     }
 
     /// Control periods, of all sessions of this connection, that have a sequence and were not sent: see
-    /// [`Closing::lost`]. A sample that is on loan, and each period that is [kept](Self::keep), counts until it is sent.
+    /// [`Closing::lost`]. A sample that is on loan, and each period that is [kept](Self::keep), counts until it is
+    /// sent.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.state.lost().saturating_add(self.kept.unnumbered())

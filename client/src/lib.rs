@@ -56,8 +56,9 @@
 //!   stay the same. The one exception is the system call that wakes a sleeping service.
 //! * No control period is lost without notice. At most [`Acquisition::depth`] samples are unanswered at once, and the
 //!   next one is handed back ([`SendError::Full`]), to be kept ([`Acquisition::keep`]) and sent later
-//!   ([`Acquisition::send_kept`]): an outage of the service of 30 s loses nothing up to 546 Hz. A loan has its sequence from the beginning, so dropping one is a gap, which every reader sees.
-//!   [`Acquisition::close`] returns what was lost.
+//!   ([`Acquisition::send_kept`]): an outage of the service of 30 s loses nothing up to 546 Hz. A loan has its sequence
+//!   from the beginning, so dropping one is a gap, which every reader sees. [`Acquisition::close`] returns what was
+//!   lost.
 //! * After a restart of the service the unanswered samples are sent to it again. Each answer is returned once, in
 //!   order.
 //! * A program that is cut off from the service, as by somebody who tidies `/dev/shm`, joins it again by itself. It

@@ -68,8 +68,8 @@ pub enum SendError {
     /// ([`Acquisition::keep`](crate::Acquisition::keep)), wait and send it again, or drop it, which is a gap.
     #[error("the service's queue is full, or samples that are kept go first; keep this one too")]
     Full(Loan),
-    /// The sequence is not above the last one sent or kept in this session. After the highest sequence, 2^64-1, only a new
-    /// session can begin.
+    /// The sequence is not above the last one sent or kept in this session. After the highest sequence, 2^64-1, only a
+    /// new session can begin.
     #[error("the sequence does not rise above the last one sent")]
     Sequence(Loan),
     /// The transport failed. The sample is lost, and the service will flag the gap.

@@ -87,7 +87,8 @@ impl AcquisitionContent {
         coded
     }
 
-    /// Keeps a sample that could not be sent on loan. There is a free entry, because [`take`](Self::take) has just emptied one.
+    /// Keeps a sample that could not be sent on loan. There is a free entry, because [`take`](Self::take) has just
+    /// emptied one.
     fn give_back(&mut self, mut loan: Loan) {
         if let Some(entry) = self.loans.iter_mut().find(|entry| entry.is_none()) {
             *entry = Some((NonNull::from(&mut *loan), loan));
@@ -321,7 +322,8 @@ pub unsafe extern "C" fn isotherm_send(
 ///
 /// Nothing overtakes what is kept: isotherm_send and isotherm_compensate return ISOTHERM_FULL until it is sent, and
 /// those samples are kept too. So in each control period call isotherm_send_kept, then send or compensate, then
-/// isotherm_keep if that is ISOTHERM_FULL, then isotherm_receive. The lagged telemetry is that of the time of this call.
+/// isotherm_keep if that is ISOTHERM_FULL, then isotherm_receive. The lagged telemetry is that of the time of this
+/// call.
 ///
 /// After ISOTHERM_OK the sample's pointer must not be used any more. After ISOTHERM_ERROR_SEQUENCE, for a sequence that
 /// is not above the last one sent or kept, the sample is still yours.
@@ -343,8 +345,8 @@ pub unsafe extern "C" fn isotherm_keep(
 /// millisecond). Never waits. Call it in each control period, before the new sample is sent; the increments come from
 /// isotherm_receive. Without anything kept it does nothing.
 ///
-/// ISOTHERM_OK, also if some or all go on to wait: isotherm_kept tells. ISOTHERM_ERROR_TRANSPORT: the sum that was being
-/// sent is lost with all its periods, if isotherm_kept is less; the others go on to wait.
+/// ISOTHERM_OK, also if some or all go on to wait: isotherm_kept tells. ISOTHERM_ERROR_TRANSPORT: the sum that was
+/// being sent is lost with all its periods, if isotherm_kept is less; the others go on to wait.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_send_kept(acquisition: *mut isotherm_acquisition) -> isotherm_code {
     with(acquisition, |content| Ok(content.acquisition.send_kept()?))

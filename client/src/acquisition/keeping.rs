@@ -12,12 +12,12 @@ impl Acquisition {
     /// Periods are summed ([`RawSample::merge`](crate::RawSample::merge)) while a sum fits; then another sum begins. It
     /// also begins where a sum would hide something: another unit, a missing interval, telemetry that is not finite on
     /// one side, time that is missing between the two. Under a table of readings a sum has 64 nominal intervals at
-    /// most, so that it is not flagged
-    /// [`INTERVAL_NOT_NOMINAL`](isotherm_shared::wire::Flags::INTERVAL_NOT_NOMINAL). Where the table is not known,
-    /// since [`LagOption::Service`](crate::LagOption::Service) was not given or the table has been replaced, it has 64
-    /// periods. Only the last loan is added to a sum, since its sequence can be given back; another one, and a
-    /// [record](Self::loan_record), waits by itself. At most [`MOST_KEPT`](crate::MOST_KEPT) sums wait. Beyond that the oldest is dropped with all its
-    /// periods, which count as [lost](Self::lost), and as many sequences are left out: a gap for every reader.
+    /// most, so that it is not flagged [`INTERVAL_NOT_NOMINAL`](isotherm_shared::wire::Flags::INTERVAL_NOT_NOMINAL).
+    /// Where the table is not known, since [`LagOption::Service`](crate::LagOption::Service) was not given or the table
+    /// has been replaced, it has 64 periods. Only the last loan is added to a sum, since its sequence can be given
+    /// back; another one, and a [record](Self::loan_record), waits by itself. At most [`MOST_KEPT`](crate::MOST_KEPT)
+    /// sums wait. Beyond that the oldest is dropped with all its periods, which count as [lost](Self::lost), and as
+    /// many sequences are left out: a gap for every reader.
     ///
     /// Nothing overtakes what is kept: `send` and `compensate` hand later samples back ([`SendError::Full`]) until the
     /// line is empty, and those are kept too. The lagged telemetry is that of this moment. It allocates nothing.

@@ -155,8 +155,8 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         }
     }
 
-    /// A sample with this number will be sent, after all that are kept already, if `others` are: what is loaned from now
-    /// on has a higher one.
+    /// A sample with this number will be sent, after all that are kept already, if `others` are: what is loaned from
+    /// now on has a higher one.
     pub fn keep(&mut self, number: u64, others: bool) {
         if !others && self.last_sequence.is_none() {
             self.lost = self.lost.saturating_add(self.left_out(number));
@@ -307,7 +307,8 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         self.aside_dropped
     }
 
-    /// The sequence of the last sample of this session that was sent; after a first [`keep`](Self::keep) the one before.
+    /// The sequence of the last sample of this session that was sent; after a first [`keep`](Self::keep) the one
+    /// before.
     #[must_use]
     pub const fn last_sequence(&self) -> Option<u64> {
         self.last_sequence

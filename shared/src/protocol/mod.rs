@@ -11,9 +11,9 @@
 //! itself**. A full queue changes nothing: the sample keeps its number. What was never measured, or was merged into an
 //! earlier sample, is cancelled, which takes the number of the last loan back, and of no other.
 //!
-//! **What waits** in the acquisition's own memory keeps its number, and is sent before all that is loaned later. A period
-//! that is added to one that waits is cancelled, if its loan is the last, and else waits by itself. A sum that is dropped
-//! leaves out as many numbers as it has periods ([`AcquisitionState::leave_out`]).
+//! **What waits** in the acquisition's own memory keeps its number, and is sent before all that is loaned later. A
+//! period that is added to one that waits is cancelled, if its loan is the last, and else waits by itself. A sum that
+//! is dropped leaves out as many numbers as it has periods ([`AcquisitionState::leave_out`]).
 //!
 //! **Acquisition** ([`AcquisitionState`]). It keeps a copy of each sample until its answer leaves. Answers leave once,
 //! in the order of sending: one that comes early waits. At most `depth` samples are in flight. Samples are sent again,

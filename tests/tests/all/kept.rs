@@ -1,5 +1,5 @@
-//! The waiting line of an acquisition, with a service that stands still: what fits arrives, what does not is a gap of as
-//! many periods, and every period has the lag of its time.
+//! The waiting line of an acquisition, with a service that stands still: what fits arrives, what does not is a gap of
+//! as many periods, and every period has the lag of its time.
 
 use isotherm_client::{
     Acquisition, Closing, Flags, Lag, LagOption, RawReader, RawSample, SendError, TimeConstant, Triad,
