@@ -57,8 +57,8 @@ pub(crate) struct Status {
 }
 
 impl Status {
-    /// The sensors that are not healthy, one bit each, A1 first. A number says it of the sensors whose bits are wrong; if
-    /// only others are, of all sensors that have bits in it; of all six if none has.
+    /// The sensors that are not healthy, one bit each, A1 first. A number says it of the sensors whose bits are wrong;
+    /// if only others are, of all sensors that have bits in it; of all six if none has.
     fn unhealthy(&self, row: &[Value]) -> u8 {
         let of_number = |(column, bits): (&usize, &[u64; 2 * AXES])| {
             let sensors = |counts: &dyn Fn(u64) -> bool| {
@@ -140,8 +140,8 @@ impl Assembler {
         *self = Self::new(self.columns);
     }
 
-    /// A raw sample of a row that was sampled at this time. Session and sequence are not set. Returns also the sensors that
-    /// are not healthy, one bit each, A1 first.
+    /// A raw sample of a row that was sampled at this time. Session and sequence are not set. Returns also the sensors
+    /// that are not healthy, one bit each, A1 first.
     ///
     /// Their telemetry is NaN, so that the increment is flagged.
     ///
