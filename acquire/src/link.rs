@@ -63,8 +63,8 @@ impl Soaked {
     }
 }
 
-/// Goes on with the lag of before in a session that has just begun. Where that is not possible, the IMU is soaked or its
-/// lag is not known.
+/// Goes on with the lag of before in a session that has just begun. Where that is not possible, the IMU is soaked or
+/// its lag is not known.
 fn resume(acquisition: &mut Acquisition, before: Option<KeptLag>, first: &RawSample, is_soaked: bool) {
     let lag_ns = acquisition.lag().lag_ns;
     match before.and_then(|before| before.resumed(first, lag_ns, monotonic_ns())) {

@@ -1,5 +1,5 @@
-//! What an acquisition notes in the domain's folder for its successor: that this IMU has sent a sample since the machine
-//! was started, and the lag of its temperatures.
+//! What an acquisition notes in the domain's folder for its successor: that this IMU has sent a sample since the
+//! machine was started, and the lag of its temperatures.
 
 use isotherm_client::{Domain, ImuId, Lag, Note, RawSample, boot};
 use isotherm_failure::tell;
@@ -17,8 +17,8 @@ const SAME_CLOCK_NS: u128 = 2_000_000_000;
 
 /// The note of one IMU.
 ///
-/// The domain's folder may be on a disk, which may let a writer wait. So a thread of its own writes, and the sample path
-/// hands it the newest content.
+/// The domain's folder may be on a disk, which may let a writer wait. So a thread of its own writes, and the sample
+/// path hands it the newest content.
 pub(crate) struct AcquisitionNote {
     domain: Domain,
     imu: ImuId,

@@ -61,8 +61,8 @@ pub(crate) struct Status {
 }
 
 impl Status {
-    /// The sensors that are not healthy, one bit each, A1 first. A number says it of the sensors whose bits are wrong; if
-    /// only others are, of all sensors that have bits in it; of all six if none has.
+    /// The sensors that are not healthy, one bit each, A1 first. A number says it of the sensors whose bits are wrong;
+    /// if only others are, of all sensors that have bits in it; of all six if none has.
     fn unhealthy(&self, row: &[Value]) -> u8 {
         let of_number = |(column, bits): (&usize, &[u64; 2 * AXES])| {
             let sensors = |counts: &dyn Fn(u64) -> bool| {
@@ -160,8 +160,8 @@ impl Assembler {
             && gyroscope.as_ref().is_none_or(|axes| of(axes, resolution.gyroscope))
     }
 
-    /// A raw sample of a row that was sampled at this time. Session and sequence are not set. Returns also the sensors that
-    /// are not healthy, one bit each, A1 first.
+    /// A raw sample of a row that was sampled at this time. Session and sequence are not set. Returns also the sensors
+    /// that are not healthy, one bit each, A1 first.
     ///
     /// Their telemetry is NaN, so that the increment is flagged.
     ///

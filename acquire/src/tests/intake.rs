@@ -111,7 +111,8 @@ fn a_device_that_was_just_powered_is_soaked() {
     assert_eq!(soaked("vn100", constant.0, constant.1, vn100(100.0)), (1, u64::MAX));
 }
 
-/// The bit of a channel blanks that channel, one without a channel its triad, and one of a description without axes all.
+/// The bit of a channel blanks that channel, one without a channel its triad, and one of a description without axes
+/// all.
 #[test]
 fn a_status_of_one_axis_blanks_that_axis() {
     let unhealthy = |description: &Description, status: &[(&str, f64)]| {

@@ -362,7 +362,9 @@ fn dashboard_and_documents_name_only_existing_metrics_and_every_one_is_explained
     let of_metrics = listed.lines().filter(|line| metrics_in(line.split_whitespace().next().unwrap_or("")).len() == 1);
     assert_eq!(of_metrics.count(), scrape.kinds.len(), "metrics that are not there are explained, too:\n{listed}");
     let mentioned = metrics_in(documents);
-    let known: BTreeSet<_> = names.iter().chain(scrape.kinds.keys()).cloned().collect();
+    // Those of an acquisition come by a file.
+    let of_acquire = metrics_in(&isotherm_acquire::Tally::default().prometheus());
+    let known: BTreeSet<_> = names.iter().chain(scrape.kinds.keys()).chain(&of_acquire).cloned().collect();
     let unknown: Vec<_> = mentioned.difference(&known).collect();
     assert!(unknown.is_empty(), "metrics in the documents only: {unknown:?}");
     service.terminate();

@@ -55,7 +55,7 @@ pub(crate) fn run(depth: usize) -> BenchResult<()> {
     let (mut send_table, tables) = rtrb::RingBuffer::new(1);
     send_table.push(Arc::new(CoefficientTable::from_toml(TABLE, None).map_err(|faults| faults.to_string())?))?;
     let imu = Imu { depth, ..Imu::new(IMU.parse()?, PathBuf::new(), MaxChange::default()) };
-    let link = ChannelLink { imu, tables, counters: counters().0 };
+    let link = ChannelLink { imu, tables, counters: counters().0, before: None };
     let (mut channel, _listener) = Channel::open(&node, domain, link, 50_000).map_err(|failure| failure.to_string())?;
     channel.take_table();
     let rehearsals = Rehearsals::open(&node, &Creator::new(&node, domain), 0, 1);

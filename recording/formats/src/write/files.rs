@@ -56,8 +56,8 @@ pub struct Rotation {
     pub time: Option<Duration>,
     /// So much of the disk stays free \[bytes\]: with less it counts as full.
     pub keep_free: Option<u64>,
-    /// Whether the oldest files of this name are removed for that: those with the lowest numbers, which recorders of this
-    /// user have written and none is writing.
+    /// Whether the oldest files of this name are removed for that: those with the lowest numbers, which recorders of
+    /// this user have written and none is writing.
     pub delete_oldest: bool,
 }
 

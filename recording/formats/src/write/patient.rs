@@ -11,7 +11,8 @@ use std::time::{Duration, Instant};
 /// A full disk is told so often at most.
 const TOLD: Duration = Duration::from_secs(60);
 
-/// The files of a recording. While the disk is full they wait for room, and say so; nothing that was given is lost then.
+/// The files of a recording. While the disk is full they wait for room, and say so; nothing that was given is lost
+/// then.
 pub struct PatientFiles {
     imus: Vec<ImuId>,
     files: Vec<Files>,

@@ -19,8 +19,8 @@ use std::path::Path;
 /// The longest file without rows \[bytes\]: an MCAP file of many IMUs.
 const MOST: u64 = 1 << 20;
 
-/// Takes the lock of a file that is written: as long as it is held, no other recorder replaces or removes the file. Where
-/// the file system has no locks, none does.
+/// Takes the lock of a file that is written: as long as it is held, no other recorder replaces or removes the file.
+/// Where the file system has no locks, none does.
 pub(super) fn lock(file: &File) {
     let _ = flock(file, FlockOperation::NonBlockingLockExclusive);
 }
