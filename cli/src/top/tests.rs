@@ -47,6 +47,8 @@ fn imu(id: &str, seconds: u64) -> ImuStatus {
         missing: 0,
         repeats: 0,
         sessions: 1,
+        session_missing: 0,
+        session_unknown: 0,
         transport_errors: 0,
         flagged: Flags::NAMES.into_iter().map(|(_, name)| (name.to_owned(), 0)).collect(),
         reloads: 3,

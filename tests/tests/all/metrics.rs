@@ -197,24 +197,26 @@ fn every_metric_is_updated() {
         }
     }
     for (name, value) in [
-        ("isotherm_samples_received_total", 9.0),
-        ("isotherm_increments_total", 9.0),
+        ("isotherm_samples_received_total", 11.0),
+        ("isotherm_increments_total", 11.0),
         ("isotherm_samples_missing_total", 9.0),
         ("isotherm_gaps_total", 1.0),
         ("isotherm_samples_repeated_total", 1.0),
-        ("isotherm_sessions_total", 1.0),
+        ("isotherm_sessions_total", 3.0),
+        ("isotherm_session_missing_periods_total", 9.0),
+        ("isotherm_session_unknown_total", 1.0),
         ("isotherm_reloads_total", 1.0),
         ("isotherm_reload_failed", 0.0),
         ("isotherm_acquisition_connected", 1.0),
-        ("isotherm_latency_seconds_count", 9.0),
+        ("isotherm_latency_seconds_count", 11.0),
     ] {
         assert_eq!(scrape.value(&format!("{name}{{imu=\"imu-a\"}}")), value, "{name}");
     }
     assert!(scrape.value("isotherm_reloads_refused_total{imu=\"imu-a\"}") >= 2.0);
     let bucket = |le: &str| scrape.value(&format!("isotherm_latency_seconds_bucket{{imu=\"imu-a\",le=\"{le}\"}}"));
-    assert_eq!((bucket("2e-7"), bucket("+Inf")), (0.0, 9.0));
+    assert_eq!((bucket("2e-7"), bucket("+Inf")), (0.0, 11.0));
     let buckets: Vec<_> = ["1e-6", "1e-5", "1e-4", "1e-3", "1e-2", "1e-1", "1e0"].map(bucket).into();
-    assert!(buckets.is_sorted() && bucket("5e-4") < 9.0, "cumulative; some were sent a millisecond ago: {buckets:?}");
+    assert!(buckets.is_sorted() && bucket("5e-4") < 11.0, "cumulative; some were sent a millisecond ago: {buckets:?}");
     assert!(scrape.value("isotherm_latency_seconds_sum{imu=\"imu-a\"}") > 1e-3);
     let Triad { head_temperature, board_temperature, .. } = plain.accelerometers;
     for (axis, place, telemetry) in [
