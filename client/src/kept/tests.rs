@@ -1,6 +1,7 @@
 use super::*;
 use isotherm_shared::nominal::interval_fits;
 use isotherm_shared::protocol::{SequenceTracker, queue_depth};
+use isotherm_shared::sequence::Seen;
 use isotherm_shared::wire::AXES;
 use proptest::prelude::*;
 
@@ -179,6 +180,11 @@ fn steps() -> impl Strategy<Value = Vec<Step>> {
     prop::collection::vec(step, 0..200)
 }
 
+/// A sample as the service sees it.
+fn seen(raw: &RawSample) -> Seen {
+    Seen { period: Period::from(raw), at_ns: 0 }
+}
+
 proptest! {
     /// Every control period is received once, in order, or is a missing sequence at its place, and counted.
     #[test]
@@ -188,7 +194,7 @@ proptest! {
         let (mut number, mut passed, mut lost) = (1, 1, 0);
         let mut flight = vec![];
         let first = RawSample { sequence: state.loan(), ..period(0, 1) };
-        service.note(Period::from(&first));
+        service.note(seen(&first));
         state.send(first.sequence, &first, 0);
         state.answered(7, first.sequence, &0);
         // The end sends all that waits, and a last one.
@@ -217,7 +223,7 @@ proptest! {
                         continue;
                     }
                     flight.push(sum.raw.sequence);
-                    let arrival = service.note(Period::from(&sum.raw));
+                    let arrival = service.note(seen(&sum.raw));
                     lost += arrival.missing;
                     passed += arrival.missing + sum.periods;
                     prop_assert_eq!(sum.raw.timestamp_ns, passed * NOMINAL_NS, "the gap is where the time is missing");
