@@ -210,13 +210,21 @@ impl Recognition {
         Ok(())
     }
 
-    /// Under whose number samples go out. Reminds of another device.
-    pub(crate) fn signature(&mut self) -> Signature {
-        let Known::Other(number) = &self.known else { return Signature::Own };
-        let (serial, holds) = (self.serial.as_deref().unwrap_or_default(), self.holds);
-        let what = if holds { "nothing of it is sent" } else { "its samples go out under its own number" };
+    /// Under whose number samples go out.
+    pub(crate) fn signature(&self) -> Signature {
+        match &self.known {
+            Known::Other(_) if self.holds => Signature::Held,
+            Known::Other(number) => Signature::Other(device(number)),
+            Known::Unknown | Known::Right => Signature::Own,
+        }
+    }
+
+    /// Tells that samples were of another device.
+    pub(crate) fn remind(&mut self) {
+        let Known::Other(number) = &self.known else { return };
+        let serial = self.serial.as_deref().unwrap_or_default();
+        let what = if self.holds { "nothing of it is sent" } else { "its samples go out under its own number" };
         self.other.tell(|| format!("warning: the device is {number}, and not {serial}: {what}; connect that unit"));
-        if holds { Signature::Held } else { Signature::Other(device(number)) }
     }
 }
 

@@ -296,6 +296,7 @@ impl Bytes {
                 None => Arrival { after_ns: self.empty_ns, by_ns: monotonic_ns() },
             };
             let (mut frames, mut refused) = (0, Ok(()));
+            let of_other = intake.tally.other_device;
             let recognition = &mut self.recognition;
             intake.signature = recognition.signature();
             let mut take = |found: Found<'_>| {
@@ -310,6 +311,9 @@ impl Bytes {
             };
             self.decoder.push(&self.buffer[begin..count], arrival, &mut take);
             refused?;
+            if intake.tally.other_device > of_other {
+                self.recognition.remind();
+            }
             if let Some((.., passed)) = &mut self.pace {
                 *passed += frames;
             }

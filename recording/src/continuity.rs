@@ -79,11 +79,20 @@ pub struct Losses {
     /// Rows whose time is not one interval after that of the row before: [`time_step`].
     pub time_steps: u64,
     /// How often another session follows.
+    #[serde(skip_serializing_if = "is_zero")]
     pub session_changes: u64,
     /// Control periods between two sessions, in sum, where they are known: [`periods_between`].
+    #[serde(skip_serializing_if = "is_zero")]
     pub session_missing: u64,
     /// Changes of session with an unknown number of periods between.
+    #[serde(skip_serializing_if = "is_zero")]
     pub session_unknown: u64,
+}
+
+/// JSON has the counts of sessions only where there are several.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde calls it")]
+const fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 /// Where time is lost, counted twice, or the intervals are wrong.

@@ -30,6 +30,8 @@ const NUMBER_NS: f64 = 5e6;
 /// Frames that came an interval apart, up to this part of it, show that none of them was late.
 const STEADY: usize = 8;
 const STEADY_PART: f64 = 0.4;
+/// A counter that turns no faster than this tells by itself whether it went on \[ns\].
+const SLOW_TURN_NS: f64 = 1e9;
 /// Steps that datagrams may be behind.
 const BEHIND: u64 = 32;
 /// A number that rises by one period, in periods.
@@ -384,6 +386,10 @@ impl<T> Timeline<T> {
         let off = (periods - lost).abs();
         let tolerance = 2.0 * rate + jitter + GOES_ON.0 + GOES_ON.1 * late.abs();
         let is_next = matches!(steps.get(place), Some((Step::Passed { real, .. }, _)) if ONE.contains(real));
+        // A counter that turns slowly begins anew with a jump.
+        if turn * rate >= SLOW_TURN_NS && lost == 0.0 {
+            return Some(Lost { more: late, ..Lost::default() });
+        }
         // Where the jitter is as long as a turn, nothing shows whether the device has started again.
         let is_blind = tolerance >= TURN * turn * rate;
         if off * rate > tolerance && !is_blind && !is_next {

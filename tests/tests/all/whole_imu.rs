@@ -9,7 +9,9 @@ use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
 /// The keys of an IMU in the status, less those that are about a whole IMU.
-const KEYS: [&str; 37] = [
+const KEYS: [&str; 39] = [
+    "session_missing",
+    "session_unknown",
     "id",
     "table",
     "table_file",

@@ -141,10 +141,11 @@ fn an_unknown_lag_is_flagged() {
         unplugged.unplug(&domain);
         acquire.process.wait_for_log_lines("went away", count);
         unplugged = device(&domain, next);
-        acquire.process.wait_for_log_lines("a new session", count);
+        acquire.process.wait_for_log_lines("is back", count);
         assert_eq!(known(&acquire, first + third), 0, "{next}");
     }
-    acquire.end();
+    let tally = acquire.end();
+    assert_eq!(super::counts(&tally, ["sessions"]), [3], "{tally}");
     // It was just powered, and nothing is known: it is soaked, as a device that was off for long.
     unplugged.unplug(&domain);
     fs::remove_file(note(&domain)).unwrap();
