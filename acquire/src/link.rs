@@ -1,10 +1,9 @@
-//! The way to the service: what is decoded is sent in order, and kept for a second if the service has no room.
+//! The way to the service: what is decoded is sent in order, and kept for half a minute if the service has no room.
 
 use crate::note::{AcquisitionNote, KeptLag};
 use crate::recorder::Recorder;
-use isotherm_client::{Acquisition, ConnectError, ImuId, Options, RawSample, SendError, monotonic_ns};
+use isotherm_client::{Acquisition, ConnectError, ImuId, Options, Pace, RawSample, SendError, monotonic_ns};
 use isotherm_failure::{Failure, tell};
-use isotherm_shared::stream::RECORDER_DEPTH;
 use isotherm_shared::wire::Flags;
 use serde::Serialize;
 use std::collections::VecDeque;
@@ -12,16 +11,11 @@ use std::hash::{BuildHasher as _, RandomState};
 use std::time::{Duration, Instant};
 
 /// How long samples are kept for a service that does not take them.
-const KEPT: Duration = Duration::from_secs(1);
-/// Samples that are kept at least.
-const LEAST_KEPT: usize = 16;
+const KEPT: Duration = Duration::from_secs(30);
+/// Samples that are kept at least, and at most: 4 MiB.
+const KEPT_SAMPLES: (usize, usize) = (16, 16_384);
 /// Pause between two attempts to reach the service.
 const RETRY: Duration = Duration::from_millis(250);
-
-/// Samples that are sent at once after an outage, and then in a millisecond: a recorder whose thread waits for its turn
-/// must not lose what the service takes.
-const BURST: u32 = RECORDER_DEPTH as u32 / 2;
-const PER_MS: u32 = 16;
 
 /// What became of the samples.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -32,7 +26,7 @@ pub struct Sent {
     pub answered: u64,
     /// Answers with a sensor that is invalid.
     pub invalid: u64,
-    /// Given up, since the service took none for a second.
+    /// Given up, since the service took none for half a minute.
     pub dropped: u64,
     /// Sent and not answered when the way to the service failed: a gap for every reader, but for those that were
     /// answered all the same.
@@ -90,28 +84,6 @@ fn kept(acquisition: &Acquisition, (sample_ns, sent_ns): (u64, u64)) -> KeptLag 
     KeptLag { lag: *acquisition.lag(), sample_ns, sent_ns }
 }
 
-/// How many samples may be sent now.
-struct Pace {
-    left: u32,
-    at: Instant,
-}
-
-impl Pace {
-    /// Whether another one may be sent, which is then counted.
-    fn allows(&mut self, now: Instant) -> bool {
-        let passed = (now - self.at).as_millis();
-        if passed >= u128::from(BURST / PER_MS) {
-            (self.left, self.at) = (BURST, now);
-        } else if passed > 0 {
-            self.left = BURST.min(self.left + passed as u32 * PER_MS);
-            self.at += Duration::from_millis(passed as u64);
-        }
-        let allows = self.left > 0;
-        self.left = self.left.saturating_sub(1);
-        allows
-    }
-}
-
 /// A random number for a first session.
 pub(crate) fn any_session() -> u64 {
     RandomState::new().hash_one(monotonic_ns())
@@ -156,7 +128,8 @@ impl Link {
         recorder: Option<Recorder>,
     ) -> Self {
         let kept = |interval_ns: u64| (KEPT.as_nanos() as u64 / interval_ns.max(1)) as usize;
-        let most = interval_ns.map_or(usize::MAX, |interval_ns| kept(interval_ns).max(LEAST_KEPT));
+        let most =
+            interval_ns.map_or(usize::MAX, |interval_ns| kept(interval_ns).clamp(KEPT_SAMPLES.0, KEPT_SAMPLES.1));
         let give_up = Some(options.timeout).filter(|timeout| !timeout.is_zero());
         let now = Instant::now();
         Self {
@@ -165,7 +138,7 @@ impl Link {
             acquisition: None,
             waiting: VecDeque::with_capacity(interval_ns.map_or(0, |_| most + 1)),
             most,
-            pace: interval_ns.map(|_| Pace { left: BURST, at: now }),
+            pace: interval_ns.map(|_| Pace::default()),
             session: 0,
             first: any_session(),
             next_attempt: now,
@@ -233,7 +206,7 @@ impl Link {
                 self.sent.invalid += u64::from(Flags(answer.flags).intersects(Flags::INVALID));
             }
             let Some(next) = self.waiting.front().filter(|_| !acquisition.is_full()) else { return Ok(()) };
-            if self.pace.as_mut().is_some_and(|pace| !pace.allows(Instant::now())) {
+            if self.pace.as_mut().is_some_and(|pace| !pace.allows(monotonic_ns())) {
                 return Ok(());
             }
             if next.session != self.session {
@@ -336,19 +309,17 @@ impl Link {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use isotherm_client::Domain;
 
     #[test]
-    fn a_backlog_is_sent_no_faster_than_a_recorder_takes_it() {
-        let began = Instant::now();
-        let mut pace = Pace { left: BURST, at: began };
-        let sent = |pace: &mut Pace, us: u64| {
-            let now = began + Duration::from_micros(us);
-            (0..10_000).take_while(|_| pace.allows(now)).count() as u32
+    fn what_is_kept_is_bounded_in_time_and_number() {
+        let of_interval = |interval_ns| {
+            let options = Options::new(Domain::new("none", "/tmp/none").unwrap(), Duration::ZERO);
+            Link::new("imu-a".parse().unwrap(), options, Some(interval_ns), None, None)
         };
-        assert_eq!([0, 900].map(|us| sent(&mut pace, us)), [BURST, 0]);
-        // Looks at any distance allow as much in all.
-        let all: u32 = (1..=100).map(|look| sent(&mut pace, look * 1700)).sum();
-        assert_eq!(all, 170 * PER_MS);
-        assert_eq!(sent(&mut pace, 10_000_000), BURST);
+        assert_eq!([3_000_000_000, 2_500_000, 100_000].map(|ns| of_interval(ns).most), [16, 12_000, 16_384]);
+        let mut link = of_interval(3_000_000_000);
+        (0..20).for_each(|sequence| link.take(RawSample { sequence, ..RawSample::default() }, 1));
+        assert_eq!((link.sent.dropped, link.waiting.front().unwrap().raw.sequence), (4, 4));
     }
 }

@@ -179,7 +179,7 @@ pub(crate) fn of_described(deviation: f64) -> String {
 type Metric = (&'static str, &'static str, &'static str, f64);
 
 impl Tally {
-    fn metrics(&self) -> [Metric; 34] {
+    fn metrics(&self) -> [Metric; 35] {
         let count = |value: u64| value as f64;
         [
             ("written_timestamp_seconds", "gauge", "When these were written, in Unix time [s].", unix_s()),
@@ -251,10 +251,16 @@ impl Tally {
             (
                 "dropped_total",
                 "counter",
-                "Samples that the service took not within a second.",
+                "Samples that the service took not within half a minute.",
                 count(self.service.dropped),
             ),
             ("recorded_total", "counter", "Rows that were recorded.", count(self.recorded)),
+            (
+                "unanswered_samples_total",
+                "counter",
+                "Samples sent and not answered when the way to the service failed.",
+                count(self.service.unanswered),
+            ),
             ("not_recorded_total", "counter", "Rows that could not be recorded.", count(self.not_recorded)),
         ]
     }
@@ -312,6 +318,7 @@ impl fmt::Display for Tally {
             (self.strangers, "datagrams of others"),
             (self.sessions.saturating_sub(1), "new sessions"),
             (self.service.dropped, "dropped"),
+            (self.service.unanswered, "not answered"),
             (self.service.invalid, "answered as invalid"),
             (self.not_recorded, "not recorded"),
         ];

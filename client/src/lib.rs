@@ -113,6 +113,7 @@ pub use loan::{CompensateError, InFlight, Loan, LoansNotMerged, SendError, Trans
 pub use loss::removed_object;
 pub use members::open_to_group;
 pub use objects::{Note, OwnFile, domain_files, foreign_object, own_files, sweep};
+pub use pace::Pace;
 pub use peers::{
     NodeHolder, Peers, named, payload_of, pid_namespace, pid_of, publisher_of, service_pid, subscribers_of,
 };

@@ -453,7 +453,7 @@ impl<'a> Service<'a> {
         let ports: Vec<_> = self.imus.iter().flat_map(ImuState::ports).collect();
         self.leftovers.sweep(&self.node, &ports);
         for imu in &mut self.imus {
-            imu.windows.end_second(imu.counters.latency());
+            imu.windows.end_second(imu.counters.latency(), imu.counters.received(), unix_s());
             imu.log_news(self.domain, false);
         }
         for number in 0..self.imus.len() {

@@ -52,6 +52,8 @@ pub(crate) fn imu_status(imu: &ImuState) -> ImuStatus {
         board_temperature,
         gyroscopes: table.and_then(Ranges::of_gyroscopes).map(gyroscopes),
         received: counters.received(),
+        rate_hz: imu.windows.samples(),
+        last_sample_unix_s: imu.windows.last_sample_unix_s(),
         compensated: counters.compensated(),
         gaps: counters.gaps(),
         missing: counters.missing(),

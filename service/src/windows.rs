@@ -1,4 +1,5 @@
-//! Latency in the last second and in the last minute, from the growth of the histogram in each second.
+//! Latency in the last second and in the last minute, from the growth of the histogram in each second; and the samples
+//! of the last second.
 
 use crate::worker::histogram::{BucketCounts, Growth};
 use isotherm_shared::status::LatencySummary;
@@ -13,16 +14,35 @@ pub(crate) struct Windows {
     previous: BucketCounts,
     /// Growth in each second, the newest last.
     seconds: VecDeque<Growth>,
+    /// Samples received up to the end of the last second, and in it.
+    received: (u64, u64),
+    /// The end of the last second in which a sample came \[s since 1970\].
+    last_sample_unix_s: Option<f64>,
 }
 
 impl Windows {
-    /// Ends a second with the current counts.
-    pub(crate) fn end_second(&mut self, counts: BucketCounts) {
+    /// Ends a second with the current counts, and the samples received so far.
+    pub(crate) fn end_second(&mut self, counts: BucketCounts, received: u64, unix_s: f64) {
+        let new = received.saturating_sub(self.received.0);
+        self.received = (received, new);
+        if new > 0 {
+            self.last_sample_unix_s = Some(unix_s);
+        }
         self.seconds.push_back(counts.since(&self.previous));
         if self.seconds.len() > MINUTE_S {
             self.seconds.pop_front();
         }
         self.previous = counts;
+    }
+
+    /// Samples received in the last complete second.
+    pub(crate) const fn samples(&self) -> u64 {
+        self.received.1
+    }
+
+    /// When a sample came last, within a second \[s since 1970\].
+    pub(crate) const fn last_sample_unix_s(&self) -> Option<f64> {
+        self.last_sample_unix_s
     }
 
     /// Latency in the last complete second; `None` if no sample came in it.
@@ -53,14 +73,16 @@ mod tests {
         for second in 0..=60 {
             record(1000 + second);
             record(10);
-            windows.end_second(reader.latency());
+            windows.end_second(reader.latency(), 2 * (second + 1), second as f64);
+            assert_eq!((windows.samples(), windows.last_sample_unix_s()), (2, Some(second as f64)));
             let last = windows.second().unwrap();
             assert_eq!((last.count, last.max), (2, 1000 + second));
         }
         let minute = windows.minute().unwrap();
         assert_eq!((minute.count, minute.p50, minute.max), (120, 10, 1060));
         assert_eq!(reader.latency().summary().unwrap().count, 122);
-        windows.end_second(reader.latency());
+        windows.end_second(reader.latency(), 122, 99.0);
+        assert_eq!((windows.samples(), windows.last_sample_unix_s()), (0, Some(60.0)));
         assert_eq!(windows.second(), None);
         assert_eq!(windows.minute().unwrap().count, 118);
     }

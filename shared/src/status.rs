@@ -170,6 +170,12 @@ pub struct ImuStatus {
     pub gyroscopes: Option<GyroscopeStatus>,
     /// Raw samples received.
     pub received: u64,
+    /// Raw samples received in the last whole second \[Hz\].
+    #[serde(default)]
+    pub rate_hz: u64,
+    /// When a sample came last, within a second \[s since 1970\]; null before the first.
+    #[serde(default)]
+    pub last_sample_unix_s: Option<f64>,
     /// Increments published.
     pub compensated: u64,
     /// Samples with missing samples of the same session directly before them; as many have the flag `gap`.

@@ -42,6 +42,8 @@ fn imu(id: &str, seconds: u64) -> ImuStatus {
         board_temperature: [Some(1.5), Some(2.0), Some(2.5)],
         gyroscopes: None,
         received: 400 * seconds,
+        rate_hz: 400,
+        last_sample_unix_s: None,
         compensated: 400 * seconds,
         gaps: 0,
         missing: 0,

@@ -147,7 +147,9 @@ fn describe_keeping(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
 
 fn describe_samples(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
     let acquisition = if imu.acquisition_connected { "connected" } else { "not connected" };
+    let last = imu.last_sample_unix_s.map(|at| format!(", the last sample {:.0} s ago", (unix_s() - at).max(0.0)));
     writeln!(text, "  acquisition  {acquisition}, {} sessions, {} readers", imu.sessions, imu.readers)?;
+    writeln!(text, "  rate         {} Hz in the last second{}", imu.rate_hz, last.unwrap_or_default())?;
     writeln!(
         text,
         "  samples      {} received, {} answered, {} missing in {} gaps, {} repeated",

@@ -37,6 +37,9 @@ macro_rules! metrics {
 
 metrics! {
     RECEIVED = counter "isotherm_samples_received_total" [imu] "Raw samples received.";
+    RATE = gauge "isotherm_sample_rate_hz" [imu] "Raw samples received in the last second [Hz].";
+    LAST_SAMPLE = gauge "isotherm_last_sample_timestamp_seconds" [imu]
+        "When a sample came last, within a second, Unix time; absent before the first.";
     INCREMENTS = counter "isotherm_increments_total" [imu] "Increments published.";
     MISSING = counter "isotherm_samples_missing_total" [imu] "Raw samples that never came.";
     GAPS = counter "isotherm_gaps_total" [imu] "Samples before which others of their session were missing.";
@@ -105,8 +108,10 @@ type ChooseValue = fn(Option<f64>, Option<[f64; 2]>) -> Option<f64>;
 type ImuMetric = (Metric, fn(&ImuStatus) -> Option<f64>);
 
 /// The metrics with one value for each IMU. An IMU without a value is left out.
-const IMU_METRICS: [ImuMetric; 19] = [
+const IMU_METRICS: [ImuMetric; 21] = [
     (RECEIVED, |imu| count(imu.received)),
+    (RATE, |imu| count(imu.rate_hz)),
+    (LAST_SAMPLE, |imu| imu.last_sample_unix_s),
     (INCREMENTS, |imu| count(imu.compensated)),
     (MISSING, |imu| count(imu.missing)),
     (GAPS, |imu| count(imu.gaps)),

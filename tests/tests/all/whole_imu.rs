@@ -9,7 +9,9 @@ use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
 /// The keys of an IMU in the status, less those that are about a whole IMU.
-const KEYS: [&str; 39] = [
+const KEYS: [&str; 41] = [
+    "last_sample_unix_s",
+    "rate_hz",
     "session_missing",
     "session_unknown",
     "id",
@@ -84,7 +86,7 @@ fn the_status_has_gyroscopes_only_where_the_table_has_them() {
     let named = |bits: &dyn Fn(u32) -> bool| {
         Flags::NAMES.into_iter().filter(|(bit, _)| bits(*bit)).map(|(_, name)| name).collect::<BTreeSet<_>>()
     };
-    assert_eq!(keys(&plain["flagged"]), named(&|bit| bit < 21 || (24..=26).contains(&bit)));
+    assert_eq!(keys(&plain["flagged"]), named(&|bit| bit < 21 || (24..=27).contains(&bit)));
     let text = described(&domain, "imu-a");
     assert!(!["  lag", "  G1", "UNIT"].iter().any(|part| text.contains(part)), "{text}");
 

@@ -40,7 +40,7 @@ fn flagged(domain: &TestDomain) -> u64 {
 }
 
 /// The note for the next acquisition.
-fn note(domain: &TestDomain) -> PathBuf {
+pub(super) fn note(domain: &TestDomain) -> PathBuf {
     let client = domain.client_domain();
     PathBuf::from(client.root_path()).join(format!("{}acquired-imu-a.json", client.prefix()))
 }

@@ -11,8 +11,10 @@ mod outages;
 mod pipeline;
 mod ports;
 mod profiles;
+mod rates;
 mod recording;
 mod seen;
+mod stamps;
 
 use isotherm_client::RawSample;
 use isotherm_recording::RawCsvReader;
