@@ -10,8 +10,10 @@ use std::collections::VecDeque;
 use std::hash::{BuildHasher as _, RandomState};
 use std::time::{Duration, Instant};
 
-/// How long samples are kept for a service that does not take them.
+/// How long samples are kept for a service that does not take them, and while none was there yet: then their session
+/// has no number, and they are recorded late.
 const KEPT: Duration = Duration::from_secs(30);
+const KEPT_UNCONNECTED: Duration = Duration::from_secs(1);
 /// Samples that are kept at least, and at most: 4 MiB.
 const KEPT_SAMPLES: (usize, usize) = (16, 16_384);
 /// Pause between two attempts to reach the service.
@@ -95,7 +97,8 @@ pub(crate) struct Link {
     options: Options,
     acquisition: Option<Acquisition>,
     waiting: VecDeque<Waiting>,
-    most: usize,
+    /// Samples that are kept, and while no service was there yet.
+    most: [usize; 2],
     /// `None`: as fast as the service takes them.
     pace: Option<Pace>,
     /// The session of the samples that were sent last on this connection, as counted here; 0 before.
@@ -127,16 +130,18 @@ impl Link {
         note: Option<AcquisitionNote>,
         recorder: Option<Recorder>,
     ) -> Self {
-        let kept = |interval_ns: u64| (KEPT.as_nanos() as u64 / interval_ns.max(1)) as usize;
-        let most =
-            interval_ns.map_or(usize::MAX, |interval_ns| kept(interval_ns).clamp(KEPT_SAMPLES.0, KEPT_SAMPLES.1));
+        let most = [KEPT, KEPT_UNCONNECTED].map(|kept| {
+            let samples = |interval_ns: u64| (kept.as_nanos() as u64 / interval_ns.max(1)) as usize;
+            let (least, most) = KEPT_SAMPLES;
+            interval_ns.map_or(usize::MAX, |interval_ns| samples(interval_ns).clamp(least, most))
+        });
         let give_up = Some(options.timeout).filter(|timeout| !timeout.is_zero());
         let now = Instant::now();
         Self {
             imu,
             options: Options { timeout: Duration::ZERO, ..options },
             acquisition: None,
-            waiting: VecDeque::with_capacity(interval_ns.map_or(0, |_| most + 1)),
+            waiting: VecDeque::with_capacity(interval_ns.map_or(0, |_| most[1] + 1)),
             most,
             pace: interval_ns.map(|_| Pace::default()),
             session: 0,
@@ -157,7 +162,9 @@ impl Link {
     /// Takes the next sample. Sessions are counted from 1.
     pub(crate) fn take(&mut self, raw: RawSample, session: u64) {
         self.waiting.push_back(Waiting { raw, session });
-        while self.waiting.len() > self.most {
+        let [connected, unconnected] = self.most;
+        let most = if self.acquisition.is_some() { connected } else { unconnected };
+        while self.waiting.len() > most {
             if let Some(lost) = self.waiting.pop_front() {
                 self.sent.dropped += 1;
                 if let Some(acquisition) = self.acquisition.as_mut().filter(|_| self.session != 0) {
@@ -317,7 +324,8 @@ mod tests {
             let options = Options::new(Domain::new("none", "/tmp/none").unwrap(), Duration::ZERO);
             Link::new("imu-a".parse().unwrap(), options, Some(interval_ns), None, None)
         };
-        assert_eq!([3_000_000_000, 2_500_000, 100_000].map(|ns| of_interval(ns).most), [16, 12_000, 16_384]);
+        let most = [3_000_000_000, 2_500_000, 100_000].map(|ns| of_interval(ns).most);
+        assert_eq!(most, [[16, 16], [12_000, 400], [16_384, 10_000]]);
         let mut link = of_interval(3_000_000_000);
         (0..20).for_each(|sequence| link.take(RawSample { sequence, ..RawSample::default() }, 1));
         assert_eq!((link.sent.dropped, link.waiting.front().unwrap().raw.sequence), (4, 4));

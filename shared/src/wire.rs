@@ -403,7 +403,8 @@ flags! {
         /// where the interval cannot be (`interval`). The increment is computed, with scale factors that are of another
         /// interval.
         INTERVAL_NOT_NOMINAL = 50,
-            "Give the interval that the readings have, in nanoseconds, or a table of that interval: \
+            "Give the interval that the readings have, in nanoseconds, or a table of that interval. Readings whose pulses \
+             are those of the sample's own interval, as `Readings` makes them, are right all the same: \
              docs/table.md#readings-format-3.";
     }
 }

@@ -18,20 +18,35 @@ const DEVICES: [(Numbers, f64); 7] = [
 const TRANSPORTS: [Transport; 4] =
     [Transport::Late(20e3), Transport::Late(300e3), Transport::Bursts(1e6), Transport::Bursts(16e6)];
 
-/// Runs worlds of an event over all devices and transports, and checks each. Prints how many there were.
+/// Runs worlds of an event over all devices and transports, and checks each. Prints what they have shown.
 fn all(name: &str, event: impl Fn(&mut Random) -> Event, check: impl Fn(&World, &Seen)) {
-    let mut runs = 0;
+    let (mut runs, mut sum, mut wait, mut right) = (0, Seen::default(), 0.0f64, 0);
     for (numbers, interval_ns) in DEVICES {
         for transport in TRANSPORTS {
             for seed in 0..seeds() {
                 let mut random = Random(seed * 77 + 5);
                 let world = World { numbers, transport, event: event(&mut random), interval_ns, seed };
-                check(&world, &world.seen());
+                let seen = world.seen();
+                check(&world, &seen);
                 runs += 1;
+                right += u64::from(seen.stamp <= 0.0);
+                wait = wait.max(seen.longest_wait);
+                sum.wrong += u64::from(seen.wrong > 0);
+                sum.ambiguous += u64::from(seen.ambiguous > 0);
+                sum.sessions += u64::from(seen.sessions > 1);
+                sum.steps += u64::from(seen.steps > 0);
             }
         }
     }
-    println!("{name}: {runs} runs");
+    println!(
+        "{name}: {runs} runs, {right} with all stamps in their bound, {} with a wrong count, {} with one that is said to \
+         be uncertain, {} with a new session, {} with a false step of time; longest wait {:.0} ms",
+        sum.wrong,
+        sum.ambiguous,
+        sum.sessions,
+        sum.steps,
+        wait / 1e6
+    );
 }
 
 /// Runs of each device over each transport.

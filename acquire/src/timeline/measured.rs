@@ -19,7 +19,7 @@ impl Measured {
     pub(super) fn count(&mut self, by_ns: u64, periods: u64) {
         let now = by_ns as f64;
         if self.has_begun {
-            self.periods += periods;
+            self.periods = self.periods.saturating_add(periods);
         } else if now >= self.since {
             *self = Self { since: now, periods: 0, has_begun: true };
         }

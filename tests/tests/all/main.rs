@@ -11,6 +11,7 @@
 )]
 
 mod acquire;
+mod before;
 mod c_interface;
 mod convert;
 mod daemon;
