@@ -351,7 +351,11 @@ impl<T> Timeline<T> {
             Doubt::Time => self.has_caught_up(last) || late.abs() <= 0.5 * interval,
             Doubt::Outage => false,
         };
-        let lost = if is_in_time { Some(Lost::default()) } else { self.lost(last, &steps, place, late) };
+        // A device that has paused for a moment is late from then on.
+        let is_off = late.abs() > LATE_INTERVALS * interval + JITTERS * line.jitter();
+        let more = if doubt == Doubt::Number && is_off { late } else { 0.0 };
+        let in_time = Lost { more, ..Lost::default() };
+        let lost = if is_in_time { Some(in_time) } else { self.lost(last, &steps, place, late) };
         let Some(lost) = lost else { return self.begin() };
         // What the device did while nothing came is not known.
         if lost.periods > 0 || doubt == Doubt::Outage {
