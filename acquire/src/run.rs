@@ -2,21 +2,17 @@
 
 use crate::description::Description;
 use crate::intake::Intake;
-use crate::link::{Link, Soaked, any_session};
+use crate::link::Link;
 use crate::note::AcquisitionNote;
 use crate::notice::Notice;
+use crate::rate::Rate;
 use crate::recorder::{Recorder, Recording};
+use crate::sink::{Printed, Sink};
 use crate::source::{Source, State};
 use crate::tally::Tally;
-use isotherm_client::{ImuId, Options, RawSample, monotonic_ns, unix_s};
+use isotherm_client::{Options, monotonic_ns, unix_s};
 use isotherm_failure::{Exit, Failure, shown, tell};
-use isotherm_recording::rows::RecordedRow;
-use isotherm_recording_formats::write::{FileError, Files, Format, Rotation};
-use isotherm_shared::stream::StreamKind;
-use isotherm_shared::wire::StreamSample;
-use std::collections::VecDeque;
-use std::io;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -25,8 +21,6 @@ use std::time::{Duration, Instant};
 const PAUSE: Duration = Duration::from_millis(20);
 /// Longest wait while samples wait for room in the service's queue.
 const BUSY: Duration = Duration::from_millis(1);
-/// How long the end may wait for answers.
-const LAST_ANSWERS: Duration = Duration::from_millis(250);
 /// How often the tally is told, the metrics are written, and the rate is judged.
 const TOLD: Duration = Duration::from_secs(60);
 const WRITTEN: Duration = Duration::from_secs(5);
@@ -38,8 +32,6 @@ const SILENT: Duration = Duration::from_secs(2);
 const SILENT_INTERVALS: u32 = 10;
 /// After this time without a frame it is told once a minute what came instead.
 const LONG: Duration = Duration::from_secs(10);
-/// The rate is that of so many looks.
-const RATE_LOOKS: usize = 10;
 
 /// When a numbered file is full that nothing but its name asks for.
 const NEVER: Duration = Duration::from_secs(3_000_000_000);
@@ -163,26 +155,6 @@ struct Heard {
 impl Heard {
     fn new(at: Instant, tally: Tally) -> Self {
         Self { at, tally, told: false, instead: Notice::default(), opened: at }
-    }
-}
-
-/// Frames over the last seconds.
-#[derive(Default)]
-struct Rate(VecDeque<(Instant, u64)>);
-
-impl Rate {
-    fn note(&mut self, now: Instant, frames: u64) {
-        if self.0.len() > RATE_LOOKS {
-            self.0.pop_front();
-        }
-        self.0.push_back((now, frames));
-    }
-
-    /// Frames a second \[Hz\]; 0 while there are none.
-    fn hz(&self) -> f64 {
-        let (Some(first), Some(last)) = (self.0.front(), self.0.back()) else { return 0.0 };
-        let seconds = (last.0 - first.0).as_secs_f64();
-        if seconds > 0.0 { (last.1 - first.1) as f64 / seconds } else { 0.0 }
     }
 }
 
@@ -348,127 +320,4 @@ impl Acquiring<'_> {
 fn write_metrics(settings: &Settings, tally: &Tally) -> Result<(), Failure> {
     let Some(path) = &settings.metrics else { return Ok(()) };
     isotherm_files::replace(path, &tally.prometheus()).map_err(|error| Failure::io("writing", path, &error))
-}
-
-/// Where samples go.
-enum Sink {
-    Service(Box<Link>),
-    Rows(Box<Printed>),
-}
-
-impl Sink {
-    fn take(&mut self, raw: RawSample, session: u64) {
-        match self {
-            Self::Service(link) => link.take(raw, session),
-            Self::Rows(rows) => rows.take(raw, session),
-        }
-    }
-
-    const fn note_soaked(&mut self, soaked: Soaked) {
-        if let Self::Service(link) = self {
-            link.soaked = soaked;
-        }
-    }
-
-    /// Hands on what waits. Returns whether no more is wanted.
-    fn pump(&mut self) -> Result<bool, Failure> {
-        match self {
-            Self::Service(link) => link.pump().map(|()| false),
-            Self::Rows(rows) => rows.pump(),
-        }
-    }
-
-    /// Whether a sample was sent to the service.
-    fn has_sent(&self) -> bool {
-        matches!(self, Self::Service(link) if link.sent.sent > 0)
-    }
-
-    fn is_waiting(&self) -> bool {
-        matches!(self, Self::Service(link) if link.is_waiting())
-    }
-
-    fn finish(&mut self) -> Result<(), Failure> {
-        match self {
-            Self::Service(link) => {
-                let began = Instant::now();
-                while !link.is_done() && began.elapsed() < LAST_ANSWERS {
-                    link.pump()?;
-                    std::thread::sleep(Duration::from_micros(200));
-                }
-                let lost = link.close();
-                if lost > 0 {
-                    tell("isotherm", format!("{lost} samples at the end were not sent, or not answered"));
-                }
-                link.recorder.as_mut().map_or(Ok(()), Recorder::finish)
-            }
-            Self::Rows(rows) => rows.finish(),
-        }
-    }
-
-    fn count(&self, tally: &mut Tally) {
-        let recorder = match self {
-            Self::Service(link) => {
-                tally.service = link.sent;
-                &link.recorder
-            }
-            Self::Rows(rows) => &rows.recorder,
-        };
-        [tally.recorded, tally.not_recorded] = recorder.as_ref().map_or([0; 2], Recorder::counts);
-    }
-}
-
-/// Rows on the standard output.
-struct Printed {
-    files: Files,
-    left: Option<u64>,
-    /// The number of session 1.
-    first: u64,
-    failed: Option<FileError>,
-    flushed: Instant,
-    recorder: Option<Recorder>,
-}
-
-impl Printed {
-    fn new(imu: ImuId, most: Option<u64>, recorder: Option<Recorder>) -> Result<Self, Failure> {
-        let files = Files::create(Path::new("-"), Format::Csv, Rotation::default(), &[imu], &[(0, StreamKind::Raw)])?;
-        let first = any_session();
-        Ok(Self { files, left: most, first, failed: None, flushed: Instant::now(), recorder })
-    }
-
-    fn take(&mut self, raw: RawSample, session: u64) {
-        if self.left == Some(0) || self.failed.is_some() {
-            return;
-        }
-        self.left = self.left.map(|left| left - 1);
-        let raw = RawSample { session: self.first.wrapping_add(session - 1), ..raw };
-        let recorded_ns = (unix_s() * 1e9) as u64;
-        let row = RecordedRow { imu: 0, recorded_ns, sample: StreamSample::Raw(raw) };
-        self.failed = self.files.write(&row).err();
-        if let Some(recorder) = &mut self.recorder {
-            recorder.take(&raw);
-        }
-    }
-
-    fn pump(&mut self) -> Result<bool, Failure> {
-        if self.flushed.elapsed() >= Duration::from_millis(100) || self.left == Some(0) {
-            self.flushed = Instant::now();
-            if let Err(error) = self.files.flush() {
-                self.failed.get_or_insert(error);
-            }
-        }
-        match self.failed.take() {
-            Some(FileError(_, error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(true),
-            Some(error) => Err(error.into()),
-            None => Ok(self.left == Some(0)),
-        }
-    }
-
-    fn finish(&mut self) -> Result<(), Failure> {
-        let written = match self.files.finish() {
-            Err(FileError(_, error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-            other => other.map_err(Failure::from),
-        };
-        let recorded = self.recorder.as_mut().map_or(Ok(()), Recorder::finish);
-        written.and(recorded)
-    }
 }

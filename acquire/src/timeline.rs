@@ -26,11 +26,13 @@
 //! arrival that was not seen at its time, since this process was held back, moves neither. After a doubt the line goes
 //! through the earliest arrivals of those that have waited: bytes are late, and never early.
 
+mod doubt;
 mod line;
 mod measured;
 mod number;
 mod pace;
 mod place;
+mod settle;
 
 pub(crate) use line::RATE_LIMIT;
 pub(crate) use number::{Counter, DeviceClock};
