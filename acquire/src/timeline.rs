@@ -35,7 +35,7 @@ mod place;
 mod settle;
 
 pub(crate) use line::RATE_LIMIT;
-pub(crate) use number::{Counter, DeviceClock};
+pub(crate) use number::{Counter, DeviceClock, Observed};
 
 use crate::frames::Arrival;
 use line::Line;
@@ -43,24 +43,6 @@ use measured::Measured;
 use number::{Numbering, Numbers};
 use pace::Trace;
 use std::collections::VecDeque;
-
-/// What is known of a frame's time.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Observed {
-    /// When it was sampled, if bytes were never late: its arrival less all known delays; `None` if its bytes do not
-    /// come at their time, as from a file.
-    pub(crate) arrival: Option<Arrival>,
-    /// The counter.
-    pub(crate) counter: Option<u64>,
-    /// The device's clock \[ns\].
-    pub(crate) clock_ns: Option<u64>,
-    /// Frames lost before it, as far as damaged bytes show them.
-    pub(crate) damaged: u64,
-    /// Whether the device was away before it.
-    pub(crate) after_outage: bool,
-    /// Whether it says the same as the frame before it, in all its numbers.
-    pub(crate) is_same: bool,
-}
 
 /// The place of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]

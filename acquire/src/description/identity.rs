@@ -1,7 +1,8 @@
 //! The sections `[identity]` and `[[setup]]`: who the device is, and how it is set up.
 
 use super::columns::Names;
-use super::{Port, frame};
+use super::frame;
+use super::port::Port;
 use crate::dialogue::{Answer, Step};
 use crate::frames::{Length, MAX_FRAME};
 use crate::message::{Form, Message, Serial, SerialForm};

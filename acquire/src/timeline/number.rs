@@ -1,6 +1,6 @@
 //! What counter and clock of a device say about the step from one frame to the next.
 
-use super::Observed;
+use crate::frames::Arrival;
 
 /// The device's counter.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -16,6 +16,24 @@ pub(crate) struct Counter {
 pub(crate) struct DeviceClock {
     /// After this time it begins at 0 again \[ns\]; `None`: never.
     pub(crate) turn_ns: Option<u64>,
+}
+
+/// What is known of a frame's time.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Observed {
+    /// When it was sampled, if bytes were never late: its arrival less all known delays; `None` if its bytes do not
+    /// come at their time, as from a file.
+    pub(crate) arrival: Option<Arrival>,
+    /// The counter.
+    pub(crate) counter: Option<u64>,
+    /// The device's clock \[ns\].
+    pub(crate) clock_ns: Option<u64>,
+    /// Frames lost before it, as far as damaged bytes show them.
+    pub(crate) damaged: u64,
+    /// Whether the device was away before it.
+    pub(crate) after_outage: bool,
+    /// Whether it says the same as the frame before it, in all its numbers.
+    pub(crate) is_same: bool,
 }
 
 /// The numbers of a frame.
