@@ -4,17 +4,18 @@ use isotherm_client::Sensor;
 use isotherm_failure::tell;
 use std::time::{Duration, Instant};
 
-/// Begin and end are told at once; while the status flickers, so many messages come in this time.
+/// The beginning and the end of an unhealthy status are logged at once. While the status flickers, at most this many
+/// messages are logged in this time.
 const MESSAGES: usize = 2;
 const TIME: Duration = Duration::from_secs(60);
 
 /// What the status has said.
 #[derive(Debug, Default)]
 pub(crate) struct Health {
-    /// The sensors that are not healthy, one bit each, A1 first; and those of which that was told.
+    /// The sensors that are not healthy, one bit each, A1 first; and those that the last message named.
     now: u8,
     told: u8,
-    /// Changes since something was told.
+    /// Changes since the last message.
     changes: u64,
     /// When the last messages came, the oldest first.
     at: [Option<Instant>; MESSAGES],
