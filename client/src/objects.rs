@@ -176,7 +176,7 @@ fn memory_name(stream: &Path) -> Option<String> {
 
 /// A small file in the folder of a domain, which outlives the processes of the domain: by it one process tells another
 /// that may be away.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Note {
     folder: PathBuf,
     name: String,

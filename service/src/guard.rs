@@ -6,12 +6,12 @@
 //! with those of the last table that had any. [`Memory`] keeps these tables over a restart, so that a restart installs
 //! no table that a reload has refused.
 //!
-//! Somebody who means the change accepts the table's digest with the command `reload`: by a [`Note`] in the domain's
-//! folder, where nobody else can write.
+//! Somebody who means the change accepts the table's digest with the command `reload`, by an [`Acceptance`].
 
+use crate::acceptance::Acceptance;
 use crate::config::Imu;
 use crate::memory::Memory;
-use isotherm_client::{Domain, ImuId, Note};
+use isotherm_client::{Domain, ImuId};
 use isotherm_shared::table::difference::{Change, MaxChange, TableDifference};
 use isotherm_shared::table::{CoefficientTable, Digest};
 use std::sync::Arc;
@@ -24,7 +24,7 @@ const ANCHOR_FACTOR: f64 = 3.0;
 pub(crate) struct Guard {
     imu: ImuId,
     limits: MaxChange,
-    acceptance: Note,
+    domain: Domain,
     /// What is known of earlier tables, of this service or the one before.
     memory: Memory,
     changes: Vec<Change>,
@@ -50,26 +50,16 @@ pub(crate) struct Refusal {
     pub is_other_unit: bool,
 }
 
-/// The digest that is accepted for an IMU's table.
-pub(crate) fn acceptance(domain: &Domain, imu: &ImuId) -> Note {
-    Note::new(domain, &format!("accepted-{imu}"))
-}
-
 impl Guard {
     /// The guard of an IMU with this memory.
     pub(crate) fn new(imu: &Imu, domain: &Domain, memory: Memory) -> Self {
-        let (imu, limits, acceptance) = (imu.id.clone(), imu.max_change, acceptance(domain, &imu.id));
-        Self { imu, limits, acceptance, memory, changes: Vec::new() }
+        let (imu, limits, domain) = (imu.id.clone(), imu.max_change, domain.clone());
+        Self { imu, limits, domain, memory, changes: Vec::new() }
     }
 
-    /// What is accepted, whichever table it is of.
-    pub(crate) fn accepted(&self) -> Option<Vec<u8>> {
-        self.acceptance.read()
-    }
-
-    /// Whether the operator has accepted the table of this digest.
-    pub(crate) fn is_accepted(&self, digest: &Digest) -> bool {
-        self.accepted().is_some_and(|text| text.trim_ascii() == digest.to_string().as_bytes())
+    /// What is accepted now, whichever tables it is of. Who decides by it and uses it up reads it once for both.
+    pub(crate) fn accepted(&self) -> Vec<Acceptance> {
+        Acceptance::read_all(&self.domain, &self.imu)
     }
 
     /// The largest changes of each curve by the table in force; empty if there was nothing to compare it with.
@@ -88,13 +78,13 @@ impl Guard {
         &self.memory
     }
 
-    /// Compares a table with those that were in force before.
+    /// Compares a table with those that were in force before. `accepted` is what the operator accepts.
     ///
     /// # Errors
     /// Why it must not be taken.
-    pub(crate) fn admit(&self, table: &CoefficientTable) -> Result<Admission, Refusal> {
+    pub(crate) fn admit(&self, table: &CoefficientTable, accepted: &[Acceptance]) -> Result<Admission, Refusal> {
         if let Some(forgotten) = &self.memory.forgotten {
-            return self.admit_without_memory(table, forgotten);
+            return self.admit_without_memory(table, forgotten, accepted);
         }
         let Some(reference) = self.memory.reference() else {
             let words = "it is not known which table was in force before, so it is compared with none".to_owned();
@@ -106,7 +96,7 @@ impl Guard {
         }
         let difference = TableDifference::of(reference, table);
         let refusals = self.refusals(reference, &difference, table);
-        let accepted = !refusals.is_empty() && self.is_accepted(table.digest());
+        let accepted = !refusals.is_empty() && is_accepted(table.digest(), accepted);
         if !refusals.is_empty() && !accepted {
             let serials = [reference, table].map(|table| table.content().serial.as_ref());
             let is_other_unit = serials[0] != serials[1] && !serials.contains(&None) && difference.changes_a_curve();
@@ -118,9 +108,14 @@ impl Guard {
     }
 
     /// Whoever takes the memory away must not get a table into force by that.
-    fn admit_without_memory(&self, table: &CoefficientTable, forgotten: &str) -> Result<Admission, Refusal> {
+    fn admit_without_memory(
+        &self,
+        table: &CoefficientTable,
+        forgotten: &str,
+        accepted: &[Acceptance],
+    ) -> Result<Admission, Refusal> {
         let digest = table.digest().to_string();
-        let accepted = self.is_accepted(table.digest());
+        let accepted = is_accepted(table.digest(), accepted);
         if accepted || digest == forgotten {
             let how = if accepted { "accepted by its digest" } else { "the same as before, by its digest" };
             let words = format!("{how}; the tables that were in force before cannot be read");
@@ -179,15 +174,21 @@ impl Guard {
         self.memory.take(table, admission.accepted);
     }
 
-    /// Makes the table in force the anchor, if the operator has accepted its digest. Returns whether that is new.
-    pub(crate) fn take_anchor(&mut self) -> bool {
+    /// Makes the table in force the anchor, if its digest is among what the operator accepts. Returns whether that is
+    /// new.
+    pub(crate) fn take_anchor(&mut self, accepted: &[Acceptance]) -> bool {
         let Some(in_force) = self.memory.in_force.clone() else { return false };
-        if self.memory.is_anchored() || !self.is_accepted(in_force.digest()) {
+        if self.memory.is_anchored() || !is_accepted(in_force.digest(), accepted) {
             return false;
         }
         self.memory.take(&in_force, true);
         true
     }
+}
+
+/// Whether the operator has accepted the table of this digest.
+pub(crate) fn is_accepted(digest: &Digest, accepted: &[Acceptance]) -> bool {
+    accepted.iter().any(|acceptance| acceptance.is_of(digest))
 }
 
 #[cfg(test)]
@@ -224,14 +225,19 @@ mod tests {
         }
 
         fn take(&mut self, table: &Arc<CoefficientTable>) -> Result<String, Refusal> {
-            let admission = self.guard.admit(table)?;
+            let admission = self.guard.admit(table, &self.guard.accepted())?;
             let words = admission.words.clone();
             self.guard.taken(table, admission);
             Ok(words)
         }
 
+        fn take_anchor(&mut self) -> bool {
+            let accepted = self.guard.accepted();
+            self.guard.take_anchor(&accepted)
+        }
+
         fn accept(&self, table: &CoefficientTable) {
-            self.guard.acceptance.write(table.digest().to_string().as_bytes()).unwrap();
+            Acceptance::write(&self.guard.domain, &self.guard.imu, &table.digest().to_string()).unwrap();
             assert!(self.folder.path().exists());
         }
     }
@@ -256,9 +262,9 @@ mod tests {
         let (digest, changes) = guarded.guard.anchor().unwrap();
         assert_eq!((digest.to_string(), changes[0].size.round()), (anchor, 269_858.0));
         // What is in force becomes the anchor by its digest, and the next step is taken.
-        assert!(!guarded.guard.take_anchor(), "nothing is accepted");
+        assert!(!guarded.take_anchor(), "nothing is accepted");
         guarded.accept(&raised(270.0));
-        assert!(guarded.guard.take_anchor() && !guarded.guard.take_anchor());
+        assert!(guarded.take_anchor() && !guarded.take_anchor());
         guarded.take(&raised(310.0)).unwrap();
         // A table that is accepted becomes the anchor, too.
         guarded.accept(&raised(900.0));

@@ -1,9 +1,10 @@
 //! One IMU in the control thread: the file of its table, the tables sent to the worker, and the losses that were
 //! logged.
 
+use crate::acceptance::Acceptance;
 use crate::config::Imu;
 use crate::events::{FileChange, FileReport, KeepOutcome};
-use crate::guard::{Admission, Guard};
+use crate::guard::{Admission, Guard, is_accepted};
 use crate::keeper::KeepRequest;
 use crate::leftovers::{Port, ports_of, ports_of_event};
 use crate::session::SessionNote;
@@ -47,7 +48,7 @@ pub(crate) struct FirstTable {
     /// Whether the IMU waits for its first table, as the command line allows.
     pub waits: bool,
     /// What was accepted, if the table is that of the file.
-    pub accepted: Option<Vec<u8>>,
+    pub accepted: Vec<Acceptance>,
 }
 
 /// One IMU before its streams exist.
@@ -62,7 +63,7 @@ pub(crate) struct PendingImu {
     /// The first table, which is in force when the streams are open.
     first: Option<(Arc<CoefficientTable>, Admission)>,
     /// What was accepted when the first table was chosen.
-    accepted: Option<Vec<u8>>,
+    accepted: Vec<Acceptance>,
 }
 
 impl PendingImu {
@@ -339,7 +340,8 @@ impl ImuState {
             }
             return None;
         }
-        let admission = match self.guard.admit(&table) {
+        let accepted = self.guard.accepted();
+        let admission = match self.guard.admit(&table, &accepted) {
             Ok(admission) => admission,
             Err(refusal) => {
                 self.refuse(Refused::now(refusal.reason, Some(table), modified_unix_s), is_requested);
@@ -350,9 +352,9 @@ impl ImuState {
         info!(imu = %id, table = %table.digest(), file = %shown(&self.imu.table), "table taken: {}", admission.words);
         log_unlike_scale_factors(&self.imu, &table);
         self.reloads += u64::from(!self.tables.alive.is_empty());
-        let accepted = self.guard.accepted();
         self.guard.taken(&table, admission);
         self.tables.send(table, modified_unix_s);
+        self.kept = None;
         Some(KeepRequest { memory: self.guard.memory().clone(), accepted })
     }
 
@@ -371,14 +373,16 @@ impl ImuState {
     pub(crate) fn take_accepted(&mut self) -> Option<KeepRequest> {
         let refused = self.last_error.as_ref()?;
         let (table, modified_unix_s) = (refused.table.clone()?, refused.modified_unix_s);
-        self.guard.is_accepted(table.digest()).then(|| self.apply_table(table, modified_unix_s, false))?
+        let is_accepted = is_accepted(table.digest(), &self.guard.accepted());
+        is_accepted.then(|| self.apply_table(table, modified_unix_s, false))?
     }
 
     /// Makes the table in force the anchor, if the operator has accepted that. Returns what is to be kept then.
     pub(crate) fn take_anchor(&mut self) -> Option<KeepRequest> {
         let accepted = self.guard.accepted();
-        self.guard.take_anchor().then(|| {
+        self.guard.take_anchor(&accepted).then(|| {
             info!(imu = %self.imu.id, "the table in force is the anchor now, accepted by its digest");
+            self.kept = None;
             KeepRequest { memory: self.guard.memory().clone(), accepted }
         })
     }

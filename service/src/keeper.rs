@@ -3,6 +3,7 @@
 //! Of each IMU only the newest request waits. A request that fails is tried again until it succeeds or a newer one
 //! replaces it.
 
+use crate::acceptance::Acceptance;
 use crate::events::{Events, KeepOutcome};
 use crate::memory::{Memory, StateFolder, kept_note, remedy};
 use isotherm_client::{Domain, ImuId, STATE_VARIABLE};
@@ -22,8 +23,9 @@ const RETRY: Duration = Duration::from_secs(10);
 pub(crate) struct KeepRequest {
     /// The table in force, and those that the next one is compared with.
     pub memory: Memory,
-    /// What was accepted when the table was taken. It is used up when the table is kept.
-    pub accepted: Option<Vec<u8>>,
+    /// What was accepted when the table was taken, which may be another one: an acceptance that was not needed does not
+    /// wait for a later table. It is used up when the table is kept. One that came meanwhile stays.
+    pub accepted: Vec<Acceptance>,
 }
 
 /// The control thread's handle. Dropping it ends the thread when it has nothing to do.
@@ -167,7 +169,7 @@ impl KeeperThread {
         match stored {
             Ok(()) => {
                 self.note_kept(imu, &table);
-                self.use_up(imu, request.accepted.as_deref());
+                request.accepted.iter().for_each(Acceptance::remove);
                 self.kept[number] = request.memory;
                 self.tell_if_in_memory();
                 self.events.kept(number, KeepOutcome { table, error: None });
@@ -186,15 +188,6 @@ impl KeeperThread {
     fn note_kept(&self, imu: &ImuId, table: &str) {
         if let Err(error) = kept_note(&self.domain, imu).write(table.as_bytes()) {
             warn!(%imu, "noting in {} that its table is kept: {error}", shown(Path::new(self.domain.root_path())));
-        }
-    }
-
-    /// Removes what was accepted when the table was taken, which may be another one: an acceptance that was not needed
-    /// does not wait for a later table. One that came meanwhile stays.
-    fn use_up(&self, imu: &ImuId, accepted: Option<&[u8]>) {
-        let acceptance = crate::guard::acceptance(&self.domain, imu);
-        if accepted.is_some() && acceptance.read().as_deref() == accepted {
-            acceptance.remove();
         }
     }
 

@@ -16,6 +16,7 @@
 //! # }
 //! ```
 
+mod acceptance;
 pub mod clean;
 pub mod commands;
 pub mod config;
@@ -43,6 +44,7 @@ mod threads;
 mod windows;
 pub mod worker;
 
+pub use acceptance::Acceptance;
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use commands::check::Check;
 use commands::explain::Explain;

@@ -66,10 +66,10 @@ pub(crate) fn choose(
 fn choose_one(imu: &Imu, guard: Guard, report: Option<FileReport>, allow_uncalibrated: bool) -> (Choice, FirstTable) {
     let modified_unix_s = report.as_ref().and_then(|report| report.modified_unix_s);
     let is_absent = report.as_ref().is_some_and(|report| report.is_absent);
+    let accepted = guard.accepted();
     let (failure, table, is_other_unit) = match report.map(|report| report.change) {
-        Some(FileChange::Loaded(table)) => match guard.admit(&table) {
+        Some(FileChange::Loaded(table)) => match guard.admit(&table, &accepted) {
             Ok(admission) => {
-                let accepted = guard.accepted();
                 let table = Some((table, admission));
                 let first = FirstTable { guard, table, modified_unix_s, refused: None, waits: false, accepted };
                 return (Choice::File, first);
@@ -88,7 +88,7 @@ fn choose_one(imu: &Imu, guard: Guard, report: Option<FileReport>, allow_uncalib
     };
     let refused = Some(Refused::now(failure.message.clone(), table, modified_unix_s));
     let reference = guard.memory().reference().cloned();
-    let table = reference.and_then(|table| guard.admit(&table).ok().map(|admission| (table, admission)));
+    let table = reference.and_then(|table| guard.admit(&table, &accepted).ok().map(|admission| (table, admission)));
     let choice = match &table {
         _ if is_other_unit => Choice::OtherUnit(exchanged(failure)),
         Some(_) => Choice::Kept(failure),
@@ -96,7 +96,7 @@ fn choose_one(imu: &Imu, guard: Guard, report: Option<FileReport>, allow_uncalib
         None => Choice::Nothing(failure),
     };
     let waits = matches!(choice, Choice::Uncalibrated(_));
-    (choice, FirstTable { guard, table, modified_unix_s: None, refused, waits, accepted: None })
+    (choice, FirstTable { guard, table, modified_unix_s: None, refused, waits, accepted: Vec::new() })
 }
 
 /// The failure of a file with the table of another unit.

@@ -16,10 +16,10 @@ pub mod laboratory;
 pub mod programs;
 
 use isotherm_client::{
-    Acquisition, CompensatedIncrement, Domain, Flags, ImuId, IncrementReader, Lag, Note, Options, RawSample, Triad,
-    device,
+    Acquisition, CompensatedIncrement, Domain, Flags, ImuId, IncrementReader, Lag, Options, RawSample, Triad, device,
 };
 use isotherm_recording::RawCsvReader;
+use isotherm_service::Acceptance;
 use isotherm_shared::table::CoefficientTable;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
@@ -112,8 +112,12 @@ impl TestDomain {
     /// Accepts a table for an IMU by its digest, as the command `reload` does.
     pub fn accept(&self, imu: &str, text: &str) {
         let table = CoefficientTable::from_toml(text, None).unwrap();
-        let note = Note::new(&self.domain, &format!("accepted-{imu}"));
-        note.write(table.digest().to_string().as_bytes()).unwrap();
+        Acceptance::write(&self.domain, &id(imu), &table.digest().to_string()).unwrap();
+    }
+
+    /// Whether an acceptance of the operator waits to be used up.
+    pub fn is_accepted(&self, imu: &str) -> bool {
+        !Acceptance::read_all(&self.domain, &id(imu)).is_empty()
     }
 
     /// Client options for this domain.

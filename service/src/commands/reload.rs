@@ -1,6 +1,6 @@
 //! `reload`: takes a table that the service refuses because it changes too much.
 
-use crate::guard::acceptance;
+use crate::acceptance::Acceptance;
 use clap::Args;
 use isotherm_client::{ConnectError, Domain, ImuId, Options, StatusError, fetch_status, prepare};
 use isotherm_failure::{Exit, Failure, one_line, tell};
@@ -15,6 +15,8 @@ use std::time::{Duration, Instant};
 
 /// How long the service may take until it has read the file and has its table in force; it looks 20 times a second.
 const TAKEN_LIMIT: Duration = Duration::from_secs(3);
+/// What the service has read before the acceptance was removed is in force after this time.
+const WITHDRAWAL: Duration = Duration::from_millis(300);
 /// How long keeping the table may take.
 const KEPT_LIMIT: Duration = Duration::from_secs(10);
 
@@ -62,21 +64,20 @@ impl Reload {
             );
             return Err(Failure::new(Exit::OtherUser, message));
         }
-        let note = acceptance(&domain, &imu);
-        let written = note.write(accept.as_bytes());
-        written.map_err(|error| Failure::io("writing in", Path::new(domain.root_path()), &error))?;
+        let written = Acceptance::write(&domain, &imu, &accept);
+        let acceptance = written.map_err(|error| Failure::io("writing in", Path::new(domain.root_path()), &error))?;
         let options = Options::new(domain, Duration::ZERO);
-        let begun = Instant::now();
+        let (begun, mut withdrawn) = (Instant::now(), None::<Instant>);
         loop {
             let status = match fetch_status(&options) {
-                Err(StatusError::Connect(ConnectError::NoService(_))) => {
+                Err(StatusError::Connect(ConnectError::NoService(_))) if withdrawn.is_none() => {
                     tell(
                         "isotherm",
                         format_args!("no service runs; the next one takes this table of {imu} at its start"),
                     );
                     return Ok(());
                 }
-                status => status.inspect_err(|_| note.remove())?,
+                status => status.inspect_err(|_| acceptance.remove())?,
             };
             let found = status.imus.iter().find(|found| found.id == imu.as_str());
             // The service makes an accepted table the anchor, too.
@@ -94,9 +95,12 @@ impl Reload {
                         &format!("the disk of the state folder has not answered for {limit} s"),
                     ));
                 }
-                None if found.is_none() || begun.elapsed() > TAKEN_LIMIT => {
-                    note.remove();
+                None if withdrawn.is_some_and(|withdrawn| withdrawn.elapsed() > WITHDRAWAL) => {
                     return Err(not_taken(&imu, found));
+                }
+                None if withdrawn.is_none() && (found.is_none() || begun.elapsed() > TAKEN_LIMIT) => {
+                    acceptance.remove();
+                    withdrawn = Some(Instant::now());
                 }
                 _ => thread::sleep(Duration::from_millis(20)),
             }

@@ -1,7 +1,7 @@
 //! Disks and a log that are slow, or fail: the watchdog is fed, and signals are obeyed.
 
 use super::supervisor::{Supervisor, WATCHDOG};
-use super::tracer::{Call, End, Fate, Traced};
+use super::tracer::{Call, End, Fate, TRACED_TIMEOUT, Traced};
 use super::{Ground, digest, lost_digit, may_trace, try_all};
 use isotherm_tests::{TABLE, TIMEOUT, variant};
 use nix::errno::Errno;
@@ -97,7 +97,9 @@ fn attempt(case: &Case) -> Outcome {
     ground.domain.register_process(traced.pid);
     let mut ready = None;
     if case.from == From::Ready {
-        ready = Some(supervisor.wait_for("READY=1", TIMEOUT).unwrap_or_else(|| panic!("{case:?}:\n{}", traced.log())));
+        ready = Some(
+            supervisor.wait_for("READY=1", TRACED_TIMEOUT).unwrap_or_else(|| panic!("{case:?}:\n{}", traced.log())),
+        );
         lasts.store(true, Ordering::Relaxed);
         // What comes of them is slow or fails. What matters is that the watchdog is fed meanwhile.
         let goes_on =
@@ -178,7 +180,7 @@ fn a_disk_that_does_not_answer_keeps_no_other_imu_from_being_served() {
     };
     let mut traced = Traced::start(ground.serve(&supervisor), decide);
     ground.domain.register_process(traced.pid);
-    assert!(supervisor.wait_for("READY=1", TIMEOUT).is_some(), "{}", traced.log());
+    assert!(supervisor.wait_for("READY=1", TRACED_TIMEOUT).is_some(), "{}", traced.log());
     let status = ground.domain.status();
     assert_eq!(status["imus"][0]["table"], digest(TABLE));
     assert!(status["imus"][1]["table"].is_null(), "{status}");

@@ -9,6 +9,7 @@
 //!
 //! which prints the tables of docs/figures.md.
 
+mod acceptances;
 mod disks;
 mod kills;
 mod leftovers;

@@ -2,6 +2,7 @@
 //!
 //! The thread that starts the program traces it. It waits only for what it traces, so other tests keep their children.
 
+use isotherm_tests::TIMEOUT;
 use nix::errno::Errno;
 use nix::sys::ptrace::{self, Options};
 use nix::sys::signal::{Signal, kill};
@@ -46,6 +47,10 @@ pub(super) enum End {
     Exited(i32),
     Killed(Signal),
 }
+
+/// How long a traced program may take for what another one does within [`TIMEOUT`]. Each of its thousands of system
+/// calls changes from it to the tracer and back twice, and on a loaded machine each change waits for its turn.
+pub(super) const TRACED_TIMEOUT: Duration = Duration::from_secs(4 * TIMEOUT.as_secs());
 
 type Decide = Box<dyn FnMut(&Call) -> Fate + Send>;
 
