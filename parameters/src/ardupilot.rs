@@ -104,7 +104,8 @@ pub(crate) fn read(lines: &mut Lines<'_>, kind: SensorKind, instance: u8) -> Opt
         let [first, ..] = coefficients(kind, instance, 1);
         let title = Autopilot::ArduPilot;
         let cause = "missing: the file has not this instance; give another instance or file";
-        lines.wrong(&first, format!("{cause} ({title} was to be read)"));
+        let elsewhere = lines.elsewhere();
+        lines.wrong(&first, format!("{cause} ({title} was to be read){elsewhere}"));
         return None;
     }
     let (low, high) = (format!("{prefix}TMIN"), format!("{prefix}TMAX"));

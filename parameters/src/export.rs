@@ -85,8 +85,9 @@ pub enum ExportError {
     NoCommonRange,
     /// A table of constants for ArduPilot, without a calibration temperature.
     #[error(
-        "parameters of a table: its biases are constants, which ArduPilot has at a calibration temperature; give that \
-         temperature (--at T)"
+        "parameters of a table: its biases do not depend on the temperature (order 0), so ArduPilot's parameters of the \
+         temperature would all be 0 and correct nothing; calibrate over a wider range, or with a fixed order (--order 1) if a \
+         curve is meant; an `isotherm export` with a calibration temperature (--at T) writes the constants"
     )]
     Constants,
     /// Numbers that no float32 can hold.

@@ -1,14 +1,29 @@
-//! The lines of a parameter file, of either form: `NAME VALUE` with any blank or a comma between, or the five columns
-//! vehicle, component, name, value, type. A `#` begins a comment. Parameters that nobody asks for are passed over.
+//! The lines of a parameter file, as ground stations and firmwares write and read them:
+//!
+//! | line | whose |
+//! |---|---|
+//! | `NAME VALUE`, `NAME,VALUE`, `NAME=VALUE` | ArduPilot's firmware and MAVProxy; Mission Planner |
+//! | `NAME VALUE @READONLY`, `NAME VALUE DEFAULT` | ArduPilot's firmware; a list with defaults |
+//! | vehicle, component, name, value, type | QGroundControl |
+//! | `x + NAME [3,7] : VALUE` | PX4's command `param show` |
+//!
+//! A `#` or a `//` begins a comment. What nobody asks for is passed over, also if it is none of these. A line that
+//! names a parameter of an IMU and is none of these is a fault.
 
 use isotherm_shared::document::{Fault, Faults};
 use std::collections::HashMap;
 
-/// Limit of reported lines that are no parameters: a file of another kind has one on every line.
+/// Limit of reported lines that are no parameters: a file of another kind may have many.
 const MAX_LINE_FAULTS: usize = 8;
 
 /// MAVLink's type of a float32, in the fifth column.
 const FLOAT: &str = "9";
+
+/// The firmware's mark of a parameter that cannot be set.
+const READ_ONLY: &str = "@READONLY";
+
+/// How the names begin that concern an IMU.
+const OF_IMUS: [&str; 2] = ["TC_", "INS_"];
 
 /// One parameter of the file.
 struct Entry<'a> {
@@ -22,29 +37,68 @@ struct Entry<'a> {
 /// The parameters of a file, and what has been found wrong with them.
 pub(crate) struct Lines<'a> {
     entries: HashMap<&'a str, Entry<'a>>,
+    /// The line of the first `@include`: parameters may stand in another file.
+    include: Option<usize>,
     faults: Vec<Fault>,
+}
+
+/// Name, value and type of a line's words.
+fn parameter<'a>(words: &[&'a str]) -> Option<(&'a str, &'a str, Option<&'a str>)> {
+    let is_number = |word: &str| word.parse::<f64>().is_ok();
+    match *words {
+        [name, ..] if name.starts_with('@') => None,
+        [vehicle, component, name, value, kind] if is_number(vehicle) && is_number(component) => {
+            Some((name, value, Some(kind)))
+        }
+        [name, value] | [name, value, READ_ONLY] => Some((name, value, None)),
+        [name, value, default] if is_number(value) && is_number(default) => Some((name, value, None)),
+        // The numbers in brackets are where PX4 has it in its lists.
+        [.., name, first, last, ":", value] if first.starts_with('[') && last.ends_with(']') => {
+            Some((name, value, None))
+        }
+        _ => None,
+    }
+}
+
+/// A line without its comment.
+fn content(line: &str) -> &str {
+    let end = ["#", "//"].iter().filter_map(|mark| line.find(mark)).min();
+    &line[..end.unwrap_or(line.len())]
+}
+
+/// A number as a ground station reads it: a double, which the autopilot then has as a float32. Whole numbers may be
+/// hexadecimal.
+fn number(value: &str) -> Option<f32> {
+    let digits = value.strip_prefix("0x").or_else(|| value.strip_prefix("0X"));
+    let number = match digits {
+        Some(digits) => f64::from(u32::from_str_radix(digits, 16).ok()?),
+        None => value.parse().ok()?,
+    };
+    Some(number as f32).filter(|number| number.is_finite())
 }
 
 impl<'a> Lines<'a> {
     pub(crate) fn parse(text: &'a str) -> Self {
-        let mut lines = Self { entries: HashMap::new(), faults: Vec::new() };
+        let mut lines = Self { entries: HashMap::new(), include: None, faults: Vec::new() };
         let mut more = 0;
         for (text, line) in text.trim_start_matches('\u{feff}').lines().zip(1..) {
-            let content = text.split('#').next().unwrap_or_default();
-            let fields: Vec<&str> =
-                content.split(|c: char| c.is_whitespace() || c == ',').filter(|field| !field.is_empty()).collect();
-            let (name, value, kind) = match fields[..] {
-                [] => continue,
-                [name, value] if !name.starts_with('@') => (name, value, None),
-                [_, _, name, value, kind] => (name, value, Some(kind)),
-                _ if lines.faults.len() == MAX_LINE_FAULTS => {
-                    more += 1;
-                    continue;
+            let separates = |c: char| c.is_whitespace() || matches!(c, ',' | '=');
+            let words: Vec<&str> = content(text).split(separates).filter(|word| !word.is_empty()).collect();
+            let Some((name, value, kind)) = parameter(&words) else {
+                if words.first() == Some(&"@include") {
+                    lines.include.get_or_insert(line);
+                } else if words.iter().any(|word| OF_IMUS.iter().any(|begin| word.starts_with(begin))) {
+                    if lines.faults.len() == MAX_LINE_FAULTS {
+                        more += 1;
+                    } else {
+                        lines.fault(
+                            line,
+                            "",
+                            "is no parameter; give NAME VALUE, or the five columns of a .params file",
+                        );
+                    }
                 }
-                _ => {
-                    lines.fault(line, "", "is no parameter; give NAME VALUE, or the five columns of a .params file");
-                    continue;
-                }
+                continue;
             };
             let entry = lines.entries.entry(name).or_insert(Entry { line, value, kind, again: None });
             if entry.line != line && entry.again.is_none() {
@@ -55,6 +109,12 @@ impl<'a> Lines<'a> {
             lines.fault(last, "", format!("and {more} lines more like this"));
         }
         lines
+    }
+
+    /// A sentence where parameters that are missing may stand, if the file includes others.
+    pub(crate) fn elsewhere(&self) -> String {
+        let include = self.include.map(|line| format!("; line {line} includes another file, which is not read"));
+        include.unwrap_or_default()
     }
 
     fn fault(&mut self, line: usize, key: &str, message: impl Into<String>) {
@@ -88,14 +148,17 @@ impl<'a> Lines<'a> {
             self.fault(line, name, format!("has the type {:?}; give {wanted}", kind.unwrap_or_default()));
             return None;
         }
-        // As a ground station reads it: a double, which the autopilot then has as a float32.
-        let number = value.parse::<f64>().ok().map(|number| number as f32).filter(|number| number.is_finite());
-        let number = number.filter(|number| !whole || number.fract() == 0.0);
+        let number = number(value).filter(|number| !whole || number.fract() == 0.0);
         if number.is_none() {
             let wanted = if whole { "a whole number" } else { "a finite number" };
             self.fault(line, name, format!("is {value:?}, give {wanted}"));
         }
         number
+    }
+
+    /// A number that need not be there.
+    pub(crate) fn factor(&mut self, name: &str) -> Option<f32> {
+        self.value(name, false)
     }
 
     /// A whole number that need not be there.
@@ -109,7 +172,7 @@ impl<'a> Lines<'a> {
             return self.value(name, false);
         }
         let line = self.line(beside).unwrap_or(1);
-        self.fault(line, name, "missing; give it, also if it is 0");
+        self.fault(line, name, format!("missing; give it, also if it is 0{}", self.elsewhere()));
         None
     }
 
@@ -135,7 +198,7 @@ impl<'a> Lines<'a> {
 
     /// A range that has been read; its faults have been reported.
     pub(crate) fn known_range(&self, low: &str, high: &str) -> Option<[f32; 2]> {
-        let number = |name| self.entries.get(name)?.value.parse::<f64>().ok().map(|number| number as f32);
+        let number = |name| number(self.entries.get(name)?.value);
         Some([number(low)?, number(high)?])
     }
 

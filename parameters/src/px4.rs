@@ -109,13 +109,16 @@ pub(crate) fn read(lines: &mut Lines<'_>, kind: SensorKind, instance: u8) -> Opt
             return Some(None);
         }
         let why = if unused { "is 0: the instance is not used" } else { "missing: the file has not this instance" };
-        lines.wrong(&id, format!("{why}; give another instance or file ({} was to be read)", Autopilot::Px4));
+        let elsewhere = lines.elsewhere();
+        lines
+            .wrong(&id, format!("{why}; give another instance or file ({} was to be read){elsewhere}", Autopilot::Px4));
         return None;
     }
     let enable = enable(kind);
     if lines.whole(&enable).is_some_and(|enabled| enabled != 1.0) {
         lines.wrong(&enable, "is not 1: PX4 does not use these parameters; give 1 if it shall");
     }
+    refuse_scale_factors(lines, kind, instance);
     // In whose line a missing one is reported.
     let names = fields(kind).into_iter().map(|field| name(kind, instance, field));
     let beside = names.into_iter().find(|name| lines.line(name).is_some()).unwrap_or_default();
@@ -127,4 +130,20 @@ pub(crate) fn read(lines: &mut Lines<'_>, kind: SensorKind, instance: u8) -> Opt
     let (x0, x1, x2, x3) = (x0?, x1?, x2?, x3?);
     let coefficients = [0, 1, 2].map(|axis| [x0[axis], x1[axis], x2[axis], x3[axis]]);
     Some(Some(Px4Triad { range: range?, reference: reference?, coefficients }))
+}
+
+/// An older PX4 multiplies the corrected readings of each axis by a factor, which no table of biases has.
+fn refuse_scale_factors(lines: &mut Lines<'_>, kind: SensorKind, instance: u8) {
+    for axis in 0..AXES {
+        let name = format!("{}SCL_{axis}", prefix(kind, instance));
+        if let Some(factor) = lines.factor(&name).filter(|factor| *factor != 1.0) {
+            lines.wrong(
+                &name,
+                format!(
+                    "is {factor}: an older PX4 multiplies the readings by it, and a newer one does not have it; leave \
+                     the line out for a newer one, or give 1 and multiply the scale factor of the vehicle's calibration"
+                ),
+            );
+        }
+    }
 }

@@ -72,6 +72,43 @@ fn files_of_ground_stations_are_read() {
     assert_eq!(imported(&FULL_PARM.lines().map(line).collect::<String>(), Autopilot::ArduPilot), right);
 }
 
+#[test]
+fn what_concerns_no_imu_is_passed_over_and_what_does_is_understood() {
+    let right = imported(FULL_PARM, Autopilot::ArduPilot);
+    let others = "// our vehicle\nRC6_OPTION 212 // roll\n@include ../base.parm\n@delete RC7_OPTION\nFRAME_CLASS 1.0 0.0\n\
+                  one two three four\n\u{0}\u{1} 1 2 3\nSERIAL_PASS 0xFF\n";
+    let of_lines = |line: &dyn Fn(&str) -> String| FULL_PARM.lines().map(line).collect::<String>();
+    for text in [
+        others.to_owned() + FULL_PARM,
+        of_lines(&|line| format!("{line} @READONLY\n")),
+        of_lines(&|line| format!("{line} 0.000000 // what it was\n")),
+        of_lines(&|line| format!("{}\r\n", line.replace(' ', "="))),
+        of_lines(&|line| format!("{}  # Reason: tempcal, 5 % = less\n", line.replace(' ', " = "))),
+        of_lines(&|line| format!("  {}\n", line.replace(' ', "\t , "))),
+        FULL_PARM.replace("ENABLE 1", "ENABLE 0x1"),
+    ] {
+        assert_eq!(imported(&text, Autopilot::ArduPilot), right, "{text}");
+    }
+    let right = imported(FULL_PARAMS, Autopilot::Px4);
+    let fields = |line: &str| line.split('\t').map(str::to_owned).collect::<Vec<_>>();
+    let rows = FULL_PARAMS.lines().map(fields).filter(|fields| fields.len() == 5);
+    let shown = |(at, fields): (usize, Vec<String>)| format!("x + {} [{at},{}] : {}\n", fields[2], at + 300, fields[3]);
+    let shown: String = rows.enumerate().map(shown).collect();
+    assert_eq!(imported(&format!("Symbols: x = used, + = saved\n{shown}"), Autopilot::Px4), right);
+    assert_eq!(imported(&FULL_PARAMS.replace("\t3014666\t", "\t0x2E000A\t"), Autopilot::Px4), right);
+}
+
+#[test]
+fn scale_factors_of_an_older_px4_are_refused_by_name() {
+    let with = |instance: u8, factor: &str| format!("{FULL_PARAMS}1\t1\tTC_G{instance}_SCL_1\t{factor}\t9\n");
+    let line = FULL_PARAMS.lines().count() + 1;
+    is_refused(&with(0, "0.97"), Autopilot::Px4, (line, "TC_G0_SCL_1", "is 0.97: an older PX4 multiplies"));
+    let right = imported(FULL_PARAMS, Autopilot::Px4);
+    for neutral in [with(0, "1.0"), with(1, "0.97")] {
+        assert_eq!(imported(&neutral, Autopilot::Px4), right);
+    }
+}
+
 /// The faults of a text.
 fn faults(text: &str, options: &ImportOptions) -> Vec<Fault> {
     match import(text, options).unwrap_err() {
@@ -126,8 +163,12 @@ fn a_broken_file_of_ardupilot_is_refused_with_line_and_key() {
         (FULL_PARM.replace("TMAX 73.9", "TMAX -20"), (3, "INS_TCAL1_TMAX", "is not over INS_TCAL1_TMIN")),
         (more(constants), (22, "INS_ACCOFFS_Z", "missing")),
         (more("INS_GYROFFS_Y 0.1\n"), (22, "INS_GYR1_CALTEMP", "missing")),
-        (more("@include more.parm\n"), (22, "", "is no parameter")),
-        (more("\u{0}\u{1} 1 2 3\n"), (22, "", "is no parameter")),
+        (more("INS_TCAL1_GYR1_X\n"), (22, "", "is no parameter")),
+        (more("@delete INS_TCAL1_ENABLE\n"), (22, "", "is no parameter")),
+        (more("INS_TCAL1_ACC1_X 1 2 3\n"), (22, "", "is no parameter")),
+        (more("INS_TCAL1_ACC1_X 1 twice\n"), (22, "", "is no parameter")),
+        ("@include base.parm\n".to_owned(), (1, "INS_TCAL1_ACC1_X", "line 1 includes another file")),
+        (more("INS_GYR1_CALTEMP 25\n@include a.parm\n"), (22, "INS_GYROFFS_X", "line 23 includes another file")),
     ] {
         is_refused(&text, Autopilot::ArduPilot, fault);
     }
