@@ -131,7 +131,8 @@ impl CalibrationError {
                 format!("--exclude: {self}")
             }
             Self::Options(_) | Self::GravityOnly(_) => self.to_string(),
-            // The name of the recording is in the message.
+            // The message begins with the name of the recording, which may be all that was given.
+            Self::Transients(_) if self.to_string().starts_with(&format!("{}: ", shown(campaign))) => self.to_string(),
             Self::Transients(_) => format!("{}: the ramps: {self}", shown(campaign)),
             Self::Positions(deficiencies) | Self::Curves(deficiencies) => {
                 let line = |deficiency: &String| format!("{}: {deficiency}", shown(campaign));

@@ -21,9 +21,9 @@ mod options;
 mod order;
 mod result;
 
-pub use options::OneAttitudeOptions;
+pub use options::{OnBoard, OneAttitudeOptions};
 pub use order::{LeftOut, OrderChoice, TriedOrder};
-pub use result::{BiasCurve, OneAttitudeCalibration, Spread, SweepPoint, SweepSpan};
+pub use result::{BiasCurve, OnBoardCurve, OneAttitudeCalibration, Spread, SweepPoint, SweepSpan};
 
 use crate::admit::admit;
 use crate::checks::scale::zero_of;
@@ -37,7 +37,7 @@ use isotherm_finding::Finding;
 use isotherm_parameters::Autopilot;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable, Content};
-use isotherm_shared::units::SensorKind;
+use isotherm_shared::units::{CELSIUS, SensorKind};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::sweeps;
 use std::collections::BTreeMap;
@@ -56,6 +56,12 @@ pub fn calibrate_one_attitude(
     nominal: &CoefficientTable,
     options: &OneAttitudeOptions,
 ) -> Result<OneAttitudeCalibration, CalibrationError> {
+    if !options.on_board.is_empty() && !CELSIUS.contains(&nominal.content().temperature_unit.as_str()) {
+        let unit = &nominal.content().temperature_unit;
+        let message =
+            format!("the telemetry is in {unit:?}, and parameters of autopilots are over degC; leave them out");
+        return Err(CalibrationError::Options(message));
+    }
     let fit_options = CalibrationOptions {
         accept: options.accept.clone(),
         strict: options.strict,
@@ -79,7 +85,7 @@ pub fn calibrate_one_attitude(
     }
     let bin = if zero_of(&nominal.content().temperature_unit).is_some() { 1.0 } else { (high - low) / WIDE };
     let order = choice.order;
-    let made = Made { ramps: &ramps, sweeps: &parts, at, bin, beside: &options.beside };
+    let made = Made { ramps: &ramps, sweeps: &parts, at, bin, options };
     let biases: Option<Vec<BiasCurve>> = series.iter().map(|bias| made.curve(bias, order)).collect();
     let biases = biases.ok_or_else(|| {
         CalibrationError::Options(format!("the telemetry has too few temperatures for order {order}; give a lower one"))
@@ -168,7 +174,7 @@ struct Made<'a> {
     sweeps: &'a [Part],
     at: f64,
     bin: f64,
-    beside: &'a [Autopilot],
+    options: &'a OneAttitudeOptions,
 }
 
 impl Made<'_> {
@@ -197,6 +203,16 @@ impl Made<'_> {
             let polynomial = cubic.polynomial(self.at, constant)?;
             Some((*autopilot, polynomial, left(&|bin| raw(bin) - cubic.at(bin.telemetry))))
         };
+        let gravity = self.ramps.curves.content().gravity;
+        let on_board = |parameters: &OnBoard| {
+            let subtracted = beside::of_parameters(parameters, bias, gravity)?;
+            let shift = constant - subtracted(self.at);
+            Some(OnBoardCurve {
+                name: parameters.name.clone(),
+                points: places(bias.range).map(|telemetry| (telemetry, subtracted(telemetry) + shift)).collect(),
+                after: left(&|bin| raw(bin) - subtracted(bin.telemetry)),
+            })
+        };
         Some(BiasCurve {
             kind: bias.kind,
             axis: bias.axis,
@@ -205,7 +221,8 @@ impl Made<'_> {
             after: left(&|bin| bin.value - shape.at(bin.telemetry)),
             band: transient.curve_error.clone(),
             points: self.points(bias, &shape, constant),
-            beside: self.beside.iter().filter_map(beside).collect(),
+            beside: self.options.beside.iter().filter_map(beside).collect(),
+            on_board: self.options.on_board.iter().filter_map(on_board).collect(),
         })
     }
 
@@ -226,6 +243,12 @@ impl Made<'_> {
         };
         self.sweeps.iter().enumerate().flat_map(of_sweep).collect()
     }
+}
+
+/// Places of a range, its ends among them.
+fn places([low, high]: [f64; 2]) -> impl Iterator<Item = f64> {
+    const INTERVALS: usize = 120;
+    (0..=INTERVALS).map(move |k| low + (high - low) * k as f64 / INTERVALS as f64)
 }
 
 /// Standard deviation and largest distance of the means of bins of the telemetry, of telemetry and value.

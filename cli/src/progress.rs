@@ -1,23 +1,27 @@
 //! Progress bars. They go to stderr, and only if it is a terminal.
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
+use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+/// Before this time and this share the time that is left is not shown: it would be a guess.
+const GUESS: (Duration, f32) = (Duration::from_secs(5), 0.05);
+
 /// A bar over the bytes of files, with a message. It is hidden if one of them is stdin or not a regular file.
 pub(crate) fn bytes_bar(paths: &[PathBuf], message: &'static str) -> ProgressBar {
-    bar_over(paths, "{msg} {bar:40} {bytes} of {total_bytes}, {eta} left").with_message(message)
+    bar_over(paths, "{msg} {bar:40} {bytes} of {total_bytes}{left}").with_message(message)
 }
 
 /// A bar over the bytes of a recording that is sent, with elapsed and remaining time.
 pub(crate) fn playing_bar(paths: &[PathBuf]) -> ProgressBar {
-    bar_over(paths, "{bar:40} {percent:>3} %  {elapsed} elapsed, {eta} left")
+    bar_over(paths, "{bar:40} {percent:>3} %  {elapsed} elapsed{left}")
 }
 
 /// A bar over a number of rows.
 pub(crate) fn rows_bar(count: u64) -> ProgressBar {
-    styled(ProgressBar::new(count), "{bar:40} {percent:>3} %  {elapsed} elapsed, {eta} left")
+    styled(ProgressBar::new(count), "{bar:40} {percent:>3} %  {elapsed} elapsed{left}")
 }
 
 /// A spinner during long work whose duration is unknown.
@@ -41,5 +45,29 @@ fn bar_over(paths: &[PathBuf], template: &str) -> ProgressBar {
 }
 
 fn styled(bar: ProgressBar, template: &str) -> ProgressBar {
-    bar.with_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()))
+    let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    bar.with_style(style.with_key("left", |state: &ProgressState, text: &mut dyn Write| {
+        let left = left(state.elapsed(), state.fraction(), state.eta());
+        // What does not fit is not shown.
+        let _ = text.write_str(&left);
+    }))
+}
+
+/// The time that is left, for the end of a bar.
+fn left(elapsed: Duration, share: f32, left: Duration) -> String {
+    let is_known = elapsed >= GUESS.0 && share >= GUESS.1;
+    if is_known { format!(", {:#} left", HumanDuration(left)) } else { String::new() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_time_left_is_shown_when_it_is_no_guess() {
+        let after = |seconds, share| left(Duration::from_secs(seconds), share, Duration::from_secs(90));
+        assert_eq!(after(4, 0.5), "");
+        assert_eq!(after(60, 0.04), "");
+        assert_eq!(after(5, 0.05), ", 2m left");
+    }
 }

@@ -1,5 +1,6 @@
 //! The two autopilots.
 
+use crate::lines::Lines;
 use std::fmt;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
@@ -14,6 +15,17 @@ pub enum Autopilot {
 }
 
 impl Autopilot {
+    /// Whose parameters of the temperature a text has; `None` if it has none, or those of both.
+    #[must_use]
+    pub fn of_text(text: &str) -> Option<Self> {
+        let lines = Lines::parse(text);
+        match (["TC_A", "TC_G"].iter().any(|begin| lines.any(begin)), lines.any("INS_TCAL")) {
+            (true, false) => Some(Self::Px4),
+            (false, true) => Some(Self::ArduPilot),
+            _ => None,
+        }
+    }
+
     /// Both, with their names in options.
     pub const NAMES: [(Self, &'static str); 2] = [(Self::Px4, "px4"), (Self::ArduPilot, "ardupilot")];
 

@@ -158,10 +158,7 @@ pub const CAMPAIGN: [Column; 2] = [
     column(0, ColumnSet::Always, "position", ColumnKind::U32, "number of the position; empty while the table moves"),
 ];
 
-/// The first bytes of a Parquet file.
-pub const PARQUET_MAGIC: &[u8] = b"PAR1";
-/// The first bytes of an MCAP file.
-pub const MCAP_MAGIC: &[u8] = b"\x89MCAP0\r\n";
+pub use isotherm_shared::content::{MCAP_MAGIC, PARQUET_MAGIC};
 /// First bytes and names of the binary formats of recordings.
 pub const BINARY_FORMATS: [(&[u8], &str); 2] = [(PARQUET_MAGIC, "Parquet"), (MCAP_MAGIC, "MCAP")];
 

@@ -8,7 +8,8 @@ use crate::plot::{Plot, Style};
 use crate::text::{transients, within};
 use crate::view::{value, view};
 use isotherm_calibration::{
-    BiasCurve, CampaignSource, LeftOut, OneAttitudeCalibration, OrderChoice, Spread, SweepPoint, TriadUnits, TriedOrder,
+    BiasCurve, CampaignSource, LagChoice, LeftOut, OneAttitudeCalibration, OrderChoice, Spread, SweepPoint, TriadUnits,
+    TriedOrder,
 };
 use isotherm_campaign::Campaign;
 use isotherm_recording::Losses;
@@ -33,9 +34,11 @@ pub fn text(calibration: &OneAttitudeCalibration) -> String {
     text.push('\n');
     text.extend(within(calibration.ramps.transients.losses, "the recordings"));
     text += &format!("over temperature: means of bins of {} {unit}, about their mean:\n", shown(calibration.bin));
+    let names = calibration.biases.iter().flat_map(|bias| &bias.on_board).map(|it| it.name.chars().count() + 4);
+    let width = names.fold(12, usize::max);
     let line = |cells: [&str; 8]| {
         let [name, unit, before, most, after, left, band, other] = cells;
-        format!("  {name:<12}{unit:<6}{before:>12}{most:>12}{after:>12}{left:>12}{band:>12}   {other}\n")
+        format!("  {name:<width$}{unit:<6}{before:>12}{most:>12}{after:>12}{left:>12}{band:>12}   {other}\n")
     };
     text += &line(["", "", "before: std", "largest", "after: std", "largest", "band +-", "after, band"]);
     for bias in &calibration.biases {
@@ -54,9 +57,21 @@ pub fn text(calibration: &OneAttitudeCalibration) -> String {
         for (autopilot, _, spread) in &bias.beside {
             text += &row(&format!("  {}", autopilot.title()), *spread, "-", "");
         }
+        for on_board in &bias.on_board {
+            text += &row(&format!("  {}", on_board.name), on_board.after, "-", "");
+        }
     }
-    text.push('\n');
-    text + &transients(&calibration.ramps.transients, unit)
+    if has_lag(calibration) {
+        text.push('\n');
+        text += &transients(&calibration.ramps.transients, unit);
+    }
+    text
+}
+
+/// Whether a lag was looked for. If not, as for an autopilot's parameters, no transient is written, and none is a
+/// result.
+fn has_lag(calibration: &OneAttitudeCalibration) -> bool {
+    calibration.options.lag != LagChoice::None
 }
 
 /// How the order was found, in words.
@@ -137,8 +152,8 @@ BiasView<'a>(bias: &'a BiasCurve, gravity: f64) {
     band: Option<f64> =
         bias.band.as_ref().map(|band| TriadUnits::of(bias.kind).si(band.half_width, gravity).0),
     band_at: Option<f64> = bias.band.as_ref().map(|band| band.at),
-    beside: Vec<BesideView<'a>> =
-        bias.beside.iter().map(|(of, _, spread)| BesideView::of(of.title(), *spread, bias, gravity)).collect(),
+    /// Cubics of autopilots, then parameters on board by the names of their files.
+    beside: Vec<BesideView<'a>> = others(bias).map(|(name, spread)| BesideView::of(name, spread, bias, gravity)).collect(),
 }}
 
 view! { SpreadView(spread: Spread, bias: &BiasCurve, gravity: f64) {
@@ -150,6 +165,12 @@ view! { BesideView<'a>(name: &'a str, spread: Spread, bias: &BiasCurve, gravity:
     name: &'a str = name,
     after: SpreadView = SpreadView::of(spread, bias, gravity),
 }}
+
+/// What is shown beside a curve: its name, and what it leaves.
+fn others(bias: &BiasCurve) -> impl Iterator<Item = (&str, Spread)> {
+    let cubics = bias.beside.iter().map(|(autopilot, _, spread)| (autopilot.title(), *spread));
+    cubics.chain(bias.on_board.iter().map(|on_board| (on_board.name.as_str(), on_board.after)))
+}
 
 /// The page as HTML.
 #[must_use]
@@ -181,7 +202,9 @@ pub fn html(campaign: &Campaign, calibration: &OneAttitudeCalibration, source: &
     curves(&mut page, calibration, unit);
     residuals(&mut page, calibration, unit);
     orders(&mut page, calibration);
-    crate::transients::sections(&mut page, &calibration.ramps.transients, unit);
+    if has_lag(calibration) {
+        crate::transients::sections(&mut page, &calibration.ramps.transients, unit);
+    }
     provenance(&mut page, campaign, source, &[], calibration.table());
     page.finish()
 }
@@ -205,7 +228,7 @@ fn before_and_after(page: &mut Page, calibration: &OneAttitudeCalibration) {
         .flat_map(|bias| {
             let raw = (bias, "before".to_owned(), bias.before, None);
             let own = (bias, "Isotherm".to_owned(), bias.after, bias.band.as_ref().map(|band| band.half_width));
-            let others = bias.beside.iter().map(move |(of, _, spread)| (bias, of.title().to_owned(), *spread, None));
+            let others = others(bias).map(move |(name, spread)| (bias, name.to_owned(), spread, None));
             [raw, own].into_iter().chain(others)
         })
         .collect();
@@ -286,6 +309,10 @@ fn curves(page: &mut Page, calibration: &OneAttitudeCalibration, unit: &str) {
         }
         for (autopilot, curve, _) in &bias.beside {
             plot = plot.series(autopilot.title(), Style::Line, line(curve, factor));
+        }
+        for on_board in &bias.on_board {
+            let points = on_board.points.iter().map(|(telemetry, value)| (*telemetry, value * factor));
+            plot = plot.series(&on_board.name, Style::Line, points);
         }
         let plot = by_sweep(plot, calibration, bias, |it| (it.telemetry, it.value * factor));
         (plot.svg(), String::new())

@@ -12,6 +12,7 @@ mod syntax;
 pub use faults::{Fault, Faults};
 pub use syntax::MAX_TOKENS;
 
+use crate::content::FileContent;
 use crate::stream::{ImuId, NAME_RULE};
 use core::cell::{Cell, RefCell};
 use core::ops::Range;
@@ -47,13 +48,13 @@ impl<'a> Document<'a> {
         Ok(Self { lines, root, faults: RefCell::default(), more: Cell::default() })
     }
 
-    /// As [`parse`](Self::parse), with one clear fault if `text` is CSV. `wanted` says what to give instead, for
+    /// As [`parse`](Self::parse), with one clear fault if `text` is CSV or of another known kind. `wanted` says what to give instead, for
     /// example "give the coefficient table".
     ///
     /// # Errors
     /// As [`parse`](Self::parse).
     pub fn parse_as(text: &'a str, wanted: &str) -> Result<Self, Faults> {
-        if is_csv(text) { Err(csv_instead(wanted)) } else { Self::parse(text) }
+        other_instead(text.as_bytes(), text, wanted).map_or_else(|| Self::parse(text), Err)
     }
 
     /// The top level.
@@ -453,8 +454,14 @@ fn numbers_of(value: &DeValue<'_>) -> Option<Vec<f64>> {
     value.as_array()?.iter().map(|item| number_of(item.get_ref())).collect()
 }
 
-fn csv_instead(wanted: &str) -> Faults {
-    Faults(vec![Fault { line: 1, key: String::new(), message: format!("this is CSV data, not TOML; {wanted}") }])
+/// The fault of a file that begins so and is no TOML but something else that is known.
+fn other_instead(begin: &[u8], text: &str, wanted: &str) -> Option<Faults> {
+    let message = match FileContent::of(begin) {
+        Some(content) => format!("this is {}, not TOML; {wanted}; {}", content.name(), content.readers("FILE")),
+        None if is_csv(text) => format!("this is CSV data, not TOML; {wanted}"),
+        None => return None,
+    };
+    Some(Faults(vec![Fault { line: 1, key: String::new(), message }]))
 }
 
 /// The fault of a text that begins with these bytes and has over `limit`, the most that a file of this `kind` has, for
@@ -462,8 +469,9 @@ fn csv_instead(wanted: &str) -> Faults {
 #[must_use]
 pub fn too_large(begin: &[u8], limit: u64, kind: &str) -> Faults {
     const HEADER: usize = 64 << 10;
-    if is_csv(&String::from_utf8_lossy(begin.get(..HEADER).unwrap_or(begin))) {
-        return csv_instead(&format!("give the {kind}"));
+    let begin = begin.get(..HEADER).unwrap_or(begin);
+    if let Some(faults) = other_instead(begin, &String::from_utf8_lossy(begin), &format!("give the {kind}")) {
+        return faults;
     }
     let message = format!("over {limit} bytes; no {kind} is that large");
     Faults(vec![Fault { line: 1, key: String::new(), message }])

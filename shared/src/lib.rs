@@ -40,6 +40,7 @@
 
 pub mod bounds;
 pub mod compensate;
+pub mod content;
 pub mod document;
 pub mod group;
 mod kernel;

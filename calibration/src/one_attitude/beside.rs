@@ -3,6 +3,8 @@
 //! by up to 0.8 mm/s2 from those of the scripts, at the ends, where one script pads its median with zeros.
 
 use super::curves::{Series, Shape, Weight};
+use super::options::OnBoard;
+use crate::sensor::TriadUnits;
 use crate::transients::BinValue;
 use isotherm_parameters::{Autopilot, HIGHEST_ORDER};
 
@@ -18,4 +20,16 @@ pub(super) fn cubic(autopilot: Autopilot, bias: &Series, raw: &impl Fn(&BinValue
         Autopilot::ArduPilot => Weight::Rows,
     };
     series.fit(&series.whole(), HIGHEST_ORDER, weight)
+}
+
+/// What parameters on board subtract from a bias at a telemetry, by the firmware's formula \[g0 or deg/h\]; `None` if
+/// they are of accelerometers alone and this is a gyroscope. `gravity` is the value of 1 g0 \[m/s2\].
+pub(super) fn of_parameters(on_board: &OnBoard, bias: &Series, gravity: f64) -> Option<impl Fn(f64) -> f64> {
+    let (kind, axis, parameters) = (bias.kind, bias.axis, on_board.parameters);
+    parameters.offset(kind, 0.0)?;
+    let (unit, _) = TriadUnits::of(kind).si(1.0, gravity);
+    Some(move |telemetry: f64| {
+        let offset = parameters.offset(kind, telemetry as f32);
+        offset.map_or(f64::NAN, |offset| f64::from(offset[axis]) / unit)
+    })
 }

@@ -1,7 +1,16 @@
 //! Options of a calibration at one attitude.
 
 use crate::transients::LagChoice;
-use isotherm_parameters::Autopilot;
+use isotherm_parameters::{Autopilot, Parameters};
+
+/// Parameters that an autopilot has on board, which are judged on the rows of a calibration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OnBoard {
+    /// How they are called in results: the name of their file.
+    pub name: String,
+    /// The parameters of the IMU.
+    pub parameters: Parameters,
+}
 
 /// Options of [`calibrate_one_attitude`](crate::calibrate_one_attitude).
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -17,6 +26,8 @@ pub struct OneAttitudeOptions {
     pub at: Option<f64>,
     /// Curves of autopilots to show beside.
     pub beside: Vec<Autopilot>,
+    /// Parameters to show beside. The telemetry must be in degC then.
+    pub on_board: Vec<OnBoard>,
     /// Names of faults that are only warnings; see [`name`](isotherm_finding::name).
     pub accept: Vec<&'static str>,
     /// Whether every warning that is not accepted is a fault.

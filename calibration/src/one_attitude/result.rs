@@ -66,6 +66,20 @@ pub struct BiasCurve {
     pub points: Vec<SweepPoint>,
     /// What the cubics of autopilots are on the same rows, and leave.
     pub beside: Vec<(Autopilot, Polynomial, Spread)>,
+    /// What the parameters on board are, and leave.
+    pub on_board: Vec<OnBoardCurve>,
+}
+
+/// What parameters that are on board make of a bias.
+#[derive(Clone, Debug)]
+pub struct OnBoardCurve {
+    /// The name of the parameters.
+    pub name: String,
+    /// Telemetry, and what the firmware subtracts there \[g0 or deg/h\], on the constant of the curve: their own is that
+    /// of another attitude.
+    pub points: Vec<(f64, f64)>,
+    /// What they leave of the bias.
+    pub after: Spread,
 }
 
 /// The result of a calibration at one attitude.

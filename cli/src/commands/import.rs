@@ -5,7 +5,7 @@ use crate::parse::{gravity, interval};
 use clap::Args;
 use isotherm_client::ImuId;
 use isotherm_failure::{Failure, tell};
-use isotherm_files::{LoadError, StagedText, Trust, read_text, refuse_overlap};
+use isotherm_files::{LoadError, StagedText, read_parameters, refuse_overlap};
 use isotherm_parameters::{Autopilot, ImportError, ImportOptions, import};
 use isotherm_shared::table::STANDARD_GRAVITY;
 use std::path::PathBuf;
@@ -46,7 +46,7 @@ pub(crate) struct Import {
 impl Import {
     pub(crate) fn run(self) -> Result<(), Failure> {
         refuse_overlap(&[(&self.file, "the file of parameters")], &[Some(&self.output)])?;
-        let (text, _) = read_text(&self.file, Trust::Any)?;
+        let text = read_parameters(&self.file)?;
         let options = ImportOptions {
             autopilot: self.from,
             instance: self.instance,

@@ -238,3 +238,41 @@ fn the_nominal_table_gives_readings_back_and_is_refused_where_no_unit_is_known()
     assert!(said.contains("[not-gravity]: 9.810 g0 at rest"), "{said}");
     assert!(fs::read_to_string(folder.join("n.toml")).unwrap().contains("unit = \"V\""));
 }
+
+/// Who forgets the kind of the job, or gives a file of another one, is told what the file is and which command reads it.
+#[test]
+fn a_file_of_another_kind_is_named_with_the_command_that_reads_it() {
+    const ULG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../recording/formats/tests/data/autopilots/heating.ulg");
+    const BIN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../recording/formats/tests/data/autopilots/heating.BIN");
+    const PARAMETERS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../parameters/tests/data/full.parm");
+    const TABLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/imu-a.toml");
+    const RUN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/run.csv");
+    let folder = folder();
+    let reads = |file: &str| format!("`isotherm calibrate --one-attitude --imu ID {file} -o ID.toml` makes a table");
+    let imports = "`isotherm import FILE --from px4|ardupilot --imu ID --interval S -o ID.toml` makes a table of them";
+    let imports = imports.to_owned();
+    let import = |file: &'static str| vec!["import", file, "--from", "px4", "--imu", "a", "--interval", "1", "-o", "x"];
+    let served = concat!("imu-a=", env!("CARGO_MANIFEST_DIR"), "/../parameters/tests/data/full.parm");
+    let [ulog, dataflash] = ["this is a log of PX4 (ULog)", "this is a log of ArduPilot (DataFlash)"];
+    let [csv, parameters] = ["this is a recording (CSV)", "this is parameters of an autopilot, not TOML; give "];
+    for (arguments, kind, remedy) in [
+        (vec!["calibrate", ULG, "-o", "x"], ulog, reads(ULG)),
+        (vec!["calibrate", BIN, "-o", "x"], dataflash, reads(BIN)),
+        (vec!["calibrate", RUN, "-o", "x"], csv, reads("FILE")),
+        (vec!["calibrate", PARAMETERS, "-o", "x"], parameters, imports.clone()),
+        (vec!["check", ULG], ulog, reads(ULG)),
+        (vec!["check", PARAMETERS], parameters, imports.clone()),
+        (import(ULG), ulog, reads(ULG)),
+        (import(RUN), csv, reads(RUN)),
+        (vec!["export", BIN, "--to", "px4", "-o", "x"], dataflash, reads(BIN)),
+        (vec!["export", PARAMETERS, "--to", "px4", "-o", "x"], parameters, imports.clone()),
+        (vec!["compare", TABLE, ULG], ulog, reads(ULG)),
+        (vec!["replay", "--table", ULG, RUN], "give the coefficient table", reads(ULG)),
+        (vec!["campaign", "check", ULG], ulog, reads(ULG)),
+        (vec!["serve", "--imu", served], parameters, imports),
+    ] {
+        let (_, err) = run(folder.path(), 78, &arguments);
+        assert!(err.contains(kind) && err.contains(&remedy), "{arguments:?}: {err}");
+    }
+    assert!(!folder.path().join("x").exists());
+}

@@ -27,7 +27,7 @@ fn one_command_leads_from_a_log_to_a_table_a_report_and_the_parameters_of_both_a
     assert!(err.contains("chosen by 4 blocks of time left out, one at a time, since there is one sweep"), "{err}");
     assert!(err.contains("parameters of PX4 in i.params; in float32 within "), "{err}");
     let page = folder.path().join("r.html");
-    assert_page(&page, 18, &["Before and after", "ArduPilot", "1: heating", "SHA-256", "Error not known"]);
+    assert_page(&page, 17, &["Before and after", "ArduPilot", "1: heating", "SHA-256", "Error not known"]);
     let [params, parm] = ["i.params", "i.parm"].map(|name| fs::read_to_string(folder.path().join(name)).unwrap());
     assert!(params.contains("1\t1\tTC_A0_ID\t3014666\t6\n") && params.contains("TC_G0_X3_2\t"), "{params}");
     assert!(parm.starts_with("INS_TCAL1_ENABLE 1\n") && parm.contains("\nINS_TCAL1_GYR3_Z "), "{parm}");
@@ -156,4 +156,57 @@ fn options_that_do_not_fit_are_refused() {
     assert!(err.contains("--one-attitude"), "{err}");
     // Nothing is left of them.
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+/// Parameters that a log of the same run gave, by both firmwares' formulas, are judged on its rows.
+#[test]
+fn parameters_that_are_on_board_are_judged_beside_the_cubics() {
+    let folder = folder();
+    let export = ["--order", "3", "--export", "px4=i.params", "--export", "ardupilot=i.parm"];
+    let more = [&export[..], &["--device-id", "3014666"]].concat();
+    let (_, err) = run(folder.path(), 0, &arguments(BIN, &more));
+    // The parameters have no lag, so none is a result.
+    assert!(!err.contains("transients, rms") && err.contains("parameters of ArduPilot in i.parm"), "{err}");
+    let wrong =
+        fs::read_to_string(folder.path().join("i.parm")).unwrap().replace("INS_TCAL1_ACC1_X ", "INS_TCAL1_ACC1_X 9");
+    fs::write(folder.path().join("worn.parm"), wrong).unwrap();
+    let more = ["--order", "3", "--lag", "none", "--beside", "px4,i.params,i.parm,worn.parm", "--report", "r.html"];
+    let (out, err) = run(folder.path(), 0, &[&arguments(BIN, &more)[..], &["--json"]].concat());
+    assert!(err.is_empty() || !err.contains("transients, rms"), "{err}");
+    let document: Value = serde_json::from_str(&out).unwrap();
+    for bias in document["biases"].as_array().unwrap() {
+        let left = |of: &Value| of["after"]["standard_deviation"].as_f64().unwrap();
+        let beside = bias["beside"].as_array().unwrap();
+        let names: Vec<_> = beside.iter().map(|it| it["name"].as_str().unwrap()).collect();
+        assert_eq!(names, ["PX4", "i.params", "i.parm", "worn.parm"]);
+        for parameters in &beside[1..3] {
+            // What float32 rounds.
+            assert!((left(parameters) - left(bias)).abs() < 1e-3 * left(bias), "{bias}");
+        }
+        let is_worn = left(&beside[3]) > 10.0 * left(bias);
+        assert_eq!(is_worn, bias["name"] == "A1", "{bias}");
+    }
+    assert_page(&folder.path().join("r.html"), 14, &["worn.parm", "i.params"]);
+    let (_, err) = run(folder.path(), 0, &arguments(BIN, &["--beside", "worn.parm", "--order", "3"]));
+    assert!(err.contains("\n    worn.parm  m/s2  "), "{err}");
+    assert!(err.contains("transients, rms"), "{err}");
+}
+
+#[test]
+fn what_cannot_be_shown_beside_is_refused() {
+    let folder = folder();
+    let (_, err) = run(folder.path(), 64, &arguments(BIN, &["--beside", "px5"]));
+    assert!(err.contains("give px4 or ardupilot, or a file of parameters"), "{err}");
+    fs::write(folder.path().join("none.parm"), "FRAME_CLASS 1\n").unwrap();
+    let (_, err) = run(folder.path(), 78, &arguments(BIN, &["--beside", "none.parm"]));
+    assert!(
+        err.contains("none.parm: neither parameters of PX4") && !folder.path().join("imu-b.toml").exists(),
+        "{err}"
+    );
+    let (_, err) = run(folder.path(), 78, &arguments(BIN, &["--beside", BIN]));
+    assert!(err.contains("this is a log of ArduPilot (DataFlash); give the file of parameters"), "{err}");
+    run(folder.path(), 74, &arguments(BIN, &["--beside", "missing.params"]));
+    let (_, err) = run(folder.path(), 78, &arguments(BIN, &["--order", "0", "--export", "ardupilot=i.parm"]));
+    assert!(err.contains("(order 0), so ArduPilot's parameters of the temperature would all be 0"), "{err}");
+    assert!(!folder.path().join("i.parm").exists());
 }

@@ -5,6 +5,7 @@ use clap::Args;
 use isotherm_client::{Realtime, check_room};
 use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::{LoadError, Trust, load_table, print, read_text, remove_unfinished_on_signals, replace};
+use isotherm_shared::content::FileContent;
 use isotherm_shared::document::{Document, Fault, Faults, MAX_BYTES};
 use isotherm_shared::kind::FileKind;
 use isotherm_shared::polynomial::Polynomial;
@@ -246,11 +247,8 @@ fn format_2(content: &Content) -> String {
 /// The format of a file that is a recording: Parquet, MCAP, or CSV with sequences and times. An empty file is one by
 /// its name.
 fn recording_format(path: &Path) -> Option<&'static str> {
-    const MAGIC: [(&[u8], &str); 2] = [(b"PAR1", "Parquet"), (b"\x89MCAP0\r\n", "MCAP")];
     const ENDINGS: [(&str, &str); 3] = [("parquet", "Parquet"), ("mcap", "MCAP"), ("csv", "CSV")];
     const BEGINNING: u64 = 4096;
-    /// Two of them are enough, so that a header that is damaged is one.
-    const COLUMNS: [&str; 5] = ["recorded_ns", "session", "sequence", "timestamp_ns", "interval_ns"];
     let mut beginning = Vec::new();
     // A pipe is not even opened: that waits for its writer. What cannot be opened is told when it is read.
     fs::metadata(path).ok().filter(fs::Metadata::is_file)?;
@@ -260,10 +258,12 @@ fn recording_format(path: &Path) -> Option<&'static str> {
         let is_it = |ending: &&(&str, &str)| path.extension().is_some_and(|extension| extension == ending.0);
         return ENDINGS.iter().find(is_it).map(|(_, format)| *format);
     }
-    let header = beginning.split(|byte| *byte == b'\n').next().unwrap_or_default();
-    let has = |name: &str| header.split(|byte| *byte == b',').any(|field| field.trim_ascii() == name.as_bytes());
-    let magic = MAGIC.iter().find(|(magic, _)| beginning.starts_with(magic)).map(|(_, format)| *format);
-    magic.or_else(|| (COLUMNS.iter().filter(|name| has(name)).count() > 1).then_some("CSV"))
+    match FileContent::of(&beginning)? {
+        FileContent::Parquet => Some("Parquet"),
+        FileContent::Mcap => Some("MCAP"),
+        FileContent::Csv => Some("CSV"),
+        FileContent::Ulog | FileContent::DataFlash | FileContent::Parameters => None,
+    }
 }
 
 /// The remedy in the message for a file that is no TOML at all.

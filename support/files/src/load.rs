@@ -3,6 +3,7 @@
 
 use crate::place::is_trusted;
 use isotherm_failure::{Exit, Failure, shown};
+use isotherm_shared::content::FileContent;
 use isotherm_shared::document::{Fault, Faults, MAX_BYTES, too_large};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{CoefficientTable, MAX_TABLE_BYTES};
@@ -154,14 +155,29 @@ pub fn uninterrupted<T>(mut call: impl FnMut() -> io::Result<T>) -> io::Result<T
 /// Reads the text of a table or configuration. Returns also the state of the file from which it was read.
 ///
 /// # Errors
-/// If the file cannot be read, is not to be trusted, is no regular file, is over 1 MiB, is not UTF-8, or changes while
-/// it is read.
+/// If the file cannot be read, is not to be trusted, is no regular file, is a log, a recording or parameters, is over
+/// 1 MiB, is not UTF-8, or changes while it is read.
 pub fn read_text(path: &Path, trust: Trust) -> Result<(String, Identity), LoadError> {
-    read(path, trust, MAX_BYTES, "table or configuration")
+    read(path, trust, MAX_BYTES, "table or configuration", None)
 }
 
-/// As [`read_text`]; `limit` is the most bytes that such a file, of this `kind`, has.
-fn read(path: &Path, trust: Trust, limit: u64, kind: &str) -> Result<(String, Identity), LoadError> {
+/// Reads the text of a file of parameters.
+///
+/// # Errors
+/// As [`read_text`], but for parameters.
+pub fn read_parameters(path: &Path) -> Result<String, LoadError> {
+    Ok(read(path, Trust::Any, MAX_BYTES, "file of parameters", Some(FileContent::Parameters))?.0)
+}
+
+/// As [`read_text`]; `limit` is the most bytes that such a file, of this `kind` and `content`, has. A TOML file has no
+/// [`FileContent`].
+fn read(
+    path: &Path,
+    trust: Trust,
+    limit: u64,
+    kind: &str,
+    content: Option<FileContent>,
+) -> Result<(String, Identity), LoadError> {
     let io = |error: io::Error| LoadError::Io { path: path.to_owned(), cause: error.to_string() };
     let refused = |line, message: String| LoadError::Refused {
         path: path.to_owned(),
@@ -177,6 +193,12 @@ fn read(path: &Path, trust: Trust, limit: u64, kind: &str) -> Result<(String, Id
     }
     let mut bytes = Vec::new();
     (&mut file).take(limit + 1).read_to_end(&mut bytes).map_err(io)?;
+    // A text that is no TOML is named by who reads it and knows what he wants.
+    let other = FileContent::of(&bytes).filter(|found| Some(*found) != content);
+    if let Some(other) = other.filter(|_| content.is_some() || str::from_utf8(&bytes).is_err()) {
+        let readers = other.readers(&shown(path).to_string());
+        return Err(refused(1, format!("this is {}; give the {kind}; {readers}", other.name())));
+    }
     if bytes.len() as u64 > limit {
         return Err(LoadError::Refused { path: path.to_owned(), faults: too_large(&bytes, limit, kind) });
     }
@@ -206,7 +228,7 @@ pub fn load_table(
     expected: Option<&ImuId>,
     trust: Trust,
 ) -> Result<(CoefficientTable, Identity), LoadError> {
-    let (text, identity) = read(path, trust, MAX_TABLE_BYTES, "coefficient table")?;
+    let (text, identity) = read(path, trust, MAX_TABLE_BYTES, "coefficient table", None)?;
     let table = CoefficientTable::from_toml(&text, expected);
     let table = table.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
     Ok((table, identity))

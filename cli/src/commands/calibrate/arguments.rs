@@ -8,6 +8,7 @@ use isotherm_calibration::{LagChoice, Method, ScaleFactorChoice};
 use isotherm_client::ImuId;
 use isotherm_parameters::Autopilot;
 use std::path::PathBuf;
+use std::str::FromStr;
 use std::time::Duration;
 
 /// Make a coefficient table from a campaign in the temperature chamber
@@ -203,15 +204,36 @@ pub(super) struct OneAttitudeArgs {
     /// Reference temperature: accelerometers keep the bias of the nominal table there [default: mid range]
     #[arg(long, value_name = "T", requires = "one_attitude", allow_negative_numbers = true, value_parser = crate::parse::number)]
     pub at: Option<f64>,
-    /// Show what the cubics of autopilots leave on the same rows
-    #[arg(long, value_name = "px4,ardupilot", requires = "one_attitude", value_delimiter = ',')]
-    pub beside: Vec<Autopilot>,
+    /// Show what the cubics of autopilots leave on the same rows, or the parameters of a file, which are on board
+    #[arg(long, value_name = "px4,ardupilot,FILE", requires = "one_attitude", value_delimiter = ',')]
+    pub beside: Vec<Beside>,
     /// Write the biases as parameters of an autopilot, too; may be repeated. Orders are then 3 at most, and there is no
     /// lag unless it is given
     #[arg(long, value_name = "px4=FILE|ardupilot=FILE", requires = "one_attitude", value_parser = exported)]
     pub export: Vec<(Autopilot, PathBuf)>,
     #[command(flatten)]
     pub parameters: ParameterArgs,
+}
+
+/// What is shown beside the curves of a table.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub(super) enum Beside {
+    /// The cubic that an autopilot's own script would make.
+    Cubic(Autopilot),
+    /// The parameters in a file.
+    Parameters(PathBuf),
+}
+
+impl FromStr for Beside {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.parse() {
+            Ok(autopilot) => Ok(Self::Cubic(autopilot)),
+            Err(_) if text.contains(['.', '/']) => Ok(Self::Parameters(PathBuf::from(text))),
+            Err(error) => Err(format!("{error}, or a file of parameters, such as vehicle.params")),
+        }
+    }
 }
 
 fn exported(text: &str) -> Result<(Autopilot, PathBuf), String> {

@@ -1,15 +1,15 @@
 //! `calibrate --one-attitude`: bias curves from recordings or logs at one attitude.
 
-use super::arguments::{Calibrate, PolynomialOrder};
+use super::arguments::{Beside, Calibrate, PolynomialOrder};
 use crate::commands::common::inputs;
 use crate::commands::export::tell_exported;
 use crate::progress::{bytes_bar, spinner};
-use isotherm_calibration::{LagChoice, OneAttitudeOptions};
+use isotherm_calibration::{LagChoice, OnBoard, OneAttitudeOptions};
 use isotherm_client::ImuId;
-use isotherm_failure::{Exit, Failure};
-use isotherm_files::{StagedText, Trust, load_table, refuse_overlap};
+use isotherm_failure::{Exit, Failure, shown};
+use isotherm_files::{LoadError, StagedText, Trust, load_table, read_parameters, refuse_overlap};
 use isotherm_job::{FitOptions, Inputs, Refused, Source};
-use isotherm_parameters::{Autopilot, ExportOptions, HIGHEST_ORDER, export};
+use isotherm_parameters::{Autopilot, ExportOptions, HIGHEST_ORDER, Parameters, ReadError, export};
 use std::path::{Path, PathBuf};
 
 impl Calibrate {
@@ -28,7 +28,7 @@ impl Calibrate {
         let staged: Vec<(Autopilot, &Path, StagedText)> = staged.collect::<Result<_, Failure>>()?;
         let gravity = self.without_turntable.gravity_reference;
         let options = FitOptions {
-            at_one_attitude: self.options_at_one_attitude(),
+            at_one_attitude: OneAttitudeOptions { on_board: self.on_board()?, ..self.options_at_one_attitude() },
             foreign: self.foreign.read()?,
             symptoms: self.verbose,
             ..FitOptions::default()
@@ -70,6 +70,10 @@ impl Calibrate {
     fn options_at_one_attitude(&self) -> OneAttitudeOptions {
         let args = &self.at_one_attitude;
         let exports = !args.export.is_empty();
+        let cubics = args.beside.iter().filter_map(|beside| match beside {
+            Beside::Cubic(autopilot) => Some(*autopilot),
+            Beside::Parameters(_) => None,
+        });
         // An autopilot has no lag.
         let unless_given = if exports { LagChoice::None } else { LagChoice::Search };
         OneAttitudeOptions {
@@ -80,10 +84,25 @@ impl Calibrate {
             highest_order: exports.then_some(HIGHEST_ORDER),
             lag: self.lag.unwrap_or(unless_given),
             at: args.at,
-            beside: args.beside.clone(),
+            beside: cubics.collect(),
+            on_board: Vec::new(),
             accept: self.accepted(),
             strict: self.acceptance.strict,
         }
+    }
+
+    /// The files of parameters that are shown beside.
+    fn parameter_files(&self) -> impl Iterator<Item = &Path> {
+        self.at_one_attitude.beside.iter().filter_map(|beside| match beside {
+            Beside::Cubic(_) => None,
+            Beside::Parameters(path) => Some(path.as_path()),
+        })
+    }
+
+    /// The parameters that are shown beside, of the instance that the log is read of.
+    fn on_board(&self) -> Result<Vec<OnBoard>, Failure> {
+        let number = self.foreign.instance.and_then(|number| u8::try_from(number).ok());
+        self.parameter_files().map(|path| on_board(path, number)).collect()
     }
 
     /// Refuses outputs that are an input, or that are there twice.
@@ -94,8 +113,29 @@ impl Calibrate {
         }
         let mut all = inputs(files);
         all.extend(self.foreign.inputs());
+        all.extend(self.parameter_files().map(|path| (path, "the parameters")));
         all.extend(args.nominal.as_deref().map(|path| (path, "the nominal table")));
         let exports = args.export.iter().map(|(_, path)| Some(path.as_path()));
         refuse_overlap(&all, &tables.into_iter().chain(exports).collect::<Vec<_>>())
     }
+}
+
+/// The parameters in a file, of either autopilot, for the IMU with this number in its log.
+fn on_board(path: &Path, number: Option<u8>) -> Result<OnBoard, Failure> {
+    let text = read_parameters(path)?;
+    let Some(autopilot) = Autopilot::of_text(&text) else {
+        let message = format!(
+            "{}: neither parameters of PX4 for the temperature, which are TC_.., nor those of ArduPilot, which are INS_TCAL..; give a file \
+             with those of one of them",
+            shown(path)
+        );
+        return Err(Failure::new(Exit::Config, message).at(path, None));
+    };
+    let instance = number.map(|number| number.saturating_add(*autopilot.instances().start()));
+    let parameters = Parameters::read(&text, autopilot, instance).map_err(|error| match error {
+        ReadError::Instance(error) => Failure::new(Exit::Usage, error.to_string()),
+        ReadError::Text(faults) => LoadError::Refused { path: path.to_owned(), faults }.into(),
+    })?;
+    let name = path.file_name().map_or(path, Path::new);
+    Ok(OnBoard { name: shown(name).to_string(), parameters })
 }

@@ -6,12 +6,11 @@
 use super::dataflash_format::{Body, FMT, Format, HEADER};
 use super::window::{Damage, Window};
 use isotherm_recording::RecordingError;
+use isotherm_shared::content::{DATAFLASH_MAGIC, is_dataflash_text};
 use std::collections::HashMap;
 use std::io::{self, BufRead as _, BufReader, Read};
 use std::rc::Rc;
 
-/// What every binary message begins with.
-const MAGIC: [u8; 2] = [0xa3, 0x95];
 /// Longest line of a text \[bytes\].
 const MAX_LINE: u64 = 1 << 14;
 /// Most definitions of a text.
@@ -19,13 +18,12 @@ const MAX_FORMATS: usize = 1000;
 
 /// Whether data that begin with these bytes are a binary log.
 pub(in super::super) fn is_binary_log(beginning: &[u8]) -> bool {
-    beginning.starts_with(&MAGIC)
+    beginning.starts_with(&DATAFLASH_MAGIC)
 }
 
 /// Whether data that begin with these bytes are a log as text.
 pub(in super::super) fn is_text_log(beginning: &[u8]) -> bool {
-    let beginning = beginning.strip_prefix("\u{feff}".as_bytes()).unwrap_or(beginning).trim_ascii_start();
-    beginning.strip_prefix(b"FMT").is_some_and(|rest| rest.trim_ascii_start().starts_with(b","))
+    is_dataflash_text(beginning.strip_prefix("\u{feff}".as_bytes()).unwrap_or(beginning))
 }
 
 /// A message that concerns a conversion.
@@ -159,7 +157,7 @@ impl Binary {
     /// The definition of the message that stands `after` bytes ahead.
     fn format(&mut self, after: usize) -> io::Result<Option<Rc<Format>>> {
         let header = self.window.ahead(after + HEADER)?.get(after..).unwrap_or_default();
-        let number = header.strip_prefix(&MAGIC).and_then(<[u8]>::first);
+        let number = header.strip_prefix(&DATAFLASH_MAGIC).and_then(<[u8]>::first);
         Ok(number.and_then(|number| self.formats[usize::from(*number)].clone()))
     }
 

@@ -8,11 +8,11 @@
 use super::ulog_format::{Formats, Lengths, SensorLayout};
 use super::window::{Damage, Window};
 use isotherm_recording::RecordingError;
+use isotherm_shared::content::ULOG_MAGIC;
 use std::collections::HashMap;
 use std::io::{self, Read};
 use std::rc::Rc;
 
-const MAGIC: &[u8] = b"ULog\x01\x12\x35";
 /// Length of the header of the file.
 const FILE_HEADER: usize = 16;
 /// Length of the header of a message.
@@ -26,7 +26,7 @@ const APPENDED: u8 = 1;
 
 /// Whether data that begin with these bytes are ULog.
 pub(in super::super) fn is_ulog(beginning: &[u8]) -> bool {
-    beginning.starts_with(MAGIC)
+    beginning.starts_with(ULOG_MAGIC)
 }
 
 /// The topics that concern a conversion.
