@@ -32,7 +32,7 @@ pub use foreign::Foreign;
 pub use mapping::{Decimal, KnownColumns, Mapping, Time, TimeUnit};
 pub(crate) use ros::is_bag;
 pub use scale::Scale;
-pub use settings::Settings;
+pub use settings::{GyroscopeTemperature, Settings};
 pub use source::PLACEHOLDER;
 
 use interval::{GAP, Steps};

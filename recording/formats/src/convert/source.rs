@@ -40,6 +40,11 @@ pub(super) trait Source {
     /// Whether the rows have gyroscopes.
     fn has_gyroscopes(&self) -> bool;
 
+    /// Why there are no rows, if all have been read.
+    fn no_rows(&self) -> String {
+        "there are no rows".to_owned()
+    }
+
     /// The unit, as samples have it; 0 if the data do not say it.
     fn device(&self) -> u64 {
         0

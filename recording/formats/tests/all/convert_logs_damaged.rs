@@ -84,20 +84,21 @@ fn wrong_bytes_lose_the_messages_that_they_hit() {
     let log = ulog(40).bytes;
     let row = (log.len() - ulog(0).bytes.len()) / 40;
     let begin = log.len() - 20 * row;
-    // Lengths and types are wrong, zeros as of a lost block, and text.
-    for (damage, lost) in [(&[0xff_u8; 8][..], 1), (&[0; 200], 3), (&[b' '; 100], 2)] {
+    // Lengths and types are wrong, zeros as of a lost block, and text. Where the damage begins within the message
+    // before, nothing shows it: it is lost too.
+    for (damage, lost) in [(&[0xff_u8; 8][..], 2), (&[0; 200], 4), (&[b' '; 100], 3)] {
         let mut damaged = log.clone();
         damaged[begin..begin + damage.len()].copy_from_slice(damage);
         let (samples, told) = converted(&damaged, "ulg", &Settings::default());
         assert_eq!((samples.len(), samples.last().map(|row| row.sequence)), (40 - lost, Some(39)), "{told}");
         assert!(
-            told.contains(&format!("are no messages of the log, the first is byte {begin}: it is damaged")),
+            told.contains(&format!("are no messages of the log, the first is byte {}: it is damaged", begin - row / 2)),
             "{told}"
         );
     }
     let log = dataflash(40).bytes;
     let begin = log.len() - 20 * 54;
-    for (damage, lost) in [(&[0xff_u8; 8][..], 1), (&[0; 200], 4), (&[0xa3, 0x95, 77], 1), (&[0xa3, 0x95, 128], 2)] {
+    for (damage, lost) in [(&[0xff_u8; 8][..], 2), (&[0; 200], 5), (&[0xa3, 0x95, 77], 1), (&[0xa3, 0x95, 128], 1)] {
         let mut damaged = log.clone();
         damaged[begin..begin + damage.len()].copy_from_slice(damage);
         let (samples, told) = converted(&damaged, "bin", &Settings::default());
@@ -109,14 +110,12 @@ fn wrong_bytes_lose_the_messages_that_they_hit() {
 #[test]
 fn bytes_behind_the_last_message_are_told() {
     for tail in [&[0_u8; 5000][..], &[0xff; 5000]] {
-        let log = ulog(20).bytes;
-        let (samples, told) = converted(&[&log, tail].concat(), "ulg", &Settings::default());
-        let place = format!("[truncated]: no whole message comes from byte {} on", log.len());
-        assert!(samples.len() == 20 && told.contains(&place), "{told}");
-        let log = dataflash(20).bytes;
-        let (samples, told) = converted(&[&log, tail].concat(), "bin", &Settings::default());
-        let place = format!("[truncated]: no whole message comes from byte {} on", log.len());
-        assert!(samples.len() == 20 && told.contains(&place), "{told}");
+        // The tail may have begun within the last message, which is left out.
+        for (log, extension, last) in [(ulog(20).bytes, "ulg", 44), (dataflash(20).bytes, "bin", 54)] {
+            let (samples, told) = converted(&[&log, tail].concat(), extension, &Settings::default());
+            let place = format!("[truncated]: no whole message comes from byte {} on", log.len() - last);
+            assert!(samples.len() == 19 && told.contains(&place), "{told}");
+        }
     }
     let text = dataflash(20).text.replacen("IMU, 100000", "some words\nIMU, 100000", 1);
     let (samples, told) = converted(text.as_bytes(), "log", &Settings::default());
@@ -136,8 +135,10 @@ fn appended_data_are_read_behind_a_message_that_is_cut() {
     log.bytes[16 + 3 + 8] = 1;
     log.bytes[16 + 3 + 16..16 + 3 + 24].copy_from_slice(&(offset as u64).to_le_bytes());
     let (samples, told) = converted(&log.bytes, "ulg", &Settings::default());
-    assert_eq!((samples.len(), samples[29].sequence), (30, 29));
-    assert!(told.contains(&format!("7 bytes are no messages of the log, the first is byte {whole}")), "{told}");
+    // The message before what is cut may be damaged: it is one of sensor_gyro, and its row is left out.
+    assert_eq!((samples.len(), samples[28].sequence), (29, 29));
+    let place = whole - 44;
+    assert!(told.contains(&format!("51 bytes are no messages of the log, the first is byte {place}")), "{told}");
     // The same with a message that could be one.
     log.bytes[whole..whole + 2].copy_from_slice(&45_u16.to_le_bytes());
     assert_eq!(converted(&log.bytes, "ulg", &Settings::default()).0.len(), 30);

@@ -35,9 +35,6 @@ struct Column {
 /// Which columns of a row are what.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ImuColumns {
-    pub(super) time: usize,
-    /// Microseconds of a unit of the time.
-    pub(super) time_unit: u64,
     /// The number of the IMU; without it, it is in the name.
     pub(super) instance: Option<usize>,
     pub(super) gyroscopes: [usize; AXES],
@@ -141,15 +138,14 @@ impl Format {
             let [x, y, z] = names.map(|name| self.column(name));
             Some([x?, y?, z?])
         };
-        let (time, time_unit) = self.time()?;
+        self.time()?;
         Some(ImuColumns {
-            time,
-            time_unit,
             instance: self.column("I"),
             gyroscopes: three(["GyrX", "GyrY", "GyrZ"])?,
             accelerometers: three(["AccX", "AccY", "AccZ"])?,
-            temperature: self.column("T"),
-            health: [self.column("GH"), self.column("AH")],
+            // Before 3.5 it was `Temp`.
+            temperature: self.column("T").or_else(|| self.column("Temp")),
+            health: [["GH", "GyHlt"], ["AH", "AcHlt"]].map(|names| names.iter().find_map(|name| self.column(name))),
         })
     }
 }

@@ -1,13 +1,17 @@
 //! Logs of autopilots: ULog of PX4, and DataFlash of ArduPilot, binary or as text.
 //!
-//! A log is read twice: first for its IMUs, and for what was corrected; then for the rows. No more than a few messages
-//! are in memory. Bytes that are no messages are left out, and told with their place.
+//! A log is read twice: first for its IMUs, for what was corrected, and for the times that can be; then for the rows. No
+//! more than a few messages are in memory. Bytes that are no messages are left out, and told with their place. So are
+//! rows that cannot be used.
 
 mod ardupilot;
 mod dataflash;
 mod dataflash_format;
 mod imu;
+mod left_out;
 mod px4;
+mod survey;
+mod timeline;
 mod ulog;
 mod ulog_format;
 mod undo;

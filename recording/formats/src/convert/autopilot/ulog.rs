@@ -4,8 +4,11 @@
 //! letter), body. `B` says where data were appended after a crash, and the message before may be cut there. `F` defines
 //! a message, `A` subscribes a number to one, `D` has the number and data, `O` says for how long the logger lost data.
 //! Other types, known or not, are passed over.
+//!
+//! Nothing tells whether the body of a message is whole. So a message that damage follows counts as damage: it may
+//! begin within its body.
 
-use super::ulog_format::{Formats, Lengths, SensorLayout, StateLayout};
+use super::ulog_format::{Formats, Lengths, SensorLayout, StateLayout, WrongDefinition};
 use super::vehicle::Aspect;
 use super::window::{Damage, Window};
 use isotherm_recording::RecordingError;
@@ -154,14 +157,19 @@ impl Messages {
                         return Ok(Some(Data { place, of, body: &self.window.ahead(length)?[HEADER + 2..] }));
                     }
                 }
-                b'F' => self.formats.add(body).map_err(|message| error(place, message))?,
+                b'F' => match self.formats.add(body) {
+                    Ok(()) => {}
+                    Err(WrongDefinition::None) => self.damage.leave_out(place, length as u64),
+                    Err(WrongDefinition::TooMany(message)) => return Err(error(place, message)),
+                },
                 b'A' => {
                     let (instance, number) = (body[0], u16::from_le_bytes([body[1], body[2]]));
                     let name = String::from_utf8_lossy(&body[3..]).into_owned();
                     let subscription = Subscription::new(&self.formats, &name, instance);
                     self.subscriptions.insert(number, Rc::new(subscription));
                 }
-                b'B' => {
+                // Flags are the first message.
+                b'B' if place == FILE_HEADER as u64 => {
                     if body[8] & !APPENDED != 0 || body[9..16].iter().any(|flags| *flags != 0) {
                         let message = "flags of a newer ULog that this program does not know; convert with ulog2csv";
                         return Err(error(place, message.to_owned()));
@@ -206,10 +214,7 @@ impl Messages {
                     self.unknown += 1;
                     self.window.pass(length);
                 }
-                (Standing::Cut, None) => {
-                    self.damage.cut(place);
-                    return Ok(None);
-                }
+                // A cut message ends the log, unless its length is wrong.
                 (Standing::Cut | Standing::Damage, boundary) => {
                     if !self.find(boundary)? {
                         self.damage.cut(place);
@@ -245,16 +250,26 @@ impl Messages {
 
     /// What stands at the next place.
     fn standing(&mut self) -> io::Result<Standing> {
-        if let Some(length) = self.message(0)? {
-            let is_whole = self.window.ahead(length)?.len() == length;
+        let standing = self.standing_at(0)?;
+        let Standing::Message(length) = standing else { return Ok(standing) };
+        Ok(match self.standing_at(length)? {
+            Standing::Damage => Standing::Damage,
+            _ => standing,
+        })
+    }
+
+    /// What stands `after` bytes ahead; the end of the log is a cut message.
+    fn standing_at(&mut self, after: usize) -> io::Result<Standing> {
+        if let Some(length) = self.message(after)? {
+            let is_whole = self.window.ahead(after + length)?.len() == after + length;
             return Ok(if is_whole { Standing::Message(length) } else { Standing::Cut });
         }
-        let Some(length) = self.unknown(0)? else {
-            let is_cut = self.window.ahead(HEADER)?.len() < HEADER;
+        let Some(length) = self.unknown(after)? else {
+            let is_cut = self.window.ahead(after + HEADER)?.len() < after + HEADER;
             return Ok(if is_cut { Standing::Cut } else { Standing::Damage });
         };
         // What follows tells an unknown message from damage.
-        let mut behind = length;
+        let mut behind = after + length;
         for _ in 0..CHAIN {
             if self.message(behind)?.is_some() || self.window.ahead(behind + 1)?.len() == behind {
                 return Ok(Standing::Unknown(length));

@@ -22,6 +22,15 @@ pub(super) struct Formats {
     text: usize,
 }
 
+/// Why a definition is not taken.
+#[derive(Debug)]
+pub(super) enum WrongDefinition {
+    /// It is none.
+    None,
+    /// There are too many.
+    TooMany(String),
+}
+
 /// Lengths of the data of a message: without the padding at its end, and with it.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub(super) struct Lengths {
@@ -76,12 +85,13 @@ impl Formats {
     ///
     /// # Errors
     /// If it is none, or if there are too many.
-    pub(super) fn add(&mut self, definition: &[u8]) -> Result<(), String> {
+    pub(super) fn add(&mut self, definition: &[u8]) -> Result<(), WrongDefinition> {
         let text = str::from_utf8(definition).ok().and_then(|text| text.split_once(':'));
-        let (name, fields) = text.ok_or("a definition without a name; the log is damaged")?;
+        let (name, fields) = text.ok_or(WrongDefinition::None)?;
         self.text += definition.len();
         if self.text > MAX_TEXT {
-            return Err(format!("over {MAX_TEXT} bytes of definitions; the log is damaged"));
+            let message = format!("over {MAX_TEXT} bytes of definitions; the log is damaged");
+            return Err(WrongDefinition::TooMany(message));
         }
         self.fields.insert(name.trim().to_owned(), fields.to_owned());
         Ok(())
