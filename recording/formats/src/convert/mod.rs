@@ -24,6 +24,7 @@ mod scale;
 mod settings;
 mod source;
 mod stamped;
+mod telemetry_log;
 mod text;
 
 pub use autopilot::{LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, VehicleState};

@@ -5,6 +5,7 @@ mod continuity;
 mod convert;
 mod convert_logs;
 mod convert_logs_damaged;
+mod convert_logs_random;
 mod convert_logs_undone;
 mod convert_ros;
 mod convert_time;

@@ -180,21 +180,28 @@ impl UlogSource {
         match (is_real, has_temperature) {
             (false, _) => self.gyroscope.left_out.take(Flaw::Value, place),
             (true, false) => self.gyroscope.left_out.take(Flaw::Temperature, place),
-            (true, true) => self.means.add(row),
+            (true, true) => {
+                self.means.add(row);
+                self.lost = self.lost_so_far();
+            }
         }
+    }
+
+    /// Bytes, rows and dropouts.
+    fn lost_so_far(&self) -> u64 {
+        self.messages.damage.count() + self.messages.dropouts.0 + self.gyroscope.left_out.total()
     }
 
     /// The rates of a row: the means since the one before, or else the last ones. `Err` if there is none near.
     fn rates(&mut self, row: &SensorRow) -> Result<Gyroscopes, Option<Flaw>> {
-        let lost = self.messages.damage.count() + self.messages.dropouts.0 + self.gyroscope.left_out.total();
         if let Some((time_us, means)) = self.means.take() {
-            (self.last, self.lost) = (Some((time_us, means)), lost);
+            self.last = Some((time_us, means));
             return Ok(means);
         }
         let Some((time_us, last)) = self.last else { return Err(None) };
         let mean_us = [&self.accelerometer, &self.gyroscope].map(|rows| rows.sieve.kept().mean_us());
         // Its own may be among what was lost.
-        let is_near = lost == self.lost
+        let is_near = self.lost_so_far() == self.lost
             && row.time_us.saturating_sub(time_us) <= HOLDS.saturating_mul(mean_us[0].max(mean_us[1]));
         is_near.then_some(last).ok_or(Some(Flaw::NoGyroscopes))
     }

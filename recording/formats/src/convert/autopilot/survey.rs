@@ -10,7 +10,7 @@ const MOVES: f64 = 1.0;
 /// Fewer rows do not show that it stands still.
 const FEWEST: u64 = 20;
 /// Rows outside of those that are kept may be this part of all: an autopilot that was started again has more.
-const MOST_OUTSIDE: u64 = 20;
+const MOST_OUTSIDE: u64 = 4;
 
 /// What is found of the rows of a sensor.
 #[derive(Debug, Default)]

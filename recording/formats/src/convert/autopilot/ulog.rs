@@ -23,8 +23,14 @@ const FILE_HEADER: usize = 16;
 const HEADER: usize = 3;
 /// Body of a synchronization message.
 const SYNC: [u8; 8] = [0x2f, 0x73, 0x13, 0x20, 0x25, 0x0c, 0xbb, 0x12];
-/// Messages that must follow each other where the reading begins again; most unknown ones in a row.
-const CHAIN: usize = 3;
+/// Most messages that are looked at ahead.
+const CHAIN: usize = 8;
+/// Messages of known types that tell where messages begin again, and an unknown one from damage.
+const ANEW: usize = 3;
+/// The longest message of an unknown type \[bytes\].
+const LONGEST_UNKNOWN: usize = 4096;
+/// Types of messages that are known, but for data, whose number may be unknown.
+const TYPES: &[u8] = b"BFIPMQALCROS";
 /// The only incompatible flag that is known: data are appended.
 const APPENDED: u8 = 1;
 
@@ -235,7 +241,7 @@ impl Messages {
             if self.window.is_at_end()? {
                 return Ok(false);
             }
-            if limit == Some(self.window.place()) || self.is_chain()? {
+            if limit == Some(self.window.place()) || (self.message(0)?.is_some() && self.is_chain(0, ANEW)?) {
                 return Ok(true);
             }
         }
@@ -269,34 +275,42 @@ impl Messages {
             return Ok(if is_cut { Standing::Cut } else { Standing::Damage });
         };
         // What follows tells an unknown message from damage.
-        let mut behind = after + length;
-        for _ in 0..CHAIN {
-            if self.message(behind)?.is_some() || self.window.ahead(behind + 1)?.len() == behind {
-                return Ok(Standing::Unknown(length));
-            }
-            let Some(next) = self.unknown(behind)? else { break };
-            behind += next;
-        }
-        Ok(Standing::Damage)
+        Ok(if self.is_chain(after + length, ANEW)? { Standing::Unknown(length) } else { Standing::Damage })
     }
 
-    /// The length of the message of any type, a letter, that may stand `after` bytes ahead.
+    /// The length of the message of an unknown type, a letter, or of an unknown number that may stand `after` bytes
+    /// ahead. What looks like one within damage would hide messages: it is not long.
     fn unknown(&mut self, after: usize) -> io::Result<Option<usize>> {
         let Some([low, high, kind]) = self.window.ahead(after + HEADER)?.get(after..) else { return Ok(None) };
         let size = usize::from(u16::from_le_bytes([*low, *high]));
-        Ok((size > 0 && kind.is_ascii_alphabetic()).then_some(HEADER + size))
+        let is_known = TYPES.contains(kind);
+        Ok(((1..=LONGEST_UNKNOWN).contains(&size) && kind.is_ascii_alphabetic() && !is_known).then_some(HEADER + size))
     }
 
-    /// Whether several messages follow each other, or whole ones up to the end.
-    fn is_chain(&mut self) -> io::Result<bool> {
-        let mut length = 0;
-        for number in 0..CHAIN {
-            match self.message(length)? {
-                Some(next) => length += next,
-                None => return Ok(number > 0 && self.window.ahead(length + 1)?.len() == length),
+    /// Whether messages follow each other from `after` bytes ahead on, so many of them known, or up to the end. Between
+    /// them there may be data of an unknown number.
+    fn is_chain(&mut self, mut after: usize, wanted: usize) -> io::Result<bool> {
+        let mut known = 0;
+        for _ in 0..CHAIN {
+            if self.window.ahead(after + 1)?.len() <= after {
+                return Ok(self.window.ahead(after)?.len() == after);
+            }
+            let length = match self.message(after)? {
+                Some(length) => {
+                    known += 1;
+                    length
+                }
+                None => match self.unknown(after)? {
+                    Some(length) if self.window.ahead(after + HEADER)?.ends_with(b"D") => length,
+                    _ => return Ok(false),
+                },
+            };
+            after += length;
+            if known == wanted {
+                return Ok(self.window.ahead(after)?.len() == after);
             }
         }
-        Ok(self.window.ahead(length)?.len() == length)
+        Ok(false)
     }
 
     /// The length of the message that stands `after` bytes ahead, if its header and its first bytes are those of one.
@@ -304,12 +318,24 @@ impl Messages {
         let bytes = self.window.ahead(after + HEADER + SYNC.len())?;
         let Some([low, high, kind, first @ ..]) = bytes.get(after..) else { return Ok(None) };
         let size = usize::from(u16::from_le_bytes([*low, *high]));
+        let is_text = |text: core::ops::Range<usize>| {
+            let (from, count) = (text.start, text.len());
+            first.iter().skip(from).take(count).all(|byte| (b' '..=b'~').contains(byte))
+        };
+        let key = |at: usize| {
+            let end = at + 1 + first.get(at).map_or(0, |length| usize::from(*length));
+            end < size && is_text(at + 1..end)
+        };
+        let byte = |at: usize, known: core::ops::RangeInclusive<u8>| first.get(at).is_none_or(|of| known.contains(of));
         let is_message = match kind {
-            b'B' => size >= 40,
-            b'F' | b'I' | b'P' => size > 2,
-            b'M' | b'Q' | b'A' => size > 3,
-            b'L' => size >= 9,
-            b'C' => size >= 11,
+            b'B' => size >= 40 && self.window.place() + after as u64 == FILE_HEADER as u64,
+            b'F' => size > 2 && is_text(0..size),
+            b'I' | b'P' => size > 2 && key(0),
+            b'M' => size > 3 && byte(0, 0..=1) && key(1),
+            b'Q' => size > 3 && key(1),
+            b'A' => size > 3 && is_text(3..size),
+            b'L' => size >= 9 && byte(0, b'0'..=b'7'),
+            b'C' => size >= 11 && byte(0, b'0'..=b'7'),
             b'R' | b'O' => size == 2,
             b'S' => size == SYNC.len() && first.starts_with(&SYNC[..first.len().min(SYNC.len())]),
             b'D' => {
