@@ -180,3 +180,60 @@ fn a_stream_is_refused_because_logs_are_read_twice() {
     let (_, message) = refused(&cut, "ulg", &Settings::default());
     assert!(message.contains("byte 10: the header of the file is cut"), "{message}");
 }
+
+#[test]
+fn blocks_of_other_data_of_the_log_and_wild_times_are_left_out() {
+    let log = ulog(200).bytes;
+    let row = (log.len() - ulog(0).bytes.len()) / 200;
+    // A block of the card with older data.
+    let (from, to) = (log.len() - 180 * row + 10, log.len() - 100 * row + 31);
+    let mut damaged = log.clone();
+    damaged.copy_within(from..from + 20 * row, to);
+    let (samples, told) = converted(&damaged, "ulg", &Settings::default());
+    assert!((175..180).contains(&samples.len()) && samples.last().map(|row| row.sequence) == Some(199), "{told}");
+    assert!(samples.windows(2).all(|pair| pair[0].timestamp_ns < pair[1].timestamp_ns));
+    assert!(told.contains("rows of sensor_accel 0 have times that do not follow those of the other rows"), "{told}");
+    assert!(told.contains("are no messages of the log"), "{told}");
+
+    for wild in [4_213_092_985_657_280_000, u64::MAX, 0, 5_000_000] {
+        let mut log = Dataflash::new();
+        for row in 1..=100 {
+            let time_us = if row == 70 { wild } else { row * 10_000 };
+            log.imu(&ImuRow { time_us, ..ImuRow::default() });
+        }
+        for (data, extension) in [(&log.bytes[..], "bin"), (log.text.as_bytes(), "log")] {
+            let (samples, told) = converted(data, extension, &Settings::default());
+            assert_eq!((samples.len(), samples[98].sequence), (99, 99), "{told}");
+            assert!(told.contains("1 rows of IMU 0 have times that do not follow"), "{told}");
+        }
+    }
+}
+
+#[test]
+fn a_sensor_that_stalls_is_called_one() {
+    let mut log = Ulog::new();
+    for row in 1..=100_u64 {
+        log.imu(row.min(60) * 10_000);
+    }
+    let (samples, told) = converted(&log.bytes, "ulg", &Settings::default());
+    assert_eq!(samples.len(), 60);
+    assert!(told.contains("warning [stalled]: sensor_accel 0 stalled: 40 rows repeat the sample"), "{told}");
+}
+
+#[test]
+fn an_autopilot_that_was_started_again_within_the_log_is_refused() {
+    let mut log = Dataflash::new();
+    for row in (1..=100).chain(1..=80) {
+        log.imu(&ImuRow { time_us: row * 10_000, ..ImuRow::default() });
+    }
+    let (exit, message) = refused(&log.bytes, "bin", &Settings::default());
+    assert!(exit == Exit::Data && message.contains("80 of 180 rows of IMU have times that do not rise"), "{message}");
+}
+
+#[test]
+fn a_number_of_an_imu_that_does_not_exist_is_damage() {
+    let mut log = dataflash(100);
+    log.imu(&ImuRow { time_us: 1_010_000, instance: 37, ..ImuRow::default() });
+    let (samples, told) = converted(&log.bytes, "bin", &Settings::default());
+    assert!(samples.len() == 100 && told.contains("1 rows are of IMUs that do not exist"), "{told}");
+}

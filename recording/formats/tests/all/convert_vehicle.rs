@@ -1,4 +1,5 @@
 //! What the vehicle did by its own log: armed, flying.
+#![allow(clippy::single_range_in_vec_init, reason = "a list of ranges may have one")]
 
 use crate::logs::{Dataflash, ImuRow, Ulog, vehicle_state};
 use isotherm_recording_formats::convert::VehicleState;
