@@ -105,7 +105,7 @@ fn damage(data: &mut Vec<u8>, first: usize, random: &mut Random) -> usize {
     }
     match kind {
         // Bytes within the body of one message, which may change the time of rates: those of two rows.
-        0..=2 if count <= 54 => 2,
+        0..=2 if end - at <= 54 => 2,
         // What is left begins where a message of the same length has the same byte.
         3 | 5 => 2,
         _ => 0,
