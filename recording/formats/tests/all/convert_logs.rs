@@ -348,3 +348,21 @@ fn rows_that_are_ill_or_of_other_units_are_told() {
     let (exit, message) = refused(&log.bytes, "bin", &Settings::default());
     assert!(exit == Exit::Data && message.contains("no rows of IMU; rows of TCLR alone"), "{message}");
 }
+
+#[test]
+fn topics_are_subscribed_to_where_they_begin() {
+    let mut log = Ulog::empty();
+    let sensor = "uint64_t timestamp;uint64_t timestamp_sample;uint32_t device_id;float x;float y;float z;\
+                  float temperature;uint8_t[3] clip_counter;";
+    for name in ["sensor_accel", "sensor_gyro"] {
+        log.message(b'F', format!("{name}:{sensor}").as_bytes());
+    }
+    log.subscribe(0, 10, "sensor_gyro").gyro(0, 10_000, [0.0; 3], 20.0);
+    log.subscribe(0, 0, "sensor_accel").accel(0, 10_000, [0.0, 0.0, -9.5], 20.0);
+    for row in 2..=30 {
+        log.gyro(0, row * 10_000, [0.0; 3], 20.0).accel(0, row * 10_000, [0.0, 0.0, -9.5], 20.0);
+    }
+    let (samples, told) = converted(&log.bytes, "ulg", &Settings::default());
+    assert_eq!((samples.len(), samples[0].timestamp_ns), (30, 10_000_000));
+    assert!(!told.contains("warning"), "{told}");
+}

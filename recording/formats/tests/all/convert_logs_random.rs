@@ -1,5 +1,6 @@
 //! Random damage of logs: bytes that are overwritten, deleted or inserted, blocks of the same log, and times that are
 //! wild. What is read is right, what is lost is told, and nothing panics.
+#![allow(clippy::print_stdout, reason = "a study prints its seed and its figures")]
 
 use crate::logs::{Dataflash, ImuRow, Ulog, convert, converted};
 use isotherm_recording_formats::convert::Settings;

@@ -92,17 +92,16 @@ impl Values {
         let timestamp_ns = Some(time_us.checked_mul(1000).ok_or(Flaw::Time)?);
         let mut reading = Reading { place, timestamp_ns, ..Reading::default() };
         let rate = self.rate.unwrap_or_default();
-        for axis in 0..AXES {
-            let sensors =
-                [(axis, self.acceleration[axis], LOG_ACCELERATION_PULSE), (axis + AXES, rate[axis], LOG_RATE_PULSE)];
-            for ((index, value, pulse), celsius) in sensors.into_iter().zip(self.celsius) {
-                reading.pulses[index] = pulses(value, 0.0, pulse, 1.0).map_err(|_| Flaw::Value)?;
-                let celsius = telemetry.unwrap_or(celsius);
-                if !celsius.is_finite() {
-                    return Err(Flaw::Temperature);
-                }
-                (reading.head[index], reading.board[index]) = (celsius, celsius);
+        let of = |values: [f64; AXES], pulse, celsius| values.map(|value| (value, pulse, celsius));
+        let [acceleration, rate] =
+            [of(self.acceleration, LOG_ACCELERATION_PULSE, self.celsius[0]), of(rate, LOG_RATE_PULSE, self.celsius[1])];
+        for (index, (value, pulse, celsius)) in acceleration.into_iter().chain(rate).enumerate() {
+            reading.pulses[index] = pulses(value, 0.0, pulse, 1.0).map_err(|_| Flaw::Value)?;
+            let celsius = telemetry.unwrap_or(celsius);
+            if !celsius.is_finite() {
+                return Err(Flaw::Temperature);
             }
+            (reading.head[index], reading.board[index]) = (celsius, celsius);
         }
         Ok(reading)
     }

@@ -23,10 +23,8 @@ const FILE_HEADER: usize = 16;
 const HEADER: usize = 3;
 /// Body of a synchronization message.
 const SYNC: [u8; 8] = [0x2f, 0x73, 0x13, 0x20, 0x25, 0x0c, 0xbb, 0x12];
-/// Most messages that are looked at ahead.
-const CHAIN: usize = 8;
-/// Messages of known types that tell where messages begin again, and an unknown one from damage.
-const ANEW: usize = 3;
+/// Messages that must follow each other where the reading begins again, and behind an unknown one.
+const CHAIN: usize = 3;
 /// The longest message of an unknown type \[bytes\].
 const LONGEST_UNKNOWN: usize = 4096;
 /// Types of messages that are known, but for data, whose number may be unknown.
@@ -241,7 +239,7 @@ impl Messages {
             if self.window.is_at_end()? {
                 return Ok(false);
             }
-            if limit == Some(self.window.place()) || (self.message(0)?.is_some() && self.is_chain(0, ANEW)?) {
+            if limit == Some(self.window.place()) || (self.message(0)?.is_some() && self.is_chain(0)?) {
                 return Ok(true);
             }
         }
@@ -275,7 +273,7 @@ impl Messages {
             return Ok(if is_cut { Standing::Cut } else { Standing::Damage });
         };
         // What follows tells an unknown message from damage.
-        Ok(if self.is_chain(after + length, ANEW)? { Standing::Unknown(length) } else { Standing::Damage })
+        Ok(if self.is_chain(after + length)? { Standing::Unknown(length) } else { Standing::Damage })
     }
 
     /// The length of the message of an unknown type, a letter, or of an unknown number that may stand `after` bytes
@@ -287,30 +285,21 @@ impl Messages {
         Ok(((1..=LONGEST_UNKNOWN).contains(&size) && kind.is_ascii_alphabetic() && !is_known).then_some(HEADER + size))
     }
 
-    /// Whether messages follow each other from `after` bytes ahead on, so many of them known, or up to the end. Between
-    /// them there may be data of an unknown number.
-    fn is_chain(&mut self, mut after: usize, wanted: usize) -> io::Result<bool> {
-        let mut known = 0;
+    /// Whether messages follow each other from `after` bytes ahead on: several of them, or up to the end. The numbers of
+    /// data may be subscribed to by a message before.
+    fn is_chain(&mut self, mut after: usize) -> io::Result<bool> {
         for _ in 0..CHAIN {
             if self.window.ahead(after + 1)?.len() <= after {
-                return Ok(self.window.ahead(after)?.len() == after);
+                break;
             }
-            let length = match self.message(after)? {
-                Some(length) => {
-                    known += 1;
-                    length
-                }
-                None => match self.unknown(after)? {
-                    Some(length) if self.window.ahead(after + HEADER)?.ends_with(b"D") => length,
-                    _ => return Ok(false),
-                },
-            };
-            after += length;
-            if known == wanted {
-                return Ok(self.window.ahead(after)?.len() == after);
+            let is_data = self.window.ahead(after + HEADER)?.get(after..).is_some_and(|header| header.ends_with(b"D"));
+            let unknown = if is_data { self.unknown(after)? } else { None };
+            match self.message(after)?.or(unknown) {
+                Some(length) => after += length,
+                None => return Ok(false),
             }
         }
-        Ok(false)
+        Ok(self.window.ahead(after)?.len() == after)
     }
 
     /// The length of the message that stands `after` bytes ahead, if its header and its first bytes are those of one.
