@@ -43,7 +43,7 @@ pub(crate) fn convert(
         // Python's own exception for a file that cannot be opened.
         File::open(path).map_err(|error| file(path, &error))?;
     }
-    let settings = Settings { temperature, interval_ns, topic, temperature_topic, session, instance, progress: None };
+    let settings = Settings { temperature, interval_ns, topic, temperature_topic, session, instance, ..Settings::default() };
     let named = mapping.as_ref().map(|(name, text)| (name.as_path(), text.as_str()));
     let read = || -> Result<(Vec<u8>, Vec<String>), Failure> {
         let mut conversion = match source {

@@ -68,11 +68,10 @@ pub(super) fn last(recordings: &[RampRecording], nominal: &CoefficientTable) -> 
     recordings.iter().filter_map(|recording| settled(recording, unit)).chain(of_files).collect()
 }
 
-/// Rows that cover little of the time: their interval is far too short.
+/// Rows that usually cover little of the time to the next one: their interval is far too short. A hole is none.
 fn covered(recording: &RampRecording) -> Option<Finding> {
-    let (missing_s, all_s) = recording.missing_s();
-    let covered = 1.0 - missing_s / all_s;
     let interval_s = recording.usual_interval_s();
+    let covered = interval_s / (interval_s + recording.usual_gap_s());
     (covered < COVERED).then(|| {
         let message = format!(
             "{}: rows of {interval_s} s cover {:.1} % of the time; give the true interval, about {:.4} s if no rows are lost",

@@ -141,6 +141,12 @@ impl RampRecording {
         (gaps.sum::<u64>() as f64 / 1e9, all_ns as f64 / 1e9)
     }
 
+    /// Usual time without rows between one bin and the next \[s\]: a hole, however long, does not change it.
+    pub(crate) fn usual_gap_s(&self) -> f64 {
+        let gaps = self.bins.windows(2).map(|pair| pair[1].begin_ns.saturating_sub(pair[0].end_ns) as f64 / 1e9);
+        isotherm_statistics::median(gaps)
+    }
+
     /// Head telemetry of A1 before and after the longest time without rows.
     pub(super) fn telemetry_around_gap(&self) -> Option<[f64; 2]> {
         let gap = |pair: &&[Bin]| pair[1].begin_ns.saturating_sub(pair[0].end_ns);

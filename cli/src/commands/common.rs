@@ -6,7 +6,7 @@ use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::print_data;
 use isotherm_finding::{Admission, Finding, Location, name};
 use isotherm_job::Refused;
-use isotherm_recording_formats::convert::{Foreign, Settings};
+use isotherm_recording_formats::convert::{Foreign, GyroscopeTemperature, Settings};
 use isotherm_recording_formats::read::{ImuChoice, Recording, Samples};
 use isotherm_recording_formats::write::Rotation;
 use isotherm_report::json;
@@ -88,6 +88,9 @@ pub(super) struct ForeignArgs {
     /// IMU of an autopilot's log, if there are several: its number there, from 0
     #[arg(long, value_name = "N")]
     pub instance: Option<u32>,
+    /// Whose temperature the gyroscopes of an autopilot's log have, if they have none of their own
+    #[arg(long, value_name = "SENSOR", value_parser = ["accelerometer"])]
+    pub gyroscope_temperature: Option<String>,
 }
 
 impl ForeignArgs {
@@ -102,6 +105,10 @@ impl ForeignArgs {
             topic: self.topic.clone(),
             temperature_topic: self.temperature_topic.clone(),
             instance: self.instance,
+            gyroscope_temperature: match self.gyroscope_temperature {
+                Some(_) => GyroscopeTemperature::Accelerometer,
+                None => GyroscopeTemperature::Own,
+            },
             ..Settings::default()
         };
         Foreign::new(self.mapping.as_deref(), settings)
@@ -114,9 +121,9 @@ impl ForeignArgs {
 
     /// Whether anything is given.
     pub(super) const fn is_given(&self) -> bool {
-        let Self { mapping, temperature, interval, topic, temperature_topic, instance } = self;
+        let Self { mapping, temperature, interval, topic, temperature_topic, instance, gyroscope_temperature } = self;
         let given = mapping.is_some() || temperature.is_some() || interval.is_some();
-        given || topic.is_some() || temperature_topic.is_some() || instance.is_some()
+        given || gyroscope_temperature.is_some() || topic.is_some() || temperature_topic.is_some() || instance.is_some()
     }
 }
 

@@ -38,6 +38,8 @@ pub fn run(bytes: &[u8]) {
 fn convert(mapping: Option<&str>) -> Option<String> {
     let named = mapping.map(|mapping| (Path::new("mapping.toml"), mapping));
     let converted = Conversion::of_file(&INPUT.1, named, &Settings::default()).and_then(|mut conversion| {
+        let used = conversion.vehicle_state().in_use();
+        assert!(used.windows(2).all(|pair| pair[0].end < pair[1].start), "{used:?}");
         let mut before = None;
         for sample in &mut conversion {
             let sample = sample?;
@@ -46,7 +48,7 @@ fn convert(mapping: Option<&str>) -> Option<String> {
             assert!((1..=MAX_INTERVAL_NS).contains(&sample.interval_ns), "{}", sample.interval_ns);
             before = Some(now);
         }
-        drop(conversion.notes());
+        drop((conversion.notes(), conversion.findings()));
         Ok(())
     });
     let failure = converted.err()?;

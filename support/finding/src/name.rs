@@ -299,6 +299,12 @@ findings! {
         NO_GYROSCOPES = "no-gyroscopes", Warning, "Give the table and the recording of the same IMU.";
         /// The data have no temperature, or none at their beginning: a placeholder, or the first one, stands there.
         NO_TEMPERATURE = "no-temperature", Warning, "Give `--temperature`, or a source that has one.";
+        /// Rows of a log cannot be used, and are left out: their times do not follow those of the others, a value is no
+        /// number, a temperature is missing. A log is damaged, or its driver was not ready.
+        ROWS_LEFT_OUT = "rows-left-out", Warning, "Copy the log again; else look at what is around the place that is named.";
+        /// A sensor of a log gives the same sample again and again: its driver or its bus stood still. These rows are
+        /// left out.
+        STALLED = "stalled", Warning, "Look at the sensor and its bus; what is there of the other rows is used.";
         /// All accelerometers are 0 at once in some rows, which no attitude gives: values were lost.
         ZEROS = "zeros", Warning, "Look at the logger; leave these rows out.";
         /// Counts jump by their whole range, there and back: a counter wraps, or signed counts were read as unsigned.

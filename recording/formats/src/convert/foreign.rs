@@ -1,6 +1,6 @@
 //! What is known of foreign data besides the data themselves.
 
-use super::settings::Settings;
+use super::settings::{GyroscopeTemperature, Settings};
 use isotherm_failure::Failure;
 use isotherm_files::{Trust, read_text};
 use std::path::{Path, PathBuf};
@@ -33,7 +33,8 @@ impl Foreign {
     /// What is given, for messages. A recording needs none of it.
     #[must_use]
     pub fn given(&self) -> Vec<&'static str> {
-        let Settings { temperature, interval_ns, topic, temperature_topic, instance, .. } = &self.settings;
+        let Settings { temperature, interval_ns, topic, temperature_topic, instance, gyroscope_temperature, .. } =
+            &self.settings;
         let all = [
             ("mapping", self.mapping.is_some()),
             ("temperature", temperature.is_some()),
@@ -41,6 +42,7 @@ impl Foreign {
             ("topic", topic.is_some()),
             ("temperature topic", temperature_topic.is_some()),
             ("instance", instance.is_some()),
+            ("gyroscope temperature", *gyroscope_temperature != GyroscopeTemperature::Own),
         ];
         all.into_iter().filter_map(|(name, given)| given.then_some(name)).collect()
     }

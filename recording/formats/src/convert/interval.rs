@@ -124,6 +124,8 @@ const FEWEST_UNEVEN: usize = 100;
 const STANDING: f64 = 0.01;
 /// Least share of steps under half of the period where stamps jitter.
 const SHORT: f64 = 3e-3;
+/// Fewer such steps are single rows with a wrong stamp.
+const FEWEST_SHORT: f64 = 3.0;
 /// No burst has so many rows, and none is so long after the one before \[ns\].
 const LARGEST_BURST: usize = 500;
 const LONGEST_BURST_NS: u64 = 60_000_000_000;
@@ -232,7 +234,7 @@ fn only_jitters(times: &[u64], period_ns: f64) -> bool {
     let steps = || times.windows(2).map(|pair| (pair[1] - pair[0]) as f64 / period_ns);
     let [short, long] = [steps().filter(|step| *step < 0.5).count(), steps().filter(|step| *step > GAP).count()];
     let [short, long] = [short, long].map(|count| count as f64);
-    short >= SHORT * times.len() as f64 && long - short <= ERRORS * (long + short).sqrt()
+    short >= FEWEST_SHORT.max(SHORT * times.len() as f64) && long - short <= ERRORS * (long + short).sqrt()
 }
 
 fn gcd(a: u64, b: u64) -> u64 {

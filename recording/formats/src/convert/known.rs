@@ -3,7 +3,7 @@
 use super::autopilot::{DataFlashSource, UlogSource, is_binary_log, is_text_log, is_ulog};
 use super::novatel::{self, NovatelSource};
 use super::ros::RosSource;
-use super::settings::Settings;
+use super::settings::{GyroscopeTemperature, Settings};
 use super::source::Source;
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_recording::columns::MCAP_MAGIC;
@@ -62,8 +62,12 @@ pub(super) fn check(settings: &Settings, path: &Path, format: Option<Known>) -> 
     if format != Some(Known::Mcap) && (settings.topic.is_some() || settings.temperature_topic.is_some()) {
         return refused("a topic is named, but this is not MCAP");
     }
-    if !matches!(format, Some(Known::Ulog | Known::DataFlash { .. })) && settings.instance.is_some() {
+    let is_log = matches!(format, Some(Known::Ulog | Known::DataFlash { .. }));
+    if !is_log && settings.instance.is_some() {
         return refused("an instance is named, but this is no log of an autopilot");
+    }
+    if !is_log && settings.gyroscope_temperature != GyroscopeTemperature::Own {
+        return refused("the temperature of the gyroscopes is named, but this is no log of an autopilot");
     }
     Ok(())
 }

@@ -1,5 +1,6 @@
 //! Data that are recognised and not converted, with the way to those that are.
 
+use super::telemetry_log;
 use isotherm_recording::columns::PARQUET_MAGIC;
 
 /// Why data that begin with these bytes are refused; `None` if they may be converted.
@@ -31,7 +32,8 @@ pub(super) fn reason(beginning: &[u8]) -> Option<String> {
     if beginning.trim_ascii().is_empty() {
         return Some("there are no data".to_owned());
     }
-    KNOWN.iter().find(|(magic, _)| beginning.starts_with(magic)).map(|(_, message)| (*message).to_owned())
+    let known = KNOWN.iter().find(|(magic, _)| beginning.starts_with(magic)).map(|(_, message)| (*message).to_owned());
+    known.or_else(|| telemetry_log::reason(beginning))
 }
 
 /// Why data of no known format are no lines of text; `None` if they may be.

@@ -3,6 +3,16 @@
 use indicatif::ProgressBar;
 use std::io::Read;
 
+/// The temperature that the gyroscopes of an autopilot's log have.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub enum GyroscopeTemperature {
+    /// Their own. Where they have none, the rows have no gyroscopes.
+    #[default]
+    Own,
+    /// That of the accelerometers.
+    Accelerometer,
+}
+
 /// What is known of foreign data besides a mapping.
 #[derive(Clone, Debug, Default)]
 pub struct Settings {
@@ -18,6 +28,8 @@ pub struct Settings {
     pub session: u64,
     /// The IMU of an autopilot's log, if there are several: its number there, from 0.
     pub instance: Option<u32>,
+    /// The temperature of the gyroscopes of an autopilot's log.
+    pub gyroscope_temperature: GyroscopeTemperature,
     /// Advances by the bytes read. Some formats are read twice; then it begins anew.
     pub progress: Option<ProgressBar>,
 }

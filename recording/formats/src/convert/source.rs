@@ -1,5 +1,6 @@
 //! What the foreign formats give.
 
+use super::autopilot::VehicleState;
 use super::rollover::Counter;
 use super::scale::Units;
 use isotherm_finding::{Finding, name};
@@ -39,6 +40,11 @@ pub(super) trait Source {
     /// Whether the rows have gyroscopes.
     fn has_gyroscopes(&self) -> bool;
 
+    /// Why there are no rows, if all have been read.
+    fn no_rows(&self) -> String {
+        "there are no rows".to_owned()
+    }
+
     /// The unit, as samples have it; 0 if the data do not say it.
     fn device(&self) -> u64 {
         0
@@ -57,6 +63,11 @@ pub(super) trait Source {
     /// The unit of the time, where nothing in the data says it.
     fn guessed_unit(&self) -> Option<&'static str> {
         None
+    }
+
+    /// When the vehicle was armed and when it flew.
+    fn vehicle_state(&self) -> VehicleState {
+        VehicleState::default()
     }
 
     /// What the operator should know. Valid after the last row.

@@ -61,7 +61,7 @@ impl Stamped {
         if rows.read > 0 {
             return Ok(rows);
         }
-        Err(rows.failed.take().unwrap_or_else(|| rows.source.error(0, "there are no rows".to_owned())))
+        Err(rows.failed.take().unwrap_or_else(|| rows.source.error(0, rows.source.no_rows())))
     }
 
     fn is_uneven(&self) -> bool {

@@ -252,18 +252,37 @@ fn another_device_or_no_number_is_a_fault() {
     }
     log.accel_of(0, 200_000, 7, [0.0; 3], 20.0);
     let (_, told) = converted(&log.bytes, "ulg", &Settings::default());
-    assert!(told.contains("fault [other-device]: 1 rows are of another device"), "{told}");
+    assert!(told.contains("fault [other-device]: 1 rows of sensor_accel 0 are of another device"), "{told}");
+}
+
+#[test]
+fn rows_without_numbers_are_left_out() {
+    let mut log = Ulog::new();
+    for row in 1..20 {
+        log.imu(row * 10_000);
+    }
     let place = log.bytes.len();
-    log.accel(0, 210_000, [0.0, f32::NAN, 0.0], 20.0).gyro(0, 210_000, [0.0; 3], 20.0).imu(220_000);
-    let (exit, message) = refused(&log.bytes, "ulg", &Settings::default());
-    let expected = format!("byte {place}: sensor_accel: the acceleration along y is NaN, not a number");
-    assert!(exit == Exit::Data && message.contains(&expected), "{message}");
+    log.accel(0, 200_000, [0.0, f32::NAN, 0.0], 20.0).gyro(0, 200_000, [0.0; 3], 20.0).imu(210_000);
+    log.accel(0, 220_000, [0.0; 3], 20.0).gyro(0, 220_000, [0.0, 1e9, 0.0], 20.0);
+    log.accel(0, 230_000, [0.0; 3], f32::NAN).gyro(0, 230_000, [0.0; 3], 20.0).imu(240_000);
+    let (samples, told) = converted(&log.bytes, "ulg", &Settings::default());
+    assert_eq!((samples.len(), samples[20].timestamp_ns), (21, 240_000_000));
+    let rows = "2 rows of sensor_accel 0 have values that no sensor gives";
+    for part in [
+        rows,
+        &format!("the first is at byte {place}; they are left out"),
+        "1 rows of sensor_accel 0 have no temperature",
+    ] {
+        assert!(told.contains(part), "{told}");
+    }
     let mut log = Ulog::new();
     for row in 1..20 {
         log.accel(0, row * 10_000, [0.0; 3], f32::NAN);
     }
     let (_, message) = refused(&log.bytes, "ulg", &Settings::default());
-    assert!(message.contains("the temperature is NaN, not a number; give --temperature"), "{message}");
+    for part in ["no row can be used; 19 rows of sensor_accel 0 have no temperature", "--temperature gives one"] {
+        assert!(message.contains(part), "{message}");
+    }
     let given = Settings { temperature: Some(31.5), ..Settings::default() };
     assert_eq!(converted(&log.bytes, "ulg", &given).0[3].accelerometers.head_temperature, [31.5; 3]);
 }
@@ -328,4 +347,22 @@ fn rows_that_are_ill_or_of_other_units_are_told() {
     log.message("TCLR", "QBBffffI", "TimeUS,I,SType,Temp,X,Y,Z,NSamp", &["1", "0", "0", "30", "0", "0", "9.5", "100"]);
     let (exit, message) = refused(&log.bytes, "bin", &Settings::default());
     assert!(exit == Exit::Data && message.contains("no rows of IMU; rows of TCLR alone"), "{message}");
+}
+
+#[test]
+fn topics_are_subscribed_to_where_they_begin() {
+    let mut log = Ulog::empty();
+    let sensor = "uint64_t timestamp;uint64_t timestamp_sample;uint32_t device_id;float x;float y;float z;\
+                  float temperature;uint8_t[3] clip_counter;";
+    for name in ["sensor_accel", "sensor_gyro"] {
+        log.message(b'F', format!("{name}:{sensor}").as_bytes());
+    }
+    log.subscribe(0, 10, "sensor_gyro").gyro(0, 10_000, [0.0; 3], 20.0);
+    log.subscribe(0, 0, "sensor_accel").accel(0, 10_000, [0.0, 0.0, -9.5], 20.0);
+    for row in 2..=30 {
+        log.gyro(0, row * 10_000, [0.0; 3], 20.0).accel(0, row * 10_000, [0.0, 0.0, -9.5], 20.0);
+    }
+    let (samples, told) = converted(&log.bytes, "ulg", &Settings::default());
+    assert_eq!((samples.len(), samples[0].timestamp_ns), (30, 10_000_000));
+    assert!(!told.contains("warning"), "{told}");
 }

@@ -84,20 +84,21 @@ fn wrong_bytes_lose_the_messages_that_they_hit() {
     let log = ulog(40).bytes;
     let row = (log.len() - ulog(0).bytes.len()) / 40;
     let begin = log.len() - 20 * row;
-    // Lengths and types are wrong, zeros as of a lost block, and text.
-    for (damage, lost) in [(&[0xff_u8; 8][..], 1), (&[0; 200], 3), (&[b' '; 100], 2)] {
+    // Lengths and types are wrong, zeros as of a lost block, and text. Where the damage begins within the message
+    // before, nothing shows it: it is lost too.
+    for (damage, lost) in [(&[0xff_u8; 8][..], 2), (&[0; 200], 4), (&[b' '; 100], 3)] {
         let mut damaged = log.clone();
         damaged[begin..begin + damage.len()].copy_from_slice(damage);
         let (samples, told) = converted(&damaged, "ulg", &Settings::default());
         assert_eq!((samples.len(), samples.last().map(|row| row.sequence)), (40 - lost, Some(39)), "{told}");
         assert!(
-            told.contains(&format!("are no messages of the log, the first is byte {begin}: it is damaged")),
+            told.contains(&format!("are no messages of the log, the first is byte {}: it is damaged", begin - row / 2)),
             "{told}"
         );
     }
     let log = dataflash(40).bytes;
     let begin = log.len() - 20 * 54;
-    for (damage, lost) in [(&[0xff_u8; 8][..], 1), (&[0; 200], 4), (&[0xa3, 0x95, 77], 1), (&[0xa3, 0x95, 128], 2)] {
+    for (damage, lost) in [(&[0xff_u8; 8][..], 2), (&[0; 200], 5), (&[0xa3, 0x95, 77], 1), (&[0xa3, 0x95, 128], 1)] {
         let mut damaged = log.clone();
         damaged[begin..begin + damage.len()].copy_from_slice(damage);
         let (samples, told) = converted(&damaged, "bin", &Settings::default());
@@ -109,14 +110,12 @@ fn wrong_bytes_lose_the_messages_that_they_hit() {
 #[test]
 fn bytes_behind_the_last_message_are_told() {
     for tail in [&[0_u8; 5000][..], &[0xff; 5000]] {
-        let log = ulog(20).bytes;
-        let (samples, told) = converted(&[&log, tail].concat(), "ulg", &Settings::default());
-        let place = format!("[truncated]: no whole message comes from byte {} on", log.len());
-        assert!(samples.len() == 20 && told.contains(&place), "{told}");
-        let log = dataflash(20).bytes;
-        let (samples, told) = converted(&[&log, tail].concat(), "bin", &Settings::default());
-        let place = format!("[truncated]: no whole message comes from byte {} on", log.len());
-        assert!(samples.len() == 20 && told.contains(&place), "{told}");
+        // The tail may have begun within the last message, which is left out.
+        for (log, extension, last) in [(ulog(20).bytes, "ulg", 44), (dataflash(20).bytes, "bin", 54)] {
+            let (samples, told) = converted(&[&log, tail].concat(), extension, &Settings::default());
+            let place = format!("[truncated]: no whole message comes from byte {} on", log.len() - last);
+            assert!(samples.len() == 19 && told.contains(&place), "{told}");
+        }
     }
     let text = dataflash(20).text.replacen("IMU, 100000", "some words\nIMU, 100000", 1);
     let (samples, told) = converted(text.as_bytes(), "log", &Settings::default());
@@ -136,8 +135,10 @@ fn appended_data_are_read_behind_a_message_that_is_cut() {
     log.bytes[16 + 3 + 8] = 1;
     log.bytes[16 + 3 + 16..16 + 3 + 24].copy_from_slice(&(offset as u64).to_le_bytes());
     let (samples, told) = converted(&log.bytes, "ulg", &Settings::default());
-    assert_eq!((samples.len(), samples[29].sequence), (30, 29));
-    assert!(told.contains(&format!("7 bytes are no messages of the log, the first is byte {whole}")), "{told}");
+    // The message before what is cut may be damaged: it is one of sensor_gyro, and its row is left out.
+    assert_eq!((samples.len(), samples[28].sequence), (29, 29));
+    let place = whole - 44;
+    assert!(told.contains(&format!("51 bytes are no messages of the log, the first is byte {place}")), "{told}");
     // The same with a message that could be one.
     log.bytes[whole..whole + 2].copy_from_slice(&45_u16.to_le_bytes());
     assert_eq!(converted(&log.bytes, "ulg", &Settings::default()).0.len(), 30);
@@ -178,4 +179,61 @@ fn a_stream_is_refused_because_logs_are_read_twice() {
     cut.truncate(10);
     let (_, message) = refused(&cut, "ulg", &Settings::default());
     assert!(message.contains("byte 10: the header of the file is cut"), "{message}");
+}
+
+#[test]
+fn blocks_of_other_data_of_the_log_and_wild_times_are_left_out() {
+    let log = ulog(200).bytes;
+    let row = (log.len() - ulog(0).bytes.len()) / 200;
+    // A block of the card with older data.
+    let (from, to) = (log.len() - 180 * row + 10, log.len() - 100 * row + 31);
+    let mut damaged = log.clone();
+    damaged.copy_within(from..from + 20 * row, to);
+    let (samples, told) = converted(&damaged, "ulg", &Settings::default());
+    assert!((175..180).contains(&samples.len()) && samples.last().map(|row| row.sequence) == Some(199), "{told}");
+    assert!(samples.windows(2).all(|pair| pair[0].timestamp_ns < pair[1].timestamp_ns));
+    assert!(told.contains("rows of sensor_accel 0 have times that do not follow those of the other rows"), "{told}");
+    assert!(told.contains("are no messages of the log"), "{told}");
+
+    for wild in [4_213_092_985_657_280_000, u64::MAX, 0, 5_000_000] {
+        let mut log = Dataflash::new();
+        for row in 1..=100 {
+            let time_us = if row == 70 { wild } else { row * 10_000 };
+            log.imu(&ImuRow { time_us, ..ImuRow::default() });
+        }
+        for (data, extension) in [(&log.bytes[..], "bin"), (log.text.as_bytes(), "log")] {
+            let (samples, told) = converted(data, extension, &Settings::default());
+            assert_eq!((samples.len(), samples[98].sequence), (99, 99), "{told}");
+            assert!(told.contains("1 rows of IMU 0 have times that do not follow"), "{told}");
+        }
+    }
+}
+
+#[test]
+fn a_sensor_that_stalls_is_called_one() {
+    let mut log = Ulog::new();
+    for row in 1..=100_u64 {
+        log.imu(row.min(60) * 10_000);
+    }
+    let (samples, told) = converted(&log.bytes, "ulg", &Settings::default());
+    assert_eq!(samples.len(), 60);
+    assert!(told.contains("warning [stalled]: sensor_accel 0 stalled: 40 rows repeat the sample"), "{told}");
+}
+
+#[test]
+fn an_autopilot_that_was_started_again_within_the_log_is_refused() {
+    let mut log = Dataflash::new();
+    for row in (1..=100).chain(1..=80) {
+        log.imu(&ImuRow { time_us: row * 10_000, ..ImuRow::default() });
+    }
+    let (exit, message) = refused(&log.bytes, "bin", &Settings::default());
+    assert!(exit == Exit::Data && message.contains("80 of 180 rows of IMU have times that do not rise"), "{message}");
+}
+
+#[test]
+fn a_number_of_an_imu_that_does_not_exist_is_damage() {
+    let mut log = dataflash(100);
+    log.imu(&ImuRow { time_us: 1_010_000, instance: 37, ..ImuRow::default() });
+    let (samples, told) = converted(&log.bytes, "bin", &Settings::default());
+    assert!(samples.len() == 100 && told.contains("1 rows are of IMUs that do not exist"), "{told}");
 }

@@ -5,8 +5,14 @@ use super::super::settings::Settings;
 use super::super::source::{PLACEHOLDER, Reading, Source, placeholder};
 use super::dataflash::{Message, Messages};
 use super::dataflash_format::ImuColumns;
-use super::imu::{Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Values, choose, devices_told, open, units};
+use super::imu::{
+    Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, devices_told, open, units,
+};
+use super::left_out::{Flaw, LeftOut};
+use super::survey::Survey;
+use super::timeline::{Kept, Sieve, Timing};
 use super::undo::{Corrections, concerns, devices};
+use super::vehicle::{Aspect, Report, Reports, VehicleState};
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
@@ -16,6 +22,10 @@ use std::path::Path;
 
 /// Most parameters that are kept; ArduPilot has about 150 of IMUs.
 const MAX_PARAMETERS: usize = 4096;
+/// An IMU with a smaller part of the rows of another one does not exist.
+const STRAY: u64 = 100;
+/// Nor does one with fewer rows than this, and a smaller part.
+const FEW: u64 = 5;
 /// Letters of the units of specific force, rate and temperature, by which `FMTU` names them.
 const UNITS: [(&str, char); 3] = [("AccX", 'o'), ("GyrX", 'E'), ("T", 'O')];
 
@@ -24,6 +34,7 @@ pub(in super::super) struct DataFlashSource {
     messages: Messages,
     instance: u8,
     imu: Imu,
+    vehicle: VehicleState,
     telemetry: Option<f64>,
     /// As they stand at the row.
     parameters: HashMap<String, f64>,
@@ -32,6 +43,9 @@ pub(in super::super) struct DataFlashSource {
     undone: String,
     /// Parameters that changed within the log: how many times, the first, and its place.
     changes: (u64, String, u64),
+    sieve: Sieve,
+    strays: u64,
+    left_out: LeftOut,
     /// Rows of sensors that report to be ill.
     ill: u64,
     has_temperature: bool,
@@ -40,10 +54,13 @@ pub(in super::super) struct DataFlashSource {
 /// What the first reading has found.
 #[derive(Default)]
 struct Contents {
-    imus: BTreeMap<u8, Imu>,
+    imus: BTreeMap<u8, Survey>,
     /// The first value of each. The log lists them all at its beginning, while the first rows come.
     parameters: HashMap<String, f64>,
     learnt: u64,
+    reports: Reports,
+    /// Rows of IMUs that do not exist.
+    strays: u64,
 }
 
 impl DataFlashSource {
@@ -60,24 +77,27 @@ impl DataFlashSource {
         let refused = |message: &str| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
         let mut first = Messages::new(open(path, settings)?, is_text);
         let failed = |error: RecordingError| error.failure(path);
-        let mut contents = Contents::read(&mut first).map_err(failed)?;
+        let contents = Contents::read(&mut first).map_err(failed)?;
         if contents.imus.is_empty() {
             return Err(failed(first.error(0, contents.no_rows())));
         }
-        for (instance, imu) in &mut contents.imus {
-            imu.devices = devices(&contents.parameters, *instance);
-        }
-        let (instance, imu) = choose(path, &contents.imus, settings.instance)?;
+        let (instance, imu) = choose(path, &contents.imus(), settings.instance)?;
+        let kept = contents.imus.get(&instance).map_or_else(|| Ok(Kept::default()), |survey| survey.kept("IMU"));
+        let kept = kept.map_err(|message| refused(&message))?;
         let corrections = Corrections::new(&contents.parameters, instance).map_err(|message| refused(&message))?;
         Ok(Self {
             messages: Messages::new(open(path, settings)?, is_text),
             instance,
             imu,
+            vehicle: contents.reports.state(kept.last_us),
             telemetry,
             parameters: contents.parameters,
             undone: corrections.told(),
             corrections,
             changes: (0, String::new(), 0),
+            sieve: Sieve::new(kept),
+            strays: contents.strays,
+            left_out: LeftOut::default(),
             ill: 0,
             has_temperature: true,
         })
@@ -103,10 +123,29 @@ impl DataFlashSource {
         Ok(())
     }
 
-    fn reading(&mut self, row: &Row) -> Result<Reading, String> {
-        self.ill += u64::from(!row.is_healthy);
-        self.has_temperature &= row.celsius.is_some();
-        let celsius = row.celsius.or(self.telemetry).unwrap_or(PLACEHOLDER);
+    /// The row, if it is not left out.
+    fn reading(&mut self, row: &Row) -> Option<Reading> {
+        let reading = match self.sieve.next(row.time_us) {
+            Timing::Wild => Err(Flaw::Time),
+            Timing::Repeats => Err(Flaw::Repeated),
+            Timing::Follows => self.undone(row),
+        };
+        match reading {
+            Ok(reading) => {
+                self.ill += u64::from(!row.is_healthy);
+                self.has_temperature &= row.celsius.is_some();
+                Some(reading)
+            }
+            Err(flaw) => {
+                self.left_out.take(flaw, row.place);
+                None
+            }
+        }
+    }
+
+    fn undone(&self, row: &Row) -> Result<Reading, Flaw> {
+        let logged = row.celsius.filter(|celsius| celsius.is_finite() || self.telemetry.is_none());
+        let celsius = logged.or(self.telemetry).unwrap_or(PLACEHOLDER);
         let [acceleration, rate] = self.corrections.undo(row.logged, celsius);
         let values = Values { acceleration, rate: Some(rate), celsius: [celsius; 2] };
         values.reading(row.place, row.time_us, self.telemetry)
@@ -130,14 +169,31 @@ enum Said {
     /// Of a definition, letters of the units of its columns.
     Units(u8, String),
     Learnt,
+    /// Of the vehicle, with the name of the message.
+    Reports(&'static str, Vec<Report>),
+    /// It is a row of an IMU without its numbers.
+    Damaged,
     Nothing,
 }
 
+/// Numbers of `EV`: what holds from then on, or no more.
+const EVENTS: [(u8, Aspect, bool); 4] =
+    [(10, Aspect::Armed, true), (11, Aspect::Armed, false), (28, Aspect::Flying, true), (18, Aspect::Flying, false)];
+
 impl Message<'_> {
-    fn said(&self) -> Result<Said, String> {
+    fn said(&self) -> Said {
         let Message { format, body, .. } = self;
-        Ok(match format.name.as_str() {
+        match format.name.as_str() {
             "TCLR" => Said::Learnt,
+            "EV" => Said::Reports("EV", self.event().into_iter().collect()),
+            "ARM" => Said::Reports("ARM", self.state("ArmState", Aspect::Armed, true).into_iter().collect()),
+            "STAT" => {
+                let all = [("Armed", Aspect::Armed), ("isFlying", Aspect::Flying)];
+                Said::Reports(
+                    "STAT",
+                    all.into_iter().filter_map(|(name, aspect)| self.state(name, aspect, false)).collect(),
+                )
+            }
             "PARM" => {
                 let name = format.column("Name").and_then(|column| format.text(*body, column));
                 let value = format.column("Value").and_then(|column| format.number(*body, column));
@@ -150,27 +206,45 @@ impl Message<'_> {
                 number.zip(units).map_or(Said::Nothing, |(number, units)| Said::Units(number as u8, units))
             }
             _ => match format.imu {
-                Some(columns) => self.row(columns)?,
+                Some(columns) => self.row(columns).map_or(Said::Damaged, |(instance, row)| Said::Row(instance, row)),
                 None => Said::Nothing,
             },
-        })
+        }
     }
 
-    fn row(&self, columns: ImuColumns) -> Result<Said, String> {
+    /// What an `EV` says.
+    fn event(&self) -> Option<Report> {
+        let Message { format, body, .. } = self;
+        let number = format.number(*body, format.column("Id")?)?;
+        let (_, aspect, holds) = EVENTS.into_iter().find(|(event, ..)| f64::from(*event) == number)?;
+        Some(Report { aspect, time_us: format.time_us(*body)?, holds, is_change: true })
+    }
+
+    /// What a column says that is 0 or 1.
+    fn state(&self, name: &str, aspect: Aspect, is_change: bool) -> Option<Report> {
+        let Message { format, body, .. } = self;
+        let holds = format.number(*body, format.column(name)?)? != 0.0;
+        Some(Report { aspect, time_us: format.time_us(*body)?, holds, is_change })
+    }
+
+    /// The row, and which IMU it is of; `None` if it is not whole.
+    fn row(&self, columns: ImuColumns) -> Option<(u8, Row)> {
         let Message { format, body, place } = self;
-        let damaged = || format!("a row of {} without its numbers; is the log damaged?", format.name);
-        let number = |column: usize| format.number(*body, column).ok_or_else(damaged);
-        let three = |[x, y, z]: [usize; AXES]| Ok::<_, String>([number(x)?, number(y)?, number(z)?]);
-        let instance = columns.instance(format, *body).ok_or_else(damaged)?;
-        let ill = |column: &Option<usize>| column.is_some_and(|column| format.number(*body, column) == Some(0.0));
+        let number = |column: usize| format.number(*body, column);
+        let three = |[x, y, z]: [usize; AXES]| Some([number(x)?, number(y)?, number(z)?]);
+        let ill = |column: &Option<usize>| column.is_some_and(|column| number(column) == Some(0.0));
+        let celsius = match columns.temperature {
+            Some(column) => Some(number(column)?),
+            None => None,
+        };
         let row = Row {
             place: *place,
-            time_us: (number(columns.time)? as u64).saturating_mul(columns.time_unit),
+            time_us: format.time_us(*body)?,
             logged: [three(columns.accelerometers)?, three(columns.gyroscopes)?],
-            celsius: columns.temperature.map(number).transpose()?,
+            celsius,
             is_healthy: !columns.health.iter().any(ill),
         };
-        Ok(Said::Row(instance, row))
+        Some((columns.instance(format, *body)?, row))
     }
 }
 
@@ -179,22 +253,33 @@ impl Source for DataFlashSource {
         loop {
             let Some(message) = self.messages.next()? else { return Ok(None) };
             let (place, said) = (message.place, message.said());
-            let read = match said {
-                Ok(Said::Row(instance, row)) if instance == self.instance => self.reading(&row).map(Some),
-                Ok(Said::Parameter(name, value)) => self.set(place, name, value).map(|()| None),
-                Ok(_) => Ok(None),
-                Err(message) => Err(message),
-            };
-            match read {
-                Ok(Some(reading)) => return Ok(Some(reading)),
-                Ok(None) => {}
-                Err(message) => return Err(self.messages.error(place, message)),
+            match said {
+                Said::Row(instance, row) if instance == self.instance => {
+                    if let Some(reading) = self.reading(&row) {
+                        return Ok(Some(reading));
+                    }
+                }
+                Said::Parameter(name, value) => {
+                    self.set(place, name, value).map_err(|message| self.messages.error(place, message))?;
+                }
+                Said::Damaged => self.left_out.take(Flaw::Value, place),
+                _ => {}
             }
         }
     }
 
     fn error(&self, place: u64, message: String) -> RecordingError {
         self.messages.error(place, message)
+    }
+
+    fn no_rows(&self) -> String {
+        let told = self.left_out.told(&format!("IMU {}", self.instance), self.messages.unit());
+        let advice = match self.left_out.count(Flaw::Temperature) {
+            0 => None,
+            _ => Some(NO_TEMPERATURE.to_owned()),
+        };
+        let why = [vec!["no row can be used".to_owned()], told, advice.into_iter().collect()];
+        why.concat().join("; ")
     }
 
     fn unit(&self) -> Option<&'static str> {
@@ -211,6 +296,10 @@ impl Source for DataFlashSource {
 
     fn device(&self) -> u64 {
         self.imu.devices[0].map_or(0, |id| device(&id.to_string()))
+    }
+
+    fn vehicle_state(&self) -> VehicleState {
+        self.vehicle.clone()
     }
 
     fn notes(&self) -> Vec<String> {
@@ -235,6 +324,12 @@ impl Source for DataFlashSource {
     fn findings(&self) -> Vec<Finding> {
         let (damage, unit) = self.messages.damage();
         let mut found: Vec<_> = damage.findings(unit).collect();
+        found.extend(self.left_out.findings(&format!("IMU {}", self.instance), unit, self.sieve.kept().count));
+        if self.strays > 0 {
+            let message =
+                format!("{} rows are of IMUs that do not exist: the log is damaged; they are left out", self.strays);
+            found.push(Finding::warning(name::ROWS_LEFT_OUT, message));
+        }
         if self.ill > 0 {
             let message = format!("in {} rows the IMU reports to be ill (GH or AH is 0)", self.ill);
             found.push(Finding::warning(name::IMU_ERROR, message));
@@ -252,16 +347,19 @@ impl Contents {
         while let Some(message) = messages.next()? {
             let place = message.place;
             match message.said() {
-                // The second reading says what is wrong with a row.
-                Err(_) => {}
-                Ok(Said::Row(instance, _)) => contents.imus.entry(instance).or_default().rows += 1,
-                Ok(Said::Parameter(name, value)) => {
+                Said::Row(instance, row) => {
+                    contents.imus.entry(instance).or_default().take(row.time_us, None, row.celsius);
+                }
+                Said::Reports(name, reports) => {
+                    reports.into_iter().for_each(|report| contents.reports.take(name, report));
+                }
+                Said::Parameter(name, value) => {
                     if contents.parameters.len() < MAX_PARAMETERS {
                         contents.parameters.entry(name).or_insert(value);
                     }
                 }
-                Ok(Said::Learnt) => contents.learnt += 1,
-                Ok(Said::Units(number, units)) => {
+                Said::Learnt => contents.learnt += 1,
+                Said::Units(number, units) => {
                     let wrong = messages.imu_format(number).and_then(|format| {
                         let unit = |name: &str| units.chars().nth(format.column(name)?);
                         UNITS.iter().find(|(name, known)| unit(name).is_some_and(|unit| unit != *known && unit != '-'))
@@ -274,10 +372,27 @@ impl Contents {
                         return Err(messages.error(place, message));
                     }
                 }
-                Ok(Said::Nothing) => {}
+                Said::Damaged | Said::Nothing => {}
             }
         }
+        contents.forget_strays();
         Ok(contents)
+    }
+
+    /// Forgets IMUs of which there are a few rows alone: their number is damaged.
+    fn forget_strays(&mut self) {
+        let most = self.imus.values().map(Survey::rows).max().unwrap_or(0);
+        let is_stray = |rows: u64| rows < most / STRAY || (rows < FEW && rows < most / FEW);
+        let strays: u64 = self.imus.values().map(Survey::rows).filter(|rows| is_stray(*rows)).sum();
+        self.imus.retain(|_, survey| !is_stray(survey.rows()));
+        self.strays = strays;
+    }
+
+    fn imus(&self) -> BTreeMap<u8, Imu> {
+        let imu = |(instance, survey): (&u8, &Survey)| {
+            (*instance, Imu { rows: survey.rows(), devices: devices(&self.parameters, *instance) })
+        };
+        self.imus.iter().map(imu).collect()
     }
 
     fn no_rows(&self) -> String {

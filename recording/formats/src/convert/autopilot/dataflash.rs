@@ -2,6 +2,9 @@
 //!
 //! Binary: `A3 95`, number, body; the log defines each number before it uses it. Text: a line per message, with its
 //! name and its fields, separated by commas, as ground stations write it.
+//!
+//! Nothing tells whether the body of a binary message is whole. So a message that damage follows counts as damage: it
+//! may begin within its body.
 
 use super::dataflash_format::{Body, FMT, Format, HEADER};
 use super::window::{Damage, Window};
@@ -61,7 +64,7 @@ pub(super) struct Text {
 
 /// Whether a conversion needs messages of this name.
 fn is_wanted(name: &str) -> bool {
-    name.starts_with("IMU") || matches!(name, "PARM" | "FMTU" | "TCLR")
+    name.starts_with("IMU") || matches!(name, "PARM" | "FMTU" | "TCLR" | "EV" | "ARM" | "STAT")
 }
 
 impl Messages {
@@ -127,7 +130,7 @@ impl Binary {
                 return Ok(None);
             }
             let place = self.window.place();
-            let Some(format) = self.format(0)? else {
+            let Some(format) = self.whole()? else {
                 if self.find()? {
                     self.damage.leave_out(place, self.window.place() - place);
                     continue;
@@ -135,13 +138,9 @@ impl Binary {
                 self.damage.cut(place);
                 return Ok(None);
             };
-            let bytes = self.window.ahead(format.length)?;
-            if bytes.len() < format.length {
-                self.damage.cut(place);
-                return Ok(None);
-            }
             self.held = format.length;
             if format.number == FMT {
+                let bytes = self.window.ahead(format.length)?;
                 let new = Format::read(&format, Body::Binary(&bytes[HEADER..]));
                 if let Some(new) = new.filter(|new| new.number != FMT) {
                     let number = usize::from(new.number);
@@ -152,6 +151,16 @@ impl Binary {
                 return Ok(Some(Message { place, format, body }));
             }
         }
+    }
+
+    /// The definition of the message that stands at the next place, if it is whole and another message, of whatever
+    /// number, or the end follows.
+    fn whole(&mut self) -> io::Result<Option<Rc<Format>>> {
+        let Some(format) = self.format(0)? else { return Ok(None) };
+        let length = format.length;
+        let Some(next) = self.window.ahead(length + MAGIC.len())?.get(length..) else { return Ok(None) };
+        let follows = MAGIC.starts_with(next);
+        Ok(follows.then_some(format))
     }
 
     /// The definition of the message that stands `after` bytes ahead.

@@ -35,9 +35,6 @@ struct Column {
 /// Which columns of a row are what.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ImuColumns {
-    pub(super) time: usize,
-    /// Microseconds of a unit of the time.
-    pub(super) time_unit: u64,
     /// The number of the IMU; without it, it is in the name.
     pub(super) instance: Option<usize>,
     pub(super) gyroscopes: [usize; AXES],
@@ -122,23 +119,33 @@ impl Format {
         }
     }
 
+    /// The column of the time, and the microseconds of its unit.
+    fn time(&self) -> Option<(usize, u64)> {
+        match (self.column("TimeUS"), self.column("TimeMS")) {
+            (Some(time), _) => Some((time, 1)),
+            (None, time) => Some((time?, 1000)),
+        }
+    }
+
+    /// The time of a message \[us\].
+    pub(super) fn time_us(&self, body: Body<'_>) -> Option<u64> {
+        let (column, unit) = self.time()?;
+        Some((self.number(body, column)? as u64).saturating_mul(unit))
+    }
+
     fn imu_columns(&self) -> Option<ImuColumns> {
         let three = |names: [&str; AXES]| {
             let [x, y, z] = names.map(|name| self.column(name));
             Some([x?, y?, z?])
         };
-        let (time, time_unit) = match (self.column("TimeUS"), self.column("TimeMS")) {
-            (Some(time), _) => (time, 1),
-            (None, time) => (time?, 1000),
-        };
+        self.time()?;
         Some(ImuColumns {
-            time,
-            time_unit,
             instance: self.column("I"),
             gyroscopes: three(["GyrX", "GyrY", "GyrZ"])?,
             accelerometers: three(["AccX", "AccY", "AccZ"])?,
-            temperature: self.column("T"),
-            health: [self.column("GH"), self.column("AH")],
+            // Before 3.5 it was `Temp`.
+            temperature: self.column("T").or_else(|| self.column("Temp")),
+            health: [["GH", "GyHlt"], ["AH", "AcHlt"]].map(|names| names.iter().find_map(|name| self.column(name))),
         })
     }
 }

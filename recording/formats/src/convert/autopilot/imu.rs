@@ -3,6 +3,7 @@
 use super::super::scale::Units;
 use super::super::settings::Settings;
 use super::super::source::{Reading, pulses};
+use super::left_out::Flaw;
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::open_recording;
 use isotherm_shared::readings::Resolution;
@@ -16,6 +17,10 @@ use std::path::Path;
 pub const LOG_ACCELERATION_PULSE: f64 = 1e-6;
 /// One pulse of the gyroscopes of a log \[rad/s\].
 pub const LOG_RATE_PULSE: f64 = 1e-7;
+
+/// What helps where the accelerometers have no temperature.
+pub(super) const NO_TEMPERATURE: &str = "take another IMU of the log with --instance; --temperature gives one for all rows, which is \
+                              enough for noise, and not for curves over temperature";
 
 /// An IMU of a log.
 #[derive(Clone, Debug, Default)]
@@ -80,29 +85,23 @@ pub(super) fn devices_told(devices: [Option<u32>; 2]) -> Option<String> {
 
 impl Values {
     /// As a row. `telemetry` stands for all temperatures, if it is given.
-    pub(super) fn reading(&self, place: u64, time_us: u64, telemetry: Option<f64>) -> Result<Reading, String> {
-        let time = time_us.checked_mul(1000);
-        let timestamp_ns = Some(time.ok_or_else(|| format!("the time {time_us} us is after 2554; damaged?"))?);
+    ///
+    /// # Errors
+    /// What is wrong with the values.
+    pub(super) fn reading(&self, place: u64, time_us: u64, telemetry: Option<f64>) -> Result<Reading, Flaw> {
+        let timestamp_ns = Some(time_us.checked_mul(1000).ok_or(Flaw::Time)?);
         let mut reading = Reading { place, timestamp_ns, ..Reading::default() };
         let rate = self.rate.unwrap_or_default();
-        for axis in 0..AXES {
-            let sensors = [
-                (axis, self.acceleration[axis], LOG_ACCELERATION_PULSE, "acceleration"),
-                (axis + AXES, rate[axis], LOG_RATE_PULSE, "rate"),
-            ];
-            for ((index, value, pulse, name), celsius) in sensors.into_iter().zip(self.celsius) {
-                let of = format_args!("the {name} along {}", ["x", "y", "z"][axis]);
-                if !value.is_finite() {
-                    return Err(format!("{of} is {value}, not a number; is the log damaged?"));
-                }
-                let pulses = pulses(value, 0.0, pulse, 1.0);
-                reading.pulses[index] = pulses.map_err(|_| format!("{of} is {value}, no such value; damaged?"))?;
-                let celsius = telemetry.unwrap_or(celsius);
-                if !celsius.is_finite() {
-                    return Err(format!("the temperature is {celsius}, not a number; give --temperature"));
-                }
-                (reading.head[index], reading.board[index]) = (celsius, celsius);
+        let of = |values: [f64; AXES], pulse, celsius| values.map(|value| (value, pulse, celsius));
+        let [acceleration, rate] =
+            [of(self.acceleration, LOG_ACCELERATION_PULSE, self.celsius[0]), of(rate, LOG_RATE_PULSE, self.celsius[1])];
+        for (index, (value, pulse, celsius)) in acceleration.into_iter().chain(rate).enumerate() {
+            reading.pulses[index] = pulses(value, 0.0, pulse, 1.0).map_err(|_| Flaw::Value)?;
+            let celsius = telemetry.unwrap_or(celsius);
+            if !celsius.is_finite() {
+                return Err(Flaw::Temperature);
             }
+            (reading.head[index], reading.board[index]) = (celsius, celsius);
         }
         Ok(reading)
     }

@@ -5,11 +5,17 @@
 //! `sensor_accel` at its time or after it.
 
 use super::super::scale::Units;
-use super::super::settings::Settings;
+use super::super::settings::{GyroscopeTemperature, Settings};
 use super::super::source::{PLACEHOLDER, Reading, Source, placeholder};
-use super::imu::{Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Values, choose, devices_told, open, units};
+use super::imu::{
+    Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, devices_told, open, units,
+};
+use super::left_out::{Flaw, LeftOut};
+use super::survey::{NoThermometer, Survey};
+use super::timeline::{Sieve, Timing};
 use super::ulog::{Messages, Topic, error};
 use super::ulog_format::SensorRow;
+use super::vehicle::{Report, Reports, VehicleState};
 use isotherm_failure::Failure;
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
@@ -21,28 +27,53 @@ use std::path::Path;
 const FEW_US: u64 = 500_000;
 /// One of so many rows without a row of `sensor_gyro` is told.
 const HELD_TOLD: u64 = 100;
+/// A row of `sensor_gyro` holds for so many mean intervals of either sensor.
+const HOLDS: u64 = 5;
 
 /// Rows of an IMU.
 pub(in super::super) struct UlogSource {
     messages: Messages,
     instance: u8,
     imu: Imu,
-    has_gyroscopes: bool,
+    thermometer: Thermometer,
+    vehicle: VehicleState,
     telemetry: Option<f64>,
+    accelerometer: Rows,
+    gyroscope: Rows,
     /// The row of `sensor_accel` that may still get rows of `sensor_gyro`.
     waiting: Option<(u64, SensorRow)>,
-    gyroscopes: Means,
-    /// What the topic had last.
-    last: Option<Gyroscopes>,
+    means: Means,
+    /// What `sensor_gyro` had last, and when.
+    last: Option<(u64, Gyroscopes)>,
+    /// What was lost until then: bytes, rows and dropouts.
+    lost: u64,
     /// Rows that have the one before's, and rows that had none and are left out.
     held: u64,
     without: u64,
-    /// Rows of another device than the first.
-    others: u64,
     has_temperature: bool,
     rows: u64,
     first_us: u64,
     last_us: u64,
+}
+
+/// Rows of one of both topics, of which some are left out.
+struct Rows {
+    topic: &'static str,
+    sieve: Sieve,
+    left_out: LeftOut,
+}
+
+/// Whose temperature the gyroscopes have.
+#[derive(Clone, Copy, PartialEq)]
+enum Thermometer {
+    /// There are no gyroscopes.
+    NoGyroscopes,
+    Own,
+    /// There are none in the rows, because they have no temperature.
+    Missing(NoThermometer),
+    Accelerometer,
+    /// That of all rows is given.
+    Given,
 }
 
 /// Sums of rows of `sensor_gyro`.
@@ -51,21 +82,23 @@ struct Means {
     rates: [f64; AXES],
     celsius: f64,
     count: u64,
+    last_us: u64,
 }
 
-/// Rates \[rad/s\] and temperature \[degC\].
+/// Rates \[rad/s\] and temperature \[degC\]; NaN without one.
 #[derive(Clone, Copy)]
 struct Gyroscopes {
     rates: [f64; AXES],
-    celsius: Option<f64>,
+    celsius: f64,
 }
 
 /// What the first reading has found.
 #[derive(Default)]
 struct Contents {
-    imus: BTreeMap<u8, Imu>,
-    gyroscopes: BTreeMap<u8, Option<u32>>,
+    accelerometers: BTreeMap<u8, Survey>,
+    gyroscopes: BTreeMap<u8, Survey>,
     corrected: BTreeSet<&'static str>,
+    reports: Reports,
 }
 
 impl UlogSource {
@@ -77,24 +110,42 @@ impl UlogSource {
         let failed = |error: RecordingError| error.failure(path);
         let mut messages = Messages::new(open(path, settings)?).map_err(failed)?;
         let contents = Contents::read(&mut messages).map_err(failed)?;
-        if contents.imus.is_empty() {
-            return Err(failed(error(messages.place(), contents.no_rows())));
+        let refused = |message: String| failed(error(messages.place(), message));
+        if contents.accelerometers.is_empty() {
+            return Err(refused(contents.no_rows()));
         }
-        let (instance, imu) = choose(path, &contents.imus, settings.instance)?;
-        let has_gyroscopes = contents.gyroscopes.contains_key(&instance);
+        let (instance, imu) = choose(path, &contents.imus(), settings.instance)?;
+        let nothing = Survey::default();
+        let of = |all: &BTreeMap<u8, Survey>, topic| {
+            let rows = Rows::new(topic, all.get(&instance).unwrap_or(&nothing));
+            rows.map_err(refused)
+        };
+        let accelerometer = of(&contents.accelerometers, "sensor_accel")?;
+        let gyroscope = of(&contents.gyroscopes, "sensor_gyro")?;
+        let surveys = (contents.accelerometers.get(&instance), contents.gyroscopes.get(&instance));
+        let thermometer = match surveys {
+            (Some(accelerometers), Some(gyroscopes)) => {
+                Thermometer::new(accelerometers, gyroscopes, telemetry, settings.gyroscope_temperature)
+            }
+            _ => Thermometer::NoGyroscopes,
+        };
+        let vehicle = contents.reports.state(accelerometer.sieve.kept().last_us);
         let messages = Messages::new(open(path, settings)?).map_err(failed)?;
         Ok(Self {
             messages,
             instance,
             imu,
-            has_gyroscopes,
+            thermometer,
+            vehicle,
             telemetry,
+            accelerometer,
+            gyroscope,
             waiting: None,
-            gyroscopes: Means::default(),
+            means: Means::default(),
             last: None,
+            lost: 0,
             held: 0,
             without: 0,
-            others: 0,
             has_temperature: true,
             rows: 0,
             first_us: 0,
@@ -102,50 +153,140 @@ impl UlogSource {
         })
     }
 
-    /// The next row of one of both topics, with its place.
+    /// The next row of one of both topics that is not left out, with its place.
     fn sensor(&mut self) -> Result<Option<(Topic, u64, SensorRow)>, RecordingError> {
         while let Some(data) = self.messages.next()? {
-            if data.of.instance != self.instance || !matches!(data.of.topic, Topic::SensorAccel | Topic::SensorGyro) {
+            let (rows, device) = match data.of.topic {
+                Topic::SensorAccel => (&mut self.accelerometer, self.imu.devices[0]),
+                Topic::SensorGyro => (&mut self.gyroscope, self.imu.devices[1]),
+                _ => continue,
+            };
+            if data.of.instance != self.instance {
                 continue;
             }
             let layout = data.of.layout.as_ref().map_err(|message| error(data.place, message.clone()))?;
-            let row = layout.row(data.body).ok_or_else(|| {
-                error(data.place, "a message that is shorter than its definition; damaged?".to_owned())
-            })?;
-            return Ok(Some((data.of.topic, data.place, row)));
+            let Some(row) = layout.row(data.body) else { continue };
+            if rows.take(data.place, &row, device) {
+                return Ok(Some((data.of.topic, data.place, row)));
+            }
         }
         Ok(None)
     }
 
-    /// A row with the gyroscopes since the one before; `None` if there were none yet.
-    fn finish(&mut self, place: u64, row: &SensorRow) -> Result<Option<Reading>, RecordingError> {
-        let gyroscopes = match (self.gyroscopes.take(), self.last) {
-            _ if !self.has_gyroscopes => None,
-            (Some(means), _) => Some(means),
-            (None, Some(last)) => {
-                self.held += 1;
-                Some(last)
+    /// Takes a row of `sensor_gyro`.
+    fn rate(&mut self, place: u64, row: &SensorRow) {
+        let is_real = row.values.iter().all(|value| value.is_finite());
+        let has_temperature = row.celsius.is_none_or(f64::is_finite) || self.thermometer != Thermometer::Own;
+        match (is_real, has_temperature) {
+            (false, _) => self.gyroscope.left_out.take(Flaw::Value, place),
+            (true, false) => self.gyroscope.left_out.take(Flaw::Temperature, place),
+            (true, true) => {
+                self.means.add(row);
+                self.lost = self.lost_so_far();
             }
-            (None, None) => {
+        }
+    }
+
+    /// Bytes, rows and dropouts.
+    fn lost_so_far(&self) -> u64 {
+        self.messages.damage.count() + self.messages.dropouts.0 + self.gyroscope.left_out.total()
+    }
+
+    /// The rates of a row: the means since the one before, or else the last ones. `Err` if there is none near.
+    fn rates(&mut self, row: &SensorRow) -> Result<Gyroscopes, Option<Flaw>> {
+        if let Some((time_us, means)) = self.means.take() {
+            self.last = Some((time_us, means));
+            return Ok(means);
+        }
+        let Some((time_us, last)) = self.last else { return Err(None) };
+        let mean_us = [&self.accelerometer, &self.gyroscope].map(|rows| rows.sieve.kept().mean_us());
+        // Its own may be among what was lost.
+        let is_near = self.lost_so_far() == self.lost
+            && row.time_us.saturating_sub(time_us) <= HOLDS.saturating_mul(mean_us[0].max(mean_us[1]));
+        is_near.then_some(last).ok_or(Some(Flaw::NoGyroscopes))
+    }
+
+    /// A row with the gyroscopes since the one before; `None` if it is left out.
+    fn finish(&mut self, place: u64, row: &SensorRow) -> Option<Reading> {
+        let is_held = self.means.count == 0;
+        let gyroscopes = match self.thermometer.has_gyroscopes().then(|| self.rates(row)) {
+            None => None,
+            Some(Ok(gyroscopes)) => Some(gyroscopes),
+            Some(Err(None)) => {
                 self.without += 1;
-                return Ok(None);
+                return None;
+            }
+            Some(Err(Some(flaw))) => {
+                self.accelerometer.left_out.take(flaw, place);
+                return None;
             }
         };
-        self.last = gyroscopes.or(self.last);
+        let celsius = row.celsius.unwrap_or(PLACEHOLDER);
+        let own = gyroscopes.filter(|_| self.thermometer == Thermometer::Own).map(|gyroscopes| gyroscopes.celsius);
+        let values = Values {
+            acceleration: row.values,
+            rate: gyroscopes.map(|gyroscopes| gyroscopes.rates),
+            celsius: [celsius, own.unwrap_or(celsius)],
+        };
+        match values.reading(place, row.time_us, self.telemetry) {
+            Ok(reading) => {
+                self.count(row, gyroscopes.is_some() && is_held);
+                Some(reading)
+            }
+            Err(flaw) => {
+                self.accelerometer.left_out.take(flaw, place);
+                None
+            }
+        }
+    }
+
+    fn count(&mut self, row: &SensorRow, is_held: bool) {
         if self.rows == 0 {
             self.first_us = row.time_us;
         }
         (self.rows, self.last_us) = (self.rows + 1, row.time_us);
-        self.others += u64::from(row.device != self.imu.devices[0]);
+        self.held += u64::from(is_held);
         self.has_temperature &= row.celsius.is_some();
-        let celsius = row.celsius.unwrap_or(PLACEHOLDER);
-        let values = Values {
-            acceleration: row.values,
-            rate: gyroscopes.map(|gyroscopes| gyroscopes.rates),
-            celsius: [celsius, gyroscopes.and_then(|gyroscopes| gyroscopes.celsius).unwrap_or(celsius)],
+    }
+}
+
+impl Rows {
+    fn new(topic: &'static str, survey: &Survey) -> Result<Self, String> {
+        Ok(Self { topic, sieve: Sieve::new(survey.kept(topic)?), left_out: LeftOut::default() })
+    }
+
+    /// Whether the next row is used.
+    fn take(&mut self, place: u64, row: &SensorRow, device: Option<u32>) -> bool {
+        let flaw = match self.sieve.next(row.time_us) {
+            Timing::Wild => Flaw::Time,
+            Timing::Repeats => Flaw::Repeated,
+            Timing::Follows if row.device != device => Flaw::Device,
+            Timing::Follows => return true,
         };
-        let reading = values.reading(place, row.time_us, self.telemetry);
-        reading.map(Some).map_err(|message| error(place, format!("sensor_accel: {message}")))
+        self.left_out.take(flaw, place);
+        false
+    }
+
+    /// The name of the sensor.
+    fn of(&self, instance: u8) -> String {
+        format!("{} {instance}", self.topic)
+    }
+}
+
+impl Thermometer {
+    fn new(accelerometers: &Survey, gyroscopes: &Survey, telemetry: Option<f64>, wanted: GyroscopeTemperature) -> Self {
+        match (telemetry, wanted) {
+            (Some(_), _) => Self::Given,
+            (None, GyroscopeTemperature::Accelerometer) => Self::Accelerometer,
+            (None, GyroscopeTemperature::Own) => match gyroscopes.no_thermometer(accelerometers) {
+                Some(why) => Self::Missing(why),
+                None => Self::Own,
+            },
+        }
+    }
+
+    const fn has_gyroscopes(self) -> bool {
+        !matches!(self, Self::NoGyroscopes | Self::Missing(_))
     }
 }
 
@@ -158,9 +299,9 @@ impl Source for UlogSource {
                 _ => true,
             };
             let complete = self.waiting.take_if(|waiting| is_complete(waiting));
-            let reading = complete.map(|(place, row)| self.finish(place, &row)).transpose()?.flatten();
+            let reading = complete.and_then(|(place, row)| self.finish(place, &row));
             match next {
-                Some((Topic::SensorGyro, _, row)) => self.gyroscopes.add(&row),
+                Some((Topic::SensorGyro, place, row)) => self.rate(place, &row),
                 Some((_, place, row)) => self.waiting = Some((place, row)),
                 None => return Ok(reading),
             }
@@ -168,6 +309,16 @@ impl Source for UlogSource {
                 return Ok(reading);
             }
         }
+    }
+
+    fn no_rows(&self) -> String {
+        let mut why = vec!["no row can be used".to_owned()];
+        why.extend(self.accelerometer.left_out.told(&self.accelerometer.of(self.instance), "byte"));
+        why.extend(self.gyroscope.left_out.told(&self.gyroscope.of(self.instance), "byte"));
+        if self.accelerometer.left_out.count(Flaw::Temperature) > 0 {
+            why.push(NO_TEMPERATURE.to_owned());
+        }
+        why.join("; ")
     }
 
     fn error(&self, place: u64, message: String) -> RecordingError {
@@ -183,16 +334,20 @@ impl Source for UlogSource {
     }
 
     fn has_gyroscopes(&self) -> bool {
-        self.has_gyroscopes
+        self.thermometer.has_gyroscopes()
     }
 
     fn device(&self) -> u64 {
         self.imu.devices[0].map_or(0, |id| device(&id.to_string()))
     }
 
+    fn vehicle_state(&self) -> VehicleState {
+        self.vehicle.clone()
+    }
+
     fn notes(&self) -> Vec<String> {
         let instance = self.instance;
-        let gyroscopes = if self.has_gyroscopes {
+        let gyroscopes = if self.has_gyroscopes() {
             format!(", G1, G2, G3 of sensor_gyro {instance}, means since the row before")
         } else {
             String::new()
@@ -202,6 +357,9 @@ impl Source for UlogSource {
              m/s2 or {LOG_RATE_PULSE:e} rad/s; temperatures in degC"
         )];
         notes.extend(devices_told(self.imu.devices));
+        if self.thermometer == Thermometer::Accelerometer {
+            notes.push("the temperature of the gyroscopes is that of the accelerometers, as asked for".to_owned());
+        }
         if self.rows > 1 && (self.last_us - self.first_us.min(self.last_us)) / (self.rows - 1) >= FEW_US {
             let message = "sensor_accel has about one row a second, as PX4 logs by default: enough over temperature; \
                            bit 2 of SDLOG_PROFILE (thermal calibration) logs ten";
@@ -232,14 +390,34 @@ impl Source for UlogSource {
                 format!("{} rows have the gyroscopes of the row before: sensor_gyro has fewer rows", self.held);
             found.push(Finding::warning(name::REPEATED, message));
         }
-        if self.others > 0 {
-            let message = format!("{} rows are of another device than the first row's", self.others);
-            found.push(Finding::fault(name::OTHER_DEVICE, message));
+        for rows in [&self.accelerometer, &self.gyroscope] {
+            found.extend(rows.left_out.findings(&rows.of(self.instance), "byte", self.rows));
         }
+        found.extend(self.no_gyroscopes());
         if !self.has_temperature {
             found.extend(placeholder(self.telemetry));
         }
         found
+    }
+}
+
+impl UlogSource {
+    /// Why the rows have no gyroscopes, although the log has.
+    fn no_gyroscopes(&self) -> Option<Finding> {
+        let Thermometer::Missing(why) = self.thermometer else { return None };
+        let why = match why {
+            NoThermometer::None => "sensor_gyro has no temperature in any row".to_owned(),
+            NoThermometer::Stands { at, other } => {
+                format!(
+                    "the temperature of sensor_gyro stands at {at} degC, while that of sensor_accel moves by {other:.1} degC"
+                )
+            }
+        };
+        let message = format!(
+            "{why}: the rows have no gyroscopes; --gyroscope-temperature accelerometer takes the temperature of the \
+             accelerometers for them"
+        );
+        Some(Finding::warning(name::NO_TEMPERATURE, message))
     }
 }
 
@@ -248,14 +426,14 @@ impl Means {
         self.rates.iter_mut().zip(row.values).for_each(|(sum, rate)| *sum += rate);
         self.celsius += row.celsius.unwrap_or(f64::NAN);
         self.count += 1;
+        self.last_us = row.time_us;
     }
 
-    /// The means, and begins anew.
-    fn take(&mut self) -> Option<Gyroscopes> {
-        let Self { rates, celsius, count } = core::mem::take(self);
+    /// The time of the last row and the means, and begins anew.
+    fn take(&mut self) -> Option<(u64, Gyroscopes)> {
+        let Self { rates, celsius, count, last_us } = core::mem::take(self);
         let mean = |sum: f64| sum / count as f64;
-        let celsius = Some(mean(celsius)).filter(|celsius| celsius.is_finite());
-        (count > 0).then(|| Gyroscopes { rates: rates.map(mean), celsius })
+        (count > 0).then(|| (last_us, Gyroscopes { rates: rates.map(mean), celsius: mean(celsius) }))
     }
 }
 
@@ -263,24 +441,41 @@ impl Contents {
     fn read(messages: &mut Messages) -> Result<Self, RecordingError> {
         let mut contents = Self::default();
         while let Some(data) = messages.next()? {
-            let device = || data.of.layout.as_ref().ok()?.row(data.body)?.device;
-            match data.of.topic {
-                Topic::SensorAccel => {
-                    let imu = contents.imus.entry(data.of.instance).or_default();
-                    if imu.rows == 0 {
-                        imu.devices[0] = device();
-                    }
-                    imu.rows += 1;
+            let surveys = match data.of.topic {
+                Topic::SensorAccel => &mut contents.accelerometers,
+                Topic::SensorGyro => &mut contents.gyroscopes,
+                Topic::Corrected(name) => {
+                    contents.corrected.insert(name);
+                    continue;
                 }
-                Topic::SensorGyro => drop(contents.gyroscopes.entry(data.of.instance).or_insert_with(device)),
-                Topic::Corrected(name) => drop(contents.corrected.insert(name)),
-                Topic::Other => {}
+                Topic::State(state) => {
+                    let read = data.of.state.and_then(|layout| layout.read(data.body));
+                    let report = read.map(|(time_us, value)| Report {
+                        aspect: state.aspect,
+                        time_us,
+                        holds: value == state.value,
+                        is_change: false,
+                    });
+                    report.into_iter().for_each(|report| contents.reports.take(state.topic, report));
+                    continue;
+                }
+                Topic::Other => continue,
+            };
+            // The second reading says what is wrong with a definition.
+            let survey = surveys.entry(data.of.instance).or_default();
+            if let Some(row) = data.of.layout.as_ref().ok().and_then(|layout| layout.row(data.body)) {
+                survey.take(row.time_us, row.device, row.celsius);
             }
         }
-        for (instance, imu) in &mut contents.imus {
-            imu.devices[1] = contents.gyroscopes.get(instance).copied().flatten();
-        }
         Ok(contents)
+    }
+
+    fn imus(&self) -> BTreeMap<u8, Imu> {
+        let imu = |(instance, survey): (&u8, &Survey)| {
+            let devices = [survey.device(), self.gyroscopes.get(instance).and_then(Survey::device)];
+            (*instance, Imu { rows: survey.rows(), devices })
+        };
+        self.accelerometers.iter().map(imu).collect()
     }
 
     fn no_rows(&self) -> String {

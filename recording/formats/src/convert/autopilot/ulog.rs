@@ -4,8 +4,12 @@
 //! letter), body. `B` says where data were appended after a crash, and the message before may be cut there. `F` defines
 //! a message, `A` subscribes a number to one, `D` has the number and data, `O` says for how long the logger lost data.
 //! Other types, known or not, are passed over.
+//!
+//! Nothing tells whether the body of a message is whole. So a message that damage follows counts as damage: it may
+//! begin within its body.
 
-use super::ulog_format::{Formats, Lengths, SensorLayout};
+use super::ulog_format::{Formats, Lengths, SensorLayout, StateLayout, WrongDefinition};
+use super::vehicle::Aspect;
 use super::window::{Damage, Window};
 use isotherm_recording::RecordingError;
 use isotherm_shared::content::ULOG_MAGIC;
@@ -19,8 +23,12 @@ const FILE_HEADER: usize = 16;
 const HEADER: usize = 3;
 /// Body of a synchronization message.
 const SYNC: [u8; 8] = [0x2f, 0x73, 0x13, 0x20, 0x25, 0x0c, 0xbb, 0x12];
-/// Messages that must follow each other where the reading begins again; most unknown ones in a row.
+/// Messages that must follow each other where the reading begins again, and behind an unknown one.
 const CHAIN: usize = 3;
+/// The longest message of an unknown type \[bytes\].
+const LONGEST_UNKNOWN: usize = 4096;
+/// Types of messages that are known, but for data, whose number may be unknown.
+const TYPES: &[u8] = b"BFIPMQALCROS";
 /// The only incompatible flag that is known: data are appended.
 const APPENDED: u8 = 1;
 
@@ -36,8 +44,26 @@ pub(super) enum Topic {
     SensorGyro,
     /// Corrected by the autopilot.
     Corrected(&'static str),
+    /// What the vehicle does.
+    State(&'static State),
     Other,
 }
+
+/// A field that says what the vehicle does, by a value.
+#[derive(Debug, Eq, Hash, PartialEq)]
+pub(super) struct State {
+    pub(super) topic: &'static str,
+    field: &'static str,
+    pub(super) aspect: Aspect,
+    pub(super) value: u8,
+}
+
+/// ARMING_STATE_ARMED is 2, of all versions.
+const STATES: [State; 3] = [
+    State { topic: "vehicle_status", field: "arming_state", aspect: Aspect::Armed, value: 2 },
+    State { topic: "actuator_armed", field: "armed", aspect: Aspect::Armed, value: 1 },
+    State { topic: "vehicle_land_detected", field: "landed", aspect: Aspect::Flying, value: 0 },
+];
 
 const TOPICS: [(&str, Topic); 5] = [
     ("sensor_accel", Topic::SensorAccel),
@@ -54,6 +80,8 @@ pub(super) struct Subscription {
     lengths: Option<Lengths>,
     /// Of a sensor; `Err` says what is wrong with its definition.
     pub(super) layout: Result<SensorLayout, String>,
+    /// Of a state.
+    pub(super) state: Option<StateLayout>,
 }
 
 /// Data of a topic that concerns a conversion.
@@ -133,14 +161,19 @@ impl Messages {
                         return Ok(Some(Data { place, of, body: &self.window.ahead(length)?[HEADER + 2..] }));
                     }
                 }
-                b'F' => self.formats.add(body).map_err(|message| error(place, message))?,
+                b'F' => match self.formats.add(body) {
+                    Ok(()) => {}
+                    Err(WrongDefinition::None) => self.damage.leave_out(place, length as u64),
+                    Err(WrongDefinition::TooMany(message)) => return Err(error(place, message)),
+                },
                 b'A' => {
                     let (instance, number) = (body[0], u16::from_le_bytes([body[1], body[2]]));
                     let name = String::from_utf8_lossy(&body[3..]).into_owned();
                     let subscription = Subscription::new(&self.formats, &name, instance);
                     self.subscriptions.insert(number, Rc::new(subscription));
                 }
-                b'B' => {
+                // Flags are the first message.
+                b'B' if place == FILE_HEADER as u64 => {
                     if body[8] & !APPENDED != 0 || body[9..16].iter().any(|flags| *flags != 0) {
                         let message = "flags of a newer ULog that this program does not know; convert with ulog2csv";
                         return Err(error(place, message.to_owned()));
@@ -185,10 +218,7 @@ impl Messages {
                     self.unknown += 1;
                     self.window.pass(length);
                 }
-                (Standing::Cut, None) => {
-                    self.damage.cut(place);
-                    return Ok(None);
-                }
+                // A cut message ends the log, unless its length is wrong.
                 (Standing::Cut | Standing::Damage, boundary) => {
                     if !self.find(boundary)? {
                         self.damage.cut(place);
@@ -209,7 +239,7 @@ impl Messages {
             if self.window.is_at_end()? {
                 return Ok(false);
             }
-            if limit == Some(self.window.place()) || self.is_chain()? {
+            if limit == Some(self.window.place()) || (self.message(0)?.is_some() && self.is_chain(0)?) {
                 return Ok(true);
             }
         }
@@ -224,43 +254,52 @@ impl Messages {
 
     /// What stands at the next place.
     fn standing(&mut self) -> io::Result<Standing> {
-        if let Some(length) = self.message(0)? {
-            let is_whole = self.window.ahead(length)?.len() == length;
+        let standing = self.standing_at(0)?;
+        let Standing::Message(length) = standing else { return Ok(standing) };
+        Ok(match self.standing_at(length)? {
+            Standing::Damage => Standing::Damage,
+            _ => standing,
+        })
+    }
+
+    /// What stands `after` bytes ahead; the end of the log is a cut message.
+    fn standing_at(&mut self, after: usize) -> io::Result<Standing> {
+        if let Some(length) = self.message(after)? {
+            let is_whole = self.window.ahead(after + length)?.len() == after + length;
             return Ok(if is_whole { Standing::Message(length) } else { Standing::Cut });
         }
-        let Some(length) = self.unknown(0)? else {
-            let is_cut = self.window.ahead(HEADER)?.len() < HEADER;
+        let Some(length) = self.unknown(after)? else {
+            let is_cut = self.window.ahead(after + HEADER)?.len() < after + HEADER;
             return Ok(if is_cut { Standing::Cut } else { Standing::Damage });
         };
         // What follows tells an unknown message from damage.
-        let mut behind = length;
-        for _ in 0..CHAIN {
-            if self.message(behind)?.is_some() || self.window.ahead(behind + 1)?.len() == behind {
-                return Ok(Standing::Unknown(length));
-            }
-            let Some(next) = self.unknown(behind)? else { break };
-            behind += next;
-        }
-        Ok(Standing::Damage)
+        Ok(if self.is_chain(after + length)? { Standing::Unknown(length) } else { Standing::Damage })
     }
 
-    /// The length of the message of any type, a letter, that may stand `after` bytes ahead.
+    /// The length of the message of an unknown type, a letter, or of an unknown number that may stand `after` bytes
+    /// ahead. What looks like one within damage would hide messages: it is not long.
     fn unknown(&mut self, after: usize) -> io::Result<Option<usize>> {
         let Some([low, high, kind]) = self.window.ahead(after + HEADER)?.get(after..) else { return Ok(None) };
         let size = usize::from(u16::from_le_bytes([*low, *high]));
-        Ok((size > 0 && kind.is_ascii_alphabetic()).then_some(HEADER + size))
+        let is_known = TYPES.contains(kind);
+        Ok(((1..=LONGEST_UNKNOWN).contains(&size) && kind.is_ascii_alphabetic() && !is_known).then_some(HEADER + size))
     }
 
-    /// Whether several messages follow each other, or whole ones up to the end.
-    fn is_chain(&mut self) -> io::Result<bool> {
-        let mut length = 0;
-        for number in 0..CHAIN {
-            match self.message(length)? {
-                Some(next) => length += next,
-                None => return Ok(number > 0 && self.window.ahead(length + 1)?.len() == length),
+    /// Whether messages follow each other from `after` bytes ahead on: several of them, or up to the end. The numbers of
+    /// data may be subscribed to by a message before.
+    fn is_chain(&mut self, mut after: usize) -> io::Result<bool> {
+        for _ in 0..CHAIN {
+            if self.window.ahead(after + 1)?.len() <= after {
+                break;
+            }
+            let is_data = self.window.ahead(after + HEADER)?.get(after..).is_some_and(|header| header.ends_with(b"D"));
+            let unknown = if is_data { self.unknown(after)? } else { None };
+            match self.message(after)?.or(unknown) {
+                Some(length) => after += length,
+                None => return Ok(false),
             }
         }
-        Ok(self.window.ahead(length)?.len() == length)
+        Ok(self.window.ahead(after)?.len() == after)
     }
 
     /// The length of the message that stands `after` bytes ahead, if its header and its first bytes are those of one.
@@ -268,12 +307,24 @@ impl Messages {
         let bytes = self.window.ahead(after + HEADER + SYNC.len())?;
         let Some([low, high, kind, first @ ..]) = bytes.get(after..) else { return Ok(None) };
         let size = usize::from(u16::from_le_bytes([*low, *high]));
+        let is_text = |text: core::ops::Range<usize>| {
+            let (from, count) = (text.start, text.len());
+            first.iter().skip(from).take(count).all(|byte| (b' '..=b'~').contains(byte))
+        };
+        let key = |at: usize| {
+            let end = at + 1 + first.get(at).map_or(0, |length| usize::from(*length));
+            end < size && is_text(at + 1..end)
+        };
+        let byte = |at: usize, known: core::ops::RangeInclusive<u8>| first.get(at).is_none_or(|of| known.contains(of));
         let is_message = match kind {
-            b'B' => size >= 40,
-            b'F' | b'I' | b'P' => size > 2,
-            b'M' | b'Q' | b'A' => size > 3,
-            b'L' => size >= 9,
-            b'C' => size >= 11,
+            b'B' => size >= 40 && self.window.place() + after as u64 == FILE_HEADER as u64,
+            b'F' => size > 2 && is_text(0..size),
+            b'I' | b'P' => size > 2 && key(0),
+            b'M' => size > 3 && byte(0, 0..=1) && key(1),
+            b'Q' => size > 3 && key(1),
+            b'A' => size > 3 && is_text(3..size),
+            b'L' => size >= 9 && byte(0, b'0'..=b'7'),
+            b'C' => size >= 11 && byte(0, b'0'..=b'7'),
             b'R' | b'O' => size == 2,
             b'S' => size == SYNC.len() && first.starts_with(&SYNC[..first.len().min(SYNC.len())]),
             b'D' => {
@@ -290,12 +341,15 @@ impl Messages {
 
 impl Subscription {
     fn new(formats: &Formats, name: &str, instance: u8) -> Self {
-        let topic = TOPICS.iter().find(|(known, _)| *known == name).map_or(Topic::Other, |(_, topic)| *topic);
+        let state = STATES.iter().find(|state| state.topic == name);
+        let topic = TOPICS.iter().find(|(known, _)| *known == name).map(|(_, topic)| *topic);
+        let topic = topic.or(state.map(Topic::State)).unwrap_or(Topic::Other);
         let layout = match topic {
             Topic::SensorAccel | Topic::SensorGyro => formats.sensor(name),
             _ => Err(String::new()),
         };
-        Self { topic, instance, lengths: formats.lengths(name).ok(), layout }
+        let state = state.and_then(|state| formats.state(name, state.field));
+        Self { topic, instance, lengths: formats.lengths(name).ok(), layout, state }
     }
 }
 

@@ -22,6 +22,15 @@ pub(super) struct Formats {
     text: usize,
 }
 
+/// Why a definition is not taken.
+#[derive(Debug)]
+pub(super) enum WrongDefinition {
+    /// It is none.
+    None,
+    /// There are too many.
+    TooMany(String),
+}
+
 /// Lengths of the data of a message: without the padding at its end, and with it.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub(super) struct Lengths {
@@ -37,6 +46,13 @@ pub(super) struct SensorLayout {
     device: Option<usize>,
     values: [Real; AXES],
     temperature: Option<Real>,
+}
+
+/// Where a message has its time, and a byte that says a state.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StateLayout {
+    timestamp: usize,
+    state: usize,
 }
 
 /// A row of a sensor.
@@ -69,12 +85,13 @@ impl Formats {
     ///
     /// # Errors
     /// If it is none, or if there are too many.
-    pub(super) fn add(&mut self, definition: &[u8]) -> Result<(), String> {
+    pub(super) fn add(&mut self, definition: &[u8]) -> Result<(), WrongDefinition> {
         let text = str::from_utf8(definition).ok().and_then(|text| text.split_once(':'));
-        let (name, fields) = text.ok_or("a definition without a name; the log is damaged")?;
+        let (name, fields) = text.ok_or(WrongDefinition::None)?;
         self.text += definition.len();
         if self.text > MAX_TEXT {
-            return Err(format!("over {MAX_TEXT} bytes of definitions; the log is damaged"));
+            let message = format!("over {MAX_TEXT} bytes of definitions; the log is damaged");
+            return Err(WrongDefinition::TooMany(message));
         }
         self.fields.insert(name.trim().to_owned(), fields.to_owned());
         Ok(())
@@ -116,6 +133,16 @@ impl Formats {
             values,
             temperature: real("temperature"),
         })
+    }
+
+    /// Where a message of this name has its time and the byte of this name; `None` if it has none.
+    pub(super) fn state(&self, name: &str, field: &str) -> Option<StateLayout> {
+        let placed = self.placed(name).ok()?;
+        let of = |wanted: &str, kinds: &[&str]| {
+            let is_wanted = |of: &Field<'_>| of.name == wanted && of.count == 1 && kinds.contains(&of.kind);
+            placed.iter().find(|(of, ..)| is_wanted(of)).map(|(_, at, _)| *at)
+        };
+        Some(StateLayout { timestamp: of("timestamp", &["uint64_t"])?, state: of(field, &["uint8_t", "bool"])? })
     }
 
     /// The fields of a message of this name, each with its first byte and the one behind it.
@@ -191,6 +218,14 @@ impl SensorLayout {
             None => None,
         };
         Some(SensorRow { time_us, device, values, celsius })
+    }
+}
+
+impl StateLayout {
+    /// Time \[us\] and state in the data of a message; `None` if they are too short.
+    pub(super) fn read(self, data: &[u8]) -> Option<(u64, u8)> {
+        let [state] = bytes(data, self.state)?;
+        Some((u64::from_le_bytes(bytes(data, self.timestamp)?), state))
     }
 }
 

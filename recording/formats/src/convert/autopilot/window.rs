@@ -68,6 +68,11 @@ impl Damage {
         self.count += count;
     }
 
+    /// How many there are, and one more if the end is cut.
+    pub(super) fn count(&self) -> u64 {
+        self.count + u64::from(self.cut.is_some())
+    }
+
     /// No whole message comes from this place on.
     pub(super) fn cut(&mut self, place: u64) {
         self.cut = Some(place);
