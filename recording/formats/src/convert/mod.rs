@@ -26,7 +26,8 @@ mod source;
 mod stamped;
 mod text;
 
-pub use autopilot::{LOG_ACCELERATION_PULSE, LOG_RATE_PULSE};
+pub use autopilot::{FoundImu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, found_listed};
+pub(crate) use calendar::time_ns;
 pub use columns::{ColumnRef, Kind, SensorColumns, Sensors, Temperature};
 pub use foreign::Foreign;
 pub use mapping::{Decimal, KnownColumns, Mapping, Time, TimeUnit};
@@ -39,9 +40,9 @@ use interval::{GAP, Steps};
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{LoadError, Trust, open_recording, read_text};
 use isotherm_finding::{Finding, name};
-use isotherm_recording::RecordingError;
 use isotherm_recording::columns::Layout;
 use isotherm_recording::csv::Rows;
+use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::document::Faults;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::Nominal;
@@ -69,6 +70,8 @@ pub struct Conversion {
     /// Time and sequence of the last row.
     last: Option<(u64, u64)>,
     rows: u64,
+    /// Rows that were kept.
+    kept: u64,
     gaps: Gaps,
     steps: Steps,
     telemetry: Telemetry,
@@ -81,6 +84,22 @@ struct Gaps {
     count: u64,
     missing: u64,
     first: u64,
+}
+
+/// The IMUs of an autopilot's log, by their numbers; none of other data. The log is read once.
+///
+/// # Errors
+/// If the file cannot be read, or if a log has no rows of an IMU.
+pub fn imus_of_log(path: &Path, settings: &Settings) -> Result<Vec<FoundImu>, Failure> {
+    let is_file = path.metadata().is_ok_and(|metadata| metadata.is_file());
+    if !is_file {
+        return Ok(Vec::new());
+    }
+    let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
+    let mut beginning = Vec::new();
+    let read = source.take(BEGINNING).read_to_end(&mut beginning);
+    read.map_err(|error| Failure::io("reading", path, &error))?;
+    known::imus_of(path, &beginning, settings).map(Option::unwrap_or_default)
 }
 
 impl Conversion {
@@ -202,6 +221,7 @@ impl Conversion {
             found_from,
             last: None,
             rows: 0,
+            kept: 0,
             gaps: Gaps::default(),
             steps: Steps::new(nominal_ns),
             telemetry: Telemetry::default(),
@@ -246,7 +266,13 @@ impl Conversion {
     /// Number of rows so far.
     #[must_use]
     pub const fn rows(&self) -> u64 {
-        self.rows
+        self.kept
+    }
+
+    /// The IMU, as the log of an autopilot names it; `None` of other data.
+    #[must_use]
+    pub fn log_imu(&self) -> Option<LogImu> {
+        self.input.source.log_imu()
     }
 
     /// What the operator should know, a line each. Valid after the last row.
@@ -320,8 +346,23 @@ impl Conversion {
         let Some(reading) = self.input.next()? else { return Ok(None) };
         let sample = self.sample(&reading).map_err(|message| self.error(reading.place, message))?;
         self.rows += 1;
-        self.telemetry.take(&sample);
         Ok(Some((reading.place, sample)))
+    }
+
+    /// Takes a row that is not left out.
+    pub(crate) fn keep(&mut self, sample: &RawSample) {
+        self.kept += 1;
+        self.telemetry.take(sample);
+    }
+
+    /// The failure of a row.
+    pub(crate) fn failure(&self, error: &RecordingError) -> Failure {
+        error.failure(&self.path)
+    }
+
+    /// What messages call the data.
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
     }
 
     /// An error about the row at this place.
@@ -392,7 +433,9 @@ impl Iterator for Conversion {
         }
         let item = self.next_row().transpose();
         self.ended = !matches!(item, Some(Ok(_)));
-        item.map(|item| item.map(|(_, sample)| sample).map_err(|error| error.failure(&self.path)))
+        let item = item?.map(|(_, sample)| sample).map_err(|error| self.failure(&error));
+        item.iter().for_each(|sample| self.keep(sample));
+        Some(item)
     }
 }
 

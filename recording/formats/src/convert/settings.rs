@@ -1,6 +1,7 @@
 //! What is known of foreign data besides a mapping.
 
 use indicatif::ProgressBar;
+use isotherm_recording::LogImu;
 use std::io::Read;
 
 /// What is known of foreign data besides a mapping.
@@ -18,6 +19,8 @@ pub struct Settings {
     pub session: u64,
     /// The IMU of an autopilot's log, if there are several: its number there, from 0.
     pub instance: Option<u32>,
+    /// The IMU that is taken of an autopilot's log with several, if none is named: that of a table.
+    pub preferred: Option<LogImu>,
     /// Advances by the bytes read. Some formats are read twice; then it begins anew.
     pub progress: Option<ProgressBar>,
 }

@@ -5,12 +5,12 @@ use super::super::settings::Settings;
 use super::super::source::{PLACEHOLDER, Reading, Source, placeholder};
 use super::dataflash::{Message, Messages};
 use super::dataflash_format::ImuColumns;
-use super::imu::{Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Values, choose, devices_told, open, units};
+use super::imu::{FoundImu, Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Values, choose, found, open, units};
 use super::undo::{Corrections, concerns, devices};
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_finding::{Finding, name};
-use isotherm_recording::RecordingError;
-use isotherm_shared::wire::{AXES, device};
+use isotherm_recording::{LogImu, RecordingError};
+use isotherm_shared::wire::AXES;
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
@@ -58,16 +58,8 @@ impl DataFlashSource {
         is_text: bool,
     ) -> Result<Self, Failure> {
         let refused = |message: &str| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
-        let mut first = Messages::new(open(path, settings)?, is_text);
-        let failed = |error: RecordingError| error.failure(path);
-        let mut contents = Contents::read(&mut first).map_err(failed)?;
-        if contents.imus.is_empty() {
-            return Err(failed(first.error(0, contents.no_rows())));
-        }
-        for (instance, imu) in &mut contents.imus {
-            imu.devices = devices(&contents.parameters, *instance);
-        }
-        let (instance, imu) = choose(path, &contents.imus, settings.instance)?;
+        let contents = Contents::of(path, settings, is_text)?;
+        let (instance, imu) = choose(path, &contents.imus, settings)?;
         let corrections = Corrections::new(&contents.parameters, instance).map_err(|message| refused(&message))?;
         Ok(Self {
             messages: Messages::new(open(path, settings)?, is_text),
@@ -81,6 +73,14 @@ impl DataFlashSource {
             ill: 0,
             has_temperature: true,
         })
+    }
+
+    /// The IMUs of a log.
+    ///
+    /// # Errors
+    /// If it has no rows; of reading.
+    pub(in super::super) fn imus(path: &Path, settings: &Settings, is_text: bool) -> Result<Vec<FoundImu>, Failure> {
+        Contents::of(path, settings, is_text).map(|contents| found(&contents.imus))
     }
 
     /// Takes a parameter that may have changed.
@@ -210,7 +210,11 @@ impl Source for DataFlashSource {
     }
 
     fn device(&self) -> u64 {
-        self.imu.devices[0].map_or(0, |id| device(&id.to_string()))
+        self.imu.named(self.instance).device()
+    }
+
+    fn log_imu(&self) -> Option<LogImu> {
+        Some(self.imu.named(self.instance))
     }
 
     fn notes(&self) -> Vec<String> {
@@ -219,7 +223,7 @@ impl Source for DataFlashSource {
              {LOG_ACCELERATION_PULSE:e} m/s2 or {LOG_RATE_PULSE:e} rad/s; temperatures in degC",
             self.instance
         )];
-        notes.extend(devices_told(self.imu.devices));
+        notes.extend(self.imu.named(self.instance).devices_told());
         notes.push(self.undone.clone());
         let (count, first, place) = &self.changes;
         if *count > 0 {
@@ -247,6 +251,20 @@ impl Source for DataFlashSource {
 }
 
 impl Contents {
+    /// What a log has: one IMU at least.
+    fn of(path: &Path, settings: &Settings, is_text: bool) -> Result<Self, Failure> {
+        let failed = |error: RecordingError| error.failure(path);
+        let mut first = Messages::new(open(path, settings)?, is_text);
+        let mut contents = Self::read(&mut first).map_err(failed)?;
+        if contents.imus.is_empty() {
+            return Err(failed(first.error(0, contents.no_rows())));
+        }
+        for (instance, imu) in &mut contents.imus {
+            imu.devices = devices(&contents.parameters, *instance);
+        }
+        Ok(contents)
+    }
+
     fn read(messages: &mut Messages) -> Result<Self, RecordingError> {
         let mut contents = Self::default();
         while let Some(message) = messages.next()? {

@@ -7,13 +7,13 @@
 use super::super::scale::Units;
 use super::super::settings::Settings;
 use super::super::source::{PLACEHOLDER, Reading, Source, placeholder};
-use super::imu::{Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Values, choose, devices_told, open, units};
+use super::imu::{FoundImu, Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Values, choose, found, open, units};
 use super::ulog::{Messages, Topic, error};
 use super::ulog_format::SensorRow;
 use isotherm_failure::Failure;
 use isotherm_finding::{Finding, name};
-use isotherm_recording::RecordingError;
-use isotherm_shared::wire::{AXES, device};
+use isotherm_recording::{LogImu, RecordingError};
+use isotherm_shared::wire::AXES;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -75,12 +75,8 @@ impl UlogSource {
     /// If it has no raw rows, or several IMUs of which none is named; of reading.
     pub(in super::super) fn open(path: &Path, settings: &Settings, telemetry: Option<f64>) -> Result<Self, Failure> {
         let failed = |error: RecordingError| error.failure(path);
-        let mut messages = Messages::new(open(path, settings)?).map_err(failed)?;
-        let contents = Contents::read(&mut messages).map_err(failed)?;
-        if contents.imus.is_empty() {
-            return Err(failed(error(messages.place(), contents.no_rows())));
-        }
-        let (instance, imu) = choose(path, &contents.imus, settings.instance)?;
+        let contents = Contents::of(path, settings)?;
+        let (instance, imu) = choose(path, &contents.imus, settings)?;
         let has_gyroscopes = contents.gyroscopes.contains_key(&instance);
         let messages = Messages::new(open(path, settings)?).map_err(failed)?;
         Ok(Self {
@@ -100,6 +96,14 @@ impl UlogSource {
             first_us: 0,
             last_us: 0,
         })
+    }
+
+    /// The IMUs of a log.
+    ///
+    /// # Errors
+    /// If it has no raw rows; of reading.
+    pub(in super::super) fn imus(path: &Path, settings: &Settings) -> Result<Vec<FoundImu>, Failure> {
+        Contents::of(path, settings).map(|contents| found(&contents.imus))
     }
 
     /// The next row of one of both topics, with its place.
@@ -187,7 +191,11 @@ impl Source for UlogSource {
     }
 
     fn device(&self) -> u64 {
-        self.imu.devices[0].map_or(0, |id| device(&id.to_string()))
+        self.imu.named(self.instance).device()
+    }
+
+    fn log_imu(&self) -> Option<LogImu> {
+        Some(self.imu.named(self.instance))
     }
 
     fn notes(&self) -> Vec<String> {
@@ -201,7 +209,7 @@ impl Source for UlogSource {
             "A1, A2, A3 are x, y, z of sensor_accel {instance}{gyroscopes}; one pulse is {LOG_ACCELERATION_PULSE:e} \
              m/s2 or {LOG_RATE_PULSE:e} rad/s; temperatures in degC"
         )];
-        notes.extend(devices_told(self.imu.devices));
+        notes.extend(self.imu.named(self.instance).devices_told());
         if self.rows > 1 && (self.last_us - self.first_us.min(self.last_us)) / (self.rows - 1) >= FEW_US {
             let message = "sensor_accel has about one row a second, as PX4 logs by default: enough over temperature; \
                            bit 2 of SDLOG_PROFILE (thermal calibration) logs ten";
@@ -260,6 +268,17 @@ impl Means {
 }
 
 impl Contents {
+    /// What a log has: one IMU at least.
+    fn of(path: &Path, settings: &Settings) -> Result<Self, Failure> {
+        let failed = |error: RecordingError| error.failure(path);
+        let mut messages = Messages::new(open(path, settings)?).map_err(failed)?;
+        let contents = Self::read(&mut messages).map_err(failed)?;
+        if contents.imus.is_empty() {
+            return Err(failed(error(messages.place(), contents.no_rows())));
+        }
+        Ok(contents)
+    }
+
     fn read(messages: &mut Messages) -> Result<Self, RecordingError> {
         let mut contents = Self::default();
         while let Some(data) = messages.next()? {
