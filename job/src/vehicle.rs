@@ -1,9 +1,10 @@
 //! The IMUs of a vehicle: one calibration at one attitude for each IMU of an autopilot's logs.
 
 use crate::calibrate::FitOptions;
+use crate::files::Bar;
 use isotherm_campaign::IMU;
 use isotherm_failure::{Exit, Failure};
-use isotherm_recording_formats::convert::{Foreign, FoundImu, found_listed, imus_of_log};
+use isotherm_recording_formats::convert::{Foreign, FoundImu, Settings, found_listed, imus_of_log};
 use isotherm_shared::stream::ImuId;
 use std::path::{Path, PathBuf};
 
@@ -38,14 +39,16 @@ impl Vehicle {
     ///
     /// # Errors
     /// If a file cannot be read, if a log has no rows of an IMU, or if a name is too long.
-    pub fn of(imu: &ImuId, files: &[PathBuf], foreign: &Foreign) -> Result<Self, Failure> {
+    pub fn of(imu: &ImuId, files: &[PathBuf], foreign: &Foreign, bar: Bar<'_>) -> Result<Self, Failure> {
         if let Some(instance) = foreign.settings.instance {
             let imus = vec![VehicleImu { imu: imu.clone(), instance: Some(instance), is_chosen: true }];
             return Ok(Self { imus, listed: String::new() });
         }
+        let bar = bar(files, "looking for IMUs");
+        let settings = Settings { progress: Some(bar.clone()), ..foreign.settings.clone() };
         let (mut found, mut has_several): (Vec<FoundImu>, _) = (Vec::new(), false);
         for file in files {
-            let of_file = imus_of_log(file, &foreign.settings)?;
+            let of_file = imus_of_log(file, &settings)?;
             has_several |= of_file.len() > 1;
             for other in of_file {
                 match found.iter_mut().find(|known| known.imu.instance == other.imu.instance) {
@@ -54,6 +57,7 @@ impl Vehicle {
                 }
             }
         }
+        bar.finish_and_clear();
         found.sort_by_key(|found| found.imu.instance);
         let imus = if has_several {
             let numbered = |found: &FoundImu| VehicleImu::numbered(imu, found.imu.instance);

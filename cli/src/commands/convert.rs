@@ -80,7 +80,7 @@ impl Convert {
     /// Converts each IMU of a log into a file of its own.
     fn convert_each(&self) -> Result<(), Failure> {
         let usage = |message: String| Err(Failure::new(Exit::Usage, message));
-        let vehicle = Vehicle::of(&self.imu, &self.input, &self.foreign.read()?)?;
+        let vehicle = Vehicle::of(&self.imu, &self.input, &self.foreign.read()?, &bytes_bar)?;
         let name = shown(&self.input[0]);
         if self.input.len() > 1 || vehicle.imus.iter().any(|imu| imu.instance.is_none()) {
             return usage(format!("{name}: {INSTANCE} in -o is for one log of an autopilot; give another name"));

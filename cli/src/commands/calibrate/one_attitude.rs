@@ -36,7 +36,7 @@ impl Calibrate {
         };
         let files = core::iter::once(&self.campaign).chain(&self.samples).cloned().collect();
         let warm_up = WarmUp { files, options };
-        let vehicle = Vehicle::of(imu, &warm_up.files, &warm_up.options.foreign)?;
+        let vehicle = Vehicle::of(imu, &warm_up.files, &warm_up.options.foreign, &bytes_bar)?;
         match vehicle.imus.as_slice() {
             [only] => Ok(Ok(self.make_alone(only, &warm_up)?)),
             _ => self.make_vehicle(imu, &vehicle, &warm_up),

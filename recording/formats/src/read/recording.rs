@@ -40,6 +40,8 @@ pub struct Recording {
     /// What the pieces that have ended were.
     converted: Converted,
     clip: Clip,
+    /// Whether a row of the current piece is within the part that is read.
+    is_within: bool,
     /// The first device that rows name, or 0.
     device: u64,
     ended: bool,
@@ -120,6 +122,7 @@ impl Recording {
             sessions: Sessions::default(),
             converted: Converted::default(),
             clip,
+            is_within: false,
             device: 0,
             ended: false,
         })
@@ -166,7 +169,7 @@ impl Recording {
                 tell("isotherm", finding.tagged(|line| line.to_string()));
             }
             let Some(next) = self.waiting.pop() else { return self.end() };
-            self.converted.take(&self.current);
+            self.end_piece();
             let before = self.places.before() + self.current.source.place();
             let opened = Piece::open(&next, self.kind, &self.input, &self.bar, self.hash.as_ref());
             // An error is unlikely: the beginning was already read to sort the pieces.
@@ -183,15 +186,23 @@ impl Recording {
     /// A row that is not left out, whose line counts over all pieces.
     fn keep(&mut self, row: CampaignRow) -> CampaignRow {
         self.current.source.keep(&row.sample);
+        self.is_within = true;
         if self.device == 0 {
             self.device = row.sample.device;
         }
         CampaignRow { line: self.places.before() + row.line, ..row }
     }
 
+    /// After the last row of a piece. One that is not within the part does not say what the rows are.
+    fn end_piece(&mut self) {
+        if core::mem::take(&mut self.is_within) || self.input.part.is_whole() {
+            self.converted.take(&self.current);
+        }
+    }
+
     /// After the last row.
     fn end(&mut self) -> Result<Option<CampaignRow>, RecordingError> {
-        self.converted.take(&self.current);
+        self.end_piece();
         self.clip.check(&self.current.path).map(|()| None).map_err(RecordingError::Piece)
     }
 

@@ -11,4 +11,5 @@ mod convert_time;
 mod foreign;
 mod layouts;
 mod logs;
+mod part;
 mod unchecked;
