@@ -69,17 +69,11 @@ impl Export {
 
 impl ParameterArgs {
     /// The options of an export. Instance and device numbers are those that are given, or else those of the log that made
-    /// the table. ArduPilot counts from 1, and its logs from 0.
+    /// the table.
     pub(super) fn options(&self, to: Autopilot, instance: Option<u8>, log_imu: Option<LogImu>) -> ExportOptions {
-        let first = *to.instances().start();
-        let of_log = log_imu.map(|imu| u8::try_from(imu.instance).unwrap_or(u8::MAX).saturating_add(first));
-        let devices = log_imu.and_then(|LogImu { devices: [accelerometers, gyroscopes], .. }| {
-            accelerometers.map(|device| [device, gyroscopes.unwrap_or(device)])
-        });
-        // Only PX4 wants them; numbers that are given are checked.
-        let devices = devices.filter(|_| to == Autopilot::Px4);
-        let (instance, device_id) = (instance.or(of_log), self.device_id.or(devices));
-        ExportOptions { instance, device_id, drop: self.drop.clone(), ..ExportOptions::new(to) }
+        let of_log = |imu: LogImu| ExportOptions::of_log(to, imu.instance, imu.devices);
+        let options = log_imu.map_or_else(|| ExportOptions::new(to), of_log).with(instance, self.device_id);
+        ExportOptions { drop: self.drop.clone(), ..options }
     }
 }
 

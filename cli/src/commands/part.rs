@@ -24,6 +24,7 @@ impl PartArgs {
     /// # Errors
     /// If it ends before it begins.
     pub(super) fn get(self) -> Result<Part, Failure> {
-        Part::new(self.from, self.to).map_err(|message| Failure::new(Exit::Usage, message))
+        let part = Part::new(self.from, self.to);
+        part.map_err(|message| Failure::new(Exit::Usage, format!("--from is not before --to: {message}")))
     }
 }

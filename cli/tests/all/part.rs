@@ -108,7 +108,7 @@ fn a_part_that_cannot_be_is_refused_with_what_there_is() {
         (
             65,
             &["--from", "700"],
-            "f.txt: no row from 700 s on; it has time stamps from 1000000000000ns to 1600000000000ns, over 600 s",
+            "f.txt: no row from 700 s on; its rows are from 1000000000000ns to 1600000000000ns, over 600 s",
         ),
         (65, &["--to", "5ns"], "no row up to 5ns"),
     ] {

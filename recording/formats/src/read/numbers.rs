@@ -292,7 +292,9 @@ impl Numbers {
     /// Where the current row lies.
     fn judged(&self, clip: &mut Clip) -> Result<Judged, RecordingError> {
         let stamp_ns = self.first_row().timestamp_ns;
-        let stamp_ns = stamp_ns.ok_or_else(|| self.error("--from and --to need a column timestamp_ns".to_owned()))?;
+        let stamp_ns = stamp_ns.ok_or_else(|| {
+            self.error("a part of the data is found by the column timestamp_ns, which is missing".to_owned())
+        })?;
         Ok(clip.judge_times(stamp_ns, 0))
     }
 

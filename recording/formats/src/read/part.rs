@@ -85,7 +85,7 @@ impl Part {
             (Some(Moment::Stamp(from)), Some(Moment::Stamp(to))) => from < to,
             _ => true,
         };
-        if ordered { Ok(Self { from, to }) } else { Err("--from is not before --to".to_owned()) }
+        if ordered { Ok(Self { from, to }) } else { Err(format!("{} is not before {}", told(from), told(to))) }
     }
 
     /// Whether it is all of a recording.
@@ -195,6 +195,11 @@ impl Iterator for ConversionPart {
     }
 }
 
+/// A moment that is there.
+fn told(moment: Option<Moment>) -> String {
+    moment.map_or_else(String::new, |moment| moment.to_string())
+}
+
 /// Where a row lies.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub(crate) enum Judged {
@@ -208,8 +213,8 @@ pub(crate) enum Judged {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Clip {
     part: Part,
-    /// When the first row begins, and the last stamp so far \[ns\].
-    span_ns: Option<[u64; 2]>,
+    /// When the first row begins, which may be before 0, and the last stamp so far \[ns\].
+    span_ns: Option<[i128; 2]>,
     before: u64,
     within: u64,
     /// From the begin of the recording to that of the first row within \[s\].
@@ -227,16 +232,16 @@ impl Clip {
 
     /// Judges a row with this stamp, which counts over the interval before it.
     pub(crate) fn judge_times(&mut self, stamp_ns: u64, interval_ns: u64) -> Judged {
-        let begins_ns = stamp_ns.saturating_sub(interval_ns);
-        let [begin_ns, last_ns] = self.span_ns.get_or_insert([begins_ns, stamp_ns]);
-        *last_ns = stamp_ns;
-        let since_ns = |ns: u64| ns as f64 - *begin_ns as f64;
+        let (ends_ns, begins_ns) = (i128::from(stamp_ns), i128::from(stamp_ns) - i128::from(interval_ns));
+        let [begin_ns, last_ns] = self.span_ns.get_or_insert([begins_ns, ends_ns]);
+        *last_ns = ends_ns;
+        let since_ns = |ns: i128| (ns - *begin_ns) as f64;
         let is_before = self.part.from.is_some_and(|from| match from {
             Moment::Seconds(seconds) => since_ns(begins_ns) < seconds * 1e9 - TOLERANCE_NS,
             Moment::Stamp(from_ns) => stamp_ns < from_ns,
         });
         let is_after = self.part.to.is_some_and(|to| match to {
-            Moment::Seconds(seconds) => since_ns(stamp_ns) > seconds * 1e9 + TOLERANCE_NS,
+            Moment::Seconds(seconds) => since_ns(ends_ns) > seconds * 1e9 + TOLERANCE_NS,
             Moment::Stamp(to_ns) => stamp_ns > to_ns,
         });
         let offset_s = since_ns(begins_ns) / 1e9;
@@ -276,10 +281,9 @@ impl Clip {
     /// If no row is within the part, and there are rows.
     pub(crate) fn check(&self, path: &Path) -> Result<(), Failure> {
         let Some([begin_ns, last_ns]) = self.span_ns.filter(|_| self.within == 0) else { return Ok(()) };
-        let seconds = (last_ns as f64 - begin_ns as f64) / 1e9;
+        let seconds = (last_ns - begin_ns) as f64 / 1e9;
         let message = format!(
-            "{}: no row {}; it has time stamps from {begin_ns}ns to {last_ns}ns, over {seconds} s; give a part of it \
-             (--from, --to)",
+            "{}: no row {}; its rows are from {begin_ns}ns to {last_ns}ns, over {seconds} s; give a part of it",
             shown(path),
             self.part
         );
@@ -327,6 +331,10 @@ mod tests {
         assert!(clip.check(Path::new("r.csv")).is_ok());
         clip.judge_times(5_100_000_000, 100_000_000);
         let failure = clip.check(Path::new("r.csv")).unwrap_err();
-        assert!(failure.message.starts_with("r.csv: no row from 7 s on; it has time stamps from 5000000000ns"));
+        assert!(
+            failure
+                .message
+                .starts_with("r.csv: no row from 7 s on; its rows are from 5000000000ns to 5100000000ns, over 0.1 s")
+        );
     }
 }
