@@ -166,6 +166,11 @@ impl OfData {
         self
     }
 
+    /// Without the notes, where a failure follows that says what is wrong.
+    pub(super) fn findings_alone(&self) -> Self {
+        Self { findings: self.findings.clone(), notes: Vec::new() }
+    }
+
     /// Tells findings and notes, where nothing can be refused any more.
     pub(super) fn tell(&self) {
         self.findings.iter().for_each(|finding| tell("isotherm", finding.tagged(|line| line.to_string())));

@@ -99,7 +99,7 @@ impl Noise {
         let analysis = analysis.map_err(|error| {
             let found = rows.iter().collect::<Continuity>().findings(MISSING);
             let found = found.into_iter().map(Finding::warned).collect();
-            let _ = of_data.clone().admit(&Acceptance::default(), &recording, found);
+            let _ = of_data.findings_alone().admit(&Acceptance::default(), &recording, found);
             let failure = Failure::new(Exit::Data, format!("{recording}: {error}"));
             if let [file] = self.recording.as_slice() { failure.at(file, None) } else { failure }
         })?;
