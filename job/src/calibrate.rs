@@ -266,6 +266,9 @@ fn curves(path: &Path, campaign: &Campaign) -> Result<(CoefficientTable, bool), 
     Ok((table, has_errors))
 }
 
+/// What a file of readings says of its pulses.
+type OfReadings = Result<Nominal, Failure>;
+
 /// That rows in memory say nothing of their readings.
 fn no_nominal(name: &str) -> Failure {
     Failure::new(Exit::Usage, format!("{name}: no nominal table: rows in memory do not say what a pulse is"))
@@ -447,7 +450,7 @@ impl Reader<'_> {
         &self,
         imu: &ImuId,
         samples: Vec<Source<'_>>,
-    ) -> Result<Vec<(Read<RampRecording>, Result<Nominal, Failure>)>, Failure> {
+    ) -> Result<Vec<(Read<RampRecording>, OfReadings)>, Failure> {
         let paths: Vec<_> = samples.iter().map(Source::path).collect();
         let bar = (self.bar)(&paths, "reading");
         let read = |source: Source<'_>| match source {

@@ -18,7 +18,7 @@ pub fn html(source: &str, imus: &[(&str, Outcome<'_>)]) -> String {
         page.begin_part(name, name);
         match outcome {
             Ok((campaign, Fitted::OneAttitude(found), source)) => {
-                one_attitude::fill(&mut page, campaign, found, source)
+                one_attitude::fill(&mut page, campaign, found, source);
             }
             Ok(_) => {}
             Err(reason) => page.note(NoteKind::Bad, &format!("{name} is dropped"), reason),

@@ -69,9 +69,9 @@ pub struct Conversion {
     found_from: Option<u64>,
     /// Time and sequence of the last row.
     last: Option<(u64, u64)>,
+    /// Rows that were read, and those of them that are not left out.
+    read_rows: u64,
     rows: u64,
-    /// Rows that were kept.
-    kept: u64,
     gaps: Gaps,
     steps: Steps,
     telemetry: Telemetry,
@@ -220,8 +220,8 @@ impl Conversion {
             nominal_ns,
             found_from,
             last: None,
+            read_rows: 0,
             rows: 0,
-            kept: 0,
             gaps: Gaps::default(),
             steps: Steps::new(nominal_ns),
             telemetry: Telemetry::default(),
@@ -263,10 +263,10 @@ impl Conversion {
         self.scale().map(|scale| scale.nominal(imu))
     }
 
-    /// Number of rows so far.
+    /// Number of rows so far that are not left out.
     #[must_use]
     pub const fn rows(&self) -> u64 {
-        self.kept
+        self.rows
     }
 
     /// The IMU, as the log of an autopilot names it; `None` of other data.
@@ -308,7 +308,7 @@ impl Conversion {
             );
         }
         let Gaps { count, missing, first } = self.gaps;
-        if count > self.rows / 2 {
+        if count > self.read_rows / 2 {
             add(name::INTERVAL, format!("most rows are over {GAP} nominal intervals apart; is {seconds} s right?"));
             return found;
         }
@@ -345,13 +345,13 @@ impl Conversion {
     pub(crate) fn next_row(&mut self) -> Result<Option<(u64, RawSample)>, RecordingError> {
         let Some(reading) = self.input.next()? else { return Ok(None) };
         let sample = self.sample(&reading).map_err(|message| self.error(reading.place, message))?;
-        self.rows += 1;
+        self.read_rows += 1;
         Ok(Some((reading.place, sample)))
     }
 
     /// Takes a row that is not left out.
     pub(crate) fn keep(&mut self, sample: &RawSample) {
-        self.kept += 1;
+        self.rows += 1;
         self.telemetry.take(sample);
     }
 
@@ -377,7 +377,7 @@ impl Conversion {
 
     fn sample(&mut self, reading: &Reading) -> Result<RawSample, String> {
         let nominal_ns = self.nominal_ns;
-        let timestamp_ns = reading.timestamp_ns.unwrap_or_else(|| nominal_ns.saturating_mul(self.rows + 1));
+        let timestamp_ns = reading.timestamp_ns.unwrap_or_else(|| nominal_ns.saturating_mul(self.read_rows + 1));
         let (mut sequence, mut interval_ns) = (0, nominal_ns);
         if let Some((last_ns, last)) = self.last {
             let step_ns = timestamp_ns.checked_sub(last_ns).filter(|step| *step > 0).ok_or_else(|| {
@@ -391,7 +391,7 @@ impl Conversion {
                 missing = (steps.round() as u64).saturating_sub(1);
                 self.gaps.count += 1;
                 if self.gaps.count == 1 {
-                    self.gaps.first = self.rows + 1;
+                    self.gaps.first = self.read_rows + 1;
                 }
             }
             if self.input.source.counts_since_the_row_before() {
