@@ -9,8 +9,10 @@ mod one_attitude;
 mod origin;
 mod source;
 mod transients;
+mod unit;
 
 pub use origin::{CurveErrors, Origin, TableFile};
+pub(crate) use source::ReadRecord;
 pub use source::{CampaignSource, now, tool};
 
 use crate::accuracy::{Accuracy, largest_interval};
@@ -157,6 +159,8 @@ struct Provenance<'a> {
     /// Hashes of some of the rows, see [`Marks`](isotherm_recording::Marks).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     rows: Vec<String>,
+    #[serde(flatten)]
+    read: ReadRecord<'a>,
     gravity_local: f64,
     set_points: usize,
     dwells: usize,
@@ -334,6 +338,7 @@ pub(crate) fn provenance(
             campaign_sha256: &source.campaign_sha256,
             samples_sha256: &source.samples_sha256,
             rows: source.marks(),
+            read: source.read(),
             gravity_local: campaign.gravity_local,
             set_points: calibration.set_points.len(),
             dwells: calibration.dwells.len(),

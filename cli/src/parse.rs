@@ -22,12 +22,6 @@ pub(crate) fn seconds(text: &str) -> Result<Duration, String> {
     Ok(Duration::from_secs_f64(seconds))
 }
 
-/// A number of seconds from 0.
-pub(crate) fn from_zero(text: &str) -> Result<f64, String> {
-    let seconds = text.parse().ok().filter(|seconds: &f64| seconds.is_finite() && *seconds >= 0.0);
-    seconds.ok_or_else(|| "give a number of seconds from 0".to_owned())
-}
-
 /// A size in bytes, with k, M or G for powers of 1000.
 pub(crate) fn bytes(text: &str) -> Result<u64, String> {
     let (number, factor) = match text.as_bytes().last() {
@@ -212,7 +206,5 @@ mod tests {
         assert_eq!((time_constant("240"), positive("0.1")), (Ok(240.0), Ok(0.1)));
         assert!(["none", "0", "1e5", "nan"].into_iter().all(|text| time_constant(text).is_err()));
         assert!(["0", "-1", "inf", "1,2"].into_iter().all(|text| positive(text).is_err()));
-        assert_eq!((from_zero("0"), from_zero("1.5")), (Ok(0.0), Ok(1.5)));
-        assert!(["-1", "inf", "nan", ""].into_iter().all(|text| from_zero(text).is_err()));
     }
 }

@@ -9,9 +9,9 @@ use isotherm_calibration::{
 use isotherm_campaign::{Campaign, Ramp};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{Trust, load_table, read_text};
-use isotherm_recording::{CampaignRow, Marks, RecordingError};
+use isotherm_recording::{CampaignRow, LogImu, Marks, RecordingError};
 use isotherm_recording_formats::convert::Foreign;
-use isotherm_recording_formats::read::{ImuChoice, Input, Places, Recording, RowKind};
+use isotherm_recording_formats::read::{ImuChoice, Input, Part, Places, Recording, RowKind};
 use isotherm_report::{fitted, json};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{CoefficientTable, Nominal, nominal_content, nominal_table};
@@ -32,6 +32,8 @@ pub struct FitOptions {
     pub symptoms: bool,
     /// How recordings are read where other programs wrote them; not of a turntable.
     pub foreign: Foreign,
+    /// The part of each recording that is read.
+    pub part: Part,
 }
 
 /// Why there is no table.
@@ -76,8 +78,10 @@ pub struct Origin {
     pub rows: Vec<Marks>,
     /// What the operator should know of recordings that other programs wrote, a line each.
     pub notes: Vec<String>,
-    /// Numbers of accelerometer and gyroscope in an autopilot, where its logs say them.
-    pub devices: [Option<u32>; 2],
+    /// The IMU, as the logs of an autopilot name it.
+    pub log_imu: Option<LogImu>,
+    /// The part of the recordings that was read, in words; `None` for all of them.
+    pub part: Option<String>,
     /// Whether the findings that a diagnosis explains are listed too.
     pub symptoms: bool,
 }
@@ -95,8 +99,6 @@ pub struct Made {
     pub places: Places,
     /// What the operator should know of recordings that other programs wrote, a line each.
     pub notes: Vec<String>,
-    /// Numbers of accelerometer and gyroscope in an autopilot, where its logs say them.
-    pub devices: [Option<u32>; 2],
 }
 
 impl Inputs {
@@ -117,16 +119,18 @@ impl Inputs {
         }
         let mut from = Origin {
             samples: samples.first().map(Source::path).or(file.map(|file| file.path.clone())).unwrap_or_default(),
+            part: options.part.told(),
             symptoms: options.symptoms,
             ..Origin::default()
         };
         let imu = ImuChoice::Prefer(campaign.imu.clone());
         if campaign.gravity_only {
-            let reader = Reader { input: (imu, options.foreign.clone()).into(), bar };
+            let input = Input::from((imu, options.foreign.clone())).within(options.part);
+            let reader = Reader { input, bar };
             let recordings = from.take(reader.tumbles(samples)?);
             return Ok(Self { measured: Measured::GravityOnly(recordings, options.by_hand.clone()), from });
         }
-        let reader = Reader { input: imu.into(), bar };
+        let reader = Reader { input: Input::from(imu).within(options.part), bar };
         let Some(file) = file else {
             return Err(Failure::new(Exit::Usage, "a campaign on a turntable has a campaign file").into());
         };
@@ -163,14 +167,14 @@ impl Inputs {
     ) -> Result<(Campaign, Self), Refused> {
         let mut from = Origin {
             samples: samples.first().map(Source::path).unwrap_or_default(),
+            part: options.part.told(),
             symptoms: options.symptoms,
             ..Origin::default()
         };
-        let input = (ImuChoice::Prefer(imu.clone()), options.foreign.clone()).into();
+        let input = Input::from((ImuChoice::Prefer(imu.clone()), options.foreign.clone())).within(options.part);
         let names: Vec<_> = samples.iter().map(|source| source.path().display().to_string()).collect();
         let read = Reader { input, bar }.at_one_attitude(imu, samples)?;
-        from.devices = read.first().map(|(_, found)| found.devices).unwrap_or_default();
-        let (read, found): (Vec<_>, Vec<_>) = read.into_iter().map(|(read, found)| (read, found.nominal)).unzip();
+        let (read, found): (Vec<_>, Vec<_>) = read.into_iter().unzip();
         let of_readings = joint(found);
         let nominal = match nominal {
             Some(nominal) => completed(nominal, of_readings.ok(), &mut from.notes),
@@ -196,17 +200,22 @@ impl Inputs {
             samples_sha256: from.samples_sha256,
             recordings_sha256: from.recordings_sha256,
             rows: from.rows,
+            part: from.part,
+            log_imu: from.log_imu,
             ..CampaignSource::now()
         };
         let table = fitted.sealed(campaign, &source).map_err(|message| Failure::new(Exit::Failed, message))?;
-        Ok(Made { fitted, table, source, places: from.places, notes: from.notes, devices: from.devices })
+        Ok(Made { fitted, table, source, places: from.places, notes: from.notes })
     }
 }
 
 impl Origin {
     /// Takes hashes and marks of recordings; returns the recordings.
     fn take<T>(&mut self, read: Vec<Read<T>>) -> Vec<T> {
-        let recording = |Read { recording, sha256, rows, notes }| {
+        let mut named = read.iter().map(|read| read.log_imu);
+        self.log_imu =
+            named.next().flatten().filter(|first| named.all(|imu| imu.is_some_and(|imu| !imu.differs_from(first))));
+        let recording = |Read { recording, sha256, rows, notes, log_imu: _ }| {
             self.recordings_sha256.push(sha256);
             self.rows.push(rows);
             self.notes.extend(notes);
@@ -257,19 +266,12 @@ fn curves(path: &Path, campaign: &Campaign) -> Result<(CoefficientTable, bool), 
     Ok((table, has_errors))
 }
 
-/// What a file of readings says of them.
-struct OfReadings {
-    nominal: Result<Nominal, Failure>,
-    devices: [Option<u32>; 2],
-}
+/// What a file of readings says of its pulses.
+type OfReadings = Result<Nominal, Failure>;
 
-impl OfReadings {
-    /// Of rows that say nothing.
-    fn none(name: &str) -> Self {
-        let failure =
-            Failure::new(Exit::Usage, format!("{name}: no nominal table: rows in memory do not say what a pulse is"));
-        Self { nominal: Err(failure), devices: [None; 2] }
-    }
+/// That rows in memory say nothing of their readings.
+fn no_nominal(name: &str) -> Failure {
+    Failure::new(Exit::Usage, format!("{name}: no nominal table: rows in memory do not say what a pulse is"))
 }
 
 /// Why no nominal table can be made, with the remedy.
@@ -355,6 +357,14 @@ struct Read<T> {
     sha256: String,
     rows: Marks,
     notes: Vec<String>,
+    log_imu: Option<LogImu>,
+}
+
+impl<T> Read<T> {
+    /// Of rows in memory.
+    const fn of_rows(recording: T, sha256: String, rows: Marks) -> Self {
+        Self { recording, sha256, rows, notes: Vec::new(), log_imu: None }
+    }
 }
 
 type Row = Result<CampaignRow, RecordingError>;
@@ -382,6 +392,7 @@ impl Reader<'_> {
             from.samples_sha256 = core::mem::take(sha256);
             from.places.begin(Path::new(name), None, 0);
             let mut marks = Marks::default();
+            let rows = self.input.part.of_rows(name, rows);
             let measurements = read_measurements(campaign, marked(rows, &mut marks));
             from.rows.push(marks);
             return measurements.map_err(|error| error.failure(Path::new(name)));
@@ -394,6 +405,7 @@ impl Reader<'_> {
         from.rows.push(marks);
         bar.finish_and_clear();
         let measurements = measurements.map_err(|error| rows.failure(&error))?;
+        from.notes.extend(rows.notes());
         from.places = rows.places().clone();
         from.samples_sha256 = rows.sha256()?;
         Ok(measurements)
@@ -422,9 +434,10 @@ impl Reader<'_> {
             }
             Source::Rows { name, sha256, rows } => {
                 let mut marks = Marks::default();
+                let rows = self.input.part.of_rows(&name, rows);
                 let recording = TumbleRecording::read(name.clone(), marked(rows, &mut marks));
                 let recording = recording.map_err(|error| error.failure(Path::new(&name)))?;
-                Ok(Read { recording, sha256, rows: marks, notes: Vec::new() })
+                Ok(Read::of_rows(recording, sha256, marks))
             }
         };
         let all = samples.into_iter().map(read).collect();
@@ -449,18 +462,18 @@ impl Reader<'_> {
                     &bar,
                     |rows| RampRecording::read(name.clone(), rows),
                     |recording, rows| {
-                        found.replace(Some(OfReadings { nominal: rows.nominal(imu), devices: rows.devices() }));
+                        found.replace(Some(rows.nominal(imu)));
                         recording.with_findings(rows.findings())
                     },
                 )?;
-                let nothing = || OfReadings::none(&name);
-                Ok((read, found.into_inner().unwrap_or_else(nothing)))
+                Ok((read, found.into_inner().unwrap_or_else(|| Err(no_nominal(&name)))))
             }
             Source::Rows { name, sha256, rows } => {
                 let mut marks = Marks::default();
+                let rows = self.input.part.of_rows(&name, rows);
                 let recording = RampRecording::read(name.clone(), marked(rows, &mut marks));
                 let recording = recording.map_err(|error| error.failure(Path::new(&name)))?;
-                Ok((Read { recording, sha256, rows: marks, notes: Vec::new() }, OfReadings::none(&name)))
+                Ok((Read::of_rows(recording, sha256, marks), Err(no_nominal(&name))))
             }
         };
         let all = samples.into_iter().map(read).collect();
@@ -481,7 +494,7 @@ impl Reader<'_> {
         let mut marks = Marks::default();
         let recording = read(&mut marked(&mut rows, &mut marks));
         let recording = recording.map_err(|error| rows.failure(&error))?;
-        let (recording, notes) = (complete(recording, &rows), rows.notes());
-        Ok(Read { recording, sha256: rows.sha256()?, rows: marks, notes })
+        let (recording, notes, log_imu) = (complete(recording, &rows), rows.notes(), rows.log_imu());
+        Ok(Read { recording, sha256: rows.sha256()?, rows: marks, notes, log_imu })
     }
 }

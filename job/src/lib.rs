@@ -21,8 +21,10 @@
 
 mod calibrate;
 mod files;
+mod vehicle;
 mod verify;
 
 pub use calibrate::{FitOptions, Inputs, Made, Origin, Refused, Source};
 pub use files::{Bar, CampaignFile, no_bar};
+pub use vehicle::{INSTANCE, Vehicle, VehicleImu};
 pub use verify::Run;

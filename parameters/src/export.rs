@@ -33,6 +33,30 @@ impl ExportOptions {
     pub const fn new(autopilot: Autopilot) -> Self {
         Self { autopilot, instance: None, device_id: None, at_c: None, drop: Vec::new() }
     }
+
+    /// Of an IMU as a log of an autopilot names it: its number there, from 0, and the device numbers of accelerometers
+    /// and gyroscopes, which only PX4 wants. ArduPilot counts from 1, and its logs from 0.
+    ///
+    /// ```
+    /// use isotherm_parameters::{Autopilot, ExportOptions};
+    ///
+    /// let options = ExportOptions::of_log(Autopilot::ArduPilot, 2, [Some(3_014_666), None]);
+    /// assert_eq!((options.instance, options.device_id), (Some(3), None));
+    /// ```
+    #[must_use]
+    pub fn of_log(autopilot: Autopilot, instance: u32, [accelerometers, gyroscopes]: [Option<u32>; 2]) -> Self {
+        let first = *autopilot.instances().start();
+        let instance = u8::try_from(instance).unwrap_or(u8::MAX).saturating_add(first);
+        let devices = accelerometers.map(|device| [device, gyroscopes.unwrap_or(device)]);
+        let device_id = devices.filter(|_| autopilot == Autopilot::Px4);
+        Self { instance: Some(instance), device_id, ..Self::new(autopilot) }
+    }
+
+    /// The same with what is given, in the place of what a log says.
+    #[must_use]
+    pub fn with(self, instance: Option<u8>, device_id: Option<[u32; 2]>) -> Self {
+        Self { instance: instance.or(self.instance), device_id: device_id.or(self.device_id), ..self }
+    }
 }
 
 /// The parameters of a table.

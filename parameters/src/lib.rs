@@ -46,6 +46,7 @@ mod number;
 mod parameters;
 mod px4;
 mod triad;
+mod vehicle;
 
 pub use autopilot::{Autopilot, InstanceError};
 pub use curve::HIGHEST_ORDER;
@@ -55,3 +56,4 @@ pub use firmware::{ARDUPILOT_REFERENCE, ArduPilotTriad, Constants, Px4Triad};
 pub use import::{ImportError, ImportOptions, import};
 pub use number::size;
 pub use parameters::{Parameters, ReadError};
+pub use vehicle::vehicle;

@@ -6,10 +6,10 @@ use crate::lines::Lines;
 use crate::number::shortest;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
-use std::fmt::Write as _;
 
 /// The first lines of a file.
-const HEAD: &str = "# Sensor thermal compensation parameters\n#\n# Vehicle-Id Component-Id Name Value Type\n";
+pub(crate) const HEAD: &str =
+    "# Sensor thermal compensation parameters\n#\n# Vehicle-Id Component-Id Name Value Type\n";
 
 /// MAVLink's types of the fifth column.
 const INT32: u8 = 6;
@@ -63,8 +63,18 @@ fn prefix(kind: SensorKind, instance: u8) -> String {
     format!("TC_{}{instance}_", letter(kind))
 }
 
-fn enable(kind: SensorKind) -> String {
+/// The parameter that makes PX4 compensate all sensors of a kind.
+pub(crate) fn enable(kind: SensorKind) -> String {
     format!("TC_{}_ENABLE", letter(kind))
+}
+
+/// The line of a file that sets it.
+pub(crate) fn enable_line(kind: SensorKind) -> String {
+    line(&enable(kind), "1", INT32)
+}
+
+fn line(name: &str, value: &str, kind: u8) -> String {
+    format!("1\t1\t{name}\t{value}\t{kind}\n")
 }
 
 /// The first parameter of an axis that its bias comes from.
@@ -75,17 +85,13 @@ pub(crate) fn bias_name(kind: SensorKind, instance: u8, axis: usize) -> String {
 /// The text of a file with these triads of one instance, each with its device.
 pub(crate) fn write(triads: &[(SensorKind, Px4Triad)], instance: u8, devices: [u32; 2]) -> String {
     let mut text = HEAD.to_owned();
-    // Writing to a String cannot fail.
-    let mut line = |name: &str, value: String, kind: u8| {
-        let _ = writeln!(text, "1\t1\t{name}\t{value}\t{kind}");
-    };
     for ((kind, triad), device) in triads.iter().zip(devices) {
-        line(&enable(*kind), "1".to_owned(), INT32);
+        text += &enable_line(*kind);
         for field in fields(*kind) {
             let name = name(*kind, instance, field);
             let value = match field {
                 Field::Id => {
-                    line(&name, device.to_string(), INT32);
+                    text += &line(&name, &device.to_string(), INT32);
                     continue;
                 }
                 Field::Low => triad.range[0],
@@ -93,7 +99,7 @@ pub(crate) fn write(triads: &[(SensorKind, Px4Triad)], instance: u8, devices: [u
                 Field::Reference => triad.reference,
                 Field::Power { k, axis } => triad.coefficients[axis][k],
             };
-            line(&name, shortest(value), FLOAT);
+            text += &line(&name, &shortest(value), FLOAT);
         }
     }
     text

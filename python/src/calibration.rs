@@ -1,6 +1,7 @@
 //! The function `calibrate` and its result.
 
 use crate::connection::imu_id;
+use crate::convert::{PartOptions, part_of};
 use crate::errors::{CalibrationError, RecordingFault, TableError, faults, file};
 use crate::records::{Fields, RAW, Values, document};
 use crate::table::Table;
@@ -10,9 +11,9 @@ use isotherm_calibration::{
 };
 use isotherm_campaign::{Campaign, Dwell, Place, select_imu};
 use isotherm_client::TimeConstant;
-use isotherm_failure::Exit;
+use isotherm_failure::{Exit, Failure};
 use isotherm_finding::{Finding, name};
-use isotherm_job::{CampaignFile, FitOptions, Inputs, Made, Refused, Source, no_bar};
+use isotherm_job::{CampaignFile, FitOptions, Inputs, Made, Refused, Source, Vehicle, VehicleImu, no_bar};
 use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
 use isotherm_recording_formats::convert::{Foreign, Settings};
 use isotherm_shared::table::CoefficientTable;
@@ -21,6 +22,7 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods as _};
 use pyo3::exceptions::{PyOSError, PyValueError};
 use pyo3::prelude::*;
 use serde_json::Value;
+use std::collections::HashMap;
 use std::fs;
 use std::path::PathBuf;
 
@@ -61,6 +63,7 @@ pub(crate) struct Options {
     /// Latitude \[deg\] and height \[m\] that check local gravity.
     place: Option<[f64; 2]>,
     foreign: ForeignOptions,
+    part: PartOptions,
     /// Reference temperature, and autopilots whose cubics are shown beside: at one attitude.
     at: Option<f64>,
     beside: Vec<String>,
@@ -151,6 +154,51 @@ pub(crate) fn calibrate_one_attitude(
     made.map_err(|refused| failed(&refused))
 }
 
+/// The number of an IMU in the logs, its calibration, and the exception that refuses it.
+type OfVehicle = (u32, Option<Calibration>, Option<PyErr>);
+
+/// Makes a table of each IMU of an autopilot's logs at one attitude. `nominal` are tables by the number of the IMU in the
+/// logs. Each number comes with the calibration, or with the exception that refuses it.
+#[pyfunction]
+#[expect(clippy::needless_pass_by_value, reason = "arguments of a Python function")]
+pub(crate) fn calibrate_vehicle(
+    py: Python<'_>,
+    logs: Vec<PathBuf>,
+    imu: &str,
+    nominal: HashMap<u32, PyRef<'_, Table>>,
+    gravity: Option<f64>,
+    options: Options,
+) -> PyResult<Vec<OfVehicle>> {
+    let imu = imu_id(imu)?;
+    let options = options.checked()?;
+    for path in &logs {
+        fs::metadata(path).map_err(|error| file(path, &error))?;
+    }
+    let nominal: HashMap<_, _> =
+        nominal.iter().map(|(instance, table)| (*instance, CoefficientTable::clone(&table.0))).collect();
+    let made = py.detach(|| {
+        let vehicle = Vehicle::of(&imu, &logs, &options.foreign, &no_bar)?;
+        let one = |of: &VehicleImu| {
+            let (options, instance) = (of.options(&options), of.instance.unwrap_or_default());
+            let sources = Source::files(&logs);
+            let nominal = nominal.get(&instance).cloned();
+            let read = Inputs::at_one_attitude(&of.imu, sources, nominal, gravity, &options, &no_bar);
+            let made = read
+                .and_then(|(campaign, inputs)| inputs.fit(&campaign, None).map(|made| Calibration { made, campaign }));
+            (instance, made)
+        };
+        Ok::<_, Failure>(vehicle.imus.iter().map(one).collect::<Vec<_>>())
+    });
+    let made = made.map_err(|failure| failed(&Refused::from(failure)))?;
+    let split = |(instance, made): (u32, Result<Calibration, Refused>)| -> OfVehicle {
+        match made {
+            Ok(made) => (instance, Some(made), None),
+            Err(refused) => (instance, None, Some(failed(&refused))),
+        }
+    };
+    Ok(made.into_iter().map(split).collect())
+}
+
 impl Recorded {
     fn path(&self) -> Option<&PathBuf> {
         if let Self::File(path) = self { Some(path) } else { None }
@@ -182,6 +230,7 @@ impl Options {
         };
         let (mapping, temperature, interval_ns, topic, temperature_topic, instance) = self.foreign;
         let settings = Settings { temperature, interval_ns, topic, temperature_topic, instance, ..Settings::default() };
+        let part = part_of(self.part)?;
         let beside = self.beside.iter().map(|name| name.parse()).collect::<Result<Vec<_>, String>>();
         let beside = beside.map_err(|message| PyValueError::new_err(format!("beside: {message}")))?;
         Ok(FitOptions {
@@ -217,6 +266,7 @@ impl Options {
             },
             symptoms: false,
             foreign: Foreign { mapping, settings },
+            part,
         })
     }
 }

@@ -8,6 +8,7 @@ use crate::table::Table;
 use isotherm_failure::{Exit, Failure};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::convert::{Conversion, KnownColumns, Mapping, Settings};
+use isotherm_recording_formats::read::{Moment, Part};
 use isotherm_recording_formats::write::{RosTable, RosWriter};
 use isotherm_shared::wire::StreamSample;
 use numpy::PyArray1;
@@ -24,6 +25,22 @@ pub(crate) enum Foreign {
     File(PathBuf),
 }
 
+/// The ends of the part of each recording that is read: seconds or time stamps, as the command takes them.
+pub(crate) type PartOptions = (Option<String>, Option<String>);
+
+/// The part.
+///
+/// # Errors
+/// `ValueError`.
+pub(crate) fn part_of((start, end): PartOptions) -> PyResult<Part> {
+    let moment = |name: &str, text: Option<String>| {
+        let parsed = text.map(|text| text.parse::<Moment>().map_err(|message| format!("{name} is {text}: {message}")));
+        parsed.transpose().map_err(PyValueError::new_err)
+    };
+    let part = Part::new(moment("start", start)?, moment("end", end)?);
+    part.map_err(|message| PyValueError::new_err(format!("start is not before end: {message}")))
+}
+
 /// The raw samples of foreign data as bytes, and what the user should know. `mapping` is the name and the text of a
 /// mapping file.
 #[pyfunction]
@@ -38,23 +55,26 @@ pub(crate) fn convert(
     temperature_topic: Option<String>,
     session: u64,
     instance: Option<u32>,
+    part: PartOptions,
 ) -> PyResult<(Bound<'_, PyArray1<u8>>, Vec<String>)> {
     if let Foreign::File(path) = &source {
         // Python's own exception for a file that cannot be opened.
         File::open(path).map_err(|error| file(path, &error))?;
     }
-    let settings = Settings { temperature, interval_ns, topic, temperature_topic, session, instance, ..Settings::default() };
+    let settings =
+        Settings { temperature, interval_ns, topic, temperature_topic, session, instance, ..Settings::default() };
+    let part = part_of(part)?;
     let named = mapping.as_ref().map(|(name, text)| (name.as_path(), text.as_str()));
     let read = || -> Result<(Vec<u8>, Vec<String>), Failure> {
-        let mut conversion = match source {
+        let conversion = match source {
             Foreign::Text(text) => Conversion::of_text(Path::new("array"), Cursor::new(text), named, &settings)?,
             Foreign::File(path) => Conversion::of_file(&path, named, &settings)?,
         };
-        let mut bytes = Vec::new();
-        for sample in &mut conversion {
+        let (mut rows, mut bytes) = (part.of_conversion(conversion), Vec::new());
+        for sample in &mut rows {
             bytes.extend_from_slice(&raw_bytes(&sample?));
         }
-        let found = conversion.findings();
+        let found = rows.conversion().findings();
         Ok((bytes, found.iter().map(|finding| format!("[{}]: {finding}", finding.name)).collect()))
     };
     let (bytes, findings) = py.detach(read).map_err(|failure| exception(failure, named))?;

@@ -33,7 +33,7 @@ mod _isotherm {
     #[pymodule_export]
     use crate::acquisition::{Acquisition, Loan, LoanTriad};
     #[pymodule_export]
-    use crate::calibration::{Calibration, calibrate, calibrate_one_attitude, read_text};
+    use crate::calibration::{Calibration, calibrate, calibrate_one_attitude, calibrate_vehicle, read_text};
     #[pymodule_export]
     use crate::compare::{Batch, Comparison, batch, compare};
     #[pymodule_export]
@@ -52,7 +52,7 @@ mod _isotherm {
         write_recording,
     };
     #[pymodule_export]
-    use crate::parameters::{Exported, export_parameters, import_parameters};
+    use crate::parameters::{Exported, export_parameters, export_vehicle, import_parameters};
     #[pymodule_export]
     use crate::reader::IncrementReader;
     #[pymodule_export]

@@ -3,7 +3,9 @@
 use crate::connection::imu_id;
 use crate::errors::{TableError, faults};
 use crate::table::Table;
+use isotherm_calibration::Origin;
 use isotherm_parameters::{Autopilot, Effect, ExportError, ExportOptions, ImportError, ImportOptions, Loss};
+use isotherm_recording::LogImu;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::fmt::Display;
@@ -43,19 +45,47 @@ pub(crate) fn export_parameters(
     at: Option<f64>,
     drop: Vec<String>,
 ) -> PyResult<Exported> {
-    let effect = |name: &String| name.parse::<Effect>().map_err(|message| argument("drop", message));
-    let options = ExportOptions {
-        autopilot: autopilot(to, "to")?,
-        instance,
-        device_id: device_id.map(|devices| match devices {
-            Devices::One(id) => [id; 2],
-            Devices::Each(ids) => ids,
-        }),
-        at_c: at,
-        drop: drop.iter().map(effect).collect::<PyResult<_>>()?,
+    let device_id = device_id.map(|devices| match devices {
+        Devices::One(id) => [id; 2],
+        Devices::Each(ids) => ids,
+    });
+    exported(table, autopilot(to, "to")?, (instance, device_id), at, &drop).map(Exported)
+}
+
+/// The parameters of all IMUs of a vehicle as one file: tables with their names, `None` of an IMU that has none.
+#[pyfunction]
+#[expect(clippy::needless_pass_by_value, reason = "arguments of a Python function")]
+pub(crate) fn export_vehicle(
+    imus: Vec<(String, Option<PyRef<'_, Table>>)>,
+    to: &str,
+    at: Option<f64>,
+    drop: Vec<String>,
+) -> PyResult<Exported> {
+    let autopilot = autopilot(to, "to")?;
+    let one = |(name, table): &(String, Option<PyRef<'_, Table>>)| {
+        let exported = table.as_ref().map(|table| exported(table, autopilot, (None, None), at, &drop)).transpose()?;
+        Ok((name.clone(), exported))
     };
-    let exported = isotherm_parameters::export(&table.0, &options);
-    exported.map(Exported).map_err(|error| match error {
+    let all = imus.iter().map(one).collect::<PyResult<Vec<_>>>()?;
+    let all: Vec<_> = all.iter().map(|(name, exported)| (name.as_str(), exported.as_ref())).collect();
+    Ok(Exported(isotherm_parameters::vehicle(autopilot, &all)))
+}
+
+/// The parameters of a table, for the instance and the device numbers that are given, or else those of the log that made
+/// it.
+fn exported(
+    table: &Table,
+    autopilot: Autopilot,
+    (instance, device_id): (Option<u8>, Option<[u32; 2]>),
+    at_c: Option<f64>,
+    drop: &[String],
+) -> PyResult<isotherm_parameters::Exported> {
+    let effect = |name: &String| name.parse::<Effect>().map_err(|message| argument("drop", message));
+    let log_imu = Origin::of_toml(table.text(), &table.0).log_imu;
+    let of_log = |imu: LogImu| ExportOptions::of_log(autopilot, imu.instance, imu.devices);
+    let options = log_imu.map_or_else(|| ExportOptions::new(autopilot), of_log).with(instance, device_id);
+    let drop = drop.iter().map(effect).collect::<PyResult<_>>()?;
+    isotherm_parameters::export(&table.0, &ExportOptions { at_c, drop, ..options }).map_err(|error| match error {
         ExportError::Instance(_) | ExportError::Device(_) | ExportError::At(_) => {
             PyValueError::new_err(error.to_string())
         }

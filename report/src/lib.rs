@@ -38,6 +38,7 @@ mod svg;
 pub mod text;
 mod thin;
 mod transients;
+pub mod vehicle;
 pub mod verification;
 mod view;
 

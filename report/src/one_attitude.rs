@@ -177,6 +177,17 @@ fn others(bias: &BiasCurve) -> impl Iterator<Item = (&str, Spread)> {
 pub fn html(campaign: &Campaign, calibration: &OneAttitudeCalibration, source: &CampaignSource) -> String {
     let title = format!("Calibration of {} at one attitude", campaign.imu);
     let mut page = Page::new(&title, &format!("{} · {}", source.time, source.tool));
+    fill(&mut page, campaign, calibration, source);
+    page.finish()
+}
+
+/// The sections of a page.
+pub(crate) fn fill(
+    page: &mut Page,
+    campaign: &Campaign,
+    calibration: &OneAttitudeCalibration,
+    source: &CampaignSource,
+) {
     page.heading(2, "result", "Result");
     let has_band = calibration.biases.iter().any(|bias| bias.band.is_some());
     let kind = if has_band { NoteKind::Good } else { NoteKind::Warning };
@@ -198,15 +209,14 @@ pub fn html(campaign: &Campaign, calibration: &OneAttitudeCalibration, source: &
         ("Nominal table", calibration.ramps.curves.digest().to_string()),
         ("1 g0", format!("{} m/s2", campaign.gravity_reference)),
     ]);
-    before_and_after(&mut page, calibration);
-    curves(&mut page, calibration, unit);
-    residuals(&mut page, calibration, unit);
-    orders(&mut page, calibration);
+    before_and_after(page, calibration);
+    curves(page, calibration, unit);
+    residuals(page, calibration, unit);
+    orders(page, calibration);
     if has_lag(calibration) {
-        crate::transients::sections(&mut page, &calibration.ramps.transients, unit);
+        crate::transients::sections(page, &calibration.ramps.transients, unit);
     }
-    provenance(&mut page, campaign, source, &[], calibration.table());
-    page.finish()
+    provenance(page, campaign, source, &[], calibration.table());
 }
 
 /// `cooling 51.6 to -17.6, heating -17.6 to 74.0`.

@@ -105,6 +105,8 @@ pub struct Page {
     headings: Vec<Heading>,
     tables: usize,
     reload_s: Option<u32>,
+    /// Whether further headings are below that of a part.
+    in_part: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -119,7 +121,7 @@ impl Page {
     #[must_use]
     pub fn new(title: &str, subtitle: &str) -> Self {
         let [title, subtitle] = [title, subtitle].map(String::from);
-        Self { title, subtitle, body: String::new(), headings: Vec::new(), tables: 0, reload_s: None }
+        Self { title, subtitle, body: String::new(), headings: Vec::new(), tables: 0, reload_s: None, in_part: false }
     }
 
     /// Makes a browser reload the document every `seconds`.
@@ -132,10 +134,17 @@ impl Page {
         self.body.push('\n');
     }
 
+    /// Begins a part, with a heading of level 2. Further headings are below it, until the next part begins.
+    pub fn begin_part(&mut self, id: &str, title: &str) {
+        self.in_part = false;
+        self.heading(2, id, title);
+        self.in_part = true;
+    }
+
     /// Adds a heading of level 2 or 3, which the table of contents links to by `id`. Characters that an
     /// identifier must not contain are replaced, and a repeated identifier gets a number.
     pub fn heading(&mut self, level: u8, id: &str, title: &str) {
-        let level = level.clamp(2, 3);
+        let level = (level + u8::from(self.in_part)).clamp(2, 3);
         let valid = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
         let base: String = format!("s-{}", id.chars().map(valid).collect::<String>());
         let mut id = base.clone();

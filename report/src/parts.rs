@@ -55,6 +55,9 @@ pub(crate) fn provenance(
     for (ramp, sha256) in campaign.ramps.iter().zip(&source.recordings_sha256) {
         rows.extend([("Ramp", ramp.samples.as_str()), ("its SHA-256", sha256)]);
     }
+    let log_imu = source.log_imu.map(|imu| imu.to_string());
+    rows.extend(log_imu.iter().map(|imu| ("In the logs", imu.as_str())));
+    rows.extend(source.part.iter().map(|part| ("Part that was read", part.as_str())));
     rows.push(("Table", &digest));
     page.key_values(&rows);
 }

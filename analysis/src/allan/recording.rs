@@ -307,6 +307,16 @@ impl NoiseAnalysis {
         })
     }
 
+    /// The same of a recording that has so many rows more before these, over this time \[s\].
+    #[must_use]
+    pub fn behind(mut self, (rows, seconds): (u64, f64)) -> Self {
+        let more = usize::try_from(rows).unwrap_or(usize::MAX);
+        self.rows = self.rows.saturating_add(more);
+        self.used = self.used.start.saturating_add(more)..self.used.end.saturating_add(more);
+        self.used_s = self.used_s.map(|end| end + seconds);
+        self
+    }
+
     /// All findings: those of the recording, then those of each sensor.
     #[must_use]
     pub fn findings(&self) -> Vec<Finding> {

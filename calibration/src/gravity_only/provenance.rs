@@ -2,7 +2,7 @@
 
 use super::result::GravityOnlyCalibration;
 use crate::accuracy::largest_interval;
-use crate::provenance::{CampaignSource, matrix_rows, sealed};
+use crate::provenance::{CampaignSource, ReadRecord, matrix_rows, sealed};
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::{AXIS_NAMES, GRAVITY_ONLY};
 use isotherm_statistics::QUANTITIES;
@@ -25,6 +25,8 @@ struct GravityOnlyProvenance<'a> {
     /// Hashes of some of the rows, see [`Marks`](isotherm_recording::Marks).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     rows: Vec<String>,
+    #[serde(flatten)]
+    read: ReadRecord<'a>,
     gravity_local: f64,
     /// `stated` or `normal`.
     gravity_source: &'static str,
@@ -98,6 +100,7 @@ pub(crate) fn sealed_gravity_only_table(
             campaign_sha256: &source.campaign_sha256,
             recordings_sha256: &source.recordings_sha256,
             rows: source.marks(),
+            read: source.read(),
             gravity_local: campaign.gravity_local,
             gravity_source: campaign.gravity_source.name(),
             gravity_half_width: half_width(campaign),

@@ -1,7 +1,7 @@
 //! The provenance of recordings at one attitude: how the order was chosen, and what the curves leave, in m/s2 and
 //! rad/s.
 
-use super::source::CampaignSource;
+use super::source::{CampaignSource, ReadRecord};
 use super::transients::TransientsRecord;
 use crate::one_attitude::{BiasCurve, LeftOut, OneAttitudeCalibration, Spread, TriedOrder};
 use crate::sensor::TriadUnits;
@@ -23,6 +23,8 @@ struct Section<'a> {
     /// Hashes of some of the rows, see [`Marks`](isotherm_recording::Marks).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     rows: Vec<String>,
+    #[serde(flatten)]
+    read: ReadRecord<'a>,
     /// The table that gave everything but the bias curves.
     nominal_digest: String,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -82,6 +84,7 @@ pub(super) fn section(
             accuracy: calibration.accuracy(),
             not_known: calibration.not_known(),
             rows: source.marks(),
+            read: source.read(),
             nominal_digest: calibration.ramps.curves.digest().to_string(),
             gravity_local: calibration.ramps.curves.gravity_local(),
             order: calibration.order.order,

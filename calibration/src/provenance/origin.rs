@@ -1,6 +1,6 @@
 //! What programs read of a table's `[provenance]`: when the table was made, and its errors.
 
-use isotherm_recording::Marks;
+use isotherm_recording::{LogImu, Marks};
 use isotherm_shared::document::Faults;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};
@@ -52,6 +52,8 @@ pub struct Origin {
     pub sha256: Vec<String>,
     /// The marks of the recordings.
     pub rows: Vec<Marks>,
+    /// The IMU, as the logs of an autopilot name it that made the table.
+    pub log_imu: Option<LogImu>,
 }
 
 /// A table with the name of its file, and what its provenance says.
@@ -126,6 +128,7 @@ impl Origin {
             residual_rms_g0: provenance.get("residual_rms_g0").and_then(number),
             has_ramp_errors: ramp_errors(provenance),
             sha256: hashes(provenance),
+            log_imu: log_imu(provenance),
             rows: texts(provenance.get("rows")).filter_map(|marks| marks.parse().ok()).collect(),
             ..Self::default()
         };
@@ -164,6 +167,13 @@ impl Origin {
     pub fn shares_rows_with(&self, other: &Self) -> bool {
         self.rows.iter().any(|rows| other.rows.iter().any(|others| rows.share_rows_with(others)))
     }
+}
+
+/// The IMU of a log.
+fn log_imu(provenance: &Table) -> Option<LogImu> {
+    let number = |key: &str| provenance.get(key).and_then(Value::as_integer).and_then(|it| u32::try_from(it).ok());
+    let devices = ["device_id", "gyroscope_device_id"].map(number);
+    number("instance").map(|instance| LogImu { instance, devices })
 }
 
 /// Texts of an array; none if it is none.

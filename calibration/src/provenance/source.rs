@@ -1,6 +1,7 @@
 //! Where a table comes from.
 
-use isotherm_recording::Marks;
+use isotherm_recording::{LogImu, Marks};
+use serde::Serialize;
 use std::time::SystemTime;
 
 /// Facts about the source that only the caller knows.
@@ -20,6 +21,24 @@ pub struct CampaignSource {
     pub recordings_sha256: Vec<String>,
     /// The marks of all recordings, in their order, as far as they have any.
     pub rows: Vec<Marks>,
+    /// The part of the recordings that was read, in words; `None` for all of them.
+    pub part: Option<String>,
+    /// The IMU, as the logs of an autopilot name it.
+    pub log_imu: Option<LogImu>,
+}
+
+/// What a provenance says of what was read of the recordings.
+#[derive(Serialize)]
+pub(crate) struct ReadRecord<'a> {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    part: Option<&'a str>,
+    /// Of the logs of an autopilot. Device numbers are the same on all boards of a model: no serial numbers.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    instance: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    device_id: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    gyroscope_device_id: Option<u32>,
 }
 
 impl CampaignSource {
@@ -27,6 +46,13 @@ impl CampaignSource {
     #[must_use]
     pub fn now() -> Self {
         Self { tool: tool(), time: now(), ..Self::default() }
+    }
+
+    /// What was read of the recordings, as the provenance has it.
+    pub(crate) fn read(&self) -> ReadRecord<'_> {
+        let [device_id, gyroscope_device_id] = self.log_imu.map(|imu| imu.devices).unwrap_or_default();
+        let instance = self.log_imu.map(|imu| imu.instance);
+        ReadRecord { part: self.part.as_deref(), instance, device_id, gyroscope_device_id }
     }
 
     /// The marks as the provenance has them.

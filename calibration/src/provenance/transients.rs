@@ -1,7 +1,7 @@
 //! The provenance of ramps: what was decided about lag and transients, and why. Transients and prediction errors are in
 //! the bias's unit.
 
-use super::source::CampaignSource;
+use super::source::{CampaignSource, ReadRecord};
 use crate::ramps::RampCalibration;
 use crate::sensor::TriadUnits;
 use crate::transients::{BiasTransient, Condition, Transients};
@@ -27,6 +27,8 @@ struct RampsProvenance<'a> {
     /// Hashes of some of the rows, see [`Marks`](isotherm_recording::Marks).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     rows: Vec<String>,
+    #[serde(flatten)]
+    read: ReadRecord<'a>,
     /// The table that gave what is not known.
     curves: &'a str,
     curves_digest: String,
@@ -106,6 +108,7 @@ pub(super) fn of_ramps(
             campaign: &source.campaign,
             campaign_sha256: &source.campaign_sha256,
             rows: source.marks(),
+            read: source.read(),
             curves: campaign.curves.as_deref().unwrap_or_default(),
             curves_digest: calibration.curves.digest().to_string(),
             gravity_local: campaign.gravity_local,

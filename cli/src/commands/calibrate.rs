@@ -4,6 +4,7 @@ mod arguments;
 mod batch;
 mod gravity_only;
 mod one_attitude;
+mod vehicle;
 
 use super::common::or_document;
 use crate::commands::calibrate::arguments::{Excluded, PolynomialOrder};
@@ -44,7 +45,7 @@ impl Calibrate {
             return Err(Failure::new(Exit::Usage, message).into());
         }
         if let (true, Some(imu)) = (self.at_one_attitude.one_attitude, &self.without_turntable.imu) {
-            return Ok(Ok(self.make_at_one_attitude(imu)?));
+            return self.make_at_one_attitude(imu);
         }
         if let Some((campaign, recordings)) = self.described() {
             let made = self.make_table(&campaign, &recordings, None)??;
@@ -146,15 +147,20 @@ impl Calibrate {
         page: Option<StagedText>,
         others: Vec<StagedText>,
     ) -> Result<(), Refused> {
+        self.tell_made(made);
+        let mut texts = vec![table.write(&made.table)?];
+        texts.extend(page.map(|page| page.write(&made.html(campaign))).transpose()?);
+        texts.extend(others);
+        Ok(StagedText::finish_together(texts)?)
+    }
+
+    /// Prints findings, notes and text.
+    fn tell_made(&self, made: &Made) {
         made.findings().for_each(|finding| tell("isotherm", finding));
         made.notes.iter().for_each(|note| tell("isotherm", note));
         if !self.json {
             let _ = io::stderr().write_all(printable(&made.text()).as_bytes());
         }
-        let mut texts = vec![table.write(&made.table)?];
-        texts.extend(page.map(|page| page.write(&made.html(campaign))).transpose()?);
-        texts.extend(others);
-        Ok(StagedText::finish_together(texts)?)
     }
 
     /// Prints the document of `--json`.
@@ -194,7 +200,8 @@ impl Calibrate {
     /// The options of the fit, `by_hand` or on a turntable.
     fn options(&self, by_hand: bool) -> Result<FitOptions, Failure> {
         let foreign = self.foreign.read()?;
-        let mut options = FitOptions { symptoms: self.verbose, foreign, ..FitOptions::default() };
+        let mut options =
+            FitOptions { symptoms: self.verbose, foreign, part: self.part.get()?, ..FitOptions::default() };
         let (dwells, standstills) = self.excluded(by_hand)?;
         let order = match self.order {
             PolynomialOrder::Auto => None,

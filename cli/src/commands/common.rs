@@ -1,10 +1,11 @@
 //! What several commands do with their arguments.
 
 use clap::Args;
+use isotherm_calibration::Origin;
 use isotherm_client::{Domain, ImuId, Options, RawSample};
 use isotherm_failure::{Exit, Failure, shown, tell};
-use isotherm_files::print_data;
-use isotherm_finding::{Admission, Finding, Location, name};
+use isotherm_files::{LoadError, Trust, load_table, print_data, read_text};
+use isotherm_finding::{Admission, Finding, Location, Severity, name};
 use isotherm_job::Refused;
 use isotherm_recording_formats::convert::{Foreign, GyroscopeTemperature, Settings};
 use isotherm_recording_formats::read::{ImuChoice, Recording, Samples};
@@ -114,6 +115,16 @@ impl ForeignArgs {
         Foreign::new(self.mapping.as_deref(), settings)
     }
 
+    /// As [`read`](Self::read); of a log with several IMUs that of the table is read, unless one is named.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub(super) fn read_for(&self, origin: &Origin) -> Result<Foreign, Failure> {
+        let mut foreign = self.read()?;
+        foreign.settings.preferred = origin.log_imu;
+        Ok(foreign)
+    }
+
     /// The mapping, as [`refuse_overlap`](isotherm_files::refuse_overlap) takes it.
     pub(super) fn inputs(&self) -> impl Iterator<Item = (&Path, &'static str)> {
         self.mapping.iter().map(|mapping| (mapping.as_path(), "the mapping"))
@@ -127,6 +138,16 @@ impl ForeignArgs {
     }
 }
 
+/// A table of any IMU, and what its provenance says.
+///
+/// # Errors
+/// If it cannot be read.
+pub(super) fn load_with_origin(path: &Path) -> Result<(CoefficientTable, Origin), LoadError> {
+    let (table, _) = load_table(path, None, Trust::Any)?;
+    let origin = Origin::of_toml(&read_text(path, Trust::Any)?.0, &table);
+    Ok((table, origin))
+}
+
 /// What data of other programs tell after their last row.
 #[derive(Clone)]
 pub(super) struct OfData {
@@ -137,6 +158,24 @@ pub(super) struct OfData {
 impl OfData {
     pub(super) fn of(recording: &Recording) -> Self {
         Self { findings: recording.findings(), notes: recording.notes() }
+    }
+
+    /// With what was found if the data are of another IMU than the table.
+    pub(super) fn with_unit(mut self, origin: &Origin, recording: &Recording) -> Self {
+        self.findings.extend(origin.other_unit(recording.log_imu(), recording.device()));
+        self
+    }
+
+    /// With all findings of units as warnings.
+    pub(super) fn with_other_device(mut self) -> Self {
+        let all = self.findings.iter_mut().filter(|finding| finding.name == name::OTHER_DEVICE);
+        all.for_each(|finding| finding.severity = Severity::Warning);
+        self
+    }
+
+    /// Without the notes, where a failure follows that says what is wrong.
+    pub(super) fn findings_alone(&self) -> Self {
+        Self { findings: self.findings.clone(), notes: Vec::new() }
     }
 
     /// Tells findings and notes, where nothing can be refused any more.

@@ -1,6 +1,7 @@
 //! `convert`: makes a recording of foreign data.
 
 use super::common::{Acceptance, ForeignArgs};
+use super::part::PartArgs;
 use crate::progress::bytes_bar;
 use clap::Args;
 use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
@@ -8,6 +9,7 @@ use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::{Output, StagedText, Trust, check_written, load_table, refuse_overlap};
 use isotherm_finding::Finding;
+use isotherm_job::{INSTANCE, Vehicle, VehicleImu};
 use isotherm_recording::RawCsvWriter;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::convert::{Conversion, Scale};
@@ -23,15 +25,16 @@ use std::path::{Path, PathBuf};
 /// A text (CSV, with any separator) needs a mapping file, which says what its columns are; without one, the mapping
 /// that would be is printed. NovAtel RAWIMU, RAWIMUX, RAWIMUS and RAWIMUSX in ASCII, sensor_msgs/msg/Imu in MCAP, ULog
 /// of PX4, and DataFlash of ArduPilot (.bin, or .log as text) need none.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.parquet\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv\n  isotherm convert flight.ulg --instance 0 -o run.csv\n  isotherm convert cold.csv warm.csv --mapping logger.toml -o runs/\n  isotherm convert mems.csv --mapping mems.toml -o run.csv --nominal imu-b.toml --imu imu-b"
+    after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.parquet\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv\n  isotherm convert flight.ulg --instance 0 -o run.csv\n  isotherm convert flight.BIN -o 'run-{instance}.csv'\n  isotherm convert cold.csv warm.csv --mapping logger.toml -o runs/\n  isotherm convert mems.csv --mapping mems.toml -o run.csv --nominal imu-b.toml --imu imu-b"
 )]
 pub(crate) struct Convert {
     /// The foreign data; - is stdin, for text. Several files are sessions, each converted into a file of its own
     #[arg(value_name = "INPUT", required = true)]
     input: Vec<PathBuf>,
-    /// Where the raw samples go: .csv or .parquet; - is stdout (CSV). Of several files the folder
+    /// Where the raw samples go: .csv or .parquet; - is stdout (CSV). Of several files the folder; with {instance} in
+    /// the name, all IMUs of a log go to a file each
     #[arg(short, long, value_name = "REC")]
     output: PathBuf,
     /// Number of the session, which the samples then have in a column; of several files that of the first [default:
@@ -54,6 +57,8 @@ pub(crate) struct Convert {
     #[arg(long, value_name = "ID", default_value = "imu")]
     imu: ImuId,
     #[command(flatten)]
+    part: PartArgs,
+    #[command(flatten)]
     acceptance: Acceptance,
     #[command(flatten)]
     foreign: ForeignArgs,
@@ -69,6 +74,35 @@ enum Writer {
 
 impl Convert {
     pub(crate) fn run(self) -> Result<(), Failure> {
+        if self.output.to_string_lossy().contains(INSTANCE) { self.convert_each() } else { self.convert_all() }
+    }
+
+    /// Converts each IMU of a log into a file of its own.
+    fn convert_each(&self) -> Result<(), Failure> {
+        let usage = |message: String| Err(Failure::new(Exit::Usage, message));
+        let vehicle = Vehicle::of(&self.imu, &self.input, &self.foreign.read()?, &bytes_bar)?;
+        let name = shown(&self.input[0]);
+        if self.input.len() > 1 || vehicle.imus.iter().any(|imu| imu.instance.is_none()) {
+            return usage(format!("{name}: {INSTANCE} in -o is for one log of an autopilot; give another name"));
+        }
+        if let Some(nominal) = self.nominal.as_deref().filter(|path| !VehicleImu::tells_apart(path)) {
+            let nominal = shown(nominal);
+            return usage(format!("--nominal {nominal}: each IMU has a table of its own; put {INSTANCE} in the name"));
+        }
+        for imu in &vehicle.imus {
+            let one = Self {
+                output: imu.path(&self.output),
+                nominal: self.nominal.as_deref().map(|path| imu.path(path)),
+                imu: imu.imu.clone(),
+                foreign: ForeignArgs { instance: imu.instance, ..self.foreign.clone() },
+                ..self.clone()
+            };
+            one.convert_all()?;
+        }
+        Ok(())
+    }
+
+    fn convert_all(&self) -> Result<(), Failure> {
         let outputs = self.outputs()?;
         let mut inputs: Vec<_> = self.input.iter().map(|input| (input.as_path(), "the data")).collect();
         inputs.extend(self.foreign.inputs());
@@ -160,8 +194,9 @@ impl Convert {
         let progress = bytes_bar(&[input.to_owned()], "reading");
         let mut foreign = self.foreign.read()?;
         (foreign.settings.session, foreign.settings.progress) = (session, Some(progress.clone()));
-        let mut conversion = Conversion::of_file(input, foreign.named(), &foreign.settings)?;
+        let conversion = Conversion::of_file(input, foreign.named(), &foreign.settings)?;
         let layout = conversion.layout();
+        let mut rows = self.part.get()?.of_conversion(conversion);
         let path = Some(output);
         let writer = Output::create(path).and_then(|sink| {
             if parquet {
@@ -179,7 +214,7 @@ impl Convert {
             Err(error) => return check_written(path, Err(error)),
         };
         let mut begin = Vec::new();
-        for sample in &mut conversion {
+        for sample in &mut rows {
             let sample = sample?;
             if begin.len() < LENGTH_ROWS {
                 begin.push(sample);
@@ -189,13 +224,14 @@ impl Convert {
             }
         }
         progress.finish_and_clear();
+        let (conversion, notes) = (rows.conversion(), rows.notes());
         if self.nominal.is_some() {
-            *nominal = Some(self.nominal(input, &conversion, nominal.as_ref())?);
+            *nominal = Some(self.nominal(input, conversion, nominal.as_ref())?);
         }
         let table = table.or(nominal.as_ref().map(|(_, table)| table));
         let at_rest = table.and_then(|table| length_at_rest(table, &begin)).map(Finding::warned);
         let findings = conversion.findings().into_iter().chain(at_rest).collect();
-        for note in conversion.notes() {
+        for note in notes {
             tell("isotherm", note);
         }
         let name = if self.input.len() > 1 { shown(input).to_string() } else { String::new() };

@@ -2,9 +2,11 @@
 
 use clap::Args;
 use clap::builder::TypedValueParser as _;
+use isotherm_calibration::Origin;
 use isotherm_failure::{Failure, shown, tell};
-use isotherm_files::{StagedText, Trust, load_table, refuse_overlap};
+use isotherm_files::{StagedText, Trust, load_table, read_text, refuse_overlap};
 use isotherm_parameters::{Autopilot, Effect, ExportOptions, Exported, export, size};
+use isotherm_recording::LogImu;
 use std::path::{Path, PathBuf};
 
 /// Write the biases of a table as parameters of PX4 or ArduPilot
@@ -25,7 +27,8 @@ pub(crate) struct Export {
     /// Where the parameters go: .params of PX4, .parm of ArduPilot; - is stdout
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Number of the IMU in the autopilot: 0 to 3 of PX4, 1 to 5 of ArduPilot [default: the first]
+    /// Number of the IMU in the autopilot: 0 to 3 of PX4, 1 to 5 of ArduPilot [default: as in the log that made the
+    /// table, or the first]
     #[arg(long, value_name = "N")]
     instance: Option<u8>,
     /// Write ArduPilot's constants too: CALTEMP, and as OFFS the biases at this temperature [degC]
@@ -38,7 +41,8 @@ pub(crate) struct Export {
 /// What the parameters of an autopilot need besides the table.
 #[derive(Debug, Args)]
 pub(super) struct ParameterArgs {
-    /// PX4's device number of the IMU, or those of accelerometers and gyroscopes; in logs they are device_id
+    /// PX4's device number of the IMU, or those of accelerometers and gyroscopes; in logs they are device_id [default:
+    /// those of the log that made the table]
     #[arg(long, value_name = "ACC[,GYR]", value_parser = devices)]
     pub device_id: Option<[u32; 2]>,
     /// Leave this out of the parameters, if the table has it; several with commas, or repeated
@@ -50,28 +54,43 @@ impl Export {
     pub(crate) fn run(self) -> Result<(), Failure> {
         refuse_overlap(&[(&self.table, "the table")], &[Some(&self.output)])?;
         let (table, _) = load_table(&self.table, None, Trust::Any)?;
-        let options = ExportOptions {
-            autopilot: self.to,
-            instance: self.instance,
-            device_id: self.parameters.device_id,
-            at_c: self.at,
-            drop: self.parameters.drop,
-        };
+        let log_imu = Origin::of_toml(&read_text(&self.table, Trust::Any)?.0, &table).log_imu;
+        let options = ExportOptions { at_c: self.at, ..self.parameters.options(self.to, self.instance, log_imu) };
         let exported = export(&table, &options)?;
         StagedText::create(Some(&self.output))?.write(&exported.text)?.finish()?;
+        tell_left_out(&exported);
         tell_exported(&exported, self.to, &self.output);
+        if let Some(imu) = log_imu.filter(|_| self.instance.is_none()) {
+            tell("isotherm", format_args!("they are for {imu}, as in the log that made the table"));
+        }
         Ok(())
     }
 }
 
-/// What was left out, what is to be known, and what was written.
-pub(super) fn tell_exported(exported: &Exported, autopilot: Autopilot, output: &Path) {
+impl ParameterArgs {
+    /// The options of an export. Instance and device numbers are those that are given, or else those of the log that made
+    /// the table.
+    pub(super) fn options(&self, to: Autopilot, instance: Option<u8>, log_imu: Option<LogImu>) -> ExportOptions {
+        let of_log = |imu: LogImu| ExportOptions::of_log(to, imu.instance, imu.devices);
+        let options = log_imu.map_or_else(|| ExportOptions::new(to), of_log).with(instance, self.device_id);
+        ExportOptions { drop: self.drop.clone(), ..options }
+    }
+}
+
+/// What was left out, and what is to be known.
+pub(super) fn tell_left_out(exported: &Exported) {
     for loss in &exported.lost {
         tell("isotherm", format_args!("left out: {loss}"));
     }
-    for note in &exported.notes {
-        tell("isotherm", format_args!("note: {note}"));
-    }
+    tell_notes(&exported.notes);
+}
+
+pub(super) fn tell_notes(notes: &[String]) {
+    notes.iter().for_each(|note| tell("isotherm", format_args!("note: {note}")));
+}
+
+/// What was written.
+pub(super) fn tell_exported(exported: &Exported, autopilot: Autopilot, output: &Path) {
     let lines = exported.text.lines().filter(|line| !line.starts_with('#')).count();
     let to = if output == Path::new("-") { "stdout".into() } else { shown(output).to_string() };
     let gyroscopes = exported.difference.gyroscopes.map(|rate| format!(" and {} rad/s", size(rate)));

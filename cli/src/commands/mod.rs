@@ -15,6 +15,7 @@ mod feed;
 mod generate;
 mod import;
 mod noise;
+mod part;
 mod record;
 mod regress;
 mod relay;

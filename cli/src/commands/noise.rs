@@ -1,18 +1,18 @@
 //! `noise`: the Allan deviation of a recording at rest.
 
-use super::common::{Acceptance, ForeignArgs, OfData, choice, inputs, joined_paths, or_document};
-use crate::parse::from_zero;
+use super::common::{Acceptance, ForeignArgs, OfData, choice, inputs, joined_paths, load_with_origin, or_document};
+use super::part::PartArgs;
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
 use isotherm_analysis::{NoiseAnalysis, imu_yaml};
 use isotherm_calibration::{now, tool};
 use isotherm_client::{ImuId, RawSample};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{StagedText, Trust, check_stdout, check_written, load_table, print, print_data, refuse_overlap};
+use isotherm_files::{StagedText, check_stdout, check_written, print, print_data, refuse_overlap};
 use isotherm_finding::Finding;
 use isotherm_job::Refused;
 use isotherm_recording::{Continuity, MISSING};
-use isotherm_recording_formats::read::{ImuChoice, Samples};
+use isotherm_recording_formats::read::{ImuChoice, Input, Samples};
 use isotherm_report::noise;
 use isotherm_report::noise::NoiseSource;
 use std::path::PathBuf;
@@ -41,12 +41,8 @@ pub(crate) struct Noise {
     /// The IMU whose samples are read, in a recording of several IMUs [default: the table's IMU]
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
-    /// Leave out what is before this time since the begin of the recording [s]
-    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = from_zero)]
-    from: Option<f64>,
-    /// Leave out what is after this time since the begin of the recording [s]
-    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = from_zero)]
-    to: Option<f64>,
+    #[command(flatten)]
+    part: PartArgs,
     /// Where the report goes (HTML)
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
@@ -68,19 +64,18 @@ impl Noise {
     }
 
     fn show(self) -> Result<(), Refused> {
-        let part = [self.from.unwrap_or(0.0), self.to.unwrap_or(f64::INFINITY)];
-        if part[0] >= part[1] {
-            return Err(Failure::new(Exit::Usage, "--from is not before --to").into());
-        }
+        let part = self.part.get()?;
         let mut files = inputs(&self.recording);
         files.extend(self.table.as_deref().map(|table| (table, "the table")));
         files.extend(self.foreign.inputs());
         refuse_overlap(&files, &[self.report.as_deref(), self.kalibr.as_deref()])?;
         check_written(None, check_stdout())?;
         let table = match &self.table {
-            Some(path) => Some(load_table(path, None, Trust::Any)?.0),
+            Some(path) => Some(load_with_origin(path)?),
             None => None,
         };
+        let (table, origin) = table.unzip();
+        let origin = origin.unwrap_or_default();
         let staged = |path: &Option<PathBuf>| path.as_deref().map(|path| StagedText::create(Some(path))).transpose();
         let (page, yaml) = (staged(&self.report)?, staged(&self.kalibr)?);
         let imu = match (&self.imu, &table) {
@@ -89,19 +84,22 @@ impl Noise {
             (None, None) => ImuChoice::Any,
         };
         let bar = bytes_bar(&self.recording, "reading");
-        let mut samples = Samples::open(&self.recording, (imu, self.foreign.read()?), &bar)?;
+        let input = Input::from((imu, self.foreign.read_for(&origin)?)).within(part);
+        let mut samples = Samples::open(&self.recording, input, &bar)?;
         samples.set_lag(table.as_ref().map_or(0, |table| table.lag_ns()));
         let rows: Vec<RawSample> = samples.by_ref().collect::<Result<_, _>>()?;
         bar.finish_and_clear();
         let recording = joined_paths(&self.recording);
-        let of_data = OfData::of(samples.recording());
+        let of_rows = samples.recording();
+        let of_data = OfData::of(of_rows).with_unit(&origin, of_rows).with_other_device();
         let spinner = spinner("fitting");
-        let analysis = NoiseAnalysis::of(&rows, table.as_ref(), part);
+        let analysis = NoiseAnalysis::of(&rows, table.as_ref(), [0.0, f64::INFINITY]);
+        let analysis = analysis.map(|analysis| analysis.behind(of_rows.left_out()));
         spinner.finish_and_clear();
         let analysis = analysis.map_err(|error| {
             let found = rows.iter().collect::<Continuity>().findings(MISSING);
             let found = found.into_iter().map(Finding::warned).collect();
-            let _ = of_data.clone().admit(&Acceptance::default(), &recording, found);
+            let _ = of_data.findings_alone().admit(&Acceptance::default(), &recording, found);
             let failure = Failure::new(Exit::Data, format!("{recording}: {error}"));
             if let [file] = self.recording.as_slice() { failure.at(file, None) } else { failure }
         })?;

@@ -1,5 +1,6 @@
 //! `regress`: one polynomial regression with its order table.
 
+use super::part::PartArgs;
 use crate::parse::size;
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
@@ -53,6 +54,8 @@ pub(crate) struct Regress {
     /// deviation]
     #[arg(long, value_name = "Y", allow_negative_numbers = true, value_parser = size)]
     min_effect: Option<f64>,
+    #[command(flatten)]
+    part: PartArgs,
     /// One JSON document
     #[arg(long)]
     json: bool,
@@ -66,7 +69,7 @@ impl Regress {
         let y_index = self.x.len();
         let choice = self.imu.clone().map_or(ImuChoice::Any, ImuChoice::Only);
         let bar = bytes_bar(&self.data, "reading");
-        let read = read_numbers(&self.data, &names, &choice, &bar, |name, text| {
+        let read = read_numbers(&self.data, &names, &choice, self.part.get()?, &bar, |name, text| {
             let number = DoubleDouble::parse(text);
             if name > y_index {
                 number.filter(|weight| *weight > DoubleDouble::ZERO).ok_or(WEIGHT)

@@ -1,16 +1,17 @@
 //! `replay`: compensates a recording with the kernel.
 
-use super::common::{Acceptance, ForeignArgs, GyroscopeWarning, LagSetting, OfData, joined_paths};
+use super::common::{Acceptance, ForeignArgs, GyroscopeWarning, LagSetting, OfData, joined_paths, load_with_origin};
+use super::part::PartArgs;
 use clap::Args;
 use indicatif::ProgressBar;
 use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
 use isotherm_client::{Flags, ImuId};
 use isotherm_failure::{Failure, tell};
-use isotherm_files::{Output, Trust, check_written, load_table, refuse_overlap};
+use isotherm_files::{Output, check_written, refuse_overlap};
 use isotherm_finding::Finding;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording::{Continuity, IncrementCsvWriter, IncrementLayout, other_device};
-use isotherm_recording_formats::read::Samples;
+use isotherm_recording_formats::read::{Input, Samples};
 use isotherm_recording_formats::write::{RosTable, RosWriter};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, StreamSample};
@@ -38,6 +39,8 @@ pub(crate) struct Replay {
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
     #[command(flatten)]
+    part: PartArgs,
+    #[command(flatten)]
     lag: LagSetting,
     /// Take a recording that names another IMU than the table's (Parquet, MCAP); it is refused otherwise
     #[arg(long)]
@@ -57,9 +60,9 @@ impl Replay {
         inputs.push((&self.table, "the table"));
         inputs.extend(self.foreign.inputs());
         refuse_overlap(&inputs, &[self.output.as_deref()])?;
-        let (table, _) = load_table(&self.table, None, Trust::Any)?;
+        let (table, origin) = load_with_origin(&self.table)?;
         let choice = super::common::choice(self.imu, &table);
-        let input = (choice, self.foreign.read()?);
+        let input = Input::from((choice, self.foreign.read_for(&origin)?)).within(self.part.get()?);
         let mut samples = Samples::open(&self.recording, input, &ProgressBar::hidden())?;
         samples.set_lag(self.lag.ns.unwrap_or(table.lag_ns()));
         let mut next = samples.next();
@@ -98,7 +101,8 @@ impl Replay {
         let of_rows = continuity.findings(0.0).into_iter().chain(continuity.not_nominal(&table));
         let of_rows = of_rows.chain(length_at_rest(&table, &begin));
         let found = of_rows.map(Finding::warned).chain(other).collect();
-        let of_data = OfData::of(samples.recording());
+        let recording = samples.recording();
+        let of_data = OfData::of(recording).with_unit(&origin, recording).with_other_device();
         of_data.admit(&self.acceptance, &joined_paths(&self.recording), found).map_err(|refused| refused.failure)?;
         check_written(path, writer.finish().and_then(Output::finish))?;
         if tells_no_temperature {

@@ -1,21 +1,22 @@
 //! `verify`: the stability of a recording under a table.
 
 use super::common::{
-    Acceptance, ForeignArgs, LagSetting, OfData, choice, inputs, joined, joined_paths, or_document, refuse_other_imu,
+    Acceptance, ForeignArgs, LagSetting, OfData, choice, inputs, joined, joined_paths, load_with_origin, or_document,
+    refuse_other_imu,
 };
+use super::part::PartArgs;
 use crate::parse::{direction, gravity, seconds};
 use crate::progress::bytes_bar;
 use clap::Args;
-use isotherm_calibration::{Origin, now, tool};
+use isotherm_calibration::{now, tool};
 use isotherm_campaign::{STANDSTILL_WINDOW_S, faults, length_at_rest};
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, tell};
-use isotherm_files::{
-    StagedText, Trust, check_stdout, check_written, load_table, print, print_data, read_text, refuse_overlap,
-};
+use isotherm_files::{StagedText, check_stdout, check_written, print, print_data, refuse_overlap};
 use isotherm_finding::{Finding, name};
 use isotherm_job::{Refused, Run};
 use isotherm_recording::other_device;
+use isotherm_recording_formats::read::Input;
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
 use isotherm_shared::table::CoefficientTable;
@@ -90,6 +91,8 @@ pub(crate) struct Verify {
     /// Local gravity in m/s2 [default: gravity_local of the table's provenance]
     #[arg(long, value_name = "G", value_parser = gravity)]
     gravity_local: Option<f64>,
+    #[command(flatten)]
+    part: PartArgs,
     #[command(flatten)]
     lag: LagSetting,
     /// Judge samples of another unit than the table's too; they are refused otherwise
@@ -187,15 +190,15 @@ impl Verify {
         files.extend(self.foreign.inputs());
         refuse_overlap(&files, &[self.report.as_deref()])?;
         check_written(None, check_stdout())?;
-        let (table, _) = load_table(&self.table, None, Trust::Any)?;
-        let origin = Origin::of_toml(&read_text(&self.table, Trust::Any)?.0, &table);
+        let (table, origin) = load_with_origin(&self.table)?;
         let setup = Setup::new(self.attitude, LocalGravity::of(self.gravity_local, &table));
         let setup = Setup { other_device: self.other_device, ..setup }.at_angles(&table, self.angles);
         let setup = setup.map_err(|message| Failure::new(Exit::Usage, message))?;
         let page = self.report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let bar = bytes_bar(&self.recording, "reading");
         let window_s = self.window.map_or(WINDOW_S, |window| window.as_secs_f64());
-        let input = (choice(self.imu.clone(), &table), self.foreign.read()?);
+        let input = Input::from((choice(self.imu.clone(), &table), self.foreign.read_for(&origin)?));
+        let input = input.within(self.part.get()?);
         let mut run = Run::open(&table, &self.recording, input, self.lag.ns, window_s, &bar)?;
         let by_hand = table.is_gravity_only() && self.attitude.is_none() && self.angles.is_none();
         let mut rows = Vec::new();
@@ -214,7 +217,8 @@ impl Verify {
         bar.finish_and_clear();
         let recording = joined_paths(&self.recording);
         let of_time = run.collector().of_time();
-        let of_data = OfData::of(run.samples().recording());
+        let of_data = OfData::of(run.samples().recording()).with_unit(&origin, run.samples().recording());
+        let of_data = if self.other_device { of_data.with_other_device() } else { of_data };
         let made_the_table = run.made(&origin);
         if let Some(lengths) = self.lengths(&table, &rows, keep, &recording)? {
             let lengths = Lengths { made_the_table, ..lengths };

@@ -115,7 +115,7 @@ fn what_is_refused() {
     assert!(err.contains(reason), "{err}");
     assert!(refused(65, &["--from", "2000"]).contains("no row from "), "{err}");
     assert!(refused(64, &["--from", "5", "--to", "5"]).contains("--from is not before --to"));
-    assert!(refused(64, &["--from", "-1"]).contains("give a number of seconds from 0"));
+    assert!(refused(64, &["--from", "-1"]).contains("give seconds since the begin"));
     refused(64, &["--report", "night/run.csv"]);
     refused(74, &["--report", "nowhere/r.html"]);
     let (_, err) = run(folder.path(), 64, &["noise", "night/run.csv", "--kalibr", "imu.yaml"]);

@@ -4,7 +4,7 @@ use crate::common::{
     DEVICES, FULL_PARAMS, FULL_PARM, KINDS, import_options, imported, mixed, parsed, subtracted, table, temperatures,
 };
 use isotherm_failure::Failure;
-use isotherm_parameters::{Autopilot, ExportError, ExportOptions, Exported, Parameters, export, import};
+use isotherm_parameters::{Autopilot, ExportError, ExportOptions, Exported, Parameters, export, import, vehicle};
 use isotherm_shared::table::CoefficientTable;
 
 fn px4() -> ExportOptions {
@@ -197,4 +197,37 @@ fn what_the_parameters_do_not_say_is_said() {
     assert_eq!(policy, ["outside of the range the table has the policy \"reject\"; PX4 clamps"]);
     let scales = said(&mixed.replacen("9e4", "9.009e4", 2).replacen("--", "-", 1), &px4());
     assert!(scales[0].contains("scale factors of A1, A2, A3 differ by"), "{scales:?}");
+}
+
+/// The lines of PX4's parameters of all IMUs are in one file, and each comes back; what enables all at once is there if
+/// all have parameters.
+#[test]
+fn the_parameters_of_a_vehicle_are_one_file() {
+    let table = parsed(&mixed());
+    let without = parsed(mixed().split("[[gyroscope]]").next().unwrap());
+    let all = |options: &dyn Fn(u8) -> ExportOptions| [0, 1, 2].map(|number| export(&table, &options(number)).unwrap());
+    let of_px4 = all(&|number| instance(number, px4()));
+    let [a, b, c] = &of_px4;
+    let joint = vehicle(Autopilot::Px4, &[("x-0", Some(a)), ("x-1", Some(b)), ("x-2", Some(c))]);
+    assert!(joint.notes.is_empty() && joint.text.matches("ENABLE\t1\t6\n").count() == 2, "{}", joint.text);
+    assert_eq!(joint.text.lines().count(), 3 + 2 + 3 * 32);
+    for number in 0..3 {
+        let read = |text: &str| Parameters::read(text, Autopilot::Px4, Some(number)).unwrap();
+        assert_eq!(read(&joint.text), read(&of_px4[usize::from(number)].text));
+    }
+    assert_eq!((joint.difference, joint.range), (a.difference, a.range));
+    // One that has none, and one without gyroscopes.
+    let alone = vehicle(Autopilot::Px4, &[("x-0", Some(a)), ("x-1", None)]);
+    assert!(!alone.text.contains("ENABLE") && alone.notes.len() == 2, "{:?}", alone.notes);
+    assert!(alone.notes[0].starts_with("TC_A_ENABLE is left out") && alone.notes[0].contains("x-1 has no parameters"));
+    let half = export(&without, &instance(1, px4())).unwrap();
+    let joint = vehicle(Autopilot::Px4, &[("x-0", Some(a)), ("x-1", Some(&half))]);
+    assert!(joint.text.contains("TC_A_ENABLE\t1\t6\n") && !joint.text.contains("TC_G_ENABLE"), "{}", joint.text);
+    assert!(joint.notes.len() == 1 && joint.notes[0].starts_with("TC_G_ENABLE is left out"), "{:?}", joint.notes);
+    // Nobody has gyroscopes: there is nothing to enable.
+    let none = vehicle(Autopilot::Px4, &[("x-1", Some(&half))]);
+    assert_eq!((none.text.as_str(), none.notes.len()), (half.text.as_str(), 0));
+    let [a, b, _] = all(&|number| instance(number + 1, ardupilot(None)));
+    let joint = vehicle(Autopilot::ArduPilot, &[("x-0", Some(&a)), ("x-1", Some(&b)), ("x-2", None)]);
+    assert!(joint.text == a.text + &b.text && joint.notes.is_empty());
 }

@@ -56,6 +56,7 @@ from ._offline import (
 )
 from ._one_attitude import calibrate_one_attitude
 from ._records import CAMPAIGN, INCREMENT, RAW_SAMPLE, TRIAD, WINDOW, Flags, Records, flag_names
+from ._vehicle import Vehicle, calibrate_vehicle
 
 __all__ = [
     "CAMPAIGN",
@@ -94,12 +95,14 @@ __all__ = [
     "Timeout",
     "TransportError",
     "Triad",
+    "Vehicle",
     "WrongThread",
     "__version__",
     "batch",
     "calibrate",
     "calibrate_gravity_only",
     "calibrate_one_attitude",
+    "calibrate_vehicle",
     "compare",
     "convert",
     "device",

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 AnyPath: TypeAlias = str | os.PathLike[str]
+# Seconds since the begin of a recording, or a time stamp as the command takes it.
+Moment: TypeAlias = float | str
 
 
 def convert(
@@ -33,6 +35,8 @@ def convert(
     temperature_topic: str | None = None,
     session: int = 0,
     instance: int | None = None,
+    start: Moment | None = None,
+    end: Moment | None = None,
 ) -> Records:
     """Raw samples, as RAW_SAMPLE, of data from other programs, as `isotherm convert` makes them.
 
@@ -41,7 +45,8 @@ def convert(
     file. Columns of floats are not of whole numbers, so that their resolution is 1e-6 unless it is given; times of datetime64 are in ns.
 
     `mapping` is the path of a mapping file, or a mapping with the same keys. `temperature`, `interval` [s], `topic`, `temperature_topic`,
-    `session` and `instance` are the options of the command. What the command warns of, such as gaps, is a UserWarning.
+    `session` and `instance` are the options of the command; `start` and `end` are its `--from` and `--to`: seconds since the begin of the data, or a
+    time stamp ("12500000000ns", "2026-05-01T12:34:56Z"). What the command warns of, such as gaps, is a UserWarning.
 
     Raises ValueError without a mapping where one is needed, with the mapping that would be; TableError with all faults of a mapping; and
     RecordingFault if the data are wrong.
@@ -50,7 +55,7 @@ def convert(
         mapping = {"header": False} | dict(mapping)
     text, interval_ns = known(mapping, temperature, interval)
     data = source if isinstance(source, (str, os.PathLike)) else table_csv(source)
-    samples, findings = _isotherm.convert(data, text, temperature, interval_ns, topic, temperature_topic, session, instance)
+    samples, findings = _isotherm.convert(data, text, temperature, interval_ns, topic, temperature_topic, session, instance, part(start, end))
     for finding in findings:
         warnings.warn(finding, stacklevel=2)
     return samples.view(RAW_SAMPLE)
@@ -72,6 +77,12 @@ def known(
     if not 1e-6 <= interval <= 3600.0:
         raise ValueError(f"interval is {interval}, give 0.000001 to 3600 s")
     return text, round(interval * 1e9)
+
+
+def part(start: Moment | None, end: Moment | None) -> tuple[str | None, str | None]:
+    """The option `part` of a fit."""
+    start, end = (moment if moment is None or isinstance(moment, str) else repr(float(moment)) for moment in (start, end))
+    return start, end
 
 
 def foreign(

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from . import _isotherm
-from ._convert import foreign
+from ._convert import Moment, foreign, part
 from ._isotherm import Table
 from ._offline import AnyPath, Calibration, campaign_text, fit_options, recorded
 from ._records import Records, sample_bytes
@@ -38,13 +38,15 @@ def calibrate_gravity_only(
     topic: str | None = None,
     temperature_topic: str | None = None,
     instance: int | None = None,
+    start: Moment | None = None,
+    end: Moment | None = None,
 ) -> Calibration:
     """Makes a table of recordings of an IMU that was put down by hand in many attitudes, as `isotherm calibrate --gravity-only` does.
 
     `campaign` is the path of a campaign file with `method = "gravity-only"`, or a mapping with `imu`, `gravity_local`, `gravity_reference` [m/s2] and
     `temperature_unit`. `recordings` is one recording or a list: arrays of RAW_SAMPLE, data frames with the columns of a recording, or paths of
-    files. Without them the files that the campaign names are read. A file may be of another program: `mapping` and the last five arguments are then
-    those of `convert`.
+    files. Without them the files that the campaign names are read. A file may be of another program: `mapping` to `instance` are then those of
+    `convert`. `start` and `end` leave out what is before and after in each recording, as those of `convert`.
 
     `window` [s] is that of the search for standstills, 0.5 or 1 s without it. `exclude` lists numbers of standstills. Where the telemetry is
     constant, `temperature_range` states where the table is valid. `latitude` [deg], north positive, with `height` [m] checks the `gravity_local` of a
@@ -73,6 +75,7 @@ def calibrate_gravity_only(
         temperature_range=temperature_range,
         place=place,
         foreign=foreign(mapping, temperature, interval, topic, temperature_topic, instance),
+        part=part(start, end),
     )
     return Calibration(_isotherm.calibrate(text, path, imu, given, True, options))
 

@@ -38,10 +38,12 @@ __all__ = [
     "batch",
     "calibrate",
     "calibrate_one_attitude",
+    "calibrate_vehicle",
     "compare",
     "convert",
     "device",
     "export_parameters",
+    "export_vehicle",
     "import_parameters",
     "lengths",
     "noise",
@@ -653,7 +655,7 @@ def export_parameters(
     """The biases of a table in degC as parameters of an autopilot, as `isotherm export` writes them.
 
     `to` is "px4" or "ardupilot", `instance` the number of the IMU there: 0 to 3 of PX4, 1 to 5 of ArduPilot. PX4 needs the device
-    number, or those of accelerometers and gyroscopes. With `at` [degC] ArduPilot's constants are written too: CALTEMP, and as OFFS the
+    number, or those of accelerometers and gyroscopes. Without them they are those of the log that made the table. With `at` [degC] ArduPilot's constants are written too: CALTEMP, and as OFFS the
     biases at that temperature. `drop` names what is left out: scale-temperature, negative-scale, alignment, lag, g-sensitivity, order,
     ranges.
 
@@ -694,6 +696,7 @@ def convert(
     temperature_topic: str | None,
     session: int,
     instance: int | None,
+    part: tuple[str | None, str | None],
 ) -> tuple[_Bytes, list[str]]: ...
 def write_texts(texts: list[tuple[_Path, str]]) -> None: ...
 def write_ros(path: _Path, table: Table, increments: _Bytes, samples: _Bytes | None, table_file: _Path) -> None: ...
@@ -732,6 +735,14 @@ def calibrate_one_attitude(
     gravity: float | None,
     options: Mapping[str, Any],
 ) -> Calibration: ...
+def calibrate_vehicle(
+    logs: Sequence[_Path],
+    imu: str,
+    nominal: Mapping[int, Table],
+    gravity: float | None,
+    options: Mapping[str, Any],
+) -> list[tuple[int, Calibration | None, Exception | None]]: ...
+def export_vehicle(imus: Sequence[tuple[str, Table | None]], to: str, at: float | None, drop: Sequence[str]) -> Exported: ...
 def lengths(
     table: Table, samples: _Bytes, window: float | None, gravity_local: float | None, other_device: bool, require: str | None
 ) -> dict[str, Any]: ...

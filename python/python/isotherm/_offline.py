@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _isotherm
+from ._convert import Moment, part
 from ._files import write_text, write_together
 from ._isotherm import Batch, Comparison, Stability, Table
 from ._records import CAMPAIGN, INCREMENT, RAW_SAMPLE, Records, as_bytes, flat_doubles, increments_frame, is_frame, records, sample_bytes
@@ -313,6 +314,8 @@ def calibrate(
     other_device: bool = False,
     lag: float | Literal["none"] | None = None,
     imu: str | None = None,
+    start: Moment | None = None,
+    end: Moment | None = None,
 ) -> Calibration:
     """Makes a coefficient table from a campaign in the temperature chamber, as `isotherm calibrate` does.
 
@@ -331,7 +334,8 @@ def calibrate(
     of their lag [s] if you know it, "none" for a table without transients; without it the ramps show it, or not. With ramps alone there are no
     `samples`.
 
-    `imu` is the one to calibrate, of a campaign file with several (`imus`).
+    `imu` is the one to calibrate, of a campaign file with several (`imus`). `start` and `end` leave out what is before and after in each
+    recording, as those of `convert`.
     """
     text, path = campaign_text(campaign)
     given: list[Any] | None
@@ -352,6 +356,7 @@ def calibrate(
         strict=strict,
         other_device=other_device,
         lag=0.0 if lag == "none" else lag,
+        part=part(start, end),
     )
     return Calibration(_isotherm.calibrate(text, path, imu, given, False, options))
 
@@ -389,6 +394,7 @@ def fit_options(
         "temperature_range": None,
         "place": None,
         "foreign": (None, None, None, None, None, None),
+        "part": (None, None),
         "at": None,
         "beside": [],
     }

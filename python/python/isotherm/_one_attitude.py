@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from . import _isotherm
-from ._convert import foreign
+from ._convert import Moment, foreign, part
 from ._isotherm import Table
 from ._offline import AnyPath, Calibration, fit_options, recorded
 from ._records import Records
@@ -35,17 +35,51 @@ def calibrate_one_attitude(
     topic: str | None = None,
     temperature_topic: str | None = None,
     instance: int | None = None,
+    start: Moment | None = None,
+    end: Moment | None = None,
 ) -> Calibration:
     """Makes bias curves of recordings at one attitude, as `isotherm calibrate --one-attitude` does.
 
     `recordings` is one recording or a list: arrays of RAW_SAMPLE, data frames with the columns of a recording, or paths of files. A file may be of
-    another program, such as a ULog or a DataFlash log: `mapping` and the last five arguments are then those of `convert`.
+    another program, such as a ULog or a DataFlash log: `mapping` to `instance` are then those of `convert`. A log with several IMUs needs
+    `instance`; `calibrate_vehicle` makes the tables of all.
+
+    `start` and `end` leave out what is before and after: seconds since the begin of each recording, or a time stamp as the command takes it
+    ("12500000000ns").
 
     `nominal` is the table that gives everything but the bias curves. Only files of readings need none: their resolution makes it, with 1 g0 =
     `gravity_reference` [m/s2], 9.80665 unless given. `lag` is the time constant [s], or "none"; it is found without it. Accelerometers keep the bias of the nominal table
     at the temperature `at`, mid range unless given. `beside` names autopilots whose cubics are in the document and the report. `accept` and
     `strict` are as those of `calibrate`. Raises CalibrationError with what was found.
     """
+    options = one_attitude_options(
+        order,
+        lag,
+        at,
+        gravity_reference,
+        beside,
+        accept,
+        strict,
+        other_device,
+        (mapping, temperature, interval, topic, temperature_topic, instance),
+        (start, end),
+    )
+    return Calibration(_isotherm.calibrate_one_attitude(recorded(recordings), imu, nominal, gravity_reference, options))
+
+
+def one_attitude_options(
+    order: int | Literal["auto"],
+    lag: float | Literal["none"] | None,
+    at: float | None,
+    gravity_reference: float | None,
+    beside: Iterable[str],
+    accept: Iterable[str],
+    strict: bool,
+    other_device: bool,
+    given: tuple[Any, ...],
+    ends: tuple[Moment | None, Moment | None],
+) -> dict[str, Any]:
+    """The options of a fit at one attitude. Raises ValueError for what cannot be."""
     for name, value in (("at", at), ("gravity_reference", gravity_reference)):
         if value is not None and not math.isfinite(value):
             raise ValueError(f"{name} is {value}, give a finite number")
@@ -53,7 +87,7 @@ def calibrate_one_attitude(
         raise ValueError(f"gravity_reference is {gravity_reference}, give 9.7 to 9.9 m/s2")
     if lag == 0:
         raise ValueError('lag is 0, give a time constant in s, or "none"')
-    options = fit_options(
+    return fit_options(
         order=order,
         accept=accept,
         strict=strict,
@@ -61,6 +95,6 @@ def calibrate_one_attitude(
         lag=0.0 if lag == "none" else lag,
         at=at,
         beside=list(beside),
-        foreign=foreign(mapping, temperature, interval, topic, temperature_topic, instance),
+        foreign=foreign(*given),
+        part=part(*ends),
     )
-    return Calibration(_isotherm.calibrate_one_attitude(recorded(recordings), imu, nominal, gravity_reference, options))

@@ -10,15 +10,7 @@ fn report(set_points_c: Vec<f64>) -> String {
     let schedule = CampaignSchedule { set_points_c, ..CampaignSchedule::default() };
     let options = CalibrationOptions { order: Some(1), ..CalibrationOptions::default() };
     let (file, calibration) = calibrated(&truth, &schedule, 1, options).unwrap();
-    let source = CampaignSource {
-        tool: String::new(),
-        time: String::new(),
-        campaign: String::new(),
-        campaign_sha256: String::new(),
-        samples_sha256: String::new(),
-        recordings_sha256: Vec::new(),
-        rows: Vec::new(),
-    };
+    let source = CampaignSource::default();
     html(&file, &calibration, &source)
 }
 

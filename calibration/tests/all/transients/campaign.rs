@@ -57,10 +57,8 @@ fn source() -> CampaignSource {
         tool: "test".to_owned(),
         time: "2026-01-01T00:00:00Z".to_owned(),
         campaign: "campaign.toml".to_owned(),
-        campaign_sha256: String::new(),
-        samples_sha256: String::new(),
         recordings_sha256: vec!["11".repeat(32), "22".repeat(32)],
-        rows: Vec::new(),
+        ..CampaignSource::default()
     }
 }
 

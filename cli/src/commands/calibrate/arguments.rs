@@ -2,6 +2,7 @@
 
 use crate::commands::common::{Acceptance, ForeignArgs};
 use crate::commands::export::ParameterArgs;
+use crate::commands::part::PartArgs;
 use crate::parse::{gravity, height, lag_choice, latitude, numbers, seconds};
 use clap::{ArgGroup, Args};
 use isotherm_calibration::{LagChoice, Method, ScaleFactorChoice};
@@ -23,7 +24,7 @@ use std::time::Duration;
 /// --one-attitude, recordings or logs of an IMU that warms up give the bias curves over temperature.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html\n  isotherm calibrate campaign.toml -o imu-a.toml --order 3 --method two-stage --exclude -25/3\n  isotherm calibrate ramps.toml -o imu-a.toml --lag 240\n  isotherm calibrate campaign.toml -o 'tables/{imu}.toml' --batch batch.html\n  isotherm calibrate --one-attitude warm-up.ulg --imu imu-b -o imu-b.toml --export px4=imu-b.params\n  isotherm calibrate --gravity-only cold.csv warm.csv --imu imu-b --gravity-local 9.8123 --gravity-reference 9.80665 --temperature-unit degC -o imu-b.toml"
+    after_help = "Examples:\n  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html\n  isotherm calibrate campaign.toml -o imu-a.toml --order 3 --method two-stage --exclude -25/3\n  isotherm calibrate ramps.toml -o imu-a.toml --lag 240\n  isotherm calibrate campaign.toml -o 'tables/{imu}.toml' --batch batch.html\n  isotherm calibrate --one-attitude warm-up.ulg --imu imu-b -o imu-b.toml --export px4=imu-b.params\n  isotherm calibrate --one-attitude warm-up.BIN --imu my-drone -o 'my-drone-{instance}.toml' --export ardupilot=my-drone.parm\n  isotherm calibrate --gravity-only cold.csv warm.csv --imu imu-b --gravity-local 9.8123 --gravity-reference 9.80665 --temperature-unit degC -o imu-b.toml"
 )]
 pub(crate) struct Calibrate {
     /// Campaign file; it names the samples. With --gravity-only or --one-attitude: a recording
@@ -33,7 +34,7 @@ pub(crate) struct Calibrate {
     /// names]
     #[arg(value_name = "SAMPLES")]
     pub(super) samples: Vec<PathBuf>,
-    /// Where the table goes; - is stdout
+    /// Where the table goes; - is stdout. Of a log with several IMUs a folder, or a name with {instance} in it
     #[arg(short, long, value_name = "TABLE.toml")]
     pub(super) output: PathBuf,
     /// Where the report goes (HTML)
@@ -75,6 +76,8 @@ pub(crate) struct Calibrate {
     /// With --gravity-only: the number of a standstill
     #[arg(long, value_name = "SET_POINT/NUMBER", allow_hyphen_values = true, value_parser = excluded)]
     pub(super) exclude: Vec<Excluded>,
+    #[command(flatten)]
+    pub(super) part: PartArgs,
     #[command(flatten)]
     pub(super) acceptance: Acceptance,
     /// Make the table also of samples of another unit than the campaign file's serial number says; the same as --accept
@@ -194,10 +197,11 @@ pub(super) struct OneAttitudeArgs {
     /// Fit bias curves to recordings at one attitude while the IMU warms up or cools, as PX4 and ArduPilot do
     ///
     /// Recordings, or logs of autopilots and data of other programs: readings need no table. Their error is the band
-    /// between heating and cooling
+    /// between heating and cooling. Of a log with several IMUs each gets a table: their names are that of --imu with
+    /// the number of the log behind it. --report and --export are then for all together
     #[arg(long, group = "kind", requires = "imu", conflicts_with_all = ["batch", "method", "alignment", "no_alignment", "exclude"])]
     pub one_attitude: bool,
-    /// The table that gives everything but the bias curves: of the attitudes, or the nominal one that convert --nominal
+    /// The table that gives everything but the bias curves ({instance} in its name is the number in the log): of the attitudes, or the nominal one that convert --nominal
     /// writes [default: made of the readings' resolution]
     #[arg(long, value_name = "TABLE.toml", requires = "one_attitude")]
     pub nominal: Option<PathBuf>,

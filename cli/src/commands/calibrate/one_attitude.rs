@@ -2,69 +2,112 @@
 
 use super::arguments::{Beside, Calibrate, PolynomialOrder};
 use crate::commands::common::inputs;
-use crate::commands::export::tell_exported;
+use crate::commands::export::{tell_exported, tell_left_out};
 use crate::progress::{bytes_bar, spinner};
 use isotherm_calibration::{LagChoice, OnBoard, OneAttitudeOptions};
+use isotherm_campaign::Campaign;
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{LoadError, StagedText, Trust, load_table, read_parameters, refuse_overlap};
-use isotherm_job::{FitOptions, Inputs, Refused, Source};
-use isotherm_parameters::{Autopilot, ExportOptions, HIGHEST_ORDER, Parameters, ReadError, export};
+use isotherm_job::{FitOptions, Inputs, Made, Refused, Source, Vehicle, VehicleImu};
+use isotherm_parameters::{Autopilot, ExportOptions, Exported, HIGHEST_ORDER, Parameters, ReadError, export};
 use std::path::{Path, PathBuf};
 
+/// The recordings of a calibration at one attitude, and the options of its fit.
+pub(super) struct WarmUp {
+    pub(super) files: Vec<PathBuf>,
+    pub(super) options: FitOptions,
+}
+
+/// A file of parameters that is to be written.
+type StagedExport<'a> = (Autopilot, &'a Path, StagedText);
+
 impl Calibrate {
-    /// Makes the table, and the parameters that are asked for. Either all files are written or none.
-    pub(super) fn make_at_one_attitude(&self, imu: &ImuId) -> Result<(), Refused> {
+    /// Makes the table, or those of all IMUs of a log, and the parameters that are asked for. The inner result tells
+    /// which IMUs were dropped.
+    pub(super) fn make_at_one_attitude(&self, imu: &ImuId) -> Result<Result<(), Failure>, Refused> {
         self.without_turntable.refuse_options()?;
-        let args = &self.at_one_attitude;
-        let files: Vec<PathBuf> = core::iter::once(&self.campaign).chain(&self.samples).cloned().collect();
-        let [output, report] = self.outputs(imu);
-        self.refuse_overlaps_at_one_attitude(&files, [output.as_deref(), report.as_deref()])?;
-        let nominal = args.nominal.as_deref().map(|path| load_table(path, Some(imu), Trust::Any));
-        let nominal = nominal.transpose()?.map(|(table, _)| table);
-        let table = StagedText::create(output.as_deref())?;
-        let page = report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
-        let staged = args.export.iter().map(|(to, path)| Ok((*to, path.as_path(), StagedText::create(Some(path))?)));
-        let staged: Vec<(Autopilot, &Path, StagedText)> = staged.collect::<Result<_, Failure>>()?;
-        let gravity = self.without_turntable.gravity_reference;
         let options = FitOptions {
-            at_one_attitude: OneAttitudeOptions { on_board: self.on_board()?, ..self.options_at_one_attitude() },
+            at_one_attitude: self.options_at_one_attitude(),
             foreign: self.foreign.read()?,
+            part: self.part.get()?,
             symptoms: self.verbose,
             ..FitOptions::default()
         };
-        let read = Inputs::at_one_attitude(imu, Source::files(&files), nominal, gravity, &options, &bytes_bar)?;
-        let (campaign, inputs) = read;
-        let spinner = spinner("fitting");
-        let made = inputs.fit(&campaign, None);
-        spinner.finish_and_clear();
-        let made = self.named(made)?;
+        let files = core::iter::once(&self.campaign).chain(&self.samples).cloned().collect();
+        let warm_up = WarmUp { files, options };
+        let vehicle = Vehicle::of(imu, &warm_up.files, &warm_up.options.foreign, &bytes_bar)?;
+        match vehicle.imus.as_slice() {
+            [only] => Ok(Ok(self.make_alone(only, &warm_up)?)),
+            _ => self.make_vehicle(imu, &vehicle, &warm_up),
+        }
+    }
+
+    /// Makes the table of the only IMU. Either all files are written or none.
+    fn make_alone(&self, of: &VehicleImu, warm_up: &WarmUp) -> Result<(), Refused> {
+        let output = self.table_of(of);
+        let [_, report] = self.outputs(&of.imu);
+        self.refuse_overlaps_at_one_attitude(&warm_up.files, &[Some(&output), report.as_deref()])?;
+        let table = StagedText::create(Some(&output))?;
+        let page = report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
+        let exports = self.staged_exports()?;
+        let (campaign, made) = self.fit_at_one_attitude(of, warm_up)?;
+        let exported = self.exported(&made)?;
         let (mut others, mut written) = (Vec::new(), Vec::new());
-        for (to, path, staged) in staged {
-            let options = self.export_options(to, made.devices);
-            let exported = export(made.fitted.table(), &options).map_err(Failure::from)?;
+        for ((to, path, staged), exported) in exports.into_iter().zip(exported) {
             others.push(staged.write(&exported.text)?);
             written.push((exported, to, path));
         }
         self.write(&campaign, &made, table, page, others)?;
-        written.iter().for_each(|(exported, to, path)| tell_exported(exported, *to, path));
+        for (exported, to, path) in &written {
+            tell_left_out(exported);
+            tell_exported(exported, *to, path);
+        }
         Ok(self.print_json(&made.json())?)
     }
 
-    /// The parameters are of the instance that the log was read of; ArduPilot's count from 1.
-    fn export_options(&self, autopilot: Autopilot, [accelerometers, gyroscopes]: [Option<u32>; 2]) -> ExportOptions {
-        let parameters = &self.at_one_attitude.parameters;
-        let first = *autopilot.instances().start();
-        let logged = accelerometers.map(|device| [device, gyroscopes.unwrap_or(device)]);
-        let device_id = parameters.device_id.or(logged).filter(|_| autopilot == Autopilot::Px4);
-        let instance = self.foreign.instance.and_then(|number| u8::try_from(number).ok());
-        let drop = parameters.drop.clone();
-        ExportOptions {
-            instance: instance.map(|number| number.saturating_add(first)),
-            device_id,
-            drop,
-            ..ExportOptions::new(autopilot)
+    /// The table of an IMU of a vehicle.
+    pub(super) fn fit_at_one_attitude(&self, of: &VehicleImu, warm_up: &WarmUp) -> Result<(Campaign, Made), Refused> {
+        let nominal = self.at_one_attitude.nominal.as_deref().map(|path| of.path(path));
+        let nominal = nominal.map(|path| load_table(&path, Some(&of.imu), Trust::Any));
+        let nominal = nominal.transpose()?.map(|(table, _)| table);
+        let gravity = self.without_turntable.gravity_reference;
+        let mut options = of.options(&warm_up.options);
+        options.at_one_attitude.on_board = self.on_board(options.foreign.instance)?;
+        let sources = Source::files(&warm_up.files);
+        let read = Inputs::at_one_attitude(&of.imu, sources, nominal, gravity, &options, &bytes_bar)?;
+        let (campaign, inputs) = read;
+        let spinner = spinner("fitting");
+        let made = inputs.fit(&campaign, None);
+        spinner.finish_and_clear();
+        Ok((campaign, self.named(made)?))
+    }
+
+    /// Where the table of an IMU goes: into the folder, or with its names in the name.
+    pub(super) fn table_of(&self, of: &VehicleImu) -> PathBuf {
+        match self.output.is_dir() {
+            true => self.output.join(format!("{}.toml", of.imu)),
+            false => of.path(&self.output),
         }
+    }
+
+    /// The files of parameters, which wait to be written.
+    pub(super) fn staged_exports(&self) -> Result<Vec<StagedExport<'_>>, Failure> {
+        let staged = |(to, path): &'_ (Autopilot, PathBuf)| StagedText::create(Some(path)).map(|staged| (*to, staged));
+        let all = self.at_one_attitude.export.iter();
+        all.map(|export| staged(export).map(|(to, staged)| (to, export.1.as_path(), staged))).collect()
+    }
+
+    /// The parameters of a table, for each `--export`.
+    pub(super) fn exported(&self, made: &Made) -> Result<Vec<Exported>, Failure> {
+        let all = self.at_one_attitude.export.iter();
+        let one = |(to, _): &(Autopilot, PathBuf)| {
+            let options = self.at_one_attitude.parameters.options(*to, None, made.source.log_imu);
+            // Of two autopilots only PX4 wants them.
+            let device_id = options.device_id.filter(|_| *to == Autopilot::Px4);
+            export(made.fitted.table(), &ExportOptions { device_id, ..options })
+        };
+        Ok(all.map(one).collect::<Result<_, _>>()?)
     }
 
     fn options_at_one_attitude(&self) -> OneAttitudeOptions {
@@ -99,14 +142,18 @@ impl Calibrate {
         })
     }
 
-    /// The parameters that are shown beside, of the instance that the log is read of.
-    fn on_board(&self) -> Result<Vec<OnBoard>, Failure> {
-        let number = self.foreign.instance.and_then(|number| u8::try_from(number).ok());
+    /// The parameters that are shown beside, of an instance of the log.
+    fn on_board(&self, instance: Option<u32>) -> Result<Vec<OnBoard>, Failure> {
+        let number = instance.and_then(|number| u8::try_from(number).ok());
         self.parameter_files().map(|path| on_board(path, number)).collect()
     }
 
     /// Refuses outputs that are an input, or that are there twice.
-    fn refuse_overlaps_at_one_attitude(&self, files: &[PathBuf], tables: [Option<&Path>; 2]) -> Result<(), Failure> {
+    pub(super) fn refuse_overlaps_at_one_attitude(
+        &self,
+        files: &[PathBuf],
+        tables: &[Option<&Path>],
+    ) -> Result<(), Failure> {
         let args = &self.at_one_attitude;
         if self.output == Path::new("-") && args.export.iter().any(|(_, path)| path == Path::new("-")) {
             return Err(Failure::new(Exit::Usage, "-o - and --export both go to stdout; give one of them a file"));
@@ -116,7 +163,7 @@ impl Calibrate {
         all.extend(self.parameter_files().map(|path| (path, "the parameters")));
         all.extend(args.nominal.as_deref().map(|path| (path, "the nominal table")));
         let exports = args.export.iter().map(|(_, path)| Some(path.as_path()));
-        refuse_overlap(&all, &tables.into_iter().chain(exports).collect::<Vec<_>>())
+        refuse_overlap(&all, &tables.iter().copied().chain(exports).collect::<Vec<_>>())
     }
 }
 

@@ -7,7 +7,7 @@ pub(super) const EXPECTED: &str = "a time of ISO 8601 from 1970 on, as 2026-05-0
 ///
 /// Read are `2026-05-01T12:34:56.789Z`, with a blank for the T, with a comma, with a zone as `+02:00`, and
 /// `12:34:56.789`.
-pub(super) fn time_ns(text: &str) -> Option<(u64, bool)> {
+pub(crate) fn time_ns(text: &str) -> Option<(u64, bool)> {
     let text = text.trim();
     let Some((date, time)) = text.split_once(['T', 't', ' ']) else { return Some((of_day(text)?, true)) };
     let (time, zone_s) = zoned(time.trim_start())?;

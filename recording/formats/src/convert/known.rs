@@ -1,6 +1,6 @@
 //! Formats whose columns are known, so that they need no mapping. Each is recognised by its first bytes.
 
-use super::autopilot::{DataFlashSource, UlogSource, is_binary_log, is_text_log, is_ulog};
+use super::autopilot::{DataFlashSource, FoundImu, UlogSource, is_binary_log, is_text_log, is_ulog};
 use super::novatel::{self, NovatelSource};
 use super::ros::RosSource;
 use super::settings::{GyroscopeTemperature, Settings};
@@ -53,6 +53,18 @@ impl Known {
             Self::Ulog => Box::new(UlogSource::open(path, settings, temperature)?),
             Self::DataFlash { is_text } => Box::new(DataFlashSource::open(path, settings, temperature, is_text)?),
         })
+    }
+}
+
+/// The IMUs of an autopilot's log that begins with these bytes; `None` of other data.
+///
+/// # Errors
+/// If it has no rows of an IMU; of reading.
+pub(super) fn imus_of(path: &Path, beginning: &[u8], settings: &Settings) -> Result<Option<Vec<FoundImu>>, Failure> {
+    match Known::of(beginning) {
+        Some(Known::Ulog) => UlogSource::imus(path, settings).map(Some),
+        Some(Known::DataFlash { is_text }) => DataFlashSource::imus(path, settings, is_text).map(Some),
+        _ => Ok(None),
     }
 }
 

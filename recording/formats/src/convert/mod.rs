@@ -27,7 +27,8 @@ mod stamped;
 mod telemetry_log;
 mod text;
 
-pub use autopilot::{LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, VehicleState};
+pub use autopilot::{FoundImu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, VehicleState, found_listed};
+pub(crate) use calendar::time_ns;
 pub use columns::{ColumnRef, Kind, SensorColumns, Sensors, Temperature};
 pub use foreign::Foreign;
 pub use mapping::{Decimal, KnownColumns, Mapping, Time, TimeUnit};
@@ -40,9 +41,9 @@ use interval::{GAP, Steps};
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{LoadError, Trust, open_recording, read_text};
 use isotherm_finding::{Finding, name};
-use isotherm_recording::RecordingError;
 use isotherm_recording::columns::Layout;
 use isotherm_recording::csv::Rows;
+use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::document::Faults;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::Nominal;
@@ -69,6 +70,8 @@ pub struct Conversion {
     found_from: Option<u64>,
     /// Time and sequence of the last row.
     last: Option<(u64, u64)>,
+    /// Rows that were read, and those of them that are not left out.
+    read_rows: u64,
     rows: u64,
     gaps: Gaps,
     steps: Steps,
@@ -82,6 +85,22 @@ struct Gaps {
     count: u64,
     missing: u64,
     first: u64,
+}
+
+/// The IMUs of an autopilot's log, by their numbers; none of other data. The log is read once.
+///
+/// # Errors
+/// If the file cannot be read, or if a log has no rows of an IMU.
+pub fn imus_of_log(path: &Path, settings: &Settings) -> Result<Vec<FoundImu>, Failure> {
+    let is_file = path.metadata().is_ok_and(|metadata| metadata.is_file());
+    if !is_file {
+        return Ok(Vec::new());
+    }
+    let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
+    let mut beginning = Vec::new();
+    let read = source.take(BEGINNING).read_to_end(&mut beginning);
+    read.map_err(|error| Failure::io("reading", path, &error))?;
+    known::imus_of(path, &beginning, settings).map(Option::unwrap_or_default)
 }
 
 impl Conversion {
@@ -202,6 +221,7 @@ impl Conversion {
             nominal_ns,
             found_from,
             last: None,
+            read_rows: 0,
             rows: 0,
             gaps: Gaps::default(),
             steps: Steps::new(nominal_ns),
@@ -250,10 +270,16 @@ impl Conversion {
         self.input.source.vehicle_state()
     }
 
-    /// Number of rows so far.
+    /// Number of rows so far that are not left out.
     #[must_use]
     pub const fn rows(&self) -> u64 {
         self.rows
+    }
+
+    /// The IMU, as the log of an autopilot names it; `None` of other data.
+    #[must_use]
+    pub fn log_imu(&self) -> Option<LogImu> {
+        self.input.source.log_imu()
     }
 
     /// What the operator should know, a line each. Valid after the last row.
@@ -289,7 +315,7 @@ impl Conversion {
             );
         }
         let Gaps { count, missing, first } = self.gaps;
-        if count > self.rows / 2 {
+        if count > self.read_rows / 2 {
             add(name::INTERVAL, format!("most rows are over {GAP} nominal intervals apart; is {seconds} s right?"));
             return found;
         }
@@ -326,9 +352,24 @@ impl Conversion {
     pub(crate) fn next_row(&mut self) -> Result<Option<(u64, RawSample)>, RecordingError> {
         let Some(reading) = self.input.next()? else { return Ok(None) };
         let sample = self.sample(&reading).map_err(|message| self.error(reading.place, message))?;
-        self.rows += 1;
-        self.telemetry.take(&sample);
+        self.read_rows += 1;
         Ok(Some((reading.place, sample)))
+    }
+
+    /// Takes a row that is not left out.
+    pub(crate) fn keep(&mut self, sample: &RawSample) {
+        self.rows += 1;
+        self.telemetry.take(sample);
+    }
+
+    /// The failure of a row.
+    pub(crate) fn failure(&self, error: &RecordingError) -> Failure {
+        error.failure(&self.path)
+    }
+
+    /// What messages call the data.
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
     }
 
     /// An error about the row at this place.
@@ -343,7 +384,7 @@ impl Conversion {
 
     fn sample(&mut self, reading: &Reading) -> Result<RawSample, String> {
         let nominal_ns = self.nominal_ns;
-        let timestamp_ns = reading.timestamp_ns.unwrap_or_else(|| nominal_ns.saturating_mul(self.rows + 1));
+        let timestamp_ns = reading.timestamp_ns.unwrap_or_else(|| nominal_ns.saturating_mul(self.read_rows + 1));
         let (mut sequence, mut interval_ns) = (0, nominal_ns);
         if let Some((last_ns, last)) = self.last {
             let step_ns = timestamp_ns.checked_sub(last_ns).filter(|step| *step > 0).ok_or_else(|| {
@@ -357,7 +398,7 @@ impl Conversion {
                 missing = (steps.round() as u64).saturating_sub(1);
                 self.gaps.count += 1;
                 if self.gaps.count == 1 {
-                    self.gaps.first = self.rows + 1;
+                    self.gaps.first = self.read_rows + 1;
                 }
             }
             if self.input.source.counts_since_the_row_before() {
@@ -399,7 +440,9 @@ impl Iterator for Conversion {
         }
         let item = self.next_row().transpose();
         self.ended = !matches!(item, Some(Ok(_)));
-        item.map(|item| item.map(|(_, sample)| sample).map_err(|error| error.failure(&self.path)))
+        let item = item?.map(|(_, sample)| sample).map_err(|error| self.failure(&error));
+        item.iter().for_each(|sample| self.keep(sample));
+        Some(item)
     }
 }
 

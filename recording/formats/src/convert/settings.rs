@@ -1,6 +1,7 @@
 //! What is known of foreign data besides a mapping.
 
 use indicatif::ProgressBar;
+use isotherm_recording::LogImu;
 use std::io::Read;
 
 /// The temperature that the gyroscopes of an autopilot's log have.
@@ -30,6 +31,8 @@ pub struct Settings {
     pub instance: Option<u32>,
     /// The temperature of the gyroscopes of an autopilot's log.
     pub gyroscope_temperature: GyroscopeTemperature,
+    /// The IMU that is taken of an autopilot's log with several, if none is named: that of a table.
+    pub preferred: Option<LogImu>,
     /// Advances by the bytes read. Some formats are read twice; then it begins anew.
     pub progress: Option<ProgressBar>,
 }

@@ -4,7 +4,7 @@ use super::autopilot::VehicleState;
 use super::rollover::Counter;
 use super::scale::Units;
 use isotherm_finding::{Finding, name};
-use isotherm_recording::RecordingError;
+use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::wire::AXES;
 
 /// Telemetry of data that have none, unless it is given. A placeholder.
@@ -48,6 +48,11 @@ pub(super) trait Source {
     /// The unit, as samples have it; 0 if the data do not say it.
     fn device(&self) -> u64 {
         0
+    }
+
+    /// The IMU, as the log of an autopilot names it.
+    fn log_imu(&self) -> Option<LogImu> {
+        None
     }
 
     /// Whether the numbers count over the time since the row before, not over the nominal interval.

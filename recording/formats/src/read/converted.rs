@@ -4,6 +4,7 @@ use super::piece::Piece;
 use crate::convert::{Conversion, Scale};
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_finding::{Finding, Location, name};
+use isotherm_recording::LogImu;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::Nominal;
 use std::path::{Path, PathBuf};
@@ -18,6 +19,7 @@ struct End {
     findings: Vec<Finding>,
     interval_ns: u64,
     scale: Result<Scale, String>,
+    log_imu: Option<LogImu>,
 }
 
 impl Converted {
@@ -28,6 +30,7 @@ impl Converted {
             findings: conversion.findings(),
             interval_ns: conversion.interval_ns(),
             scale: conversion.scale(),
+            log_imu: conversion.log_imu(),
         };
         self.0.push((piece.path.clone(), piece.source.conversion().map(end)));
     }
@@ -72,6 +75,13 @@ impl Converted {
     /// As [`Recording::nominal`](super::Recording::nominal).
     pub(super) fn nominal(&self, imu: &ImuId) -> Result<Nominal, Failure> {
         self.scale().map(|scale| scale.nominal(imu))
+    }
+
+    /// As [`Recording::log_imu`](super::Recording::log_imu).
+    pub(super) fn log_imu(&self) -> Option<LogImu> {
+        let of_piece = |(_, end): &(PathBuf, Option<End>)| end.as_ref()?.log_imu;
+        let first = self.0.first().and_then(of_piece)?;
+        self.0.iter().all(|piece| of_piece(piece) == Some(first)).then_some(first)
     }
 
     /// What the pulses of all pieces stand for.

@@ -1,5 +1,6 @@
 //! What is known of the files of a recording besides their names.
 
+use super::part::Part;
 use super::table::ImuChoice;
 use crate::convert::Foreign;
 
@@ -10,18 +11,28 @@ pub struct Input {
     pub imu: ImuChoice,
     /// How data of other programs are read, row by row as `isotherm convert` writes them; `None`: they are refused.
     pub foreign: Option<Foreign>,
+    /// The part that is read, of each recording.
+    pub part: Part,
+}
+
+impl Input {
+    /// Of this part of each recording alone.
+    #[must_use]
+    pub fn within(self, part: Part) -> Self {
+        Self { part, ..self }
+    }
 }
 
 /// Recordings alone.
 impl From<ImuChoice> for Input {
     fn from(imu: ImuChoice) -> Self {
-        Self { imu, foreign: None }
+        Self { imu, foreign: None, part: Part::default() }
     }
 }
 
 /// Recordings, and foreign data.
 impl From<(ImuChoice, Foreign)> for Input {
     fn from((imu, foreign): (ImuChoice, Foreign)) -> Self {
-        Self { imu, foreign: Some(foreign) }
+        Self { imu, foreign: Some(foreign), part: Part::default() }
     }
 }

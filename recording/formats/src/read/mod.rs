@@ -12,6 +12,7 @@ mod order;
 pub(crate) mod pages;
 pub(crate) mod panics;
 pub(crate) mod parquet;
+mod part;
 mod piece;
 mod places;
 mod recognise;
@@ -21,6 +22,7 @@ mod table;
 
 pub use input::Input;
 pub use numbers::{NumberRow, NumberTable, read_numbers};
+pub use part::{ConversionPart, Moment, Part};
 pub use piece::RowKind;
 pub use places::Places;
 pub use recording::{Recording, Samples};

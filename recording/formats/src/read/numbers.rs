@@ -4,6 +4,7 @@ use super::mcap::McapReader;
 use super::open::{Opened, open_source};
 use super::order::{FirstRow, first_row_columns, in_order};
 use super::parquet::ParquetReader;
+use super::part::{Clip, Judged, Part};
 use super::places::Places;
 use super::table::{ImuChoice, TableReader, WantedColumn};
 use core::ops::Sub;
@@ -41,7 +42,7 @@ pub struct NumberTable<T> {
 ///
 /// The columns of a text are separated by commas, semicolons, tabs or spaces, as its header shows; [`DecimalMark`] says
 /// which decimal commas are read. Pieces are sorted as those of every recording, as far as they have sessions,
-/// sequences and times.
+/// sequences and times. Only rows of `part` are read, by their column `timestamp_ns`.
 ///
 /// # Errors
 /// If a piece cannot be opened, lacks a column, has several columns that a name may mean, or a value is refused.
@@ -49,6 +50,7 @@ pub fn read_numbers<T: Sub<Output = T>>(
     paths: &[PathBuf],
     names: &[&str],
     choice: &ImuChoice,
+    part: Part,
     bar: &ProgressBar,
     parse: impl Fn(usize, &str) -> Result<T, &'static str>,
 ) -> Result<NumberTable<T>, Failure> {
@@ -59,12 +61,20 @@ pub fn read_numbers<T: Sub<Output = T>>(
     };
     let ordered = in_order(paths, first_row)?;
     let mut table = NumberTable { rows: Vec::new(), places: Places::default(), notes: Vec::new() };
-    let mut before = 0;
-    for path in &ordered {
-        let mut source = Numbers::open(path, names, &[], choice, bar)?;
+    let (mut before, mut clip) = (0, Clip::new(part));
+    let times = if part.is_whole() { Vec::new() } else { first_row_columns().to_vec() };
+    'pieces: for path in &ordered {
+        let mut source = Numbers::open(path, names, &times, choice, bar)?;
         table.places.begin(path, source.unit(), before);
         let failed = |error: RecordingError| error.failure(path);
         while source.next().map_err(failed)? {
+            if !part.is_whole() {
+                match source.judged(&mut clip).map_err(failed)? {
+                    Judged::Before => continue,
+                    Judged::Within => {}
+                    Judged::After => break 'pieces,
+                }
+            }
             let line = before + source.place();
             let values = (0..names.len()).map(|index| source.value(index, &parse)).collect::<Result<_, _>>();
             table.rows.push(NumberRow { line, values: values.map_err(failed)? });
@@ -75,6 +85,10 @@ pub fn read_numbers<T: Sub<Output = T>>(
     }
     if ordered.is_empty() {
         return Err(Failure::new(Exit::Usage, "no data are named"));
+    }
+    if let Some(last) = ordered.last() {
+        clip.check(last)?;
+        table.notes.extend(clip.note());
     }
     Ok(table)
 }
@@ -272,6 +286,23 @@ impl Numbers {
                 let name = &self.operands.columns[column];
                 parse(index, &text).map_err(|expected| reader.error(format!("{name} is {text:?}, give {expected}")))
             }
+        }
+    }
+
+    /// Where the current row lies.
+    fn judged(&self, clip: &mut Clip) -> Result<Judged, RecordingError> {
+        let stamp_ns = self.first_row().timestamp_ns;
+        let stamp_ns = stamp_ns.ok_or_else(|| {
+            self.error("a part of the data is found by the column timestamp_ns, which is missing".to_owned())
+        })?;
+        Ok(clip.judge_times(stamp_ns, 0))
+    }
+
+    /// An error about the current row.
+    fn error(&self, message: String) -> RecordingError {
+        match &self.source {
+            Source::Csv { rows, .. } => rows.error(message),
+            Source::Table { reader, .. } => reader.error(message),
         }
     }
 

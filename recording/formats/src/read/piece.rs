@@ -221,6 +221,13 @@ impl PieceSource {
         }
     }
 
+    /// Takes a row that is not left out.
+    pub(super) fn keep(&mut self, sample: &RawSample) {
+        if let Self::Foreign(conversion, ..) = self {
+            conversion.keep(sample);
+        }
+    }
+
     /// The conversion of foreign data.
     pub(super) fn conversion(&self) -> Option<&Conversion> {
         if let Self::Foreign(conversion, ..) = self { Some(conversion) } else { None }

@@ -2,15 +2,16 @@
 
 use super::converted::Converted;
 use super::input::Input;
-use super::open::SharedHash;
+use super::open::{SharedHash, open_source};
 use super::order::{FirstRow, Sessions, in_order};
+use super::part::{Clip, Judged};
 use super::piece::{Piece, RowKind};
 use super::places::Places;
 use crate::convert::{Conversion, Foreign, VehicleState};
 use indicatif::ProgressBar;
 use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_finding::{Finding, Location, name};
-use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
+use isotherm_recording::{CampaignRow, LogImu, RecordingError, SequenceRule};
 use isotherm_shared::lag::LagCompletion;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::Nominal;
@@ -38,6 +39,11 @@ pub struct Recording {
     sessions: Sessions,
     /// What the pieces that have ended were.
     converted: Converted,
+    clip: Clip,
+    /// Whether a row of the current piece is within the part that is read.
+    is_within: bool,
+    /// The first device that rows name, or 0.
+    device: u64,
     ended: bool,
 }
 
@@ -102,6 +108,7 @@ impl Recording {
         let mut places = Places::default();
         places.begin(&current.path, current.source.unit(), 0);
         let lag = LagCompletion::default();
+        let clip = Clip::new(input.part);
         Ok(Self {
             kind,
             input,
@@ -114,6 +121,9 @@ impl Recording {
             opened: 1,
             sessions: Sessions::default(),
             converted: Converted::default(),
+            clip,
+            is_within: false,
+            device: 0,
             ended: false,
         })
     }
@@ -143,7 +153,14 @@ impl Recording {
                 let again = self.sessions.take(row.sample.session, row.sample.sequence);
                 again.map_err(|message| RecordingError::Data { line: row.line, message })?;
                 self.lag.complete(&mut row.sample, self.current.source.has_lag());
-                return Ok(Some(CampaignRow { line: self.places.before() + row.line, ..row }));
+                match self.clip.judge(&row.sample) {
+                    Judged::Before => {
+                        (rule, previous) = (self.current.source.sequence_rule(), None);
+                        continue;
+                    }
+                    Judged::Within => return Ok(Some(self.keep(row))),
+                    Judged::After => return self.end(),
+                }
             }
             rule = self.current.source.sequence_rule();
             if let Some(warning) = self.current.source.truncation() {
@@ -151,8 +168,8 @@ impl Recording {
                 let finding = Finding::warning(name::TRUNCATED, warning).at(place);
                 tell("isotherm", finding.tagged(|line| line.to_string()));
             }
-            self.converted.take(&self.current);
-            let Some(next) = self.waiting.pop() else { return Ok(None) };
+            let Some(next) = self.waiting.pop() else { return self.end() };
+            self.end_piece();
             let before = self.places.before() + self.current.source.place();
             let opened = Piece::open(&next, self.kind, &self.input, &self.bar, self.hash.as_ref());
             // An error is unlikely: the beginning was already read to sort the pieces.
@@ -164,6 +181,29 @@ impl Recording {
             }
             self.places.begin(&self.current.path, self.current.source.unit(), before);
         }
+    }
+
+    /// A row that is not left out, whose line counts over all pieces.
+    fn keep(&mut self, row: CampaignRow) -> CampaignRow {
+        self.current.source.keep(&row.sample);
+        self.is_within = true;
+        if self.device == 0 {
+            self.device = row.sample.device;
+        }
+        CampaignRow { line: self.places.before() + row.line, ..row }
+    }
+
+    /// After the last row of a piece. One that is not within the part does not say what the rows are.
+    fn end_piece(&mut self) {
+        if core::mem::take(&mut self.is_within) || self.input.part.is_whole() {
+            self.converted.take(&self.current);
+        }
+    }
+
+    /// After the last row.
+    fn end(&mut self) -> Result<Option<CampaignRow>, RecordingError> {
+        self.end_piece();
+        self.clip.check(&self.current.path).map(|()| None).map_err(RecordingError::Piece)
     }
 
     /// The failure of a program that reads this recording: `error`, with file and place.
@@ -185,10 +225,17 @@ impl Recording {
         &self.places
     }
 
-    /// What the operator should know of foreign data, a line each; nothing of recordings. Valid after the last row.
+    /// What the operator should know of foreign data, and of a part that is read, a line each. Valid after the last row.
     #[must_use]
     pub fn notes(&self) -> Vec<String> {
-        self.converted.notes()
+        self.converted.notes().into_iter().chain(self.clip.note()).collect()
+    }
+
+    /// Rows that are left out before the part that is read, and the time from the begin of the recording to its first
+    /// row \[s\].
+    #[must_use]
+    pub const fn left_out(&self) -> (u64, f64) {
+        self.clip.left_out()
     }
 
     /// What was found in the stamps and the format of foreign data, and concerns their worth. Nothing of recordings.
@@ -208,11 +255,17 @@ impl Recording {
         self.converted.nominal(imu)
     }
 
-    /// Numbers of accelerometer and gyroscope in an autopilot, where all pieces are logs of it. Valid after the last
-    /// row.
+    /// The IMU, as the logs of an autopilot name it; `None` unless all pieces are logs that name it alike. Valid after
+    /// the last row.
     #[must_use]
-    pub fn devices(&self) -> [Option<u32>; 2] {
-        self.converted.scale().map(|scale| scale.devices).unwrap_or_default()
+    pub fn log_imu(&self) -> Option<LogImu> {
+        self.converted.log_imu()
+    }
+
+    /// The first device that the rows so far name, as samples have it; `None` where they name none.
+    #[must_use]
+    pub const fn device(&self) -> Option<u64> {
+        if self.device == 0 { None } else { Some(self.device) }
     }
 
     /// When the vehicle was armed and when it flew, where the piece that is being read is the log of an autopilot. Valid
@@ -231,6 +284,10 @@ impl Recording {
         let path = self.current.path.clone();
         let Some(hash) = self.hash else { return Ok(String::new()) };
         drop(self.current);
+        // Pieces that are after the part that was read: their bytes are hashed as they are dropped.
+        for piece in self.waiting.iter().rev() {
+            drop(open_source(piece, &self.bar, Some(&hash))?);
+        }
         let digest = hash.try_borrow_mut().map(|mut hash| hash.finalize_reset());
         let digest = digest.map_err(|_| Failure::new(Exit::Failed, format!("hashing {}", shown(&path))))?;
         Ok(digest.iter().map(|byte| format!("{byte:02x}")).collect())

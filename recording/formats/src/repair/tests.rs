@@ -4,7 +4,7 @@
 
 use super::{Hole, RepairReport, inspect, repair};
 use crate::read::tests::{TestRandom, bits, read};
-use crate::read::{ImuChoice, read_numbers};
+use crate::read::{ImuChoice, Part, read_numbers};
 use crate::write::parquet::write_groups;
 use crate::write::{Files, Format, Rotation};
 use indicatif::ProgressBar;
@@ -171,7 +171,14 @@ fn read_rows(path: &Path, stream: StreamKind) -> ReadRows {
     }
     let names = ["sequence", "timestamp_ns", "interval_ns", "a1_dv", "a2_dv", "a3_dv", "g1_da", "g3_da", "flag_bits"];
     let number = |_, text: &str| text.parse::<f64>().map_err(|_| "a number");
-    let read = read_numbers(&[path.to_owned()], &names, &ImuChoice::Only(imu()), &ProgressBar::hidden(), number);
+    let read = read_numbers(
+        &[path.to_owned()],
+        &names,
+        &ImuChoice::Only(imu()),
+        Part::default(),
+        &ProgressBar::hidden(),
+        number,
+    );
     let read = read.map_err(|failure| failure.exit)?;
     Ok(read
         .rows

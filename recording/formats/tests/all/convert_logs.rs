@@ -2,9 +2,14 @@
 
 use crate::logs::{Dataflash, IMU_FORMAT, IMU_NAMES, ImuRow, Ulog, converted, refused};
 use isotherm_failure::Exit;
-use isotherm_recording_formats::convert::{Conversion, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Settings};
+use isotherm_recording::LogImu;
+use isotherm_recording_formats::convert::{
+    Conversion, FoundImu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Settings, imus_of_log,
+};
 use isotherm_shared::wire::{RawSample, device};
+use std::fs;
 use std::path::PathBuf;
+use tempfile::TempDir;
 
 /// The rows of a real file, and all that is told.
 fn file(name: &str) -> (Vec<RawSample>, Vec<String>) {
@@ -172,7 +177,20 @@ fn several_imus_are_listed_and_one_is_chosen() {
             log.imu(&ImuRow { time_us: row * 40_000, instance, ..ImuRow::default() });
         }
     }
+    let imu = |instance, device| LogImu { instance, devices: [Some(device), None] };
+    // That of a table, which may have been at another place.
+    let preferred = |imu| Settings { preferred: Some(imu), ..Settings::default() };
     for (data, extension) in [(log.bytes.clone(), "bin"), (log.text.clone().into_bytes(), "log")] {
+        let folder = TempDir::new().unwrap();
+        let path = folder.path().join("log").with_extension(extension);
+        fs::write(&path, &data).unwrap();
+        let found = [imu(0, 2_753_028), imu(1, 3_080_202)].map(|imu| FoundImu { imu, rows: 20 });
+        assert_eq!(imus_of_log(&path, &Settings::default()).unwrap(), found);
+        let (samples, _) = converted(&data, extension, &preferred(imu(0, 3_080_202)));
+        assert_eq!(samples[0].device, device("3080202"));
+        let (samples, _) = converted(&data, extension, &Settings { instance: Some(0), ..preferred(imu(0, 3_080_202)) });
+        assert_eq!(samples[0].device, device("2753028"));
+        assert_eq!(refused(&data, extension, &preferred(imu(1, 5))).0, Exit::Usage);
         let (exit, message) = refused(&data, extension, &Settings::default());
         let listed = "0 (device 2753028, 20 rows), 1 (device 3080202, 20 rows)";
         assert!(exit == Exit::Usage && message.contains(listed), "{message}");

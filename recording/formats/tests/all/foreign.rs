@@ -18,21 +18,21 @@ const MAPPING: &str = "format = 1\n[time]\ncolumn = \"t\"\nunit = \"s\"\ninterva
      columns = [\"x\", \"y\", \"z\"]\nkind = \"reading\"\nresolution = 1e-5\n[temperature]\ncolumns = \"T\"\n";
 const NOVATEL: &str = "%RAWIMUSA,2209,491612.254;2209,491612.253588,ea5afe00,329303960,-2512321,4410363,309705,607017,-1009773*1fb76c28\n";
 
-struct Files(TempDir);
+pub(crate) struct Files(TempDir);
 
 impl Files {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self(TempDir::new().unwrap())
     }
 
-    fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
+    pub(crate) fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
         let path = self.0.path().join(name);
         fs::write(&path, bytes).unwrap();
         path
     }
 }
 
-fn foreign(mapping: Option<&str>) -> Foreign {
+pub(crate) fn foreign(mapping: Option<&str>) -> Foreign {
     Foreign { mapping: mapping.map(|text| ("m.toml".into(), text.to_owned())), settings: Settings::default() }
 }
 

@@ -5,7 +5,7 @@
 
 use indicatif::ProgressBar;
 use isotherm_recording::rows::RecordedRow;
-use isotherm_recording_formats::read::{ImuChoice, Samples, read_numbers};
+use isotherm_recording_formats::read::{ImuChoice, Part, Samples, read_numbers};
 use isotherm_recording_formats::write::{Files, Format, Rotation};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::lag::Lag;
@@ -168,7 +168,9 @@ fn files_from_before_gyroscopes_are_read_as_they_were() {
         let names = ["a1_dv", "a2_dv", "a3_dv", "flag_bits", "latency_ns"];
         let number = |_, text: &str| text.parse::<f64>().map_err(|_| "a number");
         let files = [Path::new(DATA).join(increments)];
-        let rows = read_numbers(&files, &names, &ImuChoice::Any, &ProgressBar::hidden(), number).unwrap().rows;
+        let rows = read_numbers(&files, &names, &ImuChoice::Any, Part::default(), &ProgressBar::hidden(), number)
+            .unwrap()
+            .rows;
         assert_eq!(rows.len(), 40);
         for (row, raw) in rows.iter().zip(&samples) {
             let increment = answer(Some(&table), raw);
@@ -283,7 +285,7 @@ fn assert_increments(path: &Path, id: &str, table: &CoefficientTable, samples: &
     let names = ["a1_dv", "a2_dv", "a3_dv", "g1_da", "g2_da", "g3_da", "flag_bits"];
     let number = |_, text: &str| text.parse::<f64>().map_err(|_| "a number");
     let bar = ProgressBar::hidden();
-    let rows = read_numbers(&[path], &names, &ImuChoice::Only(imu(id)), &bar, number).unwrap().rows;
+    let rows = read_numbers(&[path], &names, &ImuChoice::Only(imu(id)), Part::default(), &bar, number).unwrap().rows;
     assert_eq!(rows.len(), samples.len());
     for (row, raw) in rows.iter().zip(samples) {
         let increment = answer(Some(table), raw);

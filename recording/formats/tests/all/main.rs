@@ -14,4 +14,5 @@ mod convert_vehicle;
 mod foreign;
 mod layouts;
 mod logs;
+mod part;
 mod unchecked;

@@ -3,7 +3,7 @@
 
 use indicatif::ProgressBar;
 use isotherm_recording::columns::{ColumnKind, RAW, RECORDED_NS, SENT_NS, hex, load};
-use isotherm_recording_formats::read::{ImuChoice, Samples, read_numbers};
+use isotherm_recording_formats::read::{ImuChoice, Part, Samples, read_numbers};
 use isotherm_recording_formats::repair::{RepairReport, inspect, repair};
 use isotherm_shared::wire::RawSample;
 use std::fs;
@@ -56,7 +56,9 @@ fn files_from_before_there_were_checks_are_read_as_they_were() {
     let names = ["sequence", "a1_dv", "a2_dv", "a3_dv", "g1_da", "g2_da", "g3_da", "flag_bits"];
     let number = |_, text: &str| text.parse::<f64>().map_err(|_| "a number");
     let values = |name: &str| {
-        let read = read_numbers(&[file(name)], &names, &ImuChoice::Any, &ProgressBar::hidden(), number).unwrap();
+        let read =
+            read_numbers(&[file(name)], &names, &ImuChoice::Any, Part::default(), &ProgressBar::hidden(), number)
+                .unwrap();
         read.rows.into_iter().map(|row| row.values).collect::<Vec<_>>()
     };
     let text = rows("recorded.increments.csv");

@@ -6,7 +6,7 @@ use super::super::source::{PLACEHOLDER, Reading, Source, placeholder};
 use super::dataflash::{Message, Messages};
 use super::dataflash_format::ImuColumns;
 use super::imu::{
-    Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, devices_told, open, units,
+    FoundImu, Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, found, open, units,
 };
 use super::left_out::{Flaw, LeftOut};
 use super::survey::Survey;
@@ -15,8 +15,8 @@ use super::undo::{Corrections, concerns, devices};
 use super::vehicle::{Aspect, Report, Reports, VehicleState};
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_finding::{Finding, name};
-use isotherm_recording::RecordingError;
-use isotherm_shared::wire::{AXES, device};
+use isotherm_recording::{LogImu, RecordingError};
+use isotherm_shared::wire::AXES;
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
@@ -75,13 +75,8 @@ impl DataFlashSource {
         is_text: bool,
     ) -> Result<Self, Failure> {
         let refused = |message: &str| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
-        let mut first = Messages::new(open(path, settings)?, is_text);
-        let failed = |error: RecordingError| error.failure(path);
-        let contents = Contents::read(&mut first).map_err(failed)?;
-        if contents.imus.is_empty() {
-            return Err(failed(first.error(0, contents.no_rows())));
-        }
-        let (instance, imu) = choose(path, &contents.imus(), settings.instance)?;
+        let contents = Contents::of(path, settings, is_text)?;
+        let (instance, imu) = choose(path, &contents.imus(), settings)?;
         let kept = contents.imus.get(&instance).map_or_else(|| Ok(Kept::default()), |survey| survey.kept("IMU"));
         let kept = kept.map_err(|message| refused(&message))?;
         let corrections = Corrections::new(&contents.parameters, instance).map_err(|message| refused(&message))?;
@@ -101,6 +96,14 @@ impl DataFlashSource {
             ill: 0,
             has_temperature: true,
         })
+    }
+
+    /// The IMUs of a log.
+    ///
+    /// # Errors
+    /// If it has no rows; of reading.
+    pub(in super::super) fn imus(path: &Path, settings: &Settings, is_text: bool) -> Result<Vec<FoundImu>, Failure> {
+        Contents::of(path, settings, is_text).map(|contents| found(&contents.imus()))
     }
 
     /// Takes a parameter that may have changed.
@@ -295,7 +298,11 @@ impl Source for DataFlashSource {
     }
 
     fn device(&self) -> u64 {
-        self.imu.devices[0].map_or(0, |id| device(&id.to_string()))
+        self.imu.named(self.instance).device()
+    }
+
+    fn log_imu(&self) -> Option<LogImu> {
+        Some(self.imu.named(self.instance))
     }
 
     fn vehicle_state(&self) -> VehicleState {
@@ -308,7 +315,7 @@ impl Source for DataFlashSource {
              {LOG_ACCELERATION_PULSE:e} m/s2 or {LOG_RATE_PULSE:e} rad/s; temperatures in degC",
             self.instance
         )];
-        notes.extend(devices_told(self.imu.devices));
+        notes.extend(self.imu.named(self.instance).devices_told());
         notes.push(self.undone.clone());
         let (count, first, place) = &self.changes;
         if *count > 0 {
@@ -342,6 +349,17 @@ impl Source for DataFlashSource {
 }
 
 impl Contents {
+    /// What a log has: one IMU at least.
+    fn of(path: &Path, settings: &Settings, is_text: bool) -> Result<Self, Failure> {
+        let failed = |error: RecordingError| error.failure(path);
+        let mut first = Messages::new(open(path, settings)?, is_text);
+        let contents = Self::read(&mut first).map_err(failed)?;
+        if contents.imus.is_empty() {
+            return Err(failed(first.error(0, contents.no_rows())));
+        }
+        Ok(contents)
+    }
+
     fn read(messages: &mut Messages) -> Result<Self, RecordingError> {
         let mut contents = Self::default();
         while let Some(message) = messages.next()? {

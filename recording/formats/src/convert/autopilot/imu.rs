@@ -6,12 +6,13 @@ use super::super::source::{Reading, pulses};
 use super::left_out::Flaw;
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::open_recording;
+use isotherm_recording::LogImu;
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use std::collections::BTreeMap;
-use std::fs;
 use std::io::Read;
 use std::path::Path;
+use std::{fmt, fs};
 
 /// One pulse of the accelerometers of a log \[m/s2\].
 pub const LOG_ACCELERATION_PULSE: f64 = 1e-6;
@@ -28,6 +29,36 @@ pub(super) struct Imu {
     pub(super) rows: u64,
     /// Device ids of accelerometers and gyroscopes, if the log has them.
     pub(super) devices: [Option<u32>; 2],
+}
+
+impl Imu {
+    /// As the log names it.
+    pub(super) fn named(&self, number: u8) -> LogImu {
+        LogImu { instance: number.into(), devices: self.devices }
+    }
+}
+
+/// An IMU that is in a log.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub struct FoundImu {
+    /// Its names.
+    pub imu: LogImu,
+    /// Number of its rows.
+    pub rows: u64,
+}
+
+/// `0 (device 3014666, 3500 rows)`.
+impl fmt::Display for FoundImu {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let LogImu { instance, devices: [device, _] } = self.imu;
+        let device = device.map_or("unknown device".to_owned(), |device| format!("device {device}"));
+        write!(f, "{instance} ({device}, {} rows)", self.rows)
+    }
+}
+
+/// The IMUs of a log, by their numbers.
+pub(super) fn found(imus: &BTreeMap<u8, Imu>) -> Vec<FoundImu> {
+    imus.iter().map(|(number, imu)| FoundImu { imu: imu.named(*number), rows: imu.rows }).collect()
 }
 
 /// What a log has of one instant: specific force \[m/s2\], angular rate \[rad/s\], telemetry \[degC\] of both.
@@ -53,34 +84,32 @@ pub(super) fn open(path: &Path, settings: &Settings) -> Result<Box<dyn Read>, Fa
     Ok(settings.watched(source))
 }
 
-/// The IMU that is wanted, or else the only one, with its number in the log. There is one at least.
-pub(super) fn choose(path: &Path, imus: &BTreeMap<u8, Imu>, wanted: Option<u32>) -> Result<(u8, Imu), Failure> {
-    let found = match (wanted, imus.iter().next()) {
+/// The IMU that is wanted, or else the only one, or else the preferred one, with its number in the log. There is one at
+/// least.
+pub(super) fn choose(path: &Path, imus: &BTreeMap<u8, Imu>, settings: &Settings) -> Result<(u8, Imu), Failure> {
+    let is_preferred = |(number, imu): &(&u8, &Imu)| {
+        settings.preferred.is_some_and(|preferred| !preferred.differs_from(&imu.named(**number)))
+    };
+    let found = match (settings.instance, imus.len()) {
         (Some(wanted), _) => imus.iter().find(|(number, _)| u32::from(**number) == wanted),
-        (None, only) => only.filter(|_| imus.len() == 1),
+        (None, 1) => imus.iter().next(),
+        (None, _) => imus.iter().find(is_preferred),
     };
     if let Some((number, imu)) = found {
         return Ok((*number, imu.clone()));
     }
-    let problem = match wanted {
+    let problem = match settings.instance {
         Some(wanted) => format!("no IMU {wanted}; choose one with --instance"),
         None => "several IMUs; choose one with --instance".to_owned(),
     };
-    let listed = imus.iter().map(|(number, imu)| {
-        let device = imu.devices[0].map_or("unknown device".to_owned(), |device| format!("device {device}"));
-        format!("{number} ({device}, {} rows)", imu.rows)
-    });
-    let listed = listed.collect::<Vec<_>>().join(", ");
+    let listed = found_listed(&self::found(imus));
     Err(Failure::new(Exit::Usage, format!("{}: {problem}: {listed}", shown(path))))
 }
 
-/// The ids of both sensors, for the operator.
-pub(super) fn devices_told(devices: [Option<u32>; 2]) -> Option<String> {
-    match devices {
-        [Some(one), Some(other)] if one != other => Some(format!("device {one}, that of the gyroscopes {other}")),
-        [Some(one), _] | [None, Some(one)] => Some(format!("device {one}")),
-        [None, None] => None,
-    }
+/// The IMUs of a log, for messages: `0 (device 3014666, 3500 rows), 1 (device 2621450, 3500 rows)`.
+#[must_use]
+pub fn found_listed(imus: &[FoundImu]) -> String {
+    imus.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")
 }
 
 impl Values {

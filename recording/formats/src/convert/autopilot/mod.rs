@@ -20,7 +20,7 @@ mod window;
 
 pub(super) use ardupilot::DataFlashSource;
 pub(super) use dataflash::{is_binary_log, is_text_log};
-pub use imu::{LOG_ACCELERATION_PULSE, LOG_RATE_PULSE};
+pub use imu::{FoundImu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, found_listed};
 pub(super) use px4::UlogSource;
 pub(super) use ulog::is_ulog;
 pub use vehicle::VehicleState;

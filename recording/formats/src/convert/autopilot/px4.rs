@@ -8,7 +8,7 @@ use super::super::scale::Units;
 use super::super::settings::{GyroscopeTemperature, Settings};
 use super::super::source::{PLACEHOLDER, Reading, Source, placeholder};
 use super::imu::{
-    Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, devices_told, open, units,
+    FoundImu, Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, found, open, units,
 };
 use super::left_out::{Flaw, LeftOut};
 use super::survey::{NoThermometer, Survey};
@@ -18,8 +18,8 @@ use super::ulog_format::SensorRow;
 use super::vehicle::{Report, Reports, VehicleState};
 use isotherm_failure::Failure;
 use isotherm_finding::{Finding, name};
-use isotherm_recording::RecordingError;
-use isotherm_shared::wire::{AXES, device};
+use isotherm_recording::{LogImu, RecordingError};
+use isotherm_shared::wire::AXES;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -108,13 +108,9 @@ impl UlogSource {
     /// If it has no raw rows, or several IMUs of which none is named; of reading.
     pub(in super::super) fn open(path: &Path, settings: &Settings, telemetry: Option<f64>) -> Result<Self, Failure> {
         let failed = |error: RecordingError| error.failure(path);
-        let mut messages = Messages::new(open(path, settings)?).map_err(failed)?;
-        let contents = Contents::read(&mut messages).map_err(failed)?;
-        let refused = |message: String| failed(error(messages.place(), message));
-        if contents.accelerometers.is_empty() {
-            return Err(refused(contents.no_rows()));
-        }
-        let (instance, imu) = choose(path, &contents.imus(), settings.instance)?;
+        let contents = Contents::of(path, settings)?;
+        let refused = |message: String| failed(error(0, message));
+        let (instance, imu) = choose(path, &contents.imus(), settings)?;
         let nothing = Survey::default();
         let of = |all: &BTreeMap<u8, Survey>, topic| {
             let rows = Rows::new(topic, all.get(&instance).unwrap_or(&nothing));
@@ -151,6 +147,14 @@ impl UlogSource {
             first_us: 0,
             last_us: 0,
         })
+    }
+
+    /// The IMUs of a log.
+    ///
+    /// # Errors
+    /// If it has no raw rows; of reading.
+    pub(in super::super) fn imus(path: &Path, settings: &Settings) -> Result<Vec<FoundImu>, Failure> {
+        Contents::of(path, settings).map(|contents| found(&contents.imus()))
     }
 
     /// The next row of one of both topics that is not left out, with its place.
@@ -338,7 +342,11 @@ impl Source for UlogSource {
     }
 
     fn device(&self) -> u64 {
-        self.imu.devices[0].map_or(0, |id| device(&id.to_string()))
+        self.imu.named(self.instance).device()
+    }
+
+    fn log_imu(&self) -> Option<LogImu> {
+        Some(self.imu.named(self.instance))
     }
 
     fn vehicle_state(&self) -> VehicleState {
@@ -356,7 +364,7 @@ impl Source for UlogSource {
             "A1, A2, A3 are x, y, z of sensor_accel {instance}{gyroscopes}; one pulse is {LOG_ACCELERATION_PULSE:e} \
              m/s2 or {LOG_RATE_PULSE:e} rad/s; temperatures in degC"
         )];
-        notes.extend(devices_told(self.imu.devices));
+        notes.extend(self.imu.named(self.instance).devices_told());
         if self.thermometer == Thermometer::Accelerometer {
             notes.push("the temperature of the gyroscopes is that of the accelerometers, as asked for".to_owned());
         }
@@ -438,6 +446,17 @@ impl Means {
 }
 
 impl Contents {
+    /// What a log has: one IMU at least.
+    fn of(path: &Path, settings: &Settings) -> Result<Self, Failure> {
+        let failed = |error: RecordingError| error.failure(path);
+        let mut messages = Messages::new(open(path, settings)?).map_err(failed)?;
+        let contents = Self::read(&mut messages).map_err(failed)?;
+        if contents.accelerometers.is_empty() {
+            return Err(failed(error(messages.place(), contents.no_rows())));
+        }
+        Ok(contents)
+    }
+
     fn read(messages: &mut Messages) -> Result<Self, RecordingError> {
         let mut contents = Self::default();
         while let Some(data) = messages.next()? {

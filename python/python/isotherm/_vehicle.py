@@ -1,0 +1,66 @@
+"""Calibration of all IMUs of an autopilot's logs: a table each, and one file of parameters for the vehicle."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+from . import _isotherm
+from ._convert import Moment
+from ._isotherm import Exported, Table
+from ._offline import AnyPath, Calibration
+from ._one_attitude import one_attitude_options
+
+
+class Vehicle(dict[int, Calibration]):
+    """The calibrations of the IMUs of a vehicle, by their numbers in the logs.
+
+    `refused` has the exceptions of the IMUs that have none.
+    """
+
+    def __init__(self, imu: str, made: Iterable[tuple[int, _isotherm.Calibration | None, Exception | None]]) -> None:
+        every = list(made)
+        super().__init__({instance: Calibration(native) for instance, native, _ in every if native is not None})
+        self.refused: dict[int, Exception] = {instance: error for instance, _, error in every if error is not None}
+        self._imu = imu
+
+    def export(self, to: Literal["px4", "ardupilot"], *, at: float | None = None, drop: Sequence[str] = ()) -> Exported:
+        """The parameters of all IMUs as one file, each as `export_parameters` gives them. What enables all sensors of a kind at once, as PX4's
+        TC_A_ENABLE, is only in it if every IMU has parameters; else the notes say which has none.
+        """
+        numbers = sorted([*self, *self.refused])
+        imus = [(f"{self._imu}-{number}", self[number].table if number in self else None) for number in numbers]
+        return _isotherm.export_vehicle(imus, to, at, list(drop))
+
+
+def calibrate_vehicle(
+    logs: AnyPath | Sequence[AnyPath],
+    imu: str,
+    *,
+    nominal: Mapping[int, Table] | None = None,
+    order: int | Literal["auto"] = "auto",
+    lag: float | Literal["none"] | None = None,
+    at: float | None = None,
+    gravity_reference: float | None = None,
+    beside: Iterable[Literal["px4", "ardupilot"]] = (),
+    accept: Iterable[str] = (),
+    strict: bool = False,
+    other_device: bool = False,
+    temperature: float | None = None,
+    interval: float | None = None,
+    start: Moment | None = None,
+    end: Moment | None = None,
+) -> Vehicle:
+    """Makes bias curves of all IMUs of an autopilot's logs, as `isotherm calibrate --one-attitude` does.
+
+    `logs` is a ULog or DataFlash log, or several. Of logs with several IMUs the tables are of `imu`-0, `imu`-1 and so on, by the numbers in the
+    logs; of logs with one it is of `imu`. An IMU whose rows give no table is in `Vehicle.refused`, with the exception, and the others go on. `nominal` are tables by those numbers. All else is as of
+    `calibrate_one_attitude`, which makes the table of one IMU: with `instance` of the one that it names.
+    """
+    options = one_attitude_options(
+        order, lag, at, gravity_reference, beside, accept, strict, other_device, (None, temperature, interval, None, None, None), (start, end)
+    )
+    paths = [Path(logs)] if isinstance(logs, (str, os.PathLike)) else [Path(log) for log in logs]
+    return Vehicle(imu, _isotherm.calibrate_vehicle(paths, imu, dict(nominal or {}), gravity_reference, options))
