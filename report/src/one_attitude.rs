@@ -8,7 +8,7 @@ use crate::plot::{Plot, Style};
 use crate::text::{transients, within};
 use crate::view::{value, view};
 use isotherm_calibration::{
-    BiasCurve, CampaignSource, LeftOut, OneAttitudeCalibration, OrderChoice, Spread, SweepPoint, TriadUnits, TriedOrder,
+    BiasCurve, CampaignSource, OneAttitudeCalibration, OrderChoice, Spread, SweepPoint, TriadUnits, TriedOrder,
 };
 use isotherm_campaign::Campaign;
 use isotherm_recording::Losses;
@@ -61,11 +61,13 @@ pub fn text(calibration: &OneAttitudeCalibration) -> String {
 
 /// How the order was found, in words.
 fn order_words(order: &OrderChoice) -> String {
-    let by = match order.left_out {
-        LeftOut::Sweeps(count) => format!("{count} sweeps left out, one at a time"),
-        LeftOut::Blocks(count) => format!("{count} blocks of time left out, one at a time, since there is one sweep"),
+    let how = match (order.given, order.order, order.sweeps_left_out) {
+        (true, ..) => "given",
+        (_, 4.., _) => "which predicts sweeps left out better than a cubic",
+        (_, 3, _) => "the autopilots' cubic",
+        (_, _, 0) => "since the data show no higher term",
+        _ => "since the data show no higher term, and no sweep left out asks for one",
     };
-    let how = if order.given { "given".to_owned() } else { format!("chosen by {by}") };
     format!("order {}, {how}", order.order)
 }
 
@@ -92,7 +94,7 @@ view! { View<'a>(found: &'a OneAttitudeCalibration, all: Value) {
     unit: &'a str = &found.table().content().temperature_unit,
     reference_temperature: f64 = found.at,
     bin: f64 = found.bin,
-    order: OrderView = OrderView::of(&found.order, found),
+    order: OrderView<'a> = OrderView::of(&found.order, found),
     biases: Vec<BiasView<'a>> =
         found.biases.iter().map(|bias| BiasView::of(bias, found.table().content().gravity)).collect(),
     losses: Losses = found.ramps.transients.losses,
@@ -101,21 +103,17 @@ view! { View<'a>(found: &'a OneAttitudeCalibration, all: Value) {
     findings: Value = all,
 }}
 
-view! { OrderView(order: &OrderChoice, found: &OneAttitudeCalibration) {
+view! { OrderView<'a>(order: &'a OrderChoice, found: &OneAttitudeCalibration) {
     order: usize = order.order,
     given: bool = order.given,
-    left_out: &'static str = match order.left_out {
-        LeftOut::Sweeps(_) => "sweeps",
-        LeftOut::Blocks(_) => "blocks",
-    },
-    count: usize = match order.left_out {
-        LeftOut::Sweeps(count) | LeftOut::Blocks(count) => count,
-    },
-    tried: Vec<TriedView> = order.tried.iter().map(|it| TriedView::of(it, found)).collect(),
+    left_out: &'static str = if order.sweeps_left_out > 0 { "sweeps" } else { "none" },
+    count: usize = order.sweeps_left_out,
+    tried: Vec<TriedView<'a>> = order.tried.iter().map(|it| TriedView::of(it, found)).collect(),
 }}
 
-view! { TriedView(tried: &TriedOrder, found: &OneAttitudeCalibration) {
+view! { TriedView<'a>(tried: &'a TriedOrder, found: &OneAttitudeCalibration) {
     order: usize = tried.order,
+    terms: &'a [f64] = &tried.terms,
     /// By bias, in its unit.
     errors: Vec<f64> = of_biases(tried, found),
 }}
@@ -134,6 +132,8 @@ BiasView<'a>(bias: &'a BiasCurve, gravity: f64) {
     unit: &'a str = TriadUnits::of(bias.kind).si(0.0, gravity).1,
     before: SpreadView = SpreadView::of(bias.before, bias, gravity),
     after: SpreadView = SpreadView::of(bias.after, bias, gravity),
+    interval_95: f64 = TriadUnits::of(bias.kind).si(bias.interval, gravity).0,
+    behind_60_s: f64 = TriadUnits::of(bias.kind).si(bias.behind, gravity).0,
     band: Option<f64> =
         bias.band.as_ref().map(|band| TriadUnits::of(bias.kind).si(band.half_width, gravity).0),
     band_at: Option<f64> = bias.band.as_ref().map(|band| band.at),

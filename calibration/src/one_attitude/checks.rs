@@ -1,7 +1,9 @@
 //! What is wrong with recordings at one attitude.
 
+use super::result::BiasCurve;
 use crate::checks::scale::zero_of;
 use crate::ramps::ONE_DIRECTION_REMEDY;
+use crate::sensor::TriadUnits;
 use crate::transients::{RampRecording, Transients, bin_values};
 use isotherm_finding::{Finding, Severity, name};
 use isotherm_shared::table::{Axis, CoefficientTable};
@@ -24,6 +26,8 @@ const MILLI: f64 = 1000.0;
 const SETTLED: f64 = 0.1;
 /// .. for this part of a recording.
 const SETTLED_PART: f64 = 0.02;
+/// The cubic of an autopilot leaves clearly less if it leaves less than this part.
+const BESIDE: f64 = 0.9;
 /// Rates are means over this part of a recording.
 const RATE_PART: f64 = 0.01;
 
@@ -52,7 +56,7 @@ pub(super) fn before(recordings: &[RampRecording], nominal: &CoefficientTable) -
 pub(super) fn after(found: &Transients) -> Vec<Finding> {
     let unknown = found.biases.iter().find(|bias| bias.curve_error.is_none()).map(|bias| {
         let message = format!(
-            "no recording heats and cools over half of the range of {}: the errors of the curves are not known; {ONE_DIRECTION_REMEDY}",
+            "no recordings heat and cool over half of the range of {}: the errors of the curves are not known; {ONE_DIRECTION_REMEDY}",
             bias.name()
         );
         Finding::warning(name::ONE_DIRECTION, message)
@@ -66,6 +70,22 @@ pub(super) fn last(recordings: &[RampRecording], nominal: &CoefficientTable) -> 
     let of_files = of_files.filter(|finding| finding.name != name::INTERVAL);
     let unit = &nominal.content().temperature_unit;
     recordings.iter().filter_map(|recording| settled(recording, unit)).chain(of_files).collect()
+}
+
+/// Biases of which the cubic of an autopilot leaves clearly less on the same rows.
+pub(super) fn beside(biases: &[BiasCurve], gravity: f64) -> Vec<Finding> {
+    let better = |bias: &BiasCurve| {
+        let (of, _, spread) = bias.beside.iter().min_by(|a, b| a.2.sd.total_cmp(&b.2.sd))?;
+        let [theirs, ours] = [spread.sd, bias.after.sd].map(|sd| TriadUnits::of(bias.kind).si_text(sd, gravity));
+        (spread.sd < BESIDE * bias.after.sd)
+            .then(|| format!("{} {theirs} ({}) instead of {ours}", bias.name(), of.title()))
+    };
+    let all: Vec<_> = biases.iter().filter_map(better).collect();
+    let message = format!(
+        "the cubic of an autopilot leaves less of the same rows: {}; look at the residuals in the report, or give --order 3",
+        all.join(", ")
+    );
+    if all.is_empty() { Vec::new() } else { vec![Finding::warning(name::BESIDE_LEAVES_LESS, message)] }
 }
 
 /// Rows that cover little of the time: their interval is far too short.
