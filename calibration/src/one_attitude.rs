@@ -214,7 +214,7 @@ impl Made<'_> {
             curve: shape.polynomial(self.at, constant)?,
             before: left(&|bin| raw(bin) - nominal.bias_at(nominal.bias.clamp(bin.telemetry)).0),
             after: left(&|bin| bin.value - shape.at(bin.telemetry)),
-            interval: self.interval(bias, &shape, scatter),
+            interval: self.interval(bias, order, scatter)?,
             behind: self.sweeps.iter().map(|sweep| behind(bias, &shape, sweep)).fold(0.0, f64::max),
             band: transient.curve_error.clone(),
             points: self.points(bias, &shape, constant),
@@ -222,12 +222,15 @@ impl Made<'_> {
         })
     }
 
-    /// Largest half width of the 95 % interval of a curve over its range.
-    fn interval(&self, bias: &Series, shape: &Shape, scatter: Scatter) -> f64 {
+    /// Largest half width of the 95 % interval of a curve over its range. A lower order than the cubic was chosen by the
+    /// same data, and a term that is not seen may be as large as its error: the interval is that of the cubic.
+    fn interval(&self, bias: &Series, order: usize, scatter: Scatter) -> Option<f64> {
+        let orders = [order.max(order::CUBIC), order];
+        let shape = orders.iter().find_map(|order| bias.fit(&bias.whole(), *order, Weight::Scatter(scatter)))?;
         let together = shape.together(bias, scatter);
         let at = (bias.kind == SensorKind::Accelerometer).then_some(self.at);
         let error = |telemetry: f64| shape.standard_error(telemetry, at, together);
-        NORMAL_95 * places(bias.range).map(error).fold(0.0, f64::max)
+        Some(NORMAL_95 * places(bias.range).map(error).fold(0.0, f64::max))
     }
 
     /// The means of each sweep in wide bins, on the curve's constant.

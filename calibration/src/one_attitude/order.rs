@@ -17,13 +17,13 @@
 use super::curves::{Part, Scatter, Series, Shape, Weight, spread};
 
 /// The order to beat.
-const CUBIC: usize = 3;
+pub(super) const CUBIC: usize = 3;
 /// Highest order that is tried with two sweeps or more.
 const HIGHEST: usize = 6;
 /// A term is left out if it is below this many standard errors in every bias ..
-const SEEN: f64 = 2.0;
+const SEEN: f64 = 1.5;
 /// .. and if the mean over the biases of their squares is below this, which is 1 for noise.
-const MEAN_SQUARE: f64 = 1.3;
+const MEAN_SQUARE: f64 = 0.8;
 /// What an order above the cubic leaves of sweeps left out is below this part of what the cubic leaves: 0.8 of the
 /// square.
 const BETTER: f64 = 0.9;

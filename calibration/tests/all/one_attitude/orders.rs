@@ -89,40 +89,47 @@ fn seed() -> u64 {
     std::env::var("ISOTHERM_SEED").ok().and_then(|text| text.parse().ok()).unwrap_or(1)
 }
 
-/// Tries `units` of each true order, and asserts the bounds of a setting.
-fn study(name: &str, kind: &WarmUp, units: u64, lag: LagChoice) {
-    for order in [3, 2, 1, 0] {
+/// Tries `units` of each true order. Returns the bounds that a setting is beyond.
+fn study(name: &str, kind: &WarmUp, orders: &[usize], units: u64, lag: LagChoice) -> Vec<String> {
+    let mut beyond = Vec::new();
+    for &order in orders {
         let all: Vec<Outcome> = (0..units).map(|unit| outcome(kind, order, lag, seed() * 1_000_000 + unit)).collect();
         let ratios: Vec<f64> = all.iter().flat_map(|it| it.ratios.iter().copied()).collect();
         let in_intervals: Vec<f64> = all.iter().flat_map(|it| it.in_intervals.iter().copied()).collect();
-        let mut orders = [0; 7];
-        all.iter().for_each(|it| orders[it.order] += 1);
-        let (middle, over, worst) =
-            (median(ratios.iter().copied()), part(&ratios, 1.25), ratios.iter().copied().fold(0.0, f64::max));
+        let mut chosen = [0; 7];
+        all.iter().for_each(|it| chosen[it.order] += 1);
+        let middle = median(ratios.iter().copied());
+        let (over, worst) = (part(&ratios, 1.25), ratios.iter().copied().fold(0.0, f64::max));
+        let outside = [1.0, 2.0].map(|intervals| part(&in_intervals, intervals));
         let sweeps = all.iter().filter(|it| it.has_sweeps).count();
-        println!(
-            "{name}, true order {order}: orders {orders:?}, error over the plain cubic's: median {middle:.2}, {:.1} % over 1.25, worst {worst:.2}; \
+        let line = format!(
+            "{name}, true order {order}: orders {chosen:?}, error over the plain cubic's: median {middle:.2}, {:.1} % over 1.25, worst {worst:.2}; \
              {:.1} % outside of their interval, {:.1} % of twice it; {sweeps} of {units} [ramp-sweeps]",
             over * 100.0,
-            part(&in_intervals, 1.0) * 100.0,
-            part(&in_intervals, 2.0) * 100.0,
+            outside[0] * 100.0,
+            outside[1] * 100.0,
         );
-        let enough = units >= 100;
-        assert!(middle <= if enough { 1.02 } else { 1.1 }, "{name}, order {order}: median {middle}");
-        assert!(over <= if enough { 0.05 } else { 0.15 }, "{name}, order {order}: {over} over 1.25");
-        assert!(worst <= 2.0, "{name}, order {order}: worst {worst}");
-        assert!(orders[4..].iter().all(|count| *count == 0), "{name}, order {order}: {orders:?}");
-        if kind.hysteresis == 0.0 && kind.lag_s == 0.0 && kind.flicker == 0.0 {
-            assert!(sweeps as f64 <= (0.05 * units as f64).max(1.0), "{name}, order {order}: {sweeps} false alarms");
-            assert!(part(&in_intervals, 2.0) <= 0.01, "{name}, order {order}");
+        println!("{line}");
+        let is_white = kind.hysteresis == 0.0 && kind.lag_s == 0.0 && kind.flicker == 0.0;
+        // One of few units may be off by chance.
+        let one = 1.0 / (units as f64 * SENSORS as f64);
+        let good = middle <= 1.02 + one
+            && over <= 0.05 + one
+            && worst <= 2.0
+            && chosen[4..].iter().all(|count| *count == 0)
+            && (!is_white || sweeps as f64 <= (0.05 * units as f64).max(1.0) && outside[1] <= 0.01);
+        if !good {
+            beyond.push(line);
         }
     }
+    beyond
 }
 
 #[test]
 fn the_curves_of_some_units_are_as_good_as_a_plain_cubic() {
     for (name, kind) in kinds().iter().filter(|(_, kind)| kind.rate_hz == 1) {
-        study(name, kind, 4, LagChoice::None);
+        let beyond = study(name, kind, &[3, 1], 2, LagChoice::None);
+        assert!(beyond.is_empty(), "{beyond:?}");
     }
 }
 
@@ -130,7 +137,7 @@ fn the_curves_of_some_units_are_as_good_as_a_plain_cubic() {
 #[ignore = "minutes: ISOTHERM_SEED=1 cargo test --release -p isotherm-calibration --test all a_hundred_units -- --ignored --nocapture"]
 fn the_curves_of_a_hundred_units_of_each_kind_are_as_good_as_a_plain_cubic() {
     println!("seed {}", seed());
-    for (name, kind) in kinds() {
-        study(name, &kind, 100, LagChoice::None);
-    }
+    let of_kind = |(name, kind): (&str, WarmUp)| study(name, &kind, &[3, 2, 1, 0], 100, LagChoice::None);
+    let beyond: Vec<String> = kinds().into_iter().flat_map(of_kind).collect();
+    assert!(beyond.is_empty(), "{beyond:#?}");
 }

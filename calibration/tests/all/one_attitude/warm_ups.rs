@@ -155,7 +155,8 @@ fn sample(number: usize, rate_hz: u32, telemetry: f64, readings: [f64; SENSORS])
         sequence: number as u64,
         timestamp_ns,
         interval_ns,
-        telemetry_ns: timestamp_ns,
+        // Both are of the middle of the row.
+        telemetry_ns: timestamp_ns - interval_ns / 2,
         accelerometers: triad(0, resolution().accelerometer),
         gyroscopes: triad(AXES, resolution().gyroscope),
         ..RawSample::default()
