@@ -6,7 +6,7 @@
 //!    unit, missing rows are found as there. `nominal` gives everything but the bias curves.
 //! 2. `curves`: each curve goes through means of 1/200 of the telemetry's range, which weigh by how they scatter; each
 //!    recording has a constant of its own.
-//! 3. `order`: all curves are cubics, unless the data show a lower order, or sweeps that are left out a higher one.
+//! 3. `order`: all curves are cubics, unless a higher order predicts sweeps that are left out clearly better.
 //! 4. The constant of an accelerometer's curve contains the attitude: the curve keeps the bias of `nominal` at the
 //!    reference temperature. That of a gyroscope stays in, with Earth's rate.
 //!
@@ -214,7 +214,7 @@ impl Made<'_> {
             curve: shape.polynomial(self.at, constant)?,
             before: left(&|bin| raw(bin) - nominal.bias_at(nominal.bias.clamp(bin.telemetry)).0),
             after: left(&|bin| bin.value - shape.at(bin.telemetry)),
-            interval: self.interval(bias, order, scatter)?,
+            interval: self.interval(bias, &shape, scatter),
             behind: self.sweeps.iter().map(|sweep| behind(bias, &shape, sweep)).fold(0.0, f64::max),
             band: transient.curve_error.clone(),
             points: self.points(bias, &shape, constant),
@@ -222,15 +222,12 @@ impl Made<'_> {
         })
     }
 
-    /// Largest half width of the 95 % interval of a curve over its range. A lower order than the cubic was chosen by the
-    /// same data, and a term that is not seen may be as large as its error: the interval is that of the cubic.
-    fn interval(&self, bias: &Series, order: usize, scatter: Scatter) -> Option<f64> {
-        let orders = [order.max(order::CUBIC), order];
-        let shape = orders.iter().find_map(|order| bias.fit(&bias.whole(), *order, Weight::Scatter(scatter)))?;
+    /// Largest half width of the 95 % interval of a curve over its range.
+    fn interval(&self, bias: &Series, shape: &Shape, scatter: Scatter) -> f64 {
         let together = shape.together(bias, scatter);
         let at = (bias.kind == SensorKind::Accelerometer).then_some(self.at);
         let error = |telemetry: f64| shape.standard_error(telemetry, at, together);
-        Some(NORMAL_95 * places(bias.range).map(error).fold(0.0, f64::max))
+        NORMAL_95 * places(bias.range).map(error).fold(0.0, f64::max)
     }
 
     /// The means of each sweep in wide bins, on the curve's constant.

@@ -65,8 +65,7 @@ fn order_words(order: &OrderChoice) -> String {
         (true, ..) => "given",
         (_, 4.., _) => "which predicts sweeps left out better than a cubic",
         (_, 3, _) => "the autopilots' cubic",
-        (_, _, 0) => "since the data show no higher term",
-        _ => "since the data show no higher term, and no sweep left out asks for one",
+        _ => "the highest that the telemetry determines",
     };
     format!("order {}, {how}", order.order)
 }
@@ -314,17 +313,25 @@ fn residuals(page: &mut Page, calibration: &OneAttitudeCalibration, unit: &str) 
 fn orders(page: &mut Page, calibration: &OneAttitudeCalibration) {
     page.heading(2, "order", "Order");
     page.paragraph(&format!("{}. All curves have one order.", order_words(&calibration.order)));
-    let mut header = vec!["Order".to_owned()];
     let gravity = calibration.table().content().gravity;
-    header.extend(calibration.biases.iter().map(|bias| {
-        let unit = TriadUnits::of(bias.kind).si(0.0, gravity).1;
-        format!("{} / ({unit})", bias.name())
-    }));
-    let header: Vec<&str> = header.iter().map(String::as_str).collect();
-    let row = |tried: &TriedOrder| {
-        let errors = of_biases(tried, calibration).into_iter().map(|error| Cell::Number(shown(error)));
-        core::iter::once(Cell::number(tried.order as f64, 0)).chain(errors).collect::<Vec<_>>()
+    let header = |unit: &dyn Fn(&BiasCurve) -> String| -> Vec<String> {
+        core::iter::once("Order".to_owned()).chain(calibration.biases.iter().map(unit)).collect()
     };
-    let rows: Vec<_> = calibration.order.tried.iter().map(row).collect();
-    page.table("Standard deviation of what was left out, by order", &header, &rows);
+    let mut table = |caption: &str, header: Vec<String>, figures: &dyn Fn(&TriedOrder) -> Vec<f64>| {
+        let row = |tried: &TriedOrder| {
+            let cells = figures(tried).into_iter().map(|figure| Cell::Number(shown(figure)));
+            core::iter::once(Cell::number(tried.order as f64, 0)).chain(cells).collect::<Vec<_>>()
+        };
+        let rows: Vec<_> = calibration.order.tried.iter().map(row).collect();
+        page.table(caption, &header.iter().map(String::as_str).collect::<Vec<_>>(), &rows);
+    };
+    table("Highest term in standard errors, by order", header(&|bias| bias.name().to_owned()), &|it| it.terms.clone());
+    if calibration.order.sweeps_left_out > 0 {
+        let with_unit = |bias: &BiasCurve| {
+            let unit = TriadUnits::of(bias.kind).si(0.0, gravity).1;
+            format!("{} / ({unit})", bias.name())
+        };
+        let caption = "Standard deviation of what is left of sweeps left out, by order";
+        table(caption, header(&with_unit), &|it| of_biases(it, calibration));
+    }
 }

@@ -1,29 +1,23 @@
 //! The order of the curves.
 //!
-//! The cubic of the autopilots is the order to beat. It has to be worse to be left:
-//! - A **lower** order is taken if the data show nothing of what it leaves out: the highest term of every bias is within
-//!   its errors, and all of them together are no larger than noise makes them. Dropping a term that is noise makes a
-//!   curve better, and dropping one that is there makes it worse; a term that is not seen is at most as large as its
-//!   error.
-//! - A **higher** order is taken if it predicts sweeps that it was not fitted to clearly better. Neighbouring rows are the
-//!   same point, so that no test of the fit itself tells it, and a higher order always fits better. One sweep does not
-//!   tell a curve from hysteresis: there the cubic is the highest.
+//! The cubic of the autopilots is the order to beat. A higher one is taken if it predicts sweeps that it was not fitted to
+//! clearly better: neighbouring rows are the same point, so that no test of the fit itself tells it, and a higher order
+//! always fits better. One sweep does not tell a curve from hysteresis: there the cubic is the highest.
 //!
-//! Blocks of time are no substitute for sweeps: in a warm-up that slows down they are blocks of temperature, and leaving
-//! one out asks for an extrapolation over tens of degrees, which punishes every order.
+//! A lower order is never chosen. Terms that are not there cost little: the error of a line fitted by a cubic is that of
+//! the cubic, which the interval states. A term that is there and not seen costs as much as it is large: over hundreds of
+//! simulated units any rule that drops terms within 1.5 to 2 standard errors doubled the error of one now and then.
+//! Blocks of time tell nothing: in a warm-up that slows down they are blocks of temperature, and leaving one out asks for
+//! an extrapolation over tens of degrees, which punishes every order.
 //!
 //! All biases have one order: a figure of a single axis is chance.
 
 use super::curves::{Part, Scatter, Series, Shape, Weight, spread};
 
 /// The order to beat.
-pub(super) const CUBIC: usize = 3;
+const CUBIC: usize = 3;
 /// Highest order that is tried with two sweeps or more.
 const HIGHEST: usize = 6;
-/// A term is left out if it is below this many standard errors in every bias ..
-const SEEN: f64 = 1.5;
-/// .. and if the mean over the biases of their squares is below this, which is 1 for noise.
-const MEAN_SQUARE: f64 = 0.8;
 /// What an order above the cubic leaves of sweeps left out is below this part of what the cubic leaves: 0.8 of the
 /// square.
 const BETTER: f64 = 0.9;
@@ -85,21 +79,12 @@ fn tried(series: &[Series], scatters: &[Scatter], sweeps: &[Part], order: usize)
     Some(TriedOrder { order, terms: terms?, errors: errors.unwrap_or_default() })
 }
 
+/// The cubic, or the highest order below it that the telemetry determines, unless a higher one predicts better.
 fn chosen(tried: &[TriedOrder]) -> usize {
     let Some(cubic) = tried.get(CUBIC).or(tried.last()) else { return 0 };
-    let higher = tried[cubic.order..].iter().filter(|it| is_better(&it.errors, &cubic.errors));
-    let best = higher.min_by(|a, b| mean_log(&a.errors).total_cmp(&mean_log(&b.errors)));
-    if let Some(best) = best {
-        return best.order;
-    }
-    tried[..=cubic.order].iter().rev().find(|it| is_seen(&it.terms)).map_or(0, |it| it.order)
-}
-
-/// Whether the data show the highest terms of an order.
-fn is_seen(terms: &[f64]) -> bool {
-    let mean_square = terms.iter().map(|term| term * term).sum::<f64>() / terms.len().max(1) as f64;
-    // A term that cannot be judged stays.
-    !(mean_square < MEAN_SQUARE && terms.iter().all(|term| *term < SEEN))
+    let better = tried[cubic.order..].iter().filter(|it| is_better(&it.errors, &cubic.errors));
+    let best = better.min_by(|a, b| mean_log(&a.errors).total_cmp(&mean_log(&b.errors)));
+    best.unwrap_or(cubic).order
 }
 
 /// Whether errors are clearly below those of the cubic on the whole, and above them for no bias.
