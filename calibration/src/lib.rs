@@ -66,7 +66,7 @@ pub use gyroscopes::runs::implausible;
 pub use gyroscopes::{FittedRun, GyroscopeCalibration, Measurements, Place, is_alignment_needed, read_measurements};
 pub use noise::noise_of_dwells;
 pub use one_attitude::{
-    BiasCurve, LeftOut, OnBoard, OnBoardCurve, OneAttitudeCalibration, OneAttitudeOptions, OrderChoice, Spread,
+    BEHIND_S, BiasCurve, OnBoard, OnBoardCurve, OneAttitudeCalibration, OneAttitudeOptions, OrderChoice, Spread,
     SweepPoint, SweepSpan, TriedOrder, calibrate_one_attitude,
 };
 pub use one_stage::{OneStageError, solve};

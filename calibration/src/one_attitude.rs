@@ -4,14 +4,15 @@
 //! # Method
 //! 1. The recordings are [ramps](crate::ramps): lag and transient of each bias, the band between sweeps, steps, another
 //!    unit, missing rows are found as there. `nominal` gives everything but the bias curves.
-//! 2. `curves`: each curve goes through means of 1/200 of the telemetry's range, which weigh alike; each recording has
-//!    a constant of its own.
-//! 3. `order`: all curves have the order that best predicts sweeps that are left out.
+//! 2. `curves`: each curve goes through means of 1/200 of the telemetry's range, which weigh by how they scatter; each
+//!    recording has a constant of its own.
+//! 3. `order`: all curves are cubics, unless a higher order predicts sweeps that are left out clearly better.
 //! 4. The constant of an accelerometer's curve contains the attitude: the curve keeps the bias of `nominal` at the
 //!    reference temperature. That of a gyroscope stays in, with Earth's rate.
 //!
 //! The error of a curve is the band: how far heating and cooling are apart at the same telemetry. No curve over
-//! telemetry can be better. One sweep does not show it.
+//! telemetry can be better. One sweep does not show it: the 95 % interval from noise stands beside what a lag of a
+//! minute would make.
 
 mod beside;
 mod checks;
@@ -22,8 +23,8 @@ mod order;
 mod result;
 
 pub use options::{OnBoard, OneAttitudeOptions};
-pub use order::{LeftOut, OrderChoice, TriedOrder};
-pub use result::{BiasCurve, OnBoardCurve, OneAttitudeCalibration, Spread, SweepPoint, SweepSpan};
+pub use order::{OrderChoice, TriedOrder};
+pub use result::{BEHIND_S, BiasCurve, OnBoardCurve, OneAttitudeCalibration, Spread, SweepPoint, SweepSpan};
 
 use crate::admit::admit;
 use crate::checks::scale::zero_of;
@@ -31,7 +32,7 @@ use crate::error::CalibrationError;
 use crate::options::CalibrationOptions;
 use crate::ramps::{RampCalibration, ramp_calibration};
 use crate::transients::{BiasTransient, BinValue, RampRecording, bin_values};
-use curves::{Part, Series, Shape, Weight, spread};
+use curves::{Part, Scatter, Series, Shape, Weight, spread};
 use isotherm_campaign::Campaign;
 use isotherm_finding::Finding;
 use isotherm_parameters::Autopilot;
@@ -41,6 +42,9 @@ use isotherm_shared::units::{CELSIUS, SensorKind};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::sweeps;
 use std::collections::BTreeMap;
+
+/// Standard errors of a 95 % interval.
+const NORMAL_95: f64 = 1.96;
 
 /// Bins of the range where the telemetry's unit is no degree.
 const WIDE: f64 = 60.0;
@@ -74,7 +78,9 @@ pub fn calibrate_one_attitude(
     let found = jumps::jumps(&series, recordings, nominal.content().gravity);
     add(&mut ramps, found, checks::last(recordings, nominal))?;
     let parts = sweeps_of(&series);
-    let choice = order::choose(&series, &parts, options.order, options.highest_order);
+    let scatters: Option<Vec<Scatter>> = series.iter().map(Series::scatter).collect();
+    let scatters = scatters.ok_or_else(|| few(0))?;
+    let choice = order::choose(&series, &scatters, &parts, options.order, options.highest_order);
     let [low, high] = series.first().map_or([0.0; 2], |bias| bias.range);
     let at = options.at.unwrap_or_else(|| low.midpoint(high));
     if !(low..=high).contains(&at) {
@@ -86,14 +92,20 @@ pub fn calibrate_one_attitude(
     let bin = if zero_of(&nominal.content().temperature_unit).is_some() { 1.0 } else { (high - low) / WIDE };
     let order = choice.order;
     let made = Made { ramps: &ramps, sweeps: &parts, at, bin, options };
-    let biases: Option<Vec<BiasCurve>> = series.iter().map(|bias| made.curve(bias, order)).collect();
-    let biases = biases.ok_or_else(|| {
-        CalibrationError::Options(format!("the telemetry has too few temperatures for order {order}; give a lower one"))
-    })?;
+    let curve = |(bias, scatter): (&Series, &Scatter)| made.curve(bias, *scatter, order);
+    let biases: Option<Vec<BiasCurve>> = series.iter().zip(&scatters).map(curve).collect();
+    let biases = biases.ok_or_else(|| few(order))?;
+    add(&mut ramps, Vec::new(), checks::beside(&biases, nominal.content().gravity))?;
     ramps.table = with_curves(&ramps, &biases, recordings)?;
     let sweeps = parts.iter().filter_map(|part| span(&series, part)).collect();
     let recordings = recordings.iter().map(|recording| recording.name().to_owned()).collect();
     Ok(OneAttitudeCalibration { ramps, options: options.clone(), recordings, order: choice, at, bin, sweeps, biases })
+}
+
+/// Why there is no curve.
+fn few(order: usize) -> CalibrationError {
+    let remedy = if order > 0 { "give a lower one" } else { "record the IMU while its temperature changes" };
+    CalibrationError::Options(format!("the telemetry has too few temperatures for order {order}; {remedy}"))
 }
 
 /// Adds what was found first, and last, to the findings of the ramps.
@@ -179,9 +191,8 @@ struct Made<'a> {
 
 impl Made<'_> {
     /// The curve of a bias; `None` if its telemetry does not determine it.
-    fn curve(&self, bias: &Series, order: usize) -> Option<BiasCurve> {
-        let whole = bias.whole();
-        let shape = bias.fit(&whole, order, Weight::Alike(bias.narrow()))?;
+    fn curve(&self, bias: &Series, scatter: Scatter, order: usize) -> Option<BiasCurve> {
+        let shape = bias.fit(&bias.whole(), order, Weight::Scatter(scatter))?;
         let transients = &self.ramps.transients.biases;
         let transient = transients.iter().find(|it| it.kind == bias.kind && it.axis == bias.axis)?;
         let nominal = axis_of(self.ramps.curves.content(), bias.kind, bias.axis)?;
@@ -219,11 +230,21 @@ impl Made<'_> {
             curve: shape.polynomial(self.at, constant)?,
             before: left(&|bin| raw(bin) - nominal.bias_at(nominal.bias.clamp(bin.telemetry)).0),
             after: left(&|bin| bin.value - shape.at(bin.telemetry)),
+            interval: self.interval(bias, &shape, scatter),
+            behind: self.sweeps.iter().map(|sweep| behind(bias, &shape, sweep)).fold(0.0, f64::max),
             band: transient.curve_error.clone(),
             points: self.points(bias, &shape, constant),
             beside: self.options.beside.iter().filter_map(beside).collect(),
             on_board: self.options.on_board.iter().filter_map(on_board).collect(),
         })
+    }
+
+    /// Largest half width of the 95 % interval of a curve over its range.
+    fn interval(&self, bias: &Series, shape: &Shape, scatter: Scatter) -> f64 {
+        let together = shape.together(bias, scatter);
+        let at = (bias.kind == SensorKind::Accelerometer).then_some(self.at);
+        let error = |telemetry: f64| shape.standard_error(telemetry, at, together);
+        NORMAL_95 * places(bias.range).map(error).fold(0.0, f64::max)
     }
 
     /// The means of each sweep in wide bins, on the curve's constant.
@@ -243,6 +264,20 @@ impl Made<'_> {
         };
         self.sweeps.iter().enumerate().flat_map(of_sweep).collect()
     }
+}
+
+/// How far a curve is off at most in a sweep if the element is [`BEHIND_S`] behind its telemetry.
+fn behind(bias: &Series, shape: &Shape, sweep: &Part) -> f64 {
+    let [low, high] = bias.range;
+    let means = bias.means(core::slice::from_ref(sweep), bias.narrow());
+    let off = means.windows(2).map(|pair| {
+        let [(_, from), (_, to)] = pair else { return 0.0 };
+        let change = (to.telemetry - from.telemetry).abs();
+        let slope = (shape.at(to.telemetry) - shape.at(from.telemetry)) / change;
+        // What is further behind than the range is at the other end of it.
+        slope.abs() * (change / (to.age_s - from.age_s).abs() * BEHIND_S).min(high - low)
+    });
+    off.filter(|off| off.is_finite()).fold(0.0, f64::max)
 }
 
 /// Places of a range, its ends among them.

@@ -25,7 +25,7 @@ const FORCE: f64 = 0.1;
 const CARRIED_G0: f64 = 0.01;
 
 /// What gives errors of curves.
-pub(crate) const ONE_DIRECTION_REMEDY: &str = "heat and cool in one recording";
+pub(crate) const ONE_DIRECTION_REMEDY: &str = "heat and cool, in one recording or in several";
 
 /// The result of a campaign with ramps alone.
 #[derive(Clone, Debug)]

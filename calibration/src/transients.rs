@@ -124,7 +124,13 @@ impl Fit {
             let of_bias = |(of, solution)| sweeps_without(ramps, of, &ramps.rows(of, tau_s), soak_s, solution);
             ramps.biases.iter().zip(solutions).map(of_bias).collect()
         };
-        let models = [of_model(0.0, still), of_model(SOAK * tau_s, &self.solutions)];
+        // Plays and time would take what a lag explains, and leave as much of the opposite sign.
+        let lag_alone = |of: &Bias| {
+            let columns = ramps.columns_of(&[Column::Constant, Column::Curve, Column::Transient]);
+            total(ramps, &ramps.equations(&ramps.rows(of, tau_s))).solve(&columns)
+        };
+        let lagged: Vec<_> = ramps.biases.iter().map(lag_alone).collect();
+        let models = [of_model(0.0, still), of_model(SOAK * tau_s, &lagged)];
         sweeps::findings(ramps, recordings, &self.steps, &self.biases, &models, spans)
     }
 

@@ -8,7 +8,7 @@ use crate::plot::{Plot, Style};
 use crate::text::{transients, within};
 use crate::view::{value, view};
 use isotherm_calibration::{
-    BiasCurve, CampaignSource, LagChoice, LeftOut, OneAttitudeCalibration, OrderChoice, Spread, SweepPoint, TriadUnits,
+    BiasCurve, CampaignSource, LagChoice, OneAttitudeCalibration, OrderChoice, Spread, SweepPoint, TriadUnits,
     TriedOrder,
 };
 use isotherm_campaign::Campaign;
@@ -76,11 +76,12 @@ fn has_lag(calibration: &OneAttitudeCalibration) -> bool {
 
 /// How the order was found, in words.
 fn order_words(order: &OrderChoice) -> String {
-    let by = match order.left_out {
-        LeftOut::Sweeps(count) => format!("{count} sweeps left out, one at a time"),
-        LeftOut::Blocks(count) => format!("{count} blocks of time left out, one at a time, since there is one sweep"),
+    let how = match (order.given, order.order, order.sweeps_left_out) {
+        (true, ..) => "given",
+        (_, 4.., _) => "which predicts sweeps left out better than a cubic",
+        (_, 3, _) => "the autopilots' cubic",
+        _ => "the highest that the telemetry determines",
     };
-    let how = if order.given { "given".to_owned() } else { format!("chosen by {by}") };
     format!("order {}, {how}", order.order)
 }
 
@@ -107,7 +108,7 @@ view! { View<'a>(found: &'a OneAttitudeCalibration, all: Value) {
     unit: &'a str = &found.table().content().temperature_unit,
     reference_temperature: f64 = found.at,
     bin: f64 = found.bin,
-    order: OrderView = OrderView::of(&found.order, found),
+    order: OrderView<'a> = OrderView::of(&found.order, found),
     biases: Vec<BiasView<'a>> =
         found.biases.iter().map(|bias| BiasView::of(bias, found.table().content().gravity)).collect(),
     losses: Losses = found.ramps.transients.losses,
@@ -116,21 +117,17 @@ view! { View<'a>(found: &'a OneAttitudeCalibration, all: Value) {
     findings: Value = all,
 }}
 
-view! { OrderView(order: &OrderChoice, found: &OneAttitudeCalibration) {
+view! { OrderView<'a>(order: &'a OrderChoice, found: &OneAttitudeCalibration) {
     order: usize = order.order,
     given: bool = order.given,
-    left_out: &'static str = match order.left_out {
-        LeftOut::Sweeps(_) => "sweeps",
-        LeftOut::Blocks(_) => "blocks",
-    },
-    count: usize = match order.left_out {
-        LeftOut::Sweeps(count) | LeftOut::Blocks(count) => count,
-    },
-    tried: Vec<TriedView> = order.tried.iter().map(|it| TriedView::of(it, found)).collect(),
+    left_out: &'static str = if order.sweeps_left_out > 0 { "sweeps" } else { "none" },
+    count: usize = order.sweeps_left_out,
+    tried: Vec<TriedView<'a>> = order.tried.iter().map(|it| TriedView::of(it, found)).collect(),
 }}
 
-view! { TriedView(tried: &TriedOrder, found: &OneAttitudeCalibration) {
+view! { TriedView<'a>(tried: &'a TriedOrder, found: &OneAttitudeCalibration) {
     order: usize = tried.order,
+    terms: &'a [f64] = &tried.terms,
     /// By bias, in its unit.
     errors: Vec<f64> = of_biases(tried, found),
 }}
@@ -149,6 +146,8 @@ BiasView<'a>(bias: &'a BiasCurve, gravity: f64) {
     unit: &'a str = TriadUnits::of(bias.kind).si(0.0, gravity).1,
     before: SpreadView = SpreadView::of(bias.before, bias, gravity),
     after: SpreadView = SpreadView::of(bias.after, bias, gravity),
+    interval_95: f64 = TriadUnits::of(bias.kind).si(bias.interval, gravity).0,
+    behind_60_s: f64 = TriadUnits::of(bias.kind).si(bias.behind, gravity).0,
     band: Option<f64> =
         bias.band.as_ref().map(|band| TriadUnits::of(bias.kind).si(band.half_width, gravity).0),
     band_at: Option<f64> = bias.band.as_ref().map(|band| band.at),
@@ -351,17 +350,25 @@ fn residuals(page: &mut Page, calibration: &OneAttitudeCalibration, unit: &str) 
 fn orders(page: &mut Page, calibration: &OneAttitudeCalibration) {
     page.heading(2, "order", "Order");
     page.paragraph(&format!("{}. All curves have one order.", order_words(&calibration.order)));
-    let mut header = vec!["Order".to_owned()];
     let gravity = calibration.table().content().gravity;
-    header.extend(calibration.biases.iter().map(|bias| {
-        let unit = TriadUnits::of(bias.kind).si(0.0, gravity).1;
-        format!("{} / ({unit})", bias.name())
-    }));
-    let header: Vec<&str> = header.iter().map(String::as_str).collect();
-    let row = |tried: &TriedOrder| {
-        let errors = of_biases(tried, calibration).into_iter().map(|error| Cell::Number(shown(error)));
-        core::iter::once(Cell::number(tried.order as f64, 0)).chain(errors).collect::<Vec<_>>()
+    let header = |unit: &dyn Fn(&BiasCurve) -> String| -> Vec<String> {
+        core::iter::once("Order".to_owned()).chain(calibration.biases.iter().map(unit)).collect()
     };
-    let rows: Vec<_> = calibration.order.tried.iter().map(row).collect();
-    page.table("Standard deviation of what was left out, by order", &header, &rows);
+    let mut table = |caption: &str, header: Vec<String>, figures: &dyn Fn(&TriedOrder) -> Vec<f64>| {
+        let row = |tried: &TriedOrder| {
+            let cells = figures(tried).into_iter().map(|figure| Cell::Number(shown(figure)));
+            core::iter::once(Cell::number(tried.order as f64, 0)).chain(cells).collect::<Vec<_>>()
+        };
+        let rows: Vec<_> = calibration.order.tried.iter().map(row).collect();
+        page.table(caption, &header.iter().map(String::as_str).collect::<Vec<_>>(), &rows);
+    };
+    table("Highest term in standard errors, by order", header(&|bias| bias.name().to_owned()), &|it| it.terms.clone());
+    if calibration.order.sweeps_left_out > 0 {
+        let with_unit = |bias: &BiasCurve| {
+            let unit = TriadUnits::of(bias.kind).si(0.0, gravity).1;
+            format!("{} / ({unit})", bias.name())
+        };
+        let caption = "Standard deviation of what is left of sweeps left out, by order";
+        table(caption, header(&with_unit), &|it| of_biases(it, calibration));
+    }
 }

@@ -1,16 +1,25 @@
 //! How far the sweeps of ramps disagree at the same telemetry: the honest error of a bias curve that they give.
 //!
-//! Each sweep is fitted alone: a polynomial of order 3 through its means in 12 bins of the range, so that each
-//! temperature weighs alike. What the fits have at mid range is the constant of a recording, and is taken off.
+//! Sweeps are compared by their means in 12 bins of the range, so that each temperature weighs alike. A recording has a
+//! constant of its own, which is taken off: what polynomials of order 3, one for each sweep, have at mid range.
+//!
+//! Two sweeps disagree if a parabola through the differences of their means is more than noise makes of it. The noise
+//! is that of neighbouring values, or what the differences scatter about the parabola by, whichever is larger.
 
+use crate::diagnostics::median;
 use crate::hysteresis::BINS;
 use crate::least_squares::least_squares;
 use nalgebra::{DMatrix, DVector};
 
 /// Highest order of the fit of a sweep.
 const ORDER: usize = 3;
-/// Fits that differ by more than this many of their errors disagree.
-const DISAGREE: f64 = 4.0;
+/// Coefficients of the parabola through the differences of two sweeps.
+const PARABOLA: usize = 3;
+/// A parabola that is more than this many times as large as noise makes it (root mean square) is a disagreement. 13 is the
+/// quantile of Fisher's distribution that noise exceeds once in a thousand, with 3 and 9 degrees of freedom.
+const DISAGREE: f64 = 3.6;
+/// Parts of the largest value that rounding may make.
+const ROUNDING: f64 = 1e-9;
 
 /// What one sweep shows.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,18 +42,18 @@ pub struct SweepBand {
     pub at: f64,
     /// Bins with two sweeps, of 12.
     pub bins: usize,
-    /// Bins with heating and cooling of one recording, of 12.
+    /// Bins with heating and cooling, of 12.
     pub both_directions: usize,
-    /// The two sweeps whose fits differ most, of those that differ by over 4 jackknife errors.
+    /// The two sweeps whose means differ most, of those that differ by more than their noise.
     pub disagreement: Option<Disagreement>,
 }
 
 /// Two sweeps that differ by more than their errors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Disagreement {
-    /// Difference of their fits.
+    /// Largest difference of their means in a bin.
     pub difference: f64,
-    /// The same in standard errors.
+    /// How many times as large as noise makes it the difference is over the whole range, root mean square.
     pub errors: f64,
     /// Telemetry there.
     pub at: f64,
@@ -96,33 +105,26 @@ pub fn sweep_band(sweeps: &[SweepValues], range: [f64; 2]) -> Option<SweepBand> 
     let both = |bin: &usize| {
         let has = |(index, sweep): &(usize, Alone)| sweep.means[*bin].map(|_| &sweeps[*index]);
         let there: Vec<&SweepValues> = alone.iter().filter_map(has).collect();
-        there.iter().any(|a| there.iter().any(|b| a.recording == b.recording && a.heating != b.heating))
+        there.iter().any(|a| there.iter().any(|b| a.heating != b.heating))
     };
     Some(SweepBand {
         half_width: widest / 2.0,
         at: at(bin),
         bins: widths.len(),
         both_directions: (0..BINS).filter(both).count(),
-        disagreement: disagreement(&alone, at),
+        disagreement: disagreement(sweeps, &alone, at),
     })
 }
 
 /// The pair of sweeps that differs most, of those that disagree.
-fn disagreement(alone: &[(usize, Alone)], at: impl Fn(usize) -> f64) -> Option<Disagreement> {
-    // The jackknife error of one fit in one bin is uncertain itself: it counts at least as the usual one.
-    let errors: Vec<f64> = alone.iter().flat_map(|(_, sweep)| sweep.fits).flatten().map(|(_, error)| error).collect();
-    let usual = (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt();
+fn disagreement(sweeps: &[SweepValues], alone: &[(usize, Alone)], at: impl Fn(usize) -> f64) -> Option<Disagreement> {
     let pairs = (0..alone.len()).flat_map(|b| (0..b).map(move |a| (a, b)));
-    let all = pairs.flat_map(|pair| (0..BINS).map(move |bin| (pair, bin))).filter_map(|((a, b), bin)| {
+    let all = pairs.filter_map(|(a, b)| {
         let [(first, one), (second, other)] = [&alone[a], &alone[b]];
-        let ((value, error), (against, its_error)) = (one.fits[bin]?, other.fits[bin]?);
-        let (difference, error) = ((value - against).abs(), error.max(usual).hypot(its_error.max(usual)));
-        (difference > DISAGREE * error).then(|| Disagreement {
-            difference,
-            errors: difference / error,
-            at: at(bin),
-            sweeps: [*first, *second],
-        })
+        let errors = one.against(other, sweeps[*first].recording == sweeps[*second].recording)?;
+        let difference = |bin: usize| Some((bin, (one.means[bin]?.1 - other.means[bin]?.1).abs()));
+        let (bin, difference) = (0..BINS).filter_map(difference).max_by(|a, b| a.1.total_cmp(&b.1))?;
+        (errors > DISAGREE).then(|| Disagreement { difference, errors, at: at(bin), sweeps: [*first, *second] })
     });
     all.max_by(|a, b| a.difference.total_cmp(&b.difference))
 }
@@ -131,8 +133,10 @@ fn disagreement(alone: &[(usize, Alone)], at: impl Fn(usize) -> f64) -> Option<D
 struct Alone {
     /// Mean place in the range (-1 to 1) and mean value of each bin.
     means: [Option<(f64, f64)>; BINS],
-    /// Value of the fit in the middle of each bin that has a mean, and its jackknife error.
-    fits: [Option<(f64, f64)>; BINS],
+    /// Number of values of each bin.
+    counts: [usize; BINS],
+    /// Variance of a value, as neighbours show it.
+    noise: f64,
     /// Value of the fit at mid range, if the sweep reaches it.
     middle: Option<f64>,
 }
@@ -140,42 +144,50 @@ struct Alone {
 impl Alone {
     /// `None` if it has too few bins for a fit.
     fn of(sweep: &SweepValues, range: [f64; 2]) -> Option<Self> {
-        let means = bin_means(&sweep.values, range);
+        let (means, counts) = bin_means(&sweep.values, range);
         let points: Vec<(f64, f64)> = means.iter().flatten().copied().collect();
         let ends = [means.iter().position(Option::is_some)?, means.iter().rposition(Option::is_some)?];
         if points.len() < ORDER + 2 {
             return None;
         }
         let reaches_middle = ends[0] < BINS / 2 && ends[1] >= BINS / 2;
-        let places: Vec<f64> = (0..BINS).map(centre).chain([0.0]).collect();
-        let whole = fitted(&points, &places)?;
-        let mut squares = vec![0.0; places.len()];
-        for left_out in 0..points.len() {
-            let others: Vec<_> =
-                points.iter().enumerate().filter(|(i, _)| *i != left_out).map(|(_, point)| *point).collect();
-            let values = fitted(&others, &places)?;
-            squares.iter_mut().zip(values.iter().zip(&whole)).for_each(|(sum, (a, b))| *sum += (a - b).powi(2));
-        }
-        let n = points.len() as f64;
-        let error = |bin: usize| ((n - 1.0) / n * squares[bin]).sqrt();
-        let fits = core::array::from_fn(|bin| means[bin].map(|_| (whole[bin], error(bin))));
-        Some(Self { means, fits, middle: reaches_middle.then_some(whole[BINS]) })
+        let middle = fitted(&points)?;
+        let noise = noise(&sweep.values);
+        Some(Self { means, counts, noise, middle: reaches_middle.then_some(middle) })
+    }
+
+    /// How many times as large as noise makes it the parabola through the differences to another sweep is, root mean
+    /// square; `None` if they share too few bins. Sweeps of two recordings have two constants, which tell nothing.
+    fn against(&self, other: &Self, of_one_recording: bool) -> Option<f64> {
+        let difference = |bin: usize| {
+            let ((place, value), (_, against)) = (self.means[bin]?, other.means[bin]?);
+            let variance = self.noise / self.counts[bin] as f64 + other.noise / other.counts[bin] as f64;
+            Some((place, value - against, variance.sqrt().recip()))
+        };
+        let all: Vec<(f64, f64, f64)> = (0..BINS).filter_map(difference).collect();
+        let freedom = all.len().checked_sub(PARABOLA).filter(|freedom| *freedom > 0)?;
+        let jacobian = |columns: usize| DMatrix::from_fn(all.len(), columns, |i, k| all[i].0.powi(k as i32) * all[i].2);
+        let residual = DVector::from_fn(all.len(), |i, _| -all[i].1 * all[i].2);
+        let left = |columns: usize| {
+            let jacobian = jacobian(columns);
+            Some((&jacobian * least_squares(&jacobian, &residual)?.change + &residual).norm_squared())
+        };
+        let without = if of_one_recording { residual.norm_squared() } else { left(1)? };
+        let told = PARABOLA - usize::from(!of_one_recording);
+        let left = left(PARABOLA)?;
+        let scale = (left / freedom as f64).max(1.0);
+        Some(((without - left) / told as f64 / scale).sqrt())
     }
 
     /// The sweep without the constant of its recording.
     fn less(mut self, constant: f64) -> Self {
         self.means.iter_mut().flatten().for_each(|(_, mean)| *mean -= constant);
-        self.fits.iter_mut().flatten().for_each(|(value, _)| *value -= constant);
         self
     }
 }
 
-/// Middle of a bin, from -1 to 1.
-fn centre(bin: usize) -> f64 {
-    (2.0 * bin as f64 + 1.0) / BINS as f64 - 1.0
-}
-
-fn bin_means(values: &[(f64, f64)], [low, high]: [f64; 2]) -> [Option<(f64, f64)>; BINS] {
+/// Means of place and value of each bin, and the number of its values.
+fn bin_means(values: &[(f64, f64)], [low, high]: [f64; 2]) -> ([Option<(f64, f64)>; BINS], [usize; BINS]) {
     let mut sums = [(0.0, 0.0, 0_usize); BINS];
     for (telemetry, value) in values {
         let part = (telemetry - low) / (high - low);
@@ -184,16 +196,25 @@ fn bin_means(values: &[(f64, f64)], [low, high]: [f64; 2]) -> [Option<(f64, f64)
         *sum += value;
         *count += 1;
     }
-    sums.map(|(places, sum, count)| (count > 0).then(|| (places / count as f64, sum / count as f64)))
+    let means = sums.map(|(places, sum, count)| (count > 0).then(|| (places / count as f64, sum / count as f64)));
+    (means, sums.map(|(_, _, count)| count))
 }
 
-/// The polynomial through the points, at the places; `None` if they do not determine it.
-fn fitted(points: &[(f64, f64)], places: &[f64]) -> Option<Vec<f64>> {
-    let power = |x: f64, k: usize| x.powi(k as i32);
-    let jacobian = DMatrix::from_fn(points.len(), ORDER + 1, |i, k| power(points[i].0, k));
+/// Variance of the noise of a value: second differences have neither level nor slope.
+fn noise(values: &[(f64, f64)]) -> f64 {
+    /// Variance of a second difference, and median size, of values of variance 1.
+    const OF_DIFFERENCE: (f64, f64) = (6.0, 0.6745);
+    let size = median(values.windows(3).map(|of| (of[2].1 - 2.0 * of[1].1 + of[0].1).abs())) / OF_DIFFERENCE.1;
+    let rounding = ROUNDING * values.iter().map(|(_, value)| value.abs()).fold(f64::MIN_POSITIVE.sqrt(), f64::max);
+    // Too few values have no noise that is known.
+    if size.is_nan() { f64::INFINITY } else { (size * size / OF_DIFFERENCE.0).max(rounding * rounding) }
+}
+
+/// What the polynomial through the points has at mid range; `None` if they do not determine it.
+fn fitted(points: &[(f64, f64)]) -> Option<f64> {
+    let jacobian = DMatrix::from_fn(points.len(), ORDER + 1, |i, k| points[i].0.powi(k as i32));
     let residual = DVector::from_fn(points.len(), |i, _| -points[i].1);
-    let change = least_squares(&jacobian, &residual)?.change;
-    Some(places.iter().map(|x| (0..=ORDER).map(|k| change[k] * power(*x, k)).sum()).collect())
+    Some(least_squares(&jacobian, &residual)?.change[0])
 }
 
 #[cfg(test)]

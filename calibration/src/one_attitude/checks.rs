@@ -1,7 +1,9 @@
 //! What is wrong with recordings at one attitude.
 
+use super::result::BiasCurve;
 use crate::checks::scale::zero_of;
 use crate::ramps::ONE_DIRECTION_REMEDY;
+use crate::sensor::TriadUnits;
 use crate::transients::{RampRecording, Transients, bin_values};
 use isotherm_finding::{Finding, Severity, name};
 use isotherm_shared::table::{Axis, CoefficientTable};
@@ -24,6 +26,8 @@ const MILLI: f64 = 1000.0;
 const SETTLED: f64 = 0.1;
 /// .. for this part of a recording.
 const SETTLED_PART: f64 = 0.02;
+/// The cubic of an autopilot leaves clearly less if it leaves less than this part.
+const BESIDE: f64 = 0.9;
 /// Rates are means over this part of a recording.
 const RATE_PART: f64 = 0.01;
 
@@ -52,7 +56,7 @@ pub(super) fn before(recordings: &[RampRecording], nominal: &CoefficientTable) -
 pub(super) fn after(found: &Transients) -> Vec<Finding> {
     let unknown = found.biases.iter().find(|bias| bias.curve_error.is_none()).map(|bias| {
         let message = format!(
-            "no recording heats and cools over half of the range of {}: the errors of the curves are not known; {ONE_DIRECTION_REMEDY}",
+            "no recordings heat and cool over half of the range of {}: the errors of the curves are not known; {ONE_DIRECTION_REMEDY}",
             bias.name()
         );
         Finding::warning(name::ONE_DIRECTION, message)
@@ -66,6 +70,23 @@ pub(super) fn last(recordings: &[RampRecording], nominal: &CoefficientTable) -> 
     let of_files = of_files.filter(|finding| finding.name != name::INTERVAL);
     let unit = &nominal.content().temperature_unit;
     recordings.iter().filter_map(|recording| settled(recording, unit)).chain(of_files).collect()
+}
+
+/// Biases of which the cubic of an autopilot, or parameters that are on board, leave clearly less on the same rows.
+pub(super) fn beside(biases: &[BiasCurve], gravity: f64) -> Vec<Finding> {
+    let better = |bias: &BiasCurve| {
+        let cubics = bias.beside.iter().map(|(of, _, spread)| (of.title(), spread.sd));
+        let others = cubics.chain(bias.on_board.iter().map(|it| (it.name.as_str(), it.after.sd)));
+        let (of, least) = others.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let [theirs, ours] = [least, bias.after.sd].map(|sd| TriadUnits::of(bias.kind).si_text(sd, gravity));
+        (least < BESIDE * bias.after.sd).then(|| format!("{} {theirs} ({of}) instead of {ours}", bias.name()))
+    };
+    let all: Vec<_> = biases.iter().filter_map(better).collect();
+    let message = format!(
+        "what stands beside leaves less of the same rows: {}; look at the residuals in the report, or give --order 3",
+        all.join(", ")
+    );
+    if all.is_empty() { Vec::new() } else { vec![Finding::warning(name::BESIDE_LEAVES_LESS, message)] }
 }
 
 /// Rows that usually cover little of the time to the next one: their interval is far too short. A hole is none.

@@ -1,21 +1,37 @@
-//! A bias curve through means of narrow bins of temperature, each of which weighs alike.
+//! A bias curve through the means of narrow bins of temperature.
 //!
-//! A warm-up slows down: most of its rows are of a few degrees at its end. Rows that weigh alike make a curve that fits
-//! these degrees.
+//! A warm-up slows down: most of its rows are of a few degrees at its end. Where the noise of the rows is all there is,
+//! a mean is as good as it has rows, and the plain fit of all rows is best. Where hysteresis or a floor of flicker moves
+//! the means by much more than that, more rows make a mean hardly better, and a plain fit would follow a few degrees.
+//! [`Scatter`] tells these from each other.
 
 use crate::transients::BinValue;
 use core::ops::Range;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::units::SensorKind;
-use isotherm_statistics::least_squares;
+use isotherm_statistics::{least_squares, median};
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 
 /// Bins of the telemetry's range.
 const NARROW: f64 = 200.0;
 
+/// Narrow bins of a wide one.
+const WIDE: i64 = 8;
+
 /// Bins that a curve needs for each of its coefficients.
 const BINS_PER_COEFFICIENT: usize = 3;
+
+/// Means scatter by more than their rows explain only if their mean square is over this many times what it would be.
+const FLOOR: f64 = 4.0;
+/// What rows do not explain becomes less with the number of rows, with this power of it. On a real run with hysteresis,
+/// 0 is what fits its own rows best, and 0.25 predicts another sweep hardly worse; with a lag, which is small where the
+/// temperature is slow, more is better.
+const LESS: f64 = 0.25;
+/// Steps of the bisection for the floor: a factor of 1 to 1e12 is found to 1e-3.
+const FLOOR_STEPS: usize = 40;
+/// Order of the curve that means scatter about.
+const SCATTER_ORDER: usize = 3;
 
 /// How much temperatures weigh.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,6 +40,24 @@ pub(super) enum Weight {
     Alike(f64),
     /// Each by its rows.
     Rows,
+    /// Each by the variance of its mean.
+    Scatter(Scatter),
+}
+
+/// Variance of the mean of a narrow bin of temperature, by the number of its values.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Scatter {
+    /// Of one value: the noise of the rows.
+    white: f64,
+    /// Of the mean of the usual number of values, beside that.
+    floor: f64,
+    usual: f64,
+}
+
+impl Scatter {
+    fn variance(&self, count: f64) -> f64 {
+        self.white / count + self.floor * (self.usual / count).powf(LESS)
+    }
 }
 
 /// Bins of one recording.
@@ -64,6 +98,11 @@ pub(super) struct Shape {
     powers: Vec<f64>,
     /// `None` for recordings without bins in the fit.
     pub constants: Vec<Option<f64>>,
+    /// Weighted sum of the squares of what the curve leaves of the means of bins, and their number less that of the
+    /// unknowns.
+    left: (f64, f64),
+    /// Covariance of powers and constants for weights that are inverse variances.
+    covariance: DMatrix<f64>,
 }
 
 impl Series {
@@ -110,6 +149,11 @@ impl Series {
     /// The curve of this order through the bins of these parts; `None` if they do not determine it.
     pub(super) fn fit(&self, parts: &[Part], order: usize, weight: Weight) -> Option<Shape> {
         let means = self.means(parts, if let Weight::Alike(width) = weight { width } else { self.narrow() });
+        self.fit_to(&means, order, weight)
+    }
+
+    /// The curve of this order through means of bins.
+    fn fit_to(&self, means: &[(i64, Mean)], order: usize, weight: Weight) -> Option<Shape> {
         let mut in_bin: BTreeMap<i64, f64> = BTreeMap::new();
         means.iter().for_each(|(index, mean)| *in_bin.entry(*index).or_default() += mean.count);
         if in_bin.len() < BINS_PER_COEFFICIENT * (order + 1) {
@@ -122,6 +166,7 @@ impl Series {
         let weight = |(index, mean): &(i64, Mean)| match weight {
             Weight::Alike(_) => (mean.count / in_bin[index]).sqrt(),
             Weight::Rows => mean.count.sqrt(),
+            Weight::Scatter(scatter) => scatter.variance(mean.count).sqrt().recip(),
         };
         let jacobian = DMatrix::from_fn(means.len(), order + there.len(), |i, j| {
             let (_, mean) = &means[i];
@@ -132,13 +177,57 @@ impl Series {
             value * weight(&means[i])
         });
         let residual = DVector::from_fn(means.len(), |i, _| -means[i].1.value * weight(&means[i]));
-        let change = least_squares(&jacobian, &residual)?.change;
+        let solution = least_squares(&jacobian, &residual)?;
+        let change = &solution.change;
         let constant = |recording: usize| there.contains(&recording).then(|| change[order + column(recording)]);
+        let left = (&jacobian * change + &residual).norm_squared();
         Some(Shape {
             range: self.range,
             powers: change.iter().take(order).copied().collect(),
             constants: (0..self.recordings.len()).map(constant).collect(),
+            left: (left, (jacobian.nrows() - jacobian.ncols()) as f64),
+            covariance: solution.inverse,
         })
+    }
+
+    /// How the means of all narrow bins scatter about a cubic, or the highest order that they determine; `None` if they
+    /// determine none.
+    pub(super) fn scatter(&self) -> Option<Scatter> {
+        let means = self.means(&self.whole(), self.narrow());
+        let order = (0..=SCATTER_ORDER).rev().find(|order| self.fit_to(&means, *order, Weight::Rows).is_some())?;
+        let usual = median(means.iter().map(|(_, mean)| mean.count));
+        let white = self.white();
+        // Mean square of what the cubic leaves, in variances.
+        let excess = |floor: f64| {
+            let scatter = Scatter { white, floor, usual };
+            let (left, freedom) = self.fit_to(&means, order, Weight::Scatter(scatter))?.left;
+            Some(left / freedom.max(1.0))
+        };
+        let mut scatter = Scatter { white, floor: 0.0, usual };
+        if white > 0.0 && excess(0.0)? <= FLOOR {
+            return Some(scatter);
+        }
+        let largest = means.iter().map(|(_, mean)| mean.value.abs()).fold(1e-12, f64::max);
+        let [mut low, mut high] = [largest * 1e-12, largest].map(|value| value * value);
+        for _ in 0..FLOOR_STEPS {
+            let middle = (low * high).sqrt();
+            *if excess(middle)? > 1.0 { &mut low } else { &mut high } = middle;
+        }
+        scatter.floor = high;
+        Some(scatter)
+    }
+
+    /// Variance of the noise of a value. Second differences have neither level nor slope; their median knows nothing of
+    /// spikes.
+    fn white(&self) -> f64 {
+        /// Variance of a second difference of values of variance 1.
+        const OF_DIFFERENCE: f64 = 6.0;
+        /// Median size of a value of variance 1.
+        const MEDIAN: f64 = 0.6745;
+        let second = |three: &[BinValue]| (three[2].value - 2.0 * three[1].value + three[0].value).abs();
+        let all = self.recordings.iter().flat_map(|bins| bins.windows(3).map(second));
+        let size = median(all) / MEDIAN;
+        if size.is_finite() { size * size / OF_DIFFERENCE } else { 0.0 }
     }
 }
 
@@ -153,6 +242,42 @@ impl Shape {
     pub(super) fn at(&self, telemetry: f64) -> f64 {
         let x = place(self.range, telemetry);
         self.powers.iter().rev().fold(0.0, |sum, power| (sum + power) * x)
+    }
+
+    /// By how much more variance than the weights say the means of wide bins scatter: 1 if the weights are right, more if
+    /// neighbouring bins are off together.
+    pub(super) fn together(&self, series: &Series, scatter: Scatter) -> f64 {
+        let mut wide: BTreeMap<(i64, usize), (f64, f64)> = BTreeMap::new();
+        for (index, mean) in series.means(&series.whole(), series.narrow()) {
+            let Some(constant) = self.constants[mean.recording] else { continue };
+            let weight = scatter.variance(mean.count).recip();
+            let (sum, weights) = wide.entry((index.div_euclid(WIDE), mean.recording)).or_default();
+            *sum += weight * (mean.value - constant - self.at(mean.telemetry));
+            *weights += weight;
+        }
+        let left: f64 = wide.values().map(|(sum, weights)| sum * sum / weights).sum();
+        let unknowns = self.covariance.nrows();
+        (left / wide.len().saturating_sub(unknowns).max(1) as f64).max(1.0)
+    }
+
+    /// Its highest term in standard errors; 0 for a constant.
+    pub(super) fn significance(&self, together: f64) -> f64 {
+        let Some(last) = self.powers.len().checked_sub(1) else { return 0.0 };
+        self.powers[last].abs() / (self.covariance[(last, last)] * together).sqrt()
+    }
+
+    /// Standard error of the curve at a telemetry; of its difference from that at `at`, if that is given.
+    pub(super) fn standard_error(&self, telemetry: f64, at: Option<f64>, together: f64) -> f64 {
+        let (x, from) = (place(self.range, telemetry), at.map(|at| place(self.range, at)));
+        let (order, constants) = (self.powers.len(), self.covariance.nrows() - self.powers.len());
+        let column = |j: usize| match (j < order, from) {
+            (true, None) => x.powi(j as i32 + 1),
+            (true, Some(from)) => x.powi(j as i32 + 1) - from.powi(j as i32 + 1),
+            (false, None) => 1.0 / constants as f64,
+            (false, Some(_)) => 0.0,
+        };
+        let columns = DVector::from_fn(order + constants, |j, _| column(j));
+        (columns.dot(&(&self.covariance * &columns)) * together).sqrt()
     }
 
     /// The curve that is `value` at the telemetry `at`; `None` if it is no polynomial of a table.

@@ -1,37 +1,38 @@
-//! The order of the curves: the one that best predicts sweeps that it was not fitted to. Neighbouring rows are the same
-//! point, so that no F test holds, and a higher order always fits better.
+//! The order of the curves.
 //!
-//! All biases have one order: what is left out is one or two sweeps more, so that the figure of a single axis is
-//! chance.
+//! The cubic of the autopilots is the order to beat. A higher one is taken if it predicts sweeps that it was not fitted to
+//! clearly better: neighbouring rows are the same point, so that no test of the fit itself tells it, and a higher order
+//! always fits better. One sweep does not tell a curve from hysteresis: there the cubic is the highest.
+//!
+//! A lower order is never chosen. Terms that are not there cost little: the error of a line fitted by a cubic is that of
+//! the cubic, which the interval states. A term that is there and not seen costs as much as it is large: over hundreds of
+//! simulated units any rule that drops terms within 1.5 to 2 standard errors doubled the error of one now and then.
+//! Blocks of time tell nothing: in a warm-up that slows down they are blocks of temperature, and leaving one out asks for
+//! an extrapolation over tens of degrees, which punishes every order.
+//!
+//! All biases have one order: a figure of a single axis is chance.
 
-use super::curves::{Part, Series, Shape, Weight, spread};
+use super::curves::{Part, Scatter, Series, Shape, Weight, spread};
 
+/// The order to beat.
+const CUBIC: usize = 3;
 /// Highest order that is tried with two sweeps or more.
 const HIGHEST: usize = 6;
-/// With one sweep: nothing there tells a curve from hysteresis.
-const HIGHEST_OF_ONE: usize = 3;
-/// Blocks of time that take the place of sweeps where there is one.
-const BLOCKS: usize = 4;
-/// A higher order has to predict better by this part.
-const BETTER: f64 = 0.02;
+/// What an order above the cubic leaves of sweeps left out is below this part of what the cubic leaves: 0.8 of the
+/// square.
+const BETTER: f64 = 0.9;
 /// Errors below are as good as 0 \[g0 or deg/h\].
 const NONE: f64 = 1e-12;
-
-/// What was left out of the fits, one at a time.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum LeftOut {
-    /// Sweeps: this many.
-    Sweeps(usize),
-    /// Blocks of time, since there is one sweep.
-    Blocks(usize),
-}
 
 /// An order that was tried.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TriedOrder {
     /// The order.
     pub order: usize,
-    /// Standard deviation of what it leaves of what was left out, by bias \[g0 or deg/h\].
+    /// The highest term of each bias in standard errors.
+    pub terms: Vec<f64>,
+    /// Standard deviation of what it leaves of sweeps that are left out, by bias \[g0 or deg/h\]; empty if there is one
+    /// sweep.
     pub errors: Vec<f64>,
 }
 
@@ -42,55 +43,85 @@ pub struct OrderChoice {
     pub order: usize,
     /// Whether the user gave it.
     pub given: bool,
-    /// What was left out.
-    pub left_out: LeftOut,
+    /// Sweeps that were left out, one at a time; 0 if there is one sweep.
+    pub sweeps_left_out: usize,
     /// The orders that could be tried.
     pub tried: Vec<TriedOrder>,
 }
 
-/// Chooses the order, at most `highest`. `sweeps` are those of all recordings.
-pub(super) fn choose(series: &[Series], sweeps: &[Part], given: Option<usize>, highest: Option<usize>) -> OrderChoice {
-    let (groups, left_out, most) = match sweeps {
-        [one] => (blocks(one), LeftOut::Blocks(BLOCKS), HIGHEST_OF_ONE),
-        _ => (sweeps.to_vec(), LeftOut::Sweeps(sweeps.len()), HIGHEST),
-    };
+/// Chooses the order, at most `highest`. `scatters` are those of the series, and `sweeps` those of all recordings.
+pub(super) fn choose(
+    series: &[Series],
+    scatters: &[Scatter],
+    sweeps: &[Part],
+    given: Option<usize>,
+    highest: Option<usize>,
+) -> OrderChoice {
+    let most = if sweeps.len() > 1 { HIGHEST } else { CUBIC };
     let most = most.min(highest.unwrap_or(most));
-    let tried: Vec<TriedOrder> = (0..=most)
-        .map_while(|order| {
-            let errors: Option<Vec<f64>> = series.iter().map(|bias| error(bias, &groups, order)).collect();
-            Some(TriedOrder { order, errors: errors? })
-        })
-        .collect();
-    let score = |it: &TriedOrder| {
-        it.errors.iter().map(|error| error.max(NONE).ln()).sum::<f64>() / it.errors.len().max(1) as f64
+    let tried: Vec<TriedOrder> = (0..=most).map_while(|order| tried(series, scatters, sweeps, order)).collect();
+    let sweeps_left_out = if sweeps.len() > 1 { sweeps.len() } else { 0 };
+    let order = given.unwrap_or_else(|| chosen(&tried));
+    OrderChoice { order, given: given.is_some(), sweeps_left_out, tried }
+}
+
+/// `None` if the telemetry does not determine the order.
+fn tried(series: &[Series], scatters: &[Scatter], sweeps: &[Part], order: usize) -> Option<TriedOrder> {
+    let of_bias = |(bias, scatter): (&Series, &Scatter)| {
+        let cubic = bias.fit(&bias.whole(), order.max(CUBIC), Weight::Scatter(*scatter));
+        let shape = bias.fit(&bias.whole(), order, Weight::Scatter(*scatter))?;
+        let together = cubic.as_ref().unwrap_or(&shape).together(bias, *scatter);
+        Some(shape.significance(together))
     };
-    let best = tried.iter().map(score).fold(f64::INFINITY, f64::min);
-    let chosen = tried.iter().find(|it| score(it) <= best + BETTER).map_or(0, |it| it.order);
-    OrderChoice { order: given.unwrap_or(chosen), given: given.is_some(), left_out, tried }
+    let terms: Option<Vec<f64>> = series.iter().zip(scatters).map(of_bias).collect();
+    let errors = |(bias, scatter): (&Series, &Scatter)| error(bias, *scatter, sweeps, order);
+    let errors: Option<Vec<f64>> = series.iter().zip(scatters).map(errors).collect();
+    Some(TriedOrder { order, terms: terms?, errors: errors.unwrap_or_default() })
 }
 
-/// Blocks of equal time.
-fn blocks(sweep: &Part) -> Vec<Part> {
-    let Part { recording, bins } = sweep;
-    let at = |block: usize| bins.start + bins.len() * block / BLOCKS;
-    (0..BLOCKS).map(|block| Part { recording: *recording, bins: at(block)..at(block + 1) }).collect()
+/// The cubic, or the highest order below it that the telemetry determines, unless a higher one predicts better.
+fn chosen(tried: &[TriedOrder]) -> usize {
+    let Some(cubic) = tried.get(CUBIC).or(tried.last()) else { return 0 };
+    let better = tried[cubic.order..].iter().filter(|it| is_better(&it.errors, &cubic.errors));
+    let best = better.min_by(|a, b| mean_log(&a.errors).total_cmp(&mean_log(&b.errors)));
+    best.unwrap_or(cubic).order
 }
 
-/// What curves of this order leave of each group when it is left out, about its own mean, rms over the groups.
-fn error(bias: &Series, groups: &[Part], order: usize) -> Option<f64> {
-    let mut squares = 0.0;
-    for (number, group) in groups.iter().enumerate() {
-        let others: Vec<Part> =
-            groups.iter().enumerate().filter(|(other, _)| *other != number).map(|(_, part)| part.clone()).collect();
-        let shape = bias.fit(&others, order, Weight::Alike(bias.narrow()))?;
-        squares += left(bias, group, &shape).powi(2);
+/// Whether errors are clearly below those of the cubic on the whole, and above them for no bias.
+fn is_better(errors: &[f64], cubic: &[f64]) -> bool {
+    let is_whole = !errors.is_empty() && errors.len() == cubic.len();
+    is_whole
+        && mean_log(errors) < mean_log(cubic) + BETTER.ln()
+        && errors.iter().zip(cubic).all(|(error, cubic)| error <= cubic)
+}
+
+fn mean_log(errors: &[f64]) -> f64 {
+    errors.iter().map(|error| error.max(NONE).ln()).sum::<f64>() / errors.len().max(1) as f64
+}
+
+/// What curves of this order leave of each sweep when it is left out, about its own mean, rms over the sweeps; `None`
+/// if no sweep can be left out.
+fn error(bias: &Series, scatter: Scatter, sweeps: &[Part], order: usize) -> Option<f64> {
+    if sweeps.len() < 2 {
+        return None;
     }
-    Some((squares / groups.len() as f64).sqrt())
+    let mut squares = 0.0;
+    for (number, sweep) in sweeps.iter().enumerate() {
+        let others: Vec<Part> =
+            sweeps.iter().enumerate().filter(|(other, _)| *other != number).map(|(_, part)| part.clone()).collect();
+        let shape = bias.fit(&others, order, Weight::Scatter(scatter))?;
+        squares += left(bias, sweep, &others, &shape).powi(2);
+    }
+    Some((squares / sweeps.len() as f64).sqrt())
 }
 
-/// What a curve leaves of a group: standard deviation of the means of narrow bins.
-fn left(bias: &Series, group: &Part, shape: &Shape) -> f64 {
-    let means = bias.means(core::slice::from_ref(group), bias.narrow());
-    let residuals: Vec<f64> = means.iter().map(|(_, mean)| mean.value - shape.at(mean.telemetry)).collect();
+/// What a curve leaves of a sweep within the telemetry of the others that it was fitted to: standard deviation of the
+/// means of narrow bins.
+fn left(bias: &Series, sweep: &Part, others: &[Part], shape: &Shape) -> f64 {
+    let telemetry = others.iter().flat_map(|part| bias.bins(part)).map(|bin| bin.telemetry);
+    let [low, high] = telemetry.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], it| [low.min(it), high.max(it)]);
+    let means = bias.means(core::slice::from_ref(sweep), bias.narrow());
+    let within = means.iter().map(|(_, mean)| mean).filter(|mean| (low..=high).contains(&mean.telemetry));
+    let residuals: Vec<f64> = within.map(|mean| mean.value - shape.at(mean.telemetry)).collect();
     spread(&residuals)[0]
 }

@@ -10,6 +10,9 @@ use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::units::SensorKind;
 use isotherm_statistics::SweepBand;
 
+/// A lag that nobody has measured is judged with this one \[s\].
+pub const BEHIND_S: f64 = 60.0;
+
 /// What is left of a bias over temperature: of the means of bins of 1 degC, about their mean \[g0 or deg/h\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
@@ -60,6 +63,12 @@ pub struct BiasCurve {
     pub before: Spread,
     /// What the curve, and the transient if one is written, leave.
     pub after: Spread,
+    /// Largest half width of the 95 % interval that the noise of the rows gives the curve, over its range \[g0 or
+    /// deg/h\]; of an accelerometer, whose constant is the nominal table's, that of the curve less its value at the
+    /// reference temperature.
+    pub interval: f64,
+    /// How far the curve is off at most if the sensing element is [`BEHIND_S`] behind its telemetry \[g0 or deg/h\].
+    pub behind: f64,
     /// Half of the band between sweeps is the error of the curve \[g0 or deg/h\]; `None` where it is not known.
     pub band: Option<SweepBand>,
     /// Means by sweep.
@@ -134,9 +143,25 @@ impl OneAttitudeCalibration {
             })
             .collect();
         if bands.is_empty() {
-            return format!("{made}; their error is not known: no recording heats and cools over half of the range");
+            return format!(
+                "{made}; their error is not known: no recordings heat and cool over half of the range; noise alone gives 95 % intervals of {}, \
+                 and elements that are {BEHIND_S} s behind their telemetry would make them wrong by {}",
+                self.sizes(|it| it.interval),
+                self.sizes(|it| it.behind)
+            );
         }
-        format!("{made}; their error, half of the band between heating and cooling: {}", bands.join(", "))
+        format!(
+            "{made}; their error, half of the band between heating and cooling: {}; 95 % intervals from noise: {}",
+            bands.join(", "),
+            self.sizes(|it| it.interval)
+        )
+    }
+
+    /// A figure of each bias in m/s2 or rad/s.
+    fn sizes(&self, of: impl Fn(&BiasCurve) -> f64) -> String {
+        let gravity = self.table().content().gravity;
+        let size = |it: &BiasCurve| format!("{} {}", it.name(), TriadUnits::of(it.kind).si_text(of(it), gravity));
+        self.biases.iter().map(size).collect::<Vec<_>>().join(", ")
     }
 
     /// What the table does not know, in sentences.

@@ -3,7 +3,7 @@
 
 use super::source::{CampaignSource, ReadRecord};
 use super::transients::TransientsRecord;
-use crate::one_attitude::{BiasCurve, LeftOut, OneAttitudeCalibration, Spread, TriedOrder};
+use crate::one_attitude::{BiasCurve, OneAttitudeCalibration, Spread, TriedOrder};
 use crate::sensor::TriadUnits;
 use isotherm_campaign::Campaign;
 use serde::Serialize;
@@ -31,7 +31,7 @@ struct Section<'a> {
     gravity_local: Option<f64>,
     order: usize,
     order_given: bool,
-    /// What was left out to choose it, one at a time, and how many.
+    /// What was left out to try it, one at a time, and how many.
     left_out: &'static str,
     left_out_count: usize,
     reference_temperature: f64,
@@ -45,7 +45,10 @@ struct Section<'a> {
 #[derive(Serialize)]
 struct TriedRecord {
     order: usize,
-    /// By bias, in the unit of its curve.
+    /// The highest term by bias, in standard errors.
+    terms: Vec<f64>,
+    /// What is left of sweeps left out by bias, in the unit of its curve.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     errors: Vec<f64>,
 }
 
@@ -58,6 +61,10 @@ struct CurveRecord {
     before_largest: f64,
     after_sd: f64,
     after_largest: f64,
+    /// Largest half width of the 95 % interval that the noise gives.
+    interval_95: f64,
+    /// How far the curve is off at most if the element is 60 s behind its telemetry.
+    behind_60_s: f64,
     /// Half of the largest difference of two sweeps, and the telemetry there.
     #[serde(skip_serializing_if = "Option::is_none")]
     band: Option<f64>,
@@ -72,10 +79,6 @@ pub(super) fn section(
     source: &CampaignSource,
 ) -> Result<String, toml::ser::Error> {
     let gravity = calibration.table().content().gravity;
-    let (left_out, left_out_count) = match calibration.order.left_out {
-        LeftOut::Sweeps(count) => ("sweeps", count),
-        LeftOut::Blocks(count) => ("blocks", count),
-    };
     toml::to_string(&File {
         provenance: Section {
             tool: &source.tool,
@@ -89,8 +92,8 @@ pub(super) fn section(
             gravity_local: calibration.ramps.curves.gravity_local(),
             order: calibration.order.order,
             order_given: calibration.order.given,
-            left_out,
-            left_out_count,
+            left_out: if calibration.order.sweeps_left_out > 0 { "sweeps" } else { "none" },
+            left_out_count: calibration.order.sweeps_left_out,
             reference_temperature: calibration.at,
             accepted: &calibration.ramps.accepted,
             warnings: calibration.ramps.findings.iter().map(ToString::to_string).collect(),
@@ -103,7 +106,8 @@ pub(super) fn section(
 
 fn tried(tried: &TriedOrder, biases: &[BiasCurve], gravity: f64) -> TriedRecord {
     let si = |(error, bias): (&f64, &BiasCurve)| TriadUnits::of(bias.kind).si(*error, gravity).0;
-    TriedRecord { order: tried.order, errors: tried.errors.iter().zip(biases).map(si).collect() }
+    let errors = tried.errors.iter().zip(biases).map(si).collect();
+    TriedRecord { order: tried.order, terms: tried.terms.clone(), errors }
 }
 
 fn curve(bias: &BiasCurve, gravity: f64) -> CurveRecord {
@@ -117,6 +121,8 @@ fn curve(bias: &BiasCurve, gravity: f64) -> CurveRecord {
         before_largest: before[1],
         after_sd: after[0],
         after_largest: after[1],
+        interval_95: si(bias.interval),
+        behind_60_s: si(bias.behind),
         band: bias.band.as_ref().map(|band| si(band.half_width)),
         band_at: bias.band.as_ref().map(|band| band.at),
     }

@@ -15,8 +15,10 @@ use isotherm_statistics::{Sweep, sweeps};
 
 /// Most blocks of a recording.
 const BLOCKS: usize = 400;
-/// Least length of a block \[s\].
+/// Least length of a block of a long recording \[s\].
 const LEAST_BLOCK_S: f64 = 10.0;
+/// Blocks of a recording that is too short for that.
+const SHORT_BLOCKS: f64 = 48.0;
 /// A polynomial goes on beyond its range by this part of it.
 const BEYOND: f64 = 0.02;
 /// A reading that goes away from both neighbours by more than this part of the range is broken.
@@ -433,7 +435,8 @@ fn duration_s(recording: &RampRecording) -> f64 {
 fn block_s(recording: &RampRecording) -> f64 {
     let mut lengths: Vec<f64> = recording.bins().iter().map(|bin| (bin.end_ns - bin.begin_ns) as f64 / 1e9).collect();
     let bin_s = median(&mut lengths).max(1e-3);
-    let least = (duration_s(recording) / BLOCKS as f64).max(LEAST_BLOCK_S);
+    let duration_s = duration_s(recording);
+    let least = (duration_s / BLOCKS as f64).max(LEAST_BLOCK_S.min(duration_s / SHORT_BLOCKS));
     (least / bin_s - 1e-9).ceil() * bin_s
 }
 
@@ -467,10 +470,11 @@ fn blocks_of(number: usize, recording: &RampRecording) -> Result<Vec<Block>, Tra
     }
     if blocks.len() < FEWEST_BLOCKS {
         let message = format!(
-            "{}: {duration_s:.0} s in {} means are too short; {:.0} s are needed at least, in {FEWEST_BLOCKS} rows or more",
+            "{}: {duration_s:.0} s give {} means of a second or a row, and {} of them in blocks without a gap; {FEWEST_BLOCKS} are needed at \
+             least: record for longer, or with more rows",
             recording.name(),
             bins.len(),
-            FEWEST_BLOCKS as f64 * LEAST_BLOCK_S
+            blocks.len()
         );
         return Err(TransientsError::Recording(message));
     }

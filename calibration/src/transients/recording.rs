@@ -341,8 +341,12 @@ impl Bin {
 impl Readings {
     fn add(&mut self, raw: &RawSample, telemetry: f64) {
         let (time_ns, is_new) = match raw.telemetry_ns {
-            // Without the time of the telemetry only a change shows that it was read.
-            0 => (raw.timestamp_ns, self.latest.is_none_or(|latest| latest.telemetry != telemetry)),
+            // Without the time of the telemetry only a change shows that it was read, and it is that of the pulses: the
+            // middle of the row. At its end, a row of a second of a fast warm-up would be a tenth of a degree off.
+            0 => (
+                raw.timestamp_ns.saturating_sub(raw.interval_ns / 2),
+                self.latest.is_none_or(|latest| latest.telemetry != telemetry),
+            ),
             time_ns => (time_ns, true),
         };
         if !is_new || self.latest.is_some_and(|latest| latest.time_ns >= time_ns) {

@@ -33,7 +33,7 @@ pub(super) fn values(ramps: &Ramps, of: &Bias, soak_s: f64, residual: impl Fn(us
 }
 
 /// The error of a curve from the sweeps' residuals under what is written; `None` if less than half of the range has
-/// heating and cooling of one recording.
+/// heating and cooling.
 pub(super) fn curve_error(sweeps: &[SweepValues], range: [f64; 2]) -> Option<SweepBand> {
     sweep_band(sweeps, range).filter(|band| 2 * band.both_directions >= BINS)
 }
@@ -144,6 +144,9 @@ fn disagreement(
     let words: Vec<String> = found
         .filter_map(|((bias, of), sweeps)| {
             let Disagreement { difference, errors, at, sweeps } = sweep_band(sweeps, of.range)?.disagreement?;
+            // What the table that is written leaves apart, if that is known.
+            let (difference, at) =
+                bias.curve_error.as_ref().map_or((difference, at), |band| (2.0 * band.half_width, band.at));
             let sweep = |index: usize| {
                 let sweep = &ramps.sweeps[index];
                 let direction = if sweep.heating { "heating" } else { "cooling" };
@@ -153,7 +156,7 @@ fn disagreement(
                 }
             };
             Some(format!(
-                "{} by {} at {at:.3}, {errors:.0} errors ({} and {})",
+                "{} by {} at {at:.3}, {errors:.0} times their noise ({} and {})",
                 bias.name(),
                 TriadUnits::of(bias.kind).bias_text(difference),
                 sweep(sweeps[0]),

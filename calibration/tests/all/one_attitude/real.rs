@@ -4,7 +4,7 @@ use super::autopilots::{Theirs, of_all_rows, of_the_heating};
 use crate::transients::consumer::{COOLING_AND_HEATING, nominal, rows};
 use core::ops::Range;
 use isotherm_calibration::{
-    LagChoice, LeftOut, OneAttitudeCalibration, OneAttitudeOptions, RampRecording, calibrate_one_attitude,
+    LagChoice, OneAttitudeCalibration, OneAttitudeOptions, RampRecording, calibrate_one_attitude,
 };
 use isotherm_campaign::Campaign;
 use isotherm_parameters::Autopilot;
@@ -88,7 +88,7 @@ fn left_by_the_better(raw: &[(f64, [f64; 6])], theirs: &[Theirs; 2]) -> [f64; 6]
 fn all_rows_are_within_a_percent_of_the_better_autopilot() {
     let rows = rows();
     let found = calibrated(&rows, &without_lag());
-    assert_eq!((found.order.order, found.order.left_out), (3, LeftOut::Sweeps(3)));
+    assert_eq!((found.order.order, found.order.sweeps_left_out), (3, 3));
     let own = readings(found.table(), &rows);
     let theirs = left_by_the_better(&readings(&nominal(), &rows), &of_all_rows());
     let ours = left(&own);
@@ -112,7 +112,7 @@ fn all_rows_are_within_a_percent_of_the_better_autopilot() {
 fn a_sweep_left_out_is_within_three_percent_of_the_better_autopilot() {
     let rows = rows();
     let found = calibrated(&rows[HEATING], &without_lag());
-    assert_eq!((found.order.order, found.order.left_out), (3, LeftOut::Blocks(4)));
+    assert_eq!((found.order.order, found.order.sweeps_left_out), (3, 0));
     let coolings: Vec<_> = rows[..HEATING.start].iter().chain(&rows[HEATING.end..]).copied().collect();
     let ours = left(&readings(found.table(), &coolings));
     let theirs = left_by_the_better(&readings(&nominal(), &coolings), &of_the_heating());
