@@ -48,8 +48,8 @@ impl<'a> Document<'a> {
         Ok(Self { lines, root, faults: RefCell::default(), more: Cell::default() })
     }
 
-    /// As [`parse`](Self::parse), with one clear fault if `text` is CSV or of another known kind. `wanted` says what to give instead, for
-    /// example "give the coefficient table".
+    /// As [`parse`](Self::parse), with one clear fault if `text` is CSV or of another known kind. `wanted` says what to
+    /// give instead, for example "give the coefficient table".
     ///
     /// # Errors
     /// As [`parse`](Self::parse).

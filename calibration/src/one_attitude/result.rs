@@ -84,8 +84,8 @@ pub struct BiasCurve {
 pub struct OnBoardCurve {
     /// The name of the parameters.
     pub name: String,
-    /// Telemetry, and what the firmware subtracts there \[g0 or deg/h\], on the constant of the curve: their own is that
-    /// of another attitude.
+    /// Telemetry, and what the firmware subtracts there \[g0 or deg/h\], on the constant of the curve: their own is
+    /// that of another attitude.
     pub points: Vec<(f64, f64)>,
     /// What they leave of the bias.
     pub after: Spread,

@@ -239,7 +239,8 @@ fn the_nominal_table_gives_readings_back_and_is_refused_where_no_unit_is_known()
     assert!(fs::read_to_string(folder.join("n.toml")).unwrap().contains("unit = \"V\""));
 }
 
-/// Who forgets the kind of the job, or gives a file of another one, is told what the file is and which command reads it.
+/// Who forgets the kind of the job, or gives a file of another one, is told what the file is and which command reads
+/// it.
 #[test]
 fn a_file_of_another_kind_is_named_with_the_command_that_reads_it() {
     const ULG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../recording/formats/tests/data/autopilots/heating.ulg");

@@ -73,7 +73,7 @@ impl Calibrate {
         let nominal = nominal.transpose()?.map(|(table, _)| table);
         let gravity = self.without_turntable.gravity_reference;
         let mut options = of.options(&warm_up.options);
-        options.at_one_attitude.on_board = self.on_board(options.foreign.instance)?;
+        options.at_one_attitude.on_board = self.on_board(options.foreign.settings.instance)?;
         let sources = Source::files(&warm_up.files);
         let read = Inputs::at_one_attitude(&of.imu, sources, nominal, gravity, &options, &bytes_bar)?;
         let (campaign, inputs) = read;

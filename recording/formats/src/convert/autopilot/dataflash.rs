@@ -158,8 +158,8 @@ impl Binary {
     fn whole(&mut self) -> io::Result<Option<Rc<Format>>> {
         let Some(format) = self.format(0)? else { return Ok(None) };
         let length = format.length;
-        let Some(next) = self.window.ahead(length + MAGIC.len())?.get(length..) else { return Ok(None) };
-        let follows = MAGIC.starts_with(next);
+        let Some(next) = self.window.ahead(length + DATAFLASH_MAGIC.len())?.get(length..) else { return Ok(None) };
+        let follows = DATAFLASH_MAGIC.starts_with(next);
         Ok(follows.then_some(format))
     }
 
