@@ -157,8 +157,8 @@ pub(crate) fn calibrate_one_attitude(
 /// The number of an IMU in the logs, its calibration, and the exception that refuses it.
 type OfVehicle = (u32, Option<Calibration>, Option<PyErr>);
 
-/// Makes a table of each IMU of an autopilot's logs at one attitude. `nominal` are tables by the number of the IMU in the
-/// logs. Each number comes with the calibration, or with the exception that refuses it.
+/// Makes a table of each IMU of an autopilot's logs at one attitude. `nominal` are tables by the number of the IMU in
+/// the logs. Each number comes with the calibration, or with the exception that refuses it.
 #[pyfunction]
 #[expect(clippy::needless_pass_by_value, reason = "arguments of a Python function")]
 pub(crate) fn calibrate_vehicle(

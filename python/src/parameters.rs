@@ -71,8 +71,8 @@ pub(crate) fn export_vehicle(
     Ok(Exported(isotherm_parameters::vehicle(autopilot, &all)))
 }
 
-/// The parameters of a table, for the instance and the device numbers that are given, or else those of the log that made
-/// it.
+/// The parameters of a table, for the instance and the device numbers that are given, or else those of the log that
+/// made it.
 fn exported(
     table: &Table,
     autopilot: Autopilot,

@@ -6,8 +6,8 @@ use isotherm_recording::LogImu;
 
 impl Origin {
     /// What was found if a recording is of another IMU of a vehicle than the logs that made the table. `log_imu` is the
-    /// IMU as its log names it, and `device` the device that its rows name. A log that names another IMU is a fault. The
-    /// rows of a recording have a device alone, which may be of another kind: that is a warning.
+    /// IMU as its log names it, and `device` the device that its rows name. A log that names another IMU is a fault.
+    /// The rows of a recording have a device alone, which may be of another kind: that is a warning.
     ///
     /// Logs have no serial number: two boards of a model are not told apart.
     #[must_use]

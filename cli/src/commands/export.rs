@@ -68,8 +68,8 @@ impl Export {
 }
 
 impl ParameterArgs {
-    /// The options of an export. Instance and device numbers are those that are given, or else those of the log that made
-    /// the table.
+    /// The options of an export. Instance and device numbers are those that are given, or else those of the log that
+    /// made the table.
     pub(super) fn options(&self, to: Autopilot, instance: Option<u8>, log_imu: Option<LogImu>) -> ExportOptions {
         let of_log = |imu: LogImu| ExportOptions::of_log(to, imu.instance, imu.devices);
         let options = log_imu.map_or_else(|| ExportOptions::new(to), of_log).with(instance, self.device_id);

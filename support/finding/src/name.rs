@@ -87,8 +87,8 @@ findings! {
         NO_PULSES = "no-pulses", Final, "Mend the cable, the columns or the positions.";
         /// A recording, or a part of it, is there twice: the second shows nothing, and would halve the errors.
         SAME_RECORDING = "same-recording", Final, "Name every recording once.";
-        /// Rows are of another unit than that of `serial`, or of two units; or they are of another IMU of a vehicle than
-        /// the log that made the table, by number or device. Of `replay` and `noise` a warning.
+        /// Rows are of another unit than that of `serial`, or of two units; or they are of another IMU of a vehicle
+        /// than the log that made the table, by number or device. Of `replay` and `noise` a warning.
         OTHER_DEVICE = "other-device", FaultOrWarning,
             "Give the samples of this unit, or correct `serial`; of a log, `--instance`. `--other-device` makes the \
              table all the same, as `--accept other-device` does.";

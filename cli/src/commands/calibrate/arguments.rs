@@ -201,8 +201,8 @@ pub(super) struct OneAttitudeArgs {
     /// the number of the log behind it. --report and --export are then for all together
     #[arg(long, group = "kind", requires = "imu", conflicts_with_all = ["batch", "method", "alignment", "no_alignment", "exclude"])]
     pub one_attitude: bool,
-    /// The table that gives everything but the bias curves ({instance} in its name is the number in the log): of the attitudes, or the nominal one that convert --nominal
-    /// writes [default: made of the readings' resolution]
+    /// The table that gives everything but the bias curves ({instance} in its name is the number in the log): of the
+    /// attitudes, or the nominal one that convert --nominal writes [default: made of the readings' resolution]
     #[arg(long, value_name = "TABLE.toml", requires = "one_attitude")]
     pub nominal: Option<PathBuf>,
     /// Reference temperature: accelerometers keep the bias of the nominal table there [default: mid range]

@@ -31,8 +31,8 @@ struct Member<'a> {
 }
 
 impl Calibrate {
-    /// Makes a table of each IMU. An IMU whose rows give no table is dropped with its reason, and the others go on, as in
-    /// a batch. The inner result tells which ones were dropped.
+    /// Makes a table of each IMU. An IMU whose rows give no table is dropped with its reason, and the others go on, as
+    /// in a batch. The inner result tells which ones were dropped.
     ///
     /// What is wrong for all of them, as the command line or a folder of the outputs, ends the command.
     pub(super) fn make_vehicle(

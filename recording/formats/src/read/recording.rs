@@ -225,7 +225,8 @@ impl Recording {
         &self.places
     }
 
-    /// What the operator should know of foreign data, and of a part that is read, a line each. Valid after the last row.
+    /// What the operator should know of foreign data, and of a part that is read, a line each. Valid after the last
+    /// row.
     #[must_use]
     pub fn notes(&self) -> Vec<String> {
         self.converted.notes().into_iter().chain(self.clip.note()).collect()
