@@ -447,7 +447,7 @@ impl Reader<'_> {
                 let read = self.recording(
                     &path,
                     &bar,
-                    |rows| RampRecording::read(name.clone(), rows),
+                    |rows| RampRecording::read_screened(name.clone(), rows),
                     |recording, rows| {
                         found.replace(Some(OfReadings { nominal: rows.nominal(imu), devices: rows.devices() }));
                         recording.with_findings(rows.findings())
@@ -458,7 +458,7 @@ impl Reader<'_> {
             }
             Source::Rows { name, sha256, rows } => {
                 let mut marks = Marks::default();
-                let recording = RampRecording::read(name.clone(), marked(rows, &mut marks));
+                let recording = RampRecording::read_screened(name.clone(), marked(rows, &mut marks));
                 let recording = recording.map_err(|error| error.failure(Path::new(&name)))?;
                 Ok((Read { recording, sha256, rows: marks, notes: Vec::new() }, OfReadings::none(&name)))
             }

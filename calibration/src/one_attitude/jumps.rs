@@ -3,7 +3,7 @@
 
 use super::curves::Series;
 use crate::sensor::TriadUnits;
-use crate::transients::{RampRecording, clock};
+use crate::transients::{BinValue, RampRecording, clock};
 use isotherm_finding::{Finding, Severity, name};
 use isotherm_statistics::{median, robust_sd};
 
@@ -59,8 +59,7 @@ pub(super) fn jumps(series: &[Series], recordings: &[RampRecording], gravity: f6
 fn jump(bias: &Series, recording: usize) -> Option<Jump> {
     let bins = &bias.recordings[recording];
     let values: Vec<f64> = bins.iter().map(|bin| bin.value).collect();
-    let [low, high] = USUAL.map(|part| quantile(values.clone(), part));
-    let usual = high? - low?;
+    let usual = bias.recordings.iter().filter_map(|bins| usual(bins)).reduce(f64::max)?;
     let middle = |range: core::ops::Range<usize>| median(values[range].iter().copied());
     let usual_s = median(bins.windows(2).map(|pair| pair[1].age_s - pair[0].age_s));
     // What comes after a gap has another temperature.
@@ -88,6 +87,12 @@ fn jump(bias: &Series, recording: usize) -> Option<Jump> {
         (size.abs() > limit).then(|| Jump { size, age_s: bins[i + offset].age_s, is_spike })
     };
     largest(&spikes, 2, true).or_else(|| largest(&levels, 2 * SIDE, false))
+}
+
+/// What a bias usually does in a recording: a stretch of one may do far less.
+fn usual(bins: &[BinValue]) -> Option<f64> {
+    let [low, high] = USUAL.map(|part| quantile(bins.iter().map(|bin| bin.value).collect(), part));
+    Some(high? - low?)
 }
 
 /// Place and size of the largest of all, and the size of what comes after the largest ones; each is apart from the

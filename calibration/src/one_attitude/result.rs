@@ -3,6 +3,7 @@
 use super::options::OneAttitudeOptions;
 use super::order::OrderChoice;
 use crate::ramps::RampCalibration;
+use crate::rest::RowAccount;
 use crate::sensor::TriadUnits;
 use isotherm_parameters::Autopilot;
 use isotherm_shared::polynomial::Polynomial;
@@ -75,8 +76,10 @@ pub struct OneAttitudeCalibration {
     pub ramps: RampCalibration,
     /// The options it was made with.
     pub options: OneAttitudeOptions,
-    /// Names of the recordings.
+    /// Names of the recordings, or of the stretches of them that are used.
     pub recordings: Vec<String>,
+    /// What was used of the rows of each recording, and what was left out.
+    pub rows: Vec<RowAccount>,
     /// How the order was found.
     pub order: OrderChoice,
     /// The reference temperature.

@@ -1,5 +1,8 @@
 //! Recordings at one attitude: a real warm-up against both autopilots, and what must be named.
 
 mod autopilots;
+mod bad_rows;
 mod real;
+mod rest;
 mod traps;
+mod warm_up;
