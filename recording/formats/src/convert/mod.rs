@@ -26,7 +26,7 @@ mod source;
 mod stamped;
 mod text;
 
-pub use autopilot::{LOG_ACCELERATION_PULSE, LOG_RATE_PULSE};
+pub use autopilot::{LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, VehicleState};
 pub use columns::{ColumnRef, Kind, SensorColumns, Sensors, Temperature};
 pub use foreign::Foreign;
 pub use mapping::{Decimal, KnownColumns, Mapping, Time, TimeUnit};
@@ -241,6 +241,12 @@ impl Conversion {
     /// As [`scale`](Self::scale).
     pub fn nominal(&self, imu: &ImuId) -> Result<Nominal, String> {
         self.scale().map(|scale| scale.nominal(imu))
+    }
+
+    /// When the vehicle was armed and when it flew, by the log of an autopilot. Valid from the opening on.
+    #[must_use]
+    pub fn vehicle_state(&self) -> VehicleState {
+        self.input.source.vehicle_state()
     }
 
     /// Number of rows so far.

@@ -1,5 +1,6 @@
 //! What the foreign formats give.
 
+use super::autopilot::VehicleState;
 use super::rollover::Counter;
 use super::scale::Units;
 use isotherm_finding::{Finding, name};
@@ -57,6 +58,11 @@ pub(super) trait Source {
     /// The unit of the time, where nothing in the data says it.
     fn guessed_unit(&self) -> Option<&'static str> {
         None
+    }
+
+    /// When the vehicle was armed and when it flew.
+    fn vehicle_state(&self) -> VehicleState {
+        VehicleState::default()
     }
 
     /// What the operator should know. Valid after the last row.

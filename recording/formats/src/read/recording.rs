@@ -6,7 +6,7 @@ use super::open::SharedHash;
 use super::order::{FirstRow, Sessions, in_order};
 use super::piece::{Piece, RowKind};
 use super::places::Places;
-use crate::convert::Foreign;
+use crate::convert::{Conversion, Foreign, VehicleState};
 use indicatif::ProgressBar;
 use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_finding::{Finding, Location, name};
@@ -213,6 +213,13 @@ impl Recording {
     #[must_use]
     pub fn devices(&self) -> [Option<u32>; 2] {
         self.converted.scale().map(|scale| scale.devices).unwrap_or_default()
+    }
+
+    /// When the vehicle was armed and when it flew, where the piece that is being read is the log of an autopilot. Valid
+    /// from the opening on.
+    #[must_use]
+    pub fn vehicle_state(&self) -> VehicleState {
+        self.current.source.conversion().map(Conversion::vehicle_state).unwrap_or_default()
     }
 
     /// SHA-256 of the bytes of all pieces, in order, as hexadecimal digits; empty unless opened by

@@ -1,7 +1,7 @@
 //! Writers of ULog and DataFlash, as far as tests need them.
 
 use isotherm_failure::{Exit, Failure};
-use isotherm_recording_formats::convert::{Conversion, Settings};
+use isotherm_recording_formats::convert::{Conversion, Settings, VehicleState};
 use isotherm_shared::wire::RawSample;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -189,4 +189,12 @@ pub(crate) fn converted(data: &[u8], extension: &str, settings: &Settings) -> (V
 pub(crate) fn refused(data: &[u8], extension: &str, settings: &Settings) -> (Exit, String) {
     let failure = convert(data, extension, settings).err().unwrap();
     (failure.exit, failure.message)
+}
+
+/// What the vehicle did, by the log.
+pub(crate) fn vehicle_state(data: &[u8], extension: &str) -> VehicleState {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("log").with_extension(extension);
+    fs::write(&path, data).unwrap();
+    Conversion::open(&path, None, &Settings::default()).unwrap().vehicle_state()
 }

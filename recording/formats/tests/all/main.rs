@@ -8,6 +8,7 @@ mod convert_logs_damaged;
 mod convert_logs_undone;
 mod convert_ros;
 mod convert_time;
+mod convert_vehicle;
 mod foreign;
 mod layouts;
 mod logs;

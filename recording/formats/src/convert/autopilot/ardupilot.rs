@@ -7,6 +7,7 @@ use super::dataflash::{Message, Messages};
 use super::dataflash_format::ImuColumns;
 use super::imu::{Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Values, choose, devices_told, open, units};
 use super::undo::{Corrections, concerns, devices};
+use super::vehicle::{Aspect, Report, Reports, VehicleState};
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
@@ -24,6 +25,7 @@ pub(in super::super) struct DataFlashSource {
     messages: Messages,
     instance: u8,
     imu: Imu,
+    vehicle: VehicleState,
     telemetry: Option<f64>,
     /// As they stand at the row.
     parameters: HashMap<String, f64>,
@@ -44,6 +46,9 @@ struct Contents {
     /// The first value of each. The log lists them all at its beginning, while the first rows come.
     parameters: HashMap<String, f64>,
     learnt: u64,
+    reports: Reports,
+    /// Of all IMUs.
+    last_us: u64,
 }
 
 impl DataFlashSource {
@@ -73,6 +78,7 @@ impl DataFlashSource {
             messages: Messages::new(open(path, settings)?, is_text),
             instance,
             imu,
+            vehicle: contents.reports.state(contents.last_us),
             telemetry,
             parameters: contents.parameters,
             undone: corrections.told(),
@@ -130,14 +136,29 @@ enum Said {
     /// Of a definition, letters of the units of its columns.
     Units(u8, String),
     Learnt,
+    /// Of the vehicle, with the name of the message.
+    Reports(&'static str, Vec<Report>),
     Nothing,
 }
+
+/// Numbers of `EV`: what holds from then on, or no more.
+const EVENTS: [(u8, Aspect, bool); 4] =
+    [(10, Aspect::Armed, true), (11, Aspect::Armed, false), (28, Aspect::Flying, true), (18, Aspect::Flying, false)];
 
 impl Message<'_> {
     fn said(&self) -> Result<Said, String> {
         let Message { format, body, .. } = self;
         Ok(match format.name.as_str() {
             "TCLR" => Said::Learnt,
+            "EV" => Said::Reports("EV", self.event().into_iter().collect()),
+            "ARM" => Said::Reports("ARM", self.state("ArmState", Aspect::Armed, true).into_iter().collect()),
+            "STAT" => {
+                let all = [("Armed", Aspect::Armed), ("isFlying", Aspect::Flying)];
+                Said::Reports(
+                    "STAT",
+                    all.into_iter().filter_map(|(name, aspect)| self.state(name, aspect, false)).collect(),
+                )
+            }
             "PARM" => {
                 let name = format.column("Name").and_then(|column| format.text(*body, column));
                 let value = format.column("Value").and_then(|column| format.number(*body, column));
@@ -154,6 +175,21 @@ impl Message<'_> {
                 None => Said::Nothing,
             },
         })
+    }
+
+    /// What an `EV` says.
+    fn event(&self) -> Option<Report> {
+        let Message { format, body, .. } = self;
+        let number = format.number(*body, format.column("Id")?)?;
+        let (_, aspect, holds) = EVENTS.into_iter().find(|(event, ..)| f64::from(*event) == number)?;
+        Some(Report { aspect, time_us: format.time_us(*body)?, holds, is_change: true })
+    }
+
+    /// What a column says that is 0 or 1.
+    fn state(&self, name: &str, aspect: Aspect, is_change: bool) -> Option<Report> {
+        let Message { format, body, .. } = self;
+        let holds = format.number(*body, format.column(name)?)? != 0.0;
+        Some(Report { aspect, time_us: format.time_us(*body)?, holds, is_change })
     }
 
     fn row(&self, columns: ImuColumns) -> Result<Said, String> {
@@ -213,6 +249,10 @@ impl Source for DataFlashSource {
         self.imu.devices[0].map_or(0, |id| device(&id.to_string()))
     }
 
+    fn vehicle_state(&self) -> VehicleState {
+        self.vehicle.clone()
+    }
+
     fn notes(&self) -> Vec<String> {
         let mut notes = vec![format!(
             "A1, A2, A3 are AccX, AccY, AccZ of IMU {}, G1, G2, G3 its GyrX, GyrY, GyrZ; one pulse is \
@@ -254,7 +294,13 @@ impl Contents {
             match message.said() {
                 // The second reading says what is wrong with a row.
                 Err(_) => {}
-                Ok(Said::Row(instance, _)) => contents.imus.entry(instance).or_default().rows += 1,
+                Ok(Said::Row(instance, row)) => {
+                    contents.imus.entry(instance).or_default().rows += 1;
+                    contents.last_us = row.time_us;
+                }
+                Ok(Said::Reports(name, reports)) => {
+                    reports.into_iter().for_each(|report| contents.reports.take(name, report));
+                }
                 Ok(Said::Parameter(name, value)) => {
                     if contents.parameters.len() < MAX_PARAMETERS {
                         contents.parameters.entry(name).or_insert(value);

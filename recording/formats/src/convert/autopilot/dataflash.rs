@@ -63,7 +63,7 @@ pub(super) struct Text {
 
 /// Whether a conversion needs messages of this name.
 fn is_wanted(name: &str) -> bool {
-    name.starts_with("IMU") || matches!(name, "PARM" | "FMTU" | "TCLR")
+    name.starts_with("IMU") || matches!(name, "PARM" | "FMTU" | "TCLR" | "EV" | "ARM" | "STAT")
 }
 
 impl Messages {

@@ -122,15 +122,26 @@ impl Format {
         }
     }
 
+    /// The column of the time, and the microseconds of its unit.
+    fn time(&self) -> Option<(usize, u64)> {
+        match (self.column("TimeUS"), self.column("TimeMS")) {
+            (Some(time), _) => Some((time, 1)),
+            (None, time) => Some((time?, 1000)),
+        }
+    }
+
+    /// The time of a message \[us\].
+    pub(super) fn time_us(&self, body: Body<'_>) -> Option<u64> {
+        let (column, unit) = self.time()?;
+        Some((self.number(body, column)? as u64).saturating_mul(unit))
+    }
+
     fn imu_columns(&self) -> Option<ImuColumns> {
         let three = |names: [&str; AXES]| {
             let [x, y, z] = names.map(|name| self.column(name));
             Some([x?, y?, z?])
         };
-        let (time, time_unit) = match (self.column("TimeUS"), self.column("TimeMS")) {
-            (Some(time), _) => (time, 1),
-            (None, time) => (time?, 1000),
-        };
+        let (time, time_unit) = self.time()?;
         Some(ImuColumns {
             time,
             time_unit,

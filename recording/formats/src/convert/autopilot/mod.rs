@@ -11,6 +11,7 @@ mod px4;
 mod ulog;
 mod ulog_format;
 mod undo;
+mod vehicle;
 mod window;
 
 pub(super) use ardupilot::DataFlashSource;
@@ -18,3 +19,4 @@ pub(super) use dataflash::{is_binary_log, is_text_log};
 pub use imu::{LOG_ACCELERATION_PULSE, LOG_RATE_PULSE};
 pub(super) use px4::UlogSource;
 pub(super) use ulog::is_ulog;
+pub use vehicle::VehicleState;

@@ -10,6 +10,7 @@ use super::super::source::{PLACEHOLDER, Reading, Source, placeholder};
 use super::imu::{Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Values, choose, devices_told, open, units};
 use super::ulog::{Messages, Topic, error};
 use super::ulog_format::SensorRow;
+use super::vehicle::{Report, Reports, VehicleState};
 use isotherm_failure::Failure;
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
@@ -28,6 +29,7 @@ pub(in super::super) struct UlogSource {
     instance: u8,
     imu: Imu,
     has_gyroscopes: bool,
+    vehicle: VehicleState,
     telemetry: Option<f64>,
     /// The row of `sensor_accel` that may still get rows of `sensor_gyro`.
     waiting: Option<(u64, SensorRow)>,
@@ -66,6 +68,9 @@ struct Contents {
     imus: BTreeMap<u8, Imu>,
     gyroscopes: BTreeMap<u8, Option<u32>>,
     corrected: BTreeSet<&'static str>,
+    reports: Reports,
+    /// Of all IMUs.
+    last_us: u64,
 }
 
 impl UlogSource {
@@ -88,6 +93,7 @@ impl UlogSource {
             instance,
             imu,
             has_gyroscopes,
+            vehicle: contents.reports.state(contents.last_us),
             telemetry,
             waiting: None,
             gyroscopes: Means::default(),
@@ -190,6 +196,10 @@ impl Source for UlogSource {
         self.imu.devices[0].map_or(0, |id| device(&id.to_string()))
     }
 
+    fn vehicle_state(&self) -> VehicleState {
+        self.vehicle.clone()
+    }
+
     fn notes(&self) -> Vec<String> {
         let instance = self.instance;
         let gyroscopes = if self.has_gyroscopes {
@@ -263,9 +273,11 @@ impl Contents {
     fn read(messages: &mut Messages) -> Result<Self, RecordingError> {
         let mut contents = Self::default();
         while let Some(data) = messages.next()? {
-            let device = || data.of.layout.as_ref().ok()?.row(data.body)?.device;
+            let row = || data.of.layout.as_ref().ok()?.row(data.body);
+            let device = || row()?.device;
             match data.of.topic {
                 Topic::SensorAccel => {
+                    contents.last_us = row().map_or(contents.last_us, |row| row.time_us);
                     let imu = contents.imus.entry(data.of.instance).or_default();
                     if imu.rows == 0 {
                         imu.devices[0] = device();
@@ -274,6 +286,16 @@ impl Contents {
                 }
                 Topic::SensorGyro => drop(contents.gyroscopes.entry(data.of.instance).or_insert_with(device)),
                 Topic::Corrected(name) => drop(contents.corrected.insert(name)),
+                Topic::State(state) => {
+                    let read = data.of.state.and_then(|layout| layout.read(data.body));
+                    let report = read.map(|(time_us, value)| Report {
+                        aspect: state.aspect,
+                        time_us,
+                        holds: value == state.value,
+                        is_change: false,
+                    });
+                    report.into_iter().for_each(|report| contents.reports.take(state.topic, report));
+                }
                 Topic::Other => {}
             }
         }

@@ -5,7 +5,8 @@
 //! a message, `A` subscribes a number to one, `D` has the number and data, `O` says for how long the logger lost data.
 //! Other types, known or not, are passed over.
 
-use super::ulog_format::{Formats, Lengths, SensorLayout};
+use super::ulog_format::{Formats, Lengths, SensorLayout, StateLayout};
+use super::vehicle::Aspect;
 use super::window::{Damage, Window};
 use isotherm_recording::RecordingError;
 use std::collections::HashMap;
@@ -36,8 +37,26 @@ pub(super) enum Topic {
     SensorGyro,
     /// Corrected by the autopilot.
     Corrected(&'static str),
+    /// What the vehicle does.
+    State(&'static State),
     Other,
 }
+
+/// A field that says what the vehicle does, by a value.
+#[derive(Debug, Eq, Hash, PartialEq)]
+pub(super) struct State {
+    pub(super) topic: &'static str,
+    field: &'static str,
+    pub(super) aspect: Aspect,
+    pub(super) value: u8,
+}
+
+/// ARMING_STATE_ARMED is 2, of all versions.
+const STATES: [State; 3] = [
+    State { topic: "vehicle_status", field: "arming_state", aspect: Aspect::Armed, value: 2 },
+    State { topic: "actuator_armed", field: "armed", aspect: Aspect::Armed, value: 1 },
+    State { topic: "vehicle_land_detected", field: "landed", aspect: Aspect::Flying, value: 0 },
+];
 
 const TOPICS: [(&str, Topic); 5] = [
     ("sensor_accel", Topic::SensorAccel),
@@ -54,6 +73,8 @@ pub(super) struct Subscription {
     lengths: Option<Lengths>,
     /// Of a sensor; `Err` says what is wrong with its definition.
     pub(super) layout: Result<SensorLayout, String>,
+    /// Of a state.
+    pub(super) state: Option<StateLayout>,
 }
 
 /// Data of a topic that concerns a conversion.
@@ -290,12 +311,15 @@ impl Messages {
 
 impl Subscription {
     fn new(formats: &Formats, name: &str, instance: u8) -> Self {
-        let topic = TOPICS.iter().find(|(known, _)| *known == name).map_or(Topic::Other, |(_, topic)| *topic);
+        let state = STATES.iter().find(|state| state.topic == name);
+        let topic = TOPICS.iter().find(|(known, _)| *known == name).map(|(_, topic)| *topic);
+        let topic = topic.or(state.map(Topic::State)).unwrap_or(Topic::Other);
         let layout = match topic {
             Topic::SensorAccel | Topic::SensorGyro => formats.sensor(name),
             _ => Err(String::new()),
         };
-        Self { topic, instance, lengths: formats.lengths(name).ok(), layout }
+        let state = state.and_then(|state| formats.state(name, state.field));
+        Self { topic, instance, lengths: formats.lengths(name).ok(), layout, state }
     }
 }
 

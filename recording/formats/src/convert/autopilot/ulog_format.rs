@@ -39,6 +39,13 @@ pub(super) struct SensorLayout {
     temperature: Option<Real>,
 }
 
+/// Where a message has its time, and a byte that says a state.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StateLayout {
+    timestamp: usize,
+    state: usize,
+}
+
 /// A row of a sensor.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SensorRow {
@@ -118,6 +125,16 @@ impl Formats {
         })
     }
 
+    /// Where a message of this name has its time and the byte of this name; `None` if it has none.
+    pub(super) fn state(&self, name: &str, field: &str) -> Option<StateLayout> {
+        let placed = self.placed(name).ok()?;
+        let of = |wanted: &str, kinds: &[&str]| {
+            let is_wanted = |of: &Field<'_>| of.name == wanted && of.count == 1 && kinds.contains(&of.kind);
+            placed.iter().find(|(of, ..)| is_wanted(of)).map(|(_, at, _)| *at)
+        };
+        Some(StateLayout { timestamp: of("timestamp", &["uint64_t"])?, state: of(field, &["uint8_t", "bool"])? })
+    }
+
     /// The fields of a message of this name, each with its first byte and the one behind it.
     fn placed<'a>(&'a self, name: &str) -> Result<Vec<(Field<'a>, usize, usize)>, String> {
         let fields = self.fields.get(name).ok_or_else(|| format!("no definition of {name}; the log is damaged"))?;
@@ -191,6 +208,14 @@ impl SensorLayout {
             None => None,
         };
         Some(SensorRow { time_us, device, values, celsius })
+    }
+}
+
+impl StateLayout {
+    /// Time \[us\] and state in the data of a message; `None` if they are too short.
+    pub(super) fn read(self, data: &[u8]) -> Option<(u64, u8)> {
+        let [state] = bytes(data, self.state)?;
+        Some((u64::from_le_bytes(bytes(data, self.timestamp)?), state))
     }
 }
 
