@@ -99,10 +99,9 @@ impl Screen {
                 }
             }
         }
-        for row in self.judged..end {
-            let (raw, verdict) = (&self.rows[row], verdicts[row]);
+        for (raw, verdict) in self.rows[..end].iter().zip(&verdicts).skip(self.judged) {
             if let Some(kind) = verdict {
-                self.bad.add(raw.timestamp_ns, kind);
+                self.bad.add(raw.timestamp_ns, *kind);
             }
             take(raw, verdict.is_none());
         }

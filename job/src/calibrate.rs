@@ -450,7 +450,7 @@ impl Reader<'_> {
                     |rows| RampRecording::read_screened(name.clone(), rows),
                     |recording, rows| {
                         found.replace(Some(OfReadings { nominal: rows.nominal(imu), devices: rows.devices() }));
-                        recording.with_findings(rows.findings())
+                        recording.with_findings(rows.findings()).with_in_use(rows.vehicle_state().in_use())
                     },
                 )?;
                 let nothing = || OfReadings::none(&name);

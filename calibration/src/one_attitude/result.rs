@@ -111,10 +111,11 @@ impl OneAttitudeCalibration {
     #[must_use]
     pub fn accuracy(&self) -> String {
         let gravity = self.table().content().gravity;
-        let count = self.recordings.len();
+        let (count, stretches) = (self.rows.len(), self.recordings.len());
         let noun = if count == 1 { "recording" } else { "recordings" };
         let order = self.order.order;
-        let made = format!("bias curves of order {order} from {count} {noun} at one attitude");
+        let of = if stretches == count { String::new() } else { format!("{stretches} stretches of ") };
+        let made = format!("bias curves of order {order} from {of}{count} {noun} at one attitude");
         let known = self.biases.iter().filter_map(|it| Some((it, it.band.as_ref()?)));
         let bands: Vec<_> = known
             .map(|(it, band)| {

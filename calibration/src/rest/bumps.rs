@@ -1,5 +1,5 @@
-//! Bumps: where the level of a sensor steps, and stays. A line over time and telemetry goes through the bins on both
-//! sides; the step beside it is compared with its error, and with the steps that the recording has everywhere.
+//! Bumps: where the level of a sensor steps, and stays. Time and a parabola of the telemetry go through the bins on
+//! both sides; the step beside it is compared with its error, and with the steps that the recording has everywhere.
 
 use super::Bins;
 use core::ops::Range;
@@ -17,7 +17,7 @@ const PART: f64 = 0.2;
 /// .. one of an accelerometer over this \[rad\]; the ramps find smaller ones ..
 const ANGLE: f64 = 4e-3;
 /// .. and over this many steps of the values.
-const STEPS: f64 = 2.0;
+const STEPS: f64 = 3.0;
 /// A step is like another estimate of it to this part.
 const LIKE: f64 = 0.35;
 /// Bumps of a recording, at most.
@@ -49,13 +49,13 @@ pub(super) fn bumps(bins: &Bins, rest: &[usize]) -> Vec<Bump> {
     let least = rates.iter().enumerate().map(least).collect();
     let levels = Levels { bins, rest, rates, least, force };
     let mut found: Vec<Bump> = Vec::new();
-    let mut parts = vec![0..rest.len()];
-    while let Some(part) = parts.pop() {
+    let mut parts = Vec::from([(0, rest.len())]);
+    while let Some((start, end)) = parts.pop() {
         if found.len() == MOST {
             break;
         }
-        if let Some(bump) = levels.largest(part.clone()) {
-            parts.extend([part.start..bump.place, bump.place..part.end]);
+        if let Some(bump) = levels.largest(start..end) {
+            parts.extend([(start, bump.place), (bump.place, end)]);
             found.push(bump);
         }
     }
@@ -138,9 +138,12 @@ impl Weights {
         let of = |all: &[f64]| rest[rows.clone()].iter().map(|bin| all[*bin]).collect::<Vec<f64>>();
         let mut left: Vec<f64> = rows.clone().map(|row| if row < place { -0.5 } else { 0.5 }).collect();
         let whole: f64 = left.iter().map(|step| step * step).sum();
-        // What a constant, time and telemetry do not explain of the step's column.
+        // What a constant, time, telemetry and its square do not explain of the step's column.
         let mut known: Vec<Vec<f64>> = Vec::new();
-        for column in [vec![1.0; left.len()], of(&bins.ages), of(&bins.telemetry)] {
+        let telemetry = of(&bins.telemetry);
+        let middle = telemetry.iter().sum::<f64>() / telemetry.len() as f64;
+        let squares = telemetry.iter().map(|value| (value - middle).powi(2)).collect();
+        for column in [vec![1.0; left.len()], of(&bins.ages), telemetry, squares] {
             let size: f64 = column.iter().map(|value| value * value).sum();
             let column = without(column, &known);
             let rest: f64 = column.iter().map(|value| value * value).sum();

@@ -18,6 +18,8 @@ const SHORTEST_BY_BIAS_S: f64 = 60.0;
 const TIMES: f64 = 5.0;
 /// .. and the jump afterwards is over this many of the usual changes.
 const JUMP: f64 = 4.0;
+/// .. and over this many steps of a coarse thermometer.
+const STEPS: f64 = 2.5;
 /// Rows cover this part of the time in which it stands.
 const COVERED: f64 = 0.8;
 /// Parts of this time that show the change of a bias.
@@ -43,7 +45,9 @@ pub(super) fn stuck(recording: &RampRecording, bins: &Bins, causes: &[Option<Lef
         return Vec::new();
     }
     let seconds = |standing: &Standing| bins.ages[standing.bins.end - 1] - bins.ages[standing.bins.start];
+    let step = recording.step_of_telemetry();
     let usual_change = median(all.iter().filter_map(|standing| standing.jump));
+    let least_jump = (JUMP * usual_change).max(STEPS * step);
     let is_stuck = |(number, standing): (usize, &Standing)| {
         let near = number.saturating_sub(10)..(number + 11).min(all.len());
         let others = all[near.clone()].iter().enumerate().filter(|(other, _)| near.start + other != number);
@@ -53,8 +57,8 @@ pub(super) fn stuck(recording: &RampRecording, bins: &Bins, causes: &[Option<Lef
         if stands_s < SHORTEST_S || stands_s < TIMES * usual_s || covered < COVERED {
             return false;
         }
-        let jumps = standing.jump.is_some_and(|jump| jump > JUMP * usual_change);
-        jumps || stands_s >= SHORTEST_BY_BIAS_S && biases_go_on(bins, &standing.bins, causes, usual_change)
+        let jumps = standing.jump.is_some_and(|jump| jump > least_jump);
+        jumps || stands_s >= SHORTEST_BY_BIAS_S && biases_go_on(bins, &standing.bins, causes, usual_change.max(step))
     };
     let found = all.iter().enumerate().filter(|(number, standing)| is_stuck((*number, standing)));
     // The first bin of each was measured.
@@ -88,8 +92,12 @@ fn biases_go_on(bins: &Bins, within: &Range<usize>, causes: &[Option<LeftOutCaus
     }
     bins.rates.iter().any(|rates| {
         let (moved, error) = change_of(rates, &rest);
-        let [value, telemetry] = [rates, &bins.telemetry].map(|all| spread(others.iter().map(|bin| all[*bin])));
-        let slope = value / telemetry.max(f64::MIN_POSITIVE);
+        let spans = |some: &[usize]| [rates, &bins.telemetry].map(|all| spread(some.iter().map(|bin| all[*bin])));
+        let slope = |[value, telemetry]: [f64; 2]| value / telemetry.max(change);
+        let before = others.partition_point(|bin| *bin < within.start);
+        let near = spans(&others[before.saturating_sub(rest.len())..before]);
+        let [value, telemetry] = spans(&others);
+        let slope = slope([value, telemetry]).max(slope(near));
         moved.abs() > CHANGES * change * slope + ERRORS * error && moved.abs() > PART * value
     })
 }

@@ -11,6 +11,8 @@ const FEWEST: usize = 3;
 const CHANCE: f64 = 1e-2;
 /// The part of equal rows is known to this many standard errors.
 const DOUBT: f64 = 3.0;
+/// More equal rows than this part are those of a coarse channel.
+const COARSE: f64 = 0.05;
 /// A channel with fewer different values nearby is coarse: its level stays within a step for as long as it likes.
 const VALUES: usize = 8;
 /// More rows of a thermometer are judged as a whole recording: its equilibrium is legal.
@@ -46,12 +48,17 @@ pub(super) fn stuck(piece: &Piece<'_>, step: f64) -> Vec<usize> {
 /// Whether such a run is no chance.
 fn is_no_chance(piece: &Piece<'_>, run: &Range<usize>, equal: &[u32]) -> bool {
     let n = piece.values.len();
-    let near = run.start.saturating_sub(NEARBY)..(run.end + NEARBY).min(n);
-    let pairs = |rows: Range<usize>| f64::from(equal[rows.end] - equal[rows.start + 1]);
-    let of_others = pairs(near.clone()) - pairs(run.clone());
-    let others = near.len().saturating_sub(run.len()) as f64;
-    let part = (of_others + 0.5) / (others + 1.0);
-    let part = part + DOUBT * (part / (others + 1.0)).sqrt();
+    let around = |rows: usize| run.start.saturating_sub(rows)..(run.end + rows).min(n);
+    let pairs = |rows: &Range<usize>| f64::from(equal[rows.end] - equal[rows.start + 1]);
+    let part = |near: &Range<usize>| {
+        let others = near.len().saturating_sub(run.len()) as f64;
+        let part = (pairs(near) - pairs(run) + 0.5) / (others + 1.0);
+        part + DOUBT * (part / (others + 1.0)).sqrt()
+    };
+    let near = around(NEARBY);
+    let of_near = part(&near);
+    // A coarse channel repeats values more often within a step than between two.
+    let part = if of_near > COARSE { of_near.max(part(&around(NEARBY / 4))) } else { of_near };
     if n as f64 * part.powi(run.len() as i32 - 1) > CHANCE {
         return false;
     }

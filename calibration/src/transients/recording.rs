@@ -54,7 +54,7 @@ fn changes(now: &[f64; SENSORS], before: &[f64; SENSORS]) -> [f64; SENSORS] {
     core::array::from_fn(|sensor| now[sensor] - before[sensor])
 }
 
-/// Some of the changes from row to row \[pulse/s\], evenly chosen.
+/// Some of the changes from row to row, or from reading to reading, evenly chosen.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Changes {
     some: Vec<f32>,
@@ -74,6 +74,8 @@ pub(crate) struct Bin {
     pulses: [[u64; 2]; SENSORS],
     /// Number of rows.
     rows: u32,
+    /// Time after it whose rows are there, but left out \[ns\].
+    left_out_ns: u64,
     /// Sum of the squared changes of the net rates from row to row, and their number.
     changes: ([f32; SENSORS], u32),
 }
@@ -87,6 +89,7 @@ struct Readings {
     /// The last value, which is no new reading if it comes again.
     latest: Option<Reading>,
     sum: ReadingSum,
+    steps: Changes,
 }
 
 /// A measured value, or the mean of some.
@@ -193,17 +196,14 @@ impl RampRecording {
     /// The longest time without rows, and when it begins after the first row \[s\].
     pub(super) fn largest_gap_s(&self) -> (f64, f64) {
         let begin_ns = self.bins.first().map_or(0, |bin| bin.begin_ns);
-        let gaps = self
-            .bins
-            .windows(2)
-            .map(|pair| (pair[0].end_ns - begin_ns, pair[1].begin_ns.saturating_sub(pair[0].end_ns)));
+        let gaps = self.bins.windows(2).map(|pair| (pair[0].end_ns - begin_ns, pair[0].gap_ns(&pair[1])));
         let (at_ns, gap_ns) = gaps.max_by_key(|(_, gap_ns)| *gap_ns).unwrap_or_default();
         (at_ns as f64 / 1e9, gap_ns as f64 / 1e9)
     }
 
     /// How long rows are missing within it, and how long it lasts \[s\].
     pub(crate) fn missing_s(&self) -> (f64, f64) {
-        let gaps = self.bins.windows(2).map(|pair| pair[1].begin_ns.saturating_sub(pair[0].end_ns));
+        let gaps = self.bins.windows(2).map(|pair| pair[0].gap_ns(&pair[1]));
         let ends = self.bins.first().zip(self.bins.last());
         let all_ns = ends.map_or(0, |(first, last)| last.end_ns - first.begin_ns);
         (gaps.sum::<u64>() as f64 / 1e9, all_ns as f64 / 1e9)
@@ -211,7 +211,7 @@ impl RampRecording {
 
     /// Head telemetry of A1 before and after the longest time without rows.
     pub(super) fn telemetry_around_gap(&self) -> Option<[f64; 2]> {
-        let gap = |pair: &&[Bin]| pair[1].begin_ns.saturating_sub(pair[0].end_ns);
+        let gap = |pair: &&[Bin]| pair[0].gap_ns(&pair[1]);
         let pair = self.bins.windows(2).max_by_key(gap)?;
         let (readings, times_ns) = (self.heads(0), [pair[0].middle_ns(), pair[1].middle_ns()]);
         if readings.is_empty() {
@@ -314,6 +314,8 @@ impl RampRecording {
         self.last = None;
         if let Some(bin) = self.open_bin(raw) {
             bin.end_ns = raw.timestamp_ns;
+        } else if let Some(bin) = self.bins.last_mut() {
+            bin.left_out_ns += raw.interval_ns;
         }
     }
 
@@ -346,7 +348,15 @@ impl RampRecording {
             }
         } else {
             let (interval_ns, changes) = (raw.interval_ns, ([0.0; SENSORS], 0));
-            self.bins.push(Bin { begin_ns, end_ns: raw.timestamp_ns, interval_ns, pulses, rows: 1, changes });
+            self.bins.push(Bin {
+                begin_ns,
+                end_ns: raw.timestamp_ns,
+                interval_ns,
+                pulses,
+                rows: 1,
+                left_out_ns: 0,
+                changes,
+            });
         }
     }
 
@@ -372,6 +382,11 @@ impl RampRecording {
         self.steps[sensor].least()
     }
 
+    /// The least change of the head telemetry of A1, but for some; 0 if it never changes.
+    pub(crate) fn step_of_telemetry(&self) -> f64 {
+        self.heads[0].steps.least()
+    }
+
     /// Good rows of these bins.
     pub(crate) fn rows_of(&self, bins: &Range<usize>) -> usize {
         self.bins[bins.clone()].iter().map(|bin| bin.rows as usize).sum()
@@ -386,6 +401,15 @@ impl RampRecording {
         }
     }
 
+    /// These bins; what comes after them is left out.
+    fn piece(&self, bins: &Range<usize>) -> impl Iterator<Item = Bin> {
+        let last = bins.end - 1;
+        bins.clone().map(move |bin| {
+            let left_out_ns = if bin == last { u64::MAX } else { self.bins[bin].left_out_ns };
+            Bin { left_out_ns, ..self.bins[bin] }
+        })
+    }
+
     /// The stretch of these bins, each range of which is in order, as a recording of its own. The `first` stretch of a
     /// recording keeps what is told of the whole.
     pub(crate) fn stretch(&self, name: String, bins: &[Range<usize>], first: bool) -> Self {
@@ -394,7 +418,7 @@ impl RampRecording {
         let of = |all: &[Readings; SENSORS]| core::array::from_fn(|sensor| all[sensor].within(&times));
         Self {
             name,
-            bins: bins.iter().flat_map(|bins| self.bins[bins.clone()].iter().copied()).collect(),
+            bins: bins.iter().flat_map(|bins| self.piece(bins)).collect(),
             heads: of(&self.heads),
             boards: of(&self.boards),
             has_gyroscopes: self.has_gyroscopes,
@@ -500,6 +524,11 @@ impl Bin {
         self.begin_ns.midpoint(self.end_ns)
     }
 
+    /// Time without rows up to the next bin \[ns\].
+    const fn gap_ns(&self, next: &Self) -> u64 {
+        next.begin_ns.saturating_sub(self.end_ns).saturating_sub(self.left_out_ns)
+    }
+
     pub(super) fn seconds(&self) -> f64 {
         self.interval_ns as f64 / 1e9
     }
@@ -572,6 +601,8 @@ impl Readings {
         if !is_new || self.latest.is_some_and(|latest| latest.time_ns >= time_ns) {
             return;
         }
+        let change = self.latest.map(|latest| telemetry - latest.telemetry);
+        change.filter(|change| *change != 0.0).into_iter().for_each(|change| self.steps.add(change));
         self.latest = Some(Reading { time_ns, telemetry });
         let [low, high] = self.extremes.unwrap_or([telemetry; 2]);
         self.extremes = Some([low.min(telemetry), high.max(telemetry)]);

@@ -2,9 +2,10 @@
 //! still, temperatures that cannot be.
 
 use super::warm_up::{LSB, Setting, WarmUp};
-use isotherm_calibration::{CalibrationError, OneAttitudeCalibration};
+use isotherm_calibration::{CalibrationError, OneAttitudeCalibration, RampRecording};
 use isotherm_finding::name;
-use isotherm_shared::wire::AXES;
+use isotherm_recording::CampaignRow;
+use isotherm_shared::wire::{AXES, RawSample, Triad};
 use isotherm_simulation::RandomGenerator;
 
 /// A bad row differs from the truth by so many standard deviations.
@@ -223,4 +224,38 @@ fn more_than_five_percent_of_bad_rows_are_refused_with_their_number() {
     assert_eq!(findings[0].name, name::BAD_ROWS);
     assert!(findings[0].message.contains("100 of 1500 rows (6.67 %)"), "{}", findings[0].message);
     assert!(findings[0].message.contains("100 markers at 0:00:0"), "{}", findings[0].message);
+}
+
+/// Two hours at 1 kHz are read row by row: memory is that of a chunk, and of a second's sums.
+#[test]
+#[ignore = "minutes; .ci/nightly"]
+fn a_recording_of_two_hours_at_one_kilohertz_is_screened_while_it_is_read() {
+    const ROWS: u64 = 7_200_000;
+    let mut random = RandomGenerator::new(5, 5);
+    let row = |number: u64| {
+        let part = number as f64 / ROWS as f64;
+        let celsius = -10.0 + 60.0 * part;
+        let mut pulses = |level: f64| (level + 20_000.0 * random.normal()).max(0.0) as u32;
+        let positive_pulses = [pulses(100_000.0), pulses(200_000.0), pulses(9_800_000.0 + 1e5 * part)];
+        let is_marked = number % 10_000 == 77;
+        let positive_pulses = if is_marked { [0; AXES] } else { positive_pulses };
+        let accelerometers = Triad {
+            positive_pulses,
+            head_temperature: [celsius; AXES],
+            board_temperature: [celsius; AXES],
+            ..Triad::default()
+        };
+        let sample = RawSample {
+            sequence: number,
+            timestamp_ns: (number + 1) * 1_000_000,
+            interval_ns: 1_000_000,
+            accelerometers,
+            ..RawSample::default()
+        };
+        Ok(CampaignRow { line: number + 2, set_point_c: 0.0, position: None, sample })
+    };
+    let recording = RampRecording::read_screened("long", (0..ROWS).map(row)).unwrap();
+    println!("{} bad rows: {:?}", recording.bad_rows().len(), recording.bad_rows().counts());
+    // Of 21.6 million values some are off by chance.
+    assert!((720..760).contains(&recording.bad_rows().len()));
 }

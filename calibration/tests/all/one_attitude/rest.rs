@@ -15,10 +15,10 @@ fn fly(log: &mut WarmUp, span: &Span, random: &mut RandomGenerator) {
     let phases: [f64; 6] = core::array::from_fn(|_| random.between(0.0, 6.0));
     let vibration = random.between(0.5, 4.0);
     for row in log.rows.iter_mut().filter(|row| span.contains(&row.seconds)) {
-        for sensor in 0..6 {
-            let sway = (row.seconds / (3.0 + sensor as f64) + phases[sensor]).sin();
+        for (sensor, (value, phase)) in row.sensors.iter_mut().zip(phases).enumerate() {
+            let sway = (row.seconds / (3.0 + sensor as f64) + phase).sin();
             let (size, noise) = if sensor < AXES { (2.0, vibration) } else { (0.5, 0.1) };
-            row.sensors[sensor] += size * sway + noise * random.normal();
+            *value += size * sway + noise * random.normal();
         }
     }
 }
@@ -27,10 +27,10 @@ fn fly(log: &mut WarmUp, span: &Span, random: &mut RandomGenerator) {
 fn carry(log: &mut WarmUp, span: &Span, random: &mut RandomGenerator) {
     let phases: [f64; 6] = core::array::from_fn(|_| random.between(0.0, 6.0));
     for row in log.rows.iter_mut().filter(|row| span.contains(&row.seconds)) {
-        for sensor in 0..6 {
-            let sway = (row.seconds / (1.5 + 0.3 * sensor as f64) + phases[sensor]).sin();
+        for (sensor, (value, phase)) in row.sensors.iter_mut().zip(phases).enumerate() {
+            let sway = (row.seconds / (1.5 + 0.3 * sensor as f64) + phase).sin();
             let (size, noise) = if sensor < AXES { (1.5, 0.1) } else { (0.3, 0.02) };
-            row.sensors[sensor] += size * sway + noise * random.normal();
+            *value += size * sway + noise * random.normal();
         }
     }
 }
@@ -67,11 +67,18 @@ fn setting(random: &mut RandomGenerator) -> Setting {
     setting
 }
 
-/// Logs with a motion at a drawn place: of every one the largest error of a curve, over that of the same log at rest.
-fn motions(count: u64, spoil: impl Fn(&mut WarmUp, &Span, &mut RandomGenerator)) -> Vec<f64> {
+/// The curves of a log with a motion, of order 2.
+fn curves(log: &WarmUp) -> Result<OneAttitudeCalibration, CalibrationError> {
+    log.calibrated_with(OneAttitudeOptions { order: Some(2), ..OneAttitudeOptions::default() }, Vec::new())
+}
+
+/// Logs with a motion at a drawn place: the largest error of a curve, over that of the same log at rest.
+fn motions(what: &str, count: u64, spoil: impl Fn(&mut WarmUp, &Span, &mut RandomGenerator)) {
     let seed = seed();
-    let (mut ratios, mut refused) = (Vec::new(), 0);
-    for i in 0..count {
+    let (mut ratios, mut silent, mut refused) = (Vec::new(), 0, 0);
+    let mut i = 0;
+    while ratios.len() + refused < count as usize {
+        i += 1;
         let mut random = RandomGenerator::new(seed * 1000 + i, 8);
         let setting = setting(&mut random);
         if setting.minutes < 15.0 {
@@ -83,62 +90,77 @@ fn motions(count: u64, spoil: impl Fn(&mut WarmUp, &Span, &mut RandomGenerator))
         let span = begin_s..begin_s + random.between(20.0, 0.2 * seconds);
         let mut log = clean.clone();
         spoil(&mut log, &span, &mut random);
-        let Ok(of_clean) =
-            clean.calibrated_with(OneAttitudeOptions { order: Some(2), ..Default::default() }, Vec::new())
-        else {
-            continue;
-        };
-        match log.calibrated_with(OneAttitudeOptions { order: Some(2), ..Default::default() }, Vec::new()) {
+        let Ok(of_clean) = curves(&clean) else { continue };
+        match curves(&log) {
             Ok(found) => {
                 let ratio = worst(&log, &found) / worst(&clean, &of_clean);
-                if ratio > 5.0 || !names(&found).contains(&name::MOTION) {
-                    println!("log {i}: {ratio:.2}, {span:?}, {:?} {:?}", found.rows[0].used_s, setting);
+                let is_named = names(&found).contains(&name::MOTION);
+                if ratio > 4.0 || !is_named {
+                    println!("log {i}: {ratio:.2}, {span:?}, {:?} {setting:?}", found.rows[0].used_s);
                 }
+                silent += usize::from(!is_named);
                 ratios.push(ratio);
             }
             Err(error) => {
-                println!("log {i}: {error}");
+                println!("log {i}: {error} {setting:?}");
                 refused += 1;
             }
         }
     }
     let most = ratios.iter().copied().fold(0.0, f64::max);
-    println!("{} logs: median {:.2}, most {most:.2}; {refused} refused", ratios.len(), median(ratios.clone()));
-    ratios
+    let far = ratios.iter().filter(|ratio| **ratio > 4.0).count();
+    println!(
+        "{what}: {count} logs, error over that of the log at rest: median {:.2}, most {most:.2}, {far} over 4; {silent} not named; {refused} refused",
+        median(ratios.clone())
+    );
+    let few = count as usize / 50;
+    assert!(median(ratios) < 1.5 && far <= few && silent <= few && refused <= few);
 }
 
-#[test]
-fn a_flight_is_left_out() {
-    motions(15, |log, span, random| {
+fn flights(count: u64) {
+    motions("flights", count, |log, span, random| {
         fly(log, span, random);
         turn(log, span.end, random.between(0.0, 3.0), random);
     });
 }
 
-#[test]
-fn carrying_is_left_out() {
-    motions(15, |log, span, random| {
+fn carryings(count: u64) {
+    motions("carried", count, |log, span, random| {
         carry(log, span, random);
         turn(log, span.end, random.between(0.0, 20.0), random);
     });
 }
 
+fn bumps(count: u64) {
+    motions("bumps of 0.5 degrees", count, |log, span, random| turn(log, span.start, 0.5, random));
+}
+
 #[test]
-fn a_bump_of_half_a_degree_is_found() {
-    motions(15, |log, span, random| turn(log, span.start, 0.5, random));
+fn motions_are_left_out() {
+    flights(8);
+    carryings(8);
+    bumps(8);
+}
+
+#[test]
+#[ignore = "minutes; .ci/nightly"]
+fn motions_of_every_kind_are_left_out() {
+    flights(100);
+    carryings(100);
+    bumps(100);
 }
 
 #[test]
 fn times_in_which_the_vehicle_was_armed_are_left_out() {
     let log = WarmUp::new(&Setting { minutes: 60.0, ..Setting::usual() }, 4);
     let armed = 1_000_000_000_000..1_300_000_000_000;
-    let found = log.calibrated_with(OneAttitudeOptions::default(), vec![armed]).unwrap();
+    let found = log.calibrated_with(OneAttitudeOptions::default(), Vec::from([armed])).unwrap();
     let account = &found.rows[0];
     assert_eq!(account.left_out[0].cause, LeftOutCause::InUse);
     assert_eq!(account.used_s, [[0.0, 999.0], [1299.0, 3600.0]]);
-    assert!(names(&found).contains(&name::MOTION));
+    assert!(names(&found).contains(&name::MOTION) && !names(&found).contains(&name::MISSING_ROWS));
     // Armed throughout.
-    let refused = log.calibrated_with(OneAttitudeOptions::default(), vec![0..u64::MAX]);
+    let refused = log.calibrated_with(OneAttitudeOptions::default(), Vec::from([0..u64::MAX]));
     let Err(CalibrationError::Faults { findings, .. }) = refused else { panic!("a table") };
     assert_eq!(findings[0].name, name::MOTION);
     assert!(findings[0].message.contains("the vehicle was armed or flew"), "{}", findings[0].message);
