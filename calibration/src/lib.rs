@@ -41,7 +41,9 @@ mod provenance;
 mod quality;
 mod ramps;
 mod reduce;
+mod rest;
 mod result;
+mod screen;
 mod sensor;
 mod table;
 mod transients;
@@ -74,7 +76,9 @@ pub use options::{CalibrationOptions, Method};
 pub use provenance::{CampaignSource, CurveErrors, Hashed, Origin, TableFile, now, sha256, tool};
 pub use ramps::{RampCalibration, calibrate_ramps};
 pub use reduce::reduce;
+pub use rest::{LeftOutCause, LeftOutPart, RowAccount};
 pub use result::Calibration;
+pub use screen::{BadKind, BadRow, BadRows};
 pub use sensor::{ReducedSensor, TriadUnits};
 pub use transients::{
     BiasTransient, Condition, CurveSource, LagChoice, Prediction, RampRecording, TransientOptions, TransientVerdict,

@@ -2,12 +2,13 @@
 //! temperature calibration.
 //!
 //! # Method
-//! 1. The recordings are [ramps](crate::ramps): lag and transient of each bias, the band between sweeps, steps, another
+//! 1. `rest`: the stretches at rest are recordings of their own from here on; bad rows were left out while they were read.
+//! 2. The recordings are [ramps](crate::ramps): lag and transient of each bias, the band between sweeps, steps, another
 //!    unit, missing rows are found as there. `nominal` gives everything but the bias curves.
-//! 2. `curves`: each curve goes through means of 1/200 of the telemetry's range, which weigh by how they scatter; each
+//! 3. `curves`: each curve goes through means of 1/200 of the telemetry's range, which weigh by how they scatter; each
 //!    recording has a constant of its own.
-//! 3. `order`: all curves are cubics, unless a higher order predicts sweeps that are left out clearly better.
-//! 4. The constant of an accelerometer's curve contains the attitude: the curve keeps the bias of `nominal` at the
+//! 4. `order`: all curves are cubics, unless a higher order predicts sweeps that are left out clearly better.
+//! 5. The constant of an accelerometer's curve contains the attitude: the curve keeps the bias of `nominal` at the
 //!    reference temperature. That of a gyroscope stays in, with Earth's rate.
 //!
 //! The error of a curve is the band: how far heating and cooling are apart at the same telemetry. No curve over
@@ -31,10 +32,11 @@ use crate::checks::scale::zero_of;
 use crate::error::CalibrationError;
 use crate::options::CalibrationOptions;
 use crate::ramps::{RampCalibration, ramp_calibration};
+use crate::rest::at_rest;
 use crate::transients::{BiasTransient, BinValue, RampRecording, bin_values};
 use curves::{Part, Scatter, Series, Shape, Weight, spread};
 use isotherm_campaign::Campaign;
-use isotherm_finding::Finding;
+use isotherm_finding::{Finding, any_fault};
 use isotherm_parameters::Autopilot;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable, Content};
@@ -72,7 +74,12 @@ pub fn calibrate_one_attitude(
         lag: options.lag,
         ..CalibrationOptions::default()
     };
-    let before = checks::before(recordings, nominal);
+    let rest = at_rest(recordings);
+    let recordings = rest.recordings.as_slice();
+    if any_fault(&rest.findings) && recordings.is_empty() {
+        return Err(CalibrationError::Faults { diagnosis: None, findings: rest.findings });
+    }
+    let before = rest.findings.into_iter().chain(checks::before(recordings, nominal)).collect();
     let mut ramps = ramp_calibration(campaign, recordings, nominal, fit_options, before, checks::after)?;
     let series = all_series(recordings, &ramps);
     let found = jumps::jumps(&series, recordings, nominal.content().gravity);
@@ -99,7 +106,9 @@ pub fn calibrate_one_attitude(
     ramps.table = with_curves(&ramps, &biases, recordings)?;
     let sweeps = parts.iter().filter_map(|part| span(&series, part)).collect();
     let recordings = recordings.iter().map(|recording| recording.name().to_owned()).collect();
-    Ok(OneAttitudeCalibration { ramps, options: options.clone(), recordings, order: choice, at, bin, sweeps, biases })
+    let rows = rest.accounts;
+    let options = options.clone();
+    Ok(OneAttitudeCalibration { ramps, options, recordings, rows, order: choice, at, bin, sweeps, biases })
 }
 
 /// Why there is no curve.

@@ -40,6 +40,7 @@ mod sweeps;
 
 pub(crate) use bins::{BinValue, bin_values};
 pub use options::{CurveSource, LagChoice, TransientOptions, TransientsError};
+pub(crate) use recording::Bin;
 pub use recording::RampRecording;
 pub use result::BiasTransient;
 pub use result::Condition;

@@ -47,7 +47,7 @@ pub use mount::{mount, mounting, nearest_rotation, other_zero};
 pub use position::{Position, SAME_DIRECTION};
 pub use positions::{MAX_CONDITION, Observability, PARAMETERS, Scheme};
 pub use ramp::Ramp;
-pub use rows::{implausible, read_dwells};
+pub use rows::{implausible, implausible_time, read_dwells};
 pub use standstill::{
     STANDSTILL_WINDOW_S, Standstill, StandstillError, Standstills, begins_ns, find_standstills, stretches,
 };

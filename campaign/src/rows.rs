@@ -82,11 +82,17 @@ pub fn read_dwells(
 /// previous sample. The automatic campaign leaves such samples out, `calibrate` refuses them.
 #[must_use]
 pub fn implausible(sample: &RawSample, previous_ns: Option<u64>) -> Option<String> {
+    implausible_time(sample, previous_ns).or_else(|| implausible_values(sample))
+}
+
+/// The same, by interval and time alone: the values of the sample are not looked at.
+#[must_use]
+pub fn implausible_time(sample: &RawSample, previous_ns: Option<u64>) -> Option<String> {
     let RawSample { interval_ns, .. } = *sample;
     if interval_ns == 0 || interval_ns > MAX_INTERVAL_NS {
         return Some(format!("interval_ns is {interval_ns}, give 1 to {MAX_INTERVAL_NS}"));
     }
-    previous_ns.and_then(|previous_ns| implausible_step(sample, previous_ns)).or_else(|| implausible_values(sample))
+    previous_ns.and_then(|previous_ns| implausible_step(sample, previous_ns))
 }
 
 /// The same, by the time since the previous sample.

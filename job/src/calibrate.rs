@@ -460,10 +460,10 @@ impl Reader<'_> {
                 let read = self.recording(
                     &path,
                     &bar,
-                    |rows| RampRecording::read(name.clone(), rows),
+                    |rows| RampRecording::read_screened(name.clone(), rows),
                     |recording, rows| {
                         found.replace(Some(rows.nominal(imu)));
-                        recording.with_findings(rows.findings())
+                        recording.with_findings(rows.findings()).with_in_use(rows.vehicle_state().in_use())
                     },
                 )?;
                 Ok((read, found.into_inner().unwrap_or_else(|| Err(no_nominal(&name)))))
@@ -471,7 +471,7 @@ impl Reader<'_> {
             Source::Rows { name, sha256, rows } => {
                 let mut marks = Marks::default();
                 let rows = self.input.part.of_rows(&name, rows);
-                let recording = RampRecording::read(name.clone(), marked(rows, &mut marks));
+                let recording = RampRecording::read_screened(name.clone(), marked(rows, &mut marks));
                 let recording = recording.map_err(|error| error.failure(Path::new(&name)))?;
                 Ok((Read::of_rows(recording, sha256, marks), Err(no_nominal(&name))))
             }

@@ -8,8 +8,8 @@ use crate::plot::{Plot, Style};
 use crate::text::{transients, within};
 use crate::view::{value, view};
 use isotherm_calibration::{
-    BiasCurve, CampaignSource, LagChoice, OneAttitudeCalibration, OrderChoice, Spread, SweepPoint, TriadUnits,
-    TriedOrder,
+    BadKind, BiasCurve, CampaignSource, LagChoice, LeftOutPart, OneAttitudeCalibration, OrderChoice, RowAccount, Spread,
+    SweepPoint, TriadUnits, TriedOrder,
 };
 use isotherm_campaign::Campaign;
 use isotherm_recording::Losses;
@@ -33,6 +33,7 @@ pub fn text(calibration: &OneAttitudeCalibration) -> String {
     calibration.not_known().iter().for_each(|sentence| text += &format!("  {sentence}\n"));
     text.push('\n');
     text.extend(within(calibration.ramps.transients.losses, "the recordings"));
+    text += &left_out(calibration);
     text += &format!("over temperature: means of bins of {} {unit}, about their mean:\n", shown(calibration.bin));
     let names = calibration.biases.iter().flat_map(|bias| &bias.on_board).map(|it| it.name.chars().count() + 4);
     let width = names.fold(12, usize::max);
@@ -74,6 +75,18 @@ fn has_lag(calibration: &OneAttitudeCalibration) -> bool {
     calibration.options.lag != LagChoice::None
 }
 
+/// What was left out of the recordings, a line each; nothing where all is used.
+fn left_out(calibration: &OneAttitudeCalibration) -> String {
+    let mut text = String::new();
+    for account in &calibration.rows {
+        let parts = [account.left_out_words(), account.bad_words()];
+        for words in parts.iter().filter(|words| !words.is_empty()) {
+            text += &format!("left out of {}: {words}\n", account.recording);
+        }
+    }
+    text
+}
+
 /// How the order was found, in words.
 fn order_words(order: &OrderChoice) -> String {
     let how = match (order.given, order.order, order.sweeps_left_out) {
@@ -108,6 +121,7 @@ view! { View<'a>(found: &'a OneAttitudeCalibration, all: Value) {
     unit: &'a str = &found.table().content().temperature_unit,
     reference_temperature: f64 = found.at,
     bin: f64 = found.bin,
+    rows: Vec<RowsView<'a>> = found.rows.iter().map(RowsView::of).collect(),
     order: OrderView<'a> = OrderView::of(&found.order, found),
     biases: Vec<BiasView<'a>> =
         found.biases.iter().map(|bias| BiasView::of(bias, found.table().content().gravity)).collect(),
@@ -115,6 +129,36 @@ view! { View<'a>(found: &'a OneAttitudeCalibration, all: Value) {
     transients: TransientsView<'a> = TransientsView::of(&found.ramps.transients),
     accepted: &'a [&'static str] = &found.ramps.accepted,
     findings: Value = all,
+}}
+
+view! {
+/// What was used of the rows of a recording, and what was left out.
+RowsView<'a>(account: &'a RowAccount) {
+    recording: &'a str = &account.recording,
+    count: usize = account.rows,
+    /// Begin and end of each stretch that is used, since the recording began.
+    used_s: &'a [[f64; 2]] = &account.used_s,
+    bumps: Vec<BumpView> = account.bumps.iter().map(BumpView::of).collect(),
+    left_out: Vec<LeftOutView> = account.left_out.iter().map(LeftOutView::of).collect(),
+    bad: Vec<BadView> = account.bad.counts().into_iter().map(|counted| BadView::of(counted, account)).collect(),
+}}
+
+view! { BumpView(bump: &[f64; 2]) {
+    age_s: f64 = bump[0],
+    size_rad: f64 = bump[1],
+}}
+
+view! { LeftOutView(part: &LeftOutPart) {
+    cause: &'static str = part.cause.words(),
+    from_s: f64 = part.age_s[0],
+    to_s: f64 = part.age_s[1],
+}}
+
+view! { BadView(counted: (BadKind, usize), account: &RowAccount) {
+    kind: &'static str = counted.0.name(),
+    count: usize = counted.1,
+    /// First and last row of each group, since the recording began.
+    groups_s: Vec<[f64; 2]> = account.bad_groups_s(counted.0),
 }}
 
 view! { OrderView<'a>(order: &'a OrderChoice, found: &OneAttitudeCalibration) {
@@ -208,6 +252,7 @@ pub(crate) fn fill(
         ("Nominal table", calibration.ramps.curves.digest().to_string()),
         ("1 g0", format!("{} m/s2", campaign.gravity_reference)),
     ]);
+    left_out_section(page, calibration);
     before_and_after(page, calibration);
     curves(page, calibration, unit);
     residuals(page, calibration, unit);
@@ -225,6 +270,15 @@ fn sweeps(calibration: &OneAttitudeCalibration) -> String {
         format!("{} {from:.1} to {to:.1}", if sweep.heating { "heating" } else { "cooling" })
     });
     words.collect::<Vec<_>>().join(", ")
+}
+
+fn left_out_section(page: &mut Page, calibration: &OneAttitudeCalibration) {
+    let words = left_out(calibration);
+    if words.is_empty() {
+        return;
+    }
+    page.heading(2, "left-out", "Left out");
+    words.lines().for_each(|line| page.paragraph(line));
 }
 
 fn before_and_after(page: &mut Page, calibration: &OneAttitudeCalibration) {

@@ -3,6 +3,7 @@
 use super::options::OneAttitudeOptions;
 use super::order::OrderChoice;
 use crate::ramps::RampCalibration;
+use crate::rest::RowAccount;
 use crate::sensor::TriadUnits;
 use isotherm_parameters::Autopilot;
 use isotherm_shared::polynomial::Polynomial;
@@ -98,8 +99,10 @@ pub struct OneAttitudeCalibration {
     pub ramps: RampCalibration,
     /// The options it was made with.
     pub options: OneAttitudeOptions,
-    /// Names of the recordings.
+    /// Names of the recordings, or of the stretches of them that are used.
     pub recordings: Vec<String>,
+    /// What was used of the rows of each recording, and what was left out.
+    pub rows: Vec<RowAccount>,
     /// How the order was found.
     pub order: OrderChoice,
     /// The reference temperature.
@@ -131,10 +134,11 @@ impl OneAttitudeCalibration {
     #[must_use]
     pub fn accuracy(&self) -> String {
         let gravity = self.table().content().gravity;
-        let count = self.recordings.len();
+        let (count, stretches) = (self.rows.len(), self.recordings.len());
         let noun = if count == 1 { "recording" } else { "recordings" };
         let order = self.order.order;
-        let made = format!("bias curves of order {order} from {count} {noun} at one attitude");
+        let of = if stretches == count { String::new() } else { format!("{stretches} stretches of ") };
+        let made = format!("bias curves of order {order} from {of}{count} {noun} at one attitude");
         let known = self.biases.iter().filter_map(|it| Some((it, it.band.as_ref()?)));
         let bands: Vec<_> = known
             .map(|(it, band)| {

@@ -4,6 +4,8 @@
 use super::source::{CampaignSource, ReadRecord};
 use super::transients::TransientsRecord;
 use crate::one_attitude::{BiasCurve, OneAttitudeCalibration, Spread, TriedOrder};
+use crate::rest::{LeftOutPart, RowAccount};
+use crate::screen::BadKind;
 use crate::sensor::TriadUnits;
 use isotherm_campaign::Campaign;
 use serde::Serialize;
@@ -37,9 +39,35 @@ struct Section<'a> {
     reference_temperature: f64,
     accepted: &'a [&'static str],
     warnings: Vec<String>,
+    recording: Vec<RowsRecord<'a>>,
     tried: Vec<TriedRecord>,
     curve: Vec<CurveRecord>,
     transients: TransientsRecord<'a>,
+}
+
+/// What was used of the rows of a recording.
+#[derive(Serialize)]
+struct RowsRecord<'a> {
+    name: &'a str,
+    rows: usize,
+    /// Begin and end of what is used, since it began.
+    used_s: &'a [[f64; 2]],
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    left_out: Vec<LeftOutRecord>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    bad_rows: Vec<BadRecord>,
+}
+
+#[derive(Serialize)]
+struct LeftOutRecord {
+    cause: &'static str,
+    age_s: [f64; 2],
+}
+
+#[derive(Serialize)]
+struct BadRecord {
+    kind: &'static str,
+    count: usize,
 }
 
 #[derive(Serialize)]
@@ -97,11 +125,24 @@ pub(super) fn section(
             reference_temperature: calibration.at,
             accepted: &calibration.ramps.accepted,
             warnings: calibration.ramps.findings.iter().map(ToString::to_string).collect(),
+            recording: calibration.rows.iter().map(rows).collect(),
             tried: calibration.order.tried.iter().map(|it| tried(it, &calibration.biases, gravity)).collect(),
             curve: calibration.biases.iter().map(|bias| curve(bias, gravity)).collect(),
             transients: TransientsRecord::of(campaign, &calibration.ramps.transients, source),
         },
     })
+}
+
+fn rows(account: &RowAccount) -> RowsRecord<'_> {
+    let left_out = |part: &LeftOutPart| LeftOutRecord { cause: part.cause.words(), age_s: part.age_s };
+    let bad = |(kind, count): (BadKind, usize)| BadRecord { kind: kind.name(), count };
+    RowsRecord {
+        name: &account.recording,
+        rows: account.rows,
+        used_s: &account.used_s,
+        left_out: account.left_out.iter().map(left_out).collect(),
+        bad_rows: account.bad.counts().into_iter().map(bad).collect(),
+    }
 }
 
 fn tried(tried: &TriedOrder, biases: &[BiasCurve], gravity: f64) -> TriedRecord {

@@ -23,6 +23,8 @@ const SHORT_BLOCKS: f64 = 48.0;
 const BEYOND: f64 = 0.02;
 /// A reading that goes away from both neighbours by more than this part of the range is broken.
 const SPIKE: f64 = 0.1;
+/// .. and by more than so many steps of the telemetry, by which a coarse one goes there and back.
+const STEPS: f64 = 2.5;
 /// Fewest blocks of a recording.
 pub(super) const FEWEST_BLOCKS: usize = 24;
 /// Pieces of a sweep.
@@ -371,7 +373,7 @@ fn readings(
 ) -> Result<(Vec<Reading>, Vec<Reading>), TransientsError> {
     let (heads, boards) = (recording.heads(sensor), recording.boards(sensor));
     for (part, readings) in [("head", &heads), ("board", &boards)] {
-        if let Some(Reading { telemetry, time_ns }) = spike(readings) {
+        if let Some(Reading { telemetry, time_ns }) = spike(readings, recording.step_of_telemetry()) {
             return Err(TransientsError::Recording(format!(
                 "{}: the {part} telemetry of {name} is {telemetry} at {time_ns} ns, unlike the readings before and after it: a broken reading; leave \
                  its rows out",
@@ -481,12 +483,13 @@ fn blocks_of(number: usize, recording: &RampRecording) -> Result<Vec<Block>, Tra
     Ok(blocks)
 }
 
-/// A reading that goes away from both neighbours, to the same side, by more than a part of the usual range.
-fn spike(readings: &[Reading]) -> Option<Reading> {
+/// A reading that goes away from both neighbours, to the same side, by more than a part of the usual range, and than a
+/// coarse thermometer does by chance.
+fn spike(readings: &[Reading], step: f64) -> Option<Reading> {
     let mut sorted: Vec<f64> = readings.iter().map(|reading| reading.telemetry).collect();
     sorted.sort_unstable_by(f64::total_cmp);
     let at = |part: usize| sorted.get(sorted.len() * part / 20).copied();
-    let limit = SPIKE * (at(19)? - at(1)?);
+    let limit = (SPIKE * (at(19)? - at(1)?)).max(STEPS * step);
     let middle = |three: &[Reading]| {
         let [before, here, after] = [0, 1, 2].map(|i| three[i].telemetry);
         let away = (here - before).min(here - after).max((before - here).min(after - here));

@@ -1,8 +1,8 @@
 //! One recording of a ramp, reduced while it is read: pulses by bins of a second, and the readings of the telemetry.
 
+use crate::screen::{BadRows, Screen};
 use core::ops::Range;
-use isotherm_campaign::implausible;
-
+use isotherm_campaign::{implausible, implausible_time};
 use isotherm_finding::Finding;
 use isotherm_recording::{CampaignRow, Continuity, Marks, RawCsvReader, RecordingError};
 use isotherm_shared::lag::{LaggedReading, SENSORS};
@@ -13,6 +13,12 @@ use std::io::Read;
 
 /// Rows and readings are added up over at least this time, so that memory does not grow with the sampling rate \[ns\].
 const BIN_NS: u64 = 1_000_000_000;
+/// Fewest changes from row to row that give a variance.
+const LEAST_CHANGES: u32 = 3;
+/// Changes from row to row that are kept of a sensor.
+const MOST_CHANGES: usize = 1024;
+/// The step is the least change but for this part of them.
+const LEAST_PART: f64 = 0.02;
 
 /// One recording of an IMU at rest in one stay, while its temperature changes.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,11 +34,37 @@ pub struct RampRecording {
     /// What was found in its file before.
     findings: Vec<Finding>,
     marks: Marks,
+    bad: BadRows,
+    /// When the vehicle was armed or flew \[ns\].
+    in_use: Vec<Range<u64>>,
+    /// The last row that was good, for the changes from row to row.
+    last: Option<Last>,
+    steps: [Changes; SENSORS],
+}
+
+/// A row's end, and its net pulses.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Last {
+    end_ns: u64,
+    seconds: f64,
+    net: [f64; SENSORS],
+}
+
+fn changes(now: &[f64; SENSORS], before: &[f64; SENSORS]) -> [f64; SENSORS] {
+    core::array::from_fn(|sensor| now[sensor] - before[sensor])
+}
+
+/// Some of the changes from row to row, or from reading to reading, evenly chosen.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Changes {
+    some: Vec<f32>,
+    stride: u32,
+    skipped: u32,
 }
 
 /// Rows without a gap between them.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Bin {
+pub(crate) struct Bin {
     /// Begin of the first row and end of the last \[ns\].
     pub begin_ns: u64,
     pub end_ns: u64,
@@ -40,6 +72,12 @@ pub(super) struct Bin {
     interval_ns: u64,
     /// Pulses of the positive and of the negative channel.
     pulses: [[u64; 2]; SENSORS],
+    /// Number of rows.
+    rows: u32,
+    /// Time after it whose rows are there, but left out \[ns\].
+    left_out_ns: u64,
+    /// Sum of the squared changes of the net rates from row to row, and their number.
+    changes: ([f32; SENSORS], u32),
 }
 
 /// The readings of one telemetry.
@@ -51,11 +89,12 @@ struct Readings {
     /// The last value, which is no new reading if it comes again.
     latest: Option<Reading>,
     sum: ReadingSum,
+    steps: Changes,
 }
 
 /// A measured value, or the mean of some.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Reading {
+pub(crate) struct Reading {
     pub time_ns: u64,
     pub telemetry: f64,
 }
@@ -84,6 +123,10 @@ impl RampRecording {
             continuity: Continuity::default(),
             findings: Vec::new(),
             marks: Marks::default(),
+            bad: BadRows::default(),
+            in_use: Vec::new(),
+            last: None,
+            steps: Default::default(),
         }
     }
 
@@ -95,11 +138,39 @@ impl RampRecording {
         name: impl Into<String>,
         rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,
     ) -> Result<Self, RecordingError> {
+        Self::read_with(name, rows, |recording, raw| recording.add(raw))
+    }
+
+    /// The same, of an IMU at rest: bad rows are found, counted in [`bad_rows`](Self::bad_rows), and left out. A row is
+    /// bad if it holds a value that no sensor measured, such as a marker, a spike, no number, a temperature that no IMU
+    /// has, or a value that stands still.
+    ///
+    /// # Errors
+    /// At the first row that cannot be read, or whose time or interval cannot be right, with its line.
+    pub fn read_screened(
+        name: impl Into<String>,
+        rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,
+    ) -> Result<Self, RecordingError> {
+        let mut screen = Screen::default();
+        let mut recording = Self::read_with(name, rows, |recording, raw| {
+            recording.arrive(raw, implausible_time)?;
+            screen.add(raw, |raw, is_good| recording.take(raw, is_good));
+            Ok(())
+        })?;
+        recording.bad = screen.finish(|raw, is_good| recording.take(raw, is_good));
+        Ok(recording)
+    }
+
+    fn read_with(
+        name: impl Into<String>,
+        rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,
+        mut add: impl FnMut(&mut Self, &RawSample) -> Result<(), String>,
+    ) -> Result<Self, RecordingError> {
         let mut recording = Self::new(name);
         let mut last = 0;
         for row in rows {
             let CampaignRow { line, sample, .. } = row?;
-            recording.add(&sample).map_err(|message| RecordingError::Data { line, message })?;
+            add(&mut recording, &sample).map_err(|message| RecordingError::Data { line, message })?;
             last = line;
         }
         match recording.continuity.overlap() {
@@ -125,17 +196,14 @@ impl RampRecording {
     /// The longest time without rows, and when it begins after the first row \[s\].
     pub(super) fn largest_gap_s(&self) -> (f64, f64) {
         let begin_ns = self.bins.first().map_or(0, |bin| bin.begin_ns);
-        let gaps = self
-            .bins
-            .windows(2)
-            .map(|pair| (pair[0].end_ns - begin_ns, pair[1].begin_ns.saturating_sub(pair[0].end_ns)));
+        let gaps = self.bins.windows(2).map(|pair| (pair[0].end_ns - begin_ns, pair[0].gap_ns(&pair[1])));
         let (at_ns, gap_ns) = gaps.max_by_key(|(_, gap_ns)| *gap_ns).unwrap_or_default();
         (at_ns as f64 / 1e9, gap_ns as f64 / 1e9)
     }
 
     /// How long rows are missing within it, and how long it lasts \[s\].
     pub(crate) fn missing_s(&self) -> (f64, f64) {
-        let gaps = self.bins.windows(2).map(|pair| pair[1].begin_ns.saturating_sub(pair[0].end_ns));
+        let gaps = self.bins.windows(2).map(|pair| pair[0].gap_ns(&pair[1]));
         let ends = self.bins.first().zip(self.bins.last());
         let all_ns = ends.map_or(0, |(first, last)| last.end_ns - first.begin_ns);
         (gaps.sum::<u64>() as f64 / 1e9, all_ns as f64 / 1e9)
@@ -149,7 +217,7 @@ impl RampRecording {
 
     /// Head telemetry of A1 before and after the longest time without rows.
     pub(super) fn telemetry_around_gap(&self) -> Option<[f64; 2]> {
-        let gap = |pair: &&[Bin]| pair[1].begin_ns.saturating_sub(pair[0].end_ns);
+        let gap = |pair: &&[Bin]| pair[0].gap_ns(&pair[1]);
         let pair = self.bins.windows(2).max_by_key(gap)?;
         let (readings, times_ns) = (self.heads(0), [pair[0].middle_ns(), pair[1].middle_ns()]);
         if readings.is_empty() {
@@ -192,8 +260,21 @@ impl RampRecording {
     /// Why the sample cannot be used: see [`implausible`]; a full counter or telemetry that is not finite, of a
     /// gyroscope.
     pub fn add(&mut self, raw: &RawSample) -> Result<(), String> {
-        let gyroscopes = raw.gyroscopes.or_zero();
-        if let Some(wrong) = implausible(raw, self.previous_ns).or_else(|| implausible_gyroscopes(&gyroscopes)) {
+        let implausible = |raw: &RawSample, previous_ns| {
+            implausible(raw, previous_ns).or_else(|| implausible_gyroscopes(&raw.gyroscopes.or_zero()))
+        };
+        self.arrive(raw, implausible)?;
+        self.take(raw, true);
+        Ok(())
+    }
+
+    /// What every row tells, whatever its values are.
+    fn arrive(
+        &mut self,
+        raw: &RawSample,
+        implausible: impl Fn(&RawSample, Option<u64>) -> Option<String>,
+    ) -> Result<(), String> {
+        if let Some(wrong) = implausible(raw, self.previous_ns) {
             return Err(wrong);
         }
         self.previous_ns = Some(raw.timestamp_ns);
@@ -206,6 +287,16 @@ impl RampRecording {
         // 0 is a unit that nobody has named.
         let free = self.devices.iter_mut().find(|known| **known == 0 || **known == raw.device);
         free.into_iter().for_each(|known| *known = raw.device);
+        Ok(())
+    }
+
+    /// The values of a row; of a bad one, its time alone.
+    fn take(&mut self, raw: &RawSample, is_good: bool) {
+        if !is_good {
+            self.pass(raw);
+            return;
+        }
+        let gyroscopes = raw.gyroscopes.or_zero();
         self.add_pulses(raw);
         for (sensor, triad) in [(0, &raw.accelerometers), (AXES, &gyroscopes)] {
             for axis in 0..AXES {
@@ -213,28 +304,133 @@ impl RampRecording {
                 self.boards[sensor + axis].add(raw, triad.board_temperature[axis]);
             }
         }
-        Ok(())
+    }
+
+    /// The last bin, if a row goes on with it.
+    fn open_bin(&mut self, raw: &RawSample) -> Option<&mut Bin> {
+        // The clock of the first row may have begun with it.
+        let begin_ns = raw.timestamp_ns.saturating_sub(raw.interval_ns);
+        let bin = self.bins.last_mut()?;
+        let gap_ns = begin_ns.saturating_sub(bin.end_ns);
+        (bin.end_ns - bin.begin_ns < BIN_NS && gap_ns <= raw.interval_ns / 2).then_some(bin)
+    }
+
+    /// Goes on after a row that is left out.
+    fn pass(&mut self, raw: &RawSample) {
+        self.last = None;
+        if let Some(bin) = self.open_bin(raw) {
+            bin.end_ns = raw.timestamp_ns;
+        } else if let Some(bin) = self.bins.last_mut() {
+            bin.left_out_ns += raw.interval_ns;
+        }
     }
 
     fn add_pulses(&mut self, raw: &RawSample) {
-        // The clock of the first row may have begun with it.
-        let begin_ns = raw.timestamp_ns.saturating_sub(raw.interval_ns);
-        let goes_on = |bin: &&mut Bin| {
-            let gap_ns = begin_ns.saturating_sub(bin.end_ns);
-            bin.end_ns - bin.begin_ns < BIN_NS && gap_ns <= raw.interval_ns / 2
-        };
         let triads = [&raw.accelerometers, &raw.gyroscopes];
         let pulses = core::array::from_fn(|sensor| {
             let (triad, axis) = (triads[sensor / AXES], sensor % AXES);
             [triad.positive_pulses[axis], triad.negative_pulses[axis]].map(u64::from)
         });
-        if let Some(bin) = self.bins.last_mut().filter(goes_on) {
+        let seconds = raw.interval_ns as f64 / 1e9;
+        let net = pulses.map(|[positive, negative]: [u64; 2]| positive as f64 - negative as f64);
+        let begin_ns = raw.timestamp_ns.saturating_sub(raw.interval_ns);
+        let follows = |last: &Last| begin_ns.saturating_sub(last.end_ns) <= raw.interval_ns / 2;
+        let last = self.last.replace(Last { end_ns: raw.timestamp_ns, seconds, net }).filter(follows);
+        for (steps, change) in self.steps.iter_mut().zip(last.iter().flat_map(|last| changes(&net, &last.net))) {
+            // A rounding of up to a pulse is no step.
+            if change.abs() > 2.0 {
+                steps.add(change / seconds);
+            }
+        }
+        let change = last.map(|last| changes(&net.map(|n| n / seconds), &last.net.map(|n| n / last.seconds)));
+        if let Some(bin) = self.open_bin(raw) {
             bin.end_ns = raw.timestamp_ns;
             bin.interval_ns += raw.interval_ns;
             bin.pulses.iter_mut().flatten().zip(pulses.iter().flatten()).for_each(|(sum, count)| *sum += count);
+            bin.rows += 1;
+            if let Some(change) = change {
+                bin.changes.0.iter_mut().zip(change).for_each(|(sum, change)| *sum += (change * change) as f32);
+                bin.changes.1 += 1;
+            }
         } else {
-            let interval_ns = raw.interval_ns;
-            self.bins.push(Bin { begin_ns, end_ns: raw.timestamp_ns, interval_ns, pulses });
+            let (interval_ns, changes) = (raw.interval_ns, ([0.0; SENSORS], 0));
+            self.bins.push(Bin {
+                begin_ns,
+                end_ns: raw.timestamp_ns,
+                interval_ns,
+                pulses,
+                rows: 1,
+                left_out_ns: 0,
+                changes,
+            });
+        }
+    }
+
+    /// The bad rows that were left out while it was read.
+    pub const fn bad_rows(&self) -> &BadRows {
+        &self.bad
+    }
+
+    /// The same recording, of a vehicle that was armed or flew in these times, in order \[ns\]: no rows of them are at
+    /// rest.
+    #[must_use]
+    pub fn with_in_use(self, in_use: Vec<Range<u64>>) -> Self {
+        Self { in_use, ..self }
+    }
+
+    /// When the vehicle was armed or flew \[ns\].
+    pub(crate) fn in_use(&self) -> &[Range<u64>] {
+        &self.in_use
+    }
+
+    /// The least change of a sensor from row to row, but for some \[pulse/s\]; 0 if it never changes.
+    pub(crate) fn step(&self, sensor: usize) -> f64 {
+        self.steps[sensor].least()
+    }
+
+    /// The least change of the head telemetry of A1, but for some; 0 if it never changes.
+    pub(crate) fn step_of_telemetry(&self) -> f64 {
+        self.heads[0].steps.least()
+    }
+
+    /// Good rows of these bins.
+    pub(crate) fn rows_of(&self, bins: &Range<usize>) -> usize {
+        self.bins[bins.clone()].iter().map(|bin| bin.rows as usize).sum()
+    }
+
+    /// Begin and end of these bins \[ns\].
+    pub(crate) fn times_of(&self, bins: &Range<usize>) -> Range<u64> {
+        match &self.bins[bins.clone()] {
+            [first, .., last] => first.begin_ns..last.end_ns,
+            [one] => one.begin_ns..one.end_ns,
+            [] => 0..0,
+        }
+    }
+
+    /// These bins; what comes after them is left out.
+    fn piece(&self, bins: &Range<usize>) -> impl Iterator<Item = Bin> {
+        let last = bins.end - 1;
+        bins.clone().map(move |bin| {
+            let left_out_ns = if bin == last { u64::MAX } else { self.bins[bin].left_out_ns };
+            Bin { left_out_ns, ..self.bins[bin] }
+        })
+    }
+
+    /// The stretch of these bins, each range of which is in order, as a recording of its own. The `first` stretch of a
+    /// recording keeps what is told of the whole.
+    pub(crate) fn stretch(&self, name: String, bins: &[Range<usize>], first: bool) -> Self {
+        let times: Vec<Range<u64>> = bins.iter().map(|bins| self.times_of(bins)).collect();
+        let whole = if first { self.clone() } else { Self { devices: self.devices, ..Self::new("") } };
+        let of = |all: &[Readings; SENSORS]| core::array::from_fn(|sensor| all[sensor].within(&times));
+        Self {
+            name,
+            bins: bins.iter().flat_map(|bins| self.piece(bins)).collect(),
+            heads: of(&self.heads),
+            boards: of(&self.boards),
+            has_gyroscopes: self.has_gyroscopes,
+            bad: self.bad.within(&times),
+            steps: self.steps.clone(),
+            ..whole
         }
     }
 
@@ -265,18 +461,24 @@ impl RampRecording {
     }
 
     /// The rows, in order.
-    pub(super) fn bins(&self) -> &[Bin] {
+    pub(crate) fn bins(&self) -> &[Bin] {
         &self.bins
     }
 
     /// The readings of a sensor's head telemetry, in order.
-    pub(super) fn heads(&self, sensor: usize) -> Vec<Reading> {
+    pub(crate) fn heads(&self, sensor: usize) -> Vec<Reading> {
         self.heads[sensor].readings()
     }
 
     /// The readings of a sensor's board telemetry, in order.
     pub(super) fn boards(&self, sensor: usize) -> Vec<Reading> {
         self.boards[sensor].readings()
+    }
+
+    /// Head telemetry of A1 in the middle of each bin; empty without telemetry.
+    pub(crate) fn telemetry_of_bins(&self) -> Vec<f64> {
+        let (readings, times_ns) = (self.heads(0), self.bins.iter().map(Bin::middle_ns).collect::<Vec<_>>());
+        if readings.is_empty() { Vec::new() } else { interpolated(&readings, &times_ns) }
     }
 
     /// Usual length of a bin \[s\]: that of a row, if rows are a second or longer, or have gaps between them.
@@ -324,12 +526,30 @@ fn implausible_gyroscopes(triad: &Triad) -> Option<String> {
 }
 
 impl Bin {
-    pub(super) const fn middle_ns(&self) -> u64 {
+    pub(crate) const fn middle_ns(&self) -> u64 {
         self.begin_ns.midpoint(self.end_ns)
+    }
+
+    /// Time without rows up to the next bin \[ns\].
+    const fn gap_ns(&self, next: &Self) -> u64 {
+        next.begin_ns.saturating_sub(self.end_ns).saturating_sub(self.left_out_ns)
     }
 
     pub(super) fn seconds(&self) -> f64 {
         self.interval_ns as f64 / 1e9
+    }
+
+    /// Net pulse rate \[pulse/s\].
+    pub(crate) fn net_rate(&self, sensor: usize) -> f64 {
+        let [positive, negative] = self.rates(sensor);
+        positive - negative
+    }
+
+    /// Half the mean squared change of a net rate from row to row: the variance of a row of white noise; `None` of too
+    /// few rows.
+    pub(crate) fn variance(&self, sensor: usize) -> Option<f64> {
+        let (sums, count) = self.changes;
+        (count >= LEAST_CHANGES).then(|| f64::from(sums[sensor]) / f64::from(count) / 2.0)
     }
 
     /// Pulse rates of the positive and of the negative channel \[pulse/s\].
@@ -338,7 +558,46 @@ impl Bin {
     }
 }
 
+impl Changes {
+    fn add(&mut self, change: f64) {
+        self.skipped += 1;
+        if self.skipped < self.stride {
+            return;
+        }
+        self.skipped = 0;
+        if self.some.len() == MOST_CHANGES {
+            let mut number = 0;
+            self.some.retain(|_| {
+                number += 1;
+                number % 2 == 0
+            });
+            self.stride = 2 * self.stride.max(1);
+        }
+        self.some.push(change.abs() as f32);
+    }
+
+    fn least(&self) -> f64 {
+        let mut all = self.some.clone();
+        all.sort_by(f32::total_cmp);
+        all.get((all.len() as f64 * LEAST_PART) as usize).map_or(0.0, |least| f64::from(*least))
+    }
+}
+
 impl Readings {
+    /// The readings within these times, which are in order.
+    fn within(&self, times: &[Range<u64>]) -> Self {
+        let is_within = |reading: &Reading| {
+            let after = times.partition_point(|time| time.end < reading.time_ns);
+            times.get(after).is_some_and(|time| time.start <= reading.time_ns)
+        };
+        let means: Vec<Reading> = self.readings().into_iter().filter(is_within).collect();
+        let widen = |extremes: Option<[f64; 2]>, reading: &Reading| {
+            let [low, high] = extremes.unwrap_or([reading.telemetry; 2]);
+            Some([low.min(reading.telemetry), high.max(reading.telemetry)])
+        };
+        Self { extremes: means.iter().fold(None, widen), means, ..Self::default() }
+    }
+
     fn add(&mut self, raw: &RawSample, telemetry: f64) {
         let (time_ns, is_new) = match raw.telemetry_ns {
             // Without the time of the telemetry only a change shows that it was read, and it is that of the pulses: the
@@ -352,6 +611,8 @@ impl Readings {
         if !is_new || self.latest.is_some_and(|latest| latest.time_ns >= time_ns) {
             return;
         }
+        let change = self.latest.map(|latest| telemetry - latest.telemetry);
+        change.filter(|change| *change != 0.0).into_iter().for_each(|change| self.steps.add(change));
         self.latest = Some(Reading { time_ns, telemetry });
         let [low, high] = self.extremes.unwrap_or([telemetry; 2]);
         self.extremes = Some([low.min(telemetry), high.max(telemetry)]);

@@ -245,6 +245,16 @@ findings! {
         /// spans.
         RAMP_STEP = "ramp-step", FaultOrWarning,
             "Record the ramp again with the IMU held fast, or give the part before or after it as a ramp of its own.";
+        /// The IMU moved, was bumped, or its vehicle was armed or flew: these rows are left out, and the stretches at
+        /// rest are used, those of different attitudes with a constant each. A fault if no stretch is long enough.
+        MOTION = "motion", FaultOrWarning,
+            "Nothing, if what is used covers the temperatures; else record the warm-up disarmed, on firm ground.";
+        /// Rows hold values that no sensor measured: markers such as 0 or -32768, spikes, numbers that are none,
+        /// temperatures that no IMU has, values that stand still. They are left out. A fault over 5 % of the rows.
+        BAD_ROWS = "bad-rows", FaultOrWarning, "Look at the sensor, its cable and its logger.";
+        /// The thermometer stands still while the biases go on: these rows are left out.
+        TEMPERATURE_STUCK = "temperature-stuck", Warning,
+            "Look at the thermometer and its driver; record again if the temperatures that are left do not suffice.";
         /// A ramp has another shape than the others, while the sweeps of each agree: it is of another unit.
         RAMP_UNIT = "ramp-unit", Fault, "Give the ramps of one unit.";
         /// Sweeps differ by over 4 of their jackknife errors, and by more than a lag explains.
