@@ -276,13 +276,6 @@ impl Recording {
         self.current.source.conversion().map(Conversion::vehicle_state).unwrap_or_default()
     }
 
-    /// When the vehicle was armed and when it flew, where the piece that is being read is the log of an autopilot. Valid
-    /// from the opening on.
-    #[must_use]
-    pub fn vehicle_state(&self) -> VehicleState {
-        self.current.source.conversion().map(Conversion::vehicle_state).unwrap_or_default()
-    }
-
     /// SHA-256 of the bytes of all pieces, in order, as hexadecimal digits; empty unless opened by
     /// [`open_hashed`](Self::open_hashed). Call it after the last row.
     ///
