@@ -26,8 +26,9 @@ mod source;
 mod stamped;
 mod telemetry_log;
 mod text;
+mod vehicle;
 
-pub use autopilot::{LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, VehicleState};
+pub use autopilot::{LOG_ACCELERATION_PULSE, LOG_RATE_PULSE};
 pub use columns::{ColumnRef, Kind, SensorColumns, Sensors, Temperature};
 pub use foreign::Foreign;
 pub use mapping::{Decimal, KnownColumns, Mapping, Time, TimeUnit};
@@ -35,6 +36,7 @@ pub(crate) use ros::is_bag;
 pub use scale::Scale;
 pub use settings::{GyroscopeTemperature, Settings};
 pub use source::PLACEHOLDER;
+pub use vehicle::VehicleState;
 
 use interval::{GAP, Steps};
 use isotherm_failure::{Exit, Failure, shown};

@@ -7,15 +7,16 @@
 use super::super::scale::Units;
 use super::super::settings::{GyroscopeTemperature, Settings};
 use super::super::source::{PLACEHOLDER, Reading, Source, placeholder};
+use super::super::vehicle::VehicleState;
 use super::imu::{
     Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, devices_told, open, units,
 };
 use super::left_out::{Flaw, LeftOut};
+use super::reports::{Report, Reports};
 use super::survey::{NoThermometer, Survey};
 use super::timeline::{Sieve, Timing};
 use super::ulog::{Messages, Topic, error};
 use super::ulog_format::SensorRow;
-use super::vehicle::{Report, Reports, VehicleState};
 use isotherm_failure::Failure;
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
@@ -181,6 +182,11 @@ impl UlogSource {
             (false, _) => self.gyroscope.left_out.take(Flaw::Value, place),
             (true, false) => self.gyroscope.left_out.take(Flaw::Temperature, place),
             (true, true) => {
+                let stale_us = HOLDS.saturating_mul(self.gyroscope.sieve.kept().mean_us());
+                if row.time_us.saturating_sub(self.means.last_us) > stale_us {
+                    // The row of sensor_accel that these belong to is lost.
+                    self.means = Means::default();
+                }
                 self.means.add(row);
                 self.lost = self.lost_so_far();
             }
