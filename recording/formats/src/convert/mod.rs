@@ -26,8 +26,9 @@ mod source;
 mod stamped;
 mod telemetry_log;
 mod text;
+mod vehicle;
 
-pub use autopilot::{FoundImu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, VehicleState, found_listed};
+pub use autopilot::{FoundImu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, found_listed};
 pub(crate) use calendar::time_ns;
 pub use columns::{ColumnRef, Kind, SensorColumns, Sensors, Temperature};
 pub use foreign::Foreign;
@@ -36,6 +37,7 @@ pub(crate) use ros::is_bag;
 pub use scale::Scale;
 pub use settings::{GyroscopeTemperature, Settings};
 pub use source::PLACEHOLDER;
+pub use vehicle::VehicleState;
 
 use interval::{GAP, Steps};
 use isotherm_failure::{Exit, Failure, shown};

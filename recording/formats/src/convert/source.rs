@@ -1,8 +1,8 @@
 //! What the foreign formats give.
 
-use super::autopilot::VehicleState;
 use super::rollover::Counter;
 use super::scale::Units;
+use super::vehicle::VehicleState;
 use isotherm_finding::{Finding, name};
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::wire::AXES;

@@ -3,16 +3,17 @@
 use super::super::scale::Units;
 use super::super::settings::Settings;
 use super::super::source::{PLACEHOLDER, Reading, Source, placeholder};
+use super::super::vehicle::VehicleState;
 use super::dataflash::{Message, Messages};
 use super::dataflash_format::ImuColumns;
 use super::imu::{
     FoundImu, Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, found, open, units,
 };
 use super::left_out::{Flaw, LeftOut};
+use super::reports::{Aspect, Report, Reports};
 use super::survey::Survey;
 use super::timeline::{Kept, Sieve, Timing};
 use super::undo::{Corrections, concerns, devices};
-use super::vehicle::{Aspect, Report, Reports, VehicleState};
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::{LogImu, RecordingError};

@@ -10,12 +10,12 @@ mod dataflash_format;
 mod imu;
 mod left_out;
 mod px4;
+mod reports;
 mod survey;
 mod timeline;
 mod ulog;
 mod ulog_format;
 mod undo;
-mod vehicle;
 mod window;
 
 pub(super) use ardupilot::DataFlashSource;
@@ -23,4 +23,3 @@ pub(super) use dataflash::{is_binary_log, is_text_log};
 pub use imu::{FoundImu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, found_listed};
 pub(super) use px4::UlogSource;
 pub(super) use ulog::is_ulog;
-pub use vehicle::VehicleState;

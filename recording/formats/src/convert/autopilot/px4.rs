@@ -7,15 +7,16 @@
 use super::super::scale::Units;
 use super::super::settings::{GyroscopeTemperature, Settings};
 use super::super::source::{PLACEHOLDER, Reading, Source, placeholder};
+use super::super::vehicle::VehicleState;
 use super::imu::{
     FoundImu, Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, found, open, units,
 };
 use super::left_out::{Flaw, LeftOut};
+use super::reports::{Report, Reports};
 use super::survey::{NoThermometer, Survey};
 use super::timeline::{Sieve, Timing};
 use super::ulog::{Messages, Topic, error};
 use super::ulog_format::SensorRow;
-use super::vehicle::{Report, Reports, VehicleState};
 use isotherm_failure::Failure;
 use isotherm_finding::{Finding, name};
 use isotherm_recording::{LogImu, RecordingError};
@@ -185,6 +186,11 @@ impl UlogSource {
             (false, _) => self.gyroscope.left_out.take(Flaw::Value, place),
             (true, false) => self.gyroscope.left_out.take(Flaw::Temperature, place),
             (true, true) => {
+                let stale_us = HOLDS.saturating_mul(self.gyroscope.sieve.kept().mean_us());
+                if row.time_us.saturating_sub(self.means.last_us) > stale_us {
+                    // The row of sensor_accel that these belong to is lost.
+                    self.means = Means::default();
+                }
                 self.means.add(row);
                 self.lost = self.lost_so_far();
             }
@@ -198,15 +204,17 @@ impl UlogSource {
 
     /// The rates of a row: the means since the one before, or else the last ones. `Err` if there is none near.
     fn rates(&mut self, row: &SensorRow) -> Result<Gyroscopes, Option<Flaw>> {
+        let mean_us = [&self.accelerometer, &self.gyroscope].map(|rows| rows.sieve.kept().mean_us());
+        let mean_us = mean_us[0].max(mean_us[1]);
+        let is_lost = self.lost_so_far() != self.lost;
+        let age_us = |time_us: u64| row.time_us.saturating_sub(time_us);
         if let Some((time_us, means)) = self.means.take() {
             self.last = Some((time_us, means));
-            return Ok(means);
+            // Where something was lost, those of this row may be among it.
+            return if is_lost && age_us(time_us) > mean_us { Err(Some(Flaw::NoGyroscopes)) } else { Ok(means) };
         }
         let Some((time_us, last)) = self.last else { return Err(None) };
-        let mean_us = [&self.accelerometer, &self.gyroscope].map(|rows| rows.sieve.kept().mean_us());
-        // Its own may be among what was lost.
-        let is_near = self.lost_so_far() == self.lost
-            && row.time_us.saturating_sub(time_us) <= HOLDS.saturating_mul(mean_us[0].max(mean_us[1]));
+        let is_near = !is_lost && age_us(time_us) <= HOLDS.saturating_mul(mean_us);
         is_near.then_some(last).ok_or(Some(Flaw::NoGyroscopes))
     }
 

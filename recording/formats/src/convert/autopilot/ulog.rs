@@ -8,8 +8,8 @@
 //! Nothing tells whether the body of a message is whole. So a message that damage follows counts as damage: it may
 //! begin within its body.
 
+use super::reports::Aspect;
 use super::ulog_format::{Formats, Lengths, SensorLayout, StateLayout, WrongDefinition};
-use super::vehicle::Aspect;
 use super::window::{Damage, Window};
 use isotherm_recording::RecordingError;
 use isotherm_shared::content::ULOG_MAGIC;
