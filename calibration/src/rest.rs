@@ -27,8 +27,10 @@ use isotherm_shared::wire::AXES;
 const LEAST_S: f64 = 240.0;
 /// A stretch beside the longest one covers this part of the span of all.
 const LEAST_PART: f64 = 0.1;
-/// After so long a motion the attitude is another one \[s\].
-const LONG_S: f64 = 60.0;
+/// After so long a motion the attitude may be another one \[s\].
+const LONG_S: f64 = 10.0;
+/// So many spikes within so many rows are no bad rows: the IMU moved.
+const DENSE: (usize, u64) = (21, 40);
 /// Rows that are bad, at most, as a part of all.
 const MOST_BAD: f64 = 0.05;
 /// Temperature that no stretch can do without, as a part of the span of all.
@@ -125,10 +127,18 @@ impl Stretch {
 fn of_recording(recording: &RampRecording) -> (Vec<RampRecording>, RowAccount, Vec<Finding>) {
     let bins = Bins::of(recording);
     let mut causes: Vec<Option<LeftOutCause>> = vec![None; bins.len()];
+    let dense = recording.bad_rows().dense(DENSE.0, DENSE.1 * recording.usual_row_ns());
+    for (bin, cause) in causes.iter_mut().enumerate().filter(|_| !dense.is_empty()) {
+        let times = recording.times_of(&(bin..bin + 1));
+        let after = dense.partition_point(|time| time.end <= times.start);
+        if dense.get(after).is_some_and(|time| time.start < times.end) {
+            *cause = Some(LeftOutCause::Motion);
+        }
+    }
     if bins.telemetry.len() == bins.len() && bins.len() > 0 {
         mark(recording, &bins, &mut causes);
     }
-    let stretches = stretches(&bins, &causes);
+    let stretches = stretches(recording, &bins, &causes, &dense);
     let longest = stretches.iter().map(|stretch| stretch.span(&bins)).fold(0.0, f64::max);
     let whole = Stretch { bins: (0..bins.len()).collect(), bump_rad: None };
     let least = LEAST_PART * whole.span(&bins);
@@ -136,12 +146,13 @@ fn of_recording(recording: &RampRecording) -> (Vec<RampRecording>, RowAccount, V
         let is_longest = stretch.span(&bins) == longest;
         (is_longest || stretch.span(&bins) >= least) && stretch.seconds(&bins) >= LEAST_S
     };
-    let is_untouched = matches!(stretches.as_slice(), [one] if one.bins.len() == bins.len()) || bins.len() == 0;
+    let is_whole = matches!(stretches.as_slice(), [one] if one.bins.len() == bins.len());
+    let is_untouched = is_whole || bins.len() == 0;
     let used: Vec<&Stretch> = match is_untouched {
         true => stretches.iter().collect(),
         false => stretches.iter().filter(|stretch| is_used(stretch)).collect(),
     };
-    let account = RowAccount::of(recording, &bins, &causes, &stretches, &used);
+    let account = RowAccount::of(recording, &bins, &causes, &stretches, &used, &dense);
     let mut findings: Vec<Finding> = account.findings(MOST_BAD);
     if used.is_empty() && !is_untouched {
         findings.insert(0, Finding::fault(name::MOTION, account.refusal(LEAST_S)));
@@ -180,7 +191,12 @@ fn mark(recording: &RampRecording, bins: &Bins, causes: &mut [Option<LeftOutCaus
 }
 
 /// The stretches without a bump, or a motion after which the attitude may be another one.
-fn stretches(bins: &Bins, causes: &[Option<LeftOutCause>]) -> Vec<Stretch> {
+fn stretches(
+    recording: &RampRecording,
+    bins: &Bins,
+    causes: &[Option<LeftOutCause>],
+    dense: &[Range<u64>],
+) -> Vec<Stretch> {
     let rest: Vec<usize> = (0..bins.len()).filter(|bin| causes[*bin].is_none()).collect();
     let bumps = bumps::bumps(bins, &rest);
     let mut stretches: Vec<Stretch> = Vec::new();
@@ -190,6 +206,9 @@ fn stretches(bins: &Bins, causes: &[Option<LeftOutCause>]) -> Vec<Stretch> {
             let between = &causes[previous + 1..bin];
             let has_moved =
                 between.iter().any(|cause| matches!(cause, Some(LeftOutCause::Motion | LeftOutCause::InUse)));
+            let times = recording.times_of(&(previous..previous + 1)).end..recording.times_of(&(bin..bin + 1)).start;
+            let after = dense.partition_point(|time| time.end <= times.start);
+            let has_moved = has_moved || dense.get(after).is_some_and(|time| time.start < times.end);
             has_moved && bins.ages[bin] - bins.ages[previous] > LONG_S
         });
         let bump_rad = bumps.iter().find(|bump| bump.place == place).map(|bump| bump.size_rad);

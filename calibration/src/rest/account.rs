@@ -3,6 +3,7 @@
 use super::{Bins, Stretch};
 use crate::screen::{BadKind, BadRows};
 use crate::transients::{RampRecording, clock};
+use core::ops::Range;
 use isotherm_finding::{Finding, Severity, name};
 
 /// Times that a message tells of a kind.
@@ -71,6 +72,7 @@ impl RowAccount {
         causes: &[Option<LeftOutCause>],
         stretches: &[Stretch],
         used: &[&Stretch],
+        dense: &[Range<u64>],
     ) -> Self {
         let whole = recording.times_of(&(0..bins.len()));
         let age_s = |ns: u64| ns.saturating_sub(whole.start) as f64 / 1e9;
@@ -84,6 +86,16 @@ impl RowAccount {
         }
         let ranges = used.iter().flat_map(|stretch| stretch.ranges());
         let times: Vec<_> = used.iter().map(|stretch| ends(stretch)).collect();
+        let dense_s: Vec<[f64; 2]> = dense.iter().map(|time| [age_s(time.start), age_s(time.end)]).collect();
+        let mut left_out = parts_of(&parts, |bins| {
+            let times = recording.times_of(&bins);
+            [age_s(times.start), age_s(times.end)]
+        });
+        // The bins of such a time are some of its rows.
+        left_out
+            .retain(|part| !dense_s.iter().any(|[from, to]| part.age_s[0] >= from - 1.0 && part.age_s[1] <= to + 1.0));
+        left_out.extend(dense_s.into_iter().map(|age_s| LeftOutPart { cause: LeftOutCause::Motion, age_s }));
+        left_out.sort_by(|a, b| a.age_s[0].total_cmp(&b.age_s[0]));
         let of_bump = |stretch: &Stretch| Some([age_s(ends(stretch).start), stretch.bump_rad?]);
         Self {
             recording: recording.name().to_owned(),
@@ -91,11 +103,8 @@ impl RowAccount {
             rows: ranges.map(|bins| recording.rows_of(&bins)).sum(),
             used_s: times.iter().map(|times| [age_s(times.start), age_s(times.end)]).collect(),
             bumps: stretches.iter().filter_map(of_bump).collect(),
-            left_out: parts_of(&parts, |bins| {
-                let times = recording.times_of(&bins);
-                [age_s(times.start), age_s(times.end)]
-            }),
-            bad: recording.bad_rows().within(&times),
+            left_out,
+            bad: recording.bad_rows().within(&times).without(dense),
         }
     }
 
@@ -214,7 +223,7 @@ impl RowAccount {
 }
 
 /// Bins in turn of one cause.
-fn parts_of(causes: &[Option<LeftOutCause>], age_s: impl Fn(core::ops::Range<usize>) -> [f64; 2]) -> Vec<LeftOutPart> {
+fn parts_of(causes: &[Option<LeftOutCause>], age_s: impl Fn(Range<usize>) -> [f64; 2]) -> Vec<LeftOutPart> {
     let mut parts = Vec::new();
     let mut start = 0;
     while start < causes.len() {
