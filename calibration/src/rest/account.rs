@@ -1,6 +1,6 @@
 //! What was used of a recording, what was left out, and why.
 
-use super::{Bins, Stretch};
+use super::bins::{Bins, Stretch};
 use crate::screen::{BadKind, BadRows};
 use crate::transients::{RampRecording, clock};
 use core::ops::Range;
@@ -165,7 +165,7 @@ impl RowAccount {
 
     /// The findings: what moved, what stood still, and the bad rows, of which `most` are allowed.
     pub(super) fn findings(&self, most: f64) -> Vec<Finding> {
-        let whole = |severity, name, message| Finding::whole(severity, name, format!("{}: {message}", self.recording));
+        let of = |message: String| format!("{}: {message}", self.recording);
         let mut findings = Vec::new();
         let has = |cause: LeftOutCause| self.left_out.iter().find(|part| part.cause == cause);
         let moved = has(LeftOutCause::InUse).or_else(|| has(LeftOutCause::Motion)).is_some();
@@ -185,20 +185,22 @@ impl RowAccount {
             let what: Vec<String> = bumps.into_iter().chain((!left_out.is_empty()).then_some(left_out)).collect();
             let each = if used.len() > 1 { ", with a constant each" } else { "" };
             let message = format!("at rest from {}, which is used{each}; {}", used.join(" and "), what.join("; "));
-            findings.push(whole(Severity::Warning, name::MOTION, message));
+            findings.push(Finding::whole(Severity::Warning, name::MOTION, of(message)));
         }
         if let Some(part) = has(LeftOutCause::Thermometer) {
             let [from, to] = part.age_s.map(duration);
             let message = format!(
                 "the thermometer stands still from {from} to {to} while the biases go on: these rows are left out"
             );
-            findings.push(whole(Severity::Warning, name::TEMPERATURE_STUCK, message));
+            findings.push(Finding::whole(Severity::Warning, name::TEMPERATURE_STUCK, of(message)));
         }
         if !self.bad.is_empty() {
             let part = self.bad_part();
-            let (severity, remedy) = match part > most {
-                true => (Severity::Fault, "; more than 5 % are too many: look at the sensor, its cable and its logger"),
-                false => (Severity::Warning, ""),
+            let is_too_much = part > most;
+            let severity = if is_too_much { Severity::Fault } else { Severity::Warning };
+            let remedy = match is_too_much {
+                true => "; more than 5 % are too many: look at the sensor, its cable and its logger",
+                false => "",
             };
             let message = format!(
                 "{} of {} rows ({:.2} %) hold values that no sensor measured, and are left out: {}{remedy}",
@@ -207,7 +209,7 @@ impl RowAccount {
                 part * 100.0,
                 self.bad_words()
             );
-            findings.push(whole(severity, name::BAD_ROWS, message));
+            findings.push(Finding::whole(severity, name::BAD_ROWS, of(message)));
         }
         findings
     }

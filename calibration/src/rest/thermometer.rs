@@ -4,8 +4,8 @@
 //! step of coarse telemetry. It is stuck if it catches up with a jump afterwards, or if a bias changes by more, while
 //! it stands, than some steps of the telemetry explain.
 
-use super::Bins;
 use super::account::LeftOutCause;
+use super::bins::Bins;
 use crate::transients::RampRecording;
 use core::ops::Range;
 use isotherm_statistics::median;
