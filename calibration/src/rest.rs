@@ -12,6 +12,7 @@
 //!    own, so that its attitude does not matter.
 
 mod account;
+mod bins;
 mod bumps;
 mod motion;
 mod thermometer;
@@ -19,20 +20,20 @@ mod thermometer;
 pub use account::{LeftOutCause, LeftOutPart, RowAccount};
 
 use crate::transients::RampRecording;
+use bins::{Bins, Stretch};
 use core::ops::Range;
 use isotherm_finding::{Finding, name};
-use isotherm_shared::wire::AXES;
 
 /// Least length of a stretch \[s\].
 const LEAST_S: f64 = 240.0;
 /// A stretch beside the longest one covers this part of the span of all.
 const LEAST_PART: f64 = 0.1;
-/// After so long a motion the attitude is another one \[s\].
-const LONG_S: f64 = 60.0;
+/// After so long a motion the attitude may be another one \[s\].
+const LONG_S: f64 = 10.0;
+/// So many spikes within so many rows are no bad rows: the IMU moved.
+const DENSE: (usize, u64) = (21, 40);
 /// Rows that are bad, at most, as a part of all.
 const MOST_BAD: f64 = 0.05;
-/// Temperature that no stretch can do without, as a part of the span of all.
-const ENDS: f64 = 0.02;
 
 /// The stretches at rest of all recordings, and what was left out.
 pub(crate) struct AtRest {
@@ -53,82 +54,21 @@ pub(crate) fn at_rest(recordings: &[RampRecording]) -> AtRest {
     all
 }
 
-/// A recording, bin by bin: a second, or a row if rows are longer.
-struct Bins {
-    /// Middle of each bin since the recording began \[s\].
-    ages: Vec<f64>,
-    /// Head telemetry of A1.
-    telemetry: Vec<f64>,
-    /// Net rates of A1, A2, A3 and, where there are gyroscopes, G1, G2, G3 \[pulse/s\].
-    rates: Vec<Vec<f64>>,
-    /// Variance of a row within each bin \[pulse2/s2\], of the same; `None` of few rows.
-    variances: Vec<Vec<Option<f64>>>,
-    /// Step of the values of the same \[pulse/s\].
-    steps: Vec<f64>,
-}
-
-impl Bins {
-    fn of(recording: &RampRecording) -> Self {
-        let sensors = if recording.has_gyroscopes() { 2 * AXES } else { AXES };
-        let (bins, begin_ns) = (recording.bins(), recording.times_of(&(0..recording.bins().len())).start);
-        let net = |sensor: usize| bins.iter().map(|bin| bin.net_rate(sensor)).collect();
-        Self {
-            ages: bins.iter().map(|bin| (bin.middle_ns() - begin_ns) as f64 / 1e9).collect(),
-            telemetry: recording.telemetry_of_bins(),
-            rates: (0..sensors).map(net).collect(),
-            variances: (0..sensors).map(|sensor| bins.iter().map(|bin| bin.variance(sensor)).collect()).collect(),
-            steps: (0..sensors).map(|sensor| recording.step(sensor)).collect(),
-        }
-    }
-
-    fn len(&self) -> usize {
-        self.ages.len()
-    }
-}
-
-/// Bins in turn that are used together, without what is left out between them.
-#[derive(Clone, Debug)]
-struct Stretch {
-    bins: Vec<usize>,
-    /// Whether it begins with a bump, and how large it is \[rad\].
-    bump_rad: Option<f64>,
-}
-
-impl Stretch {
-    fn seconds(&self, bins: &Bins) -> f64 {
-        let ends = self.bins.first().zip(self.bins.last());
-        ends.map_or(0.0, |(first, last)| bins.ages[*last] - bins.ages[*first])
-    }
-
-    /// The span of temperature that it covers, without the outermost readings.
-    fn span(&self, bins: &Bins) -> f64 {
-        let mut all: Vec<f64> = self.bins.iter().map(|bin| bins.telemetry[*bin]).collect();
-        all.sort_by(f64::total_cmp);
-        let cut = (all.len() as f64 * ENDS / 2.0) as usize;
-        let [low, high] = [all.get(cut), all.len().checked_sub(cut + 1).and_then(|last| all.get(last))];
-        high.zip(low).map_or(0.0, |(high, low)| high - low)
-    }
-
-    /// The ranges of bins without a hole.
-    fn ranges(&self) -> Vec<Range<usize>> {
-        let mut ranges: Vec<Range<usize>> = Vec::new();
-        for bin in &self.bins {
-            match ranges.last_mut() {
-                Some(range) if range.end == *bin => range.end += 1,
-                _ => ranges.push(*bin..bin + 1),
-            }
-        }
-        ranges
-    }
-}
-
 fn of_recording(recording: &RampRecording) -> (Vec<RampRecording>, RowAccount, Vec<Finding>) {
     let bins = Bins::of(recording);
     let mut causes: Vec<Option<LeftOutCause>> = vec![None; bins.len()];
+    let dense = recording.bad_rows().dense(DENSE.0, DENSE.1 * recording.usual_row_ns());
+    for (bin, cause) in causes.iter_mut().enumerate().filter(|_| !dense.is_empty()) {
+        let times = recording.times_of(&(bin..bin + 1));
+        let after = dense.partition_point(|time| time.end <= times.start);
+        if dense.get(after).is_some_and(|time| time.start < times.end) {
+            *cause = Some(LeftOutCause::Motion);
+        }
+    }
     if bins.telemetry.len() == bins.len() && bins.len() > 0 {
         mark(recording, &bins, &mut causes);
     }
-    let stretches = stretches(&bins, &causes);
+    let stretches = stretches(recording, &bins, &causes, &dense);
     let longest = stretches.iter().map(|stretch| stretch.span(&bins)).fold(0.0, f64::max);
     let whole = Stretch { bins: (0..bins.len()).collect(), bump_rad: None };
     let least = LEAST_PART * whole.span(&bins);
@@ -136,12 +76,13 @@ fn of_recording(recording: &RampRecording) -> (Vec<RampRecording>, RowAccount, V
         let is_longest = stretch.span(&bins) == longest;
         (is_longest || stretch.span(&bins) >= least) && stretch.seconds(&bins) >= LEAST_S
     };
-    let is_untouched = matches!(stretches.as_slice(), [one] if one.bins.len() == bins.len()) || bins.len() == 0;
+    let is_whole = matches!(stretches.as_slice(), [one] if one.bins.len() == bins.len());
+    let is_untouched = is_whole || bins.len() == 0;
     let used: Vec<&Stretch> = match is_untouched {
         true => stretches.iter().collect(),
         false => stretches.iter().filter(|stretch| is_used(stretch)).collect(),
     };
-    let account = RowAccount::of(recording, &bins, &causes, &stretches, &used);
+    let account = RowAccount::of(recording, &bins, &causes, &stretches, &used, &dense);
     let mut findings: Vec<Finding> = account.findings(MOST_BAD);
     if used.is_empty() && !is_untouched {
         findings.insert(0, Finding::fault(name::MOTION, account.refusal(LEAST_S)));
@@ -180,7 +121,12 @@ fn mark(recording: &RampRecording, bins: &Bins, causes: &mut [Option<LeftOutCaus
 }
 
 /// The stretches without a bump, or a motion after which the attitude may be another one.
-fn stretches(bins: &Bins, causes: &[Option<LeftOutCause>]) -> Vec<Stretch> {
+fn stretches(
+    recording: &RampRecording,
+    bins: &Bins,
+    causes: &[Option<LeftOutCause>],
+    dense: &[Range<u64>],
+) -> Vec<Stretch> {
     let rest: Vec<usize> = (0..bins.len()).filter(|bin| causes[*bin].is_none()).collect();
     let bumps = bumps::bumps(bins, &rest);
     let mut stretches: Vec<Stretch> = Vec::new();
@@ -190,6 +136,9 @@ fn stretches(bins: &Bins, causes: &[Option<LeftOutCause>]) -> Vec<Stretch> {
             let between = &causes[previous + 1..bin];
             let has_moved =
                 between.iter().any(|cause| matches!(cause, Some(LeftOutCause::Motion | LeftOutCause::InUse)));
+            let times = recording.times_of(&(previous..previous + 1)).end..recording.times_of(&(bin..bin + 1)).start;
+            let after = dense.partition_point(|time| time.end <= times.start);
+            let has_moved = has_moved || dense.get(after).is_some_and(|time| time.start < times.end);
             has_moved && bins.ages[bin] - bins.ages[previous] > LONG_S
         });
         let bump_rad = bumps.iter().find(|bump| bump.place == place).map(|bump| bump.size_rad);

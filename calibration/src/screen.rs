@@ -17,12 +17,14 @@ mod account;
 mod channel;
 mod jumps;
 mod level;
+mod piece;
 mod stuck;
 
 pub use account::{BadKind, BadRow, BadRows};
 
 use channel::Channel;
 use isotherm_shared::wire::{AXES, RawSample, Triad};
+use piece::Piece;
 
 /// Rows that are judged at a time.
 const CHUNK: usize = 8192;
@@ -131,18 +133,6 @@ impl Screen {
             }
         }
     }
-}
-
-/// Rows of one channel without a gap between them.
-struct Piece<'a> {
-    /// \[s\]
-    times: &'a [f64],
-    values: &'a [f64],
-    /// Values that differ by no more are equal.
-    tolerance: f64,
-    /// Rows that are bad already.
-    is_known: &'a [bool],
-    is_thermometer: bool,
 }
 
 /// The rows by channel.

@@ -1,8 +1,9 @@
 //! What was used of a recording, what was left out, and why.
 
-use super::{Bins, Stretch};
+use super::bins::{Bins, Stretch};
 use crate::screen::{BadKind, BadRows};
 use crate::transients::{RampRecording, clock};
+use core::ops::Range;
 use isotherm_finding::{Finding, Severity, name};
 
 /// Times that a message tells of a kind.
@@ -71,6 +72,7 @@ impl RowAccount {
         causes: &[Option<LeftOutCause>],
         stretches: &[Stretch],
         used: &[&Stretch],
+        dense: &[Range<u64>],
     ) -> Self {
         let whole = recording.times_of(&(0..bins.len()));
         let age_s = |ns: u64| ns.saturating_sub(whole.start) as f64 / 1e9;
@@ -84,6 +86,16 @@ impl RowAccount {
         }
         let ranges = used.iter().flat_map(|stretch| stretch.ranges());
         let times: Vec<_> = used.iter().map(|stretch| ends(stretch)).collect();
+        let dense_s: Vec<[f64; 2]> = dense.iter().map(|time| [age_s(time.start), age_s(time.end)]).collect();
+        let mut left_out = parts_of(&parts, |bins| {
+            let times = recording.times_of(&bins);
+            [age_s(times.start), age_s(times.end)]
+        });
+        // The bins of such a time are some of its rows.
+        left_out
+            .retain(|part| !dense_s.iter().any(|[from, to]| part.age_s[0] >= from - 1.0 && part.age_s[1] <= to + 1.0));
+        left_out.extend(dense_s.into_iter().map(|age_s| LeftOutPart { cause: LeftOutCause::Motion, age_s }));
+        left_out.sort_by(|a, b| a.age_s[0].total_cmp(&b.age_s[0]));
         let of_bump = |stretch: &Stretch| Some([age_s(ends(stretch).start), stretch.bump_rad?]);
         Self {
             recording: recording.name().to_owned(),
@@ -91,11 +103,8 @@ impl RowAccount {
             rows: ranges.map(|bins| recording.rows_of(&bins)).sum(),
             used_s: times.iter().map(|times| [age_s(times.start), age_s(times.end)]).collect(),
             bumps: stretches.iter().filter_map(of_bump).collect(),
-            left_out: parts_of(&parts, |bins| {
-                let times = recording.times_of(&bins);
-                [age_s(times.start), age_s(times.end)]
-            }),
-            bad: recording.bad_rows().within(&times),
+            left_out,
+            bad: recording.bad_rows().within(&times).without(dense),
         }
     }
 
@@ -156,7 +165,7 @@ impl RowAccount {
 
     /// The findings: what moved, what stood still, and the bad rows, of which `most` are allowed.
     pub(super) fn findings(&self, most: f64) -> Vec<Finding> {
-        let whole = |severity, name, message| Finding::whole(severity, name, format!("{}: {message}", self.recording));
+        let of = |message: String| format!("{}: {message}", self.recording);
         let mut findings = Vec::new();
         let has = |cause: LeftOutCause| self.left_out.iter().find(|part| part.cause == cause);
         let moved = has(LeftOutCause::InUse).or_else(|| has(LeftOutCause::Motion)).is_some();
@@ -176,20 +185,22 @@ impl RowAccount {
             let what: Vec<String> = bumps.into_iter().chain((!left_out.is_empty()).then_some(left_out)).collect();
             let each = if used.len() > 1 { ", with a constant each" } else { "" };
             let message = format!("at rest from {}, which is used{each}; {}", used.join(" and "), what.join("; "));
-            findings.push(whole(Severity::Warning, name::MOTION, message));
+            findings.push(Finding::whole(Severity::Warning, name::MOTION, of(message)));
         }
         if let Some(part) = has(LeftOutCause::Thermometer) {
             let [from, to] = part.age_s.map(duration);
             let message = format!(
                 "the thermometer stands still from {from} to {to} while the biases go on: these rows are left out"
             );
-            findings.push(whole(Severity::Warning, name::TEMPERATURE_STUCK, message));
+            findings.push(Finding::whole(Severity::Warning, name::TEMPERATURE_STUCK, of(message)));
         }
         if !self.bad.is_empty() {
             let part = self.bad_part();
-            let (severity, remedy) = match part > most {
-                true => (Severity::Fault, "; more than 5 % are too many: look at the sensor, its cable and its logger"),
-                false => (Severity::Warning, ""),
+            let is_too_much = part > most;
+            let severity = if is_too_much { Severity::Fault } else { Severity::Warning };
+            let remedy = match is_too_much {
+                true => "; more than 5 % are too many: look at the sensor, its cable and its logger",
+                false => "",
             };
             let message = format!(
                 "{} of {} rows ({:.2} %) hold values that no sensor measured, and are left out: {}{remedy}",
@@ -198,7 +209,7 @@ impl RowAccount {
                 part * 100.0,
                 self.bad_words()
             );
-            findings.push(whole(severity, name::BAD_ROWS, message));
+            findings.push(Finding::whole(severity, name::BAD_ROWS, of(message)));
         }
         findings
     }
@@ -206,7 +217,8 @@ impl RowAccount {
     /// Why nothing can be used.
     pub(super) fn refusal(&self, least_s: f64) -> String {
         format!(
-            "{}: no part of {least_s:.0} s or more is at rest: {}; record the warm-up with the vehicle disarmed and held fast on firm ground",
+            "{}: no part of {least_s:.0} s or more is at rest: {}; record the warm-up with the vehicle disarmed, and held \
+             fast on firm ground",
             self.recording,
             self.left_out_words()
         )
@@ -214,7 +226,7 @@ impl RowAccount {
 }
 
 /// Bins in turn of one cause.
-fn parts_of(causes: &[Option<LeftOutCause>], age_s: impl Fn(core::ops::Range<usize>) -> [f64; 2]) -> Vec<LeftOutPart> {
+fn parts_of(causes: &[Option<LeftOutCause>], age_s: impl Fn(Range<usize>) -> [f64; 2]) -> Vec<LeftOutPart> {
     let mut parts = Vec::new();
     let mut start = 0;
     while start < causes.len() {

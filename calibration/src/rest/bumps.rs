@@ -1,7 +1,7 @@
 //! Bumps: where the level of a sensor steps, and stays. Time and a parabola of the telemetry go through the bins on
 //! both sides; the step beside it is compared with its error, and with the steps that the recording has everywhere.
 
-use super::Bins;
+use super::bins::Bins;
 use core::ops::Range;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{median, robust_sd};

@@ -1,7 +1,7 @@
 //! Motion: what is far less quiet than the quietest lasting part of a recording, or wanders where it is quietest.
 
-use super::Bins;
 use super::account::LeftOutCause;
+use super::bins::Bins;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::median;
 

@@ -1,11 +1,11 @@
 //! A thermometer that stands still while the biases go on.
 //!
 //! It stands legally at the end of a warm-up, where the biases stand too, and as long as the temperature is within a
-//! step of coarse telemetry. It is stuck if it catches up with a jump afterwards, or if a bias changes by more, while it
-//! stands, than some steps of the telemetry explain.
+//! step of coarse telemetry. It is stuck if it catches up with a jump afterwards, or if a bias changes by more, while
+//! it stands, than some steps of the telemetry explain.
 
-use super::Bins;
 use super::account::LeftOutCause;
+use super::bins::Bins;
 use crate::transients::RampRecording;
 use core::ops::Range;
 use isotherm_statistics::median;

@@ -104,6 +104,28 @@ impl BadRows {
         Self { rows: self.rows.iter().filter(is_within).copied().collect(), more: self.more }
     }
 
+    /// The bad rows that are not within these times \[ns\], which are in order.
+    #[must_use]
+    pub fn without(&self, times: &[Range<u64>]) -> Self {
+        let within = self.within(times);
+        let is_left = |row: &&BadRow| within.rows.binary_search_by_key(&row.time_ns, |row| row.time_ns).is_err();
+        Self { rows: self.rows.iter().filter(is_left).copied().collect(), more: self.more }
+    }
+
+    /// The times in which so many rows are off that the IMU moved: `most` or more within `window_ns` \[ns\].
+    #[must_use]
+    pub fn dense(&self, most: usize, window_ns: u64) -> Vec<Range<u64>> {
+        let off: Vec<u64> = self.rows.iter().filter(|row| row.kind == BadKind::Spike).map(|row| row.time_ns).collect();
+        let mut dense: Vec<Range<u64>> = Vec::new();
+        for ends in off.windows(most).filter(|rows| rows[most - 1] - rows[0] <= window_ns) {
+            match dense.last_mut() {
+                Some(last) if ends[0] <= last.end => last.end = ends[most - 1] + 1,
+                _ => dense.push(ends[0]..ends[most - 1] + 1),
+            }
+        }
+        dense
+    }
+
     /// Number of rows of each kind that there is.
     #[must_use]
     pub fn counts(&self) -> Vec<(BadKind, usize)> {

@@ -1,7 +1,8 @@
 //! One channel: a sensor or a thermometer.
 
 use super::account::BadKind;
-use super::{Piece, jumps, level, stuck};
+use super::piece::Piece;
+use super::{jumps, level, stuck};
 use std::collections::HashMap;
 
 /// A step is the least change of a channel but for this part of the changes.

@@ -1,7 +1,7 @@
 //! Rows that are off their level, with a jump before and after them.
 
-use super::Piece;
 use super::level::{Level, STEPS};
+use super::piece::Piece;
 use core::ops::Range;
 
 /// A jump is at least this part of the limit.

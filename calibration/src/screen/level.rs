@@ -1,6 +1,6 @@
 //! The level of a channel around each row, and how far the row is off.
 
-use super::Piece;
+use super::piece::Piece;
 use core::ops::Range;
 use std::collections::VecDeque;
 

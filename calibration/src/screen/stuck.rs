@@ -1,6 +1,6 @@
 //! Equal values in turn, where the channel hardly ever repeats a value.
 
-use super::Piece;
+use super::piece::Piece;
 use core::ops::Range;
 
 /// Rows on each side that tell how often a value is repeated.

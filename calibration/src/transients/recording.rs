@@ -40,6 +40,8 @@ pub struct RampRecording {
     /// The last row that was good, for the changes from row to row.
     last: Option<Last>,
     steps: [Changes; SENSORS],
+    /// Whether it is a stretch of a recording that has others.
+    is_stretch: bool,
 }
 
 /// A row's end, and its net pulses.
@@ -127,6 +129,7 @@ impl RampRecording {
             in_use: Vec::new(),
             last: None,
             steps: Default::default(),
+            is_stretch: false,
         }
     }
 
@@ -366,6 +369,11 @@ impl RampRecording {
         }
     }
 
+    /// Whether it is a stretch of a recording, so that others are of the same unit.
+    pub(super) const fn is_stretch(&self) -> bool {
+        self.is_stretch
+    }
+
     /// The bad rows that were left out while it was read.
     pub const fn bad_rows(&self) -> &BadRows {
         &self.bad
@@ -391,6 +399,12 @@ impl RampRecording {
     /// The least change of the head telemetry of A1, but for some; 0 if it never changes.
     pub(crate) fn step_of_telemetry(&self) -> f64 {
         self.heads[0].steps.least()
+    }
+
+    /// Usual length of a row \[ns\].
+    pub(crate) fn usual_row_ns(&self) -> u64 {
+        let of_bin = |bin: &Bin| bin.interval_ns as f64 / f64::from(bin.rows.max(1));
+        isotherm_statistics::median(self.bins.iter().map(of_bin)) as u64
     }
 
     /// Good rows of these bins.
@@ -430,6 +444,7 @@ impl RampRecording {
             has_gyroscopes: self.has_gyroscopes,
             bad: self.bad.within(&times),
             steps: self.steps.clone(),
+            is_stretch: true,
             ..whole
         }
     }
@@ -595,7 +610,7 @@ impl Readings {
             let [low, high] = extremes.unwrap_or([reading.telemetry; 2]);
             Some([low.min(reading.telemetry), high.max(reading.telemetry)])
         };
-        Self { extremes: means.iter().fold(None, widen), means, ..Self::default() }
+        Self { extremes: means.iter().fold(None, widen), means, steps: self.steps.clone(), ..Self::default() }
     }
 
     fn add(&mut self, raw: &RawSample, telemetry: f64) {

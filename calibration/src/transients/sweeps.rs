@@ -77,7 +77,8 @@ pub(super) fn findings(
     let others: Vec<(usize, usize, f64)> = (0..biases.len())
         .filter_map(|bias| {
             let (recording, differs) = other_unit(&ramps.biases[bias], &still[bias], spans[bias])?;
-            Some((recording, bias, differs))
+            // A recording is of one unit, whatever its stretches show.
+            (!recordings[recording].is_stretch()).then_some((recording, bias, differs))
         })
         .collect();
     if let Some((recording, ..)) = others.first() {

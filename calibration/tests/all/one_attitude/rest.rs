@@ -154,13 +154,14 @@ fn motions_of_every_kind_are_left_out() {
 fn times_in_which_the_vehicle_was_armed_are_left_out() {
     let log = WarmUp::new(&Setting { minutes: 60.0, ..Setting::usual() }, 4);
     let armed = 1_000_000_000_000..1_300_000_000_000;
-    let found = log.calibrated_with(OneAttitudeOptions::default(), Vec::from([armed])).unwrap();
+    let found = log.calibrated_with(OneAttitudeOptions::default(), core::iter::once(armed).collect()).unwrap();
     let account = &found.rows[0];
     assert_eq!(account.left_out[0].cause, LeftOutCause::InUse);
     assert_eq!(account.used_s, [[0.0, 999.0], [1299.0, 3600.0]]);
     assert!(names(&found).contains(&name::MOTION) && !names(&found).contains(&name::MISSING_ROWS));
     // Armed throughout.
-    let refused = log.calibrated_with(OneAttitudeOptions::default(), Vec::from([0..u64::MAX]));
+    let always = core::iter::once(0..u64::MAX).collect();
+    let refused = log.calibrated_with(OneAttitudeOptions::default(), always);
     let Err(CalibrationError::Faults { findings, .. }) = refused else { panic!("a table") };
     assert_eq!(findings[0].name, name::MOTION);
     assert!(findings[0].message.contains("the vehicle was armed or flew"), "{}", findings[0].message);
