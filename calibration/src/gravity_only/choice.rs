@@ -1,5 +1,6 @@
 //! The choice of the order, and of one scale factor or two; and what is refused.
 
+use super::attitudes::Attitudes;
 use super::covariance::MOVED;
 use super::dilution::{Dilution, MOST, WARNED};
 use super::error::GravityOnlyError;
@@ -153,7 +154,7 @@ impl<'a> Candidates<'a> {
             }
         }
         let Fitted { model, fit, .. } = self.get(order, true)?.clone();
-        let given = Weighted::of(&model, &fit, self.data.groups, both.floor, Some(&one.variances))?;
+        let given = Weighted::of(&model, &fit, self.data.groups, both.floor, Some(&one.variances.values))?;
         Some(both.p_at_own_size(&sums, 1.0)?.max(given.p_at_own_size(&sums, 0.0)?))
     }
 
@@ -199,9 +200,12 @@ pub(super) fn choose<'a>(data: Data<'a>, options: &GravityOnlyOptions) -> Result
     let (n, needed) = (readings.len(), unknowns.count());
     if n < needed {
         let Dilution { weakest, help, .. } = data.dilution(order, split);
+        let attitudes = Attitudes::of(readings, data.gravity);
         return Err(GravityOnlyError::Attitudes {
             message: format!("{n} {} for {needed} unknowns, which leaves undetermined", standstills(n)),
             parameters: weakest,
+            distinct: attitudes.count(),
+            missing: attitudes.missing(),
             attitude: help,
             remedy: if options.misalignment && n + AXES >= needed {
                 "; or leave the misalignments out: --no-misalignment"
@@ -232,12 +236,15 @@ fn no_fit(data: Data<'_>, order: usize, split: bool) -> GravityOnlyError {
              bias would be over {LARGEST_BIAS} g0; look at the columns, signs and units of the counts, file by file"
         ));
     }
+    let attitudes = Attitudes::of(data.readings, data.gravity);
     GravityOnlyError::Attitudes {
         message: format!(
             "the attitudes do not tell the parameters apart, D sqrt(n) is {}, over {MOST}; worst",
             shown(dilution.times_root_n)
         ),
         parameters: dilution.weakest,
+        distinct: attitudes.count(),
+        missing: attitudes.missing(),
         attitude: dilution.help,
         remedy: if order > 0 && data.dilution(0, split).times_root_n <= MOST {
             "; or take one value for all temperatures: --order 0"
