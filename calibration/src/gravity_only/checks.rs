@@ -2,8 +2,8 @@
 
 use super::model::{Ellipsoid, ellipsoid};
 use super::reading::Reading;
-use super::stated::Ranges;
 use super::recording::TumbleRecording;
+use super::stated::Ranges;
 use super::weighted::Weighted;
 use isotherm_campaign::{Campaign, joint_range};
 use isotherm_finding::{Finding, Location, name};
@@ -101,7 +101,8 @@ pub(super) fn of_readings(readings: &[Reading], gravity: f64) -> Option<Finding>
 fn zeroed(found: &Ellipsoid, gravity: f64) -> Option<Finding> {
     let is_gravity = |bias: f64| (bias.abs() - gravity).abs() < ABOUT_GRAVITY * gravity;
     let axis = (0..AXES).find(|axis| is_gravity(found.bias[*axis]))?;
-    let others = (0..AXES).filter(|other| *other != axis).all(|other| found.bias[other].abs() < ABOUT_GRAVITY * gravity);
+    let others =
+        (0..AXES).filter(|other| *other != axis).all(|other| found.bias[other].abs() < ABOUT_GRAVITY * gravity);
     (others && found.is_closed && found.condition < MAX_CONDITION).then(|| {
         let (name, bias) = (AXIS_NAMES[axis], found.bias[axis]);
         let up = if bias < 0.0 { '+' } else { '-' };
@@ -168,7 +169,8 @@ pub(super) fn outliers(readings: &[Reading], weighted: &Weighted<'_>) -> Vec<Fin
     let whole = weighted.inverse.diagonal();
     let Some(normal) = weighted.fit.jacobian.tr_mul(&by_unknowns).cholesky() else { return Vec::new() };
     let taken = normal.solve(&by_unknowns.transpose());
-    let projected = weighted.inverse.solve_vector(&weighted.residual) - taken.tr_mul(&by_unknowns.tr_mul(&weighted.residual));
+    let projected =
+        weighted.inverse.solve_vector(&weighted.residual) - taken.tr_mul(&by_unknowns.tr_mul(&weighted.residual));
     let projector = |i: usize| whole[i] - by_unknowns.row(i).dot(&taken.column(i).transpose());
     let all = weighted.residual.dot(&projected);
     let limit = student_quantile(1.0 - OUTLIER / readings.len() as f64, freedom - 1);

@@ -24,6 +24,9 @@ use std::rc::Rc;
 const MAX_AUTO_ORDER: usize = 3;
 /// Probability of choosing what has no effect.
 const SIGNIFICANCE: f64 = 0.01;
+/// Probability of choosing a K- of its own that is not there: it costs more than an order, as it makes the attitudes tell
+/// the parameters apart far worse.
+const SPLIT_SIGNIFICANCE: f64 = 0.001;
 /// A split of the scale factor needs readings beyond this share of gravity with both signs, and one within it.
 const SIGNED: f64 = 0.3;
 /// Scale factors of the standstills, relative to the start's, that differ by more are no IMU's.
@@ -317,8 +320,8 @@ fn order_and_split(
 fn is_split(candidates: &mut Candidates<'_>, order: usize) -> (bool, String) {
     let data = candidates.data;
     match candidates.p_of_split(order) {
-        Some(p) if p < SIGNIFICANCE => (true, format!("a K- of its own is significant (p {p:.1e})")),
-        Some(p) => (false, format!("a K- of its own is not significant (p {p:.2})")),
+        Some(p) if p < SPLIT_SIGNIFICANCE => (true, format!("a K- of its own is significant (p {p:.1e})")),
+        Some(p) => (false, format!("a K- of its own is not significant (p {p:.3})")),
         None if data.readings.len() < data.unknowns(order, true).count() => {
             (false, "the standstills do not determine a K- of its own".to_owned())
         }

@@ -3,7 +3,7 @@
 //! ```text
 //! V = s2 I + sum th_k B_k B_k' + z z' + v v'
 //! B of bias and gain:     d_i and h_i of each group, several groups alone
-//! B of the walk:          d_i of what is after each of at most 64 steps, of one group in all about its mean
+//! B of the walk:          d_i of what is after each of at most 25 steps, of one group in all about its mean
 //! B of the slopes:        d_i and h_i times (T_i - mean of the group), at order 0 alone, where telemetry moves
 //! d_i = df_i/dx,   h_i = d_i times (x + A), element by element
 //! z_i = 60 s/sqrt(3) dT/dt df_i/dT,   v_i = (T_i - mean of the group)/sqrt(3) df_i/dT
@@ -32,7 +32,7 @@ const LEAST_IN_TIME: usize = 4;
 /// Row noises that telemetry must move by in a group to be a nuisance.
 pub(super) const MOVED: f64 = 6.0;
 /// Most steps of a walk: more standstills share a step.
-const WALK_STEPS: usize = 64;
+const WALK_STEPS: usize = 25;
 
 /// Kinds of variances.
 pub(super) const KINDS: usize = 6;

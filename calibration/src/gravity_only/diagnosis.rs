@@ -99,9 +99,8 @@ fn never_turned(readings: &[Reading]) -> Option<Finding> {
     let mean = Vector3::from_fn(|axis, _| readings.iter().map(|reading| reading.net(axis)).sum::<f64>() / count);
     let off = |reading: &Reading| Vector3::from_fn(|axis, _| reading.net(axis) - mean[axis]).norm();
     let most = readings.iter().map(off).fold(0.0, f64::max);
-    let of_row = |axis: usize| {
-        median(readings.iter().map(|reading| reading.noise[axis] * (reading.rows.len() as f64).sqrt()))
-    };
+    let of_row =
+        |axis: usize| median(readings.iter().map(|reading| reading.noise[axis] * (reading.rows.len() as f64).sqrt()));
     let noise = Vector3::from_fn(|axis, _| of_row(axis)).norm();
     let turned = most / mean.norm();
     (readings.len() > 1 && turned < ONE_ATTITUDE && mean.norm() > ROW_NOISES * noise).then(|| {

@@ -33,15 +33,13 @@ pub(super) struct Variances {
 impl Variances {
     /// The error of what a variance of 1 of each kind makes `parts` of, and lags `known`.
     pub(super) fn error(&self, parts: [f64; KINDS], known: f64) -> StatedError {
-        let sum = |variances: &[f64; KINDS]| parts.iter().zip(variances).map(|(part, v)| part * v).sum::<f64>() + known;
-        let (variance, estimated) = (sum(&self.careful), sum(&self.values));
+        let variance = parts.iter().zip(self.careful).map(|(part, variance)| part * variance).sum::<f64>() + known;
         let seen = DVector::from_iterator(self.seen.len(), self.seen.iter().map(|kind| parts[*kind]));
         let spread = seen.dot(&(&self.information * &seen)).max(1e-300);
         StatedError {
             variance,
-            freedom: (2.0 * estimated * estimated / spread).clamp(1.0, MOST_FREEDOM),
+            freedom: (2.0 * variance * variance / spread).clamp(1.0, MOST_FREEDOM),
             lag_share: known / variance,
-            parts: [0, 1, 2, 3, 4, 5].map(|kind| parts[kind] * self.careful[kind] / variance),
         }
     }
 }
@@ -96,7 +94,8 @@ impl Likelihood {
             }
             now[NOISE] = now[NOISE].max(self.floor);
             let small = |kind: usize| {
-                (now[kind] - before[kind]).abs() <= SMALL_CHANGE * before[kind] + SMALL_CHANGE * SMALL_CHANGE * even(kind)
+                (now[kind] - before[kind]).abs()
+                    <= SMALL_CHANGE * before[kind] + SMALL_CHANGE * SMALL_CHANGE * even(kind)
             };
             if (0..KINDS).all(small) {
                 break;
@@ -154,15 +153,12 @@ impl Likelihood {
             (_, NOISE) => solved[a].norm_squared(),
             (a, _) => columns[a].tr_mul(&solved[b]).norm_squared(),
         };
-        let information = DMatrix::from_fn(seen.len(), seen.len(), |a, b| of(a, b) / 2.0).pseudo_inverse(SINGULAR).ok()?;
+        let information =
+            DMatrix::from_fn(seen.len(), seen.len(), |a, b| of(a, b) / 2.0).pseudo_inverse(SINGULAR).ok()?;
         let mut careful = values;
         for (index, kind) in seen.iter().enumerate().filter(|(_, kind)| **kind != NOISE) {
-            careful[*kind] += tune("T2", 1.0) * information[(index, index)].max(0.0).sqrt();
+            careful[*kind] += information[(index, index)].max(0.0).sqrt();
         }
         Some(Variances { values, careful, information, seen, evidence: f64::INFINITY })
     }
-}
-
-pub(super) fn tune(name: &str, or: f64) -> f64 {
-    std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(or)
 }

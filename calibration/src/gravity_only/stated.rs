@@ -38,7 +38,8 @@ pub(super) fn stated(fitted: &Fitted<'_>, groups: &Groups, ranges: &Ranges, meas
         };
         let freedom = least_freedom(weighted, [axis, quantity], measured);
         let gravity = if quantity > 0 { gravity / student_quantile_of(CONFIDENCE, freedom) } else { 0.0 };
-        let covariance: DMatrix<f64> = weighted.careful_covariance() + unknown * unknown.transpose() * (gravity * gravity);
+        let covariance: DMatrix<f64> =
+            weighted.careful_covariance() + unknown * unknown.transpose() * (gravity * gravity);
         let plain = model.curve(unknown, Some(&covariance), [axis, quantity], freedom, range);
         let slope = slope_error(weighted, groups, [axis, quantity], &plain);
         plain.known(measured, slope).read_in_steps(step)

@@ -25,6 +25,9 @@ use nalgebra::{DMatrix, DVector, Vector3};
 
 /// Rounds of the groups' offsets.
 const ROUNDS: usize = 3;
+/// Twice the logarithm of the likelihood over that of the noise alone from which on the weights are taken: chance has
+/// less in 99 of 100 tumbles.
+const SHOWN: f64 = 8.0;
 /// A weighted fit that leaves so many times the squares of the one with equal weights, beyond the noise, is not taken.
 const LEAVES_MORE: f64 = 1.5;
 
@@ -57,8 +60,6 @@ pub(super) struct StatedError {
     pub freedom: f64,
     /// Share of what an element behind its telemetry makes.
     pub lag_share: f64,
-    /// Share of each kind.
-    pub parts: [f64; KINDS],
 }
 
 impl<'a> Weighted<'a> {
@@ -84,7 +85,7 @@ impl<'a> Weighted<'a> {
             variances = Some(round.variances.values);
             found = Some(round);
         }
-        found.map(|found| found.guarded(start))
+        found.map(|found| found.guarded(start, groups.count == 1))
     }
 
     fn round(
@@ -111,14 +112,15 @@ impl<'a> Weighted<'a> {
         Some(Self { unknown, model, variances, floor, fit, residual, covariance, inverse, shapes, weights })
     }
 
-    /// The same with the unknowns of the fit with equal weights if the weighted ones leave far more: the standstills
-    /// do not bear them out.
-    fn guarded(mut self, start: &GravityFit) -> Self {
+    /// The same with the unknowns of the fit with equal weights if the standstills do not show that they share anything,
+    /// or if the weighted unknowns leave far more. The errors stay those of the whole covariance. Whether several groups
+    /// share something is not judged: a power-up is there in any case.
+    fn guarded(mut self, start: &GravityFit, is_one_group: bool) -> Self {
         let noise = self.floor * start.residual.len() as f64;
         let plain = self.model.clone().without_offsets();
         let left = plain.at(self.unknown.clone()).squares();
         let explained = self.left().norm_squared();
-        let shown = self.variances.evidence > super::likelihood::tune("T1", 8.0);
+        let shown = !is_one_group || self.variances.evidence > SHOWN;
         if !shown || left > LEAVES_MORE * start.squares().max(explained) + noise || !left.is_finite() {
             self.take_equal_weights(start);
         }
