@@ -8,6 +8,7 @@
 //!
 //! One temperature gives constants; several, at most as many coefficients as temperatures.
 
+mod attitudes;
 mod checks;
 mod choice;
 mod covariance;
@@ -16,12 +17,15 @@ pub(crate) mod dilution;
 pub(crate) mod error;
 mod evidence;
 mod groups;
+mod inverse;
+mod likelihood;
 mod model;
 mod noise;
 mod options;
 pub(crate) mod provenance;
 pub(crate) mod reading;
 mod recording;
+mod reduced;
 mod result;
 mod stated;
 mod telemetry;
@@ -127,8 +131,10 @@ pub fn calibrate_gravity_only(
     let table = table_of(campaign, curves.each_ref(), alignment).map_err(GravityOnlyError::Table)?;
     let table = table.measured_at(Some(campaign.gravity_local)).measured_by_hand();
     let forces: Vec<Vector3<f64>> = readings.iter().map(|reading| fitted.model.force_of(unknown, reading)).collect();
+    let residuals: Vec<f64> = forces.iter().map(|force| force.norm() - gravity).collect();
+    let left = (residuals.iter().map(|residual| residual * residual).sum::<f64>() / residuals.len() as f64).sqrt();
     match &evidence {
-        Some(evidence) => warnings.extend(evidence.findings(&fitted, &groups)),
+        Some(evidence) => warnings.extend(evidence.findings(&fitted, &groups, left)),
         None => warnings.push(no_freedom(readings.len())),
     }
     warnings.extend(of_choice);
@@ -136,6 +142,7 @@ pub fn calibrate_gravity_only(
     warnings.extend(campaign.gravity_warning());
     warnings.extend(kelvin(campaign, &readings));
     warnings.extend(unlike_scale_factors(&table));
+    warnings.extend(checks::unmeasured(&ranges, &measured));
     warnings.extend(of_time(recordings, &continuity, readings.len()));
     warnings.extend(checks::turned(turned, readings.len()));
     warnings.extend(fitted.weighted.as_ref().map_or_else(Vec::new, |weighted| outliers(&readings, weighted)));
@@ -151,7 +158,7 @@ pub fn calibrate_gravity_only(
         evidence,
         unknowns,
         reasons,
-        residuals: forces.iter().map(|force| force.norm() - gravity).collect(),
+        residuals,
         freedom: readings.len() - unknowns.count(),
         dilution,
         curves,

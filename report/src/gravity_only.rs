@@ -6,7 +6,7 @@ use super::plot::{Plot, Style};
 use super::text::within;
 use super::view::{value, view};
 use isotherm_calibration::{CampaignSource, GravityOnlyCalibration, Reading, largest_interval};
-use isotherm_campaign::{Campaign, GravitySource};
+use isotherm_campaign::{Campaign, GravitySource, joint_range};
 use isotherm_recording::Losses;
 use isotherm_shared::table::{AXIS_NAMES, GRAVITY_ONLY, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
@@ -63,9 +63,10 @@ pub fn text(calibration: &GravityOnlyCalibration) -> String {
     if let (Some(bias), Some(plus), Some(minus)) =
         (largest(worst(0, false)), largest(worst(1, true)), largest(worst(2, true)))
     {
+        let [low, high] = joint_range(calibration.curves.iter().flatten().map(Curve::measured));
         let _ = writeln!(
             text,
-            "  largest 95 % interval over the range: bias {:.2}e-6 g0, scale factors {:.2} ppm",
+            "  largest 95 % interval over the telemetry of the standstills, {low:.2} to {high:.2}: bias {:.2}e-6 g0, scale factors {:.2} ppm",
             bias * 1e6,
             plus.max(minus) * 1e6
         );

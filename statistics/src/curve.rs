@@ -165,7 +165,7 @@ impl Curve {
     pub fn interval(&self, telemetry: f64, confidence: f64) -> Option<f64> {
         let [low, high] = self.measured;
         // A point that was computed from the ends may lie beyond by rounding.
-        let rounding = 1e-9 * (high - low);
+        let rounding = 1e-9 * (high - low).max(high.abs());
         let known = (low - rounding..=high + rounding).contains(&telemetry);
         let slope = self.slope.map_or(0.0, |slope| slope.per_unit * (telemetry - slope.about).abs());
         let error = self.standard_error(telemetry).filter(|_| known)?;

@@ -3,8 +3,9 @@
 use super::model::{Ellipsoid, ellipsoid};
 use super::reading::Reading;
 use super::recording::TumbleRecording;
+use super::stated::Ranges;
 use super::weighted::Weighted;
-use isotherm_campaign::Campaign;
+use isotherm_campaign::{Campaign, joint_range};
 use isotherm_finding::{Finding, Location, name};
 use isotherm_recording::{Continuity, share_rows};
 use isotherm_shared::table::AXIS_NAMES;
@@ -17,6 +18,10 @@ const MAX_BIAS: f64 = 1.0;
 const MAX_CONDITION: f64 = 30.0;
 /// Its readings are beyond this share of gravity on both sides.
 const AROUND: f64 = 0.5;
+/// A bias by so much more or less than gravity is gravity \[g0\].
+const ABOUT_GRAVITY: f64 = 0.2;
+/// A table's range that is as many times what was measured rests on what nobody measured.
+const MUCH_WIDER: f64 = 1.5;
 /// No IMU is warmer in a calibration \[degC\].
 const NO_CELSIUS: f64 = 150.0;
 /// No IMU is as hot \[K\]: thousandths of a degree are larger.
@@ -71,7 +76,10 @@ fn interval(recording: &TumbleRecording, continuity: &Continuity) -> Option<Find
 
 /// What is wrong with the standstills, before anything is fitted: readings about a centre that no bias explains.
 pub(super) fn of_readings(readings: &[Reading], gravity: f64) -> Option<Finding> {
-    let Ellipsoid { bias, scale_factor, condition, is_closed } = ellipsoid(readings, gravity)?;
+    let found @ Ellipsoid { bias, scale_factor, condition, is_closed } = ellipsoid(readings, gravity)?;
+    if let Some(finding) = zeroed(&found, gravity) {
+        return Some(finding);
+    }
     // Few attitudes show a part of the ellipsoid, whose centre may be anywhere.
     let about = |axis: usize| {
         let off = |reading: &Reading| (reading.net(axis) / scale_factor[axis] - bias[axis]) / gravity;
@@ -87,6 +95,37 @@ pub(super) fn of_readings(readings: &[Reading], gravity: f64) -> Option<Finding>
         bias[axis]
     );
     Some(Finding::fault(name::COUNT_OFFSET, message))
+}
+
+/// One axis alone whose bias is gravity: a device that takes what it reads at one attitude for its bias.
+fn zeroed(found: &Ellipsoid, gravity: f64) -> Option<Finding> {
+    let is_gravity = |bias: f64| (bias.abs() - gravity).abs() < ABOUT_GRAVITY * gravity;
+    let axis = (0..AXES).find(|axis| is_gravity(found.bias[*axis]))?;
+    let others =
+        (0..AXES).filter(|other| *other != axis).all(|other| found.bias[other].abs() < ABOUT_GRAVITY * gravity);
+    (others && found.is_closed && found.condition < MAX_CONDITION).then(|| {
+        let (name, bias) = (AXIS_NAMES[axis], found.bias[axis]);
+        let up = if bias < 0.0 { '+' } else { '-' };
+        let message = format!(
+            "{name} has a bias of {bias:+.2} g0 and reads 0 with {up}{name} up: a self-calibration at that attitude took gravity for a bias; \
+             undo it, or take {:.0} pulse/s off with isotherm convert, `offset` in the mapping file",
+            bias * found.scale_factor[axis]
+        );
+        Finding::fault(name::GRAVITY_ZEROED, message)
+    })
+}
+
+/// A range of the table far beyond the telemetry of the standstills.
+pub(super) fn unmeasured(ranges: &Ranges, measured: &Ranges) -> Option<Finding> {
+    let joint = |all: &Ranges| joint_range(all.iter().flatten().copied());
+    let [[low, high], [from, to]] = [joint(ranges), joint(measured)];
+    (high - low > MUCH_WIDER * (to - from)).then(|| {
+        let message = format!(
+            "the table is for telemetry from {low} to {high}, but the standstills have {from:.2} to {to:.2}: the intervals hold in that \
+             span alone, and nothing is known of the rest; tumble at other temperatures, too"
+        );
+        Finding::warning(name::UNMEASURED, message)
+    })
 }
 
 /// A warning about telemetry in kelvin with the label of degrees Celsius.
@@ -122,18 +161,23 @@ pub(super) fn turned(turned: usize, used: usize) -> Option<Finding> {
 /// P = V^-1 - V^-1 J C J'V^-1,   off_i = (P f)_i / P_ii,   t_i^2 = off_i^2 P_ii (m - 1) / (f'P f - off_i^2 P_ii)
 /// ```
 pub(super) fn outliers(readings: &[Reading], weighted: &Weighted<'_>) -> Vec<Finding> {
-    let Some(freedom) = readings.len().checked_sub(weighted.jacobian.ncols()).filter(|freedom| *freedom > 2) else {
+    let unknowns = weighted.unknown.len();
+    let Some(freedom) = readings.len().checked_sub(unknowns).filter(|freedom| *freedom > 2) else {
         return Vec::new();
     };
-    let by_unknowns = &weighted.inverse * &weighted.jacobian;
-    let projector = &weighted.inverse - &by_unknowns * &weighted.covariance * by_unknowns.transpose();
-    let projected = &projector * &weighted.residual;
+    let by_unknowns = weighted.inverse.solve(&weighted.fit.jacobian);
+    let whole = weighted.inverse.diagonal();
+    let Some(normal) = weighted.fit.jacobian.tr_mul(&by_unknowns).cholesky() else { return Vec::new() };
+    let taken = normal.solve(&by_unknowns.transpose());
+    let projected =
+        weighted.inverse.solve_vector(&weighted.residual) - taken.tr_mul(&by_unknowns.tr_mul(&weighted.residual));
+    let projector = |i: usize| whole[i] - by_unknowns.row(i).dot(&taken.column(i).transpose());
     let all = weighted.residual.dot(&projected);
     let limit = student_quantile(1.0 - OUTLIER / readings.len() as f64, freedom - 1);
     let shown = |(i, reading): (usize, &Reading)| {
-        let left = projector[(i, i)];
+        let left = projector(i);
         // A standstill that the others do not check has no residual.
-        if left < 1e-6 * weighted.inverse[(i, i)] {
+        if left < 1e-6 * whole[i] {
             return None;
         }
         let off = projected[i] / left;

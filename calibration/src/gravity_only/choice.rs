@@ -1,5 +1,6 @@
 //! The choice of the order, and of one scale factor or two; and what is refused.
 
+use super::attitudes::Attitudes;
 use super::covariance::MOVED;
 use super::dilution::{Dilution, MOST, WARNED};
 use super::error::GravityOnlyError;
@@ -23,6 +24,9 @@ use std::rc::Rc;
 const MAX_AUTO_ORDER: usize = 3;
 /// Probability of choosing what has no effect.
 const SIGNIFICANCE: f64 = 0.01;
+/// Probability of choosing a K- of its own that is not there: it costs more than an order, as it makes the attitudes tell
+/// the parameters apart far worse.
+const SPLIT_SIGNIFICANCE: f64 = 0.001;
 /// A split of the scale factor needs readings beyond this share of gravity with both signs, and one within it.
 const SIGNED: f64 = 0.3;
 /// Scale factors of the standstills, relative to the start's, that differ by more are no IMU's.
@@ -153,7 +157,7 @@ impl<'a> Candidates<'a> {
             }
         }
         let Fitted { model, fit, .. } = self.get(order, true)?.clone();
-        let given = Weighted::of(&model, &fit, self.data.groups, both.floor, Some(&one.variances))?;
+        let given = Weighted::of(&model, &fit, self.data.groups, both.floor, Some(&one.variances.values))?;
         Some(both.p_at_own_size(&sums, 1.0)?.max(given.p_at_own_size(&sums, 0.0)?))
     }
 
@@ -199,9 +203,12 @@ pub(super) fn choose<'a>(data: Data<'a>, options: &GravityOnlyOptions) -> Result
     let (n, needed) = (readings.len(), unknowns.count());
     if n < needed {
         let Dilution { weakest, help, .. } = data.dilution(order, split);
+        let attitudes = Attitudes::of(readings, data.gravity);
         return Err(GravityOnlyError::Attitudes {
             message: format!("{n} {} for {needed} unknowns, which leaves undetermined", standstills(n)),
             parameters: weakest,
+            distinct: attitudes.count(),
+            missing: attitudes.missing(),
             attitude: help,
             remedy: if options.misalignment && n + AXES >= needed {
                 "; or leave the misalignments out: --no-misalignment"
@@ -232,12 +239,15 @@ fn no_fit(data: Data<'_>, order: usize, split: bool) -> GravityOnlyError {
              bias would be over {LARGEST_BIAS} g0; look at the columns, signs and units of the counts, file by file"
         ));
     }
+    let attitudes = Attitudes::of(data.readings, data.gravity);
     GravityOnlyError::Attitudes {
         message: format!(
             "the attitudes do not tell the parameters apart, D sqrt(n) is {}, over {MOST}; worst",
             shown(dilution.times_root_n)
         ),
         parameters: dilution.weakest,
+        distinct: attitudes.count(),
+        missing: attitudes.missing(),
         attitude: dilution.help,
         remedy: if order > 0 && data.dilution(0, split).times_root_n <= MOST {
             "; or take one value for all temperatures: --order 0"
@@ -310,8 +320,8 @@ fn order_and_split(
 fn is_split(candidates: &mut Candidates<'_>, order: usize) -> (bool, String) {
     let data = candidates.data;
     match candidates.p_of_split(order) {
-        Some(p) if p < SIGNIFICANCE => (true, format!("a K- of its own is significant (p {p:.1e})")),
-        Some(p) => (false, format!("a K- of its own is not significant (p {p:.2})")),
+        Some(p) if p < SPLIT_SIGNIFICANCE => (true, format!("a K- of its own is significant (p {p:.1e})")),
+        Some(p) => (false, format!("a K- of its own is not significant (p {p:.3})")),
         None if data.readings.len() < data.unknowns(order, true).count() => {
             (false, "the standstills do not determine a K- of its own".to_owned())
         }

@@ -1,13 +1,18 @@
-//! What the residuals of the standstills share: the shapes of their covariance.
+//! What the residuals of the standstills share: the shapes of their covariance, each by the columns that make it.
 //!
 //! ```text
-//! V = s2 I + tb2 [same group](d_i.d_j) + tk2 [same group](h_i.h_j) + w2 W_ij (d_i.d_j) + z z' + v v'
+//! V = s2 I + sum th_k B_k B_k' + z z' + v v'
+//! B of bias and gain:     d_i and h_i of each group, several groups alone
+//! B of the walk:          d_i of what is after each of at most 25 steps, of one group in all about its mean
+//! B of the slopes:        d_i and h_i times (T_i - mean of the group), at order 0 alone, where telemetry moves
 //! d_i = df_i/dx,   h_i = d_i times (x + A), element by element
-//! W_ij = min(t_i, t_j)/length of the group, 0 between groups; of one group in all, about its mean
 //! z_i = 60 s/sqrt(3) dT/dt df_i/dT,   v_i = (T_i - mean of the group)/sqrt(3) df_i/dT
 //! ```
-//! tb, tk: scatter of the groups' biases \[g0\] and gains; w: random walk of the bias over a group \[g0\]; z: an
-//! element that is up to 60 s behind its telemetry; v: one that does not follow the telemetry within a group.
+//! th: scatter of the groups' biases \[g0\] and gains, random walk of the bias over a group \[g0\], slopes of biases and
+//! gains over telemetry; z: an element that is up to 60 s behind its telemetry; v: one that does not follow the
+//! telemetry within a group.
+//!
+//! A slope is a random quantity of unknown scatter, not an unknown: what the attitudes do not determine of it stays 0.
 
 use super::groups::{Groups, mean};
 use super::model::{GravityFit, GravityModel};
@@ -26,13 +31,11 @@ const UNSEEN: f64 = 1e-9;
 const LEAST_IN_TIME: usize = 4;
 /// Row noises that telemetry must move by in a group to be a nuisance.
 pub(super) const MOVED: f64 = 6.0;
-/// Degrees of freedom from which on the slopes of the scale factors are nuisances, too.
-const GAIN_SLOPES: usize = 10;
-/// Degrees of freedom over which the slopes of the biases are.
-const BIAS_SLOPES: usize = 4;
+/// Most steps of a walk: more standstills share a step.
+const WALK_STEPS: usize = 25;
 
 /// Kinds of variances.
-pub(super) const KINDS: usize = 4;
+pub(super) const KINDS: usize = 6;
 /// Noise of each standstill.
 pub(super) const NOISE: usize = 0;
 /// Bias of each group.
@@ -41,11 +44,15 @@ pub(super) const BIAS: usize = 1;
 pub(super) const GAIN: usize = 2;
 /// Random walk of the bias in each group.
 pub(super) const WALK: usize = 3;
+/// Slope of each bias over telemetry.
+pub(super) const BIAS_SLOPE: usize = 4;
+/// Slope of each gain over telemetry.
+pub(super) const GAIN_SLOPE: usize = 5;
 
 /// The shapes at one fit.
 pub(super) struct Shapes {
-    /// Of each kind; `None` with one group, which has no others to differ from.
-    pub estimated: [Option<DMatrix<f64>>; KINDS],
+    /// B of each kind; without columns where it is not there. That of the noise is the unit matrix, and has none.
+    pub columns: [DMatrix<f64>; KINDS],
     /// z and v.
     pub known: DMatrix<f64>,
 }
@@ -57,77 +64,100 @@ pub(super) fn by_gain(fit: &GravityFit) -> DMatrix<f64> {
 
 impl Shapes {
     pub(super) fn of(model: &GravityModel<'_>, fit: &GravityFit, groups: &Groups) -> Self {
-        let n = fit.residual.len();
-        let same = |i: usize, j: usize| groups.of[i] == groups.of[j];
-        let products = &fit.by_force * fit.by_force.transpose();
-        let gain = by_gain(fit);
-        let gains = &gain * gain.transpose();
-        let within = |all: &DMatrix<f64>| DMatrix::from_fn(n, n, |i, j| if same(i, j) { all[(i, j)] } else { 0.0 });
-        let several = groups.count > 1;
+        let none = || DMatrix::zeros(fit.residual.len(), 0);
+        let (force, gain) = (&fit.by_force, by_gain(fit));
+        let each = |by: &DMatrix<f64>| if groups.count > 1 { within_groups(by, groups) } else { none() };
+        let slope = slopes(model, groups);
+        let along = |by: &DMatrix<f64>| slope.as_ref().map_or_else(none, |off| along(by, off));
         Self {
-            estimated: [
-                Some(DMatrix::identity(n, n)),
-                several.then(|| within(&products)),
-                several.then(|| within(&gains)),
-                Some(walk(model.readings(), groups).component_mul(&products)),
+            columns: [
+                none(),
+                each(force),
+                each(&gain),
+                walk(model.readings(), groups, force),
+                along(force),
+                along(&gain),
             ],
             known: known(model, fit, groups),
         }
     }
 
-    /// The covariance of the residuals for these variances.
-    pub(super) fn covariance(&self, variances: &[f64; KINDS]) -> DMatrix<f64> {
-        sum(&self.estimated, variances) + &self.known * self.known.transpose()
+    /// The same in the space of `projected`; without those that are not seen there.
+    pub(super) fn seen(&self, projected: Self) -> Self {
+        let mut projected = projected;
+        for (columns, all) in projected.columns.iter_mut().zip(&self.columns) {
+            if columns.norm_squared() <= UNSEEN * all.norm_squared() {
+                *columns = DMatrix::zeros(columns.nrows(), 0);
+            }
+        }
+        projected
     }
 
-    /// The shapes in the space of the columns of `basis`; without those that are not seen there.
-    pub(super) fn within(&self, basis: &DMatrix<f64>) -> Self {
-        let seen = |shape: &Option<DMatrix<f64>>| {
-            let shape = shape.as_ref()?;
-            let inside = basis.transpose() * shape * basis;
-            (inside.trace() > UNSEEN * shape.trace()).then_some(inside)
-        };
-        let estimated = [0, 1, 2, 3].map(|kind| seen(&self.estimated[kind]));
-        Self { estimated, known: basis.transpose() * &self.known }
+    /// Whether a kind is there: the noise always is.
+    pub(super) fn has(&self, kind: usize) -> bool {
+        kind == NOISE || self.columns[kind].ncols() > 0
+    }
+
+    /// U: V = s2 I + U U' for these variances.
+    pub(super) fn scaled(&self, variances: &[f64; KINDS]) -> DMatrix<f64> {
+        let scaled = self.columns.iter().zip(variances).map(|(columns, variance)| columns * variance.sqrt());
+        beside(self.known.nrows(), &scaled.chain([self.known.clone()]).collect::<Vec<_>>())
     }
 }
 
-fn sum(shapes: &[Option<DMatrix<f64>>; KINDS], variances: &[f64; KINDS]) -> DMatrix<f64> {
-    let n = shapes[NOISE].as_ref().map_or(0, DMatrix::nrows);
-    let mut all = DMatrix::zeros(n, n);
-    for (shape, variance) in shapes.iter().zip(variances) {
-        if let Some(shape) = shape {
-            all.zip_apply(shape, |sum, part| *sum += variance * part);
-        }
+/// Matrices of `rows` rows beside each other.
+pub(super) fn beside(rows: usize, parts: &[DMatrix<f64>]) -> DMatrix<f64> {
+    let mut all = DMatrix::zeros(rows, parts.iter().map(DMatrix::ncols).sum());
+    let mut at = 0;
+    for part in parts {
+        all.columns_mut(at, part.ncols()).copy_from(part);
+        at += part.ncols();
     }
     all
 }
 
+/// The columns of `by` for each group: 0 outside of it.
+pub(super) fn within_groups(by: &DMatrix<f64>, groups: &Groups) -> DMatrix<f64> {
+    let mut all = DMatrix::zeros(by.nrows(), AXES * groups.count);
+    for (i, group) in groups.of.iter().enumerate() {
+        all.view_mut((i, AXES * group), (1, AXES)).copy_from(&by.row(i));
+    }
+    all
+}
+
+/// What a slope over telemetry makes of each reading.
+fn along(by: &DMatrix<f64>, off: &[f64]) -> DMatrix<f64> {
+    DMatrix::from_fn(by.nrows(), AXES, |i, axis| -by[(i, axis)] * off[i])
+}
+
 /// Time of each reading after the first of its group \[s\].
 fn times(readings: &[Reading], groups: &Groups) -> Vec<f64> {
-    let starts: Vec<f64> = (0..groups.count).map(|group| readings[groups.members(group)[0]].start_s).collect();
+    let starts: Vec<f64> = groups.all().iter().map(|members| readings[members[0]].start_s).collect();
     readings.iter().zip(&groups.of).map(|(reading, group)| reading.start_s - starts[*group]).collect()
 }
 
-/// W.
-fn walk(readings: &[Reading], groups: &Groups) -> DMatrix<f64> {
+/// A step of the bias of each axis after some of the readings of a group, scaled so that all steps make a walk of 1 over
+/// the group.
+fn walk(readings: &[Reading], groups: &Groups, by_force: &DMatrix<f64>) -> DMatrix<f64> {
     let (n, times) = (readings.len(), times(readings, groups));
-    let mut walk = DMatrix::zeros(n, n);
-    for group in 0..groups.count {
-        let members = groups.members(group);
+    let share = (WALK_STEPS / groups.count.max(1)).max(1);
+    let mut steps = Vec::new();
+    for members in groups.all() {
+        let parts = share.min(members.len().saturating_sub(1));
         let length = members.iter().map(|i| times[*i]).fold(1e-9, f64::max);
-        for i in &members {
-            for j in &members {
-                walk[(*i, *j)] = times[*i].min(times[*j]) / length;
-            }
+        let first = |part: usize| part * (members.len() - 1) / parts;
+        for part in 0..parts {
+            let [before, from] = [first(part), first(part + 1)].map(|at| times[members[at]]);
+            let size = ((from - before).max(0.0) / length).sqrt();
+            let mut step = DVector::zeros(n);
+            members[first(part) + 1..].iter().for_each(|i| step[*i] = size);
+            steps.push(step);
         }
     }
     if groups.count == 1 {
-        let of_row = DVector::from_fn(n, |i, _| walk.row(i).mean());
-        let all = of_row.mean();
-        walk = DMatrix::from_fn(n, n, |i, j| walk[(i, j)] - of_row[i] - of_row[j] + all);
+        steps.iter_mut().for_each(|step| *step = step.add_scalar(-step.mean()));
     }
-    walk
+    DMatrix::from_fn(n, AXES * steps.len(), |i, column| by_force[(i, column % AXES)] * steps[column / AXES][i])
 }
 
 /// z and v.
@@ -146,8 +176,7 @@ fn known(model: &GravityModel<'_>, fit: &GravityFit, groups: &Groups) -> DMatrix
 fn telemetry_rates(telemetry: &[f64], readings: &[Reading], groups: &Groups) -> Vec<f64> {
     let times = groups.centred(&times(readings, groups));
     let mut rates = vec![0.0; readings.len()];
-    for group in 0..groups.count {
-        let members = groups.members(group);
+    for members in groups.all() {
         let length = members.iter().map(|i| times[*i].abs()).fold(0.0, f64::max);
         if members.len() < LEAST_IN_TIME || length == 0.0 {
             continue;
@@ -163,21 +192,17 @@ fn telemetry_rates(telemetry: &[f64], readings: &[Reading], groups: &Groups) -> 
     rates
 }
 
-/// Columns that are estimated beside the unknowns and dropped: without them the order of the attitudes in telemetry
-/// that moves is taken for an effect. At order 0 alone; of the biases, then of the gains, three each.
-pub(super) fn slopes(model: &GravityModel<'_>, fit: &GravityFit, groups: &Groups) -> DMatrix<f64> {
-    let n = fit.residual.len();
+/// How far each reading's telemetry is off the mean of its group; `None` where it does not move, and above order 0, whose
+/// curves have slopes.
+pub(super) fn slopes(model: &GravityModel<'_>, groups: &Groups) -> Option<Vec<f64>> {
     let telemetry: Vec<f64> = model.readings().iter().map(Reading::telemetry).collect();
-    let freedom = n.saturating_sub(model.unknowns.count());
-    let still = groups.moved(&telemetry) <= MOVED * groups.row_noise;
-    if model.unknowns.order > 0 || still || freedom <= BIAS_SLOPES {
-        return DMatrix::zeros(n, 0);
-    }
-    let off = groups.centred(&telemetry);
-    let gain = by_gain(fit);
-    let columns = if freedom >= GAIN_SLOPES { 2 * AXES } else { AXES };
-    DMatrix::from_fn(n, columns, |i, k| {
-        let by = if k < AXES { fit.by_force[(i, k)] } else { gain[(i, k - AXES)] };
-        -by * off[i]
-    })
+    let moves = model.unknowns.order == 0 && groups.moved(&telemetry) > MOVED * groups.row_noise;
+    moves.then(|| groups.centred(&telemetry))
+}
+
+/// The columns of [`slopes`], of the biases, then of the gains.
+pub(super) fn slope_columns(model: &GravityModel<'_>, fit: &GravityFit, groups: &Groups) -> DMatrix<f64> {
+    let n = fit.residual.len();
+    let Some(off) = slopes(model, groups) else { return DMatrix::zeros(n, 0) };
+    beside(n, &[along(&fit.by_force, &off), along(&by_gain(fit), &off)])
 }

@@ -11,7 +11,8 @@ use super::reading::Reading;
 use isotherm_finding::{Finding, name};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::median;
+use isotherm_statistics::{least_squares, median};
+use nalgebra::{DMatrix, DVector, Vector3};
 
 /// Standstills of a group from which on an axis that does not vary is dead.
 const LEAST_FOR_DEAD: usize = 6;
@@ -19,6 +20,10 @@ const LEAST_FOR_DEAD: usize = 6;
 const NOISES: f64 = 10.0;
 /// Means of all attitudes within so many standard deviations of a row have no gravity: it is 20 of them at least.
 const ROW_NOISES: f64 = 6.0;
+/// Standstills that differ by less are one attitude \[rad\].
+const ONE_ATTITUDE: f64 = 0.05;
+/// Squares of a circle's points, relative to that of the largest, are off by less.
+const ON_CIRCLE: f64 = 0.1;
 /// Standstills of a group whose ellipsoid is believed.
 const LEAST_FOR_ELLIPSOID: usize = 9;
 /// Condition number up to which it is.
@@ -40,6 +45,9 @@ pub(super) fn of_counts(
     groups: &Groups,
     names: &Names<'_>,
 ) -> Option<Finding> {
+    if let Some(finding) = never_turned(readings) {
+        return Some(finding);
+    }
     let dead = (0..groups.count).find_map(|group| dead(readings, errors, &groups.members(group), group, names));
     let alike = || alike(readings, errors);
     dead.or_else(|| no_gravity(readings)).or_else(alike).or_else(|| {
@@ -62,6 +70,17 @@ fn dead(
     let usual = median(ranges);
     let axis = (0..AXES).find(|axis| ranges[*axis] <= noise(*axis) && usual > noise(*axis))?;
     (members.len() >= LEAST_FOR_DEAD).then(|| {
+        if is_circle(readings, members, axis) {
+            let name = AXIS_NAMES[axis];
+            let message = format!(
+                "{}: over {} standstills {name} varies by {:.1} pulse/s while the others go round a circle: the IMU was turned about {name} \
+                 alone, or {name} is dead; put it down with +{name} and with -{name} up, too",
+                names(group),
+                members.len(),
+                ranges[axis]
+            );
+            return Finding::fault(name::NEVER_TURNED, message);
+        }
         let message = format!(
             "{}: {} does not feel gravity: over {} standstills its rate varies by {:.1} pulse/s, that of the others by {usual:.0}; look at \
              its column and its converter",
@@ -71,6 +90,40 @@ fn dead(
             ranges[axis]
         );
         Finding::fault(name::DEAD_AXIS, message)
+    })
+}
+
+/// All standstills at one attitude, with gravity in the counts.
+fn never_turned(readings: &[Reading]) -> Option<Finding> {
+    let count = readings.len() as f64;
+    let mean = Vector3::from_fn(|axis, _| readings.iter().map(|reading| reading.net(axis)).sum::<f64>() / count);
+    let off = |reading: &Reading| Vector3::from_fn(|axis, _| reading.net(axis) - mean[axis]).norm();
+    let most = readings.iter().map(off).fold(0.0, f64::max);
+    let of_row =
+        |axis: usize| median(readings.iter().map(|reading| reading.noise[axis] * (reading.rows.len() as f64).sqrt()));
+    let noise = Vector3::from_fn(|axis, _| of_row(axis)).norm();
+    let turned = most / mean.norm();
+    (readings.len() > 1 && turned < ONE_ATTITUDE && mean.norm() > ROW_NOISES * noise).then(|| {
+        let message = format!(
+            "all {} standstills are one attitude within {:.1} degrees: the IMU was never turned; put it down on its faces, edges and corners",
+            readings.len(),
+            turned.to_degrees().max(0.1)
+        );
+        Finding::fault(name::NEVER_TURNED, message)
+    })
+}
+
+/// Whether the other two axes of these readings lie on a circle, about any centre: least squares of
+/// `x^2 + y^2 = 2 a x + 2 b y + c`.
+fn is_circle(readings: &[Reading], members: &[usize], axis: usize) -> bool {
+    let others = [(axis + 1) % AXES, (axis + 2) % AXES];
+    let size = members.iter().flat_map(|i| others.map(|other| readings[*i].net(other).abs())).fold(0.0, f64::max);
+    let at = |row: usize, other: usize| readings[members[row]].net(others[other]) / size;
+    let design = DMatrix::from_fn(members.len(), 3, |row, k| if k < 2 { at(row, k) } else { 1.0 });
+    let right = DVector::from_fn(members.len(), |row, _| -(at(row, 0).powi(2) + at(row, 1).powi(2)));
+    least_squares(&design, &right).is_some_and(|found| {
+        let left = &design * &found.change + &right;
+        left.amax() < ON_CIRCLE
     })
 }
 

@@ -7,6 +7,7 @@
 //! D is the error of the output for an error of 1 in each standstill; D sqrt(n) does not fall with the number n of
 //! standstills, so it tells how good their attitudes are.
 
+use super::attitudes::{directions, up};
 use super::model::{GravityFit, GravityModel};
 use super::reading::Reading;
 use isotherm_shared::wire::AXES;
@@ -34,14 +35,6 @@ pub struct Dilution {
     pub weakest: Vec<String>,
     /// The attitude that helps most, in words.
     pub help: String,
-}
-
-/// The 26 directions of the faces, edges and corners of a cube.
-fn directions() -> impl Iterator<Item = Vector3<f64>> {
-    let signs = [0.0, 1.0, -1.0];
-    let all =
-        signs.into_iter().flat_map(move |a| signs.into_iter().flat_map(move |b| signs.map(|c| Vector3::new(a, b, c))));
-    all.filter(|direction| *direction != Vector3::zeros()).map(|direction| direction.normalize())
 }
 
 /// Directions evenly over the sphere: a spiral with the golden angle.
@@ -127,15 +120,7 @@ fn help(
     let best =
         all.map(|(direction, part)| (direction, part, cost(&direction, part))).min_by(|a, b| a.2.total_cmp(&b.2));
     let Some((direction, part, _)) = best else { return String::new() };
-    let names: Vec<String> = (0..AXES)
-        .filter(|axis| direction[*axis] != 0.0)
-        .map(|axis| format!("{}A{}", if direction[axis] < 0.0 { "-" } else { "+" }, axis + 1))
-        .collect();
-    let up = match names.as_slice() {
-        [one] => format!("with {one} up"),
-        [one, two] => format!("with the edge between {one} and {two} up"),
-        _ => format!("with the corner between {} up", names.join(", ")),
-    };
+    let up = format!("with {}", up(&direction));
     match part {
         _ if parts.len() == 1 => up,
         0.0 => format!("{up}, at the lowest telemetry"),

@@ -10,15 +10,15 @@
 //! ```
 
 use super::choice::Fitted;
-use super::covariance::{BIAS, GAIN, LAG_S, WALK, by_gain};
+use super::covariance::{BIAS, GAIN, LAG_S, Shapes, WALK, beside, by_gain, slope_columns, within_groups};
 use super::groups::Groups;
 use super::reading::Reading;
-use super::weighted::{Weighted, null_space};
+use super::reduced::Reduced;
+use super::weighted::Weighted;
 use isotherm_campaign::joint_range;
 use isotherm_finding::{Finding, name};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{beta_tail, f_tail};
-use nalgebra::{DMatrix, DVector};
 
 /// Probability that a warning has no cause.
 pub(super) const SIGNIFICANCE: f64 = 0.01;
@@ -64,31 +64,33 @@ pub struct Evidence {
 
 impl Evidence {
     pub(super) fn of(weighted: &Weighted<'_>, groups: &Groups) -> Self {
-        let basis = null_space(&weighted.jacobian);
-        let offsets = offsets(weighted, groups);
-        let mut both = weighted.jacobian.clone().resize_horizontally(weighted.jacobian.ncols() + offsets.ncols(), 0.0);
-        both.columns_mut(weighted.jacobian.ncols(), offsets.ncols()).copy_from(&offsets);
-        let within = null_space(&both);
-        let (q, m) = (basis.ncols() - within.ncols(), within.ncols());
-        let w = within.transpose() * &weighted.residual;
-        let squares = w.norm_squared();
-        let between = (basis.transpose() * &weighted.residual).norm_squared() - squares;
+        let Weighted { model, fit, residual, shapes, .. } = weighted;
+        let n = residual.len();
+        // Slopes are no reason to name a walk or a lag.
+        let unknowns = beside(n, &[fit.jacobian.clone(), slope_columns(model, fit, groups)]);
+        let offsets = [within_groups(&fit.by_force, groups), within_groups(&by_gain(fit), groups)];
+        let all = [[unknowns.clone()].as_slice(), &offsets].concat();
+        let outside = Reduced::of(&unknowns, shapes, residual);
+        let within = Reduced::of(&beside(n, &all), shapes, residual);
+        let (q, m, squares) = (outside.dimension() - within.dimension(), within.dimension(), within.squares());
+        let between = outside.squares() - squares;
         let groups_p =
             if q > 0 && m > 1 { f_tail((between / q as f64) / (squares / m as f64), q as f64, m as f64) } else { 1.0 };
-        let (lag, lag_s) = lag(weighted, &within, &w);
-        let telemetry: Vec<f64> = weighted.model.readings().iter().map(Reading::telemetry).collect();
+        let (lag, lag_s) = lag(&within, shapes);
+        let telemetry: Vec<f64> = model.readings().iter().map(Reading::telemetry).collect();
         let root_mean = if m > 0 { (squares / m as f64).sqrt() } else { f64::NAN };
+        let variances = &weighted.variances.values;
         Self {
             groups: groups_p,
-            walk: walk(weighted, &within, &w),
+            walk: walk(&within),
             lag,
             lag_s,
             within: root_mean,
             noises: root_mean / weighted.floor.sqrt(),
             lag_share: lag_share(weighted),
-            group_bias: weighted.variances[BIAS].sqrt(),
-            group_gain: weighted.variances[GAIN].sqrt(),
-            walk_bias: weighted.variances[WALK].sqrt(),
+            group_bias: variances[BIAS].sqrt(),
+            group_gain: variances[GAIN].sqrt(),
+            walk_bias: variances[WALK].sqrt(),
             moved: groups.moved(&telemetry),
         }
     }
@@ -99,9 +101,12 @@ impl Evidence {
     }
 
     /// Faults and warnings.
-    pub(super) fn findings(&self, fitted: &Fitted<'_>, groups: &Groups) -> Vec<Finding> {
+    /// `left` is the rms of the residuals of the table \[g0\].
+    pub(super) fn findings(&self, fitted: &Fitted<'_>, groups: &Groups, left: f64) -> Vec<Finding> {
         let dilution = fitted.dilution.times_root_n / (groups.of.len() as f64).sqrt();
-        let mut found: Vec<Finding> = self.misfit(dilution).into_iter().collect();
+        // A constant over two temperatures is known to leave what differs between them: a line is asked for there.
+        let left = if groups.levels == 2 && fitted.model.unknowns.order == 0 { 0.0 } else { left };
+        let mut found: Vec<Finding> = self.misfit(dilution, left).into_iter().collect();
         found.extend(self.groups_differ(groups, fitted.model.unknowns.order));
         if self.walk < SIGNIFICANCE {
             let message = format!(
@@ -133,7 +138,15 @@ impl Evidence {
     }
 
     /// Residuals that the noise does not explain.
-    fn misfit(&self, dilution: f64) -> Option<Finding> {
+    fn misfit(&self, dilution: f64, left: f64) -> Option<Finding> {
+        if left > WRONG_G0 {
+            let message = format!(
+                "the table leaves residuals of {:.1}e-3 g0 rms, over {:.0}e-3: it does not explain the standstills",
+                left * 1e3,
+                WRONG_G0 * 1e3
+            );
+            return Some(Finding::fault(name::LACK_OF_FIT, message));
+        }
         let shown = format!(
             "within the files and temperatures the residuals are {:.0}e-6 g0, {:.0} times the noise of the standstills",
             self.within * 1e6,
@@ -170,52 +183,49 @@ impl Evidence {
     }
 }
 
-/// Columns of an offset of every bias and every gain of every group.
-fn offsets(weighted: &Weighted<'_>, groups: &Groups) -> DMatrix<f64> {
-    let gain = by_gain(&weighted.fit);
-    DMatrix::from_fn(groups.of.len(), 2 * AXES * groups.count, |i, column| {
-        let (group, k) = (column / (2 * AXES), column % (2 * AXES));
-        match (groups.of[i] == group, k < AXES) {
-            (false, _) => 0.0,
-            (true, true) => weighted.fit.by_force[(i, k)],
-            (true, false) => gain[(i, k - AXES)],
-        }
-    })
-}
-
 /// The probability by chance of a walk as large.
-fn walk(weighted: &Weighted<'_>, within: &DMatrix<f64>, w: &DVector<f64>) -> f64 {
-    let Some(shape) = weighted.shapes.estimated[WALK].as_ref().filter(|_| within.ncols() > 2) else { return 1.0 };
-    let form = within.transpose() * shape * within;
-    let m = within.ncols() as f64;
-    let values = form.clone().symmetric_eigenvalues();
+fn walk(within: &Reduced) -> f64 {
+    let m = within.dimension() as f64;
+    let columns = &within.shapes.columns[WALK];
+    if m <= 2.0 || columns.ncols() == 0 {
+        return 1.0;
+    }
+    let mut values: Vec<f64> = (columns * columns.transpose()).symmetric_eigenvalues().iter().copied().collect();
+    if within.others > 0 {
+        values.push(0.0);
+    }
     let [low, high] = joint_range(values.iter().map(|value| [*value; 2]));
     let range = high - low;
     if range <= 0.0 {
         return 1.0;
     }
-    let (sum, squares) = (values.sum(), values.norm_squared());
+    let sum = values.iter().sum::<f64>();
+    let squares = values.iter().map(|value| value * value).sum::<f64>();
     let middle = (sum / m - low) / range;
     let variance = 2.0 * (m * squares - sum * sum) / (m * m * (m + 2.0)) / (range * range);
     let shape = middle * (1.0 - middle) / variance - 1.0;
-    let ratio = (w.dot(&(&form * w)) / w.norm_squared() - low) / range;
-    let p = beta_tail(ratio, middle * shape, (1.0 - middle) * shape);
+    let [a, b] = [middle * shape, (1.0 - middle) * shape];
+    if !(a > 0.0 && b > 0.0) {
+        return 1.0;
+    }
+    let ratio = (columns.tr_mul(&within.right).norm_squared() / within.squares() - low) / range;
+    let p = beta_tail(ratio, a, b);
     if p.is_nan() { 1.0 } else { p }
 }
 
 /// The probability by chance of a lag as long, and the lag \[s\].
-fn lag(weighted: &Weighted<'_>, within: &DMatrix<f64>, w: &DVector<f64>) -> (f64, f64) {
+fn lag(within: &Reduced, shapes: &Shapes) -> (f64, f64) {
     /// Share of z that must be left beside the unknowns.
     const LEFT: f64 = 1e-18;
-    let known = weighted.shapes.known.column(0);
-    let z = within.transpose() * known / (LAG_S / 3.0_f64.sqrt());
-    let (m, left) = (within.ncols() as f64, z.norm_squared());
+    let known = shapes.known.column(0);
+    let z = within.shapes.known.column(0) / (LAG_S / 3.0_f64.sqrt());
+    let (m, left) = (within.dimension() as f64, z.norm_squared());
     if m <= 2.0 || left <= LEFT * known.norm_squared().max(f64::MIN_POSITIVE) {
         return (1.0, 0.0);
     }
-    let seconds = z.dot(w) / left;
+    let seconds = z.dot(&within.right) / left;
     let explained = seconds * seconds * left;
-    let rest = ((w.norm_squared() - explained) / (m - 1.0)).max(f64::MIN_POSITIVE);
+    let rest = ((within.squares() - explained) / (m - 1.0)).max(f64::MIN_POSITIVE);
     (f_tail(explained / rest, 1.0, m - 1.0), seconds)
 }
 

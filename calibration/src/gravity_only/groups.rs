@@ -14,6 +14,9 @@ const LEVEL: f64 = 0.1;
 /// Usual steps of the telemetry that a step of a new group has.
 pub(super) const STEPS: f64 = 10.0;
 
+/// Relative rounding of a mean of many rows.
+const ROUNDING: f64 = 1e-9;
+
 /// The groups of some readings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Groups {
@@ -33,7 +36,7 @@ impl Groups {
     #[must_use]
     pub fn of(readings: &[Reading]) -> Self {
         let telemetry: Vec<f64> = readings.iter().map(Reading::telemetry).collect();
-        let row_noise = median(readings.iter().map(|reading| reading.telemetry_noise)).max(f64::MIN_POSITIVE);
+        let row_noise = median(readings.iter().map(|reading| reading.telemetry_noise)).max(resolution(&telemetry));
         let steps: Vec<f64> = telemetry.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect();
         let usual = if steps.is_empty() { row_noise } else { median(steps.iter().copied()).max(row_noise) };
         let [low, high] = joint_range(telemetry.iter().map(|telemetry| [*telemetry; 2]));
@@ -60,9 +63,16 @@ impl Groups {
         (0..self.of.len()).filter(|index| self.of[*index] == group).collect()
     }
 
+    /// The indices of every group's readings.
+    pub(super) fn all(&self) -> Vec<Vec<usize>> {
+        let mut all = vec![Vec::new(); self.count];
+        self.of.iter().enumerate().for_each(|(index, group)| all[*group].push(index));
+        all
+    }
+
     /// The values, by standstill, of each group.
     fn split(&self, values: &[f64]) -> Vec<Vec<f64>> {
-        (0..self.count).map(|group| self.members(group).into_iter().map(|index| values[index]).collect()).collect()
+        self.all().into_iter().map(|members| members.into_iter().map(|index| values[index]).collect()).collect()
     }
 
     fn temperatures(&self, telemetry: &[f64]) -> usize {
@@ -71,7 +81,7 @@ impl Groups {
         let mut means: Vec<f64> = groups.iter().map(|values| mean(values)).collect();
         means.sort_by(f64::total_cmp);
         let Some(first) = means.first() else { return 0 };
-        let width = (LEVEL * spread(&means)).max(median(moved));
+        let width = (LEVEL * spread(&means)).max(median(moved)).max(resolution(telemetry));
         let (mut levels, mut at) = (1, *first);
         for mean in means {
             if mean - at > width {
@@ -91,6 +101,13 @@ impl Groups {
     pub fn moved(&self, values: &[f64]) -> f64 {
         self.split(values).iter().map(|values| spread(values)).fold(0.0, f64::max)
     }
+}
+
+/// What numbers of this size may differ by without a difference in the data: means of a constant differ in their last
+/// bits.
+pub(super) fn resolution(values: &[f64]) -> f64 {
+    let size = values.iter().map(|value| value.abs()).fold(0.0, f64::max);
+    (ROUNDING * size).max(f64::MIN_POSITIVE)
 }
 
 pub(super) fn mean(values: &[f64]) -> f64 {

@@ -294,6 +294,13 @@ impl<'a> GravityModel<'a> {
         Self { offsets, ..self }
     }
 
+    /// The equations without what groups share.
+    #[must_use]
+    pub fn without_offsets(self) -> Self {
+        let offsets = vec![Offsets::default(); self.readings.len()];
+        Self { offsets, ..self }
+    }
+
     /// Derivatives by the unknowns of the specific force that is indicated where it is `force`, `part` of the way
     /// through the telemetry's range, 0 to 1.
     #[must_use]

@@ -84,8 +84,8 @@ impl GravityOnlyCalibration {
     /// Half widths of the 95 % intervals of m12, m13 and m23 \[rad\].
     #[must_use]
     pub fn misalignment_interval(&self) -> Option<[f64; AXES]> {
-        let quantile = student_quantile_of(CONFIDENCE, self.misalignment_freedom);
-        self.misalignment_error.map(|errors| errors.map(|error| error * quantile))
+        let errors = self.misalignment_error?;
+        Some(errors.map(|error| error * student_quantile_of(CONFIDENCE, self.misalignment_freedom)))
     }
 
     /// Mean net rate of each gyroscope over all standstills \[pulse/s\]; Earth's rate is in it. `None` without

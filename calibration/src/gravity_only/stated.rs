@@ -38,9 +38,8 @@ pub(super) fn stated(fitted: &Fitted<'_>, groups: &Groups, ranges: &Ranges, meas
         };
         let freedom = least_freedom(weighted, [axis, quantity], measured);
         let gravity = if quantity > 0 { gravity / student_quantile_of(CONFIDENCE, freedom) } else { 0.0 };
-        let count = weighted.unknown.len();
         let covariance: DMatrix<f64> =
-            weighted.covariance.view((0, 0), (count, count)) + unknown * unknown.transpose() * (gravity * gravity);
+            weighted.careful_covariance() + unknown * unknown.transpose() * (gravity * gravity);
         let plain = model.curve(unknown, Some(&covariance), [axis, quantity], freedom, range);
         let slope = slope_error(weighted, groups, [axis, quantity], &plain);
         plain.known(measured, slope).read_in_steps(step)
@@ -71,11 +70,7 @@ fn slope_error(
     [axis, quantity]: [usize; 2],
     curve: &Curve,
 ) -> Option<SlopeError> {
-    let index = if quantity == 0 { axis } else { AXES + axis };
-    let slope = *weighted.slopes.get(index).filter(|_| groups.count == 1)?;
-    let mut c = DVector::zeros(weighted.jacobian.ncols());
-    c[weighted.unknown.len() + index] = 1.0;
-    let error = weighted.error(&c);
+    let (slope, error) = weighted.slope(axis, quantity).filter(|_| groups.count == 1)?;
     let half = slope.abs() + student_quantile_of(CONFIDENCE, error.freedom) * error.variance.max(0.0).sqrt();
     let of = |reading: &Reading| if quantity == 0 { reading.head[axis] } else { reading.board[axis] };
     let about = mean(&weighted.model.readings().iter().map(of).collect::<Vec<_>>());

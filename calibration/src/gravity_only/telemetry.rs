@@ -60,7 +60,8 @@ impl Cleaned {
         let good = || values.iter().copied().filter(|value| (value - middle).abs() <= limit);
         let count = good().count();
         Self {
-            mean: good().sum::<f64>() / count as f64,
+            // About the median, so that the mean of equal values is that value, to the last bit.
+            mean: middle + good().map(|value| value - middle).sum::<f64>() / count as f64,
             range: joint_range(good().map(|value| [value; 2])),
             glitches: values.len() - count,
             median: middle,

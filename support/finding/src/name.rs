@@ -281,6 +281,10 @@ findings! {
     "Without a turntable" "`interval`, `lack-of-fit`, `no-freedom`, `outlier` and others above are found there too." {
         /// The rates of an accelerometer lie about a centre of over 1 g0: the offset of an unsigned count is left in.
         COUNT_OFFSET = "count-offset", Fault, "Take it off with `isotherm convert`, `offset` in the mapping file.";
+        /// The bias of one accelerometer alone is gravity: a self-calibration at one attitude took gravity for a bias.
+        GRAVITY_ZEROED = "gravity-zeroed", Final, "Undo the self-calibration of the device, and record again.";
+        /// All standstills are one attitude, or the IMU was turned about one axis alone.
+        NEVER_TURNED = "never-turned", Final, "Put the IMU down on its faces, edges and corners.";
         /// The attitudes tell the parameters apart badly: D sqrt(n) is over 20, an error of a standstill comes out much
         /// larger.
         ATTITUDES = "attitudes", Warning, "Put the IMU down in the attitudes that the line names.";
@@ -296,6 +300,8 @@ findings! {
         BEHIND_TELEMETRY = "behind-telemetry", Warning, "Wait until the telemetry stands still, then tumble.";
         /// Telemetry moved so much in a tumble that an element up to 60 s behind it is most of the error.
         TELEMETRY_MOVES = "telemetry-moves", Warning, "Wait until the telemetry stands still, then tumble.";
+        /// The range of the table is far wider than the telemetry that was measured: its intervals hold in that alone.
+        UNMEASURED = "unmeasured", Warning, "Tumble at other temperatures, too, or take a narrower `--temperature-range`.";
         /// Readings of the telemetry that the standstill's others exclude, such as the error codes 85, -127 and 0. They
         /// are out of means and ranges; a standstill of many is left out.
         TELEMETRY_GLITCH = "telemetry-glitch", Warning, "Look at the thermometer's cable.";

@@ -5,6 +5,8 @@ mod afternoons;
 mod attitudes;
 mod common;
 mod local_gravity;
+mod plain;
 mod recorded;
 mod standstills;
 mod traps;
+mod tumbles;
