@@ -24,8 +24,8 @@ use bins::{Bins, Stretch};
 use core::ops::Range;
 use isotherm_finding::{Finding, name};
 
-/// Least length of a stretch \[s\].
-const LEAST_S: f64 = 240.0;
+/// Fewest means of a stretch, of a second or of a row: twice those of a recording, as gaps leave some out.
+const LEAST_MEANS: usize = 48;
 /// A stretch beside the longest one covers this part of the span of all.
 const LEAST_PART: f64 = 0.1;
 /// After so long a motion the attitude may be another one \[s\].
@@ -74,7 +74,7 @@ fn of_recording(recording: &RampRecording) -> (Vec<RampRecording>, RowAccount, V
     let least = LEAST_PART * whole.span(&bins);
     let is_used = |stretch: &Stretch| {
         let is_longest = stretch.span(&bins) == longest;
-        (is_longest || stretch.span(&bins) >= least) && stretch.seconds(&bins) >= LEAST_S
+        (is_longest || stretch.span(&bins) >= least) && stretch.bins.len() >= LEAST_MEANS
     };
     let is_whole = matches!(stretches.as_slice(), [one] if one.bins.len() == bins.len());
     let is_untouched = is_whole || bins.len() == 0;
@@ -85,7 +85,7 @@ fn of_recording(recording: &RampRecording) -> (Vec<RampRecording>, RowAccount, V
     let account = RowAccount::of(recording, &bins, &causes, &stretches, &used, &dense);
     let mut findings: Vec<Finding> = account.findings(MOST_BAD);
     if used.is_empty() && !is_untouched {
-        findings.insert(0, Finding::fault(name::MOTION, account.refusal(LEAST_S)));
+        findings.insert(0, Finding::fault(name::MOTION, account.refusal(LEAST_MEANS)));
     }
     let cut: Vec<RampRecording> = match is_untouched {
         true => vec![recording.clone()],

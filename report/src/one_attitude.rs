@@ -8,8 +8,8 @@ use crate::plot::{Plot, Style};
 use crate::text::{transients, within};
 use crate::view::{value, view};
 use isotherm_calibration::{
-    BadKind, BiasCurve, CampaignSource, LagChoice, LeftOutPart, OneAttitudeCalibration, OrderChoice, RowAccount, Spread,
-    SweepPoint, TriadUnits, TriedOrder,
+    BadKind, BiasCurve, CampaignSource, LagChoice, LeftOutPart, OneAttitudeCalibration, OrderChoice, RowAccount,
+    Spread, SweepPoint, TriadUnits, TriedOrder,
 };
 use isotherm_campaign::Campaign;
 use isotherm_recording::Losses;

@@ -215,10 +215,10 @@ impl RowAccount {
     }
 
     /// Why nothing can be used.
-    pub(super) fn refusal(&self, least_s: f64) -> String {
+    pub(super) fn refusal(&self, least: usize) -> String {
         format!(
-            "{}: no part of {least_s:.0} s or more is at rest: {}; record the warm-up with the vehicle disarmed, and held \
-             fast on firm ground",
+            "{}: no part of {least} seconds or rows, whichever is longer, is at rest: {}; record the warm-up with the vehicle \
+             disarmed, and held fast on firm ground",
             self.recording,
             self.left_out_words()
         )

@@ -49,11 +49,6 @@ pub(super) struct Stretch {
 }
 
 impl Stretch {
-    pub(super) fn seconds(&self, bins: &Bins) -> f64 {
-        let ends = self.bins.first().zip(self.bins.last());
-        ends.map_or(0.0, |(first, last)| bins.ages[*last] - bins.ages[*first])
-    }
-
     /// The span of temperature that it covers, without the outermost readings.
     pub(super) fn span(&self, bins: &Bins) -> f64 {
         let mut all: Vec<f64> = self.bins.iter().map(|bin| bins.telemetry[*bin]).collect();

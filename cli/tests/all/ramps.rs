@@ -146,7 +146,7 @@ fn what_is_no_ramp_is_refused() {
         (
             with(&["short.csv"]),
             65,
-            "short.csv: 190 s in 19 means are too short; 240 s are needed at least, in 24 rows or more",
+            "short.csv: 190 s give 19 means of a second or a row, and 19 of them in blocks without a gap; 24 are needed at least",
         ),
         (with(&["constant.csv"]), 65, "the head telemetry of A1 does not change"),
         (with(&["ramp-1.csv", "copy.csv"]), 65, "copy.csv has rows of ramp-1.csv"),
