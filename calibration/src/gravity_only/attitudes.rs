@@ -4,6 +4,7 @@ use super::model::{Ellipsoid, ellipsoid};
 use super::reading::Reading;
 use isotherm_shared::wire::AXES;
 use nalgebra::Vector3;
+use std::fmt;
 
 /// Attitudes closer than this are one [cos of 8 degrees].
 const SAME: f64 = 0.990_268;
@@ -43,13 +44,8 @@ impl Attitudes {
         Self { directions }
     }
 
-    /// Their number.
-    pub(super) fn count(&self) -> usize {
-        self.directions.len()
-    }
-
     /// The faces that no attitude is near, or the corners and edges if there is one near every face.
-    pub(super) fn missing(&self) -> Vec<String> {
+    fn missing(&self) -> Vec<String> {
         let mut all: Vec<Vector3<f64>> = directions().collect();
         let faces = |direction: &Vector3<f64>| direction.amax() > 0.9;
         let is_missing = |direction: &Vector3<f64>| self.directions.iter().all(|other| other.dot(direction) < NEAR);
@@ -58,6 +54,18 @@ impl Attitudes {
             all.retain(faces);
         }
         all.iter().take(NAMED).map(up).collect()
+    }
+}
+
+/// Their number, and which are missing.
+impl fmt::Display for Attitudes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let count = self.directions.len();
+        write!(f, "the standstills have {count} {}", if count == 1 { "attitude" } else { "attitudes" })?;
+        match self.missing().as_slice() {
+            [] => Ok(()),
+            missing => write!(f, ", without {}", missing.join(", ")),
+        }
     }
 }
 

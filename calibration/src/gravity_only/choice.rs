@@ -71,6 +71,11 @@ impl<'a> Data<'a> {
         Unknowns { order, split, misalignment: self.misalignment }
     }
 
+    /// The attitudes that there are, at the end of a message.
+    fn attitudes(self) -> String {
+        format!("; {}", Attitudes::of(self.readings, self.gravity))
+    }
+
     /// The fit with equal weights; `None` if there are too few standstills, or if they do not determine it.
     pub(super) fn fit(self, order: usize, split: bool) -> Option<(GravityModel<'a>, GravityFit)> {
         let unknowns = self.unknowns(order, split);
@@ -203,18 +208,16 @@ pub(super) fn choose<'a>(data: Data<'a>, options: &GravityOnlyOptions) -> Result
     let (n, needed) = (readings.len(), unknowns.count());
     if n < needed {
         let Dilution { weakest, help, .. } = data.dilution(order, split);
-        let attitudes = Attitudes::of(readings, data.gravity);
         return Err(GravityOnlyError::Attitudes {
             message: format!("{n} {} for {needed} unknowns, which leaves undetermined", standstills(n)),
             parameters: weakest,
-            distinct: attitudes.count(),
-            missing: attitudes.missing(),
             attitude: help,
-            remedy: if options.misalignment && n + AXES >= needed {
-                "; or leave the misalignments out: --no-misalignment"
-            } else {
-                ""
-            },
+            remedy: data.attitudes()
+                + if options.misalignment && n + AXES >= needed {
+                    "; or leave the misalignments out: --no-misalignment"
+                } else {
+                    ""
+                },
         });
     }
     let Some(fitted) = candidates.get(order, split).cloned() else { return Err(no_fit(data, order, split)) };
@@ -239,21 +242,19 @@ fn no_fit(data: Data<'_>, order: usize, split: bool) -> GravityOnlyError {
              bias would be over {LARGEST_BIAS} g0; look at the columns, signs and units of the counts, file by file"
         ));
     }
-    let attitudes = Attitudes::of(data.readings, data.gravity);
     GravityOnlyError::Attitudes {
         message: format!(
             "the attitudes do not tell the parameters apart, D sqrt(n) is {}, over {MOST}; worst",
             shown(dilution.times_root_n)
         ),
         parameters: dilution.weakest,
-        distinct: attitudes.count(),
-        missing: attitudes.missing(),
         attitude: dilution.help,
-        remedy: if order > 0 && data.dilution(0, split).times_root_n <= MOST {
-            "; or take one value for all temperatures: --order 0"
-        } else {
-            ""
-        },
+        remedy: data.attitudes()
+            + if order > 0 && data.dilution(0, split).times_root_n <= MOST {
+                "; or take one value for all temperatures: --order 0"
+            } else {
+                ""
+            },
     }
 }
 

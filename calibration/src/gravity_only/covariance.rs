@@ -31,6 +31,8 @@ const UNSEEN: f64 = 1e-9;
 const LEAST_IN_TIME: usize = 4;
 /// Row noises that telemetry must move by in a group to be a nuisance.
 pub(super) const MOVED: f64 = 6.0;
+/// Row noises that the means must move by for a slope: those of standstills that do not move differ by a third of one.
+const SLOPE_MOVED: f64 = 1.0;
 /// Most steps of a walk: more standstills share a step.
 const WALK_STEPS: usize = 25;
 
@@ -196,7 +198,7 @@ fn telemetry_rates(telemetry: &[f64], readings: &[Reading], groups: &Groups) -> 
 /// curves have slopes.
 pub(super) fn slopes(model: &GravityModel<'_>, groups: &Groups) -> Option<Vec<f64>> {
     let telemetry: Vec<f64> = model.readings().iter().map(Reading::telemetry).collect();
-    let moves = model.unknowns.order == 0 && groups.moved(&telemetry) > MOVED * groups.row_noise;
+    let moves = model.unknowns.order == 0 && groups.moved(&telemetry) > SLOPE_MOVED * groups.row_noise;
     moves.then(|| groups.centred(&telemetry))
 }
 

@@ -21,24 +21,16 @@ pub enum GravityOnlyError {
     #[error("{0}")]
     Options(String),
     /// The attitudes do not determine all parameters.
-    #[error(
-        "{message}: {}; the standstills have {distinct} attitudes{}; put the IMU down {attitude}{remedy}",
-        parameters.join(", "),
-        if missing.is_empty() { String::new() } else { format!(", without {}", missing.join(", ")) }
-    )]
+    #[error("{message}: {}; put the IMU down {attitude}{remedy}", parameters.join(", "))]
     Attitudes {
         /// What is wrong.
         message: String,
         /// The parameters that are determined worst, or not at all.
         parameters: Vec<String>,
-        /// Number of attitudes that differ by 8 degrees or more.
-        distinct: usize,
-        /// Faces that no attitude is near, or edges and corners, in words.
-        missing: Vec<String>,
         /// The attitude that helps most, in words.
         attitude: String,
-        /// What else helps.
-        remedy: &'static str,
+        /// How many attitudes there are, which are missing, and what else helps.
+        remedy: String,
     },
     /// The data do not allow what is asked for.
     #[error("{0}")]

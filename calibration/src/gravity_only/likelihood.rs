@@ -1,6 +1,6 @@
 //! The likelihood of the variances, in the space that the unknowns leave.
 
-use super::covariance::{KINDS, NOISE};
+use super::covariance::{BIAS, KINDS, NOISE};
 use super::reduced::Reduced;
 use super::weighted::StatedError;
 use nalgebra::{DMatrix, DVector};
@@ -21,7 +21,7 @@ const MOST_FREEDOM: f64 = 1e6;
 #[derive(Clone, Debug)]
 pub(super) struct Variances {
     pub values: [f64; KINDS],
-    /// One standard error more of all but the noise: few standstills show a variance of 0 by chance.
+    /// One standard error more of all but the noise, of one group: few standstills show a variance of 0 by chance.
     pub careful: [f64; KINDS],
     /// Twice the logarithm of their likelihood over that of the noise alone; infinite of given ones.
     pub evidence: f64,
@@ -156,7 +156,9 @@ impl Likelihood {
         let information =
             DMatrix::from_fn(seen.len(), seen.len(), |a, b| of(a, b) / 2.0).pseudo_inverse(SINGULAR).ok()?;
         let mut careful = values;
-        for (index, kind) in seen.iter().enumerate().filter(|(_, kind)| **kind != NOISE) {
+        // Several groups judge each other.
+        let one_group = !self.has(BIAS);
+        for (index, kind) in seen.iter().enumerate().filter(|(_, kind)| one_group && **kind != NOISE) {
             careful[*kind] += information[(index, index)].max(0.0).sqrt();
         }
         Some(Variances { values, careful, information, seen, evidence: f64::INFINITY })
