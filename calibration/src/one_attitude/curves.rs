@@ -25,9 +25,9 @@ const BINS_PER_COEFFICIENT: usize = 3;
 /// Means scatter by more than their rows explain only if their mean square is over this many times what it would be.
 const FLOOR: f64 = 4.0;
 /// What rows do not explain becomes less with the number of rows, with this power of it. On a real run with hysteresis,
-/// 0 is what fits its own rows best, and 0.25 predicts another sweep hardly worse; with a lag, which is small where the
+/// 0 is what fits its own rows best, and 0.15 predicts another sweep hardly worse; with a lag, which is small where the
 /// temperature is slow, more is better.
-const LESS: f64 = 0.25;
+const LESS: f64 = 0.15;
 /// Steps of the bisection for the floor: a factor of 1 to 1e12 is found to 1e-3.
 const FLOOR_STEPS: usize = 40;
 /// Order of the curve that means scatter about.

@@ -25,6 +25,7 @@ const LEAST_PART: f64 = 0.02;
 pub struct RampRecording {
     name: String,
     previous_ns: Option<u64>,
+    telemetry_is_of_middle: bool,
     bins: Vec<Bin>,
     heads: [Readings; SENSORS],
     boards: [Readings; SENSORS],
@@ -117,6 +118,7 @@ impl RampRecording {
         Self {
             name: name.into(),
             previous_ns: None,
+            telemetry_is_of_middle: false,
             bins: Vec::new(),
             heads: Default::default(),
             boards: Default::default(),
@@ -148,6 +150,9 @@ impl RampRecording {
     /// bad if it holds a value that no sensor measured, such as a marker, a spike, no number, a temperature that no IMU
     /// has, or a value that stands still.
     ///
+    /// Telemetry whose time is not known is that of the middle of its row, as the pulses are: a log has both of one
+    /// instant. At the end of a row of a second, a fast warm-up would be a tenth of a degree further.
+    ///
     /// # Errors
     /// At the first row that cannot be read, or whose time or interval cannot be right, with its line.
     pub fn read_screened(
@@ -156,6 +161,7 @@ impl RampRecording {
     ) -> Result<Self, RecordingError> {
         let mut screen = Screen::default();
         let mut recording = Self::read_with(name, rows, |recording, raw| {
+            recording.telemetry_is_of_middle = true;
             recording.arrive(raw, implausible_time)?;
             screen.add(raw, |raw, is_good| recording.take(raw, is_good));
             Ok(())
@@ -300,11 +306,15 @@ impl RampRecording {
             return;
         }
         let gyroscopes = raw.gyroscopes.or_zero();
+        let unknown_ns = match self.telemetry_is_of_middle {
+            true => raw.timestamp_ns.saturating_sub(raw.interval_ns / 2),
+            false => raw.timestamp_ns,
+        };
         self.add_pulses(raw);
         for (sensor, triad) in [(0, &raw.accelerometers), (AXES, &gyroscopes)] {
             for axis in 0..AXES {
-                self.heads[sensor + axis].add(raw, triad.head_temperature[axis]);
-                self.boards[sensor + axis].add(raw, triad.board_temperature[axis]);
+                self.heads[sensor + axis].add(raw, triad.head_temperature[axis], unknown_ns);
+                self.boards[sensor + axis].add(raw, triad.board_temperature[axis], unknown_ns);
             }
         }
     }
@@ -613,14 +623,11 @@ impl Readings {
         Self { extremes: means.iter().fold(None, widen), means, steps: self.steps.clone(), ..Self::default() }
     }
 
-    fn add(&mut self, raw: &RawSample, telemetry: f64) {
+    /// `unknown_ns` is the time of telemetry whose time is not known.
+    fn add(&mut self, raw: &RawSample, telemetry: f64, unknown_ns: u64) {
         let (time_ns, is_new) = match raw.telemetry_ns {
-            // Without the time of the telemetry only a change shows that it was read, and it is that of the pulses: the
-            // middle of the row. At its end, a row of a second of a fast warm-up would be a tenth of a degree off.
-            0 => (
-                raw.timestamp_ns.saturating_sub(raw.interval_ns / 2),
-                self.latest.is_none_or(|latest| latest.telemetry != telemetry),
-            ),
+            // Without the time of the telemetry only a change shows that it was read.
+            0 => (unknown_ns, self.latest.is_none_or(|latest| latest.telemetry != telemetry)),
             time_ns => (time_ns, true),
         };
         if !is_new || self.latest.is_some_and(|latest| latest.time_ns >= time_ns) {

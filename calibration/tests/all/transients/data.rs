@@ -139,8 +139,9 @@ fn what_is_no_ramp_is_refused_by_name() {
     let short: String = text.lines().take(20).flat_map(|line| [line, "\n"]).collect();
     let message = refused(&[read("short.csv", &short)]).to_string();
     assert!(
-        message
-            .starts_with("short.csv: 190 s in 19 means are too short; 240 s are needed at least, in 24 rows or more"),
+        message.starts_with(
+            "short.csv: 190 s give 19 means of a second or a row, and 19 of them in blocks without a gap; 24 are needed"
+        ),
         "{message}"
     );
     // The same telemetry in every row.
