@@ -2,7 +2,8 @@
 //! temperature calibration.
 //!
 //! # Method
-//! 1. `rest`: the stretches at rest are recordings of their own from here on; bad rows were left out while they were read.
+//! 1. `rest`: the stretches at rest are recordings of their own from here on; bad rows were left out while they were
+//!    read.
 //! 2. The recordings are [ramps](crate::ramps): lag and transient of each bias, the band between sweeps, steps, another
 //!    unit, missing rows are found as there. `nominal` gives everything but the bias curves.
 //! 3. `curves`: each curve goes through means of 1/200 of the telemetry's range, which weigh by how they scatter; each

@@ -15,8 +15,8 @@ use nalgebra::{DMatrix, DVector};
 const ORDER: usize = 3;
 /// Coefficients of the parabola through the differences of two sweeps.
 const PARABOLA: usize = 3;
-/// A parabola that is more than this many times as large as noise makes it (root mean square) is a disagreement. 13 is the
-/// quantile of Fisher's distribution that noise exceeds once in a thousand, with 3 and 9 degrees of freedom.
+/// A parabola that is more than this many times as large as noise makes it (root mean square) is a disagreement. 13 is
+/// the quantile of Fisher's distribution that noise exceeds once in a thousand, with 3 and 9 degrees of freedom.
 const DISAGREE: f64 = 3.6;
 /// Parts of the largest value that rounding may make.
 const ROUNDING: f64 = 1e-9;

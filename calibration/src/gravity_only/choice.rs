@@ -24,8 +24,8 @@ use std::rc::Rc;
 const MAX_AUTO_ORDER: usize = 3;
 /// Probability of choosing what has no effect.
 const SIGNIFICANCE: f64 = 0.01;
-/// Probability of choosing a K- of its own that is not there: it costs more than an order, as it makes the attitudes tell
-/// the parameters apart far worse.
+/// Probability of choosing a K- of its own that is not there: it costs more than an order, as it makes the attitudes
+/// tell the parameters apart far worse.
 const SPLIT_SIGNIFICANCE: f64 = 0.001;
 /// A split of the scale factor needs readings beyond this share of gravity with both signs, and one within it.
 const SIGNED: f64 = 0.3;

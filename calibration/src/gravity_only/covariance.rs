@@ -8,8 +8,8 @@
 //! d_i = df_i/dx,   h_i = d_i times (x + A), element by element
 //! z_i = 60 s/sqrt(3) dT/dt df_i/dT,   v_i = (T_i - mean of the group)/sqrt(3) df_i/dT
 //! ```
-//! th: scatter of the groups' biases \[g0\] and gains, random walk of the bias over a group \[g0\], slopes of biases and
-//! gains over telemetry; z: an element that is up to 60 s behind its telemetry; v: one that does not follow the
+//! th: scatter of the groups' biases \[g0\] and gains, random walk of the bias over a group \[g0\], slopes of biases
+//! and gains over telemetry; z: an element that is up to 60 s behind its telemetry; v: one that does not follow the
 //! telemetry within a group.
 //!
 //! A slope is a random quantity of unknown scatter, not an unknown: what the attitudes do not determine of it stays 0.
@@ -138,8 +138,8 @@ fn times(readings: &[Reading], groups: &Groups) -> Vec<f64> {
     readings.iter().zip(&groups.of).map(|(reading, group)| reading.start_s - starts[*group]).collect()
 }
 
-/// A step of the bias of each axis after some of the readings of a group, scaled so that all steps make a walk of 1 over
-/// the group.
+/// A step of the bias of each axis after some of the readings of a group, scaled so that all steps make a walk of 1
+/// over the group.
 fn walk(readings: &[Reading], groups: &Groups, by_force: &DMatrix<f64>) -> DMatrix<f64> {
     let (n, times) = (readings.len(), times(readings, groups));
     let share = (WALK_STEPS / groups.count.max(1)).max(1);
@@ -194,8 +194,8 @@ fn telemetry_rates(telemetry: &[f64], readings: &[Reading], groups: &Groups) -> 
     rates
 }
 
-/// How far each reading's telemetry is off the mean of its group; `None` where it does not move, and above order 0, whose
-/// curves have slopes.
+/// How far each reading's telemetry is off the mean of its group; `None` where it does not move, and above order 0,
+/// whose curves have slopes.
 pub(super) fn slopes(model: &GravityModel<'_>, groups: &Groups) -> Option<Vec<f64>> {
     let telemetry: Vec<f64> = model.readings().iter().map(Reading::telemetry).collect();
     let moves = model.unknowns.order == 0 && groups.moved(&telemetry) > SLOPE_MOVED * groups.row_noise;

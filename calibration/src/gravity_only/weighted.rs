@@ -112,9 +112,9 @@ impl<'a> Weighted<'a> {
         Some(Self { unknown, model, variances, floor, fit, residual, covariance, inverse, shapes, weights })
     }
 
-    /// The same with the unknowns of the fit with equal weights if the standstills do not show that they share anything,
-    /// or if the weighted unknowns leave far more. The errors stay those of the whole covariance. Whether several groups
-    /// share something is not judged: a power-up is there in any case.
+    /// The same with the unknowns of the fit with equal weights if the standstills do not show that they share
+    /// anything, or if the weighted unknowns leave far more. The errors stay those of the whole covariance. Whether
+    /// several groups share something is not judged: a power-up is there in any case.
     fn guarded(mut self, start: &GravityFit, is_one_group: bool) -> Self {
         let noise = self.floor * start.residual.len() as f64;
         let plain = self.model.clone().without_offsets();
@@ -173,8 +173,8 @@ impl<'a> Weighted<'a> {
         self.shapes.known.tr_mul(weights).norm_squared()
     }
 
-    /// The slope over telemetry of an axis' bias \[g0 per unit\] or, of quantity 1 and 2, of its gain, as a random quantity
-    /// of its variance; `None` where the covariance has none.
+    /// The slope over telemetry of an axis' bias \[g0 per unit\] or, of quantity 1 and 2, of its gain, as a random
+    /// quantity of its variance; `None` where the covariance has none.
     pub(super) fn slope(&self, axis: usize, quantity: usize) -> Option<(f64, StatedError)> {
         let kind = if quantity == 0 { BIAS_SLOPE } else { GAIN_SLOPE };
         if !self.shapes.has(kind) {

@@ -1,9 +1,9 @@
 //! A bias curve through the means of narrow bins of temperature.
 //!
 //! A warm-up slows down: most of its rows are of a few degrees at its end. Where the noise of the rows is all there is,
-//! a mean is as good as it has rows, and the plain fit of all rows is best. Where hysteresis or a floor of flicker moves
-//! the means by much more than that, more rows make a mean hardly better, and a plain fit would follow a few degrees.
-//! [`Scatter`] tells these from each other.
+//! a mean is as good as it has rows, and the plain fit of all rows is best. Where hysteresis or a floor of flicker
+//! moves the means by much more than that, more rows make a mean hardly better, and a plain fit would follow a few
+//! degrees. [`Scatter`] tells these from each other.
 
 use crate::transients::BinValue;
 use core::ops::Range;
@@ -244,8 +244,8 @@ impl Shape {
         self.powers.iter().rev().fold(0.0, |sum, power| (sum + power) * x)
     }
 
-    /// By how much more variance than the weights say the means of wide bins scatter: 1 if the weights are right, more if
-    /// neighbouring bins are off together.
+    /// By how much more variance than the weights say the means of wide bins scatter: 1 if the weights are right, more
+    /// if neighbouring bins are off together.
     pub(super) fn together(&self, series: &Series, scatter: Scatter) -> f64 {
         let mut wide: BTreeMap<(i64, usize), (f64, f64)> = BTreeMap::new();
         for (index, mean) in series.means(&series.whole(), series.narrow()) {

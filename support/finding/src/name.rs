@@ -272,8 +272,8 @@ findings! {
         RATE_AT_REST = "rate-at-rest", Fault, "Give the readings in rad/s; keep the IMU at rest.";
         /// The telemetry never settles: what is behind it by a lag is in the curve everywhere.
         NOT_SETTLED = "not-settled", Warning, "Warm up more slowly, or wait at the end of each sweep.";
-        /// With `--beside`: the cubic of an autopilot, or parameters that are on board, leave less than 0.9 of what the table
-        /// leaves of the same rows.
+        /// With `--beside`: the cubic of an autopilot, or parameters that are on board, leave less than 0.9 of what the
+        /// table leaves of the same rows.
         BESIDE_LEAVES_LESS = "beside-leaves-less", Warning, "Look at the residuals in the report, or give --order 3.";
         /// Only one of ramps and table has gyroscopes.
         RAMP_GYROSCOPES = "ramp-gyroscopes", Warning, "Record ramps of the same IMU, with all of its columns.";

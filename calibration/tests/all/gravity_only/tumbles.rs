@@ -123,7 +123,8 @@ impl Tumble {
         (rows, sum / (self.attitudes.len() * (rest + 1)) as f64)
     }
 
-    /// The true bias \[g0\], scale factor \[pulse/(s*g0)\] at a telemetry: the noise of a thermometer is no temperature.
+    /// The true bias \[g0\], scale factor \[pulse/(s*g0)\] at a telemetry: the noise of a thermometer is no
+    /// temperature.
     fn truth(&self, axis: usize, quantity: usize, telemetry: f64) -> f64 {
         let drift = self.temperature[1];
         let off = (telemetry - self.temperature[0]).clamp(drift.min(0.0), drift.max(0.0));

@@ -83,7 +83,8 @@ fn a_bump_is_named() {
     assert_first(&[bumped], "motion", Severity::Warning, "the IMU was bumped at 0:37:04 by 5.0 mrad");
 }
 
-/// Where the steps of the ramps do not look: at the begin of a sweep, twice; for a moment, in rows that nobody screened.
+/// Where the steps of the ramps do not look: at the begin of a sweep, twice; for a moment, in rows that nobody
+/// screened.
 #[test]
 fn large_jumps_are_named_wherever_they_are() {
     let moved = |from: usize, to: usize, g0: f64| {

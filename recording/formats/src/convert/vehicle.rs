@@ -4,8 +4,8 @@ use std::ops::Range;
 
 /// When the vehicle was armed and when it flew, by its own log.
 ///
-/// Times are those of the rows \[ns\]. The ranges are in order and do not touch each other. Where the log begins or ends
-/// within one, it begins at 0 or ends at [`u64::MAX`]. There are none where the log does not say.
+/// Times are those of the rows \[ns\]. The ranges are in order and do not touch each other. Where the log begins or
+/// ends within one, it begins at 0 or ends at [`u64::MAX`]. There are none where the log does not say.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
 pub struct VehicleState {
     /// When the motors were armed.

@@ -269,8 +269,8 @@ impl Recording {
         if self.device == 0 { None } else { Some(self.device) }
     }
 
-    /// When the vehicle was armed and when it flew, where the piece that is being read is the log of an autopilot. Valid
-    /// from the opening on.
+    /// When the vehicle was armed and when it flew, where the piece that is being read is the log of an autopilot.
+    /// Valid from the opening on.
     #[must_use]
     pub fn vehicle_state(&self) -> VehicleState {
         self.current.source.conversion().map(Conversion::vehicle_state).unwrap_or_default()

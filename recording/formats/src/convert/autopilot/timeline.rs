@@ -69,7 +69,8 @@ impl Timeline {
         self.push(run);
     }
 
-    /// Whether the time passes the end of a run before the last one: the last one may be wild, and its rows stepped back.
+    /// Whether the time passes the end of a run before the last one: the last one may be wild, and its rows stepped
+    /// back.
     fn returns(&self, time_us: u64) -> bool {
         let Some((last, before)) = self.runs.split_last() else { return false };
         before.iter().rev().take(PASSED).any(|run| (last.last_us..time_us).contains(&run.last_us))

@@ -285,8 +285,8 @@ impl Messages {
         Ok(((1..=LONGEST_UNKNOWN).contains(&size) && kind.is_ascii_alphabetic() && !is_known).then_some(HEADER + size))
     }
 
-    /// Whether messages follow each other from `after` bytes ahead on: several of them, or up to the end. The numbers of
-    /// data may be subscribed to by a message before.
+    /// Whether messages follow each other from `after` bytes ahead on: several of them, or up to the end. The numbers
+    /// of data may be subscribed to by a message before.
     fn is_chain(&mut self, mut after: usize) -> io::Result<bool> {
         for _ in 0..CHAIN {
             if self.window.ahead(after + 1)?.len() <= after {
