@@ -204,14 +204,18 @@ impl StatusReader {
 /// If no service answers within two seconds. The time-out of `options` is not used.
 pub fn fetch_status(options: &Options) -> Result<ServiceStatus, StatusError> {
     let called_ns = monotonic_ns();
-    let reader = match StatusReader::connect(&options.domain) {
-        Err(StatusError::Connect(ConnectError::Exhausted(cause))) => {
-            let exhausted = || StatusError::Connect(ConnectError::Exhausted(cause));
-            return noted(&options.domain, called_ns).ok_or_else(exhausted);
-        }
-        reader => reader?,
-    };
     let deadline = Instant::now() + STATUS_LIMIT;
+    let reader = loop {
+        match StatusReader::connect(&options.domain) {
+            Err(StatusError::Connect(ConnectError::Exhausted(cause))) => {
+                let exhausted = || StatusError::Connect(ConnectError::Exhausted(cause));
+                return noted(&options.domain, called_ns).ok_or_else(exhausted);
+            }
+            // What another member of the domain's group has just made is not open to the group yet.
+            Err(StatusError::Transport { .. }) if Instant::now() < deadline => thread::sleep(PAUSE),
+            reader => break reader?,
+        }
+    };
     while Instant::now() < deadline {
         match reader.latest()? {
             Some(status) if status.taken_ns >= called_ns => return Ok(status),

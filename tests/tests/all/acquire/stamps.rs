@@ -11,7 +11,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 /// Rounds in which the emulator itself was late are drawn again, so often.
-const ROUNDS: usize = 6;
+const ROUNDS: usize = 20;
 /// An emulator is late if it writes a frame this long after it was due \[ns\].
 const LATE_NS: u64 = 3_000_000;
 
