@@ -5,7 +5,7 @@
 //! 1. Rows are judged in chunks, each with rows of its neighbours on both sides, so that memory does not grow with the
 //!    recording. Every sensor and every thermometer is a channel; rows that have a gap between them are apart.
 //! 2. `level`: a parabola goes through 128 rows around 32 rows that are judged. It begins with the line that has the
-//!    least median distance, which nearly half of the rows cannot move. A row is off by over 5.5 standard deviations of
+//!    least median distance, which nearly half of the rows cannot move. A row is off by over 6.5 standard deviations of
 //!    what is near, and by more than the channel's steps can be.
 //! 3. `jumps`: rows that are off are bad if they begin and end with a jump. A warm-up that changes fast at its begin is
 //!    off too, but it has no jumps.

@@ -13,7 +13,7 @@ const FEWEST: usize = 6;
 /// A bump has a sum of squared ratios of steps and errors over this, by triad.
 const LIMIT: f64 = 64.0;
 /// A step of a gyroscope that matters is over this part of what its bias usually does ..
-const PART: f64 = 0.2;
+const PART: f64 = 0.5;
 /// .. one of an accelerometer over this \[rad\]; the ramps find smaller ones ..
 const ANGLE: f64 = 4e-3;
 /// .. and over this many steps of the values.

@@ -5,7 +5,7 @@ use super::piece::Piece;
 use core::ops::Range;
 
 /// A jump is at least this part of the limit.
-const JUMP: f64 = 0.65;
+const JUMP: f64 = 0.55;
 /// More rows in turn are no bad rows: the IMU moved, or its level changed.
 const LONGEST: usize = 40;
 /// Where a channel changes fast, a jump is over this many deviations of the changes nearby ..
@@ -29,7 +29,9 @@ pub(super) fn framed(piece: &Piece<'_>, levels: &[Level], step: f64) -> Vec<usiz
         if run.len() <= LONGEST && is_framed(piece, levels, &run) {
             bad.extend(run);
         } else {
-            bad.extend(pairs(piece, &run, step));
+            let found = pairs(piece, &run, step);
+            bad.extend(inside(piece, levels, &run, &found));
+            bad.extend(found);
         }
         row = end;
     }
@@ -43,12 +45,33 @@ fn is_framed(piece: &Piece<'_>, levels: &[Level], run: &Range<usize>) -> bool {
     if before.is_none() && after.is_none() {
         return false;
     }
-    let jumps = |from: usize, to: usize| {
-        let usual: f64 = levels[from..to].iter().map(|level| level.slope).sum();
-        let limit = JUMP * levels[from].limit.min(levels[to].limit);
-        (piece.values[to] - piece.values[from] - usual).abs() >= limit
-    };
-    before.is_none_or(|before| jumps(before, run.start)) && after.is_none_or(|after| jumps(run.end - 1, after))
+    before.is_none_or(|before| has_jump(piece, levels, before, run.start))
+        && after.is_none_or(|after| has_jump(piece, levels, run.end - 1, after))
+}
+
+/// Whether there is a jump between two rows.
+fn has_jump(piece: &Piece<'_>, levels: &[Level], from: usize, to: usize) -> bool {
+    let usual: f64 = levels[from..to].iter().map(|level| level.slope).sum();
+    let limit = JUMP * levels[from].limit.min(levels[to].limit);
+    (piece.values[to] - piece.values[from] - usual).abs() >= limit
+}
+
+/// The rows of a run without a frame, and without those that are `known`, that have a frame of their own: the values of
+/// a burst differ, so that its last ones may be too near to the level for a jump.
+fn inside(piece: &Piece<'_>, levels: &[Level], run: &Range<usize>, known: &[usize]) -> Vec<usize> {
+    let is_left = |row: &usize| !piece.is_known[*row] && !known.contains(row);
+    let rest: Vec<usize> = run.clone().filter(is_left).collect();
+    if rest.len() > LONGEST {
+        return Vec::new();
+    }
+    let before = (0..run.start).rev().find(|row| !piece.is_known[*row]);
+    let after = (run.end..piece.values.len()).find(|row| !piece.is_known[*row]);
+    let (Some(before), Some(after)) = (before, after) else { return Vec::new() };
+    let rows: Vec<usize> = core::iter::once(before).chain(rest).chain([after]).collect();
+    let is_jump: Vec<bool> = rows.windows(2).map(|pair| has_jump(piece, levels, pair[0], pair[1])).collect();
+    let first = is_jump.iter().position(|jump| *jump);
+    let last = is_jump.iter().rposition(|jump| *jump);
+    first.zip(last).map_or_else(Vec::new, |(first, last)| rows[first + 1..last + 1].to_vec())
 }
 
 /// The rows between two jumps, there and back, in a run without a frame: the channel changes fast there.

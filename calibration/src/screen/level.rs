@@ -13,7 +13,7 @@ const CELLS: usize = 10;
 /// Rows whose distances judge a line, at most.
 const JUDGES: usize = 64;
 /// A row is off by over this many standard deviations ..
-pub(super) const FAR: f64 = 5.5;
+pub(super) const FAR: f64 = 6.5;
 /// .. and by over this many steps of the channel.
 pub(super) const STEPS: f64 = 1.75;
 /// The deviation is at least this part of the usual one, and at least this part of a step.
