@@ -235,6 +235,7 @@ impl Options {
         let beside = beside.map_err(|message| PyValueError::new_err(format!("beside: {message}")))?;
         Ok(FitOptions {
             at_one_attitude: OneAttitudeOptions {
+                on_board: Vec::new(),
                 order: self.order,
                 highest_order: None,
                 lag,
