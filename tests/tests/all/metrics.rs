@@ -175,8 +175,10 @@ fn every_metric_is_updated() {
         sender.send(RawSample { sequence, ..sample });
     }
     // Two more sessions, of which the first has another clock than the one before.
-    for (session, timestamp_ns) in [(2, 1_000_000_000), (3, 1_025_000_000)] {
-        sender.send(RawSample { session, timestamp_ns, sent_ns: sent_ns(), ..plain });
+    // Both clocks go on alike, however long the sending takes.
+    let now_ns = sent_ns();
+    for (session, timestamp_ns, sent_ns) in [(2, 1_000_000_000, now_ns - 25_000_000), (3, 1_025_000_000, now_ns)] {
+        sender.send(RawSample { session, timestamp_ns, sent_ns, ..plain });
     }
     let gyroscopes = Triad { head_temperature: [1.5; 3], board_temperature: [3.5; 3], ..Triad::default() };
     sender.send(RawSample { sequence: 3, sent_ns: sent_ns(), gyroscopes, ..plain });
