@@ -25,7 +25,7 @@ def test_a_log_gives_the_table_that_the_command_gives(tmp_path: Path) -> None:
     subprocess.run(command, check=True, capture_output=True)
     assert isotherm.Table.load(table).digest == found.table.digest
     assert found.table.nominal_interval_s == pytest.approx(0.1)
-    assert document["order"]["left_out"] == "blocks"
+    assert document["order"]["left_out"] == "none"
     assert [bias["beside"][0]["name"] for bias in document["biases"]] == ["PX4"] * 6
     assert any("[one-direction]" in message for _, _, message in found.findings)
     assert "not known" in found.accuracy
