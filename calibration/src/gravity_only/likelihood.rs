@@ -2,7 +2,6 @@
 
 use super::covariance::{BIAS, KINDS, NOISE};
 use super::reduced::Reduced;
-use super::weighted::StatedError;
 use nalgebra::{DMatrix, DVector};
 
 /// Steps of the variances that are halved, and all.
@@ -16,6 +15,16 @@ const LEAST_VARIANCE: f64 = 1e-12;
 const SINGULAR: f64 = 1e-12;
 /// Degrees of freedom from which on a variance is known.
 const MOST_FREEDOM: f64 = 1e6;
+
+/// Error of a linear combination of the unknowns.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StatedError {
+    pub variance: f64,
+    /// Degrees of freedom of the variance, at least 1.
+    pub freedom: f64,
+    /// Share of what an element behind its telemetry makes.
+    pub lag_share: f64,
+}
 
 /// Variances by kind with what is known of them.
 #[derive(Clone, Debug)]

@@ -16,7 +16,7 @@
 use super::covariance::{BIAS, BIAS_SLOPE, GAIN, GAIN_SLOPE, KINDS, NOISE, Shapes, by_gain};
 use super::groups::Groups;
 use super::inverse::Inverse;
-use super::likelihood::{Likelihood, Variances};
+use super::likelihood::{Likelihood, StatedError, Variances};
 use super::model::{GravityFit, GravityModel, Offsets};
 use super::reduced::Reduced;
 use isotherm_shared::wire::AXES;
@@ -50,16 +50,6 @@ pub(super) struct Weighted<'a> {
     pub shapes: Shapes,
     /// V^-1 J C.
     weights: DMatrix<f64>,
-}
-
-/// Error of a linear combination of the unknowns.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct StatedError {
-    pub variance: f64,
-    /// Degrees of freedom of the variance, at least 1.
-    pub freedom: f64,
-    /// Share of what an element behind its telemetry makes.
-    pub lag_share: f64,
 }
 
 impl<'a> Weighted<'a> {
