@@ -6,12 +6,14 @@ use core::ops::Range;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{median, robust_sd};
 
-/// Bins on each side of a step: where the noise is large, and where two bumps are near each other.
-const SIDES: [usize; 2] = [32, 8];
+/// Bins on each side of a step: where the noise is large, usually, and where two bumps are near each other.
+const SIDES: [usize; 3] = [128, 32, 8];
 /// Fewest bins on a side.
 const FEWEST: usize = 6;
 /// A bump has a sum of squared ratios of steps and errors over this, by triad.
 const LIMIT: f64 = 64.0;
+/// One of its steps is over this many errors.
+const ERRORS: f64 = 4.0;
 /// A step of a gyroscope that matters is over this part of what its bias usually does ..
 const PART: f64 = 0.5;
 /// .. one of an accelerometer over this \[rad\]; the ramps find smaller ones ..
@@ -88,14 +90,16 @@ impl Levels<'_> {
                 let all = rates.iter().zip(&self.least[triad * AXES..]);
                 all.map(|(rates, least)| Steps::of(&rates[part.clone()], weights, *least)).collect()
             };
-            let [wide, narrow] = [steps(&weights[0]), steps(&weights[1])];
+            let widths = weights.each_ref().map(steps);
             for place in 0..part.len() {
-                for all in [&wide, &narrow] {
+                for (width, all) in widths.iter().enumerate() {
                     let ratio: f64 = all.iter().map(|steps| steps.ratios[place].powi(2)).sum();
                     // A fast change is no step where one looks closer.
-                    let matters = |(steps, near): (&Steps, &Steps)| steps.matters(place) && near.is_like(place, steps);
+                    let is_like =
+                        |axis: usize| widths[width + 1..].iter().all(|near| near[axis].is_like(place, &all[axis]));
+                    let matters = |axis: usize| all[axis].matters(place) && is_like(axis);
                     let is_best = best.as_ref().is_none_or(|(most, _)| ratio > *most);
-                    if ratio > LIMIT && is_best && all.iter().zip(&narrow).any(matters) {
+                    if ratio > LIMIT && is_best && (0..all.len()).any(matters) {
                         let size = all.iter().map(|steps| steps.sizes[place].powi(2)).sum::<f64>().sqrt();
                         let size_rad = force.map_or(0.0, |force| size / force);
                         best = Some((ratio, Bump { place: part.start + place, size_rad }));
@@ -208,6 +212,6 @@ impl Steps {
     }
 
     fn matters(&self, place: usize) -> bool {
-        self.sizes[place].abs() > self.least && self.ratios[place].abs() > LIMIT.sqrt() / 2.0
+        self.sizes[place].abs() > self.least && self.ratios[place].abs() > ERRORS
     }
 }

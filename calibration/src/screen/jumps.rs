@@ -5,7 +5,13 @@ use super::piece::Piece;
 use core::ops::Range;
 
 /// A jump is at least this part of the limit.
-const JUMP: f64 = 0.55;
+const JUMP: f64 = 0.6;
+/// .. at the ends of the recording, where there is one jump in the place of two, at least this part of it ..
+const JUMP_AT_END: f64 = 1.0;
+/// .. at least so many steps of the channel ..
+const JUMP_STEPS: f64 = 1.5;
+/// .. and within rows that are off, at least so many times the limit.
+const JUMP_INSIDE: f64 = 1.3;
 /// More rows in turn are no bad rows: the IMU moved, or its level changed.
 const LONGEST: usize = 40;
 /// Where a channel changes fast, a jump is over this many deviations of the changes nearby ..
@@ -45,14 +51,15 @@ fn is_framed(piece: &Piece<'_>, levels: &[Level], run: &Range<usize>) -> bool {
     if before.is_none() && after.is_none() {
         return false;
     }
-    before.is_none_or(|before| has_jump(piece, levels, before, run.start))
-        && after.is_none_or(|after| has_jump(piece, levels, run.end - 1, after))
+    let least = if before.is_some() && after.is_some() { JUMP } else { JUMP_AT_END };
+    before.is_none_or(|before| has_jump(piece, levels, [before, run.start], least))
+        && after.is_none_or(|after| has_jump(piece, levels, [run.end - 1, after], least))
 }
 
-/// Whether there is a jump between two rows.
-fn has_jump(piece: &Piece<'_>, levels: &[Level], from: usize, to: usize) -> bool {
+/// Whether there is a jump between two rows, of at least this part of the limit.
+fn has_jump(piece: &Piece<'_>, levels: &[Level], [from, to]: [usize; 2], least: f64) -> bool {
     let usual: f64 = levels[from..to].iter().map(|level| level.slope).sum();
-    let limit = JUMP * levels[from].limit.min(levels[to].limit);
+    let limit = (least * levels[from].limit.min(levels[to].limit)).max(JUMP_STEPS * levels[from].step);
     (piece.values[to] - piece.values[from] - usual).abs() >= limit
 }
 
@@ -68,7 +75,8 @@ fn inside(piece: &Piece<'_>, levels: &[Level], run: &Range<usize>, known: &[usiz
     let after = (run.end..piece.values.len()).find(|row| !piece.is_known[*row]);
     let (Some(before), Some(after)) = (before, after) else { return Vec::new() };
     let rows: Vec<usize> = core::iter::once(before).chain(rest).chain([after]).collect();
-    let is_jump: Vec<bool> = rows.windows(2).map(|pair| has_jump(piece, levels, pair[0], pair[1])).collect();
+    let is_jump: Vec<bool> =
+        rows.windows(2).map(|pair| has_jump(piece, levels, [pair[0], pair[1]], JUMP_INSIDE)).collect();
     let first = is_jump.iter().position(|jump| *jump);
     let last = is_jump.iter().rposition(|jump| *jump);
     first.zip(last).map_or_else(Vec::new, |(first, last)| rows[first + 1..last + 1].to_vec())

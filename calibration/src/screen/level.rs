@@ -36,6 +36,8 @@ pub(super) struct Level {
     pub limit: f64,
     /// Change of the level to the next row.
     pub slope: f64,
+    /// The step of the channel.
+    pub step: f64,
 }
 
 impl Level {
@@ -77,6 +79,7 @@ pub(super) fn levels(piece: &Piece<'_>, step: f64, usual: &mut Usual) -> Vec<Lev
             levels[row] = Level {
                 residual: if piece.is_known[row] { 0.0 } else { piece.values[row] - curve.at(piece.times[row]) },
                 limit,
+                step,
                 slope: curve.at(*piece.times.get(row + 1).unwrap_or(&piece.times[row])) - curve.at(piece.times[row]),
             };
         }

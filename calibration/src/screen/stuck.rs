@@ -11,6 +11,10 @@ const FEWEST: usize = 3;
 const CHANCE: f64 = 1e-2;
 /// The part of equal rows is known to this many standard errors.
 const DOUBT: f64 = 3.0;
+/// Runs of this part of a run's length and more are nearly as long ..
+const SIMILAR: [usize; 2] = [2, 3];
+/// .. and have less than this part of the rows.
+const RARE: f64 = 0.1;
 /// More equal rows than this part are those of a coarse channel.
 const COARSE: f64 = 0.05;
 /// A channel with fewer different values nearby is coarse: its level stays within a step for as long as it likes.
@@ -32,17 +36,47 @@ pub(super) fn stuck(piece: &Piece<'_>, step: f64) -> Vec<usize> {
     for row in 1..n {
         equal.push(equal[row] + u32::from(is_equal(row)));
     }
-    let mut bad = Vec::new();
+    let mut runs: Vec<Range<usize>> = Vec::new();
     let mut start = 0;
     while start < n {
         let end = (start + 1..n).find(|row| !is_equal(*row)).unwrap_or(n);
-        let run = start..end;
-        if run.len() >= FEWEST && is_no_chance(piece, &run, &equal) && is_missed(piece, &run, step) {
-            bad.extend(start + 1..end);
-        }
+        runs.push(start..end);
         start = end;
     }
-    bad
+    let lengths = Lengths::of(&runs);
+    let is_stuck = |run: &&Range<usize>| {
+        run.len() >= FEWEST
+            && is_no_chance(piece, run, &equal)
+            && lengths.is_rare(run.len())
+            && is_missed(piece, run, step)
+    };
+    runs.iter().filter(is_stuck).flat_map(|run| run.start + 1..run.end).collect()
+}
+
+/// How long the runs of equal rows of a piece are. A level that stays within a step makes long runs again and again; a
+/// channel that is stuck makes one that stands out.
+struct Lengths {
+    /// In order, and the rows of the runs up to each.
+    lengths: Vec<usize>,
+    rows: Vec<usize>,
+}
+
+impl Lengths {
+    fn of(runs: &[Range<usize>]) -> Self {
+        let mut lengths: Vec<usize> = runs.iter().map(Range::len).collect();
+        lengths.sort_unstable();
+        let rows = lengths.iter().scan(0, |sum, length| Some(core::mem::replace(sum, *sum + length)));
+        let rows = rows.collect();
+        Self { lengths, rows }
+    }
+
+    /// Whether few rows are in other runs that are nearly as long, or longer.
+    fn is_rare(&self, length: usize) -> bool {
+        let first = self.lengths.partition_point(|other| other * SIMILAR[1] < length * SIMILAR[0]);
+        let all: usize = self.rows.last().zip(self.lengths.last()).map_or(0, |(rows, last)| rows + last);
+        let similar = all - self.rows.get(first).copied().unwrap_or(all);
+        ((similar - length) as f64) < RARE * all as f64
+    }
 }
 
 /// Whether such a run is no chance.

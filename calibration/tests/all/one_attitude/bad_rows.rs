@@ -201,7 +201,7 @@ fn clean_logs(count: u64) {
     }
     let mean = parts.iter().sum::<f64>() / parts.len() as f64;
     println!("{count} clean logs: {mean:.1e} of the rows left out, at most {:.1e}", quantile(parts.clone(), 1.0));
-    assert!(parts.iter().all(|part| *part <= 5e-3) && mean <= 1e-4);
+    assert!(parts.iter().all(|part| *part <= 1e-3) && mean <= 1e-4);
 }
 
 #[test]
