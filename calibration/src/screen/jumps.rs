@@ -30,10 +30,10 @@ pub(super) fn framed(piece: &Piece<'_>, levels: &[Level], step: f64) -> Vec<usiz
             row += 1;
             continue;
         }
-        let end = (row..levels.len()).find(|next| !levels[*next].is_off()).unwrap_or(levels.len());
-        let run = row..end;
+        let run = run(piece, levels, row);
+        let end = run.end;
         if run.len() <= LONGEST && is_framed(piece, levels, &run) {
-            bad.extend(run);
+            bad.extend(run.filter(|row| !piece.is_known[*row]));
         } else {
             let found = pairs(piece, &run, step);
             bad.extend(inside(piece, levels, &run, &found));
@@ -42,6 +42,13 @@ pub(super) fn framed(piece: &Piece<'_>, levels: &[Level], step: f64) -> Vec<usiz
         row = end;
     }
     bad
+}
+
+/// The rows that are off from this one on. Bad rows that are known are no end of them: behind one the level is not back.
+fn run(piece: &Piece<'_>, levels: &[Level], first: usize) -> Range<usize> {
+    let goes_on = |row: &usize| levels[*row].is_off() || piece.is_known[*row];
+    let last = (first..levels.len()).take_while(goes_on).filter(|row| levels[*row].is_off()).last();
+    first..last.unwrap_or(first) + 1
 }
 
 /// Whether a run begins and ends with a jump, or with the piece.
