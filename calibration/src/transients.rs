@@ -32,6 +32,7 @@ mod decision;
 mod equations;
 mod options;
 mod prediction;
+mod readings;
 mod recording;
 mod result;
 mod search;

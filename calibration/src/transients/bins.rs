@@ -2,7 +2,8 @@
 
 use super::blocks::indicated;
 use super::options::CurveSource;
-use super::recording::{Bin, RampRecording, behind, interpolated};
+use super::readings::{behind, interpolated};
+use super::recording::{Bin, RampRecording};
 use isotherm_shared::table::Axis;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;

@@ -4,7 +4,8 @@
 
 use super::equations::NormalEquations;
 use super::options::{CurveSource, TransientsError};
-use super::recording::{RampRecording, Reading, behind, interpolated};
+use super::readings::{Reading, behind, interpolated};
+use super::recording::RampRecording;
 use core::ops::Range;
 use isotherm_shared::lag::SENSORS;
 use isotherm_shared::polynomial::Polynomial;

@@ -6,5 +6,5 @@ mod orders;
 mod real;
 mod rest;
 mod traps;
+mod units;
 mod warm_up;
-mod warm_ups;

@@ -1,8 +1,9 @@
 //! The curves without any option over many units, against the truth and beside a plain cubic of the same rows, which is
 //! what the scripts of both autopilots fit.
 
-use super::warm_ups::{Path, SENSORS, Unit, WarmUp, nominal, plain_cubics, recording, rows};
-use isotherm_calibration::{LagChoice, OneAttitudeCalibration, OneAttitudeOptions, TriadUnits, calibrate_one_attitude};
+use super::units::{Path, SENSORS, Unit, WarmUp, plain_cubics, rows};
+use super::warm_up::{GRAVITY, calibrated, screened};
+use isotherm_calibration::{LagChoice, OneAttitudeCalibration, OneAttitudeOptions, TriadUnits};
 use isotherm_finding::name;
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_simulation::RandomGenerator;
@@ -48,9 +49,8 @@ struct Outcome {
 }
 
 fn made(rows: &[RawSample], rate_hz: u32, lag: LagChoice) -> OneAttitudeCalibration {
-    let (campaign, recording) = recording(rows);
     let options = OneAttitudeOptions { lag, ..OneAttitudeOptions::default() };
-    calibrate_one_attitude(&campaign, &[recording], &nominal(rate_hz), &options).unwrap()
+    calibrated(screened(rows.iter().copied()), f64::from(rate_hz), &options).unwrap()
 }
 
 fn outcome(kind: &WarmUp, order: usize, lag: LagChoice, seed: u64) -> Outcome {
@@ -64,7 +64,7 @@ fn outcome(kind: &WarmUp, order: usize, lag: LagChoice, seed: u64) -> Outcome {
     let (mut ratios, mut in_intervals) = (Vec::new(), Vec::new());
     for sensor in 0..SENSORS {
         let bias = &found.biases[sensor];
-        let si = |value: f64| TriadUnits::of(bias.kind).si(value, 9.80665).0;
+        let si = |value: f64| TriadUnits::of(bias.kind).si(value, GRAVITY).0;
         let errors = |curve: &dyn Fn(f64) -> f64| -> Vec<f64> {
             let all: Vec<f64> = places.iter().map(|t| curve(*t) - unit.at(sensor, *t)).collect();
             // The constant of an accelerometer is that of gravity.

@@ -5,6 +5,7 @@ use isotherm_calibration::{
 };
 use isotherm_campaign::Campaign;
 use isotherm_recording::CampaignRow;
+use isotherm_shared::readings::Resolution;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{Nominal, nominal_table};
 use isotherm_shared::wire::{AXES, RawSample, Triad};
@@ -12,9 +13,12 @@ use isotherm_simulation::RandomGenerator;
 use std::ops::Range;
 
 /// 1 g0 \[m/s2\].
-const GRAVITY: f64 = 9.80665;
+pub(super) const GRAVITY: f64 = 9.80665;
 /// A reading of a sensor of 16 bits \[m/s2\] and \[rad/s\].
 pub(super) const LSB: [f64; 2] = [4.0 * GRAVITY / 32768.0, 35.0 / 32768.0];
+
+/// Of the rows of a log.
+pub(super) const RESOLUTION: Resolution = Resolution { accelerometer: 1e-6, gyroscope: 1e-7 };
 
 /// How the temperature goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -173,43 +177,9 @@ impl WarmUp {
         x * (one + x * (two + x * three))
     }
 
-    fn samples(&self) -> impl Iterator<Item = RawSample> {
-        let interval_ns = (1e9 / self.setting.rate) as u64;
-        self.rows.iter().enumerate().map(move |(number, row)| {
-            // What fits in no counter is a full one, as readers of logs write it.
-            let pulses = |value: f64, resolution: f64| {
-                let pulses = (value / resolution).round();
-                match pulses.abs() < f64::from(u32::MAX) {
-                    true => [pulses.max(0.0) as u32, (-pulses).max(0.0) as u32],
-                    false => [u32::MAX, 0],
-                }
-            };
-            let triad = |first: usize, resolution: f64| {
-                let all = [0, 1, 2].map(|axis| pulses(row.sensors[first + axis], resolution));
-                Triad {
-                    positive_pulses: all.map(|[positive, _]| positive),
-                    negative_pulses: all.map(|[_, negative]| negative),
-                    head_temperature: [row.celsius; AXES],
-                    board_temperature: [row.celsius; AXES],
-                    head_lagged: [0.0; AXES],
-                }
-            };
-            RawSample {
-                sequence: number as u64,
-                timestamp_ns: 1_000_000_000 + (row.seconds * 1e9) as u64 + interval_ns,
-                interval_ns,
-                accelerometers: triad(0, 1e-6),
-                gyroscopes: triad(AXES, 1e-7),
-                ..RawSample::default()
-            }
-        })
-    }
-
     pub(super) fn recording(&self) -> RampRecording {
-        let row = |(line, sample): (usize, RawSample)| {
-            Ok(CampaignRow { line: line as u64 + 2, set_point_c: 0.0, position: None, sample })
-        };
-        RampRecording::read_screened("log", self.samples().enumerate().map(row)).unwrap()
+        let rows = self.rows.iter().enumerate();
+        screened(rows.map(|(number, row)| sample(number, interval_ns(self.setting.rate), row.celsius, &row.sensors)))
     }
 
     /// The calibration, with curves of order 3 unless another is given.
@@ -218,13 +188,8 @@ impl WarmUp {
         options: OneAttitudeOptions,
         in_use: Vec<Range<u64>>,
     ) -> Result<OneAttitudeCalibration, CalibrationError> {
-        let imu = ImuId::new("a").unwrap();
-        let interval_ns = (1e9 / self.setting.rate) as u64;
-        let nominal = Nominal::new(imu.clone(), interval_ns, [-100.0, 200.0]);
-        let nominal = nominal_table(&nominal).unwrap();
-        let campaign = Campaign::one_attitude(imu, GRAVITY, "degC", &["log".to_owned()]);
         let options = OneAttitudeOptions { lag: LagChoice::None, order: options.order.or(Some(3)), ..options };
-        calibrate_one_attitude(&campaign, &[self.recording().with_in_use(in_use)], &nominal, &options)
+        calibrated(self.recording().with_in_use(in_use), self.setting.rate, &options)
     }
 
     pub(super) fn calibrated(&self) -> Result<OneAttitudeCalibration, CalibrationError> {
@@ -248,4 +213,59 @@ impl WarmUp {
             squares.sqrt() / self.setting.noise[sensor / AXES]
         })
     }
+}
+
+/// Interval of rows of this rate [1/s].
+pub(super) fn interval_ns(rate: f64) -> u64 {
+    (1e9 / rate) as u64
+}
+
+/// A row of readings [m/s2, rad/s], as readers of logs make it.
+pub(super) fn sample(number: usize, interval_ns: u64, celsius: f64, sensors: &[f64; 2 * AXES]) -> RawSample {
+    // What fits in no counter is a full one.
+    let pulses = |value: f64, resolution: f64| {
+        let pulses = (value / resolution).round();
+        match pulses.abs() < f64::from(u32::MAX) {
+            true => [pulses.max(0.0) as u32, (-pulses).max(0.0) as u32],
+            false => [u32::MAX, 0],
+        }
+    };
+    let triad = |first: usize, resolution: f64| {
+        let all = [0, 1, 2].map(|axis| pulses(sensors[first + axis], resolution));
+        Triad {
+            positive_pulses: all.map(|[positive, _]| positive),
+            negative_pulses: all.map(|[_, negative]| negative),
+            head_temperature: [celsius; AXES],
+            board_temperature: [celsius; AXES],
+            head_lagged: [0.0; AXES],
+        }
+    };
+    RawSample {
+        sequence: number as u64,
+        timestamp_ns: 1_000_000_000 + (number as u64 + 1) * interval_ns,
+        interval_ns,
+        accelerometers: triad(0, RESOLUTION.accelerometer),
+        gyroscopes: triad(AXES, RESOLUTION.gyroscope),
+        ..RawSample::default()
+    }
+}
+
+/// A recording of rows, read as the command reads a log.
+pub(super) fn screened(samples: impl Iterator<Item = RawSample>) -> RampRecording {
+    let row = |(line, sample): (usize, RawSample)| {
+        Ok(CampaignRow { line: line as u64 + 2, set_point_c: 0.0, position: None, sample })
+    };
+    RampRecording::read_screened("log", samples.enumerate().map(row)).unwrap()
+}
+
+/// The calibration of a recording with the nominal table of its readings.
+pub(super) fn calibrated(
+    recording: RampRecording,
+    rate: f64,
+    options: &OneAttitudeOptions,
+) -> Result<OneAttitudeCalibration, CalibrationError> {
+    let imu = ImuId::new("a").unwrap();
+    let nominal = nominal_table(&Nominal::new(imu.clone(), interval_ns(rate), [-100.0, 200.0])).unwrap();
+    let campaign = Campaign::one_attitude(imu, GRAVITY, "degC", &["log".to_owned()]);
+    calibrate_one_attitude(&campaign, &[recording], &nominal, options)
 }

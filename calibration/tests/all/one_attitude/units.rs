@@ -1,11 +1,7 @@
-//! Simulated warm-ups at one attitude, with the truth of each bias.
+//! Units whose biases are of a known order, and their warm-ups with hysteresis and lag.
 
-use isotherm_calibration::RampRecording;
-use isotherm_campaign::Campaign;
-use isotherm_shared::readings::Resolution;
-use isotherm_shared::stream::ImuId;
-use isotherm_shared::table::{CoefficientTable, Nominal, nominal_table};
-use isotherm_shared::wire::{AXES, RawSample, Triad};
+use super::warm_up::{RESOLUTION, interval_ns, sample};
+use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_simulation::RandomGenerator;
 
 /// A1 .. G3.
@@ -78,26 +74,6 @@ impl Unit {
     }
 }
 
-/// A nominal table of readings at this rate.
-pub(super) fn nominal(rate_hz: u32) -> CoefficientTable {
-    nominal_table(&Nominal {
-        imu: ImuId::new("imu").unwrap(),
-        interval_ns: 1_000_000_000 / u64::from(rate_hz),
-        range: [-40.0, 100.0],
-        temperature_unit: "degC".to_owned(),
-        resolution: resolution(),
-        gravity: 9.80665,
-        has_gyroscopes: true,
-        max_specific_force: None,
-        max_angular_rate: None,
-    })
-    .unwrap()
-}
-
-fn resolution() -> Resolution {
-    Resolution { accelerometer: 1e-6, gyroscope: 1e-7 }
-}
-
 /// The rows of a warm-up.
 pub(super) fn rows(unit: &Unit, kind: &WarmUp, random: &mut RandomGenerator) -> Vec<RawSample> {
     let interval_s = 1.0 / f64::from(kind.rate_hz);
@@ -130,44 +106,9 @@ pub(super) fn rows(unit: &Unit, kind: &WarmUp, random: &mut RandomGenerator) -> 
             attitude[sensor] + unit.at(sensor, element) + part * (noise + off)
         };
         let readings: [f64; SENSORS] = core::array::from_fn(reading);
-        sample(i, kind.rate_hz, telemetry, readings)
+        sample(i, interval_ns(f64::from(kind.rate_hz)), telemetry, &readings)
     };
     (0..count).map(row).collect()
-}
-
-/// A row of readings [m/s2, rad/s].
-fn sample(number: usize, rate_hz: u32, telemetry: f64, readings: [f64; SENSORS]) -> RawSample {
-    let interval_ns = 1_000_000_000 / u64::from(rate_hz);
-    let triad = |first: usize, resolution: f64| {
-        let pulses =
-            |sign: f64| core::array::from_fn(|axis| (sign * readings[first + axis] / resolution).round() as u32);
-        Triad {
-            positive_pulses: pulses(1.0),
-            negative_pulses: pulses(-1.0),
-            head_temperature: [telemetry; AXES],
-            board_temperature: [telemetry; AXES],
-            head_lagged: [telemetry; AXES],
-        }
-    };
-    let timestamp_ns = (number as u64 + 1) * interval_ns;
-    RawSample {
-        session: 1,
-        sequence: number as u64,
-        timestamp_ns,
-        interval_ns,
-        // Both are of the middle of the row.
-        telemetry_ns: timestamp_ns - interval_ns / 2,
-        accelerometers: triad(0, resolution().accelerometer),
-        gyroscopes: triad(AXES, resolution().gyroscope),
-        ..RawSample::default()
-    }
-}
-
-/// A recording of rows, and the campaign of it.
-pub(super) fn recording(rows: &[RawSample]) -> (Campaign, RampRecording) {
-    let mut recording = RampRecording::new("warm-up");
-    rows.iter().for_each(|raw| recording.add(raw).unwrap());
-    (Campaign::one_attitude(ImuId::new("imu").unwrap(), 9.80665, "degC", &["warm-up".to_owned()]), recording)
 }
 
 /// The plain cubic of all rows, which weigh alike, of each sensor: the place, from -1 to 1, of a temperature, and the
@@ -185,7 +126,7 @@ pub(super) fn plain_cubics(rows: &[RawSample]) -> impl Fn(usize, f64) -> f64 {
     let fits: [Vector4<f64>; SENSORS] = core::array::from_fn(|sensor| {
         let value = |raw: &RawSample| {
             let (triad, axis) = ([&raw.accelerometers, &raw.gyroscopes][sensor / AXES], sensor % AXES);
-            let resolution = [resolution().accelerometer, resolution().gyroscope][sensor / AXES];
+            let resolution = [RESOLUTION.accelerometer, RESOLUTION.gyroscope][sensor / AXES];
             (f64::from(triad.positive_pulses[axis]) - f64::from(triad.negative_pulses[axis])) * resolution
         };
         inverse * rows.iter().map(|raw| powers(of(raw)) * value(raw)).sum::<Vector4<f64>>()
