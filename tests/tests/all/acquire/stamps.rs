@@ -1,4 +1,5 @@
-//! Times and counts after outages, against when the emulated device wrote each frame.
+//! Times and counts after outages, against when the emulated device wrote each frame. Devices that count nothing have
+//! only their arrivals, which a busy machine makes late; the simulated worlds of the acquisition try those.
 
 use super::{Acquire, Device, counts, describe, recorded};
 use isotherm_client::RawSample;
@@ -112,23 +113,17 @@ fn fault(
 }
 
 const COUNTER: &[(&str, &str)] = &[("interval_s = 0.001", "interval_s = 0.005")];
-const NOTHING: &[(&str, &str)] = &[
-    ("time = { column = \"micros\", unit = \"us\", bits = 32 }\n", ""),
-    ("counter = { column = \"counter\", bits = 16 }\n", ""),
-];
 
 #[test]
 fn a_silence_is_counted_and_timed() {
     for seconds in [0.1, 3.0] {
         assert_stamps(Emulator::Stim300, COUNTER, 200.0, Outage::Muted(seconds));
-        assert_stamps(Emulator::Arduino, NOTHING, 200.0, Outage::Muted(seconds));
     }
 }
 
 #[test]
 fn what_was_late_has_its_time() {
     assert_stamps(Emulator::Stim300, COUNTER, 200.0, Outage::Stalled(0.15));
-    assert_stamps(Emulator::Arduino, NOTHING, 200.0, Outage::Stalled(0.15));
     assert_stamps(Emulator::Stim300, COUNTER, 200.0, Outage::Stopped(1.0));
 }
 
