@@ -45,7 +45,7 @@ pub(super) fn framed(piece: &Piece<'_>, levels: &[Level], step: f64) -> Vec<usiz
 }
 
 /// The rows that are off from this one on. Bad rows that are known do not end them: behind one the level is not
-    /// back.
+/// back.
 fn run(piece: &Piece<'_>, levels: &[Level], first: usize) -> Range<usize> {
     let goes_on = |row: &usize| levels[*row].is_off() || piece.is_known[*row];
     let last = (first..levels.len()).take_while(goes_on).filter(|row| levels[*row].is_off()).last();
