@@ -74,6 +74,8 @@ pub struct Conversion {
     /// The session of the first rows, and that of the last one.
     first_session: u64,
     session: u64,
+    /// Whether the last row is the first one of a further session.
+    begins_session: bool,
     nominal_ns: u64,
     /// Number of rows that the nominal interval was found from, unless it was given.
     found_from: Option<u64>,
@@ -234,6 +236,7 @@ impl Conversion {
             input,
             first_session: settings.session,
             session: settings.session,
+            begins_session: false,
             nominal_ns,
             found_from,
             last: None,
@@ -364,6 +367,17 @@ impl Conversion {
         found
     }
 
+    /// Whether the last row is the first one of a further session: the clock of the stamps started again.
+    #[must_use]
+    pub const fn begins_session(&self) -> bool {
+        self.begins_session
+    }
+
+    /// Whether no session was given: the first rows name none.
+    pub(crate) const fn is_unnamed(&self) -> bool {
+        self.first_session == 0
+    }
+
     /// The next row, with its place: line or message.
     pub(crate) fn next_row(&mut self) -> Result<Option<(u64, RawSample)>, RecordingError> {
         let Some(reading) = self.input.next()? else { return Ok(None) };
@@ -399,6 +413,7 @@ impl Conversion {
     }
 
     fn sample(&mut self, reading: &Reading) -> Result<RawSample, String> {
+        self.begins_session = reading.begins_session;
         if reading.begins_session {
             (self.session, self.last) = (self.session.saturating_add(1), None);
         }

@@ -95,6 +95,7 @@ fn series(random: &mut Random) -> Series {
                 bad.push(rows[at].0);
                 1
             }
+            4 if rows[at..at + 2].iter().any(|(number, _)| bad.contains(number)) => 0,
             4 => {
                 rows.swap(at, at + 1);
                 1
