@@ -75,6 +75,7 @@ struct Written {
     writer: Writer,
     /// The first ones.
     begin: Vec<RawSample>,
+    last_session: u64,
 }
 
 enum Writer {
@@ -121,12 +122,12 @@ impl Convert {
         refuse_overlap(&inputs, &all)?;
         let table = self.table.as_ref().map(|path| load_table(path, None, Trust::Any));
         let table = table.transpose()?.map(|(table, _)| table);
-        let first = self.session.unwrap_or(u64::from(self.input.len() > 1));
+        let mut session = self.session.unwrap_or(u64::from(self.input.len() > 1));
         // Created first: what cannot be written is said before anything is converted.
         let staged = self.nominal.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let mut nominal = None;
-        for (session, (input, output)) in (first..).zip(self.input.iter().zip(&outputs)) {
-            self.convert(input, output, session, table.as_ref(), &mut nominal)?;
+        for (input, output) in self.input.iter().zip(&outputs) {
+            session = self.convert(input, output, session, table.as_ref(), &mut nominal)? + 1;
         }
         match (staged, nominal) {
             (Some(staged), Some((_, table))) => staged.write(&table.to_toml())?.finish(),
@@ -184,6 +185,7 @@ impl Convert {
         Ok(outputs)
     }
 
+    /// Converts an input; returns the last session of its rows.
     fn convert(
         &self,
         input: &Path,
@@ -191,7 +193,7 @@ impl Convert {
         session: u64,
         table: Option<&CoefficientTable>,
         nominal: &mut Option<NominalTable>,
-    ) -> Result<(), Failure> {
+    ) -> Result<u64, Failure> {
         let extension = output.extension().map(|extension| extension.to_string_lossy().to_lowercase());
         let parquet = match extension.as_deref() {
             Some("parquet") => true,
@@ -208,7 +210,7 @@ impl Convert {
             None => self.write(input, output, 1, parquet, &progress)?,
         };
         progress.finish_and_clear();
-        let Some(Written { rows, writer, begin }) = written else { return Ok(()) };
+        let Some(Written { rows, writer, begin, last_session }) = written else { return Ok(session) };
         let path = Some(output);
         let (conversion, notes) = (rows.conversion(), rows.notes());
         if self.nominal.is_some() {
@@ -226,7 +228,7 @@ impl Convert {
         check_written(path, writer.finish())?;
         let to = if output == Path::new("-") { "stdout".into() } else { shown(output).to_string() };
         tell("isotherm", format_args!("{} rows in {to}", conversion.rows()));
-        Ok(())
+        Ok(last_session)
     }
 }
 
@@ -261,7 +263,7 @@ impl Convert {
             Ok(writer) => writer,
             Err(error) => return check_written(path, Err(error)).map(|()| None),
         };
-        let mut begin = Vec::new();
+        let (mut begin, mut last_session) = (Vec::new(), session);
         for sample in &mut rows {
             let sample = sample?;
             if session == 0 && sample.session > 0 {
@@ -272,6 +274,7 @@ impl Convert {
                 }
                 return Ok(None);
             }
+            last_session = sample.session;
             if begin.len() < LENGTH_ROWS {
                 begin.push(sample);
             }
@@ -279,7 +282,7 @@ impl Convert {
                 return check_written(path, Err(error)).map(|()| None);
             }
         }
-        Ok(Some(Written { rows, writer, begin }))
+        Ok(Some(Written { rows, writer, begin, last_session }))
     }
 }
 

@@ -115,27 +115,31 @@ impl Tally {
         let Spot { place, stamp_ns, before_ns } = self.first?;
         let kinds = KINDS.iter().zip(self.counts).filter(|(_, count)| *count > 0);
         let kinds = kinds.map(|((_, words), count)| format!("{count} {words}")).collect::<Vec<_>>().join(", ");
+        let (bad, have) = (self.bad(), if self.bad() == 1 { "has a bad stamp" } else { "have bad stamps" });
         Some(format!(
-            "{} of {rows} rows have bad stamps: {kinds}; the first is {unit} {place}, {stamp_ns} ns after {before_ns} ns",
-            self.bad()
+            "{bad} of {rows} rows {have}: {kinds}; the first is {unit} {place}, {stamp_ns} ns after {before_ns} ns"
         ))
     }
 
     /// What was done, for the user. `unit` is what places count.
     pub(super) fn findings(&self, rows: u64, unit: &str, session: u64) -> Vec<Finding> {
         let done = [
-            (self.mended, "get a time between those of their neighbours"),
-            (self.sorted, "are put in order"),
-            (self.left_out, "are left out"),
+            (
+                self.mended,
+                ["gets a time between those of its neighbours", "get a time between those of their neighbours"],
+            ),
+            (self.sorted, ["is put in order", "are put in order"]),
+            (self.left_out, ["is left out", "are left out"]),
         ];
-        let done = done.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
+        let done = done.iter().filter(|(count, _)| *count > 0);
+        let done = done.map(|(count, [one, several])| format!("{count} {}", if *count == 1 { one } else { several }));
         let done = done.collect::<Vec<_>>().join(", ");
         let bad = self.told(rows, unit).map(|told| format!("{told}; {done}"));
         let twice = (self.twice > 0).then(|| {
             let Self { twice, first_twice, .. } = self;
             format!(
-                "{twice} of {rows} rows are there twice, with the same stamp and the same values, the first is {unit} \
-                 {first_twice}: they are left out"
+                "{twice} of {rows} rows repeat the stamp and the values of an earlier one, the first is {unit} \
+                 {first_twice}: repeated rows are left out"
             )
         });
         let stamps = bad.into_iter().chain(twice).collect::<Vec<_>>().join("; ");

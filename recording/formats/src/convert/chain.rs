@@ -10,8 +10,6 @@ pub(super) const LEAP_NS: u64 = 3_600_000_000_000;
 /// Most rows between two rows of the chain.
 pub(super) const MOST_SKIPPED: usize = 40;
 
-/// Rows that are left out between two that are in step cost 1 each up to this number, then an eighth.
-const SKIPPED: f64 = 8.0;
 /// A step that is longer than that of the rows.
 const GAP: f64 = 0.75;
 /// A row more than the time has room for.
@@ -22,6 +20,8 @@ const LEAP: f64 = 3.0;
 const BEHIND_ZERO: f64 = 16.0;
 const LEAP_PERIODS: f64 = 1000.0;
 const ROLLOVER: f64 = 0.5;
+/// What a row costs more that is left out although no stamp around it is odd.
+const CALM: f64 = 0.1;
 /// A clock that starts again.
 const SESSION: f64 = 12.0;
 /// A row that is off its place by as much as it may.
@@ -96,7 +96,9 @@ impl Rhythm {
             Some(back_ns) => later_ns.saturating_add(back_ns) < earlier_ns,
         };
         if !falls {
-            return (Link::Step, later_ns as f64 - earlier_ns as f64);
+            // The difference is exact before it is rounded.
+            let back_ns = earlier_ns.saturating_sub(later_ns) as f64;
+            return (Link::Step, later_ns.saturating_sub(earlier_ns) as f64 - back_ns);
         }
         match rollover.width_between(earlier_ns, later_ns, self.period_ns) {
             Some(width_ns) => (Link::Rollover(width_ns), (width_ns - earlier_ns + later_ns) as f64),
@@ -104,23 +106,23 @@ impl Rhythm {
         }
     }
 
-    /// What it costs that the second row is the next of the chain; `rows` is how many places it is behind.
+    /// What it costs that the second row is the next of the chain, besides the rows that are left out; `rows` is how
+    /// many places it is behind.
     fn cost(&self, link: Link, step_ns: f64, rows: usize, is_from_zero: bool) -> f64 {
-        let skipped = (rows - 1) as f64;
         let of_link = match link {
-            Link::Session => return SESSION + skipped,
+            Link::Session => return SESSION,
             Link::Rollover(_) => ROLLOVER,
             Link::Step => 0.0,
         };
         let off = step_ns / self.period_ns - rows as f64;
         let of_step = if off.abs() <= self.tolerance {
-            skipped.min(SKIPPED + skipped / 8.0) + OFF * off.abs() / self.tolerance
+            OFF * off.abs() / self.tolerance
         } else if off < 0.0 {
-            skipped + CROWDED * (0.5 - off - self.tolerance)
+            CROWDED * (0.5 - off - self.tolerance)
         } else if self.is_leap(step_ns) || is_from_zero && off > BEHIND_ZERO {
-            skipped + LEAP
+            LEAP
         } else {
-            skipped + GAP
+            GAP
         };
         of_link + of_step
     }
@@ -128,11 +130,21 @@ impl Rhythm {
 
 /// The chain of rows with these stamps \[ns\]. `last_ns` is the stamp of the last row before them.
 pub(super) fn chain(stamps: &[u64], last_ns: Option<u64>, rhythm: &Rhythm, rollover: &Rollover) -> Vec<Linked> {
+    let is_odd = |at: usize| {
+        let before = at.checked_sub(1).map_or(last_ns, |before| stamps.get(before).copied());
+        before.zip(stamps.get(at)).is_some_and(|(before_ns, ns)| rhythm.is_odd(before_ns, *ns))
+    };
+    // What it costs to leave out all rows up to each.
+    let mut left_out = vec![0.0];
+    for at in 0..stamps.len() {
+        let more = if is_odd(at) || is_odd(at + 1) { 0.0 } else { CALM };
+        left_out.push(left_out[at] + 1.0 + more);
+    }
     // Of each row the least cost, and the row before it, as its place and 1.
     let mut best: Vec<(f64, usize, Linked)> = Vec::with_capacity(stamps.len());
     for (at, later_ns) in stamps.iter().copied().enumerate() {
         let first = Linked { at, link: Link::Step, is_in_step: false };
-        let mut least = (if last_ns.is_none() { at as f64 } else { f64::INFINITY }, 0, first);
+        let mut least = (if last_ns.is_none() { left_out[at] } else { f64::INFINITY }, 0, first);
         for before in (at.saturating_sub(MOST_SKIPPED + 1)..at + 1).rev() {
             // The place and 1 of an earlier row; 0 is the last one before the window.
             let earlier =
@@ -140,7 +152,8 @@ pub(super) fn chain(stamps: &[u64], last_ns: Option<u64>, rhythm: &Rhythm, rollo
             let Some((so_far, earlier_ns)) = earlier.filter(|(so_far, _)| *so_far < least.0) else { continue };
             let rows = at + 1 - before;
             let (link, step_ns) = rhythm.link(earlier_ns, later_ns, rollover);
-            let cost = so_far + rhythm.cost(link, step_ns, rows, earlier_ns == 0);
+            let skipped = left_out[at] - left_out[before];
+            let cost = so_far + skipped + rhythm.cost(link, step_ns, rows, earlier_ns == 0);
             if cost < least.0 {
                 let is_in_step = link != Link::Session && rhythm.is_in_step(step_ns, rows);
                 least = (cost, before, Linked { is_in_step, ..first });
@@ -149,9 +162,9 @@ pub(super) fn chain(stamps: &[u64], last_ns: Option<u64>, rhythm: &Rhythm, rollo
         }
         best.push(least);
     }
-    let total = |at: usize| best[at].0 + (stamps.len() - 1 - at) as f64;
+    let total = |at: usize| best[at].0 + left_out[stamps.len()] - left_out[at + 1];
     let end = (0..best.len()).rev().min_by(|a, b| total(*a).total_cmp(&total(*b)));
-    let none = last_ns.is_some().then_some(stamps.len() as f64);
+    let none = last_ns.is_some().then_some(left_out[stamps.len()]);
     let mut chain = Vec::new();
     let mut at = end.filter(|end| none.is_none_or(|none| total(*end) < none)).map_or(0, |end| end + 1);
     while at > 0 {

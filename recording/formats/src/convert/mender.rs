@@ -63,7 +63,7 @@ struct Waiting {
 }
 
 /// A row that gets its time.
-#[derive(Clone, Copy, Debug, Eq, Ord, PartialEq, PartialOrd)]
+#[derive(Clone, Copy, Debug, Default, Eq, Ord, PartialEq, PartialOrd)]
 struct Placed {
     /// How often the clock has started again since the last row before the window.
     session: u32,
@@ -177,15 +177,13 @@ impl Mender {
         }
         let good = self.good(&chain);
         let mut placed = good.clone();
-        let mut bad = Bad { good: &good, next: 0 };
         let mut is_good = vec![false; rows];
         good.iter().for_each(|row| is_good[row.at] = true);
         let mut at = 0;
         while at < rows {
             let end = (at..rows).find(|at| is_good[*at]).unwrap_or(rows);
             if at < end {
-                bad.next = good.partition_point(|row| row.at < at);
-                self.mend(&bad, at..end, &mut placed);
+                self.mend(&good, at..end, &mut placed);
             }
             at = end + 1;
         }
@@ -230,63 +228,79 @@ impl Mender {
         good
     }
 
-    /// Places the bad rows of a run between two good ones, and counts them.
-    fn mend(&mut self, bad: &Bad<'_>, run: core::ops::Range<usize>, placed: &mut Vec<Placed>) {
-        let before = bad.before();
-        let earlier = match before {
-            Some(row) => Some((row.at as i64, row.session, row.time_ns, self.waiting[row.at].stamp_ns)),
-            None => self.last.map(|(stamp_ns, time_ns)| (-1, 0, time_ns, stamp_ns)),
+    /// Places the bad rows of a run between two good ones, and counts them: where their own stamps have them in this
+    /// hole; or in order, where as many places are left as rows; or where their own stamps have them nearby.
+    fn mend(&mut self, good: &[Placed], run: core::ops::Range<usize>, placed: &mut Vec<Placed>) {
+        let next = good.partition_point(|row| row.at < run.start);
+        let before = next.checked_sub(1).map(|before| (good[before], self.waiting[good[before].at].stamp_ns));
+        let first = self.last.map(|(stamp_ns, time_ns)| (Placed { time_ns, ..Placed::default() }, stamp_ns));
+        let earlier = before.or(first);
+        let later = good.get(next).map(|row| (*row, self.waiting[row.at].stamp_ns));
+        let around = [earlier, later].map(|row| row.map(|(_, stamp_ns)| stamp_ns));
+        let rows = run.len() + 1;
+        let own = |mender: &Self, at: usize, good: &[Placed], placed: &[Placed]| {
+            let (clock, first_ns) = earlier.or(later)?;
+            let time_ns = after(clock.time_ns, first_ns, mender.waiting[at].stamp_ns);
+            mender.own_place(Placed { time_ns, at, ..clock }, good, placed)
         };
-        let later = bad.after();
-        // Both neighbours, if the time between them is that of the rows.
-        let between = earlier.zip(later).and_then(|((at, session, time_ns, stamp_ns), later)| {
-            let (rows, step_ns) = (later.at as i64 - at, later.time_ns as f64 - time_ns as f64);
-            let is_right = session == later.session && self.rhythm.is_in_step(step_ns, rows as usize);
-            is_right.then_some((time_ns, stamp_ns, later.time_ns, rows))
-        });
-        let slots = between.map(|(time_ns, stamp_ns, end_ns, rows)| {
-            let own = run.clone().map(|at| after(time_ns, stamp_ns, self.waiting[at].stamp_ns));
-            slots(own, self.rhythm.is_even(), time_ns, end_ns, rows as u64)
-        });
-        let mut slots = slots.unwrap_or_default().into_iter();
-        let mut highest_ns = 0;
+        let mut left = Vec::new();
+        let mut highest_ns = around[0].unwrap_or(0);
+        let hole: Vec<_> = earlier.iter().chain(&later).map(|(row, _)| *row).collect();
         for at in run {
-            let Waiting { stamp_ns, reading, .. } = self.waiting[at];
-            let kind = self.kind(at, earlier.map(|(.., stamp_ns)| stamp_ns), later.map(|row| row.at));
-            let before_ns = if at > 0 { Some(self.waiting[at - 1].stamp_ns) } else { self.last.map(|(ns, _)| ns) };
-            let spot = Spot { place: reading.place, stamp_ns, before_ns: before_ns.unwrap_or(stamp_ns) };
-            if let Some(((time_ns, first_ns, end_ns, rows), slot)) = between.zip(slots.next()) {
-                let session = earlier.map_or(0, |(_, session, ..)| session);
-                match slot {
-                    Slot::Own => {
-                        let time_ns = after(time_ns, first_ns, stamp_ns);
-                        placed.push(Placed { session, time_ns, at, is_mended: false });
-                        if stamp_ns < highest_ns {
-                            self.tally.take(BadStamp::Overtaken, Remedy::Sorted, spot);
-                        }
-                        highest_ns = highest_ns.max(stamp_ns);
+            match own(self, at, &hole, placed) {
+                Some(row) => {
+                    placed.push(row);
+                    if self.waiting[at].stamp_ns < highest_ns {
+                        self.tally.take(BadStamp::Overtaken, Remedy::Sorted, self.spot(at));
                     }
-                    Slot::Free(slot) => {
-                        let step_ns = i128::from(end_ns) - i128::from(time_ns);
-                        let time_ns = (i128::from(time_ns) + step_ns * i128::from(slot) / i128::from(rows)) as u64;
-                        placed.push(Placed { session, time_ns, at, is_mended: true });
-                        self.tally.take(kind, Remedy::Mended, spot);
-                    }
+                    highest_ns = highest_ns.max(self.waiting[at].stamp_ns);
                 }
-            } else if let Some(row) = self.own_place(bad, at, placed) {
+                None => left.push(at),
+            }
+        }
+        let free = earlier.zip(later).and_then(|(earlier, later)| self.free(&earlier.0, &later.0, rows, placed));
+        let mut free = free.filter(|free| free.len() == left.len()).into_iter().flatten();
+        for at in left {
+            let (kind, spot) = (self.kind(at, around), self.spot(at));
+            if let Some(row) = free.next() {
+                placed.push(Placed { at, ..row });
+                self.tally.take(kind, Remedy::Mended, spot);
+            } else if let Some(row) = own(self, at, near(good, at), placed) {
                 placed.push(row);
                 self.tally.take(BadStamp::Overtaken, Remedy::Sorted, spot);
             } else {
                 self.tally.take(kind, Remedy::LeftOut, spot);
-                self.carry(at, later.map(|row| row.at));
+                self.carry(at, later.map(|(row, _)| row.at));
             }
         }
     }
 
+    /// The places that are free between two good rows which are `rows` apart; `None` if the time between them is not
+    /// that of as many rows.
+    fn free(&self, earlier: &Placed, later: &Placed, rows: usize, placed: &[Placed]) -> Option<Vec<Placed>> {
+        let (hole, session) = (earlier.hole(later), later.session);
+        if earlier.session != session || !self.rhythm.is_in_step(hole.length_ns(), rows) {
+            return None;
+        }
+        let taken: Vec<_> = hole.taken(session, rows as f64, placed).collect();
+        let free = (1..rows).filter(|slot| !taken.contains(slot)).map(|slot| {
+            let step_ns = i128::from(later.time_ns) - i128::from(earlier.time_ns);
+            let time_ns = i128::from(earlier.time_ns) + step_ns * slot as i128 / rows as i128;
+            Placed { session, time_ns: time_ns as u64, at: 0, is_mended: true }
+        });
+        Some(free.collect())
+    }
+
+    fn spot(&self, at: usize) -> Spot {
+        let Waiting { stamp_ns, reading, .. } = self.waiting[at];
+        let before = at.checked_sub(1).map(|before| self.waiting[before].stamp_ns);
+        let before_ns = before.or(self.last.map(|(before_ns, _)| before_ns)).unwrap_or(stamp_ns);
+        Spot { place: reading.place, stamp_ns, before_ns }
+    }
+
     /// What is wrong with the stamp of a bad row, by the good rows before and behind it.
-    fn kind(&self, at: usize, earlier_ns: Option<u64>, later: Option<usize>) -> BadStamp {
+    fn kind(&self, at: usize, [earlier_ns, later_ns]: [Option<u64>; 2]) -> BadStamp {
         let stamp_ns = self.waiting[at].stamp_ns;
-        let later_ns = later.map(|later| self.waiting[later].stamp_ns);
         let beside = at.checked_sub(1).into_iter().chain([at + 1]).filter_map(|at| self.waiting.get(at));
         let mut beside = beside.map(|row| row.stamp_ns).chain(earlier_ns).chain(later_ns);
         match (earlier_ns, later_ns) {
@@ -298,29 +312,19 @@ impl Mender {
         }
     }
 
-    /// The place of a row that was overtaken by a few others: by its own stamp, in a hole between two good rows.
-    fn own_place(&self, bad: &Bad<'_>, at: usize, placed: &[Placed]) -> Option<Placed> {
-        if !self.rhythm.is_even() {
-            return None;
-        }
-        let near = bad.good.iter().filter(|row| row.at.abs_diff(at) <= OVERTAKEN);
-        let first = self.last.map(|(stamp_ns, time_ns)| (0, time_ns, stamp_ns)).filter(|_| at < OVERTAKEN);
-        let near = near.map(|row| (row.session, row.time_ns, self.waiting[row.at].stamp_ns));
-        let near: Vec<_> = first.into_iter().chain(near).collect();
-        let stamp_ns = self.waiting[at].stamp_ns;
-        near.windows(2).find_map(|pair| {
-            let [(session, from_ns, first_ns), (other, to_ns, _)] = [pair[0], pair[1]];
-            let time_ns = after(from_ns, first_ns, stamp_ns);
-            let slots = ((to_ns.checked_sub(from_ns)? as f64) / self.rhythm.period_ns).round();
-            let is_within = session == other && (from_ns + 1..to_ns).contains(&time_ns);
-            let slot = is_within.then(|| slot(time_ns, from_ns, to_ns, slots)).flatten()?;
-            let is_taken = |row: &Placed| {
-                let is_within = row.session == session && (from_ns + 1..to_ns).contains(&row.time_ns);
-                is_within && slot_near(row.time_ns, from_ns, to_ns, slots) == slot
-            };
-            let row = Placed { session, time_ns, at, is_mended: false };
-            (!placed.iter().any(is_taken)).then_some(row)
-        })
+    /// The place of a row in a hole between two of these good rows, if its own time is there.
+    fn own_place(&self, row: Placed, good: &[Placed], placed: &[Placed]) -> Option<Placed> {
+        let is_around = |pair: &&[Placed]| {
+            let [earlier, later] = [pair[0], pair[1]];
+            earlier.session == row.session && later.session == row.session && earlier.hole(&later).contains(row.time_ns)
+        };
+        let pair = good.windows(2).find(is_around).filter(|_| self.rhythm.is_even())?;
+        let hole = pair[0].hole(&pair[1]);
+        let slots = (hole.length_ns() / self.rhythm.period_ns).round();
+        let slot = hole.slot(row.time_ns, slots);
+        let is_near = (slot - slot.round()).abs() <= OFF && (1.0..slots).contains(&slot.round());
+        let is_free = is_near && !hole.taken(row.session, slots, placed).any(|taken| taken == slot.round() as usize);
+        is_free.then_some(Placed { is_mended: false, ..row })
     }
 
     /// Adds what a row that is left out has counted to the next one.
@@ -347,20 +351,45 @@ impl Mender {
     }
 }
 
-/// The good rows, and the first of them behind a run of bad ones.
-struct Bad<'a> {
-    good: &'a [Placed],
-    next: usize,
+impl Placed {
+    const fn hole(&self, later: &Self) -> Hole {
+        Hole { from_ns: self.time_ns, to_ns: later.time_ns }
+    }
 }
 
-impl Bad<'_> {
-    fn before(&self) -> Option<&Placed> {
-        self.good.get(self.next.checked_sub(1)?)
+/// The time between two good rows.
+#[derive(Clone, Copy, Debug)]
+struct Hole {
+    from_ns: u64,
+    to_ns: u64,
+}
+
+impl Hole {
+    const fn contains(self, time_ns: u64) -> bool {
+        self.from_ns < time_ns && time_ns < self.to_ns
     }
 
-    fn after(&self) -> Option<&Placed> {
-        self.good.get(self.next)
+    const fn length_ns(self) -> f64 {
+        self.to_ns.saturating_sub(self.from_ns) as f64
     }
+
+    /// Where a time within is, if the hole has so many steps.
+    fn slot(self, time_ns: u64, slots: f64) -> f64 {
+        (time_ns - self.from_ns) as f64 * slots / self.length_ns()
+    }
+
+    /// The steps that rows have taken.
+    fn taken(self, session: u32, slots: f64, placed: &[Placed]) -> impl Iterator<Item = usize> {
+        let within = placed.iter().filter(move |row| row.session == session && self.contains(row.time_ns));
+        within.map(move |row| self.slot(row.time_ns, slots).round() as usize)
+    }
+}
+
+/// The good rows near a place of the window.
+fn near(good: &[Placed], at: usize) -> &[Placed] {
+    let from = good.partition_point(|row| row.at + OVERTAKEN < at);
+    let to = good.partition_point(|row| row.at <= at + OVERTAKEN);
+    &good[from..to]
 }
 
 /// The time of a stamp on the clock on which `earlier_ns` was `time_ns`.
@@ -380,42 +409,4 @@ fn cut(chain: &[Linked], limit: usize) -> usize {
         last.at - first.at == 2 * CALM && all.iter().all(|row| row.is_in_step)
     };
     (0..before).rev().find(is_calm).map_or(before.max(1), |number| number + 1)
-}
-
-/// The slot of a time among so many from one time to another, if it is near one and not at the ends.
-fn slot(time_ns: u64, from_ns: u64, to_ns: u64, slots: f64) -> Option<u64> {
-    let at = (time_ns - from_ns) as f64 * slots / (to_ns - from_ns) as f64;
-    let is_near = (at - at.round()).abs() <= OFF && at.round() >= 1.0 && at.round() <= slots - 1.0;
-    is_near.then_some(at.round() as u64)
-}
-
-/// The slot that is nearest.
-fn slot_near(time_ns: u64, from_ns: u64, to_ns: u64, slots: f64) -> u64 {
-    ((time_ns - from_ns) as f64 * slots / (to_ns - from_ns) as f64).round() as u64
-}
-
-/// Where a bad row is between two good ones.
-#[derive(Clone, Copy, Debug)]
-enum Slot {
-    /// Where its own stamp has it, out of order.
-    Own,
-    /// In this slot of those that are left.
-    Free(u64),
-}
-
-/// The slots of bad rows between two times that are `rows` periods apart: rows with these times `own` are in their own
-/// slot, if that may be and no other one claims it. The others fill what is left, in their order.
-fn slots(own: impl Iterator<Item = u64>, may_be_own: bool, from_ns: u64, to_ns: u64, rows: u64) -> Vec<Slot> {
-    let of = |time_ns: u64| {
-        let is_within = may_be_own && from_ns < time_ns && time_ns < to_ns;
-        is_within.then(|| slot(time_ns, from_ns, to_ns, rows as f64)).flatten()
-    };
-    let claims: Vec<_> = own.map(of).collect();
-    let is_only = |claim: u64| claims.iter().filter(|other| **other == Some(claim)).count() == 1;
-    let mut free = (1..rows).filter(|slot| !claims.contains(&Some(*slot)) || !is_only(*slot));
-    let all = claims.iter().map(|claim| match claim {
-        Some(claim) if is_only(*claim) => Slot::Own,
-        _ => Slot::Free(free.next().unwrap_or(rows)),
-    });
-    all.collect()
 }
