@@ -5,7 +5,7 @@
 
 use super::rollover::Rollover;
 
-/// A leap is longer than this \[ns\], an hour: rows have to be worth it.
+/// A leap is longer than this \[ns\], an hour: rows have to be worth it, at the beginning and the end of all rows.
 pub(super) const LEAP_NS: u64 = 3_600_000_000_000;
 /// Most rows between two rows of the chain.
 pub(super) const MOST_SKIPPED: usize = 40;
@@ -14,10 +14,13 @@ pub(super) const MOST_SKIPPED: usize = 40;
 const GAP: f64 = 0.75;
 /// A row more than the time has room for.
 const CROWDED: f64 = 3.0;
-/// A leap, and a gap behind a stamp of 0.
-const LEAP: f64 = 3.0;
-/// Gaps of so many periods behind a stamp of 0 count as one.
-const BEHIND_ZERO: f64 = 16.0;
+/// A gap behind a stamp of 0, of over so many periods.
+const AFTER_ZERO: f64 = 3.0;
+const FAR_FROM_ZERO: f64 = 16.0;
+/// Up to so many rows before the first leap, or behind the last one, cost less than a gap.
+const FEW: usize = 3;
+const FEW_ROWS: f64 = 0.5;
+/// A leap is longer than so many periods.
 const LEAP_PERIODS: f64 = 1000.0;
 const ROLLOVER: f64 = 0.5;
 /// What a row costs more that is left out although no stamp around it is odd.
@@ -119,8 +122,8 @@ impl Rhythm {
             OFF * off.abs() / self.tolerance
         } else if off < 0.0 {
             CROWDED * (0.5 - off - self.tolerance)
-        } else if self.is_leap(step_ns) || is_from_zero && off > BEHIND_ZERO {
-            LEAP
+        } else if is_from_zero && off > FAR_FROM_ZERO {
+            AFTER_ZERO
         } else {
             GAP
         };
@@ -128,8 +131,15 @@ impl Rhythm {
     }
 }
 
-/// The chain of rows with these stamps \[ns\]. `last_ns` is the stamp of the last row before them.
-pub(super) fn chain(stamps: &[u64], last_ns: Option<u64>, rhythm: &Rhythm, rollover: &Rollover) -> Vec<Linked> {
+/// The chain of rows with these stamps \[ns\]. `last_ns` is the stamp of the last row before them; `is_end`: there are
+/// none behind them.
+pub(super) fn chain(
+    stamps: &[u64],
+    last_ns: Option<u64>,
+    is_end: bool,
+    rhythm: &Rhythm,
+    rollover: &Rollover,
+) -> Vec<Linked> {
     let is_odd = |at: usize| {
         let before = at.checked_sub(1).map_or(last_ns, |before| stamps.get(before).copied());
         before.zip(stamps.get(at)).is_some_and(|(before_ns, ns)| rhythm.is_odd(before_ns, *ns))
@@ -140,11 +150,18 @@ pub(super) fn chain(stamps: &[u64], last_ns: Option<u64>, rhythm: &Rhythm, rollo
         let more = if is_odd(at) || is_odd(at + 1) { 0.0 } else { CALM };
         left_out.push(left_out[at] + 1.0 + more);
     }
+    let count = stamps.len();
+    let leaps = |at: usize| rhythm.is_leap(stamps[at].saturating_sub(stamps[at - 1]) as f64);
+    let begin = |at: usize| if (1..=FEW).contains(&at) && leaps(at) { FEW_ROWS } else { left_out[at] };
+    let rest = |at: usize| {
+        let is_few = is_end && at < count && count - at <= FEW && at > 0 && leaps(at);
+        if is_few { FEW_ROWS } else { left_out[count] - left_out[at] }
+    };
     // Of each row the least cost, and the row before it, as its place and 1.
     let mut best: Vec<(f64, usize, Linked)> = Vec::with_capacity(stamps.len());
     for (at, later_ns) in stamps.iter().copied().enumerate() {
         let first = Linked { at, link: Link::Step, is_in_step: false };
-        let mut least = (if last_ns.is_none() { left_out[at] } else { f64::INFINITY }, 0, first);
+        let mut least = (if last_ns.is_none() { begin(at) } else { f64::INFINITY }, 0, first);
         for before in (at.saturating_sub(MOST_SKIPPED + 1)..at + 1).rev() {
             // The place and 1 of an earlier row; 0 is the last one before the window.
             let earlier =
@@ -162,9 +179,9 @@ pub(super) fn chain(stamps: &[u64], last_ns: Option<u64>, rhythm: &Rhythm, rollo
         }
         best.push(least);
     }
-    let total = |at: usize| best[at].0 + left_out[stamps.len()] - left_out[at + 1];
+    let total = |at: usize| best[at].0 + rest(at + 1);
     let end = (0..best.len()).rev().min_by(|a, b| total(*a).total_cmp(&total(*b)));
-    let none = last_ns.is_some().then_some(left_out[stamps.len()]);
+    let none = last_ns.is_some().then_some(left_out[count]);
     let mut chain = Vec::new();
     let mut at = end.filter(|end| none.is_none_or(|none| total(*end) < none)).map_or(0, |end| end + 1);
     while at > 0 {

@@ -6,6 +6,7 @@
 
 use super::bad_stamps::{BadStamp, Remedy, Spot, Tally};
 use super::chain::{Link, Linked, Rhythm, chain};
+use super::placed::{Placed, near};
 use super::rhythm::Twice;
 use super::rollover::{Counter, Rollover};
 use super::source::Reading;
@@ -20,8 +21,6 @@ const HEAD: usize = 48;
 const TAIL: usize = 48;
 /// Rows on both sides of a cut that have to be in step.
 const CALM: usize = 8;
-/// Most rows by which a row is overtaken.
-const OVERTAKEN: usize = 8;
 /// Most that a row which is put in order may be off its place, in steps.
 const OFF: f64 = 0.35;
 /// Last rows that a row may repeat.
@@ -60,16 +59,6 @@ struct Waiting {
     /// Number of the row, from 1.
     row: u64,
     is_odd: bool,
-}
-
-/// A row that gets its time.
-#[derive(Clone, Copy, Debug, Default, Eq, Ord, PartialEq, PartialOrd)]
-struct Placed {
-    /// How often the clock has started again since the last row before the window.
-    session: u32,
-    time_ns: u64,
-    at: usize,
-    is_mended: bool,
 }
 
 impl Mender {
@@ -169,7 +158,7 @@ impl Mender {
     /// Finds the good rows of the window, gives those up to a calm place, and mends what is between them.
     fn resolve(&mut self, is_end: bool, ready: &mut VecDeque<Reading>) {
         let stamps: Vec<_> = self.waiting.iter().map(|row| row.stamp_ns).collect();
-        let mut chain = chain(&stamps, self.last.map(|(stamp_ns, _)| stamp_ns), &self.rhythm, &self.rollover);
+        let mut chain = chain(&stamps, self.last.map(|(stamp_ns, _)| stamp_ns), is_end, &self.rhythm, &self.rollover);
         let mut rows = stamps.len();
         if !is_end {
             chain.truncate(cut(&chain, rows.saturating_sub(TAIL)));
@@ -349,47 +338,6 @@ impl Mender {
         self.waiting.drain(..rows);
         self.front += rows as u64;
     }
-}
-
-impl Placed {
-    const fn hole(&self, later: &Self) -> Hole {
-        Hole { from_ns: self.time_ns, to_ns: later.time_ns }
-    }
-}
-
-/// The time between two good rows.
-#[derive(Clone, Copy, Debug)]
-struct Hole {
-    from_ns: u64,
-    to_ns: u64,
-}
-
-impl Hole {
-    const fn contains(self, time_ns: u64) -> bool {
-        self.from_ns < time_ns && time_ns < self.to_ns
-    }
-
-    const fn length_ns(self) -> f64 {
-        self.to_ns.saturating_sub(self.from_ns) as f64
-    }
-
-    /// Where a time within is, if the hole has so many steps.
-    fn slot(self, time_ns: u64, slots: f64) -> f64 {
-        (time_ns - self.from_ns) as f64 * slots / self.length_ns()
-    }
-
-    /// The steps that rows have taken.
-    fn taken(self, session: u32, slots: f64, placed: &[Placed]) -> impl Iterator<Item = usize> {
-        let within = placed.iter().filter(move |row| row.session == session && self.contains(row.time_ns));
-        within.map(move |row| self.slot(row.time_ns, slots).round() as usize)
-    }
-}
-
-/// The good rows near a place of the window.
-fn near(good: &[Placed], at: usize) -> &[Placed] {
-    let from = good.partition_point(|row| row.at + OVERTAKEN < at);
-    let to = good.partition_point(|row| row.at <= at + OVERTAKEN);
-    &good[from..to]
 }
 
 /// The time of a stamp on the clock on which `earlier_ns` was `time_ns`.

@@ -20,6 +20,7 @@ mod known;
 mod mapping;
 mod mender;
 mod novatel;
+mod placed;
 mod proposal;
 mod refused;
 mod rhythm;

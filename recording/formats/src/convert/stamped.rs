@@ -16,7 +16,7 @@ const FOUND_FROM: usize = 1000;
 /// The same, where they jitter or come in bursts.
 const FOUND_FROM_UNEVEN: usize = 100_000;
 /// Stamps of which more than one of so many is bad are those of arrivals, if any.
-const FEW: u64 = 20;
+const FEW: u64 = 50;
 
 /// The rows of a source.
 pub(super) struct Stamped {

@@ -1,8 +1,10 @@
 //! Each kind of bad stamps, with its words; clocks that start again; and where times come from instead.
 
 use crate::convert_ros::{BEGIN, Bag, STEP, imu};
+use indicatif::ProgressBar;
 use isotherm_failure::Exit;
-use isotherm_recording_formats::convert::{Conversion, Settings, TimeSource};
+use isotherm_recording_formats::convert::{Conversion, Foreign, Settings, TimeSource};
+use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_recording_formats::ros::Imu;
 use isotherm_shared::wire::RawSample;
 use std::fmt::Write as _;
@@ -205,6 +207,23 @@ fn a_clock_that_starts_again_begins_a_session() {
     assert!(samples.len() == 6000 && steps(&samples[..4000]) && steps(&samples[4000..]));
 }
 
+/// The clock was set after the first rows, and the last one is ahead. A row between two pauses stays.
+#[test]
+fn few_rows_before_the_first_leap_and_behind_the_last_one_are_left_out() {
+    let mut truth = rows(1500);
+    truth[2..].iter_mut().for_each(|row| row.1 += 1_700_000_000_000_000);
+    truth[700..].iter_mut().for_each(|row| row.1 += 4_000_000_000);
+    truth[701..].iter_mut().for_each(|row| row.1 += 4_000_000_000);
+    truth[1499].1 += 86_400_000_000;
+    let (found, told) = converted(&truth);
+    assert_eq!(found, truth[2..1499], "{told}");
+    assert!(
+        told.contains("3 of 1500 rows have bad stamps: 2 a stamp that goes back, 1 a stamp that is ahead"),
+        "{told}"
+    );
+    assert!(told.contains("3 are left out"), "{told}");
+}
+
 #[test]
 fn increments_keep_the_counts_of_a_row_that_is_left_out() {
     let mut rows = rows(1500);
@@ -275,11 +294,38 @@ fn many_repeated_stamps_do_no_harm_where_the_steps_have_the_places_of_their_rows
     let mut bag = Bag::new();
     let stamp = |number: u64| BEGIN + number * 2_532_500;
     for number in 0..2000 {
-        let is_right = |row: &u64| *row == 0 || row * 7919 % 1000 >= 250;
+        let is_right = |row: &u64| [0, 1999].contains(row) || row * 7919 % 1000 >= 250;
         bag.imu("/imu", &stamped(number, stamp((0..=number).rfind(is_right).unwrap())));
     }
     let (samples, told) = bag.convert(&Settings::default()).unwrap();
     let off = |(number, sample): (u64, &RawSample)| sample.timestamp_ns.abs_diff(stamp(number));
     assert!(samples.len() == 2000 && (0..).zip(&samples).all(|row| off(row) <= 1), "{told:?}");
     assert_eq!(samples[0].interval_ns, 2_532_500);
+}
+
+/// Pieces whose clocks start again are read one after the other, each session with a number of its own.
+#[test]
+fn sessions_of_several_files_are_told_apart() {
+    let folder = tempfile::TempDir::new().unwrap();
+    let truth = rows(900);
+    let paths: Vec<_> = (0..2_u64)
+        .map(|piece| {
+            let later = |us: u64| us + piece * 60_000_000;
+            let back = |row: u64| if row < 300 { 0 } else { 2_000_000 };
+            let rows: Vec<_> = truth.iter().map(|(row, us)| (row + piece, later(*us) - back(*row))).collect();
+            let path = folder.path().join(format!("{piece}.csv"));
+            std::fs::write(&path, text(&rows)).unwrap();
+            path
+        })
+        .collect();
+    let foreign = Foreign { mapping: Some(("m.toml".into(), MAPPING.to_owned())), settings: Settings::default() };
+    let samples = Samples::open(&paths, (ImuChoice::Any, foreign), &ProgressBar::hidden());
+    let samples: Vec<_> = samples.unwrap().collect::<Result<_, _>>().unwrap();
+    let mut sessions: Vec<_> = samples.iter().map(|sample| sample.session).collect();
+    assert_eq!(sessions.len(), 1800);
+    sessions.dedup();
+    assert_eq!(sessions.len(), 4, "{sessions:?}");
+    sessions.sort_unstable();
+    sessions.dedup();
+    assert!(sessions.len() >= 3, "{sessions:?}");
 }
