@@ -90,7 +90,9 @@ impl Mender {
             return self.tally.take_twice(reading.place);
         }
         let newest_ns = self.newest_ns.replace(stamp_ns);
-        let is_odd = newest_ns.map_or(stamp_ns == 0, |newest_ns| self.rhythm.is_odd(newest_ns, stamp_ns));
+        let is_odd = newest_ns.map_or(stamp_ns == 0, |newest_ns| {
+            self.rhythm.is_odd(newest_ns, stamp_ns) && self.usual_rollover(newest_ns, stamp_ns).is_none()
+        });
         if is_odd {
             self.first_odd.get_or_insert(self.front + self.waiting.len() as u64);
         }
@@ -141,13 +143,24 @@ impl Mender {
         is_judged && self.remembered.iter().rev().any(|(of, their)| *of == stamp_ns && their == values)
     }
 
+    /// The width of a counter \[ns\] that has rolled over before, and does so again from one row to the next.
+    fn usual_rollover(&self, earlier_ns: u64, later_ns: u64) -> Option<u64> {
+        if later_ns >= earlier_ns || !self.rollover.is_found() {
+            return None;
+        }
+        let width_ns = self.rollover.width_between(earlier_ns, later_ns, self.rhythm.period_ns)?;
+        self.rhythm.is_in_step((width_ns - earlier_ns + later_ns) as f64, 1).then_some(width_ns)
+    }
+
     /// Gives the first row that waits as it is.
     fn give_first(&mut self, ready: &mut VecDeque<Reading>) {
-        let Some(Waiting { mut reading, stamp_ns, .. }) = self.waiting.pop_front() else { return };
+        let Some(Waiting { mut reading, stamp_ns, row, .. }) = self.waiting.pop_front() else { return };
         self.front += 1;
         let mut time_ns = stamp_ns;
         if let Some((last_stamp_ns, last_ns)) = self.last {
-            time_ns = after(last_ns, last_stamp_ns, stamp_ns);
+            let width_ns = self.usual_rollover(last_stamp_ns, stamp_ns);
+            width_ns.iter().for_each(|width_ns| self.rollover.take(*width_ns, row));
+            time_ns = after(last_ns, last_stamp_ns, stamp_ns.wrapping_add(width_ns.unwrap_or(0)));
             self.rollover.step(stamp_ns.saturating_sub(last_stamp_ns));
         }
         self.last = Some((stamp_ns, time_ns));

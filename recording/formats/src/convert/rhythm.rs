@@ -9,6 +9,8 @@ use std::collections::VecDeque;
 const SPAN: usize = 1000;
 /// Stamps of arrivals step back in at least one of so many rows, if that is their jitter.
 const BACK: usize = 50;
+/// And by no more than so many periods.
+const FARTHEST_BACK: f64 = 3.0;
 /// Rows with one stamp have the same values, but for one of so many.
 const OTHER_VALUES: usize = 20;
 /// Rows with other stamps have other values, but for one of so many.
@@ -29,8 +31,10 @@ pub(super) fn arrivals(stamps: &[u64]) -> Rhythm {
     let period_ns = period_ns.max(1.0);
     let gap_ns = interval::found(stamps).map_or(0.0, |shape| shape.gap_ns as f64);
     let back: Vec<_> = stamps.windows(2).filter_map(|pair| pair[0].checked_sub(pair[1])).filter(|ns| *ns > 0).collect();
-    let jitters = back.len() * BACK > stamps.len();
-    let back_ns = if jitters { quantile(back.into_iter(), 0.9).saturating_mul(2) } else { 0 };
+    let is_often = back.len() * BACK > stamps.len();
+    let usual_back_ns = quantile(back.into_iter(), 0.9);
+    let is_jitter = is_often && usual_back_ns as f64 <= FARTHEST_BACK * period_ns;
+    let back_ns = if is_jitter { 2 * usual_back_ns } else { 0 };
     let tolerance = gap_ns.max(back_ns as f64).max(2.0 * period_ns) / period_ns;
     Rhythm { period_ns, tolerance, back_ns: Some(back_ns) }
 }

@@ -55,6 +55,11 @@ impl Rollover {
         widths(self.counter).map(|(_, _, width_ns)| width_ns).find(|width_ns| is_rollover(*width_ns))
     }
 
+    /// Whether the counter has rolled over.
+    pub(super) const fn is_found(&self) -> bool {
+        self.found.is_some()
+    }
+
     /// Counts a rollover of this width \[ns\]. `row` counts from 1.
     pub(super) fn take(&mut self, width_ns: u64, row: u64) {
         self.count += 1;
