@@ -231,7 +231,8 @@ impl Mender {
     }
 
     /// Places the bad rows of a run between two good ones, and counts them: where their own stamps have them in this
-    /// hole; or in order, where as many places are left as rows; or where their own stamps have them nearby.
+    /// hole or the ones beside it; or in order, where as many places are left as rows; or where their own stamps have
+    /// them nearby.
     fn mend(&mut self, good: &[Placed], run: core::ops::Range<usize>, placed: &mut Vec<Placed>) {
         let next = good.partition_point(|row| row.at < run.start);
         let before = next.checked_sub(1).map(|before| (good[before], self.waiting[good[before].at].stamp_ns));
@@ -247,15 +248,18 @@ impl Mender {
         };
         let mut left = Vec::new();
         let mut highest_ns = around[0].unwrap_or(0);
-        let hole: Vec<_> = earlier.iter().chain(&later).map(|(row, _)| *row).collect();
+        let beside = &good[next.saturating_sub(2)..good.len().min(next + 2)];
+        let first = first.filter(|_| next < 2).map(|(row, _)| row);
+        let holes: Vec<_> = first.iter().chain(beside).copied().collect();
         for at in run {
-            match own(self, at, &hole, placed) {
+            match own(self, at, &holes, placed) {
                 Some(row) => {
                     placed.push(row);
-                    if self.waiting[at].stamp_ns < highest_ns {
+                    let stamp_ns = self.waiting[at].stamp_ns;
+                    if stamp_ns < highest_ns || around[1].is_some_and(|later_ns| later_ns < stamp_ns) {
                         self.tally.take(BadStamp::Overtaken, Remedy::Sorted, self.spot(at));
                     }
-                    highest_ns = highest_ns.max(self.waiting[at].stamp_ns);
+                    highest_ns = highest_ns.max(stamp_ns);
                 }
                 None => left.push(at),
             }
