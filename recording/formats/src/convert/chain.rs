@@ -1,7 +1,7 @@
 //! Which rows of a window have stamps that follow each other: the chain of rows of least cost.
 //!
-//! A row that the chain leaves out costs 1. Steps of the time that rows at their usual pace do not have cost, too: a gap
-//! less than a row, a row too much more than it, and a clock that starts again as much as a dozen rows.
+//! A row that the chain leaves out costs 1. Steps of the time that rows at their usual pace do not have cost, too: a
+//! gap less than a row, a row too much more than it, and a clock that starts again as much as a dozen rows.
 
 use super::rollover::Rollover;
 

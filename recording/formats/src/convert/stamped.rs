@@ -1,5 +1,5 @@
-//! The rows of a source with times that rise: bad stamps are mended, rollovers are joined, and stamps of arrivals become
-//! an even clock.
+//! The rows of a source with times that rise: bad stamps are mended, rollovers are joined, and stamps of arrivals
+//! become an even clock.
 
 use super::clock::EvenClock;
 use super::interval::{self, Shape};
