@@ -51,6 +51,8 @@ pub struct SequenceRule {
     first: Option<RawSample>,
     /// The number of a piece whose first sample has not come.
     piece: Option<u64>,
+    /// The highest session so far.
+    highest: u64,
 }
 
 impl SequenceRule {
@@ -58,6 +60,11 @@ impl SequenceRule {
     /// number. A piece that overlaps another one does not, nor does its copy.
     pub const fn begin_piece(&mut self, number: u64) {
         self.piece = Some(number);
+    }
+
+    /// Begins another session of samples that name none: their clock and their sequences begin anew.
+    pub fn begin_session(&mut self) {
+        (self.unnamed, self.first, self.piece) = (self.highest + 1, None, None);
     }
 
     /// Gives the next sample a session where its piece has one of its own, and checks it.
@@ -69,7 +76,8 @@ impl SequenceRule {
         if sample.session == 0 {
             let goes_on = self.last.is_none_or(|(session, last)| session != self.unnamed || sample.sequence > last);
             let is_anew = |first: RawSample| sample.sequence <= first.sequence && *sample != first;
-            let own = piece.filter(|_| !goes_on && self.first.is_some_and(is_anew));
+            let own = piece.map(|number| if self.highest > 0 { number.max(self.highest + 1) } else { number });
+            let own = own.filter(|_| !goes_on && self.first.is_some_and(is_anew));
             if own.is_some() || self.first.is_none() {
                 self.first = Some(*sample);
             }
@@ -84,6 +92,7 @@ impl SequenceRule {
     /// # Errors
     /// If its sequence is not above that of the previous sample of the session.
     pub fn check(&mut self, sample: &RawSample) -> Result<(), String> {
+        self.highest = self.highest.max(sample.session);
         let previous = self.last.replace((sample.session, sample.sequence));
         let last = previous.filter(|(session, _)| *session == sample.session).map(|(_, sequence)| sequence);
         match last {

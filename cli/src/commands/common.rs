@@ -7,7 +7,7 @@ use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::{LoadError, Trust, load_table, print_data, read_text};
 use isotherm_finding::{Admission, Finding, Location, Severity, name};
 use isotherm_job::Refused;
-use isotherm_recording_formats::convert::{Foreign, GyroscopeTemperature, Settings};
+use isotherm_recording_formats::convert::{Foreign, GyroscopeTemperature, Settings, TimeSource};
 use isotherm_recording_formats::read::{ImuChoice, Recording, Samples};
 use isotherm_recording_formats::write::Rotation;
 use isotherm_report::json;
@@ -80,6 +80,10 @@ pub(super) struct ForeignArgs {
     /// Nominal interval [s] [default: that of the mapping, or found from the time]
     #[arg(long, value_name = "S", value_parser = crate::parse::interval)]
     pub interval: Option<Duration>,
+    /// Where the times come from: header, the stamps of the rows or messages; log, when the messages of a bag were
+    /// recorded; rate, rows are one interval apart, which has to be known [default: header]
+    #[arg(long, value_name = "SOURCE", value_parser = ["header", "log", "rate"])]
+    pub time: Option<String>,
     /// Topic of the sensor_msgs/msg/Imu, if there are several
     #[arg(long, value_name = "TOPIC")]
     pub topic: Option<String>,
@@ -103,6 +107,11 @@ impl ForeignArgs {
         let settings = Settings {
             temperature: self.temperature,
             interval_ns: self.interval.map(|interval| interval.as_nanos() as u64),
+            time: match self.time.as_deref() {
+                Some("log") => TimeSource::Log,
+                Some("rate") => TimeSource::Rate,
+                _ => TimeSource::Header,
+            },
             topic: self.topic.clone(),
             temperature_topic: self.temperature_topic.clone(),
             instance: self.instance,
@@ -132,8 +141,9 @@ impl ForeignArgs {
 
     /// Whether anything is given.
     pub(super) const fn is_given(&self) -> bool {
-        let Self { mapping, temperature, interval, topic, temperature_topic, instance, gyroscope_temperature } = self;
-        let given = mapping.is_some() || temperature.is_some() || interval.is_some();
+        let Self { mapping, temperature, interval, time, topic, temperature_topic, instance, gyroscope_temperature } =
+            self;
+        let given = mapping.is_some() || temperature.is_some() || interval.is_some() || time.is_some();
         given || gyroscope_temperature.is_some() || topic.is_some() || temperature_topic.is_some() || instance.is_some()
     }
 }

@@ -4,6 +4,7 @@ use super::common::{Acceptance, ForeignArgs};
 use super::part::PartArgs;
 use crate::progress::bytes_bar;
 use clap::Args;
+use indicatif::ProgressBar;
 use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, shown, tell};
@@ -13,6 +14,7 @@ use isotherm_job::{INSTANCE, Vehicle, VehicleImu};
 use isotherm_recording::RawCsvWriter;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::convert::{Conversion, Scale};
+use isotherm_recording_formats::read::ConversionPart;
 use isotherm_recording_formats::write::ParquetStream;
 use isotherm_shared::stream::StreamKind;
 use isotherm_shared::table::{CoefficientTable, nominal_table};
@@ -37,8 +39,8 @@ pub(crate) struct Convert {
     /// the name, all IMUs of a log go to a file each
     #[arg(short, long, value_name = "REC")]
     output: PathBuf,
-    /// Number of the session, which the samples then have in a column; of several files that of the first [default:
-    /// none, and 1 for several files]
+    /// Number of the session, which the samples then have in a column; of several files that of the first. Where the
+    /// clock of a file starts again, the next one follows [default: none, and 1 for several files and such clocks]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     session: Option<u64>,
     /// Table of the IMU, by which the length of the specific force at rest is compared with gravity
@@ -66,6 +68,15 @@ pub(crate) struct Convert {
 
 /// A nominal table, and what it was made of.
 type NominalTable = (Scale, CoefficientTable);
+
+/// The rows of an input, all written.
+struct Written {
+    rows: ConversionPart,
+    writer: Writer,
+    /// The first ones.
+    begin: Vec<RawSample>,
+    last_session: u64,
+}
 
 enum Writer {
     Csv(Box<RawCsvWriter<Output>>),
@@ -111,12 +122,12 @@ impl Convert {
         refuse_overlap(&inputs, &all)?;
         let table = self.table.as_ref().map(|path| load_table(path, None, Trust::Any));
         let table = table.transpose()?.map(|(table, _)| table);
-        let first = self.session.unwrap_or(u64::from(self.input.len() > 1));
+        let mut session = self.session.unwrap_or(u64::from(self.input.len() > 1));
         // Created first: what cannot be written is said before anything is converted.
         let staged = self.nominal.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let mut nominal = None;
-        for (session, (input, output)) in (first..).zip(self.input.iter().zip(&outputs)) {
-            self.convert(input, output, session, table.as_ref(), &mut nominal)?;
+        for (input, output) in self.input.iter().zip(&outputs) {
+            session = self.convert(input, output, session, table.as_ref(), &mut nominal)? + 1;
         }
         match (staged, nominal) {
             (Some(staged), Some((_, table))) => staged.write(&table.to_toml())?.finish(),
@@ -174,6 +185,7 @@ impl Convert {
         Ok(outputs)
     }
 
+    /// Converts an input; returns the last session of its rows.
     fn convert(
         &self,
         input: &Path,
@@ -181,7 +193,7 @@ impl Convert {
         session: u64,
         table: Option<&CoefficientTable>,
         nominal: &mut Option<NominalTable>,
-    ) -> Result<(), Failure> {
+    ) -> Result<u64, Failure> {
         let extension = output.extension().map(|extension| extension.to_string_lossy().to_lowercase());
         let parquet = match extension.as_deref() {
             Some("parquet") => true,
@@ -192,6 +204,44 @@ impl Convert {
             _ => false,
         };
         let progress = bytes_bar(&[input.to_owned()], "reading");
+        let written = match self.write(input, output, session, parquet, &progress)? {
+            Some(written) => Some(written),
+            // The header of a file without sessions is written already: it begins again with a column of them.
+            None => self.write(input, output, 1, parquet, &progress)?,
+        };
+        progress.finish_and_clear();
+        let Some(Written { rows, writer, begin, last_session }) = written else { return Ok(session) };
+        let path = Some(output);
+        let (conversion, notes) = (rows.conversion(), rows.notes());
+        if self.nominal.is_some() {
+            *nominal = Some(self.nominal(input, conversion, nominal.as_ref())?);
+        }
+        let table = table.or(nominal.as_ref().map(|(_, table)| table));
+        let at_rest = table.and_then(|table| length_at_rest(table, &begin)).map(Finding::warned);
+        let findings = conversion.findings().into_iter().chain(at_rest).collect();
+        for note in notes {
+            tell("isotherm", note);
+        }
+        let name = if self.input.len() > 1 { shown(input).to_string() } else { String::new() };
+        // Before the file is put in place: what is refused leaves none.
+        self.acceptance.admit(&name, findings).map_err(|refused| refused.failure)?;
+        check_written(path, writer.finish())?;
+        let to = if output == Path::new("-") { "stdout".into() } else { shown(output).to_string() };
+        tell("isotherm", format_args!("{} rows in {to}", conversion.rows()));
+        Ok(last_session)
+    }
+}
+
+impl Convert {
+    /// Writes the rows of an input; `None` if their clock starts again, and `session` is 0: they need sessions.
+    fn write(
+        &self,
+        input: &Path,
+        output: &Path,
+        session: u64,
+        parquet: bool,
+        progress: &ProgressBar,
+    ) -> Result<Option<Written>, Failure> {
         let mut foreign = self.foreign.read()?;
         (foreign.settings.session, foreign.settings.progress) = (session, Some(progress.clone()));
         let conversion = Conversion::of_file(input, foreign.named(), &foreign.settings)?;
@@ -211,36 +261,28 @@ impl Convert {
         });
         let mut writer = match writer {
             Ok(writer) => writer,
-            Err(error) => return check_written(path, Err(error)),
+            Err(error) => return check_written(path, Err(error)).map(|()| None),
         };
-        let mut begin = Vec::new();
+        let (mut begin, mut last_session) = (Vec::new(), session);
         for sample in &mut rows {
             let sample = sample?;
+            if session == 0 && sample.session > 0 {
+                if [input, output].contains(&Path::new("-")) {
+                    let message = "the clock starts again, so the rows need a session, but the header is written \
+                                   already; give --session 1";
+                    return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(input))));
+                }
+                return Ok(None);
+            }
+            last_session = sample.session;
             if begin.len() < LENGTH_ROWS {
                 begin.push(sample);
             }
             if let Err(error) = writer.write(&sample) {
-                return check_written(path, Err(error));
+                return check_written(path, Err(error)).map(|()| None);
             }
         }
-        progress.finish_and_clear();
-        let (conversion, notes) = (rows.conversion(), rows.notes());
-        if self.nominal.is_some() {
-            *nominal = Some(self.nominal(input, conversion, nominal.as_ref())?);
-        }
-        let table = table.or(nominal.as_ref().map(|(_, table)| table));
-        let at_rest = table.and_then(|table| length_at_rest(table, &begin)).map(Finding::warned);
-        let findings = conversion.findings().into_iter().chain(at_rest).collect();
-        for note in notes {
-            tell("isotherm", note);
-        }
-        let name = if self.input.len() > 1 { shown(input).to_string() } else { String::new() };
-        // Before the file is put in place: what is refused leaves none.
-        self.acceptance.admit(&name, findings).map_err(|refused| refused.failure)?;
-        check_written(path, writer.finish())?;
-        let to = if output == Path::new("-") { "stdout".into() } else { shown(output).to_string() };
-        tell("isotherm", format_args!("{} rows in {to}", conversion.rows()));
-        Ok(())
+        Ok(Some(Written { rows, writer, begin, last_session }))
     }
 }
 

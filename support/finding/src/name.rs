@@ -332,8 +332,11 @@ findings! {
         /// With the two bytes of each count exchanged, the counts change far less from row to row.
         BYTE_ORDER = "byte-order", Fault, "Convert the data anew with the other order of bytes.";
         /// The stamps of foreign data jitter, or come in bursts: their rows are put on an even clock. Rows that are
-        /// lost cannot be told there.
+        /// lost cannot be told there. Or up to 1 % of the stamps are bad: they are mended, or their rows are left out.
         STAMPS = "stamps", Warning, "Stamp the samples where they are taken, or give `interval_s`.";
+        /// The clock of foreign data starts again: a logger was restarted, or its clock was set back. The rows behind
+        /// it are another session.
+        NEW_SESSION = "new-session", Warning, "Nothing, if the logger was started again there.";
         /// A counter of the time rolled over, and was joined.
         ROLLOVER = "rollover", Warning, "Nothing, if the recording is as long as that.";
         /// The IMU itself reports errors in some rows.

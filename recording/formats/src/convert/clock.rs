@@ -48,7 +48,9 @@ impl EvenClock {
     /// Takes the next row. Rows that have their time go to `ready`.
     pub(super) fn push(&mut self, row: Reading, ready: &mut VecDeque<Reading>) {
         let stamp_ns = row.timestamp_ns.unwrap_or(0);
-        if self.given + self.waiting.len() > 0 && stamp_ns - self.last_stamp_ns > self.shape.gap_ns {
+        let is_gap =
+            self.given + self.waiting.len() > 0 && stamp_ns.saturating_sub(self.last_stamp_ns) > self.shape.gap_ns;
+        if is_gap || row.begins_session {
             self.end(ready);
         }
         let index = self.given + self.waiting.len();
@@ -56,7 +58,9 @@ impl EvenClock {
             self.begin_ns = stamp_ns;
         }
         self.last_stamp_ns = stamp_ns;
-        let delay = (stamp_ns - self.begin_ns) as f64 - index as f64 * self.shape.period_ns;
+        // A stamp may be a little before the first one.
+        let since_ns = (i128::from(stamp_ns) - i128::from(self.begin_ns)) as f64;
+        let delay = since_ns - index as f64 * self.shape.period_ns;
         self.waiting.push_back((row, delay));
         self.open += 1;
         if self.open == BLOCK {
@@ -92,6 +96,9 @@ impl EvenClock {
     /// Gives out the next rows, by the delay of the clock at each.
     fn give(&mut self, rows: usize, delay: impl Fn(usize) -> f64, ready: &mut VecDeque<Reading>) {
         for (mut row, _) in self.waiting.drain(..rows) {
+            if row.begins_session {
+                (self.shift_ns, self.last_ns) = (0.0, None);
+            }
             let after_ns = self.given as f64 * self.shape.period_ns + delay(self.given) + self.shift_ns;
             self.given += 1;
             let time_ns = i128::from(self.begin_ns) + after_ns.round() as i128;

@@ -1,6 +1,6 @@
 //! What is known of foreign data besides the data themselves.
 
-use super::settings::{GyroscopeTemperature, Settings};
+use super::settings::{GyroscopeTemperature, Settings, TimeSource};
 use isotherm_failure::Failure;
 use isotherm_files::{Trust, read_text};
 use std::path::{Path, PathBuf};
@@ -33,12 +33,14 @@ impl Foreign {
     /// What is given, for messages. A recording needs none of it.
     #[must_use]
     pub fn given(&self) -> Vec<&'static str> {
-        let Settings { temperature, interval_ns, topic, temperature_topic, instance, gyroscope_temperature, .. } =
-            &self.settings;
+        let Settings {
+            temperature, interval_ns, time, topic, temperature_topic, instance, gyroscope_temperature, ..
+        } = &self.settings;
         let all = [
             ("mapping", self.mapping.is_some()),
             ("temperature", temperature.is_some()),
             ("interval", interval_ns.is_some()),
+            ("time", *time != TimeSource::Header),
             ("topic", topic.is_some()),
             ("temperature topic", temperature_topic.is_some()),
             ("instance", instance.is_some()),

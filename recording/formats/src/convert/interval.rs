@@ -173,6 +173,15 @@ pub(super) fn found(times: &[u64]) -> Option<Shape> {
     Some(Shape { period_ns, is_even, gap_ns, burst, near, median_ns })
 }
 
+/// The usual step of the times that rise \[ns\], of times that may also fall; `None` if none rises.
+pub(super) fn usual_step(times: &[u64]) -> Option<f64> {
+    let mut rises: Vec<_> = times.windows(2).filter_map(|pair| pair[1].checked_sub(pair[0])).collect();
+    rises.retain(|step| *step > 0);
+    let mut sorted = rises.clone();
+    sorted.sort_unstable();
+    sorted.get(sorted.len() / 2).map(|median_ns| usual(&rises, *median_ns))
+}
+
 /// The longest stretch without a longer step, and that step; all times if the longer steps are those of bursts, with
 /// three of them as the limit.
 fn longest(times: &[u64], gap_ns: u64) -> (&[u64], u64) {

@@ -3,7 +3,7 @@
 use super::autopilot::{DataFlashSource, FoundImu, UlogSource, is_binary_log, is_text_log, is_ulog};
 use super::novatel::{self, NovatelSource};
 use super::ros::RosSource;
-use super::settings::{GyroscopeTemperature, Settings};
+use super::settings::{GyroscopeTemperature, Settings, TimeSource};
 use super::source::Source;
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_recording::columns::MCAP_MAGIC;
@@ -75,6 +75,17 @@ pub(super) fn check(settings: &Settings, path: &Path, format: Option<Known>) -> 
         return refused("a topic is named, but this is not MCAP");
     }
     let is_log = matches!(format, Some(Known::Ulog | Known::DataFlash { .. }));
+    if is_log && settings.time != TimeSource::Header {
+        return refused(
+            "--time is for texts and bags, but this is the log of an autopilot, whose times are mended anyhow",
+        );
+    }
+    if format != Some(Known::Mcap) && settings.time == TimeSource::Log {
+        return refused(
+            "--time log takes the times at which messages were recorded, but this is not MCAP; leave it out, or give \
+             --time rate --interval S for rows that are S seconds apart",
+        );
+    }
     if !is_log && settings.instance.is_some() {
         return refused("an instance is named, but this is no log of an autopilot");
     }

@@ -3,21 +3,27 @@
 //!
 //! A [`Conversion`] is an iterator over [`RawSample`]s. Pulses are `round((value - offset) / resolution)`, with the
 //! sign of the axis, on the positive or the negative channel. The sequence begins at 0; it rises by 1 from row to row,
-//! and for readings by more where the time shows that rows are missing.
+//! and for readings by more where the time shows that rows are missing. Where the clock of the stamps starts again, the
+//! session rises by 1, and the sequence begins at 0.
 //!
 //! Over 400 lines: recognising the data, and what their rows have in common, form one reader.
 
 mod autopilot;
+mod bad_stamps;
 mod calendar;
+mod chain;
 mod clock;
 mod columns;
 mod foreign;
 mod interval;
 mod known;
 mod mapping;
+mod mender;
 mod novatel;
+mod placed;
 mod proposal;
 mod refused;
+mod rhythm;
 mod rollover;
 mod ros;
 mod scale;
@@ -35,7 +41,7 @@ pub use foreign::Foreign;
 pub use mapping::{Decimal, KnownColumns, Mapping, Time, TimeUnit};
 pub(crate) use ros::is_bag;
 pub use scale::Scale;
-pub use settings::{GyroscopeTemperature, Settings};
+pub use settings::{GyroscopeTemperature, Settings, TimeSource};
 pub use source::PLACEHOLDER;
 pub use vehicle::VehicleState;
 
@@ -66,7 +72,11 @@ const BEGINNING: u64 = 1 << 16;
 pub struct Conversion {
     path: PathBuf,
     input: Stamped,
+    /// The session of the first rows, and that of the last one.
+    first_session: u64,
     session: u64,
+    /// Whether the last row is the first one of a further session.
+    begins_session: bool,
     nominal_ns: u64,
     /// Number of rows that the nominal interval was found from, unless it was given.
     found_from: Option<u64>,
@@ -176,7 +186,7 @@ impl Conversion {
             let temperature = settings.temperature.or(known.temperature);
             let source = format.open(path, source, settings, temperature)?;
             let interval_ns = settings.interval_ns.or(known.interval_ns);
-            return Self::begin(path, source, interval_ns, settings.session).map_err(failed);
+            return Self::begin(path, source, interval_ns, settings);
         }
         if let Some(message) = no_text {
             return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(path))));
@@ -194,7 +204,7 @@ impl Conversion {
         }
         let interval_ns = settings.interval_ns.or(mapping.time.interval_ns);
         let source = text::TextSource::new(rows, mapping).map_err(failed)?;
-        Self::begin(path, Box::new(source), interval_ns, settings.session).map_err(failed)
+        Self::begin(path, Box::new(source), interval_ns, settings)
     }
 
     /// Reads the first rows, to judge their stamps and to find the nominal interval if it is not given.
@@ -202,24 +212,32 @@ impl Conversion {
         path: &Path,
         source: Box<dyn Source>,
         interval_ns: Option<u64>,
-        session: u64,
-    ) -> Result<Self, RecordingError> {
-        let mut input = Stamped::new(source)?;
+        settings: &Settings,
+    ) -> Result<Self, Failure> {
+        let failed = |error: RecordingError| error.failure(path);
+        if settings.time == TimeSource::Rate && interval_ns.is_none() {
+            let message =
+                "--time rate takes a rate that is known: give --interval S, or time.interval_s in the mapping";
+            return Err(Failure::new(Exit::Usage, format!("{}: {message}", shown(path))));
+        }
+        let mut input = Stamped::new(source, settings.time).map_err(failed)?;
         let (nominal_ns, found_from) = match interval_ns {
             Some(nominal_ns) => (nominal_ns, None),
-            None => match input.nominal()? {
+            None => match input.nominal().map_err(failed)? {
                 Some((nominal_ns, rows)) => (nominal_ns, Some(rows)),
                 None => {
                     let message =
                         "the nominal interval cannot be found from the time; give time.interval_s or --interval";
-                    return Err(input.source.error(input.first(), message.to_owned()));
+                    return Err(failed(input.source.error(input.first(), message.to_owned())));
                 }
             },
         };
         Ok(Self {
             path: path.to_owned(),
             input,
-            session,
+            first_session: settings.session,
+            session: settings.session,
+            begins_session: false,
             nominal_ns,
             found_from,
             last: None,
@@ -304,7 +322,7 @@ impl Conversion {
     /// What concerns the data's worth. Valid after the last row.
     #[must_use]
     pub fn findings(&self) -> Vec<Finding> {
-        let mut found = self.input.findings(self.found_from.is_some());
+        let mut found = self.input.findings(self.found_from.is_some(), self.first_session);
         found.extend(self.input.source.findings());
         let mut add = |name, message| found.push(Finding::warning(name, message));
         let seconds = self.nominal_ns as f64 / 1e9;
@@ -350,6 +368,17 @@ impl Conversion {
         found
     }
 
+    /// Whether the last row is the first one of a further session: the clock of the stamps started again.
+    #[must_use]
+    pub const fn begins_session(&self) -> bool {
+        self.begins_session
+    }
+
+    /// Whether no session was given: the first rows name none.
+    pub(crate) const fn is_unnamed(&self) -> bool {
+        self.first_session == 0
+    }
+
     /// The next row, with its place: line or message.
     pub(crate) fn next_row(&mut self) -> Result<Option<(u64, RawSample)>, RecordingError> {
         let Some(reading) = self.input.next()? else { return Ok(None) };
@@ -385,6 +414,10 @@ impl Conversion {
     }
 
     fn sample(&mut self, reading: &Reading) -> Result<RawSample, String> {
+        self.begins_session = reading.begins_session;
+        if reading.begins_session {
+            (self.session, self.last) = (self.session.saturating_add(1), None);
+        }
         let nominal_ns = self.nominal_ns;
         let timestamp_ns = reading.timestamp_ns.unwrap_or_else(|| nominal_ns.saturating_mul(self.read_rows + 1));
         let (mut sequence, mut interval_ns) = (0, nominal_ns);
@@ -419,13 +452,14 @@ impl Conversion {
                 .ok_or_else(|| format!("the time steps by {step_ns} ns, over all that a sequence can count"))?;
         }
         self.last = Some((timestamp_ns, sequence));
-        let gyroscopes = if self.input.source.has_gyroscopes() { triad(reading, AXES) } else { Triad::ABSENT };
+        let has_gyroscopes = self.input.source.has_gyroscopes();
+        let gyroscopes = if has_gyroscopes { triad(reading, AXES)? } else { Triad::ABSENT };
         Ok(RawSample {
             session: self.session,
             sequence,
             timestamp_ns,
             interval_ns,
-            accelerometers: triad(reading, 0),
+            accelerometers: triad(reading, 0)?,
             gyroscopes,
             device: self.input.source.device(),
             ..RawSample::default()
@@ -449,12 +483,14 @@ impl Iterator for Conversion {
 }
 
 /// The sensors of a row from this index on.
-fn triad(reading: &Reading, first: usize) -> Triad {
+///
+/// # Errors
+/// If the sum of several rows has too many pulses.
+fn triad(reading: &Reading, first: usize) -> Result<Triad, String> {
     let mut triad = Triad::default();
     for axis in 0..AXES {
         let (pulses, index) = (reading.pulses[first + axis], first + axis);
-        // The sources have checked the size.
-        let size = pulses.unsigned_abs() as u32;
+        let size = u32::try_from(pulses.unsigned_abs()).map_err(|_| format!("{pulses} pulses, over {}", u32::MAX))?;
         if pulses < 0 {
             triad.negative_pulses[axis] = size;
         } else {
@@ -463,7 +499,7 @@ fn triad(reading: &Reading, first: usize) -> Triad {
         triad.head_temperature[axis] = reading.head[index];
         triad.board_temperature[axis] = reading.board[index];
     }
-    triad
+    Ok(triad)
 }
 
 fn refuse(path: &Path, faults: Faults) -> Failure {

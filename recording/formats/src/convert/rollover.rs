@@ -12,81 +12,87 @@ pub(super) enum Counter {
     Day,
 }
 
-/// A step forward over a rollover is at most this part of the counter's width.
-const NEAR: u64 = 100;
-/// Or this number of the longest steps so far.
+/// A step forward over a rollover is at most this number of usual ones,
+const USUAL_STEPS: f64 = 64.0;
+/// or this number of the longest steps so far, up to this part of the counter's width.
 const STEPS: u64 = 2;
+const NEAR: u64 = 100;
 
-/// Joins the stamps of a counter that rolls over.
-#[derive(Debug, Default)]
+/// The rollovers of a counter.
+#[derive(Clone, Debug, Default)]
 pub(super) struct Rollover {
-    /// The last stamp as it was read \[ns\].
-    last_ns: Option<u64>,
+    counter: Counter,
     longest_step_ns: u64,
-    /// What all earlier rollovers add \[ns\].
-    added_ns: u64,
-    /// The width, its name, the row of the first one and how many there were.
-    found: Option<(u64, String, u64)>,
+    /// The width \[ns\], and the row of the first one.
+    found: Option<(u64, u64)>,
     count: u64,
 }
 
 impl Rollover {
-    /// The stamp without rollovers. `row` counts from 1.
-    ///
-    /// # Errors
-    /// What is wrong with a step back that is no rollover.
-    pub(super) fn join(&mut self, stamp_ns: u64, counter: Counter, row: u64) -> Result<u64, String> {
-        let last_ns = self.last_ns.replace(stamp_ns).unwrap_or(stamp_ns);
-        if let Some(step_ns) = stamp_ns.checked_sub(last_ns) {
-            self.longest_step_ns = self.longest_step_ns.max(step_ns);
-        } else {
-            let width =
-                widths(counter).into_iter().find(|(width_ns, _)| self.is_rollover(last_ns, stamp_ns, *width_ns));
-            let Some((width_ns, name)) = width else {
-                return Err(format!(
-                    "the time is {stamp_ns} ns after {last_ns} ns; it must rise from row to row. This is no rollover of \
-                     2^32 us or ms: the logger was started again, the clock was set back, or rows are out of order; \
-                     convert the parts one by one, each with --session"
-                ));
-            };
-            self.added_ns = self.added_ns.saturating_add(width_ns);
-            self.count += 1;
-            self.found.get_or_insert((width_ns, name, row));
-        }
-        self.added_ns.checked_add(stamp_ns).ok_or_else(|| format!("the time {stamp_ns} ns is over 2^64 ns"))
+    /// Says what the counter can roll over at.
+    pub(super) const fn set_counter(&mut self, counter: Counter) {
+        self.counter = counter;
     }
 
-    fn is_rollover(&self, last_ns: u64, stamp_ns: u64, width_ns: u64) -> bool {
-        let is_same = self.found.as_ref().is_none_or(|(found_ns, ..)| *found_ns == width_ns);
-        let near_ns = (width_ns / NEAR).max(STEPS.saturating_mul(self.longest_step_ns)).min(width_ns / 2);
-        is_same && last_ns < width_ns && width_ns - last_ns + stamp_ns <= near_ns
+    /// Takes a step forward \[ns\].
+    pub(super) fn step(&mut self, step_ns: u64) {
+        self.longest_step_ns = self.longest_step_ns.max(step_ns);
+    }
+
+    /// The width of the counter \[ns\], if it rolls over between these two stamps: the first is near the width, and
+    /// the step is about as long as others are. `period_ns` is the usual one.
+    pub(super) fn width_between(&self, earlier_ns: u64, later_ns: u64, period_ns: f64) -> Option<u64> {
+        let is_rollover = |width_ns: u64| {
+            let found = self.found.map(|(found_ns, _)| found_ns);
+            let gap_ns = match found {
+                Some(_) => width_ns / NEAR,
+                None => STEPS.saturating_mul(self.longest_step_ns).min(width_ns / NEAR),
+            };
+            let near_ns = gap_ns.max((USUAL_STEPS * period_ns) as u64).min(width_ns / 2);
+            let is_same = found.is_none_or(|found_ns| found_ns == width_ns);
+            is_same && earlier_ns < width_ns && (width_ns - earlier_ns).saturating_add(later_ns) <= near_ns
+        };
+        widths(self.counter).map(|(_, _, width_ns)| width_ns).find(|width_ns| is_rollover(*width_ns))
+    }
+
+    /// Whether the counter has rolled over.
+    pub(super) const fn is_found(&self) -> bool {
+        self.found.is_some()
+    }
+
+    /// Counts a rollover of this width \[ns\]. `row` counts from 1.
+    pub(super) fn take(&mut self, width_ns: u64, row: u64) {
+        self.count += 1;
+        self.found.get_or_insert((width_ns, row));
     }
 
     /// What was joined, in a line.
     pub(super) fn told(&self) -> Option<String> {
-        let (_, name, row) = self.found.as_ref()?;
+        let (found_ns, row) = self.found?;
+        let (bits, unit_ns, _) = widths(self.counter).find(|(_, _, width_ns)| *width_ns == found_ns)?;
+        let unit = UNITS.iter().find(|(ns, _)| *ns == unit_ns).map_or("counts", |(_, name)| *name);
+        let name = if bits == 0 { "24 h".to_owned() } else { format!("2^{bits} {unit}") };
         let times = if self.count == 1 { "once".to_owned() } else { format!("{} times", self.count) };
         Some(format!("the time rolls over at {name}, {times}, first at row {row}; it is joined there"))
     }
 }
 
-/// The widths of counters \[ns\], with their names.
-fn widths(counter: Counter) -> Vec<(u64, String)> {
-    const UNITS: [(u64, &str); 4] = [(1, "ns"), (1000, "us"), (1_000_000, "ms"), (1_000_000_000, "s")];
-    let mut all = Vec::new();
-    let mut add = |bits: u32, unit_ns: u64| {
-        let unit = UNITS.iter().find(|(ns, _)| *ns == unit_ns).map_or("counts", |(_, name)| *name);
-        all.push((unit_ns << bits, format!("2^{bits} {unit}")));
+/// Units of counters \[ns\], with their names.
+const UNITS: [(u64, &str); 4] = [(1, "ns"), (1000, "us"), (1_000_000, "ms"), (1_000_000_000, "s")];
+
+/// The widths of counters: bits (0 for a day), unit \[ns\] and width \[ns\].
+fn widths(counter: Counter) -> impl Iterator<Item = (u32, u64, u64)> {
+    let own: [Option<(u32, u64)>; 3] = match counter {
+        Counter::None => [None; 3],
+        Counter::Whole(unit_ns) => [16, 24, 32].map(|bits| Some((bits, unit_ns))),
+        Counter::Day => [Some((0, DAY_NS)), None, None],
     };
-    add(32, 1000);
-    add(32, 1_000_000);
-    match counter {
-        Counter::None => {}
-        Counter::Whole(unit_ns) => [16, 24, 32].into_iter().for_each(|bits| add(bits, unit_ns)),
-        Counter::Day => all.push((86_400_000_000_000, "24 h".to_owned())),
-    }
-    all
+    let all = [Some((32, 1000)), Some((32, 1_000_000))].into_iter().chain(own);
+    all.flatten().map(|(bits, unit_ns)| (bits, unit_ns, unit_ns << bits))
 }
+
+/// A day \[ns\].
+const DAY_NS: u64 = 86_400_000_000_000;
 
 #[cfg(test)]
 mod tests {
@@ -95,44 +101,49 @@ mod tests {
     const US: u64 = 1000;
     const MS: u64 = 1_000_000;
 
-    /// Rows every `step` of a counter of this width, in units \[ns\], that begins shortly before it rolls over.
-    fn joined(width: u64, step: u64, unit_ns: u64, counter: Counter) -> Result<Vec<u64>, String> {
-        let mut rollover = Rollover::default();
-        let stamp = |row: u64| (2 * width - 20 * step + 7 + row * step) % width * unit_ns;
-        let joined: Result<Vec<_>, _> = (0..60).map(|row| rollover.join(stamp(row), counter, row + 1)).collect();
-        assert!(joined.is_err() || rollover.told().is_some_and(|told| told.contains("first at row ")));
-        joined
+    fn of(counter: Counter) -> Rollover {
+        Rollover { counter, ..Rollover::default() }
     }
 
     #[test]
-    fn counters_of_every_width_go_on_evenly() {
-        for (bits, step, unit_ns, counter) in [
-            (32, 10_000, US, Counter::Whole(US)),
-            (32, 10_000, US, Counter::None),
-            (32, 10, MS, Counter::Whole(MS)),
-            (16, 10, MS, Counter::Whole(MS)),
-            (16, 5000, US, Counter::Whole(US)),
-            (24, 10_000, US, Counter::Whole(US)),
-            (32, 10_000_000, 1, Counter::Whole(1)),
+    fn counters_of_every_width_are_told_from_two_stamps() {
+        for (bits, step, unit_ns, counter, name) in [
+            (32, 10_000, US, Counter::Whole(US), "2^32 us"),
+            (32, 10_000, US, Counter::None, "2^32 us"),
+            (32, 10, MS, Counter::Whole(MS), "2^32 ms"),
+            (16, 10, MS, Counter::Whole(MS), "2^16 ms"),
+            (16, 5000, US, Counter::Whole(US), "2^16 us"),
+            (24, 10_000, US, Counter::Whole(US), "2^24 us"),
+            (32, 10_000_000, 1, Counter::Whole(1), "2^32 ns"),
         ] {
-            let times = joined(1 << bits, step, unit_ns, counter).unwrap();
-            assert!(times.windows(2).all(|pair| pair[1] - pair[0] == step * unit_ns), "{bits} {unit_ns}");
+            let (width_ns, step_ns, mut rollover) = (unit_ns << bits, step * unit_ns, of(counter));
+            let between = |earlier, later| rollover.width_between(earlier, later, step_ns as f64);
+            assert_eq!(between(width_ns - 7 * unit_ns, step_ns - 7 * unit_ns), Some(width_ns), "{name}");
+            // Three rows are lost.
+            assert_eq!(between(width_ns - unit_ns, 4 * step_ns), Some(width_ns), "{name}");
+            assert_eq!(between(width_ns / 2 - unit_ns, unit_ns), None, "{name}");
+            rollover.take(width_ns, 9);
+            let told = format!("the time rolls over at {name}, once, first at row 9; it is joined there");
+            assert_eq!(rollover.told(), Some(told));
         }
-        let day = joined(86_400_000, 10, MS, Counter::Day).unwrap();
-        assert!(day.windows(2).all(|pair| pair[1] - pair[0] == 10 * MS));
-        assert!(joined(1 << 16, 10, MS, Counter::None).is_err());
+        assert_eq!(of(Counter::Day).width_between(DAY_NS - MS, 9 * MS, 1e7), Some(DAY_NS));
+        assert_eq!(of(Counter::None).width_between((MS << 16) - MS, 9 * MS, 1e7), None);
     }
 
     #[test]
-    fn another_step_back_is_refused_with_both_values() {
-        for (last, next) in [(5_000_000, 0), (3 << 30, 0), ((1 << 32) + 10, 5), ((1_u64 << 32) - 10, 1 << 31)] {
-            let mut rollover = Rollover::default();
-            rollover.join(last * US, Counter::Whole(US), 1).unwrap();
-            let refused = rollover.join(next * US, Counter::Whole(US), 2).unwrap_err();
-            assert!(
-                refused.starts_with(&format!("the time is {} ns after {} ns; ", next * US, last * US)),
-                "{refused}"
-            );
+    fn no_other_step_back_is_one() {
+        // The counter is far from its end, the step is a hundred usual ones, or it goes back by half.
+        for (earlier, later) in
+            [(5_000_000, 0), (3 << 30, 0), ((1 << 32) - 900_000, 900_000), ((1 << 32) - 10, 1 << 31)]
+        {
+            assert_eq!(of(Counter::Whole(US)).width_between(earlier * US, later * US, 1e7), None, "{earlier} {later}");
         }
+        // Where rows are lost for seconds elsewhere, they may be lost there.
+        let mut gaps = of(Counter::Whole(US));
+        gaps.step(2_000_000_000);
+        assert!(gaps.width_between(((1 << 32) - 900_000) * US, 900_000 * US, 1e7).is_some());
+        // A gap of an hour says nothing.
+        gaps.step(3_600_000_000_000);
+        assert!(gaps.width_between(3_612_496_000_000, 12_501_000_000, 5e6).is_none());
     }
 }

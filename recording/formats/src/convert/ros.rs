@@ -1,10 +1,10 @@
 //! `sensor_msgs/msg/Imu` in MCAP, as rosbag2 writes it, and converted bags of ROS 1.
 //!
-//! The time is that of `header.stamp`. The telemetry of a row is that of the last `sensor_msgs/msg/Temperature` up to
+//! The time is that of `header.stamp`, unless the time of the log is wanted. The telemetry of a row is that of the last `sensor_msgs/msg/Temperature` up to
 //! its time; so the file is read twice, first for the topics and the temperatures.
 
 use super::scale::Units;
-use super::settings::Settings;
+use super::settings::{Settings, TimeSource};
 use super::source::{PLACEHOLDER, Reading, Source, placeholder, pulses};
 use crate::read::records::Records;
 use crate::ros::{Encoding, IMU, Imu, TEMPERATURE, Temperature};
@@ -32,6 +32,7 @@ const LISTED: usize = 40;
 pub(super) struct RosSource {
     messages: Messages,
     topic: String,
+    time: TimeSource,
     gyroscopes: bool,
     /// The first row, which has been read already.
     first: Option<Reading>,
@@ -39,11 +40,10 @@ pub(super) struct RosSource {
     temperatures: Temperatures,
 }
 
-/// The temperatures of a topic by their time \[ns\], and how many are in force.
+/// The temperatures of a topic by their time \[ns\].
 struct Temperatures {
     topic: Option<String>,
     values: Vec<(u64, f64)>,
-    passed: usize,
     /// Rows before the first temperature.
     before: u64,
 }
@@ -90,8 +90,8 @@ impl Channel {
     }
 }
 
-/// A message and its channel.
-type OfChannel = (Rc<Channel>, Vec<u8>);
+/// A message, its channel, and when it was recorded \[ns\].
+type OfChannel = (Rc<Channel>, Vec<u8>, u64);
 
 /// Whether an MCAP file has messages of `sensor_msgs/msg/Imu`, and before them none of Isotherm. False of a pipe, and
 /// of a file that cannot be read up to there.
@@ -146,7 +146,7 @@ impl RosSource {
         }
         let failed = |error: RecordingError| error.failure(path);
         let refused = |message: String| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
-        let mut contents = Contents::read(&mut Messages::open(path, settings)?).map_err(failed)?;
+        let mut contents = Contents::read(&mut Messages::open(path, settings)?, settings.time).map_err(failed)?;
         let topic = choose(&contents.imus, settings.topic.as_deref(), "--topic")
             .map_err(|problem| refused(contents.problem(&problem, IMU)))?
             .ok_or_else(|| refused(contents.problem(&contents.no_imu(), IMU)))?;
@@ -158,9 +158,10 @@ impl RosSource {
         };
         let mut values = chosen.as_ref().and_then(|topic| contents.temperatures.remove(topic)).unwrap_or_default();
         values.sort_by_key(|(stamp_ns, _)| *stamp_ns);
-        let temperatures = Temperatures { topic: chosen, values, passed: 0, before: 0 };
+        let temperatures = Temperatures { topic: chosen, values, before: 0 };
         let messages = Messages::new(source);
-        let mut source = Self { messages, topic, gyroscopes: true, first: None, temperature, temperatures };
+        let time = settings.time;
+        let mut source = Self { messages, topic, time, gyroscopes: true, first: None, temperature, temperatures };
         source.first = source.next_reading(true).map_err(failed)?;
         Ok(source)
     }
@@ -168,16 +169,16 @@ impl RosSource {
     /// The next row. The first decides whether there are gyroscopes.
     fn next_reading(&mut self, is_first: bool) -> Result<Option<Reading>, RecordingError> {
         loop {
-            let Some((channel, data)) = self.messages.next()? else { return Ok(None) };
+            let Some((channel, data, log_ns)) = self.messages.next()? else { return Ok(None) };
             if channel.kind != MessageKind::Imu || channel.topic != self.topic {
                 continue;
             }
-            let reading = Imu::decode(channel.encoding, &data).and_then(|imu| self.reading(&imu, is_first));
+            let reading = Imu::decode(channel.encoding, &data).and_then(|imu| self.reading(&imu, log_ns, is_first));
             return reading.map(Some).map_err(|message| self.messages.error(self.messages.count, message));
         }
     }
 
-    fn reading(&mut self, imu: &Imu, is_first: bool) -> Result<Reading, String> {
+    fn reading(&mut self, imu: &Imu, log_ns: u64, is_first: bool) -> Result<Reading, String> {
         let acceleration =
             imu.linear_acceleration.ok_or("no linear_acceleration: the first element of its covariance is -1")?;
         if is_first {
@@ -190,8 +191,8 @@ impl RosSource {
                 return Err("no angular_velocity, unlike the first message: its covariance begins with -1".to_owned());
             }
         };
-        let mut reading =
-            Reading { place: self.messages.count, timestamp_ns: Some(imu.stamp_ns), ..Reading::default() };
+        let stamp_ns = if self.time == TimeSource::Header { imu.stamp_ns } else { log_ns };
+        let mut reading = Reading { place: self.messages.count, timestamp_ns: Some(stamp_ns), ..Reading::default() };
         let names = ["linear_acceleration", "angular_velocity"];
         for (index, value) in acceleration.into_iter().chain(rates).enumerate() {
             let name = || format!("{}.{}", names[index / AXES], ["x", "y", "z"][index % AXES]);
@@ -201,10 +202,14 @@ impl RosSource {
             let pulses = pulses(value, 0.0, RESOLUTION, 1.0);
             reading.pulses[index] = pulses.map_err(|message| format!("{}: {message}", name()))?;
         }
-        let telemetry = self.temperatures.at(imu.stamp_ns);
-        let telemetry = self.temperature.or(telemetry).unwrap_or(PLACEHOLDER);
-        (reading.head, reading.board) = ([telemetry; _], [telemetry; _]);
+        self.temperatures.before += u64::from(self.temperatures.are_after(stamp_ns));
+        self.take_telemetry(stamp_ns, &mut reading);
         Ok(reading)
+    }
+
+    fn take_telemetry(&self, time_ns: u64, reading: &mut Reading) {
+        let telemetry = self.temperature.or_else(|| self.temperatures.at(time_ns)).unwrap_or(PLACEHOLDER);
+        (reading.head, reading.board) = ([telemetry; _], [telemetry; _]);
     }
 }
 
@@ -239,6 +244,16 @@ impl Source for RosSource {
         core::iter::once(scale).chain(temperature).collect()
     }
 
+    fn has_log_time(&self) -> bool {
+        true
+    }
+
+    fn retime(&self, reading: &mut Reading) {
+        if let Some(time_ns) = reading.timestamp_ns {
+            self.take_telemetry(time_ns, reading);
+        }
+    }
+
     fn findings(&self) -> Vec<Finding> {
         let truncation = self.messages.records.truncation().map(|text| Finding::warning(name::TRUNCATED, text));
         let Temperatures { topic, before, .. } = &self.temperatures;
@@ -250,27 +265,32 @@ impl Source for RosSource {
 }
 
 impl Temperatures {
-    /// The last temperature up to this time, or else the first. The times of the calls rise.
-    fn at(&mut self, stamp_ns: u64) -> Option<f64> {
-        while self.values.get(self.passed).is_some_and(|(time_ns, _)| *time_ns <= stamp_ns) {
-            self.passed += 1;
-        }
-        if self.passed == 0 && !self.values.is_empty() {
-            self.before += 1;
-        }
-        self.values.get(self.passed.saturating_sub(1)).map(|(_, celsius)| *celsius)
+    /// Number of temperatures up to this time.
+    fn passed(&self, time_ns: u64) -> usize {
+        self.values.partition_point(|(of_ns, _)| *of_ns <= time_ns)
+    }
+
+    /// Whether there are temperatures, and all are after this time.
+    fn are_after(&self, time_ns: u64) -> bool {
+        !self.values.is_empty() && self.passed(time_ns) == 0
+    }
+
+    /// The last temperature up to this time, or else the first.
+    fn at(&self, time_ns: u64) -> Option<f64> {
+        self.values.get(self.passed(time_ns).saturating_sub(1)).map(|(_, celsius)| *celsius)
     }
 }
 
 impl Contents {
-    fn read(messages: &mut Messages) -> Result<Self, RecordingError> {
+    fn read(messages: &mut Messages, time: TimeSource) -> Result<Self, RecordingError> {
         let mut contents = Self::default();
-        while let Some((channel, data)) = messages.next()? {
+        while let Some((channel, data, log_ns)) = messages.next()? {
             if channel.kind == MessageKind::Temperature {
                 let temperature = Temperature::decode(channel.encoding, &data);
                 let temperature = temperature.map_err(|message| messages.error(messages.count, message))?;
                 let values = contents.temperatures.entry(channel.topic.clone()).or_default();
-                values.push((temperature.stamp_ns, temperature.celsius));
+                let time_ns = if time == TimeSource::Header { temperature.stamp_ns } else { log_ns };
+                values.push((time_ns, temperature.celsius));
             }
         }
         for channel in messages.channels.values() {
@@ -352,7 +372,7 @@ impl Messages {
                 self.count += 1;
                 let channel = self.channels.get(&header.channel_id);
                 let channel = channel.filter(|channel| channel.kind != MessageKind::Other)?;
-                return Some((Rc::clone(channel), data.into_owned()));
+                return Some((Rc::clone(channel), data.into_owned(), header.log_time));
             }
             _ => {}
         }

@@ -14,6 +14,18 @@ pub enum GyroscopeTemperature {
     Accelerometer,
 }
 
+/// Where the times of rows come from.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub enum TimeSource {
+    /// The stamps of the rows: the column of the time, or the `header.stamp` of a message.
+    #[default]
+    Header,
+    /// When the messages of a bag were recorded.
+    Log,
+    /// The nominal interval, which has to be known: the rows are one interval apart.
+    Rate,
+}
+
 /// What is known of foreign data besides a mapping.
 #[derive(Clone, Debug, Default)]
 pub struct Settings {
@@ -21,11 +33,13 @@ pub struct Settings {
     pub temperature: Option<f64>,
     /// The nominal interval \[ns\].
     pub interval_ns: Option<u64>,
+    /// Where the times of the rows of a text or a bag come from.
+    pub time: TimeSource,
     /// The topic of the `sensor_msgs/msg/Imu`, if there are several.
     pub topic: Option<String>,
     /// The topic of the `sensor_msgs/msg/Temperature`, if there are several.
     pub temperature_topic: Option<String>,
-    /// The session of all samples; 0 unless given.
+    /// The session of the samples; 0 unless given. Where the clock of the stamps starts again, the next one follows.
     pub session: u64,
     /// The IMU of an autopilot's log, if there are several: its number there, from 0.
     pub instance: Option<u32>,

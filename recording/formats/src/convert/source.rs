@@ -21,6 +21,10 @@ pub(super) struct Reading {
     pub(super) pulses: [i64; 2 * AXES],
     pub(super) head: [f64; 2 * AXES],
     pub(super) board: [f64; 2 * AXES],
+    /// Whether the clock of the stamps starts again with this row.
+    pub(super) begins_session: bool,
+    /// Whether the row got another time than its stamp.
+    pub(super) is_mended: bool,
 }
 
 /// What the foreign formats have in common.
@@ -64,6 +68,14 @@ pub(super) trait Source {
     fn counter(&self) -> Counter {
         Counter::None
     }
+
+    /// Whether the data also say when each row was recorded.
+    fn has_log_time(&self) -> bool {
+        false
+    }
+
+    /// Gives a row whose time was mended what depends on the time.
+    fn retime(&self, _reading: &mut Reading) {}
 
     /// The unit of the time, where nothing in the data says it.
     fn guessed_unit(&self) -> Option<&'static str> {

@@ -1,8 +1,11 @@
-//! The rows of a source with times that rise: rollovers are joined, and stamps of arrivals become an even clock.
+//! The rows of a source with times that rise: bad stamps are mended, rollovers are joined, and stamps of arrivals
+//! become an even clock.
 
 use super::clock::EvenClock;
 use super::interval::{self, Shape};
-use super::rollover::Rollover;
+use super::mender::{Mender, WINDOW};
+use super::rhythm::{Twice, arrivals, rhythm, twice};
+use super::settings::TimeSource;
 use super::source::{Reading, Source};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
@@ -12,118 +15,204 @@ use std::collections::VecDeque;
 const FOUND_FROM: usize = 1000;
 /// The same, where they jitter or come in bursts.
 const FOUND_FROM_UNEVEN: usize = 100_000;
+/// Stamps of which more than one of so many is bad are those of arrivals, if any.
+const FEW: u64 = 50;
 
 /// The rows of a source.
 pub(super) struct Stamped {
     pub(super) source: Box<dyn Source>,
-    rollover: Rollover,
+    /// Where the times come from.
+    time: TimeSource,
+    /// Rows that have been read ahead.
+    ahead: VecDeque<Reading>,
+    mender: Mender,
+    /// Rows that the mender has given.
+    mended: VecDeque<Reading>,
+    clock: Option<EvenClock>,
     /// Rows that have their time.
     ready: VecDeque<Reading>,
-    clock: Option<EvenClock>,
     shape: Option<Shape>,
-    /// Rows that have been read.
-    read: u64,
+    /// Rows that the shape was found from.
+    found_from: u64,
     /// What ended the rows before the source did.
     failed: Option<RecordingError>,
     ended: bool,
+    /// Whether all rows were given, or refused.
+    closed: bool,
 }
 
 impl Stamped {
     /// Reads the first rows, to judge their stamps.
     ///
     /// # Errors
-    /// If there is no row.
-    pub(super) fn new(source: Box<dyn Source>) -> Result<Self, RecordingError> {
+    /// If there is no row, or if all stamps are the same.
+    pub(super) fn new(source: Box<dyn Source>, time: TimeSource) -> Result<Self, RecordingError> {
+        let adds_up = source.counts_since_the_row_before();
         let mut rows = Self {
             source,
-            rollover: Rollover::default(),
-            ready: VecDeque::new(),
+            time,
+            ahead: VecDeque::new(),
+            mender: Mender::new(rhythm(&[]), Twice::default(), adds_up),
+            mended: VecDeque::new(),
             clock: None,
+            ready: VecDeque::new(),
             shape: None,
-            read: 0,
+            found_from: 0,
             failed: None,
             ended: false,
+            closed: false,
         };
-        rows.read_ahead(FOUND_FROM);
-        rows.shape = interval::found(&rows.times());
-        if rows.is_uneven() {
-            rows.read_ahead(FOUND_FROM_UNEVEN);
-            rows.shape = interval::found(&rows.times());
-        }
-        if rows.is_uneven()
-            && let Some(shape) = rows.shape
+        rows.read_ahead(FOUND_FROM + WINDOW);
+        let Some(first) = rows.ahead.front().copied() else {
+            return Err(rows.failed.take().unwrap_or_else(|| rows.source.error(0, rows.source.no_rows())));
+        };
+        let stamps = rows.stamps();
+        if let Some(stamp_ns) = first.timestamp_ns
+            && rows.failed.is_none()
+            && stamps.len() > 2
+            && stamps.iter().all(|of| *of == stamp_ns)
         {
-            let waiting = core::mem::take(&mut rows.ready);
-            let mut clock = EvenClock::new(shape);
-            waiting.into_iter().for_each(|row| clock.push(row, &mut rows.ready));
-            rows.clock = Some(clock);
+            let remedy = rows.remedy();
+            let message = format!("all stamps of the first {} rows are {stamp_ns} ns; {remedy}", stamps.len());
+            return Err(rows.source.error(first.place, message));
         }
-        if rows.read > 0 {
-            return Ok(rows);
+        let [of_even, of_arrivals] = twice(&rows.ahead);
+        let even = Mender::new(rhythm(&stamps), of_even, adds_up);
+        let (is_bad, times) = rows.mended_times(even.clone(), FOUND_FROM);
+        rows.mender = even;
+        rows.find_shape(&times);
+        if is_bad || rows.is_uneven() {
+            rows.read_ahead(FOUND_FROM_UNEVEN + WINDOW);
+            let uneven = Mender::new(arrivals(&rows.stamps()), of_arrivals, adds_up);
+            let (_, times) = rows.mended_times(uneven.clone(), FOUND_FROM_UNEVEN);
+            rows.find_shape(&times);
+            if let Some(shape) = rows.shape.filter(|shape| !shape.is_even) {
+                (rows.mender, rows.clock) = (uneven, Some(EvenClock::new(shape)));
+            }
         }
-        Err(rows.failed.take().unwrap_or_else(|| rows.source.error(0, rows.source.no_rows())))
+        Ok(rows)
     }
 
     fn is_uneven(&self) -> bool {
         self.shape.is_some_and(|shape| !shape.is_even)
     }
 
-    fn times(&self) -> Vec<u64> {
-        self.ready.iter().filter_map(|row| row.timestamp_ns).collect()
+    fn find_shape(&mut self, times: &[u64]) {
+        (self.shape, self.found_from) = (interval::found(times), times.len() as u64);
+    }
+
+    /// The stamps of the rows that were read ahead.
+    fn stamps(&self) -> Vec<u64> {
+        self.ahead.iter().filter_map(|row| row.timestamp_ns).collect()
+    }
+
+    /// The times that the rows which were read ahead get, in order, and whether many stamps are bad.
+    fn mended_times(&self, mut mender: Mender, rows: usize) -> (bool, Vec<u64>) {
+        let (counter, mut mended, mut times) = (self.source.counter(), VecDeque::new(), Vec::new());
+        let mut highest_ns = 0;
+        let mut take = |mended: &mut VecDeque<Reading>| {
+            for row in mended.drain(..) {
+                let Some(time_ns) = row.timestamp_ns.filter(|_| times.len() < rows) else { continue };
+                // Where a stamp is a little before the one of the row before, it is the same.
+                highest_ns = if row.begins_session { time_ns } else { time_ns.max(highest_ns) };
+                times.push(highest_ns);
+            }
+        };
+        for row in &self.ahead {
+            mender.push(*row, counter, &mut mended);
+            take(&mut mended);
+        }
+        if self.ended {
+            mender.end(&mut mended);
+            take(&mut mended);
+        }
+        (mender.tally().is_over(mender.rows(), FEW), times)
     }
 
     fn read_ahead(&mut self, rows: usize) {
-        while self.ready.len() < rows && !self.ended {
-            match self.read() {
-                Ok(Some(row)) => self.ready.push_back(row),
-                Ok(None) => {}
-                Err(error) => self.failed = Some(error),
+        while self.ahead.len() < rows && !self.ended {
+            if let Some(row) = self.read() {
+                self.ahead.push_back(row);
             }
         }
     }
 
-    /// The next row of the source, with a rollover joined.
-    fn read(&mut self) -> Result<Option<Reading>, RecordingError> {
-        let row = self.source.read().and_then(|row| {
-            let Some(mut row) = row else { return Ok(None) };
-            self.read += 1;
-            if let Some(stamp_ns) = row.timestamp_ns {
-                let joined = self.rollover.join(stamp_ns, self.source.counter(), self.read);
-                row.timestamp_ns = Some(joined.map_err(|message| self.source.error(row.place, message))?);
+    /// The next row of the source.
+    fn read(&mut self) -> Option<Reading> {
+        match self.source.read() {
+            Ok(Some(mut row)) => {
+                if self.time == TimeSource::Rate {
+                    row.timestamp_ns = None;
+                }
+                return Some(row);
             }
-            Ok(Some(row))
-        });
-        self.ended = !matches!(row, Ok(Some(_)));
-        row
+            Ok(None) => {}
+            Err(error) => self.failed = Some(error),
+        }
+        self.ended = true;
+        None
     }
 
     /// The next row.
     ///
     /// # Errors
-    /// Of the source, and of a time that falls; after the rows before it.
+    /// Of the source, after the rows before it; after the last row, if too many stamps were bad.
     pub(super) fn next(&mut self) -> Result<Option<Reading>, RecordingError> {
-        while self.ready.is_empty() && !self.ended {
-            match (self.read(), &mut self.clock) {
-                (Ok(Some(row)), Some(clock)) => clock.push(row, &mut self.ready),
-                (Ok(Some(row)), None) => return Ok(Some(row)),
-                (Ok(None), _) => {}
-                (Err(error), _) => self.failed = Some(error),
+        while self.ready.is_empty() && !self.closed {
+            let row = self.ahead.pop_front();
+            match row.or_else(|| if self.ended { None } else { self.read() }) {
+                Some(row) => self.mender.push(row, self.source.counter(), &mut self.mended),
+                None => {
+                    self.mender.end(&mut self.mended);
+                    self.closed = true;
+                }
+            }
+            match &mut self.clock {
+                Some(clock) => self.mended.drain(..).for_each(|row| clock.push(row, &mut self.ready)),
+                None => core::mem::swap(&mut self.mended, &mut self.ready),
+            }
+            if self.closed
+                && let Some(clock) = &mut self.clock
+            {
+                clock.end(&mut self.ready);
             }
         }
-        if self.ended
-            && let Some(clock) = &mut self.clock
-        {
-            clock.end(&mut self.ready);
+        if let Some(mut row) = self.ready.pop_front() {
+            if row.is_mended {
+                self.source.retime(&mut row);
+            }
+            return Ok(Some(row));
         }
-        match self.ready.pop_front() {
-            Some(row) => Ok(Some(row)),
-            None => self.failed.take().map_or(Ok(None), Err),
+        match self.failed.take() {
+            Some(error) => Err(error),
+            None => self.refuse_bad().map_or(Ok(None), Err),
         }
+    }
+
+    /// Refuses rows of which too many have bad stamps. Valid after the last row.
+    fn refuse_bad(&self) -> Option<RecordingError> {
+        let refusal = self.mender.tally().refusal(self.mender.rows(), self.unit(), &self.remedy());
+        refusal.map(|(place, message)| self.source.error(place, message))
+    }
+
+    /// What the user can do where the stamps cannot be used.
+    fn remedy(&self) -> String {
+        let log = if self.time == TimeSource::Header && self.source.has_log_time() {
+            "give --time log for the times at which the messages were recorded, or "
+        } else {
+            "give "
+        };
+        format!("{log}--time rate --interval S for rows that are S seconds apart")
+    }
+
+    /// What places count.
+    fn unit(&self) -> &'static str {
+        self.source.unit().unwrap_or("line")
     }
 
     /// The place of the first row. Valid before [`next`](Self::next).
     pub(super) fn first(&self) -> u64 {
-        self.ready.front().map_or(0, |row| row.place)
+        self.ahead.front().map_or(0, |row| row.place)
     }
 
     /// The nominal interval \[ns\], and the number of rows that it was found from.
@@ -131,10 +220,13 @@ impl Stamped {
     /// # Errors
     /// What ended the rows, if they do not show it, or within the rows that it is found from.
     pub(super) fn nominal(&mut self) -> Result<Option<(u64, u64)>, RecordingError> {
-        if let Some(error) = self.failed.take() {
+        let limit = if self.clock.is_some() { FOUND_FROM_UNEVEN } else { FOUND_FROM };
+        if self.ahead.len() < limit
+            && let Some(error) = self.failed.take()
+        {
             return Err(error);
         }
-        Ok(self.shape.as_ref().and_then(interval::rounded).map(|nominal_ns| (nominal_ns, self.read)))
+        Ok(self.shape.as_ref().and_then(interval::rounded).map(|nominal_ns| (nominal_ns, self.found_from)))
     }
 
     /// Whether the rows have the times of an even clock.
@@ -142,9 +234,9 @@ impl Stamped {
         self.clock.is_some()
     }
 
-    /// What was done to the stamps. `is_found` says whether the interval was found from them.
-    pub(super) fn findings(&self, is_found: bool) -> Vec<Finding> {
-        let rollover = self.rollover.told().map(|told| Finding::warning(name::ROLLOVER, told));
+    /// What was done to the stamps. `is_found` says whether the interval was found from them; `session` is the first.
+    pub(super) fn findings(&self, is_found: bool, session: u64) -> Vec<Finding> {
+        let rollover = self.mender.rollover().told().map(|told| Finding::warning(name::ROLLOVER, told));
         let uneven = self.shape.filter(|_| self.clock.is_some()).map(|shape| {
             let how = match shape.burst {
                 0 | 1 => "the stamps jitter by over a fifth of the interval".to_owned(),
@@ -153,6 +245,12 @@ impl Stamped {
             let lost = if is_found { "; lost rows cannot be told from it: give interval_s" } else { "" };
             Finding::warning(name::STAMPS, format!("{how}: they are given the times of an even clock{lost}"))
         });
-        rollover.into_iter().chain(uneven).collect()
+        let bad = self.mender.tally().findings(self.mender.rows(), self.unit(), session);
+        let rate = (self.time == TimeSource::Rate).then(|| {
+            let message =
+                "the rows are one interval apart, whatever their stamps say: rows that are lost cannot be told";
+            Finding::warning(name::STAMPS, message.to_owned())
+        });
+        rollover.into_iter().chain(uneven).chain(rate).chain(bad).collect()
     }
 }

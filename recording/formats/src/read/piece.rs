@@ -95,6 +95,13 @@ impl Piece {
             PieceSource::Foreign(conversion, own_rule, place) => {
                 let Some((line, mut sample)) = conversion.next_row()? else { return Ok(None) };
                 (*place, **own_rule) = (line, rule);
+                // Sessions that are not given are those of all pieces.
+                if conversion.is_unnamed() {
+                    sample.session = 0;
+                    if conversion.begins_session() {
+                        own_rule.begin_session();
+                    }
+                }
                 let row = own_rule.take(&mut sample).map(|()| row_of_sample(line, sample));
                 row.map(Some).map_err(|message| conversion.error(line, message))
             }

@@ -154,8 +154,8 @@ fn times_are_exact_in_every_unit() {
         let failure = time_of("s", wrong).unwrap_err();
         assert!(failure.message.starts_with("in.csv:2: t is ") && failure.exit == Exit::Data, "{wrong}: {failure}");
     }
-    let fall = refused("t,x,y,z\n1,1,2,3\n1.01,1,2,3\n1.01,1,2,3\n", MAPPING, Exit::Data);
-    assert!(fall.starts_with("in.csv:4: the time is 1010000000 ns after 1010000000 ns; it must rise"), "{fall}");
+    let same = refused("t,x,y,z\n1.01,1,2,3\n1.01,1,2,4\n1.01,1,2,5\n", MAPPING, Exit::Data);
+    assert!(same.starts_with("in.csv:2: all stamps of the first 3 rows are 1010000000 ns; give --time rate"), "{same}");
 }
 
 #[test]

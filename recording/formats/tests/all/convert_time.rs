@@ -69,7 +69,7 @@ fn even_stamps_stay_as_they_are() {
 }
 
 #[test]
-fn a_counter_that_rolls_over_is_joined_and_a_restart_is_refused() {
+fn a_counter_that_rolls_over_is_joined() {
     let begin = (1_u64 << 32) - 1_500_000;
     let times: Vec<_> = (0..3000).map(|row| ((begin + row * 5000) % (1 << 32)).to_string()).collect();
     let (samples, findings, _) = convert(&times, MAPPING).unwrap();
@@ -78,10 +78,12 @@ fn a_counter_that_rolls_over_is_joined_and_a_restart_is_refused() {
         findings,
         ["warning [rollover]: the time rolls over at 2^32 us, once, first at row 301; it is joined there"]
     );
-    let restart: Vec<_> = (0..2000_u64).map(|row| (row % 1500 * 5000 + 7).to_string()).collect();
-    let refused = convert(&restart, MAPPING).unwrap_err();
-    assert!(refused.starts_with("in.csv:1502: the time is 7000 ns after 7495007000 ns; it must rise"), "{refused}");
-    assert!(refused.contains("the logger was started again") && refused.contains("--session"), "{refused}");
+    // A few rows are lost there.
+    let times: Vec<_> = times.into_iter().enumerate().filter(|(row, _)| !(298..303).contains(row)).collect();
+    let (samples, findings, _) =
+        convert(&times.into_iter().map(|(_, time)| time).collect::<Vec<_>>(), MAPPING).unwrap();
+    assert_eq!((samples[298].sequence, samples[298].session), (303, 0), "{findings:?}");
+    assert!(findings[0].contains("rolls over at 2^32 us, once, first at row 299"), "{findings:?}");
 }
 
 #[test]

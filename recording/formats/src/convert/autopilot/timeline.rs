@@ -3,6 +3,7 @@
 //! The first reading gathers runs of rows whose times rise. Of them those are kept that follow each other in time and
 //! have the most rows. The second reading takes their rows.
 
+use crate::convert::chain::LEAP_NS;
 use std::collections::VecDeque;
 use std::ops::Range;
 
@@ -12,8 +13,8 @@ const RECENT: usize = 1024;
 const PASSED: usize = 4;
 /// Most runs of a log.
 const MAX_RUNS: usize = 1 << 12;
-/// A step over this time is a leap, which rows must be worth \[us\]: an hour.
-const LEAP_US: u64 = 3_600_000_000;
+/// A step over this time is a leap, which rows must be worth \[us\].
+const LEAP_US: u64 = LEAP_NS / 1000;
 /// A leap costs as many rows: a few rows behind one have wrong times.
 const LEAP_COST: u64 = 10;
 /// Times in nanoseconds have 64 bits.
