@@ -15,4 +15,6 @@ mod foreign;
 mod layouts;
 mod logs;
 mod part;
+mod proposals;
+mod recognised;
 mod unchecked;
