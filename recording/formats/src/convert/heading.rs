@@ -1,6 +1,6 @@
 //! What the name of a column says that it is.
 
-use super::unit::{Quantity, Said, without_brackets};
+use super::unit::{Quantity, Said, of_temperature, without_brackets};
 use isotherm_shared::wire::AXES;
 
 /// Parts of names that are about a sensor, and no readings of it.
@@ -36,18 +36,25 @@ impl Heading {
     }
 
     pub(super) fn is_time(&self) -> bool {
-        self.begins(&["time", "stamp", "second", "millis", "micros", "nanos"])
+        let is_named = self.begins(&["time", "stamp", "second", "millis", "micros", "nanos"])
             || self.has(&["sec", "secs", "tow"])
-            || matches!(&self.parts[..], [only] if ["s", "ms", "us", "ns"].contains(&only.as_str()))
+            || matches!(&self.parts[..], [only] if ["s", "ms", "us", "ns"].contains(&only.as_str()));
+        // A unit such as deg/sec is none of times.
+        is_named && self.accelerometer().is_none() && self.gyroscope().is_none()
     }
 
     /// Whether it is named t or T: the time, or beside a time the temperature.
     pub(super) fn is_t(&self) -> bool {
-        self.base.iter().any(|part| part == "t")
+        self.base.iter().any(|part| part == "t") && of_temperature(&self.name).is_none()
     }
 
     pub(super) fn is_temperature(&self) -> bool {
-        self.begins(&["temp"]) || self.has(&["degc", "celsius"]) || self.base.first().is_some_and(|part| part == "t")
+        let name = self.name.to_lowercase();
+        let ends = ["degc", "degf", "celsius", "fahrenheit"].iter().any(|unit| name.trim_end().ends_with(unit));
+        self.begins(&["temp"])
+            || self.has(&["degc", "celsius"])
+            || ends
+            || self.base.first().is_some_and(|part| part == "t")
     }
 
     /// Whether it is named as the temperature of something else than the IMU.
@@ -73,7 +80,8 @@ impl Heading {
     /// The axis, from 0, if the name is that of a gyroscope.
     pub(super) fn gyroscope(&self) -> Option<usize> {
         let named = || self.begins(&["gyr", "omega", "angular", "rate", "angvel"]).then(|| self.axis())?;
-        let is_rate = |_: &usize| self.base[0] == "w" || self.base[0] == "g" && self.base.len() == 2;
+        let is_axis = |part: &String| ["x", "y", "z"].contains(&part.as_str());
+        let is_rate = |_: &usize| self.base[0] == "w" || self.base[0] == "g" && self.base.get(1).is_some_and(is_axis);
         let short = || self.letter().filter(is_rate);
         let found = self.one_of(["gx", "gy", "gz"]).or_else(|| self.one_of(["wx", "wy", "wz"]));
         let found = self.reading(found.or_else(named).or_else(short), Quantity::Rate);

@@ -6,7 +6,7 @@ use super::found::{Found, is_value, length};
 use super::mapping::Mapping;
 use super::proposal::{MOST_SKIPPED, is_header, is_separated, quoted};
 use super::source::PLACEHOLDER;
-use super::unit::{Quantity, Said, without_brackets};
+use super::unit::{self, Quantity, Said, without_brackets};
 use isotherm_recording::csv::Rows;
 use isotherm_shared::wire::AXES;
 use std::fmt::Write as _;
@@ -71,7 +71,7 @@ const PLAIN: Layout = Layout {
 
 const CORRECTED: &str = "; PX4 has corrected the numbers by its calibration: a table would be of what is left";
 
-const LAYOUTS: [Layout; 9] = [
+const LAYOUTS: [Layout; 10] = [
     Layout {
         name: "EuRoC",
         time: &[("timestamp", "ns")],
@@ -103,16 +103,8 @@ const LAYOUTS: [Layout; 9] = [
         also: &["device_id", "error_count"],
         ..PLAIN
     },
-    Layout {
-        name: "OpenLog Artemis",
-        time: &[("micros", "us"), ("rtctime", "iso8601")],
-        accelerometer: ["ax", "ay", "az"],
-        gyroscope: Some(["gx", "gy", "gz"]),
-        units: ["mg", "deg/s"],
-        resolution: "1e-3",
-        temperature: Some("imu_degc"),
-        ..PLAIN
-    },
+    Layout { time: &[("micros", "us")], also: &["output_hz"], ..OPENLOG },
+    OPENLOG,
     ARDUINO,
     Layout { gyroscope: None, ..ARDUINO },
 ];
@@ -123,6 +115,17 @@ const VEHICLE_IMU: Layout = Layout {
     gyroscope: Some(["delta_angle[0]", "delta_angle[1]", "delta_angle[2]"]),
     durations: Some(["delta_velocity_dt", "delta_angle_dt"]),
     remark: CORRECTED,
+    ..PLAIN
+};
+
+const OPENLOG: Layout = Layout {
+    name: "OpenLog Artemis",
+    time: &[("rtctime", "iso8601")],
+    accelerometer: ["ax", "ay", "az"],
+    gyroscope: Some(["gx", "gy", "gz"]),
+    units: ["mg", "deg/s"],
+    resolution: "1e-3",
+    temperature: Some("imu_degc"),
     ..PLAIN
 };
 
@@ -331,7 +334,9 @@ impl Table {
         };
         let names = |columns: [usize; AXES]| columns.map(name).join(", ");
         let mut text = format!("format = 1\nskip = {}\nheader = {header}\n", self.skip);
-        let (time, time_unit) = (name(taken.time.0), taken.time.1);
+        // The header may say other units than all other files of the layout have.
+        let said = unit::of_time(&self.columns[taken.time.0].heading.name).filter(|_| header);
+        let (time, time_unit) = (name(taken.time.0), said.unwrap_or(taken.time.1));
         let _ = writeln!(text, "[time]\ncolumn = {time}\nunit = \"{time_unit}\"");
         let mut note = format!("a text as of {layout}: the time is {time} in {time_unit}");
         let triads = [
@@ -341,9 +346,9 @@ impl Table {
         for ((quantity, columns, axes), unit) in triads.into_iter().zip(taken.units) {
             let Some(columns) = columns else { continue };
             let all = columns.map(|column| &self.columns[column]);
-            // The header may say another unit than all other files of the layout have.
             let said = match quantity.of_triad(all.map(|column| column.heading.name.as_str())) {
                 Said::Unit(unit) if header => unit.name,
+                Said::Unknown(_) if header => return None,
                 _ => unit,
             };
             let _ = writeln!(text, "[{}]\ncolumns = [{}]\nkind = \"reading\"", quantity.section(), names(columns));

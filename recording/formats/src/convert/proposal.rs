@@ -221,7 +221,12 @@ impl Text<'_> {
             let bare = self.triad(|column| column.heading.bare(), &time.into_iter().collect::<Vec<_>>());
             return bare.filter(is_gravity).map(|columns| Sensors { columns, guess });
         }
-        let mut fitting = self.unnamed(time).into_iter().filter(is_gravity);
+        let unnamed = self.unnamed(time);
+        if let ([columns], true) = (&unnamed[..], time.is_some()) {
+            let guess = Some("the only three: check that they are accelerometers");
+            return Some(Sensors { columns: *columns, guess });
+        }
+        let mut fitting = unnamed.into_iter().filter(is_gravity);
         let columns = fitting.next().filter(|_| fitting.next().is_none())?;
         Some(Sensors { columns, guess })
     }
@@ -311,8 +316,11 @@ impl Text<'_> {
                 }
                 return Some(unit);
             }
-            Said::Nothing if guessed => ("unit = \"?\"", "nothing says it: \"rad/s\" or \"deg/s\"".to_owned()),
             Said::Nothing if whole => return None,
+            Said::Nothing if guessed => {
+                let [one, other, ..] = &quantity.choices()[..] else { return None };
+                ("unit = \"?\"", format!("nothing says it: \"{}\", \"{}\" or another", one.1, other.1))
+            }
             Said::Nothing => {
                 let other = if quantity == Quantity::Rate { "deg/s" } else { "g" };
                 let si = quantity.choices()[0].1;
