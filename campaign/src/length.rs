@@ -43,8 +43,8 @@ pub fn length_at_rest(table: &CoefficientTable, rows: &[RawSample]) -> Option<Fi
             () => "",
         };
         let message = format!(
-            "{} g0 at rest: the specific force is {} m/s2, {source} {gravity} m/s2, {} times; counts, interval_ns, and the table's scale \
-             factors and biases enter{remedy}",
+            "{} g0 at rest: the specific force is {} m/s2, {source} {gravity} m/s2, {} times; counts, interval_ns, and \
+             the table's scale factors and biases enter{remedy}",
             digits(length / g0),
             digits(length),
             digits(ratio),

@@ -23,8 +23,8 @@ const CELSIUS: [f64; 2] = [-80.0, 150.0];
 /// Telemetry over this looks like kelvin up to `MILLI`, then like thousandths of a degree.
 const MILLI: f64 = 1000.0;
 /// What is said of telemetry that is far below and above all temperatures.
-const COUNTS: &str = "it looks like counts of the thermometer: give temperature.scale and temperature.offset in the mapping, with \
-                      which degC = scale * number + offset; an MPU-6050 has 0.00294117647 and 36.53";
+const COUNTS: &str = "it looks like counts of the thermometer: give temperature.scale and temperature.offset in the \
+                      mapping, with which degC = scale * number + offset; an MPU-6050 has 0.00294117647 and 36.53";
 /// The telemetry has settled where it moves by under this part of its largest rate ..
 const SETTLED: f64 = 0.1;
 /// .. for this part of a recording.

@@ -25,8 +25,9 @@ pub(super) fn apply(mapping: &mut Mapping) -> Result<Vec<String>, String> {
         if let Some(unit) = unit {
             let [scale, offset] = [unit.linear.scale, unit.linear.offset];
             return Err(format!(
-                "temperature.columns: the header says {} of {name}; give temperature.scale = {scale} and temperature.offset = {offset} \
-                 in the mapping, which make degC of it, or scale = 1 to leave the numbers as they are",
+                "temperature.columns: the header says {} of {name}; give temperature.scale = {scale} and \
+                 temperature.offset = {offset} in the mapping, which make degC of it, or scale = 1 to leave the \
+                 numbers as they are",
                 unit.name
             ));
         }
@@ -41,8 +42,8 @@ fn of_sensors(quantity: Quantity, sensors: &mut Sensors) -> Result<Option<String
     let given = sensors.unit.map(|factor| (factor, quantity.named(factor)));
     match (quantity.of_triad(names), given) {
         (Said::Unit(said), Some((_, Some(given)))) if said != given => Err(format!(
-            "{section}.unit: the mapping says {}, but the header says {} ({}); correct {section}.unit, or give {section}.scale in its \
-             place",
+            "{section}.unit: the mapping says {}, but the header says {} ({}); correct {section}.unit, or give \
+             {section}.scale in its place",
             given.name,
             said.name,
             names.join(", ")
@@ -53,7 +54,8 @@ fn of_sensors(quantity: Quantity, sensors: &mut Sensors) -> Result<Option<String
             Ok((!is_default).then(|| format!("{section}: the unit is {}, as the header says", said.name)))
         }
         (Said::Unknown(text), None) if quantity.is_other(&text) => Err(format!(
-            "{section}.columns: the header says {text} ({}), which is no unit of the {section}; give its columns, or {section}.unit",
+            "{section}.columns: the header says {text} ({}), which is no unit of the {section}; give its columns, or \
+             {section}.unit",
             names.join(", ")
         )),
         _ => Ok(None),

@@ -351,8 +351,8 @@ impl Axes {
     fn scale(&self, section: &str, units: &str) -> Result<(f64, Option<f64>), String> {
         if self.unit.is_none() && (self.offset != 0.0 || self.all_whole) {
             return Err(format!(
-                "{section}: the numbers look like counts; if they are readings, give {section}.unit in the mapping: {units}; else \
-                 {section}.scale, what a count is"
+                "{section}: the numbers look like counts; if they are readings, give {section}.unit in the mapping: \
+                 {units}; else {section}.scale, what a count is"
             ));
         }
         let unit = self.unit.unwrap_or(1.0);

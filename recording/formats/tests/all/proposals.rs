@@ -1,5 +1,5 @@
-//! The mapping that is proposed for a text is accepted as it is and gives the right readings, or leaves open by name what
-//! the text does not say. What the header says of units is used.
+//! The mapping that is proposed for a text is accepted as it is and gives the right readings, or leaves open by name
+//! what the text does not say. What the header says of units is used.
 
 use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::convert::{Conversion, Scale, Settings};
@@ -225,13 +225,15 @@ proptest! {
     /// Any names and numbers: the proposal is accepted, or leaves open what is missing; nothing panics.
     #[test]
     fn any_header_has_a_proposal(
-        names in prop::collection::vec("[ -~]{0,12}|(acc|gyr|a|g|temp|mag|time)[_ ]?[xyz]?[_ (\\[]?(g|dps|m/s2|K)?[)\\]]?", 3..9),
+        names in prop::collection::vec(NAME, 3..9),
         numbers in prop::collection::vec(-20000..20000_i32, 27),
         is_whole in any::<bool>(),
     ) {
-        let mut text = names.iter().map(|name| format!("\"{}\"", name.replace('"', "\"\""))).collect::<Vec<_>>().join(",") + "\n";
+        let quoted = names.iter().map(|name| format!("\"{}\"", name.replace('"', "\"\"")));
+        let mut text = quoted.collect::<Vec<_>>().join(",") + "\n";
         for row in numbers.chunks_exact(9) {
-            let field = |value: &i32| if is_whole { value.to_string() } else { format!("{}", f64::from(*value) * 0.37) };
+            let real = |value: &i32| (f64::from(*value) * 0.37).to_string();
+            let field = |value: &i32| if is_whole { value.to_string() } else { real(value) };
             text += &(row[..names.len()].iter().map(field).collect::<Vec<_>>().join(",") + "\n");
         }
         let Err(failure) = open(&text, None) else { return Ok(()) };
@@ -243,9 +245,15 @@ proptest! {
     }
 }
 
-const TEXT: &str = "t,ax(g),ay,az,gx(deg/s),gy,gz,temp\n0.01,0.01,0.02,0.998,0.3,-0.2,0.1,25.1\n0.02,0.01,0.02,0.998,0.3,-0.2,0.1,25.2\n";
-const MAPPING: &str = "format = 1\n[time]\ncolumn = \"t\"\nunit = \"s\"\n[accelerometer]\ncolumns = [\"ax(g)\", \"ay\", \"az\"]\n\
-     kind = \"reading\"\n[gyroscope]\ncolumns = [\"gx(deg/s)\", \"gy\", \"gz\"]\nkind = \"reading\"\n[temperature]\ncolumns = \"temp\"\n";
+/// Names of columns, of which some are like those of sensors.
+const NAME: &str = "[ -~]{0,12}|(acc|gyr|a|g|temp|mag|time)[_ ]?[xyz]?[_ (\\[]?(g|dps|m/s2|K)?[)\\]]?";
+const TEXT: &str = "t,ax(g),ay,az,gx(deg/s),gy,gz,temp\n\
+     0.01,0.01,0.02,0.998,0.3,-0.2,0.1,25.1\n\
+     0.02,0.01,0.02,0.998,0.3,-0.2,0.1,25.2\n";
+const MAPPING: &str = "format = 1\n[time]\ncolumn = \"t\"\nunit = \"s\"\n[accelerometer]\n\
+     columns = [\"ax(g)\", \"ay\", \"az\"]\n\
+     kind = \"reading\"\n\
+     [gyroscope]\ncolumns = [\"gx(deg/s)\", \"gy\", \"gz\"]\nkind = \"reading\"\n[temperature]\ncolumns = \"temp\"\n";
 
 #[test]
 fn what_the_header_says_is_used_and_a_contradiction_refused() {
@@ -299,7 +307,8 @@ fn an_interval_that_nothing_says_is_asked_for() {
     let text = "ax,ay,az\n0.1,0.2,9.79\n0.1,0.2,9.78\n";
     let mapping = proposal(text);
     let refused = open(text, Some(&mapping)).err().unwrap();
-    let expected = "m.toml:3: time.interval_s: is \"?\", which is to be filled in; give the nominal interval in s here, or with --interval";
+    let expected = "m.toml:3: time.interval_s: is \"?\", which is to be filled in; give the nominal interval in s here, \
+                    or with --interval";
     assert!(refused.exit == Exit::Config && refused.message == expected, "{refused}");
     let settings = Settings { interval_ns: Some(4_000_000), ..Settings::default() };
     let named = Some((Path::new("m.toml"), mapping.as_str()));

@@ -1,7 +1,10 @@
 //! Layouts of texts that need no mapping.
 
+use crate::convert_ros::{Bag, imu};
+use crate::foreign::Files;
 use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::convert::{Conversion, Scale, Settings};
+use isotherm_recording_formats::ros::Imu;
 use isotherm_shared::wire::RawSample;
 use std::fmt::Write as _;
 use std::io::Cursor;
@@ -196,3 +199,33 @@ fn counts_are_read_and_have_no_nominal_table() {
 fn text_of(header: &str, row: &str) -> String {
     (0..30).fold(format!("{header}\n"), |text, number| text + &format!("{},{row}\n", 1000 + number * 1000))
 }
+
+#[test]
+fn messages_of_ros_in_other_units_are_told_by_a_mapping() {
+    let mut bag = Bag::new();
+    for number in 0..20 {
+        let message = Imu {
+            linear_acceleration: Some(FORCE.map(|force| force / 9.80665)),
+            angular_velocity: Some(RATES.map(|rate| rate / DEGREE)),
+            ..imu(number)
+        };
+        bag.imu("/imu", &message);
+    }
+    let files = Files::new();
+    let (bag, log) = (files.write("deg.mcap", bag.bytes()), files.write("span.log", NOVATEL));
+    let units = "format = 1\n[accelerometer]\nunit = \"g\"\n[gyroscope]\nunit = \"deg/s\"\n";
+    let named = Some((Path::new("m.toml"), units));
+    let mut conversion = Conversion::of_file(&bag, named, &Settings::default()).unwrap();
+    let samples = conversion.by_ref().collect::<Result<Vec<_>, _>>().unwrap();
+    let [notes, findings] = [conversion.notes().join("\n"), String::new()];
+    assert_readings(&Told { samples, scale: conversion.scale(), notes: notes.clone(), findings }, true);
+    assert!(notes.contains("the messages are in g and deg/s, as the mapping says"), "{notes}");
+    let refused = Conversion::of_file(&log, named, &Settings::default()).err().unwrap();
+    assert!(refused.exit == Exit::Config && refused.message.contains("these data have their units"), "{refused}");
+    let wrong = Some((Path::new("m.toml"), "format = 1\n[gyroscope]\nunit = \"g\"\n"));
+    let refused = Conversion::of_file(&bag, wrong, &Settings::default()).err().unwrap();
+    assert!(refused.message.starts_with("m.toml:3: gyroscope.unit: is \"g\", give \"rad/s\" or"), "{refused}");
+}
+
+const NOVATEL: &str = "%RAWIMUSA,2209,491612.254;2209,491612.253588,ea5afe00,329303960,-2512321,4410363,309705,607017,\
+                       -1009773*1fb76c28\n";
