@@ -38,8 +38,10 @@ pub fn length_at_rest(table: &CoefficientTable, rows: &[RawSample]) -> Option<Fi
     ((ratio - 1.0).abs() > MOST_OFF).then(|| {
         let as_unit = |unit: f64| (length * unit / gravity - 1.0).abs() <= AS_UNIT;
         let remedy = match () {
-            () if as_unit(g0) => "; the readings look like g: give accelerometer.unit = \"g\" in the mapping",
-            () if as_unit(g0 / 1e3) => "; the readings look like mg: give accelerometer.unit = \"mg\" in the mapping",
+            () if as_unit(g0) => "; the readings look like g: give accelerometer.unit = \"g\" in a mapping (--mapping)",
+            () if as_unit(g0 / 1e3) => {
+                "; the readings look like mg: give accelerometer.unit = \"mg\" in a mapping (--mapping)"
+            }
             () => "",
         };
         let message = format!(

@@ -23,8 +23,8 @@ const CELSIUS: [f64; 2] = [-80.0, 150.0];
 /// Telemetry over this looks like kelvin up to `MILLI`, then like thousandths of a degree.
 const MILLI: f64 = 1000.0;
 /// What is said of telemetry that is far below and above all temperatures.
-const COUNTS: &str = "it looks like counts of the thermometer: give temperature.scale and temperature.offset in the \
-                      mapping, with which degC = scale * number + offset; an MPU-6050 has 0.00294117647 and 36.53";
+const COUNTS: &str = "it looks like counts of the thermometer: give temperature.scale and temperature.offset in a \
+                      mapping (--mapping), with which degC = scale * number + offset; an MPU-6050 has 0.00294117647 and 36.53";
 /// The telemetry has settled where it moves by under this part of its largest rate ..
 const SETTLED: f64 = 0.1;
 /// .. for this part of a recording.
@@ -148,11 +148,11 @@ fn celsius(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Find
     let cause = match () {
         () if low < CELSIUS[0] && high > CELSIUS[1] || low < -MILLI => COUNTS,
         () if high > MILLI => {
-            "it looks like thousandths of a degree: divide it by 1000, with temperature.scale = 0.001 in the mapping; of counts give \
-             temperature.scale and temperature.offset of the sensor"
+            "it looks like thousandths of a degree: divide it by 1000, with temperature.scale = 0.001 in a mapping \
+             (--mapping); of counts give temperature.scale and temperature.offset of the sensor"
         }
         () if low > CELSIUS[1] => {
-            "it looks like kelvin: subtract 273.15, with temperature.offset = -273.15 in the mapping"
+            "it looks like kelvin: subtract 273.15, with temperature.offset = -273.15 in a mapping (--mapping)"
         }
         () if low < CELSIUS[0] || high > CELSIUS[1] => {
             "it is no temperature of an IMU: look at its column and its unit"
@@ -171,13 +171,14 @@ fn length(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Findi
     let cause = match length * content.gravity {
         _ if (length - 1.0).abs() <= LENGTH => return None,
         si if (si - 1.0).abs() <= LENGTH => {
-            "the readings look like g, not m/s2: give accelerometer.unit = \"g\" in the mapping"
+            "the readings look like g, not m/s2: give accelerometer.unit = \"g\" in a mapping (--mapping)"
         }
         _ if (length / content.gravity - 1.0).abs() <= LENGTH => {
-            "the readings look like m/s2, not g: give accelerometer.unit = \"m/s2\" in the mapping"
+            "the readings look like m/s2, not g: give accelerometer.unit = \"m/s2\" in a mapping (--mapping)"
         }
         _ => {
-            "keep the IMU at rest; give accelerometer.unit (or scale) and time.interval_s of the readings in the mapping, or the \
+            "keep the IMU at rest; give accelerometer.unit (or scale) and time.interval_s of the readings in a mapping \
+             (--mapping), or the \
               table of this IMU"
         }
     };
@@ -195,8 +196,8 @@ fn rate(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Finding
     let rates = [0, 1, 2].map(|axis| recording.mean_indicated(AXES + axis, &gyroscopes.axes[axis]));
     let axis = (0..AXES).find(|axis| rates[*axis].abs() > RATE)?;
     let message = format!(
-        "{}: {} is {:.3} deg/s on average at rest; the readings look like deg/s, not rad/s: give gyroscope.unit = \"deg/s\" in the \
-         mapping; or the IMU turned",
+        "{}: {} is {:.3} deg/s on average at rest; the readings look like deg/s, not rad/s: give \
+         gyroscope.unit = \"deg/s\" in a mapping (--mapping); or the IMU turned",
         recording.name(),
         SensorKind::Gyroscope.names()[axis],
         rates[axis] / 3600.0

@@ -210,7 +210,8 @@ impl Table {
         let said = unit::of_time(&self.columns[taken.time.0].heading.name).filter(|_| header);
         let (time, time_unit) = (name(taken.time.0), said.unwrap_or(taken.time.1));
         let _ = writeln!(text, "[time]\ncolumn = {time}\nunit = \"{time_unit}\"");
-        let mut note = format!("a text as of {layout}: the time is {time} in {time_unit}");
+        let column = if header { "" } else { "column " };
+        let mut note = format!("a text as of {layout}: the time is {column}{time} in {time_unit}");
         let triads = [
             (Quantity::Acceleration, Some(taken.accelerometer), "A1, A2, A3"),
             (Quantity::Rate, taken.gyroscope, "G1, G2, G3"),
@@ -229,17 +230,17 @@ impl Table {
                 if all.iter().all(|column| column.is_around_32768()) {
                     text.push_str("offset = 32768\n");
                 }
-                let _ = write!(note, "; {axes} are {} in counts", names(columns));
+                let _ = write!(note, "; {axes} are {column}{} in counts", names(columns));
             } else {
                 let _ = writeln!(text, "unit = \"{said}\"");
-                let _ = write!(note, "; {axes} are {} in {said}", names(columns));
+                let _ = write!(note, "; {axes} are {column}{} in {said}", names(columns));
             }
         }
         text.push_str("[temperature]\n");
         match taken.temperature {
             Some(column) => {
                 let _ = writeln!(text, "columns = {}", name(column));
-                let _ = write!(note, "; the temperature is {} in degC", name(column));
+                let _ = write!(note, "; the temperature is {column}{} in degC", name(column));
             }
             None => {
                 let _ = writeln!(text, "constant = {PLACEHOLDER:?}");

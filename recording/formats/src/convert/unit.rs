@@ -309,10 +309,7 @@ mod tests {
             }
         }
         for (unit, names) in [
-            (
-                "rad/s",
-                &["gx [rad/s]", "w_RS_S_x [rad s^-1]", "gx_rad_s", "gx(rad/sec)", "gx [radians/second]", "gx_radps"][..],
-            ),
+            ("rad/s", &["gx [rad/s]", "w_RS_S_x [rad s^-1]", "gx_rad_s", "gx(rad/sec)", "gx [radians/second]"][..]),
             (
                 "deg/s",
                 &[
