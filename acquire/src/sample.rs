@@ -2,6 +2,7 @@
 
 use crate::number::Value;
 use isotherm_client::{RawSample, ReadingError, Readings, Resolution};
+use isotherm_recording_formats::convert::Linear;
 use isotherm_shared::wire::AXES;
 
 /// The columns of three sensors.
@@ -39,6 +40,8 @@ pub(crate) enum Telemetry {
         head: [usize; 2 * AXES],
         /// Of the boards.
         board: [usize; 2 * AXES],
+        /// What makes telemetry of the numbers.
+        linear: Linear,
     },
     /// The same in all samples.
     Constant(f64),
@@ -207,10 +210,10 @@ impl Assembler {
 
     /// Takes the telemetry of a row that has some; else that of the last row stays.
     pub(crate) fn take_telemetry(&mut self, row: &[Value], timestamp_ns: u64) {
-        let Telemetry::Columns { head, board } = self.columns.telemetry else { return };
+        let Telemetry::Columns { head, board, linear } = self.columns.telemetry else { return };
         let mut is_new = false;
         for (last, column) in self.heads.iter_mut().chain(&mut self.boards).zip(head.iter().chain(&board)) {
-            let telemetry = row.get(*column).map_or(f64::NAN, |value| value.number);
+            let telemetry = row.get(*column).map_or(f64::NAN, |value| value.number * linear.scale + linear.offset);
             if telemetry.is_finite() {
                 *last = telemetry;
                 is_new = true;

@@ -19,6 +19,8 @@ const MOST_SCATTER: f64 = 0.1;
 /// if they were [`USUAL_NS`].
 const PLAUSIBLE_NS: [f64; 2] = [200e3, 2e9];
 const USUAL_NS: f64 = 20e6;
+/// How far a length may be off gravity in another unit: the biases of cheap sensors are in it.
+const AS_UNIT: f64 = 0.1;
 
 /// That the length of the compensated specific force at rest is not gravity: over 2 % off the local gravity of the
 /// table, else its g0. It is the median over the standstills of the first [`LENGTH_ROWS`] rows; `None` if there are
@@ -34,9 +36,17 @@ pub fn length_at_rest(table: &CoefficientTable, rows: &[RawSample]) -> Option<Fi
     let (gravity, source) = table.gravity_local().map_or((g0, "g0 of the table"), |local| (local, "local gravity"));
     let ratio = length / gravity;
     ((ratio - 1.0).abs() > MOST_OFF).then(|| {
+        let as_unit = |unit: f64| (length * unit / gravity - 1.0).abs() <= AS_UNIT;
+        let remedy = match () {
+            () if as_unit(g0) => "; the readings look like g: give accelerometer.unit = \"g\" in a mapping (--mapping)",
+            () if as_unit(g0 / 1e3) => {
+                "; the readings look like mg: give accelerometer.unit = \"mg\" in a mapping (--mapping)"
+            }
+            () => "",
+        };
         let message = format!(
-            "{} g0 at rest: the specific force is {} m/s2, {source} {gravity} m/s2, {} times; counts, interval_ns, and the table's scale \
-             factors and biases enter",
+            "{} g0 at rest: the specific force is {} m/s2, {source} {gravity} m/s2, {} times; counts, interval_ns, and \
+             the table's scale factors and biases enter{remedy}",
             digits(length / g0),
             digits(length),
             digits(ratio),

@@ -159,6 +159,16 @@ impl<'d, 'a> Section<'d, 'a> {
         self.table.contains_key(key)
     }
 
+    /// Whether `key` is `"?"`, or a text or a list of texts that begin with it: a value that is to be filled in.
+    #[must_use]
+    pub fn is_open(&self, key: &str) -> bool {
+        let is_open = |value: &DeValue<'_>| value.as_str().is_some_and(|text| text.starts_with('?'));
+        self.table.get(key).is_some_and(|value| match value.get_ref().as_array() {
+            Some(list) => list.iter().any(|item| is_open(item.get_ref())),
+            None => is_open(value.get_ref()),
+        })
+    }
+
     fn get(&self, key: &'static str) -> Option<&'d Spanned<DeValue<'a>>> {
         self.asked.borrow_mut().push(key);
         self.table.get(key)

@@ -34,7 +34,8 @@ impl FileKind {
             Some(Self::Campaign)
         } else if has(&["source", "timing", "frame", "lines", "iio"]) {
             Some(Self::Source)
-        } else if has(&["accelerometer", "time"]) {
+        } else if has(&["accelerometer", "time"]) || document.has("gyroscope") && !document.is_list("gyroscope") {
+            // A table has a list of gyroscopes.
             Some(Self::Mapping)
         } else if document.is_list("imu") || has(&["wait", "latency", "realtime", "metrics"]) {
             Some(Self::Configuration)

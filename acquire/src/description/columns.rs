@@ -3,7 +3,7 @@
 use crate::number::Field;
 use crate::sample::{Axes, Columns, MAX_STATUS, Status, Telemetry};
 use isotherm_client::Resolution;
-use isotherm_recording_formats::convert::{ColumnRef, Kind, SensorColumns, Sensors, Temperature};
+use isotherm_recording_formats::convert::{ColumnRef, Kind, Linear, SensorColumns, Sensors, Temperature};
 use isotherm_shared::document::Section;
 use isotherm_shared::wire::AXES;
 
@@ -285,14 +285,15 @@ fn telemetry(root: &Section<'_, '_>, of: &Temperature, names: &mut Names) -> Opt
     let section = root.optional_section("temperature")?;
     match of {
         Temperature::Constant(constant) => Some(Telemetry::Constant(*constant)),
-        Temperature::Columns { head, board } => {
+        Temperature::Columns { head, board, linear } => {
             let mut places = |key, columns: &[ColumnRef]| {
                 let places = columns.iter().map(|column| names.place(&section, key, column));
                 places.collect::<Option<Vec<_>>>().and_then(|places| for_all_sensors(&places))
             };
             let head = places("columns", head)?;
             let key = if section.has("board_columns") { "board_columns" } else { "columns" };
-            Some(Telemetry::Columns { head, board: places(key, board)? })
+            let linear = linear.unwrap_or(Linear { scale: 1.0, offset: 0.0 });
+            Some(Telemetry::Columns { head, board: places(key, board)?, linear })
         }
     }
 }

@@ -22,6 +22,9 @@ const LEAST_SPAN: f64 = 2.0;
 const CELSIUS: [f64; 2] = [-80.0, 150.0];
 /// Telemetry over this looks like kelvin up to `MILLI`, then like thousandths of a degree.
 const MILLI: f64 = 1000.0;
+/// What is said of telemetry that is far below and above all temperatures.
+const COUNTS: &str = "it looks like counts of the thermometer: give temperature.scale and temperature.offset in a \
+                      mapping (--mapping), with which degC = scale * number + offset; an MPU-6050 has 0.00294117647 and 36.53";
 /// The telemetry has settled where it moves by under this part of its largest rate ..
 const SETTLED: f64 = 0.1;
 /// .. for this part of a recording.
@@ -143,8 +146,14 @@ fn celsius(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Find
     }
     let [low, high] = recording.extremes(0)[0]?;
     let cause = match () {
-        () if high > MILLI => "it looks like thousandths of a degree: divide it by 1000",
-        () if low > CELSIUS[1] => "it looks like kelvin: subtract 273.15",
+        () if low < CELSIUS[0] && high > CELSIUS[1] || low < -MILLI => COUNTS,
+        () if high > MILLI => {
+            "it looks like thousandths of a degree: divide it by 1000, with temperature.scale = 0.001 in a mapping \
+             (--mapping); of counts give temperature.scale and temperature.offset of the sensor"
+        }
+        () if low > CELSIUS[1] => {
+            "it looks like kelvin: subtract 273.15, with temperature.offset = -273.15 in a mapping (--mapping)"
+        }
         () if low < CELSIUS[0] || high > CELSIUS[1] => {
             "it is no temperature of an IMU: look at its column and its unit"
         }
@@ -161,9 +170,17 @@ fn length(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Findi
     let length = force.iter().map(|f| f * f).sum::<f64>().sqrt();
     let cause = match length * content.gravity {
         _ if (length - 1.0).abs() <= LENGTH => return None,
-        si if (si - 1.0).abs() <= LENGTH => "the readings look like g, not m/s2",
-        _ if (length / content.gravity - 1.0).abs() <= LENGTH => "the readings look like m/s2, not g",
-        _ => "keep the IMU at rest; give unit, resolution and interval of the readings, or the table of this IMU",
+        si if (si - 1.0).abs() <= LENGTH => {
+            "the readings look like g, not m/s2: give accelerometer.unit = \"g\" in a mapping (--mapping)"
+        }
+        _ if (length / content.gravity - 1.0).abs() <= LENGTH => {
+            "the readings look like m/s2, not g: give accelerometer.unit = \"m/s2\" in a mapping (--mapping)"
+        }
+        _ => {
+            "keep the IMU at rest; give accelerometer.unit (or scale) and time.interval_s of the readings in a mapping \
+             (--mapping), or the \
+              table of this IMU"
+        }
     };
     let message = format!(
         "{}: {length:.4} g0 on average at rest, {:.4} m/s2; {cause}",
@@ -179,7 +196,8 @@ fn rate(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Finding
     let rates = [0, 1, 2].map(|axis| recording.mean_indicated(AXES + axis, &gyroscopes.axes[axis]));
     let axis = (0..AXES).find(|axis| rates[*axis].abs() > RATE)?;
     let message = format!(
-        "{}: {} is {:.3} deg/s on average at rest; the readings look like deg/s, not rad/s, or the IMU turned",
+        "{}: {} is {:.3} deg/s on average at rest; the readings look like deg/s, not rad/s: give \
+         gyroscope.unit = \"deg/s\" in a mapping (--mapping); or the IMU turned",
         recording.name(),
         SensorKind::Gyroscope.names()[axis],
         rates[axis] / 3600.0

@@ -55,7 +55,12 @@ pub(super) fn recording(path: &Path) -> Result<String, Failure> {
 
 fn mapping(text: &str, path: &Path) -> Result<String, Failure> {
     let refuse = |faults| LoadError::Refused { path: path.to_owned(), faults };
-    if Document::parse(text).is_ok_and(|document| !document.has("accelerometer")) {
+    // Data whose columns are known have no columns in their mapping.
+    let has_columns = |document: &Document<'_>| {
+        let sensors = document.root().unchecked("accelerometer");
+        sensors.map_or(document.has("accelerometer"), |sensors| sensors.has("columns") || sensors.has("kind"))
+    };
+    if Document::parse(text).is_ok_and(|document| !has_columns(&document)) {
         KnownColumns::from_toml(text).map_err(refuse)?;
         return Ok("mapping of data whose columns are known".to_owned());
     }

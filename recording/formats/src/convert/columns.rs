@@ -1,8 +1,8 @@
 //! What the columns of the sensors mean: the sections `[accelerometer]`, `[gyroscope]` and `[temperature]`, which a
 //! mapping and the description of an acquisition's source have alike.
 
+use super::unit::{Linear, Quantity};
 use isotherm_shared::document::{Document, Section};
-use isotherm_shared::table::STANDARD_GRAVITY;
 use isotherm_shared::wire::AXES;
 
 /// Highest number of a column.
@@ -44,6 +44,9 @@ pub struct Sensors {
     pub unit: Option<f64>,
     /// Largest reading of the type, in the column's unit.
     pub range: Option<f64>,
+    /// The column of the time \[us\] that each number was summed up over, of layouts that are known alone; the
+    /// readings are the numbers over this time.
+    pub duration: Option<ColumnRef>,
 }
 
 /// Where the telemetry comes from.
@@ -55,6 +58,8 @@ pub enum Temperature {
         head: Vec<ColumnRef>,
         /// 1, 3 or 6 columns of the converter boards; those of the heads if there are none of their own.
         board: Vec<ColumnRef>,
+        /// What makes telemetry of the numbers; `None`: they are telemetry.
+        linear: Option<Linear>,
     },
     /// The same for all rows.
     Constant(f64),
@@ -71,22 +76,17 @@ pub struct SensorColumns {
     pub temperature: Temperature,
 }
 
-/// Units of accelerometers \[m/s2\]. A g is the standard one, whatever gravity is where the IMU is.
-const OF_ACCELEROMETERS: [(f64, &str); 2] = [(1.0, "m/s2"), (STANDARD_GRAVITY, "g")];
-/// Units of gyroscopes \[rad/s\].
-const OF_GYROSCOPES: [(f64, &str); 2] = [(1.0, "rad/s"), (core::f64::consts::PI / 180.0, "deg/s")];
-
 impl SensorColumns {
     /// Reads the three sections. With `header` columns have names, else numbers. Faults are added to `document`.
     pub fn read(document: &Document<'_>, root: &Section<'_, '_>, header: bool) -> Option<Self> {
         let accelerometer = root
             .section("accelerometer", "a section [accelerometer]")
-            .and_then(|s| sensors(s, header, &OF_ACCELEROMETERS));
+            .and_then(|s| sensors(s, header, Quantity::Acceleration));
         let mixed = root.optional_section("gyroscope");
         let has_gyroscope = mixed.is_some();
         let gyroscope = mixed.and_then(|section| {
             let line = section.line();
-            let sensors = sensors(section, header, &OF_GYROSCOPES);
+            let sensors = sensors(section, header, Quantity::Rate);
             if let (Some(a), Some(g)) = (&accelerometer, &sensors)
                 && a.columns.iter().any(|column| g.columns.contains(column))
             {
@@ -112,6 +112,11 @@ pub(super) fn columns(
     expected: &str,
     header: bool,
 ) -> Option<Vec<ColumnRef>> {
+    if section.is_open(key) {
+        section.fault(key, format!("has a \"?\", which is to be filled in; give {expected}"));
+        section.ignore(key);
+        return None;
+    }
     let columns: Vec<_> = if header {
         let expected = format!("{expected}, by name as in the header");
         section.strings(key, &expected)?.into_iter().map(|name| ColumnRef::Name(name.trim().to_owned())).collect()
@@ -129,7 +134,7 @@ pub(super) fn columns(
     None
 }
 
-fn sensors(section: Section<'_, '_>, header: bool, units: &[(f64, &str)]) -> Option<Sensors> {
+fn sensors(section: Section<'_, '_>, header: bool, quantity: Quantity) -> Option<Sensors> {
     let columns = columns(&section, "columns", &[AXES], "three columns, of the axes 1, 2, 3", header);
     let kind = section.choice("kind", &[(Kind::Reading, "reading"), (Kind::Increment, "increment")]);
     let offset = section.optional_number("offset").unwrap_or(0.0);
@@ -140,7 +145,7 @@ fn sensors(section: Section<'_, '_>, header: bool, units: &[(f64, &str)]) -> Opt
             .filter(|resolution| *resolution <= 0.0 || !(1.0 / resolution).is_finite())
             .map(|resolution| format!("is {resolution}, give one pulse in the column's unit, over 0")),
     );
-    let unit = section.optional_choice("unit", units);
+    let unit = section.optional_choice("unit", &quantity.choices());
     let scale = section.optional_number("scale");
     let wrong = scale.filter(|scale| *scale <= 0.0);
     section.refuse(
@@ -175,7 +180,7 @@ fn sensors(section: Section<'_, '_>, header: bool, units: &[(f64, &str)]) -> Opt
     section.refuse("columns", twice.map(|_| "has one column for two axes; give three different columns".to_owned()));
     section.finish();
     let columns = <[ColumnRef; AXES]>::try_from(columns?).ok()?;
-    Some(Sensors { columns, kind: kind?, offset, resolution, sign: right?, unit, range })
+    Some(Sensors { columns, kind: kind?, offset, resolution, sign: right?, unit, range, duration: None })
 }
 
 fn temperature_of(section: Section<'_, '_>, header: bool, gyroscopes: bool) -> Option<Temperature> {
@@ -184,6 +189,7 @@ fn temperature_of(section: Section<'_, '_>, header: bool, gyroscopes: bool) -> O
         false => (&[1, 3], "1 column of all sensors, or 3 of A1, A2, A3"),
     };
     let constant = section.optional_number("constant");
+    let linear = linear(&section);
     let temperature = match (section.has("constant"), section.has("columns")) {
         (true, true) => {
             section.ignore("columns");
@@ -196,7 +202,7 @@ fn temperature_of(section: Section<'_, '_>, header: bool, gyroscopes: bool) -> O
                 true => columns(&section, "board_columns", counts, expected, header)?,
                 false => head.clone(),
             };
-            Some(Temperature::Columns { head, board })
+            Some(Temperature::Columns { head, board, linear })
         }),
         (false, false) => {
             section.fault("columns", "missing; give the columns of the temperature, or a constant");
@@ -205,9 +211,32 @@ fn temperature_of(section: Section<'_, '_>, header: bool, gyroscopes: bool) -> O
     };
     section.ignore("columns");
     section.ignore("board_columns");
-    if section.has("constant") && section.has("board_columns") {
-        section.fault("board_columns", "is there without columns; leave it out");
+    for key in ["board_columns", "scale", "offset"] {
+        if section.has("constant") && section.has(key) {
+            section.fault(key, "is there without columns; leave it out");
+        }
     }
     section.finish();
     temperature
+}
+
+/// What makes telemetry of the numbers: `number * scale + offset`.
+fn linear(section: &Section<'_, '_>) -> Option<Linear> {
+    let number = |key: &'static str, expected: &str| {
+        if section.is_open(key) {
+            section.fault(key, format!("is \"?\", which is to be filled in; give {expected}"));
+            section.ignore(key);
+            return None;
+        }
+        section.optional_number(key)
+    };
+    let scale = number("scale", "what one of the column's unit is in degC, as 0.00294117647 of an MPU-6050");
+    let offset = number("offset", "what is added after the scale in degC, as 36.53 of an MPU-6050");
+    let wrong = scale.filter(|scale| *scale == 0.0);
+    section.refuse(
+        "scale",
+        wrong.map(|_| "is 0, give what one of the column's unit is, in the unit of the table".to_owned()),
+    );
+    let is_given = section.has("scale") || section.has("offset");
+    is_given.then_some(Linear { scale: scale.unwrap_or(1.0), offset: offset.unwrap_or(0.0) })
 }

@@ -39,16 +39,18 @@ impl Known {
         novatel::is_log(beginning).then_some(Self::Novatel)
     }
 
-    /// Opens the data. `source` has all of them; logs are read from the file instead.
+    /// Opens the data. `source` has all of them; logs are read from the file instead. ROS messages may have other
+    /// units, one of which is `units` \[m/s2, rad/s\].
     pub(super) fn open(
         self,
         path: &Path,
         source: Box<dyn Read>,
         settings: &Settings,
         temperature: Option<f64>,
+        units: [f64; 2],
     ) -> Result<Box<dyn Source>, Failure> {
         Ok(match self {
-            Self::Mcap => Box::new(RosSource::open(path, source, settings, temperature)?),
+            Self::Mcap => Box::new(RosSource::open(path, source, settings, temperature, units)?),
             Self::Novatel => Box::new(NovatelSource::new(source, temperature)),
             Self::Ulog => Box::new(UlogSource::open(path, settings, temperature)?),
             Self::DataFlash { is_text } => Box::new(DataFlashSource::open(path, settings, temperature, is_text)?),

@@ -20,6 +20,7 @@
 //! Over 400 lines: one file has all keys of a mapping, and the tests of their faults.
 
 use super::columns::{ColumnRef, SensorColumns, Sensors, Temperature, columns};
+use super::unit::Quantity;
 use isotherm_shared::document::{Document, Faults, Section};
 use isotherm_shared::wire::MAX_INTERVAL_NS;
 
@@ -92,6 +93,8 @@ pub struct KnownColumns {
     pub interval_ns: Option<u64>,
     /// The telemetry of all rows; `None`: that of the data, if they have any.
     pub temperature: Option<f64>,
+    /// One of the data's unit of accelerations \[m/s2\] and of rates \[rad/s\]; `None`: 1.
+    pub units: [Option<f64>; 2],
 }
 
 const WANTED: &str = "give the mapping file; the data come without --mapping";
@@ -115,6 +118,15 @@ impl Mapping {
     /// # Errors
     /// All faults, with line and key.
     pub fn from_toml(text: &str) -> Result<Self, Faults> {
+        Self::with_interval(text, None)
+    }
+
+    /// As [`from_toml`](Self::from_toml). An interval \[ns\] that is given wins, also over one that the mapping leaves
+    /// open as `"?"`.
+    ///
+    /// # Errors
+    /// As [`from_toml`](Self::from_toml).
+    pub fn with_interval(text: &str, given_ns: Option<u64>) -> Result<Self, Faults> {
         let document = Document::parse_as(text, WANTED)?;
         let root = document.root();
         format(&root);
@@ -122,9 +134,12 @@ impl Mapping {
         let header = root.optional_bool("header").unwrap_or(true);
         let skip = root.optional_integer("skip", 0..=MAX_SKIP).map_or(0, i64::cast_unsigned);
         let time = root.section("time", "a section [time]").map(|section| {
-            let time = Time { column: time_column(&section, header), interval_ns: interval(&section) };
-            if !section.has("column") && !section.has("interval_s") {
-                section.fault("interval_s", "missing; give the nominal interval in s, or the column of the time");
+            let time = Time { column: time_column(&section, header), interval_ns: interval(&section, given_ns) };
+            if !section.has("column") && !section.has("interval_s") && given_ns.is_none() {
+                section.fault(
+                    "interval_s",
+                    "missing; give the nominal interval in s or --interval, or the column of the time",
+                );
             }
             section.finish();
             time
@@ -152,7 +167,7 @@ impl Mapping {
         let time = self.time.column.iter().map(|(column, _)| column);
         let gyroscope = self.gyroscope.iter().flat_map(|sensors| &sensors.columns);
         let (head, board): (&[_], &[_]) = match &self.temperature {
-            Temperature::Columns { head, board } => (head, board),
+            Temperature::Columns { head, board, .. } => (head, board),
             Temperature::Constant(_) => (&[], &[]),
         };
         time.chain(&self.accelerometer.columns).chain(gyroscope).chain(head).chain(board)
@@ -160,7 +175,8 @@ impl Mapping {
 }
 
 impl KnownColumns {
-    /// Reads the mapping of data whose columns are known. It may have `time.interval_s` and `temperature.constant`.
+    /// Reads the mapping of data whose columns are known. It may have `time.interval_s`, `accelerometer.unit`,
+    /// `gyroscope.unit` and `temperature.constant`.
     ///
     /// # Errors
     /// All faults, with line and key.
@@ -170,8 +186,14 @@ impl KnownColumns {
         format(&root);
         let mut known = Self::default();
         if let Some(time) = root.optional_section("time") {
-            known.interval_ns = interval(&time);
+            known.interval_ns = interval(&time, None);
             time.finish();
+        }
+        for (unit, quantity) in known.units.iter_mut().zip([Quantity::Acceleration, Quantity::Rate]) {
+            if let Some(sensors) = root.optional_section(quantity.section()) {
+                *unit = sensors.optional_choice("unit", &quantity.choices());
+                sensors.finish();
+            }
         }
         if let Some(temperature) = root.optional_section("temperature") {
             known.temperature = temperature.optional_number("constant");
@@ -203,11 +225,17 @@ fn time_column(section: &Section<'_, '_>, header: bool) -> Option<(ColumnRef, Ti
     Some((column, unit?))
 }
 
-fn interval(section: &Section<'_, '_>) -> Option<u64> {
+fn interval(section: &Section<'_, '_>, given_ns: Option<u64>) -> Option<u64> {
+    if section.is_open("interval_s") {
+        let message = "is \"?\", which is to be filled in; give the nominal interval in s here, or with --interval";
+        section.refuse("interval_s", given_ns.is_none().then(|| message.to_owned()));
+        section.ignore("interval_s");
+        return given_ns;
+    }
     let ns = section.optional_number("interval_s")? * 1e9;
     let is_right = (MIN_INTERVAL_NS..=MAX_INTERVAL_NS as f64).contains(&ns);
     section.refuse("interval_s", (!is_right).then(|| "give a number of seconds from 0.000001 to 3600".to_owned()));
-    is_right.then(|| ns.round() as u64)
+    given_ns.or(is_right.then(|| ns.round() as u64))
 }
 
 #[cfg(test)]
@@ -232,9 +260,13 @@ mod tests {
         assert_eq!(numbers.accelerometer.columns, [2, 3, 4].map(ColumnRef::Number));
         assert_eq!((numbers.header, numbers.skip, numbers.decimal), (false, 2, Some(Decimal::Comma)));
         let board = vec![ColumnRef::Number(6)];
-        assert_eq!(numbers.temperature, Temperature::Columns { head: vec![ColumnRef::Number(5)], board });
+        let head = vec![ColumnRef::Number(5)];
+        assert_eq!(numbers.temperature, Temperature::Columns { head, board, linear: None });
         let known = KnownColumns::from_toml("format = 1\n[time]\ninterval_s = 0.005\n[temperature]\nconstant = 20\n");
-        assert_eq!(known, Ok(KnownColumns { interval_ns: Some(5_000_000), temperature: Some(20.0) }));
+        assert_eq!(
+            known,
+            Ok(KnownColumns { interval_ns: Some(5_000_000), temperature: Some(20.0), ..KnownColumns::default() })
+        );
     }
 
     #[test]
@@ -281,6 +313,6 @@ mod tests {
         );
         assert!(faults(&GOOD.replace("unit = \"ms\"\n", "")).contains("time.unit: missing"));
         let known = KnownColumns::from_toml(GOOD).unwrap_err().to_string();
-        assert!(known.contains("line 6: accelerometer: unknown key; known here: format, time, temperature"), "{known}");
+        assert!(known.contains("line 7: accelerometer.columns: unknown key; known here: unit"), "{known}");
     }
 }

@@ -15,8 +15,12 @@ mod chain;
 mod clock;
 mod columns;
 mod foreign;
+mod found;
+mod header_units;
+mod heading;
 mod interval;
 mod known;
+mod layouts;
 mod mapping;
 mod mender;
 mod novatel;
@@ -30,8 +34,10 @@ mod scale;
 mod settings;
 mod source;
 mod stamped;
+mod stated;
 mod telemetry_log;
 mod text;
+mod unit;
 mod vehicle;
 
 pub use autopilot::{FoundImu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, found_listed};
@@ -43,6 +49,7 @@ pub(crate) use ros::is_bag;
 pub use scale::Scale;
 pub use settings::{GyroscopeTemperature, Settings, TimeSource};
 pub use source::PLACEHOLDER;
+pub use unit::Linear;
 pub use vehicle::VehicleState;
 
 use interval::{GAP, Steps};
@@ -176,6 +183,8 @@ impl Conversion {
             return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(path))));
         }
         let (format, no_text) = (Known::of(&beginning), refused::no_text(&beginning));
+        let is_layout = format.is_none() && no_text.is_none() && mapping.is_none();
+        let recognised = is_layout.then(|| layouts::recognise(&beginning, path));
         let source: Box<dyn Read> = Box::new(Cursor::new(beginning).chain(source));
         known::check(settings, path, format)?;
         if let Some(format) = format {
@@ -184,21 +193,32 @@ impl Conversion {
                 None => KnownColumns::default(),
             };
             let temperature = settings.temperature.or(known.temperature);
-            let source = format.open(path, source, settings, temperature)?;
+            if let (Some((file, _)), true) = (mapping, known.units != [None; 2] && format != Known::Mcap) {
+                let message =
+                    "[accelerometer] and [gyroscope] are for ROS messages and texts: these data have their units";
+                return Err(Failure::new(Exit::Config, format!("{}: {message}", shown(file))).at(file, None));
+            }
+            let units = known.units.map(|unit| unit.unwrap_or(1.0));
+            let source = format.open(path, source, settings, temperature, units)?;
             let interval_ns = settings.interval_ns.or(known.interval_ns);
             return Self::begin(path, source, interval_ns, settings);
         }
         if let Some(message) = no_text {
             return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(path))));
         }
+        let refused = |message: String| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
         let mut rows = Rows::new(source);
+        if let Some(recognised) = recognised.transpose().map_err(refused)?.flatten() {
+            let source = text::TextSource::recognised(rows, recognised, settings.temperature).map_err(failed)?;
+            return Self::begin(path, Box::new(source), settings.interval_ns, settings);
+        }
         let Some((file, text)) = mapping else {
             let proposal = proposal::propose(&mut rows).map_err(failed)?;
             let name = shown(path);
             let message = format!("{name}: which columns are what? Give --mapping with a file such as\n\n{proposal}");
             return Err(Failure::new(Exit::Usage, message));
         };
-        let mut mapping = Mapping::from_toml(text).map_err(|faults| refuse(file, faults))?;
+        let mut mapping = Mapping::with_interval(text, settings.interval_ns).map_err(|faults| refuse(file, faults))?;
         if let Some(temperature) = settings.temperature {
             mapping.temperature = Temperature::Constant(temperature);
         }

@@ -1,10 +1,9 @@
-//! The mapping that a text would have, by the names of its columns and its first rows: for messages, to be copied into
-//! a file and checked.
-//!
-//! Over 400 lines: the names of columns that are recognised and the text that is made of them belong together, with
-//! their tests.
+//! The mapping that a text would have, by the names of its columns, the lines above them and its first rows: for
+//! messages, to be copied into a file and checked. What the text does not say is `"?"` there.
 
-use super::{calendar, interval};
+use super::found::{Found, is_value, length};
+use super::stated;
+use super::unit::{self, Quantity, Said, Unit};
 use isotherm_failure::printable;
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{Rows, Separator, looks_like_number};
@@ -13,44 +12,39 @@ use std::borrow::Cow;
 use std::fmt::Write as _;
 use std::io::Read;
 
+mod telemetry;
+#[cfg(test)]
+mod tests;
+
+pub(super) use telemetry::CELSIUS;
+
 /// Rows that are looked at.
 const ROWS: usize = 1000;
 /// Fewest numbers of a row: three accelerometers.
 const FEWEST: usize = 3;
 /// Most lines before the header.
-const MOST_SKIPPED: u64 = 100;
+pub(super) const MOST_SKIPPED: u64 = 100;
 /// Most columns that are listed.
 const LISTED: usize = 40;
-
-/// A column of the text.
-struct Found {
-    name: String,
-    /// The name in lower case, in parts.
-    parts: Vec<String>,
-    values: Vec<f64>,
-    is_whole: bool,
-    /// The times \[ns\] while all fields are times of ISO 8601.
-    times: Option<Vec<u64>>,
-}
-
-/// The unit of a time, its length \[s\], and where it comes from.
-struct Unit {
-    name: &'static str,
-    factor: f64,
-    guess: Option<String>,
-}
-
-/// Units of time, how names write them, and their length \[s\].
-const UNITS: [(&str, &str, f64); 4] =
-    [("ns", "nano", 1e-9), ("us", "micro", 1e-6), ("ms", "milli", 1e-3), ("s", "sec", 1.0)];
-/// Times since 1970 that recordings have \[s\]: from 2001 to 2100.
-const EPOCH_S: std::ops::Range<f64> = 1e9..4.1e9;
+/// Longest line above the header that is shown \[letters\].
+const SHOWN: usize = 60;
+/// How far the length of the specific force may be off gravity, to be told from other numbers.
+const OFF_GRAVITY: f64 = 0.05;
+/// Pulses that a number may have, with room for numbers 20 times as large as those of the first rows.
+const MOST_PULSES: f64 = 2e8;
 
 /// The row with the names of the columns, or the first of a text without a header.
 struct First {
     line: u64,
     separator: Separator,
     names: Vec<String>,
+}
+
+/// The sensors of a section: their columns, and why, if no name says it.
+#[derive(Clone, Copy)]
+struct Sensors {
+    columns: [usize; AXES],
+    guess: Option<&'static str>,
 }
 
 /// Proposes a mapping for a text whose first row has not been read. The table begins with the first row that is
@@ -60,6 +54,7 @@ struct First {
 /// If there is no such row, or the text cannot be read.
 pub(super) fn propose(rows: &mut Rows<Box<dyn Read>>) -> Result<String, RecordingError> {
     let mut before: Option<First> = None;
+    let mut lines = Vec::new();
     while rows.line() <= MOST_SKIPPED && rows.next_row()? {
         let separator = rows.detect_separator(is_separated)?;
         let names: Vec<_> = rows.names().collect();
@@ -67,8 +62,10 @@ pub(super) fn propose(rows: &mut Rows<Box<dyn Read>>) -> Result<String, Recordin
         if let Some(first) = before
             .take_if(|first| first.separator == separator && first.names.len() == names.len() && numbers >= FEWEST)
         {
-            return Ok(of_table(rows, &first));
+            lines.pop();
+            return Ok(of_table(rows, &first, &lines));
         }
+        lines.push(String::from_utf8_lossy(rows.line_text()).trim().to_owned());
         before = Some(First { line: rows.line(), separator, names });
     }
     Err(rows.error(format!("no two rows with {FEWEST} numbers or more; this is no table of numbers")))
@@ -84,33 +81,28 @@ pub(super) fn propose_from(rows: &mut Rows<Box<dyn Read>>) -> Result<String, Rec
     if !rows.next_row()? {
         return Err(rows.error("no rows".to_owned()));
     }
-    Ok(of_table(rows, &first))
+    Ok(of_table(rows, &first, &[]))
 }
 
 /// Whether these can be the fields of a row: none is a number and more, as with a separator that is not the right one.
-fn is_separated(fields: &[String]) -> bool {
+pub(super) fn is_separated(fields: &[String]) -> bool {
     let begins_as_number =
         |field: &str| field.starts_with(|letter: char| letter.is_ascii_digit() || "+-.".contains(letter));
     let is_whole = |field: &String| is_value(field) || !begins_as_number(field) && !field.contains([';', '\t']);
     fields.len() >= FEWEST && fields.iter().all(is_whole)
 }
 
-/// Whether a field is a number or a time.
-fn is_value(field: &str) -> bool {
-    looks_like_number(field) || calendar::time_ns(field).is_some()
-}
-
-/// The unit of time that a name says.
-pub(super) fn named_unit(name: &str) -> Option<&'static str> {
-    let parts = parts(name);
-    let says = |unit: &str, long: &str| parts.iter().any(|part| part == unit || part.starts_with(long));
-    UNITS.iter().find(|(unit, long, _)| says(unit, long)).map(|(unit, ..)| *unit)
+/// Whether a row has names, and no values of the columns that are numbers in the row below.
+pub(super) fn is_header<'a>(names: &[String], below: impl Iterator<Item = &'a String>) -> bool {
+    let numbers: Vec<_> = names.iter().zip(below).filter(|(_, below)| is_value(below)).collect();
+    let values = numbers.iter().filter(|(name, _)| is_value(name)).count();
+    2 * values < numbers.len().max(1)
 }
 
 /// The mapping of a table whose second row is the current one.
-fn of_table(rows: &mut Rows<Box<dyn Read>>, first: &First) -> String {
-    let header = !first.names.iter().all(|field| is_value(field));
-    let mut columns: Vec<_> = first.names.iter().map(|name| Found::new(name)).collect();
+fn of_table(rows: &mut Rows<Box<dyn Read>>, first: &First, above: &[String]) -> String {
+    let header = is_header(&first.names, rows.names().collect::<Vec<_>>().iter());
+    let mut columns: Vec<_> = first.names.iter().map(|name| Found::new(if header { name } else { "" })).collect();
     let mut commas = false;
     let mut take = |fields: &[String]| {
         for (column, field) in columns.iter_mut().zip(fields) {
@@ -130,17 +122,20 @@ fn of_table(rows: &mut Rows<Box<dyn Read>>, first: &First) -> String {
             break;
         }
     }
-    Text { columns, header, skip: first.line - 1, commas }.mapping()
+    let stated = stated::interval_s(above.iter().map(String::as_str));
+    Text { columns, header, skip: first.line - 1, commas, stated }.mapping()
 }
 
-struct Text {
+struct Text<'a> {
     columns: Vec<Found>,
     header: bool,
     skip: u64,
     commas: bool,
+    /// The interval \[s\] that a line above the header says, and that line.
+    stated: Option<(f64, &'a str)>,
 }
 
-impl Text {
+impl Text<'_> {
     fn mapping(&self) -> String {
         let mut out = String::from("format = 1\n");
         if self.skip > 0 {
@@ -153,83 +148,195 @@ impl Text {
             out.push_str("decimal = \",\"\n");
         }
         let time = self.time();
-        out.push_str("[time]\n");
-        if let Some(time) = time {
-            let unit = self.columns[time].unit();
-            line(&mut out, format_args!("column = {}", self.name(time)));
-            let key = format!("unit = \"{}\"", unit.name);
-            match &unit.guess {
-                Some(guess) => line(&mut out, format_args!("{key:<31} # a guess, {guess}: check it")),
-                None => line(&mut out, format_args!("{key}")),
-            }
-            let interval_s = self.columns[time].interval_s(unit.factor);
-            // Any other is left to be found.
-            if let Some(seconds) = interval_s.filter(|seconds| (1e-6..=3600.0).contains(seconds)) {
-                line(&mut out, format_args!("interval_s = {seconds:<18} # nominal, from the first rows: check it"));
-            }
-        } else {
-            out.push_str("interval_s = 0.01               # nominal; there is no column of the time\n");
+        self.write_time(&mut out, time);
+        let accelerometer = self.accelerometer(time);
+        let gyroscope = self.gyroscope(time, accelerometer);
+        self.sensors(&mut out, Quantity::Acceleration, accelerometer, time);
+        if gyroscope.is_some() {
+            self.sensors(&mut out, Quantity::Rate, gyroscope, time);
         }
-        let numbered = |first: usize| {
-            let exists = !self.header && self.columns.len() >= first + AXES;
-            exists.then(|| [first, first + 1, first + 2])
-        };
-        let first = usize::from(time.is_some());
-        let accelerometer = self.triad(Found::accelerometer).or_else(|| numbered(first));
-        let gyroscope = self.triad(Found::gyroscope).or_else(|| numbered(first + AXES));
-        self.sensors(&mut out, "accelerometer", accelerometer);
-        if let Some(gyroscope) = gyroscope {
-            self.sensors(&mut out, "gyroscope", Some(gyroscope));
-        }
-        out.push_str("[temperature]\n");
-        let is_temperature = |index: &usize| Some(*index) != time && self.columns[*index].is_temperature();
-        let temperatures: Vec<_> = (0..self.columns.len()).filter(is_temperature).collect();
-        let is_right = [1, 3].contains(&temperatures.len()) || temperatures.len() == 6 && gyroscope.is_some();
-        if is_right {
-            line(&mut out, format_args!("columns = {}", self.names(&temperatures)));
-        } else if let Some(first) = temperatures.first() {
-            let key = format!("columns = {}", self.names(&[*first]));
-            line(&mut out, format_args!("{key:<31} # or 1, 3 or 6 of {}", self.names(&temperatures)));
-        } else {
-            out.push_str("constant = 25.0                 # a placeholder, in the unit of the table; or columns = [..], 1, 3 or 6\n");
-        }
+        let taken: Vec<_> =
+            [accelerometer, gyroscope].into_iter().flatten().flat_map(|of| of.columns).chain(time).collect();
+        self.temperature(&mut out, &taken, gyroscope.is_some());
         out
     }
 
-    /// The column of the time: one whose name says it, before one that may be a temperature, and one that rises.
+    /// The column of the time: one whose name says it, before one that may be a temperature, and one that rises. One
+    /// that says its unit comes first.
     fn time(&self) -> Option<usize> {
-        let rising = |is: fn(&Found) -> bool| self.find(|column| is(column) && column.rises());
-        let calendar = self.find(|column| column.times.as_ref().is_some_and(|times| times.len() > 1));
-        let named = || rising(Found::is_time).or_else(|| rising(Found::is_t));
-        let any = || self.find(Found::is_time).or_else(|| self.find(Found::is_t));
-        calendar.or_else(named).or_else(any).or((!self.header && self.columns.len() > AXES).then_some(0))
+        let rising = |is: &dyn Fn(&Found) -> bool| self.find(|column| is(column) && column.rises());
+        let is_time = |column: &Found| column.heading.is_time();
+        let is_t = |column: &Found| column.heading.is_t();
+        let says_unit = |column: &Found| is_time(column) && unit::of_time(&column.heading.name).is_some();
+        let calendar = self.find(Found::is_calendar);
+        let named = || rising(&says_unit).or_else(|| rising(&is_time)).or_else(|| rising(&is_t));
+        let any = || self.find(is_time).or_else(|| self.find(is_t));
+        let first = || self.columns.first().filter(|column| column.rises() && !column.counts_rows()).map(|_| 0);
+        calendar.or_else(named).or_else(any).or_else(|| first().filter(|_| !self.header && self.columns.len() > AXES))
     }
 
-    fn sensors(&self, out: &mut String, section: &str, columns: Option<[usize; AXES]>) {
-        line(out, format_args!("[{section}]"));
-        match columns {
-            Some(columns) => line(out, format_args!("columns = {}", self.names(&columns))),
-            None => {
-                let listed: Vec<_> = (0..self.columns.len().min(LISTED)).map(|index| self.name(index)).collect();
-                let more = if self.columns.len() > LISTED { ", .." } else { "" };
-                line(out, format_args!("columns = [\"?1\", \"?2\", \"?3\"]    # three of {}{more}", listed.join(", ")));
+    fn write_time(&self, out: &mut String, time: Option<usize>) {
+        out.push_str("[time]\n");
+        let mut interval_s = None;
+        if let Some(time) = time {
+            let column = &self.columns[time];
+            let unit = column.time_unit(self.stated.map(|(seconds, _)| seconds));
+            line(out, format_args!("column = {}", self.name(time)));
+            commented(
+                out,
+                format_args!("unit = \"{}\"", unit.name),
+                &match &unit.guess {
+                    Some(guess) => format!("a guess, {guess}: check it"),
+                    None => String::new(),
+                },
+            );
+            // Any other is left to be found.
+            interval_s = column.interval_s(unit.factor).filter(|seconds| (1e-6..=3600.0).contains(seconds));
+        }
+        match (interval_s, self.stated, time) {
+            (Some(seconds), ..) => {
+                commented(out, format_args!("interval_s = {seconds}"), "nominal, from the first rows: check it");
+            }
+            (None, Some((seconds, said)), _) => {
+                let said: String = said.chars().take(SHOWN).collect();
+                let why = format!("nominal, as the text says: {}", quoted(&said));
+                commented(out, format_args!("interval_s = {seconds}"), &why);
+            }
+            (None, None, Some(_)) => {}
+            (None, None, None) => {
+                let why = "nominal [s]: fill it in, or give --interval; there is no column of the time";
+                commented(out, format_args!("interval_s = \"?\""), why);
             }
         }
-        out.push_str("kind = \"reading\"                # or \"increment\": what was counted since the row before\n");
-        let Some(columns) = columns else { return };
-        let whole = columns.iter().all(|index| self.columns[*index].is_whole);
-        if whole && columns.iter().all(|index| self.columns[*index].is_around_32768()) {
-            out.push_str("offset = 32768                  # digital zero of unsigned counts of 16 bits\n");
+    }
+
+    /// The accelerometers: by name, or by the length of gravity.
+    fn accelerometer(&self, time: Option<usize>) -> Option<Sensors> {
+        let named = self.triad(|column| column.heading.accelerometer(), &time.into_iter().collect::<Vec<_>>());
+        if let Some(columns) = named {
+            return Some(Sensors { columns, guess: None });
         }
-        match whole {
-            true => out.push_str("resolution = 1                  # one pulse, in the column's unit\n"),
-            false => out.push_str("resolution = 1e-6               # one pulse, in the column's unit\n"),
+        let is_gravity = |columns: &[usize; AXES]| self.by_length(*columns).is_some();
+        let guess = Some("by their length, gravity: check it");
+        if self.header {
+            let bare = self.triad(|column| column.heading.bare(), &time.into_iter().collect::<Vec<_>>());
+            return bare.filter(is_gravity).map(|columns| Sensors { columns, guess });
         }
+        let unnamed = self.unnamed(time);
+        if let ([columns], true) = (&unnamed[..], time.is_some()) {
+            let guess = Some("the only three: check that they are accelerometers");
+            return Some(Sensors { columns: *columns, guess });
+        }
+        let mut fitting = unnamed.into_iter().filter(is_gravity);
+        let columns = fitting.next().filter(|_| fitting.next().is_none())?;
+        Some(Sensors { columns, guess })
+    }
+
+    /// The gyroscopes: by name, or what is left beside accelerometers that were found by their length.
+    fn gyroscope(&self, time: Option<usize>, accelerometer: Option<Sensors>) -> Option<Sensors> {
+        let of = accelerometer.map(|of| of.columns);
+        let taken: Vec<_> = of.into_iter().flatten().chain(time).collect();
+        if self.header {
+            let columns = self.triad(|column| column.heading.gyroscope(), &taken)?;
+            return Some(Sensors { columns, guess: None });
+        }
+        let triads = self.unnamed(time);
+        let columns = triads.iter().copied().find(|columns| Some(*columns) != of);
+        let columns = columns.filter(|_| of.is_some() && triads.len() == 2)?;
+        Some(Sensors { columns, guess: Some("what is left: check it, or leave the section out") })
+    }
+
+    /// The columns of numbers behind the time of a text without a header, by three.
+    fn unnamed(&self, time: Option<usize>) -> Vec<[usize; AXES]> {
+        let numbers = (0..self.columns.len()).filter(|index| Some(*index) != time && self.columns[*index].is_numeric());
+        let numbers: Vec<_> = numbers.collect();
+        numbers.chunks_exact(AXES).filter_map(|three| three.try_into().ok()).collect()
+    }
+
+    /// The unit in which three columns have the length of gravity.
+    fn by_length(&self, columns: [usize; AXES]) -> Option<Unit> {
+        if columns.iter().all(|index| self.columns[*index].is_around_32768()) {
+            return None;
+        }
+        let length = length(columns.map(|index| &self.columns[index]))?;
+        let units = Quantity::Acceleration.choices().into_iter().map(|(factor, name)| Unit { name, factor });
+        let is_it = |unit: &Unit| (length * unit.factor / 9.806_65 - 1.0).abs() < OFF_GRAVITY;
+        units.into_iter().find(is_it)
+    }
+
+    fn sensors(&self, out: &mut String, quantity: Quantity, sensors: Option<Sensors>, time: Option<usize>) {
+        line(out, format_args!("[{}]", quantity.section()));
+        let kind = "or \"increment\": what was counted since the row before";
+        let Some(Sensors { columns, guess }) = sensors else {
+            let all = (0..self.columns.len()).filter(|index| Some(*index) != time);
+            let listed: Vec<_> = all.clone().take(LISTED).map(|index| self.name(index)).collect();
+            let more = if all.count() > LISTED { ", .." } else { "" };
+            let why = format!("three of {}{more}", listed.join(", "));
+            commented(out, format_args!("columns = [\"?1\", \"?2\", \"?3\"]"), &why);
+            commented(out, format_args!("kind = \"reading\""), kind);
+            return;
+        };
+        commented(out, format_args!("columns = {}", self.names(&columns)), guess.unwrap_or_default());
+        commented(out, format_args!("kind = \"reading\""), kind);
+        let of = columns.map(|index| &self.columns[index]);
+        let whole = of.iter().all(|column| column.is_whole);
+        let unit = self.unit(out, quantity, columns, whole, guess.is_some());
+        if whole && unit.is_none() && of.iter().all(|column| column.is_around_32768()) {
+            commented(out, format_args!("offset = 32768"), "digital zero of unsigned counts of 16 bits");
+        }
+        let largest = of.iter().map(|column| column.largest()).fold(0.0, f64::max);
+        let fine = (-6..0).find(|power| largest / 10_f64.powi(*power) < MOST_PULSES);
+        let resolution = fine.filter(|_| !whole).map_or("1".to_owned(), |power| format!("1e{power}"));
+        commented(out, format_args!("resolution = {resolution}"), "one pulse, in the column's unit");
+    }
+
+    /// Writes the unit, and returns it if it is known.
+    fn unit(
+        &self,
+        out: &mut String,
+        quantity: Quantity,
+        columns: [usize; AXES],
+        whole: bool,
+        guessed: bool,
+    ) -> Option<Unit> {
+        let by_length = || self.by_length(columns).filter(|_| quantity == Quantity::Acceleration);
+        let (key, why) = match quantity.of_triad(columns.map(|index| self.columns[index].heading.name.as_str())) {
+            Said::Unit(unit) => {
+                commented(out, format_args!("unit = \"{}\"", unit.name), "as the header says");
+                return Some(unit);
+            }
+            Said::Unknown(text) => {
+                let why = format!("the header says {}: give its unit, or scale in its place", quoted(&text));
+                ("unit = \"?\"", why)
+            }
+            Said::Nothing if by_length().is_some() && (guessed || !whole) => {
+                let unit = by_length()?;
+                if unit.factor != 1.0 {
+                    let why = "a guess, by the length of gravity: check it";
+                    commented(out, format_args!("unit = \"{}\"", unit.name), why);
+                }
+                return Some(unit);
+            }
+            Said::Nothing if whole => return None,
+            Said::Nothing if guessed => {
+                let [one, other, ..] = &quantity.choices()[..] else { return None };
+                ("unit = \"?\"", format!("nothing says it: \"{}\", \"{}\" or another", one.1, other.1))
+            }
+            Said::Nothing => {
+                let other = if quantity == Quantity::Rate { "deg/s" } else { "g" };
+                let si = quantity.choices()[0].1;
+                let why = format!("if the numbers are not in {si}: the header does not say it");
+                commented(out, format_args!("# unit = \"{other}\""), &why);
+                return None;
+            }
+        };
+        commented(out, format_args!("{key}"), &why);
+        None
     }
 
     /// The column as a mapping names it.
     fn name(&self, index: usize) -> String {
-        if self.header { quoted(&self.columns[index].name) } else { (index + 1).to_string() }
+        if self.header { quoted(&self.columns[index].heading.name) } else { (index + 1).to_string() }
     }
 
     fn names(&self, columns: &[usize]) -> String {
@@ -241,153 +348,17 @@ impl Text {
         self.columns.iter().position(is)
     }
 
-    /// The first columns of the axes 1, 2, 3 of a kind of sensors.
-    fn triad(&self, axis_of: impl Fn(&Found) -> Option<usize>) -> Option<[usize; AXES]> {
-        let of = |axis: usize| self.find(|column| axis_of(column) == Some(axis));
+    /// The columns of the axes 1, 2, 3 of a kind of sensors: the first of each.
+    fn triad(&self, axis_of: impl Fn(&Found) -> Option<usize>, taken: &[usize]) -> Option<[usize; AXES]> {
+        let of = |axis: usize| {
+            (0..self.columns.len()).find(|index| !taken.contains(index) && axis_of(&self.columns[*index]) == Some(axis))
+        };
         Some([of(0)?, of(1)?, of(2)?])
     }
 }
 
-impl Found {
-    fn new(name: &str) -> Self {
-        Self { name: name.to_owned(), parts: parts(name), values: Vec::new(), is_whole: true, times: Some(Vec::new()) }
-    }
-
-    fn take(&mut self, field: &str) {
-        let value = field.replacen(',', ".", 1).parse().unwrap_or(f64::NAN);
-        self.is_whole &= !field.contains([',', '.', 'e', 'E']) && value.is_finite();
-        self.values.push(value);
-        match (calendar::time_ns(field), &mut self.times) {
-            (Some((time_ns, _)), Some(times)) => times.push(time_ns),
-            _ => self.times = None,
-        }
-    }
-
-    fn has(&self, names: &[&str]) -> bool {
-        self.parts.iter().any(|part| names.contains(&part.as_str()))
-    }
-
-    fn begins(&self, beginnings: &[&str]) -> bool {
-        self.parts.iter().any(|part| beginnings.iter().any(|beginning| part.starts_with(beginning)))
-    }
-
-    fn is_time(&self) -> bool {
-        self.begins(&["time", "stamp", "second", "millis", "micros", "nanos"])
-            || self.has(&["sec", "secs", "tow"])
-            || matches!(&self.parts[..], [only] if ["s", "ms", "us", "ns"].contains(&only.as_str()))
-    }
-
-    /// Whether it is named t or T: the time, or beside a time the temperature.
-    fn is_t(&self) -> bool {
-        self.has(&["t"])
-    }
-
-    fn is_temperature(&self) -> bool {
-        self.begins(&["temp"]) || self.has(&["degc"]) || self.parts.first().is_some_and(|part| part == "t")
-    }
-
-    fn rises(&self) -> bool {
-        self.values.windows(2).all(|pair| pair[0] <= pair[1]) && self.values.first() < self.values.last()
-    }
-
-    fn accelerometer(&self) -> Option<usize> {
-        let short = ["ax", "ay", "az"];
-        self.one_of(short).or_else(|| self.begins(&["acc", "linear"]).then(|| self.axis())?)
-    }
-
-    fn gyroscope(&self) -> Option<usize> {
-        let named = || self.begins(&["gyr", "omega", "angular", "rate", "angvel"]).then(|| self.axis())?;
-        let found = self.one_of(["gx", "gy", "gz"]).or_else(|| self.one_of(["wx", "wy", "wz"])).or_else(named);
-        found.filter(|_| self.accelerometer().is_none())
-    }
-
-    fn one_of(&self, names: [&str; AXES]) -> Option<usize> {
-        names.iter().position(|name| self.has(&[name]))
-    }
-
-    /// The axis that a part of the name is, or that its last part ends with. The unit in brackets does not count: it
-    /// may have digits.
-    fn axis(&self) -> Option<usize> {
-        let name = self.name.split(['[', '(']).next().unwrap_or_default();
-        let parts = parts(name);
-        let axes = [["x", "1"], ["y", "2"], ["z", "3"]];
-        let is = axes.iter().position(|names| parts.iter().any(|part| names.contains(&part.as_str())));
-        is.or_else(|| axes.iter().position(|names| parts.last().is_some_and(|last| last.ends_with(names[0]))))
-    }
-
-    fn median_step(&self) -> Option<f64> {
-        let mut steps: Vec<_> = self.values.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        steps.retain(|step| *step > 0.0);
-        steps.sort_by(f64::total_cmp);
-        steps.get(steps.len() / 2).copied()
-    }
-
-    /// The nominal interval, if the numbers are times in this unit \[s\].
-    fn interval_s(&self, unit: f64) -> Option<f64> {
-        let times = self.values.iter().filter(|value| **value >= 0.0);
-        let numbers = || times.map(|value| (value * unit * 1e9).round() as u64).collect();
-        let times = self.times.clone().unwrap_or_else(numbers);
-        // What jitters or comes in bursts is found from more rows.
-        let shape = interval::found(&times).filter(|shape| shape.is_even)?;
-        interval::rounded(&shape).map(|ns| ns as f64 / 1e9)
-    }
-
-    /// The unit of the time: of the name; or else a guess by size.
-    fn unit(&self) -> Unit {
-        if self.times.is_some() {
-            return Unit { name: "iso8601", factor: 1.0, guess: None };
-        }
-        let of = |name: &'static str, guess| {
-            let factor = UNITS.iter().find(|(unit, ..)| *unit == name).map_or(1.0, |(.., factor)| *factor);
-            Unit { name, factor, guess }
-        };
-        if let Some(name) = named_unit(&self.name) {
-            return of(name, None);
-        }
-        let first = self.values.first().copied().unwrap_or(0.0);
-        let step = self.median_step().unwrap_or(0.0);
-        let of_epoch = |factor: f64| EPOCH_S.contains(&(first * factor)) && step * factor < 2.0;
-        if let Some((name, ..)) = UNITS.iter().find(|(.., factor)| of_epoch(*factor)) {
-            return of(name, Some("as a time since 1970".to_owned()));
-        }
-        let fits = UNITS.iter().rev().find(|(.., factor)| step > 0.0 && step * factor < 2.0);
-        match fits {
-            Some((name, _, factor)) => of(name, Some(format!("rows are {} s apart then", shown(step * factor)))),
-            None => of("s", Some("nothing says it".to_owned())),
-        }
-    }
-
-    fn is_around_32768(&self) -> bool {
-        let mut values = self.values.clone();
-        values.sort_by(f64::total_cmp);
-        let middle = values.get(values.len() / 2).copied().unwrap_or(0.0);
-        let all = values.iter().all(|value| (0.0..=65535.0).contains(value));
-        all && (8192.0..57344.0).contains(&middle)
-    }
-}
-
-/// A number to four digits.
-fn shown(value: f64) -> f64 {
-    format!("{value:.3e}").parse().unwrap_or(value)
-}
-
-/// The parts of a name in lower case: "AccX [m/s2]" has acc, x, m, s2.
-fn parts(name: &str) -> Vec<String> {
-    let (mut spaced, mut was_lower) = (String::new(), false);
-    for letter in name.chars() {
-        if !letter.is_alphanumeric() || letter.is_uppercase() && was_lower {
-            spaced.push(' ');
-        }
-        if letter.is_alphanumeric() {
-            spaced.extend(letter.to_lowercase());
-        }
-        was_lower = letter.is_lowercase();
-    }
-    spaced.split_whitespace().map(str::to_owned).collect()
-}
-
 /// A string of TOML that a terminal can show.
-fn quoted(name: &str) -> String {
+pub(super) fn quoted(name: &str) -> String {
     let mut quoted = String::from("\"");
     for letter in name.chars() {
         // Writing to a String cannot fail.
@@ -407,133 +378,10 @@ fn line(out: &mut String, text: std::fmt::Arguments<'_>) {
     let _ = writeln!(out, "{text}");
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::convert::mapping::{Decimal, Mapping, TimeUnit};
-    use crate::convert::{ColumnRef, Temperature};
-
-    fn proposed(text: &'static str) -> (String, Mapping) {
-        let mut rows = Rows::new(Box::new(text.as_bytes()) as Box<dyn Read>);
-        let proposal = propose(&mut rows).unwrap();
-        let mapping = Mapping::from_toml(&proposal).unwrap_or_else(|faults| panic!("{faults}\n{proposal}"));
-        (proposal, mapping)
-    }
-
-    #[test]
-    fn the_columns_of_many_programs_are_recognised() {
-        for header in [
-            "time_s,ax_counts,ay_counts,az_counts,gx_counts,gy_counts,gz_counts",
-            "Timestamp,AccX,AccY,AccZ,GyroX,GyroY,GyroZ",
-            "t [s],accel_x [m/s^2],accel_y [m/s^2],accel_z [m/s^2],gyro_x [rad/s],gyro_y [rad/s],gyro_z [rad/s]",
-            "header.stamp,linear_acceleration.x,linear_acceleration.y,linear_acceleration.z,angular_velocity.x,angular_velocity.y,angular_velocity.z",
-            "seconds,acc_1 [m/s^2],acc_2 [m/s^2],acc_3 [m/s^2],rate_1,rate_2,rate_3",
-            "sec,accx,accy,accz,wx,wy,wz",
-        ] {
-            let text = format!("{header}\n0.01,1.5,2,3,4,5,6.5\n0.02,1,2,3,4,5,6\n");
-            let (proposal, mapping) = proposed(text.leak());
-            let names: Vec<_> = header.split(',').map(|name| ColumnRef::Name(name.to_owned())).collect();
-            assert_eq!(mapping.time.column, Some((names[0].clone(), TimeUnit::Power(9))), "{proposal}");
-            assert_eq!(mapping.time.interval_ns, Some(10_000_000));
-            assert_eq!(mapping.accelerometer.columns, names[1..4], "{proposal}");
-            assert_eq!(mapping.gyroscope.unwrap().columns, names[4..], "{proposal}");
-            assert_eq!(
-                (mapping.accelerometer.resolution, mapping.temperature),
-                (Some(1e-6), Temperature::Constant(25.0))
-            );
-        }
-    }
-
-    #[test]
-    fn units_offsets_decimal_commas_and_temperatures_are_found() {
-        let (proposal, mapping) = proposed(
-            "# made by a logger\ntime_ms;AX;AY;AZ;Temp;note\n10;32768;32000;33000;25,5;1\n20;32768;32000;33000;25,6;1\n",
-        );
-        assert_eq!(
-            mapping.time.column,
-            Some((ColumnRef::Name("time_ms".to_owned()), TimeUnit::Power(6))),
-            "{proposal}"
-        );
-        assert_eq!(
-            (mapping.skip, mapping.decimal, mapping.time.interval_ns),
-            (1, Some(Decimal::Comma), Some(10_000_000))
-        );
-        assert_eq!((mapping.accelerometer.offset, mapping.accelerometer.resolution), (32768.0, Some(1.0)));
-        let temp = vec![ColumnRef::Name("Temp".to_owned())];
-        assert_eq!(mapping.temperature, Temperature::Columns { head: temp.clone(), board: temp });
-        assert_eq!(mapping.gyroscope, None);
-
-        let (proposal, mapping) = proposed("1000\t1\t-2\t3\t4\t5\t6\n2000\t1\t2\t3\t4\t5\t6\n");
-        assert!(!mapping.header, "{proposal}");
-        assert_eq!(mapping.time.column, Some((ColumnRef::Number(1), TimeUnit::Power(6))), "{proposal}");
-        assert_eq!(mapping.accelerometer.columns, [2, 3, 4].map(ColumnRef::Number));
-        assert_eq!(mapping.gyroscope.unwrap().columns, [5, 6, 7].map(ColumnRef::Number));
-
-        let (proposal, mapping) = proposed("u,v,w,q\n1,2,3,4\n");
-        assert!(proposal.contains("# three of \"u\", \"v\", \"w\", \"q\""), "{proposal}");
-        assert_eq!(mapping.time.column, None);
-    }
-
-    /// The unit of the time, its line, and the temperature.
-    fn time_and_temperature(text: &'static str) -> (ColumnRef, TimeUnit, String, Temperature) {
-        let (proposal, mapping) = proposed(text);
-        let (column, unit) = mapping.time.column.unwrap_or_else(|| panic!("{proposal}"));
-        let line = proposal.lines().find(|line| line.starts_with("unit")).unwrap_or_default().to_owned();
-        (column, unit, line, mapping.temperature)
-    }
-
-    #[test]
-    fn t_beside_a_time_is_the_temperature() {
-        let name = |name: &str| ColumnRef::Name(name.to_owned());
-        for (text, time, temperature) in [
-            ("T,time_s,ax,ay,az\n25.1,1,2,3,4\n25.0,1.01,2,3,4\n", "time_s", "T"),
-            ("timestamp,ax,ay,az,T\n1,2,3,4,25.1\n1.01,2,3,4,25.2\n", "timestamp", "T"),
-            ("T,t,ax,ay,az\n25.1,1,2,3,4\n25.0,1.01,2,3,4\n", "t", "T"),
-            ("t,ax,ay,az,T [degC]\n1,2,3,4,25.1\n1.01,2,3,4,25.2\n", "t", "T [degC]"),
-        ] {
-            let (column, _, _, found) = time_and_temperature(text);
-            let columns = vec![name(temperature)];
-            assert_eq!((column, found), (name(time), Temperature::Columns { head: columns.clone(), board: columns }));
-        }
-        // Only what is missing is a constant.
-        let (_, _, _, two) = time_and_temperature("t,ax,ay,az,temp1,temp2\n1,2,3,4,5,6\n2,2,3,4,5,6\n");
-        assert_eq!(two, Temperature::Columns { head: vec![name("temp1")], board: vec![name("temp1")] });
-        let (_, _, _, none) = time_and_temperature("T,ax,ay,az\n1,2,3,4\n2,2,3,4\n");
-        assert_eq!(none, Temperature::Constant(25.0));
-    }
-
-    #[test]
-    fn a_unit_by_size_is_called_a_guess_and_a_calendar_is_found() {
-        for (text, unit, guess) in [
-            (
-                "timestamp,ax,ay,az\n1000,2,3,4\n1010,2,3,4\n",
-                TimeUnit::Power(6),
-                "# a guess, rows are 0.01 s apart then",
-            ),
-            ("stamp,ax,ay,az\n1700000000123,2,3,4\n1700000000133,2,3,4\n", TimeUnit::Power(6), "a time since 1970"),
-            ("stamp,ax,ay,az\n1700000000123000,2,3,4\n1700000000133000,2,3,4\n", TimeUnit::Power(3), "since 1970"),
-            ("time_us,ax,ay,az\n1000,2,3,4\n11000,2,3,4\n", TimeUnit::Power(3), ""),
-            ("when,ax,ay,az\n2026-05-01T12:00:00.00Z,2,3,4\n2026-05-01T12:00:00.01Z,2,3,4\n", TimeUnit::Iso8601, ""),
-            ("clock;ax;ay;az\n23:59:59,990;2;3;4\n00:00:00,000;2;3;4\n", TimeUnit::Iso8601, ""),
-        ] {
-            let (_, found, line, _) = time_and_temperature(text);
-            assert!(found == unit && line.contains(guess) && line.contains("guess") != guess.is_empty(), "{line}");
-        }
-    }
-
-    #[test]
-    fn names_are_quoted_as_toml_and_for_a_terminal() {
-        let (proposal, mapping) = proposed("t,a\u{1b}[2J x,a\\y,\"a \"\"z\"\"\"\n1,1,2,3\n2,1,2,3\n");
-        assert!(matches!(printable(&proposal), Cow::Borrowed(_)), "{proposal}");
-        assert!(proposal.contains(r#""a\U0000001B[2J x", "a\\y", "a \"z\"""#), "{proposal}");
-        assert_eq!(mapping.time.column, Some((ColumnRef::Name("t".to_owned()), TimeUnit::Power(9))));
-    }
-
-    #[test]
-    fn what_is_no_table_gets_no_proposal() {
-        for text in ["a\nb\n", "", "one,two\n1,2\n"] {
-            let mut rows = Rows::new(Box::new(text.as_bytes()) as Box<dyn Read>);
-            assert!(propose(&mut rows).unwrap_err().to_string().contains("this is no table of numbers"), "{text:?}");
-        }
+/// A line with a comment behind it, unless that is empty.
+fn commented(out: &mut String, key: std::fmt::Arguments<'_>, comment: &str) {
+    match comment {
+        "" => line(out, key),
+        _ => line(out, format_args!("{:<31} # {comment}", key.to_string())),
     }
 }

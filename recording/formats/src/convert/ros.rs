@@ -6,6 +6,7 @@
 use super::scale::Units;
 use super::settings::{Settings, TimeSource};
 use super::source::{PLACEHOLDER, Reading, Source, placeholder, pulses};
+use super::unit::Quantity;
 use crate::read::records::Records;
 use crate::ros::{Encoding, IMU, Imu, TEMPERATURE, Temperature};
 use isotherm_failure::{Exit, Failure, shown};
@@ -38,6 +39,8 @@ pub(super) struct RosSource {
     first: Option<Reading>,
     temperature: Option<f64>,
     temperatures: Temperatures,
+    /// One of the messages' unit of accelerations \[m/s2\] and of rates \[rad/s\].
+    units: [f64; 2],
 }
 
 /// The temperatures of a topic by their time \[ns\].
@@ -137,6 +140,7 @@ impl RosSource {
         source: Box<dyn Read>,
         settings: &Settings,
         temperature: Option<f64>,
+        units: [f64; 2],
     ) -> Result<Self, Failure> {
         if path == Path::new("-") {
             return Err(Failure::new(
@@ -161,7 +165,8 @@ impl RosSource {
         let temperatures = Temperatures { topic: chosen, values, before: 0 };
         let messages = Messages::new(source);
         let time = settings.time;
-        let mut source = Self { messages, topic, time, gyroscopes: true, first: None, temperature, temperatures };
+        let mut source =
+            Self { messages, topic, time, gyroscopes: true, first: None, temperature, temperatures, units };
         source.first = source.next_reading(true).map_err(failed)?;
         Ok(source)
     }
@@ -199,7 +204,7 @@ impl RosSource {
             if !value.is_finite() {
                 return Err(format!("{} is {value}, not a number", name()));
             }
-            let pulses = pulses(value, 0.0, RESOLUTION, 1.0);
+            let pulses = pulses(value * self.units[index / AXES], 0.0, RESOLUTION, 1.0);
             reading.pulses[index] = pulses.map_err(|message| format!("{}: {message}", name()))?;
         }
         self.temperatures.before += u64::from(self.temperatures.are_after(stamp_ns));
@@ -240,8 +245,11 @@ impl Source for RosSource {
 
     fn notes(&self) -> Vec<String> {
         let scale = format!("{}: A1, A2, A3 are x, y, z; one pulse is {RESOLUTION} m/s2 or rad/s", self.topic);
+        let named = |quantity: Quantity, unit: f64| quantity.named(unit).map_or("", |unit| unit.name);
+        let [a, g] = [named(Quantity::Acceleration, self.units[0]), named(Quantity::Rate, self.units[1])];
+        let units = (self.units != [1.0; 2]).then(|| format!("the messages are in {a} and {g}, as the mapping says"));
         let temperature = self.temperatures.topic.iter().map(|topic| format!("temperature of {topic}, in degC"));
-        core::iter::once(scale).chain(temperature).collect()
+        core::iter::once(scale).chain(units).chain(temperature).collect()
     }
 
     fn has_log_time(&self) -> bool {

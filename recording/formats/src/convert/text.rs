@@ -3,11 +3,14 @@
 //! Over 400 lines: the columns, their numbers and decimal marks form one reader.
 
 use super::columns::{ColumnRef, Kind, Sensors, Temperature};
+use super::layouts::Recognised;
 use super::mapping::{Decimal, Mapping, TimeUnit};
 use super::rollover::Counter;
 use super::scale::Units;
-use super::source::{Reading, Source, pulses};
-use super::{calendar, proposal};
+use super::source::{Reading, Source, placeholder, pulses};
+use super::unit::Linear;
+use super::{calendar, header_units, proposal, unit};
+use isotherm_finding::Finding;
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{
     CsvColumn, DecimalMark, Rows, digits_with, looks_like_number, missing_columns, nearest_double,
@@ -38,6 +41,10 @@ pub(super) struct TextSource {
     gyroscopes: Option<Axes>,
     telemetry: Telemetry,
     kind: Kind,
+    /// What the header says of units.
+    notes: Vec<String>,
+    /// The layout that was recognised, in the place of a mapping that is given.
+    recognised: Option<Recognised>,
 }
 
 /// The columns of three sensors, and what their numbers mean.
@@ -54,11 +61,13 @@ struct Axes {
     /// One of the column's unit \[m/s2 or rad/s\], and the largest reading in it.
     unit: Option<f64>,
     range: Option<f64>,
+    /// The time \[us\] that the numbers are sums over.
+    duration: Option<CsvColumn>,
 }
 
 enum Telemetry {
-    /// Of the heads and the boards.
-    Columns([Vec<CsvColumn>; 2]),
+    /// Of the heads and the boards, and what makes telemetry of the numbers.
+    Columns([Vec<CsvColumn>; 2], Linear),
     Constant(f64),
 }
 
@@ -82,14 +91,18 @@ impl TextSource {
     ///
     /// # Errors
     /// If a column is missing, with the columns that were found and the mapping that would be.
-    pub(super) fn new(mut rows: Rows<Box<dyn Read>>, mapping: Mapping) -> Result<Self, RecordingError> {
+    pub(super) fn new(mut rows: Rows<Box<dyn Read>>, mut mapping: Mapping) -> Result<Self, RecordingError> {
         rows.skip_lines(mapping.skip)?;
         if !rows.next_row()? {
             return Err(rows.error("there are no rows".to_owned()));
         }
         let separator = if mapping.header {
             let wanted: Vec<_> = mapping.columns().filter_map(ColumnRef::name).collect();
-            rows.detect_separator(|names| wanted.iter().all(|wanted| names.iter().any(|name| name == wanted)))?
+            let separator =
+                rows.detect_separator(|names| wanted.iter().all(|wanted| names.iter().any(|name| name == wanted)))?;
+            // Where a column is missing, blanks within names are no separators.
+            let is_split = rows.names().any(|name| wanted.contains(&name.as_str()));
+            if is_split { separator } else { rows.detect_separator(proposal::is_separated)? }
         } else {
             let wanted: Vec<_> = mapping.columns().filter_map(ColumnRef::number).collect();
             rows.detect_separator(|fields| {
@@ -103,6 +116,7 @@ impl TextSource {
         if !missing.is_empty() {
             return Err(Self::missing(&mut rows, &missing, mapping.header));
         }
+        let notes = header_units::apply(&mut mapping).map_err(|message| rows.error(message))?;
         let find = |column: &ColumnRef| match column {
             ColumnRef::Number(number) => Ok(CsvColumn::new(column.shown(), number - 1)),
             ColumnRef::Name(name) => {
@@ -122,11 +136,15 @@ impl TextSource {
             let [x, y, z] = &sensors.columns;
             let Sensors { offset, resolution, sign, unit, range, .. } = *sensors;
             let columns = [find(x)?, find(y)?, find(z)?];
-            Ok(Axes { columns, offset, resolution, taken_for_whole: false, all_whole: true, sign, unit, range })
+            let duration = sensors.duration.as_ref().map(find).transpose()?;
+            let (taken_for_whole, all_whole) = (false, true);
+            Ok(Axes { columns, offset, resolution, taken_for_whole, all_whole, sign, unit, range, duration })
         };
         let telemetry = match &mapping.temperature {
             Temperature::Constant(constant) => Telemetry::Constant(*constant),
-            Temperature::Columns { head, board } => Telemetry::Columns([all(head)?, all(board)?]),
+            Temperature::Columns { head, board, linear } => {
+                Telemetry::Columns([all(head)?, all(board)?], linear.unwrap_or(Linear { scale: 1.0, offset: 0.0 }))
+            }
         };
         let accelerometers = axes(&mapping.accelerometer)?;
         let gyroscopes = mapping.gyroscope.as_ref().map(axes).transpose()?;
@@ -148,7 +166,22 @@ impl TextSource {
             gyroscopes,
             telemetry,
             kind,
+            notes,
+            recognised: None,
         })
+    }
+
+    /// As [`new`](Self::new), of a layout that was recognised. The telemetry \[degC\] may be given.
+    pub(super) fn recognised(
+        rows: Rows<Box<dyn Read>>,
+        mut recognised: Recognised,
+        temperature: Option<f64>,
+    ) -> Result<Self, RecordingError> {
+        if let Some(temperature) = temperature {
+            recognised.mapping.temperature = Temperature::Constant(temperature);
+            recognised.is_without_temperature = false;
+        }
+        Ok(Self { recognised: Some(recognised.clone()), ..Self::new(rows, recognised.mapping)? })
     }
 
     fn missing(rows: &mut Rows<Box<dyn Read>>, missing: &[String], header: bool) -> RecordingError {
@@ -201,10 +234,10 @@ impl Source for TextSource {
         }
         match &self.telemetry {
             Telemetry::Constant(constant) => (reading.head, reading.board) = ([*constant; _], [*constant; _]),
-            Telemetry::Columns(columns) => {
+            Telemetry::Columns(columns, linear) => {
                 for (columns, values) in columns.iter().zip([&mut reading.head, &mut reading.board]) {
                     for (index, column) in columns.iter().enumerate() {
-                        let value = marks.number(rows, column, true)?.value;
+                        let value = marks.number(rows, column, true)?.value * linear.scale + linear.offset;
                         match columns.len() {
                             1 => values.fill(value),
                             3 => (values[index], values[AXES + index]) = (value, value),
@@ -226,6 +259,9 @@ impl Source for TextSource {
     }
 
     fn units(&self) -> Result<Units, String> {
+        if let Some(recognised) = self.recognised.as_ref().filter(|recognised| recognised.counts) {
+            return Err(recognised.counts());
+        }
         if self.kind == Kind::Increment {
             return Err(
                 "kind = \"increment\": what a count stands for is that of the IMU's type; make the table by hand"
@@ -260,7 +296,18 @@ impl Source for TextSource {
         let Some((column, TimeUnit::Power(power))) = &self.time else { return None };
         let names = [(9, "s"), (6, "ms"), (3, "us"), (0, "ns")];
         let unit = names.iter().find(|(of, _)| of == power).map(|(_, name)| *name)?;
-        (!self.header || proposal::named_unit(column.name()).is_none()).then_some(unit)
+        let is_known = self.recognised.is_some() || self.header && unit::of_time(column.name()).is_some();
+        (!is_known).then_some(unit)
+    }
+
+    fn notes(&self) -> Vec<String> {
+        let recognised = self.recognised.iter().map(|recognised| recognised.note.clone());
+        recognised.chain(self.notes.iter().cloned()).collect()
+    }
+
+    fn findings(&self) -> Vec<Finding> {
+        let is_without = self.recognised.as_ref().is_some_and(|recognised| recognised.is_without_temperature);
+        is_without.then(|| placeholder(None)).flatten().into_iter().collect()
     }
 }
 
@@ -269,6 +316,15 @@ impl Axes {
         let mut numbers = [Number { value: 0.0, is_whole: true }; AXES];
         for (number, column) in numbers.iter_mut().zip(&self.columns) {
             *number = marks.number(rows, column, false)?;
+        }
+        if let Some(duration) = &self.duration {
+            let duration_s = marks.number(rows, duration, false)?.value / 1e6;
+            if duration_s <= 0.0 {
+                return Err(rows.error(format!("{}: the time of the sums is not over 0", duration.name())));
+            }
+            for number in &mut numbers {
+                *number = Number { value: number.value / duration_s, is_whole: false };
+            }
         }
         let whole = numbers.iter().all(|number| number.is_whole);
         self.all_whole &= whole;
@@ -295,7 +351,8 @@ impl Axes {
     fn scale(&self, section: &str, units: &str) -> Result<(f64, Option<f64>), String> {
         if self.unit.is_none() && (self.offset != 0.0 || self.all_whole) {
             return Err(format!(
-                "{section}: the numbers look like counts; if they are readings, give its unit: {units}; else the scale of a count"
+                "{section}: the numbers look like counts; if they are readings, give {section}.unit in the mapping: \
+                 {units}; else {section}.scale, what a count is"
             ));
         }
         let unit = self.unit.unwrap_or(1.0);

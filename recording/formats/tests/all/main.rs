@@ -17,4 +17,6 @@ mod foreign;
 mod layouts;
 mod logs;
 mod part;
+mod proposals;
+mod recognised;
 mod unchecked;

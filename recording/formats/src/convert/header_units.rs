@@ -1,0 +1,70 @@
+//! What the header of a text says of units, beside what the mapping says.
+
+use super::columns::{ColumnRef, Kind, Sensors, Temperature};
+use super::mapping::Mapping;
+use super::unit::{Quantity, Said, of_temperature};
+use isotherm_shared::wire::AXES;
+
+/// Gives the mapping the units that the header says and the mapping does not. Returns what that was, for notes.
+///
+/// # Errors
+/// What the header and the mapping contradict each other in, with the key; a temperature in another unit than degC
+/// without its scale and offset.
+pub(super) fn apply(mapping: &mut Mapping) -> Result<Vec<String>, String> {
+    let mut notes = Vec::new();
+    let all =
+        [(Quantity::Acceleration, Some(&mut mapping.accelerometer)), (Quantity::Rate, mapping.gyroscope.as_mut())];
+    for (quantity, sensors) in all {
+        if let Some(sensors) = sensors.filter(|sensors| sensors.kind == Kind::Reading) {
+            notes.extend(of_sensors(quantity, sensors)?);
+        }
+    }
+    let Temperature::Columns { head, linear: None, .. } = &mapping.temperature else { return Ok(notes) };
+    for name in head.iter().filter_map(name) {
+        let unit = of_temperature(name).filter(|unit| unit.linear.scale != 1.0 || unit.linear.offset != 0.0);
+        if let Some(unit) = unit {
+            let [scale, offset] = [unit.linear.scale, unit.linear.offset];
+            return Err(format!(
+                "temperature.columns: the header says {} of {name}; give temperature.scale = {scale} and \
+                 temperature.offset = {offset} in the mapping, which make degC of it, or scale = 1 to leave the \
+                 numbers as they are",
+                unit.name
+            ));
+        }
+    }
+    Ok(notes)
+}
+
+fn of_sensors(quantity: Quantity, sensors: &mut Sensors) -> Result<Option<String>, String> {
+    let section = quantity.section();
+    let names: Vec<_> = sensors.columns.iter().filter_map(name).collect();
+    let Ok(names) = <[&str; AXES]>::try_from(names) else { return Ok(None) };
+    let given = sensors.unit.map(|factor| (factor, quantity.named(factor)));
+    match (quantity.of_triad(names), given) {
+        (Said::Unit(said), Some((_, Some(given)))) if said != given => Err(format!(
+            "{section}.unit: the mapping says {}, but the header says {} ({}); correct {section}.unit, or give \
+             {section}.scale in its place",
+            given.name,
+            said.name,
+            names.join(", ")
+        )),
+        (Said::Unit(said), None) => {
+            sensors.unit = Some(said.factor);
+            let is_default = said.factor == 1.0;
+            Ok((!is_default).then(|| format!("{section}: the unit is {}, as the header says", said.name)))
+        }
+        (Said::Unknown(text), None) if quantity.is_other(&text) => Err(format!(
+            "{section}.columns: the header says {text} ({}), which is no unit of the {section}; give its columns, or \
+             {section}.unit",
+            names.join(", ")
+        )),
+        _ => Ok(None),
+    }
+}
+
+fn name(column: &ColumnRef) -> Option<&str> {
+    match column {
+        ColumnRef::Name(name) => Some(name),
+        ColumnRef::Number(_) => None,
+    }
+}

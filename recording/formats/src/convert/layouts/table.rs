@@ -1,0 +1,134 @@
+//! The columns of the layouts that are recognised.
+
+use isotherm_shared::wire::AXES;
+
+/// Columns that a layout has: names without brackets, in lower case.
+pub(super) struct Layout {
+    pub(super) name: &'static str,
+    /// The columns of the time and its unit. The first that is there is taken.
+    pub(super) time: &'static [(&'static str, &'static str)],
+    pub(super) accelerometer: [&'static str; AXES],
+    pub(super) gyroscope: Option<[&'static str; AXES]>,
+    /// Units of both; empty of counts.
+    pub(super) units: [&'static str; 2],
+    /// One pulse of both.
+    pub(super) resolution: &'static str,
+    pub(super) temperature: Option<&'static str>,
+    /// Further columns that tell the layout from others.
+    pub(super) also: &'static [&'static str],
+    /// Whether it has no other column.
+    pub(super) is_all: bool,
+    /// Columns of the time \[us\] that accelerations and rates are sums over.
+    pub(super) durations: Option<[&'static str; 2]>,
+    /// What is known of the numbers besides, for the note.
+    pub(super) remark: &'static str,
+}
+
+pub(super) const PLAIN: Layout = Layout {
+    name: "",
+    time: &[("timestamp", "us")],
+    accelerometer: ["x", "y", "z"],
+    gyroscope: None,
+    units: ["m/s2", "rad/s"],
+    resolution: "1e-6",
+    temperature: None,
+    also: &[],
+    is_all: false,
+    durations: None,
+    remark: "",
+};
+
+const CORRECTED: &str = "; PX4 has corrected the numbers by its calibration: a table would be of what is left";
+
+pub(super) const LAYOUTS: [Layout; 10] = [
+    Layout {
+        name: "EuRoC",
+        time: &[("timestamp", "ns")],
+        accelerometer: ["a_rs_s_x", "a_rs_s_y", "a_rs_s_z"],
+        gyroscope: Some(["w_rs_s_x", "w_rs_s_y", "w_rs_s_z"]),
+        is_all: true,
+        ..PLAIN
+    },
+    Layout {
+        name: "Kalibr's bag creator",
+        time: &[("timestamp", "ns")],
+        accelerometer: ["alpha_x", "alpha_y", "alpha_z"],
+        gyroscope: Some(["omega_x", "omega_y", "omega_z"]),
+        is_all: true,
+        ..PLAIN
+    },
+    Layout {
+        name: "ulog2csv, sensor_combined",
+        accelerometer: ["accelerometer_m_s2[0]", "accelerometer_m_s2[1]", "accelerometer_m_s2[2]"],
+        gyroscope: Some(["gyro_rad[0]", "gyro_rad[1]", "gyro_rad[2]"]),
+        remark: CORRECTED,
+        ..PLAIN
+    },
+    VEHICLE_IMU,
+    Layout { durations: Some(["dt", "dt"]), ..VEHICLE_IMU },
+    Layout {
+        name: "ulog2csv, sensor_accel",
+        temperature: Some("temperature"),
+        also: &["device_id", "error_count"],
+        ..PLAIN
+    },
+    Layout { time: &[("micros", "us")], also: &["output_hz"], ..OPENLOG },
+    OPENLOG,
+    ARDUINO,
+    Layout { gyroscope: None, ..ARDUINO },
+];
+
+const VEHICLE_IMU: Layout = Layout {
+    name: "ulog2csv, vehicle_imu",
+    accelerometer: ["delta_velocity[0]", "delta_velocity[1]", "delta_velocity[2]"],
+    gyroscope: Some(["delta_angle[0]", "delta_angle[1]", "delta_angle[2]"]),
+    durations: Some(["delta_velocity_dt", "delta_angle_dt"]),
+    remark: CORRECTED,
+    ..PLAIN
+};
+
+const OPENLOG: Layout = Layout {
+    name: "OpenLog Artemis",
+    time: &[("rtctime", "iso8601")],
+    accelerometer: ["ax", "ay", "az"],
+    gyroscope: Some(["gx", "gy", "gz"]),
+    units: ["mg", "deg/s"],
+    resolution: "1e-3",
+    temperature: Some("imu_degc"),
+    ..PLAIN
+};
+
+pub(super) const ARDUINO: Layout = Layout {
+    name: "counts of an Arduino",
+    time: &[("micros", "us"), ("millis", "ms")],
+    accelerometer: ["ax", "ay", "az"],
+    gyroscope: Some(["gx", "gy", "gz"]),
+    units: ["", ""],
+    resolution: "1",
+    is_all: true,
+    ..PLAIN
+};
+
+/// What an Arduino calls its temperature.
+pub(super) const TEMPERATURES: [&str; 4] = ["temp", "temperature", "t", "tmp"];
+
+impl Layout {
+    /// The columns of the sensors, the times that they are sums over, and what tells the layout.
+    fn needed(&self) -> impl Iterator<Item = &'static str> {
+        let sensors = self.accelerometer.into_iter().chain(self.gyroscope.into_iter().flatten());
+        sensors.chain(self.temperature).chain(self.also.iter().copied()).chain(self.durations.into_iter().flatten())
+    }
+
+    /// Whether a header with these columns is of the layout.
+    pub(super) fn fits(&self, bases: &[String]) -> bool {
+        let has = |wanted: &str| bases.iter().any(|base| base == wanted);
+        let time = self.time.iter().find(|(column, _)| has(column));
+        let is_known = |base: &String| {
+            self.needed().chain(time.map(|(column, _)| *column)).any(|column| column == base)
+                || self.name == ARDUINO.name && TEMPERATURES.contains(&base.as_str())
+        };
+        time.is_some()
+            && self.needed().all(has)
+            && (!self.is_all || bases.iter().all(|base| is_known(base) || base.is_empty()))
+    }
+}
