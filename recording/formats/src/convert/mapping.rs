@@ -115,6 +115,19 @@ impl Mapping {
     /// # Errors
     /// All faults, with line and key.
     pub fn from_toml(text: &str) -> Result<Self, Faults> {
+        Self::read(text, false)
+    }
+
+    /// Reads the mapping of two texts, of accelerometers and of gyroscopes, whose columns may have the same names. The
+    /// time is in both.
+    ///
+    /// # Errors
+    /// As [`from_toml`](Self::from_toml).
+    pub fn of_two_files(text: &str) -> Result<Self, Faults> {
+        Self::read(text, true)
+    }
+
+    fn read(text: &str, of_two_files: bool) -> Result<Self, Faults> {
         let document = Document::parse_as(text, WANTED)?;
         let root = document.root();
         format(&root);
@@ -129,7 +142,10 @@ impl Mapping {
             section.finish();
             time
         });
-        let columns = SensorColumns::read(&document, &root, header);
+        let columns = match of_two_files {
+            true => SensorColumns::of_two_files(&document, &root, header),
+            false => SensorColumns::read(&document, &root, header),
+        };
         if let Some(SensorColumns { accelerometer, gyroscope: Some(gyroscope), .. }) = &columns
             && accelerometer.kind != gyroscope.kind
         {

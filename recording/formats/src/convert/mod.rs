@@ -59,6 +59,10 @@ use std::path::{Path, PathBuf};
 
 /// Intervals that an IMU has \[ns\]: 50 kHz to 0.01 Hz.
 const PLAUSIBLE_NS: std::ops::RangeInclusive<u64> = 20_000..=100_000_000_000;
+/// Pieces whose intervals differ by up to this part have one; with fewer rows than these, the larger part.
+const SAME: f64 = 0.01;
+const FEW_ROWS: u64 = 100;
+const SAME_OF_FEW: f64 = 0.2;
 /// Bytes by which the format is recognised.
 const BEGINNING: u64 = 1 << 16;
 
@@ -70,6 +74,10 @@ pub struct Conversion {
     nominal_ns: u64,
     /// Number of rows that the nominal interval was found from, unless it was given.
     found_from: Option<u64>,
+    /// Whether it is that of other pieces.
+    is_of_pieces: bool,
+    /// When rows without a time begin \[ns\].
+    begin_ns: u64,
     /// Time and sequence of the last row.
     last: Option<(u64, u64)>,
     /// Rows that were read, and those of them that are not left out.
@@ -176,7 +184,7 @@ impl Conversion {
             let temperature = settings.temperature.or(known.temperature);
             let source = format.open(path, source, settings, temperature)?;
             let interval_ns = settings.interval_ns.or(known.interval_ns);
-            return Self::begin(path, source, interval_ns, settings.session).map_err(failed);
+            return Self::begin(path, source, interval_ns, settings).map_err(failed);
         }
         if let Some(message) = no_text {
             return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(path))));
@@ -194,7 +202,7 @@ impl Conversion {
         }
         let interval_ns = settings.interval_ns.or(mapping.time.interval_ns);
         let source = text::TextSource::new(rows, mapping).map_err(failed)?;
-        Self::begin(path, Box::new(source), interval_ns, settings.session).map_err(failed)
+        Self::begin(path, Box::new(source), interval_ns, settings).map_err(failed)
     }
 
     /// Reads the first rows, to judge their stamps and to find the nominal interval if it is not given.
@@ -202,14 +210,19 @@ impl Conversion {
         path: &Path,
         source: Box<dyn Source>,
         interval_ns: Option<u64>,
-        session: u64,
+        settings: &Settings,
     ) -> Result<Self, RecordingError> {
         let mut input = Stamped::new(source)?;
+        let mut is_of_pieces = false;
         let (nominal_ns, found_from) = match interval_ns {
             Some(nominal_ns) => (nominal_ns, None),
-            None => match input.nominal()? {
-                Some((nominal_ns, rows)) => (nominal_ns, Some(rows)),
-                None => {
+            None => match (input.nominal()?, settings.of_pieces) {
+                (own, Some((nominal_ns, rows))) if own.is_none_or(|own| is_same(own, nominal_ns)) => {
+                    is_of_pieces = true;
+                    (nominal_ns, Some(rows))
+                }
+                (Some((nominal_ns, rows)), _) => (nominal_ns, Some(rows)),
+                (None, _) => {
                     let message =
                         "the nominal interval cannot be found from the time; give time.interval_s or --interval";
                     return Err(input.source.error(input.first(), message.to_owned()));
@@ -219,9 +232,11 @@ impl Conversion {
         Ok(Self {
             path: path.to_owned(),
             input,
-            session,
+            session: settings.session,
             nominal_ns,
             found_from,
+            is_of_pieces,
+            begin_ns: 0,
             last: None,
             read_rows: 0,
             rows: 0,
@@ -243,6 +258,21 @@ impl Conversion {
     #[must_use]
     pub const fn interval_ns(&self) -> u64 {
         self.nominal_ns
+    }
+
+    /// The nominal interval \[ns\], and the number of rows that it was found from, unless it was given.
+    pub(crate) fn found_interval(&self) -> Option<(u64, u64)> {
+        Some((self.nominal_ns, self.found_from?))
+    }
+
+    /// Whether the rows have times. Valid before the first row.
+    pub(crate) fn has_times(&self) -> bool {
+        self.input.has_times()
+    }
+
+    /// Lets rows without a time begin one interval after this one \[ns\].
+    pub(crate) fn begin_after(&mut self, last_ns: u64) {
+        self.begin_ns = last_ns;
     }
 
     /// What the pulses stand for. Valid after the last row.
@@ -337,7 +367,7 @@ impl Conversion {
                 ),
             );
         }
-        if let Some(mean_ns) = self.steps.other_mean() {
+        if let Some(mean_ns) = self.steps.other_mean().filter(|_| !self.is_of_pieces) {
             let [mean, interval] = [mean_ns.round() / 1e6, self.nominal_ns as f64 / 1e6];
             let apart = format!("rows are {mean} ms apart on average, but the interval is {interval} ms");
             match (self.input.is_by_clock(), self.found_from) {
@@ -386,7 +416,8 @@ impl Conversion {
 
     fn sample(&mut self, reading: &Reading) -> Result<RawSample, String> {
         let nominal_ns = self.nominal_ns;
-        let timestamp_ns = reading.timestamp_ns.unwrap_or_else(|| nominal_ns.saturating_mul(self.read_rows + 1));
+        let counted_ns = || self.begin_ns.saturating_add(nominal_ns.saturating_mul(self.read_rows + 1));
+        let timestamp_ns = reading.timestamp_ns.unwrap_or_else(counted_ns);
         let (mut sequence, mut interval_ns) = (0, nominal_ns);
         if let Some((last_ns, last)) = self.last {
             let step_ns = timestamp_ns.checked_sub(last_ns).filter(|step| *step > 0).ok_or_else(|| {
@@ -464,6 +495,12 @@ fn triad(reading: &Reading, first: usize) -> Triad {
         triad.board_temperature[axis] = reading.board[index];
     }
     triad
+}
+
+/// Whether the interval that some rows show is this one \[ns\]. Few rows show it less well.
+fn is_same((found_ns, rows): (u64, u64), nominal_ns: u64) -> bool {
+    let part = if rows < FEW_ROWS { SAME_OF_FEW } else { SAME };
+    found_ns.abs_diff(nominal_ns) as f64 <= part * nominal_ns as f64
 }
 
 fn refuse(path: &Path, faults: Faults) -> Failure {

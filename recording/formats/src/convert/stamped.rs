@@ -126,6 +126,11 @@ impl Stamped {
         self.ready.front().map_or(0, |row| row.place)
     }
 
+    /// Whether the rows have times. Valid before [`next`](Self::next).
+    pub(super) fn has_times(&self) -> bool {
+        self.ready.front().is_none_or(|row| row.timestamp_ns.is_some())
+    }
+
     /// The nominal interval \[ns\], and the number of rows that it was found from.
     ///
     /// # Errors
