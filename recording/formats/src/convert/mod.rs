@@ -13,6 +13,7 @@ mod clock;
 mod columns;
 mod foreign;
 mod interval;
+mod joined;
 mod known;
 mod mapping;
 mod novatel;
@@ -50,6 +51,7 @@ use isotherm_shared::document::Faults;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::Nominal;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, Triad};
+use joined::{JoinedSource, Stream};
 use known::Known;
 use scale::{Telemetry, Units};
 use source::{Reading, Source};
@@ -196,13 +198,36 @@ impl Conversion {
             let message = format!("{name}: which columns are what? Give --mapping with a file such as\n\n{proposal}");
             return Err(Failure::new(Exit::Usage, message));
         };
-        let mut mapping = Mapping::from_toml(text).map_err(|faults| refuse(file, faults))?;
+        let mapping = match settings.gyroscope_file {
+            Some(_) => Mapping::of_two_files(text),
+            None => Mapping::from_toml(text),
+        };
+        let mut mapping = mapping.map_err(|faults| refuse(file, faults))?;
         if let Some(temperature) = settings.temperature {
             mapping.temperature = Temperature::Constant(temperature);
         }
         let interval_ns = settings.interval_ns.or(mapping.time.interval_ns);
-        let source = text::TextSource::new(rows, mapping).map_err(failed)?;
-        Self::begin(path, Box::new(source), interval_ns, settings).map_err(failed)
+        let source: Box<dyn Source> = match &settings.gyroscope_file {
+            Some(file) => Box::new(Self::of_two_files((path, rows), file, mapping)?),
+            None => Box::new(text::TextSource::new(rows, mapping).map_err(failed)?),
+        };
+        Self::begin(path, source, interval_ns, settings).map_err(failed)
+    }
+
+    /// The rows of a text of accelerometers, joined with those of a text of gyroscopes.
+    fn of_two_files(
+        (path, rows): (&Path, Rows<Box<dyn Read>>),
+        file: &Path,
+        mapping: Mapping,
+    ) -> Result<JoinedSource, Failure> {
+        let source = open_recording(file).map_err(|error| Failure::io("opening", file, &error))?;
+        let name = |path: &Path| shown(path).to_string();
+        let gyroscopes = text::TextSource::of_gyroscopes(Rows::new(source), mapping.clone());
+        let gyroscopes = gyroscopes.and_then(|it| Stream::new(Box::new(it), true, name(file), Some(file)));
+        let gyroscopes = gyroscopes.map_err(|error| error.failure(file))?;
+        let accelerometers = text::TextSource::new(rows, Mapping { gyroscope: None, ..mapping });
+        let accelerometers = accelerometers.and_then(|it| Stream::new(Box::new(it), false, name(path), None));
+        Ok(JoinedSource::new(accelerometers.map_err(|error| error.failure(path))?, gyroscopes))
     }
 
     /// Reads the first rows, to judge their stamps and to find the nominal interval if it is not given.

@@ -3,6 +3,7 @@
 //! The time is that of `header.stamp`. The telemetry of a row is that of the last `sensor_msgs/msg/Temperature` up to
 //! its time; so the file is read twice, first for the topics and the temperatures.
 
+use super::joined::{JoinedSource, Stream};
 use super::scale::Units;
 use super::settings::Settings;
 use super::source::{PLACEHOLDER, Reading, Source, placeholder, pulses};
@@ -32,12 +33,41 @@ const LISTED: usize = 40;
 pub(super) struct RosSource {
     messages: Messages,
     topic: String,
+    /// Which of the readings are wanted.
+    wanted: Wanted,
     gyroscopes: bool,
     /// The first row, which has been read already.
     first: Option<Reading>,
     temperature: Option<f64>,
     temperatures: Temperatures,
 }
+
+/// Which readings of the messages are wanted. A topic of accelerometers or gyroscopes alone has zeros for the others.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+enum Wanted {
+    All,
+    Accelerometers,
+    Gyroscopes,
+}
+
+/// The topics that the rows are made of.
+#[derive(Debug, PartialEq)]
+enum Chosen {
+    One(String),
+    /// Of accelerometers and of gyroscopes.
+    Two([String; 2]),
+}
+
+/// What the first messages of a topic have other than zeros.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    messages: u64,
+    accelerations: bool,
+    rates: bool,
+}
+
+/// Messages of a topic that are looked at.
+const LOOKED_AT: u64 = 100;
 
 /// The temperatures of a topic by their time \[ns\], and how many are in force.
 struct Temperatures {
@@ -119,7 +149,7 @@ pub(crate) fn is_bag(path: &Path) -> bool {
 #[derive(Default)]
 struct Contents {
     /// The topics of `sensor_msgs/msg/Imu`.
-    imus: Vec<String>,
+    imus: BTreeMap<String, Seen>,
     temperatures: BTreeMap<String, Vec<(u64, f64)>>,
     /// All topics, with their schemas.
     topics: BTreeMap<String, String>,
@@ -137,7 +167,7 @@ impl RosSource {
         source: Box<dyn Read>,
         settings: &Settings,
         temperature: Option<f64>,
-    ) -> Result<Self, Failure> {
+    ) -> Result<Box<dyn Source>, Failure> {
         if path == Path::new("-") {
             return Err(Failure::new(
                 Exit::Usage,
@@ -147,22 +177,50 @@ impl RosSource {
         let failed = |error: RecordingError| error.failure(path);
         let refused = |message: String| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
         let mut contents = Contents::read(&mut Messages::open(path, settings)?).map_err(failed)?;
-        let topic = choose(&contents.imus, settings.topic.as_deref(), "--topic")
-            .map_err(|problem| refused(contents.problem(&problem, IMU)))?
-            .ok_or_else(|| refused(contents.problem(&contents.no_imu(), IMU)))?;
+        let chosen = contents.choose(settings).map_err(|problem| refused(contents.problem(&problem, IMU)))?;
         let names: Vec<_> = contents.temperatures.keys().cloned().collect();
-        let chosen = match temperature {
+        let telemetry = match temperature {
             Some(_) => None,
             None => choose(&names, settings.temperature_topic.as_deref(), "--temperature-topic")
                 .map_err(|problem| refused(contents.problem(&problem, TEMPERATURE)))?,
         };
-        let mut values = chosen.as_ref().and_then(|topic| contents.temperatures.remove(topic)).unwrap_or_default();
+        let mut values = telemetry.as_ref().and_then(|topic| contents.temperatures.remove(topic)).unwrap_or_default();
         values.sort_by_key(|(stamp_ns, _)| *stamp_ns);
-        let temperatures = Temperatures { topic: chosen, values, passed: 0, before: 0 };
+        let temperatures = Temperatures { topic: telemetry, values, passed: 0, before: 0 };
         let messages = Messages::new(source);
-        let mut source = Self { messages, topic, gyroscopes: true, first: None, temperature, temperatures };
-        source.first = source.next_reading(true).map_err(failed)?;
-        Ok(source)
+        match chosen {
+            Chosen::One(topic) => Self::new(messages, topic, Wanted::All, temperature, temperatures).map_err(failed),
+            Chosen::Two([topic, of_gyroscopes]) => {
+                // They are read beside each other, however far apart they lie in the file.
+                let others = Messages::open(path, &Settings::default())?;
+                let names = [&topic, &of_gyroscopes].map(Clone::clone);
+                let accelerometers = Self::new(messages, topic, Wanted::Accelerometers, temperature, temperatures);
+                let none = Temperatures { topic: None, values: Vec::new(), passed: 0, before: 0 };
+                // The rows have the telemetry of the accelerometers.
+                let gyroscopes = Self::new(others, of_gyroscopes, Wanted::Gyroscopes, Some(PLACEHOLDER), none);
+                let [name, of_gyroscopes] = names;
+                let joined =
+                    accelerometers.and_then(|source| Stream::new(source, false, name, None)).and_then(|rows| {
+                        Ok(JoinedSource::new(
+                            rows,
+                            gyroscopes.and_then(|it| Stream::new(it, true, of_gyroscopes, None))?,
+                        ))
+                    });
+                Ok(Box::new(joined.map_err(failed)?))
+            }
+        }
+    }
+
+    fn new(
+        messages: Messages,
+        topic: String,
+        wanted: Wanted,
+        temperature: Option<f64>,
+        temperatures: Temperatures,
+    ) -> Result<Box<dyn Source>, RecordingError> {
+        let mut source = Self { messages, topic, wanted, gyroscopes: true, first: None, temperature, temperatures };
+        source.first = source.next_reading(true)?;
+        Ok(Box::new(source))
     }
 
     /// The next row. The first decides whether there are gyroscopes.
@@ -178,10 +236,13 @@ impl RosSource {
     }
 
     fn reading(&mut self, imu: &Imu, is_first: bool) -> Result<Reading, String> {
-        let acceleration =
-            imu.linear_acceleration.ok_or("no linear_acceleration: the first element of its covariance is -1")?;
+        let no_acceleration = "no linear_acceleration: the first element of its covariance is -1";
+        let acceleration = match self.wanted {
+            Wanted::Gyroscopes => [0.0; AXES],
+            _ => imu.linear_acceleration.ok_or(no_acceleration)?,
+        };
         if is_first {
-            self.gyroscopes = imu.angular_velocity.is_some();
+            self.gyroscopes = self.wanted != Wanted::Accelerometers && imu.angular_velocity.is_some();
         }
         let rates = match (imu.angular_velocity, self.gyroscopes) {
             (Some(rates), true) => rates,
@@ -234,7 +295,16 @@ impl Source for RosSource {
     }
 
     fn notes(&self) -> Vec<String> {
-        let scale = format!("{}: A1, A2, A3 are x, y, z; one pulse is {RESOLUTION} m/s2 or rad/s", self.topic);
+        let of = match self.wanted {
+            Wanted::Gyroscopes => "G1, G2, G3 are x, y, z; one pulse is",
+            _ => "A1, A2, A3 are x, y, z; one pulse is",
+        };
+        let unit = match self.wanted {
+            Wanted::All => "m/s2 or rad/s",
+            Wanted::Accelerometers => "m/s2",
+            Wanted::Gyroscopes => "rad/s",
+        };
+        let scale = format!("{}: {of} {RESOLUTION} {unit}", self.topic);
         let temperature = self.temperatures.topic.iter().map(|topic| format!("temperature of {topic}, in degC"));
         core::iter::once(scale).chain(temperature).collect()
     }
@@ -271,16 +341,49 @@ impl Contents {
                 let temperature = temperature.map_err(|message| messages.error(messages.count, message))?;
                 let values = contents.temperatures.entry(channel.topic.clone()).or_default();
                 values.push((temperature.stamp_ns, temperature.celsius));
+            } else if !contents.imus.get(&channel.topic).is_some_and(|seen| seen.messages >= LOOKED_AT) {
+                let seen = contents.imus.entry(channel.topic.clone()).or_default();
+                seen.messages += 1;
+                // What cannot be read is an error where the rows are.
+                if let Ok(imu) = Imu::decode(channel.encoding, &data) {
+                    let has = |vector: Option<[f64; 3]>| vector.is_some_and(|of| of.iter().any(|value| *value != 0.0));
+                    seen.accelerations |= has(imu.linear_acceleration);
+                    seen.rates |= has(imu.angular_velocity);
+                }
             }
         }
         for channel in messages.channels.values() {
             contents.topics.insert(channel.topic.clone(), channel.schema.clone());
-            if channel.kind == MessageKind::Imu && !contents.imus.contains(&channel.topic) {
-                contents.imus.push(channel.topic.clone());
+            if channel.kind == MessageKind::Imu {
+                contents.imus.entry(channel.topic.clone()).or_default();
             }
         }
-        contents.imus.sort_unstable();
         Ok(contents)
+    }
+
+    /// The topics of the rows: those that are named, or the only one; or the two of an IMU whose accelerometers and
+    /// gyroscopes have a topic each, as the messages show.
+    fn choose(&self, settings: &Settings) -> Result<Chosen, String> {
+        let names: Vec<_> = self.imus.keys().cloned().collect();
+        let (topic, of_gyroscopes) = (settings.topic.as_deref(), settings.gyroscope_topic.as_deref());
+        if let Some(of_gyroscopes) = of_gyroscopes {
+            let of_gyroscopes = choose(&names, Some(of_gyroscopes), "")?.ok_or_else(|| self.no_imu())?;
+            let others: Vec<_> = names.into_iter().filter(|name| *name != of_gyroscopes).collect();
+            let topic = choose(&others, topic, "--topic")?;
+            let topic = topic.ok_or("no topic of accelerometers beside that of the gyroscopes; give --topic alone")?;
+            return Ok(Chosen::Two([topic, of_gyroscopes]));
+        }
+        let seen: Vec<_> = self.imus.iter().collect();
+        if let (None, [(one, a), (other, b)]) = (topic, &seen[..]) {
+            let has = |seen: &Seen| (seen.accelerations, seen.rates);
+            match (has(a), has(b)) {
+                ((true, false), (false, true)) => return Ok(Chosen::Two([one, other].map(|name| (*name).clone()))),
+                ((false, true), (true, false)) => return Ok(Chosen::Two([other, one].map(|name| (*name).clone()))),
+                _ => {}
+            }
+        }
+        let option = "--topic, or those of accelerometers and gyroscopes with --topic and --gyroscope-topic";
+        choose(&names, topic, option)?.map(Chosen::One).ok_or_else(|| self.no_imu())
     }
 
     fn no_imu(&self) -> String {

@@ -68,7 +68,8 @@ impl Stamped {
         self.shape.is_some_and(|shape| !shape.is_even)
     }
 
-    fn times(&self) -> Vec<u64> {
+    /// The times of the rows that have been read ahead \[ns\].
+    pub(super) fn times(&self) -> Vec<u64> {
         self.ready.iter().filter_map(|row| row.timestamp_ns).collect()
     }
 

@@ -115,7 +115,9 @@ impl Borders {
                 0 => String::new(),
                 missing => format!("; {missing} rows are missing between them"),
             };
-            format!("{first} to {last}: {pieces} pieces are joined, since the time goes on from each to the next{missing}")
+            format!(
+                "{first} to {last}: {pieces} pieces are joined, since the time goes on from each to the next{missing}"
+            )
         });
         let apart = self.apart.iter().map(|Apart { before, piece, why }| {
             let (before, piece) = (shown(before), shown(piece));

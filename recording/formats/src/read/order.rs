@@ -105,7 +105,9 @@ fn order(firsts: &[Option<FirstRow>], is_given: bool) -> Order {
     places.sort_by_key(key);
     let is_one_session = begins.len() == 1 && firsts.iter().flatten().all(|row| row.session != 0);
     let note = match (is_one_session, is_decided) {
-        (true, _) => format!("{IN_ORDER} has no effect: the pieces are of one session, and its sequences tell their order"),
+        (true, _) => {
+            format!("{IN_ORDER} has no effect: the pieces are of one session, and its sequences tell their order")
+        }
         (_, true) => format!("{IN_ORDER} has no effect: the times of the pieces do not overlap, and tell their order"),
         (_, false) => "the pieces are in the order in which they are named: no clock tells theirs".to_owned(),
     };
@@ -164,7 +166,13 @@ mod tests {
     use super::*;
 
     fn row(session: u64, sequence: u64, recorded_ns: u64) -> Option<FirstRow> {
-        Some(FirstRow { session, sequence, recorded_ns: Some(recorded_ns), timestamp_ns: Some(1), ..FirstRow::default() })
+        Some(FirstRow {
+            session,
+            sequence,
+            recorded_ns: Some(recorded_ns),
+            timestamp_ns: Some(1),
+            ..FirstRow::default()
+        })
     }
 
     #[test]
@@ -220,7 +228,7 @@ mod tests {
         assert_eq!(kept(&session), (vec![1, 0], true));
         let two = [row(7, 100, 600), row(3, 5, 400), row(7, 0, 500)].map(of_session);
         assert_eq!(kept(&two), (vec![2, 0, 1], false));
-        let one = super::in_order(&["a.csv".into()], true, |_| Ok(None)).unwrap();
+        let one = in_order(&["a.csv".into()], true, |_| Ok(None)).unwrap();
         assert!(one.places == [0] && one.note.unwrap().contains("no effect: there is one file"));
     }
 

@@ -23,7 +23,9 @@ pub(super) struct Pair {
 impl Pair {
     pub(super) fn note(&self) -> String {
         let [accelerometers, gyroscopes] = [&self.accelerometers, &self.gyroscopes].map(|path| shown(path).to_string());
-        format!("{accelerometers} has the accelerometers and {gyroscopes} the gyroscopes, by their names: they are joined by time")
+        format!(
+            "{accelerometers} has the accelerometers and {gyroscopes} the gyroscopes, by their names: they are joined by time"
+        )
     }
 
     /// How the file of the accelerometers is read.
@@ -104,7 +106,9 @@ mod tests {
         ] {
             assert!(named(Path::new(a), Path::new(g)) && !named(Path::new(g), Path::new(a)), "{a} {g}");
         }
-        for (a, g) in [("a.csv", "g.csv"), ("acc_1.csv", "acc_2.csv"), ("acc_gyr.csv", "gyr.csv"), ("gyro/acc.csv", "b")] {
+        for (a, g) in
+            [("a.csv", "g.csv"), ("acc_1.csv", "acc_2.csv"), ("acc_gyr.csv", "gyr.csv"), ("gyro/acc.csv", "b")]
+        {
             assert!(!named(Path::new(a), Path::new(g)), "{a} {g}");
         }
     }

@@ -137,9 +137,8 @@ fn look_at(
     let imu = piece.source.imu().map(str::to_owned);
     let Some(row) = row else { return Ok((None, seen, imu)) };
     seen.first = Some(row.sample);
-    let times = |piece: &Piece, sample: &RawSample| {
-        [piece.source.recorded_ns(), seen.has_times.then_some(sample.timestamp_ns)]
-    };
+    let times =
+        |piece: &Piece, sample: &RawSample| [piece.source.recorded_ns(), seen.has_times.then_some(sample.timestamp_ns)];
     let [recorded_ns, timestamp_ns] = times(&piece, &row.sample);
     let mut last_ns = [recorded_ns, timestamp_ns];
     while whole && let Some(row) = piece.next(piece.source.sequence_rule()).map_err(failed)? {

@@ -1,5 +1,6 @@
 //! Reads the pieces of a recording as one, in every format.
 
+use super::borders::Borders;
 use super::converted::Converted;
 use super::input::Input;
 use super::open::{SharedHash, open_source};
@@ -8,7 +9,6 @@ use super::part::{Clip, Judged};
 use super::piece::{Piece, RowKind};
 use super::pieces::{Pieces, WaitingPiece};
 use super::places::Places;
-use super::borders::Borders;
 use crate::convert::{Conversion, Foreign, Scale, VehicleState};
 use indicatif::ProgressBar;
 use isotherm_failure::{Exit, Failure, shown, tell};
@@ -169,7 +169,9 @@ impl Recording {
                 let finding = Finding::warning(name::TRUNCATED, warning).at(place);
                 tell("isotherm", finding.tagged(|line| line.to_string()));
             }
-            let goes_on = |next: &WaitingPiece| !self.is_one || self.borders.goes_on(next);
+            // The log of an autopilot says by itself when the vehicle was in use.
+            let is_log = self.current.source.conversion().is_some_and(|conversion| conversion.log_imu().is_some());
+            let goes_on = |next: &WaitingPiece| !self.is_one || !is_log && self.borders.goes_on(next);
             let Some(next) = self.waiting.pop_if(|next| goes_on(next)) else { return self.end() };
             self.end_piece();
             let before = self.places.before() + self.current.source.place();
@@ -232,7 +234,9 @@ impl Recording {
     /// The pieces that did not go on with this recording, of [`Pieces::first_recording`]. Of a part that ends before the
     /// recording does, the rest is passed over. To be called after the last row.
     pub fn others(&mut self) -> Option<Pieces> {
-        while self.ended && let Some(row) = self.rest() {
+        while self.ended
+            && let Some(row) = self.rest()
+        {
             self.borders.take(&row);
         }
         let (waiting, input) = (core::mem::take(&mut self.waiting), self.input.clone());
