@@ -7,9 +7,9 @@
 //!
 //! `m + (sum of the row's readings - n m) / r`
 //!
-//! with `m` the mean of all readings of five rows, the row in their middle, `n` the number of the row's readings, and `r`
+//! with `m` the mean of all readings of nine rows, the row in their middle, `n` the number of the row's readings, and `r`
 //! the usual one. Where `n` is `r` this is the mean of the readings. The sum over the rows has each reading once, with
-//! the same weight; what is slow against five rows is left as it is.
+//! the same weight; what is slow against nine rows is left as it is.
 //!
 //! An offset between the two clocks is followed, so that the borders between rows lie between readings, and jitter does
 //! not move a reading to another row.
@@ -27,7 +27,7 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
 /// Rows before and behind a row that the mean is taken of.
-const BESIDE: usize = 2;
+const BESIDE: usize = 4;
 /// A reading is of no row if it is further from all of them than this part of the interval between rows.
 const FAR: f64 = 0.75;
 /// Rates within this part are equal: then the accelerometers give the rows.

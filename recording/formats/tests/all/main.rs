@@ -12,6 +12,7 @@ mod convert_thermometers;
 mod convert_time;
 mod convert_vehicle;
 mod foreign;
+mod joined;
 mod layouts;
 mod logs;
 mod part;
