@@ -361,6 +361,8 @@ struct Read<T> {
     log_imu: Option<LogImu>,
 }
 
+/// A recording at one attitude, and what makes a nominal table of it.
+type WithReadings = (RampRecording, Option<OfReadings>);
 type Row = Result<CampaignRow, RecordingError>;
 
 /// The rows, which `marks` takes as they pass.
@@ -431,7 +433,7 @@ impl Reader<'_> {
         &self,
         imu: &ImuId,
         samples: Vec<Source<'_>>,
-    ) -> Result<Vec<Read<(RampRecording, Option<OfReadings>)>>, Failure> {
+    ) -> Result<Vec<Read<WithReadings>>, Failure> {
         let read =
             |name: &str, rows: &mut dyn Iterator<Item = Row>| RampRecording::read_screened(name.to_owned(), rows);
         self.recordings(samples, read, |recording, rows| match rows {

@@ -269,7 +269,8 @@ impl Convert {
                 return Err(Failure::new(
                     Exit::Usage,
                     format!(
-                        "{folder}: several files are converted into a folder; make it, and name it with -o: {next} does                          not go on where the recording that begins with {name} ends"
+                        "{folder}: several files are converted into a folder; make it, and name it with -o: {next} \
+                         does not go on where the recording that begins with {name} ends"
                     ),
                 ));
             }

@@ -103,7 +103,8 @@ impl SensorColumns {
                 document.fault(
                     line,
                     "gyroscope.columns",
-                    "has a column of the accelerometers; give that of the gyroscope, or its own file with --gyroscope-file",
+                    "has a column of the accelerometers; give that of the gyroscope, or its own file with \
+                     --gyroscope-file",
                 );
             }
             sensors

@@ -7,8 +7,8 @@
 //!
 //! `m + (sum of the row's readings - n m) / r`
 //!
-//! with `m` the mean of all readings of nine rows, the row in their middle, `n` the number of the row's readings, and `r`
-//! the usual one. Where `n` is `r` this is the mean of the readings. The sum over the rows has each reading once, with
+//! with `m` the mean of all readings of nine rows, the row in their middle, `n` the number of the row's readings, and
+//! `r` the usual one. Where `n` is `r` this is the mean of the readings. The sum over the rows has each reading once, with
 //! the same weight; what is slow against nine rows is left as it is.
 //!
 //! An offset between the two clocks is followed, so that the borders between rows lie between readings, and jitter does
@@ -16,15 +16,13 @@
 
 use super::scale::Units;
 use super::source::{Reading, Source};
-use super::stamped::Stamped;
+use super::stream::{Stream, located};
 use core::f64::consts::TAU;
-use isotherm_failure::Failure;
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use std::collections::VecDeque;
-use std::path::{Path, PathBuf};
 
 /// Rows before and behind a row that the mean is taken of.
 const BESIDE: usize = 4;
@@ -38,19 +36,6 @@ const GAIN: f64 = 1.0 / 256.0;
 const SLIP: f64 = 0.75;
 /// Least length of the mean direction of the first readings' phases, if there is an offset.
 const DIRECTED: f64 = 0.5;
-
-/// The readings of three sensors, or of six of which three are wanted.
-pub(super) struct Stream {
-    rows: Stamped,
-    /// Whether they are the gyroscopes.
-    are_gyroscopes: bool,
-    interval_ns: f64,
-    /// What messages call the data.
-    name: String,
-    /// Their file, if it is not that of the rows.
-    file: Option<PathBuf>,
-    next: Option<Reading>,
-}
 
 /// Accelerometers and gyroscopes, joined.
 pub(super) struct JoinedSource {
@@ -91,60 +76,6 @@ struct Tally {
     /// Rows without a reading that have the mean of their neighbours, and that are left out.
     filled: u64,
     left_out: u64,
-}
-
-impl Stream {
-    /// Reads the first rows. `file` is that of the data, if it is not that of the other sensors.
-    ///
-    /// # Errors
-    /// Of the rows; if they have no times that rise, or count over the time since the row before.
-    pub(super) fn new(
-        source: Box<dyn Source>,
-        are_gyroscopes: bool,
-        name: String,
-        file: Option<&Path>,
-    ) -> Result<Self, RecordingError> {
-        let located = |error: RecordingError| located(error, file);
-        let mut rows = Stamped::new(source).map_err(located)?;
-        let refused = |rows: &Stamped, message: &str| located(rows.source.error(rows.first(), message.to_owned()));
-        if rows.source.counts_since_the_row_before() {
-            return Err(refused(
-                &rows,
-                "increments of accelerometers and gyroscopes must be in one row; they cannot be joined by time",
-            ));
-        }
-        let Some((interval_ns, _)) = rows.nominal().map_err(located)?.filter(|_| rows.has_times()) else {
-            return Err(refused(
-                &rows,
-                "accelerometers and gyroscopes are joined by time, but no time rises from row to row here",
-            ));
-        };
-        let file = file.map(Path::to_owned);
-        Ok(Self { rows, are_gyroscopes, interval_ns: interval_ns as f64, name, file, next: None })
-    }
-
-    /// Reads ahead; false at the end.
-    fn load(&mut self) -> Result<bool, RecordingError> {
-        if self.next.is_none() {
-            self.next = self.rows.next().map_err(|error| located(error, self.file.as_deref()))?;
-        }
-        Ok(self.next.is_some())
-    }
-
-    fn pulses(&self, reading: &Reading) -> [i64; AXES] {
-        let first = if self.are_gyroscopes { AXES } else { 0 };
-        [0, 1, 2].map(|axis| reading.pulses[first + axis])
-    }
-
-    const fn sensors(&self) -> &'static str {
-        if self.are_gyroscopes { "gyroscopes" } else { "accelerometers" }
-    }
-}
-
-/// The error with its file, if it is not that of the rows.
-fn located(error: RecordingError, file: Option<&Path>) -> RecordingError {
-    let failure = file.map(|file| -> Failure { error.failure(file) });
-    failure.map_or(error, RecordingError::Piece)
 }
 
 impl JoinedSource {
@@ -361,8 +292,8 @@ impl Source for JoinedSource {
             early => format!("; {early} readings before the first row are left out"),
         };
         let note = format!(
-            "the {} of {} and the {} of {} are joined by time: the rows are those of the {}, with {:.3} readings of the {} \
-             a row, {:.3} ms {side} it on average{early}",
+            "the {} of {} and the {} of {} are joined by time: the rows are those of the {}, with {:.3} readings \
+             of the {} a row, {:.3} ms {side} it on average{early}",
             slow.sensors(),
             slow.name,
             fast.sensors(),
@@ -395,7 +326,8 @@ impl Source for JoinedSource {
         add(
             filled,
             format!(
-                "rows of the {rows} have no reading of the {readings} beside them, and have the mean of the rows about them"
+                "rows of the {rows} have no reading of the {readings} beside them, and have the mean of the rows \
+                 about them"
             ),
         );
         add(

@@ -25,6 +25,7 @@ mod scale;
 mod settings;
 mod source;
 mod stamped;
+mod stream;
 mod telemetry_log;
 mod text;
 mod vehicle;
@@ -51,13 +52,14 @@ use isotherm_shared::document::Faults;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::Nominal;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, Triad};
-use joined::{JoinedSource, Stream};
+use joined::JoinedSource;
 use known::Known;
 use scale::{Telemetry, Units};
 use source::{Reading, Source};
 use stamped::Stamped;
 use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
+use stream::Stream;
 
 /// Intervals that an IMU has \[ns\]: 50 kHz to 0.01 Hz.
 const PLAUSIBLE_NS: std::ops::RangeInclusive<u64> = 20_000..=100_000_000_000;

@@ -3,10 +3,11 @@
 //! The time is that of `header.stamp`. The telemetry of a row is that of the last `sensor_msgs/msg/Temperature` up to
 //! its time; so the file is read twice, first for the topics and the temperatures.
 
-use super::joined::{JoinedSource, Stream};
+use super::joined::JoinedSource;
 use super::scale::Units;
 use super::settings::Settings;
 use super::source::{PLACEHOLDER, Reading, Source, placeholder, pulses};
+use super::stream::Stream;
 use crate::read::records::Records;
 use crate::ros::{Encoding, IMU, Imu, TEMPERATURE, Temperature};
 use isotherm_failure::{Exit, Failure, shown};
@@ -189,15 +190,17 @@ impl RosSource {
         let temperatures = Temperatures { topic: telemetry, values, passed: 0, before: 0 };
         let messages = Messages::new(source);
         match chosen {
-            Chosen::One(topic) => Self::new(messages, topic, Wanted::All, temperature, temperatures).map_err(failed),
+            Chosen::One(topic) => {
+                Self::of_topic(messages, topic, Wanted::All, temperature, temperatures).map_err(failed)
+            }
             Chosen::Two([topic, of_gyroscopes]) => {
                 // They are read beside each other, however far apart they lie in the file.
                 let others = Messages::open(path, &Settings::default())?;
                 let names = [&topic, &of_gyroscopes].map(Clone::clone);
-                let accelerometers = Self::new(messages, topic, Wanted::Accelerometers, temperature, temperatures);
+                let accelerometers = Self::of_topic(messages, topic, Wanted::Accelerometers, temperature, temperatures);
                 let none = Temperatures { topic: None, values: Vec::new(), passed: 0, before: 0 };
                 // The rows have the telemetry of the accelerometers.
-                let gyroscopes = Self::new(others, of_gyroscopes, Wanted::Gyroscopes, Some(PLACEHOLDER), none);
+                let gyroscopes = Self::of_topic(others, of_gyroscopes, Wanted::Gyroscopes, Some(PLACEHOLDER), none);
                 let [name, of_gyroscopes] = names;
                 let joined =
                     accelerometers.and_then(|source| Stream::new(source, false, name, None)).and_then(|rows| {
@@ -211,7 +214,7 @@ impl RosSource {
         }
     }
 
-    fn new(
+    fn of_topic(
         messages: Messages,
         topic: String,
         wanted: Wanted,
@@ -341,7 +344,7 @@ impl Contents {
                 let temperature = temperature.map_err(|message| messages.error(messages.count, message))?;
                 let values = contents.temperatures.entry(channel.topic.clone()).or_default();
                 values.push((temperature.stamp_ns, temperature.celsius));
-            } else if !contents.imus.get(&channel.topic).is_some_and(|seen| seen.messages >= LOOKED_AT) {
+            } else if contents.imus.get(&channel.topic).is_none_or(|seen| seen.messages < LOOKED_AT) {
                 let seen = contents.imus.entry(channel.topic.clone()).or_default();
                 seen.messages += 1;
                 // What cannot be read is an error where the rows are.

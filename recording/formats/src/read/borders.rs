@@ -90,8 +90,8 @@ impl Borders {
         let Some(stamp_ns) = self.is_twice.take() else { return Ok(()) };
         let (piece, before) = (shown(&piece.path), shown(before));
         let message = format!(
-            "{piece}: its first row, of {stamp_ns} ns, is there twice; the piece before is {before}: leave out the rows \
-             that are in both"
+            "{piece}: its first row, of {stamp_ns} ns, is there twice; the piece before is {before}: leave out the \
+             rows that are in both"
         );
         Err(Failure::new(Exit::Data, message))
     }

@@ -24,7 +24,8 @@ impl Pair {
     pub(super) fn note(&self) -> String {
         let [accelerometers, gyroscopes] = [&self.accelerometers, &self.gyroscopes].map(|path| shown(path).to_string());
         format!(
-            "{accelerometers} has the accelerometers and {gyroscopes} the gyroscopes, by their names: they are joined by time"
+            "{accelerometers} has the accelerometers and {gyroscopes} the gyroscopes, by their names: they are joined by \
+             time"
         )
     }
 

@@ -231,8 +231,8 @@ impl Recording {
         }
     }
 
-    /// The pieces that did not go on with this recording, of [`Pieces::first_recording`]. Of a part that ends before the
-    /// recording does, the rest is passed over. To be called after the last row.
+    /// The pieces that did not go on with this recording, of [`Pieces::first_recording`]. Of a part that ends before
+    /// the recording does, the rest is passed over. To be called after the last row.
     pub fn others(&mut self) -> Option<Pieces> {
         while self.ended
             && let Some(row) = self.rest()
@@ -299,8 +299,8 @@ impl Recording {
         self.converted.nominal(imu)
     }
 
-    /// What the pulses of readings stand for: as [`Conversion::scale`](crate::convert::Conversion::scale), of all pieces.
-    /// Valid after the last row.
+    /// What the pulses of readings stand for: as [`Conversion::scale`](crate::convert::Conversion::scale), of all
+    /// pieces. Valid after the last row.
     ///
     /// # Errors
     /// As [`nominal`](Self::nominal).

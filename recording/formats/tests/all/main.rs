@@ -16,4 +16,5 @@ mod joined;
 mod layouts;
 mod logs;
 mod part;
+mod split;
 mod unchecked;
