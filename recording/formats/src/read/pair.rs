@@ -68,13 +68,14 @@ pub(super) fn find(paths: &[PathBuf], kind: RowKind, input: &Input) -> Result<Op
                 let row = open(path).ok()?.next(SequenceRule::default()).ok()??;
                 Some(row.sample.timestamp_ns)
             };
-            let is_same_time = |a: u64, b: u64| a.abs_diff(b) <= SAME_TIME_NS;
-            if begin(accelerometers).zip(begin(gyroscopes)).is_none_or(|(a, b)| !is_same_time(a, b)) {
+            // A file of gyroscopes may lack the temperature of the mapping.
+            let is_same_time = |a: u64| begin(gyroscopes).is_none_or(|b| a.abs_diff(b) <= SAME_TIME_NS);
+            if !gyroscopes.is_file() || !begin(accelerometers).is_some_and(is_same_time) {
                 return Ok(None);
             }
             let [accelerometers, gyroscopes] = [accelerometers, gyroscopes].map(|path| shown(path).to_string());
             usage(format!(
-                "{gyroscopes} has the gyroscopes of {accelerometers}, by its name and its times, and the mapping has \
+                "{gyroscopes} has the gyroscopes of {accelerometers}, by its name, and the mapping has \
                  none: give [gyroscope] with its columns, or name one of the files alone"
             ))
         }

@@ -16,9 +16,9 @@ const MAPPING: &str = "format = 1\n[time]\ncolumn = \"t\"\nunit = \"s\"\n[accele
 
 fn bag(rows: core::ops::Range<u64>) -> Vec<u8> {
     let mut bag = Bag::new();
-    rows.for_each(|row| {
-        drop(bag.imu("/imu", &Imu { linear_acceleration: Some([row as f64 * 1e-3, 0.1, -9.7]), ..imu(row) }))
-    });
+    for row in rows {
+        bag.imu("/imu", &Imu { linear_acceleration: Some([row as f64 * 1e-3, 0.1, -9.7]), ..imu(row) });
+    }
     bag.bytes()
 }
 
@@ -106,7 +106,9 @@ fn lost_rows_between_pieces_are_missing_and_a_pause_or_another_rate_is_another_s
     );
     // Another rate.
     let mut slower = Bag::new();
-    (0..100).for_each(|row| drop(slower.imu("/imu", &Imu { stamp_ns: BEGIN + 300 * STEP + row * 2 * STEP, ..imu(0) })));
+    for row in 0..100 {
+        slower.imu("/imu", &Imu { stamp_ns: BEGIN + 300 * STEP + row * 2 * STEP, ..imu(0) });
+    }
     let (rows, note) = joined(slower.bytes());
     assert!(rows == [(0, 0), (2, 0)] && note.ends_with("has another interval"), "{rows:?} {note}");
 }
@@ -174,7 +176,7 @@ fn of_several_recordings_each_has_its_own_pieces_and_hash() {
         while let Some(pieces) = left.take() {
             let first = pieces.paths().next().map(Path::to_owned).unwrap();
             let mut recording = pieces.first_recording_hashed(&ProgressBar::hidden()).unwrap();
-            let rows = recording.by_ref().map(|row| row.unwrap().sample).count();
+            let rows = recording.by_ref().filter(Result::is_ok).count();
             left = recording.others();
             found.push((first, rows, recording.sha256().unwrap()));
         }
