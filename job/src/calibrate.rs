@@ -11,12 +11,11 @@ use isotherm_failure::{Exit, Failure};
 use isotherm_files::{Trust, load_table, read_text};
 use isotherm_recording::{CampaignRow, LogImu, Marks, RecordingError};
 use isotherm_recording_formats::convert::Foreign;
-use isotherm_recording_formats::read::{ImuChoice, Input, Part, Places, Recording, RowKind};
+use isotherm_recording_formats::read::{ImuChoice, Input, Part, Pieces, Places, Recording, RowKind};
 use isotherm_report::{fitted, json};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{CoefficientTable, Nominal, nominal_content, nominal_table};
 use serde_json::Value;
-use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 
 /// Options of a fit of either kind; the campaign says which kind it is.
@@ -172,15 +171,15 @@ impl Inputs {
             ..Origin::default()
         };
         let input = Input::from((ImuChoice::Prefer(imu.clone()), options.foreign.clone())).within(options.part);
-        let names: Vec<_> = samples.iter().map(|source| source.path().display().to_string()).collect();
         let read = Reader { input, bar }.at_one_attitude(imu, samples)?;
-        let (read, found): (Vec<_>, Vec<_>) = read.into_iter().unzip();
-        let of_readings = joint(found);
+        let names: Vec<_> = read.iter().map(|read| read.name.clone()).collect();
+        let (recordings, found): (Vec<_>, Vec<_>) = from.take(read).into_iter().unzip();
+        let found = found.into_iter().zip(&names).map(|(found, name)| found.unwrap_or_else(|| Err(no_nominal(name))));
+        let of_readings = joint(found.collect());
         let nominal = match nominal {
             Some(nominal) => completed(nominal, of_readings.ok(), &mut from.notes),
             None => of_readings.map_err(needs_nominal).and_then(|found| nominal_of(found, gravity))?,
         };
-        let recordings = from.take(read);
         let content = nominal.content();
         let campaign = Campaign::one_attitude(imu.clone(), content.gravity, &content.temperature_unit, &names);
         let measured = Measured::OneAttitude(recordings, Box::new(nominal), options.at_one_attitude.clone());
@@ -215,7 +214,7 @@ impl Origin {
         let mut named = read.iter().map(|read| read.log_imu);
         self.log_imu =
             named.next().flatten().filter(|first| named.all(|imu| imu.is_some_and(|imu| !imu.differs_from(first))));
-        let recording = |Read { recording, sha256, rows, notes, log_imu: _ }| {
+        let recording = |Read { name: _, recording, sha256, rows, notes, log_imu: _ }| {
             self.recordings_sha256.push(sha256);
             self.rows.push(rows);
             self.notes.extend(notes);
@@ -353,6 +352,8 @@ impl Source<'_> {
 
 /// A recording that was read, with the SHA-256 of its file, and its marks.
 struct Read<T> {
+    /// What messages call it.
+    name: String,
     recording: T,
     sha256: String,
     rows: Marks,
@@ -360,13 +361,8 @@ struct Read<T> {
     log_imu: Option<LogImu>,
 }
 
-impl<T> Read<T> {
-    /// Of rows in memory.
-    const fn of_rows(recording: T, sha256: String, rows: Marks) -> Self {
-        Self { recording, sha256, rows, notes: Vec::new(), log_imu: None }
-    }
-}
-
+/// A recording at one attitude, and what makes a nominal table of it.
+type WithReadings = (RampRecording, Option<OfReadings>);
 type Row = Result<CampaignRow, RecordingError>;
 
 /// The rows, which `marks` takes as they pass.
@@ -424,61 +420,73 @@ impl Reader<'_> {
 
     /// Recordings of an IMU that was put down by hand, with the SHA-256 of each.
     fn tumbles(&self, samples: Vec<Source<'_>>) -> Result<Vec<Read<TumbleRecording>>, Failure> {
-        let paths: Vec<_> = samples.iter().map(Source::path).collect();
-        let bar = (self.bar)(&paths, "reading");
-        let read = |source: Source<'_>| match source {
-            Source::File(path) => {
-                let read =
-                    |rows: &mut dyn Iterator<Item = Row>| TumbleRecording::read(path.display().to_string(), rows);
-                self.recording(&path, &bar, read, |recording, rows| recording.with_findings(rows.findings()))
-            }
-            Source::Rows { name, sha256, rows } => {
-                let mut marks = Marks::default();
-                let rows = self.input.part.of_rows(&name, rows);
-                let recording = TumbleRecording::read(name.clone(), marked(rows, &mut marks));
-                let recording = recording.map_err(|error| error.failure(Path::new(&name)))?;
-                Ok(Read::of_rows(recording, sha256, marks))
-            }
-        };
-        let all = samples.into_iter().map(read).collect();
-        bar.finish_and_clear();
-        all
+        let read = |name: &str, rows: &mut dyn Iterator<Item = Row>| TumbleRecording::read(name.to_owned(), rows);
+        self.recordings(samples, read, |recording, rows| match rows {
+            Some(rows) => recording.with_findings(rows.findings()),
+            None => recording,
+        })
     }
 
-    /// Recordings at one attitude, with the SHA-256 of each, and with what makes a nominal table.
-    fn at_one_attitude(
+    /// Recordings at one attitude, with the SHA-256 of each, and with what makes a nominal table; `None` of rows in
+    /// memory.
+    fn at_one_attitude(&self, imu: &ImuId, samples: Vec<Source<'_>>) -> Result<Vec<Read<WithReadings>>, Failure> {
+        let read =
+            |name: &str, rows: &mut dyn Iterator<Item = Row>| RampRecording::read_screened(name.to_owned(), rows);
+        self.recordings(samples, read, |recording, rows| match rows {
+            Some(rows) => {
+                let recording = recording.with_findings(rows.findings());
+                (recording.with_in_use(rows.vehicle_state().in_use()), Some(rows.nominal(imu)))
+            }
+            None => (recording, None),
+        })
+    }
+
+    /// The recordings that these are, in the order in which their first pieces are named: of files whose times go on
+    /// from each other it is one. `complete` adds what files tell after the last row.
+    fn recordings<T, U>(
         &self,
-        imu: &ImuId,
         samples: Vec<Source<'_>>,
-    ) -> Result<Vec<(Read<RampRecording>, OfReadings)>, Failure> {
-        let paths: Vec<_> = samples.iter().map(Source::path).collect();
-        let bar = (self.bar)(&paths, "reading");
-        let read = |source: Source<'_>| match source {
-            Source::File(path) => {
-                let name = path.display().to_string();
-                let found = RefCell::new(None);
-                let read = self.recording(
-                    &path,
-                    &bar,
-                    |rows| RampRecording::read_screened(name.clone(), rows),
-                    |recording, rows| {
-                        found.replace(Some(rows.nominal(imu)));
-                        recording.with_findings(rows.findings()).with_in_use(rows.vehicle_state().in_use())
-                    },
-                )?;
-                Ok((read, found.into_inner().unwrap_or_else(|| Err(no_nominal(&name)))))
+        read: impl Fn(&str, &mut dyn Iterator<Item = Row>) -> Result<T, RecordingError>,
+        complete: impl Fn(T, Option<&Recording>) -> U,
+    ) -> Result<Vec<Read<U>>, Failure> {
+        let named: Vec<_> = samples.iter().map(Source::path).collect();
+        let bar = (self.bar)(&named, "reading");
+        let (mut all, mut files) = (Vec::new(), Vec::new());
+        for (place, source) in samples.into_iter().enumerate() {
+            match source {
+                Source::File(path) => files.push(path),
+                Source::Rows { name, sha256, rows } => {
+                    let mut marks = Marks::default();
+                    let rows = self.input.part.of_rows(&name, rows);
+                    let recording = read(&name, &mut marked(rows, &mut marks));
+                    let recording = complete(recording.map_err(|error| error.failure(Path::new(&name)))?, None);
+                    let (notes, log_imu) = (Vec::new(), None);
+                    all.push((place, Read { name, recording, sha256, rows: marks, notes, log_imu }));
+                }
             }
-            Source::Rows { name, sha256, rows } => {
-                let mut marks = Marks::default();
-                let rows = self.input.part.of_rows(&name, rows);
-                let recording = RampRecording::read_screened(name.clone(), marked(rows, &mut marks));
-                let recording = recording.map_err(|error| error.failure(Path::new(&name)))?;
-                Ok((Read::of_rows(recording, sha256, marks), Err(no_nominal(&name))))
-            }
+        }
+        let mut left = match files.is_empty() {
+            true => None,
+            false => Some(Pieces::new(&files, RowKind::Sample, self.input.clone())?),
         };
-        let all = samples.into_iter().map(read).collect();
+        while let Some(pieces) = left.take() {
+            let path = pieces.paths().next().map(Path::to_owned).unwrap_or_default();
+            // A piece is named, or the folder that it is in.
+            let place = named.iter().position(|named| *named == path || Some(named.as_path()) == path.parent());
+            let name = path.display().to_string();
+            let mut rows = pieces.first_recording_hashed(&bar)?;
+            let mut marks = Marks::default();
+            let recording = read(&name, &mut marked(&mut rows, &mut marks));
+            let recording = recording.map_err(|error| rows.failure(&error))?;
+            left = rows.others();
+            let (recording, notes, log_imu) = (complete(recording, Some(&rows)), rows.notes(), rows.log_imu());
+            let read = Read { name, recording, sha256: rows.sha256()?, rows: marks, notes, log_imu };
+            all.push((place.unwrap_or(usize::MAX), read));
+        }
         bar.finish_and_clear();
-        all
+        // The sort is stable: what is in one folder stays in order.
+        all.sort_by_key(|(place, _)| *place);
+        Ok(all.into_iter().map(|(_, read)| read).collect())
     }
 
     /// One recording; `complete` adds what its file tells after the last row.
@@ -495,6 +503,7 @@ impl Reader<'_> {
         let recording = read(&mut marked(&mut rows, &mut marks));
         let recording = recording.map_err(|error| rows.failure(&error))?;
         let (recording, notes, log_imu) = (complete(recording, &rows), rows.notes(), rows.log_imu());
-        Ok(Read { recording, sha256: rows.sha256()?, rows: marks, notes, log_imu })
+        let name = path.display().to_string();
+        Ok(Read { name, recording, sha256: rows.sha256()?, rows: marks, notes, log_imu })
     }
 }

@@ -3,7 +3,8 @@
 use crate::columns::CAMPAIGN;
 use crate::csv::CsvColumn;
 use crate::error::RecordingError;
-use crate::raw::{RawCsvReader, SequenceRule};
+use crate::pieces::SequenceRule;
+use crate::raw::RawCsvReader;
 use isotherm_shared::wire::RawSample;
 use std::io::Read;
 

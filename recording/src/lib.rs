@@ -36,6 +36,7 @@ mod log;
 mod marks;
 mod nominal;
 mod overlap;
+mod pieces;
 mod raw;
 pub mod rows;
 
@@ -50,4 +51,5 @@ pub use interval::{CLOCK_TOLERANCE, IntervalFault, cause, part, unit_factor};
 pub use log::LogImu;
 pub use marks::{Marks, share_rows};
 pub use overlap::Overlap;
-pub use raw::{RawCsvReader, RawCsvWriter, SequenceRule};
+pub use pieces::{MOST_PERIODS, SequenceRule, goes_on};
+pub use raw::{RawCsvReader, RawCsvWriter};

@@ -8,9 +8,9 @@ use crate::columns::{
 };
 use crate::csv::{CsvColumn, Rows, missing_columns};
 use crate::error::RecordingError;
+use crate::pieces::SequenceRule;
 use crate::rows::append_value;
 use core::fmt::Display;
-use isotherm_shared::sequence::rises;
 use isotherm_shared::wire::RawSample;
 use std::io::{self, Read, Write};
 
@@ -37,76 +37,6 @@ pub struct RawCsvReader<R> {
     /// Line of a truncated last row.
     truncated: Option<u64>,
     pub(crate) failed: bool,
-}
-
-/// Rule for the raw samples of a recording, in every format and over all its pieces: within a session the sequence
-/// [`rises`], as an acquisition sends it. A piece without sessions that begins its sequences anew is a session of its
-/// own, if its rows may be.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct SequenceRule {
-    /// Session and sequence of the last sample.
-    last: Option<(u64, u64)>,
-    /// The session of samples that name none, and the first of them.
-    unnamed: u64,
-    first: Option<RawSample>,
-    /// The number of a piece whose first sample has not come.
-    piece: Option<u64>,
-    /// The highest session so far.
-    highest: u64,
-}
-
-impl SequenceRule {
-    /// Begins a piece. If its samples name no session, and their sequences begin anew, they are the session with this
-    /// number. A piece that overlaps another one does not, nor does its copy.
-    pub const fn begin_piece(&mut self, number: u64) {
-        self.piece = Some(number);
-    }
-
-    /// Begins another session of samples that name none: their clock and their sequences begin anew.
-    pub fn begin_session(&mut self) {
-        (self.unnamed, self.first, self.piece) = (self.highest + 1, None, None);
-    }
-
-    /// Gives the next sample a session where its piece has one of its own, and checks it.
-    ///
-    /// # Errors
-    /// As [`check`](Self::check).
-    pub fn take(&mut self, sample: &mut RawSample) -> Result<(), String> {
-        let piece = self.piece.take();
-        if sample.session == 0 {
-            let goes_on = self.last.is_none_or(|(session, last)| session != self.unnamed || sample.sequence > last);
-            let is_anew = |first: RawSample| sample.sequence <= first.sequence && *sample != first;
-            let own = piece.map(|number| if self.highest > 0 { number.max(self.highest + 1) } else { number });
-            let own = own.filter(|_| !goes_on && self.first.is_some_and(is_anew));
-            if own.is_some() || self.first.is_none() {
-                self.first = Some(*sample);
-            }
-            self.unnamed = own.unwrap_or(self.unnamed);
-            sample.session = self.unnamed;
-        }
-        self.check(sample)
-    }
-
-    /// Checks the next sample.
-    ///
-    /// # Errors
-    /// If its sequence is not above that of the previous sample of the session.
-    pub fn check(&mut self, sample: &RawSample) -> Result<(), String> {
-        self.highest = self.highest.max(sample.session);
-        let previous = self.last.replace((sample.session, sample.sequence));
-        let last = previous.filter(|(session, _)| *session == sample.session).map(|(_, sequence)| sequence);
-        match last {
-            Some(last) if !rises(Some(last), sample.sequence) => {
-                let remedy = if sample.sequence == last {
-                    "remove the row that is there twice, or give both their own sequence"
-                } else {
-                    "put the rows in order of time; if the acquisition was started again, give its rows another session"
-                };
-                Err(format!("sequence {} after {last}; it must rise from row to row: {remedy}", sample.sequence))
-            }
-            _ => Ok(()),
-        }
-    }
 }
 
 /// The columns of raw samples in a CSV text.

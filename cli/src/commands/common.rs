@@ -87,6 +87,12 @@ pub(super) struct ForeignArgs {
     /// Topic of the sensor_msgs/msg/Imu, if there are several
     #[arg(long, value_name = "TOPIC")]
     pub topic: Option<String>,
+    /// Topic of the gyroscopes, if accelerometers and gyroscopes have a topic each
+    #[arg(long, value_name = "TOPIC")]
+    pub gyroscope_topic: Option<String>,
+    /// File of the gyroscopes, if accelerometers and gyroscopes have a text each; the mapping is of both
+    #[arg(long, value_name = "FILE")]
+    pub gyroscope_file: Option<PathBuf>,
     /// Topic of the sensor_msgs/msg/Temperature, if there are several
     #[arg(long, value_name = "TOPIC")]
     pub temperature_topic: Option<String>,
@@ -96,6 +102,12 @@ pub(super) struct ForeignArgs {
     /// Whose temperature the gyroscopes of an autopilot's log have, if they have none of their own
     #[arg(long, value_name = "SENSOR", value_parser = ["accelerometer"])]
     pub gyroscope_temperature: Option<String>,
+    /// Keep the order in which pieces are named where neither sequences nor clocks tell it
+    ///
+    /// Sequences tell that of the pieces of a session, and clocks that of sessions and pieces whose times do not
+    /// overlap. Pieces without a time go on from each other then
+    #[arg(long)]
+    pub in_order: bool,
 }
 
 impl ForeignArgs {
@@ -113,6 +125,9 @@ impl ForeignArgs {
                 _ => TimeSource::Header,
             },
             topic: self.topic.clone(),
+            gyroscope_topic: self.gyroscope_topic.clone(),
+            gyroscope_file: self.gyroscope_file.clone(),
+            in_order: self.in_order,
             temperature_topic: self.temperature_topic.clone(),
             instance: self.instance,
             gyroscope_temperature: match self.gyroscope_temperature {
@@ -134,16 +149,18 @@ impl ForeignArgs {
         Ok(foreign)
     }
 
-    /// The mapping, as [`refuse_overlap`](isotherm_files::refuse_overlap) takes it.
+    /// The files, as [`refuse_overlap`](isotherm_files::refuse_overlap) takes them.
     pub(super) fn inputs(&self) -> impl Iterator<Item = (&Path, &'static str)> {
-        self.mapping.iter().map(|mapping| (mapping.as_path(), "the mapping"))
+        let mapping = self.mapping.iter().map(|mapping| (mapping.as_path(), "the mapping"));
+        mapping.chain(self.gyroscope_file.iter().map(|file| (file.as_path(), "the file of the gyroscopes")))
     }
 
     /// Whether anything is given.
     pub(super) const fn is_given(&self) -> bool {
-        let Self { mapping, temperature, interval, time, topic, temperature_topic, instance, gyroscope_temperature } =
-            self;
-        let given = mapping.is_some() || temperature.is_some() || interval.is_some() || time.is_some();
+        let Self { mapping, temperature, interval, time, topic, gyroscope_topic, gyroscope_file, .. } = self;
+        let Self { temperature_topic, instance, gyroscope_temperature, in_order, .. } = self;
+        let given = mapping.is_some() || temperature.is_some() || interval.is_some() || time.is_some() || *in_order;
+        let given = given || gyroscope_topic.is_some() || gyroscope_file.is_some();
         given || gyroscope_temperature.is_some() || topic.is_some() || temperature_topic.is_some() || instance.is_some()
     }
 }

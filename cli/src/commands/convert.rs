@@ -4,17 +4,16 @@ use super::common::{Acceptance, ForeignArgs};
 use super::part::PartArgs;
 use crate::progress::bytes_bar;
 use clap::Args;
-use indicatif::ProgressBar;
 use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::{Output, StagedText, Trust, check_written, load_table, refuse_overlap};
 use isotherm_finding::Finding;
 use isotherm_job::{INSTANCE, Vehicle, VehicleImu};
-use isotherm_recording::RawCsvWriter;
 use isotherm_recording::rows::RecordedRow;
+use isotherm_recording::{Layout, RawCsvWriter};
 use isotherm_recording_formats::convert::{Conversion, Scale};
-use isotherm_recording_formats::read::ConversionPart;
+use isotherm_recording_formats::read::{ImuChoice, Input, Pieces, RowKind, files};
 use isotherm_recording_formats::write::ParquetStream;
 use isotherm_shared::stream::StreamKind;
 use isotherm_shared::table::{CoefficientTable, nominal_table};
@@ -32,15 +31,17 @@ use std::path::{Path, PathBuf};
     after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.parquet\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv\n  isotherm convert flight.ulg --instance 0 -o run.csv\n  isotherm convert flight.BIN -o 'run-{instance}.csv'\n  isotherm convert cold.csv warm.csv --mapping logger.toml -o runs/\n  isotherm convert mems.csv --mapping mems.toml -o run.csv --nominal imu-b.toml --imu imu-b"
 )]
 pub(crate) struct Convert {
-    /// The foreign data; - is stdin, for text. Several files are sessions, each converted into a file of its own
+    /// The foreign data; - is stdin, for text. The folder of a bag of ROS stands for its files. Several files are
+    /// recordings, each converted into a file of its own, or pieces of one, which go into one file
     #[arg(value_name = "INPUT", required = true)]
     input: Vec<PathBuf>,
-    /// Where the raw samples go: .csv or .parquet; - is stdout (CSV). Of several files the folder; with {instance} in
-    /// the name, all IMUs of a log go to a file each
+    /// Where the raw samples go: .csv or .parquet; - is stdout (CSV). Of several recordings the folder; with
+    /// {instance} in the name, all IMUs of a log go to a file each
     #[arg(short, long, value_name = "REC")]
     output: PathBuf,
-    /// Number of the session, which the samples then have in a column; of several files that of the first. Where the
-    /// clock of a file starts again, the next one follows [default: none, and 1 for several files and such clocks]
+    /// Number of the session, which the samples then have in a column; of several recordings that of the first. Where
+    /// the clock of a recording starts again, the next one follows [default: none, and 1 for several recordings and
+    /// such clocks]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     session: Option<u64>,
     /// Table of the IMU, by which the length of the specific force at rest is compared with gravity
@@ -69,22 +70,14 @@ pub(crate) struct Convert {
 /// A nominal table, and what it was made of.
 type NominalTable = (Scale, CoefficientTable);
 
-/// The rows of an input, all written.
-struct Written {
-    rows: ConversionPart,
-    writer: Writer,
-    /// The first ones.
-    begin: Vec<RawSample>,
-    last_session: u64,
-}
-
 enum Writer {
     Csv(Box<RawCsvWriter<Output>>),
     Parquet(Box<ParquetStream<Output>>),
 }
 
 impl Convert {
-    pub(crate) fn run(self) -> Result<(), Failure> {
+    pub(crate) fn run(mut self) -> Result<(), Failure> {
+        self.input = files(&self.input)?;
         if self.output.to_string_lossy().contains(INSTANCE) { self.convert_each() } else { self.convert_all() }
     }
 
@@ -118,16 +111,17 @@ impl Convert {
         let mut inputs: Vec<_> = self.input.iter().map(|input| (input.as_path(), "the data")).collect();
         inputs.extend(self.foreign.inputs());
         inputs.extend(self.table.iter().map(|table| (table.as_path(), "the table")));
-        let all = outputs.iter().chain(&self.nominal).map(|output| Some(output.as_path())).collect::<Vec<_>>();
+        let distinct = if self.output.is_dir() { &outputs[..] } else { &outputs[..1] };
+        let all = distinct.iter().chain(&self.nominal).map(|output| Some(output.as_path())).collect::<Vec<_>>();
         refuse_overlap(&inputs, &all)?;
         let table = self.table.as_ref().map(|path| load_table(path, None, Trust::Any));
         let table = table.transpose()?.map(|(table, _)| table);
-        let mut session = self.session.unwrap_or(u64::from(self.input.len() > 1));
         // Created first: what cannot be written is said before anything is converted.
         let staged = self.nominal.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let mut nominal = None;
-        for (input, output) in self.input.iter().zip(&outputs) {
-            session = self.convert(input, output, session, table.as_ref(), &mut nominal)? + 1;
+        match self.input.as_slice() {
+            [input] => self.convert(input, table.as_ref(), &mut nominal)?,
+            _ => self.convert_pieces(&outputs, table.as_ref(), &mut nominal)?,
         }
         match (staged, nominal) {
             (Some(staged), Some((_, table))) => staged.write(&table.to_toml())?.finish(),
@@ -136,17 +130,11 @@ impl Convert {
     }
 
     /// The nominal table of what was converted, joined with that of the inputs `before`.
-    fn nominal(
-        &self,
-        input: &Path,
-        conversion: &Conversion,
-        before: Option<&NominalTable>,
-    ) -> Result<NominalTable, Failure> {
+    fn nominal(&self, input: &Path, own: Scale, before: Option<&NominalTable>) -> Result<NominalTable, Failure> {
         let refused = |why: &str| {
             let message = format!("{}: no nominal table: {why}", shown(input));
             Failure::new(Exit::Data, message).at(input, None)
         };
-        let own = conversion.scale().map_err(|why| refused(&why))?;
         let scale = match before {
             Some((before, _)) => before.with(&own),
             None => Ok(own),
@@ -161,22 +149,24 @@ impl Convert {
         Ok((scale, table))
     }
 
-    /// The output of each input: the one that is named, or of several a file of the same name in that folder.
+    /// The output of each input: the one that is named, which is that of all pieces of one recording, or of several
+    /// inputs a file of the same name in that folder.
     fn outputs(&self) -> Result<Vec<PathBuf>, Failure> {
         let usage = |message: String| Err(Failure::new(Exit::Usage, message));
-        if let [_] = self.input[..] {
-            return Ok(vec![self.output.clone()]);
+        if has_extension(&self.output, "mcap") {
+            return usage(format!("{}: converted samples go to .csv or .parquet", shown(&self.output)));
         }
-        let folder = shown(&self.output);
-        if !self.output.is_dir() {
-            return usage(format!("{folder}: several files are converted into a folder; make it, and name it with -o"));
+        if self.input.len() > 1
+            && let Some(pipe) = self.input.iter().find(|input| *input == Path::new("-"))
+        {
+            return usage(format!("{}: of several inputs each is a file", shown(pipe)));
+        }
+        if self.input.len() == 1 || !self.output.is_dir() {
+            return Ok(vec![self.output.clone(); self.input.len()]);
         }
         let mut outputs: Vec<PathBuf> = Vec::new();
         for input in &self.input {
-            let Some(stem) = input.file_stem().filter(|_| input != Path::new("-")) else {
-                return usage(format!("{}: of several inputs each is a file", shown(input)));
-            };
-            let output = self.output.join(stem).with_extension("csv");
+            let output = self.output.join(input.file_stem().unwrap_or_default()).with_extension("csv");
             if outputs.contains(&output) {
                 return usage(format!("two inputs would be {}; rename one", shown(&output)));
             }
@@ -185,105 +175,210 @@ impl Convert {
         Ok(outputs)
     }
 
-    /// Converts an input; returns the last session of its rows.
+    /// Converts one input.
     fn convert(
         &self,
         input: &Path,
-        output: &Path,
+        table: Option<&CoefficientTable>,
+        nominal: &mut Option<NominalTable>,
+    ) -> Result<(), Failure> {
+        let session = self.session.unwrap_or(0);
+        if !self.convert_session(input, session, table, nominal)? {
+            // The header of a file without sessions is written already: it begins again with a column of them.
+            self.convert_session(input, 1, table, nominal)?;
+        }
+        Ok(())
+    }
+
+    /// The same from this session on. False if the clock starts again, and the session is 0: the rows need sessions.
+    fn convert_session(
+        &self,
+        input: &Path,
         session: u64,
         table: Option<&CoefficientTable>,
         nominal: &mut Option<NominalTable>,
-    ) -> Result<u64, Failure> {
-        let extension = output.extension().map(|extension| extension.to_string_lossy().to_lowercase());
-        let parquet = match extension.as_deref() {
-            Some("parquet") => true,
-            Some("mcap") => {
-                let message = format!("{}: converted samples go to .csv or .parquet", shown(output));
-                return Err(Failure::new(Exit::Usage, message));
-            }
-            _ => false,
-        };
+    ) -> Result<bool, Failure> {
         let progress = bytes_bar(&[input.to_owned()], "reading");
-        let written = match self.write(input, output, session, parquet, &progress)? {
-            Some(written) => Some(written),
-            // The header of a file without sessions is written already: it begins again with a column of them.
-            None => self.write(input, output, 1, parquet, &progress)?,
+        let mut foreign = self.foreign.read()?;
+        foreign.settings.session = session;
+        foreign.settings.progress = Some(progress.clone());
+        let conversion = Conversion::of_file(input, foreign.named(), &foreign.settings)?;
+        let output = Some(self.output.as_path());
+        let mut file = match Written::create(self, &self.output, conversion.layout(), foreign.settings.session) {
+            Ok(file) => file,
+            Err(error) => return check_written(output, Err(error)).map(|()| true),
         };
+        let mut rows = self.part.get()?.of_conversion(conversion);
+        let mut begin = Vec::new();
+        for sample in &mut rows {
+            let sample = sample?;
+            if session == 0 && sample.session > 0 {
+                if [input, &self.output].contains(&Path::new("-")) {
+                    return Err(needs_session(input));
+                }
+                return Ok(false);
+            }
+            if begin.len() < LENGTH_ROWS {
+                begin.push(sample);
+            }
+            if let Err(error) = file.write(&sample) {
+                return check_written(output, Err(error)).map(|()| true);
+            }
+        }
         progress.finish_and_clear();
-        let Some(Written { rows, writer, begin, last_session }) = written else { return Ok(session) };
-        let path = Some(output);
-        let (conversion, notes) = (rows.conversion(), rows.notes());
+        let conversion = rows.conversion();
         if self.nominal.is_some() {
-            *nominal = Some(self.nominal(input, conversion, nominal.as_ref())?);
+            let scale = conversion.scale().map_err(|why| {
+                let message = format!("{}: no nominal table: {why}", shown(input));
+                Failure::new(Exit::Data, message).at(input, None)
+            })?;
+            *nominal = Some(self.nominal(input, scale, None)?);
         }
         let table = table.or(nominal.as_ref().map(|(_, table)| table));
-        let at_rest = table.and_then(|table| length_at_rest(table, &begin)).map(Finding::warned);
-        let findings = conversion.findings().into_iter().chain(at_rest).collect();
+        let in_order = foreign.settings.in_order.then(|| "--in-order has no effect: there is one file".to_owned());
+        let notes = rows.notes().into_iter().chain(in_order).collect();
+        self.finish(vec![file], notes, conversion.findings(), length_at_rest_of(table, &begin)).map(|()| true)
+    }
+
+    /// Converts several inputs: pieces of a recording into one file, or into a file each.
+    fn convert_pieces(
+        &self,
+        outputs: &[PathBuf],
+        table: Option<&CoefficientTable>,
+        nominal: &mut Option<NominalTable>,
+    ) -> Result<(), Failure> {
+        let is_folder = self.output.is_dir();
+        let first = self.session.unwrap_or(u64::from(is_folder));
+        let progress = bytes_bar(&self.input, "reading");
+        let input = Input::from((ImuChoice::Any, self.foreign.read()?)).within(self.part.get()?);
+        // Sessions more than recordings, since clocks have started again.
+        let mut more = 0;
+        let mut left = Some(Pieces::new(&self.input, RowKind::Sample, input)?);
+        while let Some(pieces) = left.take() {
+            let place = |path: &Path| self.input.iter().position(|input| input == path).unwrap_or(0);
+            let name = pieces.paths().next().map(Path::to_owned).unwrap_or_default();
+            let session = first + more + if is_folder { place(&name) as u64 } else { 0 };
+            let mut rows = pieces.first_recording(&progress)?;
+            let (mut written, mut begin, mut last) = (Vec::<Written>::new(), Vec::new(), session);
+            let mut piece = PathBuf::new();
+            while let Some(row) = rows.next() {
+                let row = row.map_err(|error| rows.failure(&error))?;
+                let path = rows.places().path(row.line).unwrap_or(&name);
+                if piece != path {
+                    path.clone_into(&mut piece);
+                    let layout = rows.foreign_layout().ok_or_else(|| {
+                        let message = format!("{}: a recording needs no conversion; leave it out", shown(path));
+                        Failure::new(Exit::Usage, message)
+                    })?;
+                    let output = &outputs[place(path)];
+                    if written.last().is_none_or(|file| file.output != *output) {
+                        match Written::create(self, output, layout, session) {
+                            Ok(file) => written.push(file),
+                            Err(error) => return check_written(Some(output), Err(error)),
+                        }
+                    }
+                }
+                // The first one of a recording is 0.
+                let sample = RawSample { session: session + row.sample.session, ..row.sample };
+                if session == 0 && sample.session > 0 {
+                    return Err(needs_session(path));
+                }
+                last = sample.session;
+                if begin.len() < LENGTH_ROWS {
+                    begin.push(sample);
+                }
+                if let Some(file) = written.last_mut()
+                    && let Err(error) = file.write(&sample)
+                {
+                    return check_written(Some(&file.output), Err(error));
+                }
+            }
+            more += last - session;
+            left = rows.others();
+            if let Some(next) = left.iter().find_map(|pieces| pieces.paths().next()).filter(|_| !is_folder) {
+                let [folder, next, name] = [&self.output, next, &name].map(|path| shown(path).to_string());
+                return Err(Failure::new(
+                    Exit::Usage,
+                    format!(
+                        "{folder}: several files are converted into a folder; make it, and name it with -o: {next} \
+                         does not go on where the recording that begins with {name} ends"
+                    ),
+                ));
+            }
+            if self.nominal.is_some() {
+                *nominal = Some(self.nominal(&name, rows.scale()?, nominal.as_ref())?);
+            }
+            let table = table.or(nominal.as_ref().map(|(_, table)| table));
+            self.finish(written, rows.notes(), rows.findings(), length_at_rest_of(table, &begin))?;
+        }
+        progress.finish_and_clear();
+        Ok(())
+    }
+
+    /// Tells what was found in a recording, and puts its files in place, unless that is refused.
+    fn finish(
+        &self,
+        written: Vec<Written>,
+        notes: Vec<String>,
+        findings: Vec<Finding>,
+        at_rest: Option<Finding>,
+    ) -> Result<(), Failure> {
         for note in notes {
             tell("isotherm", note);
         }
-        let name = if self.input.len() > 1 { shown(input).to_string() } else { String::new() };
-        // Before the file is put in place: what is refused leaves none.
-        self.acceptance.admit(&name, findings).map_err(|refused| refused.failure)?;
-        check_written(path, writer.finish())?;
-        let to = if output == Path::new("-") { "stdout".into() } else { shown(output).to_string() };
-        tell("isotherm", format_args!("{} rows in {to}", conversion.rows()));
-        Ok(last_session)
+        let findings = findings.into_iter().chain(at_rest).collect();
+        self.acceptance.admit("", findings).map_err(|refused| refused.failure)?;
+        for Written { output, writer, rows } in written {
+            check_written(Some(&output), writer.finish())?;
+            let to = if output == Path::new("-") { "stdout".into() } else { shown(&output).to_string() };
+            tell("isotherm", format_args!("{rows} rows in {to}"));
+        }
+        Ok(())
     }
 }
 
-impl Convert {
-    /// Writes the rows of an input; `None` if their clock starts again, and `session` is 0: they need sessions.
-    fn write(
-        &self,
-        input: &Path,
-        output: &Path,
-        session: u64,
-        parquet: bool,
-        progress: &ProgressBar,
-    ) -> Result<Option<Written>, Failure> {
-        let mut foreign = self.foreign.read()?;
-        (foreign.settings.session, foreign.settings.progress) = (session, Some(progress.clone()));
-        let conversion = Conversion::of_file(input, foreign.named(), &foreign.settings)?;
-        let layout = conversion.layout();
-        let mut rows = self.part.get()?.of_conversion(conversion);
-        let path = Some(output);
-        let writer = Output::create(path).and_then(|sink| {
-            if parquet {
-                let stream = ParquetStream::new(sink, &self.imu, StreamKind::Raw, layout)?;
-                return Ok(Writer::Parquet(Box::new(stream)));
-            }
+/// The failure of rows whose clock starts again.
+fn needs_session(path: &Path) -> Failure {
+    let message =
+        "the clock starts again, so the rows need a session, but the header is written already; give --session 1";
+    Failure::new(Exit::Data, format!("{}: {message}", shown(path)))
+}
+
+/// The specific force at rest in the first rows, if it is far from gravity.
+fn length_at_rest_of(table: Option<&CoefficientTable>, begin: &[RawSample]) -> Option<Finding> {
+    table.and_then(|table| length_at_rest(table, begin)).map(Finding::warned)
+}
+
+/// A file that is being written.
+struct Written {
+    output: PathBuf,
+    writer: Writer,
+    rows: u64,
+}
+
+impl Written {
+    fn create(convert: &Convert, output: &Path, layout: Layout, session: u64) -> io::Result<Self> {
+        let sink = Output::create(Some(output))?;
+        let writer = if has_extension(output, "parquet") {
+            Writer::Parquet(Box::new(ParquetStream::new(sink, &convert.imu, StreamKind::Raw, layout)?))
+        } else {
             let writer = match session {
                 0 => RawCsvWriter::with_layout(sink, "", false, layout)?,
                 _ => RawCsvWriter::of_sessions(sink, layout)?,
             };
-            Ok(Writer::Csv(Box::new(writer.with_plain_whole_numbers())))
-        });
-        let mut writer = match writer {
-            Ok(writer) => writer,
-            Err(error) => return check_written(path, Err(error)).map(|()| None),
+            Writer::Csv(Box::new(writer.with_plain_whole_numbers()))
         };
-        let (mut begin, mut last_session) = (Vec::new(), session);
-        for sample in &mut rows {
-            let sample = sample?;
-            if session == 0 && sample.session > 0 {
-                if [input, output].contains(&Path::new("-")) {
-                    let message = "the clock starts again, so the rows need a session, but the header is written \
-                                   already; give --session 1";
-                    return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(input))));
-                }
-                return Ok(None);
-            }
-            last_session = sample.session;
-            if begin.len() < LENGTH_ROWS {
-                begin.push(sample);
-            }
-            if let Err(error) = writer.write(&sample) {
-                return check_written(path, Err(error)).map(|()| None);
-            }
-        }
-        Ok(Some(Written { rows, writer, begin, last_session }))
+        Ok(Self { output: output.to_owned(), writer, rows: 0 })
     }
+
+    fn write(&mut self, sample: &RawSample) -> io::Result<()> {
+        self.rows += 1;
+        self.writer.write(sample)
+    }
+}
+
+fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|own| own.eq_ignore_ascii_case(extension))
 }
 
 impl Writer {

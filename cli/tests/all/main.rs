@@ -10,6 +10,7 @@ mod findings;
 mod foreign;
 mod gravity_only;
 mod gyroscopes;
+mod joined;
 mod noise;
 mod one_attitude;
 mod parameters;

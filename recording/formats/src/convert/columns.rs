@@ -79,6 +79,15 @@ pub struct SensorColumns {
 impl SensorColumns {
     /// Reads the three sections. With `header` columns have names, else numbers. Faults are added to `document`.
     pub fn read(document: &Document<'_>, root: &Section<'_, '_>, header: bool) -> Option<Self> {
+        Self::sections(document, root, header, false)
+    }
+
+    /// As [`read`](Self::read), of accelerometers and gyroscopes in two files, whose columns may have the same names.
+    pub fn of_two_files(document: &Document<'_>, root: &Section<'_, '_>, header: bool) -> Option<Self> {
+        Self::sections(document, root, header, true)
+    }
+
+    fn sections(document: &Document<'_>, root: &Section<'_, '_>, header: bool, of_two_files: bool) -> Option<Self> {
         let accelerometer = root
             .section("accelerometer", "a section [accelerometer]")
             .and_then(|s| sensors(s, header, Quantity::Acceleration));
@@ -88,12 +97,14 @@ impl SensorColumns {
             let line = section.line();
             let sensors = sensors(section, header, Quantity::Rate);
             if let (Some(a), Some(g)) = (&accelerometer, &sensors)
+                && !of_two_files
                 && a.columns.iter().any(|column| g.columns.contains(column))
             {
                 document.fault(
                     line,
                     "gyroscope.columns",
-                    "has a column of the accelerometers; give that of the gyroscope",
+                    "has a column of the accelerometers; give that of the gyroscope, or its own file with \
+                     --gyroscope-file",
                 );
             }
             sensors

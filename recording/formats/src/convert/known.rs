@@ -50,7 +50,7 @@ impl Known {
         units: [f64; 2],
     ) -> Result<Box<dyn Source>, Failure> {
         Ok(match self {
-            Self::Mcap => Box::new(RosSource::open(path, source, settings, temperature, units)?),
+            Self::Mcap => RosSource::open(path, source, settings, temperature, units)?,
             Self::Novatel => Box::new(NovatelSource::new(source, temperature)),
             Self::Ulog => Box::new(UlogSource::open(path, settings, temperature)?),
             Self::DataFlash { is_text } => Box::new(DataFlashSource::open(path, settings, temperature, is_text)?),
@@ -73,8 +73,12 @@ pub(super) fn imus_of(path: &Path, beginning: &[u8], settings: &Settings) -> Res
 /// Refuses settings of another format than the data's.
 pub(super) fn check(settings: &Settings, path: &Path, format: Option<Known>) -> Result<(), Failure> {
     let refused = |message: &str| Err(Failure::new(Exit::Usage, format!("{}: {message}", shown(path))));
-    if format != Some(Known::Mcap) && (settings.topic.is_some() || settings.temperature_topic.is_some()) {
+    let topics = [&settings.topic, &settings.gyroscope_topic, &settings.temperature_topic];
+    if format != Some(Known::Mcap) && topics.iter().any(|topic| topic.is_some()) {
         return refused("a topic is named, but this is not MCAP");
+    }
+    if format.is_some() && settings.gyroscope_file.is_some() {
+        return refused("a file of the gyroscopes is named, but this is no text with a mapping");
     }
     let is_log = matches!(format, Some(Known::Ulog | Known::DataFlash { .. }));
     if is_log && settings.time != TimeSource::Header {

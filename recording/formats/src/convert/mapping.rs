@@ -127,6 +127,19 @@ impl Mapping {
     /// # Errors
     /// As [`from_toml`](Self::from_toml).
     pub fn with_interval(text: &str, given_ns: Option<u64>) -> Result<Self, Faults> {
+        Self::read(text, given_ns, false)
+    }
+
+    /// Reads the mapping of two texts, of accelerometers and of gyroscopes, whose columns may have the same names. The
+    /// time is in both.
+    ///
+    /// # Errors
+    /// As [`from_toml`](Self::from_toml).
+    pub fn of_two_files(text: &str, given_ns: Option<u64>) -> Result<Self, Faults> {
+        Self::read(text, given_ns, true)
+    }
+
+    fn read(text: &str, given_ns: Option<u64>, of_two_files: bool) -> Result<Self, Faults> {
         let document = Document::parse_as(text, WANTED)?;
         let root = document.root();
         format(&root);
@@ -144,7 +157,10 @@ impl Mapping {
             section.finish();
             time
         });
-        let columns = SensorColumns::read(&document, &root, header);
+        let columns = match of_two_files {
+            true => SensorColumns::of_two_files(&document, &root, header),
+            false => SensorColumns::read(&document, &root, header),
+        };
         if let Some(SensorColumns { accelerometer, gyroscope: Some(gyroscope), .. }) = &columns
             && accelerometer.kind != gyroscope.kind
         {

@@ -19,6 +19,7 @@ mod found;
 mod header_units;
 mod heading;
 mod interval;
+mod joined;
 mod known;
 mod layouts;
 mod mapping;
@@ -35,6 +36,7 @@ mod settings;
 mod source;
 mod stamped;
 mod stated;
+mod stream;
 mod telemetry_log;
 mod text;
 mod unit;
@@ -63,15 +65,21 @@ use isotherm_shared::document::Faults;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::Nominal;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, Triad};
+use joined::JoinedSource;
 use known::Known;
 use scale::{Telemetry, Units};
 use source::{Reading, Source};
 use stamped::Stamped;
 use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
+use stream::Stream;
 
 /// Intervals that an IMU has \[ns\]: 50 kHz to 0.01 Hz.
 const PLAUSIBLE_NS: std::ops::RangeInclusive<u64> = 20_000..=100_000_000_000;
+/// Pieces whose intervals differ by up to this part have one; with fewer rows than these, the larger part.
+const SAME: f64 = 0.01;
+const FEW_ROWS: u64 = 100;
+const SAME_OF_FEW: f64 = 0.2;
 /// Bytes by which the format is recognised.
 const BEGINNING: u64 = 1 << 16;
 
@@ -87,6 +95,10 @@ pub struct Conversion {
     nominal_ns: u64,
     /// Number of rows that the nominal interval was found from, unless it was given.
     found_from: Option<u64>,
+    /// Whether it is that of other pieces.
+    is_of_pieces: bool,
+    /// When rows without a time begin \[ns\].
+    begin_ns: u64,
     /// Time and sequence of the last row.
     last: Option<(u64, u64)>,
     /// Rows that were read, and those of them that are not left out.
@@ -218,13 +230,38 @@ impl Conversion {
             let message = format!("{name}: which columns are what? Give --mapping with a file such as\n\n{proposal}");
             return Err(Failure::new(Exit::Usage, message));
         };
-        let mut mapping = Mapping::with_interval(text, settings.interval_ns).map_err(|faults| refuse(file, faults))?;
+        let given_ns = settings.interval_ns;
+        let mapping = match settings.gyroscope_file {
+            Some(_) => Mapping::of_two_files(text, given_ns),
+            None => Mapping::with_interval(text, given_ns),
+        };
+        let mut mapping = mapping.map_err(|faults| refuse(file, faults))?;
         if let Some(temperature) = settings.temperature {
             mapping.temperature = Temperature::Constant(temperature);
         }
         let interval_ns = settings.interval_ns.or(mapping.time.interval_ns);
-        let source = text::TextSource::new(rows, mapping).map_err(failed)?;
-        Self::begin(path, Box::new(source), interval_ns, settings)
+        let source: Box<dyn Source> = match &settings.gyroscope_file {
+            Some(file) => Box::new(Self::of_two_files((path, rows), file, mapping, settings.time)?),
+            None => Box::new(text::TextSource::new(rows, mapping).map_err(failed)?),
+        };
+        Self::begin(path, source, interval_ns, settings)
+    }
+
+    /// The rows of a text of accelerometers, joined with those of a text of gyroscopes.
+    fn of_two_files(
+        (path, rows): (&Path, Rows<Box<dyn Read>>),
+        file: &Path,
+        mapping: Mapping,
+        time: TimeSource,
+    ) -> Result<JoinedSource, Failure> {
+        let source = open_recording(file).map_err(|error| Failure::io("opening", file, &error))?;
+        let name = |path: &Path| shown(path).to_string();
+        let gyroscopes = text::TextSource::of_gyroscopes(Rows::new(source), mapping.clone());
+        let gyroscopes = gyroscopes.and_then(|it| Stream::new(Box::new(it), time, true, name(file), Some(file)));
+        let gyroscopes = gyroscopes.map_err(|error| error.failure(file))?;
+        let accelerometers = text::TextSource::new(rows, Mapping { gyroscope: None, ..mapping });
+        let accelerometers = accelerometers.and_then(|it| Stream::new(Box::new(it), time, false, name(path), None));
+        Ok(JoinedSource::new(accelerometers.map_err(|error| error.failure(path))?, gyroscopes))
     }
 
     /// Reads the first rows, to judge their stamps and to find the nominal interval if it is not given.
@@ -241,11 +278,16 @@ impl Conversion {
             return Err(Failure::new(Exit::Usage, format!("{}: {message}", shown(path))));
         }
         let mut input = Stamped::new(source, settings.time).map_err(failed)?;
+        let mut is_of_pieces = false;
         let (nominal_ns, found_from) = match interval_ns {
             Some(nominal_ns) => (nominal_ns, None),
-            None => match input.nominal().map_err(failed)? {
-                Some((nominal_ns, rows)) => (nominal_ns, Some(rows)),
-                None => {
+            None => match (input.nominal().map_err(failed)?, settings.of_pieces) {
+                (own, Some((nominal_ns, rows))) if own.is_none_or(|own| is_same(own, nominal_ns)) => {
+                    is_of_pieces = true;
+                    (nominal_ns, Some(rows))
+                }
+                (Some((nominal_ns, rows)), _) => (nominal_ns, Some(rows)),
+                (None, _) => {
                     let message =
                         "the nominal interval cannot be found from the time; give time.interval_s or --interval";
                     return Err(failed(input.source.error(input.first(), message.to_owned())));
@@ -260,6 +302,8 @@ impl Conversion {
             begins_session: false,
             nominal_ns,
             found_from,
+            is_of_pieces,
+            begin_ns: 0,
             last: None,
             read_rows: 0,
             rows: 0,
@@ -281,6 +325,21 @@ impl Conversion {
     #[must_use]
     pub const fn interval_ns(&self) -> u64 {
         self.nominal_ns
+    }
+
+    /// The nominal interval \[ns\], and the number of rows that it was found from, unless it was given.
+    pub(crate) fn found_interval(&self) -> Option<(u64, u64)> {
+        Some((self.nominal_ns, self.found_from?))
+    }
+
+    /// Whether the rows have times. Valid before the first row.
+    pub(crate) fn has_times(&self) -> bool {
+        self.input.has_times()
+    }
+
+    /// Lets rows without a time begin one interval after this one \[ns\].
+    pub(crate) fn begin_after(&mut self, last_ns: u64) {
+        self.begin_ns = last_ns;
     }
 
     /// What the pulses stand for. Valid after the last row.
@@ -375,7 +434,7 @@ impl Conversion {
                 ),
             );
         }
-        if let Some(mean_ns) = self.steps.other_mean() {
+        if let Some(mean_ns) = self.steps.other_mean().filter(|_| !self.is_of_pieces) {
             let [mean, interval] = [mean_ns.round() / 1e6, self.nominal_ns as f64 / 1e6];
             let apart = format!("rows are {mean} ms apart on average, but the interval is {interval} ms");
             match (self.input.is_by_clock(), self.found_from) {
@@ -439,7 +498,8 @@ impl Conversion {
             (self.session, self.last) = (self.session.saturating_add(1), None);
         }
         let nominal_ns = self.nominal_ns;
-        let timestamp_ns = reading.timestamp_ns.unwrap_or_else(|| nominal_ns.saturating_mul(self.read_rows + 1));
+        let counted_ns = || self.begin_ns.saturating_add(nominal_ns.saturating_mul(self.read_rows + 1));
+        let timestamp_ns = reading.timestamp_ns.unwrap_or_else(counted_ns);
         let (mut sequence, mut interval_ns) = (0, nominal_ns);
         if let Some((last_ns, last)) = self.last {
             let step_ns = timestamp_ns.checked_sub(last_ns).filter(|step| *step > 0).ok_or_else(|| {
@@ -520,6 +580,12 @@ fn triad(reading: &Reading, first: usize) -> Result<Triad, String> {
         triad.board_temperature[axis] = reading.board[index];
     }
     Ok(triad)
+}
+
+/// Whether the interval that some rows show is this one \[ns\]. Few rows show it less well.
+fn is_same((found_ns, rows): (u64, u64), nominal_ns: u64) -> bool {
+    let part = if rows < FEW_ROWS { SAME_OF_FEW } else { SAME };
+    found_ns.abs_diff(nominal_ns) as f64 <= part * nominal_ns as f64
 }
 
 fn refuse(path: &Path, faults: Faults) -> Failure {

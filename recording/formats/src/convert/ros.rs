@@ -3,9 +3,11 @@
 //! The time is that of `header.stamp`, unless the time of the log is wanted. The telemetry of a row is that of the last `sensor_msgs/msg/Temperature` up to
 //! its time; so the file is read twice, first for the topics and the temperatures.
 
+use super::joined::JoinedSource;
 use super::scale::Units;
 use super::settings::{Settings, TimeSource};
 use super::source::{PLACEHOLDER, Reading, Source, placeholder, pulses};
+use super::stream::Stream;
 use super::unit::Quantity;
 use crate::read::records::Records;
 use crate::ros::{Encoding, IMU, Imu, TEMPERATURE, Temperature};
@@ -34,6 +36,8 @@ pub(super) struct RosSource {
     messages: Messages,
     topic: String,
     time: TimeSource,
+    /// Which of the readings are wanted.
+    wanted: Wanted,
     gyroscopes: bool,
     /// The first row, which has been read already.
     first: Option<Reading>,
@@ -42,6 +46,33 @@ pub(super) struct RosSource {
     /// One of the messages' unit of accelerations \[m/s2\] and of rates \[rad/s\].
     units: [f64; 2],
 }
+
+/// Which readings of the messages are wanted. A topic of accelerometers or gyroscopes alone has zeros for the others.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+enum Wanted {
+    All,
+    Accelerometers,
+    Gyroscopes,
+}
+
+/// The topics that the rows are made of.
+#[derive(Debug, PartialEq)]
+enum Chosen {
+    One(String),
+    /// Of accelerometers and of gyroscopes.
+    Two([String; 2]),
+}
+
+/// What the first messages of a topic have other than zeros.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    messages: u64,
+    accelerations: bool,
+    rates: bool,
+}
+
+/// Messages of a topic that are looked at.
+const LOOKED_AT: u64 = 100;
 
 /// The temperatures of a topic by their time \[ns\].
 struct Temperatures {
@@ -122,7 +153,7 @@ pub(crate) fn is_bag(path: &Path) -> bool {
 #[derive(Default)]
 struct Contents {
     /// The topics of `sensor_msgs/msg/Imu`.
-    imus: Vec<String>,
+    imus: BTreeMap<String, Seen>,
     temperatures: BTreeMap<String, Vec<(u64, f64)>>,
     /// All topics, with their schemas.
     topics: BTreeMap<String, String>,
@@ -141,7 +172,7 @@ impl RosSource {
         settings: &Settings,
         temperature: Option<f64>,
         units: [f64; 2],
-    ) -> Result<Self, Failure> {
+    ) -> Result<Box<dyn Source>, Failure> {
         if path == Path::new("-") {
             return Err(Failure::new(
                 Exit::Usage,
@@ -151,24 +182,56 @@ impl RosSource {
         let failed = |error: RecordingError| error.failure(path);
         let refused = |message: String| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
         let mut contents = Contents::read(&mut Messages::open(path, settings)?, settings.time).map_err(failed)?;
-        let topic = choose(&contents.imus, settings.topic.as_deref(), "--topic")
-            .map_err(|problem| refused(contents.problem(&problem, IMU)))?
-            .ok_or_else(|| refused(contents.problem(&contents.no_imu(), IMU)))?;
+        let chosen = contents.choose(settings).map_err(|problem| refused(contents.problem(&problem, IMU)))?;
         let names: Vec<_> = contents.temperatures.keys().cloned().collect();
-        let chosen = match temperature {
+        let telemetry = match temperature {
             Some(_) => None,
             None => choose(&names, settings.temperature_topic.as_deref(), "--temperature-topic")
                 .map_err(|problem| refused(contents.problem(&problem, TEMPERATURE)))?,
         };
-        let mut values = chosen.as_ref().and_then(|topic| contents.temperatures.remove(topic)).unwrap_or_default();
+        let mut values = telemetry.as_ref().and_then(|topic| contents.temperatures.remove(topic)).unwrap_or_default();
         values.sort_by_key(|(stamp_ns, _)| *stamp_ns);
-        let temperatures = Temperatures { topic: chosen, values, before: 0 };
+        let temperatures = Temperatures { topic: telemetry, values, before: 0 };
+        let of_topic = |messages: Messages, topic: String, wanted: Wanted| Self {
+            messages,
+            topic,
+            time: settings.time,
+            wanted,
+            gyroscopes: true,
+            first: None,
+            temperature,
+            temperatures: Temperatures { topic: None, values: Vec::new(), before: 0 },
+            units,
+        };
         let messages = Messages::new(source);
-        let time = settings.time;
-        let mut source =
-            Self { messages, topic, time, gyroscopes: true, first: None, temperature, temperatures, units };
-        source.first = source.next_reading(true).map_err(failed)?;
-        Ok(source)
+        match chosen {
+            Chosen::One(topic) => {
+                let source = Self { temperatures, ..of_topic(messages, topic, Wanted::All) };
+                source.begin().map_err(failed)
+            }
+            Chosen::Two([topic, of_gyroscopes]) => {
+                // They are read beside each other, however far apart they lie in the file.
+                let others = Messages::open(path, &Settings::default())?;
+                let accelerometers = Self { temperatures, ..of_topic(messages, topic.clone(), Wanted::Accelerometers) };
+                // The rows have the telemetry of the accelerometers.
+                let gyroscopes = Self {
+                    temperature: Some(PLACEHOLDER),
+                    ..of_topic(others, of_gyroscopes.clone(), Wanted::Gyroscopes)
+                };
+                let stream = |source: Self, are_gyroscopes: bool, name: String| {
+                    source.begin().and_then(|source| Stream::new(source, settings.time, are_gyroscopes, name, None))
+                };
+                let rows = stream(accelerometers, false, topic).map_err(failed)?;
+                let others = stream(gyroscopes, true, of_gyroscopes).map_err(failed)?;
+                Ok(Box::new(JoinedSource::new(rows, others)))
+            }
+        }
+    }
+
+    /// Reads the first row.
+    fn begin(mut self) -> Result<Box<dyn Source>, RecordingError> {
+        self.first = self.next_reading(true)?;
+        Ok(Box::new(self))
     }
 
     /// The next row. The first decides whether there are gyroscopes.
@@ -184,10 +247,13 @@ impl RosSource {
     }
 
     fn reading(&mut self, imu: &Imu, log_ns: u64, is_first: bool) -> Result<Reading, String> {
-        let acceleration =
-            imu.linear_acceleration.ok_or("no linear_acceleration: the first element of its covariance is -1")?;
+        let no_acceleration = "no linear_acceleration: the first element of its covariance is -1";
+        let acceleration = match self.wanted {
+            Wanted::Gyroscopes => [0.0; AXES],
+            _ => imu.linear_acceleration.ok_or(no_acceleration)?,
+        };
         if is_first {
-            self.gyroscopes = imu.angular_velocity.is_some();
+            self.gyroscopes = self.wanted != Wanted::Accelerometers && imu.angular_velocity.is_some();
         }
         let rates = match (imu.angular_velocity, self.gyroscopes) {
             (Some(rates), true) => rates,
@@ -244,7 +310,16 @@ impl Source for RosSource {
     }
 
     fn notes(&self) -> Vec<String> {
-        let scale = format!("{}: A1, A2, A3 are x, y, z; one pulse is {RESOLUTION} m/s2 or rad/s", self.topic);
+        let of = match self.wanted {
+            Wanted::Gyroscopes => "G1, G2, G3 are x, y, z; one pulse is",
+            _ => "A1, A2, A3 are x, y, z; one pulse is",
+        };
+        let unit = match self.wanted {
+            Wanted::All => "m/s2 or rad/s",
+            Wanted::Accelerometers => "m/s2",
+            Wanted::Gyroscopes => "rad/s",
+        };
+        let scale = format!("{}: {of} {RESOLUTION} {unit}", self.topic);
         let named = |quantity: Quantity, unit: f64| quantity.named(unit).map_or("", |unit| unit.name);
         let [a, g] = [named(Quantity::Acceleration, self.units[0]), named(Quantity::Rate, self.units[1])];
         let units = (self.units != [1.0; 2]).then(|| format!("the messages are in {a} and {g}, as the mapping says"));
@@ -299,16 +374,49 @@ impl Contents {
                 let values = contents.temperatures.entry(channel.topic.clone()).or_default();
                 let time_ns = if time == TimeSource::Header { temperature.stamp_ns } else { log_ns };
                 values.push((time_ns, temperature.celsius));
+            } else if contents.imus.get(&channel.topic).is_none_or(|seen| seen.messages < LOOKED_AT) {
+                let seen = contents.imus.entry(channel.topic.clone()).or_default();
+                seen.messages += 1;
+                // What cannot be read is an error where the rows are.
+                if let Ok(imu) = Imu::decode(channel.encoding, &data) {
+                    let has = |vector: Option<[f64; 3]>| vector.is_some_and(|of| of.iter().any(|value| *value != 0.0));
+                    seen.accelerations |= has(imu.linear_acceleration);
+                    seen.rates |= has(imu.angular_velocity);
+                }
             }
         }
         for channel in messages.channels.values() {
             contents.topics.insert(channel.topic.clone(), channel.schema.clone());
-            if channel.kind == MessageKind::Imu && !contents.imus.contains(&channel.topic) {
-                contents.imus.push(channel.topic.clone());
+            if channel.kind == MessageKind::Imu {
+                contents.imus.entry(channel.topic.clone()).or_default();
             }
         }
-        contents.imus.sort_unstable();
         Ok(contents)
+    }
+
+    /// The topics of the rows: those that are named, or the only one; or the two of an IMU whose accelerometers and
+    /// gyroscopes have a topic each, as the messages show.
+    fn choose(&self, settings: &Settings) -> Result<Chosen, String> {
+        let names: Vec<_> = self.imus.keys().cloned().collect();
+        let (topic, of_gyroscopes) = (settings.topic.as_deref(), settings.gyroscope_topic.as_deref());
+        if let Some(of_gyroscopes) = of_gyroscopes {
+            let of_gyroscopes = choose(&names, Some(of_gyroscopes), "")?.ok_or_else(|| self.no_imu())?;
+            let others: Vec<_> = names.into_iter().filter(|name| *name != of_gyroscopes).collect();
+            let topic = choose(&others, topic, "--topic")?;
+            let topic = topic.ok_or("no topic of accelerometers beside that of the gyroscopes; give --topic alone")?;
+            return Ok(Chosen::Two([topic, of_gyroscopes]));
+        }
+        let seen: Vec<_> = self.imus.iter().collect();
+        if let (None, [(one, a), (other, b)]) = (topic, &seen[..]) {
+            let has = |seen: &Seen| (seen.accelerations, seen.rates);
+            match (has(a), has(b)) {
+                ((true, false), (false, true)) => return Ok(Chosen::Two([one, other].map(|name| (*name).clone()))),
+                ((false, true), (true, false)) => return Ok(Chosen::Two([other, one].map(|name| (*name).clone()))),
+                _ => {}
+            }
+        }
+        let option = "--topic, or those of accelerometers and gyroscopes with --topic and --gyroscope-topic";
+        choose(&names, topic, option)?.map(Chosen::One).ok_or_else(|| self.no_imu())
     }
 
     fn no_imu(&self) -> String {

@@ -3,6 +3,7 @@
 use indicatif::ProgressBar;
 use isotherm_recording::LogImu;
 use std::io::Read;
+use std::path::PathBuf;
 
 /// The temperature that the gyroscopes of an autopilot's log have.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
@@ -37,6 +38,10 @@ pub struct Settings {
     pub time: TimeSource,
     /// The topic of the `sensor_msgs/msg/Imu`, if there are several.
     pub topic: Option<String>,
+    /// The topic of the gyroscopes, if accelerometers and gyroscopes have a topic each.
+    pub gyroscope_topic: Option<String>,
+    /// The file of the gyroscopes, if accelerometers and gyroscopes have a text each.
+    pub gyroscope_file: Option<PathBuf>,
     /// The topic of the `sensor_msgs/msg/Temperature`, if there are several.
     pub temperature_topic: Option<String>,
     /// The session of the samples; 0 unless given. Where the clock of the stamps starts again, the next one follows.
@@ -47,6 +52,11 @@ pub struct Settings {
     pub gyroscope_temperature: GyroscopeTemperature,
     /// The IMU that is taken of an autopilot's log with several, if none is named: that of a table.
     pub preferred: Option<LogImu>,
+    /// Whether the pieces of a recording keep the given order where no clock tells theirs.
+    pub in_order: bool,
+    /// The nominal interval of the pieces of a recording \[ns\], and the number of rows that it was found from. It is
+    /// taken where that of the data is the same but for jitter.
+    pub of_pieces: Option<(u64, u64)>,
     /// Advances by the bytes read. Some formats are read twice; then it begins anew.
     pub progress: Option<ProgressBar>,
 }

@@ -101,8 +101,8 @@ impl Stamped {
         (self.shape, self.found_from) = (interval::found(times), times.len() as u64);
     }
 
-    /// The stamps of the rows that were read ahead.
-    fn stamps(&self) -> Vec<u64> {
+    /// The stamps of the rows that were read ahead \[ns\].
+    pub(super) fn stamps(&self) -> Vec<u64> {
         self.ahead.iter().filter_map(|row| row.timestamp_ns).collect()
     }
 
@@ -213,6 +213,11 @@ impl Stamped {
     /// The place of the first row. Valid before [`next`](Self::next).
     pub(super) fn first(&self) -> u64 {
         self.ahead.front().map_or(0, |row| row.place)
+    }
+
+    /// Whether the rows have times. Valid before [`next`](Self::next).
+    pub(super) fn has_times(&self) -> bool {
+        self.ahead.front().is_none_or(|row| row.timestamp_ns.is_some())
     }
 
     /// The nominal interval \[ns\], and the number of rows that it was found from.

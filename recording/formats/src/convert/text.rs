@@ -39,6 +39,8 @@ pub(super) struct TextSource {
     of_day: bool,
     accelerometers: Axes,
     gyroscopes: Option<Axes>,
+    /// Whether `accelerometers` has the gyroscopes: in a text of them alone.
+    is_of_gyroscopes: bool,
     telemetry: Telemetry,
     kind: Kind,
     /// What the header says of units.
@@ -164,6 +166,7 @@ impl TextSource {
             of_day: false,
             accelerometers,
             gyroscopes,
+            is_of_gyroscopes: false,
             telemetry,
             kind,
             notes,
@@ -182,6 +185,17 @@ impl TextSource {
             recognised.is_without_temperature = false;
         }
         Ok(Self { recognised: Some(recognised.clone()), ..Self::new(rows, recognised.mapping)? })
+    }
+
+    /// As [`new`](Self::new), of a text that has the gyroscopes of `mapping` alone, and no telemetry.
+    pub(super) fn of_gyroscopes(rows: Rows<Box<dyn Read>>, mapping: Mapping) -> Result<Self, RecordingError> {
+        let Some(gyroscope) = mapping.gyroscope else {
+            let message = "the mapping has no gyroscopes; give [gyroscope] with the columns of this file";
+            return Err(rows.error(message.to_owned()));
+        };
+        let temperature = Temperature::Constant(f64::NAN);
+        let alone = Mapping { accelerometer: gyroscope, gyroscope: None, temperature, ..mapping };
+        Self::new(rows, alone).map(|source| Self { is_of_gyroscopes: true, ..source })
     }
 
     fn missing(rows: &mut Rows<Box<dyn Read>>, missing: &[String], header: bool) -> RecordingError {
@@ -228,7 +242,7 @@ impl Source for TextSource {
             None => {}
         }
         let (a, g) = reading.pulses.split_at_mut(AXES);
-        self.accelerometers.read(rows, marks, a)?;
+        self.accelerometers.read(rows, marks, if self.is_of_gyroscopes { &mut *g } else { a })?;
         if let Some(gyroscopes) = &mut self.gyroscopes {
             gyroscopes.read(rows, marks, g)?;
         }
@@ -267,6 +281,11 @@ impl Source for TextSource {
                 "kind = \"increment\": what a count stands for is that of the IMU's type; make the table by hand"
                     .to_owned(),
             );
+        }
+        if self.is_of_gyroscopes {
+            let (gyroscope, largest) = self.accelerometers.scale("gyroscope", "\"rad/s\" or \"deg/s\"")?;
+            let resolution = Resolution { gyroscope, ..Resolution::default() };
+            return Ok(Units { resolution, largest: [None, largest], ..Units::default() });
         }
         let (accelerometer, of_accelerometers) = self.accelerometers.scale("accelerometer", "\"m/s2\" or \"g\"")?;
         let gyroscopes = self.gyroscopes.as_ref().map(|axes| axes.scale("gyroscope", "\"rad/s\" or \"deg/s\""));

@@ -9,6 +9,9 @@ use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::Nominal;
 use std::path::{Path, PathBuf};
 
+/// Most pieces that a line names.
+const LISTED: usize = 3;
+
 /// The pieces that have ended; `None` of a recording.
 #[derive(Default)]
 pub(super) struct Converted(Vec<(PathBuf, Option<End>)>);
@@ -41,20 +44,31 @@ impl Converted {
 
     /// As [`Recording::notes`](super::Recording::notes).
     pub(super) fn notes(&self) -> Vec<String> {
-        let named = |path: &Path, note: &String| match self.0.len() {
+        let named = |(paths, note): (Vec<&Path>, &String)| match self.0.len() {
             1 => note.clone(),
-            _ => format!("{}: {note}", shown(path)),
+            _ => format!("{}: {note}", listed(&paths)),
         };
-        self.foreign().flat_map(|(path, end)| end.notes.iter().map(move |note| named(path, note))).collect()
+        self.once(|end| &end.notes).into_iter().map(named).collect()
     }
 
     /// As [`Recording::findings`](super::Recording::findings).
     pub(super) fn findings(&self) -> Vec<Finding> {
-        let place = |path: &Path| Location::Recording(shown(path).to_string());
-        let found = |(path, end): (&Path, &End)| -> Vec<Finding> {
-            end.findings.iter().map(|finding| finding.clone().at(place(path))).collect()
-        };
-        self.foreign().flat_map(found).chain(self.intervals()).collect()
+        let found = |(paths, finding): (Vec<&Path>, &Finding)| finding.clone().at(Location::Recording(listed(&paths)));
+        self.once(|end| &end.findings).into_iter().map(found).chain(self.intervals()).collect()
+    }
+
+    /// What the pieces tell, each once, with the pieces that tell it.
+    fn once<'a, T: PartialEq>(&'a self, told: impl Fn(&'a End) -> &'a Vec<T>) -> Vec<(Vec<&'a Path>, &'a T)> {
+        let mut all: Vec<(Vec<&Path>, &T)> = Vec::new();
+        for (path, end) in self.foreign() {
+            for what in told(end) {
+                match all.iter_mut().find(|(_, other)| *other == what) {
+                    Some((paths, _)) => paths.push(path),
+                    None => all.push((vec![path], what)),
+                }
+            }
+        }
+        all
     }
 
     /// Pieces with another nominal interval than the first: their readings count for another time.
@@ -112,4 +126,11 @@ impl Converted {
         let (_, scale) = joint.ok_or_else(|| Failure::new(Exit::Data, "no nominal table: no rows have been read"))?;
         Ok(scale)
     }
+}
+
+/// The names of pieces.
+fn listed(paths: &[&Path]) -> String {
+    let named: Vec<_> = paths.iter().take(LISTED).map(|path| shown(path).to_string()).collect();
+    let more = if paths.len() > LISTED { format!(" and {} more", paths.len() - LISTED) } else { String::new() };
+    format!("{}{more}", named.join(", "))
 }

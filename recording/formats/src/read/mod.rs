@@ -2,28 +2,34 @@
 //! read as one. A piece may be foreign data, which are then read as [`convert`](crate::convert) makes raw samples of
 //! them.
 
+mod borders;
 mod converted;
 mod fields;
+mod folder;
 mod input;
 mod mcap;
 mod numbers;
 mod open;
 mod order;
 pub(crate) mod pages;
+mod pair;
 pub(crate) mod panics;
 pub(crate) mod parquet;
 mod part;
 mod piece;
+mod pieces;
 mod places;
 mod recognise;
 mod recording;
 pub(crate) mod records;
 mod table;
 
+pub use folder::files;
 pub use input::Input;
 pub use numbers::{NumberRow, NumberTable, read_numbers};
 pub use part::{ConversionPart, Moment, Part};
 pub use piece::RowKind;
+pub use pieces::Pieces;
 pub use places::Places;
 pub use recording::{Recording, Samples};
 pub use table::ImuChoice;

@@ -59,11 +59,12 @@ pub fn read_numbers<T: Sub<Output = T>>(
         let row = source.next().map_err(|error| error.failure(path))?;
         Ok(row.then(|| source.first_row()))
     };
-    let ordered = in_order(paths, first_row)?;
+    let places = in_order(paths, false, first_row)?.places;
+    let ordered: Vec<_> = places.into_iter().map(|place| &paths[place]).collect();
     let mut table = NumberTable { rows: Vec::new(), places: Places::default(), notes: Vec::new() };
     let (mut before, mut clip) = (0, Clip::new(part));
     let times = if part.is_whole() { Vec::new() } else { first_row_columns().to_vec() };
-    'pieces: for path in &ordered {
+    'pieces: for path in ordered.iter().copied() {
         let mut source = Numbers::open(path, names, &times, choice, bar)?;
         table.places.begin(path, source.unit(), before);
         let failed = |error: RecordingError| error.failure(path);
@@ -322,6 +323,7 @@ impl Numbers {
             sequence: integer(1).unwrap_or(0),
             recorded_ns: integer(2),
             timestamp_ns: integer(3),
+            ..FirstRow::default()
         }
     }
 }

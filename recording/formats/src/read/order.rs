@@ -3,7 +3,7 @@
 use super::table::WantedColumn;
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_recording::columns::{ColumnSet, RAW, RECORDED_NS, SEQUENCE, SESSION, TIMESTAMP_NS};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
@@ -15,6 +15,23 @@ pub(super) struct FirstRow {
     pub(super) sequence: u64,
     pub(super) recorded_ns: Option<u64>,
     pub(super) timestamp_ns: Option<u64>,
+    /// The same two times of the last row, where they are asked for.
+    pub(super) last_ns: [Option<u64>; 2],
+}
+
+/// The order of pieces.
+#[derive(Debug, Default, PartialEq)]
+pub(super) struct Order {
+    /// Their places among those that are named.
+    pub(super) places: Vec<usize>,
+    /// What came of the wish to keep the given order.
+    pub(super) note: Option<String>,
+}
+
+impl FirstRow {
+    const fn times(&self) -> [Option<u64>; 2] {
+        [self.recorded_ns, self.timestamp_ns]
+    }
 }
 
 /// The columns of a [`FirstRow`], in this order; a file may lack each.
@@ -23,60 +40,98 @@ pub(super) fn first_row_columns() -> [WantedColumn; 4] {
         .map(|index| WantedColumn { set: ColumnSet::Recorder, ..WantedColumn::number(RAW[index].name) })
 }
 
-/// Puts the pieces of a recording in order. `first` reads the first row of a piece, `None` if it is empty. Those of a
+/// The order of the pieces of a recording. `first` reads the first row of a piece, `None` if it is empty. Those of a
 /// session are sorted by sequence, whatever the clocks say. Sessions, and pieces that name none, are sorted by the time
 /// when they began: by the recorder's clock, which goes on when the acquisition is started anew, if all pieces have it,
 /// else by the acquisition's. Pieces without rows come first; if no piece has a time, the given order is kept.
+///
+/// With `is_given`, sessions and pieces keep the given order where no clock tells theirs: where a piece has no time, or
+/// begins before another one has ended, as with clocks that begin anew. `first` then needs the last times, too.
 pub(super) fn in_order(
     paths: &[PathBuf],
+    is_given: bool,
     mut first: impl FnMut(&Path) -> Result<Option<FirstRow>, Failure>,
-) -> Result<Vec<PathBuf>, Failure> {
+) -> Result<Order, Failure> {
     if paths.len() < 2 {
-        return Ok(paths.to_vec());
+        let note = is_given.then(|| format!("{IN_ORDER} has no effect: there is one file"));
+        return Ok(Order { places: (0..paths.len()).collect(), note });
     }
     let usage = |message: String| Err(Failure::new(Exit::Usage, message));
-    let mut names = Vec::new();
+    let mut names = HashSet::new();
     for path in paths {
         let io = |error: &io::Error| Failure::io("opening", path, error);
         if path == Path::new("-") || !fs::metadata(path).map_err(|error| io(&error))?.is_file() {
             return usage(format!("{}: pieces of a recording must be files; a pipe is read alone", shown(path)));
         }
-        let name = fs::canonicalize(path).map_err(|error| io(&error))?;
-        if names.contains(&name) {
+        if !names.insert(fs::canonicalize(path).map_err(|error| io(&error))?) {
             return usage(format!("{} is named twice; name every piece once", shown(path)));
         }
-        names.push(name);
     }
     let firsts: Vec<_> = paths.iter().map(|path| first(path)).collect::<Result<_, _>>()?;
-    Ok(order(&firsts).into_iter().map(|place| paths[place].clone()).collect())
+    Ok(order(&firsts, is_given))
 }
 
-/// The places of pieces with these first rows, in order.
-fn order(firsts: &[Option<FirstRow>]) -> Vec<usize> {
-    let all_have = |time: fn(&FirstRow) -> Option<u64>| firsts.iter().flatten().all(|row| time(row).is_some());
-    let clocks: [fn(&FirstRow) -> Option<u64>; 2] = [|row| row.recorded_ns, |row| row.timestamp_ns];
-    let clock = clocks.into_iter().find(|clock| all_have(*clock));
-    let time = |row: &FirstRow| clock.and_then(|clock| clock(row));
-    // When a session began: the time of its first piece.
-    let mut begins: HashMap<u64, FirstRow> = HashMap::new();
-    for row in firsts.iter().flatten().filter(|row| row.session != 0) {
-        let begin = begins.entry(row.session).or_insert(*row);
+/// The option, for messages.
+const IN_ORDER: &str = "--in-order";
+
+/// The order of pieces with these first rows.
+fn order(firsts: &[Option<FirstRow>], is_given: bool) -> Order {
+    let all_have = |clock: &usize| firsts.iter().flatten().all(|row| row.times()[*clock].is_some());
+    let clock = [0, 1].into_iter().find(all_have);
+    let time = |row: &FirstRow| clock.and_then(|clock| row.times()[clock]);
+    // When a session began: the time of its first piece; and the first place where it is named.
+    let mut begins: HashMap<u64, (FirstRow, usize)> = HashMap::new();
+    for (place, row) in firsts.iter().enumerate().filter_map(|(place, row)| Some((place, row.as_ref()?))) {
+        if row.session == 0 {
+            continue;
+        }
+        let (begin, _) = begins.entry(row.session).or_insert((*row, place));
         if row.sequence < begin.sequence {
             *begin = *row;
         }
     }
+    let is_decided = !is_given || clock.is_some_and(|clock| !overlap(firsts, clock));
     let key = |place: &usize| {
         let Some(row) = &firsts[*place] else { return (None, 0, 0) };
+        let rank = |row: &FirstRow, place: usize| if is_decided { time(row) } else { Some(place as u64) };
         match begins.get(&row.session) {
             // Two sessions that began at the same time must not be mixed.
-            Some(begin) => (time(begin), row.session, row.sequence),
-            None => (time(row), 0, 0),
+            Some((begin, named)) => (rank(begin, *named), row.session, row.sequence),
+            None => (rank(row, *place), 0, 0),
         }
     };
     let mut places: Vec<_> = (0..firsts.len()).collect();
     // The sort is stable, and `None` is less than any time.
     places.sort_by_key(key);
-    places
+    let is_one_session = begins.len() == 1 && firsts.iter().flatten().all(|row| row.session != 0);
+    let note = match (is_one_session, is_decided) {
+        (true, _) => {
+            format!("{IN_ORDER} has no effect: the pieces are of one session, and its sequences tell their order")
+        }
+        (_, true) => format!("{IN_ORDER} has no effect: the times of the pieces do not overlap, and tell their order"),
+        (_, false) => "the pieces are in the order in which they are named: no clock tells theirs".to_owned(),
+    };
+    Order { places, note: is_given.then_some(note) }
+}
+
+/// Whether a session, or a piece that names none, begins before another one has ended, by this clock.
+fn overlap(firsts: &[Option<FirstRow>], clock: usize) -> bool {
+    let mut sessions: HashMap<u64, [u64; 2]> = HashMap::new();
+    let mut spans = Vec::new();
+    for row in firsts.iter().flatten() {
+        let begin = row.times()[clock].unwrap_or(0);
+        let end = row.last_ns[clock].unwrap_or(begin);
+        match row.session {
+            0 => spans.push([begin, end]),
+            session => {
+                let span = sessions.entry(session).or_insert([begin, end]);
+                *span = [span[0].min(begin), span[1].max(end)];
+            }
+        }
+    }
+    spans.extend(sessions.into_values());
+    spans.sort_unstable();
+    spans.windows(2).any(|pair| pair[1][0] <= pair[0][1])
 }
 
 /// The sessions of the rows that have been read, in order.
@@ -111,7 +166,13 @@ mod tests {
     use super::*;
 
     fn row(session: u64, sequence: u64, recorded_ns: u64) -> Option<FirstRow> {
-        Some(FirstRow { session, sequence, recorded_ns: Some(recorded_ns), timestamp_ns: Some(1) })
+        Some(FirstRow {
+            session,
+            sequence,
+            recorded_ns: Some(recorded_ns),
+            timestamp_ns: Some(1),
+            ..FirstRow::default()
+        })
     }
 
     #[test]
@@ -145,6 +206,34 @@ mod tests {
                 .is_err_and(|message| message.starts_with("sequence 7 of session 1, whose rows up to 7"))
         );
         assert!([(0, 5), (9, 1), (0, 5)].iter().all(|(s, n)| sessions.take(*s, *n).is_ok()));
+    }
+
+    #[test]
+    fn the_given_order_is_kept_where_no_clock_tells_it() {
+        let piece = |begin: u64, end: u64| {
+            let times = |time| [None, Some(time)];
+            Some(FirstRow { timestamp_ns: Some(begin), last_ns: times(end), ..FirstRow::default() })
+        };
+        let kept = |firsts: &[Option<FirstRow>]| {
+            let Order { places, note } = super::order(firsts, true);
+            (places, note.unwrap().contains("no effect"))
+        };
+        // Clocks that begin anew, and rows without a time.
+        assert_eq!(kept(&[piece(7, 90), piece(5, 95), piece(6, 50)]), (vec![0, 1, 2], false));
+        assert_eq!(kept(&[Some(FirstRow::default()), Some(FirstRow::default())]), (vec![0, 1], false));
+        assert_eq!(kept(&[piece(100, 199), piece(200, 300), piece(5, 99)]), (vec![2, 0, 1], true));
+        // The sequences decide within a session, and where it is the only one.
+        let of_session = |row: Option<FirstRow>| row.map(|row| FirstRow { last_ns: [Some(999), Some(999)], ..row });
+        let session = [row(7, 100, 600), row(7, 0, 500)].map(of_session);
+        assert_eq!(kept(&session), (vec![1, 0], true));
+        let two = [row(7, 100, 600), row(3, 5, 400), row(7, 0, 500)].map(of_session);
+        assert_eq!(kept(&two), (vec![2, 0, 1], false));
+        let one = in_order(&["a.csv".into()], true, |_| Ok(None)).unwrap();
+        assert!(one.places == [0] && one.note.unwrap().contains("no effect: there is one file"));
+    }
+
+    fn order(firsts: &[Option<FirstRow>]) -> Vec<usize> {
+        super::order(firsts, false).places
     }
 
     /// What places are called in the order before.

@@ -235,6 +235,13 @@ impl PieceSource {
         }
     }
 
+    /// Lets rows of foreign data that have no time begin behind this time \[ns\].
+    pub(super) fn begin_after(&mut self, last_ns: u64) {
+        if let Self::Foreign(conversion, ..) = self {
+            conversion.begin_after(last_ns);
+        }
+    }
+
     /// The conversion of foreign data.
     pub(super) fn conversion(&self) -> Option<&Conversion> {
         if let Self::Foreign(conversion, ..) = self { Some(conversion) } else { None }

@@ -1,17 +1,19 @@
 //! Reads the pieces of a recording as one, in every format.
 
+use super::borders::Borders;
 use super::converted::Converted;
 use super::input::Input;
 use super::open::{SharedHash, open_source};
-use super::order::{FirstRow, Sessions, in_order};
+use super::order::Sessions;
 use super::part::{Clip, Judged};
 use super::piece::{Piece, RowKind};
+use super::pieces::{Pieces, WaitingPiece};
 use super::places::Places;
-use crate::convert::{Conversion, Foreign, VehicleState};
+use crate::convert::{Conversion, Foreign, Scale, VehicleState};
 use indicatif::ProgressBar;
 use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_finding::{Finding, Location, name};
-use isotherm_recording::{CampaignRow, LogImu, RecordingError, SequenceRule};
+use isotherm_recording::{CampaignRow, Layout, LogImu, RecordingError, SequenceRule};
 use isotherm_shared::lag::LagCompletion;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::Nominal;
@@ -28,8 +30,11 @@ pub struct Recording {
     input: Input,
     bar: ProgressBar,
     /// Pieces that are not open yet, in reverse order.
-    waiting: Vec<PathBuf>,
+    waiting: Vec<WaitingPiece>,
+    /// Whether the recording ends before a piece that does not go on.
+    is_one: bool,
     current: Piece,
+    borders: Borders,
     places: Places,
     hash: Option<SharedHash>,
     lag: LagCompletion,
@@ -48,8 +53,9 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Opens the pieces of a recording, named in any order. `-` is stdin, which must be the only piece. A piece of raw
-    /// samples that names no session, and begins its sequences anew, is a session of its own. `bar` advances by the
+    /// Opens the pieces of a recording, named in any order; the folder of a bag of ROS stands for its files. `-` is
+    /// stdin, which must be the only piece. A piece of raw samples that names no session, and begins its sequences
+    /// anew, goes on with the piece before where its time does, and else is a session of its own. `bar` advances by the
     /// bytes read.
     ///
     /// # Errors
@@ -78,31 +84,22 @@ impl Recording {
         bar: &ProgressBar,
         hash: Option<SharedHash>,
     ) -> Result<Self, Failure> {
-        let mut has_foreign = false;
-        let mut known: Option<(PathBuf, String)> = None;
-        let first_row = |path: &Path| {
-            let mut piece = Piece::open(path, kind, &input, &ProgressBar::hidden(), None)?;
-            has_foreign |= piece.source.conversion().is_some();
-            let row = piece.next(SequenceRule::default());
-            let row = row.map_err(|error| error.failure(path))?;
-            if let Some(imu) = piece.source.imu() {
-                let (first, of) = known.get_or_insert_with(|| (path.to_owned(), imu.to_owned()));
-                refuse_other_imu((path, imu), (first, of))?;
-            }
-            Ok(row.map(|CampaignRow { sample, .. }| FirstRow {
-                session: sample.session,
-                sequence: sample.sequence,
-                recorded_ns: piece.source.recorded_ns(),
-                timestamp_ns: Some(sample.timestamp_ns),
-            }))
-        };
-        let mut waiting = in_order(paths, first_row)?;
-        waiting.reverse();
-        let Some(first) = waiting.pop() else {
+        Self::of_pieces(Pieces::new(paths, kind, input)?, bar, hash, false)
+    }
+
+    /// The recording that these pieces are, or with `is_one` the first one.
+    pub(super) fn of_pieces(
+        pieces: Pieces,
+        bar: &ProgressBar,
+        hash: Option<SharedHash>,
+        is_one: bool,
+    ) -> Result<Self, Failure> {
+        let Pieces { kind, input, mut waiting, notes, has_foreign } = pieces;
+        let Some(WaitingPiece { path: first, .. }) = waiting.pop() else {
             return Err(Failure::new(Exit::Usage, "no recording is named"));
         };
         let current = Piece::open(&first, kind, &input, bar, hash.as_ref())?;
-        if !has_foreign && current.source.conversion().is_none() {
+        if !has_foreign.unwrap_or_else(|| current.source.conversion().is_some()) {
             refuse_needless(&input, &first)?;
         }
         let mut places = Places::default();
@@ -114,7 +111,9 @@ impl Recording {
             input,
             bar: bar.clone(),
             waiting,
+            is_one,
             current,
+            borders: Borders::new(notes),
             places,
             hash,
             lag,
@@ -150,6 +149,8 @@ impl Recording {
                 (error, _) => error,
             });
             if let Some(mut row) = row? {
+                self.borders.take(&row.sample);
+                self.borders.look_for(&row.sample, self.waiting.last());
                 let again = self.sessions.take(row.sample.session, row.sample.sequence);
                 again.map_err(|message| RecordingError::Data { line: row.line, message })?;
                 self.lag.complete(&mut row.sample, self.current.source.has_lag());
@@ -168,12 +169,19 @@ impl Recording {
                 let finding = Finding::warning(name::TRUNCATED, warning).at(place);
                 tell("isotherm", finding.tagged(|line| line.to_string()));
             }
-            let Some(next) = self.waiting.pop() else { return self.end() };
+            // The log of an autopilot says by itself when the vehicle was in use.
+            let is_log = self.current.source.conversion().is_some_and(|conversion| conversion.log_imu().is_some());
+            let goes_on = |next: &WaitingPiece| !self.is_one || !is_log && self.borders.goes_on(next);
+            let Some(next) = self.waiting.pop_if(|next| goes_on(next)) else { return self.end() };
             self.end_piece();
             let before = self.places.before() + self.current.source.place();
-            let opened = Piece::open(&next, self.kind, &self.input, &self.bar, self.hash.as_ref());
+            self.borders.begin(&next, &self.current.path).map_err(RecordingError::Piece)?;
+            let opened = Piece::open(&next.path, self.kind, &self.input, &self.bar, self.hash.as_ref());
             // An error is unlikely: the beginning was already read to sort the pieces.
-            let opened = opened.map_err(RecordingError::Piece)?;
+            let mut opened = opened.map_err(RecordingError::Piece)?;
+            if self.is_in_order() {
+                opened.source.begin_after(self.borders.last_ns());
+            }
             previous = Some(std::mem::replace(&mut self.current, opened).path);
             self.opened += 1;
             if self.kind == RowKind::Sample {
@@ -181,6 +189,10 @@ impl Recording {
             }
             self.places.begin(&self.current.path, self.current.source.unit(), before);
         }
+    }
+
+    fn is_in_order(&self) -> bool {
+        self.input.foreign.as_ref().is_some_and(|foreign| foreign.settings.in_order)
     }
 
     /// A row that is not left out, whose line counts over all pieces.
@@ -219,6 +231,37 @@ impl Recording {
         }
     }
 
+    /// The pieces that did not go on with this recording, of [`Pieces::first_recording`]. Of a part that ends before
+    /// the recording does, the rest is passed over. To be called after the last row.
+    pub fn others(&mut self) -> Option<Pieces> {
+        while self.ended
+            && let Some(row) = self.rest()
+        {
+            self.borders.take(&row);
+        }
+        let (waiting, input) = (core::mem::take(&mut self.waiting), self.input.clone());
+        let others = Pieces { kind: self.kind, input, waiting, notes: Vec::new(), has_foreign: Some(true) };
+        (!others.waiting.is_empty()).then_some(others)
+    }
+
+    /// The next row behind the part that was read; `None` at the end of the recording, and where it cannot be read.
+    fn rest(&mut self) -> Option<RawSample> {
+        loop {
+            let row = self.current.next(SequenceRule::default());
+            if let Ok(Some(row)) = row {
+                return Some(row.sample);
+            }
+            let next = self.waiting.pop_if(|next| row.is_ok() && self.borders.goes_on(next))?;
+            self.current = Piece::open(&next.path, self.kind, &self.input, &self.bar, self.hash.as_ref()).ok()?;
+        }
+    }
+
+    /// Which columns the samples of the piece that is being read need, if it is of another program.
+    #[must_use]
+    pub fn foreign_layout(&self) -> Option<Layout> {
+        self.current.source.conversion().map(Conversion::layout)
+    }
+
     /// The places of the rows that have been read, to find the file and line of a row's `line`.
     #[must_use]
     pub const fn places(&self) -> &Places {
@@ -229,7 +272,7 @@ impl Recording {
     /// row.
     #[must_use]
     pub fn notes(&self) -> Vec<String> {
-        self.converted.notes().into_iter().chain(self.clip.note()).collect()
+        self.borders.notes().into_iter().chain(self.converted.notes()).chain(self.clip.note()).collect()
     }
 
     /// Rows that are left out before the part that is read, and the time from the begin of the recording to its first
@@ -254,6 +297,15 @@ impl Recording {
     /// or largest reading.
     pub fn nominal(&self, imu: &ImuId) -> Result<Nominal, Failure> {
         self.converted.nominal(imu)
+    }
+
+    /// What the pulses of readings stand for: as [`Conversion::scale`](crate::convert::Conversion::scale), of all
+    /// pieces. Valid after the last row.
+    ///
+    /// # Errors
+    /// As [`nominal`](Self::nominal).
+    pub fn scale(&self) -> Result<Scale, Failure> {
+        self.converted.scale()
     }
 
     /// The IMU, as the logs of an autopilot name it; `None` unless all pieces are logs that name it alike. Valid after
@@ -286,8 +338,11 @@ impl Recording {
         let Some(hash) = self.hash else { return Ok(String::new()) };
         drop(self.current);
         // Pieces that are after the part that was read: their bytes are hashed as they are dropped.
-        for piece in self.waiting.iter().rev() {
-            drop(open_source(piece, &self.bar, Some(&hash))?);
+        for piece in self.waiting.iter().rev().filter(|_| !self.is_one) {
+            drop(open_source(&piece.path, &self.bar, Some(&hash))?);
+        }
+        if let Some(gyroscopes) = self.input.foreign.as_ref().and_then(|it| it.settings.gyroscope_file.as_ref()) {
+            drop(open_source(gyroscopes, &self.bar, Some(&hash))?);
         }
         let digest = hash.try_borrow_mut().map(|mut hash| hash.finalize_reset());
         let digest = digest.map_err(|_| Failure::new(Exit::Failed, format!("hashing {}", shown(&path))))?;
@@ -408,13 +463,4 @@ fn refuse_needless(input: &Input, path: &Path) -> Result<(), Failure> {
     let message =
         format!("{path}: a recording, which has all that is needed; leave out what is for other data: {given}");
     Err(Failure::new(Exit::Usage, message))
-}
-
-/// Refuses a piece of another IMU than that of the first piece.
-fn refuse_other_imu((path, imu): (&Path, &str), (first, of): (&Path, &str)) -> Result<(), Failure> {
-    if imu == of {
-        return Ok(());
-    }
-    let (first, path, imu, of) = (shown(first), shown(path), imu.escape_debug(), of.escape_debug());
-    Err(Failure::new(Exit::Data, format!("{path} is of {imu}, but {first} of {of}; give the pieces of one IMU")))
 }

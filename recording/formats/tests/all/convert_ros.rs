@@ -170,7 +170,7 @@ fn of_several_topics_one_is_chosen() {
     };
     let message = refused(&settings(None, None));
     assert!(
-        message.contains("several topics, /left, /right; choose one with --topic; topics found: /left (sensor_"),
+        message.contains("several topics, /left, /right; choose one with --topic, or those of accelerometers and"),
         "{message}"
     );
     assert!(refused(&settings(Some("/middle"), None)).contains("no topic /middle"));
