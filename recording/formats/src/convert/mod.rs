@@ -44,7 +44,6 @@ use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{LoadError, Trust, open_recording, read_text};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::columns::Layout;
-use isotherm_recording::csv::Rows;
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::document::Faults;
 use isotherm_shared::stream::ImuId;
@@ -181,9 +180,8 @@ impl Conversion {
         if let Some(message) = no_text {
             return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(path))));
         }
-        let mut rows = Rows::new(source);
         let Some((file, text)) = mapping else {
-            let proposal = proposal::propose(&mut rows).map_err(failed)?;
+            let proposal = text::proposal(source).map_err(failed)?;
             let name = shown(path);
             let message = format!("{name}: which columns are what? Give --mapping with a file such as\n\n{proposal}");
             return Err(Failure::new(Exit::Usage, message));
@@ -193,7 +191,7 @@ impl Conversion {
             mapping.temperature = Temperature::Constant(temperature);
         }
         let interval_ns = settings.interval_ns.or(mapping.time.interval_ns);
-        let source = text::TextSource::new(rows, mapping).map_err(failed)?;
+        let source = text::TextSource::new(source, mapping).map_err(failed)?;
         Self::begin(path, Box::new(source), interval_ns, settings.session).map_err(failed)
     }
 
@@ -386,7 +384,7 @@ impl Conversion {
 
     fn sample(&mut self, reading: &Reading) -> Result<RawSample, String> {
         let nominal_ns = self.nominal_ns;
-        let timestamp_ns = reading.timestamp_ns.unwrap_or_else(|| nominal_ns.saturating_mul(self.read_rows + 1));
+        let timestamp_ns = reading.timestamp_ns.unwrap_or_else(|| nominal_ns.saturating_mul(reading.row));
         let (mut sequence, mut interval_ns) = (0, nominal_ns);
         if let Some((last_ns, last)) = self.last {
             let step_ns = timestamp_ns.checked_sub(last_ns).filter(|step| *step > 0).ok_or_else(|| {

@@ -123,7 +123,7 @@ impl NovatelSource {
         let [az, ay, ax, gz, gy, gx] = counts;
         let telemetry = [self.temperature.unwrap_or(PLACEHOLDER); 2 * AXES];
         let pulses = [ax, -ay, az, gx, -gy, gz];
-        Ok(Reading { place: self.line, timestamp_ns, pulses, head: telemetry, board: telemetry })
+        Ok(Reading { place: self.line, row: 0, timestamp_ns, pulses, head: telemetry, board: telemetry })
     }
 }
 

@@ -4,6 +4,7 @@
 //! Over 400 lines: the names of columns that are recognised and the text that is made of them belong together, with
 //! their tests.
 
+use super::text::Table;
 use super::{calendar, interval};
 use isotherm_failure::printable;
 use isotherm_recording::RecordingError;
@@ -15,10 +16,6 @@ use std::io::Read;
 
 /// Rows that are looked at.
 const ROWS: usize = 1000;
-/// Fewest numbers of a row: three accelerometers.
-const FEWEST: usize = 3;
-/// Most lines before the header.
-const MOST_SKIPPED: u64 = 100;
 /// Most columns that are listed.
 const LISTED: usize = 40;
 
@@ -46,58 +43,15 @@ const UNITS: [(&str, &str, f64); 4] =
 /// Times since 1970 that recordings have \[s\]: from 2001 to 2100.
 const EPOCH_S: std::ops::Range<f64> = 1e9..4.1e9;
 
-/// The row with the names of the columns, or the first of a text without a header.
-struct First {
-    line: u64,
-    separator: Separator,
-    names: Vec<String>,
-}
-
-/// Proposes a mapping for a text whose first row has not been read. The table begins with the first row that is
-/// followed by one with as many columns, of which three are numbers.
+/// Proposes a mapping for the rows of a table, of which none has been read.
 ///
 /// # Errors
-/// If there is no such row, or the text cannot be read.
-pub(super) fn propose(rows: &mut Rows<Box<dyn Read>>) -> Result<String, RecordingError> {
-    let mut before: Option<First> = None;
-    while rows.line() <= MOST_SKIPPED && rows.next_row()? {
-        let separator = rows.detect_separator(is_separated)?;
-        let names: Vec<_> = rows.names().collect();
-        let numbers = names.iter().filter(|name| looks_like_number(name)).count();
-        if let Some(first) = before
-            .take_if(|first| first.separator == separator && first.names.len() == names.len() && numbers >= FEWEST)
-        {
-            return Ok(of_table(rows, &first));
-        }
-        before = Some(First { line: rows.line(), separator, names });
-    }
-    Err(rows.error(format!("no two rows with {FEWEST} numbers or more; this is no table of numbers")))
-}
-
-/// Proposes a mapping for a text whose current row is the first of the table.
-///
-/// # Errors
-/// If the text ends here, or cannot be read.
-pub(super) fn propose_from(rows: &mut Rows<Box<dyn Read>>) -> Result<String, RecordingError> {
-    let separator = rows.detect_separator(is_separated)?;
-    let first = First { line: rows.line(), separator, names: rows.names().collect() };
+/// If there is no row, or the text cannot be read.
+pub(super) fn propose(rows: &mut Rows<Box<dyn Read>>, table: &Table) -> Result<String, RecordingError> {
     if !rows.next_row()? {
         return Err(rows.error("no rows".to_owned()));
     }
-    Ok(of_table(rows, &first))
-}
-
-/// Whether these can be the fields of a row: none is a number and more, as with a separator that is not the right one.
-fn is_separated(fields: &[String]) -> bool {
-    let begins_as_number =
-        |field: &str| field.starts_with(|letter: char| letter.is_ascii_digit() || "+-.".contains(letter));
-    let is_whole = |field: &String| is_value(field) || !begins_as_number(field) && !field.contains([';', '\t']);
-    fields.len() >= FEWEST && fields.iter().all(is_whole)
-}
-
-/// Whether a field is a number or a time.
-fn is_value(field: &str) -> bool {
-    looks_like_number(field) || calendar::time_ns(field).is_some()
+    Ok(of_table(rows, table))
 }
 
 /// The unit of time that a name says.
@@ -107,30 +61,24 @@ pub(super) fn named_unit(name: &str) -> Option<&'static str> {
     UNITS.iter().find(|(unit, long, _)| says(unit, long)).map(|(unit, ..)| *unit)
 }
 
-/// The mapping of a table whose second row is the current one.
-fn of_table(rows: &mut Rows<Box<dyn Read>>, first: &First) -> String {
-    let header = !first.names.iter().all(|field| is_value(field));
-    let mut columns: Vec<_> = first.names.iter().map(|name| Found::new(name)).collect();
+/// The mapping of a table whose first row is the current one.
+fn of_table(rows: &mut Rows<Box<dyn Read>>, table: &Table) -> String {
+    let names = table.header.as_ref().map(|header| &header.names);
+    let name = |column: usize| names.map_or("", |names| &names[column]);
+    let mut columns: Vec<_> = (0..table.width).map(|column| Found::new(name(column))).collect();
     let mut commas = false;
-    let mut take = |fields: &[String]| {
-        for (column, field) in columns.iter_mut().zip(fields) {
-            commas |= first.separator != Separator::Comma && looks_like_number(field) && field.contains(',');
-            column.take(field);
-        }
-    };
-    if !header {
-        take(&first.names);
-    }
     for _ in 0..ROWS {
-        if rows.len() != first.names.len() {
-            break;
+        if rows.fits(table.width) {
+            for (column, field) in columns.iter_mut().zip(rows.names()) {
+                commas |= table.separator != Separator::Comma && looks_like_number(&field) && field.contains(',');
+                column.take(&field);
+            }
         }
-        take(&rows.names().collect::<Vec<_>>());
         if !rows.next_row().unwrap_or(false) {
             break;
         }
     }
-    Text { columns, header, skip: first.line - 1, commas }.mapping()
+    Text { columns, header: names.is_some(), skip: table.line() - 1, commas }.mapping()
 }
 
 struct Text {
@@ -411,11 +359,11 @@ fn line(out: &mut String, text: std::fmt::Arguments<'_>) {
 mod tests {
     use super::*;
     use crate::convert::mapping::{Decimal, Mapping, TimeUnit};
+    use crate::convert::text;
     use crate::convert::{ColumnRef, Temperature};
 
     fn proposed(text: &'static str) -> (String, Mapping) {
-        let mut rows = Rows::new(Box::new(text.as_bytes()) as Box<dyn Read>);
-        let proposal = propose(&mut rows).unwrap();
+        let proposal = text::proposal(Box::new(text.as_bytes())).unwrap();
         let mapping = Mapping::from_toml(&proposal).unwrap_or_else(|faults| panic!("{faults}\n{proposal}"));
         (proposal, mapping)
     }
@@ -532,8 +480,13 @@ mod tests {
     #[test]
     fn what_is_no_table_gets_no_proposal() {
         for text in ["a\nb\n", "", "one,two\n1,2\n"] {
-            let mut rows = Rows::new(Box::new(text.as_bytes()) as Box<dyn Read>);
-            assert!(propose(&mut rows).unwrap_err().to_string().contains("this is no table of numbers"), "{text:?}");
+            assert!(
+                text::proposal(Box::new(text.as_bytes()))
+                    .unwrap_err()
+                    .to_string()
+                    .contains("this is no table of numbers"),
+                "{text:?}"
+            );
         }
     }
 }
