@@ -1,6 +1,6 @@
 //! Formats whose columns are known, so that they need no mapping. Each is recognised by its first bytes.
 
-use super::autopilot::{DataFlashSource, FoundImu, UlogSource, is_binary_log, is_text_log, is_ulog};
+use super::autopilot::{DataFlashSource, Encoding, FoundImu, UlogSource, is_ulog};
 use super::novatel::{self, NovatelSource};
 use super::ros::RosSource;
 use super::settings::{GyroscopeTemperature, Settings};
@@ -18,10 +18,8 @@ pub(super) enum Known {
     Novatel,
     /// Of PX4.
     Ulog,
-    /// Of ArduPilot, binary or as text.
-    DataFlash {
-        is_text: bool,
-    },
+    /// Of ArduPilot.
+    DataFlash(Encoding),
 }
 
 impl Known {
@@ -33,10 +31,10 @@ impl Known {
         if is_ulog(beginning) {
             return Some(Self::Ulog);
         }
-        if is_binary_log(beginning) || is_text_log(beginning) {
-            return Some(Self::DataFlash { is_text: is_text_log(beginning) });
+        if novatel::is_log(beginning) {
+            return Some(Self::Novatel);
         }
-        novatel::is_log(beginning).then_some(Self::Novatel)
+        Encoding::of(beginning).map(Self::DataFlash)
     }
 
     /// Opens the data. `source` has all of them; logs are read from the file instead.
@@ -51,7 +49,7 @@ impl Known {
             Self::Mcap => Box::new(RosSource::open(path, source, settings, temperature)?),
             Self::Novatel => Box::new(NovatelSource::new(source, temperature)),
             Self::Ulog => Box::new(UlogSource::open(path, settings, temperature)?),
-            Self::DataFlash { is_text } => Box::new(DataFlashSource::open(path, settings, temperature, is_text)?),
+            Self::DataFlash(encoding) => Box::new(DataFlashSource::open(path, settings, temperature, encoding)?),
         })
     }
 }
@@ -63,7 +61,7 @@ impl Known {
 pub(super) fn imus_of(path: &Path, beginning: &[u8], settings: &Settings) -> Result<Option<Vec<FoundImu>>, Failure> {
     match Known::of(beginning) {
         Some(Known::Ulog) => UlogSource::imus(path, settings).map(Some),
-        Some(Known::DataFlash { is_text }) => DataFlashSource::imus(path, settings, is_text).map(Some),
+        Some(Known::DataFlash(encoding)) => DataFlashSource::imus(path, settings, encoding).map(Some),
         _ => Ok(None),
     }
 }
@@ -74,7 +72,7 @@ pub(super) fn check(settings: &Settings, path: &Path, format: Option<Known>) -> 
     if format != Some(Known::Mcap) && (settings.topic.is_some() || settings.temperature_topic.is_some()) {
         return refused("a topic is named, but this is not MCAP");
     }
-    let is_log = matches!(format, Some(Known::Ulog | Known::DataFlash { .. }));
+    let is_log = matches!(format, Some(Known::Ulog | Known::DataFlash(_)));
     if !is_log && settings.instance.is_some() {
         return refused("an instance is named, but this is no log of an autopilot");
     }

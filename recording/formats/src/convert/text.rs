@@ -24,7 +24,7 @@ use isotherm_recording::csv::{Checksum, CsvColumn, Rows, missing_columns};
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use marks::{Marks, Number};
-use opening::{Checksums, Header, uncommented};
+use opening::{Checksums, uncommented};
 use std::borrow::Cow;
 use std::io::Read;
 
@@ -38,10 +38,9 @@ pub(super) struct TextSource {
     /// Number of fields of a row.
     width: usize,
     checksums: Checksums,
-    /// The names of the columns, in the spellings that are known.
-    names: Option<Header>,
-    /// The first lines of the text, which are no rows.
-    preamble: Vec<Vec<u8>>,
+    has_header: bool,
+    /// The lines above the first row, with the header, and how many stand above that.
+    above: (Vec<Vec<u8>>, usize),
     /// Whether lines that begin as a comment are none: all rows do.
     has_signs: bool,
     /// Line of the header, or else of the first row.
@@ -172,7 +171,8 @@ impl TextSource {
             marks: Marks::new(table.separator, mapping.decimal),
             width: table.width,
             checksums: table.checksums,
-            preamble: opening.before(begin),
+            has_header: table.header.is_some(),
+            above: (opening.before(table.begin()), opening.before(begin).len()),
             has_signs: opening.is_comment(table.first),
             begin,
             columns: Columns { time, telemetry },
@@ -184,7 +184,6 @@ impl TextSource {
             count: 0,
             bad: BadRows::default(),
             no_rows: 0,
-            names: table.header,
         })
     }
 
@@ -202,7 +201,9 @@ impl TextSource {
             ColumnRef::Name(name) => !header.map_or_else(|| names.contains(name), |header| header.has(name)),
             ColumnRef::Number(number) => *number > names.len(),
         });
-        let missing: Vec<_> = missing.map(ColumnRef::shown).collect();
+        let mut missing: Vec<_> = missing.map(ColumnRef::shown).collect();
+        // The boards have the columns of the heads.
+        missing.dedup();
         let missing: Vec<_> = missing.iter().map(String::as_str).collect();
         let message = if mapping.header {
             missing_columns(&missing, names, "")
@@ -220,7 +221,7 @@ impl TextSource {
     fn reading(&mut self) -> Result<Reading, NoReading> {
         let (rows, marks) = (&self.rows, &mut self.marks);
         if !rows.fits(self.width) {
-            let first = if self.names.is_some() { "the header" } else { "the first row" };
+            let first = if self.has_header { "the header" } else { "the first row" };
             let message = format!("{} fields, but {first} has {}; is the row cut?", rows.len(), self.width);
             return Err(NoReading::Row(Fault::Fields, message));
         }
@@ -269,19 +270,13 @@ impl TextSource {
         Ok(reading)
     }
 
-    /// Whether the current line is no row, though it is not blank: a comment, names or units, separators alone, or what
-    /// stood above the first row.
+    /// Whether the current line is no row, though it is not blank: a comment, separators alone, or what stood above the
+    /// first row, which a logger writes again when it starts again.
     fn is_no_row(&self) -> bool {
         let line = self.rows.line_text().trim_ascii();
-        let is_header = |header: &Header| {
-            let fields = || (0..self.width).map(|index| self.rows.field(index));
-            let is_same = |names: &Vec<String>| names.iter().map(String::as_bytes).eq(fields());
-            self.rows.fits(self.width) && header.spellings().any(is_same)
-        };
         uncommented(line).is_some()
             || (0..self.rows.len()).all(|index| self.rows.field(index).is_empty())
-            || self.names.as_ref().is_some_and(is_header)
-            || self.preamble.iter().any(|other| other == line)
+            || self.above.0.iter().any(|other| other == line)
     }
 
     /// Whether the current line is a comment.
@@ -392,12 +387,12 @@ impl Source for TextSource {
         let Some((column, TimeUnit::Power(power))) = &self.columns.time else { return None };
         let names = [(9, "s"), (6, "ms"), (3, "us"), (0, "ns")];
         let unit = names.iter().find(|(of, _)| of == power).map(|(_, name)| *name)?;
-        (self.names.is_none() || proposal::named_unit(column.name()).is_none()).then_some(unit)
+        (!self.has_header || proposal::named_unit(column.name()).is_none()).then_some(unit)
     }
 
     fn notes(&self) -> Vec<String> {
-        let what = if self.names.is_some() { "the header" } else { "the first row" };
-        let above = self.preamble.len();
+        let what = if self.has_header { "the header" } else { "the first row" };
+        let above = self.above.1;
         let above = (above > 0)
             .then(|| format!("{what} is line {}; what stands above it is passed over, {above} lines", self.begin));
         let between =

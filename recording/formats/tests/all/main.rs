@@ -8,6 +8,7 @@ mod convert_logs_damaged;
 mod convert_logs_random;
 mod convert_logs_undone;
 mod convert_ros;
+mod convert_rows;
 mod convert_thermometers;
 mod convert_time;
 mod convert_vehicle;

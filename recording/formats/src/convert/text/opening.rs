@@ -163,7 +163,7 @@ impl Opening {
         self.lines.first().map_or((1, Vec::new()), |line| (line.number, line.fields(separator)))
     }
 
-    /// The lines before this one, which are no rows.
+    /// The lines before this one.
     pub(super) fn before(&self, line: u64) -> Vec<Vec<u8>> {
         let before = self.lines.iter().take_while(|other| other.number < line);
         before.map(|line| line.text.trim_ascii().to_vec()).collect()
@@ -199,11 +199,9 @@ impl Opening {
     fn header_above(&self, at: usize, separator: Separator, width: usize) -> Option<Header> {
         (0..at).rev().find_map(|index| {
             let is_comment = uncommented(&self.lines[index].text).is_some();
-            let others = Separator::ALL.into_iter().filter(|other| {
-                // A sentence has as many words as there are columns, now and then.
-                *other != separator && (is_comment || *other != Separator::Spaces)
-            });
-            std::iter::once(separator).chain(others).find_map(|separator| {
+            // A sentence has as many words as there are columns, now and then.
+            let is_right = |other: &Separator| *other == separator || is_comment || *other != Separator::Spaces;
+            Separator::ALL.into_iter().filter(is_right).find_map(|separator| {
                 let of = |index: usize| Some(self.header(index, separator)).filter(|header| is_names(&header.names));
                 let header = of(index).filter(|header| header.names.len() == width)?;
                 let above = index.checked_sub(1).and_then(of).filter(|above| above.last == header.line);
@@ -228,7 +226,9 @@ impl Opening {
             None => as_it_is,
         };
         let units = self.lines.get(at + 1).map(|next| (next.number, next.content(separator)));
-        let units = units.filter(|(_, units)| units.len() == names.len() && are_units(units));
+        // That of the last column may be missing.
+        let fits = |count: usize| count == names.len() || count + 1 == names.len();
+        let units = units.filter(|(_, units)| fits(units.len()) && are_units(units));
         let mut last = line.number;
         if let Some((number, units)) = units.filter(|(_, units)| units != &names) {
             last = number;
@@ -293,7 +293,7 @@ impl Header {
     }
 
     /// All names, in each of their spellings.
-    pub(super) fn spellings(&self) -> impl Iterator<Item = &Vec<String>> {
+    fn spellings(&self) -> impl Iterator<Item = &Vec<String>> {
         std::iter::once(&self.names).chain(&self.others)
     }
 }
