@@ -25,7 +25,8 @@ const KNOWN: [(&[u8], &str); 27] = [
     ),
     (
         b"#ROSBAG V",
-        "a bag of ROS 1; convert it to MCAP: mcap convert IN.bag OUT.mcap, or rosbags-convert --src IN.bag --dst NEW --dst-storage mcap",
+        "a bag of ROS 1; convert it to MCAP: mcap convert IN.bag OUT.mcap, or \
+         rosbags-convert --src IN.bag --dst NEW --dst-storage mcap",
     ),
     (PARQUET_MAGIC, "Parquet; if it is a recording of Isotherm, every command reads it as it is; else save it as CSV"),
     (b"\xaa\x44\x12", BINARY_NOVATEL),
@@ -57,7 +58,8 @@ const KNOWN: [(&[u8], &str); 27] = [
     (
         b"MATLAB 5.0 MAT-file",
         "a MAT-file of MATLAB; save the variable as CSV, in MATLAB writematrix(NAME, 'OUT.csv'), or: \
-         python3 -c \"import numpy as n, scipy.io as s; n.savetxt('OUT.csv', s.loadmat('IN.mat')['NAME'], '%.17g', ',')\"",
+         python3 -c \"import numpy as n, scipy.io as s; \
+         n.savetxt('OUT.csv', s.loadmat('IN.mat')['NAME'], '%.17g', ',')\"",
     ),
     (
         b"MATLAB 7.3 MAT-file",
@@ -92,8 +94,8 @@ const BINARY_NOVATEL: &str = "NovAtel logs in binary form; log RAWIMUSXA or conv
 const ZIP: &str = "a ZIP archive or a spreadsheet; unpack it, or save it as CSV";
 const NPZ: &str = "arrays of NumPy (.npz); save one as CSV: python3 -c \"import numpy as n; n.savetxt('OUT.csv', \
                    n.load('IN.npz')['NAME'], '%.17g', ',')\"";
-const PCAP: &str = "packets of a network (pcap); the messages of the IMU are within them: convert them with the program of the \
-                    sensor's maker, or list their bytes: tshark -r FILE -T fields -e frame.time_epoch -e data";
+const PCAP: &str = "packets of a network (pcap); the messages of the IMU are within them: convert them with the program \
+                    of the sensor's maker, or list their bytes: tshark -r FILE -T fields -e frame.time_epoch -e data";
 const UBX: &str =
     "UBX of u-blox; make CSV of its messages ESF-RAW or ESF-MEAS with pyubx2 (pip install pyubx2), and give a mapping";
 
@@ -129,7 +131,7 @@ pub(super) fn no_text(beginning: &[u8]) -> Option<String> {
     let is_binary = |byte: &u8| *byte < b' ' && !b"\t\n\x0b\x0c\r\x1b".contains(byte);
     if let Some(at) = beginning.iter().position(is_binary) {
         let lines = beginning.split(|byte| *byte == b'\n').filter(|line| !line.trim_ascii().is_empty());
-        let spoilt = lines.clone().filter(|line| line.iter().any(|byte| is_binary(byte))).count();
+        let spoilt = lines.clone().filter(|line| line.iter().any(is_binary)).count();
         let lines = lines.count();
         if spoilt > (lines / SPOILT).max(1) || lines < FEWEST_LINES {
             if is_ubx(beginning) {

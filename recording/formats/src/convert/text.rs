@@ -3,11 +3,13 @@
 //! Rows that are cut or spoilt are left out and counted, if they are few. Lines that are no rows are passed over:
 //! comments, a header that comes again, what a program writes when it starts.
 
+mod axes;
 mod bad_rows;
 mod marks;
 mod opening;
 mod units;
 
+pub(super) use bad_rows::{BadRows, Fault};
 pub(super) use marks::decimal_ns;
 pub(super) use opening::{FEWEST, Opening, Table};
 
@@ -15,21 +17,18 @@ use super::columns::{ColumnRef, Kind, Sensors, Temperature};
 use super::mapping::{Mapping, TimeUnit};
 use super::rollover::Counter;
 use super::scale::Units;
-use super::source::{Reading, Source, pulses};
+use super::source::{Reading, Source};
 use super::{calendar, proposal};
-use bad_rows::{BadRows, Fault};
+use axes::{Axes, NoReading, bad};
 use isotherm_finding::Finding;
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{Checksum, CsvColumn, Rows, missing_columns};
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
-use marks::{Marks, Number};
+use marks::Marks;
 use opening::{Checksums, uncommented};
 use std::borrow::Cow;
 use std::io::Read;
-
-/// One pulse of numbers that are not whole, unless it is given.
-const FINE: f64 = 1e-6;
 
 /// Rows of a text.
 pub(super) struct TextSource {
@@ -66,34 +65,10 @@ struct Columns {
     telemetry: Telemetry,
 }
 
-/// The columns of three sensors, and what their numbers mean.
-struct Axes {
-    columns: [CsvColumn; AXES],
-    offset: f64,
-    /// Of the first row on.
-    resolution: Option<f64>,
-    /// Whether the resolution was taken from the first row, where all numbers are whole.
-    taken_for_whole: bool,
-    /// Whether all numbers so far are whole.
-    all_whole: bool,
-    sign: [f64; AXES],
-    /// One of the column's unit \[m/s2 or rad/s\], and the largest reading in it.
-    unit: Option<f64>,
-    range: Option<f64>,
-}
-
 enum Telemetry {
     /// Of the heads and the boards.
     Columns([Vec<CsvColumn>; 2]),
     Constant(f64),
-}
-
-/// Why a row is no reading.
-enum NoReading {
-    /// It is bad; others are not.
-    Row(Fault, String),
-    /// The whole text is not as the mapping says.
-    Text(RecordingError),
 }
 
 /// Proposes a mapping for a text.
@@ -158,9 +133,7 @@ impl TextSource {
         };
         let axes = |sensors: &Sensors| -> Result<Axes, RecordingError> {
             let [x, y, z] = &sensors.columns;
-            let Sensors { offset, resolution, sign, unit, range, .. } = *sensors;
-            let columns = [find(x)?, find(y)?, find(z)?];
-            Ok(Axes { columns, offset, resolution, taken_for_whole: false, all_whole: true, sign, unit, range })
+            Ok(Axes::new(sensors, [find(x)?, find(y)?, find(z)?]))
         };
         let telemetry = match &mapping.temperature {
             Temperature::Constant(constant) => Telemetry::Constant(*constant),
@@ -290,15 +263,6 @@ fn fits(table: &Table, mapping: &Mapping) -> bool {
     !mapping.header && mapping.columns().filter_map(ColumnRef::number).all(|number| number <= table.width)
 }
 
-/// A row in which the field of a column is bad.
-fn bad(rows: &Rows<Box<dyn Read>>, column: &CsvColumn, error: RecordingError) -> NoReading {
-    let RecordingError::Data { message, .. } = error else { return NoReading::Text(error) };
-    let is_missing = [&b""[..], b"nan", b"null", b"none", b"-"];
-    let field = rows.field(column.index());
-    let is_missing = is_missing.iter().any(|missing| field.eq_ignore_ascii_case(missing));
-    NoReading::Row(if is_missing { Fault::Missing } else { Fault::Number }, message)
-}
-
 /// Checks that a line fits its checksum.
 fn checked(line: &[u8]) -> Result<(), String> {
     match Checksum::of(line) {
@@ -402,51 +366,6 @@ impl Source for TextSource {
 
     fn findings(&self) -> Vec<Finding> {
         self.bad.finding(self.count).into_iter().collect()
-    }
-}
-
-impl Axes {
-    /// The numbers of the current row.
-    fn numbers(&self, rows: &Rows<Box<dyn Read>>, marks: &mut Marks) -> Result<[Number; AXES], NoReading> {
-        let mut numbers = [Number { value: 0.0, is_whole: true }; AXES];
-        for (number, column) in numbers.iter_mut().zip(&self.columns) {
-            *number = marks.number(rows, column).map_err(|error| bad(rows, column, error))?;
-        }
-        Ok(numbers)
-    }
-
-    /// The pulses of numbers that are right.
-    fn pulses(&mut self, rows: &Rows<Box<dyn Read>>, numbers: [Number; AXES], to: &mut [i64]) -> Result<(), NoReading> {
-        let whole = numbers.iter().all(|number| number.is_whole);
-        let resolution = self.resolution.unwrap_or(if whole { 1.0 } else { FINE });
-        if self.taken_for_whole && !whole {
-            let names: Vec<_> = self.columns.iter().map(CsvColumn::name).collect();
-            let message =
-                "not a whole number, as those of the first row are; give the resolution, such as resolution = 1e-6";
-            return Err(NoReading::Text(rows.error(format!("{}: {message}", names.join(", ")))));
-        }
-        for (axis, number) in numbers.iter().enumerate() {
-            let pulses = pulses(number.value, self.offset, resolution, self.sign[axis]);
-            let of_axis = |message| NoReading::Row(Fault::Range, format!("{}: {message}", self.columns[axis].name()));
-            to[axis] = pulses.map_err(of_axis)?;
-        }
-        self.all_whole &= whole;
-        if self.resolution.is_none() {
-            (self.resolution, self.taken_for_whole) = (Some(resolution), whole);
-        }
-        Ok(())
-    }
-
-    /// A pulse, and the largest reading \[m/s2 or rad/s\]. `section` is that of the mapping, `units` those it may have.
-    fn scale(&self, section: &str, units: &str) -> Result<(f64, Option<f64>), String> {
-        if self.unit.is_none() && (self.offset != 0.0 || self.all_whole) {
-            return Err(format!(
-                "{section}: the numbers look like counts; if they are readings, give its unit: {units}; else the scale of a count"
-            ));
-        }
-        let unit = self.unit.unwrap_or(1.0);
-        let resolution = self.resolution.ok_or_else(|| format!("{section}: no row has been read"))?;
-        Ok((resolution * unit, self.range.map(|range| range * unit)))
     }
 }
 

@@ -335,7 +335,9 @@ fn binary_and_text_of_dataflash_are_the_same() {
 fn what_stands_before_a_dataflash_log_is_passed_over() {
     let mut log = Dataflash::new();
     log.parameter("INS_ACCOFFS_X", 0.125);
-    (0..50_u64).for_each(|row| drop(log.imu(&ImuRow { time_us: row * 40_000, ..ImuRow::default() })));
+    for row in 0..50_u64 {
+        log.imu(&ImuRow { time_us: row * 40_000, ..ImuRow::default() });
+    }
     let (right, told) = converted(&log.bytes, "bin", &Settings::default());
     for before in [&b"ArduCopter V3.2\r\nFree RAM: 1234\r\n"[..], &[0; 512], b"\xa3\x95", &[0xa3; 60_000]] {
         let (rows, more) = converted(&[before, &log.bytes].concat(), "bin", &Settings::default());

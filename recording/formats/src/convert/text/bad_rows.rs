@@ -14,7 +14,7 @@ const HOPELESS_OF: u64 = 10;
 
 /// What is wrong with a row.
 #[derive(Clone, Copy, Debug, Eq, Ord, PartialEq, PartialOrd)]
-pub(super) enum Fault {
+pub(in super::super) enum Fault {
     /// It has another number of fields than the others.
     Fields,
     /// A field that is used is no number, or no time.
@@ -29,9 +29,9 @@ pub(super) enum Fault {
     Line,
 }
 
-/// The rows of a text that are left out.
+/// The rows of a text, or of a log as text, that are left out.
 #[derive(Debug, Default)]
-pub(super) struct BadRows {
+pub(in super::super) struct BadRows {
     counts: BTreeMap<Fault, u64>,
     /// Line and fault of the first.
     first: Option<(u64, String)>,
@@ -42,7 +42,13 @@ impl BadRows {
     ///
     /// # Errors
     /// Why the text is refused, if that is certain by now.
-    pub(super) fn take(&mut self, fault: Fault, line: u64, message: String, rows: u64) -> Result<(), RecordingError> {
+    pub(in super::super) fn take(
+        &mut self,
+        fault: Fault,
+        line: u64,
+        message: String,
+        rows: u64,
+    ) -> Result<(), RecordingError> {
         *self.counts.entry(fault).or_default() += 1;
         self.first.get_or_insert((line, message));
         let is_hopeless = self.count() > HOPELESS.max(rows / HOPELESS_OF);
@@ -50,12 +56,12 @@ impl BadRows {
     }
 
     /// How many there are.
-    pub(super) fn count(&self) -> u64 {
+    pub(in super::super) fn count(&self) -> u64 {
         self.counts.values().sum()
     }
 
     /// Refuses a text of which too many of all `rows` are bad.
-    pub(super) fn check(&self, rows: u64) -> Result<(), RecordingError> {
+    pub(in super::super) fn check(&self, rows: u64) -> Result<(), RecordingError> {
         let count = self.count();
         let is_few = count <= (rows / ONE_OF).max(1) && rows - count >= FEWEST_GOOD;
         if count == 0 || is_few { Ok(()) } else { Err(self.refusal(rows, "")) }
@@ -84,7 +90,7 @@ impl BadRows {
                 Fault::Missing => "with a missing value",
                 Fault::Range => "with a number over the range",
                 Fault::Checksum => "with a wrong checksum",
-                Fault::Line => "that cannot be split into fields",
+                Fault::Line => "in a line that is no whole row",
             };
             format!("{count} {what}")
         };
@@ -92,7 +98,7 @@ impl BadRows {
     }
 
     /// What was left out of so many rows.
-    pub(super) fn finding(&self, rows: u64) -> Option<Finding> {
+    pub(in super::super) fn finding(&self, rows: u64) -> Option<Finding> {
         let (line, message) = self.first.as_ref()?;
         let (count, kinds) = (self.count(), self.kinds());
         let left_out = if count == 1 { "1 row is" } else { &format!("{count} rows are") };
