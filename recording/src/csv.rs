@@ -239,6 +239,7 @@ impl<R: Read> Rows<R> {
     }
 
     /// Whether the current row has `count` fields, or one more that is empty: a separator at its end.
+    #[inline]
     #[must_use]
     pub fn fits(&self, count: usize) -> bool {
         self.len() == count || self.len() == count + 1 && self.field(count).is_empty()

@@ -44,6 +44,7 @@ impl Axes {
     }
 
     /// The numbers of the current row.
+    #[inline]
     pub(super) fn numbers(&self, rows: &Rows<Box<dyn Read>>, marks: &mut Marks) -> Result<[Number; AXES], NoReading> {
         let mut numbers = [Number { value: 0.0, is_whole: true }; AXES];
         for (number, column) in numbers.iter_mut().zip(&self.columns) {
@@ -53,6 +54,7 @@ impl Axes {
     }
 
     /// The pulses of numbers that are right.
+    #[inline]
     pub(super) fn pulses(
         &mut self,
         rows: &Rows<Box<dyn Read>>,

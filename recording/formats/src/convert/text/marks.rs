@@ -54,12 +54,14 @@ impl Marks {
     }
 
     /// The digits of a plain decimal that needs no look at the decimal mark: it has none, or the one that is known.
+    #[inline]
     fn plain(&self, field: &[u8]) -> Option<(usize, u64, usize)> {
         let split = digits_with(field, self.settled.unwrap_or(b'.'))?;
         (split.2 == 0 || self.settled.is_some()).then_some(split)
     }
 
     /// The number of a field.
+    #[inline]
     pub(super) fn number(&mut self, rows: &Rows<Box<dyn Read>>, column: &CsvColumn) -> Result<Number, RecordingError> {
         if let Some(decimal) = self.plain(rows.field(column.index()))
             && let Some(value) = nearest_double(decimal)
@@ -79,6 +81,7 @@ impl Marks {
     }
 
     /// The time of a field \[ns\], exactly: never by way of a floating-point number; and whether it is a whole number.
+    #[inline]
     pub(super) fn time(
         &mut self,
         rows: &Rows<Box<dyn Read>>,
