@@ -9,8 +9,10 @@ use core::str::FromStr;
 use std::borrow::Cow;
 use std::io::{BufRead, BufReader, Read};
 
+mod checksum;
 mod numbers;
 
+pub use checksum::Checksum;
 pub use numbers::{DecimalMark, Separator, looks_like_number};
 
 /// Bytes read at a time.
@@ -60,35 +62,50 @@ pub struct Rows<R> {
     /// Begin and end of each field of the current row.
     fields: Vec<(usize, usize)>,
     checks: RowChecks,
+    /// Whether the checksums at the ends of lines are cut off.
+    without_checksums: bool,
 }
 
 impl<R: Read> Rows<R> {
     /// Reads from `source`.
     pub fn new(source: R) -> Self {
+        Self::starting_at(source, 0)
+    }
+
+    /// Reads from `source`, which begins behind so many lines of its text.
+    pub fn starting_at(source: R, lines: u64) -> Self {
         Self {
             source: BufReader::with_capacity(BUFFER, source),
             separator: Separator::Comma,
             parser: csv_core::Reader::new(),
             text: Vec::new(),
-            line: 0,
+            line: lines,
             unquoted: Vec::new(),
             ends: Vec::new(),
             quoted: false,
             fields: Vec::new(),
             checks: RowChecks::Absent,
+            without_checksums: false,
         }
+    }
+
+    /// Takes no [`Checksum`] at the end of a line for a part of the last field, from the next row on.
+    pub const fn cut_checksums(&mut self) {
+        self.without_checksums = true;
     }
 
     /// Parses the next row; false at the end.
     ///
     /// # Errors
-    /// If the source cannot be read, a quotation mark is not closed or a lone carriage return is inside a row.
+    /// If the source cannot be read, a quotation mark is not closed, a lone carriage return is inside a row or a line is
+    /// too long. Behind the error of a row the next call goes on.
     pub fn next_row(&mut self) -> Result<bool, RecordingError> {
         // There is no current row after the last one.
         self.fields.clear();
         loop {
+            // The rest of a line that is too long is on the same line.
+            self.line += u64::from(self.text.len() as u64 != MAX_LINE || self.text.ends_with(b"\n"));
             self.text.clear();
-            self.line += 1;
             if (&mut self.source).take(MAX_LINE).read_until(b'\n', &mut self.text)? == 0 {
                 return Ok(false);
             }
@@ -133,7 +150,12 @@ impl<R: Read> Rows<R> {
     fn split(&mut self) -> Result<(), RecordingError> {
         self.fields.clear();
         let content = self.text.strip_suffix(b"\n").unwrap_or(&self.text);
-        let content = content.strip_suffix(b"\r").unwrap_or(content);
+        let mut content = content.strip_suffix(b"\r").unwrap_or(content);
+        if self.without_checksums
+            && let Some(checksum) = Checksum::of(content)
+        {
+            content = &content[..checksum.at];
+        }
         if memchr::memchr(b'\r', content).is_some() {
             return Err(
                 self.error("a carriage return inside a row; save the file with LF or CR LF line ends".to_owned())
@@ -206,10 +228,21 @@ impl<R: Read> Rows<R> {
         Ok(most.1)
     }
 
-    fn separate_by(&mut self, separator: Separator) -> Result<(), RecordingError> {
+    /// Separates the current row, if there is one, and all further ones by this.
+    ///
+    /// # Errors
+    /// If a quotation mark is not closed.
+    pub fn separate_by(&mut self, separator: Separator) -> Result<(), RecordingError> {
         self.separator = separator;
         self.parser = csv_core::ReaderBuilder::new().delimiter(separator.byte()).build();
-        self.split()
+        if self.text.is_empty() { Ok(()) } else { self.split() }
+    }
+
+    /// Whether the current row has `count` fields, or one more that is empty: a separator at its end.
+    #[inline]
+    #[must_use]
+    pub fn fits(&self, count: usize) -> bool {
+        self.len() == count || self.len() == count + 1 && self.field(count).is_empty()
     }
 
     /// Number of fields of the current row.

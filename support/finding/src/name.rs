@@ -250,7 +250,8 @@ findings! {
         MOTION = "motion", FaultOrWarning,
             "Nothing, if what is used covers the temperatures; else record the warm-up disarmed, on firm ground.";
         /// Rows hold values that no sensor measured: markers such as 0 or -32768, spikes, numbers that are none,
-        /// temperatures that no IMU has, values that stand still. They are left out. A fault over 5 % of the rows.
+        /// temperatures that no IMU has, values that stand still. Or rows of a text are cut or spoilt. They are left out.
+        /// A fault over 5 % of the rows; over 1 % a text is refused.
         BAD_ROWS = "bad-rows", FaultOrWarning, "Look at the sensor, its cable and its logger.";
         /// The thermometer stands still while the biases go on: these rows are left out.
         TEMPERATURE_STUCK = "temperature-stuck", Warning,
@@ -312,7 +313,8 @@ findings! {
         /// The IMU turned within standstills, which makes their specific force too short: they are left out.
         TURNED = "turned", Warning, "Put the IMU on firm ground.";
     }
-    "Recordings" "Of `verify`, `noise` and `convert`, with `interval`, `missing-rows`, `time-step` and `other-device`." {
+    "Recordings" "Of `verify`, `noise` and `convert`, with `interval`, `missing-rows`, `time-step`, `bad-rows` and \
+                  `other-device`." {
         /// The end of a file is missing: its writer was killed, or the copy is not complete.
         TRUNCATED = "truncated", Warning, "Copy the file again; what is there is used.";
         /// Only one of recording and table has gyroscopes: they are left out.

@@ -2,7 +2,6 @@
 
 use super::heading::Heading;
 use super::{calendar, interval, unit};
-use isotherm_recording::csv::looks_like_number;
 
 /// Times since 1970 that recordings have \[s\]: from 2001 to 2100.
 const EPOCH_S: std::ops::Range<f64> = 1e9..4.1e9;
@@ -23,11 +22,6 @@ pub(super) struct TimeUnit {
     pub(super) name: &'static str,
     pub(super) factor: f64,
     pub(super) guess: Option<String>,
-}
-
-/// Whether a field is a number or a time.
-pub(super) fn is_value(field: &str) -> bool {
-    looks_like_number(field) || calendar::time_ns(field).is_some()
 }
 
 impl Found {

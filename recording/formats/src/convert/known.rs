@@ -1,6 +1,6 @@
 //! Formats whose columns are known, so that they need no mapping. Each is recognised by its first bytes.
 
-use super::autopilot::{DataFlashSource, FoundImu, UlogSource, is_binary_log, is_text_log, is_ulog};
+use super::autopilot::{DataFlashSource, Encoding, FoundImu, UlogSource, is_ulog};
 use super::novatel::{self, NovatelSource};
 use super::ros::RosSource;
 use super::settings::{GyroscopeTemperature, Settings, TimeSource};
@@ -18,10 +18,8 @@ pub(super) enum Known {
     Novatel,
     /// Of PX4.
     Ulog,
-    /// Of ArduPilot, binary or as text.
-    DataFlash {
-        is_text: bool,
-    },
+    /// Of ArduPilot.
+    DataFlash(Encoding),
 }
 
 impl Known {
@@ -33,10 +31,10 @@ impl Known {
         if is_ulog(beginning) {
             return Some(Self::Ulog);
         }
-        if is_binary_log(beginning) || is_text_log(beginning) {
-            return Some(Self::DataFlash { is_text: is_text_log(beginning) });
+        if novatel::is_log(beginning) {
+            return Some(Self::Novatel);
         }
-        novatel::is_log(beginning).then_some(Self::Novatel)
+        Encoding::of(beginning).map(Self::DataFlash)
     }
 
     /// Opens the data. `source` has all of them; logs are read from the file instead. ROS messages may have other
@@ -53,7 +51,7 @@ impl Known {
             Self::Mcap => RosSource::open(path, source, settings, temperature, units)?,
             Self::Novatel => Box::new(NovatelSource::new(source, temperature)),
             Self::Ulog => Box::new(UlogSource::open(path, settings, temperature)?),
-            Self::DataFlash { is_text } => Box::new(DataFlashSource::open(path, settings, temperature, is_text)?),
+            Self::DataFlash(encoding) => Box::new(DataFlashSource::open(path, settings, temperature, encoding)?),
         })
     }
 }
@@ -65,7 +63,7 @@ impl Known {
 pub(super) fn imus_of(path: &Path, beginning: &[u8], settings: &Settings) -> Result<Option<Vec<FoundImu>>, Failure> {
     match Known::of(beginning) {
         Some(Known::Ulog) => UlogSource::imus(path, settings).map(Some),
-        Some(Known::DataFlash { is_text }) => DataFlashSource::imus(path, settings, is_text).map(Some),
+        Some(Known::DataFlash(encoding)) => DataFlashSource::imus(path, settings, encoding).map(Some),
         _ => Ok(None),
     }
 }
@@ -80,7 +78,7 @@ pub(super) fn check(settings: &Settings, path: &Path, format: Option<Known>) -> 
     if format.is_some() && settings.gyroscope_file.is_some() {
         return refused("a file of the gyroscopes is named, but this is no text with a mapping");
     }
-    let is_log = matches!(format, Some(Known::Ulog | Known::DataFlash { .. }));
+    let is_log = matches!(format, Some(Known::Ulog | Known::DataFlash(_)));
     if is_log && settings.time != TimeSource::Header {
         return refused(
             "--time is for texts and bags, but this is the log of an autopilot, whose times are mended anyhow",

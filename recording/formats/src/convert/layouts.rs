@@ -2,14 +2,17 @@
 //! wherever they come from.
 
 use super::columns::ColumnRef;
-use super::found::{Found, is_value, length};
+use super::found::{Found, length};
 use super::mapping::Mapping;
-use super::proposal::{CELSIUS, MOST_SKIPPED, is_header, is_separated, quoted};
+use super::proposal::{CELSIUS, first_columns, quoted};
 use super::source::PLACEHOLDER;
+use super::text::{Opening, Table, rows_of};
 use super::unit::{self, Quantity, Said, without_brackets};
+use isotherm_recording::RecordingError;
 use isotherm_recording::csv::Rows;
 use isotherm_shared::wire::AXES;
 use std::fmt::Write as _;
+use std::io::{Cursor, Read};
 use std::path::Path;
 
 mod table;
@@ -40,23 +43,20 @@ pub(super) struct Recognised {
 /// # Errors
 /// The reason why a text that is recognised has no accelerations, with the remedy.
 pub(super) fn recognise(beginning: &[u8], name: &Path) -> Result<Option<Recognised>, String> {
-    let mut rows = Rows::new(beginning);
-    while rows.line() < MOST_SKIPPED && rows.next_row().unwrap_or(false) {
-        if rows.detect_separator(is_separated).is_err() {
-            return Ok(None);
-        }
-        let (skip, names) = (rows.line() - 1, rows.names().collect::<Vec<_>>());
-        let layout = LAYOUTS.iter().find(|layout| layout.fits(&bases(&names)));
-        if layout.is_none() && names.iter().filter(|name| is_value(name)).count() < AXES {
-            continue;
-        }
-        let table = Table::read(&mut rows, names, skip);
-        return match layout {
-            Some(layout) => table.of_layout(layout, name),
-            None => table.without_header(name),
-        };
+    let beginning: Box<dyn Read> = Box::new(Cursor::new(beginning.to_vec()));
+    let read = || {
+        let (opening, source) = Opening::read(beginning, 0)?;
+        let Some(table) = opening.table() else { return Ok(None) };
+        let mut rows = rows_of(source, &table, 0)?;
+        Ok::<_, RecordingError>(rows.next_row()?.then(|| First::read(&mut rows, &table)))
+    };
+    // What cannot be read is an error where the rows are.
+    let Ok(Some(first)) = read() else { return Ok(None) };
+    match LAYOUTS.iter().find(|layout| layout.fits(&first.bases)) {
+        Some(layout) => first.of_layout(layout, name),
+        None if first.has_header => Ok(None),
+        None => first.without_header(name),
     }
-    Ok(None)
 }
 
 /// Names of columns as layouts have them.
@@ -69,38 +69,26 @@ fn bases(names: &[String]) -> Vec<String> {
 }
 
 /// The first rows of a text.
-struct Table {
+struct First {
     bases: Vec<String>,
     columns: Vec<Found>,
     skip: u64,
+    has_header: bool,
     /// Whether all fields that are numbers have an exponent.
     is_exponential: bool,
 }
 
-impl Table {
-    fn read(rows: &mut Rows<&[u8]>, names: Vec<String>, skip: u64) -> Self {
-        let mut columns: Vec<_> = names.iter().map(|name| Found::new(name)).collect();
-        let mut is_exponential = true;
-        let mut take = |fields: &[String]| {
-            for (column, field) in columns.iter_mut().zip(fields) {
-                is_exponential &= field.is_empty() || field.contains(['e', 'E']);
-                column.take(field);
-            }
-        };
-        let first = rows.next_row().unwrap_or(false).then(|| rows.names().collect::<Vec<_>>());
-        if !is_header(&names, first.iter().flatten()) {
-            take(&names);
+impl First {
+    /// Of a table whose first row is the current one.
+    fn read(rows: &mut Rows<Box<dyn Read>>, table: &Table) -> Self {
+        let is_exponential = rows.names().all(|field| field.is_empty() || field.contains(['e', 'E']));
+        let (mut columns, _) = first_columns(rows, table, ROWS);
+        // The beginning may end in the middle of a row.
+        if !rows.is_terminated() && columns.iter().all(|column| column.values.len() > 1) {
+            columns.iter_mut().for_each(|column| column.values.truncate(column.values.len() - 1));
         }
-        for fields in first.into_iter().chain((1..ROWS).map_while(|_| {
-            // The beginning may end in the middle of a row.
-            let is_there = rows.next_row().unwrap_or(false) && rows.is_terminated();
-            is_there.then(|| rows.names().collect())
-        })) {
-            if fields.len() == names.len() {
-                take(&fields);
-            }
-        }
-        Self { bases: bases(&names), columns, skip, is_exponential }
+        let bases = table.header.as_ref().map_or_else(Vec::new, |header| bases(&header.names));
+        Self { bases, columns, skip: table.line() - 1, has_header: table.header.is_some(), is_exponential }
     }
 
     fn place(&self, column: &str) -> Option<usize> {
@@ -220,7 +208,9 @@ impl Table {
             let Some(columns) = columns else { continue };
             let all = columns.map(|column| &self.columns[column]);
             let said = match quantity.of_triad(all.map(|column| column.heading.name.as_str())) {
-                Said::Unit(unit) if header => unit.name,
+                // Numbers in another unit have other sizes: a mapping gives them their resolution.
+                Said::Unit(said) if header && !unit.is_empty() && said.name != unit => return None,
+                Said::Unit(said) if header => said.name,
                 Said::Unknown(_) if header => return None,
                 _ => unit,
             };

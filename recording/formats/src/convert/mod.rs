@@ -59,7 +59,6 @@ use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{LoadError, Trust, open_recording, read_text};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::columns::Layout;
-use isotherm_recording::csv::Rows;
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::document::Faults;
 use isotherm_shared::stream::ImuId;
@@ -219,13 +218,12 @@ impl Conversion {
             return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(path))));
         }
         let refused = |message: String| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
-        let mut rows = Rows::new(source);
         if let Some(recognised) = recognised.transpose().map_err(refused)?.flatten() {
-            let source = text::TextSource::recognised(rows, recognised, settings.temperature).map_err(failed)?;
+            let source = text::TextSource::recognised(source, recognised, settings.temperature).map_err(failed)?;
             return Self::begin(path, Box::new(source), settings.interval_ns, settings);
         }
         let Some((file, text)) = mapping else {
-            let proposal = proposal::propose(&mut rows).map_err(failed)?;
+            let proposal = text::proposal(source).map_err(failed)?;
             let name = shown(path);
             let message = format!("{name}: which columns are what? Give --mapping with a file such as\n\n{proposal}");
             return Err(Failure::new(Exit::Usage, message));
@@ -241,25 +239,25 @@ impl Conversion {
         }
         let interval_ns = settings.interval_ns.or(mapping.time.interval_ns);
         let source: Box<dyn Source> = match &settings.gyroscope_file {
-            Some(file) => Box::new(Self::of_two_files((path, rows), file, mapping, settings.time)?),
-            None => Box::new(text::TextSource::new(rows, mapping).map_err(failed)?),
+            Some(file) => Box::new(Self::of_two_files((path, source), file, mapping, settings.time)?),
+            None => Box::new(text::TextSource::new(source, mapping).map_err(failed)?),
         };
         Self::begin(path, source, interval_ns, settings)
     }
 
     /// The rows of a text of accelerometers, joined with those of a text of gyroscopes.
     fn of_two_files(
-        (path, rows): (&Path, Rows<Box<dyn Read>>),
+        (path, text): (&Path, Box<dyn Read>),
         file: &Path,
         mapping: Mapping,
         time: TimeSource,
     ) -> Result<JoinedSource, Failure> {
         let source = open_recording(file).map_err(|error| Failure::io("opening", file, &error))?;
         let name = |path: &Path| shown(path).to_string();
-        let gyroscopes = text::TextSource::of_gyroscopes(Rows::new(source), mapping.clone());
+        let gyroscopes = text::TextSource::of_gyroscopes(source, mapping.clone());
         let gyroscopes = gyroscopes.and_then(|it| Stream::new(Box::new(it), time, true, name(file), Some(file)));
         let gyroscopes = gyroscopes.map_err(|error| error.failure(file))?;
-        let accelerometers = text::TextSource::new(rows, Mapping { gyroscope: None, ..mapping });
+        let accelerometers = text::TextSource::new(text, Mapping { gyroscope: None, ..mapping });
         let accelerometers = accelerometers.and_then(|it| Stream::new(Box::new(it), time, false, name(path), None));
         Ok(JoinedSource::new(accelerometers.map_err(|error| error.failure(path))?, gyroscopes))
     }
@@ -498,7 +496,8 @@ impl Conversion {
             (self.session, self.last) = (self.session.saturating_add(1), None);
         }
         let nominal_ns = self.nominal_ns;
-        let counted_ns = || self.begin_ns.saturating_add(nominal_ns.saturating_mul(self.read_rows + 1));
+        let number = if reading.row > 0 { reading.row } else { self.read_rows + 1 };
+        let counted_ns = || self.begin_ns.saturating_add(nominal_ns.saturating_mul(number));
         let timestamp_ns = reading.timestamp_ns.unwrap_or_else(counted_ns);
         let (mut sequence, mut interval_ns) = (0, nominal_ns);
         if let Some((last_ns, last)) = self.last {

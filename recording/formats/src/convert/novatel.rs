@@ -13,6 +13,7 @@
 
 use super::scale::Units;
 use super::source::{PLACEHOLDER, Reading, Source, placeholder};
+use super::text::{BadRows, Fault};
 use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
 use isotherm_shared::wire::AXES;
@@ -40,12 +41,18 @@ pub(super) struct NovatelSource {
     others: u64,
     abbreviated: u64,
     errors: u64,
+    /// Rows so far, with the bad lines.
+    rows: u64,
+    bad: BadRows,
 }
 
-/// A line that is no log of raw IMU data.
+/// A line that is no row.
 enum Skipped {
     OtherLog,
     Abbreviated,
+    Bad(Fault, String),
+    /// No line can be used.
+    Encrypted,
 }
 
 /// Whether data that begin with these bytes are such logs.
@@ -66,16 +73,18 @@ impl NovatelSource {
             others: 0,
             abbreviated: 0,
             errors: 0,
+            rows: 0,
+            bad: BadRows::default(),
         }
     }
 
-    /// The row of a line; `Err(Err(..))` if it is broken.
-    fn reading(&mut self) -> Result<Reading, Result<Skipped, String>> {
-        let broken = |message: &str| Err(message.to_owned());
+    /// The row of a line.
+    fn reading(&mut self) -> Result<Reading, Skipped> {
+        let broken = |message: &str| Skipped::Bad(Fault::Line, message.to_owned());
         let line = str::from_utf8(&self.text).map_err(|_| broken("bytes that are no text; is the log damaged?"))?;
         let line = line.trim_end();
         match line.chars().next() {
-            None | Some('<' | '[') => return Err(Ok(Skipped::Abbreviated)),
+            None | Some('<' | '[') => return Err(Skipped::Abbreviated),
             Some('%' | '#') => {}
             Some(_) => return Err(broken("not a NovAtel log, which begins with % or #")),
         }
@@ -85,24 +94,24 @@ impl NovatelSource {
         let stated = stated.ok_or_else(|| broken("no CRC of 8 hexadecimal digits at the end; is the line cut?"))?;
         let computed = crc32(&content.as_bytes()[1..]);
         if stated != computed {
-            return Err(Err(format!(
-                "the CRC is {stated:08x}, but that of the line is {computed:08x}; the line is damaged"
-            )));
+            let message =
+                format!("the CRC is {stated:08x}, but that of the line is {computed:08x}; the line is damaged");
+            return Err(Skipped::Bad(Fault::Checksum, message));
         }
         let (header, body) = content.split_once(';').ok_or_else(|| broken("no ; between header and body"))?;
         let name = header.split(',').next().unwrap_or_default();
         let Some((log, extended)) = LOGS.iter().find(|(log, _)| *log == name) else {
-            return Err(Ok(Skipped::OtherLog));
+            return Err(Skipped::OtherLog);
         };
         if *self.log.get_or_insert(log) != *log {
-            return Err(Ok(Skipped::OtherLog));
+            return Err(Skipped::OtherLog);
         }
         let mut fields = body.split(',');
         if *extended {
             let info = fields.next().and_then(|info| u8::from_str_radix(info, 16).ok());
             let info = info.ok_or_else(|| broken("the IMU info is not a hexadecimal number"))?;
             if info & ENCRYPTED != 0 {
-                return Err(broken("the data are encrypted (IMU info), and cannot be used"));
+                return Err(Skipped::Encrypted);
             }
             self.errors += u64::from(info & IMU_ERROR != 0);
             fields.next();
@@ -134,13 +143,23 @@ impl Source for NovatelSource {
             self.line += 1;
             if (&mut self.source).take(MAX_LINE).read_until(b'\n', &mut self.text)? == 0 {
                 self.line -= 1;
-                return Ok(None);
+                return self.bad.check(self.rows).map(|()| None);
             }
             match self.reading() {
-                Ok(reading) => return Ok(Some(reading)),
-                Err(Ok(Skipped::OtherLog)) => self.others += 1,
-                Err(Ok(Skipped::Abbreviated)) => self.abbreviated += 1,
-                Err(Err(message)) => return Err(self.error(self.line, message)),
+                Ok(reading) => {
+                    self.rows += 1;
+                    return Ok(Some(reading));
+                }
+                Err(Skipped::OtherLog) => self.others += 1,
+                Err(Skipped::Abbreviated) => self.abbreviated += 1,
+                Err(Skipped::Bad(fault, message)) => {
+                    self.rows += 1;
+                    self.bad.take(fault, self.line, message, self.rows)?;
+                }
+                Err(Skipped::Encrypted) => {
+                    let message = "the data are encrypted (IMU info), and cannot be used".to_owned();
+                    return Err(self.error(self.line, message));
+                }
             }
         }
     }
@@ -173,7 +192,7 @@ impl Source for NovatelSource {
     fn findings(&self) -> Vec<Finding> {
         let message = || format!("in {} rows the IMU reports an error (IMU info, bit 0)", self.errors);
         let errors = (self.errors > 0).then(|| Finding::warning(name::IMU_ERROR, message()));
-        errors.into_iter().chain(placeholder(self.temperature)).collect()
+        errors.into_iter().chain(self.bad.finding(self.rows)).chain(placeholder(self.temperature)).collect()
     }
 }
 
@@ -246,6 +265,18 @@ mod tests {
         assert!(extended("02").unwrap_err().contains("encrypted"));
         assert!(extended("zz").unwrap_err().contains("IMU info"));
         assert_eq!(extended("01").unwrap().len(), 1);
+        // Few bad lines among many are left out.
+        let many = format!("{good}\n").repeat(60);
+        let spoilt = many.replacen("309705", "309706", 1);
+        let mut source = NovatelSource::new(Box::new(std::io::Cursor::new(spoilt)), Some(20.0));
+        assert_eq!(std::iter::from_fn(|| source.read().unwrap()).count(), 59);
+        let told = source.findings()[0].message.clone();
+        assert!(
+            told.starts_with("1 row is left out of 60: 1 with a wrong checksum; the first is line 1: the CRC"),
+            "{told}"
+        );
+        let message = read(many.replacen("309705", "309706", 2)).unwrap_err();
+        assert!(message.contains("; 2 of the 60 rows are bad (2 with a wrong checksum), and at most 1 %"), "{message}");
         assert!(read("\u{e9}%\n".to_owned()).unwrap_err().starts_with("line 1: not a NovAtel log"));
     }
 }

@@ -1,8 +1,9 @@
 //! The mapping that a text would have, by the names of its columns, the lines above them and its first rows: for
 //! messages, to be copied into a file and checked. What the text does not say is `"?"` there.
 
-use super::found::{Found, is_value, length};
+use super::found::{Found, length};
 use super::stated;
+use super::text::Table;
 use super::unit::{self, Quantity, Said, Unit};
 use isotherm_failure::printable;
 use isotherm_recording::RecordingError;
@@ -20,10 +21,6 @@ pub(super) use telemetry::CELSIUS;
 
 /// Rows that are looked at.
 const ROWS: usize = 1000;
-/// Fewest numbers of a row: three accelerometers.
-const FEWEST: usize = 3;
-/// Most lines before the header.
-pub(super) const MOST_SKIPPED: u64 = 100;
 /// Most columns that are listed.
 const LISTED: usize = 40;
 /// Longest line above the header that is shown \[letters\].
@@ -33,13 +30,6 @@ const OFF_GRAVITY: f64 = 0.05;
 /// Pulses that a number may have, with room for numbers 20 times as large as those of the first rows.
 const MOST_PULSES: f64 = 2e8;
 
-/// The row with the names of the columns, or the first of a text without a header.
-struct First {
-    line: u64,
-    separator: Separator,
-    names: Vec<String>,
-}
-
 /// The sensors of a section: their columns, and why, if no name says it.
 #[derive(Clone, Copy)]
 struct Sensors {
@@ -47,83 +37,41 @@ struct Sensors {
     guess: Option<&'static str>,
 }
 
-/// Proposes a mapping for a text whose first row has not been read. The table begins with the first row that is
-/// followed by one with as many columns, of which three are numbers.
+/// Proposes a mapping for the rows of a table, of which none has been read. `above` are the lines above it.
 ///
 /// # Errors
-/// If there is no such row, or the text cannot be read.
-pub(super) fn propose(rows: &mut Rows<Box<dyn Read>>) -> Result<String, RecordingError> {
-    let mut before: Option<First> = None;
-    let mut lines = Vec::new();
-    while rows.line() <= MOST_SKIPPED && rows.next_row()? {
-        let separator = rows.detect_separator(is_separated)?;
-        let names: Vec<_> = rows.names().collect();
-        let numbers = names.iter().filter(|name| looks_like_number(name)).count();
-        if let Some(first) = before
-            .take_if(|first| first.separator == separator && first.names.len() == names.len() && numbers >= FEWEST)
-        {
-            lines.pop();
-            return Ok(of_table(rows, &first, &lines));
-        }
-        lines.push(String::from_utf8_lossy(rows.line_text()).trim().to_owned());
-        before = Some(First { line: rows.line(), separator, names });
-    }
-    Err(rows.error(format!("no two rows with {FEWEST} numbers or more; this is no table of numbers")))
-}
-
-/// Proposes a mapping for a text whose current row is the first of the table.
-///
-/// # Errors
-/// If the text ends here, or cannot be read.
-pub(super) fn propose_from(rows: &mut Rows<Box<dyn Read>>) -> Result<String, RecordingError> {
-    let separator = rows.detect_separator(is_separated)?;
-    let first = First { line: rows.line(), separator, names: rows.names().collect() };
+/// If there is no row, or the text cannot be read.
+pub(super) fn propose(
+    rows: &mut Rows<Box<dyn Read>>,
+    table: &Table,
+    above: &[String],
+) -> Result<String, RecordingError> {
     if !rows.next_row()? {
         return Err(rows.error("no rows".to_owned()));
     }
-    Ok(of_table(rows, &first, &[]))
+    let (columns, commas) = first_columns(rows, table, ROWS);
+    let stated = stated::interval_s(above.iter().map(String::as_str));
+    Ok(Text { columns, header: table.header.is_some(), skip: table.line() - 1, commas, stated }.mapping())
 }
 
-/// Whether these can be the fields of a row: none is a number and more, as with a separator that is not the right one.
-pub(super) fn is_separated(fields: &[String]) -> bool {
-    let begins_as_number =
-        |field: &str| field.starts_with(|letter: char| letter.is_ascii_digit() || "+-.".contains(letter));
-    let is_whole = |field: &String| is_value(field) || !begins_as_number(field) && !field.contains([';', '\t']);
-    fields.len() >= FEWEST && fields.iter().all(is_whole)
-}
-
-/// Whether a row has names, and no values of the columns that are numbers in the row below.
-pub(super) fn is_header<'a>(names: &[String], below: impl Iterator<Item = &'a String>) -> bool {
-    let numbers: Vec<_> = names.iter().zip(below).filter(|(_, below)| is_value(below)).collect();
-    let values = numbers.iter().filter(|(name, _)| is_value(name)).count();
-    2 * values < numbers.len().max(1)
-}
-
-/// The mapping of a table whose second row is the current one.
-fn of_table(rows: &mut Rows<Box<dyn Read>>, first: &First, above: &[String]) -> String {
-    let header = is_header(&first.names, rows.names().collect::<Vec<_>>().iter());
-    let mut columns: Vec<_> = first.names.iter().map(|name| Found::new(if header { name } else { "" })).collect();
+/// The columns of so many rows, of which the first is the current one, and whether numbers have decimal commas.
+pub(super) fn first_columns<R: Read>(rows: &mut Rows<R>, table: &Table, most: usize) -> (Vec<Found>, bool) {
+    let names = table.header.as_ref().map(|header| &header.names);
+    let name = |column: usize| names.map_or("", |names| &names[column]);
+    let mut columns: Vec<_> = (0..table.width).map(|column| Found::new(name(column))).collect();
     let mut commas = false;
-    let mut take = |fields: &[String]| {
-        for (column, field) in columns.iter_mut().zip(fields) {
-            commas |= first.separator != Separator::Comma && looks_like_number(field) && field.contains(',');
-            column.take(field);
+    for _ in 0..most {
+        if rows.fits(table.width) {
+            for (column, field) in columns.iter_mut().zip(rows.names()) {
+                commas |= table.separator != Separator::Comma && looks_like_number(&field) && field.contains(',');
+                column.take(&field);
+            }
         }
-    };
-    if !header {
-        take(&first.names);
-    }
-    for _ in 0..ROWS {
-        if rows.len() != first.names.len() {
-            break;
-        }
-        take(&rows.names().collect::<Vec<_>>());
         if !rows.next_row().unwrap_or(false) {
             break;
         }
     }
-    let stated = stated::interval_s(above.iter().map(String::as_str));
-    Text { columns, header, skip: first.line - 1, commas, stated }.mapping()
+    (columns, commas)
 }
 
 struct Text<'a> {

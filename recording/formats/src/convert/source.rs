@@ -15,6 +15,8 @@ pub const PLACEHOLDER: f64 = 25.0;
 pub(super) struct Reading {
     /// Line of a text, number of a message, byte of a binary log.
     pub(super) place: u64,
+    /// Number of the row in a text, from 1, with those that are left out: its time where there is no column of it.
+    pub(super) row: u64,
     /// `None` in a text without a column of the time.
     pub(super) timestamp_ns: Option<u64>,
     /// Pulses with their sign: A1, A2, A3, G1, G2, G3.

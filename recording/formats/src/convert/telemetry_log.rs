@@ -9,8 +9,11 @@
 //! ArduPilot sends whole mg and mrad/s (1000 ug0, 206 deg/h), corrected, at a few Hz. A table of these would repeat the
 //! correction that was in force.
 
+use super::autopilot::first_message;
 use std::collections::BTreeMap;
 
+/// Longest name of a message in a log of ArduPilot.
+const LOG_NAME: usize = 4;
 /// Messages that follow each other in what is recognised.
 const CHAIN: usize = 3;
 /// The number, the name and the place of the temperature in the payload. `None` is that of the barometer.
@@ -29,8 +32,13 @@ struct Frame<'a> {
     length: usize,
 }
 
-/// Why data that begin with these bytes are refused; `None` if they are no telemetry log.
+/// Why data that begin with these bytes are refused; `None` if they are no telemetry log, nor one as lines of JSON.
 pub(super) fn reason(beginning: &[u8]) -> Option<String> {
+    if let Some(message) = first_message(beginning) {
+        // Names of MAVLink's messages are long; those of ArduPilot's logs have up to four letters.
+        let is_telemetry = message.name().len() > LOG_NAME && message.name() != "BAD_DATA";
+        return is_telemetry.then(|| refusal("as lines of JSON"));
+    }
     // With the times of arrival, and without.
     let stamp = [8, 0].into_iter().find(|stamp| frames(beginning, *stamp).take(CHAIN).count() == CHAIN)?;
     let mut found = BTreeMap::new();
@@ -49,11 +57,16 @@ pub(super) fn reason(beginning: &[u8]) -> Option<String> {
         };
     let found: Vec<_> = found.iter().map(told).collect();
     let found = if found.is_empty() { "no message of an IMU at its beginning".to_owned() } else { found.join(", ") };
-    Some(format!(
-        "a telemetry log of MAVLink; it has {found}. They are what the autopilot sent after its own corrections, SCALED_IMU \
+    Some(refusal(&format!("it has {found}")))
+}
+
+/// The reason; `what` is known of the log.
+fn refusal(what: &str) -> String {
+    format!(
+        "a telemetry log of MAVLink; {what}. Its messages of IMUs are what the autopilot sent after its own corrections, SCALED_IMU \
          and RAW_IMU in whole mg and mrad/s: no calibration can be made of them. Give the log that the autopilot wrote \
          on its card at the same time: .bin of ArduPilot, with LOG_DISARMED 1, or .ulg of PX4"
-    ))
+    )
 }
 
 /// The messages at the beginning of the data, as far as they follow each other behind stamps of this length.

@@ -1,70 +1,76 @@
 //! Rows of a text with a mapping.
 //!
-//! Over 400 lines: the columns, their numbers and decimal marks form one reader.
+//! Rows that are cut or spoilt are left out and counted, if they are few. Lines that are no rows are passed over:
+//! comments, a header that comes again, what a program writes when it starts.
+
+mod axes;
+mod bad_rows;
+mod marks;
+mod opening;
+mod units;
+
+pub(super) use bad_rows::{BadRows, Fault};
+pub(super) use marks::decimal_ns;
+pub(super) use opening::{FEWEST, Opening, Table};
 
 use super::columns::{ColumnRef, Kind, Sensors, Temperature};
 use super::layouts::Recognised;
-use super::mapping::{Decimal, Mapping, TimeUnit};
+use super::mapping::{Mapping, TimeUnit};
 use super::rollover::Counter;
 use super::scale::Units;
-use super::source::{Reading, Source, placeholder, pulses};
+use super::source::{Reading, Source, placeholder};
 use super::unit::Linear;
 use super::{calendar, header_units, proposal, unit};
+use axes::{Axes, NoReading, bad};
 use isotherm_finding::Finding;
 use isotherm_recording::RecordingError;
-use isotherm_recording::csv::{
-    CsvColumn, DecimalMark, Rows, digits_with, looks_like_number, missing_columns, nearest_double,
-};
+use isotherm_recording::csv::{Checksum, CsvColumn, Rows, missing_columns};
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
+use marks::Marks;
+use opening::{Checksums, uncommented};
 use std::borrow::Cow;
 use std::io::Read;
-
-/// One pulse of numbers that are not whole, unless it is given.
-const FINE: f64 = 1e-6;
 
 /// Rows of a text.
 pub(super) struct TextSource {
     rows: Rows<Box<dyn Read>>,
     marks: Marks,
-    /// Whether the current row has not been returned yet: the first, in a text without header.
-    waiting: bool,
     /// Number of fields of a row.
-    count: usize,
-    header: bool,
-    time: Option<(CsvColumn, TimeUnit)>,
-    /// Whether all times so far are whole numbers.
-    whole_times: bool,
-    /// Whether they are times of a day.
-    of_day: bool,
+    width: usize,
+    checksums: Checksums,
+    has_header: bool,
+    /// The lines above the first row, with the header, and how many stand above that.
+    above: (Vec<Vec<u8>>, usize),
+    /// Whether lines that begin as a comment are none: all rows do.
+    has_signs: bool,
+    /// Line of the header, or else of the first row.
+    begin: u64,
+    columns: Columns,
     accelerometers: Axes,
     gyroscopes: Option<Axes>,
     /// Whether `accelerometers` has the gyroscopes: in a text of them alone.
     is_of_gyroscopes: bool,
-    telemetry: Telemetry,
-    kind: Kind,
     /// What the header says of units.
     notes: Vec<String>,
     /// The layout that was recognised, in the place of a mapping that is given.
     recognised: Option<Recognised>,
+    /// Whether all times so far are whole numbers.
+    whole_times: bool,
+    /// Whether they are times of a day.
+    of_day: bool,
+    kind: Kind,
+    /// Rows so far, with the bad ones.
+    count: u64,
+    bad: BadRows,
+    /// Lines between the rows that are none.
+    no_rows: u64,
 }
 
-/// The columns of three sensors, and what their numbers mean.
-struct Axes {
-    columns: [CsvColumn; AXES],
-    offset: f64,
-    /// Of the first row on.
-    resolution: Option<f64>,
-    /// Whether the resolution was taken from the first row, where all numbers are whole.
-    taken_for_whole: bool,
-    /// Whether all numbers so far are whole.
-    all_whole: bool,
-    sign: [f64; AXES],
-    /// One of the column's unit \[m/s2 or rad/s\], and the largest reading in it.
-    unit: Option<f64>,
-    range: Option<f64>,
-    /// The time \[us\] that the numbers are sums over.
-    duration: Option<CsvColumn>,
+/// The columns beside those of the sensors.
+struct Columns {
+    time: Option<(CsvColumn, TimeUnit)>,
+    telemetry: Telemetry,
 }
 
 enum Telemetry {
@@ -73,60 +79,67 @@ enum Telemetry {
     Constant(f64),
 }
 
-/// The decimal mark of the text.
-struct Marks {
-    given: Option<Decimal>,
-    found: DecimalMark,
-    /// The mark that every further number must have, once it is known.
-    settled: Option<u8>,
+/// Proposes a mapping for a text.
+///
+/// # Errors
+/// If it is no table of numbers, or cannot be read.
+pub(super) fn proposal(source: Box<dyn Read>) -> Result<String, RecordingError> {
+    let (opening, source) = Opening::read(source, 0)?;
+    proposed(&opening, source, 0)
 }
 
-/// A number of a field.
-#[derive(Clone, Copy)]
-struct Number {
-    value: f64,
-    is_whole: bool,
+/// The same for what is behind `skip` lines.
+fn proposed(opening: &Opening, source: Box<dyn Read>, skip: u64) -> Result<String, RecordingError> {
+    let Some(table) = opening.table() else {
+        let message = format!("no two rows with {FEWEST} numbers or more; this is no table of numbers");
+        return Err(RecordingError::Data { line: opening.last(), message });
+    };
+    let mut rows = rows_of(source, &table, skip)?;
+    let above = opening.before(table.line());
+    let above: Vec<_> = above.iter().map(|line| String::from_utf8_lossy(line).into_owned()).collect();
+    proposal::propose(&mut rows, &table, &above)
+}
+
+/// The rows of a table, of which none has been read.
+pub(super) fn rows_of(source: Box<dyn Read>, table: &Table, skip: u64) -> Result<Rows<Box<dyn Read>>, RecordingError> {
+    let mut rows = Rows::starting_at(source, skip);
+    rows.skip_lines(table.begin() - 1 - skip)?;
+    rows.separate_by(table.separator)?;
+    if table.checksums != Checksums::None {
+        rows.cut_checksums();
+    }
+    Ok(rows)
 }
 
 impl TextSource {
-    /// Reads the header, or the first row.
+    /// Finds the header, or the first row.
     ///
     /// # Errors
     /// If a column is missing, with the columns that were found and the mapping that would be.
-    pub(super) fn new(mut rows: Rows<Box<dyn Read>>, mut mapping: Mapping) -> Result<Self, RecordingError> {
-        rows.skip_lines(mapping.skip)?;
-        if !rows.next_row()? {
-            return Err(rows.error("there are no rows".to_owned()));
-        }
-        let separator = if mapping.header {
-            let wanted: Vec<_> = mapping.columns().filter_map(ColumnRef::name).collect();
-            let separator =
-                rows.detect_separator(|names| wanted.iter().all(|wanted| names.iter().any(|name| name == wanted)))?;
-            // Where a column is missing, blanks within names are no separators.
-            let is_split = rows.names().any(|name| wanted.contains(&name.as_str()));
-            if is_split { separator } else { rows.detect_separator(proposal::is_separated)? }
-        } else {
-            let wanted: Vec<_> = mapping.columns().filter_map(ColumnRef::number).collect();
-            rows.detect_separator(|fields| {
-                let is_number = |number: &usize| fields.get(number - 1).is_some_and(|field| looks_like_number(field));
-                wanted.iter().all(is_number)
-            })?
+    pub(super) fn new(source: Box<dyn Read>, mut mapping: Mapping) -> Result<Self, RecordingError> {
+        let (opening, source) = Opening::read(source, mapping.skip)?;
+        let wanted: Vec<_> = mapping.columns().filter_map(ColumnRef::name).collect();
+        let numbers: Vec<_> = mapping.columns().filter_map(ColumnRef::number).collect();
+        let found = if mapping.header { opening.by_names(&wanted) } else { opening.by_numbers(&numbers) };
+        let Some(table) = found.or_else(|| opening.widest().filter(|table| fits(table, &mapping))) else {
+            return Err(Self::missing(&opening, source, &mapping));
         };
-        let (names, count) = (rows.names().collect::<Vec<_>>(), rows.len());
-        let missing: Vec<_> =
-            mapping.columns().filter(|column| column.is_missing(&names)).map(ColumnRef::shown).collect();
-        if !missing.is_empty() {
-            return Err(Self::missing(&mut rows, &missing, mapping.header));
-        }
-        let notes = header_units::apply(&mut mapping).map_err(|message| rows.error(message))?;
-        let find = |column: &ColumnRef| match column {
-            ColumnRef::Number(number) => Ok(CsvColumn::new(column.shown(), number - 1)),
-            ColumnRef::Name(name) => {
-                let mut indices = (0..count).filter(|index| names[*index] == *name);
-                match (indices.next(), indices.next()) {
-                    (Some(index), None) => Ok(CsvColumn::new(name.clone(), index)),
-                    _ => Err(rows.error(format!("the column {name} is there twice"))),
+        let rows = rows_of(source, &table, mapping.skip)?;
+        let begin = table.line();
+        let error = |message| RecordingError::Data { line: begin, message };
+        // The full names: a mapping may leave out a unit that has a line of its own.
+        let full = |name: &str| {
+            let header = table.header.as_ref()?;
+            Some(header.names[header.column(name).ok()??].clone())
+        };
+        let notes = header_units::apply(&mut mapping, full).map_err(error)?;
+        let find = |column: &ColumnRef| -> Result<CsvColumn, RecordingError> {
+            match (column, &table.header) {
+                (ColumnRef::Name(name), Some(header)) => {
+                    let index = header.column(name).map_err(error)?.unwrap_or_default();
+                    Ok(CsvColumn::new(header.names[index].clone(), index))
                 }
+                _ => Ok(CsvColumn::new(column.shown(), column.number().unwrap_or(1) - 1)),
             }
         };
         let all = |columns: &[ColumnRef]| columns.iter().map(find).collect::<Result<Vec<_>, _>>();
@@ -136,11 +149,8 @@ impl TextSource {
         };
         let axes = |sensors: &Sensors| -> Result<Axes, RecordingError> {
             let [x, y, z] = &sensors.columns;
-            let Sensors { offset, resolution, sign, unit, range, .. } = *sensors;
-            let columns = [find(x)?, find(y)?, find(z)?];
             let duration = sensors.duration.as_ref().map(find).transpose()?;
-            let (taken_for_whole, all_whole) = (false, true);
-            Ok(Axes { columns, offset, resolution, taken_for_whole, all_whole, sign, unit, range, duration })
+            Ok(Axes::new(sensors, [find(x)?, find(y)?, find(z)?], duration))
         };
         let telemetry = match &mapping.temperature {
             Temperature::Constant(constant) => Telemetry::Constant(*constant),
@@ -148,35 +158,33 @@ impl TextSource {
                 Telemetry::Columns([all(head)?, all(board)?], linear.unwrap_or(Linear { scale: 1.0, offset: 0.0 }))
             }
         };
-        let accelerometers = axes(&mapping.accelerometer)?;
-        let gyroscopes = mapping.gyroscope.as_ref().map(axes).transpose()?;
-        let found = DecimalMark::new(separator);
-        let settled = mapping.decimal.map(Decimal::byte);
-        let marks = Marks { given: mapping.decimal, found, settled };
-        let kind = mapping.accelerometer.kind;
-        let (header, waiting) = (mapping.header, !mapping.header);
         Ok(Self {
             rows,
-            marks,
-            waiting,
-            count,
-            header,
-            time,
-            whole_times: true,
-            of_day: false,
-            accelerometers,
-            gyroscopes,
+            marks: Marks::new(table.separator, mapping.decimal),
+            width: table.width,
+            checksums: table.checksums,
+            has_header: table.header.is_some(),
+            above: (opening.before(table.begin()), opening.before(begin).len()),
+            has_signs: opening.is_comment(table.first),
+            begin,
+            columns: Columns { time, telemetry },
+            accelerometers: axes(&mapping.accelerometer)?,
+            gyroscopes: mapping.gyroscope.as_ref().map(axes).transpose()?,
             is_of_gyroscopes: false,
-            telemetry,
-            kind,
             notes,
             recognised: None,
+            whole_times: true,
+            of_day: false,
+            kind: mapping.accelerometer.kind,
+            count: 0,
+            bad: BadRows::default(),
+            no_rows: 0,
         })
     }
 
     /// As [`new`](Self::new), of a layout that was recognised. The telemetry \[degC\] may be given.
     pub(super) fn recognised(
-        rows: Rows<Box<dyn Read>>,
+        source: Box<dyn Read>,
         mut recognised: Recognised,
         temperature: Option<f64>,
     ) -> Result<Self, RecordingError> {
@@ -184,74 +192,86 @@ impl TextSource {
             recognised.mapping.temperature = Temperature::Constant(temperature);
             recognised.is_without_temperature = false;
         }
-        Ok(Self { recognised: Some(recognised.clone()), ..Self::new(rows, recognised.mapping)? })
+        Ok(Self { recognised: Some(recognised.clone()), ..Self::new(source, recognised.mapping)? })
     }
 
     /// As [`new`](Self::new), of a text that has the gyroscopes of `mapping` alone, and no telemetry.
-    pub(super) fn of_gyroscopes(rows: Rows<Box<dyn Read>>, mapping: Mapping) -> Result<Self, RecordingError> {
+    pub(super) fn of_gyroscopes(source: Box<dyn Read>, mapping: Mapping) -> Result<Self, RecordingError> {
         let Some(gyroscope) = mapping.gyroscope else {
-            let message = "the mapping has no gyroscopes; give [gyroscope] with the columns of this file";
-            return Err(rows.error(message.to_owned()));
+            let message = "the mapping has no gyroscopes; give [gyroscope] with the columns of this file".to_owned();
+            return Err(RecordingError::Data { line: 1, message });
         };
         let temperature = Temperature::Constant(f64::NAN);
         let alone = Mapping { accelerometer: gyroscope, gyroscope: None, temperature, ..mapping };
-        Self::new(rows, alone).map(|source| Self { is_of_gyroscopes: true, ..source })
+        Self::new(source, alone).map(|source| Self { is_of_gyroscopes: true, ..source })
     }
 
-    fn missing(rows: &mut Rows<Box<dyn Read>>, missing: &[String], header: bool) -> RecordingError {
+    fn missing(opening: &Opening, source: Box<dyn Read>, mapping: &Mapping) -> RecordingError {
+        let table = opening.table().or_else(|| opening.widest());
+        let Some(table) = table else {
+            return RecordingError::Data { line: mapping.skip + 1, message: "there are no rows".to_owned() };
+        };
+        let header = table.header.as_ref().filter(|_| mapping.header);
+        let (line, names) = match header {
+            Some(header) => (header.line, header.names.clone()),
+            None => opening.first_fields(table.separator),
+        };
+        let missing = mapping.columns().filter(|column| match column {
+            ColumnRef::Name(name) => !header.map_or_else(|| names.contains(name), |header| header.has(name)),
+            ColumnRef::Number(number) => *number > names.len(),
+        });
+        let mut missing: Vec<_> = missing.map(ColumnRef::shown).collect();
+        // The boards have the columns of the heads.
+        missing.dedup();
         let missing: Vec<_> = missing.iter().map(String::as_str).collect();
-        let (line, names) = (rows.line(), rows.names().collect::<Vec<_>>());
-        let message = if header {
+        let message = if mapping.header {
             missing_columns(&missing, names, "")
         } else {
             format!("missing columns: {}; the row has {}", missing.join(", "), names.len())
         };
-        let message = match proposal::propose_from(rows) {
+        let message = match proposed(opening, source, mapping.skip) {
             Ok(proposal) => format!("{message}; a mapping for these columns would be\n\n{proposal}"),
             Err(_) => message,
         };
         RecordingError::Data { line, message }
     }
-}
 
-impl Source for TextSource {
-    fn read(&mut self) -> Result<Option<Reading>, RecordingError> {
-        if !std::mem::take(&mut self.waiting) && !self.rows.next_row()? {
-            let commas = self.marks.found.has_commas();
-            return commas.map(|_| None).map_err(|(line, message)| RecordingError::Data { line, message });
-        }
+    /// The reading of the current row.
+    fn reading(&mut self) -> Result<Reading, NoReading> {
         let (rows, marks) = (&self.rows, &mut self.marks);
-        if rows.len() != self.count {
-            let first = if self.header { "the header" } else { "the first row" };
-            let message = format!("{} fields, but {first} has {}; is the row cut?", rows.len(), self.count);
-            return Err(rows.error(message));
+        if !rows.fits(self.width) {
+            let first = if self.has_header { "the header" } else { "the first row" };
+            let message = format!("{} fields, but {first} has {}; is the row cut?", rows.len(), self.width);
+            return Err(NoReading::Row(Fault::Fields, message));
         }
-        let mut reading = Reading { place: rows.line(), ..Reading::default() };
-        match &self.time {
+        if self.checksums == Checksums::Checked {
+            checked(rows.line_text()).map_err(|message| NoReading::Row(Fault::Checksum, message))?;
+        }
+        let mut reading = Reading { place: rows.line(), row: self.count, ..Reading::default() };
+        let (mut is_whole, mut of_day) = (self.whole_times, self.of_day);
+        match &self.columns.time {
             Some((column, TimeUnit::Power(power))) => {
-                let (time_ns, is_whole) = marks.time(rows, column, *power)?;
-                reading.timestamp_ns = Some(time_ns);
-                self.whole_times &= is_whole;
+                let time = marks.time(rows, column, *power).map_err(|error| bad(rows, column, error))?;
+                reading.timestamp_ns = Some(time.0);
+                is_whole &= time.1;
             }
             Some((column, TimeUnit::Iso8601)) => {
-                let (time_ns, of_day) =
-                    rows.parse_or(column, |text| calendar::time_ns(text).ok_or(Cow::Borrowed(calendar::EXPECTED)))?;
-                reading.timestamp_ns = Some(time_ns);
-                self.of_day = of_day;
+                let time = |text: &str| calendar::time_ns(text).ok_or(Cow::Borrowed(calendar::EXPECTED));
+                let time = rows.parse_or(column, time).map_err(|error| bad(rows, column, error))?;
+                reading.timestamp_ns = Some(time.0);
+                of_day = time.1;
             }
             None => {}
         }
-        let (a, g) = reading.pulses.split_at_mut(AXES);
-        self.accelerometers.read(rows, marks, if self.is_of_gyroscopes { &mut *g } else { a })?;
-        if let Some(gyroscopes) = &mut self.gyroscopes {
-            gyroscopes.read(rows, marks, g)?;
-        }
-        match &self.telemetry {
+        let accelerometers = self.accelerometers.numbers(rows, marks)?;
+        let gyroscopes = self.gyroscopes.as_ref().map(|axes| axes.numbers(rows, marks)).transpose()?;
+        match &self.columns.telemetry {
             Telemetry::Constant(constant) => (reading.head, reading.board) = ([*constant; _], [*constant; _]),
             Telemetry::Columns(columns, linear) => {
                 for (columns, values) in columns.iter().zip([&mut reading.head, &mut reading.board]) {
                     for (index, column) in columns.iter().enumerate() {
-                        let value = marks.number(rows, column, true)?.value * linear.scale + linear.offset;
+                        let value = marks.number(rows, column).map_err(|error| bad(rows, column, error))?.value;
+                        let value = value * linear.scale + linear.offset;
                         match columns.len() {
                             1 => values.fill(value),
                             3 => (values[index], values[AXES + index]) = (value, value),
@@ -261,7 +281,78 @@ impl Source for TextSource {
                 }
             }
         }
-        Ok(Some(reading))
+        let (a, g) = reading.pulses.split_at_mut(AXES);
+        self.accelerometers.pulses(rows, accelerometers, if self.is_of_gyroscopes { &mut *g } else { a })?;
+        if let Some((axes, numbers)) = self.gyroscopes.as_mut().zip(gyroscopes) {
+            axes.pulses(rows, numbers, g)?;
+        }
+        (self.whole_times, self.of_day) = (is_whole, of_day);
+        Ok(reading)
+    }
+
+    /// Whether the current line is no row, though it is not blank: a comment, separators alone, or what stood above the
+    /// first row, which a logger writes again when it starts again.
+    fn is_no_row(&self) -> bool {
+        let line = self.rows.line_text().trim_ascii();
+        uncommented(line).is_some()
+            || (0..self.rows.len()).all(|index| self.rows.field(index).is_empty())
+            || self.above.0.iter().any(|other| other == line)
+    }
+
+    /// Whether the current line is a comment.
+    fn is_comment(&self) -> bool {
+        !self.has_signs && matches!(self.rows.line_text(), [b'#' | b'%', ..] | [b'/', b'/', ..])
+    }
+}
+
+/// Whether a table without a header has the columns of a mapping.
+fn fits(table: &Table, mapping: &Mapping) -> bool {
+    !mapping.header && mapping.columns().filter_map(ColumnRef::number).all(|number| number <= table.width)
+}
+
+/// Checks that a line fits its checksum.
+fn checked(line: &[u8]) -> Result<(), String> {
+    match Checksum::of(line) {
+        None => Err("no checksum at the end; is the row cut?".to_owned()),
+        Some(Checksum { stated, computed, .. }) if stated != computed => {
+            Err(format!("the checksum is {stated:02X}, but that of the row is {computed:02X}; the row is damaged"))
+        }
+        Some(_) => Ok(()),
+    }
+}
+
+impl Source for TextSource {
+    fn read(&mut self) -> Result<Option<Reading>, RecordingError> {
+        loop {
+            let (fault, message) = match self.rows.next_row() {
+                Ok(false) => {
+                    self.bad.check(self.count)?;
+                    return self.marks.check().map(|()| None);
+                }
+                Ok(true) if self.is_comment() => {
+                    self.no_rows += 1;
+                    continue;
+                }
+                Ok(true) => {
+                    self.count += 1;
+                    match self.reading() {
+                        Ok(reading) => return Ok(Some(reading)),
+                        Err(NoReading::Text(error)) => return Err(error),
+                        Err(NoReading::Row(..)) if self.is_no_row() => {
+                            (self.count, self.no_rows) = (self.count - 1, self.no_rows + 1);
+                            continue;
+                        }
+                        Err(NoReading::Row(fault, message)) => (fault, message),
+                    }
+                }
+                Err(RecordingError::Data { message, .. }) => {
+                    self.count += 1;
+                    (Fault::Line, message)
+                }
+                Err(error) => return Err(error),
+            };
+            self.bad.take(fault, self.rows.line(), message, self.count)?;
+        }
     }
 
     fn error(&self, place: u64, message: String) -> RecordingError {
@@ -304,7 +395,7 @@ impl Source for TextSource {
     }
 
     fn counter(&self) -> Counter {
-        match self.time {
+        match self.columns.time {
             Some((_, TimeUnit::Power(power))) if self.whole_times => Counter::Whole(10_u64.pow(power)),
             Some((_, TimeUnit::Iso8601)) if self.of_day => Counter::Day,
             _ => Counter::None,
@@ -312,172 +403,32 @@ impl Source for TextSource {
     }
 
     fn guessed_unit(&self) -> Option<&'static str> {
-        let Some((column, TimeUnit::Power(power))) = &self.time else { return None };
+        let Some((column, TimeUnit::Power(power))) = &self.columns.time else { return None };
         let names = [(9, "s"), (6, "ms"), (3, "us"), (0, "ns")];
         let unit = names.iter().find(|(of, _)| of == power).map(|(_, name)| *name)?;
-        let is_known = self.recognised.is_some() || self.header && unit::of_time(column.name()).is_some();
+        let is_known = self.recognised.is_some() || self.has_header && unit::of_time(column.name()).is_some();
         (!is_known).then_some(unit)
     }
 
     fn notes(&self) -> Vec<String> {
+        let what = if self.has_header { "the header" } else { "the first row" };
+        let above = self.above.1;
+        let above = (above > 0)
+            .then(|| format!("{what} is line {}; what stands above it is passed over, {above} lines", self.begin));
+        let between =
+            (self.no_rows > 0).then(|| format!("{} lines between the rows are no rows, as comments", self.no_rows));
         let recognised = self.recognised.iter().map(|recognised| recognised.note.clone());
-        recognised.chain(self.notes.iter().cloned()).collect()
+        let of_units = self.notes.iter().cloned();
+        // A layout is known with what stands above it.
+        let above = above.filter(|_| self.recognised.is_none());
+        recognised.chain(of_units).chain(above).chain(between).collect()
     }
 
     fn findings(&self) -> Vec<Finding> {
         let is_without = self.recognised.as_ref().is_some_and(|recognised| recognised.is_without_temperature);
-        is_without.then(|| placeholder(None)).flatten().into_iter().collect()
+        let is_without = is_without.then(|| placeholder(None)).flatten();
+        self.bad.finding(self.count).into_iter().chain(is_without).collect()
     }
-}
-
-impl Axes {
-    fn read(&mut self, rows: &Rows<Box<dyn Read>>, marks: &mut Marks, to: &mut [i64]) -> Result<(), RecordingError> {
-        let mut numbers = [Number { value: 0.0, is_whole: true }; AXES];
-        for (number, column) in numbers.iter_mut().zip(&self.columns) {
-            *number = marks.number(rows, column, false)?;
-        }
-        if let Some(duration) = &self.duration {
-            let duration_s = marks.number(rows, duration, false)?.value / 1e6;
-            if duration_s <= 0.0 {
-                return Err(rows.error(format!("{}: the time of the sums is not over 0", duration.name())));
-            }
-            for number in &mut numbers {
-                *number = Number { value: number.value / duration_s, is_whole: false };
-            }
-        }
-        let whole = numbers.iter().all(|number| number.is_whole);
-        self.all_whole &= whole;
-        let resolution = *self.resolution.get_or_insert_with(|| {
-            self.taken_for_whole = whole;
-            if whole { 1.0 } else { FINE }
-        });
-        if self.taken_for_whole && !whole {
-            let names: Vec<_> = self.columns.iter().map(CsvColumn::name).collect();
-            let message =
-                "not a whole number, as those of the first row are; give the resolution, such as resolution = 1e-6";
-            return Err(rows.error(format!("{}: {message}", names.join(", "))));
-        }
-        for (axis, number) in numbers.iter().enumerate() {
-            let pulses = pulses(number.value, self.offset, resolution, self.sign[axis]);
-            to[axis] = pulses.map_err(|message| rows.error(format!("{}: {message}", self.columns[axis].name())))?;
-        }
-        Ok(())
-    }
-}
-
-impl Axes {
-    /// A pulse, and the largest reading \[m/s2 or rad/s\]. `section` is that of the mapping, `units` those it may have.
-    fn scale(&self, section: &str, units: &str) -> Result<(f64, Option<f64>), String> {
-        if self.unit.is_none() && (self.offset != 0.0 || self.all_whole) {
-            return Err(format!(
-                "{section}: the numbers look like counts; if they are readings, give {section}.unit in the mapping: \
-                 {units}; else {section}.scale, what a count is"
-            ));
-        }
-        let unit = self.unit.unwrap_or(1.0);
-        let resolution = self.resolution.ok_or_else(|| format!("{section}: no row has been read"))?;
-        Ok((resolution * unit, self.range.map(|range| range * unit)))
-    }
-}
-
-impl Marks {
-    /// The number of a field with a decimal point; in most texts the field itself.
-    fn with_point<'a>(&mut self, line: u64, text: &'a str) -> Result<Cow<'a, str>, Cow<'static, str>> {
-        let (comma, point) = (text.contains(','), text.contains('.'));
-        match self.given {
-            None => {
-                let result = self.found.with_point(line, text).map_err(Cow::Owned)?;
-                if point {
-                    self.settled = Some(b'.');
-                } else if comma && self.found.has_commas() == Ok(true) {
-                    self.settled = Some(b',');
-                }
-                Ok(result)
-            }
-            Some(Decimal::Comma) if point => Err("a number with a decimal comma, as the mapping says".into()),
-            Some(Decimal::Comma) => Ok(text.replace(',', ".").into()),
-            Some(Decimal::Point) if comma => Err("a number with a decimal point, as the mapping says".into()),
-            Some(Decimal::Point) => Ok(Cow::Borrowed(text)),
-        }
-    }
-
-    /// The digits of a plain decimal that needs no look at the decimal mark: it has none, or the one that is known.
-    fn plain(&self, field: &[u8]) -> Option<(usize, u64, usize)> {
-        let split = digits_with(field, self.settled.unwrap_or(b'.'))?;
-        (split.2 == 0 || self.settled.is_some()).then_some(split)
-    }
-
-    fn number(&mut self, rows: &Rows<Box<dyn Read>>, column: &CsvColumn, any: bool) -> Result<Number, RecordingError> {
-        if let Some(decimal) = self.plain(rows.field(column.index()))
-            && let Some(value) = nearest_double(decimal)
-        {
-            return Ok(Number { value, is_whole: decimal.2 == 0 });
-        }
-        let line = rows.line();
-        rows.parse_or(column, |text| {
-            let text = self.with_point(line, text)?;
-            let value = text.parse::<f64>().ok().filter(|value| any && !has_digits(&text) || value.is_finite());
-            let value = value.ok_or(Cow::Borrowed("a number"))?;
-            Ok(Number { value, is_whole: !text.contains(['.', 'e', 'E']) })
-        })
-    }
-
-    /// The time of a field \[ns\], exactly: never by way of a floating-point number; and whether it is a whole number.
-    fn time(
-        &mut self,
-        rows: &Rows<Box<dyn Read>>,
-        column: &CsvColumn,
-        power: u32,
-    ) -> Result<(u64, bool), RecordingError> {
-        let line = rows.line();
-        if let Some((0, mantissa, after)) = self.plain(rows.field(column.index()))
-            && let Some(ns) = scaled(mantissa.into(), power as i32 - after as i32)
-        {
-            return Ok((ns, after == 0));
-        }
-        rows.parse_or(column, |text| {
-            let text = self.with_point(line, text)?;
-            let is_whole = !text.contains(['.', 'e', 'E']);
-            let ns = decimal_ns(&text, power).ok_or(Cow::Borrowed("a time from 0 on, up to 2^64 ns"))?;
-            Ok::<_, Cow<'static, str>>((ns, is_whole))
-        })
-    }
-}
-
-/// A decimal number, with or without exponent, times a power of ten, to the nearest whole number.
-pub(super) fn decimal_ns(text: &str, power: u32) -> Option<u64> {
-    let (mantissa, exponent) = match text.split_once(['e', 'E']) {
-        Some((mantissa, exponent)) => (mantissa, exponent.parse::<i32>().ok()?),
-        None => (text, 0),
-    };
-    let mantissa = mantissa.strip_prefix('+').unwrap_or(mantissa);
-    let (whole, fraction) = mantissa.split_once('.').unwrap_or((mantissa, ""));
-    // Further digits are far below 1 ns, whatever the unit.
-    let fraction = fraction.get(..fraction.len().min(20))?;
-    let all = format!("{whole}{fraction}");
-    if all.is_empty() || !all.bytes().all(|byte| byte.is_ascii_digit()) {
-        return None;
-    }
-    let exponent = exponent.checked_add(power as i32)?.checked_sub(fraction.len() as i32)?;
-    scaled(all.parse().ok()?, exponent)
-}
-
-/// `mantissa * 10^exponent`, to the nearest whole number.
-fn scaled(mantissa: u128, exponent: i32) -> Option<u64> {
-    let factor = 10_u128.checked_pow(exponent.unsigned_abs());
-    let value = match (factor, exponent < 0) {
-        _ if mantissa == 0 => 0,
-        (Some(factor), false) => mantissa.checked_mul(factor)?,
-        // The factor is even. Half of it is not added before, since the sum may be over 2^128.
-        (Some(factor), true) => mantissa / factor + u128::from(mantissa % factor >= factor / 2),
-        (None, false) => return None,
-        (None, true) => 0,
-    };
-    u64::try_from(value).ok()
-}
-
-fn has_digits(text: &str) -> bool {
-    text.bytes().any(|byte| byte.is_ascii_digit())
 }
 
 impl ColumnRef {
@@ -499,13 +450,6 @@ impl ColumnRef {
         match self {
             Self::Name(name) => name.clone(),
             Self::Number(number) => format!("column {number}"),
-        }
-    }
-
-    fn is_missing(&self, names: &[String]) -> bool {
-        match self {
-            Self::Name(name) => !names.contains(name),
-            Self::Number(number) => *number > names.len(),
         }
     }
 }

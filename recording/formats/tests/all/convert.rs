@@ -344,6 +344,23 @@ fn formats_that_are_not_converted_are_refused_with_a_remedy() {
         (b"\x1f\x8b\x08", "zcat"),
         (b"PK\x03\x04", "save it as CSV"),
         (b"\xff\xfet\0", "save it as UTF-8"),
+        (b"\xb5\x62\x10\x03\x04\0\x01\x02\x03\x04\xaa\xbb", "UBX of u-blox; make CSV"),
+        (b"$GNGGA,1*00\r\n\xb5\x62\x10\x03\x01\0\x01\xaa\xbb\xb5\x62\x10\x03\x01\0", "with pyubx2"),
+        (b"$@\x12\x34\xd2\x0f", "SBF Converter of RxTools"),
+        (b"\xff\x5a\x03\0\x3a\0", "sbgBasicLogger -i FILE -w --dir=FOLDER"),
+        (b"\xfa\xff\x36\x10", "export them as ASCII with MT Manager"),
+        (b"$IMURAW\0\0", "offset=512)], '%.9f', ',')\""),
+        (b"MATLAB 5.0 MAT-file, Platform: GLNXA64", "s.loadmat('IN.mat')['NAME']"),
+        (b"MATLAB 7.3 MAT-file, Platform: GLNXA64", "h5py.File('IN.mat')['NAME'][()].T"),
+        (b"\x89HDF\r\n\x1a\n\0", "h5py.File('IN.h5')['NAME'][()], "),
+        (b"\x93NUMPY\x01\0", "n.load('IN.npy'), "),
+        (b"PK\x03\x04\x14\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\x07\0\0\0acc.npy", "n.load('IN.npz')['NAME']"),
+        (b"\xd4\xc3\xb2\xa1\x02\0\x04\0", "tshark -r FILE"),
+        (b"\x0a\x0d\x0d\x0a\x1c\0\0\0", "tshark -r FILE"),
+        (b"\x28\xb5\x2f\xfd\x04", "zstd -dc FILE"),
+        (b"\xfd7zXZ\0\0", "xzcat FILE"),
+        (b"BZh91AY", "bzcat FILE"),
+        (b"\x04\x22\x4d\x18", "lz4 -dc FILE"),
     ] {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("in");

@@ -7,6 +7,7 @@ use isotherm_recording_formats::convert::{
     Conversion, FoundImu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Settings, imus_of_log,
 };
 use isotherm_shared::wire::{RawSample, device};
+use std::fmt::Write as _;
 use std::fs;
 use std::path::PathBuf;
 use tempfile::TempDir;
@@ -327,6 +328,86 @@ fn binary_and_text_of_dataflash_are_the_same() {
     // Text with the marks and ends of other systems.
     let other = format!("\u{feff}\r\n{}", log.text.replace('\n', "\r\n"));
     assert_eq!(converted(other.as_bytes(), "log", &Settings::default()).0, text);
+}
+
+/// What a console, or a card with older data, put before the log is passed over, and told.
+#[test]
+fn what_stands_before_a_dataflash_log_is_passed_over() {
+    let mut log = Dataflash::new();
+    log.parameter("INS_ACCOFFS_X", 0.125);
+    for row in 0..50_u64 {
+        log.imu(&ImuRow { time_us: row * 40_000, ..ImuRow::default() });
+    }
+    let (right, told) = converted(&log.bytes, "bin", &Settings::default());
+    for before in [&b"ArduCopter V3.2\r\nFree RAM: 1234\r\n"[..], &[0; 512], b"\xa3\x95", &[0xa3; 60_000]] {
+        let (rows, more) = converted(&[before, &log.bytes].concat(), "bin", &Settings::default());
+        assert_eq!(rows, right);
+        let count = before.len();
+        let damage = format!("warning [missing-rows]: {count} bytes are no messages of the log, the first is byte 0: ");
+        assert!(more.starts_with(&damage) && more.ends_with(&told), "{more}");
+    }
+    let text = format!("ArduCopter V3.2\r\n\r\nFree RAM: 1234\r\n{}", log.text);
+    let (rows, more) = converted(text.as_bytes(), "log", &Settings::default());
+    assert_eq!(rows, right);
+    assert!(
+        more.starts_with("warning [missing-rows]: 2 lines are no messages of the log, the first is line 1"),
+        "{more}"
+    );
+}
+
+/// The same log as mavlogdump writes it, with all messages and with `--types IMU,PARM`.
+#[test]
+fn lines_of_json_are_a_dataflash_log() {
+    let mut log = Dataflash::new();
+    log.parameter("INS_ACCOFFS_X", 0.125);
+    let letters = "s#EEEoooeeO----".to_owned();
+    log.message("FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds", &["8", "131", &letters, "F-0000000000000"]);
+    for row in 0..50_u64 {
+        let celsius = 20.1 + row as f32 / 7.0;
+        log.imu(&ImuRow { time_us: row * 40_000, instance: (row % 2) as u8, celsius, ..ImuRow::default() });
+    }
+    let mut names = std::collections::HashMap::from([("FMT", "Type,Length,Name,Format,Columns".to_owned())]);
+    let mut json = String::from("WARNING: Numpy missing, mathematical notation will not be supported..\n");
+    for line in log.text.lines() {
+        let (name, rest) = line.split_once(", ").unwrap();
+        if name == "FMT" {
+            let fields: Vec<_> = rest.splitn(5, ", ").collect();
+            names.insert(fields[2], fields[4].to_owned());
+        }
+        let columns: Vec<_> = names[name].split(',').collect();
+        let data = columns.iter().zip(rest.splitn(columns.len(), ", ")).map(|(column, value)| {
+            let is_number = value.parse::<f64>().is_ok();
+            if is_number { format!("\"{column}\": {value}") } else { format!("\"{column}\": \"{value}\"") }
+        });
+        let data: Vec<_> = data.collect();
+        writeln!(
+            json,
+            "{{\"meta\": {{\"type\": \"{name}\", \"timestamp\": 1700000000.25}}, \"data\": {{{}}}}}",
+            data.join(", ")
+        )
+        .unwrap();
+    }
+    let second = Settings { instance: Some(1), ..Settings::default() };
+    let (right, told) = converted(log.text.as_bytes(), "log", &second);
+    assert_eq!(right.len(), 25);
+    let (rows, more) = converted(json.as_bytes(), "json", &second);
+    assert_eq!(rows, right);
+    assert!(more.ends_with(&told), "{more}\n{told}");
+    let is_chosen = |line: &&str| line.contains("\"type\": \"IMU\"") || line.contains("\"type\": \"PARM\"");
+    let chosen: String = json.lines().filter(is_chosen).map(|line| format!("{line}\n")).collect();
+    assert_eq!(converted(chosen.as_bytes(), "json", &second), (right.clone(), told.clone()));
+    // A line that is cut, and a temperature that is none.
+    let mut lines: Vec<_> = chosen.lines().map(str::to_owned).collect();
+    lines[10].truncate(60);
+    lines[20] = lines[20].replace("\"T\": 2", "\"T\": NaN, \"X\": 2");
+    let (rows, more) = converted(lines.join("\n").as_bytes(), "json", &second);
+    assert_eq!(rows.len(), 23, "{more}");
+    assert!(more.contains("1 lines are no messages of the log, the first is line 11"), "{more}");
+    assert!(more.contains("1 rows of IMU 1 have no temperature, the first is at line 21"), "{more}");
+    // A telemetry log is none of the autopilot's own.
+    let telemetry = "{\"meta\": {\"type\": \"SCALED_IMU2\", \"timestamp\": 1.5}, \"data\": {\"xacc\": 1}}\n";
+    let (exit, message) = refused(telemetry.as_bytes(), "json", &Settings::default());
+    assert!(exit == Exit::Data && message.contains("a telemetry log of MAVLink; as lines of JSON"), "{message}");
 }
 
 #[test]

@@ -310,9 +310,9 @@ fn what_two_texts_lack_is_said_with_the_file() {
     let failure = refused(&pair[..1], MAPPING, Settings::default());
     assert!(failure.message.contains("or its own file with --gyroscope-file"), "{failure}");
     let text = std::fs::read_to_string(&gyr).unwrap();
-    let broken = files.write("broken.csv", text.replace("5.0113,", "5.0o13,"));
+    let broken = files.write("broken.csv", text.replace("5.0", "5.o"));
     let failure = refused(&pair[..1], MAPPING, given(&broken));
-    assert!(failure.message.starts_with(&format!("{}:3: t is", broken.display())), "{failure}");
+    assert!(failure.message.starts_with(&format!("{}:2: t is", broken.display())), "{failure}");
     let late = files.write("late.csv", text.replace('\n', "\n1").trim_end_matches('1'));
     let failure = refused(&pair[..1], MAPPING, given(&late));
     assert!(failure.message.contains("do not overlap: they begin at 5000000000 ns and 15001300000 ns"), "{failure}");

@@ -8,6 +8,7 @@ mod convert_logs_damaged;
 mod convert_logs_random;
 mod convert_logs_undone;
 mod convert_ros;
+mod convert_rows;
 mod convert_stamps;
 mod convert_stamps_random;
 mod convert_thermometers;

@@ -4,7 +4,7 @@ use super::super::scale::Units;
 use super::super::settings::Settings;
 use super::super::source::{PLACEHOLDER, Reading, Source, placeholder};
 use super::super::vehicle::VehicleState;
-use super::dataflash::{Message, Messages};
+use super::dataflash::{Encoding, Message, Messages};
 use super::dataflash_format::ImuColumns;
 use super::imu::{
     FoundImu, Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, found, open, units,
@@ -73,16 +73,16 @@ impl DataFlashSource {
         path: &Path,
         settings: &Settings,
         telemetry: Option<f64>,
-        is_text: bool,
+        encoding: Encoding,
     ) -> Result<Self, Failure> {
         let refused = |message: &str| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
-        let contents = Contents::of(path, settings, is_text)?;
+        let contents = Contents::of(path, settings, encoding)?;
         let (instance, imu) = choose(path, &contents.imus(), settings)?;
         let kept = contents.imus.get(&instance).map_or_else(|| Ok(Kept::default()), |survey| survey.kept("IMU"));
         let kept = kept.map_err(|message| refused(&message))?;
         let corrections = Corrections::new(&contents.parameters, instance).map_err(|message| refused(&message))?;
         Ok(Self {
-            messages: Messages::new(open(path, settings)?, is_text),
+            messages: Messages::new(open(path, settings)?, encoding),
             instance,
             imu,
             vehicle: contents.reports.state(kept.last_us),
@@ -103,8 +103,12 @@ impl DataFlashSource {
     ///
     /// # Errors
     /// If it has no rows; of reading.
-    pub(in super::super) fn imus(path: &Path, settings: &Settings, is_text: bool) -> Result<Vec<FoundImu>, Failure> {
-        Contents::of(path, settings, is_text).map(|contents| found(&contents.imus()))
+    pub(in super::super) fn imus(
+        path: &Path,
+        settings: &Settings,
+        encoding: Encoding,
+    ) -> Result<Vec<FoundImu>, Failure> {
+        Contents::of(path, settings, encoding).map(|contents| found(&contents.imus()))
     }
 
     /// Takes a parameter that may have changed.
@@ -351,9 +355,9 @@ impl Source for DataFlashSource {
 
 impl Contents {
     /// What a log has: one IMU at least.
-    fn of(path: &Path, settings: &Settings, is_text: bool) -> Result<Self, Failure> {
+    fn of(path: &Path, settings: &Settings, encoding: Encoding) -> Result<Self, Failure> {
         let failed = |error: RecordingError| error.failure(path);
-        let mut first = Messages::new(open(path, settings)?, is_text);
+        let mut first = Messages::new(open(path, settings)?, encoding);
         let contents = Self::read(&mut first).map_err(failed)?;
         if contents.imus.is_empty() {
             return Err(failed(first.error(0, contents.no_rows())));

@@ -1,4 +1,4 @@
-//! The messages of a DataFlash log, binary or as text.
+//! The messages of a DataFlash log, binary, as text, or as lines of JSON.
 //!
 //! Binary: `A3 95`, number, body; the log defines each number before it uses it. Text: a line per message, with its
 //! name and its fields, separated by commas, as ground stations write it.
@@ -6,7 +6,8 @@
 //! Nothing tells whether the body of a binary message is whole. So a message that damage follows counts as damage: it
 //! may begin within its body.
 
-use super::dataflash_format::{Body, FMT, Format, HEADER};
+use super::dataflash_format::{Body, FMT, FMT_LENGTH, Format, HEADER};
+use super::dataflash_json::{JsonMessage, first_message};
 use super::window::{Damage, Window};
 use isotherm_recording::RecordingError;
 use isotherm_shared::content::{DATAFLASH_MAGIC, is_dataflash_text};
@@ -19,14 +20,37 @@ const MAX_LINE: u64 = 1 << 14;
 /// Most definitions of a text.
 const MAX_FORMATS: usize = 1000;
 
-/// Whether data that begin with these bytes are a binary log.
-pub(in super::super) fn is_binary_log(beginning: &[u8]) -> bool {
-    beginning.starts_with(&DATAFLASH_MAGIC)
+/// How a log is written.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(in super::super) enum Encoding {
+    Binary,
+    /// As ground stations write it.
+    Text,
+    /// As mavlogdump writes it.
+    Json,
 }
 
-/// Whether data that begin with these bytes are a log as text.
-pub(in super::super) fn is_text_log(beginning: &[u8]) -> bool {
-    is_dataflash_text(beginning.strip_prefix("\u{feff}".as_bytes()).unwrap_or(beginning))
+impl Encoding {
+    /// That of a log that begins with these bytes; `None` of other data. Before the first definition there may be what
+    /// a console or a damaged card put there.
+    pub(in super::super) fn of(beginning: &[u8]) -> Option<Self> {
+        let definition = [DATAFLASH_MAGIC[0], DATAFLASH_MAGIC[1], FMT];
+        let is_followed =
+            |at: usize| beginning[at..].get(FMT_LENGTH..).is_some_and(|n| n.starts_with(&DATAFLASH_MAGIC));
+        if beginning.starts_with(&DATAFLASH_MAGIC) || memchr::memmem::find_iter(beginning, &definition).any(is_followed)
+        {
+            return Some(Self::Binary);
+        }
+        let is_first = |line: &[u8]| {
+            let mut fields = line.split(|byte| *byte == b',').map(<[u8]>::trim_ascii);
+            fields.next() == Some(b"FMT") && fields.next() == Some(b"128")
+        };
+        let text = beginning.strip_prefix("\u{feff}".as_bytes()).unwrap_or(beginning);
+        if is_dataflash_text(text) || text.split(|byte| *byte == b'\n').any(is_first) {
+            return Some(Self::Text);
+        }
+        first_message(beginning).map(|_| Self::Json)
+    }
 }
 
 /// A message that concerns a conversion.
@@ -59,6 +83,7 @@ pub(super) struct Text {
     line: u64,
     text: String,
     formats: HashMap<String, Rc<Format>>,
+    is_json: bool,
     damage: Damage,
 }
 
@@ -68,12 +93,13 @@ fn is_wanted(name: &str) -> bool {
 }
 
 impl Messages {
-    pub(super) fn new(source: Box<dyn Read>, is_text: bool) -> Self {
+    pub(super) fn new(source: Box<dyn Read>, encoding: Encoding) -> Self {
         let definitions = Rc::new(Format::of_definitions());
-        if is_text {
+        if encoding != Encoding::Binary {
             let formats = HashMap::from([(definitions.name.clone(), definitions)]);
             let source = BufReader::with_capacity(1 << 16, source);
-            return Self::Text(Text { source, line: 0, text: String::new(), formats, damage: Damage::default() });
+            let (text, is_json, damage) = (String::new(), encoding == Encoding::Json, Damage::default());
+            return Self::Text(Text { source, line: 0, text, formats, is_json, damage });
         }
         let mut formats = vec![None; 1 << 8];
         formats[usize::from(FMT)] = Some(definitions);
@@ -194,7 +220,11 @@ impl Text {
                 self.line -= 1;
                 return Ok(None);
             }
-            self.text = String::from_utf8_lossy(&bytes).trim_start_matches('\u{feff}').trim().to_owned();
+            self.text = match self.is_json {
+                // What is no message has no known name.
+                true => self.json(&bytes).unwrap_or_else(|| "?".to_owned()),
+                false => String::from_utf8_lossy(&bytes).trim_start_matches('\u{feff}').trim().to_owned(),
+            };
             if self.text.is_empty() {
                 continue;
             }
@@ -209,6 +239,20 @@ impl Text {
         };
         let body = Body::Text(fields(&self.text).1);
         Ok(Some(Message { place: self.line, format, body }))
+    }
+
+    /// A line of JSON as one of a text. What it is about is defined by the first one, if the log has no definitions.
+    fn json(&mut self, line: &[u8]) -> Option<String> {
+        if line.trim_ascii().is_empty() {
+            return Some(String::new());
+        }
+        let message = JsonMessage::read(line)?;
+        let name = message.name();
+        if !self.formats.contains_key(name) && self.formats.len() < MAX_FORMATS {
+            let columns: Vec<_> = message.columns().collect();
+            self.formats.insert(name.to_owned(), Rc::new(Format::of_names(name, &columns)));
+        }
+        self.formats.get(name).map(|format| message.line(format.names()))
     }
 
     /// The definition of the message in this line; `None` if it is none.

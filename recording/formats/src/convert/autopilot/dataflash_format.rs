@@ -11,7 +11,7 @@ pub(super) const HEADER: usize = 3;
 /// The number of definitions.
 pub(super) const FMT: u8 = 0x80;
 /// Length of a definition itself, with the header \[bytes\].
-const FMT_LENGTH: usize = 89;
+pub(super) const FMT_LENGTH: usize = 89;
 
 /// How a message is built.
 #[derive(Debug)]
@@ -85,6 +85,16 @@ impl Format {
         };
         let (name, letters) = (text(2)?, text(3)?);
         (length >= HEADER).then(|| Self::new(number, length, &name, &letters, &names))
+    }
+
+    /// Of a message of which the names of the columns are known alone.
+    pub(super) fn of_names(name: &str, names: &[&str]) -> Self {
+        Self::new(0, HEADER, name, &"-".repeat(names.len()), &names.join(","))
+    }
+
+    /// The names of its columns.
+    pub(super) fn names(&self) -> impl Iterator<Item = &str> {
+        self.columns.iter().map(|column| column.name.as_str())
     }
 
     /// The number of columns.

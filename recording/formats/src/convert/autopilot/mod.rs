@@ -1,4 +1,4 @@
-//! Logs of autopilots: ULog of PX4, and DataFlash of ArduPilot, binary or as text.
+//! Logs of autopilots: ULog of PX4, and DataFlash of ArduPilot, binary, as text or as JSON.
 //!
 //! A log is read twice: first for its IMUs, for what was corrected, and for the times that can be; then for the rows.
 //! No more than a few messages are in memory. Bytes that are no messages are left out, and told with their place. So
@@ -7,6 +7,7 @@
 mod ardupilot;
 mod dataflash;
 mod dataflash_format;
+mod dataflash_json;
 mod imu;
 mod left_out;
 mod px4;
@@ -19,7 +20,8 @@ mod undo;
 mod window;
 
 pub(super) use ardupilot::DataFlashSource;
-pub(super) use dataflash::{is_binary_log, is_text_log};
+pub(super) use dataflash::Encoding;
+pub(super) use dataflash_json::first_message;
 pub use imu::{FoundImu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, found_listed};
 pub(super) use px4::UlogSource;
 pub(super) use ulog::is_ulog;

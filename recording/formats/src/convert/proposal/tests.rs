@@ -2,11 +2,12 @@
 
 use super::*;
 use crate::convert::mapping::{Decimal, Mapping, TimeUnit};
+use crate::convert::text::proposal;
 use crate::convert::{ColumnRef, Temperature, Time};
 
 fn proposed(text: &'static str) -> (String, Mapping) {
-    let mut rows = Rows::new(Box::new(text.as_bytes()) as Box<dyn Read>);
-    let proposal = propose(&mut rows).unwrap();
+    let rows = Box::new(text.as_bytes()) as Box<dyn Read>;
+    let proposal = proposal(rows).unwrap();
     let mapping = Mapping::from_toml(&proposal).unwrap_or_else(|faults| panic!("{faults}\n{proposal}"));
     (proposal, mapping)
 }
@@ -47,8 +48,8 @@ fn units_offsets_decimal_commas_and_temperatures_are_found() {
 
 /// The proposal for a text, which leaves these keys open.
 fn open(text: &'static str, keys: &[&str]) -> String {
-    let mut rows = Rows::new(Box::new(text.as_bytes()) as Box<dyn Read>);
-    let proposal = propose(&mut rows).unwrap();
+    let rows = Box::new(text.as_bytes()) as Box<dyn Read>;
+    let proposal = proposal(rows).unwrap();
     let faults = Mapping::from_toml(&proposal).unwrap_err();
     let found: Vec<_> = faults.0.iter().map(|fault| fault.key.as_str()).collect();
     assert_eq!(found, keys, "{faults}\n{proposal}");
@@ -173,7 +174,7 @@ fn names_are_quoted_as_toml_and_for_a_terminal() {
 #[test]
 fn what_is_no_table_gets_no_proposal() {
     for text in ["a\nb\n", "", "one,two\n1,2\n"] {
-        let mut rows = Rows::new(Box::new(text.as_bytes()) as Box<dyn Read>);
-        assert!(propose(&mut rows).unwrap_err().to_string().contains("this is no table of numbers"), "{text:?}");
+        let rows = Box::new(text.as_bytes()) as Box<dyn Read>;
+        assert!(proposal(rows).unwrap_err().to_string().contains("this is no table of numbers"), "{text:?}");
     }
 }

@@ -1,0 +1,116 @@
+//! Three sensors of a text: their columns, and the pulses of their numbers.
+
+use super::super::columns::Sensors;
+use super::super::source::pulses;
+use super::bad_rows::Fault;
+use super::marks::{Marks, Number};
+use isotherm_recording::RecordingError;
+use isotherm_recording::csv::{CsvColumn, Rows};
+use isotherm_shared::wire::AXES;
+use std::io::Read;
+
+/// One pulse of numbers that are not whole, unless it is given.
+const FINE: f64 = 1e-6;
+
+/// The columns of three sensors, and what their numbers mean.
+pub(super) struct Axes {
+    columns: [CsvColumn; AXES],
+    offset: f64,
+    /// Of the first row on.
+    resolution: Option<f64>,
+    /// Whether the resolution was taken from the first row, where all numbers are whole.
+    taken_for_whole: bool,
+    /// Whether all numbers so far are whole.
+    all_whole: bool,
+    sign: [f64; AXES],
+    /// One of the column's unit \[m/s2 or rad/s\], and the largest reading in it.
+    unit: Option<f64>,
+    range: Option<f64>,
+    /// The time \[us\] that the numbers are sums over.
+    duration: Option<CsvColumn>,
+}
+
+/// Why a row is no reading.
+pub(super) enum NoReading {
+    /// It is bad; others are not.
+    Row(Fault, String),
+    /// The whole text is not as the mapping says.
+    Text(RecordingError),
+}
+
+impl Axes {
+    /// Of a mapping's sensors, in these columns.
+    pub(super) fn new(sensors: &Sensors, columns: [CsvColumn; AXES], duration: Option<CsvColumn>) -> Self {
+        let Sensors { offset, resolution, sign, unit, range, .. } = *sensors;
+        Self { columns, offset, resolution, taken_for_whole: false, all_whole: true, sign, unit, range, duration }
+    }
+
+    /// The numbers of the current row.
+    #[inline]
+    pub(super) fn numbers(&self, rows: &Rows<Box<dyn Read>>, marks: &mut Marks) -> Result<[Number; AXES], NoReading> {
+        let mut numbers = [Number { value: 0.0, is_whole: true }; AXES];
+        for (number, column) in numbers.iter_mut().zip(&self.columns) {
+            *number = marks.number(rows, column).map_err(|error| bad(rows, column, error))?;
+        }
+        if let Some(duration) = &self.duration {
+            let us = marks.number(rows, duration).map_err(|error| bad(rows, duration, error))?.value;
+            if us <= 0.0 {
+                let message = format!("{}: the time of the sums is not over 0", duration.name());
+                return Err(NoReading::Row(Fault::Number, message));
+            }
+            for number in &mut numbers {
+                *number = Number { value: number.value / (us / 1e6), is_whole: false };
+            }
+        }
+        Ok(numbers)
+    }
+
+    /// The pulses of numbers that are right.
+    #[inline]
+    pub(super) fn pulses(
+        &mut self,
+        rows: &Rows<Box<dyn Read>>,
+        numbers: [Number; AXES],
+        to: &mut [i64],
+    ) -> Result<(), NoReading> {
+        let whole = numbers.iter().all(|number| number.is_whole);
+        let resolution = self.resolution.unwrap_or(if whole { 1.0 } else { FINE });
+        if self.taken_for_whole && !whole {
+            let names: Vec<_> = self.columns.iter().map(CsvColumn::name).collect();
+            let message =
+                "not a whole number, as those of the first row are; give the resolution, such as resolution = 1e-6";
+            return Err(NoReading::Text(rows.error(format!("{}: {message}", names.join(", ")))));
+        }
+        for (axis, number) in numbers.iter().enumerate() {
+            let pulses = pulses(number.value, self.offset, resolution, self.sign[axis]);
+            let of_axis = |message| NoReading::Row(Fault::Range, format!("{}: {message}", self.columns[axis].name()));
+            to[axis] = pulses.map_err(of_axis)?;
+        }
+        self.all_whole &= whole;
+        if self.resolution.is_none() {
+            (self.resolution, self.taken_for_whole) = (Some(resolution), whole);
+        }
+        Ok(())
+    }
+
+    /// A pulse, and the largest reading \[m/s2 or rad/s\]. `section` is that of the mapping, `units` those it may have.
+    pub(super) fn scale(&self, section: &str, units: &str) -> Result<(f64, Option<f64>), String> {
+        if self.unit.is_none() && (self.offset != 0.0 || self.all_whole) {
+            return Err(format!(
+                "{section}: the numbers look like counts; if they are readings, give its unit: {units}; else the scale of a count"
+            ));
+        }
+        let unit = self.unit.unwrap_or(1.0);
+        let resolution = self.resolution.ok_or_else(|| format!("{section}: no row has been read"))?;
+        Ok((resolution * unit, self.range.map(|range| range * unit)))
+    }
+}
+
+/// A row in which the field of a column is bad.
+pub(super) fn bad(rows: &Rows<Box<dyn Read>>, column: &CsvColumn, error: RecordingError) -> NoReading {
+    let RecordingError::Data { message, .. } = error else { return NoReading::Text(error) };
+    let is_missing = [&b""[..], b"nan", b"null", b"none", b"-"];
+    let field = rows.field(column.index());
+    let is_missing = is_missing.iter().any(|missing| field.eq_ignore_ascii_case(missing));
+    NoReading::Row(if is_missing { Fault::Missing } else { Fault::Number }, message)
+}
