@@ -9,7 +9,7 @@ use isotherm_shared::wire::{AXES, RawSample, Triad};
 use isotherm_simulation::RandomGenerator;
 
 pub(super) const ALL: [f64; 2] = [0.0, f64::INFINITY];
-const INTERVAL_NS: u64 = 100_000_000;
+pub(super) const INTERVAL_NS: u64 = 100_000_000;
 const WHITE: Truth = Truth { quantisation: 0.0, white: 1.0, flicker: 0.0, walk: 0.0 };
 
 /// Rows of 0.1 s at rest, whose channels count `counts` a row plus `offset`; what is left is carried into the next row.
