@@ -43,7 +43,8 @@ impl CountChanges {
 /// The root of half the mean squared change from row to row: the Allan deviation over one row.
 pub(super) fn scatter(counts: &[f64]) -> f64 {
     let squares = counts.windows(2).map(|pair| (pair[1] - pair[0]) * (pair[1] - pair[0]));
-    let (sum, count) = squares.filter(|square| !square.is_nan()).fold((0.0, 0), |(sum, n), square| (sum + square, n + 1));
+    let (sum, count) =
+        squares.filter(|square| !square.is_nan()).fold((0.0, 0), |(sum, n), square| (sum + square, n + 1));
     (0.5 * sum / f64::from(count)).sqrt()
 }
 

@@ -339,7 +339,8 @@ impl NoiseAnalysis {
         }
         (2 * kept < *at_rest).then(|| {
             format!(
-                "gaps of over {MOST_MISSING} rows leave a stretch of {kept} of {at_rest} rows at rest, which shows no slow noise: look for what                  loses the rows, or take this stretch alone, with --from {from_s:.3} --to {to_s:.3}"
+                "gaps of over {MOST_MISSING} rows leave a stretch of {kept} of {at_rest} rows at rest, which shows no slow noise: \
+                 look for what loses the rows, or take this stretch alone, with --from {from_s:.3} --to {to_s:.3}"
             )
         })
     }

@@ -52,7 +52,10 @@ impl Bridged {
         } else {
             String::new()
         };
-        format!("{rows} {are} missing{no_number} in {gaps}, {:.2} % of the {of} that are analysed", self.share() * 100.0)
+        format!(
+            "{rows} {are} missing{no_number} in {gaps}, {:.2} % of the {of} that are analysed",
+            self.share() * 100.0
+        )
     }
 
     /// Whether they are over 2 %, so that no figure may be certified.
@@ -122,7 +125,8 @@ fn goes_on(kept: &[usize], rows: &[RawSample]) -> Option<(usize, Vec<(usize, usi
     let is_within = |ratio: f64| (REGULAR[0]..=REGULAR[1]).contains(&ratio);
     let first = row(0);
     let interval_ns = first.interval_ns as f64;
-    let passed = |from: usize, to: usize| (i128::from(row(to).timestamp_ns) - i128::from(row(from).timestamp_ns)) as f64;
+    let passed =
+        |from: usize, to: usize| (i128::from(row(to).timestamp_ns) - i128::from(row(from).timestamp_ns)) as f64;
     let is_early = |index: usize| passed(index - 1, index) < REGULAR[0] * interval_ns;
     // Sequences are those of one session, and rise.
     let follows = |index: usize| {
