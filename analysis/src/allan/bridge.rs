@@ -12,8 +12,10 @@
 //! all have one. Gaps are filled in turn, from the rows before, those filled included, and from the rows after that
 //! are there.
 //!
-//! The covariance A - gamma(h), with a level that is nearly free (A is large), stands for the variogram. Where the
-//! estimate is no covariance, as of smooth rows, its variance is raised until it is one.
+//! The rows lie about a level, the mean of the rows up to W away on each side. W is the one by which rows are predicted
+//! best: all rows, of white noise. With a level of few rows, white noise would grow over times that are longer than they
+//! cover, by twice the part that is missing. Where slow noise makes W shorter, it is larger there than white noise.
+//! About its level a row has the covariance A - gamma(h). Where that is none, as of smooth rows, A is raised at h = 0.
 
 use super::stretch::MOST_MISSING;
 use isotherm_simulation::RandomGenerator;
@@ -24,8 +26,8 @@ use std::collections::HashMap;
 const SIDE: usize = 32;
 /// Rows that are looked at for one gap.
 const WINDOW: usize = 2 * SIDE + MOST_MISSING;
-/// A over the largest value of the variogram.
-const FREE_LEVEL: f64 = 100.0;
+/// Rows next to a row that are left out where its level is tried: filtered rows resemble their neighbours.
+const ALIKE: usize = 16;
 /// First addition to the variance, over gamma(1), where the estimate is no covariance.
 const LEAST_ADDED: f64 = 1e-3;
 /// Parts of the rows; those in which the variogram is over so many times the median are left out: a knock is no noise.
@@ -53,7 +55,8 @@ struct Draw {
 /// first and the last rate are numbers.
 pub(super) fn fill(rates: &mut [f64], stream: u64) {
     let Some(first) = rates.iter().position(|rate| rate.is_nan()) else { return };
-    let covariances = covariances(rates);
+    let level = Level::of(rates);
+    let covariances = covariances(rates, level.variance);
     let mut random = RandomGenerator::new(SEED, stream);
     let mut draws: HashMap<Pattern, Draw> = HashMap::new();
     let mut place = first;
@@ -73,8 +76,7 @@ pub(super) fn fill(rates: &mut [f64], stream: u64) {
         let draw = draws.entry(pattern).or_insert_with(|| Draw::of(&pattern, &covariances));
         let known = rates[place - pattern.before..place].iter().chain(after.iter().filter(|rate| !rate.is_nan()));
         let known = DVector::from_iterator(draw.known.ncols(), known.copied());
-        // Rates that never change have exactly their value.
-        let mean = known[0] + known.add_scalar(-known[0]).mean();
+        let mean = level.at(place + missing / 2);
         let normal = DVector::from_fn(missing, |_, _| random.normal());
         let values = &draw.known * known.add_scalar(-mean) + &draw.normal * normal;
         for (rate, value) in rates[place..].iter_mut().zip(&values) {
@@ -108,18 +110,82 @@ fn factor(places: &[usize], covariances: &[f64]) -> Option<Cholesky<f64, Dyn>> {
     DMatrix::from_fn(count, count, |i, j| covariances[places[i].abs_diff(places[j])]).cholesky()
 }
 
-/// The covariance of rates by their distance, up to the length of a window. That of any places in it has a factor.
-fn covariances(rates: &[f64]) -> Vec<f64> {
+/// The covariance of rates by their distance, up to the length of a window, about a level from which they have this mean
+/// squared distance. That of any places in a window has a factor.
+fn covariances(rates: &[f64], about_level: f64) -> Vec<f64> {
     let variogram = variogram(rates);
-    let largest = variogram.iter().copied().fold(0.0, f64::max);
-    let mut covariances: Vec<f64> = variogram.iter().map(|gamma| FREE_LEVEL * largest - gamma).collect();
+    let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+    let [middle, last] = [1, 3].map(|quarter| mean(&variogram[WINDOW * quarter / 4..WINDOW * (quarter + 1) / 4]));
+    // What still rises within a window has more variance than the window shows.
+    let variance = about_level.max(last + (last - middle).max(0.0));
+    let mut covariances: Vec<f64> = variogram.iter().map(|gamma| variance - gamma).collect();
     let places: Vec<usize> = (0..WINDOW).collect();
-    let (start, mut added) = (covariances[0], LEAST_ADDED * variogram[1].max(1e-9 * largest));
-    while added > 0.0 && added < FREE_LEVEL * largest && factor(&places, &covariances).is_none() {
-        covariances[0] = start + added;
+    let mut added = LEAST_ADDED * variogram[1].max(variance / WINDOW as f64);
+    while added > 0.0 && added < variance && factor(&places, &covariances).is_none() {
+        covariances[0] = variance + added;
         added *= 2.0;
     }
     covariances
+}
+
+/// The level of rates that are there: sums and numbers of them, which lie about the first.
+struct Level {
+    first: f64,
+    sums: Vec<(f64, f64)>,
+    /// Rows on each side.
+    side: usize,
+    /// Mean squared distance of a rate from the level that the others give.
+    variance: f64,
+}
+
+impl Level {
+    /// With the side by which rates are predicted best; sides are doubled up to all rates.
+    fn of(rates: &[f64]) -> Self {
+        let first = rates[0];
+        let (mut sum, mut count) = (0.0, 0.0);
+        let add = |rate: &f64| {
+            if !rate.is_nan() {
+                (sum, count) = (sum + (rate - first), count + 1.0);
+            }
+            (sum, count)
+        };
+        let sums = core::iter::once((0.0, 0.0)).chain(rates.iter().map(add)).collect();
+        let mut level = Self { first, sums, side: 0, variance: f64::INFINITY };
+        let sides = core::iter::successors(Some(2 * ALIKE), |side| (*side < rates.len()).then_some(2 * side));
+        for side in sides {
+            let variance = level.error(rates, side);
+            if variance < level.variance {
+                (level.side, level.variance) = (side, variance);
+            }
+        }
+        level
+    }
+
+    /// Sum and number of the rates from one place to before another, about the first.
+    fn between(&self, from: usize, to: usize) -> (f64, f64) {
+        let last = self.sums.len() - 1;
+        let [from, to] = [from.min(last), to.min(last)].map(|place| self.sums[place]);
+        (to.0 - from.0, to.1 - from.1)
+    }
+
+    /// The level at a place.
+    fn at(&self, place: usize) -> f64 {
+        let (sum, count) = self.between(place.saturating_sub(self.side), place + self.side + 1);
+        self.first + sum / count
+    }
+
+    /// The mean squared distance of a rate from the mean of others up to `side` away, without its neighbours.
+    fn error(&self, rates: &[f64], side: usize) -> f64 {
+        let square = |(place, rate): (usize, &f64)| {
+            let before = self.between(place.saturating_sub(side), place.saturating_sub(ALIKE));
+            let after = self.between(place + ALIKE + 1, place + side + 1);
+            let level = self.first + (before.0 + after.0) / (before.1 + after.1);
+            Some((rate - level) * (rate - level)).filter(|square| square.is_finite())
+        };
+        let squares = rates.iter().enumerate().filter_map(square);
+        let (sum, count) = squares.fold((0.0, 0.0), |(sum, count), square| (sum + square, count + 1.0));
+        sum / count
+    }
 }
 
 /// The variogram, from 0 to the length of a window.

@@ -136,7 +136,11 @@ fn outputs_that_are_no_numbers_are_bridged() {
     let found = NoiseAnalysis::of(&rows, Some(&table), ALL).unwrap();
     let bridged = found.bridged;
     assert_eq!((found.used.clone(), bridged.rows, bridged.not_a_number, bridged.of), (0..4000, 1, 1, 4000));
-    assert!(found.findings()[0].message.starts_with("1 row is missing (1 row with an output that is not a number) in 1 gap, "));
+    assert!(
+        found.findings()[0]
+            .message
+            .starts_with("1 row is missing (1 row with an output that is not a number) in 1 gap, ")
+    );
     // Too many of them end the stretch.
     rows[1500..1520].iter_mut().for_each(|row| row.accelerometers.head_temperature[1] = f64::NAN);
     assert_eq!(NoiseAnalysis::of(&rows, Some(&table), ALL).unwrap().used, 1520..4000);
