@@ -34,6 +34,7 @@ pub(crate) mod kalibr;
 pub(crate) mod model;
 pub(crate) mod moments;
 mod outputs;
+mod rate;
 pub(crate) mod recording;
 pub(crate) mod step;
 mod stretch;
@@ -41,7 +42,8 @@ mod stretch;
 pub use counts::CountChanges;
 pub use curve::{Allan, AllanPoint, MIN_ROWS, TemperatureLine};
 pub use model::{COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit};
-pub use recording::{NoiseAnalysis, NoiseError, NoiseUnits, RateKind, SensorNoise};
+pub use rate::{NoiseUnits, RateKind};
+pub use recording::{NoiseAnalysis, NoiseError, SensorNoise};
 pub use step::Step;
 pub use stretch::Bridged;
 

@@ -334,8 +334,8 @@ impl Standstill {
 }
 
 impl Windows {
-    /// First and last window of each run at rest. A false alarm between two of one mean is passed over, and windows that
-    /// lack rows, which say nothing.
+    /// First and last window of each run at rest. A false alarm between two of one mean is passed over, and windows
+    /// that lack rows, which say nothing.
     fn runs(&self, at_rest: &[bool], allan: Counts) -> Vec<[usize; 2]> {
         let mut runs: Vec<[usize; 2]> = Vec::new();
         for window in (0..at_rest.len()).filter(|window| at_rest[*window]) {

@@ -13,8 +13,9 @@
 //! are there.
 //!
 //! The rows lie about a level, the mean of the rows up to W away on each side. W is the one by which rows are predicted
-//! best: all rows, of white noise. With a level of few rows, white noise would grow over times that are longer than they
-//! cover, by twice the part that is missing. Where slow noise makes W shorter, it is larger there than white noise.
+//! best: all rows, of white noise. With a level of few rows, white noise would grow over times that are longer than
+//! they cover, by twice the part that is missing. Where slow noise makes W shorter, it is larger there than white
+//! noise.
 //! About its level a row has the covariance A - gamma(h). Where that is none, as of smooth rows, A is raised at h = 0.
 
 use super::stretch::MOST_MISSING;
@@ -110,8 +111,8 @@ fn factor(places: &[usize], covariances: &[f64]) -> Option<Cholesky<f64, Dyn>> {
     DMatrix::from_fn(count, count, |i, j| covariances[places[i].abs_diff(places[j])]).cholesky()
 }
 
-/// The covariance of rates by their distance, up to the length of a window, about a level from which they have this mean
-/// squared distance. That of any places in a window has a factor.
+/// The covariance of rates by their distance, up to the length of a window, about a level from which they have this
+/// mean squared distance. That of any places in a window has a factor.
 fn covariances(rates: &[f64], about_level: f64) -> Vec<f64> {
     let variogram = variogram(rates);
     let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;

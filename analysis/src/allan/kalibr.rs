@@ -6,7 +6,8 @@
 
 use crate::allan::curve::Allan;
 use crate::allan::model::Coefficient;
-use crate::allan::recording::{NoiseAnalysis, RateKind, SensorNoise};
+use crate::allan::rate::RateKind;
+use crate::allan::recording::{NoiseAnalysis, SensorNoise};
 use isotherm_shared::units::{ARCSEC, SensorKind};
 use std::fmt::Write as _;
 

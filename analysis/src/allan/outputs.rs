@@ -3,7 +3,8 @@
 use super::bridge::fill;
 use super::counts::{CountChanges, new_part, scatter};
 use super::curve::{Allan, TemperatureLine};
-use super::recording::{RateKind, SensorNoise};
+use super::rate::RateKind;
+use super::recording::SensorNoise;
 use isotherm_finding::{Finding, name};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;

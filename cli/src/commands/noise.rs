@@ -22,7 +22,8 @@ use std::path::PathBuf;
 /// Show the noise of an IMU at rest: Allan deviation, and quantisation, white noise, bias instability and random walk
 ///
 /// The longest stretch of rows without a long gap, a movement or a new session is analysed; it needs 1000 rows, and
-/// hours for a random walk. Gaps of up to 16 rows are bridged; over 2 % of such rows make no file for Kalibr. With a table the outputs are compensated, in g0 and deg/h; without one they are counts a second.
+/// hours for a random walk. Gaps of up to 16 rows are bridged; over 2 % of such rows make no file for Kalibr. With a
+/// table the outputs are compensated, in g0 and deg/h; without one they are counts a second.
 /// The model with Q, N, B and K is fitted with the exact covariance of the Allan variances. What is not significant is
 /// given as "below" a limit. If the model does not hold, there are no ranges.
 ///

@@ -103,8 +103,9 @@ findings! {
         /// table: its scale factors are of readings at another interval. Of `replay` a warning.
         INTERVAL_NOT_NOMINAL = "interval-not-nominal", FaultOrWarning,
             "Give the table of this interval, or the rows that it is of: docs/table.md#readings-format-3.";
-        /// Over 1 % of the rows are missing, by sequence or time; of `replay` any. `noise` bridges gaps of up to 16 rows,
-        /// and says so. Over 2 %, or where longer gaps leave less than half of the rows, it writes no file for Kalibr.
+        /// Over 1 % of the rows are missing, by sequence or time; of `replay` any. `noise` bridges gaps of up to 16
+        /// rows, and says so. Over 2 %, or where longer gaps leave less than half of the rows, it writes no file for
+        /// Kalibr.
         MISSING_ROWS = "missing-rows", Warning, "Give all pieces of the recording; else look for what loses them.";
         /// Time is lost, or counted twice, within a dwell or a ramp, without a hole in `sequence`. In a turn it is
         /// `turn-gap`.
