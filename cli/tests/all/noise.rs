@@ -176,7 +176,7 @@ fn a_rate_that_no_gyroscope_has_at_rest_is_refused() {
     let at = |name: &str| folder.path().join(name);
     let mut text = "t,ax,ay,az,gx,gy,gz\n".to_owned();
     for row in 0..3000_u64 {
-        let noise = |axis: u64| (row * (7 + axis) * 2_654_435_761 >> 13) as f64 % 1009.0 / 1009.0 - 0.5;
+        let noise = |axis: u64| ((row * (7 + axis) * 2_654_435_761) >> 13) as f64 % 1009.0 / 1009.0 - 0.5;
         text += &format!(
             "{:.2},{:.4},{:.4},{:.4}",
             row as f64 / 100.0,

@@ -50,7 +50,7 @@ BridgedView(bridged: &Bridged) {
     rows: usize = bridged.rows,
     gaps: usize = bridged.gaps,
     not_a_number: usize = bridged.not_a_number,
-    share: f64 = bridged.share(),
+    part: f64 = bridged.share(),
     too_many: bool = bridged.is_too_much(),
 }}
 

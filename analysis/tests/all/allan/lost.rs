@@ -160,7 +160,7 @@ fn bridged_rows_are_told_and_the_same_each_time() {
     assert!(noise::text::text(&found).contains("the longest stretch at rest without a long gap\n"));
     let document = &noise::json::document(&found)["bridged"];
     assert_eq!((&document["rows"], &document["gaps"], &document["too_many"]), (&20.into(), &3.into(), &false.into()));
-    assert_eq!(document["share"], 0.004);
+    assert_eq!(document["part"], 0.004);
     let source = NoiseSource {
         tool: "t".to_owned(),
         time: "now".to_owned(),
