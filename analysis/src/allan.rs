@@ -25,6 +25,7 @@
 //! A point has f = 2 AVAR^2/variance degrees of freedom, with the variance under the fitted model. Its 95 % interval is
 //! that of chi-square: from AVAR f/chi2(0.975) to AVAR f/chi2(0.025).
 
+mod bridge;
 pub(crate) mod counts;
 pub(crate) mod curve;
 mod deviations;
@@ -32,14 +33,19 @@ pub(crate) mod filter;
 pub(crate) mod kalibr;
 pub(crate) mod model;
 pub(crate) mod moments;
+mod outputs;
+mod rate;
 pub(crate) mod recording;
 pub(crate) mod step;
+mod stretch;
 
 pub use counts::CountChanges;
 pub use curve::{Allan, AllanPoint, MIN_ROWS, TemperatureLine};
 pub use model::{COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit};
-pub use recording::{NoiseAnalysis, NoiseError, NoiseUnits, RateKind, SensorNoise};
+pub use rate::{NoiseUnits, RateKind};
+pub use recording::{NoiseAnalysis, NoiseError, SensorNoise};
 pub use step::Step;
+pub use stretch::Bridged;
 
 #[cfg(test)]
 mod tests;

@@ -30,6 +30,7 @@ mod net;
 mod position;
 mod positions;
 mod ramp;
+mod rate;
 mod rows;
 mod standstill;
 mod turn;
@@ -47,6 +48,7 @@ pub use mount::{mount, mounting, nearest_rotation, other_zero};
 pub use position::{Position, SAME_DIRECTION};
 pub use positions::{MAX_CONDITION, Observability, PARAMETERS, Scheme};
 pub use ramp::Ramp;
+pub use rate::rate_at_rest;
 pub use rows::{implausible, implausible_time, read_dwells};
 pub use standstill::{
     STANDSTILL_WINDOW_S, Standstill, StandstillError, Standstills, begins_ns, find_standstills, stretches,

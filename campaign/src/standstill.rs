@@ -334,12 +334,14 @@ impl Standstill {
 }
 
 impl Windows {
-    /// First and last window of each run at rest. A false alarm between two of one mean is passed over.
+    /// First and last window of each run at rest. A false alarm between two of one mean is passed over, and windows
+    /// that lack rows, which say nothing.
     fn runs(&self, at_rest: &[bool], allan: Counts) -> Vec<[usize; 2]> {
         let mut runs: Vec<[usize; 2]> = Vec::new();
         for window in (0..at_rest.len()).filter(|window| at_rest[*window]) {
             let goes_on = |last: usize| {
-                let near = window <= last + self.window_rows && self.are_together(last, window);
+                let lacking = (last + 1..window).filter(|between| !self.whole[*between]).count();
+                let near = window - last - lacking <= self.window_rows && self.are_together(last, window);
                 window == last + 1 || (near && !self.differ(last, window, SAME_MEAN, allan))
             };
             match runs.last_mut() {

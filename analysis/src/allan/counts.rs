@@ -1,4 +1,5 @@
-//! What counts alone say of a noise: their step, and whether values repeat.
+//! What counts alone say of a noise: their step, and whether values repeat. A count is NaN where a row is missing: only
+//! rows that follow each other tell something.
 
 /// Changes within this many steps are single steps.
 const SINGLE: f64 = 1.5;
@@ -39,6 +40,14 @@ impl CountChanges {
     }
 }
 
+/// The root of half the mean squared change from row to row: the Allan deviation over one row.
+pub(super) fn scatter(counts: &[f64]) -> f64 {
+    let squares = counts.windows(2).map(|pair| (pair[1] - pair[0]) * (pair[1] - pair[0]));
+    let (sum, count) =
+        squares.filter(|square| !square.is_nan()).fold((0.0, 0), |(sum, n), square| (sum + square, n + 1));
+    (0.5 * sum / f64::from(count)).sqrt()
+}
+
 /// The part of the rows that have a new value, if values repeat. Counts that go to and fro by one step repeat by
 /// chance, and tell nothing. A value repeats regularly: one that stays is followed by one that changes more often than
 /// by chance, other than in a quiet hour beside a loud one, or between bursts.
@@ -60,13 +69,18 @@ fn new_values(counts: &[f64], step: f64) -> f64 {
     };
     let (single, double) = (within(0.5, 1.5), within(1.5, 2.5).max(1.0));
     let by_chance = 0.5 * single * (single / double).max(1.0).cbrt();
-    1.0 - (within(0.0, 0.5) - by_chance).max(0.0) / (counts.len() - 1) as f64
+    1.0 - (within(0.0, 0.5) - by_chance).max(0.0) / within(0.0, f64::INFINITY)
 }
 
 /// The correlation of whether a row changes with whether the next one does.
 fn correlation_of_changes(counts: &[f64]) -> f64 {
-    let changes: Vec<bool> = counts.windows(2).map(|pair| pair[0] != pair[1]).collect();
-    let part = changes.iter().filter(|change| **change).count() as f64 / changes.len() as f64;
-    let both = changes.windows(2).filter(|pair| pair[0] && pair[1]).count() as f64 / (changes.len() - 1) as f64;
+    let mean = |changes: &mut dyn Iterator<Item = bool>| {
+        let (sum, count) = changes.fold((0, 0), |(sum, count), change| (sum + u32::from(change), count + 1));
+        f64::from(sum) / f64::from(count)
+    };
+    let are_there = |rows: &&[f64]| rows.iter().all(|count| !count.is_nan());
+    let part = mean(&mut counts.windows(2).filter(are_there).map(|pair| pair[0] != pair[1]));
+    let three = counts.windows(3).filter(are_there);
+    let both = mean(&mut three.map(|rows| rows[0] != rows[1] && rows[1] != rows[2]));
     (both - part * part) / (part * (1.0 - part))
 }

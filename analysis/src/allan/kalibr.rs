@@ -6,15 +6,17 @@
 
 use crate::allan::curve::Allan;
 use crate::allan::model::Coefficient;
-use crate::allan::recording::{NoiseAnalysis, RateKind, SensorNoise};
+use crate::allan::rate::RateKind;
+use crate::allan::recording::{NoiseAnalysis, SensorNoise};
 use isotherm_shared::units::{ARCSEC, SensorKind};
 use std::fmt::Write as _;
 
 /// The file. `gravity` is the value of 1 g0 \[m/s2\]. A figure that the analysis does not give is a comment that says
-/// why. `None` if the analysis is without a table: counts have no physical unit.
+/// why. `None` if the analysis is without a table, as counts have no physical unit, or if too many rows are
+/// [lost](NoiseAnalysis::lost).
 #[must_use]
 pub fn imu_yaml(analysis: &NoiseAnalysis, gravity: f64, source: &str) -> Option<String> {
-    if analysis.sensors.iter().any(|sensor| sensor.kind == RateKind::Counts) {
+    if analysis.sensors.iter().any(|sensor| sensor.kind == RateKind::Counts) || analysis.lost().is_some() {
         return None;
     }
     // A file name must not end the comment.

@@ -1,90 +1,29 @@
 //! The noise of an IMU from a recording at rest.
 //!
-//! The longest stretch of rows without a gap, a movement or another session is analysed. With a table the outputs are
-//! compensated by the kernel, in g0 and deg/h; without one they are net counts (positive less negative) a second.
+//! The longest stretch of rows without a long gap, a movement or another session is analysed; short gaps in it are
+//! bridged. With a table the outputs are compensated by the kernel, in g0 and deg/h; without one they are net counts
+//! (positive less negative) a second.
 
-use super::counts::{CountChanges, new_part};
+use super::counts::CountChanges;
 use super::curve::{Allan, MIN_ROWS, TemperatureLine};
-use super::deviations::{phase, variance};
+use super::outputs::{Analysed, Outputs};
+use super::rate::RateKind;
+use super::stretch::{Bridged, MOST_BRIDGED, MOST_MISSING, Stretch, stretches};
 use core::ops::Range;
-use isotherm_campaign::{STANDSTILL_WINDOW_S, StandstillError, begins_ns, faults, find_standstills, length_at_rest};
+use isotherm_campaign::{
+    STANDSTILL_WINDOW_S, StandstillError, begins_ns, faults, find_standstills, length_at_rest, rate_at_rest,
+};
 use isotherm_finding::{Finding, name};
-
 use isotherm_recording::{Continuity, Losses, MISSING};
-use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
-use isotherm_shared::units::{ARCSEC, SensorKind};
-use isotherm_shared::wire::{AXES, Flags, RawSample, Triad};
+use isotherm_shared::units::SensorKind;
+use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_statistics::median;
 
-/// The time from row to row, and the interval of the row over that of the row before, lie within these parts of the
-/// interval.
-const REGULAR: [f64; 2] = [0.5, 1.5];
 /// Least rows of a window in which movement is looked for: with fewer, chance ends a long standstill.
 const LEAST_WINDOW_ROWS: f64 = 10.0;
 /// White noise of fewer steps of the counts a row gives a warning: the counts then repeat a pattern.
 const LEAST_WHITE_STEPS: f64 = 0.3;
-
-/// What a rate is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RateKind {
-    /// Net counts \[pulse/s\].
-    Counts,
-    /// Compensated specific force \[g0\].
-    SpecificForce,
-    /// Compensated angular rate \[deg/h\].
-    AngularRate,
-}
-
-/// Units and names by which the noise of a rate is shown, each unit with the factor from the unit of the rate and
-/// seconds.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NoiseUnits {
-    /// Unit of the rate, which is that of Allan deviations.
-    pub rate: &'static str,
-    /// Units of Q, N, B, K.
-    pub coefficients: [(&'static str, f64); 4],
-    /// Unit of the spectral density N, with factor 1.
-    pub density: &'static str,
-    /// Names of Q, N, B, K.
-    pub names: [&'static str; 4],
-}
-
-const QUANTISATION: &str = "quantisation noise";
-const FLICKER: &str = "bias instability";
-
-impl RateKind {
-    /// The units and names that are usual for this rate.
-    #[must_use]
-    pub const fn units(self) -> NoiseUnits {
-        match self {
-            Self::Counts => NoiseUnits {
-                rate: "pulse/s",
-                coefficients: [("pulse", 1.0), ("pulse/sqrt(s)", 1.0), ("pulse/s", 1.0), ("pulse/(s sqrt(s))", 1.0)],
-                density: "pulse/(s sqrt(Hz))",
-                names: [QUANTISATION, "white noise", FLICKER, "random walk of the rate"],
-            },
-            Self::SpecificForce => NoiseUnits {
-                rate: "g0",
-                coefficients: [("g0 s", 1.0), ("g0/sqrt(Hz)", 1.0), ("g0", 1.0), ("g0/(s sqrt(Hz))", 1.0)],
-                density: "g0/sqrt(Hz)",
-                names: [QUANTISATION, "velocity random walk", FLICKER, "acceleration random walk"],
-            },
-            // A rate of 1 deg/h is 1/3600 deg a second; the root of an hour is 60 roots of a second.
-            Self::AngularRate => NoiseUnits {
-                rate: "deg/h",
-                coefficients: [
-                    ("deg", 1.0 / 3600.0),
-                    ("deg/sqrt(h)", 1.0 / 60.0),
-                    ("deg/h", 1.0),
-                    ("deg/(h sqrt(h))", 60.0),
-                ],
-                density: "deg/(h sqrt(Hz))",
-                names: [QUANTISATION, "angle random walk", FLICKER, "rate random walk"],
-            },
-        }
-    }
-}
 
 /// The noise of one sensor.
 #[derive(Clone, Debug, PartialEq)]
@@ -95,6 +34,8 @@ pub struct SensorNoise {
     pub sensor: SensorKind,
     /// What its rate is.
     pub kind: RateKind,
+    /// Its mean rate, in the unit of the rate.
+    pub mean: f64,
     /// The Allan deviation; `None` if the rate never changes.
     pub allan: Option<Allan>,
     /// The rate against head telemetry; `None` if the telemetry never changes or is not finite.
@@ -205,8 +146,12 @@ impl SensorNoise {
 pub struct NoiseAnalysis {
     /// Rows of the whole recording.
     pub rows: usize,
-    /// The rows that are analysed.
+    /// The rows that are analysed: the first, the last and those between.
     pub used: Range<usize>,
+    /// The rows that are missing between them, and are bridged.
+    pub bridged: Bridged,
+    /// Rows at rest of the same session and interval, from which gaps that are too long to be bridged split others off.
+    pub at_rest: usize,
     /// Begin of the first and end of the last of them, since the begin of the recording \[s\].
     pub used_s: [f64; 2],
     /// Mean time from row to row \[s\].
@@ -271,40 +216,85 @@ impl NoiseAnalysis {
         let candidates = &rows[first..first + count];
         let outputs = Outputs::of(candidates, table);
         let at_rest = find_standstills(candidates, window_s(candidates))?.found;
-        let at_rest_rows: Vec<_> = at_rest.iter().map(|rest| rest.rows.clone()).collect();
-        let stretches = at_rest.into_iter().flat_map(|rest| split(rest.rows, candidates, &outputs));
-        // Of two stretches of one length, the first.
-        let longest = stretches.fold(0..0, |a, b| if b.len() > a.len() { b } else { a });
-        let used = first + longest.start..first + longest.end;
-        if longest.len() < MIN_ROWS {
+        let at_rest: Vec<_> = at_rest.into_iter().map(|rest| rest.rows).collect();
+        let (stretch, of_rows) = longest(&at_rest, candidates, &outputs);
+        let used = stretch.rows();
+        let behind_first = first + used.start..first + used.end;
+        if stretch.kept.len() < MIN_ROWS {
             let not_a_number = (0..count).filter(|row| !outputs.is_finite(*row)).count();
-            return Err(NoiseError::TooShort { rows: used, not_a_number });
+            return Err(NoiseError::TooShort { rows: behind_first, not_a_number });
         }
-        let stretch = &candidates[longest.clone()];
-        let steps_ns = stretch[stretch.len() - 1].timestamp_ns - stretch[0].timestamp_ns;
-        let interval_s = steps_ns as f64 / 1e9 / (stretch.len() - 1) as f64;
+        let bridged = stretch.bridged();
+        let steps_ns = candidates[used.end - 1].timestamp_ns - candidates[used.start].timestamp_ns;
+        let interval_s = steps_ns as f64 / 1e9 / (bridged.of - 1) as f64;
         let mut found = outputs.findings.clone();
         let continuity: Continuity = candidates.iter().collect();
-        found.extend(continuity.findings(MISSING).into_iter().map(Finding::warned));
+        let of_time = continuity.findings(MISSING).into_iter().map(Finding::warned);
+        // What is bridged says it better.
+        let is_bridged = continuity.losses().missing == (bridged.rows - bridged.not_a_number) as u64;
+        found.extend(of_time.filter(|it| it.name != name::MISSING_ROWS || !is_bridged));
         found.extend(table.and_then(|table| continuity.not_nominal(table)));
         found.extend(table.and_then(|table| length_at_rest(table, candidates)));
         // Every sensor says itself that its counts never change.
-        let of_counts = faults(candidates, &at_rest_rows).into_iter().filter(|it| it.name != name::NO_PULSES);
+        let of_counts = faults(candidates, &at_rest).into_iter().filter(|it| it.name != name::NO_PULSES);
         found.extend(of_counts.map(Finding::warned));
-        let used_s = [begin(used.start), end(used.end - 1)];
-        let stretch = Stretch { rows: stretch, used: longest, interval_s, begin_s: used_s[0] };
-        let sensors: Vec<_> = outputs.sensors.iter().map(|sensor| sensor.noise(&stretch)).collect();
+        let used_s = [begin(behind_first.start), end(behind_first.end - 1)];
+        let analysed = Analysed { rows: candidates, places: stretch.places(), interval_s, begin_s: used_s[0] };
+        let sensors: Vec<_> =
+            outputs.sensors.iter().zip(0..).map(|(sensor, stream)| sensor.noise(&analysed, stream)).collect();
         found.extend(sensors.chunks(AXES).filter_map(|triad| repeated(triad, interval_s)));
-        Ok(Self {
+        if let [.., a, b, c] = &sensors[..]
+            && c.kind == RateKind::AngularRate
+        {
+            found.extend(rate_at_rest([a.mean, b.mean, c.mean]));
+        }
+        let mut analysis = Self {
             rows: rows.len(),
             used_s,
-            used,
+            used: behind_first,
+            bridged,
+            at_rest: of_rows,
             interval_s,
             sensors,
             losses: continuity.losses(),
             of_recording: found,
             temperature_unit: table.map_or_else(|| "unit".to_owned(), |table| table.content().temperature_unit.clone()),
+        };
+        analysis.of_recording.extend(analysis.of_gaps());
+        Ok(analysis)
+    }
+
+    /// Why no figure may be certified, as Kalibr's file does: too many rows are bridged, or long gaps leave less than
+    /// half of the rows at rest. `None` if it may.
+    #[must_use]
+    pub fn lost(&self) -> Option<String> {
+        let Self { bridged, used_s: [from_s, to_s], at_rest, .. } = self;
+        let kept = bridged.of - bridged.rows;
+        if bridged.is_too_much() {
+            let most = MOST_BRIDGED * 100.0;
+            let rows = bridged.words();
+            return Some(format!(
+                "{rows}, over {most} %: look for what loses them, or take a part that has fewer, with --from and --to"
+            ));
+        }
+        (2 * kept < *at_rest).then(|| {
+            format!(
+                "gaps of over {MOST_MISSING} rows leave a stretch of {kept} of {at_rest} rows at rest, which shows no slow \
+                 noise: look for what loses the rows, or take this stretch alone, with --from {from_s:.3} --to {to_s:.3}"
+            )
         })
+    }
+
+    /// What is to be said of gaps, those that are bridged and those that are not.
+    fn of_gaps(&self) -> Option<Finding> {
+        let told = |message| Some(Finding::warning(name::MISSING_ROWS, message));
+        match self.lost() {
+            Some(lost) => told(format!("{lost}; the figures are no certain ones, and no file for Kalibr is written")),
+            None if self.bridged.rows > 0 => {
+                told(format!("{}; they are bridged, as rows around them scatter and correlate", self.bridged.words()))
+            }
+            None => None,
+        }
     }
 
     /// The same of a recording that has so many rows more before these, over this time \[s\].
@@ -330,134 +320,24 @@ fn window_s(rows: &[RawSample]) -> Option<f64> {
     (least_s > STANDSTILL_WINDOW_S).then_some(least_s)
 }
 
-/// Parts of a range of rows whose times are regular and whose outputs are numbers.
-fn split(rest: Range<usize>, rows: &[RawSample], outputs: &Outputs) -> Vec<Range<usize>> {
-    let [low, high] = REGULAR;
-    let within = |value: u64, of: u64| (low..=high).contains(&(value as f64 / of as f64));
-    let goes_on = |row: usize| {
-        let (before, now) = (&rows[row - 1], &rows[row]);
-        within(now.timestamp_ns.saturating_sub(before.timestamp_ns), now.interval_ns)
-            && within(now.interval_ns, before.interval_ns)
-    };
-    let mut parts: Vec<Range<usize>> = Vec::new();
-    for row in rest.filter(|row| outputs.is_finite(*row)) {
-        match parts.last_mut() {
-            Some(part) if part.end == row && goes_on(row) => part.end += 1,
-            _ => parts.push(row..row + 1),
-        }
-    }
-    parts
-}
-
-/// The rates of all sensors over all rows.
-struct Outputs {
-    sensors: Vec<Sensor>,
-    findings: Vec<Finding>,
-}
-
-struct Sensor {
-    kind: SensorKind,
-    axis: usize,
-    rate: RateKind,
-    rates: Vec<f64>,
-}
-
-impl Outputs {
-    fn of(rows: &[RawSample], table: Option<&CoefficientTable>) -> Self {
-        let recorded = rows.iter().any(|row| !row.gyroscopes.is_absent());
-        let in_table = table.map(|table| table.content().gyroscopes.is_some());
-        let message = match in_table {
-            Some(true) if !recorded => Some("the recording has no gyroscopes, but the table has"),
-            Some(false) if recorded => Some("the gyroscopes are left out: the table has none"),
-            _ => None,
+/// The longest stretch, the first of two, and how many rows those of its standstill have that are of its session and
+/// interval.
+fn longest(at_rest: &[Range<usize>], rows: &[RawSample], outputs: &Outputs) -> (Stretch, usize) {
+    let mut best = (Stretch::default(), 0);
+    for rest in at_rest {
+        let kept: Vec<usize> = rest.clone().filter(|row| outputs.is_finite(*row)).collect();
+        let all = stretches(&kept, rows);
+        let alike = |a: &Stretch, b: &Stretch| {
+            let [a, b] = [a, b].map(|stretch| &rows[stretch.rows().start]);
+            a.session == b.session && a.interval_ns.abs_diff(b.interval_ns) <= a.interval_ns / 2
         };
-        let finding = message.map(|message| Finding::warning(name::NO_GYROSCOPES, message.to_owned()));
-        let mut findings: Vec<_> = finding.into_iter().collect();
-        let triads = if recorded && in_table != Some(false) {
-            &[SensorKind::Accelerometer, SensorKind::Gyroscope][..]
-        } else {
-            &[SensorKind::Accelerometer][..]
-        };
-        let mut other_device = 0_u64;
-        let mut sensors: Vec<Sensor> = (triads.iter().flat_map(|kind| (0..AXES).map(|axis| (*kind, axis))))
-            .map(|(kind, axis)| {
-                let rate = match (table, kind) {
-                    (None, _) => RateKind::Counts,
-                    (Some(_), SensorKind::Accelerometer) => RateKind::SpecificForce,
-                    (Some(_), SensorKind::Gyroscope) => RateKind::AngularRate,
-                };
-                Sensor { kind, axis, rate, rates: Vec::with_capacity(rows.len()) }
-            })
-            .collect();
-        for row in rows {
-            let seconds = row.interval_ns as f64 / 1e9;
-            let compensated = table.map(|table| (answer(Some(table), row), table.content().gravity));
-            other_device +=
-                u64::from(compensated.is_some_and(|(it, _)| Flags(it.flags).intersects(Flags::OTHER_DEVICE)));
-            for sensor in &mut sensors {
-                let increment = match (compensated, sensor.kind) {
-                    (None, kind) => net_counts(triad(row, kind), sensor.axis),
-                    (Some((it, gravity)), SensorKind::Accelerometer) => it.velocity_increment[sensor.axis] / gravity,
-                    // Seconds of arc a second are deg/h.
-                    (Some((it, _)), SensorKind::Gyroscope) => it.angle_increment[sensor.axis] / ARCSEC,
-                };
-                sensor.rates.push(increment / seconds);
-            }
-        }
-        if let Some(table) = table.filter(|_| other_device > 0) {
-            findings.push(isotherm_recording::other_device(table, other_device));
-        }
-        Self { sensors, findings }
-    }
-
-    fn is_finite(&self, row: usize) -> bool {
-        self.sensors.iter().all(|sensor| sensor.rates[row].is_finite())
-    }
-}
-
-impl Sensor {
-    fn noise(&self, stretch: &Stretch<'_>) -> SensorNoise {
-        let (rates, rows, interval_s) = (&self.rates[stretch.used.clone()], stretch.rows, stretch.interval_s);
-        let mut allan = Allan::of(rates, interval_s);
-        let telemetry: Vec<_> = rows.iter().map(|row| triad(row, self.kind).head_temperature[self.axis]).collect();
-        let mut line = allan.as_ref().and_then(|allan| TemperatureLine::of(rates, &telemetry, interval_s, allan));
-        for step in allan.iter_mut().chain(line.as_mut().map(|line| &mut line.without)).flat_map(|it| &mut it.steps) {
-            step.at_s += stretch.begin_s;
-        }
-        let counts = stretch.counts(self.kind, self.axis);
-        let white_counts = allan.as_ref().and_then(|allan| {
-            let [_, white, ..] = allan.model.as_ref()?.coefficients;
-            // Counts over the output, as the ratio of their Allan deviations over one row.
-            let counts = variance(&phase(&counts, 1.0), 1, 1.0).sqrt();
-            Some(white.below().unwrap_or(white.value) / interval_s.sqrt() * counts / allan.points.first()?.adev)
-        });
-        SensorNoise {
-            name: self.kind.names()[self.axis],
-            sensor: self.kind,
-            kind: self.rate,
-            allan,
-            line,
-            white_counts,
-            changes: CountChanges::of(&counts),
-            new_every_s: new_part(&counts).map(|part| interval_s / part),
+        let Some(longest) = all.iter().reduce(|a, b| if b.kept.len() > a.kept.len() { b } else { a }) else { continue };
+        if longest.kept.len() > best.0.kept.len() {
+            let alike = all.iter().filter(|other| alike(longest, other)).map(|other| other.kept.len());
+            best = (longest.clone(), alike.sum());
         }
     }
-}
-
-/// The rows that are analysed.
-struct Stretch<'a> {
-    rows: &'a [RawSample],
-    /// Which rates they are.
-    used: Range<usize>,
-    interval_s: f64,
-    begin_s: f64,
-}
-
-impl Stretch<'_> {
-    /// Net counts of an axis.
-    fn counts(&self, kind: SensorKind, axis: usize) -> Vec<f64> {
-        self.rows.iter().map(|row| net_counts(triad(row, kind), axis)).collect()
-    }
+    best
 }
 
 /// That values of a triad repeat.
@@ -480,15 +360,4 @@ fn repeated(triad: &[SensorNoise], interval_s: f64) -> Option<Finding> {
 /// From which tau on N holds.
 fn above(from_s: Option<f64>) -> String {
     from_s.map_or_else(|| "no model holds".to_owned(), |from_s| format!("N holds above tau = {from_s:.4} s"))
-}
-
-fn triad(row: &RawSample, kind: SensorKind) -> &Triad {
-    match kind {
-        SensorKind::Accelerometer => &row.accelerometers,
-        SensorKind::Gyroscope => &row.gyroscopes,
-    }
-}
-
-fn net_counts(triad: &Triad, axis: usize) -> f64 {
-    f64::from(triad.positive_pulses[axis]) - f64::from(triad.negative_pulses[axis])
 }

@@ -5,6 +5,7 @@ use crate::checks::scale::zero_of;
 use crate::ramps::ONE_DIRECTION_REMEDY;
 use crate::sensor::TriadUnits;
 use crate::transients::{RampRecording, Transients, bin_values};
+use isotherm_campaign::rate_at_rest;
 use isotherm_finding::{Finding, Severity, name};
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
@@ -14,8 +15,6 @@ use isotherm_shared::wire::AXES;
 const COVERED: f64 = 0.5;
 /// The length of the specific force at rest may be off by this part of 1 g0: biases of cheap sensors are in it.
 const LENGTH: f64 = 0.2;
-/// No gyroscope has as much bias \[deg/h\]: 10 deg/s.
-const RATE: f64 = 36_000.0;
 /// The telemetry moves by this at least \[degC\].
 const LEAST_SPAN: f64 = 2.0;
 /// Telemetry of an IMU that works \[degC\].
@@ -194,15 +193,8 @@ fn length(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Findi
 fn rate(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Finding> {
     let gyroscopes = nominal.content().gyroscopes.as_ref().filter(|_| recording.has_gyroscopes())?;
     let rates = [0, 1, 2].map(|axis| recording.mean_indicated(AXES + axis, &gyroscopes.axes[axis]));
-    let axis = (0..AXES).find(|axis| rates[*axis].abs() > RATE)?;
-    let message = format!(
-        "{}: {} is {:.3} deg/s on average at rest; the readings look like deg/s, not rad/s: give \
-         gyroscope.unit = \"deg/s\" in a mapping (--mapping); or the IMU turned",
-        recording.name(),
-        SensorKind::Gyroscope.names()[axis],
-        rates[axis] / 3600.0
-    );
-    Some(Finding::fault(name::RATE_AT_REST, message))
+    let finding = rate_at_rest(rates)?;
+    Some(Finding { message: format!("{}: {}", recording.name(), finding.message), ..finding })
 }
 
 /// Telemetry that never settles: the sensing elements are behind it by their lag all the time.

@@ -129,3 +129,77 @@ fn what_is_refused() {
     refused(65, &["--to", "50", "--report", "r.html", "--kalibr", "imu.yaml"]);
     assert!(!folder.path().join("r.html").exists() && !folder.path().join("imu.yaml").exists());
 }
+
+/// A few lost rows leave the figures what they are; many make no file for Kalibr, and nothing is half written.
+#[test]
+fn lost_rows_are_bridged_up_to_a_part() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    recording(folder.path());
+    let text = fs::read_to_string(at("night/run.csv")).unwrap();
+    let without = |each: usize| {
+        let kept = text.lines().enumerate().filter(|(line, _)| *line < 2 || line % each != 0);
+        kept.map(|(_, line)| format!("{line}\n")).collect::<String>()
+    };
+    let lost = |name: &str, each: usize| fs::write(at(name), without(each)).unwrap();
+    lost("few.csv", 100);
+    lost("many.csv", 30);
+    let table = ["--table", "night/truth.toml"];
+    let outputs = ["--kalibr", "imu.yaml", "--report", "r.html"];
+    let (out, err) = run(folder.path(), 0, &[&["noise", "few.csv"], &table[..], &outputs[..]].concat());
+    let told = "108 rows are missing in 108 gaps, 1.00 % of the 10820 that are analysed; they are bridged";
+    assert!(err.contains(&format!("warning [missing-rows]: few.csv: {told}")) && out.contains(told), "{err}{out}");
+    assert!(at("imu.yaml").exists());
+    assert_page(&at("r.html"), 2, &[told]);
+    let few = document(folder.path(), &[&["noise", "few.csv"], &table[..]].concat());
+    let whole = document(folder.path(), &NOISE);
+    assert_eq!((&few["bridged"]["rows"], &whole["bridged"]["rows"]), (&108.into(), &0.into()));
+    for (a, b) in few["sensors"].as_array().unwrap().iter().zip(whole["sensors"].as_array().unwrap()) {
+        let [a, b] = [a, b].map(|sensor| white(sensor).0);
+        assert!((a / b - 1.0).abs() < 0.01, "{a} {b}");
+    }
+    fs::remove_file(at("imu.yaml")).unwrap();
+    fs::remove_file(at("r.html")).unwrap();
+    let (out, err) = run(folder.path(), 65, &[&["noise", "many.csv"], &table[..], &outputs[..]].concat());
+    assert!(out.is_empty() && !at("imu.yaml").exists() && !at("r.html").exists(), "{out}");
+    let why = "many.csv: no file for Kalibr is written, as its figures would be wrong: 360 rows are missing in 360 \
+               gaps, 3.33 %";
+    assert!(err.contains(why) && err.contains("look for what loses them, or take a part that has fewer"), "{err}");
+    let (out, _) = run(folder.path(), 0, &[&["noise", "many.csv"], &table[..]].concat());
+    assert!(out.contains("no file for Kalibr is written"), "{out}");
+}
+
+/// Readings in deg/s that are taken for rad/s are a fault, with a table and without.
+#[test]
+fn a_rate_that_no_gyroscope_has_at_rest_is_refused() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    let mut text = "t,ax,ay,az,gx,gy,gz\n".to_owned();
+    for row in 0..3000_u64 {
+        let noise = |axis: u64| ((row * (7 + axis) * 2_654_435_761) >> 13) as f64 % 1009.0 / 1009.0 - 0.5;
+        text += &format!(
+            "{:.2},{:.4},{:.4},{:.4}",
+            row as f64 / 100.0,
+            noise(0) / 50.0,
+            noise(1) / 50.0,
+            9.8 + noise(2) / 50.0
+        );
+        text += &format!(",{:.5},{:.5},{:.5}\n", -1.71 + noise(3) / 9.0, 0.3 + noise(4) / 9.0, noise(5) / 9.0);
+    }
+    fs::write(at("deg.csv"), text).unwrap();
+    let mapping = "format = 1\n[time]\ncolumn = \"t\"\nunit = \"s\"\n[accelerometer]\ncolumns = [\"ax\", \"ay\", \"az\"]\n\
+        kind = \"reading\"\nresolution = 1e-4\n[gyroscope]\ncolumns = [\"gx\", \"gy\", \"gz\"]\nkind = \"reading\"\n\
+        resolution = 1e-5\n[temperature]\nconstant = 25.0\n";
+    fs::write(at("map.toml"), mapping).unwrap();
+    let convert = ["convert", "deg.csv", "--mapping", "map.toml", "-o", "run.csv", "--nominal", "n.toml"];
+    run(folder.path(), 0, &convert);
+    let fault = "fault [rate-at-rest]: deg.csv: G1 is -97.9";
+    let noise = ["noise", "deg.csv", "--mapping", "map.toml"];
+    let with_table = [&noise[..], &["--table", "n.toml", "--kalibr", "imu.yaml"]].concat();
+    for arguments in [&noise[..], &with_table] {
+        let (out, err) = run(folder.path(), 65, arguments);
+        assert!(out.is_empty() && err.contains(fault) && !at("imu.yaml").exists(), "{err}");
+    }
+    let (_, err) = run(folder.path(), 0, &[&with_table[..], &["--accept", "rate-at-rest"]].concat());
+    assert!(err.contains("[rate-at-rest]") && at("imu.yaml").exists(), "{err}");
+}

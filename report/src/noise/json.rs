@@ -5,7 +5,7 @@ use crate::findings::records;
 use crate::view::{value, view};
 use core::f64::consts::SQRT_2;
 use isotherm_analysis::{
-    Allan, COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit, NoiseAnalysis, NoiseUnits, SensorNoise, Step,
+    Allan, Bridged, COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit, NoiseAnalysis, NoiseUnits, SensorNoise, Step,
     TemperatureLine,
 };
 use isotherm_recording::Losses;
@@ -31,6 +31,7 @@ pub fn rates(allan: &Allan, line: Option<&TemperatureLine>) -> Value {
 
 view! { NoiseView<'a>(analysis: &'a NoiseAnalysis) {
     rows: usize = analysis.used.len(),
+    bridged: BridgedView = BridgedView::of(&analysis.bridged),
     first_row: usize = analysis.used.start + 1,
     last_row: usize = analysis.used.end,
     recorded_rows: usize = analysis.rows,
@@ -41,6 +42,16 @@ view! { NoiseView<'a>(analysis: &'a NoiseAnalysis) {
     sensors: Vec<SensorView<'a>> =
         analysis.sensors.iter().map(|it| SensorView::of(it, &it.kind.units(), &analysis.temperature_unit)).collect(),
     findings: Value = records(&analysis.findings()),
+}}
+
+view! {
+/// The rows that are missing in the stretch.
+BridgedView(bridged: &Bridged) {
+    rows: usize = bridged.rows,
+    gaps: usize = bridged.gaps,
+    not_a_number: usize = bridged.not_a_number,
+    part: f64 = bridged.share(),
+    too_many: bool = bridged.is_too_much(),
 }}
 
 view! { RatesView(allan: &Allan, line: Option<&TemperatureLine>, units: &NoiseUnits) {

@@ -21,11 +21,12 @@ pub fn text(analysis: &NoiseAnalysis) -> String {
 pub(crate) fn rows(analysis: &NoiseAnalysis) -> String {
     let [from, to] = analysis.used_s;
     let mut text = format!(
-        "rows {} to {} of {}, {from:.1} s to {to:.1} s, one every {:.6} s: the longest stretch at rest without a gap",
+        "rows {} to {} of {}, {from:.1} s to {to:.1} s, one every {:.6} s: the longest stretch at rest without a {}gap",
         analysis.used.start + 1,
         analysis.used.end,
         analysis.rows,
-        analysis.interval_s
+        analysis.interval_s,
+        if analysis.bridged.rows > 0 { "long " } else { "" }
     );
     if !analysis.losses.is_none() {
         text += &format!("\nin the recording: {}", analysis.losses);

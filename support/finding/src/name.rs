@@ -103,7 +103,9 @@ findings! {
         /// table: its scale factors are of readings at another interval. Of `replay` a warning.
         INTERVAL_NOT_NOMINAL = "interval-not-nominal", FaultOrWarning,
             "Give the table of this interval, or the rows that it is of: docs/table.md#readings-format-3.";
-        /// Over 1 % of the rows are missing, by sequence or time; of `replay` any.
+        /// Over 1 % of the rows are missing, by sequence or time; of `replay` any. `noise` bridges gaps of up to 16
+        /// rows, and says so. Over 2 %, or where longer gaps leave less than half of the rows, it writes no file for
+        /// Kalibr.
         MISSING_ROWS = "missing-rows", Warning, "Give all pieces of the recording; else look for what loses them.";
         /// Time is lost, or counted twice, within a dwell or a ramp, without a hole in `sequence`. In a turn it is
         /// `turn-gap`.
@@ -269,7 +271,7 @@ findings! {
         /// its thermometer would look the same; or the time constant was given, and the ramps would not show it.
         TRANSIENT = "transient", Warning,
             "Record the axis horizontal; verify with a run of another rate: docs/temperature-in-motion.md.";
-        /// A gyroscope indicates over 10 deg/s on average, in a recording at one attitude.
+        /// A gyroscope indicates over 10 deg/s on average, in a recording at one attitude or of `noise`.
         RATE_AT_REST = "rate-at-rest", Fault, "Give the readings in rad/s; keep the IMU at rest.";
         /// The telemetry never settles: what is behind it by a lag is in the curve everywhere.
         NOT_SETTLED = "not-settled", Warning, "Warm up more slowly, or wait at the end of each sweep.";

@@ -9,7 +9,7 @@ use isotherm_shared::wire::{AXES, RawSample, Triad};
 use isotherm_simulation::RandomGenerator;
 
 pub(super) const ALL: [f64; 2] = [0.0, f64::INFINITY];
-const INTERVAL_NS: u64 = 100_000_000;
+pub(super) const INTERVAL_NS: u64 = 100_000_000;
 const WHITE: Truth = Truth { quantisation: 0.0, white: 1.0, flicker: 0.0, walk: 0.0 };
 
 /// Rows of 0.1 s at rest, whose channels count `counts` a row plus `offset`; what is left is carried into the next row.
@@ -78,10 +78,10 @@ fn used(rows: &[RawSample]) -> (usize, usize) {
 fn the_longest_stretch_without_gap_session_or_change_of_interval_is_taken() {
     let all = white(1.0, 6000);
     assert_eq!(used(&all), (0, 6000));
-    // A gap of a row.
+    // A gap that is too long.
     let mut rows = all.clone();
-    rows.remove(2000);
-    assert_eq!(used(&rows), (2000, 5999));
+    rows.drain(2000..2017);
+    assert_eq!(used(&rows), (2000, 5983));
     // A new session.
     let mut rows = all.clone();
     rows[3500..].iter_mut().for_each(|row| row.session = 2);
@@ -130,11 +130,20 @@ fn a_part_of_the_recording_is_taken() {
 }
 
 #[test]
-fn outputs_that_are_no_numbers_end_the_stretch() {
+fn outputs_that_are_no_numbers_are_bridged() {
     let (mut rows, table) = (white(1.0, 4000), table(false));
     rows[1500].accelerometers.head_temperature[1] = f64::NAN;
     let found = NoiseAnalysis::of(&rows, Some(&table), ALL).unwrap();
-    assert_eq!(found.used, 1501..4000);
+    let bridged = found.bridged;
+    assert_eq!((found.used.clone(), bridged.rows, bridged.not_a_number, bridged.of), (0..4000, 1, 1, 4000));
+    assert!(
+        found.findings()[0]
+            .message
+            .starts_with("1 row is missing (1 row with an output that is not a number) in 1 gap, ")
+    );
+    // Too many of them end the stretch.
+    rows[1500..1520].iter_mut().for_each(|row| row.accelerometers.head_temperature[1] = f64::NAN);
+    assert_eq!(NoiseAnalysis::of(&rows, Some(&table), ALL).unwrap().used, 1520..4000);
     // Beyond the range of a table that rejects.
     rows.iter_mut().for_each(|row| row.accelerometers.board_temperature = [70.0; AXES]);
     let error = NoiseAnalysis::of(&rows, Some(&table), ALL).unwrap_err().to_string();

@@ -1,0 +1,172 @@
+//! The rows that are analysed: a stretch at rest whose times are regular, in which short gaps are bridged.
+//!
+//! A row follows the one before after 0.5 to 1.5 intervals. Otherwise the next row is sought up to which sequences and
+//! times agree on how many rows are missing between: none where a row only came late, up to [`MOST_MISSING`] in a gap.
+//! Times decide where the sequences were made from them, and a late row looked like a gap first.
+
+use core::ops::Range;
+use isotherm_shared::wire::RawSample;
+
+/// The time from row to row, and the interval of the row over that of the row before, lie within these parts of the
+/// interval.
+const REGULAR: [f64; 2] = [0.5, 1.5];
+/// Most rows of a gap that is bridged.
+pub(super) const MOST_MISSING: usize = 16;
+/// Rows that may come at a wrong time in turn.
+const LATE_ROWS: usize = 10;
+/// Rows behind a gap that must not come early: then the row at its end came late, and there is no gap.
+const CONFIRMED_ROWS: usize = 4;
+/// Most part of the rows that may be bridged.
+pub(super) const MOST_BRIDGED: f64 = 0.02;
+
+/// The rows of a stretch that are missing, and are bridged.
+///
+/// Each missing row is given a value with the covariance of the rows around it: what is expected from them, and a
+/// random number with the scatter that is left. The same rows give the same values.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Bridged {
+    /// Rows that are missing, or have no output that is a number.
+    pub rows: usize,
+    /// Gaps that they make.
+    pub gaps: usize,
+    /// How many of them are there, with an output that is not a number.
+    pub not_a_number: usize,
+    /// Rows that the stretch would have.
+    pub of: usize,
+}
+
+impl Bridged {
+    /// The part of the rows that are bridged.
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        self.rows as f64 / self.of.max(1) as f64
+    }
+
+    /// `3 rows are missing in 2 gaps, 0.30 % of the 1000 that are analysed`.
+    pub(super) fn words(&self) -> String {
+        let Self { rows, gaps, not_a_number, of } = *self;
+        let [rows, gaps] = [(rows, "row"), (gaps, "gap")].map(|(count, noun)| counted(count, noun));
+        let are = if self.rows == 1 { "is" } else { "are" };
+        let no_number = if not_a_number > 0 {
+            format!(" ({} with an output that is not a number)", counted(not_a_number, "row"))
+        } else {
+            String::new()
+        };
+        format!(
+            "{rows} {are} missing{no_number} in {gaps}, {:.2} % of the {of} that are analysed",
+            self.share() * 100.0
+        )
+    }
+
+    /// Whether they are over 2 %, so that no figure may be certified.
+    #[must_use]
+    pub fn is_too_much(&self) -> bool {
+        self.share() > MOST_BRIDGED
+    }
+}
+
+/// A stretch of rows.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Stretch {
+    /// Its rows.
+    pub kept: Vec<usize>,
+    /// How many rows are missing behind each of some rows: places in `kept`, and numbers.
+    gaps: Vec<(usize, usize)>,
+}
+
+impl Stretch {
+    /// First and last row, and those between.
+    pub(super) fn rows(&self) -> Range<usize> {
+        self.kept.first().map_or(0..0, |first| *first..self.kept[self.kept.len() - 1] + 1)
+    }
+
+    /// Its rows at regular times; `None` where one is missing.
+    pub(super) fn places(&self) -> Vec<Option<usize>> {
+        let mut places = Vec::with_capacity(self.kept.len());
+        let mut gaps = self.gaps.iter().peekable();
+        for (index, row) in self.kept.iter().enumerate() {
+            places.push(Some(*row));
+            if let Some((_, missing)) = gaps.next_if(|(behind, _)| *behind == index) {
+                places.extend(core::iter::repeat_n(None, *missing));
+            }
+        }
+        places
+    }
+
+    /// What is bridged in it.
+    pub(super) fn bridged(&self) -> Bridged {
+        let rows = self.gaps.iter().map(|(_, missing)| missing).sum();
+        let not_a_number = self.rows().len() - self.kept.len();
+        Bridged { rows, gaps: self.gaps.len(), not_a_number, of: self.kept.len() + rows }
+    }
+}
+
+/// The stretches of the rows `kept`, which are at rest and whose outputs are numbers.
+pub(super) fn stretches(kept: &[usize], rows: &[RawSample]) -> Vec<Stretch> {
+    let mut found: Vec<Stretch> = Vec::new();
+    let mut next = 0;
+    while next < kept.len() {
+        let mut stretch = Stretch { kept: vec![kept[next]], gaps: Vec::new() };
+        next += 1;
+        while let Some((count, gaps)) = goes_on(&kept[next - 1..], rows) {
+            stretch.gaps.extend(gaps.into_iter().map(|(behind, missing)| (stretch.kept.len() - 1 + behind, missing)));
+            stretch.kept.extend_from_slice(&kept[next..next + count]);
+            next += count;
+        }
+        found.push(stretch);
+    }
+    found
+}
+
+/// How many rows follow the first of `kept` up to the next one at the right time, and behind which of them, counted
+/// from the first, how many are missing. `None` if it ends the stretch.
+fn goes_on(kept: &[usize], rows: &[RawSample]) -> Option<(usize, Vec<(usize, usize)>)> {
+    let row = |index: usize| &rows[kept[index]];
+    let is_within = |ratio: f64| (REGULAR[0]..=REGULAR[1]).contains(&ratio);
+    let first = row(0);
+    let interval_ns = first.interval_ns as f64;
+    let passed =
+        |from: usize, to: usize| (i128::from(row(to).timestamp_ns) - i128::from(row(from).timestamp_ns)) as f64;
+    let is_early = |index: usize| passed(index - 1, index) < REGULAR[0] * interval_ns;
+    // Sequences are those of one session, and rise.
+    let follows = |index: usize| {
+        let (before, now) = (row(index - 1), row(index));
+        before.session == now.session
+            && now.sequence > before.sequence
+            && is_within(now.interval_ns as f64 / before.interval_ns as f64)
+    };
+    let missing_behind = |index: usize| row(index + 1).sequence - row(index).sequence - 1;
+    if kept.len() > 1 && follows(1) && missing_behind(0) == 0 && is_within(passed(0, 1) / row(1).interval_ns as f64) {
+        return Some((1, Vec::new()));
+    }
+    let (mut by_sequence, mut early) = (0_u64, false);
+    for count in 1..kept.len().min(LATE_ROWS + 1) {
+        if !follows(count) {
+            return None;
+        }
+        by_sequence = by_sequence.saturating_add(missing_behind(count - 1));
+        early |= is_early(count);
+        let missing = (passed(0, count) / interval_ns).round() - count as f64;
+        let agrees = missing == by_sequence as f64 || (early && missing < by_sequence as f64);
+        let behind = count + 1..kept.len().min(count + 1 + CONFIRMED_ROWS);
+        let is_late = behind.take_while(|index| follows(*index)).any(is_early);
+        if !(0.0..=MOST_MISSING as f64).contains(&missing) || !agrees || is_late {
+            continue;
+        }
+        let missing = missing as usize;
+        let gaps: Vec<_> = if missing as u64 == by_sequence {
+            (0..count).map(|index| (index, missing_behind(index) as usize)).collect()
+        } else {
+            // The sequences count late rows as gaps, too.
+            let longest = (0..count).max_by(|a, b| passed(*a, a + 1).total_cmp(&passed(*b, b + 1)))?;
+            vec![(longest, missing)]
+        };
+        return Some((count, gaps.into_iter().filter(|(_, missing)| *missing > 0).collect()));
+    }
+    None
+}
+
+/// `1 row`, `3 rows`.
+fn counted(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
+}
