@@ -10,7 +10,7 @@ use super::plan::Plan;
 use super::readbacks::Readbacks;
 use super::samples::{LaboratoryClock, SampleRecorder, SampleTap, file_of};
 use super::stability::{Trends, telemetry};
-use isotherm_client::{Options, unix_s};
+use isotherm_client::Options;
 use isotherm_failure::{Exit, Failure};
 use isotherm_instruments::{ChamberReading, TurntableReading};
 use isotherm_shared::wire::AXES;
@@ -141,9 +141,9 @@ impl<'p> Streams<'p> {
         clock: LaboratoryClock,
         options: &Options,
     ) -> Result<Self, Failure> {
-        let age_s = (unix_s() - history.kept_unix_s).max(0.0) * clock.speed;
+        let age_s = (clock.unix_s() - history.kept_unix_s).max(0.0) * clock.speed;
         let start = |plan: &'p Plan| {
-            let stream = ImuStream::new(plan, history, clock, age_s)?;
+            let stream = ImuStream::new(plan, history, clock.clone(), age_s)?;
             let start_tap = || SampleTap::start(plan.imu.clone(), options.clone());
             let tap = stream.is_in().then(start_tap).transpose();
             let tap = tap.map_err(|error| Failure::new(Exit::Failed, format!("starting a thread: {error}")))?;
@@ -360,8 +360,9 @@ impl<'p> Streams<'p> {
         phase: &str,
         now: f64,
     ) -> Result<(), Failure> {
+        let times = [now, self.clock.unix_s()];
         let write =
-            |stream: &mut ImuStream<'_>| stream.readbacks.write(chamber, turntable, stream.telemetry, phase, now);
+            |stream: &mut ImuStream<'_>| stream.readbacks.write(chamber, turntable, stream.telemetry, phase, times);
         self.all.iter_mut().try_for_each(write)
     }
 
