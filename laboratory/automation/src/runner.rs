@@ -13,12 +13,11 @@ use super::page;
 use super::plan::{Plan, ThereAndBack};
 use super::progress::{DroppedImu, Progress, Snapshot};
 use super::readbacks::Readbacks;
-use super::samples::LaboratoryClock;
+use super::samples::{LaboratoryClock, SampleSources};
 use super::stability::{Trend, Trends};
 use super::station::{Station, StationError};
 use super::streams::{FailedImu, Streams};
 use super::timeline::{left_s, turn_s, unit_s, units};
-use isotherm_client::Options;
 use isotherm_failure::{Exit, Failure};
 use isotherm_instruments::{ChamberReading, Moment, Surroundings, TurntableReading};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -120,7 +119,7 @@ impl<'p> Runner<'p> {
     pub fn new(
         plan: &'p Plan,
         (journal, history): (Journal, &History),
-        options: &Options,
+        sources: &dyn SampleSources,
         speed: f64,
         around: Surroundings,
     ) -> Result<Self, Failure> {
@@ -142,7 +141,7 @@ impl<'p> Runner<'p> {
             clock: clock.clone(),
             machine: CampaignMachine::new(plan, history.kept.len(), min_timeout_s),
             station: Station::new(plan, history.begun && !history.safe, around.clone()),
-            streams: Streams::start(plan, history, clock, options)?,
+            streams: Streams::start(plan, history, clock, sources)?,
             journal,
             progress: Progress::new(&plan.output, units(plan), Arc::clone(&around.time)),
             trends,

@@ -8,8 +8,8 @@
 
 use super::plan::Plan;
 use isotherm_instruments::{Chamber, ChamberReading, Instrument, InstrumentFault, Time, Turntable, TurntableReading};
+use std::fmt;
 use std::time::Duration;
-use std::{fmt, thread};
 
 /// Longest time from a signal, or from a reason to end, to the last of the first stop orders. The lines end their waits
 /// when they see a signal, which takes [`NOTICE`] at most; the rest is for the orders.
@@ -54,12 +54,12 @@ pub(crate) fn enter(
     (turntable, turntable_connected): (&mut (dyn Turntable + 'static), bool),
     (chamber, chamber_connected): (&mut (dyn Chamber + 'static), bool),
 ) -> (SafeOutcome, SafeOutcome) {
-    thread::scope(|scope| {
-        let turntable = scope.spawn(|| stop_turntable(plan, time, turntable, turntable_connected));
-        let chamber = make_chamber_safe(plan, time, chamber, chamber_connected);
-        let panicked = || SafeOutcome::Unknown("table NOT known to be stopped: the program has failed".to_owned());
-        (turntable.join().unwrap_or_else(|_| panicked()), chamber)
-    })
+    let failed = |which: &str| SafeOutcome::Unknown(format!("{which}: the program has failed"));
+    let mut outcomes = (failed("table NOT known to be stopped"), failed("chamber NOT known to be safe"));
+    time.both(&mut || outcomes.0 = stop_turntable(plan, time, turntable, turntable_connected), &mut || {
+        outcomes.1 = make_chamber_safe(plan, time, chamber, chamber_connected)
+    });
+    outcomes
 }
 
 /// Stops the turntable, and reads it until it is at rest.

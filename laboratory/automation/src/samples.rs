@@ -91,8 +91,38 @@ impl LaboratoryClock {
     }
 }
 
+/// Where the raw samples of an IMU come from.
+pub trait SampleSource {
+    /// The next sample and the time of its reception, `CLOCK_MONOTONIC` \[ns\]; or the next error; `None` if there is
+    /// neither.
+    fn take_sample(&mut self) -> Option<Result<(RawSample, u64), String>>;
+}
+
+/// What starts the sources of samples.
+pub trait SampleSources {
+    /// Starts that of an IMU.
+    ///
+    /// # Errors
+    /// If no thread can be started.
+    fn start(&self, imu: &ImuId) -> io::Result<Box<dyn SampleSource>>;
+
+    /// Where they come from, for messages: the service's domain.
+    fn domain(&self) -> &str;
+}
+
+/// The raw streams of a service.
+impl SampleSources for Options {
+    fn start(&self, imu: &ImuId) -> io::Result<Box<dyn SampleSource>> {
+        Ok(Box::new(SampleTap::start(imu.clone(), self.clone())?))
+    }
+
+    fn domain(&self) -> &str {
+        self.domain.name()
+    }
+}
+
 /// A tap on the IMU's raw stream for the whole campaign. Its errors are returned, and the tap is started again.
-pub struct SampleTap {
+struct SampleTap {
     imu: ImuId,
     options: Options,
     tap: Tap,
@@ -101,18 +131,14 @@ pub struct SampleTap {
 }
 
 impl SampleTap {
-    /// Starts the tap.
-    ///
-    /// # Errors
-    /// If no thread can be started.
-    pub fn start(imu: ImuId, options: Options) -> io::Result<Self> {
+    fn start(imu: ImuId, options: Options) -> io::Result<Self> {
         let tap = start_tap(&imu, &options)?;
         Ok(Self { imu, options, tap, retry_at: None })
     }
+}
 
-    /// The next sample and the time of its reception, `CLOCK_MONOTONIC` \[ns\]; or the next error; `None` if there is
-    /// neither.
-    pub fn take_sample(&mut self) -> Option<Result<(RawSample, u64), String>> {
+impl SampleSource for SampleTap {
+    fn take_sample(&mut self) -> Option<Result<(RawSample, u64), String>> {
         while let Some(tapped) = self.tap.pop() {
             if let StreamSample::Raw(sample) = tapped.sample {
                 return Some(Ok((sample, tapped.received_ns)));

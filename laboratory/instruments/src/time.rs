@@ -1,4 +1,4 @@
-//! The clocks that lines and campaigns read, and how they wait: those of the machine, or simulated ones.
+//! The clocks that lines and campaigns read, and how they wait: of the machine, or simulated.
 
 use core::ops::Add;
 use rustix::time::{ClockId, clock_gettime};
@@ -49,6 +49,10 @@ pub trait Time: Send + Sync {
 
     /// Returns at this moment, or at once if it has passed.
     fn sleep_until(&self, moment: Moment);
+
+    /// Does both at the same time, the first in a thread of its own, and returns when both have ended. A panic of the
+    /// first ends it alone.
+    fn both(&self, beside: &mut (dyn FnMut() + Send), here: &mut dyn FnMut());
 }
 
 /// The clocks of the machine.
@@ -67,5 +71,14 @@ impl Time for RealTime {
 
     fn sleep_until(&self, moment: Moment) {
         thread::sleep(moment.since(self.now()));
+    }
+
+    fn both(&self, beside: &mut (dyn FnMut() + Send), here: &mut dyn FnMut()) {
+        thread::scope(|scope| {
+            let beside = scope.spawn(beside);
+            here();
+            // What it has not done shows that it has failed.
+            let _ = beside.join();
+        });
     }
 }
