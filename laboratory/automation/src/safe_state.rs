@@ -57,7 +57,7 @@ pub(crate) fn enter(
     let failed = |which: &str| SafeOutcome::Unknown(format!("{which}: the program has failed"));
     let mut outcomes = (failed("table NOT known to be stopped"), failed("chamber NOT known to be safe"));
     time.both(&mut || outcomes.0 = stop_turntable(plan, time, turntable, turntable_connected), &mut || {
-        outcomes.1 = make_chamber_safe(plan, time, chamber, chamber_connected)
+        outcomes.1 = make_chamber_safe(plan, time, chamber, chamber_connected);
     });
     outcomes
 }
