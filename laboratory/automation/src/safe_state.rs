@@ -166,6 +166,8 @@ fn attempt<I: Instrument + ?Sized>(
     order: impl Fn(&mut I) -> Result<(), InstrumentFault>,
     confirm: impl Fn(&mut I, bool) -> Result<SafeOutcome, InstrumentFault>,
 ) -> Result<SafeOutcome, InstrumentFault> {
+    // The signal has done its work.
+    instrument.line_mut().ignore_signal();
     let mut attempts = 1;
     loop {
         let acknowledged = order_at_once(time, instrument, &order);
@@ -182,7 +184,7 @@ fn attempt<I: Instrument + ?Sized>(
 }
 
 /// Sends an order at once. Returns whether its reply acknowledges it.
-fn order_at_once<I: Instrument + ?Sized>(
+pub(crate) fn order_at_once<I: Instrument + ?Sized>(
     time: &dyn Time,
     instrument: &mut I,
     order: impl FnOnce(&mut I) -> Result<(), InstrumentFault>,

@@ -94,7 +94,7 @@ impl<'p> Station<'p> {
         if !reading.faults.is_empty() {
             return Err(StationError::Alarm(format!("the table has a fault: {}", reading.faults.join(", "))));
         }
-        match self.plan.limits.reading(reading.angles_deg, reading.rates_deg_s) {
+        match self.plan.limits.reading(reading.angles_deg, reading.rates_deg_s, self.plan.turntable.wraps()) {
             Some(fault) => Err(StationError::Alarm(format!("the table: {fault}"))),
             None => Ok(()),
         }
@@ -224,10 +224,10 @@ impl<'p> Station<'p> {
         self.turntable(|turntable| turntable.move_to(angles_deg, rate, acceleration))
     }
 
-    /// Stops the turntable if it answers, and closes its line. The next connection engages it again.
+    /// Sends the stop orders to the turntable at once, whatever its line does, and closes the line. The next connection
+    /// stops and engages it again.
     pub fn stop_turntable(&mut self) {
-        // A failure is ignored: the next connection, or the safe state, stops the turntable again.
-        let _ = self.turntable(|turntable| turntable.stop());
+        safe_state::order_at_once(self.around.time.as_ref(), self.turntable.as_mut(), |turntable| turntable.stop());
         self.close_turntable();
     }
 

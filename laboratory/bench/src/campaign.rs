@@ -30,8 +30,8 @@ const SHORTER: [(&str, &str); 12] = [
     ("/dev/ttyUSB0", "/dev/chamber"),
     ("tcp://192.0.2.10:9888", "/dev/table"),
 ];
-/// Time between two runners \[s\].
-const BETWEEN_S: f64 = 20.0;
+/// Time between two runners \[s\]: the turntable comes back from anywhere meanwhile.
+const BETWEEN_S: f64 = 60.0;
 /// Most runners of a campaign.
 const MOST_RUNNERS: usize = 40;
 /// Interval of the IMU's samples \[ns\].
@@ -84,7 +84,11 @@ impl Campaign {
     pub fn run(&self) -> Vec<Ended> {
         let mut all = Vec::new();
         while all.len() < MOST_RUNNERS && all.last().is_none_or(|ended: &Ended| ended.failure.is_some()) {
-            if !all.is_empty() {
+            if let Some(ended) = all.last() {
+                let is_beyond = |message: &String| message.contains("is outside limits.outer_deg");
+                if ended.failure.as_ref().is_some_and(is_beyond) {
+                    self.world.bring_back();
+                }
                 self.world.wait(BETWEEN_S);
             }
             all.push(self.run_once());

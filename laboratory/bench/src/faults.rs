@@ -12,6 +12,8 @@ pub enum Fault {
     Turntable(InjectedFault),
     /// The begin of each reply of the turntable arrives, and the rest never.
     CutReply,
+    /// Somebody else sends the turntable far beyond its limits, by more than a turn.
+    RunAway,
     /// No sample of the IMU arrives.
     Silent,
     /// Every tenth sample is missing.
@@ -45,11 +47,12 @@ impl FaultPlan {
             InjectedFault::Alarm,
             InjectedFault::PortLoss,
         ];
-        const OTHERS: [Fault; 10] = [
+        const OTHERS: [Fault; 11] = [
             Fault::Turntable(InjectedFault::NoSettle),
             Fault::Chamber(InjectedFault::Overshoot),
             Fault::Chamber(InjectedFault::NeverThere),
             Fault::CutReply,
+            Fault::RunAway,
             Fault::Silent,
             Fault::Gaps,
             Fault::Restarted,

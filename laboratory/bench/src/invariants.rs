@@ -2,7 +2,7 @@
 
 use crate::campaign::{Campaign, Ended};
 use crate::faults::{Fault, FaultPlan};
-use crate::world::Place;
+use crate::world::{Place, Request};
 use isotherm_automation::journal::{self, Entry, Journal};
 use isotherm_automation::timeline::units;
 use isotherm_simulator::{DeviceEvent, InjectedFault};
@@ -11,14 +11,17 @@ use std::fs;
 
 /// Longest time from a signal, or from a pause while the turntable moves, to the stop orders \[s\].
 const ORDERS_S: f64 = 5.0;
+/// Longest time until a reading shows where the turntable is \[s\].
+const NOTICED_S: f64 = 3.0;
 /// What stops an axis of the turntable.
 const STOP: &[u8] = b":mode:off ";
 /// A row of a dwell is off its position by at most this \[deg\].
 const OFF_DEG: f64 = 0.01;
 /// The turntable moves if its angles change by more than this from one sample to the next \[deg\].
 const MOVES_DEG: f64 = 0.01;
-/// The air of a row is off its set point by at most this \[degC\].
-const OFF_C: f64 = 0.6;
+/// The air of a row is off its set point by at most this \[degC\]: the tolerance, and what the controller's own sensor
+/// is behind when the air leaves.
+const OFF_C: f64 = 1.2;
 /// Unix time at the begin of the world \[s\].
 const BEGIN_UNIX_S: f64 = 1.8e9;
 
@@ -26,8 +29,9 @@ const BEGIN_UNIX_S: f64 = 1.8e9;
 #[must_use]
 pub fn violations(campaign: &Campaign, ended: &[Ended]) -> Vec<String> {
     let (events, places) = campaign.world.course();
-    let course = Course { campaign, faults: campaign.world.faults(), events, places };
-    let mut found = course.beyond_limits();
+    let course =
+        Course { campaign, faults: campaign.world.faults(), events, places, requests: campaign.world.requests() };
+    let mut found = course.beyond_limits(ended);
     found.extend(course.late_orders(ended));
     found.extend(course.unsafe_ends(ended));
     found.extend(course.journal());
@@ -44,12 +48,16 @@ struct Course<'a> {
     faults: FaultPlan,
     events: Vec<(f64, DeviceEvent)>,
     places: Vec<Place>,
+    requests: Vec<Request>,
 }
 
 impl Course<'_> {
-    /// Commands and true angles beyond the limits.
-    fn beyond_limits(&self) -> Vec<String> {
+    /// Commands beyond the limits, and true angles beyond them that no stop order follows.
+    fn beyond_limits(&self, ended: &[Ended]) -> Vec<String> {
         let limits = &self.campaign.plan.limits;
+        // What somebody else has commanded is not the runner's.
+        let of_others: Vec<f64> = self.faults.events(Fault::RunAway).collect();
+        let is_own = |at_s: f64| !of_others.iter().any(|other| (at_s - other).abs() < 1.0);
         let commanded = self.events.iter().filter_map(|(at_s, event)| {
             let fault = match event {
                 DeviceEvent::GoTo { angle_deg, .. } => limits.angles([*angle_deg, *angle_deg]),
@@ -57,12 +65,35 @@ impl Course<'_> {
                 DeviceEvent::Chamber { target_c, .. } => limits.chamber(*target_c),
                 DeviceEvent::Stop { .. } | DeviceEvent::Swing { .. } => None,
             };
-            fault.map(|fault| format!("commanded at {at_s:.1} s: {fault}"))
+            fault.filter(|_| is_own(*at_s)).map(|fault| format!("commanded at {at_s:.1} s: {fault}"))
         });
-        let reached = self.places.iter().find_map(|place| {
-            limits.angles(place.angles_deg).map(|fault| format!("reached at {:.1} s: {fault}", place.end_s))
-        });
+        // Once for each time that the turntable leaves them.
+        let is_beyond = |place: &Place| limits.reading(place.angles_deg, [0.0; 2], false).is_some();
+        let leaves = self.places.windows(2).filter(|pair| !is_beyond(&pair[0]) && is_beyond(&pair[1]));
+        let leaves = leaves.map(|pair| pair[1].end_s).filter(|at_s| self.runs(ended, *at_s));
+        let unseen = leaves.filter(|at_s| self.has_port(*at_s) && !self.is_stopped(*at_s, NOTICED_S + ORDERS_S));
+        let reached = unseen.map(|at_s| format!("no stop order after the limits were left at {at_s:.1} s"));
         commanded.chain(reached).collect()
+    }
+
+    /// Whether a runner runs at this time.
+    fn runs(&self, ended: &[Ended], at_s: f64) -> bool {
+        let killed: Vec<f64> = self.faults.events(Fault::Killed).collect();
+        let run = ended.iter().find(|it| it.times_s[0] <= at_s && at_s < it.times_s[1]);
+        run.is_some_and(|run| !run.is_killed || killed.iter().any(|kill| run.times_s[0] < *kill && at_s < *kill))
+    }
+
+    /// Whether a stop order goes to the turntable within these seconds.
+    fn is_stopped(&self, at_s: f64, within_s: f64) -> bool {
+        let times = at_s - 0.5..=at_s + within_s;
+        let is_order = |it: &Request| it.to_turntable && times.contains(&it.at_s) && it.bytes.starts_with(STOP);
+        self.requests.iter().any(is_order)
+    }
+
+    /// Whether the turntable's port exists over the time of an order.
+    fn has_port(&self, at_s: f64) -> bool {
+        let lost = Fault::Turntable(InjectedFault::PortLoss);
+        ![at_s, at_s + ORDERS_S].iter().any(|at_s| self.faults.active(*at_s).any(|fault| fault == lost))
     }
 
     /// Whether the turntable moves at this time.
@@ -76,20 +107,10 @@ impl Course<'_> {
     /// Stop orders that did not go out within 5 s of a signal, or of a pause in a motion. A port that does not exist
     /// takes none.
     fn late_orders(&self, ended: &[Ended]) -> Vec<String> {
-        let runs = |at_s: f64| ended.iter().any(|it| it.times_s[0] <= at_s && at_s < it.times_s[1]);
-        let signals = self.faults.events(Fault::Signal).filter(|at_s| runs(*at_s));
+        let signals = self.faults.events(Fault::Signal).filter(|at_s| self.runs(ended, *at_s));
         let begins =
             signals.map(|at_s| ("SIGTERM", at_s)).chain(self.pauses().into_iter().map(|at_s| ("a pause", at_s)));
-        let requests = self.campaign.world.requests();
-        let is_stopped = |at_s: f64| {
-            let times = at_s - 0.5..=at_s + ORDERS_S;
-            requests.iter().any(|it| it.to_turntable && times.contains(&it.at_s) && it.bytes.starts_with(STOP))
-        };
-        let has_port = |at_s: f64| {
-            let lost = Fault::Turntable(InjectedFault::PortLoss);
-            ![at_s, at_s + ORDERS_S].iter().any(|at_s| self.faults.active(*at_s).any(|fault| fault == lost))
-        };
-        let late = begins.filter(|(_, at_s)| has_port(*at_s) && !is_stopped(*at_s));
+        let late = begins.filter(|(_, at_s)| self.has_port(*at_s) && !self.is_stopped(*at_s, ORDERS_S));
         late.map(|(what, at_s)| format!("no stop order within {ORDERS_S} s of {what} at {at_s:.1} s")).collect()
     }
 
@@ -117,9 +138,10 @@ impl Course<'_> {
             let angles: Vec<_> = after.map(|place| place.angles_deg).collect();
             let is_still =
                 angles.windows(2).all(|pair| (0..2).all(|axis| (pair[0][axis] - pair[1][axis]).abs() < 1e-3));
+            let is_beyond = end.failure.as_ref().is_some_and(|message| message.contains("is outside limits"));
             let is_swinging =
                 self.faults.active(end.times_s[1]).any(|it| it == Fault::Turntable(InjectedFault::NoSettle));
-            if !is_still && !is_swinging {
+            if !is_still && !is_swinging && !is_beyond {
                 found.push(format!("the turntable moves after the end at {:.1} s", end.times_s[1]));
             }
         }

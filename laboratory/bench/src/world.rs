@@ -24,6 +24,10 @@ const LOOK: Duration = Duration::from_micros(1);
 const REPLY: Duration = Duration::from_millis(5);
 /// From the end of a sample to its reception.
 const TRANSIT: Duration = Duration::from_millis(1);
+/// What somebody else orders for [`Fault::RunAway`].
+const RUN_AWAY: &[u8] = b":demand:position 1,500.0\r\n:mode:position 1\r\n";
+/// What an operator orders after that.
+const BRING_BACK: &[u8] = b":interlock:close 1\r\n:demand:position 1,0.0\r\n:mode:position 1\r\n";
 /// The signal of [`Fault::Signal`]: SIGTERM.
 const SIGTERM: usize = 15;
 
@@ -128,6 +132,11 @@ impl VirtualWorld {
         self.state().at_kill = Some(Box::new(done));
     }
 
+    /// Somebody brings the turntable back to 0, where it left its limits.
+    pub(crate) fn bring_back(&self) {
+        self.state().order(1, BRING_BACK);
+    }
+
     /// Lets time pass without a runner \[s\].
     pub fn wait(&self, seconds: f64) {
         let mut state = self.state();
@@ -167,6 +176,10 @@ impl State {
         let times = before_s..self.now_s();
         let happens = |event| self.faults.events(event).any(|at_s| times.contains(&at_s));
         let (signalled, killed) = (happens(Fault::Signal), happens(Fault::Killed));
+        let runs_away = happens(Fault::RunAway);
+        if runs_away {
+            self.order(1, RUN_AWAY);
+        }
         if signalled {
             self.stop_signal.store(SIGTERM, Relaxed);
         }
@@ -263,6 +276,18 @@ impl State {
             self.lines[line].replies.remove(place);
         }
         Ok(count)
+    }
+
+    /// Somebody else gives an order, at the instrument.
+    fn order(&mut self, line: usize, requests: &[u8]) {
+        self.advance_line(line);
+        let wire = &mut self.lines[line].wire;
+        let input = std::mem::replace(wire.input(), requests.to_vec());
+        while let Some(request) = wire.take_request() {
+            drop(wire.answer(&request, &[]));
+        }
+        *wire.input() = input;
+        self.advance_line(line);
     }
 
     /// Simulates the IMU up to now. Returns the next sample, if one is wanted and there is one.

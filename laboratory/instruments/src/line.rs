@@ -85,11 +85,14 @@ impl Line {
     }
 
     /// From now on requests are orders that go out at once: until `until` the line waits for no silence, only shortly
-    /// for a reply, and repeats a request only on a port that it had to open anew. The stop signal has done its work
-    /// and is no longer looked at.
-    pub fn begin_orders(&mut self, until: Moment) {
-        self.around.stop_signal = Arc::default();
+    /// for a reply, and repeats a request only on a port that it had to open anew. No signal ends these waits.
+    pub const fn begin_orders(&mut self, until: Moment) {
         self.orders_until = Some(until);
+    }
+
+    /// From now on the stop signal ends no wait: it has done its work.
+    pub fn ignore_signal(&mut self) {
+        self.around.stop_signal = Arc::default();
     }
 
     /// From now on requests obey the line's rules again. Returns whether the line was still, so that the replies to the
@@ -192,7 +195,7 @@ impl Line {
 
     /// An error if the stop signal came longer than `grace` ago.
     fn check_stop(&mut self, grace: Duration) -> Result<(), ExchangeError> {
-        if self.around.stop_signal.load(Relaxed) == 0 {
+        if self.has_orders() || self.around.stop_signal.load(Relaxed) == 0 {
             return Ok(());
         }
         let now = self.now();
