@@ -348,7 +348,8 @@ impl Time for VirtualWorld {
 impl Ports for VirtualWorld {
     fn open(&self, config: &LineConfig) -> io::Result<Box<dyn Opening>> {
         let line = usize::from(config.port.contains("table"));
-        Ok(Box::new(VirtualPort { world: self.clone(), line }))
+        let is_serial = !config.port.starts_with("tcp://");
+        Ok(Box::new(VirtualPort { world: self.clone(), line, is_serial }))
     }
 }
 
@@ -356,6 +357,7 @@ impl Ports for VirtualWorld {
 struct VirtualPort {
     world: VirtualWorld,
     line: usize,
+    is_serial: bool,
 }
 
 impl Opening for VirtualPort {
@@ -363,13 +365,13 @@ impl Opening for VirtualPort {
         if self.world.state().has(self.line, InjectedFault::PortLoss) {
             return Some(Err(io::ErrorKind::NotFound.into()));
         }
-        Some(Ok(Box::new(Self { world: self.world.clone(), line: self.line })))
+        Some(Ok(Box::new(Self { world: self.world.clone(), ..*self })))
     }
 }
 
 impl Port for VirtualPort {
     fn is_serial(&self) -> bool {
-        true
+        self.is_serial
     }
 
     fn write(&self, bytes: &[u8], deadline: Moment) -> io::Result<usize> {

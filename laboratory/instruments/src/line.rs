@@ -347,7 +347,8 @@ impl Line {
                 reply.truncate(length);
                 return Ok(reply);
             }
-            if !received && gap_end.is_some() {
+            // What the deadline ends may be the begin of a reply.
+            if !received && gap_end.is_some_and(|end| end < deadline) {
                 return Ok(reply);
             }
             if reply.len() > MAX_REPLY || (!received || self.now() >= deadline) && !reply.is_empty() {
