@@ -12,13 +12,14 @@ use isotherm_automation::progress::{self, DroppedImu, STATUS, Snapshot};
 use isotherm_automation::runner::Runner;
 use isotherm_automation::samples::write_campaign_file;
 use isotherm_automation::station::Station;
-use isotherm_automation::timeline::{duration, left_s, moments, units};
+use isotherm_automation::timeline::{duration, left_s, milestones, units};
 use isotherm_calibration::{AlignmentChoice, LagChoice};
 use isotherm_campaign::Member;
 use isotherm_client::Domain;
 use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::{create_own_folder, end_signals, print, print_data};
 use isotherm_finding::name;
+use isotherm_instruments::Surroundings;
 use isotherm_service::logging::{self, LogFormat};
 use isotherm_verification::Requirement;
 use std::fmt::Write as _;
@@ -175,7 +176,7 @@ impl RunCampaign {
             let (journal, history) = Journal::open(&plan)?;
             write_campaign_file(&plan)?;
             let done = history.kept.len() == units(&plan) && history.safe;
-            let runner = || Runner::new(&plan, (journal, &history), &options, self.speed, Arc::clone(&ended));
+            let runner = || Runner::new(&plan, (journal, &history), &options, self.speed, Surroundings::real(&ended));
             if done { Ok(None) } else { runner().map(|runner| Some(runner.with_other_device(self.other_device))) }
         })();
         let runner = runner.map_err(|failure| {
@@ -240,8 +241,8 @@ impl CheckCampaign {
         if plan.is_batch() {
             let _ = writeln!(text, "{}", imus(&plan));
         }
-        for moment in moments(&plan) {
-            let _ = writeln!(text, "  {:>12}  {}", duration(moment.at_s), moment.event);
+        for milestone in milestones(&plan) {
+            let _ = writeln!(text, "  {:>12}  {}", duration(milestone.at_s), milestone.event);
         }
         for warning in plan.warnings() {
             tell("isotherm", format!("warning: {warning}"));
@@ -317,7 +318,7 @@ impl StopCampaign {
 /// Brings chamber and table into the safe state, after a runner that ended without doing so.
 fn safe(plan: &Plan) -> Result<(), Failure> {
     let _lock = Lock::take(&plan.output)?;
-    let (table, chamber) = Station::new(plan, true).enter_safe_state();
+    let (table, chamber) = Station::new(plan, true, Surroundings::default()).enter_safe_state();
     let certain = table.is_reached() && chamber.is_reached();
     let reason = control::STOPPED_WITHOUT_RUNNER.to_owned();
     let text = format!("{reason}\nsafe state: {table}; {chamber}");

@@ -5,15 +5,16 @@
 
 use super::plan::{BACK, Plan, RAMP_FILE, RAMP_KEY, RUN_FILE, RUN_KEY, SAMPLES, without_comment};
 use isotherm_calibration::{sha256, tool};
-use isotherm_client::unix_s;
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::open_without_waiting;
+use isotherm_instruments::{RealTime, Time};
 use isotherm_shared::stream::ImuId;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead as _, BufReader, Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// The journal's file in the campaign's folder.
 pub const JOURNAL: &str = "journal.jsonl";
@@ -258,6 +259,7 @@ impl History {
 pub struct Journal {
     file: File,
     path: PathBuf,
+    time: Arc<dyn Time>,
     /// The IMU of a batch that the next entries are about.
     imu: Option<String>,
     /// Length of the complete lines \[bytes\]; `None` if an incomplete line could not be removed.
@@ -288,12 +290,20 @@ impl Journal {
     /// # Errors
     /// If it cannot be read or written, is damaged or belongs to another plan, or if data that it lists have changed.
     pub fn open(plan: &Plan) -> Result<(Self, History), Failure> {
+        Self::open_with(plan, Arc::new(RealTime))
+    }
+
+    /// As [`open`](Self::open); the entries have the times of this clock.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn open_with(plan: &Plan, time: Arc<dyn Time>) -> Result<(Self, History), Failure> {
         let path = plan.output.join(JOURNAL);
         let failed = |error: io::Error| Failure::io("opening the journal", &path, &error);
         refuse_data_of_others(&plan.output)?;
         let (lines, whole) = read(&path)?;
         let file = open(&path, whole).map_err(failed)?;
-        let mut journal = Self { file, path: path.clone(), imu: None, length: Some(whole) };
+        let mut journal = Self { file, path: path.clone(), time, imu: None, length: Some(whole) };
         if lines.is_empty() {
             journal.write_synced(begin_entry(plan))?;
             // The name of a new file is durable only when its folder is synced.
@@ -328,7 +338,7 @@ impl Journal {
     /// # Errors
     /// If the operating system cannot write it.
     pub fn write(&mut self, entry: Entry) -> Result<(), Failure> {
-        let line = JournalLine { unix_s: unix_s(), imu: self.imu.clone(), entry };
+        let line = JournalLine { unix_s: self.time.unix_s(), imu: self.imu.clone(), entry };
         let failed = |error: io::Error| Failure::io("writing the journal", &self.path, &error);
         let text = serde_json::to_string(&line).map_err(|error| failed(error.into()))? + "\n";
         let Some(length) = self.length else {
@@ -404,7 +414,7 @@ pub fn append(folder: &Path, entry: Entry) -> Result<(), Failure> {
     let path = folder.join(JOURNAL);
     let (_, whole) = read(&path)?;
     let file = open(&path, whole).map_err(|error| Failure::io("opening the journal", &path, &error))?;
-    Journal { file, path, imu: None, length: Some(whole) }.write_synced(entry)
+    Journal { file, path, time: Arc::new(RealTime), imu: None, length: Some(whole) }.write_synced(entry)
 }
 
 fn open(path: &Path, whole: u64) -> io::Result<File> {

@@ -87,7 +87,7 @@ impl Limits {
 
     /// The fault of angles to command \[deg\]; `None` if they are within the limits.
     pub fn angles(&self, angles: [f64; 2]) -> Option<String> {
-        self.angle(angles, 0.0)
+        self.angle(angles, 0.0, false)
     }
 
     /// The fault of a rate to command \[deg/s\]; `None` if it is within the limit.
@@ -103,19 +103,17 @@ impl Limits {
     }
 
     /// The fault of measured angles \[deg\] and rates \[deg/s\]; `None` if they are within the limits and the servo's
-    /// margin.
-    pub fn reading(&self, angles: [f64; 2], rates: [f64; 2]) -> Option<String> {
+    /// margin. Of a turntable that counts modulo 360 degrees whole turns do not count.
+    pub fn reading(&self, angles: [f64; 2], rates: [f64; 2], wraps: bool) -> Option<String> {
         let fast = rates.iter().find(|rate| rate.is_nan() || rate.abs() > self.rate_deg_s + SERVO_MARGIN);
         let fast = fast.map(|rate| format!("the table turns at {rate:.3} deg/s, over limits.rate_deg_s"));
-        fast.or_else(|| self.angle(angles, SERVO_MARGIN))
+        fast.or_else(|| self.angle(angles, SERVO_MARGIN, wraps))
     }
 
-    fn angle(&self, angles: [f64; 2], margin: f64) -> Option<String> {
+    fn angle(&self, angles: [f64; 2], margin: f64, wraps: bool) -> Option<String> {
         let axes = ["outer", "inner"].into_iter().zip(angles).zip(self.angles_deg);
         axes.into_iter().find_map(|((name, angle), [low, high])| {
-            // A turntable may report -0.001 as 359.999; therefore readings (margin over 0), not commands, are taken
-            // modulo 360.
-            let turns: &[f64] = if margin > 0.0 { &[0.0, -360.0, 360.0] } else { &[0.0] };
+            let turns: &[f64] = if wraps { &[0.0, -360.0, 360.0] } else { &[0.0] };
             let inside = turns.iter().any(|turn| (low - margin..=high + margin).contains(&(angle + turn)));
             (!inside)
                 .then(|| format!("{name} angle {angle:?} deg is outside limits.{name}_deg, {low:?} to {high:?} deg"))
@@ -161,13 +159,20 @@ mod tests {
         }
         assert!(limits.angles([0.0, 365.1]).unwrap().contains("inner angle 365.1"));
         assert!(limits.rate(60.1).is_some() && limits.rate(60.0).is_none() && limits.acceleration(100.1).is_some());
-        assert_eq!(limits.reading([365.5, 0.0], [60.5, 0.0]), None);
+        assert_eq!(limits.reading([365.5, 0.0], [60.5, 0.0], false), None);
+        for angle in [-6.5, 366.5, 719.0] {
+            assert!(limits.reading([angle, 0.0], [0.0; 2], false).is_some(), "{angle}");
+        }
+        let narrow = self::limits(&TEXT.replace("outer_deg = [-5, 365]", "outer_deg = [-90, 90]")).unwrap();
+        assert!(narrow.reading([270.0, 0.0], [0.0; 2], true).is_none(), "-90 of a turntable that wraps");
+        assert!(narrow.reading([180.0, 0.0], [0.0; 2], true).is_some());
         assert!(
-            limits.reading([f64::INFINITY, 0.0], [0.0; 2]).is_some()
-                && limits.reading([0.0; 2], [0.0, -62.0]).is_some()
+            limits.reading([f64::INFINITY, 0.0], [0.0; 2], true).is_some()
+                && limits.reading([0.0; 2], [0.0, -62.0], true).is_some()
         );
         assert!(
-            limits.reading([f64::NAN, 0.0], [0.0; 2]).is_some() && limits.reading([0.0; 2], [f64::NAN; 2]).is_some()
+            limits.reading([f64::NAN, 0.0], [0.0; 2], true).is_some()
+                && limits.reading([0.0; 2], [f64::NAN; 2], true).is_some()
         );
     }
 }

@@ -3,11 +3,13 @@
 use super::timeline::duration;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use isotherm_failure::{printable, shown};
+use isotherm_instruments::{Moment, Time};
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io::{self, IsTerminal as _};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::sync::Arc;
+use std::time::Duration;
 
 /// The status file in the campaign's folder.
 pub const STATUS: &str = "status.json";
@@ -137,24 +139,21 @@ pub fn write(path: &Path, snapshot: &Snapshot) {
     }
 }
 
-fn due(last: Option<Instant>, every: Duration) -> bool {
-    last.is_none_or(|last| last.elapsed() >= every)
-}
-
 /// Publishes the state of the campaign: status file, and bars on a terminal or lines in the log.
 pub struct Progress {
     path: PathBuf,
+    time: Arc<dyn Time>,
     /// On a terminal: all units, the unit in progress, and the readings.
     bars: Option<[ProgressBar; 3]>,
-    written: Option<Instant>,
+    written: Option<Moment>,
     phase: &'static str,
-    drawn: Option<Instant>,
-    logged: Option<(Instant, f64)>,
+    drawn: Option<Moment>,
+    logged: Option<(Moment, f64)>,
 }
 
 impl Progress {
     /// For the campaign in `folder` with this number of units.
-    pub fn new(folder: &Path, units: usize) -> Self {
+    pub fn new(folder: &Path, units: usize, time: Arc<dyn Time>) -> Self {
         let bars = io::stderr().is_terminal().then(|| {
             let bars = indicatif::MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(5));
             let bar = |length, template: &str| {
@@ -165,7 +164,7 @@ impl Progress {
             const BAR: &str = "{bar:20} {wide_msg}";
             [bar(units as u64, BAR), bar(1000, BAR), bar(1000, "{wide_msg}")]
         });
-        Self { path: folder.join(STATUS), bars, written: None, phase: "", drawn: None, logged: None }
+        Self { path: folder.join(STATUS), time, bars, written: None, phase: "", drawn: None, logged: None }
     }
 
     /// Prints an event above the bars, or into the log.
@@ -182,27 +181,31 @@ impl Progress {
         if phase != self.phase {
             (self.phase, self.written) = (phase, None);
         }
-        due(self.written, FILE_PERIOD) || self.bars_due() || self.log_due(now)
+        self.is_past(self.written, FILE_PERIOD) || self.bars_due() || self.log_due(now)
+    }
+
+    fn is_past(&self, last: Option<Moment>, period: Duration) -> bool {
+        last.is_none_or(|last| self.time.now().since(last) >= period)
     }
 
     fn bars_due(&self) -> bool {
-        self.bars.is_some() && due(self.drawn, BARS_PERIOD)
+        self.bars.is_some() && self.is_past(self.drawn, BARS_PERIOD)
     }
 
     fn log_due(&self, now: f64) -> bool {
-        let due = |(real, at): (Instant, f64)| real.elapsed() >= LOG_PERIOD && now - at >= LOG_PERIOD_S;
+        let due = |(real, at): (Moment, f64)| self.is_past(Some(real), LOG_PERIOD) && now - at >= LOG_PERIOD_S;
         self.bars.is_none() && self.logged.is_none_or(due)
     }
 
     /// Updates what is due with the state at laboratory time `now` \[s\]. `fraction` of the unit in progress is done, 0
     /// to 1.
     pub fn update(&mut self, now: f64, fraction: f64, snapshot: &Snapshot) {
-        if due(self.written, FILE_PERIOD) {
-            self.written = Some(Instant::now());
+        if self.is_past(self.written, FILE_PERIOD) {
+            self.written = Some(self.time.now());
             self.write(snapshot);
         }
         if self.log_due(now) {
-            self.logged = Some((Instant::now(), now));
+            self.logged = Some((self.time.now(), now));
             tracing::info!("{}", snapshot.line());
         }
         if let Some([units, unit, readings]) = self.bars.as_ref().filter(|_| self.bars_due()) {
@@ -211,7 +214,7 @@ impl Progress {
             unit.set_position((fraction * 1000.0) as u64);
             unit.set_message(printable(&snapshot.state()).into_owned());
             readings.set_message(printable(&snapshot.readings()).into_owned());
-            self.drawn = Some(Instant::now());
+            self.drawn = Some(self.time.now());
         }
     }
 

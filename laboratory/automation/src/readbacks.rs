@@ -3,7 +3,6 @@
 
 use crate::curves::{CURVES, CurveRow, PlottedCurves};
 use crate::plan::{Plan, READBACKS};
-use isotherm_client::unix_s;
 use isotherm_failure::Failure;
 use isotherm_instruments::{ChamberReading, TurntableReading};
 use isotherm_shared::wire::AXES;
@@ -49,7 +48,7 @@ impl Readbacks {
     }
 
     /// Appends a row. `telemetry` is head and board of each accelerometer, then of each gyroscope, NaN before the first
-    /// sample.
+    /// sample. The times are laboratory time and Unix time \[s\].
     ///
     /// # Errors
     /// If it cannot be written.
@@ -59,15 +58,12 @@ impl Readbacks {
         table: &TurntableReading,
         telemetry: [[f64; 2]; 2 * AXES],
         phase: &str,
-        now: f64,
+        [now, unix_s]: [f64; 2],
     ) -> Result<(), Failure> {
         let ([outer, inner], [outer_rate, inner_rate]) = (table.angles_deg, table.rates_deg_s);
         let row = format!(
-            "{:.3},{now:.3},{phase},{:?},{:?},{},{outer:?},{inner:?},{outer_rate:?},{inner_rate:?}",
-            unix_s(),
-            chamber.air_c,
-            chamber.set_point_c,
-            chamber.running
+            "{unix_s:.3},{now:.3},{phase},{:?},{:?},{},{outer:?},{inner:?},{outer_rate:?},{inner_rate:?}",
+            chamber.air_c, chamber.set_point_c, chamber.running
         );
         let sensors = if self.has_gyroscopes { 2 * AXES } else { AXES };
         let telemetry = telemetry.iter().take(sensors).flatten();
@@ -144,7 +140,7 @@ mod tests {
         let chamber = ChamberReading { air_c: -5.0, set_point_c: -10.0, running: true, ..ChamberReading::default() };
         let telemetry = [[1.0, 2.0], [3.0, 4.0], [5.0, f64::NAN], [7.0, 8.0], [9.0, 10.0], [11.0, 12.0]];
         let mut first = Readbacks::at(folder.path().join(FILE), false).unwrap();
-        first.write(&chamber, &TurntableReading::default(), telemetry, "soak", 7.0).unwrap();
+        first.write(&chamber, &TurntableReading::default(), telemetry, "soak", [7.0, 1.8e9]).unwrap();
         drop(first);
         let path = folder.path().join(FILE);
         let whole = fs::read(&path).unwrap();
@@ -152,7 +148,7 @@ mod tests {
 
         let mut second = Readbacks::at(folder.path().join(FILE), false).unwrap();
         assert_eq!(fs::read(&path).unwrap(), whole);
-        second.write(&chamber, &TurntableReading::default(), telemetry, "dwell", 8.0).unwrap();
+        second.write(&chamber, &TurntableReading::default(), telemetry, "dwell", [8.0, 1.8e9]).unwrap();
         let values = |curve: usize| second.curves().all(curve).map(|point| point.1).collect::<Vec<_>>();
         assert_eq!([values(0), values(1)], [[-5.0; 2], [-10.0; 2]]);
         assert_eq!([2, 3, 4, 5, 6].map(|curve| values(curve)[1]), [1.0, 3.0, 5.0, 2.0, 4.0]);
@@ -168,7 +164,7 @@ mod tests {
             for with_gyroscopes in [first, !first] {
                 let mut readbacks = Readbacks::at(folder.path().join(FILE), with_gyroscopes).unwrap();
                 let (chamber, table) = (ChamberReading::default(), TurntableReading::default());
-                readbacks.write(&chamber, &table, [[1.0; 2]; 2 * AXES], "turn", 8.0).unwrap();
+                readbacks.write(&chamber, &table, [[1.0; 2]; 2 * AXES], "turn", [8.0, 1.8e9]).unwrap();
             }
             let text = fs::read_to_string(folder.path().join(FILE)).unwrap();
             assert_eq!(text.lines().next().unwrap().ends_with(",g3_board"), first);
@@ -192,7 +188,9 @@ mod tests {
             fs::write(&path, [&complete[..], incomplete].concat()).unwrap();
             let mut readbacks = Readbacks::at(folder.path().join(FILE), false).unwrap();
             assert_eq!(fs::read(&path).unwrap(), complete, "{} bytes too many", incomplete.len());
-            readbacks.write(&chamber, &TurntableReading::default(), [[1.0; 2]; 2 * AXES], "dwell", 8.0).unwrap();
+            readbacks
+                .write(&chamber, &TurntableReading::default(), [[1.0; 2]; 2 * AXES], "dwell", [8.0, 1.8e9])
+                .unwrap();
             let air: Vec<_> = readbacks.curves().all(0).map(|point| point.1).filter(|air_c| !air_c.is_nan()).collect();
             assert_eq!(air, [1.0, 2.0, 3.0, 4.0, -5.0]);
         }

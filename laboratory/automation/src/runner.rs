@@ -13,20 +13,18 @@ use super::page;
 use super::plan::{Plan, ThereAndBack};
 use super::progress::{DroppedImu, Progress, Snapshot};
 use super::readbacks::Readbacks;
-use super::samples::LaboratoryClock;
+use super::samples::{LaboratoryClock, SampleSources};
 use super::stability::{Trend, Trends};
 use super::station::{Station, StationError};
 use super::streams::{FailedImu, Streams};
 use super::timeline::{left_s, turn_s, unit_s, units};
-use isotherm_client::{Options, unix_s};
 use isotherm_failure::{Exit, Failure};
-use isotherm_instruments::{ChamberReading, TurntableReading};
+use isotherm_instruments::{ChamberReading, Moment, Surroundings, TurntableReading};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Lower bound of every time-out in real time, at any speed of the laboratory.
 const MIN_TIMEOUT: Duration = Duration::from_secs(10);
@@ -94,9 +92,8 @@ pub struct Runner<'p> {
     /// Whether an IMU of a batch may be dropped: before anything has moved, what is missing ends the campaign instead.
     may_drop: bool,
     /// When the live page was last written.
-    page: Option<Instant>,
-    /// The number of the signal that asks the runner to end; 0 before one.
-    stop_signal: Arc<AtomicUsize>,
+    page: Option<Moment>,
+    around: Surroundings,
     /// The last time that all was well.
     well_at: f64,
     /// The same as Unix time \[s\].
@@ -115,20 +112,20 @@ pub struct Runner<'p> {
 }
 
 impl<'p> Runner<'p> {
-    /// Goes on where `history` ends. The number of a signal in `stop_signal` asks the runner to end in the safe state.
+    /// Goes on where `history` ends. The signal of `around` asks the runner to end in the safe state.
     ///
     /// # Errors
     /// If a file or a thread cannot be created.
     pub fn new(
         plan: &'p Plan,
         (journal, history): (Journal, &History),
-        options: &Options,
+        sources: &dyn SampleSources,
         speed: f64,
-        stop_signal: Arc<AtomicUsize>,
+        around: Surroundings,
     ) -> Result<Self, Failure> {
-        let clock = LaboratoryClock::new(speed);
+        let clock = LaboratoryClock::new(Arc::clone(&around.time), speed);
         let min_timeout_s = MIN_TIMEOUT.as_secs_f64() * speed;
-        let ago_s = |unix: f64| (unix_s() - unix).max(0.0) * speed;
+        let ago_s = |unix: f64| (around.time.unix_s() - unix).max(0.0) * speed;
         let well_unix_s = super::control::snapshot(&plan.output)?.map_or(0.0, |snapshot| snapshot.well_unix_s);
         let target = Unit::of(plan, history.kept.len()).map(|unit| unit.set_point_c(plan));
         let reached = history.reached.filter(|(set_point_c, _)| Some(*set_point_c) == target);
@@ -141,12 +138,12 @@ impl<'p> Runner<'p> {
         let interruption_s = ago_s(last_well);
         Ok(Self {
             plan,
-            clock,
+            clock: clock.clone(),
             machine: CampaignMachine::new(plan, history.kept.len(), min_timeout_s),
-            station: Station::stopped_by(plan, history.begun && !history.safe, &stop_signal),
-            streams: Streams::start(plan, history, clock, options)?,
+            station: Station::new(plan, history.begun && !history.safe, around.clone()),
+            streams: Streams::start(plan, history, clock, sources)?,
             journal,
-            progress: Progress::new(&plan.output, units(plan)),
+            progress: Progress::new(&plan.output, units(plan), Arc::clone(&around.time)),
             trends,
             ramp: Trend::new(RAMP_WINDOW_S.max(0.1 * speed)),
             chamber: (ChamberReading::default(), f64::NEG_INFINITY),
@@ -154,13 +151,13 @@ impl<'p> Runner<'p> {
             dropped: history.dropped.iter().cloned().map(|(imu, reason)| DroppedImu { imu, reason }).collect(),
             may_drop: !history.kept.is_empty(),
             page: None,
-            stop_signal,
             well_at: 0.0,
             reached_in_journal: reached.is_some(),
             units_kept: history.kept.len(),
             well_unix_s,
             reached: reached.map(|(_, unix)| -ago_s(unix)),
             interruption_s,
+            around,
             paused: None,
         })
     }
@@ -249,7 +246,7 @@ impl<'p> Runner<'p> {
 
     /// One turn of the loop. Returns whether the campaign is complete.
     fn run_once(&mut self) -> Result<bool, RunnerError> {
-        let begun = Instant::now();
+        let begun = self.around.time.now();
         self.check_stop_signal()?;
         self.drain()?;
         self.check_streams()?;
@@ -295,11 +292,11 @@ impl<'p> Runner<'p> {
             self.reached_in_journal = false;
             self.journal.write(Entry::Left)?;
         }
-        (self.well_at, self.well_unix_s) = (self.clock.now(), unix_s());
+        (self.well_at, self.well_unix_s) = (self.clock.now(), self.clock.unix_s());
         self.update_progress();
         let pause = Duration::from_secs_f64(TURNTABLE_PERIOD_S[usize::from(!moving)] / self.clock.speed);
         let pause = pause.clamp(MIN_LOOP_PAUSE, MAX_LOOP_PAUSE);
-        thread::sleep(pause.saturating_sub(begun.elapsed()));
+        self.around.time.sleep_until(begun + pause);
         Ok(false)
     }
 
@@ -358,7 +355,7 @@ impl<'p> Runner<'p> {
     }
 
     fn check_stop_signal(&self) -> Result<(), RunnerError> {
-        stopped_by(&self.stop_signal).map_or(Ok(()), |signal| Err(RunnerError::Stopped(signal)))
+        stopped_by(&self.around.stop_signal).map_or(Ok(()), |signal| Err(RunnerError::Stopped(signal)))
     }
 
     /// Longest time without a usable sample of an IMU \[s\].
@@ -496,12 +493,12 @@ impl<'p> Runner<'p> {
                 return Err(RunnerError::GivenUp(Failure::new(Exit::Unavailable, cause)));
             }
             self.paused.get_or_insert_with(|| cause.clone());
-            let waited = Instant::now();
-            while waited.elapsed() < retry {
+            let until = self.around.time.now() + retry;
+            while self.around.time.now() < until {
                 self.check_stop_signal()?;
                 self.drain()?;
                 self.update_progress();
-                thread::sleep(MAX_LOOP_PAUSE.min(retry));
+                self.around.time.sleep_until(until.min(self.around.time.now() + MAX_LOOP_PAUSE));
             }
             retry = (retry * 2).min(MAX_RETRY_PAUSE);
         }
@@ -567,8 +564,10 @@ impl<'p> Runner<'p> {
         if self.progress.is_due(now, self.machine.phase().name()) {
             let snapshot = self.snapshot();
             self.progress.update(now, self.unit_fraction(), &snapshot);
-            if self.page.is_none_or(|written| written.elapsed() >= Duration::from_secs(page::PERIOD_S.into())) {
-                self.page = Some(Instant::now());
+            let written_at = self.around.time.now();
+            let period = Duration::from_secs(page::PERIOD_S.into());
+            if self.page.is_none_or(|last| written_at.since(last) >= period) {
+                self.page = Some(written_at);
                 self.write_page(&snapshot);
             }
         }
@@ -612,7 +611,7 @@ impl<'p> Runner<'p> {
         };
         let read_at = |at: f64| at > f64::NEG_INFINITY;
         Snapshot {
-            unix_s: unix_s(),
+            unix_s: self.clock.unix_s(),
             speed: self.clock.speed,
             phase: self.machine.phase().name().to_owned(),
             place: self.unit_name(),

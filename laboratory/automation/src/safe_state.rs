@@ -7,9 +7,9 @@
 //! babbles lets nothing else through.
 
 use super::plan::Plan;
-use isotherm_instruments::{Chamber, ChamberReading, Instrument, InstrumentFault, Turntable, TurntableReading};
-use std::time::{Duration, Instant};
-use std::{fmt, thread};
+use isotherm_instruments::{Chamber, ChamberReading, Instrument, InstrumentFault, Time, Turntable, TurntableReading};
+use std::fmt;
+use std::time::Duration;
 
 /// Longest time from a signal, or from a reason to end, to the last of the first stop orders. The lines end their waits
 /// when they see a signal, which takes [`NOTICE`] at most; the rest is for the orders.
@@ -50,22 +50,29 @@ impl fmt::Display for SafeOutcome {
 /// attempts. `bool` says whether the instrument is connected. Returns the results of turntable and chamber.
 pub(crate) fn enter(
     plan: &Plan,
+    time: &dyn Time,
     (turntable, turntable_connected): (&mut (dyn Turntable + 'static), bool),
     (chamber, chamber_connected): (&mut (dyn Chamber + 'static), bool),
 ) -> (SafeOutcome, SafeOutcome) {
-    thread::scope(|scope| {
-        let turntable = scope.spawn(|| stop_turntable(plan, turntable, turntable_connected));
-        let chamber = make_chamber_safe(plan, chamber, chamber_connected);
-        let panicked = || SafeOutcome::Unknown("table NOT known to be stopped: the program has failed".to_owned());
-        (turntable.join().unwrap_or_else(|_| panicked()), chamber)
-    })
+    let failed = |which: &str| SafeOutcome::Unknown(format!("{which}: the program has failed"));
+    let mut outcomes = (failed("table NOT known to be stopped"), failed("chamber NOT known to be safe"));
+    time.both(&mut || outcomes.0 = stop_turntable(plan, time, turntable, turntable_connected), &mut || {
+        outcomes.1 = make_chamber_safe(plan, time, chamber, chamber_connected);
+    });
+    outcomes
 }
 
 /// Stops the turntable, and reads it until it is at rest.
-fn stop_turntable(plan: &Plan, turntable: &mut (dyn Turntable + 'static), connected: bool) -> SafeOutcome {
+fn stop_turntable(
+    plan: &Plan,
+    time: &dyn Time,
+    turntable: &mut (dyn Turntable + 'static),
+    connected: bool,
+) -> SafeOutcome {
     let still =
         |reading: &TurntableReading| reading.rates_deg_s.iter().all(|rate| rate.abs() <= plan.motion.still_deg_s);
     let stopped = attempt(
+        time,
         turntable,
         connected,
         |turntable| turntable.stop(),
@@ -73,19 +80,19 @@ fn stop_turntable(plan: &Plan, turntable: &mut (dyn Turntable + 'static), connec
             if !acknowledged {
                 turntable.stop()?;
             }
-            let begun = Instant::now();
+            let begun = time.now();
             loop {
                 let reading = turntable.read()?;
                 if still(&reading) {
                     let [outer, inner] = reading.angles_deg;
                     return Ok(SafeOutcome::Reached(format!("table stopped at {outer:.3}/{inner:.3} deg")));
                 }
-                if begun.elapsed() > STOP_TIMEOUT {
+                if time.now().since(begun) > STOP_TIMEOUT {
                     let [outer, inner] = reading.rates_deg_s;
                     let message = format!("table was told to stop, but turns at {outer:.3}/{inner:.3} deg/s");
                     return Ok(SafeOutcome::Unknown(message));
                 }
-                thread::sleep(SAFE_PAUSE);
+                time.sleep_until(time.now() + SAFE_PAUSE);
             }
         },
     );
@@ -94,11 +101,17 @@ fn stop_turntable(plan: &Plan, turntable: &mut (dyn Turntable + 'static), connec
 
 /// Commands standby, or ambient if the plan says so, and reads the chamber back. The first order for ambient is the set
 /// point alone, which starts no chamber.
-fn make_chamber_safe(plan: &Plan, chamber: &mut (dyn Chamber + 'static), connected: bool) -> SafeOutcome {
+fn make_chamber_safe(
+    plan: &Plan,
+    time: &dyn Time,
+    chamber: &mut (dyn Chamber + 'static),
+    connected: bool,
+) -> SafeOutcome {
     let mut connected = connected;
     // The limits hold for ambient too.
     if let Some(ambient_c) = plan.ambient_c.map(|ambient_c| plan.limits.clamp_chamber(ambient_c)) {
         let held = attempt(
+            time,
             chamber,
             connected,
             |chamber| chamber.set_point(ambient_c),
@@ -120,7 +133,7 @@ fn make_chamber_safe(plan: &Plan, chamber: &mut (dyn Chamber + 'static), connect
             _ => connected = false,
         }
     }
-    attempt(chamber, connected, |chamber| chamber.standby(), standby)
+    attempt(time, chamber, connected, |chamber| chamber.standby(), standby)
         .unwrap_or_else(|fault| SafeOutcome::Unknown(format!("chamber NOT known to be safe: {fault}")))
 }
 
@@ -147,14 +160,17 @@ fn read_back(chamber: &mut (dyn Chamber + 'static), held_c: Option<f64>) -> Resu
 /// acknowledged, and does the rest by the line's usual rules. After each failure the line is opened anew, and the
 /// instrument identified before `confirm`.
 fn attempt<I: Instrument + ?Sized>(
+    time: &dyn Time,
     instrument: &mut I,
     mut connected: bool,
     order: impl Fn(&mut I) -> Result<(), InstrumentFault>,
     confirm: impl Fn(&mut I, bool) -> Result<SafeOutcome, InstrumentFault>,
 ) -> Result<SafeOutcome, InstrumentFault> {
+    // The signal has done its work.
+    instrument.line_mut().ignore_signal();
     let mut attempts = 1;
     loop {
-        let acknowledged = order_at_once(instrument, &order);
+        let acknowledged = order_at_once(time, instrument, &order);
         let identified = if connected { Ok(()) } else { instrument.identify().map(drop) };
         let result = identified.and_then(|()| confirm(instrument, acknowledged));
         if attempts == SAFE_ATTEMPTS || result.as_ref().is_ok_and(SafeOutcome::is_reached) {
@@ -163,16 +179,17 @@ fn attempt<I: Instrument + ?Sized>(
         attempts += 1;
         instrument.line_mut().close();
         connected = false;
-        thread::sleep(SAFE_PAUSE);
+        time.sleep_until(time.now() + SAFE_PAUSE);
     }
 }
 
 /// Sends an order at once. Returns whether its reply acknowledges it.
-fn order_at_once<I: Instrument + ?Sized>(
+pub(crate) fn order_at_once<I: Instrument + ?Sized>(
+    time: &dyn Time,
     instrument: &mut I,
     order: impl FnOnce(&mut I) -> Result<(), InstrumentFault>,
 ) -> bool {
-    instrument.line_mut().begin_orders(Instant::now() + (FIRST_ORDERS - NOTICE));
+    instrument.line_mut().begin_orders(time.now() + (FIRST_ORDERS - NOTICE));
     let result = order(instrument);
     let still = instrument.line_mut().end_orders();
     if let Err(fault) = &result {

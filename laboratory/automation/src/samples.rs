@@ -22,15 +22,17 @@ use super::machine::Unit;
 use super::plan::{MAX_ROW_DEG, Plan};
 use isotherm_calibration::{Hashed, implausible as gyroscopes_implausible};
 use isotherm_campaign::implausible;
-use isotherm_client::{Options, Realtime, Tap, TapSettings, monotonic_ns};
+use isotherm_client::{Options, Realtime, Tap, TapSettings};
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{Trust, read_text, replace};
+use isotherm_instruments::{Moment, Time};
 use isotherm_recording::{Layout, RawCsvWriter};
 use isotherm_shared::stream::{ImuId, StreamKind};
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, StreamSample, Triad, device};
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead as _, BufReader, BufWriter, Read as _, Seek as _, SeekFrom};
 use std::mem;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Pause of the tap when the stream is empty: at 2 kHz, a sixth of the queue is filled meanwhile.
@@ -59,32 +61,68 @@ const MAX_HEADER: u64 = 4096;
 const ROW_DEG_MARGIN: f64 = 1.01;
 
 /// Laboratory time: real time multiplied by the speed of a simulated laboratory.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone)]
 pub struct LaboratoryClock {
-    origin_ns: u64,
+    time: Arc<dyn Time>,
+    origin: Moment,
     /// Ratio of laboratory time to real time.
     pub speed: f64,
 }
 
 impl LaboratoryClock {
     /// A clock that begins at 0 now.
-    pub fn new(speed: f64) -> Self {
-        Self { origin_ns: monotonic_ns(), speed }
+    pub fn new(time: Arc<dyn Time>, speed: f64) -> Self {
+        Self { origin: time.now(), time, speed }
     }
 
     /// The present laboratory time \[s\].
     pub fn now(&self) -> f64 {
-        self.at(monotonic_ns())
+        self.at(self.time.now().ns())
+    }
+
+    /// The present Unix time \[s\].
+    pub fn unix_s(&self) -> f64 {
+        self.time.unix_s()
     }
 
     /// The laboratory time \[s\] at a time of `CLOCK_MONOTONIC` \[ns\].
     pub fn at(&self, ns: u64) -> f64 {
-        (ns as f64 - self.origin_ns as f64) / 1e9 * self.speed
+        (ns as f64 - self.origin.ns() as f64) / 1e9 * self.speed
+    }
+}
+
+/// Where the raw samples of an IMU come from.
+pub trait SampleSource {
+    /// The next sample and the time of its reception, `CLOCK_MONOTONIC` \[ns\]; or the next error; `None` if there is
+    /// neither.
+    fn take_sample(&mut self) -> Option<Result<(RawSample, u64), String>>;
+}
+
+/// What starts the sources of samples.
+pub trait SampleSources {
+    /// Starts that of an IMU.
+    ///
+    /// # Errors
+    /// If no thread can be started.
+    fn start(&self, imu: &ImuId) -> io::Result<Box<dyn SampleSource>>;
+
+    /// Where they come from, for messages: the service's domain.
+    fn domain(&self) -> &str;
+}
+
+/// The raw streams of a service.
+impl SampleSources for Options {
+    fn start(&self, imu: &ImuId) -> io::Result<Box<dyn SampleSource>> {
+        Ok(Box::new(SampleTap::start(imu.clone(), self.clone())?))
+    }
+
+    fn domain(&self) -> &str {
+        self.domain.name()
     }
 }
 
 /// A tap on the IMU's raw stream for the whole campaign. Its errors are returned, and the tap is started again.
-pub struct SampleTap {
+struct SampleTap {
     imu: ImuId,
     options: Options,
     tap: Tap,
@@ -93,18 +131,14 @@ pub struct SampleTap {
 }
 
 impl SampleTap {
-    /// Starts the tap.
-    ///
-    /// # Errors
-    /// If no thread can be started.
-    pub fn start(imu: ImuId, options: Options) -> io::Result<Self> {
+    fn start(imu: ImuId, options: Options) -> io::Result<Self> {
         let tap = start_tap(&imu, &options)?;
         Ok(Self { imu, options, tap, retry_at: None })
     }
+}
 
-    /// The next sample and the time of its reception, `CLOCK_MONOTONIC` \[ns\]; or the next error; `None` if there is
-    /// neither.
-    pub fn take_sample(&mut self) -> Option<Result<(RawSample, u64), String>> {
+impl SampleSource for SampleTap {
+    fn take_sample(&mut self) -> Option<Result<(RawSample, u64), String>> {
         while let Some(tapped) = self.tap.pop() {
             if let StreamSample::Raw(sample) = tapped.sample {
                 return Some(Ok((sample, tapped.received_ns)));
@@ -255,13 +289,13 @@ impl<'p> SampleRecorder<'p> {
     pub fn new(plan: &'p Plan, clock: LaboratoryClock, previous: Option<&Kept>, previous_age_s: f64) -> Self {
         Self {
             plan,
+            offset: ClockOffset::new(clock.speed),
             clock,
             previous: previous.map(|kept| (kept.end_ns, kept.session, kept.shift_ns)),
             previous_age_s,
             last: None,
             shift_ns: 0,
             usable_at: None,
-            offset: ClockOffset::new(clock.speed),
             open: None,
             takes_other_device: false,
             has_gyroscopes: false,

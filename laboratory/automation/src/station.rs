@@ -4,10 +4,8 @@
 use super::plan::Plan;
 use super::safe_state::{self, SafeOutcome};
 use isotherm_instruments::{
-    self as instruments, Chamber, ChamberReading, FaultKind, InstrumentFault, Turntable, TurntableReading,
+    self as instruments, Chamber, ChamberReading, FaultKind, InstrumentFault, Surroundings, Turntable, TurntableReading,
 };
-use std::sync::Arc;
-use std::sync::atomic::AtomicUsize;
 
 /// The air's rate of change is an alarm beyond this multiple of the ramp's limit: a controller overshoots.
 const RAMP_ALARM_FACTOR: f64 = 1.5;
@@ -23,6 +21,7 @@ pub enum StationError {
 /// Both instruments, each connected or not.
 pub struct Station<'p> {
     plan: &'p Plan,
+    around: Surroundings,
     chamber: Box<dyn Chamber>,
     turntable: Box<dyn Turntable>,
     /// Whether chamber and turntable are connected: identified, and the turntable engaged.
@@ -35,17 +34,13 @@ pub struct Station<'p> {
 
 impl<'p> Station<'p> {
     /// A station without connections. `was_engaged` if an earlier runner has not ended in the safe state.
-    pub fn new(plan: &'p Plan, was_engaged: bool) -> Self {
-        Self::stopped_by(plan, was_engaged, &Arc::default())
-    }
-
-    /// The same. A number other than 0 in `stop_signal` ends every wait for an instrument, until the safe state is
-    /// entered.
-    pub fn stopped_by(plan: &'p Plan, was_engaged: bool, stop_signal: &Arc<AtomicUsize>) -> Self {
+    /// The signal that asks to end ends every wait for an instrument, until the safe state is entered.
+    pub fn new(plan: &'p Plan, was_engaged: bool, around: Surroundings) -> Self {
         Self {
             plan,
-            chamber: instruments::chamber(&plan.chamber, stop_signal),
-            turntable: instruments::turntable(&plan.turntable, stop_signal),
+            chamber: instruments::chamber(&plan.chamber, &around),
+            turntable: instruments::turntable(&plan.turntable, &around),
+            around,
             connected: [false; 2],
             names: [String::new(), String::new()],
             was_engaged,
@@ -99,7 +94,7 @@ impl<'p> Station<'p> {
         if !reading.faults.is_empty() {
             return Err(StationError::Alarm(format!("the table has a fault: {}", reading.faults.join(", "))));
         }
-        match self.plan.limits.reading(reading.angles_deg, reading.rates_deg_s) {
+        match self.plan.limits.reading(reading.angles_deg, reading.rates_deg_s, self.plan.turntable.wraps()) {
             Some(fault) => Err(StationError::Alarm(format!("the table: {fault}"))),
             None => Ok(()),
         }
@@ -229,10 +224,10 @@ impl<'p> Station<'p> {
         self.turntable(|turntable| turntable.move_to(angles_deg, rate, acceleration))
     }
 
-    /// Stops the turntable if it answers, and closes its line. The next connection engages it again.
+    /// Sends the stop orders to the turntable at once, whatever its line does, and closes the line. The next connection
+    /// stops and engages it again.
     pub fn stop_turntable(&mut self) {
-        // A failure is ignored: the next connection, or the safe state, stops the turntable again.
-        let _ = self.turntable(|turntable| turntable.stop());
+        safe_state::order_at_once(self.around.time.as_ref(), self.turntable.as_mut(), |turntable| turntable.stop());
         self.close_turntable();
     }
 
@@ -241,7 +236,7 @@ impl<'p> Station<'p> {
     pub fn enter_safe_state(&mut self) -> (SafeOutcome, SafeOutcome) {
         let [chamber_connected, turntable_connected] = self.connected;
         let turntable = (self.turntable.as_mut(), turntable_connected);
-        safe_state::enter(self.plan, turntable, (self.chamber.as_mut(), chamber_connected))
+        safe_state::enter(self.plan, self.around.time.as_ref(), turntable, (self.chamber.as_mut(), chamber_connected))
     }
 }
 

@@ -8,9 +8,8 @@ use super::journal::{History, Kept};
 use super::machine::Unit;
 use super::plan::Plan;
 use super::readbacks::Readbacks;
-use super::samples::{LaboratoryClock, SampleRecorder, SampleTap, file_of};
+use super::samples::{LaboratoryClock, SampleRecorder, SampleSource, SampleSources, file_of};
 use super::stability::{Trends, telemetry};
-use isotherm_client::{Options, unix_s};
 use isotherm_failure::{Exit, Failure};
 use isotherm_instruments::{ChamberReading, TurntableReading};
 use isotherm_shared::wire::AXES;
@@ -63,7 +62,7 @@ impl Flow {
 struct ImuStream<'p> {
     plan: &'p Plan,
     /// `None` after the IMU was dropped.
-    tap: Option<SampleTap>,
+    tap: Option<Box<dyn SampleSource>>,
     is_dropped: bool,
     recorder: SampleRecorder<'p>,
     readbacks: Readbacks,
@@ -139,18 +138,17 @@ impl<'p> Streams<'p> {
         plan: &'p Plan,
         history: &History,
         clock: LaboratoryClock,
-        options: &Options,
+        sources: &dyn SampleSources,
     ) -> Result<Self, Failure> {
-        let age_s = (unix_s() - history.kept_unix_s).max(0.0) * clock.speed;
+        let age_s = (clock.unix_s() - history.kept_unix_s).max(0.0) * clock.speed;
         let start = |plan: &'p Plan| {
-            let stream = ImuStream::new(plan, history, clock, age_s)?;
-            let start_tap = || SampleTap::start(plan.imu.clone(), options.clone());
-            let tap = stream.is_in().then(start_tap).transpose();
+            let stream = ImuStream::new(plan, history, clock.clone(), age_s)?;
+            let tap = stream.is_in().then(|| sources.start(&plan.imu)).transpose();
             let tap = tap.map_err(|error| Failure::new(Exit::Failed, format!("starting a thread: {error}")))?;
             Ok(ImuStream { tap, ..stream })
         };
         let all = plan.each().iter().map(start).collect::<Result<_, Failure>>()?;
-        Ok(Self { all, clock, domain: options.domain.name().to_owned() })
+        Ok(Self { all, clock, domain: sources.domain().to_owned() })
     }
 
     /// Takes samples of another unit than the plan's, if `accepts`.
@@ -360,8 +358,9 @@ impl<'p> Streams<'p> {
         phase: &str,
         now: f64,
     ) -> Result<(), Failure> {
+        let times = [now, self.clock.unix_s()];
         let write =
-            |stream: &mut ImuStream<'_>| stream.readbacks.write(chamber, turntable, stream.telemetry, phase, now);
+            |stream: &mut ImuStream<'_>| stream.readbacks.write(chamber, turntable, stream.telemetry, phase, times);
         self.all.iter_mut().try_for_each(write)
     }
 

@@ -9,7 +9,7 @@ const ROOM_C: f64 = 20.0;
 
 /// An entry of the time line.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Moment {
+pub struct Milestone {
     /// Time since the beginning of the campaign \[s\].
     pub at_s: f64,
     /// What begins then, as the time line shows it.
@@ -91,9 +91,9 @@ pub fn units(plan: &Plan) -> usize {
 }
 
 /// The time line: one entry for each set point, each ramp and each verification run, and the end.
-pub fn moments(plan: &Plan) -> Vec<Moment> {
+pub fn milestones(plan: &Plan) -> Vec<Milestone> {
     let mut at_s = 0.0;
-    let mut moments = Vec::new();
+    let mut milestones = Vec::new();
     for unit in 0..units(plan) {
         let Some(this) = Unit::of(plan, unit) else { break };
         let event = match this {
@@ -117,11 +117,11 @@ pub fn moments(plan: &Plan) -> Vec<Moment> {
                 format!("{}: {from_c} to {to_c} degC and back, at rest at {outer}/{inner} deg", this.name(plan))
             }),
         };
-        moments.extend(event.map(|event| Moment { at_s, event }));
+        milestones.extend(event.map(|event| Milestone { at_s, event }));
         at_s += unit_s(plan, unit).unwrap_or_default();
     }
-    moments.push(Moment { at_s, event: "safe state".to_owned() });
-    moments
+    milestones.push(Milestone { at_s, event: "safe state".to_owned() });
+    milestones
 }
 
 /// A duration as text: hours and minutes, only minutes below an hour, only seconds below half a minute.

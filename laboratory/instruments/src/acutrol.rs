@@ -10,6 +10,7 @@ use super::line::Line;
 use super::line_config::{axes, seconds};
 use super::reply::{ExchangeError, Framing, angle, line_feed, number, text};
 use isotherm_shared::document::Section;
+use std::cell::Cell;
 use std::time::Duration;
 
 /// Keys of this driver.
@@ -53,26 +54,33 @@ pub struct Acutrol {
     settings: AcutrolSettings,
     /// The finest last digit of the angles so far \[deg\].
     resolution_deg: f64,
+    /// Whether a reply has ended with a line feed: then all do, and a pause ends none.
+    ends_lines: bool,
 }
 
 impl Acutrol {
     pub(super) fn new(line: Line, settings: &AcutrolSettings) -> Self {
-        Self { line, settings: settings.clone(), resolution_deg: f64::INFINITY }
+        Self { line, settings: settings.clone(), resolution_deg: f64::INFINITY, ends_lines: false }
     }
 
     fn ask<T>(&mut self, request: &str, read: impl Fn(&str) -> Result<T, ExchangeError>) -> Result<T, InstrumentFault> {
         let header = self.settings.header;
         // The header may contain any byte, a line feed too.
         let reply_length = |bytes: &[u8]| line_feed(bytes.get(header..)?).map(|length| header + length);
-        let framing = Framing { reply_length: &reply_length, gap: self.settings.gap };
-        self.line.ask(format!("{request}\r\n").as_bytes(), framing, |reply| {
+        let gap = self.settings.gap.filter(|_| !self.ends_lines);
+        let framing = Framing { reply_length: &reply_length, gap };
+        let ends_lines = Cell::new(self.ends_lines);
+        let result = self.line.ask(format!("{request}\r\n").as_bytes(), framing, |reply| {
+            ends_lines.set(ends_lines.get() || reply.ends_with(b"\n"));
             let body =
                 reply.get(header..).filter(|body| !body.is_empty()).ok_or_else(|| ExchangeError::garbled(reply))?;
             match text(body)? {
                 refused if refused.to_ascii_lowercase().starts_with("error") => Err(ExchangeError::refused(refused)),
                 reply => read(reply),
             }
-        })
+        });
+        self.ends_lines = ends_lines.get();
+        result
     }
 
     fn number(&mut self, request: &str) -> Result<f64, InstrumentFault> {
@@ -80,8 +88,11 @@ impl Acutrol {
     }
 
     fn angle(&mut self, request: &str) -> Result<f64, InstrumentFault> {
+        // Without its line feed a reply is told from the begin of one by its decimals.
+        let coarsest = if self.ends_lines { f64::INFINITY } else { 1.5 * self.resolution_deg };
+        let whole = |reply: &str| angle(reply).filter(|(_, last_digit)| *last_digit <= coarsest);
         let (angle, last_digit) =
-            self.ask(request, |reply| angle(reply).ok_or_else(|| ExchangeError::garbled(reply.as_bytes())))?;
+            self.ask(request, |reply| whole(reply).ok_or_else(|| ExchangeError::garbled(reply.as_bytes())))?;
         self.resolution_deg = self.resolution_deg.min(last_digit);
         Ok(angle)
     }

@@ -205,13 +205,14 @@ impl Chamber for Ascii2 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::open::Surroundings;
+    use super::super::time::{RealTime, Time as _};
     use super::*;
     use crate::line_config::{LineConfig, settings_of};
     use std::io::{BufRead as _, BufReader, Write as _};
     use std::net::TcpListener;
-    use std::sync::Arc;
     use std::thread;
-    use std::time::{Duration, Instant};
+    use std::time::Duration;
 
     fn settings(toml: &str) -> Ascii2Settings {
         settings_of(toml, Ascii2Settings::read)
@@ -235,10 +236,10 @@ mod tests {
         });
         let keys = format!("port = \"tcp://{port}\"\ntimeout_s = 20\nquiet_s = 0\nretries = 0\n");
         let config = settings_of(&keys, |section| LineConfig::read(section, 9600, 0.0)).unwrap();
-        let mut chamber = Ascii2::new(Line::new("chamber", &config, &Arc::default()), &settings(""));
+        let mut chamber = Ascii2::new(Line::new("chamber", &config, &Surroundings::default()), &settings(""));
         assert!(chamber.read().unwrap().running);
         // The orders are not acknowledged.
-        chamber.line.begin_orders(Instant::now() + Duration::from_secs(20));
+        chamber.line.begin_orders(RealTime.now() + Duration::from_secs(20));
         chamber.set_point(20.0).unwrap_err();
         chamber.standby().unwrap_err();
         chamber.set_point(20.0).unwrap_err();

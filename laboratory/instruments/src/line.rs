@@ -16,14 +16,14 @@
 
 use super::fault::{FaultKind, InstrumentFault};
 use super::line_config::LineConfig;
-use super::port::InstrumentPort;
+use super::open::Surroundings;
+use super::port::{Opening, Port};
 use super::reply::{ExchangeError, Framing};
+use super::time::Moment;
+use std::io;
 use std::sync::Arc;
-use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
-use std::sync::mpsc::{self, RecvTimeoutError};
-use std::time::{Duration, Instant};
-use std::{io, thread};
+use std::time::Duration;
 
 /// Longest reply \[bytes\]; no reply of these protocols is as long.
 const MAX_REPLY: usize = 4096;
@@ -45,32 +45,34 @@ pub struct Line {
     /// Instrument and port, for messages.
     instrument: String,
     config: LineConfig,
-    port: Option<InstrumentPort>,
+    around: Surroundings,
+    port: Option<Box<dyn Port>>,
+    /// A port that is being opened; one that never opens is waited for again, and not opened twice.
+    opening: Option<Box<dyn Opening>>,
     /// Whether a late reply may still arrive.
     stale: bool,
     /// When bytes were last received, or the last byte that was sent has left.
-    last_activity: Instant,
+    last_activity: Moment,
     repeated: u64,
-    /// Not 0 when a signal asks to end.
-    stop_signal: Arc<AtomicUsize>,
     /// When this line first saw the signal.
-    stopped: Option<Instant>,
+    stopped: Option<Moment>,
     /// The end of the time for the first orders, while they go out.
-    orders_until: Option<Instant>,
+    orders_until: Option<Moment>,
 }
 
 impl Line {
-    /// A line whose port is not open yet. A number other than 0 in `stop_signal` ends its waits.
-    pub(super) fn new(kind: &str, config: &LineConfig, stop_signal: &Arc<AtomicUsize>) -> Self {
+    /// A line whose port is not open yet.
+    pub(super) fn new(kind: &str, config: &LineConfig, around: &Surroundings) -> Self {
         Self {
             instrument: format!("{kind} at {}", config.port),
             config: config.clone(),
+            around: around.clone(),
             port: None,
+            opening: None,
             // A reply to the previous user of the port may still arrive.
             stale: true,
-            last_activity: Instant::now(),
+            last_activity: around.time.now(),
             repeated: 0,
-            stop_signal: Arc::clone(stop_signal),
             stopped: None,
             orders_until: None,
         }
@@ -83,11 +85,14 @@ impl Line {
     }
 
     /// From now on requests are orders that go out at once: until `until` the line waits for no silence, only shortly
-    /// for a reply, and repeats a request only on a port that it had to open anew. The stop signal has done its work
-    /// and is no longer looked at.
-    pub fn begin_orders(&mut self, until: Instant) {
-        self.stop_signal = Arc::default();
+    /// for a reply, and repeats a request only on a port that it had to open anew. No signal ends these waits.
+    pub const fn begin_orders(&mut self, until: Moment) {
         self.orders_until = Some(until);
+    }
+
+    /// From now on the stop signal ends no wait: it has done its work.
+    pub fn ignore_signal(&mut self) {
+        self.around.stop_signal = Arc::default();
     }
 
     /// From now on requests obey the line's rules again. Returns whether the line was still, so that the replies to the
@@ -112,15 +117,23 @@ impl Line {
 
     /// Closes the port. The next request opens it again.
     pub fn close(&mut self) {
-        if self.port.as_ref().is_some_and(InstrumentPort::is_serial) {
+        if self.is_serial() {
             // Closing discards what has not left yet.
-            thread::sleep(self.last_activity.saturating_duration_since(Instant::now()));
+            self.around.time.sleep_until(self.last_activity);
         }
         self.lose();
     }
 
     fn lose(&mut self) {
         (self.port, self.stale) = (None, true);
+    }
+
+    fn is_serial(&self) -> bool {
+        self.port.as_ref().is_some_and(|port| port.is_serial())
+    }
+
+    fn now(&self) -> Moment {
+        self.around.time.now()
     }
 
     /// Adds the instrument's name to an error.
@@ -166,7 +179,7 @@ impl Line {
                 FaultKind::Refused | FaultKind::Alarm | FaultKind::Mismatch => {}
             }
             let retries = match (error.0, self.orders_until) {
-                (FaultKind::Line, Some(until)) => u32::from(Instant::now() < until),
+                (FaultKind::Line, Some(until)) => u32::from(self.now() < until),
                 (FaultKind::Line | FaultKind::NoReply | FaultKind::Garbled, None) => self.config.retries,
                 _ => 0,
             };
@@ -182,40 +195,40 @@ impl Line {
 
     /// An error if the stop signal came longer than `grace` ago.
     fn check_stop(&mut self, grace: Duration) -> Result<(), ExchangeError> {
-        if self.stop_signal.load(Relaxed) == 0 {
+        if self.has_orders() || self.around.stop_signal.load(Relaxed) == 0 {
             return Ok(());
         }
-        let stopped = *self.stopped.get_or_insert_with(Instant::now);
-        if stopped.elapsed() < grace {
+        let now = self.now();
+        if now.since(*self.stopped.get_or_insert(now)) < grace {
             return Ok(());
         }
         Err(ExchangeError(FaultKind::Stopped, "not waited for, because a signal asks to end".to_owned()))
     }
 
-    /// Opens the port, if it is not open, in a thread of its own: names are looked up there, and connections made,
-    /// which has no end that this thread could bring about. A port that opens too late is closed there.
+    /// Opens the port, if it is not open.
     fn open(&mut self) -> Result<(), ExchangeError> {
         if self.port.is_some() {
             return Ok(());
         }
         let failed = |error: &io::Error| ExchangeError::line("opening the port", error);
-        let (opened, result) = mpsc::channel();
-        let config = self.config.clone();
-        let open = move || drop(opened.send(InstrumentPort::open(&config)));
-        thread::Builder::new().name("open port".to_owned()).spawn(open).map_err(|error| failed(&error))?;
+        let mut opening = match self.opening.take() {
+            Some(opening) => opening,
+            None => self.around.ports.open(&self.config).map_err(|error| failed(&error))?,
+        };
         loop {
-            let slice =
-                self.orders_until.map_or(SLICE, |until| SLICE.min(until.saturating_duration_since(Instant::now())));
-            match result.recv_timeout(slice) {
-                Ok(port) => {
-                    self.port = Some(port.map_err(|error| failed(&error))?);
-                    return Ok(());
-                }
-                Err(RecvTimeoutError::Disconnected) => return Err(failed(&io::ErrorKind::Other.into())),
-                Err(RecvTimeoutError::Timeout) => self.check_stop(Duration::ZERO)?,
+            let slice = self.now() + SLICE;
+            if let Some(port) = opening.wait(self.orders_until.map_or(slice, |until| slice.min(until))) {
+                self.port = Some(port.map_err(|error| failed(&error))?);
+                return Ok(());
             }
-            if self.orders_until.is_some_and(|until| Instant::now() >= until) {
-                return Err(failed(&io::ErrorKind::TimedOut.into()));
+            let is_late = self.orders_until.is_some_and(|until| self.now() >= until);
+            let ended = match self.check_stop(Duration::ZERO) {
+                Err(stopped) => Some(stopped),
+                Ok(()) => is_late.then(|| failed(&io::ErrorKind::TimedOut.into())),
+            };
+            if let Some(ended) = ended {
+                self.opening = Some(opening);
+                return Err(ended);
             }
         }
     }
@@ -235,40 +248,40 @@ impl Line {
     fn pause(&mut self) -> Result<(), ExchangeError> {
         let mut until = self.last_activity + self.config.pause;
         if let Some(end) = self.orders_until {
-            until = until.min(end).min(Instant::now() + ORDER_WAIT);
+            until = until.min(end).min(self.now() + ORDER_WAIT);
         }
-        while Instant::now() < until {
+        while self.now() < until {
             self.check_stop(Duration::ZERO)?;
-            thread::sleep(SLICE.min(until.saturating_duration_since(Instant::now())));
+            self.around.time.sleep_until(until.min(self.now() + SLICE));
         }
         Ok(())
     }
 
     fn write(&mut self, request: &[u8]) -> Result<(), ExchangeError> {
-        let deadline = self.deadline(Instant::now());
+        let deadline = self.deadline(self.now());
         let mut rest = request;
         loop {
             let Some(port) = &self.port else { return Ok(()) };
-            let slice = deadline.min(Instant::now() + SLICE);
+            let slice = deadline.min(self.now() + SLICE);
             let count = port.write(rest, slice).map_err(|error| ExchangeError::line("sending", &error))?;
             rest = rest.get(count..).unwrap_or_default();
             if rest.is_empty() {
                 break;
             }
             // A part of a request would become the beginning of the next one: an error of the line closes the port.
-            if Instant::now() >= deadline || self.check_stop(Duration::ZERO).is_err() {
+            if self.now() >= deadline || self.check_stop(Duration::ZERO).is_err() {
                 return Err(ExchangeError(FaultKind::Line, "sending: the port takes no bytes".to_owned()));
             }
         }
-        self.last_activity = Instant::now();
-        if self.port.as_ref().is_some_and(InstrumentPort::is_serial) {
-            self.last_activity += self.config.transmission(request.len());
+        self.last_activity = self.now();
+        if self.is_serial() {
+            self.last_activity = self.last_activity + self.config.transmission(request.len());
         }
         Ok(())
     }
 
     /// The end of a wait that begins at `from`.
-    fn deadline(&self, from: Instant) -> Instant {
+    fn deadline(&self, from: Moment) -> Moment {
         match self.orders_until {
             Some(until) => (from + ORDER_WAIT.min(self.config.timeout)).min(until),
             None => from + self.config.timeout,
@@ -277,19 +290,19 @@ impl Line {
 
     /// Appends the next bytes, at least one, that arrive before `deadline`. Returns whether any arrived. The stop
     /// signal ends the wait after `grace`.
-    fn receive(&mut self, bytes: &mut Vec<u8>, deadline: Instant, grace: Duration) -> Result<bool, ExchangeError> {
+    fn receive(&mut self, bytes: &mut Vec<u8>, deadline: Moment, grace: Duration) -> Result<bool, ExchangeError> {
         let mut buffer = [0; 512];
         loop {
             self.check_stop(grace)?;
             let Some(port) = &self.port else { return Ok(false) };
-            let slice = deadline.min(Instant::now() + SLICE);
+            let slice = deadline.min(self.now() + SLICE);
             let count = port.read(&mut buffer, slice).map_err(|error| ExchangeError::line("receiving", &error))?;
             if count > 0 {
                 bytes.extend_from_slice(&buffer[..count]);
-                self.last_activity = Instant::now();
+                self.last_activity = self.now();
                 return Ok(true);
             }
-            if Instant::now() >= deadline {
+            if self.now() >= deadline {
                 return Ok(false);
             }
         }
@@ -297,13 +310,13 @@ impl Line {
 
     /// Discards the input. If a late reply may still arrive, or if anything is there, goes on until the line is quiet.
     fn drain(&mut self) -> Result<(), ExchangeError> {
-        let (begun, mut discarded) = (Instant::now(), Vec::new());
+        let (begun, mut discarded) = (self.now(), Vec::new());
         let mut quiet = if self.stale { self.config.quiet } else { Duration::ZERO };
         let most = (self.config.quiet * STILL_WITHIN).max(MIN_STILL_WITHIN);
-        while self.receive(&mut discarded, Instant::now() + quiet, Duration::ZERO)? {
+        while self.receive(&mut discarded, self.now() + quiet, Duration::ZERO)? {
             discarded.clear();
             quiet = quiet.max(STRAY_QUIET);
-            if begun.elapsed() > most {
+            if self.now().since(begun) > most {
                 let (quiet, most) = (quiet.as_secs_f64(), most.as_secs_f64());
                 let message =
                     format!("babble: it sends without a request, and is not quiet for {quiet} s within {most} s");
@@ -317,7 +330,7 @@ impl Line {
     /// Discards what has arrived, without any wait. After that a reply cannot be trusted.
     fn discard_input(&mut self) -> Result<(), ExchangeError> {
         let mut discarded = Vec::new();
-        while discarded.len() < MAX_REPLY && self.receive(&mut discarded, Instant::now(), Duration::ZERO)? {
+        while discarded.len() < MAX_REPLY && self.receive(&mut discarded, self.now(), Duration::ZERO)? {
             self.stale = true;
         }
         Ok(())
@@ -334,14 +347,15 @@ impl Line {
                 reply.truncate(length);
                 return Ok(reply);
             }
-            if !received && gap_end.is_some() {
+            // What the deadline ends may be the begin of a reply.
+            if !received && gap_end.is_some_and(|end| end < deadline) {
                 return Ok(reply);
             }
-            if reply.len() > MAX_REPLY || (!received || Instant::now() >= deadline) && !reply.is_empty() {
+            if reply.len() > MAX_REPLY || (!received || self.now() >= deadline) && !reply.is_empty() {
                 return Err(ExchangeError::garbled(&reply));
             }
             if !received {
-                let waited = deadline.saturating_duration_since(self.last_activity).as_secs_f64();
+                let waited = deadline.since(self.last_activity).as_secs_f64();
                 return Err(ExchangeError(FaultKind::NoReply, format!("no reply in {waited} s")));
             }
         }

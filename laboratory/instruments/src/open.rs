@@ -4,14 +4,42 @@
 use super::config::{ChamberConfig, ChamberDriver, TurntableConfig, TurntableDriver};
 use super::instrument::{Chamber, Turntable};
 use super::line::Line;
+use super::port::{Ports, RealPorts};
+use super::time::{RealTime, Time};
 use super::{acutrol, aerosmith, ascii2, espec, f4t};
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 
-/// A chamber. A number other than 0 in `stop_signal` ends its line's waits.
+/// What lines need of what is around them.
+#[derive(Clone)]
+pub struct Surroundings {
+    /// The clocks.
+    pub time: Arc<dyn Time>,
+    /// What opens ports.
+    pub ports: Arc<dyn Ports>,
+    /// A number other than 0 ends every wait: that of the signal that asks to end.
+    pub stop_signal: Arc<AtomicUsize>,
+}
+
+impl Surroundings {
+    /// The clocks and the ports of the machine.
+    #[must_use]
+    pub fn real(stop_signal: &Arc<AtomicUsize>) -> Self {
+        Self { time: Arc::new(RealTime), ports: Arc::new(RealPorts), stop_signal: Arc::clone(stop_signal) }
+    }
+}
+
+impl Default for Surroundings {
+    /// Those of the machine, without a signal.
+    fn default() -> Self {
+        Self::real(&Arc::default())
+    }
+}
+
+/// A chamber.
 #[must_use]
-pub fn chamber(config: &ChamberConfig, stop_signal: &Arc<AtomicUsize>) -> Box<dyn Chamber> {
-    let line = Line::new("chamber", &config.line, stop_signal);
+pub fn chamber(config: &ChamberConfig, around: &Surroundings) -> Box<dyn Chamber> {
+    let line = Line::new("chamber", &config.line, around);
     match &config.driver {
         ChamberDriver::Espec(settings) => Box::new(espec::Espec::new(line, settings)),
         ChamberDriver::F4t(settings) => Box::new(f4t::F4t::new(line, settings)),
@@ -19,10 +47,10 @@ pub fn chamber(config: &ChamberConfig, stop_signal: &Arc<AtomicUsize>) -> Box<dy
     }
 }
 
-/// A turntable. A number other than 0 in `stop_signal` ends its line's waits.
+/// A turntable.
 #[must_use]
-pub fn turntable(config: &TurntableConfig, stop_signal: &Arc<AtomicUsize>) -> Box<dyn Turntable> {
-    let line = Line::new("table", &config.line, stop_signal);
+pub fn turntable(config: &TurntableConfig, around: &Surroundings) -> Box<dyn Turntable> {
+    let line = Line::new("table", &config.line, around);
     match &config.driver {
         TurntableDriver::Acutrol(settings) => Box::new(acutrol::Acutrol::new(line, settings)),
         TurntableDriver::Aerosmith(settings) => Box::new(aerosmith::Aerosmith::new(line, settings)),

@@ -2,8 +2,8 @@
 
 use super::faults::InjectedFault;
 use super::link::DeviceEvent;
-use super::server;
 use super::station::SimulatedStation;
+use super::wire;
 use isotherm_simulation::{Chain, SimulatedChamber};
 
 /// Time constant of the controller's own sensor \[s\].
@@ -111,7 +111,7 @@ impl ChamberDevice {
     }
 }
 
-impl server::SimulatedDevice for ChamberDevice {
+impl wire::SimulatedDevice for ChamberDevice {
     fn advance(&mut self, now_s: f64, active: &[InjectedFault]) {
         if now_s > self.now_s {
             self.chamber.wait(now_s - self.now_s);

@@ -19,7 +19,7 @@ pub(crate) const FAULTS: &str = "faults";
 
 /// A fault that can be injected.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(crate) enum InjectedFault {
+pub enum InjectedFault {
     /// Bytes of the reply are overwritten.
     Garbled,
     /// The reply is sent after the time-out.

@@ -79,7 +79,7 @@ pub(crate) fn run(station: &SimulatedStation, folder: &Path, domain: &Domain) ->
             let Ok(Answer { now_s, events }) = device.ask() else { return Ok(()) };
             known_s = known_s.min(now_s);
             for (imu, _) in &mut imus {
-                imu.events.extend(events.iter().copied());
+                imu.take_events(events.iter().copied());
             }
         }
         faults.reload_if_changed();
@@ -88,7 +88,6 @@ pub(crate) fn run(station: &SimulatedStation, folder: &Path, domain: &Domain) ->
             if restarts {
                 output.acquisition = None;
             }
-            imu.events.make_contiguous().sort_by(|(a, _), (b, _)| a.total_cmp(b));
             let mut burst = 0;
             while imu.end_s() <= known_s && !ended.load(Ordering::Relaxed) {
                 let sample = imu.step();
@@ -110,7 +109,7 @@ pub(crate) fn run(station: &SimulatedStation, folder: &Path, domain: &Domain) ->
 }
 
 /// The IMU with the turntable and the chamber that it is in, at the end of the last simulated period.
-struct MountedImu<'a> {
+pub struct MountedImu<'a> {
     truth: &'a Truth,
     /// The rotation from the turntable's axes to the IMU's.
     mounting: Matrix3<f64>,
@@ -130,7 +129,9 @@ struct MountedImu<'a> {
 }
 
 impl<'a> MountedImu<'a> {
-    fn new(station: &SimulatedStation, imu: &StationImu, truth: &'a Truth) -> Self {
+    /// At rest at both angles 0, in equilibrium with the laboratory.
+    #[must_use]
+    pub fn new(station: &SimulatedStation, imu: &StationImu, truth: &'a Truth) -> Self {
         let SimulatedStation { chain, noise, ambient_c, seed, interval_ns, .. } = station;
         let mounting = Matrix3::from_fn(|i, j| imu.mounting[i][j]);
         let mut imu = simulate::SimulatedImu::new(truth, chain, noise, *ambient_c, imu.seed);
@@ -151,18 +152,33 @@ impl<'a> MountedImu<'a> {
     }
 
     /// Begin of the next period \[s\].
-    fn begin_s(&self) -> f64 {
+    #[must_use]
+    pub fn begin_s(&self) -> f64 {
         (self.periods * self.interval_ns) as f64 / 1e9
     }
 
     /// End of the next period \[s\].
-    fn end_s(&self) -> f64 {
+    #[must_use]
+    pub fn end_s(&self) -> f64 {
         ((self.periods + 1) * self.interval_ns) as f64 / 1e9
+    }
+
+    /// Takes events of the devices, of which none is earlier than the end of the last simulated period.
+    pub fn take_events(&mut self, events: impl IntoIterator<Item = (f64, DeviceEvent)>) {
+        self.events.extend(events);
+        self.events.make_contiguous().sort_by(|(a, _), (b, _)| a.total_cmp(b));
+    }
+
+    /// Angles of the turntable \[deg\] and temperature of the chamber's air \[degC\] at the end of the last simulated
+    /// period.
+    #[must_use]
+    pub fn surroundings(&self) -> ([f64; 2], f64) {
+        (self.turntable.angles_deg(), self.imu.chamber_c())
     }
 
     /// Simulates a period with the turntable's motion in it. Events of the chamber take effect from the beginning of
     /// the period.
-    fn step(&mut self) -> RawSample {
+    pub fn step(&mut self) -> RawSample {
         let (begin_s, end_s) = (self.begin_s(), self.end_s());
         let motion = InertialMotion::over(self.truth, self.interval_ns as f64 / 1e9, |time_s| {
             self.advance(begin_s + time_s);

@@ -41,7 +41,10 @@ mod protocol;
 mod server;
 mod station;
 mod turntable;
+pub mod wire;
 
-pub use faults::Injection;
+pub use faults::{InjectedFault, Injection};
+pub use imu::MountedImu;
 pub use launch::{end_with_parent, free_ports};
+pub use link::DeviceEvent;
 pub use station::{ChamberProtocol, SimulatedStation, StationImu, StationProcess, TurntableProtocol};

@@ -8,15 +8,37 @@ use std::os::unix::net::UnixStream;
 
 /// The beginning of an action of a device.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
-pub(crate) enum DeviceEvent {
-    /// The chamber starts a ramp to a temperature \[degC\] at a rate \[degC/s\].
-    Chamber { target_c: f64, ramp_c_per_s: f64 },
-    /// An axis starts a move to an angle \[deg\] at a rate \[deg/s\] with an acceleration \[deg/s2\].
-    GoTo { axis: usize, angle_deg: f64, rate: f64, acceleration: f64 },
-    /// An axis brakes to rest with an acceleration \[deg/s2\].
-    Stop { axis: usize, acceleration: f64 },
-    /// The turntable starts to oscillate with an amplitude \[deg\]; 0 ends the oscillation.
-    Swing { amplitude_deg: f64 },
+pub enum DeviceEvent {
+    /// The chamber starts a ramp.
+    Chamber {
+        /// To this temperature \[degC\].
+        target_c: f64,
+        /// At this rate \[degC/s\].
+        ramp_c_per_s: f64,
+    },
+    /// An axis starts a move.
+    GoTo {
+        /// 0 for the outer axis, 1 for the inner one.
+        axis: usize,
+        /// To this angle \[deg\].
+        angle_deg: f64,
+        /// At this rate \[deg/s\].
+        rate: f64,
+        /// With this acceleration \[deg/s2\].
+        acceleration: f64,
+    },
+    /// An axis brakes to rest.
+    Stop {
+        /// 0 for the outer axis, 1 for the inner one.
+        axis: usize,
+        /// With this acceleration \[deg/s2\].
+        acceleration: f64,
+    },
+    /// The turntable starts to oscillate, or ends it.
+    Swing {
+        /// Amplitude \[deg\]; 0 ends the oscillation.
+        amplitude_deg: f64,
+    },
 }
 
 /// A device's answer.

@@ -1,7 +1,7 @@
 //! One process of a station: the chamber, the turntable or the IMU.
 
 use crate::station::{SimulatedStation, StationProcess};
-use crate::{chamber, imu, launch, server, turntable};
+use crate::{imu, launch, server, wire};
 use isotherm_client::Domain;
 use isotherm_failure::{Exit, Failure, shown};
 use std::path::Path;
@@ -19,15 +19,10 @@ impl SimulatedStation {
             .map_err(|error| Failure::new(Exit::Config, format!("reading {}: {error}", shown(&path))))?;
         match process {
             StationProcess::Chamber => {
-                let device = chamber::ChamberDevice::new(&station);
-                let protocol = station.chamber.implementation();
-                server::serve(process, device, protocol, &station, &station.chamber_port, folder)
+                server::serve(process, wire::chamber(&station), &station, &station.chamber_port, folder)
             }
             StationProcess::Turntable => {
-                let tcp = station.table_port.starts_with("tcp://");
-                let (device, protocol) =
-                    (turntable::TurntableDevice::new(station.wrap), station.table.implementation(tcp));
-                server::serve(process, device, protocol, &station, &station.table_port, folder)
+                server::serve(process, wire::turntable(&station), &station, &station.table_port, folder)
             }
             StationProcess::Imu => imu::run(&station, folder, &domain),
         }

@@ -1,9 +1,10 @@
 //! The process of a device: it answers requests on its port, with the injected faults.
 
 use super::faults::{FaultSchedule, InjectedFault};
-use super::link::{Answer, DeviceEvent, LinkServer};
+use super::link::{Answer, LinkServer};
 use super::port::SimulatedPort;
 use super::station::{SimulatedStation, StationProcess};
+use super::wire::{BABBLE, BABBLE_INTERVAL, LATE_REPLY, Wire};
 use isotherm_failure::{Exit, Failure};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::fs::OpenOptions;
@@ -11,49 +12,18 @@ use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Delay of a late reply: more than the plan's time-out, less than time-out plus `quiet_s`.
-pub(crate) const LATE_REPLY: Duration = Duration::from_millis(1500);
 /// How often the faults are checked while nothing happens.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
-/// How often a device that babbles sends, and what.
-const BABBLE_INTERVAL: Duration = Duration::from_millis(2);
-const BABBLE: &[u8] = b"27182818284590452353602874713526";
 /// Name of the file in a station's folder that gets all requests, if it exists.
 const REQUESTS: &str = "requests";
-/// Longest input without a complete request \[bytes\].
-const MAX_INPUT: usize = 4096;
-
-/// The physics of a device.
-pub(crate) trait SimulatedDevice {
-    /// Advances to `now_s`; `active` has the faults that are active.
-    fn advance(&mut self, now_s: f64, active: &[InjectedFault]);
-    /// Takes the events since the last call.
-    fn events(&mut self) -> Vec<(f64, DeviceEvent)>;
-}
-
-/// The protocol of a device.
-pub(crate) trait Protocol<M> {
-    /// Takes the first complete request out of the input: a line, without its end `\r`, `\n` or `\r\n`.
-    fn take_request(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>> {
-        let blank = input.iter().take_while(|byte| matches!(byte, b'\r' | b'\n')).count();
-        input.drain(..blank);
-        let end = input.iter().position(|byte| matches!(byte, b'\r' | b'\n'))?;
-        Some(input.drain(..=end).take(end).collect())
-    }
-    /// Executes a request and returns the reply; empty if there is no reply.
-    fn answer(&mut self, request: &[u8], device: &mut M) -> Vec<u8>;
-    /// The reply that refuses a request; empty if the protocol has none.
-    fn refuse(&self, request: &[u8]) -> Vec<u8>;
-}
 
 /// Serves until the IMU's process has ended.
 ///
 /// # Errors
 /// If the port cannot be created or used.
-pub(crate) fn serve<M: SimulatedDevice>(
+pub(crate) fn serve(
     process: StationProcess,
-    device: M,
-    protocol: Box<dyn Protocol<M>>,
+    wire: Box<dyn Wire>,
     station: &SimulatedStation,
     port: &str,
     folder: &Path,
@@ -61,8 +31,7 @@ pub(crate) fn serve<M: SimulatedDevice>(
     let failed =
         |error: io::Error| Failure::new(Exit::Io, format!("the simulated {} at {port}: {error}", process.name()));
     let mut server = ProtocolServer {
-        device,
-        protocol,
+        wire,
         name: process.name(),
         station,
         requests: folder.join(REQUESTS),
@@ -70,7 +39,6 @@ pub(crate) fn serve<M: SimulatedDevice>(
         port: SimulatedPort::new(port).map_err(failed)?,
         link: LinkServer::new(io::stdin()).map_err(failed)?,
         faults: FaultSchedule::new(folder, process),
-        input: Vec::new(),
         delayed: Vec::new(),
     };
     while server.poll_once().map_err(failed)? {}
@@ -86,9 +54,8 @@ enum LineState {
     Lost,
 }
 
-struct ProtocolServer<'a, M> {
-    device: M,
-    protocol: Box<dyn Protocol<M>>,
+struct ProtocolServer<'a> {
+    wire: Box<dyn Wire>,
     name: &'static str,
     station: &'a SimulatedStation,
     /// The file that gets the requests.
@@ -97,12 +64,11 @@ struct ProtocolServer<'a, M> {
     port: SimulatedPort,
     link: LinkServer,
     faults: FaultSchedule,
-    input: Vec<u8>,
     /// Delayed replies, with the time at which they are sent.
     delayed: Vec<(Instant, Vec<u8>)>,
 }
 
-impl<M: SimulatedDevice> ProtocolServer<'_, M> {
+impl ProtocolServer<'_> {
     /// Waits for input, a question of the IMU or a time-out, and handles it. Returns `false` if the IMU's process has
     /// ended.
     fn poll_once(&mut self) -> io::Result<bool> {
@@ -111,13 +77,10 @@ impl<M: SimulatedDevice> ProtocolServer<'_, M> {
         self.change_state(&active)?;
         if matches!(self.state, LineState::Normal | LineState::Babble) {
             if input_waits {
-                self.port.read(&mut self.input)?;
+                self.port.read(self.wire.input())?;
             }
-            while let Some(request) = self.protocol.take_request(&mut self.input) {
+            while let Some(request) = self.wire.take_request() {
                 self.reply(&request);
-            }
-            if self.input.len() > MAX_INPUT {
-                self.input.clear();
             }
         }
         if self.state == LineState::Babble {
@@ -133,7 +96,7 @@ impl<M: SimulatedDevice> ProtocolServer<'_, M> {
         if query_waits {
             // The answer comes last, so that all later events have later times.
             let (now_s, _) = self.advance();
-            return self.link.answer(&Answer { now_s, events: self.device.events() });
+            return self.link.answer(&Answer { now_s, events: self.wire.events() });
         }
         Ok(true)
     }
@@ -166,7 +129,7 @@ impl<M: SimulatedDevice> ProtocolServer<'_, M> {
         let state = states.iter().find(|(fault, _)| active.contains(fault));
         self.state = state.map_or(LineState::Normal, |(_, state)| *state);
         if matches!(self.state, LineState::Lost | LineState::Dead) {
-            self.input.clear();
+            self.wire.input().clear();
             self.delayed.clear();
         }
         if self.state == LineState::Lost {
@@ -184,7 +147,7 @@ impl<M: SimulatedDevice> ProtocolServer<'_, M> {
     fn advance(&mut self) -> (f64, Vec<InjectedFault>) {
         let now_s = self.station.now_s();
         let active = self.faults.active(now_s);
-        self.device.advance(now_s, &active);
+        self.wire.advance(now_s, &active);
         (now_s, active)
     }
 
@@ -201,24 +164,8 @@ impl<M: SimulatedDevice> ProtocolServer<'_, M> {
         self.faults.count_request();
         let (_, active) = self.advance();
         self.note(request);
-        let is = |fault| active.contains(&fault);
-        let mut reply = if is(InjectedFault::Na) {
-            self.protocol.refuse(request)
-        } else {
-            self.protocol.answer(request, &mut self.device)
-        };
-        if is(InjectedFault::Missing) || is(InjectedFault::Babble) {
-            return;
-        }
-        if is(InjectedFault::Garbled) {
-            // Line ends are kept, so that it is still one reply.
-            let bytes = reply.iter_mut().filter(|byte| !matches!(**byte, b'\r' | b'\n'));
-            bytes.step_by(3).for_each(|byte| *byte = 0xff);
-        }
-        if is(InjectedFault::Duplicated) {
-            reply.extend_from_within(..);
-        }
-        if is(InjectedFault::Late) {
+        let reply = self.wire.answer(request, &active);
+        if active.contains(&InjectedFault::Late) {
             self.delayed.push((Instant::now() + LATE_REPLY, reply));
         } else {
             self.port.write(&reply);

@@ -2,7 +2,7 @@
 
 use super::faults::InjectedFault;
 use super::link::DeviceEvent;
-use super::server;
+use super::wire;
 use isotherm_simulation::SimulatedTurntable;
 
 /// Acceleration of a stop \[deg/s2\].
@@ -110,7 +110,7 @@ fn nearest(angle_deg: f64, from_deg: f64) -> f64 {
     angle_deg + 360.0 * ((from_deg - angle_deg) / 360.0 + 0.5).floor()
 }
 
-impl server::SimulatedDevice for TurntableDevice {
+impl wire::SimulatedDevice for TurntableDevice {
     fn advance(&mut self, now_s: f64, active: &[InjectedFault]) {
         if now_s > self.now_s {
             self.turntable.wait(now_s - self.now_s);
@@ -141,7 +141,7 @@ impl server::SimulatedDevice for TurntableDevice {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use server::SimulatedDevice as _;
+    use wire::SimulatedDevice as _;
 
     /// The angle that the controller shows, and the one that the axis has, after each command.
     #[test]

@@ -1,6 +1,8 @@
 use super::*;
 use crate::plan::{Plan, SAMPLES};
 use isotherm_campaign::{Campaign, read_dwells};
+use isotherm_client::monotonic_ns;
+use isotherm_instruments::RealTime;
 use isotherm_recording::CampaignCsvReader;
 use std::fs;
 use std::path::Path;
@@ -14,6 +16,12 @@ fn plan(folder: &Path, row_s: f64) -> Plan {
     Plan::from_toml(&text.replace("output = \"imu-a-campaign\"", "output = \".\""), folder).unwrap()
 }
 
+/// A clock that began so long ago \[s\].
+fn clock_since(seconds: u64) -> LaboratoryClock {
+    let origin = Moment::of_ns(RealTime.now().ns().saturating_sub(seconds * SECOND));
+    LaboratoryClock { time: Arc::new(RealTime), origin, speed: 1.0 }
+}
+
 /// Sample `number`, sent when it ends. The acquisition's clock is 1000 s ahead of laboratory time.
 fn sample(clock: &LaboratoryClock, number: u64, interval_ns: u64) -> RawSample {
     let end_ns = number * interval_ns;
@@ -22,7 +30,7 @@ fn sample(clock: &LaboratoryClock, number: u64, interval_ns: u64) -> RawSample {
         sequence: number,
         timestamp_ns: 1000 * SECOND + end_ns,
         interval_ns,
-        sent_ns: clock.origin_ns + end_ns,
+        sent_ns: clock.origin.ns() + end_ns,
         // The telemetry is read when the sample ends.
         telemetry_ns: 1000 * SECOND + end_ns,
         accelerometers: Triad {
@@ -38,8 +46,8 @@ fn sample(clock: &LaboratoryClock, number: u64, interval_ns: u64) -> RawSample {
 fn recorder(folder: &TempDir, row_s: f64) -> (SampleRecorder<'static>, LaboratoryClock) {
     let plan: &'static Plan = Box::leak(Box::new(plan(folder.path(), row_s)));
     // The clock began 10,000 s ago, so that no sample of the tests is in the future.
-    let clock = LaboratoryClock { origin_ns: monotonic_ns().saturating_sub(10_000 * SECOND), speed: 1.0 };
-    (SampleRecorder::new(plan, clock, None, 0.0), clock)
+    let clock = clock_since(10_000);
+    (SampleRecorder::new(plan, clock.clone(), None, 0.0), clock)
 }
 
 fn feed(recorder: &mut SampleRecorder<'_>, clock: &LaboratoryClock, numbers: std::ops::Range<u64>, interval_ns: u64) {
@@ -78,7 +86,8 @@ fn samples_that_come_late_are_not_taken_for_late_ones() {
     // once.
     recorder.begin(DWELL, 590.0, 0).unwrap();
     for number in 100..1000 {
-        let late = RawSample { sent_ns: clock.origin_ns + number.max(600) * SECOND, ..sample(&clock, number, SECOND) };
+        let late =
+            RawSample { sent_ns: clock.origin.ns() + number.max(600) * SECOND, ..sample(&clock, number, SECOND) };
         recorder.take(&late, late.sent_ns + 5).unwrap();
     }
     recorder.keep(0).unwrap().unwrap();
@@ -201,7 +210,7 @@ fn another_session_spoils_the_unit_and_its_time_goes_on_rising() {
     recorder.discard();
     recorder.begin(Unit::Dwell { visit: 0, position: 1 }, 301.0, first.to).unwrap();
     for number in 2..150 {
-        recorder.take(&restarted(number), clock.origin_ns + (300 + number) * SECOND + 5).unwrap();
+        recorder.take(&restarted(number), clock.origin.ns() + (300 + number) * SECOND + 5).unwrap();
     }
     let second = recorder.keep(1).unwrap().unwrap();
     assert!(second.shift_ns > 0 && second.end_ns > first.end_ns + 100 * SECOND, "{first:?} {second:?}");
@@ -212,8 +221,8 @@ fn with_turns(folder: &TempDir) -> (SampleRecorder<'static>, LaboratoryClock, &'
     let text = include_str!("../../../../examples/plan-whole.toml");
     let text = text.replace("output = \"imu-a-campaign\"", "output = \".\"");
     let plan: &'static Plan = Box::leak(Box::new(Plan::from_toml(&text, folder.path()).unwrap()));
-    let clock = LaboratoryClock { origin_ns: monotonic_ns().saturating_sub(10_000 * SECOND), speed: 1.0 };
-    (SampleRecorder::new(plan, clock, None, 0.0), clock, plan)
+    let clock = clock_since(10_000);
+    (SampleRecorder::new(plan, clock.clone(), None, 0.0), clock, plan)
 }
 
 /// A sample of an IMU with gyroscopes, of a known unit.
@@ -236,7 +245,8 @@ fn a_turn_is_one_run_of_rows_of_both_triads_that_calibrate_reads() {
     let folder = tempfile::tempdir().unwrap();
     let (mut recorder, clock, plan) = with_turns(&folder);
     let interval_ns = SECOND / 4;
-    let samples = |numbers: std::ops::Range<u64>| numbers.map(move |number| whole_sample(&clock, number, interval_ns));
+    let clock = &clock;
+    let samples = |numbers: std::ops::Range<u64>| numbers.map(move |number| whole_sample(clock, number, interval_ns));
     feed_whole(&mut recorder, samples(1..8));
     recorder.begin(DWELL, 2.0, 0).unwrap();
     feed_whole(&mut recorder, samples(8..1300));
@@ -276,7 +286,7 @@ fn rows_of_a_turn_have_the_same_number_of_samples_whatever_their_intervals() {
         let time = RawSample {
             timestamp_ns: 1000 * SECOND + end_ns,
             telemetry_ns: 1000 * SECOND + end_ns,
-            sent_ns: clock.origin_ns + end_ns,
+            sent_ns: clock.origin.ns() + end_ns,
             ..sample
         };
         feed_whole(&mut recorder, [time]);

@@ -1,7 +1,9 @@
 use super::*;
 use isotherm_client::monotonic_ns;
+use isotherm_instruments::RealTime;
 use isotherm_shared::wire::RawSample;
 use std::path::Path;
+use std::sync::Arc;
 
 const SECOND: u64 = 1_000_000_000;
 const DWELL: Unit = Unit::Dwell { visit: 0, position: 0 };
@@ -21,8 +23,8 @@ impl Bench {
             text.lines().filter(|line| !line.starts_with("telemetry_per_h")).map(|line| format!("{line}\n")).collect();
         let plan = Plan::from_toml(&text.replace("\"batch-campaign\"", "\".\""), folder).unwrap();
         let plan: &'static Plan = Box::leak(Box::new(plan));
-        let (clock, history) = (LaboratoryClock::new(1.0), History::default());
-        let all = plan.each().iter().map(|plan| ImuStream::new(plan, &history, clock, 0.0).unwrap());
+        let (clock, history) = (LaboratoryClock::new(Arc::new(RealTime), 1.0), History::default());
+        let all = plan.each().iter().map(|plan| ImuStream::new(plan, &history, clock.clone(), 0.0).unwrap());
         let streams = Streams { all: all.collect(), clock, domain: "default".to_owned() };
         Self { plan, streams, begun_ns: monotonic_ns() }
     }

@@ -1,8 +1,8 @@
 //! An ACUTROL 3000 with two axes. Over TCP a reply has a header of eight bytes and no line end, as a public driver
 //! expects it.
 
-use crate::server::Protocol;
 use crate::turntable::{Interlock, TurntableDevice};
+use crate::wire::Protocol;
 
 pub(super) struct AcutrolProtocol {
     tcp: bool,

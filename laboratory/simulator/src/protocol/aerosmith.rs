@@ -1,8 +1,8 @@
 //! An Ideal Aerosmith table with two axes. A request begins with the number of the axis; a reply is a line, then the
 //! prompt.
 
-use crate::server::Protocol;
 use crate::turntable::{Interlock, TurntableDevice};
+use crate::wire::Protocol;
 
 pub(super) struct AerosmithProtocol {
     rate: [f64; 2],

@@ -1,7 +1,7 @@
 //! A Voetsch chamber with temperature and humidity: ASCII-2, address 1.
 
 use crate::chamber::{ChamberDevice, Mode};
-use crate::server::Protocol;
+use crate::wire::Protocol;
 
 pub(super) struct Ascii2Protocol;
 

@@ -1,7 +1,7 @@
 //! An ESPEC P-300 without humidity.
 
 use crate::chamber::{ChamberDevice, Mode, RANGE_C};
-use crate::server::Protocol;
+use crate::wire::Protocol;
 
 pub(super) struct EspecProtocol;
 

@@ -1,7 +1,7 @@
 //! A Watlow F4T with one loop in degrees Celsius: Modbus RTU, address 1.
 
 use crate::chamber::{ChamberDevice, Mode};
-use crate::server::Protocol;
+use crate::wire::Protocol;
 
 pub(super) struct F4tProtocol;
 

@@ -8,9 +8,9 @@ mod espec;
 mod f4t;
 
 use crate::chamber::ChamberDevice;
-use crate::server::Protocol;
 use crate::station::{ChamberProtocol, TurntableProtocol};
 use crate::turntable::TurntableDevice;
+use crate::wire::Protocol;
 
 impl ChamberProtocol {
     pub(super) fn implementation(self) -> Box<dyn Protocol<ChamberDevice>> {

@@ -4,8 +4,8 @@
 //! Over 400 lines: all drivers pass the same tests, with the same helpers.
 
 use isotherm_instruments::{
-    self as instruments, Chamber, ChamberConfig, ChamberReading, FaultKind, Instrument, InstrumentFault, Turntable,
-    TurntableConfig, TurntableReading, turn_deg,
+    self as instruments, Chamber, ChamberConfig, ChamberReading, FaultKind, Instrument, InstrumentFault, RealTime,
+    Surroundings, Time as _, Turntable, TurntableConfig, TurntableReading, turn_deg,
 };
 use isotherm_shared::document::{Document, Faults};
 use isotherm_tests::{Process, TIMEOUT, TestDomain, text, wait_until};
@@ -17,7 +17,6 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
 use std::thread::{self, JoinHandle};
-use std::time::Instant;
 
 /// Settings of the line with a long time-out: on a loaded machine a reply may be late without a fault.
 const LONG_TIMEOUT: &str = "timeout_s = 20\nquiet_s = 0.05\nretries = 0\n";
@@ -89,12 +88,12 @@ impl<'d> TestStation<'d> {
 
 /// A chamber that no signal stops.
 fn chamber(config: &ChamberConfig) -> Box<dyn Chamber> {
-    instruments::chamber(config, &Arc::default())
+    instruments::chamber(config, &Surroundings::default())
 }
 
 /// A turntable that no signal stops.
 fn turntable(config: &TurntableConfig) -> Box<dyn Turntable> {
-    instruments::turntable(config, &Arc::default())
+    instruments::turntable(config, &Surroundings::default())
 }
 
 fn keys(driver: &str, own: &str, line: &str) -> String {
@@ -115,7 +114,7 @@ fn order_at_once<I: Instrument + ?Sized>(
     instrument: &mut I,
     order: impl FnOnce(&mut I) -> Result<(), InstrumentFault>,
 ) -> Result<(), InstrumentFault> {
-    instrument.line_mut().begin_orders(Instant::now() + TIMEOUT);
+    instrument.line_mut().begin_orders(RealTime.now() + TIMEOUT);
     let result = order(instrument);
     instrument.line_mut().end_orders();
     result
@@ -629,7 +628,7 @@ fn a_signal_ends_the_wait_for_a_reply_and_the_order_follows_at_once() {
     });
     let config =
         chamber_config(&format!("driver = \"espec\"\nport = \"tcp://{address}\"\ntimeout_s = 60\nquiet_s = 0\n"));
-    let mut chamber = instruments::chamber(&config.unwrap(), &stop_signal);
+    let mut chamber = instruments::chamber(&config.unwrap(), &Surroundings::real(&stop_signal));
     assert_eq!(fault_kind(chamber.read()), FaultKind::Stopped);
     // From now on nothing is sent but orders.
     assert_eq!(fault_kind(chamber.set_point(30.0)), FaultKind::Stopped);

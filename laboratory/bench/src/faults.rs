@@ -1,0 +1,109 @@
+//! What goes wrong, and when.
+
+use isotherm_simulator::InjectedFault;
+use std::ops::Range;
+
+/// Something that goes wrong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Fault {
+    /// In the chamber, or on its line.
+    Chamber(InjectedFault),
+    /// In the turntable, or on its line.
+    Turntable(InjectedFault),
+    /// The begin of each reply of the turntable arrives, and the rest never.
+    CutReply,
+    /// Somebody else sends the turntable far beyond its limits, by more than a turn.
+    RunAway,
+    /// No sample of the IMU arrives.
+    Silent,
+    /// Every tenth sample is missing.
+    Gaps,
+    /// The acquisition starts again: another session.
+    Restarted,
+    /// SIGTERM.
+    Signal,
+    /// SIGKILL: the runner does not run any more.
+    Killed,
+    /// The time of day is set back by an hour.
+    ClockSetBack,
+}
+
+/// The faults of a campaign, with the times of each \[s\].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FaultPlan(pub Vec<(Fault, Range<f64>)>);
+
+impl FaultPlan {
+    /// Up to four faults within the first `seconds`, drawn from a seed.
+    #[must_use]
+    pub fn drawn(seed: u64, seconds: f64) -> Self {
+        const LINE: [InjectedFault; 9] = [
+            InjectedFault::Garbled,
+            InjectedFault::Late,
+            InjectedFault::Missing,
+            InjectedFault::Duplicated,
+            InjectedFault::Babble,
+            InjectedFault::Dead,
+            InjectedFault::Na,
+            InjectedFault::Alarm,
+            InjectedFault::PortLoss,
+        ];
+        const OTHERS: [Fault; 11] = [
+            Fault::Turntable(InjectedFault::NoSettle),
+            Fault::Chamber(InjectedFault::Overshoot),
+            Fault::Chamber(InjectedFault::NeverThere),
+            Fault::CutReply,
+            Fault::RunAway,
+            Fault::Silent,
+            Fault::Gaps,
+            Fault::Restarted,
+            Fault::Signal,
+            Fault::Killed,
+            Fault::ClockSetBack,
+        ];
+        let mut random = Random(seed);
+        let count = random.below(5);
+        let fault = |random: &mut Random| match random.below(LINE.len() * 2 + OTHERS.len()) {
+            place if place < LINE.len() => Fault::Chamber(LINE[place]),
+            place if place < 2 * LINE.len() => Fault::Turntable(LINE[place - LINE.len()]),
+            place => OTHERS[place - 2 * LINE.len()],
+        };
+        let drawn = (0..count).map(|_| {
+            let fault = fault(&mut random);
+            let begin = random.uniform() * seconds;
+            // From a tenth of a second to some minutes.
+            (fault, begin..begin + 0.1 * 3000.0_f64.powf(random.uniform()))
+        });
+        Self(drawn.collect())
+    }
+
+    /// The faults that are active at this time \[s\].
+    pub(crate) fn active(&self, at_s: f64) -> impl Iterator<Item = Fault> {
+        self.0.iter().filter(move |(_, times)| times.contains(&at_s)).map(|(fault, _)| *fault)
+    }
+
+    /// When one that is an event happens \[s\].
+    pub(crate) fn events(&self, event: Fault) -> impl Iterator<Item = f64> {
+        self.0.iter().filter(move |(fault, _)| *fault == event).map(|(_, times)| times.start)
+    }
+}
+
+/// Numbers of a seed: `SplitMix64`.
+struct Random(u64);
+
+impl Random {
+    const fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut mixed = self.0;
+        mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        mixed ^ (mixed >> 31)
+    }
+
+    fn uniform(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn below(&mut self, count: usize) -> usize {
+        (self.next() % count as u64) as usize
+    }
+}
