@@ -1,7 +1,7 @@
 //! The function `calibrate` and its result.
 
 use crate::connection::imu_id;
-use crate::convert::{PartOptions, part_of};
+use crate::convert::{OriginOptions, PartOptions, part_of, settings_of};
 use crate::errors::{CalibrationError, RecordingFault, TableError, faults, file};
 use crate::records::{Fields, RAW, Values, document};
 use crate::table::Table;
@@ -69,9 +69,8 @@ pub(crate) struct Options {
     beside: Vec<String>,
 }
 
-/// Name and text of a mapping, temperature, interval \[ns\], topics, instance.
-type ForeignOptions =
-    (Option<(PathBuf, String)>, Option<f64>, Option<u64>, Option<String>, Option<String>, Option<u32>);
+/// Name and text of a mapping, temperature, interval \[ns\], where the data come from, instance.
+type ForeignOptions = (Option<(PathBuf, String)>, Option<f64>, Option<u64>, OriginOptions, Option<u32>);
 
 /// The campaign of `imu`, or the only one.
 fn campaign_of(text: &str, name: &str, imu: Option<&str>) -> PyResult<Campaign> {
@@ -228,8 +227,8 @@ impl Options {
                 LagChoice::Given(seconds)
             }
         };
-        let (mapping, temperature, interval_ns, topic, temperature_topic, instance) = self.foreign;
-        let settings = Settings { temperature, interval_ns, topic, temperature_topic, instance, ..Settings::default() };
+        let (mapping, temperature, interval_ns, origin, instance) = self.foreign;
+        let settings = Settings { temperature, interval_ns, instance, ..settings_of(origin)? };
         let part = part_of(self.part)?;
         let beside = self.beside.iter().map(|name| name.parse()).collect::<Result<Vec<_>, String>>();
         let beside = beside.map_err(|message| PyValueError::new_err(format!("beside: {message}")))?;

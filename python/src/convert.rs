@@ -7,7 +7,7 @@ use crate::records::{Fields, INCREMENT, RAW, Values, array, raw_bytes};
 use crate::table::Table;
 use isotherm_failure::{Exit, Failure};
 use isotherm_recording::rows::RecordedRow;
-use isotherm_recording_formats::convert::{Conversion, KnownColumns, Mapping, Settings};
+use isotherm_recording_formats::convert::{Conversion, KnownColumns, Mapping, Settings, TimeSource};
 use isotherm_recording_formats::read::{Moment, Part};
 use isotherm_recording_formats::write::{RosTable, RosWriter};
 use isotherm_shared::wire::StreamSample;
@@ -41,6 +41,25 @@ pub(crate) fn part_of((start, end): PartOptions) -> PyResult<Part> {
     part.map_err(|message| PyValueError::new_err(format!("start is not before end: {message}")))
 }
 
+/// Topics of both sensors, of gyroscopes alone and of temperatures, the file of the gyroscopes, and where the times
+/// come from.
+pub(crate) type OriginOptions = (Option<String>, Option<String>, Option<String>, Option<PathBuf>, String);
+
+/// Where foreign data come from.
+///
+/// # Errors
+/// `ValueError`.
+pub(crate) fn settings_of(origin: OriginOptions) -> PyResult<Settings> {
+    let (topic, gyroscope_topic, temperature_topic, gyroscope_file, time) = origin;
+    let time = match time.as_str() {
+        "header" => TimeSource::Header,
+        "log" => TimeSource::Log,
+        "rate" => TimeSource::Rate,
+        other => return Err(PyValueError::new_err(format!("time is {other}, give header, log or rate"))),
+    };
+    Ok(Settings { topic, gyroscope_topic, temperature_topic, gyroscope_file, time, ..Settings::default() })
+}
+
 /// The raw samples of foreign data as bytes, and what the user should know. `mapping` is the name and the text of a
 /// mapping file.
 #[pyfunction]
@@ -51,8 +70,7 @@ pub(crate) fn convert(
     mapping: Option<(PathBuf, String)>,
     temperature: Option<f64>,
     interval_ns: Option<u64>,
-    topic: Option<String>,
-    temperature_topic: Option<String>,
+    origin: OriginOptions,
     session: u64,
     instance: Option<u32>,
     part: PartOptions,
@@ -61,8 +79,7 @@ pub(crate) fn convert(
         // Python's own exception for a file that cannot be opened.
         File::open(path).map_err(|error| file(path, &error))?;
     }
-    let settings =
-        Settings { temperature, interval_ns, topic, temperature_topic, session, instance, ..Settings::default() };
+    let settings = Settings { temperature, interval_ns, session, instance, ..settings_of(origin)? };
     let part = part_of(part)?;
     let named = mapping.as_ref().map(|(name, text)| (name.as_path(), text.as_str()));
     let read = || -> Result<(Vec<u8>, Vec<String>), Failure> {

@@ -227,3 +227,20 @@ def test_a_bag_of_another_program_is_converted(tmp_path: Path) -> None:
     assert accelerometers["negative_pulses"].tolist() == [[0, 0, 9_806_650]] * 100
     assert (gyroscopes["positive_pulses"] == [250_000, 0, 0]).all() and (gyroscopes["negative_pulses"] == [0, 500_000, 0]).all()
     assert accelerometers["head_temperature"].tolist() == [[20.0 + number] * 3 for number in range(100)]
+
+
+def test_times_of_the_log_or_a_known_rate_and_a_file_of_gyroscopes(tmp_path: Path) -> None:
+    rows = [f"{0.02 * row:.3f},0.1,0.2,{9.79 + 0.001 * (row % 7):.3f}" for row in range(200)]
+    text, gyroscopes = tmp_path / "acc.csv", tmp_path / "gyr.csv"
+    text.write_text("t,x,y,z\n" + "\n".join(rows) + "\n")
+    gyroscopes.write_text("t,x,y,z\n" + "\n".join(f"{0.02 * row + 0.005:.3f},0.01,0.02,0.03" for row in range(200)) + "\n")
+    sensors = {"columns": ["x", "y", "z"], "kind": "reading", "resolution": 1e-6}
+    mapping = {"time": {"column": "t", "unit": "s"}, "accelerometer": sensors, "temperature": {"constant": 20.0}}
+    by_rate = isotherm.convert(text, mapping, time="rate", interval=0.05)
+    assert (by_rate["timestamp_ns"] == 50_000_000 * np.arange(1, 201)).all()
+    with pytest.raises(ValueError, match="not MCAP"):
+        isotherm.convert(text, mapping, time="log")
+    with pytest.raises(ValueError, match="time is 'clock'"):
+        isotherm.convert(text, mapping, time="clock")  # type: ignore[arg-type]
+    joined = isotherm.convert(text, mapping | {"gyroscope": sensors}, gyroscope_file=gyroscopes)
+    assert len(joined) == 200 and (joined["gyroscopes"]["positive_pulses"] == [10_000, 20_000, 30_000]).all()

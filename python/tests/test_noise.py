@@ -100,6 +100,11 @@ def test_what_is_refused(night: Path, tmp_path: Path) -> None:
         fast[name] //= 1000
     with pytest.raises(isotherm.NoiseError, match="1000.0 g0 at rest"):
         isotherm.noise(fast, table=isotherm.Table.load(night / "truth.toml"), kalibr=tmp_path / "imu.yaml")
+    table = isotherm.Table.load(night / "truth.toml")
+    few = samples[np.arange(len(samples)) % 20 > 0]
+    assert isotherm.noise(few, table=table)["bridged"]["too_many"]
+    with pytest.raises(isotherm.NoiseError, match="too many rows are missing for a Kalibr file"):
+        isotherm.noise(few, table=table, kalibr=tmp_path / "imu.yaml")
     wrong = [
         {"interval": 0.0}, {"interval": 1.0, "table": isotherm.Table.load(night / "truth.toml")}, {"interval": 1.0, "telemetry": [1.0]},
         {"telemetry": [1.0]}, {"start": 5.0, "end": 5.0}, {"kalibr": tmp_path / "imu.yaml"},

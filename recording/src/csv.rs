@@ -97,8 +97,8 @@ impl<R: Read> Rows<R> {
     /// Parses the next row; false at the end.
     ///
     /// # Errors
-    /// If the source cannot be read, a quotation mark is not closed, a lone carriage return is inside a row or a line is
-    /// too long. Behind the error of a row the next call goes on.
+    /// If the source cannot be read, a quotation mark is not closed, a lone carriage return is inside a row or a line
+    /// is too long. Behind the error of a row the next call goes on.
     pub fn next_row(&mut self) -> Result<bool, RecordingError> {
         // There is no current row after the last one.
         self.fields.clear();

@@ -23,7 +23,10 @@ const CELSIUS: [f64; 2] = [-80.0, 150.0];
 const MILLI: f64 = 1000.0;
 /// What is said of telemetry that is far below and above all temperatures.
 const COUNTS: &str = "it looks like counts of the thermometer: give temperature.scale and temperature.offset in a \
-                      mapping (--mapping), with which degC = scale * number + offset; an MPU-6050 has 0.00294117647 and 36.53";
+                      mapping (--mapping), with which degC = scale * number + offset; an MPU-6050 has 0.00294117647 and \
+                      36.53, thousandths of a degree 0.001 and 0";
+/// Counts of thermometers have 16 bits.
+const MOST_COUNTS: f64 = 32_768.0;
 /// The telemetry has settled where it moves by under this part of its largest rate ..
 const SETTLED: f64 = 0.1;
 /// .. for this part of a recording.
@@ -145,8 +148,8 @@ fn celsius(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Find
     }
     let [low, high] = recording.extremes(0)[0]?;
     let cause = match () {
-        () if low < CELSIUS[0] && high > CELSIUS[1] || low < -MILLI => COUNTS,
-        () if high > MILLI => {
+        () if low.abs().max(high) <= MOST_COUNTS && (low < CELSIUS[0] && high > CELSIUS[1] || low < -MILLI) => COUNTS,
+        () if low < -MILLI || high > MILLI => {
             "it looks like thousandths of a degree: divide it by 1000, with temperature.scale = 0.001 in a mapping \
              (--mapping); of counts give temperature.scale and temperature.offset of the sensor"
         }

@@ -130,7 +130,8 @@ fn what_is_wrong_stands_first() {
     fs::write(folder.path().join("m.toml"), mapping("")).unwrap();
     let line = first(65, &arguments("g.csv", &["--mapping", "m.toml"]));
     assert!(
-        line.contains("fault [not-gravity]: g.csv: 0.") && line.ends_with("the readings look like g, not m/s2"),
+        line.contains("fault [not-gravity]: g.csv: 0.")
+            && line.contains("the readings look like g, not m/s2: give accelerometer.unit = \"g\" in a mapping"),
         "{line}"
     );
     fs::write(folder.path().join("m.toml"), mapping("g")).unwrap();

@@ -2,8 +2,8 @@
 //! which nothing waits. One seed gives one course of everything, byte by byte.
 //!
 //! There is one thread. Time passes where somebody waits: a sleep, a read or a write of a port. The two instruments do
-//! not know each other; so what the runner does [`both`](isotherm_instruments::Time::both) at once happens one after the
-//! other, and the clock goes back between.
+//! not know each other; so what the runner does [`both`](isotherm_instruments::Time::both) at once happens one after
+//! the other, and the clock goes back between.
 
 // What cannot be set up ends a test.
 #![allow(clippy::panic)]

@@ -24,7 +24,7 @@ fn without_a_fault_a_campaign_is_complete() {
 #[test]
 fn campaigns_with_faults_hold_what_must_be_true() {
     let first: u64 = std::env::var("ISOTHERM_SEED").ok().and_then(|seed| seed.parse().ok()).unwrap_or(1);
-    let seeds: u64 = std::env::var("ISOTHERM_SEEDS").ok().and_then(|seeds| seeds.parse().ok()).unwrap_or(300);
+    let seeds: u64 = std::env::var("ISOTHERM_SEEDS").ok().and_then(|seeds| seeds.parse().ok()).unwrap_or(60);
     let mut wrong = 0;
     for seed in first..first + seeds {
         let faults = FaultPlan::drawn(seed, FAULTY_S);

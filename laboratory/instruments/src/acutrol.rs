@@ -71,12 +71,15 @@ impl Acutrol {
         let framing = Framing { reply_length: &reply_length, gap };
         let ends_lines = Cell::new(self.ends_lines);
         let result = self.line.ask(format!("{request}\r\n").as_bytes(), framing, |reply| {
-            ends_lines.set(ends_lines.get() || reply.ends_with(b"\n"));
             let body =
                 reply.get(header..).filter(|body| !body.is_empty()).ok_or_else(|| ExchangeError::garbled(reply))?;
             match text(body)? {
                 refused if refused.to_ascii_lowercase().starts_with("error") => Err(ExchangeError::refused(refused)),
-                reply => read(reply),
+                text => {
+                    let value = read(text)?;
+                    ends_lines.set(ends_lines.get() || body.ends_with(b"\n"));
+                    Ok(value)
+                }
             }
         });
         self.ends_lines = ends_lines.get();

@@ -1,5 +1,5 @@
-//! A device with its protocol: the bytes of requests go in, replies come out, as the injected faults make them. It reads
-//! no clock and has no port.
+//! A device with its protocol: the bytes of requests go in, replies come out, as the injected faults make them. It
+//! reads no clock and has no port.
 
 use super::chamber::ChamberDevice;
 use super::faults::InjectedFault;

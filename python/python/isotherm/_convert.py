@@ -7,7 +7,7 @@ import io
 import os
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 AnyPath: TypeAlias = str | os.PathLike[str]
 # Seconds since the begin of a recording, or a time stamp as the command takes it.
 Moment: TypeAlias = float | str
+# Where the times of foreign data come from.
+TimeSource: TypeAlias = Literal["header", "log", "rate"]
 
 
 def convert(
@@ -32,7 +34,10 @@ def convert(
     temperature: float | None = None,
     interval: float | None = None,
     topic: str | None = None,
+    gyroscope_topic: str | None = None,
     temperature_topic: str | None = None,
+    gyroscope_file: AnyPath | None = None,
+    time: TimeSource = "header",
     session: int = 0,
     instance: int | None = None,
     start: Moment | None = None,
@@ -44,8 +49,8 @@ def convert(
     array of two dimensions, whose columns have numbers from 1. Each number is taken as the shortest decimal number that reads back to it, as in a
     file. Columns of floats are not of whole numbers, so that their resolution is 1e-6 unless it is given; times of datetime64 are in ns.
 
-    `mapping` is the path of a mapping file, or a mapping with the same keys. `temperature`, `interval` [s], `topic`, `temperature_topic`,
-    `session` and `instance` are the options of the command; `start` and `end` are its `--from` and `--to`: seconds since the begin of the data, or a
+    `mapping` is the path of a mapping file, or a mapping with the same keys. `temperature`, `interval` [s], `topic`, `gyroscope_topic`,
+    `temperature_topic`, `gyroscope_file`, `time`, `session` and `instance` are the options of the command; `start` and `end` are its `--from` and `--to`: seconds since the begin of the data, or a
     time stamp ("12500000000ns", "2026-05-01T12:34:56Z"). What the command warns of, such as gaps, is a UserWarning.
 
     Raises ValueError without a mapping where one is needed, with the mapping that would be; TableError with all faults of a mapping; and
@@ -55,7 +60,8 @@ def convert(
         mapping = {"header": False} | dict(mapping)
     text, interval_ns = known(mapping, temperature, interval)
     data = source if isinstance(source, (str, os.PathLike)) else table_csv(source)
-    samples, findings = _isotherm.convert(data, text, temperature, interval_ns, topic, temperature_topic, session, instance, part(start, end))
+    origin = topic, gyroscope_topic, temperature_topic, gyroscope_file, _time(time)
+    samples, findings = _isotherm.convert(data, text, temperature, interval_ns, origin, session, instance, part(start, end))
     for finding in findings:
         warnings.warn(finding, stacklevel=2)
     return samples.view(RAW_SAMPLE)
@@ -90,12 +96,21 @@ def foreign(
     temperature: float | None,
     interval: float | None,
     topic: str | None,
+    gyroscope_topic: str | None,
     temperature_topic: str | None,
+    gyroscope_file: AnyPath | None,
+    time: TimeSource,
     instance: int | None,
 ) -> tuple[Any, ...]:
     """The option `foreign` of a fit."""
     text, interval_ns = known(mapping, temperature, interval)
-    return text, temperature, interval_ns, topic, temperature_topic, instance
+    return text, temperature, interval_ns, (topic, gyroscope_topic, temperature_topic, gyroscope_file, _time(time)), instance
+
+
+def _time(time: TimeSource) -> TimeSource:
+    if time not in ("header", "log", "rate"):
+        raise ValueError(f'time is {time!r}, give "header", "log" or "rate"')
+    return time
 
 
 def write_ros(

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from . import _isotherm
-from ._convert import Moment, foreign, part
+from ._convert import Moment, TimeSource, foreign, part
 from ._isotherm import Table
 from ._offline import AnyPath, Calibration, campaign_text, fit_options, recorded
 from ._records import Records, sample_bytes
@@ -36,7 +36,10 @@ def calibrate_gravity_only(
     temperature: float | None = None,
     interval: float | None = None,
     topic: str | None = None,
+    gyroscope_topic: str | None = None,
     temperature_topic: str | None = None,
+    gyroscope_file: AnyPath | None = None,
+    time: TimeSource = "header",
     instance: int | None = None,
     start: Moment | None = None,
     end: Moment | None = None,
@@ -74,7 +77,7 @@ def calibrate_gravity_only(
         standstills=list(exclude),
         temperature_range=temperature_range,
         place=place,
-        foreign=foreign(mapping, temperature, interval, topic, temperature_topic, instance),
+        foreign=foreign(mapping, temperature, interval, topic, gyroscope_topic, temperature_topic, gyroscope_file, time, instance),
         part=part(start, end),
     )
     return Calibration(_isotherm.calibrate(text, path, imu, given, True, options))

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from . import _isotherm
 from ._convert import Moment, part
+from ._errors import NoiseError
 from ._files import write_text, write_together
 from ._isotherm import Batch, Comparison, Stability, Table
 from ._records import CAMPAIGN, INCREMENT, RAW_SAMPLE, Records, as_bytes, flat_doubles, increments_frame, is_frame, records, sample_bytes
@@ -194,6 +195,8 @@ def noise(
         if kalibr is not None and table is None:
             raise ValueError("kalibr needs a table: counts have no unit")
         text, page, yaml = _isotherm.noise(sample_bytes(samples), table, (start, end), recording)
+        if kalibr is not None and yaml is None:
+            raise NoiseError(f"{recording}: too many rows are missing for a Kalibr file: see the finding missing-rows; leave out kalibr, or record again")
         write_together([(path, content) for path, content in ((report, page), (kalibr, yaml)) if path is not None and content is not None])
     document = json.loads(text)
     assert isinstance(document, dict)
@@ -393,7 +396,7 @@ def fit_options(
         "standstills": [],
         "temperature_range": None,
         "place": None,
-        "foreign": (None, None, None, None, None, None),
+        "foreign": (None, None, None, (None, None, None, None, "header"), None),
         "part": (None, None),
         "at": None,
         "beside": [],

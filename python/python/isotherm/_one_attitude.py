@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from . import _isotherm
-from ._convert import Moment, foreign, part
+from ._convert import Moment, TimeSource, foreign, part
 from ._isotherm import Table
 from ._offline import AnyPath, Calibration, fit_options, recorded
 from ._records import Records
@@ -33,7 +33,10 @@ def calibrate_one_attitude(
     temperature: float | None = None,
     interval: float | None = None,
     topic: str | None = None,
+    gyroscope_topic: str | None = None,
     temperature_topic: str | None = None,
+    gyroscope_file: AnyPath | None = None,
+    time: TimeSource = "header",
     instance: int | None = None,
     start: Moment | None = None,
     end: Moment | None = None,
@@ -61,7 +64,7 @@ def calibrate_one_attitude(
         accept,
         strict,
         other_device,
-        (mapping, temperature, interval, topic, temperature_topic, instance),
+        (mapping, temperature, interval, topic, gyroscope_topic, temperature_topic, gyroscope_file, time, instance),
         (start, end),
     )
     return Calibration(_isotherm.calibrate_one_attitude(recorded(recordings), imu, nominal, gravity_reference, options))

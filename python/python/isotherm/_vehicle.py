@@ -60,7 +60,7 @@ def calibrate_vehicle(
     `calibrate_one_attitude`, which makes the table of one IMU: with `instance` of the one that it names.
     """
     options = one_attitude_options(
-        order, lag, at, gravity_reference, beside, accept, strict, other_device, (None, temperature, interval, None, None, None), (start, end)
+        order, lag, at, gravity_reference, beside, accept, strict, other_device, (None, temperature, interval, None, None, None, None, "header", None), (start, end)
     )
     paths = [Path(logs)] if isinstance(logs, (str, os.PathLike)) else [Path(log) for log in logs]
     return Vehicle(imu, _isotherm.calibrate_vehicle(paths, imu, dict(nominal or {}), gravity_reference, options))

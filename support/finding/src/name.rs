@@ -252,8 +252,8 @@ findings! {
         MOTION = "motion", FaultOrWarning,
             "Nothing, if what is used covers the temperatures; else record the warm-up disarmed, on firm ground.";
         /// Rows hold values that no sensor measured: markers such as 0 or -32768, spikes, numbers that are none,
-        /// temperatures that no IMU has, values that stand still. Or rows of a text are cut or spoilt. They are left out.
-        /// A fault over 5 % of the rows; over 1 % a text is refused.
+        /// temperatures that no IMU has, values that stand still. Or rows of a text are cut or spoilt. All are left
+        /// out. A fault over 5 % of the rows; over 1 % a text is refused.
         BAD_ROWS = "bad-rows", FaultOrWarning, "Look at the sensor, its cable and its logger.";
         /// The thermometer stands still while the biases go on: these rows are left out.
         TEMPERATURE_STUCK = "temperature-stuck", Warning,

@@ -270,7 +270,7 @@ fn a_fault_is_reported_with_the_piece_that_has_it() {
         (&["two.csv", "bad.csv", "one.parquet"][..], 65, "bad.csv:9: timestamp_ns is \"soon\", give a whole number"),
         (&["two.csv", "one.parquet", "./two.csv"], 64, "./two.csv is named twice; name every piece once"),
         (&["two.csv", "-"], 64, "pieces of a recording must be files; a pipe is read alone"),
-        (&["over.csv", "one.parquet", "two.csv"], 65, "over.csv:2: "),
+        (&["over.csv", "one.parquet", "two.csv"], 65, "over.csv: its first row, of "),
         (&["two.csv", "none.csv"], 74, "opening none.csv: "),
         (&["lacking.csv", "two.csv"], 65, columns),
         (&["lacking.parquet"], 65, columns),

@@ -8,8 +8,8 @@
 //! `m + (sum of the row's readings - n m) / r`
 //!
 //! with `m` the mean of all readings of nine rows, the row in their middle, `n` the number of the row's readings, and
-//! `r` the usual one. Where `n` is `r` this is the mean of the readings. The sum over the rows has each reading once, with
-//! the same weight; what is slow against nine rows is left as it is.
+//! `r` the usual one. Where `n` is `r` this is the mean of the readings. The sum over the rows has each reading once,
+//! with the same weight; what is slow against nine rows is left as it is.
 //!
 //! An offset between the two clocks is followed, so that the borders between rows lie between readings, and jitter does
 //! not move a reading to another row.

@@ -1,7 +1,7 @@
 //! Layouts of texts that are recognised, so that they need no mapping: they have the same columns, in the same units,
 //! wherever they come from.
 
-use super::columns::ColumnRef;
+use super::columns::{ColumnRef, Sensors};
 use super::found::{Found, length};
 use super::mapping::Mapping;
 use super::proposal::{CELSIUS, first_columns, quoted};
@@ -253,6 +253,16 @@ struct Taken {
 }
 
 impl Recognised {
+    /// The mapping of this text of accelerometers and of one of gyroscopes, which has the same columns; `None` if this
+    /// text has the gyroscopes itself.
+    pub(super) fn with_gyroscopes(&self) -> Option<Mapping> {
+        let accelerometer = &self.mapping.accelerometer;
+        let unit = (!self.counts).then_some(1.0);
+        let gyroscope = Sensors { unit, ..accelerometer.clone() };
+        let is_alone = self.mapping.gyroscope.is_none();
+        is_alone.then(|| Mapping { gyroscope: Some(gyroscope), ..self.mapping.clone() })
+    }
+
     /// Why there is no nominal table of counts, with the mapping that would give one.
     pub(super) fn counts(&self) -> String {
         let open =

@@ -219,8 +219,17 @@ impl Conversion {
         }
         let refused = |message: String| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
         if let Some(recognised) = recognised.transpose().map_err(refused)?.flatten() {
+            let both = recognised.with_gyroscopes();
             let source = text::TextSource::recognised(source, recognised, settings.temperature).map_err(failed)?;
-            return Self::begin(path, Box::new(source), settings.interval_ns, settings);
+            let source: Box<dyn Source> = match (&settings.gyroscope_file, both) {
+                (None, _) => Box::new(source),
+                (Some(file), Some(both)) => Box::new(Self::of_two_files((path, source), file, both, settings.time)?),
+                (Some(file), None) => {
+                    let message = format!("it has gyroscopes itself; leave out --gyroscope-file {}", shown(file));
+                    return Err(Failure::new(Exit::Usage, format!("{}: {message}", shown(path))));
+                }
+            };
+            return Self::begin(path, source, settings.interval_ns, settings);
         }
         let Some((file, text)) = mapping else {
             let proposal = text::proposal(source).map_err(failed)?;
@@ -239,26 +248,29 @@ impl Conversion {
         }
         let interval_ns = settings.interval_ns.or(mapping.time.interval_ns);
         let source: Box<dyn Source> = match &settings.gyroscope_file {
-            Some(file) => Box::new(Self::of_two_files((path, source), file, mapping, settings.time)?),
+            Some(file) => {
+                let alone = Mapping { gyroscope: None, ..mapping.clone() };
+                let accelerometers = text::TextSource::new(source, alone).map_err(failed)?;
+                Box::new(Self::of_two_files((path, accelerometers), file, mapping, settings.time)?)
+            }
             None => Box::new(text::TextSource::new(source, mapping).map_err(failed)?),
         };
         Self::begin(path, source, interval_ns, settings)
     }
 
-    /// The rows of a text of accelerometers, joined with those of a text of gyroscopes.
+    /// The rows of a text of accelerometers, joined with those of a text of gyroscopes that has this mapping.
     fn of_two_files(
-        (path, text): (&Path, Box<dyn Read>),
+        (path, accelerometers): (&Path, text::TextSource),
         file: &Path,
         mapping: Mapping,
         time: TimeSource,
     ) -> Result<JoinedSource, Failure> {
         let source = open_recording(file).map_err(|error| Failure::io("opening", file, &error))?;
         let name = |path: &Path| shown(path).to_string();
-        let gyroscopes = text::TextSource::of_gyroscopes(source, mapping.clone());
+        let gyroscopes = text::TextSource::of_gyroscopes(source, mapping);
         let gyroscopes = gyroscopes.and_then(|it| Stream::new(Box::new(it), time, true, name(file), Some(file)));
         let gyroscopes = gyroscopes.map_err(|error| error.failure(file))?;
-        let accelerometers = text::TextSource::new(text, Mapping { gyroscope: None, ..mapping });
-        let accelerometers = accelerometers.and_then(|it| Stream::new(Box::new(it), time, false, name(path), None));
+        let accelerometers = Stream::new(Box::new(accelerometers), time, false, name(path), None);
         Ok(JoinedSource::new(accelerometers.map_err(|error| error.failure(path))?, gyroscopes))
     }
 

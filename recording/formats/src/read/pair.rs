@@ -79,6 +79,12 @@ pub(super) fn find(paths: &[PathBuf], kind: RowKind, input: &Input) -> Result<Op
                  none: give [gyroscope] with its columns, or name one of the files alone"
             ))
         }
+        // A layout of accelerometers is recognised, and the same of gyroscopes is refused.
+        None if foreign.named().is_none() => {
+            let is_layout = open(accelerometers).is_ok_and(|piece| piece.source.conversion().is_some());
+            let pair = || Pair { accelerometers: accelerometers.clone(), gyroscopes: gyroscopes.clone() };
+            Ok((is_layout && open(gyroscopes).is_err()).then(pair))
+        }
         _ => Ok(None),
     }
 }

@@ -254,7 +254,15 @@ fn texts(files: &Files) -> [PathBuf; 2] {
 }
 
 fn read(paths: &[PathBuf], mapping: &str, settings: Settings) -> Result<(Vec<RawSample>, Recording), Failure> {
-    let foreign = isotherm_recording_formats::convert::Foreign { settings, ..foreign(Some(mapping)) };
+    read_with(paths, Some(mapping), settings)
+}
+
+fn read_with(
+    paths: &[PathBuf],
+    mapping: Option<&str>,
+    settings: Settings,
+) -> Result<(Vec<RawSample>, Recording), Failure> {
+    let foreign = isotherm_recording_formats::convert::Foreign { settings, ..foreign(mapping) };
     let mut recording =
         Recording::open_hashed(paths, RowKind::Sample, (ImuChoice::Any, foreign), &ProgressBar::hidden())?;
     let rows: Result<Vec<_>, _> = recording.by_ref().map(|row| row.map(|row| row.sample)).collect();
@@ -286,6 +294,48 @@ fn two_texts_are_joined_with_the_option_and_by_their_names() {
         assert_eq!(by_name, rows);
         assert!(recording.notes()[0].contains("by their names: they are joined by time"), "{:?}", recording.notes());
         assert_eq!(recording.sha256().unwrap(), sha256);
+    }
+}
+
+/// imu_tk's files of counts, and those of ulog2csv, which need no mapping.
+#[test]
+fn two_texts_of_a_known_layout_are_joined_without_a_mapping() {
+    let files = Files::new();
+    let counts = |begin: f64, values: [f64; 3]| -> String {
+        let row = |row: u32| {
+            let time = begin + f64::from(row) * 0.05;
+            let [x, y, z] = values.map(|value| value + f64::from(row % 3));
+            format!("   {time:.8e}   {x:.8e}   {y:.8e}   {z:.8e}\n")
+        };
+        (0..100).map(row).collect()
+    };
+    let acc = files.write("acc.mat", counts(100.0, [36_930.0, 32_734.0, 32_847.0]));
+    let gyr = files.write("gyr.mat", counts(100.004, [32_763.0, 32_772.0, 32_780.0]));
+    let topic = |header: &str, begin: u32, of: fn(u32) -> [f64; 3], last: &str| -> String {
+        let row = |row: u32| {
+            let [x, y, z] = of(row);
+            let time = begin + 5000 * row;
+            format!("{time},{time},1310988,{x:.5},{y:.5},{z:.5},{last}\n")
+        };
+        format!("{header}\n{}", (0..100).map(row).collect::<String>())
+    };
+    let names = "timestamp,timestamp_sample,device_id,x,y,z,temperature,error_count";
+    let force = |row: u32| [0.1, -0.2, 9.8 + 0.001 * f64::from(row % 5)];
+    let rate = |row: u32| [0.01, -0.02, 0.03 + 0.001 * f64::from(row % 5)];
+    let accel = files.write("log_sensor_accel_0.csv", topic(names, 1_000_000, force, "41.3,0"));
+    let gyro = files.write("log_sensor_gyro_0.csv", topic(names, 1_000_700, rate, "42.1,0"));
+    for (one, other, pulses, resolution) in
+        [(&acc, &gyr, [-5, 4, 12], None), (&accel, &gyro, [10_000, -20_000, 30_000], Some(1e-6))]
+    {
+        let by_name = read_with(&[other.clone(), one.clone()], None, Settings::default()).unwrap();
+        let given = Settings { gyroscope_file: Some(other.clone()), ..Settings::default() };
+        let (rows, recording) = read_with(std::slice::from_ref(one), None, given).unwrap();
+        assert_eq!(rows, by_name.0);
+        let Triad { positive_pulses, negative_pulses, .. } = rows[0].gyroscopes;
+        let net = [0, 1, 2].map(|axis| i64::from(positive_pulses[axis]) - i64::from(negative_pulses[axis]));
+        assert_eq!((rows.len(), net), (100, pulses), "{one:?}");
+        let scale = recording.scale().map(|scale| scale.resolution.gyroscope).ok();
+        assert_eq!(scale, resolution, "{one:?}");
     }
 }
 

@@ -1,8 +1,7 @@
 //! A DataFlash log as lines of JSON: `mavlogdump.py --format json LOG.bin`.
 //!
-//! Source: pymavlink, tools/mavlogdump.py. A message is a line,
-//! `{"meta": {"type": "IMU", "timestamp": 1.7e9}, "data": {"TimeUS": 20000, "I": 0, "GyrX": 0.01, ..}}`. Numbers that are
-//! none are `NaN`, which is no JSON.
+//! Source: pymavlink, tools/mavlogdump.py. A message is a line, `{"meta": {"type": "IMU", "timestamp": 1.7e9}, "data":
+//! {"TimeUS": 20000, "I": 0, "GyrX": 0.01, ..}}`. Numbers that are none are `NaN`, which is no JSON.
 
 use serde::Deserialize;
 use serde_json::Value;
