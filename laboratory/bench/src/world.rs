@@ -305,7 +305,7 @@ impl State {
             self.places.push(Place { end_s, sequence: sample.sequence, session, angles_deg, air_c });
             let is_lost = self.faults.active(end_s).any(|fault| match fault {
                 Fault::Silent => true,
-                Fault::Gaps => sample.sequence % 10 == 0,
+                Fault::Gaps => sample.sequence.is_multiple_of(10),
                 _ => false,
             });
             if is_wanted && !is_lost {

@@ -8,11 +8,6 @@ const FAULTY_S: f64 = 1200.0;
 fn check(seed: u64, faults: FaultPlan) -> Vec<String> {
     let campaign = Campaign::new(seed, faults);
     let ended = campaign.run();
-    if std::env::var_os("ISOTHERM_VERBOSE").is_some() {
-        for end in &ended {
-            println!("{:.1} to {:.1} s, killed {}: {:?}", end.times_s[0], end.times_s[1], end.is_killed, end.failure);
-        }
-    }
     violations(&campaign, &ended)
 }
 
