@@ -228,9 +228,9 @@ impl First {
         }
         text.push_str("[temperature]\n");
         match taken.temperature {
-            Some(column) => {
-                let _ = writeln!(text, "columns = {}", name(column));
-                let _ = write!(note, "; the temperature is {column}{} in degC", name(column));
+            Some(place) => {
+                let _ = writeln!(text, "columns = {}", name(place));
+                let _ = write!(note, "; the temperature is {column}{} in degC", name(place));
             }
             None => {
                 let _ = writeln!(text, "constant = {PLACEHOLDER:?}");

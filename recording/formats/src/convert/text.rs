@@ -74,8 +74,8 @@ struct Columns {
 }
 
 enum Telemetry {
-    /// Of the heads and the boards, and what makes telemetry of the numbers.
-    Columns([Vec<CsvColumn>; 2], Linear),
+    /// Of the heads and the boards, what makes telemetry of the numbers, and whether a number has been seen.
+    Columns([Vec<CsvColumn>; 2], Linear, bool),
     Constant(f64),
 }
 
@@ -155,7 +155,7 @@ impl TextSource {
         let telemetry = match &mapping.temperature {
             Temperature::Constant(constant) => Telemetry::Constant(*constant),
             Temperature::Columns { head, board, linear } => {
-                Telemetry::Columns([all(head)?, all(board)?], linear.unwrap_or(Linear { scale: 1.0, offset: 0.0 }))
+                Telemetry::Columns([all(head)?, all(board)?], linear.unwrap_or(Linear::CELSIUS), linear.is_none())
             }
         };
         Ok(Self {
@@ -265,12 +265,16 @@ impl TextSource {
         }
         let accelerometers = self.accelerometers.numbers(rows, marks)?;
         let gyroscopes = self.gyroscopes.as_ref().map(|axes| axes.numbers(rows, marks)).transpose()?;
-        match &self.columns.telemetry {
+        match &mut self.columns.telemetry {
             Telemetry::Constant(constant) => (reading.head, reading.board) = ([*constant; _], [*constant; _]),
-            Telemetry::Columns(columns, linear) => {
+            Telemetry::Columns(columns, linear, is_seen) => {
                 for (columns, values) in columns.iter().zip([&mut reading.head, &mut reading.board]) {
                     for (index, column) in columns.iter().enumerate() {
                         let value = marks.number(rows, column).map_err(|error| bad(rows, column, error))?.value;
+                        if !*is_seen {
+                            *is_seen = true;
+                            self.notes.extend(linear.settle(value));
+                        }
                         let value = value * linear.scale + linear.offset;
                         match columns.len() {
                             1 => values.fill(value),

@@ -35,6 +35,35 @@ pub struct Linear {
     pub offset: f64,
 }
 
+/// What telemetry of an IMU is, with a wide margin \[degC\].
+const CREDIBLE: core::ops::Range<f64> = -150.0..250.0;
+
+impl Linear {
+    /// Of numbers that are degrees Celsius.
+    pub(super) const CELSIUS: Self = Self { scale: 1.0, offset: 0.0 };
+
+    /// Settles what the offset means by the first number: degrees that are added after the scale; or counts that are
+    /// taken off before it, as those of the sensors, if only that makes a temperature of the number. Returns a note of
+    /// the latter.
+    pub(super) fn settle(&mut self, first: f64) -> Option<String> {
+        let added = first * self.scale + self.offset;
+        let before = Self { offset: -self.offset * self.scale, ..*self };
+        let taken_off = first * before.scale + before.offset;
+        let is_before = !CREDIBLE.contains(&added) && CREDIBLE.contains(&taken_off);
+        let note = is_before.then(|| {
+            format!(
+                "temperature.offset: {} is taken off before the scale, as the sensors' offset is, which makes {taken_off:.1} degC of \
+                 the first number; added after it, it would make {added:.1} degC",
+                self.offset
+            )
+        });
+        if is_before {
+            *self = before;
+        }
+        note
+    }
+}
+
 /// A unit of temperatures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Thermal {

@@ -288,6 +288,12 @@ fn temperatures_have_a_scale_and_then_an_offset() {
     let found = [0, 1].map(|row| samples[row].gyroscopes.head_temperature[2]);
     assert!((found[0] - 26.53).abs() < 1e-6 && (found[1] - 38.53).abs() < 1e-6, "{found:?}");
     assert!((scale.telemetry[0] - 26.53).abs() < 1e-6 && (scale.telemetry[1] - 38.53).abs() < 1e-6);
+    // The offset of counts, as the sensors have it: taken off before the scale.
+    let counts = mapping.replace("36.53", "-12420");
+    let (samples, _, notes) = converted(&text, &counts);
+    let found = [0, 1].map(|row| samples[row].gyroscopes.head_temperature[2]);
+    assert!((found[0] - 26.5294).abs() < 1e-3 && (found[1] - 38.5294).abs() < 1e-3, "{found:?}");
+    assert!(notes.iter().any(|note| note.contains("-12420 is taken off before the scale")), "{notes:?}");
     for (keys, expected) in [
         ("scale = 0", "temperature.scale: is 0"),
         ("scale = \"?\"", "m.toml:13: temperature.scale: is \"?\", which is to be filled in"),
