@@ -104,6 +104,13 @@ impl First {
         length(columns.map(|column| &self.columns[column]))
     }
 
+    /// Whether accelerations in this unit are as long as gravity, roughly; of counts nobody knows.
+    fn is_gravity(&self, columns: [usize; AXES], unit: &str) -> bool {
+        let factor = Quantity::Acceleration.choices().into_iter().find(|(_, name)| *name == unit);
+        let length = self.length(columns).zip(factor).map(|(length, (factor, _))| length * factor);
+        length.is_none_or(|length| GRAVITY.contains(&length))
+    }
+
     fn of_layout(&self, layout: &Layout, name: &Path) -> Result<Option<Recognised>, String> {
         let time = layout.time.iter().find_map(|(column, unit)| Some((self.place(column)?, *unit)));
         let (Some(time), Some(accelerometer)) = (time, self.triad(layout.accelerometer)) else { return Ok(None) };
@@ -122,6 +129,12 @@ impl First {
         // The topics of accelerometers and gyroscopes have the same columns.
         if layout.accelerometer == PLAIN.accelerometer && self.are_rates(accelerometer, name) {
             return Err(rates_alone("ulog2csv, sensor_gyro"));
+        }
+        // A script may write the names of a layout above numbers in another unit.
+        let names = accelerometer.map(|column| self.columns[column].heading.name.as_str());
+        let is_unsaid = matches!(Quantity::Acceleration.of_triad(names), Said::Nothing) && layout.durations.is_none();
+        if is_unsaid && !self.is_gravity(accelerometer, layout.units[0]) {
+            return Ok(None);
         }
         let taken = Taken { time, accelerometer, gyroscope, temperature, units: layout.units };
         let recognised = self.recognised(layout.name, &taken, layout.resolution, true, layout.remark);
