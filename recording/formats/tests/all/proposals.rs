@@ -5,6 +5,7 @@ use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::convert::{Conversion, Scale, Settings};
 use isotherm_shared::wire::RawSample;
 use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
 use std::io::Cursor;
 use std::path::Path;
 
@@ -186,8 +187,19 @@ fn readings(sample: &RawSample, scale: &Scale) -> [f64; 6] {
     })
 }
 
+/// The same texts at every run; other ones with `ISOTHERM_SEED`.
+fn config() -> ProptestConfig {
+    let seed = std::env::var("ISOTHERM_SEED").ok().and_then(|seed| seed.parse().ok()).unwrap_or(1);
+    ProptestConfig {
+        cases: 600,
+        failure_persistence: None,
+        rng_seed: RngSeed::Fixed(seed),
+        ..ProptestConfig::default()
+    }
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 600, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(config())]
 
     #[test]
     fn a_proposal_is_right_or_open(kind in Kind::any()) {
