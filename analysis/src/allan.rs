@@ -34,8 +34,9 @@ pub(crate) mod kalibr;
 pub(crate) mod model;
 pub(crate) mod moments;
 mod outputs;
-mod rate;
+pub(crate) mod rate;
 pub(crate) mod recording;
+pub(crate) mod sensor;
 pub(crate) mod step;
 mod stretch;
 
@@ -43,7 +44,8 @@ pub use counts::CountChanges;
 pub use curve::{Allan, AllanPoint, MIN_ROWS, TemperatureLine};
 pub use model::{COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit};
 pub use rate::{NoiseUnits, RateKind};
-pub use recording::{NoiseAnalysis, NoiseError, SensorNoise};
+pub use recording::{NoiseAnalysis, NoiseError};
+pub use sensor::SensorNoise;
 pub use step::Step;
 pub use stretch::Bridged;
 

@@ -7,7 +7,8 @@
 use crate::allan::curve::Allan;
 use crate::allan::model::Coefficient;
 use crate::allan::rate::RateKind;
-use crate::allan::recording::{NoiseAnalysis, SensorNoise};
+use crate::allan::recording::NoiseAnalysis;
+use crate::allan::sensor::SensorNoise;
 use isotherm_shared::units::{ARCSEC, SensorKind};
 use std::fmt::Write as _;
 

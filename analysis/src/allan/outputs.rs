@@ -4,7 +4,7 @@ use super::bridge::fill;
 use super::counts::{CountChanges, new_part, scatter};
 use super::curve::{Allan, TemperatureLine};
 use super::rate::RateKind;
-use super::recording::SensorNoise;
+use super::sensor::SensorNoise;
 use isotherm_finding::{Finding, name};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;

@@ -6,7 +6,7 @@ use isotherm_instruments::{LineConfig, Moment, Opening, Port, Ports, Surrounding
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::wire::RawSample;
 use isotherm_simulation::Truth;
-use isotherm_simulator::wire::{self, BABBLE, BABBLE_INTERVAL, LATE_REPLY, Wire};
+use isotherm_simulator::wire::{BABBLE, BABBLE_INTERVAL, LATE_REPLY, Wire};
 use isotherm_simulator::{DeviceEvent, InjectedFault, MountedImu, SimulatedStation};
 use std::io;
 use std::sync::atomic::AtomicUsize;
@@ -86,7 +86,7 @@ impl VirtualWorld {
         let truth: &'static Truth = Box::leak(Box::new(truth.clone()));
         let imu = MountedImu::new(station, &station.imus[0], truth);
         let lines =
-            [wire::chamber(station), wire::turntable(station)].map(|wire| VirtualLine { wire, replies: Vec::new() });
+            [station.chamber_wire(), station.turntable_wire()].map(|wire| VirtualLine { wire, replies: Vec::new() });
         Self(Arc::new(Mutex::new(State {
             now: BEGIN,
             faults,

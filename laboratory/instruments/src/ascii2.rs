@@ -205,7 +205,7 @@ impl Chamber for Ascii2 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::open::Surroundings;
+    use super::super::surroundings::Surroundings;
     use super::super::time::{RealTime, Time as _};
     use super::*;
     use crate::line_config::{LineConfig, settings_of};

@@ -38,6 +38,7 @@ mod line_config;
 mod open;
 mod port;
 mod reply;
+mod surroundings;
 mod time;
 
 pub use config::{ChamberConfig, TurntableConfig};
@@ -46,6 +47,7 @@ pub use instrument::{Chamber, ChamberReading, Instrument, Turntable, TurntableRe
 pub use isotherm_serial::Parity;
 pub use line::Line;
 pub use line_config::LineConfig;
-pub use open::{Surroundings, chamber, turntable};
+pub use open::{chamber, turntable};
 pub use port::{Opening, Port, Ports, RealPorts};
+pub use surroundings::Surroundings;
 pub use time::{Moment, RealTime, Time};

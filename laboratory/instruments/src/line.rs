@@ -16,9 +16,9 @@
 
 use super::fault::{FaultKind, InstrumentFault};
 use super::line_config::LineConfig;
-use super::open::Surroundings;
 use super::port::{Opening, Port};
 use super::reply::{ExchangeError, Framing};
+use super::surroundings::Surroundings;
 use super::time::Moment;
 use std::io;
 use std::sync::Arc;

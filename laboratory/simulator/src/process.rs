@@ -1,12 +1,28 @@
 //! One process of a station: the chamber, the turntable or the IMU.
 
+use crate::chamber::ChamberDevice;
 use crate::station::{SimulatedStation, StationProcess};
+use crate::turntable::TurntableDevice;
+use crate::wire::Wire;
 use crate::{imu, launch, server, wire};
 use isotherm_client::Domain;
 use isotherm_failure::{Exit, Failure, shown};
 use std::path::Path;
 
 impl SimulatedStation {
+    /// Its chamber.
+    #[must_use]
+    pub fn chamber_wire(&self) -> Box<dyn Wire> {
+        wire::of(ChamberDevice::new(self), self.chamber.implementation())
+    }
+
+    /// Its turntable.
+    #[must_use]
+    pub fn turntable_wire(&self) -> Box<dyn Wire> {
+        let protocol = self.table.implementation(self.table_port.starts_with("tcp://"));
+        wire::of(TurntableDevice::new(self.wrap), protocol)
+    }
+
     /// Runs one process of the station in `folder`, until it receives a signal or another process of the station has
     /// ended.
     ///
@@ -19,10 +35,10 @@ impl SimulatedStation {
             .map_err(|error| Failure::new(Exit::Config, format!("reading {}: {error}", shown(&path))))?;
         match process {
             StationProcess::Chamber => {
-                server::serve(process, wire::chamber(&station), &station, &station.chamber_port, folder)
+                server::serve(process, station.chamber_wire(), &station, &station.chamber_port, folder)
             }
             StationProcess::Turntable => {
-                server::serve(process, wire::turntable(&station), &station, &station.table_port, folder)
+                server::serve(process, station.turntable_wire(), &station, &station.table_port, folder)
             }
             StationProcess::Imu => imu::run(&station, folder, &domain),
         }

@@ -1,11 +1,8 @@
 //! A device with its protocol: the bytes of requests go in, replies come out, as the injected faults make them. It
 //! reads no clock and has no port.
 
-use super::chamber::ChamberDevice;
 use super::faults::InjectedFault;
 use super::link::DeviceEvent;
-use super::station::SimulatedStation;
-use super::turntable::TurntableDevice;
 use std::time::Duration;
 
 /// Delay of a late reply: more than the plan's time-out, less than time-out plus `quiet_s`.
@@ -43,18 +40,9 @@ pub trait Wire: Send {
     fn events(&mut self) -> Vec<(f64, DeviceEvent)>;
 }
 
-/// The chamber of a station.
-#[must_use]
-pub fn chamber(station: &SimulatedStation) -> Box<dyn Wire> {
-    let device = ChamberDevice::new(station);
-    Box::new(DeviceWire { device, protocol: station.chamber.implementation(), input: Vec::new() })
-}
-
-/// The turntable of a station.
-#[must_use]
-pub fn turntable(station: &SimulatedStation) -> Box<dyn Wire> {
-    let protocol = station.table.implementation(station.table_port.starts_with("tcp://"));
-    Box::new(DeviceWire { device: TurntableDevice::new(station.wrap), protocol, input: Vec::new() })
+/// A device, without a request yet.
+pub(crate) fn of<M: SimulatedDevice + 'static>(device: M, protocol: Box<dyn Protocol<M>>) -> Box<dyn Wire> {
+    Box::new(DeviceWire { device, protocol, input: Vec::new() })
 }
 
 /// The protocol of a device.

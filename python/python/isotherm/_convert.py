@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 AnyPath: TypeAlias = str | os.PathLike[str]
 # Seconds since the begin of a recording, or a time stamp as the command takes it.
 Moment: TypeAlias = float | str
-# Where the times of foreign data come from.
-TimeSource: TypeAlias = Literal["header", "log", "rate"]
 
 
 def convert(
@@ -37,7 +35,7 @@ def convert(
     gyroscope_topic: str | None = None,
     temperature_topic: str | None = None,
     gyroscope_file: AnyPath | None = None,
-    time: TimeSource = "header",
+    time: Literal["header", "log", "rate"] = "header",
     session: int = 0,
     instance: int | None = None,
     start: Moment | None = None,
@@ -99,7 +97,7 @@ def foreign(
     gyroscope_topic: str | None,
     temperature_topic: str | None,
     gyroscope_file: AnyPath | None,
-    time: TimeSource,
+    time: Literal["header", "log", "rate"],
     instance: int | None,
 ) -> tuple[Any, ...]:
     """The option `foreign` of a fit."""
@@ -107,7 +105,7 @@ def foreign(
     return text, temperature, interval_ns, (topic, gyroscope_topic, temperature_topic, gyroscope_file, _time(time)), instance
 
 
-def _time(time: TimeSource) -> TimeSource:
+def _time(time: Literal["header", "log", "rate"]) -> Literal["header", "log", "rate"]:
     if time not in ("header", "log", "rate"):
         raise ValueError(f'time is {time!r}, give "header", "log" or "rate"')
     return time

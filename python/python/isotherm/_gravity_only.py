@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from . import _isotherm
-from ._convert import Moment, TimeSource, foreign, part
+from ._convert import Moment, foreign, part
 from ._isotherm import Table
 from ._offline import AnyPath, Calibration, campaign_text, fit_options, recorded
 from ._records import Records, sample_bytes
@@ -39,7 +39,7 @@ def calibrate_gravity_only(
     gyroscope_topic: str | None = None,
     temperature_topic: str | None = None,
     gyroscope_file: AnyPath | None = None,
-    time: TimeSource = "header",
+    time: Literal["header", "log", "rate"] = "header",
     instance: int | None = None,
     start: Moment | None = None,
     end: Moment | None = None,

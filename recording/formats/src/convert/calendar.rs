@@ -44,7 +44,8 @@ fn of_day(text: &str) -> Option<u64> {
     let is_plain = seconds.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.');
     let whole = seconds.split('.').next().filter(|whole| (1..=2).contains(&whole.len()));
     // 60 is a leap second.
-    let ns = super::text::decimal_ns(&seconds, 9).filter(|ns| is_plain && whole.is_some() && *ns < 61_000_000_000)?;
+    let ns =
+        super::decimal::decimal_ns(&seconds, 9).filter(|ns| is_plain && whole.is_some() && *ns < 61_000_000_000)?;
     Some(ns + (hours * 3600 + minutes * 60).cast_unsigned() * 1_000_000_000)
 }
 

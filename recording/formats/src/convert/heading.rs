@@ -1,6 +1,6 @@
 //! What the name of a column says that it is.
 
-use super::unit::{Quantity, Said, of_temperature, without_brackets};
+use super::unit::{Quantity, Said, of_temperature, parts, without_brackets};
 use isotherm_shared::wire::AXES;
 
 /// Parts of names that are about a sensor, and no readings of it.
@@ -117,19 +117,4 @@ impl Heading {
         };
         self.index.or_else(|| is(["x", "y", "z"])).or_else(|| is(["1", "2", "3"])).or_else(ends)
     }
-}
-
-/// The parts of a name in lower case: "AccX [m/s2]" has acc, x, m, s2.
-pub(super) fn parts(name: &str) -> Vec<String> {
-    let (mut spaced, mut was_lower) = (String::new(), false);
-    for letter in name.chars() {
-        if !letter.is_alphanumeric() || letter.is_uppercase() && was_lower {
-            spaced.push(' ');
-        }
-        if letter.is_alphanumeric() {
-            spaced.extend(letter.to_lowercase());
-        }
-        was_lower = letter.is_lowercase();
-    }
-    spaced.split_whitespace().map(str::to_owned).collect()
 }

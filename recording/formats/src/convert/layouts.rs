@@ -4,9 +4,9 @@
 use super::columns::{ColumnRef, Sensors};
 use super::found::{Found, length};
 use super::mapping::Mapping;
+use super::opening::{Opening, Table, rows_of};
 use super::proposal::{CELSIUS, first_columns, quoted};
 use super::source::PLACEHOLDER;
-use super::text::{Opening, Table, rows_of};
 use super::unit::{self, Quantity, Said, without_brackets};
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::Rows;

@@ -117,7 +117,7 @@ impl NovatelSource {
             fields.next();
         }
         let week: Option<u64> = fields.next().and_then(|week| week.parse().ok());
-        let ns = fields.next().and_then(|seconds| super::text::decimal_ns(seconds, 9)).filter(|ns| *ns < WEEK_NS);
+        let ns = fields.next().and_then(|seconds| super::decimal::decimal_ns(seconds, 9)).filter(|ns| *ns < WEEK_NS);
         let time = week.zip(ns).and_then(|(week, ns)| week.checked_mul(WEEK_NS)?.checked_add(ns));
         let timestamp_ns = Some(time.ok_or_else(|| broken("no GPS week and seconds of it"))?);
         let mut counts = [0_i64; 2 * AXES];

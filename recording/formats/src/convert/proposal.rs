@@ -2,8 +2,8 @@
 //! messages, to be copied into a file and checked. What the text does not say is `"?"` there.
 
 use super::found::{Found, length};
+use super::opening::Table;
 use super::stated;
-use super::text::Table;
 use super::unit::{self, Quantity, Said, Unit};
 use isotherm_failure::printable;
 use isotherm_recording::RecordingError;

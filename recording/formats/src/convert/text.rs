@@ -6,16 +6,13 @@
 mod axes;
 mod bad_rows;
 mod marks;
-mod opening;
-mod units;
 
 pub(super) use bad_rows::{BadRows, Fault};
-pub(super) use marks::decimal_ns;
-pub(super) use opening::{FEWEST, Opening, Table};
 
 use super::columns::{ColumnRef, Kind, Sensors, Temperature};
 use super::layouts::Recognised;
 use super::mapping::{Mapping, TimeUnit};
+use super::opening::{Checksums, FEWEST, Opening, Table, rows_of, uncommented};
 use super::rollover::Counter;
 use super::scale::Units;
 use super::source::{Reading, Source, placeholder};
@@ -28,7 +25,6 @@ use isotherm_recording::csv::{Checksum, CsvColumn, Rows, missing_columns};
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use marks::Marks;
-use opening::{Checksums, uncommented};
 use std::borrow::Cow;
 use std::io::Read;
 
@@ -98,17 +94,6 @@ fn proposed(opening: &Opening, source: Box<dyn Read>, skip: u64) -> Result<Strin
     let above = opening.before(table.line());
     let above: Vec<_> = above.iter().map(|line| String::from_utf8_lossy(line).into_owned()).collect();
     proposal::propose(&mut rows, &table, &above)
-}
-
-/// The rows of a table, of which none has been read.
-pub(super) fn rows_of(source: Box<dyn Read>, table: &Table, skip: u64) -> Result<Rows<Box<dyn Read>>, RecordingError> {
-    let mut rows = Rows::starting_at(source, skip);
-    rows.skip_lines(table.begin() - 1 - skip)?;
-    rows.separate_by(table.separator)?;
-    if table.checksums != Checksums::None {
-        rows.cut_checksums();
-    }
-    Ok(rows)
 }
 
 impl TextSource {

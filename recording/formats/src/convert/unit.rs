@@ -230,7 +230,7 @@ pub(super) fn of_temperature(name: &str) -> Option<Thermal> {
 
 /// The unit of time that a name says.
 pub(super) fn of_time(name: &str) -> Option<&'static str> {
-    let parts = super::heading::parts(name);
+    let parts = parts(name);
     let says = |unit: &str, long: &str| parts.iter().any(|part| part == unit || part.starts_with(long));
     TIMES.iter().find(|(unit, long, _)| says(unit, long)).map(|(unit, ..)| *unit)
 }
@@ -299,6 +299,21 @@ fn canonical(text: &str) -> String {
         plain = plain.replace(long, short);
     }
     plain
+}
+
+/// The parts of a name in lower case: "AccX [m/s2]" has acc, x, m, s2.
+pub(super) fn parts(name: &str) -> Vec<String> {
+    let (mut spaced, mut was_lower) = (String::new(), false);
+    for letter in name.chars() {
+        if !letter.is_alphanumeric() || letter.is_uppercase() && was_lower {
+            spaced.push(' ');
+        }
+        if letter.is_alphanumeric() {
+            spaced.extend(letter.to_lowercase());
+        }
+        was_lower = letter.is_lowercase();
+    }
+    spaced.split_whitespace().map(str::to_owned).collect()
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Where one piece of a recording ends and the next one begins.
 
-use super::pieces::WaitingPiece;
+use super::piece::WaitingPiece;
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_recording::{MOST_PERIODS, goes_on};
 use isotherm_shared::sequence::Period;

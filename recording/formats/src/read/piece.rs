@@ -30,6 +30,13 @@ pub(super) struct Piece {
     pub(super) source: PieceSource,
 }
 
+/// A piece that has not been opened.
+pub(super) struct WaitingPiece {
+    pub(super) path: PathBuf,
+    /// Its first row, unless it is empty or the only piece.
+    pub(super) first: Option<RawSample>,
+}
+
 pub(super) enum PieceSource {
     Csv(Box<CampaignCsvReader<Box<dyn Read>>>),
     Table(Box<dyn TableReader>, Box<SequenceRule>, Vec<Option<u64>>),

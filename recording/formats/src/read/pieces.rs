@@ -1,10 +1,8 @@
 //! The pieces of a recording, or of several: their files, in order.
 
 use super::input::Input;
-use super::open::SharedHash;
 use super::order::{FirstRow, Order, in_order};
-use super::piece::{Piece, RowKind};
-use super::recording::Recording;
+use super::piece::{Piece, RowKind, WaitingPiece};
 use super::{folder, pair};
 use indicatif::ProgressBar;
 use isotherm_failure::{Exit, Failure, shown};
@@ -23,13 +21,6 @@ pub struct Pieces {
     pub(super) notes: Vec<String>,
     /// Whether one of them is of another program; unknown of one file.
     pub(super) has_foreign: Option<bool>,
-}
-
-/// A piece that has not been opened.
-pub(super) struct WaitingPiece {
-    pub(super) path: PathBuf,
-    /// Its first row, unless it is empty or the only piece.
-    pub(super) first: Option<RawSample>,
 }
 
 /// What is known of a piece after its first row.
@@ -97,23 +88,6 @@ impl Pieces {
     /// The files of the pieces that are left, in order.
     pub fn paths(&self) -> impl Iterator<Item = &Path> {
         self.waiting.iter().rev().map(|piece| piece.path.as_path())
-    }
-
-    /// Opens the first of the recordings that the pieces are. It ends before the first piece that does not go on;
-    /// [`Recording::others`] are left then.
-    ///
-    /// # Errors
-    /// If there is no piece, or if the first one cannot be opened.
-    pub fn first_recording(self, bar: &ProgressBar) -> Result<Recording, Failure> {
-        Recording::of_pieces(self, bar, None, true)
-    }
-
-    /// As [`first_recording`](Self::first_recording), and computes the SHA-256 of all its bytes.
-    ///
-    /// # Errors
-    /// As [`first_recording`](Self::first_recording).
-    pub fn first_recording_hashed(self, bar: &ProgressBar) -> Result<Recording, Failure> {
-        Recording::of_pieces(self, bar, Some(SharedHash::default()), true)
     }
 }
 

@@ -6,8 +6,8 @@ use super::input::Input;
 use super::open::{SharedHash, open_source};
 use super::order::Sessions;
 use super::part::{Clip, Judged};
-use super::piece::{Piece, RowKind};
-use super::pieces::{Pieces, WaitingPiece};
+use super::piece::{Piece, RowKind, WaitingPiece};
+use super::pieces::Pieces;
 use super::places::Places;
 use crate::convert::{Conversion, Foreign, Scale, VehicleState};
 use indicatif::ProgressBar;
@@ -50,6 +50,25 @@ pub struct Recording {
     /// The first device that rows name, or 0.
     device: u64,
     ended: bool,
+}
+
+impl Pieces {
+    /// Opens the first of the recordings that the pieces are. It ends before the first piece that does not go on;
+    /// [`Recording::others`] are left then.
+    ///
+    /// # Errors
+    /// If there is no piece, or if the first one cannot be opened.
+    pub fn first_recording(self, bar: &ProgressBar) -> Result<Recording, Failure> {
+        Recording::of_pieces(self, bar, None, true)
+    }
+
+    /// As [`first_recording`](Self::first_recording), and computes the SHA-256 of all its bytes.
+    ///
+    /// # Errors
+    /// As [`first_recording`](Self::first_recording).
+    pub fn first_recording_hashed(self, bar: &ProgressBar) -> Result<Recording, Failure> {
+        Recording::of_pieces(self, bar, Some(SharedHash::default()), true)
+    }
 }
 
 impl Recording {

@@ -1,10 +1,12 @@
 //! How a text begins: lines of a program, the names of the columns, their units, and the first rows.
 
-use super::units::is_unit;
-use crate::convert::calendar;
+mod units;
+
+use super::calendar;
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{Checksum, Rows, Separator, looks_like_number};
 use std::io::{BufRead as _, BufReader, Cursor, Read};
+use units::is_unit;
 
 /// Bytes that are looked at.
 const BYTES: u64 = 1 << 16;
@@ -13,10 +15,10 @@ const SEARCHED: usize = 100;
 /// Lines that are looked at: those that are searched, and some rows.
 const LINES: usize = SEARCHED + 20;
 /// Fewest numbers of a row: three accelerometers.
-pub(in super::super) const FEWEST: usize = 3;
+pub(super) const FEWEST: usize = 3;
 
 /// The first lines of a text that are not blank.
-pub(in super::super) struct Opening {
+pub(super) struct Opening {
     lines: Vec<Line>,
     checksums: Checksums,
 }
@@ -39,11 +41,11 @@ pub(super) enum Checksums {
 
 /// A table in a text.
 #[derive(Debug)]
-pub(in super::super) struct Table {
-    pub(in super::super) separator: Separator,
-    pub(in super::super) header: Option<Header>,
+pub(super) struct Table {
+    pub(super) separator: Separator,
+    pub(super) header: Option<Header>,
     /// Number of columns.
-    pub(in super::super) width: usize,
+    pub(super) width: usize,
     /// Line of the first row.
     pub(super) first: u64,
     pub(super) checksums: Checksums,
@@ -51,15 +53,26 @@ pub(in super::super) struct Table {
 
 /// The names of the columns.
 #[derive(Debug)]
-pub(in super::super) struct Header {
+pub(super) struct Header {
     /// Its line.
-    pub(in super::super) line: u64,
+    pub(super) line: u64,
     /// Its last line: that of the units, if they have one of their own.
     last: u64,
     /// With the units.
-    pub(in super::super) names: Vec<String>,
+    pub(super) names: Vec<String>,
     /// Other spellings of all names: without the units of the second line, or with the sign of a comment.
     others: Vec<Vec<String>>,
+}
+
+/// The rows of a table, of which none has been read.
+pub(super) fn rows_of(source: Box<dyn Read>, table: &Table, skip: u64) -> Result<Rows<Box<dyn Read>>, RecordingError> {
+    let mut rows = Rows::starting_at(source, skip);
+    rows.skip_lines(table.begin() - 1 - skip)?;
+    rows.separate_by(table.separator)?;
+    if table.checksums != Checksums::None {
+        rows.cut_checksums();
+    }
+    Ok(rows)
 }
 
 impl Opening {
@@ -68,7 +81,7 @@ impl Opening {
     ///
     /// # Errors
     /// If the source cannot be read, or has fewer lines.
-    pub(in super::super) fn read(source: Box<dyn Read>, skip: u64) -> Result<(Self, Box<dyn Read>), RecordingError> {
+    pub(super) fn read(source: Box<dyn Read>, skip: u64) -> Result<(Self, Box<dyn Read>), RecordingError> {
         let mut source = BufReader::with_capacity(BYTES as usize, source);
         for line in 0..skip {
             if source.skip_until(b'\n')? == 0 {
@@ -102,7 +115,7 @@ impl Opening {
     }
 
     /// The first row of numbers that the next one is like, and the names above it.
-    pub(in super::super) fn table(&self) -> Option<Table> {
+    pub(super) fn table(&self) -> Option<Table> {
         let of = |is_right: fn(&[String]) -> bool| {
             (0..self.lines.len().min(SEARCHED)).find_map(|at| {
                 let fitting =
@@ -265,7 +278,7 @@ impl Table {
     }
 
     /// The line of the header, or of the first row of a text that has none.
-    pub(in super::super) fn line(&self) -> u64 {
+    pub(super) fn line(&self) -> u64 {
         self.header.as_ref().map_or(self.first, |header| header.line)
     }
 }
@@ -348,7 +361,7 @@ pub(super) fn uncommented(line: &[u8]) -> Option<&[u8]> {
 }
 
 /// Whether a field is a number or a time.
-pub(in super::super) fn is_value(field: &str) -> bool {
+pub(super) fn is_value(field: &str) -> bool {
     looks_like_number(field) || calendar::time_ns(field).is_some()
 }
 
