@@ -1,5 +1,6 @@
 //! The stamps that were bad: how many of each kind, where the first is, and what was done with them.
 
+use super::rhythm::HANDFUL;
 use isotherm_finding::{Finding, name};
 
 /// What is wrong with a stamp.
@@ -101,7 +102,9 @@ impl Tally {
     /// Whether more than one of `one_of` rows has a bad stamp that the rows around it do not fully tell. A single one
     /// is none too many.
     pub(super) fn is_over(&self, rows: u64, one_of: u64) -> bool {
-        (self.bad() - self.placed).saturating_mul(one_of) > rows.max(one_of)
+        // One in a shorter text, but not where a handful of rows says nothing about the others.
+        let rows = if rows < HANDFUL as u64 { rows } else { rows.max(one_of) };
+        (self.bad() - self.placed).saturating_mul(one_of) > rows
     }
 
     /// Why the rows cannot be used, and the place; `remedy` is what the user can do. `None` if they can.

@@ -5,6 +5,8 @@ use super::interval;
 use super::source::Reading;
 use std::collections::VecDeque;
 
+/// Fewer rows are a handful, which has no usual step, and in which no stamp is mended.
+pub(super) const HANDFUL: usize = 10;
 /// Most rows over which the mean step of arrivals is taken.
 const SPAN: usize = 1000;
 /// Stamps of arrivals step back in at least one of so many rows, if that is their jitter.
@@ -18,8 +20,12 @@ const SAME_VALUES: usize = 10;
 /// So few of the rows may repeat the one before, whatever values say: one of so many.
 const FEW: usize = 50;
 
-/// The rhythm of rows that are stamped at their usual pace.
+/// The rhythm of rows that are stamped at their usual pace; of a handful of rows that of the shortest step.
 pub(super) fn rhythm(stamps: &[u64]) -> Rhythm {
+    if stamps.len() < HANDFUL {
+        let steps = stamps.windows(2).filter_map(|pair| pair[1].checked_sub(pair[0])).filter(|step| *step > 0);
+        return Rhythm::even(steps.min().unwrap_or(1) as f64);
+    }
     Rhythm::even(interval::usual_step(stamps).unwrap_or(1.0).max(1.0))
 }
 

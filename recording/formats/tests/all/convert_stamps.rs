@@ -87,6 +87,24 @@ fn one_row_with_a_bad_stamp_gets_the_time_between_its_neighbours() {
     assert!(converted(&rows).1.contains("the first is line 802, 0 ns after 6920673000 ns;"));
 }
 
+/// They have no usual step: a gap is one, and what goes back is refused.
+#[test]
+fn in_a_handful_of_rows_no_stamp_is_mended() {
+    let text = |times: &[&str]| -> String {
+        let row = |time: &&str| format!("{time},1.5,0.1,9.8\n");
+        format!("t,x,y,z\n{}", times.iter().map(row).collect::<String>())
+    };
+    let settings = Settings { interval_ns: Some(10_000_000), ..Settings::default() };
+    let sequences = |times: &[&str]| {
+        let rows: Result<Vec<_>, _> = open(text(times), MAPPING, &settings).unwrap().collect();
+        rows.map(|rows| rows.iter().map(|row| row.sequence).collect::<Vec<_>>())
+    };
+    assert_eq!(sequences(&["0", "0.01", "0.05"]).unwrap(), [0, 1, 5]);
+    assert_eq!(sequences(&["0.3", "0.31", "0.35", "0.36"]).unwrap(), [0, 1, 5, 6]);
+    let refused = sequences(&["1.0", "0.5", "0.6"]).unwrap_err();
+    assert!(refused.message.contains("1 of 3 rows has a bad stamp"), "{refused}");
+}
+
 #[test]
 fn a_few_rows_that_are_ahead_go_back_between_their_neighbours() {
     let truth = rows(1500);
