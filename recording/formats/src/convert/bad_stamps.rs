@@ -2,6 +2,7 @@
 
 use super::rhythm::HANDFUL;
 use isotherm_finding::{Finding, name};
+use std::fmt;
 
 /// What is wrong with a stamp.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -42,8 +43,15 @@ pub(super) struct Spot {
     /// Line, or number of a message.
     pub place: u64,
     pub stamp_ns: u64,
-    /// Of the row before.
-    pub before_ns: u64,
+    /// Of the row before; `None` for the first row.
+    pub before_ns: Option<u64>,
+}
+
+impl fmt::Display for Spot {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ns", self.stamp_ns)?;
+        self.before_ns.map_or(Ok(()), |before_ns| write!(f, " after {before_ns} ns"))
+    }
 }
 
 /// The counts of a series.
@@ -115,13 +123,11 @@ impl Tally {
 
     /// The counts, and the first one, in a line.
     fn told(&self, rows: u64, unit: &str) -> Option<String> {
-        let Spot { place, stamp_ns, before_ns } = self.first?;
+        let first = self.first?;
         let kinds = KINDS.iter().zip(self.counts).filter(|(_, count)| *count > 0);
         let kinds = kinds.map(|((_, words), count)| format!("{count} {words}")).collect::<Vec<_>>().join(", ");
         let (bad, have) = (self.bad(), if self.bad() == 1 { "has a bad stamp" } else { "have bad stamps" });
-        Some(format!(
-            "{bad} of {rows} rows {have}: {kinds}; the first is {unit} {place}, {stamp_ns} ns after {before_ns} ns"
-        ))
+        Some(format!("{bad} of {rows} rows {have}: {kinds}; the first is {unit} {}, {first}", first.place))
     }
 
     /// What was done, for the user. `unit` is what places count.
@@ -147,12 +153,12 @@ impl Tally {
         });
         let stamps = bad.into_iter().chain(twice).collect::<Vec<_>>().join("; ");
         let stamps = (!stamps.is_empty()).then(|| Finding::warning(name::STAMPS, stamps));
-        let restart = self.first_restart.map(|Spot { place, stamp_ns, before_ns }| {
+        let restart = self.first_restart.map(|spot| {
             let again =
                 if self.restarts > 1 { format!(", and {} times more", self.restarts - 1) } else { String::new() };
             let message = format!(
-                "the clock starts again at {unit} {place}, at {stamp_ns} ns after {before_ns} ns{again}: the rows from \
-                 there on are session {}",
+                "the clock starts again at {unit} {}, at {spot}{again}: the rows from there on are session {}",
+                spot.place,
                 session + 1
             );
             Finding::warning(name::NEW_SESSION, message)

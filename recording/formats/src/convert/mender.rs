@@ -219,7 +219,7 @@ impl Mender {
                 }
                 (Some((before_ns, _)), Link::Session) => {
                     session += 1;
-                    self.tally.take_restart(Spot { place: reading.place, stamp_ns, before_ns });
+                    self.tally.take_restart(Spot { place: reading.place, stamp_ns, before_ns: Some(before_ns) });
                     stamp_ns
                 }
                 (None, _) => stamp_ns,
@@ -300,7 +300,7 @@ impl Mender {
     fn spot(&self, at: usize) -> Spot {
         let Waiting { stamp_ns, reading, .. } = self.waiting[at];
         let before = at.checked_sub(1).map(|before| self.waiting[before].stamp_ns);
-        let before_ns = before.or(self.last.map(|(before_ns, _)| before_ns)).unwrap_or(stamp_ns);
+        let before_ns = before.or(self.last.map(|(before_ns, _)| before_ns));
         Spot { place: reading.place, stamp_ns, before_ns }
     }
 

@@ -102,7 +102,7 @@ fn in_a_handful_of_rows_no_stamp_is_mended() {
     assert_eq!(sequences(&["0", "0.01", "0.05"]).unwrap(), [0, 1, 5]);
     assert_eq!(sequences(&["0.3", "0.31", "0.35", "0.36"]).unwrap(), [0, 1, 5, 6]);
     let refused = sequences(&["1.0", "0.5", "0.6"]).unwrap_err();
-    assert!(refused.message.contains("1 of 3 rows has a bad stamp"), "{refused}");
+    assert!(refused.message.contains("the first is line 2, 1000000000 ns, over 1 %"), "{refused}");
 }
 
 #[test]
