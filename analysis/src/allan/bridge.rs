@@ -37,7 +37,7 @@ const MOST_OVER_MEDIAN: f64 = 4.0;
 /// The seed of all draws.
 const SEED: u64 = 1;
 
-/// What tells gaps apart: the rows before, those that are missing, and which of the rows after are there.
+/// The pattern of a gap: the rows before it, the missing rows, and which of the rows after it are present.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 struct Pattern {
     before: usize,
