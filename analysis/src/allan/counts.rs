@@ -1,5 +1,5 @@
-//! What can be learned of a noise from counts only: their step, and whether values repeat. A count is NaN where a row is
-//! missing, and only consecutive rows are used.
+//! What can be learned of a noise from counts only: their step, and whether values repeat. A count is NaN where a row
+//! is missing, and only consecutive rows are used.
 
 /// Changes within this many steps are single steps.
 const SINGLE: f64 = 1.5;

@@ -3,14 +3,24 @@
 use super::supervisor::Supervisor;
 use super::tracer::{Call, Fate, TRACED_TIMEOUT, Traced};
 use super::{Ground, digest, lost_digit, may_trace, try_all};
-use isotherm_tests::{TABLE, wait_until};
+use isotherm_tests::TABLE;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
 /// Whether the call belongs to the keeping of a table, at the end of which its acceptance is used up.
 fn belongs_to_keeping(call: &Call) -> bool {
     let uses_up = call.name == "unlink" && call.path.contains("accepted-imu-a");
     uses_up || call.path.contains("/.state/") || call.path.contains("kept-imu-a")
+}
+
+/// Waits until something has happened, as long as a traced service may take.
+fn wait_for(what: &str, traced: &Traced, happened: impl Fn() -> bool) {
+    let begun = Instant::now();
+    while !happened() {
+        assert!(begun.elapsed() < TRACED_TIMEOUT, "{what} did not happen:\n{}", traced.log());
+        std::thread::sleep(Duration::from_millis(5));
+    }
 }
 
 /// Has the service take an accepted table. Before the call with this number, while that is kept, the way back is
@@ -35,18 +45,19 @@ fn accept_again_at(number: usize) -> usize {
     let traced = Traced::start(ground.serve(&supervisor), decide);
     ground.domain.register_process(traced.pid);
     assert!(supervisor.wait_for("READY=1", TRACED_TIMEOUT).is_some(), "{}", traced.log());
-    wait_until("the first table to be kept", || ground.kept() == digest(TABLE));
+    wait_for("that the first table is kept", &traced, || ground.kept() == digest(TABLE));
     ground.domain.replace("imu-a.toml", &lost_digit());
     assert!(traced.has_logged("table refused", TRACED_TIMEOUT), "{}", traced.log());
     *begins.lock().unwrap() = true;
     ground.domain.accept("imu-a", &lost_digit());
     let is_kept = |text: &str| ground.kept() == digest(text) && !ground.domain.is_accepted("imu-a");
     if number == usize::MAX {
-        wait_until("the accepted table to be kept", || is_kept(&lost_digit()));
+        wait_for("that the accepted table is kept", &traced, || is_kept(&lost_digit()));
         return calls.load(Ordering::Relaxed);
     }
     let taken = || traced.log().matches("accepted by its digest").count();
-    wait_until(&format!("the table that was accepted at call {number}"), || taken() == 2 && is_kept(TABLE));
+    let what = format!("that the table that was accepted at call {number} is taken");
+    wait_for(&what, &traced, || taken() == 2 && is_kept(TABLE));
     calls.load(Ordering::Relaxed)
 }
 

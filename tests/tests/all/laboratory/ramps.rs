@@ -118,10 +118,6 @@ fn killed_in_ramps_it_ends_with_the_lag_of_the_truth() {
     for file in ["ramp-1.csv", "ramp-2.csv"] {
         assert_eq!(ends_of(&text(&laboratory.file(file))), 3, "{file}");
     }
-    let [first, second] = [DWELLS, DWELLS + 1].map(|unit| kept[unit]["seconds"].as_f64().unwrap());
-    // Two ways and three holds. What the air lags behind is more on a busy machine, at 700 times the speed.
-    let once = |least: f64, found: f64| (least..2.0 * least).contains(&found);
-    assert!(once(6480.0, first) && once(5040.0, second), "{first} {second}");
     // The table has the lag and the transients of the truth, and judged by runs that heat and cool it is installed.
     let fitted = text(&laboratory.file("table.toml"));
     let [low, high] = interval_s(&fitted);
