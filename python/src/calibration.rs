@@ -204,6 +204,12 @@ impl Recorded {
     }
 }
 
+/// The names of findings that the user accepts.
+pub(crate) fn accepted(names: &[String]) -> PyResult<Vec<&'static str>> {
+    let names = names.iter().map(|text| name::acceptable(text)).collect::<Result<Vec<_>, _>>();
+    names.map_err(|message| PyValueError::new_err(format!("accept: {message}")))
+}
+
 impl Options {
     fn checked(self) -> PyResult<FitOptions> {
         let wrong = |message: String| Err(PyValueError::new_err(message));
@@ -216,8 +222,7 @@ impl Options {
         if let Some(order) = self.order.filter(|order| *order > 7) {
             return wrong(format!("order is {order}, give None or 0 to 7"));
         }
-        let accept = self.accept.iter().map(|text| name::acceptable(text)).collect::<Result<Vec<_>, _>>();
-        let accept = accept.map_err(|message| PyValueError::new_err(format!("accept: {message}")))?;
+        let accept = accepted(&self.accept)?;
         let lag = match self.lag {
             None => LagChoice::Search,
             Some(0.0) => LagChoice::None,

@@ -6,7 +6,7 @@ use crate::files::{unwritten, write_file};
 use crate::records::{Fields, INCREMENT, RAW, Values, array, document, increment_bytes, increments, python, view};
 use crate::table::Table;
 use isotherm_calibration::{Origin, now, tool};
-use isotherm_finding::Finding;
+use isotherm_finding::{Finding, name};
 use isotherm_recording::csv::{CsvColumn, Rows};
 use isotherm_recording::{
     ANGLE_CSV_COLUMNS, Continuity, INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader,
@@ -268,15 +268,17 @@ pub(crate) fn verify(
     angles: Option<[f64; 2]>,
     gravity_local: Option<f64>,
     other_device: bool,
+    accept: Vec<String>,
     recording: String,
 ) -> PyResult<Stability> {
+    let accepts_holes = crate::calibration::accepted(&accept)?.contains(&name::NOT_COVERED);
     let setup = Setup { other_device, ..Setup::new(attitude, LocalGravity::of(gravity_local, &table.0)) };
     let setup = setup.at_angles(&table.0, angles).map_err(PyValueError::new_err)?;
     let figures = py.detach(|| {
         let mut collector = Collector::new(&table.0, window);
         with_lag(&samples, &table.0).for_each(|sample| collector.add(&sample));
         let made_the_table = Origin::of_toml(table.text(), &table.0).is_made_from(collector.marks(), "");
-        collector.finish(&setup).map(|stability| Figures { made_the_table, ..stability })
+        collector.finish(&setup).map(|stability| Figures { made_the_table, accepts_holes, ..stability })
     });
     let figures = figures.map_err(|error| StabilityError::new_err(error.to_string()))?;
     Ok(Stability { table: Arc::clone(&table.0), figures, window_s: window, recording })

@@ -78,6 +78,7 @@ view! { LengthsView<'a>(lengths: &'a Lengths, window_s: f64, judged: JudgedView)
     driven_parts: [[f64; 2]; 3] = lengths.shown.driven,
     not_shown: &'a [String] = &lengths.shown.undriven,
     telemetry_part: f64 = lengths.shown.telemetry,
+    hole: Option<&'a str> = lengths.shown.hole.as_deref(),
     gravity_local_m_s2: Option<f64> = lengths.gravity_source.value(),
     gravity_source: &'a str = lengths.gravity_source.name(),
     largest: LargestView = LargestView::of(lengths.largest()),

@@ -7,8 +7,8 @@
 //! 3. **The whole run.** Few windows of a run may be left out, see [`Stability::unjudged`].
 //! 4. **The table in force.** On the same runs the new table must not be worse, and it must cover its range. Only
 //!    windows that both tables can judge are compared.
-//! 5. **All runs together.** They cover half of the table's range at least, and a channel that none of them drives
-//!    agrees with the table in force, see [`exercised`].
+//! 5. **All runs together.** They leave no hole of over a tenth of a range, unless the user accepts `not-covered`, and a
+//!    channel that none of them drives agrees with the table in force, see [`exercised`].
 //! 6. **The gyroscopes**, see [`gyroscopes`]: all of this holds for them too, and a table that has lost them does not
 //!    replace one that has them.
 
@@ -28,6 +28,7 @@ use allowed::{GROUP_S, is_unexplained};
 use comparison::{Worse, common_windows, errors_along, worst_of};
 use gyroscopes::GyroscopeBounds;
 use isotherm_calibration::{Accuracy, Calibration, noise_of_dwells};
+use isotherm_finding::name;
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::CONFIDENCE;
@@ -65,6 +66,8 @@ pub struct Gate {
     pub left: f64,
     /// What is granted to the gyroscopes, if the new table has any.
     gyroscopes: Option<GyroscopeBounds>,
+    /// Whether the user accepts that the runs together leave a hole in a range.
+    accepts_holes: bool,
 }
 
 impl Requirement {
@@ -141,7 +144,8 @@ impl Gate {
                         more set points, or state a bound as in --require rate=0.1deg/h"
                 .to_owned());
         }
-        Ok(Self { require: bounds, granted, left, gyroscopes })
+        let accepts_holes = calibration.options.accept.contains(&name::NOT_COVERED);
+        Ok(Self { require: bounds, granted, left, gyroscopes, accepts_holes })
     }
 
     /// Why the table must not be installed, as far as no run is needed to see it.

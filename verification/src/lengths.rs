@@ -4,15 +4,16 @@
 //! It shows neither the direction of the output nor an error across the specific force.
 
 use crate::gate::exercised::{DRIVEN, undriven};
+use crate::occupancy::{MOST_UNTOUCHED, Occupancy};
 use crate::requirement::{Judgement, Requirement, all_met, no_evidence};
-use crate::stability::LocalGravity;
+use crate::stability::{LocalGravity, hole};
 use crate::verdict::Estimate;
 use core::fmt;
 use isotherm_calibration::{Reading, error_of_length, errors_of_means, telemetry_steps};
-use isotherm_campaign::{Standstill, StandstillError, Standstills, begins_ns, find_standstills, joint_range};
+use isotherm_campaign::{Standstill, StandstillError, Standstills, begins_ns, find_standstills};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::polynomial::Polynomial;
-use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable};
+use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_statistics::{CONFIDENCE, student_quantile};
 use nalgebra::Vector3;
@@ -44,8 +45,10 @@ pub struct Shown {
     pub driven: [[f64; 2]; AXES],
     /// Names of the channels that no standstill drives, as `K+ of A2`.
     pub undriven: Vec<String>,
-    /// Part of the range of head telemetry that the standstills cover, for the bias of which that is least.
+    /// Part of the range of head telemetry that the standstills touch, for the bias of which that is least.
     pub telemetry: f64,
+    /// The largest hole between them, in words, if it is over a tenth of a bias's range.
+    pub hole: Option<String>,
 }
 
 /// The lengths over all standstills of a recording.
@@ -129,15 +132,19 @@ impl Shown {
         };
         let all = rows(&|_| true);
         let share = |axis: usize| [1.0, -1.0].map(|sign| rows(&|it| sign * it.force[axis] >= DRIVEN) / all);
-        let part = |(axis, coefficients): (usize, &Axis)| {
-            let [from, to] = coefficients.bias.range();
-            let [low, high] = joint_range(standstills.iter().map(|it| it.reading.head_range[axis]));
-            if to > from { ((high.min(to) - low.max(from)) / (to - from)).max(0.0) } else { 1.0 }
-        };
+        let biases = table.content().axes.iter().map(|axis| axis.bias.range()).enumerate();
+        let occupancy = biases.map(|(axis, range)| {
+            (AXIS_NAMES[axis], Occupancy::of(range, standstills.iter().map(|it| it.reading.head_range[axis])))
+        });
+        let occupancy: Vec<_> = occupancy.collect();
+        let unit = &table.content().temperature_unit;
+        let largest = occupancy.iter().min_by(|a, b| b.1.untouched().total_cmp(&a.1.untouched()));
         Self {
             driven: [0, 1, 2].map(share),
             undriven: undriven(&forces).iter().map(ToString::to_string).collect(),
-            telemetry: table.content().axes.iter().enumerate().map(part).fold(1.0, f64::min),
+            telemetry: occupancy.iter().map(|(_, occupancy)| occupancy.part()).fold(1.0, f64::min),
+            hole: largest
+                .and_then(|(name, occupancy)| hole(occupancy, MOST_UNTOUCHED, &format!("bias of {name}"), unit)),
         }
     }
 }
@@ -150,7 +157,10 @@ impl fmt::Display for Shown {
         });
         let channels: Vec<_> = channels.collect();
         write!(f, "driven: {}; telemetry {:.0} % of the table's range", channels.join(", "), 100.0 * self.telemetry)?;
-        if self.undriven.is_empty() { Ok(()) } else { write!(f, "; not shown: {}", self.undriven.join(", ")) }
+        let undriven = Some(self.undriven.join(", ")).filter(|channels| !channels.is_empty());
+        let hole = self.hole.iter().map(|hole| format!("; no standstill is in {hole}"));
+        let rest = undriven.into_iter().map(|channels| format!("; not shown: {channels}")).chain(hole);
+        f.write_str(&rest.collect::<String>())
     }
 }
 
@@ -239,6 +249,9 @@ impl Lengths {
             let few = self.standstills.len() < LEAST_STANDSTILLS;
             let outside = self.standstills.iter().any(|length| length.out_of_range);
             let unshown = format!("not shown, no standstill drives {}", self.shown.undriven.join(", "));
+            // Standstills are at a few temperatures, however carefully the IMU is put down.
+            let hole = self.shown.hole.as_ref().map(|hole| format!("; not shown over {hole}")).unwrap_or_default();
+            let met = format!("met at the temperatures of the standstills{hole}");
             let (word, remedy) = match (error.most() <= most, error.value.abs() <= most) {
                 _ if self.made_the_table => ("not judged, see below", None),
                 _ if few => ("not judged, under 6 standstills", Some("put the IMU down in more attitudes")),
@@ -248,7 +261,7 @@ impl Lengths {
                 (true, _) if !self.shown.undriven.is_empty() => {
                     (unshown.as_str(), Some("put the IMU down with each axis up and down"))
                 }
-                (true, _) => ("met", None),
+                (true, _) => (if hole.is_empty() { "met" } else { &met }, None),
                 (false, true) => ("the interval reaches over it", Some("rest longer at each attitude")),
                 (false, false) => ("missed", Some("calibrate anew, or look at the report")),
             };

@@ -25,6 +25,7 @@
 mod evidence;
 mod gate;
 mod lengths;
+mod occupancy;
 mod requirement;
 mod stability;
 mod verdict;
@@ -35,6 +36,7 @@ pub use gate::exercised::DRIVEN;
 pub use gate::exercised::{Exercised, undriven};
 pub use gate::{GATE_FLOOR, Gate, Refusal};
 pub use lengths::{Length, Lengths, LengthsError, Shown};
+pub use occupancy::Occupancy;
 pub use requirement::{Judgement, Requirement};
 pub use stability::Window;
 pub use stability::{

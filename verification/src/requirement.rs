@@ -5,7 +5,7 @@
 //! of a gyroscope at rest. A bound is met only if the whole interval is within it.
 
 use crate::evidence::OWN_RECORDING;
-use crate::stability::Stability;
+use crate::stability::{Coverage, Stability};
 use crate::verdict::{Estimate, arcsec};
 use isotherm_shared::bounds;
 use isotherm_shared::table::AXIS_NAMES;
@@ -252,6 +252,15 @@ impl Judged {
         Self { bound, message, word: word.to_owned(), remedy }
     }
 
+    /// With what is said of a hole in the temperatures: no bound is met over it, unless that is accepted.
+    fn over(self, hole: Option<String>, is_accepted: bool) -> Self {
+        match hole.filter(|_| self.remedy.is_none()) {
+            Some(hole) if is_accepted => Self { word: format!("{}; not shown over {hole}", self.word), ..self },
+            Some(hole) => Self { word: format!("not shown over {hole}"), remedy: Some(COVER), ..self },
+            None => self,
+        }
+    }
+
     fn judgement(self, is_void: bool) -> Judgement {
         let Self { bound, message, word, remedy } = self;
         let word = if is_void { "not judged, see below" } else { &word };
@@ -266,6 +275,8 @@ impl Judged {
 
 const ANEW: &str = "calibrate anew, or look at the report";
 const LONGER: &str = "record longer";
+const COVER: &str =
+    "record over the whole range of the table, or accept that a part of it is not judged: --accept not-covered";
 
 impl Requirement {
     /// The bounds of both.
@@ -314,8 +325,11 @@ impl Requirement {
             if matches!(bound, Bound::Scale) && judged.remedy.is_none() && !undriven.is_empty() {
                 judged.word += &format!("; not shown: {}", undriven.join(", "));
             }
-            Some(judged)
+            let of_gyroscopes = || stability.judged_gyroscopes().map(|it| &it.covered);
+            let covered = if matches!(bound, Bound::Rate) { of_gyroscopes() } else { Some(&stability.covered) };
+            Some(judged.over(covered.and_then(Coverage::hole), stability.accepts_holes))
         });
+        let factor = factor.map(|judged| judged.over(stability.covered.hole(), stability.accepts_holes));
         factor.into_iter().chain(errors).map(|judged| judged.judgement(is_void)).chain(conditions).collect()
     }
 

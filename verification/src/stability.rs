@@ -37,6 +37,7 @@ mod setup;
 mod stillness;
 
 pub use collector::Collector;
+pub(crate) use coverage::hole;
 pub use coverage::{Coverage, DRIVEN};
 pub use earth_rate::EarthRate;
 pub use error::{Force, StabilityError};

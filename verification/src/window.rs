@@ -20,6 +20,8 @@ pub struct Window {
     pub head: [f64; AXES],
     /// Mean telemetry of the boards.
     pub board: [f64; AXES],
+    /// Lowest and highest telemetry of a row: head and board, by axis.
+    pub telemetry: [[[f64; 2]; 2]; AXES],
     /// Whether a sample had any flag of the triad other than stale telemetry and another unit.
     pub flagged: bool,
     /// Whether the window counts for the stability: it is at the attitude.

@@ -78,7 +78,8 @@ pub(crate) struct Verify {
     /// specific force (arcsec, urad); rate: the whole error of every gyroscope (deg/h); factor: the standard deviation
     /// of every accelerometer, before over after. The upper end of the 95 % interval counts. bias and level
     /// need --attitude or --angles, bias and scale need local gravity, rate needs --angles and a table with Earth's
-    /// rate. The run must have 12 windows at least
+    /// rate. The run must have 12 windows at least, and leave no more than a tenth of the table's range out at one
+    /// place, unless --accept not-covered
     #[arg(long, value_name = "BOUNDS", allow_negative_numbers = true)]
     require: Vec<Requirement>,
     /// Direction of the specific force along A1, A2, A3 [default: the median of the compensated output]
@@ -182,6 +183,10 @@ impl Verify {
         VerificationSource { tool: tool(), time: now(), table, recording, window_s, required }
     }
 
+    fn accepts_holes(&self) -> bool {
+        self.acceptance.accept.contains(&name::NOT_COVERED)
+    }
+
     /// Prints the results. The inner result is the judgement, which the results have too.
     fn show(self) -> Result<Result<(), Failure>, Refused> {
         let require = joined(&self.require)?;
@@ -228,7 +233,8 @@ impl Verify {
             of_data.admit(&self.acceptance, &recording, found)?;
             return self.show_lengths(&table, &lengths, recording, page, require);
         }
-        let stability = run.finish(&setup).map(|stability| Stability { made_the_table, ..stability });
+        let accepts_holes = self.accepts_holes();
+        let stability = run.finish(&setup).map(|stability| Stability { made_the_table, accepts_holes, ..stability });
         let stability = stability.inspect_err(|_| {
             // An interval that is wrong is the error itself.
             let of_time = of_time.into_iter().filter(|finding| finding.name != name::INTERVAL).collect();

@@ -119,9 +119,12 @@ fn the_closed_loop() {
         ["verify", "--table", "table.toml", "first.csv", "--attitude", "0.6,-0.48,0.64", "--gravity-local", gravity];
     let required = [&arguments[..], &["--require", "bias=1mg0"]].concat();
     first(300).unwrap();
-    let (out, _) = run(folder.path(), 0, &required);
+    let (out, err) = run(folder.path(), 1, &required);
     let covered = out.lines().find(|line| line.starts_with("  covered: ")).unwrap();
-    assert!(covered.contains(" V of 1.") && covered.contains(" 0 %, the least;"), "{covered}");
+    assert!(covered.contains(" V of 1.") && covered.contains(" 2 %, the least;"), "{covered}");
+    assert!(out.contains("is required: not shown over 1.") && err.contains("--accept not-covered"), "{out}{err}");
+    let (out, _) = run(folder.path(), 0, &[&required[..], &["--accept", "not-covered"]].concat());
+    assert!(out.contains("is required: met; not shown over 1."), "{out}");
     first(110).unwrap();
     let (out, err) = run(folder.path(), 1, &required);
     assert!(

@@ -14,6 +14,7 @@ use isotherm_calibration::{Accuracy, AlignmentChoice, Calibration, CalibrationOp
 use isotherm_client::{Options, fetch_status};
 use isotherm_failure::{Exit, Failure, printable, shown, tell};
 use isotherm_files::{Installation, StagedText, print};
+use isotherm_finding::name;
 use isotherm_job::{CampaignFile, FitOptions, Inputs, Run, no_bar};
 use isotherm_recording_formats::read::ImuChoice;
 use isotherm_report as report;
@@ -388,11 +389,12 @@ impl FittedTable {
         exercised: &mut Exercised,
     ) -> Result<(Option<LargestError>, Option<String>), Failure> {
         let table = &self.calibration.table;
-        let stability = stability(table, recording, setup)?;
+        // What the runs leave out is judged of all together.
+        let stability = Stability { accepts_holes: true, ..stability(table, recording, setup)? };
         exercised.add(&stability);
-        let name = recording.file_name().unwrap_or_default().to_string_lossy();
+        let run = recording.file_name().unwrap_or_default().to_string_lossy();
         let aligned = table.content().alignment.is_some();
-        print(&format!("{name}:\n{}", report::text::stability(&stability, WINDOW_S, aligned)))?;
+        print(&format!("{run}:\n{}", report::text::stability(&stability, WINDOW_S, aligned)))?;
         if let Some(gate) = gate {
             print(&report::text::judgements(&gate.require.judge(&stability)))?;
         }
@@ -412,13 +414,21 @@ impl FittedTable {
             .filter(|_| stability.nothing_claimed().is_none() && value.is_finite() && interval.is_finite());
         let Some(gate) = gate else { return Ok((largest, stability.nothing_claimed())) };
         let present = self.in_force.as_ref().map(|in_force| self::stability(&in_force.table, recording, setup));
-        let present = present.and_then(|present| {
-            let cannot = |failure: &Failure| {
-                print_message(&format!("{name}: the table in force cannot judge it: {failure}"));
-            };
-            present.inspect_err(cannot).ok()
+        let (present, not_compared) = match present.transpose() {
+            Ok(present) => (present, None),
+            Err(failure) => (None, Some(format!("the table in force cannot judge it: {failure}"))),
+        };
+        let is_accepted = self.calibration.options.accept.contains(&name::NOT_COMPARED);
+        if let Some(cause) = not_compared.as_ref().filter(|_| is_accepted) {
+            print_message(&format!("{run}: {cause}"));
+        }
+        let not_compared = not_compared.filter(|_| !is_accepted).map(|cause| {
+            format!(
+                "{cause}; so nothing shows that the new table is not worse: move the table in force away, or accept it: --accept not-compared"
+            )
         });
         let causes = gate.refuses_run(&stability, present.as_ref()).into_iter().map(|Refusal { cause, .. }| cause);
+        let causes = causes.chain(not_compared);
         let refused = Some(causes.collect::<Vec<_>>().join("\n")).filter(|causes| !causes.is_empty());
         Ok((largest, refused))
     }

@@ -543,8 +543,8 @@ class Stability:
 
         Each of `axes` and `length` has `constant_g0`, `variation_g0` and `worst_g0`, and `level` the same in `_rad`, each with `value` and
         `interval`, the half width of the 95 % interval. What cannot be judged is None: every constant error but that of the length if the attitude is
-        not stated, and the length if local gravity is unknown. `covered` says which part of the table's range the run covers, and which
-        channels it drives. `gyroscopes`, where the table or the samples have any, has the same in `_deg_h`, and `random_walk_deg_sqrt_h`; or
+        not stated, and the length if local gravity is unknown. `covered` says which part of the table's range the run covers, the largest
+        hole in it, and which channels the run drives. `gyroscopes`, where the table or the samples have any, has the same in `_deg_h`, and `random_walk_deg_sqrt_h`; or
         `not_judged`.
         """
     @property
@@ -715,6 +715,7 @@ def verify(
     angles: Sequence[float] | None,
     gravity_local: float | None,
     other_device: bool,
+    accept: list[str],
     recording: str,
 ) -> Stability: ...
 def noise(samples: _Bytes, table: Table | None, part: tuple[float, float], recording: str) -> tuple[str, str, str | None]: ...

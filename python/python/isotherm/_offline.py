@@ -99,6 +99,7 @@ def verify(
     angles: Sequence[float] | None = None,
     gravity_local: float | None = None,
     other_device: bool = False,
+    accept: Iterable[str] = (),
     recording: str = "array",
 ) -> Stability:
     """Computes how stable the output is, before and after compensation, and how large its errors are, as `isotherm verify` does.
@@ -112,6 +113,8 @@ def verify(
     table's campaign was measured on. With the provenance of the table they give Earth's rate along the gyroscopes, which is taken off, and the
     attitude. Without them only the variation of the gyroscopes is judged. Samples of another unit than the table's are refused, unless
     `other_device` is True.
+
+    No bound is met where the run leaves out more than a tenth of a curve's range at one place, unless `accept` has "not-covered".
 
     Raises StabilityError if nothing can be computed. Use `Stability.check` to see whether the table is good enough.
     """
@@ -129,7 +132,8 @@ def verify(
         turned = tuple(float(angle) for angle in angles)
         if len(turned) != 2 or not all(map(math.isfinite, turned)):
             raise ValueError(f"angles is {angles}, give the outer and the inner angle in degrees")
-    return _isotherm.verify(table, sample_bytes(samples), window, direction, turned, gravity_local, other_device, recording)
+    names = [accept] if isinstance(accept, str) else list(accept)
+    return _isotherm.verify(table, sample_bytes(samples), window, direction, turned, gravity_local, other_device, names, recording)
 
 
 def regress(

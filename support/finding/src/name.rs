@@ -354,6 +354,8 @@ findings! {
         NOT_GRAVITY = "not-gravity", FaultOrWarning, "Keep the IMU at rest; give the table and the intervals of this IMU.";
         /// Too many windows are left out: nothing is claimed of the whole run.
         UNJUDGED = "unjudged", Warning, "Keep the IMU at one attitude; look at the windows that the line counts.";
+        /// The judged windows leave a hole of over a tenth of the range of a curve: no bound is met over it.
+        NOT_COVERED = "not-covered", Fault, "Record over the whole range of the table, or accept that the hole is not judged.";
         /// The output is on average over 5 mg0 off the stated attitude.
         ATTITUDE_OFF = "attitude-off", Warning, "State the attitude of the run, or look for the table's error.";
     }
@@ -379,8 +381,9 @@ findings! {
     "Tables" "Of `compare` and of the statistics of a batch." {
         /// A provenance has no errors: nothing says whether a difference is more than the errors.
         ERRORS_UNKNOWN = "errors-unknown", Warning, "Make the table again with `calibrate`, which writes them.";
-        /// A part is not compared, because not all tables have it.
-        NOT_COMPARED = "not-compared", Warning, "Give tables that have it.";
+        /// A part is not compared, because not all tables have it. In a campaign: the table in force cannot judge a
+        /// verification run, so nothing shows that the new one is not worse.
+        NOT_COMPARED = "not-compared", FaultOrWarning, "Give tables that have it; move a table away that cannot judge the IMU.";
         /// Two tables have the same coefficients, under whatever name; or they were made from the same rows, so that
         /// what differs is not the IMU.
         SAME_TABLE = "same-table", Warning, "Give tables of two campaigns.";

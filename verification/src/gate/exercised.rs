@@ -4,8 +4,8 @@
 //! - **Channels.** A run judges the scale factor of a channel if the specific force along the accelerometer has the
 //!   sign of the channel, and at least [`DRIVEN`]. A channel that no run drives must agree with the table in force. No
 //!   run at rest drives a channel of a gyroscope, see [`super::gyroscopes`].
-//! - **Temperatures.** The runs must cover at least [`LEAST_COVERED`] of the range of every bias curve, also of the
-//!   gyroscopes.
+//! - **Temperatures.** The runs together leave no hole of over a tenth of the range of a curve, also of the biases of the
+//!   gyroscopes; see [`Occupancy`](crate::Occupancy).
 
 use super::{Gate, RANGE_TOLERANCE};
 use crate::gate::allowed::Refusal;
@@ -13,13 +13,11 @@ use crate::stability::Coverage;
 pub use crate::stability::DRIVEN;
 use crate::stability::Stability;
 use isotherm_shared::polynomial::Polynomial;
-use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, GYROSCOPE_NAMES};
+use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use std::fmt;
 
-/// Least part of the range of a bias curve that the runs must cover together.
-pub(crate) const LEAST_COVERED: f64 = 0.5;
 /// Number of points at which two curves are compared.
 const POINTS: u32 = 65;
 
@@ -81,72 +79,53 @@ pub fn undriven(forces: &[[f64; AXES]]) -> Vec<Channel> {
 }
 
 /// What the runs together have exercised.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Exercised {
     /// Specific force of each run \[g0\].
     forces: Vec<[f64; AXES]>,
-    /// Lowest and highest telemetry of the heads. All runs of a plan have the same ramp, so that nothing between them
-    /// is left out.
-    head: [[f64; 2]; AXES],
+    /// What of the table the runs exercise together.
+    accelerometers: Option<Coverage>,
     /// The same of the gyroscopes.
-    gyroscope_head: [[f64; 2]; AXES],
-}
-
-impl Default for Exercised {
-    fn default() -> Self {
-        let nothing = [[f64::INFINITY, f64::NEG_INFINITY]; AXES];
-        Self { forces: Vec::new(), head: nothing, gyroscope_head: nothing }
-    }
+    gyroscopes: Option<Coverage>,
 }
 
 impl Exercised {
-    /// Adds a run: its attitude, and what it covers.
+    /// Adds a run: its attitude, and what it covers. All runs are judged under one table.
     pub fn add(&mut self, run: &Stability) {
         self.forces.push(run.specific_force);
-        let add = |head: &mut [[f64; 2]; AXES], covered: &Coverage| {
-            for ([low, high], [[from, to], _]) in head.iter_mut().zip(covered.telemetry) {
-                (*low, *high) = (low.min(from), high.max(to));
-            }
+        let add = |all: &mut Option<Coverage>, covered: &Coverage| {
+            *all = Some(all.as_ref().map_or_else(|| covered.clone(), |all| all.and(covered)));
         };
-        add(&mut self.head, &run.covered);
+        add(&mut self.accelerometers, &run.covered);
         if let Some(gyroscopes) = run.judged_gyroscopes() {
-            add(&mut self.gyroscope_head, &gyroscopes.covered);
+            add(&mut self.gyroscopes, &gyroscopes.covered);
         }
     }
 
-    /// What is not judged, a line each. Ends of the range that are within 5 % of it are not told.
+    /// What the runs cover of `table`, by triad: nothing of one that no run shows.
+    fn covered(&self, table: &CoefficientTable) -> Vec<Coverage> {
+        let content = table.content();
+        let of = |all: &Option<Coverage>, kind: SensorKind, axes: &[Axis; AXES]| {
+            all.clone().unwrap_or_else(|| Coverage::of(&[], kind, axes, &content.temperature_unit))
+        };
+        let accelerometers = of(&self.accelerometers, SensorKind::Accelerometer, &content.axes);
+        let gyroscopes = content.gyroscopes.as_ref().map(|it| of(&self.gyroscopes, SensorKind::Gyroscope, &it.axes));
+        [accelerometers].into_iter().chain(gyroscopes).collect()
+    }
+
+    /// What is not judged, a line each. Holes of at most 5 % of a range are not among it.
     #[must_use]
     pub fn not_judged(&self, table: &CoefficientTable) -> Vec<String> {
         let channels = undriven(&self.forces).into_iter().map(|channel| format!("{channel} was not driven by any run"));
-        let (part, missing) = self.least_covered(table);
-        let range = (part < 1.0 - RANGE_TOLERANCE)
-            .then(|| format!("the runs cover {:.0} % of the table's range: {missing} was not reached", 100.0 * part));
+        let covered = self.covered(table);
+        let holes = covered.iter().filter_map(|covered| covered.hole_over(RANGE_TOLERANCE));
+        let holes = holes.map(|hole| format!("no run is in {hole}"));
         let gyroscopes = table.content().gyroscopes.is_some().then(|| {
             "scale factors and misalignments of the gyroscopes, and their g-sensitivity across the specific forces of the runs: no run at rest \
              shows them"
                 .to_owned()
         });
-        channels.chain(range).chain(gyroscopes).collect()
-    }
-
-    /// Part of the range that is covered, for the bias curve of which that is least; and what of it is not, in words.
-    fn least_covered(&self, table: &CoefficientTable) -> (f64, String) {
-        let content = table.content();
-        let sensors = |axes: &[Axis; AXES], names: [&'static str; AXES], head: [[f64; 2]; AXES]| {
-            [0, 1, 2].map(|axis| (axes[axis].bias.range(), names[axis], head[axis]))
-        };
-        let gyroscopes = content.gyroscopes.iter();
-        let gyroscopes = gyroscopes.flat_map(|it| sensors(&it.axes, GYROSCOPE_NAMES, self.gyroscope_head));
-        let sensors = sensors(&content.axes, AXIS_NAMES, self.head).into_iter().chain(gyroscopes);
-        let covered = sensors.map(|([low, high], name, [reached_low, reached_high])| {
-            let (reached_low, reached_high) = (reached_low.clamp(low, high), reached_high.clamp(low, high));
-            let part = ((reached_high - reached_low) / (high - low)).max(0.0);
-            let gaps = if part > 0.0 { vec![[low, reached_low], [reached_high, high]] } else { vec![[low, high]] };
-            let gaps = gaps.into_iter().filter(|[from, to]| to - from > RANGE_TOLERANCE * (high - low));
-            let gaps: Vec<_> = gaps.map(|[from, to]| format!("{from:.4} to {to:.4}")).collect();
-            (part, format!("bias of {name} over {} {}", gaps.join(" and "), content.temperature_unit))
-        });
-        covered.min_by(|(a, _), (b, _)| a.total_cmp(b)).unwrap_or_default()
+        channels.chain(holes).chain(gyroscopes).collect()
     }
 }
 
@@ -188,17 +167,12 @@ impl Gate {
                 }));
             }
         }
-        let (part, missing) = runs.least_covered(new);
-        if part < LEAST_COVERED {
-            found.push(Refusal {
+        if !self.accepts_holes {
+            let holes = runs.covered(new).into_iter().filter_map(|covered| covered.hole());
+            found.extend(holes.map(|hole| Refusal {
                 by: "runs",
-                cause: format!(
-                    "the runs cover {:.0} % of the table's range, at least {:.0} % is required: {missing} was not reached; verify over the whole \
-                     range",
-                    100.0 * part,
-                    100.0 * LEAST_COVERED
-                ),
-            });
+                cause: format!("no run is in {hole}; verify over the whole range, or accept it: --accept not-covered"),
+            }));
         }
         found
     }
@@ -206,7 +180,7 @@ impl Gate {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{changed, gate, run, truth, up_to};
+    use super::super::tests::{changed, gate, run, run_between, truth, up_to};
     use super::*;
 
     fn names(forces: &[[f64; AXES]]) -> String {
@@ -267,40 +241,39 @@ mod tests {
         assert!((channel.difference(&good, &wrong).unwrap() - 0.002).abs() < 1e-5);
     }
 
-    /// The runs reach telemetry from 1 to 4; the table has 0.9 to 4.2.
+    /// The runs reach telemetry from 1 to 4; the table has 0.9 to 4.2 V.
     #[test]
-    fn runs_that_cover_less_than_half_of_the_range_judge_no_table() {
+    fn runs_that_leave_a_hole_judge_no_table_unless_that_is_accepted() {
         let good = truth();
         let mut whole = Exercised::default();
         whole.add(&run(&good, 0));
         assert_eq!(gate(0.0).refuses_together(&whole, &good, None), []);
-        let of_range = |range: [f64; 2]| {
-            let part = Exercised { head: [[1.0, 4.0], range, [1.0, 4.0]], ..whole.clone() };
-            let refused = gate(0.0).refuses_together(&part, &good, None);
-            (refused.into_iter().map(|refusal| refusal.cause).collect::<Vec<_>>(), part.not_judged(&good).pop())
+        assert_eq!(
+            whole.not_judged(&good),
+            [
+                "K- of A1 was not driven by any run",
+                "K+ of A2 was not driven by any run",
+                "K- of A3 was not driven by any run"
+            ]
+        );
+        // The ends of the range, and nothing between; then two runs that leave a hole each, but not together.
+        let parts = |parts: &[[f64; 2]]| {
+            let mut runs = Exercised::default();
+            parts.iter().for_each(|[from, to]| runs.add(&run_between(&good, *from, *to)));
+            let refused = gate(0.0).refuses_together(&runs, &good, None);
+            assert_eq!(Gate { accepts_holes: true, ..gate(0.0) }.refuses_together(&runs, &good, None), []);
+            refused.into_iter().map(|refusal| refusal.cause).collect::<Vec<_>>()
         };
-        let (refused, _) = of_range([1.0, 1.2]);
-        assert_eq!(refused.len(), 1);
-        assert!(
-            refused[0].starts_with(
-                "the runs cover 6 % of the table's range, at least 50 % is required: bias of A2 over 1.2000 to"
-            ),
-            "{refused:?}"
+        let ends = parts(&[[0.9, 1.3], [3.9, 4.2]]);
+        assert_eq!(
+            ends,
+            [
+                "no run is in 1.30 to 3.90 V of bias of A1, 78 % of its range; verify over the whole range, or accept it: --accept not-covered"
+            ]
         );
-        let (refused, not_judged) = of_range([1.1, 3.0]);
-        assert_eq!(refused, Vec::<String>::new());
-        let not_judged = not_judged.unwrap();
-        assert!(
-            not_judged.starts_with(
-                "the runs cover 58 % of the table's range: bias of A2 over 0.9000 to 1.1000 and 3.0000 to 4.2000 V"
-            ),
-            "{not_judged}"
-        );
-        // The least covered curve is told, and of it what is over 5 % of the range.
-        let others = of_range([0.95, 4.1]).1.unwrap();
-        assert!(others.ends_with(": bias of A1 over 4.0000 to 4.2000 V was not reached"), "{others}");
-        // No run, or none that reaches the table.
-        assert!(of_range([5.0, 6.0]).0[0].contains(" 0 % "));
+        assert_eq!(parts(&[[0.9, 2.5], [2.45, 4.2]]), Vec::<String>::new());
+        assert_eq!(parts(&[[0.9, 2.5]]).len(), 1);
+        // No run.
         assert!(!gate(0.0).refuses_together(&Exercised::default(), &up_to(2.0), None).is_empty());
     }
 }

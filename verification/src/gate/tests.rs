@@ -53,12 +53,21 @@ pub(super) fn run(table: &CoefficientTable, bad: u32) -> Stability {
 
 /// The same with white noise of the sensors; the noise is the same for every table.
 fn noisy_run(table: &CoefficientTable, bad: u32, noise_g0: f64) -> Stability {
+    run_of(table, bad, noise_g0, [1.0, 4.0])
+}
+
+/// A run between these telemetries.
+pub(super) fn run_between(table: &CoefficientTable, from: f64, to: f64) -> Stability {
+    run_of(table, 0, 0.0, [from, to])
+}
+
+fn run_of(table: &CoefficientTable, bad: u32, noise_g0: f64, [from, to]: [f64; 2]) -> Stability {
     let truth = truth();
     let mut random = RandomGenerator::new(1, 7);
     let interval_ns = (WINDOW_S * 1e9) as u64;
     let mut collector = Collector::new(table, WINDOW_S);
     for window in 0..WINDOWS {
-        let telemetry = 1.0 + 3.0 * f64::from(window) / f64::from(WINDOWS);
+        let telemetry = from + (to - from) * f64::from(window) / f64::from(WINDOWS);
         let mut raw = RawSample {
             sequence: window.into(),
             timestamp_ns: u64::from(window + 1) * interval_ns,
@@ -89,7 +98,13 @@ fn noisy_run(table: &CoefficientTable, bad: u32, noise_g0: f64) -> Stability {
 }
 
 pub(super) fn gate(granted: f64) -> Gate {
-    Gate { require: Requirement { bias: Some(1e-3), ..Requirement::default() }, granted, left: 1e-3, gyroscopes: None }
+    Gate {
+        require: Requirement { bias: Some(1e-3), ..Requirement::default() },
+        granted,
+        left: 1e-3,
+        gyroscopes: None,
+        accepts_holes: false,
+    }
 }
 
 /// The only cause that refuses the run, if there is one.

@@ -1,6 +1,7 @@
 //! Requirements, read and judged.
 
 use super::*;
+use crate::occupancy::Occupancy;
 use crate::stability::{AxisStability, Coverage, LeftOut, LocalGravity, Loops};
 use crate::verdict::Verdict;
 use crate::verdict::tests::{FORCE, windows};
@@ -123,10 +124,11 @@ fn a_bound_is_met_only_if_the_whole_interval_is_within_it() {
             loops: Loops::default(),
             unsettled_s: None,
             middle: [[0.0; 2]; AXES],
+            accepts_holes: false,
             covered: Coverage {
                 kind: SensorKind::Accelerometer,
                 telemetry: [[[1.0, 1.5]; 2]; AXES],
-                table: [[[1.0, 2.0]; 2]; AXES],
+                occupancy: [0, 1, 2].map(|_| [(); 2].map(|()| Occupancy::of([1.0, 2.0], [[1.0, 1.95]]))),
                 unit: "V".to_owned(),
                 driven: [[true, false]; AXES],
             },
@@ -155,6 +157,27 @@ fn a_bound_is_met_only_if_the_whole_interval_is_within_it() {
     let message = both.check(&stability(0.2e-6, true)).unwrap_err();
     assert_eq!(message.lines().count(), 4, "{message}");
     assert!(message.ends_with("\nremedy: calibrate anew, or look at the report"), "{message}");
+    // A run that was cut to both ends of the table's range shows nothing between.
+    let mut cut = stability(0.2e-6, true);
+    cut.covered.occupancy[1][0] = Occupancy::of([1.0, 2.0], [[1.0, 1.05], [1.9, 2.0]]);
+    let message = bias.check(&cut).unwrap_err();
+    assert!(
+        message.contains("is required: not shown over 1.05 to 1.90 V of bias of A2, 82 % of its range\n"),
+        "{message}"
+    );
+    assert!(message.ends_with("or accept that a part of it is not judged: --accept not-covered"), "{message}");
+    assert!(
+        "15".parse::<Requirement>()
+            .unwrap()
+            .check(&cut)
+            .unwrap_err()
+            .contains("10.00, at least 15 is required: missed")
+    );
+    assert!("5".parse::<Requirement>().unwrap().check(&cut).is_err());
+    let accepted = Stability { accepts_holes: true, ..cut };
+    assert_eq!(bias.check(&accepted), Ok(()));
+    let said = &bias.judge(&accepted)[0].message;
+    assert!(said.ends_with("met; not shown over 1.05 to 1.90 V of bias of A2, 82 % of its range"), "{said}");
     // A run of 11 windows shows nothing, even if it is good.
     assert_eq!(bias.check(&of(12, 0.01e-6, true)), Ok(()));
     let short = bias.judge(&of(11, 0.01e-6, true));

@@ -50,6 +50,8 @@ struct TriadSums {
     negative: [f64; AXES],
     head: [f64; AXES],
     board: [f64; AXES],
+    /// Lowest and highest telemetry: head and board, by axis.
+    telemetry: Option<[[[f64; 2]; 2]; AXES]>,
     /// Increments of the full model \[m/s or rad\].
     increment: [f64; AXES],
     /// Increments of the static model.
@@ -92,6 +94,11 @@ impl TriadSums {
             self.increment[axis] += increment;
             self.static_increment[axis] += static_increment[axis];
             self.part[axis] += increment;
+        }
+        let rows = [0, 1, 2].map(|axis| [triad.head_temperature[axis], triad.board_temperature[axis]]);
+        let telemetry = self.telemetry.get_or_insert(rows.map(|row| row.map(|value| [value; 2])));
+        for ([low, high], value) in telemetry.as_flattened_mut().iter_mut().zip(rows.as_flattened()) {
+            (*low, *high) = (low.min(*value), high.max(*value));
         }
         self.flagged |= flagged;
     }
@@ -327,6 +334,7 @@ impl<'a> Collector<'a> {
             loops,
             unsettled_s: unsettled.contains(&true).then_some(soak_s),
             covered: covered.driven_by(specific_force),
+            accepts_holes: false,
             interval_ratio: Some(interval_ratio).filter(|ratio| ratio.is_finite()),
             verdict: Verdict::of(&windows, specific_force, stated, known),
             gyroscopes: self.gyroscopes(setup, &windows),
@@ -477,6 +485,7 @@ impl WindowSums {
             after: mean(triad.increment).map(|rate| rate / unit),
             head: mean(triad.head),
             board: mean(triad.board),
+            telemetry: triad.telemetry.unwrap_or([[[f64::NAN; 2]; 2]; AXES]),
             flagged: triad.flagged,
             counts: true,
             still: true,

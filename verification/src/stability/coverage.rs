@@ -1,8 +1,10 @@
 //! What of a triad's part of a table a run exercises: the telemetry of its windows, and the channels that the specific
 //! force drives. At rest no channel of a gyroscope is driven: Earth's rate shows 1e-5 of an error of the scale factor.
 
+use crate::occupancy::{MOST_UNTOUCHED, Occupancy};
 use crate::window::Window;
 use core::fmt;
+use isotherm_campaign::joint_range;
 use isotherm_shared::table::Axis;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
@@ -18,12 +20,18 @@ pub struct Coverage {
     pub kind: SensorKind,
     /// Lowest and highest telemetry of the windows that count, without the flagged ones: head and board, by axis.
     pub telemetry: [[[f64; 2]; 2]; AXES],
-    /// The same in the table: that of the bias, and that of K+ and K-.
-    pub table: [[[f64; 2]; 2]; AXES],
+    /// What of the bias's range, and of that of K+ and K-, the rows of these windows touch.
+    pub occupancy: [[Occupancy; 2]; AXES],
     /// Unit of the telemetry.
     pub unit: String,
     /// Whether the specific force drives the channel: + and -, by axis.
     pub driven: [[bool; 2]; AXES],
+}
+
+/// The windows that are judged: those that count, without the flagged ones unless all are.
+fn judged(windows: &[Window]) -> impl Iterator<Item = &Window> {
+    let good = windows.iter().any(|window| window.counts && !window.flagged);
+    windows.iter().filter(move |window| window.counts && !(good && window.flagged))
 }
 
 /// Names of the curves over head and board telemetry.
@@ -31,19 +39,19 @@ const CURVES: [&str; 2] = ["bias", "K"];
 
 impl Coverage {
     /// Without channels.
-    pub(super) fn of(windows: &[Window], kind: SensorKind, axes: &[Axis; AXES], unit: &str) -> Self {
-        let good = windows.iter().any(|window| window.counts && !window.flagged);
-        let counted = || windows.iter().filter(move |window| window.counts && !(good && window.flagged));
-        let range =
-            |of: &dyn Fn(&Window) -> f64| isotherm_campaign::joint_range(counted().map(|window| [of(window); 2]));
+    pub(crate) fn of(windows: &[Window], kind: SensorKind, axes: &[Axis; AXES], unit: &str) -> Self {
+        let all = |axis: usize, sensor: usize| judged(windows).map(move |window| window.telemetry[axis][sensor]);
+        let ranges = axes.each_ref().map(|axis| {
+            let ([low, high], [other_low, other_high]) =
+                (axis.positive_scale_factor.range(), axis.negative_scale_factor.range());
+            [axis.bias.range(), [low.min(other_low), high.max(other_high)]]
+        });
+        let each = [0, 1, 2].map(|axis| [(axis, 0), (axis, 1)]);
         Self {
             kind,
-            telemetry: [0, 1, 2].map(|axis| [range(&|window| window.head[axis]), range(&|window| window.board[axis])]),
-            table: axes.each_ref().map(|axis| {
-                let ([low, high], [other_low, other_high]) =
-                    (axis.positive_scale_factor.range(), axis.negative_scale_factor.range());
-                [axis.bias.range(), [low.min(other_low), high.max(other_high)]]
-            }),
+            telemetry: each.map(|pair| pair.map(|(axis, sensor)| joint_range(all(axis, sensor)))),
+            occupancy: each
+                .map(|pair| pair.map(|(axis, sensor)| Occupancy::of(ranges[axis][sensor], all(axis, sensor)))),
             unit: unit.to_owned(),
             driven: [[false; 2]; AXES],
         }
@@ -55,15 +63,10 @@ impl Coverage {
         self
     }
 
-    /// The part of the table's range that the run covers: of head and board, by axis.
+    /// The part of the table's range that the run covers: of head and board, by axis. See [`Occupancy::part`].
     #[must_use]
     pub fn parts(&self) -> [[f64; 2]; AXES] {
-        [0, 1, 2].map(|axis| {
-            [0, 1].map(|k| {
-                let ([low, high], [from, to]) = (self.telemetry[axis][k], self.table[axis][k]);
-                if to > from { ((high.min(to) - low.max(from)) / (to - from)).max(0.0) } else { 1.0 }
-            })
-        })
+        self.occupancy.each_ref().map(|pair| pair.each_ref().map(Occupancy::part))
     }
 
     /// The curve that is covered least, by axis and index: 0 for the bias, 1 for K+ and K-. Of gyroscopes only the
@@ -71,9 +74,40 @@ impl Coverage {
     #[must_use]
     pub fn least(&self) -> (usize, usize) {
         let parts = self.parts();
+        self.curves().min_by(|a, b| parts[a.0][a.1].total_cmp(&parts[b.0][b.1])).unwrap_or_default()
+    }
+
+    fn curves(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
         let count = if self.kind == SensorKind::Accelerometer { 2 } else { 1 };
-        let curves = (0..AXES).flat_map(|axis| [(axis, 0), (axis, 1)].into_iter().take(count));
-        curves.min_by(|a, b| parts[a.0][a.1].total_cmp(&parts[b.0][b.1])).unwrap_or_default()
+        (0..AXES).flat_map(move |axis| [(axis, 0), (axis, 1)].into_iter().take(count))
+    }
+
+    /// The largest hole of all curves, in words: "2.5 to 37.2 degC of bias of A1, 87 % of its range". Nothing is
+    /// known of the table's error in it. `None` if every hole is at most a tenth of its curve's range.
+    #[must_use]
+    pub fn hole(&self) -> Option<String> {
+        self.hole_over(MOST_UNTOUCHED)
+    }
+
+    /// The largest hole of all curves in words, if it is over this part of its curve's range.
+    pub(crate) fn hole_over(&self, part: f64) -> Option<String> {
+        let untouched = |(axis, k): (usize, usize)| self.occupancy[axis][k].untouched();
+        let (axis, k) = self.curves().min_by(|a, b| untouched(*b).total_cmp(&untouched(*a)))?;
+        let curve = format!("{} of {}", CURVES[k], self.kind.names()[axis]);
+        hole(&self.occupancy[axis][k], part, &curve, &self.unit)
+    }
+
+    /// Together with what another run exercises of the same table.
+    #[must_use]
+    pub(crate) fn and(&self, other: &Self) -> Self {
+        let sensors = [0, 1, 2].map(|axis| [(axis, 0), (axis, 1)]);
+        Self {
+            telemetry: sensors
+                .map(|pair| pair.map(|(axis, k)| joint_range([self.telemetry[axis][k], other.telemetry[axis][k]]))),
+            occupancy: sensors.map(|pair| pair.map(|(axis, k)| self.occupancy[axis][k].and(&other.occupancy[axis][k]))),
+            driven: sensors.map(|pair| pair.map(|(axis, k)| self.driven[axis][k] || other.driven[axis][k])),
+            ..self.clone()
+        }
     }
 
     /// Names of the channels that the run drives, as `K+ of A1`.
@@ -99,7 +133,7 @@ impl Coverage {
 impl fmt::Display for Coverage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (axis, k) = self.least();
-        let ([low, high], [from, to]) = (self.telemetry[axis][k], self.table[axis][k]);
+        let ([low, high], [from, to]) = (self.telemetry[axis][k], self.occupancy[axis][k].range);
         let (name, unit, percent) = (self.kind.names()[axis], &self.unit, 100.0 * self.parts()[axis][k]);
         let channels = self.channels();
         let channels = if channels.is_empty() { "none".to_owned() } else { channels.join(", ") };
@@ -116,8 +150,17 @@ impl fmt::Display for Coverage {
             f,
             "{} of {name}: {low:.places$} to {high:.places$} {unit} of {from:.places$} to {to:.places$} {unit}, {percent:.0} %, the least; {of_kind}",
             CURVES[k]
-        )
+        )?;
+        self.hole().map_or(Ok(()), |hole| write!(f, "; no window is in {hole}"))
     }
+}
+
+/// The largest hole of a curve in words, if it is over this part of the curve's range.
+pub(crate) fn hole(occupancy: &Occupancy, part: f64, curve: &str, unit: &str) -> Option<String> {
+    let [from, to] = occupancy.largest_hole().filter(|_| occupancy.untouched() > part)?;
+    let ([low, high], percent) = (occupancy.range, 100.0 * occupancy.untouched());
+    let places = decimals(high - low);
+    Some(format!("{from:.places$} to {to:.places$} {unit} of {curve}, {percent:.0} % of its range"))
 }
 
 /// Decimals that show a hundredth of `range`, at least none.

@@ -54,6 +54,9 @@ pub struct Stability {
     pub middle: [[f64; 2]; AXES],
     /// What of the table the run exercises.
     pub covered: Coverage,
+    /// Whether a bound can be met although the run leaves a hole of more than a tenth of a curve's range; the caller
+    /// says so, where the user accepts it, or where several runs are judged together.
+    pub accepts_holes: bool,
     /// `interval_ns` over the timestamp's step between consecutive sequences, median of the windows; `None` without
     /// consecutive sequences.
     pub interval_ratio: Option<f64>,

@@ -38,8 +38,8 @@ impl Plan {
         let part = ((to.min(high) - from.max(low)) / (high - low)).max(0.0);
         let range = (high > low && part < COVERED).then(|| {
             format!(
-                "verify: {from} to {to} degC covers {:.0} % of the set points' range: what is beyond is not judged, and under 50 % nothing is \
-                 installed; {}",
+                "verify: {from} to {to} degC covers {:.0} % of the set points' range: what is beyond is not judged, and if it is over a tenth \
+                 nothing is installed without --accept not-covered; {}",
                 100.0 * part,
                 self.whole_range()
             )
