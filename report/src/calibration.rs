@@ -1,9 +1,11 @@
 //! The report of a calibration: the page, and the sections that only accelerometers have.
 //!
-//! 1. `triad`, `orders`: the sections that are the same for accelerometers and gyroscopes.
-//! 2. `gyroscopes`: those that only gyroscopes have.
+//! 1. `headline`: the first screen.
+//! 2. `triad`, `orders`: the sections that are the same for accelerometers and gyroscopes.
+//! 3. `gyroscopes`: those that only gyroscopes have.
 
 mod gyroscopes;
+mod headline;
 mod orders;
 mod parts;
 mod triad;
@@ -12,16 +14,13 @@ use super::page::{Cell, Column, NoteKind, Page};
 use super::plot::{Plot, Style};
 use crate::calibration::parts::{Report, angle, remark};
 use crate::parts::{NAVIGATION, navigation, provenance};
-use isotherm_calibration::{Accuracy, CalibratedTriad, Calibration, CampaignSource};
+use isotherm_calibration::{CalibratedTriad, Calibration, CampaignSource};
 use isotherm_campaign::{Campaign, Dwell, Position};
 use isotherm_finding::{Location, RunNumber};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::Curve;
 use triad::Budget;
-
-/// An accelerometer, and its errors before and after.
-type BeforeAfter<'a> = (&'a str, &'a [Vec<f64>; 2]);
 
 /// Label of errors of accelerometers.
 const ERROR: &str = "Error / 1e-6 g0";
@@ -78,28 +77,8 @@ impl Report<'_> {
     }
 
     fn result(&self, page: &mut Page) {
-        let calibration = self.calibration;
         page.heading(2, "result", "Result");
-        if calibration.findings.is_empty() {
-            let turns = if calibration.gyroscopes.is_some() { "turns, Earth's rate, " } else { "" };
-            let text = format!(
-                "Positions, {turns}time, soak, stillness, telemetry, saturation, fit and outliers were looked at without a remark."
-            );
-            page.note(NoteKind::Good, "Nothing found", &text);
-        }
-        for finding in &calibration.findings {
-            let line = finding
-                .line
-                .map_or(String::new(), |line| format!("{}, line {line}: ", self.campaign.samples.join(", ")));
-            page.note(NoteKind::Warning, "Look at this", &format!("{line}{finding}"));
-        }
-        for triad in &self.triads {
-            let accuracy = Accuracy::of_triad(calibration, triad);
-            page.paragraph(&format!("{}{accuracy}.", self.whose(triad)));
-            if let Some(caution) = accuracy.caution() {
-                page.note(NoteKind::Warning, "Caution", &caution);
-            }
-        }
+        self.headline(page);
         page.key_values(&[self.facts(), self.gyroscope_facts()].concat());
     }
 
@@ -185,14 +164,6 @@ impl Report<'_> {
             series(plot, axis, &|dwell| dwell.head(axis))
         };
         page.plots(&[[0, 1, 2].map(over_time), [0, 1, 2].map(over_head)].concat());
-        let rms = |v: &[f64]| (v.iter().map(|v| v * v).sum::<f64>() / v.len() as f64).sqrt();
-        let columns: [Column<'_, BeforeAfter<'_>>; 4] = [
-            ("Axis", &|(name, _)| Cell::text(*name)),
-            ("Before", &|(_, [before, _])| Cell::number(rms(before), 3)),
-            ("After", &|(_, [_, after])| Cell::number(rms(after), 3)),
-            ("Factor", &|(_, [before, after])| Cell::number(rms(before) / rms(after), 1)),
-        ];
-        page.columns("Error of all dwells, rms [1e-6 g0]", AXIS_NAMES.into_iter().zip(&errors), &columns);
     }
 
     /// The errors of the dwells \[1e-6 g0\].

@@ -246,9 +246,60 @@ fn half_length(standard_error: f64, freedom: usize) -> f64 {
     if freedom == 0 { f64::NAN } else { standard_error * student_quantile(CONFIDENCE, freedom) }
 }
 
+/// How far the set points of a curve are off it, in half lengths of their error bars.
+pub(super) struct Bars {
+    /// As in "bias of A1".
+    pub(super) name: String,
+    off: Vec<f64>,
+}
+
+impl Bars {
+    /// Those of every curve of a triad.
+    pub(super) fn of_triad(triad: &CalibratedTriad<'_>) -> impl Iterator<Item = Self> {
+        let curves = (0..AXES).flat_map(|axis| (0..QUANTITY_NAMES.len()).map(move |quantity| (axis, quantity)));
+        curves.map(|(axis, quantity)| {
+            let curve = &triad.curves[axis][quantity];
+            let residuals: Vec<_> = points(triad, axis, quantity, &|u| curve.at(u), 1.0).collect();
+            let bars = residuals.into_iter().zip(errors(triad, axis, quantity));
+            let off = bars.map(|((_, residual), bar)| residual.abs() / bar).filter(|off| off.is_finite()).collect();
+            Self { name: format!("{} of {}", ["bias", "K+", "K-"][quantity], triad.names[axis]), off }
+        })
+    }
+
+    /// How many set points have an error bar.
+    pub(super) fn known(&self) -> usize {
+        self.off.len()
+    }
+
+    /// How many bars miss the curve.
+    pub(super) fn missed(&self) -> usize {
+        self.off.iter().filter(|off| **off > 1.0).count()
+    }
+
+    /// How far the worst one is off, in half lengths of its bar.
+    pub(super) fn largest(&self) -> f64 {
+        self.off.iter().copied().fold(0.0, f64::max)
+    }
+
+    /// Whether more bars miss the curve than chance allows: one in twenty, and 3.5 standard deviations.
+    pub(super) fn is_misfit(&self) -> bool {
+        let n = self.off.len() as f64;
+        self.missed() as f64 > 0.05 * n + 3.5 * (n * 0.05 * 0.95).sqrt()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn by_chance_one_bar_in_twenty_misses_the_curve() {
+        let bars = |missed: usize, of: usize| {
+            let off = (0..of).map(|bar| if bar < missed { 1.1 } else { 0.9 }).collect();
+            Bars { name: String::new(), off }.is_misfit()
+        };
+        assert_eq!([bars(2, 6), bars(3, 6), bars(3, 15), bars(4, 15), bars(0, 0)], [false, true, false, true, false]);
+    }
 
     #[test]
     fn error_bars_widen_with_few_dwells_and_need_one_more_than_there_are_parameters() {
