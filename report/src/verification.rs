@@ -57,6 +57,7 @@ pub fn html(table: &CoefficientTable, stability: &Stability, source: &Verificati
 fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, source: &VerificationSource) {
     page.heading(2, "result", "Stability");
     own_recording(page, stability.made_the_table);
+    page.paragraph(&headline(stability));
     page.paragraph(&format!("{}.", stability.judged_windows()));
     for judgement in source.required.iter().flat_map(|required| required.judge(stability)) {
         let (kind, word) =
@@ -79,6 +80,24 @@ fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, sour
     ]);
 }
 
+/// What the output was, what it is, and by how much it is off, for the axis with the least factor.
+fn headline(stability: &Stability) -> String {
+    let axes = AXIS_NAMES.iter().zip(&stability.axes);
+    let Some((name, axis)) = axes.min_by(|(_, a), (_, b)| a.factor().total_cmp(&b.factor())) else {
+        return String::new();
+    };
+    let [before, after] = [axis.sd_before, axis.sd_after].map(|sd| sd * 1e6);
+    let factor = axis.factor();
+    let conclusion = match stability.nothing_claimed() {
+        Some(_) => "Nothing can be claimed, see below.".to_owned(),
+        None => stability.verdict.conclusion(),
+    };
+    format!(
+        "With coefficients frozen at mid temperature the output of {name} varies by {before:.1}e-6 g0, with the table by {after:.2}e-6 g0: \
+         {factor:.1} times less, and of the other axes at least as much. {conclusion}"
+    )
+}
+
 /// What is to be known before the figures are used. Where nothing is `required`, also that nothing can be claimed.
 fn warnings(page: &mut Page, table: &CoefficientTable, stability: &Stability, nothing_required: bool) {
     let flagged = Some(stability.windows.iter().filter(|window| window.flagged).count()).filter(|count| *count > 0);
@@ -86,6 +105,8 @@ fn warnings(page: &mut Page, table: &CoefficientTable, stability: &Stability, no
     if let Some(reason) = stability.nothing_claimed().filter(|_| nothing_required) {
         page.note(NoteKind::Bad, "Nothing can be claimed", &format!("Look at this: {reason}."));
     }
+    let hole = stability.covered.hole().map(|hole| format!("No judged window is in {hole}: no error shows there."));
+    warn(page, "Not covered", hole);
     warn(page, "Not all is judged", stability.verdict.missing().map(|parts| parts.join("; ")));
     warn(page, "Time", stability.time_fault.map(|fault| format!("{fault}; {}", stability.losses)));
     warn(page, "Intervals", stability.interval_warning());
