@@ -259,6 +259,19 @@ pub fn html(campaign: &Campaign, calibration: &GravityOnlyCalibration, source: &
     let title = format!("Calibration of {} without a turntable", campaign.imu);
     let mut page = Page::new(&title, &format!("{} · {}", source.time, source.tool));
     page.heading(2, "result", "Result");
+    let rows: Vec<Vec<Cell>> = (0..3)
+        .map(|axis| {
+            let [bias, plus, minus] = [0, 1, 2].map(|quantity| mid(calibration, axis, quantity));
+            vec![
+                Cell::text(AXIS_NAMES[axis]),
+                Cell::text(with_interval(bias, 1e6, 2)),
+                Cell::text(with_relative(plus)),
+                Cell::text(with_relative(minus)),
+            ]
+        })
+        .collect();
+    let header = ["Axis", "Bias / 1e-6 g0", "K+ / (pulse/(s*g0))", "K- / (pulse/(s*g0))"];
+    page.table("Values at mid telemetry with 95 % intervals", &header, &rows);
     page.key_values(&[
         ("Standstills", format!("{}, {} too short", calibration.readings.len(), calibration.too_short)),
         ("Groups by file, power-up and temperature", calibration.groups.count.to_string()),
@@ -275,19 +288,6 @@ pub fn html(campaign: &Campaign, calibration: &GravityOnlyCalibration, source: &
     for finding in &calibration.findings {
         page.note(NoteKind::Warning, "Look at this", &finding.to_string());
     }
-    let rows: Vec<Vec<Cell>> = (0..3)
-        .map(|axis| {
-            let [bias, plus, minus] = [0, 1, 2].map(|quantity| mid(calibration, axis, quantity));
-            vec![
-                Cell::text(AXIS_NAMES[axis]),
-                Cell::text(with_interval(bias, 1e6, 2)),
-                Cell::text(with_relative(plus)),
-                Cell::text(with_relative(minus)),
-            ]
-        })
-        .collect();
-    let header = ["Axis", "Bias / 1e-6 g0", "K+ / (pulse/(s*g0))", "K- / (pulse/(s*g0))"];
-    page.table("Values at mid telemetry with 95 % intervals", &header, &rows);
     if calibration.unknowns.order > 0 {
         curves(&mut page, calibration);
     }
