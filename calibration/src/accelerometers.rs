@@ -4,7 +4,7 @@ use crate::checks::telemetry::last_digits;
 use crate::checks::{SetPoint, check, set_points};
 use crate::diagnosis::{Diagnosis, diagnose, positions_off};
 use crate::error::CalibrationError;
-use crate::level::{level_error, position_that_explains};
+use crate::level::{is_tilt_open, level_error, position_that_explains};
 use crate::one_stage::{Curves, SetPointValues, Solution, set_point_values, solve};
 use crate::options::{CalibrationOptions, MAX_AUTO_ORDER, Method};
 use crate::orders::OrderRules;
@@ -13,12 +13,12 @@ use crate::reduce::{Reduced, reduce, sensors};
 use crate::result::Calibration;
 use crate::sensor::TriadUnits;
 use crate::table::table_of;
-use isotherm_campaign::{Campaign, Dwell, Observability, Position, joint_range, specific_force};
+use isotherm_campaign::{Campaign, Dwell, Observability, PARAMETERS, Position, joint_range, specific_force};
 use isotherm_finding::{Finding, RunNumber, Severity, any_fault};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{Curve, OrderTable};
+use isotherm_statistics::{Curve, OrderTable, PureError};
 use nalgebra::{Matrix3, Vector3};
 
 /// Checks that the list of positions determines all parameters.
@@ -86,6 +86,9 @@ pub fn calibrate_accelerometers(
     }
     let curves = [0, 1, 2].map(|axis| &solution.axes[axis].curves);
     let table = table_of(campaign, curves, options.alignment.matrix(&solution)).map_err(CalibrationError::Table)?;
+    if is_tilt_open(campaign, &dwells, &set_points, &solution) {
+        solution.leave_tilt_open();
+    }
     let suspect = position_that_explains(campaign, &dwells, &solution);
     Ok(Calibration {
         table: table.measured_at(Some(campaign.gravity_local)),
@@ -155,7 +158,9 @@ impl Data<'_> {
         let ranges = ranges(dwells);
         let highest = options.order.unwrap_or_else(|| MAX_AUTO_ORDER.min(set_points.len().saturating_sub(2)));
         let rules = OrderRules::accelerometers();
-        let order_tables = |values: &[SetPointValues]| rules.tables(values, options.order, highest);
+        let order_tables = |values: &[SetPointValues], own: Option<&[[Reduced; AXES]]>| {
+            rules.tables(values, options.order, highest, |axis, q| own_error(own?, set_points, axis, q))
+        };
         let curves = |orders: &[[OrderTable; 3]; AXES]| -> Curves {
             let curve = |axis: usize, q: usize| {
                 Curve::of(&orders[axis][q].regression, orders[axis][q].choice.order, ranges[axis][q.min(1)])
@@ -164,13 +169,15 @@ impl Data<'_> {
         };
         // The first joint fit uses the orders of the uncorrected values. It gives the tilt and the drift within set
         // points.
-        let first_orders = order_tables(&reduced_level.iter().map(values).collect::<Vec<_>>())?;
+        let first_orders = order_tables(&reduced_level.iter().map(values).collect::<Vec<_>>(), None)?;
         let first_fit = solve(campaign, dwells, set_points, &curves(&first_orders), &[])?;
         let reduced = reduced(campaign, dwells, set_points, first_fit.tilt)?;
         let two_stage_values: Vec<_> = reduced.iter().map(values).collect();
+        // Without the tilt, level errors that cancel in the values are in the scatter within a set point.
+        let own = first_fit.tilt.map(|_| reduced.as_slice());
         let (orders, solution) = match options.method {
             Method::TwoStage => {
-                let orders = order_tables(&two_stage_values)?;
+                let orders = order_tables(&two_stage_values, own)?;
                 let solution = two_stage(campaign, dwells, set_points, &reduced, curves(&orders), first_fit.tilt);
                 (orders, solution)
             }
@@ -178,7 +185,7 @@ impl Data<'_> {
                 let corrected = set_point_values(campaign, dwells, set_points, &first_fit).into_iter();
                 let corrected =
                     corrected.zip(&two_stage_values).map(|(corrected, reduced)| corrected.unwrap_or(*reduced));
-                let orders = order_tables(&corrected.collect::<Vec<_>>())?;
+                let orders = order_tables(&corrected.collect::<Vec<_>>(), own)?;
                 let solution = solve(campaign, dwells, set_points, &curves(&orders), &[])?;
                 (orders, solution)
             }
@@ -256,6 +263,16 @@ fn reduced(
 fn values(reduced: &[Reduced; AXES]) -> SetPointValues {
     let of = |axis: usize, q: usize| (reduced[axis].telemetry[q], reduced[axis].values[q]);
     [0, 1, 2].map(|axis| [of(axis, 0), of(axis, 1), of(axis, 2)])
+}
+
+/// The own error of a set point, from the scatter within the set points; `None` where they have no dwells to spare.
+fn own_error(reduced: &[[Reduced; AXES]], set_points: &[SetPoint], axis: usize, quantity: usize) -> Option<PureError> {
+    let spare = set_points.iter().map(|set_point| set_point.dwells.len().saturating_sub(PARAMETERS));
+    let squares = reduced.iter().map(|of| of[axis].standard_errors[quantity].powi(2)).zip(spare.clone());
+    let known: Vec<_> = squares.filter(|(square, spare)| *spare > 0 && square.is_finite()).collect();
+    let freedom = spare.sum::<usize>() as f64;
+    let variance = known.iter().map(|(square, _)| square).sum::<f64>() / known.len() as f64;
+    (!known.is_empty()).then_some(PureError { variance, freedom })
 }
 
 /// Lowest and highest telemetry of all samples: head and board, by axis.

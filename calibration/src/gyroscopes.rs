@@ -175,7 +175,7 @@ fn fit_runs(
 ) -> Result<([[OrderTable; 3]; AXES], TriadSolution), CalibrationError> {
     let highest = options.order.unwrap_or_else(|| MAX_AUTO_ORDER.min(reduced.len().saturating_sub(2)));
     let rules = OrderRules::gyroscopes();
-    let order_tables = |values: &[SetPointValues]| rules.tables(values, options.order, highest);
+    let order_tables = |values: &[SetPointValues]| rules.tables(values, options.order, highest, |_, _| None);
     let curves = |orders: &[[OrderTable; 3]; AXES]| -> GyroscopeCurves {
         let curve = |axis: usize, q: usize| {
             Curve::of(&orders[axis][q].regression, orders[axis][q].choice.order, ranges[axis][q.min(1)])

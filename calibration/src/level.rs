@@ -34,7 +34,7 @@ pub(crate) fn level_error(
         AXIS_NAMES[axis]
     );
     let missing = format!("{}, so that the base's tilt is not estimated", why_no_tilt(campaign));
-    let paired = set_points.iter().all(|set_point| is_paired(campaign, dwells, set_point));
+    let paired = is_all_paired(campaign, dwells, set_points);
     let message = match (solution.tilt, paired) {
         (Some(_), _) if size < UNEXPLAINED => return None,
         (Some(_), _) => format!(
@@ -88,6 +88,20 @@ fn why_no_tilt(campaign: &Campaign) -> String {
     let remedy = other_zero(&campaign.positions);
     let remedy = remedy.map_or_else(String::new, |off| format!(" (it would with {off} added to every outer_deg)"));
     format!("no mounting of the IMU explains outer_deg and inner_deg of most positions{remedy}")
+}
+
+/// Whether the base's tilt is neither estimated nor cancels, so that nothing tells what it does to the curves.
+pub(crate) fn is_tilt_open(
+    campaign: &Campaign,
+    dwells: &[Dwell],
+    set_points: &[SetPoint],
+    solution: &Solution,
+) -> bool {
+    solution.tilt.is_none() && !is_all_paired(campaign, dwells, set_points)
+}
+
+fn is_all_paired(campaign: &Campaign, dwells: &[Dwell], set_points: &[SetPoint]) -> bool {
+    set_points.iter().all(|set_point| is_paired(campaign, dwells, set_point))
 }
 
 /// Whether every direction of a set point was measured an even number of times.

@@ -50,7 +50,7 @@ mod transients;
 mod triad;
 
 pub use accelerometers::{accelerometers_observable, calibrate_accelerometers};
-pub use accuracy::{Accuracy, largest_interval};
+pub use accuracy::{Accuracy, largest_band, largest_interval};
 pub use alignment::{AlignmentChoice, is_needed};
 pub use calibrate::{calibrate, observable};
 

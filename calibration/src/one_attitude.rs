@@ -43,7 +43,7 @@ use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable, Content};
 use isotherm_shared::units::{CELSIUS, SensorKind};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::sweeps;
+use isotherm_statistics::{largest, sweeps};
 use std::collections::BTreeMap;
 
 /// Standard errors of a 95 % interval.
@@ -241,7 +241,7 @@ impl Made<'_> {
             before: left(&|bin| raw(bin) - nominal.bias_at(nominal.bias.clamp(bin.telemetry)).0),
             after: left(&|bin| bin.value - shape.at(bin.telemetry)),
             interval: self.interval(bias, &shape, scatter),
-            behind: self.sweeps.iter().map(|sweep| behind(bias, &shape, sweep)).fold(0.0, f64::max),
+            behind: largest(self.sweeps.iter().map(|sweep| behind(bias, &shape, sweep))),
             band: transient.curve_error.clone(),
             points: self.points(bias, &shape, constant),
             beside: self.options.beside.iter().filter_map(beside).collect(),
@@ -254,7 +254,7 @@ impl Made<'_> {
         let together = shape.together(bias, scatter);
         let at = (bias.kind == SensorKind::Accelerometer).then_some(self.at);
         let error = |telemetry: f64| shape.standard_error(telemetry, at, together);
-        NORMAL_95 * places(bias.range).map(error).fold(0.0, f64::max)
+        NORMAL_95 * largest(places(bias.range).map(error))
     }
 
     /// The means of each sweep in wide bins, on the curve's constant.

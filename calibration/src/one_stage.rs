@@ -11,8 +11,9 @@
 //! The residual is in g0. In pulses per second, the two readings of a horizontal pair with opposite signs would have
 //! the weights of two different K. The level error would then not cancel, and the bias could be wrong by several ug0.
 //!
-//! The base's tilt about two axes is estimated too if the campaign file gives the turntable's angles. With six faces at
-//! two headings the tilt cancels anyway; with other lists of positions it does not.
+//! The base's tilt about two axes is estimated too if the campaign file gives the turntable's angles and the positions
+//! tell it from the other unknowns: six faces at one heading do not. With six faces at two headings the tilt cancels
+//! anyway; with other lists of positions it does not.
 //!
 //! # Errors
 //! Dwells of one set point share errors (repeatability, hysteresis), so the standard errors come from the
@@ -30,13 +31,15 @@
 use crate::checks::SetPoint;
 use isotherm_campaign::{Campaign, Dwell, PARAMETERS};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{Curve, LeastSquares, least_squares, student_quantile};
+use isotherm_statistics::{Curve, LeastSquares, least_squares, pseudo_inverse, student_quantile};
 use nalgebra::{DMatrix, DVector};
 
 /// Most Gauss-Newton steps; four or five are usual.
 const MAX_STEPS: usize = 30;
 /// The tilt is estimated only if it increases the condition number by less than this factor.
 const MAX_TILT_CONDITION: f64 = 30.0;
+/// Share of the largest singular value below which a set point does not determine a combination of its parameters.
+const SINGULAR: f64 = 1e-9;
 /// Curves of an accelerometer: A, K+, K-. The unknowns are, for each accelerometer, the coefficients of its curves and
 /// its two misalignments; the tilt comes last.
 const QUANTITIES: usize = 3;
@@ -90,9 +93,20 @@ pub struct Solution {
     pub tilt_error: Option<[f64; 2]>,
     /// Residual of each dwell and accelerometer \[g0\].
     pub residuals: Vec<[f64; AXES]>,
+    /// Whether the positions leave the base's tilt open: it is not estimated, and does not cancel. The errors of curves
+    /// and misalignments are not known then.
+    pub tilt_is_open: bool,
 }
 
 impl Solution {
+    /// Leaves the tilt of the base open: the scatter between the set points does not show what it does to the curves.
+    pub(crate) fn leave_tilt_open(&mut self) {
+        self.tilt_is_open = true;
+        for curve in self.axes.iter_mut().flat_map(|axis| &mut axis.curves) {
+            *curve = curve.clone().without_errors();
+        }
+    }
+
     /// Makes the curves those of telemetry that is read in these steps: of heads, and of boards.
     pub(crate) fn read_in_steps(&mut self, [head, board]: &[[f64; AXES]; 2]) {
         for (axis, of_axis) in self.axes.iter_mut().enumerate() {
@@ -167,7 +181,13 @@ pub(crate) fn fixed_solution(
         freedom,
     };
     let [a1, a2, a3] = curves;
-    Solution { axes: [(a1, m[0]), (a2, m[1]), (a3, m[2])].map(axis), tilt, tilt_error: None, residuals }
+    Solution {
+        axes: [(a1, m[0]), (a2, m[1]), (a3, m[2])].map(axis),
+        tilt,
+        tilt_error: None,
+        residuals,
+        tilt_is_open: false,
+    }
 }
 
 /// The equations of all dwells, and the current values of the unknowns.
@@ -352,6 +372,7 @@ impl<'a> JointModel<'a> {
                 .filter(|_| self.with_tilt && set_point_count > 1)
                 .map(|c| [c[(self.tilt, self.tilt)].sqrt(), c[(self.tilt + 1, self.tilt + 1)].sqrt()]),
             residuals: (0..self.dwells.len()).map(residual).collect(),
+            tilt_is_open: false,
         }
     }
 
@@ -393,7 +414,7 @@ impl<'a> JointModel<'a> {
             let residual = DVector::from_iterator(rows.len(), rows.iter().map(|&row| step.residual[row]));
             let jacobian = DMatrix::from_fn(rows.len(), columns, |i, j| step.jacobian[(rows[i], j)]);
             scores.push(jacobian.transpose() * &local);
-            deltas.push(local.pseudo_inverse(1e-9).ok()? * residual);
+            deltas.push(pseudo_inverse(local, SINGULAR)? * residual);
         }
         let n = self.set_points.len();
         // Degrees of freedom that the fit takes: the coefficients of a curve, or 1 for a constant.
@@ -461,6 +482,6 @@ fn local_correction(
     let local = DMatrix::from_fn(rows.len(), PARAMETERS, |i, j| rows[i][j]);
     let residual = DVector::from_iterator(rows.len(), set_point.dwells.iter().map(|&d| solution.residuals[d][axis]));
     // The change of the parameters that minimises the residuals.
-    let delta = -(local.pseudo_inverse(1e-9).ok()? * residual);
+    let delta = -(pseudo_inverse(local, SINGULAR)? * residual);
     Some([delta[0], delta[1] * size, delta[2] * size])
 }

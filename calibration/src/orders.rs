@@ -5,10 +5,10 @@ use crate::error::CalibrationError;
 use crate::one_stage::SetPointValues;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{OrderTable, QUANTITIES, Rule};
+use isotherm_statistics::{OrderTable, PureError, QUANTITIES, Rule};
 
-/// The lowest order of a gyroscope's curve that is chosen, as far as the set points allow it: the model is cubic. A
-/// term that the noise of a set point hides still moves the curve by some ppm.
+/// The lowest order of a curve that is chosen, as far as the set points allow it: the model is cubic. A term that the
+/// noise of a set point hides still moves the curve by some ppm.
 const LEAST_ORDER: usize = 3;
 /// Probability of choosing a gyroscope's term without effect, over the orders of a curve: 1 % over the nine curves of
 /// the triad.
@@ -26,20 +26,26 @@ pub(crate) struct OrderRules {
 impl OrderRules {
     /// Those of the accelerometers.
     pub(crate) fn accelerometers() -> Self {
-        let rule = |effect, unit| Rule { effect: Some(effect), unit, ..Rule::default() };
+        let rule = |effect, unit| Rule { effect: Some(effect), unit, least: LEAST_ORDER, ..Rule::default() };
         let scale_factor = rule(SCALE_FACTOR_EFFECT, "pulse/(s*g0)");
         Self { names: AXIS_NAMES, bias: rule(BIAS_EFFECT, "g0"), scale_factor }
     }
 
     /// Those of the gyroscopes.
     pub(crate) fn gyroscopes() -> Self {
-        let rule = |effect, unit| Rule { significance: SIGNIFICANCE, effect: Some(effect), unit, least: LEAST_ORDER };
+        let rule = |effect, unit| Rule {
+            significance: SIGNIFICANCE,
+            effect: Some(effect),
+            unit,
+            least: LEAST_ORDER,
+            own_error: None,
+        };
         let scale_factor = rule(GYROSCOPE_SCALE_FACTOR_EFFECT, "pulse/arcsec");
         Self { names: GYROSCOPE_NAMES, bias: rule(GYROSCOPE_BIAS_EFFECT, "deg/h"), scale_factor }
     }
 
     /// The order tables of the values of the set points, by axis and quantity: of the order `fixed`, or of one up to
-    /// `highest` that is chosen.
+    /// `highest` that is chosen. `own_error` is that of a set point, if it is known.
     ///
     /// # Errors
     /// If a curve of the order `fixed` cannot be fitted.
@@ -48,14 +54,16 @@ impl OrderRules {
         values: &[SetPointValues],
         fixed: Option<usize>,
         highest: usize,
+        own_error: impl Fn(usize, usize) -> Option<PureError>,
     ) -> Result<[[OrderTable; 3]; AXES], CalibrationError> {
         let of = |axis: usize, q: usize| {
             let values = || values.iter().map(|value| value[axis][q]);
             let size = values().map(|(_, y)| y.abs()).fold(0.0, f64::max);
             let relative = Rule { effect: self.scale_factor.effect.map(|effect| effect * size), ..self.scale_factor };
-            let rule = if q == 0 { &self.bias } else { &relative };
+            let rule = if q == 0 { self.bias } else { relative };
+            let rule = Rule { own_error: own_error(axis, q), ..rule };
             let failed = |error| CalibrationError::Order { axis: self.names[axis], quantity: QUANTITIES[q], error };
-            OrderTable::of_set_points(values(), fixed, highest, rule).map_err(failed)
+            OrderTable::of_set_points(values(), fixed, highest, &rule).map_err(failed)
         };
         let axis = |axis: usize| Ok::<_, CalibrationError>([of(axis, 0)?, of(axis, 1)?, of(axis, 2)?]);
         Ok([axis(0)?, axis(1)?, axis(2)?])

@@ -25,7 +25,7 @@ use crate::triad::{CalibratedTriad, beside_diagonal};
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::QUANTITIES;
+use isotherm_statistics::{QUANTITIES, root};
 use nalgebra::Matrix3;
 use serde::Serialize;
 use sha2::{Digest as _, Sha256};
@@ -478,7 +478,7 @@ fn curve<'a>(triad: &CalibratedTriad<'a>, axis: usize, quantity: usize) -> Curve
         leave_one_set_point_out_max: fit.leave_one_out_max.map(|max| max * factor),
         degrees_of_freedom: curve.freedom() as usize,
         largest_interval: largest_interval(curve, false).map(|half| half * factor),
-        standard_errors: covariance.as_ref().map(|c| c.diagonal().iter().map(|v| v.max(0.0).sqrt()).collect()),
+        standard_errors: covariance.as_ref().map(|c| c.diagonal().iter().map(|v| root(*v)).collect()),
         covariance: covariance.map(|c| c.row_iter().map(|row| row.iter().copied().collect()).collect()),
     }
 }

@@ -4,7 +4,7 @@
 use crate::sensor::{ReducedSensor, TriadUnits};
 use isotherm_finding::{Finding, Location, RunNumber, Severity, name};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{OrderTable, QUANTITIES, median, robust_sd};
+use isotherm_statistics::{Fit, OrderTable, QUANTITIES, median, robust_sd};
 
 /// Limit of a run's residual, in robust standard deviations of the residuals; a run over it is an outlier.
 const OUTLIER: f64 = 6.0;
@@ -12,13 +12,17 @@ const OUTLIER: f64 = 6.0;
 const MAX_OUTLIER_PART: f64 = 0.1;
 /// Largest number of outliers.
 const MAX_OUTLIERS: usize = 20;
-/// Limit of the set points' scatter about their curve, in their own standard errors; beyond it the curve does not fit.
-const LACK_OF_FIT: f64 = 8.0;
-/// Lower bound of that limit, in multiples of the smallest effect that matters.
-const LACK_OF_FIT_FLOOR: f64 = 10.0;
+/// Limits of the set points' scatter about their curve, in their own standard errors and in multiples of the smallest
+/// effect that matters; beyond both the curve does not fit. Where the own errors are not known, the second decides.
+const LACK_OF_FIT: [f64; 2] = [8.0, 10.0];
+/// The limits if a higher order is better at set points left out: then no outlying dwell pulls the curve. A bar of the
+/// report is about 2.4 own errors.
+const ORDER_TOO_LOW: [f64; 2] = [6.0, 2.0];
+/// A higher order is better if it leaves less than this part of the rms at set points left out.
+const BETTER: f64 = 0.5;
 
 /// Causes of a lack of fit, and remedies.
-const ORDER_TOO_LOW: &str = "the order is too low, there are too few set points for a higher one, or the IMU does not \
+const CAUSES: &str = "the order is too low, there are too few set points for a higher one, or the IMU does not \
      repeat; take a higher --order, measure more set points, or look in the report for a set point that is off";
 
 /// A triad after its fit.
@@ -73,20 +77,20 @@ impl<P: PartialEq> FittedTriad<'_, P> {
             let table = &self.orders[axis][quantity];
             let fit = &table.regression.fits()[table.choice.order];
             let of_sensor = || self.set_points.iter().map(|sensors| &sensors[axis]);
-            let own = median(of_sensor().map(|sensor| sensor.standard_errors[quantity]));
             let size = of_sensor().map(|sensor| sensor.values[quantity].abs()).fold(0.0, f64::max);
-            // The robust scatter ignores a few outliers, which are found elsewhere.
-            let n = table.regression.n() as f64;
-            let scatter = |_| robust_sd(&table.regression.residuals(fit.order)) * (n / fit.df_residual as f64).sqrt();
-            match fit.residual_sd.map(scatter) {
-                Some(sd) if sd > (LACK_OF_FIT * own).max(LACK_OF_FIT_FLOOR * self.effect(quantity, size)) => {
+            let own: Vec<f64> = of_sensor().map(|sensor| sensor.standard_errors[quantity]).collect();
+            match fit.residual_sd.map(|_| scatter(&table.regression.residuals(fit.order), &own, fit.df_residual)) {
+                Some([sd, times]) if is_unfit(table, times, sd / self.effect(quantity, size)) => {
                     unfit[axis] = true;
                     let scatter = self.scatter_text(quantity, sd, size);
-                    let (order, times) = (fit.order, sd / own);
-                    missing.add(curve, times, format!(
-                        "the set points scatter by {scatter} about the curve of order {order}, {times:.0} times what \
-                         each is uncertain by"
-                    ));
+                    let order = fit.order;
+                    let times_own = match times.is_nan() {
+                        true => String::new(),
+                        false => format!(", {times:.0} times what each is uncertain by"),
+                    };
+                    let text =
+                        format!("the set points scatter by {scatter} about the curve of order {order}{times_own}");
+                    missing.add(curve, times, text);
                 }
                 None => {
                     let (order, n) = (fit.order, self.set_points.len());
@@ -99,7 +103,7 @@ impl<P: PartialEq> FittedTriad<'_, P> {
                 _ => {}
             }
         }
-        let missing = missing.finding(name::LACK_OF_FIT, ORDER_TOO_LOW);
+        let missing = missing.finding(name::LACK_OF_FIT, CAUSES);
         let taking = taking.finding(name::NO_FREEDOM, "measure more set points, or take a lower order");
         (unfit, missing.into_iter().chain(taking).collect())
     }
@@ -176,6 +180,24 @@ impl Outlier {
         let place = Some(Location::SetPoint(set_point_c, Some(number)));
         Finding { severity: Severity::Warning, name: name::OUTLIER, line: Some(line), place, message }
     }
+}
+
+/// Whether the scatter of set points shows that their curve does not fit: so many own errors, not a number where these
+/// are not known, and so many effects that matter.
+fn is_unfit(table: &OrderTable, times: f64, effects: f64) -> bool {
+    let beyond = |[own, effect]: [f64; 2]| (times.is_nan() || times > own) && effects > effect;
+    let left = |fit: &Fit| fit.leave_one_out_rms;
+    let higher = table.regression.fits()[table.choice.order + 1..].iter().filter_map(left);
+    let is_better =
+        left(table.chosen()).is_some_and(|rms| higher.min_by(f64::total_cmp).is_some_and(|it| it < BETTER * rms));
+    beyond(LACK_OF_FIT) || (is_better && !times.is_nan() && beyond(ORDER_TOO_LOW))
+}
+
+/// The scatter of set points about a curve, in its unit and in their own errors. The robust scatter ignores a few
+/// outliers, which are found elsewhere.
+fn scatter(residuals: &[f64], own: &[f64], freedom: usize) -> [f64; 2] {
+    let sd = robust_sd(residuals) * (residuals.len() as f64 / freedom as f64).sqrt();
+    [sd, sd / median(own.iter().copied())]
 }
 
 /// Curves with the same fault: how bad the worst is, what is said about it, and the number of curves.

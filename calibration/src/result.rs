@@ -11,7 +11,7 @@ use isotherm_campaign::{Dwell, Observability};
 use isotherm_finding::Finding;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::OrderTable;
+use isotherm_statistics::{OrderTable, largest};
 use nalgebra::Matrix3;
 
 /// The results of a calibration.
@@ -56,7 +56,16 @@ impl Calibration {
             let [next, after] = self.solution.axes[axis].misalignment;
             next.hypot(after)
         };
-        (!aligned && is_needed(&self.solution)).then(|| (0..AXES).map(across).fold(0.0, f64::max))
+        (!aligned && is_needed(&self.solution)).then(|| largest((0..AXES).map(across)))
+    }
+
+    /// Why the errors of the accelerometers are not known, if the positions leave the base's tilt open.
+    #[must_use]
+    pub fn unknown_errors(&self) -> Option<&'static str> {
+        self.solution.tilt_is_open.then_some(
+            "these positions do not tell the tilt of the base from bias, scale factors and misalignments, and it does not cancel: their errors are \
+             not known, whatever the residuals are; measure every direction at two opposite headings, or, without them, state the angles",
+        )
     }
 
     /// Residual standard deviation of accelerometer `axis` over all dwells \[g0\].

@@ -16,7 +16,8 @@
 //! 2. `blocks`: the columns of a bias are a constant for each recording, Chebyshev polynomials 1 to 3 of U, d, the
 //!    decay of a start that was not soaked, the three plays, and time for each recording.
 //! 3. `search`: tau is where the sum over the biases of n log(SSE/n) is least. A quarter of a sweep is left out at a
-//!    time for the standard errors of log tau and t (jackknife): the residuals are correlated, so no F test holds.
+//!    time for the standard errors of log tau and t (jackknife): the residuals are correlated, so no F test holds. The
+//!    stated error of t is that with the time constant of each replicate, and by halves of a sweep where it is larger.
 //! 4. `prediction`: one sweep is left out at a time, and predicted by each model.
 //! 5. `decision`: what may be written, and why.
 //! 6. `sweeps`: the band between the sweeps, each fitted alone, with what is written: the error of the curve. `steps`:
@@ -60,7 +61,7 @@ use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
 use isotherm_statistics::{LoopPoint, SweepValues};
 use options::SOAK;
-use search::{Grid, total};
+use search::{Errors, Grid, total};
 use steps::Step;
 
 /// A gap that is longer than this part of the time constant is warned of.
@@ -205,9 +206,9 @@ fn search(ramps: &Ramps, table: &CoefficientTable, predecessor_s: Option<f64>) -
     let grid = Grid::new(ramps, None);
     let used = ramps.columns_of(&[Constant, Curve, Transient, Start, Plays, Time]);
     let best = grid.best(&used);
-    let (log_error, errors) = grid.jackknife(&used, best.tau_s);
+    let errors = grid.jackknife(&used, best.tau_s);
     let ends = [grid.taus_s[0], grid.taus_s[grid.taus_s.len() - 1]];
-    let interval_s = [-2.0, 2.0].map(|sign: f64| best.tau_s * (sign * log_error).exp());
+    let interval_s = [-2.0, 2.0].map(|sign: f64| best.tau_s * (sign * errors.log_tau).exp());
     let conditions = decision::of_search(best.tau_s, interval_s, ends).to_vec();
     let kept = predecessor_s.filter(|tau_s| (interval_s[0]..=interval_s[1]).contains(tau_s));
     // Milliseconds: more digits than the data have.
@@ -242,7 +243,7 @@ fn given(ramps: &mut Ramps, table: &CoefficientTable, tau_s: f64) -> Result<Fit,
     let ramps = &*ramps;
     let grid = Grid::new(ramps, Some(tau_s));
     let used = ramps.columns_of(&[Constant, Curve, Transient]);
-    let (_, errors) = grid.jackknife(&used, tau_s);
+    let errors = grid.jackknife(&used, tau_s);
     let predictions = prediction::predictions(ramps, &grid, Some(tau_s));
     let (mut biases, solutions) = estimates(ramps, table, tau_s, &used, &errors, &predictions);
     for (bias, other) in biases.iter_mut().zip(&searched.biases) {
@@ -278,10 +279,10 @@ fn estimates(
     table: &CoefficientTable,
     tau_s: f64,
     used: &[usize],
-    errors: &[f64],
+    errors: &Errors,
     predictions: &[Option<Prediction>],
 ) -> (Vec<BiasTransient>, Vec<Coefficients>) {
-    let one = |((of, error), prediction): ((&Bias, &f64), &Option<Prediction>)| {
+    let one = |((of, number), prediction): ((&Bias, usize), &Option<Prediction>)| {
         let rows = ramps.rows(of, tau_s);
         let equations = total(ramps, &ramps.equations(&rows));
         let whole = equations.solve(used);
@@ -293,7 +294,8 @@ fn estimates(
             axis: of.axis,
             transient: 0.0,
             estimate: whole.values[transient],
-            standard_error: *error,
+            standard_error: errors.own[number],
+            error_at_time_constant: errors.at_tau[number],
             prediction: *prediction,
             conditions: Vec::new(),
             before: residual_loop(ramps, of, &rows, tau_s, &still),
@@ -305,7 +307,7 @@ fn estimates(
         bias.conditions = decision::of_bias(&bias, standard_deviation(&differences));
         (bias, whole)
     };
-    ramps.biases.iter().zip(errors).zip(predictions).map(one).unzip()
+    ramps.biases.iter().zip(0..).zip(predictions).map(one).unzip()
 }
 
 /// What constant, curve and transient of a solution leave over, after the soak.

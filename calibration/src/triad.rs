@@ -50,14 +50,17 @@ impl<'a> CalibratedTriad<'a> {
         let first_of_gyroscopes = calibration.gyroscopes.as_ref().map_or(all, |found| found.first_finding);
         let set_points = calibration.set_points.iter().zip(&calibration.reduced);
         let reduced = set_points.map(|(stay, reduced)| (stay.set_point_c, sensors(reduced, stay.dwells.len())));
+        let is_known = !calibration.solution.tilt_is_open;
         Self {
             names: AXIS_NAMES,
             units: TriadUnits::of(SensorKind::Accelerometer),
             curves: axes.each_ref().map(|axis| &axis.curves),
             orders: &calibration.orders,
             misalignment: axes.each_ref().map(|axis| axis.misalignment),
-            misalignment_error: axes.each_ref().map(|axis| axis.misalignment_error),
-            misalignment_interval: axes.each_ref().map(|axis| axis.misalignment_interval(CONFIDENCE)),
+            misalignment_error: axes.each_ref().map(|axis| axis.misalignment_error.filter(|_| is_known)),
+            misalignment_interval: axes
+                .each_ref()
+                .map(|axis| axis.misalignment_interval(CONFIDENCE).filter(|_| is_known)),
             set_points: reduced.collect(),
             findings: &calibration.findings[..first_of_gyroscopes],
             gyroscopes: None,

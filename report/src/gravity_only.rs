@@ -5,7 +5,7 @@ use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
 use super::text::within;
 use super::view::{value, view};
-use isotherm_calibration::{CampaignSource, GravityOnlyCalibration, Reading, largest_interval};
+use isotherm_calibration::{CampaignSource, GravityOnlyCalibration, Reading, largest_band, largest_interval};
 use isotherm_campaign::{Campaign, GravitySource, joint_range};
 use isotherm_recording::Losses;
 use isotherm_shared::table::{AXIS_NAMES, GRAVITY_ONLY, GYROSCOPE_NAMES};
@@ -56,9 +56,8 @@ pub fn text(calibration: &GravityOnlyCalibration) -> String {
         let interval = error.map(|error| error * student_quantile_of(CONFIDENCE, calibration.misalignment_freedom));
         let _ = writeln!(text, "  {name} {} [1e-6 rad]", with_interval((value, interval), 1e6, 2));
     }
-    let worst = |quantity, relative| {
-        (0..3).map(|axis| largest_interval(&calibration.curves[axis][quantity], relative)).collect()
-    };
+    let worst =
+        |quantity, relative| (0..3).map(|axis| largest_band(&calibration.curves[axis][quantity], relative)).collect();
     let largest = |all: Vec<Option<f64>>| all.into_iter().try_fold(0.0, |most: f64, each| Some(most.max(each?)));
     if let (Some(bias), Some(plus), Some(minus)) =
         (largest(worst(0, false)), largest(worst(1, true)), largest(worst(2, true)))
@@ -66,7 +65,7 @@ pub fn text(calibration: &GravityOnlyCalibration) -> String {
         let [low, high] = joint_range(calibration.curves.iter().flatten().map(Curve::measured));
         let _ = writeln!(
             text,
-            "  largest 95 % interval over the telemetry of the standstills, {low:.2} to {high:.2}: bias {:.2}e-6 g0, scale factors {:.2} ppm",
+            "  largest 95 % band for each whole curve over the telemetry of the standstills, {low:.2} to {high:.2}: bias {:.2}e-6 g0, scale factors {:.2} ppm",
             bias * 1e6,
             plus.max(minus) * 1e6
         );
@@ -223,6 +222,7 @@ view! { CurveView<'a>(curve: &Curve, number: usize, of: usize) {
     range_in_unit_of_telemetry: [f64; 2] = curve.range(),
     measured_in_unit_of_telemetry: [f64; 2] = curve.measured(),
     largest_interval_in_unit: Option<f64> = largest_interval(curve, false),
+    largest_band_in_unit: Option<f64> = largest_band(curve, false),
 }}
 
 view! { StandstillView(found: &GravityOnlyCalibration, reading: &Reading, index: usize) {
@@ -346,11 +346,12 @@ fn curves(page: &mut Page, calibration: &GravityOnlyCalibration) {
             let curve = &calibration.curves[axis][quantity];
             let [low, high] = curve.range();
             let middle = curve.at(calibration.mid(axis, quantity));
+            let quantile = curve.band_quantile(CONFIDENCE);
             let shown = |value: f64| if quantity == 0 { value * 1e6 } else { (value / middle - 1.0) * 1e6 };
             let points: Vec<f64> =
                 (0..=CURVE_INTERVALS).map(|i| low + (high - low) * i as f64 / CURVE_INTERVALS as f64).collect();
             let band = points.iter().filter_map(|&at| {
-                let half = curve.interval(at, CONFIDENCE)?;
+                let half = curve.half_width(at, quantile?)?;
                 let ends = [curve.at(at) - half, curve.at(at) + half].map(shown);
                 Some((at, ends[0].min(ends[1]), ends[0].max(ends[1])))
             });

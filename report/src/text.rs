@@ -6,13 +6,13 @@ use super::parts;
 use super::shown::{DEGREES_PER_HOUR, FLAGGED, MICRO_G0, SOAKED, Shown, named_errors};
 use isotherm_calibration::{
     Accuracy, CalibratedTriad, Calibration, GyroscopeCalibration, Prediction, RampCalibration, Transients, TriadUnits,
-    largest_interval,
+    largest_band, largest_interval,
 };
 use isotherm_campaign::Dwell;
 use isotherm_recording::Losses;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{BINS, CONFIDENCE, QUANTITIES, band};
+use isotherm_statistics::{BINS, CONFIDENCE, Curve, QUANTITIES, band};
 use isotherm_verification::{
     AxisStability, Errors, Estimate, Force, GyroscopeStability, Judgement, LoopBand, Loops, Stability, Window,
 };
@@ -28,7 +28,7 @@ pub fn calibration(calibration: &Calibration) -> String {
     let losses = calibration.dwells.iter().map(Dwell::losses).fold(Losses::default(), Losses::and);
     let losses = within(losses, "the dwells").unwrap_or_default();
     let mut text = format!(
-        "{} dwells{turns} at {} set points, {} fit, digest {}\n{losses}\n  curve                       order   95 % interval  leave-one-set-point-out rms    residual sd  why\n",
+        "{} dwells{turns} at {} set points, {} fit, digest {}\n{losses}\n  curve                       order   95 % at a point   95 % of the whole  leave-one-set-point-out rms    residual sd  why\n",
         calibration.dwells.len(),
         calibration.set_points.len(),
         calibration.options.method.name(),
@@ -151,13 +151,17 @@ fn curve(triad: &CalibratedTriad<'_>, axis: usize, quantity: usize) -> String {
     // A figure does not exist without degrees of freedom.
     let known = |value: Option<String>| value.unwrap_or_else(|| "not known".to_owned());
     let shown = |value: Option<f64>| known(value.map(|value| format!("{:.decimals$} {unit}", value * factor)));
-    let interval = largest_interval(&triad.curves[axis][quantity], quantity > 0);
+    let widest = |of: fn(&Curve, bool) -> Option<f64>| {
+        let half = of(&triad.curves[axis][quantity], quantity > 0);
+        known(half.map(|half| format!("+- {:>7.decimals$} {unit}", half * of_interval)))
+    };
     format!(
-        "  {} {:22}  {:5}  {:>14}  {:>27}  {:>13}  {}\n",
+        "  {} {:22}  {:5}  {:>16}  {:>18}  {:>27}  {:>13}  {}\n",
         triad.names[axis],
         QUANTITIES[quantity],
         orders.choice.order,
-        known(interval.map(|interval| format!("+- {:>7.decimals$} {unit}", interval * of_interval))),
+        widest(largest_interval),
+        widest(largest_band),
         shown(fit.leave_one_out_rms),
         shown(fit.residual_sd),
         orders.choice.reason.split(';').next().unwrap_or_default()
@@ -168,17 +172,17 @@ fn curve(triad: &CalibratedTriad<'_>, axis: usize, quantity: usize) -> String {
 fn misalignments(triad: &CalibratedTriad<'_>) -> [String; AXES] {
     [0, 1, 2].map(|axis| {
         let ([next, after], errors) = (triad.misalignment[axis], triad.misalignment_interval[axis]);
-        let error = errors.unwrap_or([f64::NAN; 2]);
-        format!(
-            "  {} misalignment onto {} {:.3} +- {:.3}, onto {} {:.3} +- {:.3} [1e-6 rad, 95 %]",
-            triad.names[axis],
-            triad.names[(axis + 1) % AXES],
-            next * 1e6,
-            error[0] * 1e6,
-            triad.names[(axis + 2) % AXES],
-            after * 1e6,
-            error[1] * 1e6,
-        )
+        let [to_next, to_after] = [1, 2].map(|k| triad.names[(axis + k) % AXES]);
+        let [next, after] = [next, after].map(|m| m * 1e6);
+        let name = triad.names[axis];
+        match errors.map(|errors| errors.map(|error| error * 1e6)) {
+            Some([a, b]) => format!(
+                "  {name} misalignment onto {to_next} {next:.3} +- {a:.3}, onto {to_after} {after:.3} +- {b:.3} [1e-6 rad, 95 %]"
+            ),
+            None => format!(
+                "  {name} misalignment onto {to_next} {next:.3}, onto {to_after} {after:.3} [1e-6 rad], errors not known"
+            ),
+        }
     })
 }
 

@@ -7,7 +7,7 @@ use super::shown::{DEGREES_PER_HOUR, FLAGGED, MICRO_G0, RANDOM_WALK, SOAKED, Sho
 use crate::parts::{NAVIGATION, file_names, navigation, own_recording};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::BINS;
+use isotherm_statistics::{BINS, largest};
 use isotherm_verification::{
     AxisStability, Errors, Estimate, Force, GyroscopeStability, LoopBand, Loops, Requirement, Stability, Window,
 };
@@ -395,7 +395,7 @@ fn budget(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
         // Change of a value by one step of the telemetry, where the curve is steepest in the run.
         let steepest = |value: &dyn Fn(f64) -> f64, of: fn(&Window) -> &[f64; 3], step: f64| {
             let change = |window: &Window| (value(of(window)[index] + step) - value(of(window)[index])).abs();
-            counted(stability).map(change).fold(0.0, f64::max)
+            largest(counted(stability).map(change))
         };
         if let Some(step) = head {
             let change = steepest(&|u| axis.bias_at(u).0, |window| &window.head, step);

@@ -1,6 +1,8 @@
 //! A fitted polynomial of telemetry, with the covariance of its coefficients.
 
+use crate::curve_band;
 use crate::double_double::DoubleDouble;
+use crate::largest::root;
 use crate::regression::{Regression, expansion};
 use isotherm_shared::polynomial::Polynomial;
 use nalgebra::{DMatrix, DVector};
@@ -22,6 +24,7 @@ const CHECK_POINTS: u32 = 64;
 /// let curve = Curve::of(&Regression::new(points.to_vec(), 1)?, 1, [1.0, 5.0]);
 /// assert!((curve.slope(3.0) - 2.0).abs() < 1e-12); // per volt of telemetry
 /// assert!(curve.interval(3.0, CONFIDENCE) < curve.interval(5.0, CONFIDENCE)); // best in the middle
+/// assert!(curve.interval(3.0, CONFIDENCE) < curve.band(3.0, CONFIDENCE)); // the whole curve at once
 /// // Fitted in ug0, written in g0.
 /// let polynomial = curve.polynomial(1e-6).ok_or("the order is too high for a table")?;
 /// assert!((polynomial.at(3.0) - 9e-6).abs() < 1e-17);
@@ -87,6 +90,12 @@ impl Curve {
         Self::new([regression.center(), regression.scale()], coefficients, covariance, freedom, range)
     }
 
+    /// The curve whose errors are not known.
+    #[must_use]
+    pub fn without_errors(self) -> Self {
+        Self { covariance: None, ..self }
+    }
+
     /// Order of the polynomial.
     #[must_use]
     pub fn order(&self) -> usize {
@@ -133,8 +142,12 @@ impl Curve {
     /// Powers of the centred and scaled telemetry, ascending.
     #[must_use]
     pub fn powers(&self, telemetry: f64) -> DVector<f64> {
-        let x = (telemetry - self.center) / self.scale;
+        let x = self.scaled(telemetry);
         DVector::from_fn(self.coefficients.len(), |k, _| x.powi(k as i32))
+    }
+
+    fn scaled(&self, telemetry: f64) -> f64 {
+        (telemetry - self.center) / self.scale
     }
 
     /// The value at `telemetry`.
@@ -155,14 +168,41 @@ impl Curve {
     #[must_use]
     pub fn standard_error(&self, telemetry: f64) -> Option<f64> {
         let powers = self.powers(telemetry);
-        self.covariance.as_ref().map(|covariance| powers.dot(&(covariance * &powers)).max(0.0).sqrt())
+        self.covariance.as_ref().map(|covariance| root(powers.dot(&(covariance * &powers))))
     }
 
-    /// Half width of the confidence interval of the value at `telemetry`, at `confidence`, 0 to 1; a slope that the
-    /// curve lacks adds its 95 %. A reading in steps has a standard error of a step over sqrt(12), that the curve's
+    /// Half width of the confidence interval of the value at `telemetry` alone, at `confidence`, 0 to 1; a slope that
+    /// the curve lacks adds its 95 %. A reading in steps has a standard error of a step over sqrt(12), that the curve's
     /// slope makes one of the value. `None` without errors, and where nothing was measured.
     #[must_use]
     pub fn interval(&self, telemetry: f64, confidence: f64) -> Option<f64> {
+        self.half_width(telemetry, self.point_quantile(confidence)?)
+    }
+
+    /// Half width at `telemetry` of the band that holds for the whole curve: with probability `confidence` the truth is
+    /// within it at all of the measured telemetry at once. [`interval`](Self::interval) is what holds at a telemetry
+    /// that was chosen before. `None` as there.
+    #[must_use]
+    pub fn band(&self, telemetry: f64, confidence: f64) -> Option<f64> {
+        self.half_width(telemetry, self.band_quantile(confidence)?)
+    }
+
+    /// How many standard errors an interval at one telemetry is wide to either side; `None` without errors.
+    #[must_use]
+    pub fn point_quantile(&self, confidence: f64) -> Option<f64> {
+        self.covariance.as_ref().map(|_| student_quantile_of(confidence, self.freedom))
+    }
+
+    /// The same of the band that holds for the whole curve.
+    #[must_use]
+    pub fn band_quantile(&self, confidence: f64) -> Option<f64> {
+        let length = curve_band::length(self.covariance.as_ref()?, self.measured.map(|u| self.scaled(u)));
+        Some(curve_band::quantile(length, self.coefficients.len(), self.freedom, confidence))
+    }
+
+    /// Half width at `telemetry` of so many standard errors; `None` as [`interval`](Self::interval).
+    #[must_use]
+    pub fn half_width(&self, telemetry: f64, quantile: f64) -> Option<f64> {
         let [low, high] = self.measured;
         // A point that was computed from the ends may lie beyond by rounding.
         let rounding = 1e-9 * (high - low).max(high.abs());
@@ -170,7 +210,7 @@ impl Curve {
         let slope = self.slope.map_or(0.0, |slope| slope.per_unit * (telemetry - slope.about).abs());
         let error = self.standard_error(telemetry).filter(|_| known)?;
         let of_reading = self.slope(telemetry) * self.resolution / 12.0_f64.sqrt();
-        Some(error.hypot(of_reading) * student_quantile_of(confidence, self.freedom) + slope)
+        Some(error.hypot(of_reading) * quantile + slope)
     }
 
     /// Coefficients of the powers of the raw telemetry, ascending; expanded in double-double, then rounded once.
@@ -243,8 +283,11 @@ pub fn student_quantile(confidence: f64, freedom: usize) -> f64 {
     student_quantile_of(confidence, freedom as f64)
 }
 
-/// The same for degrees of freedom that are not a whole number.
+/// The same for degrees of freedom that are not a whole number; not a number without any.
 pub fn student_quantile_of(confidence: f64, n: f64) -> f64 {
+    if !n.is_finite() || n <= 0.0 {
+        return f64::NAN;
+    }
     // t^2 is F with 1 and n degrees of freedom; n/(n + t^2) follows the beta distribution.
     let x = inv_beta_reg(n / 2.0, 0.5, 1.0 - confidence);
     (n * (1.0 - x) / x).sqrt()

@@ -69,3 +69,24 @@ pub fn least_squares(jacobian: &DMatrix<f64>, residual: &DVector<f64>) -> Option
     }
     Some(LeastSquares { change, inverse, condition })
 }
+
+/// The pseudo-inverse of a matrix, of the singular values over `share` of the largest one: nalgebra's limit is absolute
+/// and depends on the units. `None` if a value is not finite.
+///
+/// ```
+/// use isotherm_statistics::pseudo_inverse;
+/// use nalgebra::DMatrix;
+///
+/// // A tiny matrix is inverted as well as a large one.
+/// let inverse = pseudo_inverse(DMatrix::identity(2, 2) * 1e-20, 1e-9);
+/// assert!(inverse.is_some_and(|it| (it[(0, 0)] / 1e20 - 1.0).abs() < 1e-12));
+/// ```
+#[must_use]
+pub fn pseudo_inverse(matrix: DMatrix<f64>, share: f64) -> Option<DMatrix<f64>> {
+    if !matrix.iter().all(|value| value.is_finite()) {
+        return None;
+    }
+    let svd = matrix.try_svd_unordered(true, true, 5.0 * f64::EPSILON, MAX_SVD_STEPS)?;
+    let limit = share * svd.singular_values.max();
+    svd.pseudo_inverse(limit).ok()
+}

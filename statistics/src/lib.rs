@@ -16,9 +16,11 @@
 //! ```
 
 mod curve;
+mod curve_band;
 mod diagnostics;
 mod double_double;
 mod hysteresis;
+mod largest;
 mod least_squares;
 mod order;
 mod regression;
@@ -28,8 +30,9 @@ pub use curve::{CONFIDENCE, Curve, SlopeError, student_quantile, student_quantil
 pub use diagnostics::{Diagnostics, Test, greatest_divisor, median, robust_sd};
 pub use double_double::DoubleDouble;
 pub use hysteresis::{BINS, LoopPoint, Sweep, band, shared_bins, sweeps};
-pub use least_squares::{LeastSquares, MAX_SVD_STEPS, least_squares};
-pub use order::{OrderTable, QUANTITIES, Rule, choose, default_order};
+pub use largest::{largest, root};
+pub use least_squares::{LeastSquares, MAX_SVD_STEPS, least_squares, pseudo_inverse};
+pub use order::{OrderTable, PureError, QUANTITIES, Rule, choose, default_order};
 pub use regression::{
     DataPoint, Fit, LinearColumn, MAX_ORDER, Partial, Regression, RegressionError, beta_tail, f_limit, f_tail,
 };

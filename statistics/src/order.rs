@@ -1,12 +1,11 @@
-//! Selection of the polynomial order. All orders are fitted. The highest order is chosen whose highest term is both
-//! significant and large enough to matter.
-//!
-//! The search goes from the highest order down: a forward search that stops at the first term without effect would stop
-//! at order 0 on a cubic whose linear and quadratic parts cancel. The effect must be large enough, because with many
-//! samples any small effect is significant.
+//! Order tables: the fits of all orders of one curve, with the order that is chosen.
+
+mod choice;
 
 use crate::diagnostics::Diagnostics;
 use crate::regression::{DataPoint, Fit, LinearTerm, Partial, Regression, RegressionError, f_limit};
+use choice::Choice;
+pub use choice::{PureError, Rule, choose};
 use core::fmt::Write as _;
 use isotherm_shared::polynomial::MAX_ORDER;
 use serde::Serialize;
@@ -16,107 +15,6 @@ use serde_json::Value;
 pub use isotherm_shared::table::difference::QUANTITIES;
 /// Highest order of an order table if none is requested, as far as the data allow it.
 const DEFAULT_ORDER: usize = 6;
-
-/// The rule for the choice of an order.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rule {
-    /// Probability of choosing a term without effect, over all orders together.
-    pub significance: f64,
-    /// Smallest change of the fitted curve that matters, in the unit of the quantity. If it is `None`, a quarter of the
-    /// residual standard deviation.
-    pub effect: Option<f64>,
-    /// The unit of the quantity, for the text of the reason.
-    pub unit: &'static str,
-    /// The lowest order that is chosen, as far as the fits reach: that of a model which is known. Usually 0.
-    pub least: usize,
-}
-
-impl Default for Rule {
-    fn default() -> Self {
-        Self { significance: 0.01, effect: None, unit: "", least: 0 }
-    }
-}
-
-/// The chosen order.
-#[derive(Clone, Debug, Eq, PartialEq)]
-pub struct Choice {
-    /// The order, from 0.
-    pub order: usize,
-    /// The reason, in a sentence or two.
-    pub reason: String,
-}
-
-/// Chooses an order among the fits of `regression`.
-///
-/// ```
-/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// use isotherm_statistics::{DataPoint, Regression, Rule, choose};
-///
-/// // A slope of 0.1 ug0/V is significant here, but moves the curve by less than what matters.
-/// let points = (0..10).map(|i| (f64::from(i), 1e-3 * f64::from(i % 2)));
-/// let points = points.map(|(x, noise)| DataPoint::new(x, 50.0 + 0.1 * x + noise)).collect();
-/// let rule = Rule { effect: Some(2.0), unit: "ug0", ..Rule::default() };
-/// let choice = choose(&Regression::new(points, 2)?, &rule);
-/// assert_eq!(choice.order, 0);
-/// assert!(choice.reason.contains("that of order 1 moves it by only"), "{}", choice.reason);
-/// # Ok(())
-/// # }
-/// ```
-#[must_use]
-pub fn choose(regression: &Regression, rule: &Rule) -> Choice {
-    let least = rule.least.min(regression.fits().len().saturating_sub(1));
-    match by_the_data(regression, rule) {
-        Choice { order, reason } if order < least => Choice {
-            order: least,
-            reason: format!("{least} at least, the order of the model; the data alone would give {order}: {reason}"),
-        },
-        choice => choice,
-    }
-}
-
-fn by_the_data(regression: &Regression, rule: &Rule) -> Choice {
-    let fits = regression.fits();
-    if let Some(exact) = fits.iter().find(|fit| fit.sse == 0.0 && fit.df_residual > 0) {
-        let reason = format!("order {} is the lowest that meets every point to within rounding", exact.order);
-        return Choice { order: exact.order, reason };
-    }
-    let tested = fits.iter().filter(|fit| fit.df_residual > 0 && fit.order > 0).count().max(1);
-    // The significance is divided by the number of tests (Bonferroni).
-    let limit = rule.significance / tested as f64;
-    let threshold = |fit: &Fit| rule.effect.or(fit.residual_sd.map(|sd| 0.25 * sd)).unwrap_or(0.0);
-    let last = |fit: &Fit| fit.partial.last().and_then(|partial| Some((partial.f?, partial.p?)));
-    let counts = |fit: &&Fit| last(fit).is_some_and(|(_, p)| p < limit) && fit.effect >= threshold(fit);
-    let order = fits.iter().rev().find(counts).map_or(0, |fit| fit.order);
-    let unit = if rule.unit.is_empty() { String::new() } else { format!(" {}", rule.unit) };
-    let mut reason = String::new();
-    if let Some((f, p)) = last(&fits[order]) {
-        let fit = &fits[order];
-        // Writing to a String cannot fail.
-        let _ = write!(
-            reason,
-            "the term of order {order} is significant (F {}, p {p:.1e}, limit {limit:.1e}) and moves the curve by up to \
-             {:.3e}{unit} (threshold {:.3e})",
-            if f < 1e4 { format!("{f:.2}") } else { format!("{f:.2e}") },
-            fit.effect,
-            threshold(fit)
-        );
-    } else {
-        let _ = write!(reason, "no term is both significant (limit {limit:.1e}) and large enough: a constant");
-        if regression.linear().next().is_some() {
-            reason.push_str(" and the linear columns");
-        }
-    }
-    let above: Vec<_> = fits[order + 1..].iter().filter_map(|fit| Some((fit, last(fit)?.1))).collect();
-    for (fit, p) in above {
-        let why = if p < limit {
-            format!("moves it by only {:.3e}{unit} (threshold {:.3e})", fit.effect, threshold(fit))
-        } else {
-            format!("is not significant (p {p:.2})")
-        };
-        let _ = write!(reason, "; that of order {} {why}", fit.order);
-    }
-    Choice { order, reason }
-}
 
 /// The highest order that is fitted if none is requested: 6, or less if there are few distinct x, or few points for
 /// `linear` linear columns.
@@ -388,40 +286,5 @@ fn number(value: Option<f64>, width: usize) -> String {
         }
         Some(value) => format!("{:>width$}", format!("{value:.*e}", width.min(12).saturating_sub(8).max(1))),
         None => format!("{:>width$}", "-"),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::regression::DataPoint;
-
-    fn regression(y: impl Fn(f64) -> f64) -> Regression {
-        let points = (0..15).map(|i| f64::from(i) / 7.0 - 1.0).map(|x| DataPoint::new(x, y(x))).collect();
-        Regression::new(points, 5).unwrap()
-    }
-
-    #[test]
-    fn a_cubic_whose_lower_terms_have_no_effect_is_found() {
-        // The Legendre polynomial of order 3 has no linear or quadratic regression.
-        let scatter = |x: f64| 1e-3 * (1e4 * x).sin();
-        let choice = choose(&regression(|x| (5.0 * x * x * x - 3.0 * x) / 2.0 + scatter(x)), &Rule::default());
-        assert_eq!(choice.order, 3, "{}", choice.reason);
-    }
-
-    #[test]
-    fn an_effect_too_small_to_matter_is_refused_and_said_so() {
-        let data = regression(|x| 5.0 * x + 0.1 * x * x + 1e-4 * (1e4 * x).sin());
-        assert_eq!(choose(&data, &Rule::default()).order, 2);
-        let choice = choose(&data, &Rule { effect: Some(0.5), ..Rule::default() });
-        assert_eq!(choice.order, 1);
-        assert!(choice.reason.contains("that of order 2 moves it by only"), "{}", choice.reason);
-    }
-
-    #[test]
-    fn scatter_is_a_constant_and_an_exact_fit_needs_no_test() {
-        assert_eq!(choose(&regression(|x| (1e4 * x).sin()), &Rule::default()).order, 0);
-        let choice = choose(&regression(|x| 1.0 + x * x), &Rule::default());
-        assert_eq!(choice.order, 2, "{}", choice.reason);
     }
 }

@@ -1,8 +1,10 @@
 //! Polynomial regression of one quantity on another: equations (3) to (16) of the source paper, to full precision.
 //!
 //! # Definition
-//! y = a0 + a1 x + .. + am x^m over n points with weights w (1 unless given; a point of weight 2 counts as two). With
-//! means and sums weighted by w, and S_yy = sum w (y - mean y)^2:
+//! y = a0 + a1 x + .. + am x^m over n points with weights w, the inverse variances up to a common factor (1 unless
+//! given). A point of weight 2 has half the variance; it is one point still, and n is the number of points. A common
+//! factor changes neither coefficients, F, p nor standard errors; Q, U and the residual standard deviation are those of
+//! a point of weight 1. With means and sums weighted by w, and S_yy = sum w (y - mean y)^2:
 //!
 //! ```text
 //! Q = sum w (y - fit)^2        residual sum of squares          U = S_yy - Q    regression sum of squares  (9), (10)

@@ -31,7 +31,7 @@ use isotherm_calibration::{Accuracy, Calibration, noise_of_dwells};
 use isotherm_finding::name;
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::CONFIDENCE;
+use isotherm_statistics::{CONFIDENCE, largest};
 
 /// A range may end earlier than that of the table in force by this part of it: no two campaigns have the same ends.
 const RANGE_TOLERANCE: f64 = 0.05;
@@ -104,7 +104,7 @@ impl Requirement {
             None if unexplained => GATE_ACCEPTED + noise,
             None => GATE_MOST + noise,
         };
-        let most = most.map(|axes| axes.into_iter().fold(0.0, f64::max).min(highest));
+        let most = most.map(largest).filter(|most| most.is_finite()).map(|most| most.min(highest));
         Self {
             factor: None,
             bias: most,
@@ -118,7 +118,7 @@ impl Requirement {
 /// What the noise of the rows leaves in the mean of a group of a run \[g0\], of the noisiest axis.
 fn group_noise(calibration: &Calibration) -> f64 {
     let found = noise_of_dwells(calibration.dwells.iter(), &calibration.table.content().axes);
-    found.into_iter().fold(0.0, f64::max) / GROUP_S.sqrt()
+    largest(found) / GROUP_S.sqrt()
 }
 
 impl Gate {
@@ -130,9 +130,12 @@ impl Gate {
         let of_fit = Requirement::of_fit(calibration, force);
         let bounds = require.or(of_fit);
         let Some(bias) = bounds.bias else {
-            return Err("the fit gives no bound for the gate: a curve has no degrees of freedom, so that its error is not known; measure more \
-                        set points, or state a bound as in --require bias=20ug0"
-                .to_owned());
+            let why = calibration.unknown_errors().unwrap_or(
+                "a curve has no degrees of freedom, so that its error is not known; measure more set points",
+            );
+            return Err(format!(
+                "the fit gives no bound for the gate: {why}; or state a bound as in --require bias=20ug0"
+            ));
         };
         // See `of_fit`: three times the errors, and the floor. A poor fit must not excuse itself with more than the
         // floor.

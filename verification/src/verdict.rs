@@ -31,7 +31,7 @@
 use crate::window::{MIN_WINDOWS, Window};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{CONFIDENCE, student_quantile, student_quantile_of};
+use isotherm_statistics::{CONFIDENCE, largest, student_quantile, student_quantile_of};
 use serde::Serialize;
 
 /// Fewest windows of a group, if there are as many.
@@ -70,7 +70,7 @@ impl Estimate {
     /// Lower end of the interval of the absolute value, at least 0.
     #[must_use]
     pub fn least(&self) -> f64 {
-        (self.value.abs() - self.interval).max(0.0)
+        largest([self.value.abs() - self.interval])
     }
 
     /// In a unit that is `1 / factor` as large.
@@ -245,14 +245,14 @@ pub(crate) fn errors(values: &[f64], with_constant: bool) -> Errors {
     let middle = constant(values);
     let groups = groups(values, mean);
     let interval = group_interval(noise, values.len());
-    let largest = |about: f64| groups.iter().map(|group| (group - about).abs()).fold(0.0, f64::max);
+    let most = |about: f64| largest(groups.iter().map(|group| (group - about).abs()));
     let about = if with_constant { 0.0 } else { middle.value };
     Errors {
         constant: with_constant.then_some(middle),
-        variation: Estimate { value: largest(middle.value), interval },
-        worst: Estimate { value: largest(about), interval },
+        variation: Estimate { value: most(middle.value), interval },
+        worst: Estimate { value: most(about), interval },
         noise,
-        largest_window: values.iter().map(|value| (value - about).abs()).fold(0.0, f64::max),
+        largest_window: largest(values.iter().map(|value| (value - about).abs())),
     }
 }
 
@@ -271,10 +271,9 @@ fn level(counted: &[[f64; AXES]], force: [f64; AXES], stated: bool) -> Errors {
     let middle = mean_of(counted);
     let angle = |error: [f64; AXES]| square(&across(error)).sqrt() / gravity;
     let from_middle = |error: &[f64; AXES]| angle([0, 1, 2].map(|axis| error[axis] - middle[axis]));
-    let largest =
-        |of: &dyn Fn(&[f64; AXES]) -> f64| groups(counted, |group| of(&mean_of(group))).into_iter().fold(0.0, f64::max);
+    let most = |of: &dyn Fn(&[f64; AXES]) -> f64| largest(groups(counted, |group| of(&mean_of(group))));
     // The noise of the two directions across, taken as that of the noisiest axis in both.
-    let noise = axes.iter().map(|axis| noise(axis)).fold(0.0, f64::max) * 2.0_f64.sqrt() / gravity;
+    let noise = largest(axes.iter().map(|axis| noise(axis))) * 2.0_f64.sqrt() / gravity;
     let interval = group_interval(noise, counted.len());
     let from_zero = |error: &[f64; AXES]| angle(*error);
     let about: &dyn Fn(&[f64; AXES]) -> f64 = if stated { &from_zero } else { &from_middle };
@@ -284,10 +283,10 @@ fn level(counted: &[[f64; AXES]], force: [f64; AXES], stated: bool) -> Errors {
             value: angle(middle),
             interval: constants.map(|interval| interval * interval).sum::<f64>().sqrt() / gravity,
         }),
-        variation: Estimate { value: largest(&from_middle), interval },
-        worst: Estimate { value: largest(about), interval },
+        variation: Estimate { value: most(&from_middle), interval },
+        worst: Estimate { value: most(about), interval },
         noise,
-        largest_window: counted.iter().map(about).fold(0.0, f64::max),
+        largest_window: largest(counted.iter().map(about)),
     }
 }
 

@@ -7,7 +7,7 @@
 //! sets of coefficients is fitted; of those without a negative square the one with the least chi-square is the fit.
 
 use super::moments::{Moments, autocovariance};
-use isotherm_statistics::CONFIDENCE;
+use isotherm_statistics::{CONFIDENCE, root};
 use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
 use statrs::distribution::{ContinuousCDF as _, Normal};
 
@@ -140,7 +140,7 @@ impl ModelFit {
             .iter()
             .enumerate()
             .map(|(i, a)| a * blocks.iter().enumerate().map(|(j, b)| b * covariances[i.abs_diff(j)]).sum::<f64>());
-        rows.sum::<f64>().max(0.0).sqrt()
+        root(rows.sum::<f64>())
     }
 
     /// Generalised covariance of two means of `length` rates, this many lengths apart. A mean is a first difference of
@@ -198,7 +198,7 @@ impl WeightedFit {
         let scales = Vector4::from_fn(|k, _| columns.column(k).norm());
         let scaled = DMatrix::from_fn(count, 4, |i, k| columns[(i, k)] / scales[k]);
         let inverse = Matrix4::from_fn(|i, j| scaled.column(i).dot(&scaled.column(j))).try_inverse()?;
-        let errors = Vector4::from_fn(|k, _| inverse[(k, k)].max(0.0).sqrt() / scales[k]);
+        let errors = Vector4::from_fn(|k, _| root(inverse[(k, k)]) / scales[k]);
         let subsets = (1_u8..16).filter_map(|set| {
             let members: Vec<_> = (0..4).filter(|k| set & (1 << k) != 0).collect();
             let part = scaled.select_columns(&members);

@@ -5,7 +5,7 @@ use super::requirement::Verdict;
 use super::table::Form;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::f_limit;
+use isotherm_statistics::{f_limit, largest};
 
 /// Probability that any misalignment counts as changed where none has. It is shared among those of both triads.
 const FALSE_ALARM: f64 = 0.05;
@@ -73,19 +73,19 @@ impl AlignmentComparison {
     /// Size of the largest entry \[1e-6 rad\].
     #[must_use]
     pub fn largest_urad(&self) -> f64 {
-        self.difference_urad.iter().flatten().fold(0.0, |most, entry| entry.abs().max(most))
+        largest(self.difference_urad.iter().flatten().map(|entry| entry.abs()))
     }
 
     /// The most that an entry can be, by its band \[1e-6 rad\].
     #[must_use]
     pub fn upper_urad(&self) -> Option<f64> {
-        Some(self.sizes()?.map(|(size, half)| size + half).fold(0.0, f64::max))
+        Some(largest(self.sizes()?.map(|(size, half)| size + half)))
     }
 
     /// What an entry is at least, by its band \[1e-6 rad\]; 0 if all may be 0.
     #[must_use]
     pub fn lower_urad(&self) -> Option<f64> {
-        Some(self.sizes()?.map(|(size, half)| size - half).fold(0.0, f64::max))
+        Some(largest(self.sizes()?.map(|(size, half)| size - half)))
     }
 
     /// Whether an entry beside the diagonal is outside of its band; `None` without errors. What is on the diagonal

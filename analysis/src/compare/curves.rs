@@ -5,7 +5,7 @@ use super::table::FormCurve;
 use core::ops::Deref;
 use isotherm_shared::table::difference::{CurveDifference, unit_factor};
 use isotherm_shared::units::SensorKind;
-use isotherm_statistics::{f_limit, median};
+use isotherm_statistics::{f_limit, largest, median};
 
 /// Probability that any curve counts as changed where none has. It is shared among all curves.
 const FALSE_ALARM: f64 = 0.05;
@@ -103,21 +103,21 @@ impl CurveComparison {
     #[must_use]
     pub fn upper(&self) -> Option<f64> {
         let halves = self.half_widths()?;
-        Some(self.differences.iter().zip(halves).map(|(d, half)| d.abs() + half).fold(0.0, f64::max))
+        Some(largest(self.differences.iter().zip(halves).map(|(d, half)| d.abs() + half)))
     }
 
     /// What the difference is somewhere at least, by its band; 0 if it may be 0 everywhere.
     #[must_use]
     pub fn lower(&self) -> Option<f64> {
         let halves = self.half_widths()?;
-        Some(self.differences.iter().zip(halves).map(|(d, half)| d.abs() - half).fold(0.0, f64::max))
+        Some(largest(self.differences.iter().zip(halves).map(|(d, half)| d.abs() - half)))
     }
 
     /// Largest ratio of difference to standard error.
     #[must_use]
     pub fn worst_ratio(&self) -> Option<f64> {
         let band = self.band.as_ref()?;
-        Some(self.differences.iter().zip(&band.standard_errors).map(|(d, error)| d.abs() / error).fold(0.0, f64::max))
+        Some(largest(self.differences.iter().zip(&band.standard_errors).map(|(d, error)| d.abs() / error)))
     }
 
     /// Whether the difference is outside of its band anywhere; `None` without errors.

@@ -146,11 +146,11 @@ fn walk(readings: &[Reading], groups: &Groups, by_force: &DMatrix<f64>) -> DMatr
     let mut steps = Vec::new();
     for members in groups.all() {
         let parts = share.min(members.len().saturating_sub(1));
-        let length = members.iter().map(|i| times[*i]).fold(1e-9, f64::max);
+        let length = members.iter().map(|i| times[*i]).fold(0.0, f64::max);
         let first = |part: usize| part * (members.len() - 1) / parts;
         for part in 0..parts {
             let [before, from] = [first(part), first(part + 1)].map(|at| times[members[at]]);
-            let size = ((from - before).max(0.0) / length).sqrt();
+            let size = if length > 0.0 { ((from - before).max(0.0) / length).sqrt() } else { 0.0 };
             let mut step = DVector::zeros(n);
             members[first(part) + 1..].iter().for_each(|i| step[*i] = size);
             steps.push(step);

@@ -18,7 +18,7 @@ use super::weighted::Weighted;
 use isotherm_campaign::joint_range;
 use isotherm_finding::{Finding, name};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{beta_tail, f_tail};
+use isotherm_statistics::{beta_tail, f_tail, largest};
 
 /// Probability that a warning has no cause.
 pub(super) const SIGNIFICANCE: f64 = 0.01;
@@ -237,5 +237,5 @@ fn lag_share(weighted: &Weighted<'_>) -> f64 {
         let mean = readings.iter().map(|reading| reading.head[axis]).sum::<f64>() / readings.len() as f64;
         [low, mean, high].map(|telemetry| weighted.error(&weighted.model.gradient(axis, 0, telemetry)).lag_share)
     };
-    (0..AXES).flat_map(of).filter(|share| !share.is_nan()).fold(0.0, f64::max)
+    largest((0..AXES).flat_map(of))
 }

@@ -2,6 +2,7 @@
 
 use super::covariance::{BIAS, KINDS, NOISE};
 use super::reduced::Reduced;
+use isotherm_statistics::{pseudo_inverse, root};
 use nalgebra::{DMatrix, DVector};
 
 /// Steps of the variances that are halved, and all.
@@ -44,12 +45,12 @@ impl Variances {
     pub(super) fn error(&self, parts: [f64; KINDS], known: f64) -> StatedError {
         let variance = parts.iter().zip(self.careful).map(|(part, variance)| part * variance).sum::<f64>() + known;
         let seen = DVector::from_iterator(self.seen.len(), self.seen.iter().map(|kind| parts[*kind]));
-        let spread = seen.dot(&(&self.information * &seen)).max(1e-300);
-        StatedError {
-            variance,
-            freedom: (2.0 * variance * variance / spread).clamp(1.0, MOST_FREEDOM),
-            lag_share: known / variance,
-        }
+        let spread = seen.dot(&(&self.information * &seen));
+        // Satterthwaite: a variance that scatters by less than this is known, whatever its unit.
+        let least = 2.0 * variance * variance / MOST_FREEDOM;
+        let freedom = if spread <= least { MOST_FREEDOM } else { 2.0 * variance * variance / spread };
+        let lag_share = if known == 0.0 { 0.0 } else { known / variance };
+        StatedError { variance, freedom: freedom.clamp(1.0, MOST_FREEDOM), lag_share }
     }
 }
 
@@ -162,14 +163,22 @@ impl Likelihood {
             (_, NOISE) => solved[a].norm_squared(),
             (a, _) => columns[a].tr_mul(&solved[b]).norm_squared(),
         };
-        let information =
-            DMatrix::from_fn(seen.len(), seen.len(), |a, b| of(a, b) / 2.0).pseudo_inverse(SINGULAR).ok()?;
+        let information = inverse_of_scaled(&DMatrix::from_fn(seen.len(), seen.len(), |a, b| of(a, b) / 2.0))?;
         let mut careful = values;
         // Several groups judge each other.
         let one_group = !self.has(BIAS);
         for (index, kind) in seen.iter().enumerate().filter(|(_, kind)| one_group && **kind != NOISE) {
-            careful[*kind] += information[(index, index)].max(0.0).sqrt();
+            careful[*kind] += root(information[(index, index)]);
         }
         Some(Variances { values, careful, information, seen, evidence: f64::INFINITY })
     }
+}
+
+/// The inverse of the information, scaled so that its diagonal is 1: the kinds' units differ by many powers of ten.
+fn inverse_of_scaled(information: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let size = information.diagonal().map(|value| if value > 0.0 { value.sqrt() } else { 1.0 });
+    let scaled = |matrix: &DMatrix<f64>| {
+        DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |a, b| matrix[(a, b)] / (size[a] * size[b]))
+    };
+    Some(scaled(&pseudo_inverse(scaled(information), SINGULAR)?))
 }

@@ -5,7 +5,7 @@ use crate::accuracy::largest_interval;
 use crate::provenance::{CampaignSource, ReadRecord, matrix_rows, sealed};
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::{AXIS_NAMES, GRAVITY_ONLY};
-use isotherm_statistics::QUANTITIES;
+use isotherm_statistics::{QUANTITIES, root};
 use serde::Serialize;
 
 #[derive(Serialize)]
@@ -145,7 +145,7 @@ fn curve(calibration: &GravityOnlyCalibration, axis: usize, quantity: usize) -> 
         largest_interval: largest_interval(curve, false).map(|half| half * factor),
         slope_error: curve.slope_error().map(|slope| slope.per_unit * factor),
         slope_about: curve.slope_error().map(|slope| slope.about),
-        standard_errors: covariance.as_ref().map(|c| c.diagonal().iter().map(|v| v.max(0.0).sqrt()).collect()),
+        standard_errors: covariance.as_ref().map(|c| c.diagonal().iter().map(|v| root(*v)).collect()),
         covariance: covariance.map(|c| c.row_iter().map(|row| row.iter().copied().collect()).collect()),
     }
 }

@@ -5,7 +5,7 @@ use super::groups::{Groups, mean};
 use super::reading::Reading;
 use super::weighted::Weighted;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{CONFIDENCE, Curve, SlopeError, student_quantile_of};
+use isotherm_statistics::{CONFIDENCE, Curve, SlopeError, root, student_quantile_of};
 use nalgebra::{DMatrix, DVector};
 
 /// The degrees of freedom of a curve are the least at the ends of this many equal steps over its range.
@@ -51,7 +51,7 @@ pub(super) fn stated(fitted: &Fitted<'_>, groups: &Groups, ranges: &Ranges, meas
             weighted.error(&c)
         });
         let freedom = errors.iter().map(|error| error.freedom).fold(f64::INFINITY, f64::min);
-        (errors.map(|error| error.variance.max(0.0).sqrt()), freedom)
+        (errors.map(|error| root(error.variance)), freedom)
     });
     Stated { curves: [0, 1, 2].map(|axis| [0, 1, 2].map(|quantity| curve(axis, quantity))), misalignment }
 }
@@ -71,7 +71,7 @@ fn slope_error(
     curve: &Curve,
 ) -> Option<SlopeError> {
     let (slope, error) = weighted.slope(axis, quantity).filter(|_| groups.count == 1)?;
-    let half = slope.abs() + student_quantile_of(CONFIDENCE, error.freedom) * error.variance.max(0.0).sqrt();
+    let half = slope.abs() + student_quantile_of(CONFIDENCE, error.freedom) * root(error.variance);
     let of = |reading: &Reading| if quantity == 0 { reading.head[axis] } else { reading.board[axis] };
     let about = mean(&weighted.model.readings().iter().map(of).collect::<Vec<_>>());
     let unit = if quantity == 0 { 1.0 } else { curve.at(about).abs() };

@@ -185,7 +185,7 @@ impl<'a> Weighted<'a> {
         let values = combinations * &self.unknown;
         let covariance = combinations * &self.covariance * combinations.transpose();
         let f = values.dot(&covariance.cholesky()?.solve(&values)) / combinations.nrows() as f64;
-        Some(f.max(0.0))
+        Some(if f < 0.0 { 0.0 } else { f })
     }
 
     /// The probability by chance of combinations of the unknowns at least as far from 0 as they are; a row each.

@@ -145,10 +145,8 @@ impl LeftOver {
             effects.chunks(2).map(|pair| pair[0][axis][k].hypot(pair[1][axis][k])).sum::<f64>() * rate
         };
         let largest = |parameters: core::ops::Range<usize>| {
-            (0..AXES)
-                .flat_map(|axis| parameters.clone().map(move |k| (axis, k)))
-                .map(|(axis, k)| most(axis, k))
-                .fold(0.0, f64::max)
+            let all = (0..AXES).flat_map(|axis| parameters.clone().map(move |k| (axis, k)));
+            isotherm_statistics::largest(all.map(|(axis, k)| most(axis, k)))
         };
         Some(Self {
             bias: largest(0..1),

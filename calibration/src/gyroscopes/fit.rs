@@ -26,7 +26,7 @@ use crate::one_stage::{OneStageError, SetPointValues};
 use crate::sensor::ReducedSensor;
 use isotherm_shared::units::ARCSEC;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{Curve, LeastSquares, MAX_SVD_STEPS, least_squares, student_quantile};
+use isotherm_statistics::{Curve, LeastSquares, MAX_SVD_STEPS, least_squares, pseudo_inverse, root, student_quantile};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use std::collections::BTreeMap;
 
@@ -429,7 +429,7 @@ impl<'a> JointModel<'a> {
         let covariance = self.covariance(step, counted).filter(|_| self.set_points > 1);
         let n = self.set_points;
         let errors = |offset: usize, count: usize| -> Option<Vec<f64>> {
-            covariance.as_ref().map(|c| (offset..offset + count).map(|j| c[(j, j)].max(0.0).sqrt()).collect())
+            covariance.as_ref().map(|c| (offset..offset + count).map(|j| root(c[(j, j)])).collect())
         };
         let gyroscope = |axis: usize| {
             let curve = |quantity: usize| {
@@ -506,7 +506,7 @@ impl<'a> JointModel<'a> {
         for (mut column, norm) in scaled.column_iter_mut().zip(&scale) {
             column /= *norm;
         }
-        let deviation = (scaled.pseudo_inverse(1e-9).ok()? * residual).component_div(&scale);
+        let deviation = (pseudo_inverse(scaled, 1e-9)? * residual).component_div(&scale);
         Some((deviation, jacobian.transpose() * local))
     }
 

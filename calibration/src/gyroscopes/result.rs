@@ -6,7 +6,7 @@ use super::observability::TriadObservability;
 use super::runs::{FittedRun, Place};
 use isotherm_shared::table::{CoefficientTable, Turntable};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{OrderTable, student_quantile};
+use isotherm_statistics::{OrderTable, largest, student_quantile};
 use nalgebra::Matrix3;
 
 /// A smaller misalignment does not matter \[rad\].
@@ -60,7 +60,7 @@ impl GyroscopeCalibration {
     pub fn left_without_alignment(&self, table: &CoefficientTable) -> Option<f64> {
         let aligned = table.content().gyroscopes.as_ref().is_some_and(|gyroscopes| gyroscopes.alignment.is_some());
         let across = self.solution.gyroscopes.iter().map(|axis| axis.misalignment[0].hypot(axis.misalignment[1]));
-        (!aligned && is_alignment_needed(&self.solution)).then(|| across.fold(0.0, f64::max))
+        (!aligned && is_alignment_needed(&self.solution)).then(|| largest(across))
     }
 
     /// Half width of the confidence interval of Earth's horizontal rate \[deg/h\].

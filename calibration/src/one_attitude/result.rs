@@ -148,14 +148,14 @@ impl OneAttitudeCalibration {
             .collect();
         if bands.is_empty() {
             return format!(
-                "{made}; their error is not known: no recordings heat and cool over half of the range; noise alone gives 95 % intervals of {}, \
+                "{made}; their error is not known: no recordings heat and cool over half of the range; noise alone gives 95 % intervals, at one temperature each, of {}, \
                  and elements that are {BEHIND_S} s behind their telemetry would make them wrong by {}",
                 self.sizes(|it| it.interval),
                 self.sizes(|it| it.behind)
             );
         }
         format!(
-            "{made}; their error, half of the band between heating and cooling: {}; 95 % intervals from noise: {}",
+            "{made}; their error, half of the band between heating and cooling: {}; 95 % intervals from noise, at one temperature each: {}",
             bands.join(", "),
             self.sizes(|it| it.interval)
         )

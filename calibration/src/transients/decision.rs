@@ -12,7 +12,7 @@ const INTERVAL: f64 = 3.0;
 const PREDICTS: f64 = 0.90;
 /// The prediction with lag and hysteresis, as a part of that with hysteresis alone.
 const NOT_HYSTERESIS: f64 = 0.95;
-/// Least ratio of a transient to its standard error.
+/// Least ratio of a transient to its standard error at the time constant.
 const SIGNIFICANT: f64 = 4.0;
 /// The verdict is hysteresis if hysteresis predicts with less than this part of the error of what a table can have.
 const HYSTERESIS: f64 = 0.8;
@@ -65,7 +65,7 @@ pub(super) fn of_bias(bias: &BiasTransient, difference: f64) -> Vec<Condition> {
     vec![
         below("predicts", ratio(|p| p.written / p.static_curve), PREDICTS),
         below("lag-not-hysteresis", ratio(|p| p.lag_and_hysteresis / p.hysteresis), NOT_HYSTERESIS),
-        above("significant", bias.estimate.abs() / bias.standard_error, SIGNIFICANT),
+        above("significant", bias.estimate.abs() / bias.error_at_time_constant, SIGNIFICANT),
         above("matters", bias.estimate.abs() * difference, threshold),
     ]
 }
@@ -171,7 +171,9 @@ fn reason(condition: &Condition, time_constant: &TimeConstant) -> String {
             "hysteresis explains as much: with a lag beside it the error on the sweeps left out is {figure:.2} of that with hysteresis alone, below {limit:.2} \
              is needed"
         ),
-        "significant" => format!("the transient is {figure:.1} of its standard errors, over {limit:.0} are needed"),
+        "significant" => format!(
+            "the transient is {figure:.1} of its standard errors at this time constant, over {limit:.0} are needed"
+        ),
         _ => "the transient changes the bias by less than what matters".to_owned(),
     }
 }

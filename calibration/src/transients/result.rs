@@ -98,8 +98,10 @@ pub struct BiasTransient {
     pub transient: f64,
     /// The estimate, written or not \[g0 or deg/h per unit of telemetry\].
     pub estimate: f64,
-    /// Its standard error.
+    /// Its standard error, with that of the time constant in it.
     pub standard_error: f64,
+    /// Its standard error at the time constant: of whether there is a transient.
+    pub error_at_time_constant: f64,
     /// Prediction error on the sweeps left out \[g0 or deg/h\]; `None` if no sweep can be left out.
     pub prediction: Option<Prediction>,
     /// The conditions.

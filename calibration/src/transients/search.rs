@@ -27,6 +27,25 @@ pub(super) struct Minimum {
     pub objective: Vec<f64>,
 }
 
+/// Standard errors of a search.
+pub(super) struct Errors {
+    /// Of the logarithm of the time constant.
+    pub log_tau: f64,
+    /// Of the transient of each bias at the best time constant: whether there is one.
+    pub at_tau: Vec<f64>,
+    /// Of the transient of each bias with the time constant that each replicate finds: the two are estimated together.
+    /// Residuals that are correlated beyond a quarter of a sweep make the error by halves larger; the larger one
+    /// counts.
+    pub own: Vec<f64>,
+}
+
+/// Estimates without a part of the data each; those of the transients by bias.
+struct Replicates {
+    log_tau: Vec<f64>,
+    at_tau: Vec<Vec<f64>>,
+    own: Vec<Vec<f64>>,
+}
+
 impl<'a> Grid<'a> {
     /// The grid of a search, from what the telemetry and the blocks resolve to a quarter of the longest sweep; or one
     /// time constant alone.
@@ -83,25 +102,42 @@ impl<'a> Grid<'a> {
         })
     }
 
-    /// Standard error of the logarithm of the time constant, and of the transient of each bias at `tau_s`, by leaving
-    /// one piece out at a time.
-    pub(super) fn jackknife(&self, used: &[usize], tau_s: f64) -> (f64, Vec<f64>) {
+    /// The errors by leaving parts of sweeps out, one at a time, where the best time constant is `tau_s`.
+    pub(super) fn jackknife(&self, used: &[usize], tau_s: f64) -> Errors {
+        let [quarters, halves] = [1, 2].map(|count| self.replicates(used, tau_s, count));
+        let biases = 0..self.ramps.biases.len();
+        let of = |values: &[Vec<f64>], bias: usize| jackknife_error(&values[bias]);
+        Errors {
+            log_tau: jackknife_error(&quarters.log_tau),
+            at_tau: biases.clone().map(|bias| of(&quarters.at_tau, bias)).collect(),
+            own: biases.map(|bias| of(&quarters.own, bias).max(of(&halves.own, bias))).collect(),
+        }
+    }
+
+    /// The estimates without `count` neighbouring quarters of a sweep.
+    fn replicates(&self, used: &[usize], tau_s: f64, count: usize) -> Replicates {
         let transient = self.ramps.columns(Column::Transient).start;
-        let (mut logarithms, mut transients) = (Vec::new(), vec![Vec::new(); self.ramps.biases.len()]);
-        for (sweep, found) in self.ramps.sweeps.iter().enumerate() {
-            for piece in 0..found.pieces.len() {
-                let without = |tau: usize, bias: usize| self.pieces[tau][bias][sweep][piece].clone();
-                logarithms.push(self.minimum(used, without).tau_s.ln());
-                for (bias, transients) in transients.iter_mut().enumerate() {
+        let none = vec![Vec::new(); self.ramps.biases.len()];
+        let mut found = Replicates { log_tau: Vec::new(), at_tau: none.clone(), own: none };
+        for sweep in 0..self.ramps.sweeps.len() {
+            for first in (0..self.ramps.sweeps[sweep].pieces.len()).step_by(count) {
+                let without = |tau: usize, bias: usize| {
+                    let pieces = self.pieces[tau][bias][sweep].iter().skip(first).take(count);
+                    pieces.fold(self.none(bias), |sum, piece| sum.plus(piece))
+                };
+                let own_tau_s = self.minimum(used, without).tau_s;
+                found.log_tau.push(own_tau_s.ln());
+                for bias in 0..self.ramps.biases.len() {
                     let at = |tau: usize| {
                         let equations = self.totals[tau][bias].clone().minus(&without(tau, bias));
                         equations.solve(used).values[transient]
                     };
-                    transients.push(self.interpolated(tau_s, at));
+                    found.at_tau[bias].push(self.interpolated(tau_s, at));
+                    found.own[bias].push(self.interpolated(own_tau_s, at));
                 }
             }
         }
-        (jackknife_error(&logarithms), transients.iter().map(|values| jackknife_error(values)).collect())
+        found
     }
 
     /// A function of the time constant that is known on the grid, by the parabola through the three nearest.

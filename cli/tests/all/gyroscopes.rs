@@ -108,10 +108,11 @@ fn the_campaign_with_a_known_truth() {
         "  Earth's horizontal rate 11.539",
         "[deg/h, 95 %], at the stated latitude 11.5390\n",
         "  with alignment matrices of both triads;",
-        "\naccelerometers: bias +- 0.29 ug0, scale factor +- 0.66 ppm over 1.0899..4.0572 V, 95 %, from 15 set points\n",
-        "\ngyroscopes: bias +- 0.00",
+        "\naccelerometers: bias +- 0.43 ug0, scale factor +- 0.98 ppm over 1.0899..4.0572 V, 95 % for each whole curve, from 15 \
+         set points\n",
+        "\ngyroscopes: bias +- 0.0105 deg/h, scale factor +- 4.86 ppm over ",
         " deg/h/g0, misalignment +- 0.5",
-        "e-6 rad, 95 %, from 15 set points\n",
+        "e-6 rad, 95 % for each whole curve, from 15 set points\n",
     ] {
         assert!(err.contains(line), "{line}: {err}");
     }

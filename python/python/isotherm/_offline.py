@@ -234,7 +234,7 @@ class Calibration:
 
     @property
     def accuracy(self) -> str:
-        """The bottom line: 95 % half widths of the curves, as "bias +- 1.20 ug0, scale factor +- 2.1 ppm over 1.2..3.8 V, ...".
+        """The bottom line: 95 % half widths for whole curves, as "bias +- 1.20 ug0, scale factor +- 2.1 ppm over 1.2..3.8 V, ...".
 
         With ramps alone: what was measured, and that nothing else was.
         """
@@ -249,8 +249,9 @@ class Calibration:
     def summary(self) -> dict[str, Any]:
         """The figures: the document of `isotherm calibrate --json`. Keys have their unit at the end; what is not known is None.
 
-        By axis `bias_interval_g0`, `scale_factor_interval_ppm`, `misalignment_rad` and their 95 % half widths; then the orders of
-        the curves, whether the table has or needs an alignment matrix, a `caution` if the set points are few, and the findings. Under
+        By axis `bias_interval_g0`, `scale_factor_interval_ppm`: the largest 95 % half widths at one telemetry (pointwise);
+        `bias_band_g0`, `scale_factor_band_ppm`: those that hold for a whole curve at once; `misalignment_rad` with its 95 % half
+        widths. Then the orders of the curves, whether the table has or needs an alignment matrix, a `caution` if the set points are few, and the findings. Under
         `gyroscopes`, of a campaign with turns, the same of them, with g-sensitivities, random walk and Earth's rate. Under `transients`, of a
         campaign with ramps, the verdict, the time constant, and each bias with its conditions. Ramps alone have that, and `not_known`.
         """

@@ -8,7 +8,7 @@ use isotherm_calibration::{CalibratedTriad, FittedRun, GyroscopeCalibration, Pla
 use isotherm_campaign::Turn;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::CONFIDENCE;
+use isotherm_statistics::{CONFIDENCE, largest};
 
 /// Column headings of a run's residuals.
 pub(super) const RESIDUALS: [&str; AXES] = ["G1 / arcsec", "G2 / arcsec", "G3 / arcsec"];
@@ -107,7 +107,7 @@ impl Report<'_> {
             let at_rest = [
                 ("standard error of the bias", standard_error[0]),
                 ("leave-one-set-point-out, bias", leave_one_out[0]),
-                ("g-sensitivity, at 1 g0", s.map(|errors| errors.into_iter().fold(0.0, f64::max))),
+                ("g-sensitivity, at 1 g0", s.map(largest)),
                 ("head telemetry 0.001 off, bias at its steepest", Some(slope[0])),
             ];
             let in_motion = [

@@ -4,7 +4,7 @@ use super::parts::{QUANTITY_NAMES, Report};
 use crate::page::{Cell, Column, NoteKind, Page};
 use isotherm_calibration::CalibratedTriad;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{Curve, Diagnostics, Fit, OrderTable, Test};
+use isotherm_statistics::{Curve, Diagnostics, Fit, OrderTable, Test, root};
 
 impl Report<'_> {
     pub(super) fn orders(&self, page: &mut Page, triad: &CalibratedTriad<'_>) {
@@ -64,7 +64,7 @@ fn orders(page: &mut Page, caption: &str, table: &OrderTable, factor: f64) {
 
 /// The coefficients of a curve, each with the test of its term in the fit.
 fn coefficients(page: &mut Page, caption: &str, fit: &Fit, curve: &Curve, factor: f64) {
-    let errors = curve.table_covariance().map(|c| c.diagonal().map(|v| v.max(0.0).sqrt()));
+    let errors = curve.table_covariance().map(|c| c.diagonal().map(root));
     let partial = |power: usize| fit.partial_centred.get(power.checked_sub(1)?);
     let sum = |power: usize| Some(partial(power)?.sum_of_squares * factor * factor).filter(|sum| sum.is_finite());
     let columns: [Column<'_, (usize, f64)>; 6] = [

@@ -5,7 +5,7 @@ use crate::page::{Cell, Column, Page};
 use crate::plot::{Plot, Style};
 use isotherm_calibration::{CalibratedTriad, Method, ReducedSensor};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{CONFIDENCE, student_quantile};
+use isotherm_statistics::{CONFIDENCE, largest, student_quantile};
 
 impl Report<'_> {
     /// `accelerometers: ` if there are gyroscopes too, or else nothing: of one triad it is clear what is meant.
@@ -45,7 +45,7 @@ impl Report<'_> {
         } else {
             "Points are the set points, freed of the drift within them where the one-stage fit knows it; the line is the table. Bars: 95 % \
              of each set point's own value, by Student's t from the scatter of its dwells, drift and tilt included: where the points are freed of \
-             the drift, they scatter less than the bars say. Band: 95 % of the table's curve. What is too small to be seen here is in the \
+             the drift, they scatter less than the bars say. Band: 95 % for the table's whole curve at once. What is too small to be seen here is in the \
              residuals below. Upper scale: the chamber's set points, with straight lines between them."
         });
         for (quantity, name) in QUANTITY_NAMES.iter().enumerate() {
@@ -71,8 +71,9 @@ impl Report<'_> {
     ) -> Plot {
         let curve = &triad.curves[axis][quantity];
         let value = |u: f64| curve.at(u) - from(u);
+        let quantile = curve.band_quantile(CONFIDENCE);
         let band = grid(curve.range()).filter_map(|u| {
-            let half = curve.interval(u, CONFIDENCE)?;
+            let half = curve.half_width(u, quantile?)?;
             Some((u, (value(u) - half) * factor, (value(u) + half) * factor))
         });
         self.plot_over_telemetry(triad, title, y_label, axis, quantity)
@@ -86,7 +87,7 @@ impl Report<'_> {
         self.heading(page, triad, "residuals", "Residuals");
         page.heading(3, "residuals-set-points", "Set points");
         page.paragraph(
-            "Bars: 95 % of each set point's own value, as above. Band: 95 % of the table's curve. By chance at most one bar in twenty misses the \
+            "Bars: 95 % of each set point's own value, as above. Band: 95 % for the table's whole curve at once. By chance at most one bar in twenty misses the \
              true curve; more of them are a sign of an order that is too low, or of an error that changes between set points.",
         );
         for (quantity, name) in QUANTITY_NAMES.iter().enumerate() {
@@ -206,7 +207,7 @@ impl Budget {
         let slope = |quantity: usize| {
             let curve = &curves[quantity];
             let slopes = grid(curve.range()).map(|u| curve.slope(u).abs() / size(quantity, u));
-            slopes.fold(0.0, f64::max) * 1e-3
+            largest(slopes) * 1e-3
         };
         let leave_one_out = |quantity: usize| {
             let orders = &triad.orders[axis][quantity];

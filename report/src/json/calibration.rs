@@ -4,7 +4,7 @@ use super::transients::TransientsView;
 use crate::view::view;
 use isotherm_calibration::{
     Accuracy, CalibratedTriad, Calibration, GyroscopeCalibration, TriadObservability, is_alignment_needed, is_needed,
-    largest_interval,
+    largest_band, largest_interval,
 };
 use isotherm_campaign::Dwell;
 use isotherm_recording::Losses;
@@ -49,6 +49,8 @@ view! { AxisView<'a>(calibration: &Calibration, triad: &CalibratedTriad<'_>, acc
     axis: &'a str = triad.names[axis],
     bias_interval_g0: Option<f64> = accuracy.bias[axis],
     scale_factor_interval_ppm: Option<f64> = accuracy.scale_factor[axis].map(|part| part * 1e6),
+    bias_band_g0: Option<f64> = accuracy.bias_band[axis],
+    scale_factor_band_ppm: Option<f64> = accuracy.scale_factor_band[axis].map(|part| part * 1e6),
     misalignment_rad: [f64; 2] = triad.misalignment[axis],
     misalignment_interval_rad: Option<[f64; 2]> = triad.misalignment_interval[axis],
     residual_sd_g0: f64 = calibration.residual_sd(axis),
@@ -70,6 +72,7 @@ CurveView<'a>(triad: &CalibratedTriad<'a>, axis: usize, quantity: usize) {
     leave_one_set_point_out_rms_in_unit: Option<f64> = triad.orders[axis][quantity].chosen().leave_one_out_rms,
     residual_sd_in_unit: Option<f64> = triad.orders[axis][quantity].chosen().residual_sd,
     largest_interval_in_unit: Option<f64> = largest_interval(&triad.curves[axis][quantity], false),
+    largest_band_in_unit: Option<f64> = largest_band(&triad.curves[axis][quantity], false),
 }}
 
 impl<'a> GyroscopesView<'a> {
@@ -104,6 +107,8 @@ view! { GyroscopeView<'a>(
     axis: &'a str = triad.names[axis],
     bias_interval_deg_h: Option<f64> = accuracy.bias[axis],
     scale_factor_interval_ppm: Option<f64> = accuracy.scale_factor[axis].map(|part| part * 1e6),
+    bias_band_deg_h: Option<f64> = accuracy.bias_band[axis],
+    scale_factor_band_ppm: Option<f64> = accuracy.scale_factor_band[axis].map(|part| part * 1e6),
     misalignment_rad: [f64; 2] = triad.misalignment[axis],
     misalignment_interval_rad: Option<[f64; 2]> = triad.misalignment_interval[axis],
     g_sensitivity_deg_h_g0: [f64; AXES] = found.solution.gyroscopes[axis].g_sensitivity,

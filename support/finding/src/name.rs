@@ -180,13 +180,13 @@ findings! {
     }
     "The fit" "" {
         /// A residual in one position at all temperatures that no tilt explains; or a level error that is not estimated
-        /// and may not cancel.
+        /// and may not cancel. Where it does not cancel, no accuracy is stated.
         LEVEL = "level", Warning,
             "Correct the angles or the number of the position, or measure it again; state all angles, or measure \
              pairs of \
              opposite headings.";
-        /// Set points scatter about a curve by over 8 times their own errors. One line names the worst curve and the
-        /// number of others.
+        /// Set points scatter about a curve by over 8 times their own errors, or by over 6 times where a higher order
+        /// is better at set points left out. One line names the worst curve and the number of others.
         LACK_OF_FIT = "lack-of-fit", Warning,
             "Take a higher `--order`, measure more set points, or look in the report for one that is off.";
         /// A curve has as many coefficients as there are set points: its errors are not known.

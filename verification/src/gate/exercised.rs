@@ -16,6 +16,7 @@ use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::largest;
 use std::fmt;
 
 /// Number of points at which two curves are compared.
@@ -60,7 +61,7 @@ impl Channel {
         let at = |(curve, unit): (&Polynomial, f64), telemetry: f64| curve.at(telemetry) / unit;
         let telemetry = |point: u32| low + (high - low) * f64::from(point) / f64::from(POINTS - 1);
         let differences = (0..POINTS).map(|point| (at(new, telemetry(point)) / at(old, telemetry(point)) - 1.0).abs());
-        (low < high).then(|| differences.fold(0.0, f64::max))
+        (low < high).then(|| largest(differences))
     }
 }
 

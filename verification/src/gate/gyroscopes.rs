@@ -17,7 +17,7 @@ use isotherm_calibration::{Calibration, GyroscopeCalibration, GyroscopeSolution,
 use isotherm_finding::{Finding, name};
 use isotherm_shared::table::{CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::CONFIDENCE;
+use isotherm_statistics::{CONFIDENCE, largest};
 use nalgebra::{Matrix3, Vector3};
 
 /// What the gate allows a gyroscope in any case \[deg/h\]: dynamic effects of a temperature that moves.
@@ -49,10 +49,10 @@ pub(crate) fn rate(calibration: &Calibration, force: [f64; AXES]) -> Option<f64>
     let of_earth = calibration.table.turntable().and_then(EarthRate::largest_interval);
     let axes =
         (0..AXES).map(|axis| Some(3.0 * (half_width(found, axis, force)? + of_earth.unwrap_or(0.0)) + RATE_FLOOR));
-    let most = axes.collect::<Option<Vec<_>>>()?.into_iter().fold(0.0, f64::max);
+    let most = largest(axes.collect::<Option<Vec<_>>>()?);
     let poor = !calibration.accepted.is_empty() || is_unexplained(calibration);
-    let noise = found.noise.into_iter().fold(0.0, f64::max) / GROUP_S.sqrt();
-    Some(most.min(if poor { RATE_ACCEPTED } else { RATE_MOST }) + NOISE * noise)
+    let noise = largest(found.noise) / GROUP_S.sqrt();
+    most.is_finite().then(|| most.min(if poor { RATE_ACCEPTED } else { RATE_MOST }) + NOISE * noise)
 }
 
 /// What is granted to the gyroscopes of a new table.
@@ -74,15 +74,14 @@ impl GyroscopeBounds {
         let found = calibration.gyroscopes.as_ref()?;
         // An error that is not known grants nothing.
         let most = |of: &dyn Fn(&GyroscopeSolution) -> Option<f64>| {
-            found.solution.gyroscopes.iter().map(|part| of(part).unwrap_or(0.0)).fold(0.0, f64::max)
+            largest(found.solution.gyroscopes.iter().map(|part| of(part).unwrap_or(0.0)))
         };
-        let largest = |parts: &[f64]| parts.iter().copied().fold(0.0, f64::max);
         let scale_factor =
             most(&|part| Some(largest_interval(&part.curves[1], true)?.max(largest_interval(&part.curves[2], true)?)));
-        let misalignment = most(&|part| Some(largest(&part.misalignment_interval(CONFIDENCE)?)));
-        let g_sensitivity = most(&|part| Some(largest(&part.g_sensitivity_interval(CONFIDENCE)?)));
+        let misalignment = most(&|part| Some(largest(part.misalignment_interval(CONFIDENCE)?)));
+        let g_sensitivity = most(&|part| Some(largest(part.g_sensitivity_interval(CONFIDENCE)?)));
         let both = |half_width: f64, floor: f64| 2.0 * 3.0 * half_width + floor;
-        let granted = (0..AXES).map(|axis| half_width(found, axis, force).unwrap_or(0.0)).fold(0.0, f64::max);
+        let granted = largest((0..AXES).map(|axis| half_width(found, axis, force).unwrap_or(0.0)));
         Some(Self {
             granted: granted.clamp(0.0, RATE_FLOOR),
             relative: require.scale.unwrap_or_else(|| both(scale_factor.max(misalignment), GATE_FLOOR).min(GATE_MOST)),

@@ -39,6 +39,19 @@ fn the_noise_and_a_slow_wave_are_found() {
     }
 }
 
+#[test]
+fn what_is_not_a_number_is_never_a_small_error() {
+    let mut run = windows(600, 1, 3e-6, |_| [0.0; AXES]);
+    run[300].after[1] = f64::NAN;
+    let verdict = Verdict::of(&run, FORCE, true, Some(1.0));
+    let errors = verdict.axes[1];
+    for value in [errors.variation.value, errors.worst.value, errors.worst.least(), errors.largest_window] {
+        assert!(value.is_nan(), "{errors:?}");
+    }
+    assert!(verdict.level.worst.value.is_nan() && verdict.largest().1.most().is_nan());
+    assert!(verdict.axes[0].worst.value < 10e-6);
+}
+
 /// How many intervals contain the truth, which is no error \[%\]: that of the constant error, and that of the worst
 /// group. Noise is correlated from window to window by `correlation`.
 fn coverage(count: usize, correlation: f64, trials: u64) -> [f64; 2] {

@@ -8,6 +8,7 @@ use isotherm_calibration::{
     Accuracy, AlignmentChoice, Calibration, CalibrationOptions, Method, calibrate_accelerometers, reduce,
 };
 use isotherm_campaign::{Campaign, Position, Scheme};
+use isotherm_finding::name;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::RawSample;
@@ -35,6 +36,7 @@ fn the_campaign_with_a_known_truth() {
         let calibration = shipped(CalibrationOptions { method, ..CalibrationOptions::default() });
         let found = worst(&calibration.table, &paper());
         println!("{}: bias {:.4}e-6 g0, scale factors {:.4} ppm", method.name(), found[0], found[1]);
+        println!("{}", Accuracy::of(&calibration));
         assert!(found[0] < limits[0] && found[1] < limits[1], "{found:?}");
         for (name, tables) in ["A1", "A2", "A3"].iter().zip(&calibration.orders) {
             assert!(tables.iter().all(|table| table.choice.order == 3), "{name}");
@@ -250,6 +252,32 @@ fn a_curve_that_does_not_fit_gives_a_warning_about_the_curve_and_not_about_dwell
     assert!(!text.contains("--exclude"), "{text}");
     assert!(warnings(vec![-25.0, 10.0, 45.0], None).contains("there are too few set points"));
     assert!(warnings(vec![-25.0, 0.0, 20.0, 45.0], Some(3)).contains("order 3 takes all 4 set points"));
+}
+
+#[test]
+fn without_the_tilt_no_figure_is_printed() {
+    // Six faces at one heading: angles or not, the tilt is taken for bias, scale factors and misalignments.
+    let truth = truth([1e-4, -5e-5], 9.8015);
+    let schedule = CampaignSchedule {
+        positions: Scheme::SixFacesTwoHeadings.positions().into_iter().step_by(2).collect(),
+        noise: quiet(),
+        ..CampaignSchedule::default()
+    };
+    for with_angles in [true, false] {
+        let mut file = campaign_file(&truth, &schedule);
+        file.mount = file.mount.filter(|_| with_angles);
+        let dwells = dwells(&file, &csv(campaign(&truth, &schedule, 1))).unwrap();
+        let calibration = calibrate_accelerometers(&file, dwells, CalibrationOptions::default()).unwrap();
+        let [bias, _] = worst(&calibration.table, &truth.table);
+        assert!(bias > 20.0, "{bias}");
+        assert!(calibration.findings.iter().any(|finding| finding.name == name::LEVEL));
+        let accuracy = Accuracy::of(&calibration);
+        assert!(accuracy.bias.iter().chain(&accuracy.scale_factor_band).all(Option::is_none), "{accuracy}");
+        let text = isotherm_report::text::calibration(&calibration);
+        let lines = ["bias not known (the tilt of the base is open)", "caution: these positions do not tell the tilt"];
+        assert!(lines.iter().all(|line| text.contains(line)), "{text}");
+        assert!(!text.contains("+-") && !text.contains("NaN"), "{text}");
+    }
 }
 
 #[test]

@@ -6,5 +6,6 @@ mod causes;
 mod checks;
 mod common;
 mod coverage;
+mod few_set_points;
 mod laboratories;
 mod report;

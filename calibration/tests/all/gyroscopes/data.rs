@@ -1,7 +1,8 @@
 //! The campaign with a known truth and an independent fit, see `tests/data/gyro/README.md`.
 
 use isotherm_calibration::{
-    AlignmentChoice, Calibration, CalibrationOptions, GyroscopeCalibration, Method, calibrate, read_measurements,
+    Accuracy, AlignmentChoice, Calibration, CalibrationOptions, GyroscopeCalibration, Method, calibrate,
+    read_measurements,
 };
 use isotherm_campaign::Campaign;
 use isotherm_recording::CampaignCsvReader;
@@ -100,6 +101,7 @@ fn the_campaign_with_a_known_truth_and_an_independent_fit() {
         let found = calibration.gyroscopes.as_ref().unwrap();
         let (truth, reference) = (against_truth(found), against_reference(found));
         println!("{}: truth {truth:?}, reference {reference:?}", method.name());
+        println!("{}\n{}", Accuracy::of(&calibration), Accuracy::of_gyroscopes(&calibration).unwrap());
         assert!(all_below(truth, [0.013, 4.0, 0.006, 7e-7]), "{truth:?}");
         if method == Method::OneStage {
             assert!(all_below(reference, [0.0005, 0.05, 0.0002, 2e-8]), "{reference:?}");

@@ -179,3 +179,62 @@ fn nothing_is_written_where_there_is_no_lag_in_256_imus() {
 fn most_transients_are_written_and_right_in_128_imus() {
     rates(0..128).assert_bounds();
 }
+
+/// The kinds of ramps whose stated errors are tried.
+const RAMPS: [&str; 5] =
+    ["white noise", "biases walk by 1 ug0", "tilt drifts by 10 urad", "one rate", "three times the noise"];
+
+/// How far the transient of each bias is from the truth, in its stated errors, where the time constant is found.
+fn deviations(kind: usize, seeds: core::ops::Range<u64>) -> Vec<f64> {
+    let mut found = Vec::new();
+    for seed in seeds {
+        let mut random = RandomGenerator::new(seed, 2 + kind as u64);
+        let tau_s = drawn(&mut random, 100.0, 400.0).abs();
+        let transients = [(); AXES].map(|()| drawn(&mut random, 3000.0, 10_000.0) / tau_s);
+        let truth = truth(tau_s, transients, Vec::new());
+        let mut noise = quiet();
+        match kind {
+            1 => noise.bias_walk = 1e-6,
+            4 => noise.sensor_g0 *= 3.0,
+            _ => {}
+        }
+        let mut schedules = if kind == 3 { vec![schedule(40.0, noise)] } else { afternoon(noise) };
+        if kind == 2 {
+            schedules.iter_mut().for_each(|schedule| schedule.tilt_drift_rad = [1e-5, -1e-5]);
+        }
+        let fitted = fitted(&truth, &recorded(&truth, &schedules, seed), LagChoice::Search);
+        let inside = fitted.conditions.iter().all(|condition| condition.met);
+        let of_bias = |bias: &BiasTransient| (bias.estimate - transients[bias.axis] * 1e-6) / bias.standard_error;
+        found.extend(fitted.biases.iter().filter(|_| inside).map(of_bias));
+    }
+    found
+}
+
+/// Shares of the deviations within 1 and 2 stated errors.
+fn coverage(kind: usize, seeds: core::ops::Range<u64>) -> [f64; 2] {
+    let units = seeds.end - seeds.start;
+    let found = deviations(kind, seeds);
+    let within = |limit: f64| found.iter().filter(|it| it.abs() <= limit).count() as f64 / found.len() as f64;
+    println!(
+        "{}: {units} units, {} transients: within 1 error {:.0} %, within 2 {:.0} %",
+        RAMPS[kind],
+        found.len(),
+        100.0 * within(1.0),
+        100.0 * within(2.0)
+    );
+    [1.0, 2.0].map(within)
+}
+
+#[test]
+fn the_stated_error_of_a_transient_holds() {
+    let [one, two] = coverage(0, 0..20);
+    assert!(one >= 0.55 && two >= 0.87, "{one} {two}");
+}
+
+#[test]
+#[ignore = "minutes: cargo test --release -p isotherm-calibration --test all stated_error -- --ignored --nocapture"]
+fn the_stated_error_of_a_transient_holds_in_a_hundred_units_of_each_kind() {
+    let seed = std::env::var("ISOTHERM_SEED").map_or(0, |text| text.parse::<u64>().unwrap());
+    let all: Vec<_> = (0..RAMPS.len()).map(|kind| coverage(kind, 100 * seed..100 * (seed + 1))).collect();
+    assert!(all.iter().all(|[_, two]| *two >= 0.9), "{all:?}");
+}
