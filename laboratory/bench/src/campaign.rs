@@ -1,10 +1,10 @@
 //! A campaign in a folder of its own, with as many runners as it takes.
 
-use crate::faults::FaultPlan;
+use crate::faults::{FaultPlan, Random};
 use crate::script::Step;
 use crate::setup::Setup;
 use crate::world::VirtualWorld;
-use isotherm_automation::journal::{JOURNAL, Journal, JournalLine};
+use isotherm_automation::journal::{Entry, JOURNAL, Journal, JournalLine};
 use isotherm_automation::plan::Plan;
 use isotherm_automation::runner::Runner;
 use isotherm_automation::samples::write_campaign_file;
@@ -12,6 +12,7 @@ use isotherm_automation::{journal, stop};
 use isotherm_failure::{Exit, Failure};
 use isotherm_instruments::Surroundings;
 use isotherm_simulation::Truth;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -114,6 +115,10 @@ impl Campaign {
             // What it has done since then did not happen.
             let restored = copy_folder(&copy, &self.plan.output).and_then(|()| fs::remove_dir_all(&copy));
             restored.unwrap_or_else(|error| panic!("restoring the folder: {error}"));
+            if self.world.is_power_lost() {
+                let torn = tear(&self.plan.output, &mut Random((1e3 * self.world.now_s()) as u64));
+                torn.unwrap_or_else(|error| panic!("tearing the folder: {error}"));
+            }
         }
         let failure = if is_killed { None } else { result.err() };
         let exit = failure.as_ref().map(|failure| failure.exit);
@@ -166,6 +171,45 @@ fn copy_folder(from: &Path, to: &Path) -> io::Result<()> {
     for entry in fs::read_dir(from)? {
         let entry = entry?;
         fs::copy(entry.path(), to.join(entry.file_name()))?;
+    }
+    Ok(())
+}
+
+/// What a loss of power leaves of a folder: all that was synced, and any part of what was written after that. Files that
+/// are only renamed may be as they were, empty or away.
+fn tear(folder: &Path, random: &mut Random) -> io::Result<()> {
+    let journal = fs::read_to_string(folder.join(JOURNAL)).unwrap_or_default();
+    let lines = journal.split_inclusive('\n').filter_map(|line| {
+        let read: JournalLine = serde_json::from_str(line).ok()?;
+        Some((read, line.len() as u64))
+    });
+    let (mut end, mut synced, mut kept_to) = (0, 0, BTreeMap::from([(JOURNAL.to_owned(), 0)]));
+    for (line, length) in lines {
+        end += length;
+        match &line.entry {
+            Entry::Kept(kept) => {
+                kept_to.extend(kept.each().map(|kept| (kept.file.clone(), kept.to)));
+                synced = end;
+            }
+            Entry::Begin { .. } | Entry::Started { .. } | Entry::Safe { .. } | Entry::Dropped { .. } => synced = end,
+            _ => {}
+        }
+    }
+    kept_to.insert(JOURNAL.to_owned(), synced);
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let file = fs::File::options().write(true).open(entry.path())?;
+        let (length, kept) = (file.metadata()?.len(), kept_to.get(&name).copied().unwrap_or_default());
+        if name == JOURNAL || name.ends_with(".csv") {
+            file.set_len(kept + ((length - kept) as f64 * random.uniform()) as u64)?;
+        } else if name != "campaign.toml" {
+            match (3.0 * random.uniform()) as u8 {
+                0 => fs::remove_file(entry.path())?,
+                1 => file.set_len(0)?,
+                _ => {}
+            }
+        }
     }
     Ok(())
 }

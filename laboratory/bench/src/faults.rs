@@ -34,6 +34,8 @@ pub enum Fault {
     Signal,
     /// SIGKILL: the runner does not run any more.
     Killed,
+    /// The machine loses its power: what was not synced is lost or torn, and it starts again.
+    PowerLoss,
     /// The time of day is set back by an hour.
     ClockSetBack,
 }
@@ -57,7 +59,8 @@ impl FaultPlan {
             InjectedFault::Alarm,
             InjectedFault::PortLoss,
         ];
-        const OTHERS: [Fault; 14] = [
+        const OTHERS: [Fault; 15] = [
+            Fault::PowerLoss,
             Fault::Slow { turntable: true },
             Fault::Slow { turntable: false },
             Fault::Misread,

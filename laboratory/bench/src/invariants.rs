@@ -22,8 +22,9 @@ const MOVES_DEG: f64 = 0.01;
 /// The air of a row is off its set point by at most this \[degC\]: the tolerance, and what the controller's own sensor
 /// is behind when the air leaves.
 const OFF_C: f64 = 1.2;
-/// The turntable was read within this time before a row of the readbacks \[s\], and is read within this \[deg\].
-const READ_WITHIN_S: f64 = 20.0;
+/// The turntable was read within this time before a row of the readbacks \[s\], the longest time that a slow line takes
+/// for a reading, and is read within this \[deg\].
+const READ_WITHIN_S: f64 = 60.0;
 const READ_DEG: f64 = 0.01;
 /// A set point is off the air by at most a step and what the air and its sensor are behind \[degC\].
 const STEP_C: f64 = 1.2;
@@ -95,7 +96,8 @@ impl Course<'_> {
 
     /// Whether a runner runs at this time.
     fn runs(&self, ended: &[Ended], at_s: f64) -> bool {
-        let killed: Vec<f64> = self.faults.events(Fault::Killed).collect();
+        let killed = [Fault::Killed, Fault::PowerLoss].map(|event| self.faults.events(event));
+        let killed: Vec<f64> = killed.into_iter().flatten().collect();
         let run = ended.iter().find(|it| it.times_s[0] <= at_s && at_s < it.times_s[1]);
         run.is_some_and(|run| !run.is_killed || killed.iter().any(|kill| run.times_s[0] < *kill && at_s < *kill))
     }

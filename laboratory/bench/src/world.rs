@@ -83,6 +83,9 @@ struct State {
     stop_signal: Arc<AtomicUsize>,
     /// Whether the runner has been killed: nothing that it does has an effect.
     is_killed: bool,
+    /// Whether that was a loss of power; and how many there were.
+    is_power_lost: bool,
+    power_losses: usize,
     /// What is done at the moment of SIGKILL.
     at_kill: Option<AtKill>,
     requests: Vec<Request>,
@@ -120,6 +123,8 @@ impl VirtualWorld {
             imus: station.imus.iter().zip(truths).filter_map(imu).collect(),
             stop_signal: Arc::default(),
             is_killed: false,
+            is_power_lost: false,
+            power_losses: 0,
             at_kill: None,
             requests: Vec::new(),
             events: Vec::new(),
@@ -137,7 +142,7 @@ impl VirtualWorld {
     #[must_use]
     pub fn surroundings(&self) -> Surroundings {
         let mut state = self.state();
-        (state.stop_signal, state.is_killed) = (Arc::default(), false);
+        (state.stop_signal, state.is_killed, state.is_power_lost) = (Arc::default(), false, false);
         let stop_signal = Arc::clone(&state.stop_signal);
         Surroundings { time: Arc::new(self.clone()), ports: Arc::new(self.clone()), stop_signal }
     }
@@ -152,6 +157,12 @@ impl VirtualWorld {
     #[must_use]
     pub fn is_killed(&self) -> bool {
         self.state().is_killed
+    }
+
+    /// Whether the machine has lost its power under the runner.
+    #[must_use]
+    pub fn is_power_lost(&self) -> bool {
+        self.state().is_power_lost
     }
 
     /// What is done at the moment of the runner's SIGKILL.
@@ -230,7 +241,7 @@ impl State {
                 self.act(act);
             }
         }
-        let events = [Fault::Signal, Fault::Killed, Fault::RunAway];
+        let events = [Fault::Signal, Fault::Killed, Fault::RunAway, Fault::PowerLoss];
         let events = events.into_iter().flat_map(|event| self.faults.events(event));
         let next_s = events.filter(|at_s| *at_s >= self.now_s()).fold(1e6, f64::min);
         let next = BEGIN + Duration::from_secs_f64(next_s);
@@ -244,14 +255,18 @@ impl State {
         let times = before_s..self.now_s();
         let happens = |event| self.faults.events(event).any(|at_s| times.contains(&at_s));
         let (signalled, killed) = (happens(Fault::Signal), happens(Fault::Killed));
-        let runs_away = happens(Fault::RunAway);
+        let (runs_away, power_lost) = (happens(Fault::RunAway), happens(Fault::PowerLoss));
         if runs_away {
             self.order(1, RUN_AWAY);
         }
         if signalled {
             self.stop_signal.store(SIGTERM, Relaxed);
         }
-        if killed {
+        if power_lost && self.at_kill.is_some() {
+            self.is_power_lost = true;
+            self.power_losses += 1;
+        }
+        if killed || power_lost {
             self.kill();
         }
     }
@@ -448,7 +463,7 @@ impl Time for VirtualWorld {
     }
 
     fn boot(&self) -> String {
-        "virtual".to_owned()
+        format!("virtual-{}", self.state().power_losses)
     }
 
     fn sleep_until(&self, moment: Moment) {

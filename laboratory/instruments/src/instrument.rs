@@ -5,7 +5,7 @@ use super::line::Line;
 use super::reply::ExchangeError;
 
 /// A reading is taken anew at most this often.
-const READINGS: u32 = 5;
+const READINGS: u32 = 3;
 
 /// An instrument on a line.
 pub trait Instrument: Send {
