@@ -13,6 +13,8 @@ use std::fs;
 const ORDERS_S: f64 = 5.0;
 /// Longest time until a reading shows where the turntable is \[s\].
 const NOTICED_S: f64 = 3.0;
+/// Longest pause after a fault of the line is over \[s\].
+const PAUSED_S: f64 = 12.0;
 /// What stops an axis of the turntable.
 const STOP: &[u8] = b":mode:off ";
 /// A row of a dwell is off its position by at most this \[deg\].
@@ -23,9 +25,9 @@ const MOVES_DEG: f64 = 0.01;
 /// is behind when the air leaves.
 const OFF_C: f64 = 1.2;
 /// The turntable was read within this time before a row of the readbacks \[s\], the longest time that a slow line takes
-/// for a reading, and is read within this \[deg\].
+/// for a reading, and is read within this, twice the swing of one that does not settle \[deg\].
 const READ_WITHIN_S: f64 = 60.0;
-const READ_DEG: f64 = 0.01;
+const READ_DEG: f64 = 0.11;
 /// A set point is off the air by at most a step and what the air and its sensor are behind \[degC\].
 const STEP_C: f64 = 1.2;
 /// A chamber that is stopped changes more slowly than this \[degC/s\].
@@ -89,7 +91,7 @@ impl Course<'_> {
         let is_beyond = |place: &Place| limits.reading(place.angles_deg, [0.0; 2], false).is_some();
         let leaves = self.places.windows(2).filter(|pair| !is_beyond(&pair[0]) && is_beyond(&pair[1]));
         let leaves = leaves.map(|pair| pair[1].end_s).filter(|at_s| self.runs(ended, *at_s));
-        let unseen = leaves.filter(|at_s| self.has_port(*at_s) && !self.is_stopped(*at_s, NOTICED_S + ORDERS_S));
+        let unseen = leaves.filter(|at_s| self.has_line(*at_s) && !self.is_stopped(*at_s, NOTICED_S + ORDERS_S));
         let reached = unseen.map(|at_s| format!("no stop order after the limits were left at {at_s:.1} s"));
         commanded.chain(reached).collect()
     }
@@ -111,8 +113,24 @@ impl Course<'_> {
 
     /// Whether the turntable's port exists over the time of an order.
     fn has_port(&self, at_s: f64) -> bool {
-        let lost = Fault::Turntable(InjectedFault::PortLoss);
-        ![at_s, at_s + ORDERS_S].iter().any(|at_s| self.faults.active(*at_s).any(|fault| fault == lost))
+        // A serial line that is dead takes nothing.
+        let lost = [InjectedFault::PortLoss, InjectedFault::Dead].map(Fault::Turntable);
+        ![at_s, at_s + ORDERS_S].iter().any(|at_s| self.faults.active(*at_s).any(|fault| lost.contains(&fault)))
+    }
+
+    /// Whether nothing disturbs the turntable's line at this time and until it is noticed.
+    fn has_line(&self, at_s: f64) -> bool {
+        let disturbs = |fault| match fault {
+            Fault::Turntable(fault) => fault != InjectedFault::NoSettle,
+            Fault::Slow { turntable } => turntable,
+            fault => fault == Fault::CutReply,
+        };
+        let until_s = at_s + NOTICED_S;
+        !self
+            .faults
+            .0
+            .iter()
+            .any(|(fault, times)| disturbs(*fault) && times.start < until_s && times.end > at_s - PAUSED_S)
     }
 
     /// Whether the turntable moves at this time.
@@ -166,8 +184,9 @@ impl Course<'_> {
     /// Readings of the turntable that are at no angle where it was shortly before: replies to other requests, or parts
     /// of replies.
     fn wrong_readings(&self) -> Vec<String> {
-        if self.faults.events(Fault::ClockSetBack).next().is_some() {
-            // The times of the rows do not tell when they were taken.
+        let event = |fault| self.faults.events(fault).next().is_some();
+        if event(Fault::ClockSetBack) || event(Fault::RunAway) {
+            // The times of the rows do not tell when they were taken; or the turntable turns back between two samples.
             return Vec::new();
         }
         let text = fs::read_to_string(self.campaign.plan.output.join("readbacks.csv")).unwrap_or_default();

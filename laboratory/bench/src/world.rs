@@ -22,6 +22,8 @@ const BEGIN: Moment = Moment::of_ns(1_000_000_000_000);
 const BEGIN_UNIX_S: f64 = 1.8e9;
 /// What a look at the clock takes: no loop turns without time passing.
 const LOOK: Duration = Duration::from_micros(1);
+/// Longer than any campaign.
+const FAR: Duration = Duration::from_secs(1_000_000);
 /// From a request to its reply.
 const REPLY: Duration = Duration::from_millis(5);
 /// The same of [`Fault::Slow`], at most: more than the time-out of the plan and the quiet time after it.
@@ -233,20 +235,26 @@ impl State {
         }
         // Step by step, so that each thing happens at its time.
         while self.now < until {
-            let next = self.script.next_look().map_or(until, |look| look.max(self.now + LOOK).min(until));
-            self.pass_to(next);
+            let look = self.script.next_look().map_or(until, |look| look.max(self.now + LOOK));
+            // What is due at a moment is found when time has passed beyond it.
+            let event = self.next_event().map_or(until, |event| event + LOOK);
+            self.pass_to(look.min(event).min(until));
             if self.script.next_look().is_some_and(|look| look <= self.now)
                 && let Some(act) = self.script.due(self.now)
             {
                 self.act(act);
             }
         }
+        let next = self.next_event().into_iter().chain(self.script.next_look()).min();
+        self.quiet_until = next.unwrap_or(self.now + FAR);
+    }
+
+    /// When something happens next.
+    fn next_event(&self) -> Option<Moment> {
         let events = [Fault::Signal, Fault::Killed, Fault::RunAway, Fault::PowerLoss];
         let events = events.into_iter().flat_map(|event| self.faults.events(event));
-        let next_s = events.filter(|at_s| *at_s >= self.now_s()).fold(1e6, f64::min);
-        let next = BEGIN + Duration::from_secs_f64(next_s);
-        // What is due at a moment is found when time has passed beyond it.
-        self.quiet_until = self.script.next_look().map_or(next, |look| look.min(next));
+        let next_s = events.filter(|at_s| *at_s >= self.now_s()).reduce(f64::min);
+        next_s.map(|next_s| BEGIN + Duration::from_secs_f64(next_s))
     }
 
     fn pass_to(&mut self, until: Moment) {
