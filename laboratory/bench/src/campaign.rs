@@ -175,8 +175,8 @@ fn copy_folder(from: &Path, to: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// What a loss of power leaves of a folder: all that was synced, and any part of what was written after that. Files that
-/// are only renamed may be as they were, empty or away.
+/// What a loss of power leaves of a folder: all that was synced, and any part of what was written after that. Files
+/// that are only renamed may be as they were, empty or away.
 fn tear(folder: &Path, random: &mut Random) -> io::Result<()> {
     let journal = fs::read_to_string(folder.join(JOURNAL)).unwrap_or_default();
     let lines = journal.split_inclusive('\n').filter_map(|line| {
