@@ -8,7 +8,7 @@ use isotherm_calibration::{
 };
 use isotherm_campaign::{Campaign, Ramp};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{Trust, load_table, read_text};
+use isotherm_files::{Trust, load_table_text};
 use isotherm_recording::{CampaignRow, LogImu, Marks, RecordingError};
 use isotherm_recording_formats::convert::Foreign;
 use isotherm_recording_formats::read::{ImuChoice, Input, Part, Pieces, Places, Recording, RowKind};
@@ -259,8 +259,7 @@ impl Made {
 
 /// The table that ramps alone begin with, and whether its provenance states errors of its bias curves.
 fn curves(path: &Path, campaign: &Campaign) -> Result<(CoefficientTable, bool), Failure> {
-    let (table, _) = load_table(path, Some(&campaign.imu), Trust::Any)?;
-    let (text, _) = read_text(path, Trust::Any)?;
+    let (table, text, _) = load_table_text(path, Some(&campaign.imu), Trust::Any)?;
     let has_errors = isotherm_calibration::Origin::of_toml(&text, &table).has_bias_errors();
     Ok((table, has_errors))
 }

@@ -2,7 +2,7 @@
 //! of times as fast as a real one.
 
 use crate::{Process, TABLE, TIMEOUT, TestDomain, text, wait_until};
-use rustix::process::Pid;
+use isotherm_laboratory_bench::{assert_whole_turn, linear};
 use serde_json::Value;
 use std::fs;
 use std::process::Output;
@@ -14,32 +14,6 @@ const SPEED: &str = "700";
 
 /// Serial number of a truth with [`GYROSCOPES`].
 pub const SERIAL: &str = "SN 42";
-/// Gyroscopes for the truth, linear as its accelerometers are.
-pub const GYROSCOPES: &str = r#"
-[[gyroscope]]
-name = "G1"
-bias = { unit = "deg/h", range = [0.9, 4.2], c0 = 6.213, c1 = -1.871 }
-positive_scale_factor = { unit = "pulse/arcsec", range = [0.9, 4.2], c0 = 1.05214, c1 = 0.00041 }
-negative_scale_factor = { unit = "pulse/arcsec", range = [0.9, 4.2], c0 = -1.05391, c1 = 0.00036 }
-g_sensitivity = { unit = "deg/h/g0", a1 = 0.731, a2 = -0.214, a3 = 0.0875 }
-[[gyroscope]]
-name = "G2"
-bias = { unit = "deg/h", range = [0.9, 4.2], c0 = -2.4471, c1 = 0.9127 }
-positive_scale_factor = { unit = "pulse/arcsec", range = [0.9, 4.2], c0 = 0.98761, c1 = -0.00022 }
-negative_scale_factor = { unit = "pulse/arcsec", range = [0.9, 4.2], c0 = -0.98533, c1 = 0.00019 }
-g_sensitivity = { unit = "deg/h/g0", a1 = -0.31, a2 = 0.52, a3 = 0.11 }
-[[gyroscope]]
-name = "G3"
-bias = { unit = "deg/h", range = [0.9, 4.2], c0 = 0.5512, c1 = 1.7305 }
-positive_scale_factor = { unit = "pulse/arcsec", range = [0.9, 4.2], c0 = 1.11873, c1 = -0.00057 }
-negative_scale_factor = { unit = "pulse/arcsec", range = [0.9, 4.2], c0 = -1.11692, c1 = 0.00044 }
-g_sensitivity = { unit = "deg/h/g0", a1 = -0.118, a2 = 0.306, a3 = -0.942 }
-[gyroscope_alignment]
-matrix = [[1.0, 0.00031, -0.00018], [-0.00027, 1.0, 0.00044], [0.00012, -0.00039, 1.0]]
-[alignment]
-matrix = [[1, 2.8e-4, -1e-4], [1.2e-4, 1, 2e-4], [0, -1.5e-4, 1]]
-"#;
-
 /// A station in `DIR/station` with a service for its IMU, and a plan for both.
 pub struct TestLaboratory {
     /// The domain and the folder of both.
@@ -202,12 +176,7 @@ impl TestLaboratory {
 
     /// The names of the events on the live page, oldest first.
     pub fn events_on_page(&self) -> Vec<String> {
-        let page = text(&self.file("live.html"));
-        let cells = page.split("<td class=\"").filter(|cell| !cell.starts_with("number") && !cell.starts_with("long"));
-        let names = cells.filter_map(|cell| Some(cell.split_once("</span> ")?.1.split_once("</td>")?.0.to_owned()));
-        let mut names: Vec<_> = names.collect();
-        names.reverse();
-        names
+        isotherm_laboratory_bench::events_on_page(&text(&self.file("live.html")))
     }
 
     /// Waits until the journal has `count` lines with this event, and asserts that the campaign goes on meanwhile.
@@ -320,64 +289,12 @@ impl TestLaboratory {
     }
 }
 
-/// Asserts that the rows of a turn are one unbroken run of one session, in which a gyroscope has turned by its whole
-/// angle.
-fn assert_whole_turn(unit: &Value, header: &str, rows: &str) {
-    let column = |name: &str| header.split(',').position(|column| column == name).unwrap();
-    let rows: Vec<Vec<&str>> = rows.lines().map(|row| row.split(',').collect()).collect();
-    let number = |row: &[&str], name: &str| row[column(name)].parse::<i64>().unwrap();
-    for pair in rows.windows(2) {
-        let same = ["session", "position", "set_point_c", "interval_ns"].map(column);
-        assert!(same.iter().all(|&column| pair[0][column] == pair[1][column]), "{unit}\n{pair:?}");
-        let step_ns = number(&pair[1], "timestamp_ns") - number(&pair[0], "timestamp_ns");
-        assert_eq!(step_ns, number(&pair[1], "interval_ns"), "{unit}\n{pair:?}");
-    }
-    let pulses = |gyroscope: usize| {
-        let [positive, negative] = ["positive", "negative"].map(|channel| format!("g{gyroscope}_{channel}"));
-        rows.iter().map(|row| number(row, &positive) - number(row, &negative)).sum::<i64>()
-    };
-    let turned = (1..=3).map(pulses).map(i64::abs).max().unwrap() as f64;
-    let angle = unit["turn"]["angle_deg"].as_f64().unwrap().abs() * 3600.0;
-    // The scale factors are 0.98 to 1.12 pulses per arc second; bias and Earth add or take less than a tenth.
-    assert!((0.88..1.23).contains(&(turned / angle)), "{unit}: {turned} pulses for {angle} arcsec");
-}
-
-/// The process of a station's part: `chamber`, `table` or `imu`.
-///
-/// The station's files are there before its last process is: this waits for the process.
-pub fn station_part(station: &Process, part: &str) -> Pid {
-    let path = format!("/proc/{0}/task/{0}/children", station.pid());
-    let mut found = None;
-    wait_until("the station's process", || {
-        let children = fs::read_to_string(&path).unwrap();
-        found = children.split_whitespace().map(str::to_owned).find(|pid| {
-            let words = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-            words.split(|byte| *byte == 0).any(|word| word == part.as_bytes())
-        });
-        found.is_some()
-    });
-    Pid::from_raw(found.unwrap().parse().unwrap()).unwrap()
-}
-
 /// As [`wait_until`], with five times its time limit: a campaign takes long, on a loaded machine even more so.
 pub fn wait_long(what: &str, mut condition: impl FnMut() -> bool) {
     let begun = Instant::now();
     while !condition() {
         assert!(begun.elapsed() < 5 * TIMEOUT, "{what} did not happen");
         std::thread::sleep(Duration::from_millis(5));
-    }
-}
-
-/// A line of the table without coefficients of the second and third order, and without the digest.
-fn linear(line: &str) -> String {
-    let parts = line.split_inclusive(", ").filter(|part| !part.starts_with("c2 =") && !part.starts_with("c3 ="));
-    let line: String = parts.collect();
-    if line.contains("c1 =") && !line.trim_end().ends_with('}') {
-        format!("{} }}\n", line.trim_end().trim_end_matches(','))
-    } else if line.starts_with("digest") {
-        String::new()
-    } else {
-        line + "\n"
     }
 }
 

@@ -3,15 +3,15 @@
 use super::common::{joined, options};
 use crate::parse::{lag_choice, seconds};
 use clap::{Args, Subcommand};
-use isotherm_automation::control::{self, Lock, runner_pid, snapshot};
+use isotherm_automation::control::{self, Lock, Stopped, runner_pid, snapshot};
 use isotherm_automation::finish::{Finish, dropped};
-use isotherm_automation::journal::{self, Entry, Journal};
+use isotherm_automation::journal::{self, Journal};
 use isotherm_automation::outcome::{outcome, outcomes};
 use isotherm_automation::plan::Plan;
-use isotherm_automation::progress::{self, DroppedImu, STATUS, Snapshot};
+use isotherm_automation::progress::{DroppedImu, STATUS, Snapshot};
 use isotherm_automation::runner::Runner;
 use isotherm_automation::samples::write_campaign_file;
-use isotherm_automation::station::Station;
+use isotherm_automation::stop;
 use isotherm_automation::timeline::{duration, left_s, milestones, units};
 use isotherm_calibration::{AlignmentChoice, LagChoice};
 use isotherm_campaign::Member;
@@ -122,6 +122,9 @@ struct StatusCampaign {
 }
 
 /// End a running campaign in the safe state, and wait for that
+///
+/// A file in the campaign's folder asks the runner, which may run in another container. If none answers within 5 s,
+/// this command goes into the safe state itself.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  isotherm campaign stop plan.toml --timeout 300")]
 struct StopCampaign {
@@ -161,6 +164,9 @@ impl RunCampaign {
         for warning in plan.warnings() {
             tracing::warn!("{warning}");
         }
+        for finding in plan.findings() {
+            tracing::warn!("[{}] {finding}", finding.name);
+        }
         create_own_folder(&plan.output).map_err(|error| Failure::io("making", &plan.output, &error))?;
         // Before the first file in the folder: a refusal leaves none.
         journal::refuse_data_of_others(&plan.output)?;
@@ -170,6 +176,7 @@ impl RunCampaign {
             let registered = signal_hook::flag::register_usize(signal, Arc::clone(&ended), signal as usize);
             registered.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
         }
+        control::watch_requests(&plan.output, &ended)?;
         let options = options(domain, Duration::ZERO);
         let left = journal::needs_safe_state(&plan.output);
         let runner = (|| {
@@ -247,6 +254,9 @@ impl CheckCampaign {
         for warning in plan.warnings() {
             tell("isotherm", format!("warning: {warning}"));
         }
+        for finding in plan.findings() {
+            tell("isotherm", format!("warning [{}]: {finding}", finding.name));
+        }
         print(&text)
     }
 }
@@ -304,29 +314,32 @@ impl StopCampaign {
         let plan = Plan::load(&self.plan)?;
         let stopped = control::stop(&plan.output, self.timeout)?;
         if journal::needs_safe_state(&plan.output) {
-            return safe(&plan);
+            return safe(&plan, stopped == Stopped::NoAnswer);
         }
-        if !stopped {
-            let message = format!("{}: nobody runs this campaign", shown(&plan.output));
-            return Err(Failure::new(Exit::Unavailable, message));
+        match stopped {
+            Stopped::Ended => {}
+            Stopped::Nobody => {
+                let message = format!("{}: nobody runs this campaign", shown(&plan.output));
+                return Err(Failure::new(Exit::Unavailable, message));
+            }
+            Stopped::NoAnswer => {
+                let message = format!(
+                    "{}: the instruments are in the safe state; its runner is asked to end, but has not answered yet",
+                    shown(&plan.output)
+                );
+                return Err(Failure::new(Exit::Failed, message));
+            }
         }
         let ended = snapshot(&plan.output)?.and_then(|snapshot| snapshot.ended);
         print(&(ended.unwrap_or_default() + "\n"))
     }
 }
 
-/// Brings chamber and table into the safe state, after a runner that ended without doing so.
-fn safe(plan: &Plan) -> Result<(), Failure> {
-    let _lock = Lock::take(&plan.output)?;
-    let (table, chamber) = Station::new(plan, true, Surroundings::default()).enter_safe_state();
-    let certain = table.is_reached() && chamber.is_reached();
-    let reason = control::STOPPED_WITHOUT_RUNNER.to_owned();
-    let text = format!("{reason}\nsafe state: {table}; {chamber}");
-    let last = snapshot(&plan.output)?.unwrap_or_default();
-    let last = Snapshot { ended: Some(text.clone()), paused: None, safe: certain, ..last };
-    progress::write(&plan.output.join(STATUS), &last);
-    let (table, chamber) = (table.to_string(), chamber.to_string());
-    let noted = journal::append(&plan.output, Entry::Safe { reason, stopped: Some(true), table, chamber, certain });
-    noted.map_err(|failure| Failure::new(failure.exit, format!("{text}\n{failure}")))?;
+/// Brings chamber and table into the safe state: after a runner that ended without doing so, or beside one that does
+/// not answer, whoever holds the lock.
+fn safe(plan: &Plan, beside_runner: bool) -> Result<(), Failure> {
+    let _lock = if beside_runner { None } else { Some(Lock::take(&plan.output)?) };
+    let reason = if beside_runner { stop::STOPPED_BESIDE_RUNNER } else { stop::STOPPED_WITHOUT_RUNNER };
+    let (text, certain) = stop::make_safe(plan, Surroundings::default(), reason)?;
     if certain { print(&format!("{text}\n")) } else { Err(Failure::new(Exit::Unavailable, text)) }
 }

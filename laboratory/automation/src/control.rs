@@ -5,15 +5,19 @@ use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{check_own_folder, open_without_waiting};
 use isotherm_shared::document::MAX_BYTES;
 use rustix::fs::OFlags;
-use rustix::process::{Pid, Signal, kill_process};
 use std::fs::{File, OpenOptions, Permissions, TryLockError};
 use std::io::{self, Read as _, Seek as _, Write as _};
 use std::os::unix::fs::{OpenOptionsExt as _, PermissionsExt as _};
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicUsize;
+use std::sync::atomic::Ordering::Relaxed;
 use std::thread;
 use std::time::{Duration, Instant};
+use std::{fs, process};
 
-/// The lock file in the campaign's folder: locked while a runner lives, and contains the runner's process id.
+/// The lock file in the campaign's folder: locked while a runner lives, and contains the runner's process id, which
+/// only messages show: it means nothing in another container.
 const LOCK: &str = "runner.lock";
 /// Permissions of the lock file: another user who could read it could lock it for ever.
 const OWN: u32 = 0o600;
@@ -21,8 +25,14 @@ const OWN: u32 = 0o600;
 const LOCK_PATIENCE: Duration = Duration::from_millis(500);
 /// Pause between two attempts.
 const RETRY_PAUSE: Duration = Duration::from_millis(20);
-/// The reason of the safe state that `campaign stop` brings about after a runner that ended without it.
-pub const STOPPED_WITHOUT_RUNNER: &str = "requested after its runner had ended without";
+/// The file in the campaign's folder that asks the runner to end. The runner removes it: that is its answer.
+const STOP: &str = "stop";
+/// The number of a request to end where signals have theirs.
+pub(crate) const REQUESTED: usize = 1 << 16;
+/// How often the runner looks for a request.
+const WATCH_PERIOD: Duration = Duration::from_millis(100);
+/// Longest time until a runner answers a request.
+const ANSWER: Duration = Duration::from_secs(5);
 
 /// Exclusive ownership of the campaign's folder, until this value is dropped or the process ends.
 pub struct Lock {
@@ -69,7 +79,7 @@ impl Lock {
         let write = |mut file: &File| {
             file.rewind()?;
             file.set_len(0)?;
-            writeln!(file, "{}", std::process::id())
+            writeln!(file, "{}", process::id())
         };
         write(&file).map_err(failed)?;
         Ok(Self { _file: file })
@@ -117,28 +127,87 @@ pub fn snapshot(folder: &Path) -> Result<Option<Snapshot>, Failure> {
     }
 }
 
-/// Asks the runner to end in the safe state and waits until it has ended. Returns whether there was a runner.
+/// Looks for a request to end from now on, and then sets the number that lines and runner look at. Who calls has locked
+/// the folder: a request to an earlier runner is forgotten.
 ///
 /// # Errors
-/// If it does not end within `timeout`, or others may write into the folder: they could name any process there.
-pub fn stop(folder: &Path, timeout: Duration) -> Result<bool, Failure> {
+/// If a thread cannot be created, or an earlier request not removed.
+pub fn watch_requests(folder: &Path, stop_signal: &Arc<AtomicUsize>) -> Result<(), Failure> {
+    let path = folder.join(STOP);
+    match fs::remove_file(&path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(Failure::io("removing", &path, &error)),
+        _ => {}
+    }
+    let stop_signal = Arc::clone(stop_signal);
+    let watch = move || {
+        loop {
+            if path.exists() {
+                // A signal that came first has asked for the same.
+                let _ = stop_signal.compare_exchange(0, REQUESTED, Relaxed, Relaxed);
+            }
+            thread::sleep(WATCH_PERIOD);
+        }
+    };
+    let started = thread::Builder::new().name("stop".to_owned()).spawn(watch);
+    started.map(drop).map_err(|error| Failure::new(Exit::Failed, format!("starting a thread: {error}")))
+}
+
+/// Answers a request to end: the runner is on its way into the safe state.
+pub(crate) fn answer_stop(folder: &Path) {
+    // Who asks waits for the end too.
+    let _ = fs::remove_file(folder.join(STOP));
+}
+
+/// What became of a request to end.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Stopped {
+    /// Nobody runs the campaign.
+    Nobody,
+    /// The runner has ended.
+    Ended,
+    /// Somebody has the lock, and has not answered in time.
+    NoAnswer,
+}
+
+/// Asks the runner to end in the safe state, by a file in the campaign's folder, and waits until it has ended. It may
+/// run as another process of this user anywhere, in a container too.
+///
+/// # Errors
+/// If it has answered and does not end within `timeout`, or if the request cannot be written.
+pub fn stop(folder: &Path, timeout: Duration) -> Result<Stopped, Failure> {
     if !folder.exists() {
-        return Ok(false);
+        return Ok(Stopped::Nobody);
     }
     check_own_folder(folder).map_err(|error| Failure::io("looking into", folder, &error))?;
-    let Some(pid) = runner_pid(folder)? else { return Ok(false) };
-    // The signal fails if the runner has just ended by itself, which is fine.
-    let _ = Pid::from_raw(pid).map(|pid| kill_process(pid, Signal::TERM));
+    // Of a lock that cannot be inspected it is not known whether a runner holds it: it is asked.
+    let runs = || runner_pid(folder).map_or(true, |pid| pid.is_some());
+    if !runs() {
+        return Ok(Stopped::Nobody);
+    }
+    let request = folder.join(STOP);
+    write_request(&request).map_err(|error| Failure::io("writing", &request, &error))?;
     let begun = Instant::now();
-    while runner_pid(folder)?.is_some() {
+    while runs() {
+        let is_answered = !request.exists();
+        if !is_answered && begun.elapsed() > ANSWER {
+            return Ok(Stopped::NoAnswer);
+        }
         if begun.elapsed() > timeout {
             let message = format!(
-                "pid {pid} has not ended within {} s; look at the instruments, then kill -9 {pid}",
+                "its runner is on its way into the safe state, but has not ended within {} s; look at the instruments, \
+                 then end its process",
                 timeout.as_secs()
             );
             return Err(Failure::new(Exit::Failed, message));
         }
         thread::sleep(RETRY_PAUSE);
     }
-    Ok(true)
+    answer_stop(folder);
+    Ok(Stopped::Ended)
+}
+
+fn write_request(path: &Path) -> io::Result<()> {
+    let mut options = OpenOptions::new();
+    options.write(true).create(true).truncate(true).mode(OWN).custom_flags(OFlags::NOFOLLOW.bits().cast_signed());
+    writeln!(options.open(path)?, "{}", process::id())
 }

@@ -26,22 +26,35 @@ pub(crate) struct Event {
     pub marked: bool,
 }
 
-/// The events in the lines of the journal of `plan`, oldest first.
-pub(crate) fn events(plan: &Plan, lines: &[JournalLine]) -> Vec<Event> {
-    let (mut kept, mut running, mut events) = (0, false, Vec::new());
-    for line in lines {
-        let unit = Unit::of(plan, kept);
+/// The events of a journal so far.
+#[derive(Debug, Default)]
+pub(crate) struct Events {
+    /// Number of complete units.
+    kept: usize,
+    running: bool,
+    all: Vec<Event>,
+}
+
+impl Events {
+    /// All of them, oldest first.
+    pub(crate) fn all(&self) -> &[Event] {
+        &self.all
+    }
+
+    /// Adds those of the next line of the journal of `plan`.
+    pub(crate) fn add(&mut self, plan: &Plan, line: &JournalLine) {
+        let unit = Unit::of(plan, self.kept);
         let place = unit.map_or_else(|| "all units are complete".to_owned(), |unit| unit.name(plan));
         let (kind, name, text) = match &line.entry {
             Entry::Started { .. } => {
-                let died = std::mem::replace(&mut running, true);
+                let died = std::mem::replace(&mut self.running, true);
                 let kind = if died { NoteKind::Warning } else { NoteKind::Good };
                 let after = if died { "; the runner before ended without the safe state" } else { "" };
                 (kind, "start", format!("{place}{after}"))
             }
             Entry::Kept(_) => {
-                kept += 1;
-                continue;
+                self.kept += 1;
+                return;
             }
             Entry::Discarded { reason } => {
                 let name = match unit {
@@ -56,9 +69,9 @@ pub(crate) fn events(plan: &Plan, lines: &[JournalLine]) -> Vec<Event> {
             Entry::Paused { cause } => (NoteKind::Warning, "pause", format!("{place}: {cause}")),
             Entry::Resumed { after_s } => (NoteKind::Good, "resume", format!("{place}, after {}", duration(*after_s))),
             Entry::Safe { reason, stopped, table, chamber, certain } => {
-                running = false;
+                self.running = false;
                 let (kind, name) = match stopped {
-                    _ if kept == units(plan) => (NoteKind::Good, "end"),
+                    _ if self.kept == units(plan) => (NoteKind::Good, "end"),
                     Some(true) => (NoteKind::Warning, "stop"),
                     Some(false) => (NoteKind::Bad, "alarm or fault"),
                     None => (NoteKind::Warning, "safe state"),
@@ -82,7 +95,7 @@ pub(crate) fn events(plan: &Plan, lines: &[JournalLine]) -> Vec<Event> {
             Entry::NotInstalled { reason } => (NoteKind::Warning, "not installed", reason.clone()),
             Entry::Installed { digest, file } => (NoteKind::Good, "installed", format!("{digest} as {}", shown(file))),
             Entry::Begin { .. } | Entry::Connected { .. } | Entry::Reached { .. } | Entry::Left | Entry::FitBegun => {
-                continue;
+                return;
             }
         };
         let marked = !matches!(
@@ -99,8 +112,8 @@ pub(crate) fn events(plan: &Plan, lines: &[JournalLine]) -> Vec<Event> {
         let texts: Vec<_> =
             if apart { text.lines().map(ToOwned::to_owned).collect() } else { vec![text.replace('\n', "; ")] };
         let of_imu = |text: String| line.imu.as_ref().map_or_else(|| text.clone(), |imu| format!("{imu}: {text}"));
-        events.extend(texts.into_iter().map(|text| Event {
-            unix_s: line.unix_s,
+        self.all.extend(texts.into_iter().map(|text| Event {
+            unix_s: line.at.unix_s,
             kind,
             name,
             text: of_imu(text),
@@ -108,14 +121,20 @@ pub(crate) fn events(plan: &Plan, lines: &[JournalLine]) -> Vec<Event> {
             marked,
         }));
     }
-    events
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::journal::{Kept, LargestError};
+    use super::super::stamp::Stamp;
     use super::*;
     use std::path::Path;
+
+    fn events(plan: &Plan, lines: &[JournalLine]) -> Vec<Event> {
+        let mut events = Events::default();
+        lines.iter().for_each(|line| events.add(plan, line));
+        events.all
+    }
 
     fn plan() -> Plan {
         Plan::from_toml(include_str!("../../../examples/plan.toml"), Path::new("/")).unwrap()
@@ -151,8 +170,10 @@ mod tests {
         ];
         entries.extend((1..units(&plan)).map(|_| kept()));
         entries.push(safe("all data are taken", Some(false), true));
-        let lines: Vec<_> =
-            (0_u32..).zip(entries).map(|(n, entry)| JournalLine { unix_s: n.into(), imu: None, entry }).collect();
+        let lines: Vec<_> = (0_u32..)
+            .zip(entries)
+            .map(|(n, entry)| JournalLine { at: Stamp { unix_s: n.into(), up: None }, imu: None, entry })
+            .collect();
         let events = events(&plan, &lines);
         let found: Vec<_> = events.iter().map(|event| (event.unix_s, event.kind, event.name)).collect();
         let (good, warning, bad) = (NoteKind::Good, NoteKind::Warning, NoteKind::Bad);
@@ -189,8 +210,10 @@ mod tests {
         let plan = Plan::from_toml(include_str!("../../../examples/plan-whole.toml"), Path::new("/")).unwrap();
         let kept = (0..12).map(|_| Entry::Kept(Kept::default()));
         let discarded = Entry::Discarded { reason: "samples are missing".to_owned() };
-        let lines: Vec<_> =
-            kept.chain([discarded]).map(|entry| JournalLine { unix_s: 1.0, imu: None, entry }).collect();
+        let lines: Vec<_> = kept
+            .chain([discarded])
+            .map(|entry| JournalLine { at: Stamp { unix_s: 1.0, up: None }, imu: None, entry })
+            .collect();
         let events = events(&plan, &lines);
         assert_eq!(
             (events.len(), events[0].name, events[0].text.as_str()),
@@ -213,7 +236,10 @@ mod tests {
             Entry::NotCalibrated { reason: reason() },
             Entry::Installed { digest: "sha256:1".to_owned(), file: "imu-a.toml".into() },
         ];
-        let lines: Vec<_> = entries.into_iter().map(|entry| JournalLine { unix_s: 1.0, imu: None, entry }).collect();
+        let lines: Vec<_> = entries
+            .into_iter()
+            .map(|entry| JournalLine { at: Stamp { unix_s: 1.0, up: None }, imu: None, entry })
+            .collect();
         let events = events(&plan(), &lines);
         assert!(events.iter().all(|event| !event.marked && !event.interrupts));
         let found: Vec<_> = events.iter().map(|event| (event.kind, event.name, event.text.as_str())).collect();

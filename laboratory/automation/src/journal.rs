@@ -4,6 +4,7 @@
 //! Over 400 lines: the entries, their writing and their reading define one file format.
 
 use super::plan::{BACK, Plan, RAMP_FILE, RAMP_KEY, RUN_FILE, RUN_KEY, SAMPLES, without_comment};
+use super::stamp::Stamp;
 use isotherm_calibration::{sha256, tool};
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::open_without_waiting;
@@ -26,8 +27,9 @@ const MAX_LINE: u64 = 1 << 20;
 /// A line of the journal.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct JournalLine {
-    /// Unix time \[s\].
-    pub unix_s: f64,
+    /// When it was written.
+    #[serde(flatten)]
+    pub at: Stamp,
     /// The IMU of a batch that it is about; `None` if it is about all of them, or if the IMU is alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub imu: Option<String>,
@@ -235,10 +237,10 @@ pub struct TurnReadBacks {
 pub struct History {
     /// Complete units, in order.
     pub kept: Vec<Kept>,
-    /// The set point that is reached \[degC\], and since when, Unix time \[s\]; `None` if none is.
-    pub reached: Option<(f64, f64)>,
-    /// When the last unit was kept, Unix time \[s\]; 0 if none was.
-    pub kept_unix_s: f64,
+    /// The set point that is reached \[degC\], and since when; `None` if none is.
+    pub reached: Option<(f64, Stamp)>,
+    /// When the last unit was kept; `None` if none was.
+    pub kept_at: Option<Stamp>,
     /// The IMUs of a batch that are dropped, with the reason of each.
     pub dropped: Vec<(String, String)>,
     /// Whether a runner has started.
@@ -338,7 +340,7 @@ impl Journal {
     /// # Errors
     /// If the operating system cannot write it.
     pub fn write(&mut self, entry: Entry) -> Result<(), Failure> {
-        let line = JournalLine { unix_s: self.time.unix_s(), imu: self.imu.clone(), entry };
+        let line = JournalLine { at: Stamp::now(self.time.as_ref()), imu: self.imu.clone(), entry };
         let failed = |error: io::Error| Failure::io("writing the journal", &self.path, &error);
         let text = serde_json::to_string(&line).map_err(|error| failed(error.into()))? + "\n";
         let Some(length) = self.length else {
@@ -370,13 +372,19 @@ impl Journal {
 /// # Errors
 /// If the journal cannot be read, or a complete line is not an entry.
 pub fn read(path: &Path) -> Result<(Vec<JournalLine>, u64), Failure> {
+    read_since(path, 0)
+}
+
+/// The same of the lines after the first `from` bytes.
+pub(crate) fn read_since(path: &Path, from: u64) -> Result<(Vec<JournalLine>, u64), Failure> {
     let failed = |error: io::Error| Failure::io("reading the journal", path, &error);
     let mut file = match open_without_waiting(path) {
         Ok(file) => BufReader::new(file),
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok((Vec::new(), 0)),
         Err(error) => return Err(failed(error)),
     };
-    let (mut lines, mut whole, mut line) = (Vec::new(), 0, Vec::new());
+    file.seek(SeekFrom::Start(from)).map_err(failed)?;
+    let (mut lines, mut whole, mut line) = (Vec::new(), from, Vec::new());
     loop {
         line.clear();
         (&mut file).take(MAX_LINE).read_until(b'\n', &mut line).map_err(failed)?;
@@ -410,11 +418,11 @@ pub fn needs_safe_state(folder: &Path) -> bool {
 ///
 /// # Errors
 /// If it cannot be read or written.
-pub fn append(folder: &Path, entry: Entry) -> Result<(), Failure> {
+pub fn append(folder: &Path, entry: Entry, time: Arc<dyn Time>) -> Result<(), Failure> {
     let path = folder.join(JOURNAL);
     let (_, whole) = read(&path)?;
     let file = open(&path, whole).map_err(|error| Failure::io("opening the journal", &path, &error))?;
-    Journal { file, path, time: Arc::new(RealTime), imu: None, length: Some(whole) }.write_synced(entry)
+    Journal { file, path, time, imu: None, length: Some(whole) }.write_synced(entry)
 }
 
 fn open(path: &Path, whole: u64) -> io::Result<File> {
@@ -437,9 +445,9 @@ pub fn history(lines: &[JournalLine]) -> History {
             }
             Entry::Kept(kept) => {
                 history.kept.push(kept.clone());
-                history.kept_unix_s = line.unix_s;
+                history.kept_at = Some(line.at.clone());
             }
-            Entry::Reached { set_point_c } => history.reached = Some((*set_point_c, line.unix_s)),
+            Entry::Reached { set_point_c } => history.reached = Some((*set_point_c, line.at.clone())),
             Entry::Dropped { reason } => history.dropped.extend(line.imu.clone().map(|imu| (imu, reason.clone()))),
             Entry::Begin { .. } | Entry::Left => history.reached = None,
             Entry::Safe { certain, .. } => (history.reached, history.safe) = (None, *certain),
@@ -584,7 +592,9 @@ mod tests {
         let files = ["verify-1.csv", "verify-2.csv", "verify-3.csv"];
         let units = std::iter::repeat_n(SAMPLES, 180).chain(files).enumerate().map(kept);
         let lines = [begin].into_iter().chain(units).map(|entry| {
-            let line = serde_json::to_string(&JournalLine { unix_s: 1.0, imu: None, entry }).unwrap() + "\n";
+            let line = serde_json::to_string(&JournalLine { at: Stamp { unix_s: 1.0, up: None }, imu: None, entry })
+                .unwrap()
+                + "\n";
             line.replace("\"angles_deg\":null,", "")
         });
         fs::write(folder.join(JOURNAL), lines.collect::<String>()).unwrap();
@@ -642,12 +652,16 @@ mod tests {
     fn a_turn_has_its_read_backs_and_other_units_are_written_as_before() {
         let turn = TurnReadBacks { angle_deg: 360.0, before_deg: [0.0001, 90.0], after_deg: [360.0, 90.0] };
         let kept = Kept { unit: 12, turn: Some(turn), ..Kept::default() };
-        let line = JournalLine { unix_s: 1.0, imu: None, entry: Entry::Kept(kept.clone()) };
+        let line = JournalLine { at: Stamp { unix_s: 1.0, up: None }, imu: None, entry: Entry::Kept(kept.clone()) };
         let text = serde_json::to_string(&line).unwrap();
         let read_backs = r#""turn":{"angle_deg":360.0,"before_deg":[0.0001,90.0],"after_deg":[360.0,90.0]}"#;
         assert!(text.contains(read_backs), "{text}");
         assert_eq!(serde_json::from_str::<JournalLine>(&text).unwrap(), line);
-        let dwell = JournalLine { unix_s: 1.0, imu: None, entry: Entry::Kept(Kept { turn: None, ..kept }) };
+        let dwell = JournalLine {
+            at: Stamp { unix_s: 1.0, up: None },
+            imu: None,
+            entry: Entry::Kept(Kept { turn: None, ..kept }),
+        };
         let text = serde_json::to_string(&dwell).unwrap();
         assert!(!text.contains("turn"), "{text}");
         assert_eq!(serde_json::from_str::<JournalLine>(&text).unwrap(), dwell);

@@ -37,6 +37,8 @@ pub mod runner;
 mod safe_state;
 pub mod samples;
 mod stability;
+pub mod stamp;
 pub mod station;
+pub mod stop;
 mod streams;
 pub mod timeline;

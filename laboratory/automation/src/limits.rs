@@ -105,9 +105,18 @@ impl Limits {
     /// The fault of measured angles \[deg\] and rates \[deg/s\]; `None` if they are within the limits and the servo's
     /// margin. Of a turntable that counts modulo 360 degrees whole turns do not count.
     pub fn reading(&self, angles: [f64; 2], rates: [f64; 2], wraps: bool) -> Option<String> {
+        self.measured_rates(rates).or_else(|| self.measured_angles(angles, wraps))
+    }
+
+    /// The fault of measured rates \[deg/s\], as [`reading`](Self::reading).
+    pub fn measured_rates(&self, rates: [f64; 2]) -> Option<String> {
         let fast = rates.iter().find(|rate| rate.is_nan() || rate.abs() > self.rate_deg_s + SERVO_MARGIN);
-        let fast = fast.map(|rate| format!("the table turns at {rate:.3} deg/s, over limits.rate_deg_s"));
-        fast.or_else(|| self.angle(angles, SERVO_MARGIN, wraps))
+        fast.map(|rate| format!("the table turns at {rate:.3} deg/s, over limits.rate_deg_s"))
+    }
+
+    /// The fault of measured angles \[deg\], as [`reading`](Self::reading).
+    pub fn measured_angles(&self, angles: [f64; 2], wraps: bool) -> Option<String> {
+        self.angle(angles, SERVO_MARGIN, wraps)
     }
 
     fn angle(&self, angles: [f64; 2], margin: f64, wraps: bool) -> Option<String> {

@@ -481,7 +481,9 @@ impl<'p> CampaignMachine<'p> {
         let Some((commanded, _)) = self.commanded.filter(|_| self.chamber_started && at > self.last_command[0]) else {
             return Ok(());
         };
-        let wrong = if !chamber.running {
+        let wrong = if let Some(mode) = &chamber.other_mode {
+            format!("somebody changed it to {mode}")
+        } else if !chamber.running {
             "it has stopped".to_owned()
         } else if (chamber.set_point_c - commanded).abs() > SAME_SET_POINT_C {
             format!("its set point is {:?} degC, commanded was {commanded:?}", chamber.set_point_c)

@@ -111,7 +111,8 @@ fn present(mut outcome: Outcome) -> Outcome {
 
 fn of_lines<'l>(lines: impl IntoIterator<Item = &'l JournalLine>) -> Outcome {
     let mut outcome = Outcome::default();
-    for JournalLine { unix_s, entry, .. } in lines {
+    for JournalLine { at, entry, .. } in lines {
+        let unix_s = &at.unix_s;
         let unix_s = *unix_s;
         let installation = |file, refused| Some(Installation { unix_s, file, present: None, refused });
         match entry.clone() {
@@ -203,6 +204,7 @@ impl fmt::Display for Outcome {
 
 #[cfg(test)]
 mod tests {
+    use super::super::stamp::Stamp;
     use super::*;
 
     fn lines(text: &str) -> Outcome {
@@ -245,9 +247,9 @@ mod tests {
             Entry::NotInstalled { reason: "verify-2.csv refuses it".to_owned() },
         ];
         // As the journal writes and reads them.
-        let written = entries
-            .into_iter()
-            .map(|entry| serde_json::to_string(&JournalLine { unix_s: 1.0, imu: None, entry }).unwrap());
+        let written = entries.into_iter().map(|entry| {
+            serde_json::to_string(&JournalLine { at: Stamp { unix_s: 1.0, up: None }, imu: None, entry }).unwrap()
+        });
         let written: Vec<_> = written.collect();
         assert_eq!(lines(&written[0]).to_string(), "fit, 1970-01-01T00:00:01Z: no table: a fault\n");
         assert_eq!(

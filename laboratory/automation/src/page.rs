@@ -3,7 +3,7 @@
 
 use super::control::snapshot;
 use super::curves::PlottedCurves;
-use super::events::{Event, events};
+use super::events::{Event, Events};
 use super::journal::{self, JOURNAL};
 use super::plan::Plan;
 use super::progress::{DroppedImu, Snapshot};
@@ -39,28 +39,41 @@ const CHAMBER: [NamedCurve; 2] = [("air", 0), ("set point", 1)];
 const HEADS: [NamedCurve; 3] = [(AXIS_NAMES[0], 2), (AXIS_NAMES[1], 3), (AXIS_NAMES[2], 4)];
 const BOARDS: [NamedCurve; 3] = [(AXIS_NAMES[0], 5), (AXIS_NAMES[1], 6), (AXIS_NAMES[2], 7)];
 
-/// Replaces the page. `curves` are those of each IMU, in the order of the plan.
-///
-/// # Errors
-/// If the operating system cannot write it, or the journal cannot be read.
-pub(crate) fn write(plan: &Plan, snapshot: &Snapshot, curves: &[&PlottedCurves]) -> io::Result<()> {
-    let staged = plan.output.join("live.html.new");
-    // The journal has a line for each unit and each event, of earlier runners and of `campaign stop` too.
-    let (lines, _) = journal::read(&plan.output.join(JOURNAL)).map_err(io::Error::other)?;
-    fs::write(&staged, html(plan, snapshot, curves, &events(plan, &lines)))?;
-    fs::rename(staged, plan.output.join(PAGE))
+/// The page of a running campaign. It reads what is new in the journal.
+#[derive(Default)]
+pub(crate) struct LivePage {
+    events: Events,
+    /// So much of the journal is read \[bytes\].
+    read: u64,
+}
+
+impl LivePage {
+    /// Replaces the page. `curves` are those of each IMU, in the order of the plan.
+    ///
+    /// # Errors
+    /// If the operating system cannot write it, or the journal cannot be read.
+    pub(crate) fn write(&mut self, plan: &Plan, snapshot: &Snapshot, curves: &[&PlottedCurves]) -> io::Result<()> {
+        let staged = plan.output.join("live.html.new");
+        // The journal has a line for each unit and each event, of earlier runners and of `campaign stop` too.
+        let new = journal::read_since(&plan.output.join(JOURNAL), self.read);
+        let (lines, read) = new.map_err(io::Error::other)?;
+        lines.iter().for_each(|line| self.events.add(plan, line));
+        self.read = read;
+        fs::write(&staged, html(plan, snapshot, curves, self.events.all()))?;
+        fs::rename(staged, plan.output.join(PAGE))
+    }
 }
 
 /// Replaces the page after the runner's end: with the state that it has left, and the curves of all readings.
 ///
 /// # Errors
-/// As [`write`]. Without a state there is no page.
+/// As [`LivePage::write`]. Without a state there is no page.
 pub(crate) fn rewrite(plan: &Plan) -> Result<(), Failure> {
     let Some(snapshot) = snapshot(&plan.output)? else { return Ok(()) };
     let readbacks = plan.each().iter().map(Readbacks::open).collect::<Result<Vec<_>, _>>()?;
     let curves: Vec<_> = readbacks.iter().map(Readbacks::curves).collect();
     let failed = |error: io::Error| Failure::io("writing", &plan.output.join(PAGE), &error);
-    write(plan, &snapshot, &curves).map_err(failed)
+    LivePage::default().write(plan, &snapshot, &curves).map_err(failed)
 }
 
 fn html(plan: &Plan, snapshot: &Snapshot, curves: &[&PlottedCurves], events: &[Event]) -> String {

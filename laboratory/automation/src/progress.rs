@@ -1,5 +1,6 @@
 //! The state that a runner shows: a status file for other processes, bars on a terminal, lines in a log.
 
+use super::stamp::UpTime;
 use super::timeline::duration;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use isotherm_failure::{printable, shown};
@@ -71,6 +72,9 @@ pub struct Snapshot {
     pub paused: Option<String>,
     /// The last time that all was well, Unix time \[s\].
     pub well_unix_s: f64,
+    /// The same by the clock that only rises; `None` from an older version.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub well_up: Option<UpTime>,
     /// How the runner ended; null while it runs.
     pub ended: Option<String>,
     /// Whether the runner ended in a confirmed safe state.
@@ -146,6 +150,8 @@ pub struct Progress {
     /// On a terminal: all units, the unit in progress, and the readings.
     bars: Option<[ProgressBar; 3]>,
     written: Option<Moment>,
+    /// How often the status file is written.
+    period: Duration,
     phase: &'static str,
     drawn: Option<Moment>,
     logged: Option<(Moment, f64)>,
@@ -164,7 +170,22 @@ impl Progress {
             const BAR: &str = "{bar:20} {wide_msg}";
             [bar(units as u64, BAR), bar(1000, BAR), bar(1000, "{wide_msg}")]
         });
-        Self { path: folder.join(STATUS), time, bars, written: None, phase: "", drawn: None, logged: None }
+        Self {
+            path: folder.join(STATUS),
+            time,
+            bars,
+            written: None,
+            period: FILE_PERIOD,
+            phase: "",
+            drawn: None,
+            logged: None,
+        }
+    }
+
+    /// Writes the status file this often.
+    #[must_use]
+    pub fn with_period(self, period: Duration) -> Self {
+        Self { period, ..self }
     }
 
     /// Prints an event above the bars, or into the log.
@@ -181,7 +202,7 @@ impl Progress {
         if phase != self.phase {
             (self.phase, self.written) = (phase, None);
         }
-        self.is_past(self.written, FILE_PERIOD) || self.bars_due() || self.log_due(now)
+        self.is_past(self.written, self.period) || self.bars_due() || self.log_due(now)
     }
 
     fn is_past(&self, last: Option<Moment>, period: Duration) -> bool {
@@ -200,7 +221,7 @@ impl Progress {
     /// Updates what is due with the state at laboratory time `now` \[s\]. `fraction` of the unit in progress is done, 0
     /// to 1.
     pub fn update(&mut self, now: f64, fraction: f64, snapshot: &Snapshot) {
-        if self.is_past(self.written, FILE_PERIOD) {
+        if self.is_past(self.written, self.period) {
             self.written = Some(self.time.now());
             self.write(snapshot);
         }

@@ -7,14 +7,16 @@
 //!
 //! Over 400 lines: one loop and its pauses, which share the runner's state and are read together.
 
+use super::control::{REQUESTED, answer_stop, snapshot};
 use super::journal::{Entry, History, Journal, Kept, TurnReadBacks};
 use super::machine::{Action, CampaignMachine, Halt, Observation, Phase, Unit};
-use super::page;
+use super::page::{self, LivePage};
 use super::plan::{Plan, ThereAndBack};
 use super::progress::{DroppedImu, Progress, Snapshot};
 use super::readbacks::Readbacks;
 use super::samples::{LaboratoryClock, SampleSources};
 use super::stability::{Trend, Trends};
+use super::stamp::Stamp;
 use super::station::{Station, StationError};
 use super::streams::{FailedImu, Streams};
 use super::timeline::{left_s, turn_s, unit_s, units};
@@ -91,13 +93,15 @@ pub struct Runner<'p> {
     dropped: Vec<DroppedImu>,
     /// Whether an IMU of a batch may be dropped: before anything has moved, what is missing ends the campaign instead.
     may_drop: bool,
-    /// When the live page was last written.
-    page: Option<Moment>,
+    page: LivePage,
+    /// When the live page was last written, and how often it is.
+    page_written: Option<Moment>,
+    page_period: Duration,
     around: Surroundings,
     /// The last time that all was well.
     well_at: f64,
-    /// The same as Unix time \[s\].
-    well_unix_s: f64,
+    /// The same as a stamp.
+    well: Stamp,
     /// Whether the journal's last entry about the set point says that it is reached.
     reached_in_journal: bool,
     /// Number of complete units in the journal.
@@ -125,17 +129,19 @@ impl<'p> Runner<'p> {
     ) -> Result<Self, Failure> {
         let clock = LaboratoryClock::new(Arc::clone(&around.time), speed);
         let min_timeout_s = MIN_TIMEOUT.as_secs_f64() * speed;
-        let ago_s = |unix: f64| (around.time.unix_s() - unix).max(0.0) * speed;
-        let well_unix_s = super::control::snapshot(&plan.output)?.map_or(0.0, |snapshot| snapshot.well_unix_s);
+        let ago_s = |stamp: &Stamp| stamp.age_s(around.time.as_ref()).map(|age_s| age_s * speed);
+        let well = snapshot(&plan.output)?.map(|shown| Stamp { unix_s: shown.well_unix_s, up: shown.well_up });
         let target = Unit::of(plan, history.kept.len()).map(|unit| unit.set_point_c(plan));
-        let reached = history.reached.filter(|(set_point_c, _)| Some(*set_point_c) == target);
+        // If the machine was started again, nobody knows for how long it is reached: the soak begins anew.
+        let reached = history.reached.as_ref().filter(|(set_point_c, _)| Some(*set_point_c) == target);
+        let reached = reached.and_then(|(_, at)| ago_s(at));
         let mut trends = Trends::new(plan);
         for (imu, _) in plan.each().iter().enumerate().filter(|(_, plan)| history.reason_dropped(&plan.imu).is_some()) {
             trends.leave_out(imu);
         }
         // All was well too when the journal recorded a reached set point or a complete unit.
-        let last_well = history.reached.map_or(0.0, |(_, unix)| unix).max(history.kept_unix_s).max(well_unix_s);
-        let interruption_s = ago_s(last_well);
+        let last_well = [history.reached.as_ref().map(|(_, at)| at), history.kept_at.as_ref(), well.as_ref()];
+        let interruption_s = last_well.into_iter().flatten().filter_map(ago_s).fold(f64::INFINITY, f64::min);
         Ok(Self {
             plan,
             clock: clock.clone(),
@@ -150,12 +156,14 @@ impl<'p> Runner<'p> {
             turntable: (TurntableReading::default(), f64::NEG_INFINITY),
             dropped: history.dropped.iter().cloned().map(|(imu, reason)| DroppedImu { imu, reason }).collect(),
             may_drop: !history.kept.is_empty(),
-            page: None,
+            page: LivePage::default(),
+            page_written: None,
+            page_period: Duration::from_secs(page::PERIOD_S.into()),
             well_at: 0.0,
             reached_in_journal: reached.is_some(),
             units_kept: history.kept.len(),
-            well_unix_s,
-            reached: reached.map(|(_, unix)| -ago_s(unix)),
+            well: well.unwrap_or_default(),
+            reached: reached.map(|ago_s| -ago_s),
             interruption_s,
             around,
             paused: None,
@@ -166,6 +174,12 @@ impl<'p> Runner<'p> {
     #[must_use]
     pub fn with_other_device(self, accepts: bool) -> Self {
         Self { streams: self.streams.with_other_device(accepts), ..self }
+    }
+
+    /// Writes status file and live page only this often, and when something changes: nobody watches.
+    #[must_use]
+    pub fn with_period(self, period: Duration) -> Self {
+        Self { page_period: period, progress: self.progress.with_period(period), ..self }
     }
 
     /// Takes all missing units, and ends in the safe state.
@@ -186,6 +200,7 @@ impl<'p> Runner<'p> {
             }
             Err(_) => Some(Failure::new(Exit::Failed, "the program has failed; its message is above")),
         };
+        answer_stop(&self.plan.output);
         let (turntable, chamber) = self.station.enter_safe_state();
         self.streams.discard();
         let all = if self.dropped.is_empty() {
@@ -292,7 +307,7 @@ impl<'p> Runner<'p> {
             self.reached_in_journal = false;
             self.journal.write(Entry::Left)?;
         }
-        (self.well_at, self.well_unix_s) = (self.clock.now(), self.clock.unix_s());
+        (self.well_at, self.well) = (self.clock.now(), Stamp::now(self.around.time.as_ref()));
         self.update_progress();
         let pause = Duration::from_secs_f64(TURNTABLE_PERIOD_S[usize::from(!moving)] / self.clock.speed);
         let pause = pause.clamp(MIN_LOOP_PAUSE, MAX_LOOP_PAUSE);
@@ -565,18 +580,17 @@ impl<'p> Runner<'p> {
             let snapshot = self.snapshot();
             self.progress.update(now, self.unit_fraction(), &snapshot);
             let written_at = self.around.time.now();
-            let period = Duration::from_secs(page::PERIOD_S.into());
-            if self.page.is_none_or(|last| written_at.since(last) >= period) {
-                self.page = Some(written_at);
+            if self.page_written.is_none_or(|last| written_at.since(last) >= self.page_period) {
+                self.page_written = Some(written_at);
                 self.write_page(&snapshot);
             }
         }
     }
 
     /// Writes the live page. A failure is only logged, because the page is soon written again.
-    fn write_page(&self, snapshot: &Snapshot) {
+    fn write_page(&mut self, snapshot: &Snapshot) {
         let curves: Vec<_> = self.streams.readbacks().map(Readbacks::curves).collect();
-        if let Err(error) = page::write(self.plan, snapshot, &curves) {
+        if let Err(error) = self.page.write(self.plan, snapshot, &curves) {
             tracing::warn!("writing the live page: {error}");
         }
     }
@@ -628,7 +642,8 @@ impl<'p> Runner<'p> {
             collected_s: self.streams.collected_s(),
             left_s: self.left_s(),
             paused: self.paused.clone(),
-            well_unix_s: self.well_unix_s,
+            well_unix_s: self.well.unix_s,
+            well_up: self.well.up.clone(),
             ended: None,
             safe: false,
             dropped: self.dropped.clone(),
@@ -638,11 +653,12 @@ impl<'p> Runner<'p> {
 
 /// The message for the signal that has asked to end; `None` before one.
 pub fn stopped_by(stop_signal: &AtomicUsize) -> Option<String> {
-    let signal = stop_signal.load(Relaxed) as i32;
-    let name = signal_hook::low_level::signal_name(signal).unwrap_or("a signal");
-    // `campaign stop` sends SIGTERM, but so do others.
-    let sender = if signal == signal_hook::consts::SIGTERM { ", as by campaign stop" } else { "" };
-    (signal != 0).then(|| format!("stopped by {name}{sender}"))
+    let signal = stop_signal.load(Relaxed);
+    let name = match signal {
+        REQUESTED => "campaign stop",
+        signal => signal_hook::low_level::signal_name(signal as i32).unwrap_or("a signal"),
+    };
+    (signal != 0).then(|| format!("stopped by {name}"))
 }
 
 impl From<StationError> for RunnerError {

@@ -108,8 +108,7 @@ fn make_chamber_safe(
     connected: bool,
 ) -> SafeOutcome {
     let mut connected = connected;
-    // The limits hold for ambient too.
-    if let Some(ambient_c) = plan.ambient_c.map(|ambient_c| plan.limits.clamp_chamber(ambient_c)) {
+    if let Some(ambient_c) = ambient_c(plan) {
         let held = attempt(
             time,
             chamber,
@@ -147,8 +146,8 @@ fn standby(chamber: &mut (dyn Chamber + 'static), acknowledged: bool) -> Result<
 
 /// Whether the chamber holds this set point \[degC\], or is in standby with `None`.
 fn read_back(chamber: &mut (dyn Chamber + 'static), held_c: Option<f64>) -> Result<SafeOutcome, InstrumentFault> {
-    let ChamberReading { air_c, running, .. } = chamber.read()?;
-    if running != held_c.is_some() {
+    let ChamberReading { air_c, running, other_mode, .. } = chamber.read()?;
+    if running != held_c.is_some() || other_mode.is_some() {
         let message = "chamber was commanded into the safe state, but does not confirm it";
         return Ok(SafeOutcome::Unknown(message.to_owned()));
     }
@@ -181,6 +180,19 @@ fn attempt<I: Instrument + ?Sized>(
         connected = false;
         time.sleep_until(time.now() + SAFE_PAUSE);
     }
+}
+
+/// Orders a chamber at once into what the plan calls its safe state: standby, or ambient.
+pub(crate) fn order_chamber(plan: &Plan, time: &dyn Time, chamber: &mut (dyn Chamber + 'static)) {
+    order_at_once(time, chamber, |chamber| match ambient_c(plan) {
+        Some(ambient_c) => chamber.set_point(ambient_c),
+        None => chamber.standby(),
+    });
+}
+
+/// The temperature that the safe state holds \[degC\]; `None` for standby. The limits hold for ambient too.
+fn ambient_c(plan: &Plan) -> Option<f64> {
+    plan.ambient_c.map(|ambient_c| plan.limits.clamp_chamber(ambient_c))
 }
 
 /// Sends an order at once. Returns whether its reply acknowledges it.

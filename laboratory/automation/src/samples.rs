@@ -80,6 +80,11 @@ impl LaboratoryClock {
         self.at(self.time.now().ns())
     }
 
+    /// The clocks behind it.
+    pub fn time(&self) -> &dyn Time {
+        self.time.as_ref()
+    }
+
     /// The present Unix time \[s\].
     pub fn unix_s(&self) -> f64 {
         self.time.unix_s()

@@ -81,6 +81,7 @@ impl<'p> Station<'p> {
             if self.was_engaged {
                 let reading = self.turntable(|turntable| turntable.read())?;
                 self.check_turntable(&reading).inspect_err(|_| self.close_turntable())?;
+                self.check_angles(&reading)?;
                 self.turntable(|turntable| turntable.stop())?;
             }
             self.turntable(|turntable| turntable.engage())?;
@@ -89,15 +90,41 @@ impl<'p> Station<'p> {
         Ok(())
     }
 
-    /// Checks a reading of the turntable for faults and limits.
+    /// Checks a reading of the turntable for faults and rates beyond the limit: they end the campaign.
     fn check_turntable(&self, reading: &TurntableReading) -> Result<(), StationError> {
         if !reading.faults.is_empty() {
             return Err(StationError::Alarm(format!("the table has a fault: {}", reading.faults.join(", "))));
         }
-        match self.plan.limits.reading(reading.angles_deg, reading.rates_deg_s, self.plan.turntable.wraps()) {
+        // A second reading would not show it: the orders have stopped the table by then.
+        match self.plan.limits.measured_rates(reading.rates_deg_s) {
             Some(fault) => Err(StationError::Alarm(format!("the table: {fault}"))),
             None => Ok(()),
         }
+    }
+
+    /// Checks the angles of a reading. If they are beyond the limits, the turntable is stopped at once; whether the
+    /// campaign ends, too, a second reading on a fresh line decides.
+    fn check_angles(&mut self, reading: &TurntableReading) -> Result<(), StationError> {
+        let (limits, wraps) = (self.plan.limits, self.plan.turntable.wraps());
+        let is_beyond = |reading: &TurntableReading| limits.measured_angles(reading.angles_deg, wraps);
+        let Some(first) = is_beyond(reading) else { return Ok(()) };
+        self.stop_turntable();
+        self.connected[1] = true;
+        let second = self.turntable(|turntable| turntable.read());
+        // The next connection stops and engages it again.
+        self.close_turntable();
+        Err(decided("the table", &first, second.map(|reading| is_beyond(&reading))))
+    }
+
+    /// The same of the chamber's air: standby is ordered at once, or ambient if the plan says so.
+    fn check_air(&mut self, reading: &ChamberReading) -> Result<(), StationError> {
+        let limits = self.plan.limits;
+        let Some(first) = limits.chamber(reading.air_c) else { return Ok(()) };
+        safe_state::order_chamber(self.plan, self.around.time.as_ref(), self.chamber.as_mut());
+        self.chamber.line_mut().close();
+        self.connected[0] = true;
+        let second = self.chamber(|chamber| chamber.read());
+        Err(decided("the chamber's air", &first, second.map(|reading| limits.chamber(reading.air_c))))
     }
 
     /// Sends a request to the chamber. A failure closes the line; the next connection opens it anew.
@@ -145,10 +172,8 @@ impl<'p> Station<'p> {
         if !reading.alarms.is_empty() {
             return Err(StationError::Alarm(format!("the chamber has an alarm: {}", reading.alarms.join(", "))));
         }
-        match self.plan.limits.chamber(reading.air_c) {
-            Some(fault) => Err(StationError::Alarm(format!("the chamber's air: {fault}"))),
-            None => Ok(reading),
-        }
+        self.check_air(&reading)?;
+        Ok(reading)
     }
 
     /// Checks the air's rate of change \[degC/h\] against the ramp's limit.
@@ -174,6 +199,7 @@ impl<'p> Station<'p> {
     pub fn read_turntable(&mut self) -> Result<TurntableReading, StationError> {
         let reading = self.turntable(|turntable| turntable.read())?;
         self.check_turntable(&reading)?;
+        self.check_angles(&reading)?;
         if reading.open.is_empty() {
             Ok(reading)
         } else {
@@ -237,6 +263,19 @@ impl<'p> Station<'p> {
         let [chamber_connected, turntable_connected] = self.connected;
         let turntable = (self.turntable.as_mut(), turntable_connected);
         safe_state::enter(self.plan, self.around.time.as_ref(), turntable, (self.chamber.as_mut(), chamber_connected))
+    }
+}
+
+/// What follows from a first reading beyond a limit, and a second one.
+fn decided(what: &str, first: &str, second: Result<Option<String>, StationError>) -> StationError {
+    match second {
+        Ok(None) => StationError::Lost(format!(
+            "{what}: {first}; a second reading on a fresh line does not confirm it; check cable, shield and line settings"
+        )),
+        Ok(Some(_)) => StationError::Alarm(format!("{what}: {first}")),
+        Err(StationError::Lost(cause) | StationError::Alarm(cause)) => {
+            StationError::Alarm(format!("{what}: {first}; it cannot be read again: {cause}"))
+        }
     }
 }
 

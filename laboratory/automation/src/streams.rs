@@ -10,6 +10,7 @@ use super::plan::Plan;
 use super::readbacks::Readbacks;
 use super::samples::{LaboratoryClock, SampleRecorder, SampleSource, SampleSources, file_of};
 use super::stability::{Trends, telemetry};
+use super::stamp::Stamp;
 use isotherm_failure::{Exit, Failure};
 use isotherm_instruments::{ChamberReading, TurntableReading};
 use isotherm_shared::wire::AXES;
@@ -140,7 +141,8 @@ impl<'p> Streams<'p> {
         clock: LaboratoryClock,
         sources: &dyn SampleSources,
     ) -> Result<Self, Failure> {
-        let age_s = (clock.unix_s() - history.kept_unix_s).max(0.0) * clock.speed;
+        let age_s = |kept_at: &Stamp| kept_at.age_s(clock.time()).unwrap_or_else(|| clock.unix_s() - kept_at.unix_s);
+        let age_s = history.kept_at.as_ref().map_or(0.0, age_s).max(0.0) * clock.speed;
         let start = |plan: &'p Plan| {
             let stream = ImuStream::new(plan, history, clock.clone(), age_s)?;
             let tap = stream.is_in().then(|| sources.start(&plan.imu)).transpose();

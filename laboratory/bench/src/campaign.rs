@@ -1,41 +1,30 @@
 //! A campaign in a folder of its own, with as many runners as it takes.
 
-use crate::faults::FaultPlan;
+use crate::faults::{FaultPlan, Random};
+use crate::script::Step;
+use crate::setup::Setup;
 use crate::world::VirtualWorld;
-use isotherm_automation::journal::Journal;
+use isotherm_automation::journal::{Entry, JOURNAL, Journal, JournalLine};
 use isotherm_automation::plan::Plan;
 use isotherm_automation::runner::Runner;
 use isotherm_automation::samples::write_campaign_file;
-use isotherm_failure::Failure;
-use isotherm_shared::table::CoefficientTable;
-use isotherm_simulation::{Chain, Noise, Truth};
-use isotherm_simulator::{ChamberProtocol, SimulatedStation, StationImu, TurntableProtocol};
-use std::path::Path;
+use isotherm_automation::{journal, stop};
+use isotherm_failure::{Exit, Failure};
+use isotherm_instruments::Surroundings;
+use isotherm_simulation::Truth;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 use std::{fs, io};
 use tempfile::TempDir;
 
-/// What makes the shipped plan short.
-const SHORTER: [(&str, &str); 12] = [
-    ("output = \"imu-a-campaign\"", "output = \".\""),
-    ("install = \"imu-a.toml\"", "# "),
-    ("positions = \"six-faces-two-headings\"", "positions = \"four-point-tumble\""),
-    ("start_c = -25\nstop_c = 45\nstep_c = 5", "list_c = [20, 21]"),
-    ("time_s = 3600 ", "time_s = 60 "),
-    ("stay_s = 4200 ", "stay_s = 0 "),
-    ("window_s = 900 ", "window_s = 60 "),
-    ("chamber_c_per_h = 2 ", "chamber_c_per_h = 60 "),
-    ("time_s = 300\n", "time_s = 20\n"),
-    ("row_s = 10 ", "row_s = 5 "),
-    ("/dev/ttyUSB0", "/dev/chamber"),
-    ("tcp://192.0.2.10:9888", "/dev/table"),
-];
 /// Time between two runners \[s\]: the turntable comes back from anywhere meanwhile.
 const BETWEEN_S: f64 = 60.0;
 /// Most runners of a campaign.
 const MOST_RUNNERS: usize = 40;
-/// Interval of the IMU's samples \[ns\].
-const INTERVAL_NS: u64 = 500_000_000;
+/// How often status file and live page are written, besides each change of the phase: nobody watches.
+const SHOWN: Duration = Duration::from_secs(600);
 
 /// A campaign in a folder of its own.
 pub struct Campaign {
@@ -44,47 +33,56 @@ pub struct Campaign {
     pub plan: Plan,
     /// The world that it runs in.
     pub world: VirtualWorld,
+    /// What is true of each IMU.
+    pub truths: Vec<Truth>,
 }
 
 /// How a runner has ended.
+#[derive(Clone, Debug)]
 pub struct Ended {
     /// When it began, and when it ended \[s\].
     pub times_s: [f64; 2],
     /// Its message; `None` if all is complete.
     pub failure: Option<String>,
+    /// Its exit code, if it has failed and was not killed.
+    pub exit: Option<Exit>,
     /// Whether it was killed.
     pub is_killed: bool,
 }
 
 impl Campaign {
-    /// The shipped plan, made short, with these faults.
+    /// The campaign of a set-up.
     ///
     /// # Panics
-    /// If the shipped plan is another one than that which is made short here.
+    /// If the set-up has no valid plan, or no folder can be made.
     #[must_use]
-    pub fn new(seed: u64, faults: FaultPlan) -> Self {
-        let folder = tempfile::tempdir().unwrap_or_else(|error| panic!("a temporary folder: {error}"));
-        let mut text = include_str!("../../../examples/plan.toml").to_owned();
-        for (from, to) in SHORTER {
-            assert!(text.contains(from), "the plan has no {from}");
-            text = text.replacen(from, to, 1);
-        }
-        // Half of the tables are on a network: their replies have a header, and may end with a pause.
-        if seed % 2 == 1 {
-            text = text.replacen("\"/dev/table\"", "\"tcp://table:9888\"", 1);
-        }
-        // The drift of the telemetry takes longer than these soaks, and there is nobody to judge runs.
-        let end = text.find("\n[verify]").unwrap_or(text.len());
-        let lines = text[..end].lines().filter(|line| !line.starts_with("telemetry_per_h"));
-        let text = lines.map(|line| format!("{line}\n")).collect::<String>();
-        let plan = Plan::from_toml(&text, folder.path()).unwrap_or_else(|faults| panic!("{faults}"));
-        let table = include_str!("../../../tests/data/imu-a.toml");
-        let truth = Truth::of(CoefficientTable::from_toml(table, None).unwrap_or_else(|error| panic!("{error}")));
-        let world = VirtualWorld::new(&station(seed, &truth), &truth, faults);
-        Self { folder, plan, world }
+    pub fn new(setup: &Setup) -> Self {
+        // Nothing of it has to last, and what is synced takes no time there.
+        let memory = Path::new("/dev/shm");
+        let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
+        let folder = folder.unwrap_or_else(|error| panic!("a temporary folder: {error}"));
+        let (station, truths) = (setup.station(), setup.truths());
+        let plan = setup.plan(&station, &truths, folder.path());
+        fs::create_dir(&plan.output).unwrap_or_else(|error| panic!("a folder for the campaign: {error}"));
+        let world = VirtualWorld::new(&station, &truths, setup.faults.clone(), &plan.output);
+        let campaign = Self { folder, plan, world, truths };
+        campaign.then(setup.steps.clone());
+        campaign
+    }
+
+    /// The shipped plan, made short, with these faults.
+    #[must_use]
+    pub fn short(seed: u64, faults: FaultPlan) -> Self {
+        Self::new(&Setup::short(seed, faults))
+    }
+
+    /// What happens from now on, in this order, in place of what has not happened yet.
+    pub fn then(&self, steps: Vec<Step>) {
+        self.world.script(steps);
     }
 
     /// Starts runners until one completes the campaign.
+    #[must_use]
     pub fn run(&self) -> Vec<Ended> {
         let mut all = Vec::new();
         while all.len() < MOST_RUNNERS && all.last().is_none_or(|ended: &Ended| ended.failure.is_some()) {
@@ -101,9 +99,13 @@ impl Campaign {
     }
 
     /// Starts a runner, and returns when it has ended.
-    fn run_once(&self) -> Ended {
+    ///
+    /// # Panics
+    /// If the folder of a runner that was killed cannot be restored.
+    #[must_use]
+    pub fn run_once(&self) -> Ended {
         let around = self.world.surroundings();
-        let (output, copy) = (self.plan.output.clone(), self.folder.path().with_extension("killed"));
+        let (output, copy) = (self.plan.output.clone(), self.folder.path().join("killed"));
         let kept = copy.clone();
         self.world.at_kill(move || copy_folder(&output, &kept));
         let begun_s = self.world.now_s();
@@ -113,39 +115,47 @@ impl Campaign {
             // What it has done since then did not happen.
             let restored = copy_folder(&copy, &self.plan.output).and_then(|()| fs::remove_dir_all(&copy));
             restored.unwrap_or_else(|error| panic!("restoring the folder: {error}"));
+            if self.world.is_power_lost() {
+                let torn = tear(&self.plan.output, &mut Random((1e3 * self.world.now_s()) as u64));
+                torn.unwrap_or_else(|error| panic!("tearing the folder: {error}"));
+            }
         }
-        let failure = if is_killed { Some("killed".to_owned()) } else { result.err().map(|failure| failure.message) };
-        Ended { times_s: [begun_s, self.world.now_s()], failure, is_killed }
+        let failure = if is_killed { None } else { result.err() };
+        let exit = failure.as_ref().map(|failure| failure.exit);
+        let failure = if is_killed { Some("killed".to_owned()) } else { failure.map(|failure| failure.message) };
+        Ended { times_s: [begun_s, self.world.now_s()], failure, exit, is_killed }
     }
 
-    fn start(&self, around: isotherm_instruments::Surroundings) -> Result<(), Failure> {
+    fn start(&self, around: Surroundings) -> Result<(), Failure> {
         let (journal, history) = Journal::open_with(&self.plan, Arc::clone(&around.time))?;
         write_campaign_file(&self.plan)?;
-        Runner::new(&self.plan, (journal, &history), &self.world, 1.0, around)?.run()
+        Runner::new(&self.plan, (journal, &history), &self.world, 1.0, around)?.with_period(SHOWN).run()
     }
-}
 
-fn station(seed: u64, truth: &Truth) -> SimulatedStation {
-    SimulatedStation {
-        imus: vec![StationImu::new("imu-a", 0, 1, seed)],
-        chamber: ChamberProtocol::Espec,
-        chamber_port: "/dev/chamber".to_owned(),
-        table: TurntableProtocol::Acutrol,
-        table_port: (if seed % 2 == 1 { "tcp://table:9888" } else { "/dev/table" }).to_owned(),
-        wrap: false,
-        speed: 1.0,
-        origin_ns: 0,
-        interval_ns: INTERVAL_NS,
-        seed,
-        ambient_c: 20.0,
-        ramp_c_per_s: 0.02,
-        tilt_rad: [0.0; 2],
-        gravity_local: truth.gravity_local,
-        latitude_deg: truth.latitude_deg,
-        heading_deg: truth.heading_deg,
-        chain: Chain { oscillation_c: 0.0, ..Chain::default() },
-        noise: Noise::NONE,
-        plays: Vec::new(),
+    /// What `campaign stop` does without a runner. Returns what it says, and whether the safe state is certain.
+    ///
+    /// # Errors
+    /// If it cannot be journalled.
+    pub fn stop(&self) -> Result<(String, bool), Failure> {
+        stop::make_safe(&self.plan, self.world.surroundings(), stop::STOPPED_WITHOUT_RUNNER)
+    }
+
+    /// A file of the campaign's folder; empty if it is not there.
+    #[must_use]
+    pub fn file(&self, name: &str) -> String {
+        fs::read_to_string(self.path(name)).unwrap_or_default()
+    }
+
+    /// The path of a file of the campaign's folder.
+    #[must_use]
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.plan.output.join(name)
+    }
+
+    /// The lines of the journal.
+    #[must_use]
+    pub fn journal(&self) -> Vec<JournalLine> {
+        journal::read(&self.path(JOURNAL)).unwrap_or_default().0
     }
 }
 
@@ -161,6 +171,45 @@ fn copy_folder(from: &Path, to: &Path) -> io::Result<()> {
     for entry in fs::read_dir(from)? {
         let entry = entry?;
         fs::copy(entry.path(), to.join(entry.file_name()))?;
+    }
+    Ok(())
+}
+
+/// What a loss of power leaves of a folder: all that was synced, and any part of what was written after that. Files
+/// that are only renamed may be as they were, empty or away.
+fn tear(folder: &Path, random: &mut Random) -> io::Result<()> {
+    let journal = fs::read_to_string(folder.join(JOURNAL)).unwrap_or_default();
+    let lines = journal.split_inclusive('\n').filter_map(|line| {
+        let read: JournalLine = serde_json::from_str(line).ok()?;
+        Some((read, line.len() as u64))
+    });
+    let (mut end, mut synced, mut kept_to) = (0, 0, BTreeMap::from([(JOURNAL.to_owned(), 0)]));
+    for (line, length) in lines {
+        end += length;
+        match &line.entry {
+            Entry::Kept(kept) => {
+                kept_to.extend(kept.each().map(|kept| (kept.file.clone(), kept.to)));
+                synced = end;
+            }
+            Entry::Begin { .. } | Entry::Started { .. } | Entry::Safe { .. } | Entry::Dropped { .. } => synced = end,
+            _ => {}
+        }
+    }
+    kept_to.insert(JOURNAL.to_owned(), synced);
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let file = fs::File::options().write(true).open(entry.path())?;
+        let (length, kept) = (file.metadata()?.len(), kept_to.get(&name).copied().unwrap_or_default());
+        if name == JOURNAL || name.ends_with(".csv") {
+            file.set_len(kept + ((length - kept) as f64 * random.uniform()) as u64)?;
+        } else if name != "campaign.toml" {
+            match (3.0 * random.uniform()) as u8 {
+                0 => fs::remove_file(entry.path())?,
+                1 => file.set_len(0)?,
+                _ => {}
+            }
+        }
     }
     Ok(())
 }

@@ -10,12 +10,22 @@ pub enum Fault {
     Chamber(InjectedFault),
     /// In the turntable, or on its line.
     Turntable(InjectedFault),
-    /// The begin of each reply of the turntable arrives, and the rest never.
+    /// Of some replies of the turntable a begin arrives, and the rest never.
     CutReply,
+    /// Replies of the turntable, or of the chamber, arrive at any time, some when the request was given up and the line
+    /// was quiet; but one after the other.
+    Slow {
+        /// Whether of the turntable.
+        turntable: bool,
+    },
+    /// The next angle that the turntable sends is wrong, and beyond its limits: once.
+    Misread,
     /// Somebody else sends the turntable far beyond its limits, by more than a turn.
     RunAway,
     /// No sample of the IMU arrives.
     Silent,
+    /// No sample of this IMU arrives; its number, from 0.
+    SilentImu(usize),
     /// Every tenth sample is missing.
     Gaps,
     /// The acquisition starts again: another session.
@@ -24,6 +34,8 @@ pub enum Fault {
     Signal,
     /// SIGKILL: the runner does not run any more.
     Killed,
+    /// The machine loses its power: what was not synced is lost or torn, and it starts again.
+    PowerLoss,
     /// The time of day is set back by an hour.
     ClockSetBack,
 }
@@ -47,7 +59,11 @@ impl FaultPlan {
             InjectedFault::Alarm,
             InjectedFault::PortLoss,
         ];
-        const OTHERS: [Fault; 11] = [
+        const OTHERS: [Fault; 15] = [
+            Fault::PowerLoss,
+            Fault::Slow { turntable: true },
+            Fault::Slow { turntable: false },
+            Fault::Misread,
             Fault::Turntable(InjectedFault::NoSettle),
             Fault::Chamber(InjectedFault::Overshoot),
             Fault::Chamber(InjectedFault::NeverThere),
@@ -88,7 +104,7 @@ impl FaultPlan {
 }
 
 /// Numbers of a seed: `SplitMix64`.
-struct Random(u64);
+pub(crate) struct Random(pub u64);
 
 impl Random {
     const fn next(&mut self) -> u64 {
@@ -99,7 +115,7 @@ impl Random {
         mixed ^ (mixed >> 31)
     }
 
-    fn uniform(&mut self) -> f64 {
+    pub(crate) fn uniform(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1_u64 << 53) as f64
     }
 

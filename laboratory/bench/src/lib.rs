@@ -10,10 +10,16 @@
 
 mod campaign;
 mod faults;
+mod found;
 mod invariants;
+mod script;
+mod setup;
 mod world;
 
 pub use campaign::{Campaign, Ended};
 pub use faults::{Fault, FaultPlan};
+pub use found::{assert_whole_turn, events_on_page};
 pub use invariants::violations;
+pub use script::{Act, Step, When};
+pub use setup::{GYROSCOPES, Setup, linear};
 pub use world::{Request, VirtualWorld};

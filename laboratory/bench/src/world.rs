@@ -1,14 +1,16 @@
 //! The clock, the lines, the devices behind them and the IMU's stream.
 
-use crate::faults::{Fault, FaultPlan};
+use crate::faults::{Fault, FaultPlan, Random};
+use crate::script::{Act, Script, Step};
 use isotherm_automation::samples::{SampleSource, SampleSources};
 use isotherm_instruments::{LineConfig, Moment, Opening, Port, Ports, Surroundings, Time};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::wire::RawSample;
 use isotherm_simulation::Truth;
 use isotherm_simulator::wire::{BABBLE, BABBLE_INTERVAL, LATE_REPLY, Wire};
-use isotherm_simulator::{DeviceEvent, InjectedFault, MountedImu, SimulatedStation};
+use isotherm_simulator::{DeviceEvent, InjectedFault, MountedImu, SimulatedStation, StationImu};
 use std::io;
+use std::path::Path;
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -20,10 +22,18 @@ const BEGIN: Moment = Moment::of_ns(1_000_000_000_000);
 const BEGIN_UNIX_S: f64 = 1.8e9;
 /// What a look at the clock takes: no loop turns without time passing.
 const LOOK: Duration = Duration::from_micros(1);
+/// Longer than any campaign.
+const FAR: Duration = Duration::from_secs(1_000_000);
 /// From a request to its reply.
 const REPLY: Duration = Duration::from_millis(5);
+/// The same of [`Fault::Slow`], at most: more than the time-out of the plan and the quiet time after it.
+const SLOW_REPLY: Duration = Duration::from_millis(2_500);
+/// The part of the replies that [`Fault::CutReply`] cuts.
+const CUT: f64 = 0.3;
 /// From the end of a sample to its reception.
 const TRANSIT: Duration = Duration::from_millis(1);
+/// What asks for an angle of the turntable.
+const ANGLE: &[u8] = b":read:position?";
 /// What somebody else orders for [`Fault::RunAway`].
 const RUN_AWAY: &[u8] = b":demand:position 1,500.0\r\n:mode:position 1\r\n";
 /// What an operator orders after that.
@@ -61,16 +71,30 @@ pub struct VirtualWorld(Arc<Mutex<State>>);
 struct State {
     now: Moment,
     faults: FaultPlan,
+    /// Those that are there until the next step.
+    standing: Vec<Fault>,
+    script: Script,
+    /// Until then nothing happens by itself.
+    quiet_until: Moment,
+    /// Number of times that the acquisition was started again by a step, with the time of each \[s\].
+    restarts_s: Vec<f64>,
+    /// By how much steps have set the time of day forward \[s\].
+    clock_set_s: f64,
     lines: [VirtualLine; 2],
-    imu: MountedImu<'static>,
+    imus: Vec<(ImuId, MountedImu<'static>)>,
     stop_signal: Arc<AtomicUsize>,
     /// Whether the runner has been killed: nothing that it does has an effect.
     is_killed: bool,
+    /// Whether that was a loss of power; and how many there were.
+    is_power_lost: bool,
+    power_losses: usize,
     /// What is done at the moment of SIGKILL.
     at_kill: Option<AtKill>,
     requests: Vec<Request>,
     events: Vec<(f64, DeviceEvent)>,
     places: Vec<Place>,
+    /// Number of angles that were misread.
+    misread: usize,
 }
 
 struct VirtualLine {
@@ -80,24 +104,34 @@ struct VirtualLine {
 }
 
 impl VirtualWorld {
-    /// The station, in equilibrium with the laboratory.
+    /// The station, in equilibrium with the laboratory. `folder` is that of its campaign.
     #[must_use]
-    pub fn new(station: &SimulatedStation, truth: &Truth, faults: FaultPlan) -> Self {
-        let truth: &'static Truth = Box::leak(Box::new(truth.clone()));
-        let imu = MountedImu::new(station, &station.imus[0], truth);
+    pub fn new(station: &SimulatedStation, truths: &[Truth], faults: FaultPlan, folder: &Path) -> Self {
+        let imu = |(imu, truth): (&StationImu, &Truth)| {
+            let truth: &'static Truth = Box::leak(Box::new(truth.clone()));
+            Some((ImuId::new(&imu.id)?, MountedImu::new(station, imu, truth)))
+        };
         let lines =
             [station.chamber_wire(), station.turntable_wire()].map(|wire| VirtualLine { wire, replies: Vec::new() });
         Self(Arc::new(Mutex::new(State {
             now: BEGIN,
             faults,
+            standing: Vec::new(),
+            script: Script::new(folder, BEGIN),
+            quiet_until: BEGIN,
+            restarts_s: Vec::new(),
+            clock_set_s: 0.0,
             lines,
-            imu,
+            imus: station.imus.iter().zip(truths).filter_map(imu).collect(),
             stop_signal: Arc::default(),
             is_killed: false,
+            is_power_lost: false,
+            power_losses: 0,
             at_kill: None,
             requests: Vec::new(),
             events: Vec::new(),
             places: Vec::new(),
+            misread: 0,
         })))
     }
 
@@ -110,7 +144,7 @@ impl VirtualWorld {
     #[must_use]
     pub fn surroundings(&self) -> Surroundings {
         let mut state = self.state();
-        (state.stop_signal, state.is_killed) = (Arc::default(), false);
+        (state.stop_signal, state.is_killed, state.is_power_lost) = (Arc::default(), false, false);
         let stop_signal = Arc::clone(&state.stop_signal);
         Surroundings { time: Arc::new(self.clone()), ports: Arc::new(self.clone()), stop_signal }
     }
@@ -125,6 +159,12 @@ impl VirtualWorld {
     #[must_use]
     pub fn is_killed(&self) -> bool {
         self.state().is_killed
+    }
+
+    /// Whether the machine has lost its power under the runner.
+    #[must_use]
+    pub fn is_power_lost(&self) -> bool {
+        self.state().is_power_lost
     }
 
     /// What is done at the moment of the runner's SIGKILL.
@@ -144,6 +184,24 @@ impl VirtualWorld {
         state.pass(until);
     }
 
+    pub(crate) fn script(&self, steps: Vec<Step>) {
+        let mut state = self.state();
+        let now = state.now;
+        state.script.set(steps, now);
+        state.quiet_until = now;
+    }
+
+    /// When each step was done \[s\].
+    #[must_use]
+    pub fn steps_s(&self) -> Vec<f64> {
+        self.state().script.done.iter().map(|at| at.since(BEGIN).as_secs_f64()).collect()
+    }
+
+    /// The faults that are there from now on, until the next step.
+    pub fn set_faults(&self, faults: &[Fault]) {
+        self.state().standing = faults.to_vec();
+    }
+
     /// All requests so far.
     #[must_use]
     pub fn requests(&self) -> Vec<Request> {
@@ -157,7 +215,7 @@ impl VirtualWorld {
     /// What the devices have begun, in order of time, and where they were at the end of each sample.
     pub(crate) fn course(&self) -> (Vec<(f64, DeviceEvent)>, Vec<Place>) {
         let mut state = self.state();
-        state.advance_imu(false);
+        state.advance_imu(0, false);
         let mut events = state.events.clone();
         events.sort_by(|(a, _), (b, _)| a.total_cmp(b));
         (events, state.places.clone())
@@ -171,24 +229,81 @@ impl State {
 
     /// Time passes until this moment.
     fn pass(&mut self, until: Moment) {
+        if until <= self.quiet_until {
+            self.now = self.now.max(until);
+            return;
+        }
+        // Step by step, so that each thing happens at its time.
+        while self.now < until {
+            let look = self.script.next_look().map_or(until, |look| look.max(self.now + LOOK));
+            // What is due at a moment is found when time has passed beyond it.
+            let event = self.next_event().map_or(until, |event| event + LOOK);
+            self.pass_to(look.min(event).min(until));
+            if self.script.next_look().is_some_and(|look| look <= self.now)
+                && let Some(act) = self.script.due(self.now)
+            {
+                self.act(act);
+            }
+        }
+        let next = self.next_event().into_iter().chain(self.script.next_look()).min();
+        self.quiet_until = next.unwrap_or(self.now + FAR);
+    }
+
+    /// When something happens next.
+    fn next_event(&self) -> Option<Moment> {
+        let events = [Fault::Signal, Fault::Killed, Fault::RunAway, Fault::PowerLoss];
+        let events = events.into_iter().flat_map(|event| self.faults.events(event));
+        let next_s = events.filter(|at_s| *at_s >= self.now_s()).reduce(f64::min);
+        next_s.map(|next_s| BEGIN + Duration::from_secs_f64(next_s))
+    }
+
+    fn pass_to(&mut self, until: Moment) {
         let before_s = self.now_s();
         self.now = self.now.max(until);
         let times = before_s..self.now_s();
         let happens = |event| self.faults.events(event).any(|at_s| times.contains(&at_s));
         let (signalled, killed) = (happens(Fault::Signal), happens(Fault::Killed));
-        let runs_away = happens(Fault::RunAway);
+        let (runs_away, power_lost) = (happens(Fault::RunAway), happens(Fault::PowerLoss));
         if runs_away {
             self.order(1, RUN_AWAY);
         }
         if signalled {
             self.stop_signal.store(SIGTERM, Relaxed);
         }
-        if killed && let Some(at_kill) = self.at_kill.take() {
+        if power_lost && self.at_kill.is_some() {
+            self.is_power_lost = true;
+            self.power_losses += 1;
+        }
+        if killed || power_lost {
+            self.kill();
+        }
+    }
+
+    fn kill(&mut self) {
+        if let Some(at_kill) = self.at_kill.take() {
             at_kill().unwrap_or_else(|error| panic!("keeping the folder: {error}"));
             // It is not asked: what it does from now on has no effect.
             self.is_killed = true;
             self.stop_signal.store(SIGTERM, Relaxed);
         }
+    }
+
+    fn act(&mut self, act: Act) {
+        match act {
+            Act::Faults(faults) => self.standing = faults,
+            Act::Signal(number) => self.stop_signal.store(number, Relaxed),
+            Act::Kill => self.kill(),
+            Act::Restart => self.restarts_s.push(self.now_s()),
+            Act::SetClock(by_s) => self.clock_set_s += by_s,
+            Act::OrderChamber(bytes) => self.order(0, &bytes),
+            Act::Call(call) => call(&self.script.folder),
+            Act::Note => {}
+        }
+    }
+
+    /// All faults that are active at this time \[s\].
+    fn active_at(&self, at_s: f64) -> impl Iterator<Item = Fault> {
+        self.faults.active(at_s).chain(self.standing.iter().copied())
     }
 
     /// The faults of a line that are active now.
@@ -197,11 +312,12 @@ impl State {
             (Fault::Chamber(fault), 0) | (Fault::Turntable(fault), 1) => Some(fault),
             _ => None,
         };
-        self.faults.active(self.now_s()).filter_map(of_line).collect()
+        self.active_at(self.now_s()).filter_map(of_line).collect()
     }
 
     fn has(&self, line: usize, fault: InjectedFault) -> bool {
-        self.is_killed || self.active(line).contains(&fault)
+        let of_line = [Fault::Chamber(fault), Fault::Turntable(fault)][line];
+        self.is_killed || self.active_at(self.now_s()).any(|active| active == of_line)
     }
 
     fn advance_line(&mut self, line: usize) -> Vec<InjectedFault> {
@@ -209,33 +325,50 @@ impl State {
         let wire = &mut self.lines[line].wire;
         wire.advance(now_s, &active);
         let events = wire.events();
-        self.imu.take_events(events.iter().copied());
+        for (_, imu) in &mut self.imus {
+            imu.take_events(events.iter().copied());
+        }
         self.events.extend(events);
         active
     }
 
-    fn write(&mut self, line: usize, bytes: &[u8], deadline: Moment) -> io::Result<usize> {
-        if !self.is_killed {
-            self.requests.push(Request { at_s: self.now_s(), to_turntable: line == 1, bytes: bytes.to_vec() });
-        }
+    fn write(&mut self, line: usize, bytes: &[u8], deadline: Moment, is_serial: bool) -> io::Result<usize> {
         if self.has(line, InjectedFault::PortLoss) {
             self.lines[line].replies.clear();
             return Err(io::ErrorKind::BrokenPipe.into());
         }
-        if self.has(line, InjectedFault::Dead) {
+        let is_dead = self.has(line, InjectedFault::Dead);
+        if !(is_dead && is_serial) {
+            self.requests.push(Request { at_s: self.now_s(), to_turntable: line == 1, bytes: bytes.to_vec() });
+        }
+        if is_dead {
             self.lines[line].replies.clear();
-            self.pass(deadline);
-            return Ok(0);
+            if is_serial {
+                self.pass(deadline);
+                return Ok(0);
+            }
+            // A connection takes what nobody reads.
+            return Ok(bytes.len());
         }
         let active = self.advance_line(line);
-        let is_cut = line == 1 && self.faults.active(self.now_s()).any(|fault| fault == Fault::CutReply);
-        let due = self.now + REPLY + if active.contains(&InjectedFault::Late) { LATE_REPLY } else { Duration::ZERO };
+        let is_cut = line == 1 && self.active_at(self.now_s()).any(|fault| fault == Fault::CutReply);
+        let is_slow = self.active_at(self.now_s()).any(|fault| fault == Fault::Slow { turntable: line == 1 });
+        let late = if active.contains(&InjectedFault::Late) { LATE_REPLY } else { Duration::ZERO };
+        let mut random = Random(self.requests.len() as u64);
+        let slow = if is_slow { SLOW_REPLY.mul_f64(random.uniform()) } else { Duration::ZERO };
+        let begun = self.faults.events(Fault::Misread).filter(|at_s| *at_s <= self.now_s()).count();
         let VirtualLine { wire, replies } = &mut self.lines[line];
+        // A controller answers one request after the other.
+        let due = replies.last().map_or(self.now, |(due, _)| *due).max(self.now + REPLY + late.max(slow));
         wire.input().extend_from_slice(bytes);
         while let Some(request) = wire.take_request() {
             let mut reply = wire.answer(&request, &active);
-            if is_cut {
-                reply.truncate(reply.len() / 2);
+            if is_cut && random.uniform() < CUT {
+                reply.truncate((random.uniform() * reply.len() as f64) as usize);
+            }
+            if self.misread < begun && request.starts_with(ANGLE) {
+                self.misread += 1;
+                reply = misread(&reply);
             }
             replies.push((due, reply));
         }
@@ -290,21 +423,27 @@ impl State {
         self.advance_line(line);
     }
 
-    /// Simulates the IMU up to now. Returns the next sample, if one is wanted and there is one.
-    fn advance_imu(&mut self, is_wanted: bool) -> Option<RawSample> {
+    /// Simulates an IMU up to now. Returns its next sample, if one is wanted and there is one.
+    fn advance_imu(&mut self, number: usize, is_wanted: bool) -> Option<RawSample> {
+        let known_s = self.now_s() - TRANSIT.as_secs_f64();
+        if self.imus[number].1.end_s() > known_s {
+            return None;
+        }
         for line in [0, 1] {
             self.advance_line(line);
         }
-        let known_s = self.now_s() - TRANSIT.as_secs_f64();
-        while self.imu.end_s() <= known_s {
-            let end_s = self.imu.end_s();
-            let sample = self.imu.step();
-            let (angles_deg, air_c) = self.imu.surroundings();
-            let sessions = self.faults.events(Fault::Restarted).filter(|at_s| *at_s < end_s).count();
-            let session = 1 + sessions as u64;
-            self.places.push(Place { end_s, sequence: sample.sequence, session, angles_deg, air_c });
-            let is_lost = self.faults.active(end_s).any(|fault| match fault {
+        while self.imus[number].1.end_s() <= known_s {
+            let end_s = self.imus[number].1.end_s();
+            let sample = self.imus[number].1.step();
+            let (angles_deg, air_c) = self.imus[number].1.surroundings();
+            let drawn = self.faults.events(Fault::Restarted).filter(|at_s| *at_s < end_s).count();
+            let session = 1 + (drawn + self.restarts_s.iter().filter(|at_s| **at_s < end_s).count()) as u64;
+            if number == 0 {
+                self.places.push(Place { end_s, sequence: sample.sequence, session, angles_deg, air_c });
+            }
+            let is_lost = self.active_at(end_s).any(|fault| match fault {
                 Fault::Silent => true,
+                Fault::SilentImu(silent) => silent == number,
                 Fault::Gaps => sample.sequence.is_multiple_of(10),
                 _ => false,
             });
@@ -328,7 +467,11 @@ impl Time for VirtualWorld {
     fn unix_s(&self) -> f64 {
         let state = self.state();
         let set_back = state.faults.events(Fault::ClockSetBack).filter(|at_s| *at_s < state.now_s()).count();
-        BEGIN_UNIX_S + state.now_s() - 3600.0 * set_back as f64
+        BEGIN_UNIX_S + state.now_s() + state.clock_set_s - 3600.0 * set_back as f64
+    }
+
+    fn boot(&self) -> String {
+        format!("virtual-{}", self.state().power_losses)
     }
 
     fn sleep_until(&self, moment: Moment) {
@@ -375,7 +518,7 @@ impl Port for VirtualPort {
     }
 
     fn write(&self, bytes: &[u8], deadline: Moment) -> io::Result<usize> {
-        self.world.state().write(self.line, bytes, deadline)
+        self.world.state().write(self.line, bytes, deadline, self.is_serial)
     }
 
     fn read(&self, buffer: &mut [u8], deadline: Moment) -> io::Result<usize> {
@@ -384,10 +527,12 @@ impl Port for VirtualPort {
 }
 
 impl SampleSources for VirtualWorld {
-    fn start(&self, _: &ImuId) -> io::Result<Box<dyn SampleSource>> {
+    fn start(&self, imu: &ImuId) -> io::Result<Box<dyn SampleSource>> {
+        let mut state = self.state();
+        let number = state.imus.iter().position(|(known, _)| known == imu).ok_or(io::ErrorKind::NotFound)?;
         // What was sent before is not received.
-        self.state().advance_imu(false);
-        Ok(Box::new(VirtualSource(self.clone())))
+        state.advance_imu(number, false);
+        Ok(Box::new(VirtualSource { world: self.clone(), number }))
     }
 
     fn domain(&self) -> &str {
@@ -395,13 +540,24 @@ impl SampleSources for VirtualWorld {
     }
 }
 
-/// The IMU's stream.
-struct VirtualSource(VirtualWorld);
+/// The stream of an IMU.
+struct VirtualSource {
+    world: VirtualWorld,
+    number: usize,
+}
 
 impl SampleSource for VirtualSource {
     fn take_sample(&mut self) -> Option<Result<(RawSample, u64), String>> {
-        let mut state = self.0.state();
-        let sample = state.advance_imu(true)?;
+        let mut state = self.world.state();
+        let sample = state.advance_imu(self.number, true)?;
         Some(Ok((sample, state.now.ns())))
     }
+}
+
+/// A reply with an angle, with another one of as many digits: its header and its end stay.
+fn misread(reply: &[u8]) -> Vec<u8> {
+    let is_digit = |byte: &u8| byte.is_ascii_digit() || matches!(byte, b'.' | b'-');
+    let begin = reply.iter().position(is_digit).unwrap_or(reply.len());
+    let end = reply.iter().rposition(is_digit).map_or(begin, |last| last + 1);
+    [&reply[..begin], b"498.12345", &reply[end..]].concat()
 }

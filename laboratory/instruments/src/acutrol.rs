@@ -5,7 +5,7 @@
 //! it too.
 
 use super::fault::{FaultKind, InstrumentFault};
-use super::instrument::{Instrument, Turntable, TurntableReading, wrapped_deg};
+use super::instrument::{Instrument, Turntable, TurntableReading, whole_reading, wrapped_deg};
 use super::line::Line;
 use super::line_config::{axes, seconds};
 use super::reply::{ExchangeError, Framing, angle, line_feed, number, text};
@@ -22,6 +22,8 @@ pub struct AcutrolSettings {
     pub header: usize,
     /// A pause of this length ends a reply without a line feed.
     pub gap: Option<Duration>,
+    /// Decimals of a whole reply without a line feed; 0 for any number, `None` if the first replies show it.
+    pub reply_decimals: Option<u8>,
     /// Whether commands are answered.
     pub acknowledge: bool,
     /// Decimals of angles, rates and accelerations.
@@ -40,6 +42,7 @@ impl AcutrolSettings {
             axes: axes(section),
             header: section.optional_integer("header", 0..=64).unwrap_or(if tcp { 8 } else { 0 }) as usize,
             gap: Some(gap).filter(|gap| !gap.is_zero()),
+            reply_decimals: section.optional_integer("reply_decimals", 0..=9).map(|decimals| decimals as u8),
             acknowledge: section.optional_bool("acknowledge").unwrap_or(true),
             decimals: section.optional_integer("decimals", 0..=6).unwrap_or(4) as usize,
             wrap: section.optional_bool("wrap").unwrap_or(false),
@@ -48,22 +51,41 @@ impl AcutrolSettings {
     }
 }
 
+/// What a number of the controller is.
+#[derive(Clone, Copy)]
+enum Quantity {
+    Angle,
+    Rate,
+}
+
+/// A first reply without a line feed has a decimal: its last digit is worth less than this.
+const COARSEST: f64 = 0.5;
+
 /// The driver.
 pub struct Acutrol {
     line: Line,
     settings: AcutrolSettings,
-    /// The finest last digit of the angles so far \[deg\].
-    resolution_deg: f64,
+    /// The finest last digit of the angles \[deg\] and of the rates \[deg/s\] so far.
+    last_digits: [f64; 2],
     /// Whether a reply has ended with a line feed: then all do, and a pause ends none.
     ends_lines: bool,
 }
 
 impl Acutrol {
     pub(super) fn new(line: Line, settings: &AcutrolSettings) -> Self {
-        Self { line, settings: settings.clone(), resolution_deg: f64::INFINITY, ends_lines: false }
+        Self { line, settings: settings.clone(), last_digits: [f64::INFINITY; 2], ends_lines: false }
     }
 
     fn ask<T>(&mut self, request: &str, read: impl Fn(&str) -> Result<T, ExchangeError>) -> Result<T, InstrumentFault> {
+        self.ask_whole(request, |reply, _| read(reply))
+    }
+
+    /// Sends a request. `read` gets the reply, and whether a line feed ends it: then it is whole.
+    fn ask_whole<T>(
+        &mut self,
+        request: &str,
+        read: impl Fn(&str, bool) -> Result<T, ExchangeError>,
+    ) -> Result<T, InstrumentFault> {
         let header = self.settings.header;
         // The header may contain any byte, a line feed too.
         let reply_length = |bytes: &[u8]| line_feed(bytes.get(header..)?).map(|length| header + length);
@@ -76,8 +98,9 @@ impl Acutrol {
             match text(body)? {
                 refused if refused.to_ascii_lowercase().starts_with("error") => Err(ExchangeError::refused(refused)),
                 text => {
-                    let value = read(text)?;
-                    ends_lines.set(ends_lines.get() || body.ends_with(b"\n"));
+                    let is_whole = body.ends_with(b"\n");
+                    let value = read(text, is_whole)?;
+                    ends_lines.set(ends_lines.get() || is_whole);
                     Ok(value)
                 }
             }
@@ -86,18 +109,55 @@ impl Acutrol {
         result
     }
 
-    fn number(&mut self, request: &str) -> Result<f64, InstrumentFault> {
-        self.ask(request, |reply| number(reply).ok_or_else(|| ExchangeError::garbled(reply.as_bytes())))
+    /// A number, and the value of its last digit. A reply that no line feed ends is told from the begin of one by its
+    /// decimals: it has as many as the one before, at least one.
+    fn value(&mut self, request: &str, quantity: Quantity) -> Result<f64, InstrumentFault> {
+        if !self.ends_lines
+            && self.last_digits[quantity as usize].is_infinite()
+            && self.settings.reply_decimals.is_none()
+        {
+            let first = self.parts(request, COARSEST)?;
+            self.last_digits[quantity as usize] = first.1;
+            if self.ends_lines {
+                return Ok(first.0);
+            }
+        }
+        let known = self.last_digits[quantity as usize];
+        let coarsest = match self.settings.reply_decimals {
+            Some(0) => f64::INFINITY,
+            Some(decimals) => 1.5 * 10_f64.powi(-i32::from(decimals)),
+            None => 1.5 * known,
+        };
+        let (number, last_digit) = self.parts(request, coarsest)?;
+        self.last_digits[quantity as usize] = known.min(last_digit);
+        Ok(number)
     }
 
-    fn angle(&mut self, request: &str) -> Result<f64, InstrumentFault> {
-        // Without its line feed a reply is told from the begin of one by its decimals.
-        let coarsest = if self.ends_lines { f64::INFINITY } else { 1.5 * self.resolution_deg };
-        let whole = |reply: &str| angle(reply).filter(|(_, last_digit)| *last_digit <= coarsest);
-        let (angle, last_digit) =
-            self.ask(request, |reply| whole(reply).ok_or_else(|| ExchangeError::garbled(reply.as_bytes())))?;
-        self.resolution_deg = self.resolution_deg.min(last_digit);
-        Ok(angle)
+    /// A number whose last digit is worth at most `coarsest`, and the value of that; any last digit if the reply ends
+    /// with a line feed.
+    fn parts(&mut self, request: &str, coarsest: f64) -> Result<(f64, f64), InstrumentFault> {
+        self.ask_whole(request, |reply, is_whole| {
+            let found = angle(reply).filter(|(_, last_digit)| is_whole || *last_digit <= coarsest);
+            found.ok_or_else(|| {
+                let why = "no line feed ends it, and it has fewer decimals than a whole one; see reply_decimals";
+                let ExchangeError(kind, message) = ExchangeError::garbled(reply.as_bytes());
+                match angle(reply) {
+                    Some(_) => ExchangeError(kind, format!("{message}: {why}")),
+                    None => ExchangeError(kind, message),
+                }
+            })
+        })
+    }
+
+    fn read_once(&mut self) -> Result<TurntableReading, InstrumentFault> {
+        let mut reading = TurntableReading::default();
+        for (index, axis) in self.settings.axes.into_iter().enumerate() {
+            reading.angles_deg[index] = self.value(&format!(":read:position? {axis}"), Quantity::Angle)?;
+            reading.rates_deg_s[index] = self.value(&format!(":read:rate? {axis}"), Quantity::Rate)?;
+        }
+        reading.resolution_deg = self.last_digits[Quantity::Angle as usize];
+        [reading.faults, reading.open] = self.interlocks()?;
+        Ok(reading)
     }
 
     fn command(&mut self, request: &str) -> Result<(), InstrumentFault> {
@@ -173,14 +233,8 @@ impl Turntable for Acutrol {
     }
 
     fn read(&mut self) -> Result<TurntableReading, InstrumentFault> {
-        let mut reading = TurntableReading::default();
-        for (index, axis) in self.settings.axes.into_iter().enumerate() {
-            reading.angles_deg[index] = self.angle(&format!(":read:position? {axis}"))?;
-            reading.rates_deg_s[index] = self.number(&format!(":read:rate? {axis}"))?;
-        }
-        reading.resolution_deg = self.resolution_deg;
-        [reading.faults, reading.open] = self.interlocks()?;
-        Ok(reading)
+        // A late reply shows at the last requests, which have a word as reply.
+        whole_reading(self, Self::read_once)
     }
 
     fn move_to(

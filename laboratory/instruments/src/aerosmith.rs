@@ -5,7 +5,7 @@
 //! the prompt.
 
 use super::fault::{FaultKind, InstrumentFault};
-use super::instrument::{Instrument, Turntable, TurntableReading, wrapped_deg};
+use super::instrument::{Instrument, Turntable, TurntableReading, whole_reading, wrapped_deg};
 use super::line::Line;
 use super::line_config::axes;
 use super::reply::{ExchangeError, Framing, angle, number, text};
@@ -100,6 +100,19 @@ impl Aerosmith {
         self.ask(axis, command, value, |reply| number(reply).is_none().then_some(()))
     }
 
+    fn read_once(&mut self) -> Result<TurntableReading, InstrumentFault> {
+        let mut reading = TurntableReading::default();
+        for (index, axis) in self.settings.axes.into_iter().enumerate() {
+            let (angle_deg, last_digit) = self.ask(axis, "PPO", "", angle)?;
+            self.resolution_deg = self.resolution_deg.min(last_digit);
+            reading.angles_deg[index] = angle_deg;
+            reading.rates_deg_s[index] = self.ask(axis, "PVE", "", number)?;
+        }
+        reading.resolution_deg = self.resolution_deg;
+        reading.faults = self.faults()?;
+        Ok(reading)
+    }
+
     fn faults(&mut self) -> Result<Vec<String>, InstrumentFault> {
         let mut faults = Vec::new();
         for axis in self.settings.axes {
@@ -140,16 +153,8 @@ impl Turntable for Aerosmith {
     }
 
     fn read(&mut self) -> Result<TurntableReading, InstrumentFault> {
-        let mut reading = TurntableReading::default();
-        for (index, axis) in self.settings.axes.into_iter().enumerate() {
-            let (angle_deg, last_digit) = self.ask(axis, "PPO", "", angle)?;
-            self.resolution_deg = self.resolution_deg.min(last_digit);
-            reading.angles_deg[index] = angle_deg;
-            reading.rates_deg_s[index] = self.ask(axis, "PVE", "", number)?;
-        }
-        reading.resolution_deg = self.resolution_deg;
-        reading.faults = self.faults()?;
-        Ok(reading)
+        // A late reply shows at the last requests, which have an integer as reply.
+        whole_reading(self, Self::read_once)
     }
 
     fn move_to(

@@ -187,7 +187,7 @@ impl Chamber for Ascii2 {
     fn read(&mut self) -> Result<ChamberReading, InstrumentFault> {
         let Reading { nominal, actual, running, alarm, .. } = self.reading()?;
         let alarms = if alarm { vec!["alarm output".to_owned()] } else { Vec::new() };
-        Ok(ChamberReading { air_c: actual, set_point_c: nominal, running, alarms })
+        Ok(ChamberReading { air_c: actual, set_point_c: nominal, running, other_mode: None, alarms })
     }
 
     fn set_point(&mut self, celsius: f64) -> Result<(), InstrumentFault> {

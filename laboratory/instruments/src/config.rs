@@ -62,7 +62,28 @@ impl ChamberConfig {
     }
 }
 
+impl ChamberConfig {
+    /// The key that makes the driver read the chamber's alarms; `None` if it reads them.
+    #[must_use]
+    pub const fn key_of_alarms(&self) -> Option<&'static str> {
+        match &self.driver {
+            ChamberDriver::F4t(settings) if settings.alarms == 0 => Some("alarms"),
+            ChamberDriver::Ascii2(settings) if settings.alarm_bit.is_none() => Some("alarm_bit"),
+            ChamberDriver::Espec(_) | ChamberDriver::F4t(_) | ChamberDriver::Ascii2(_) => None,
+        }
+    }
+}
+
 impl TurntableConfig {
+    /// The key that makes the driver read the turntable's faults; `None` if it reads them.
+    #[must_use]
+    pub const fn key_of_faults(&self) -> Option<&'static str> {
+        match &self.driver {
+            TurntableDriver::Aerosmith(settings) if settings.fault_mask == 0 => Some("fault_mask"),
+            TurntableDriver::Acutrol(_) | TurntableDriver::Aerosmith(_) => None,
+        }
+    }
+
     /// Reads every key of a turntable's driver and line; errors are collected in the document. The caller may read more
     /// keys, then finishes the section.
     #[must_use]

@@ -120,11 +120,12 @@ impl Instrument for Espec {
 
 impl Chamber for Espec {
     fn read(&mut self) -> Result<ChamberReading, InstrumentFault> {
+        // A late reply is none of these: each has a form of its own.
         let (air_c, mode, alarms) = self.ask("MON?", parse_monitor)?;
         let set_point_c = self.ask("TEMP?", parse_set_point)?;
         let alarms = if alarms > 0 { self.alarms()? } else { Vec::new() };
         let running = mode.starts_with("CONSTANT") || mode.starts_with("RUN");
-        Ok(ChamberReading { air_c, set_point_c, running, alarms })
+        Ok(ChamberReading { air_c, set_point_c, running, other_mode: None, alarms })
     }
 
     fn set_point(&mut self, celsius: f64) -> Result<(), InstrumentFault> {

@@ -5,7 +5,7 @@
 //! stopped depends on its maker; by default the driver sets the loop's control mode to automatic or off.
 
 use super::fault::{FaultKind, InstrumentFault};
-use super::instrument::{Chamber, ChamberReading, Instrument};
+use super::instrument::{Chamber, ChamberReading, Instrument, whole_reading};
 use super::line::Line;
 use super::reply::{ExchangeError, Framing};
 use isotherm_shared::document::Section;
@@ -33,6 +33,7 @@ const UNIT_F: u16 = 30;
 /// Values of the control mode.
 const AUTO: u16 = 10;
 const OFF: u16 = 62;
+const MANUAL: u16 = 54;
 
 /// Keys of this driver.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,6 +48,8 @@ pub struct F4tSettings {
     pub start: [u16; 3],
     /// Register with the running state, and its value while the chamber is stopped.
     pub stopped: [u16; 2],
+    /// Its value while the chamber runs; `None` if every other value than that of a stopped one means it.
+    pub running: Option<u16>,
     /// Number of alarms that are read.
     pub alarms: u16,
 }
@@ -56,6 +59,10 @@ impl F4tSettings {
         let register =
             |key, default: u16| section.optional_integer(key, 0..=65535).map_or(default, |value| value as u16);
         let offset = LOOP_STEP * (section.optional_integer("loop", 1..=4).unwrap_or(1) as u16 - 1);
+        let stopped = [register("state_register", ACTUAL_MODE + offset), register("state_stopped", OFF)];
+        // What another register says while the chamber runs is not known.
+        let running = (stopped == [ACTUAL_MODE + offset, OFF]).then_some(AUTO);
+        let running = section.optional_integer("state_running", 0..=65535).map(|value| value as u16).or(running);
         Self {
             address: section.optional_integer("address", 1..=247).unwrap_or(1) as u8,
             offset,
@@ -67,7 +74,8 @@ impl F4tSettings {
                 register("start_value", AUTO),
                 register("stop_value", OFF),
             ],
-            stopped: [register("state_register", ACTUAL_MODE + offset), register("state_stopped", OFF)],
+            stopped,
+            running,
             alarms: section.optional_integer("alarms", 0..=14).unwrap_or(4) as u16,
         }
     }
@@ -81,6 +89,20 @@ impl F4tSettings {
         let (high, low) = ((number.to_bits() >> 16) as u16, number.to_bits() as u16);
         if self.low_word_first { [low, high] } else { [high, low] }
     }
+}
+
+/// What the chamber does.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+enum State {
+    Running,
+    Stopped,
+    /// Neither: the value of its state.
+    Other(u16),
+}
+
+/// The name of a control mode.
+fn mode_name(mode: u16) -> String {
+    if mode == MANUAL { format!("manual mode ({MANUAL})") } else { format!("mode {mode}") }
 }
 
 /// The driver.
@@ -203,20 +225,30 @@ impl F4t {
         Ok(alarms)
     }
 
-    fn is_running(&mut self) -> Result<bool, InstrumentFault> {
+    fn state(&mut self) -> Result<State, InstrumentFault> {
         let [register, stopped] = self.settings.stopped;
-        Ok(self.registers(register)? != [stopped])
+        let [state] = self.registers(register)?;
+        Ok(match self.settings.running {
+            _ if state == stopped => State::Stopped,
+            Some(running) if state != running => State::Other(state),
+            _ => State::Running,
+        })
     }
 
     /// Starts or stops the chamber and checks its state.
     fn switch(&mut self, value: u16, running: bool) -> Result<(), InstrumentFault> {
         let [register, ..] = self.settings.start;
         self.write(register, &[value])?;
-        if self.is_running()? == running {
+        let state = self.state()?;
+        if state == if running { State::Running } else { State::Stopped } {
             return Ok(());
         }
-        let state = if running { "does not run" } else { "still runs" };
-        let message = format!("it {state} after {value} was written to register {register}");
+        let is = match state {
+            State::Running => "still runs".to_owned(),
+            State::Stopped => "does not run".to_owned(),
+            State::Other(mode) => format!("is in {}", mode_name(mode)),
+        };
+        let message = format!("it {is} after {value} was written to register {register}");
         let alarms = self.alarms()?;
         Err(self.line.fault(match alarms.is_empty() {
             true => ExchangeError(FaultKind::Mismatch, message),
@@ -240,11 +272,21 @@ impl Instrument for F4t {
 
 impl Chamber for F4t {
     fn read(&mut self) -> Result<ChamberReading, InstrumentFault> {
-        Ok(ChamberReading {
-            air_c: self.temperature(PROCESS_VALUE)?,
-            set_point_c: self.temperature(SET_POINT)?,
-            running: self.is_running()?,
-            alarms: self.alarms()?,
+        // A late reply shows in the number of registers: two of a temperature, one of all else.
+        whole_reading(self, |chamber| {
+            let [air_c, set_point_c] = [chamber.temperature(PROCESS_VALUE)?, chamber.temperature(SET_POINT)?];
+            let state = chamber.state()?;
+            let other_mode = match state {
+                State::Other(mode) => Some(mode_name(mode)),
+                State::Running | State::Stopped => None,
+            };
+            Ok(ChamberReading {
+                air_c,
+                set_point_c,
+                running: state == State::Running,
+                other_mode,
+                alarms: chamber.alarms()?,
+            })
         })
     }
 

@@ -1,7 +1,11 @@
 //! What every chamber and every turntable can do, and what it reports.
 
-use super::fault::InstrumentFault;
+use super::fault::{FaultKind, InstrumentFault};
 use super::line::Line;
+use super::reply::ExchangeError;
+
+/// A reading is taken anew at most this often.
+const READINGS: u32 = 3;
 
 /// An instrument on a line.
 pub trait Instrument: Send {
@@ -52,6 +56,9 @@ pub struct ChamberReading {
     pub set_point_c: f64,
     /// Whether it controls the temperature: heats and cools.
     pub running: bool,
+    /// A mode in which it neither controls the temperature nor is stopped, as the controller names it: somebody has
+    /// changed it.
+    pub other_mode: Option<String>,
     /// Active alarms as the controller names them; empty for none.
     pub alarms: Vec<String>,
 }
@@ -104,6 +111,24 @@ pub struct TurntableReading {
     /// Axes without power (open interlocks), as the controller names them; always empty for controllers that do not
     /// report it.
     pub open: Vec<String>,
+}
+
+/// Takes a reading of several requests. If one of them had to be repeated, the replies to the others may be late ones
+/// to requests before them: then the whole reading is taken again, after the line was quiet.
+pub(super) fn whole_reading<I: Instrument, R>(
+    instrument: &mut I,
+    read: impl Fn(&mut I) -> Result<R, InstrumentFault>,
+) -> Result<R, InstrumentFault> {
+    for _ in 0..READINGS {
+        let before = instrument.line_mut().repeated();
+        let reading = read(instrument)?;
+        if instrument.line_mut().repeated() == before {
+            return Ok(reading);
+        }
+        instrument.line_mut().doubt();
+    }
+    let message = format!("no reading of one piece: a request was repeated in each of {READINGS}");
+    Err(instrument.line_mut().fault(ExchangeError(FaultKind::Garbled, message)))
 }
 
 /// A controller's angle as 0 to 360, if it counts modulo 360 degrees \[deg\].

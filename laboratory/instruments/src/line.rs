@@ -5,6 +5,8 @@
 //!   are discarded.
 //! - These protocols do not mark which request a reply belongs to. After a time-out or a garbled reply, a late reply
 //!   may still arrive: nothing is sent until the line has been quiet for `quiet_s`.
+//! - A reading of several requests is taken again if one of them had to be repeated: what followed it may have had
+//!   the replies to others.
 //! - Every wait is bounded: a request takes at most (retries + 1) times (opening + drain + sending + reply). A line
 //!   that does not keep still for `quiet_s` within [`STILL_WITHIN`] times that is at fault, and the request is not
 //!   repeated.
@@ -100,6 +102,11 @@ impl Line {
     pub const fn end_orders(&mut self) -> bool {
         self.orders_until = None;
         !self.stale
+    }
+
+    /// A late reply may still arrive, though the last request was answered.
+    pub(super) const fn doubt(&mut self) {
+        self.stale = true;
     }
 
     /// Whether requests are orders that go out at once.

@@ -2,8 +2,9 @@
 
 use core::ops::Add;
 use rustix::time::{ClockId, clock_gettime};
-use std::thread;
+use std::sync::OnceLock;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::{fs, thread};
 
 /// A moment of a clock that only rises; of [`RealTime`] a reading of `CLOCK_MONOTONIC`.
 #[derive(Clone, Copy, Debug, Eq, Ord, PartialEq, PartialOrd)]
@@ -47,6 +48,10 @@ pub trait Time: Send + Sync {
     /// Unix time \[s\]. Somebody may set this clock, also back.
     fn unix_s(&self) -> f64;
 
+    /// The name of the time since which [`now`](Self::now) counts: of the machine's last start. Moments of two names do
+    /// not compare.
+    fn boot(&self) -> String;
+
     /// Returns at this moment, or at once if it has passed.
     fn sleep_until(&self, moment: Moment);
 
@@ -67,6 +72,12 @@ impl Time for RealTime {
 
     fn unix_s(&self) -> f64 {
         SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64()
+    }
+
+    fn boot(&self) -> String {
+        static BOOT: OnceLock<String> = OnceLock::new();
+        let read = || fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default().trim().to_owned();
+        BOOT.get_or_init(read).clone()
     }
 
     fn sleep_until(&self, moment: Moment) {

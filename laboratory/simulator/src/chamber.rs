@@ -45,6 +45,8 @@ pub(crate) struct ChamberDevice {
     pub set_point_c: f64,
     /// Mode of the controller.
     pub mode: Mode,
+    /// Whether somebody has set the controller to manual: it does not follow the set point.
+    pub is_manual: bool,
     /// Whether it has an alarm.
     pub alarm: bool,
 }
@@ -67,6 +69,7 @@ impl ChamberDevice {
             events: Vec::new(),
             set_point_c: ambient_c,
             mode: Mode::Off,
+            is_manual: false,
             alarm: false,
         }
     }

@@ -36,9 +36,9 @@ impl Report<'_> {
             ("Before", &|(_, [before, _], _)| Cell::number(*before, 3)),
             ("After", &|(_, [_, after], _)| Cell::number(*after, 3)),
             ("Factor", &|(_, [before, after], _)| Cell::number(before / after, 1)),
-            ("Bias, ± / 1e-6 g0", &|(axis, _, known)| Cell::known(known.bias[*axis].map(|half| half * 1e6), 2)),
+            ("Bias, ± / 1e-6 g0", &|(axis, _, known)| Cell::known(known.bias_band[*axis].map(|half| half * 1e6), 2)),
             ("Scale factor, ± / ppm", &|(axis, _, known)| {
-                Cell::known(known.scale_factor[*axis].map(|half| half * 1e6), 2)
+                Cell::known(known.scale_factor_band[*axis].map(|half| half * 1e6), 2)
             }),
         ];
         let rows = errors.into_iter().enumerate().map(|(axis, both)| (axis, both, &accuracies[0]));

@@ -32,7 +32,8 @@ mod stdout;
 pub use install::Installation;
 pub use live::{LiveFile, Partial, partial_path, target_of};
 pub use load::{
-    Identity, LoadError, Trust, load_table, open_without_waiting, read_parameters, read_text, uninterrupted,
+    Identity, LoadError, Trust, load_table, load_table_text, open_without_waiting, read_parameters, read_text,
+    uninterrupted,
 };
 pub use output::{Output, StagedText, check_written, print, print_data, refuse_overlap, replace};
 pub use place::{check_own_folder, create_folder, create_own_folder, exchange, output_place, sync_folder};

@@ -228,10 +228,22 @@ pub fn load_table(
     expected: Option<&ImuId>,
     trust: Trust,
 ) -> Result<(CoefficientTable, Identity), LoadError> {
+    load_table_text(path, expected, trust).map(|(table, _, identity)| (table, identity))
+}
+
+/// The same, with the text that it was read from: all that is taken of a file is of the same bytes.
+///
+/// # Errors
+/// As [`load_table`].
+pub fn load_table_text(
+    path: &Path,
+    expected: Option<&ImuId>,
+    trust: Trust,
+) -> Result<(CoefficientTable, String, Identity), LoadError> {
     let (text, identity) = read(path, trust, MAX_TABLE_BYTES, "coefficient table", None)?;
     let table = CoefficientTable::from_toml(&text, expected);
     let table = table.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
-    Ok((table, identity))
+    Ok((table, text, identity))
 }
 
 impl From<LoadError> for Failure {

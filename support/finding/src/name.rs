@@ -378,6 +378,12 @@ findings! {
         /// From some tau on the temperature explains the Allan deviation.
         NOISE_TEMPERATURE = "noise-temperature", Warning, "Record at a steadier temperature.";
     }
+    "Instruments" "Of `campaign check` and `campaign run`." {
+        /// Nobody reads the alarms of the chamber: one that has an alarm is seen only when it leaves its set point.
+        ALARMS_NOT_READ = "alarms-not-read", Warning, "Give the key of the driver that the line names.";
+        /// Nobody reads the faults of the turntable: one that has a fault is seen only when it does not arrive.
+        FAULTS_NOT_READ = "faults-not-read", Warning, "Give the key of the driver that the line names.";
+    }
     "Tables" "Of `compare` and of the statistics of a batch." {
         /// A provenance has no errors: nothing says whether a difference is more than the errors.
         ERRORS_UNKNOWN = "errors-unknown", Warning, "Make the table again with `calibrate`, which writes them.";

@@ -56,7 +56,7 @@ const STEP_S: f64 = 2.0;
 
 impl SimulatedLaboratory {
     fn new(plan: &Plan) -> Self {
-        let chamber = ChamberReading { air_c: 22.3, set_point_c: 22.0, running: false, alarms: Vec::new() };
+        let chamber = ChamberReading { air_c: 22.3, set_point_c: 22.0, ..ChamberReading::default() };
         Self {
             now: 0.0,
             chamber,

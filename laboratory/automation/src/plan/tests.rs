@@ -31,6 +31,28 @@ fn the_example_says_what_is_the_default_anyway() {
 }
 
 #[test]
+fn alarms_and_faults_that_nobody_reads_are_named() {
+    let found = |chamber: &str, table: &str| {
+        let text = EXAMPLE.replace("driver = \"espec\"", chamber).replace("driver = \"acutrol\"", table);
+        let plan = Plan::from_toml(&text, Path::new("")).unwrap();
+        plan.findings().into_iter().map(|finding| (finding.name, finding.message)).collect::<Vec<_>>()
+    };
+    let [espec, acutrol] = ["driver = \"espec\"", "driver = \"acutrol\""];
+    assert_eq!(found(espec, acutrol), []);
+    let read = ["driver = \"watlow-f4t\"", "driver = \"ascii2\"\nalarm_bit = 2"];
+    for chamber in read {
+        assert_eq!(found(chamber, "driver = \"aerosmith\"\nfault_mask = 4"), []);
+    }
+    for (chamber, key) in [("driver = \"watlow-f4t\"\nalarms = 0", "alarms"), ("driver = \"ascii2\"", "alarm_bit")] {
+        let [(alarms, of_alarms), (faults, of_faults)] = &found(chamber, "driver = \"aerosmith\"")[..] else {
+            panic!("{chamber}");
+        };
+        assert_eq!((*alarms, *faults), ("alarms-not-read", "faults-not-read"));
+        assert!(of_alarms.contains(&format!("give {key}, ")) && of_faults.contains("give fault_mask, "), "{of_alarms}");
+    }
+}
+
+#[test]
 fn everything_wrong_is_reported_at_once() {
     let text = EXAMPLE
         .replace("imu = \"imu-a\"", "imu = \"IMU A\"\nmax_rate = -1")

@@ -2,6 +2,7 @@
 //! another campaign.
 
 use super::{Plan, VerificationPlan};
+use isotherm_finding::{Finding, name};
 use isotherm_shared::wire::AXES;
 use isotherm_verification::{DRIVEN, undriven};
 
@@ -16,6 +17,19 @@ impl Plan {
             |plan: &Self| plan.own_warnings().into_iter().map(|warning| format!("{}: {warning}", plan.imu)).collect();
         let of_batch: Vec<Vec<String>> = self.batch.iter().map(of_imu).collect();
         if self.is_batch() { of_batch.concat() } else { self.own_warnings() }
+    }
+
+    /// What the drivers of the instruments do not read.
+    #[must_use]
+    pub fn findings(&self) -> Vec<Finding> {
+        let unread = |finding, key: Option<&str>, text: &str| {
+            key.map(|key| Finding::warning(finding, format!("{text}; give {key}, which docs/instruments.md explains")))
+        };
+        let alarms = "nobody reads the chamber's alarms: one is seen only when the air leaves its set point";
+        let faults = "nobody reads the table's faults: one is seen only when the table does not arrive";
+        let chamber = unread(name::ALARMS_NOT_READ, self.chamber.key_of_alarms(), alarms);
+        let table = unread(name::FAULTS_NOT_READ, self.turntable.key_of_faults(), faults);
+        chamber.into_iter().chain(table).collect()
     }
 
     fn own_warnings(&self) -> Vec<String> {

@@ -63,7 +63,11 @@ fn float(number: f64, register: u16, first: u16) -> u16 {
 }
 
 fn read(register: u16, device: &ChamberDevice) -> Option<u16> {
-    let mode = if device.mode == Mode::Constant { 10 } else { 62 };
+    let mode = match device.mode {
+        Mode::Constant if device.is_manual => 54,
+        Mode::Constant => 10,
+        Mode::Off | Mode::Standby => 62,
+    };
     Some(match register {
         2782..=2783 => float(device.set_point_c, register, 2782),
         2820..=2821 => float(device.air_c(), register, 2820),
@@ -81,9 +85,11 @@ fn write(register: u16, words: &[u16], device: &mut ChamberDevice) -> Result<(),
             let number = f32::from_bits(u32::from(high) << 16 | u32::from(low));
             if device.set(f64::from(number)) { Ok(()) } else { Err(ILLEGAL_VALUE) }
         }
-        (2730, &[mode @ (10 | 62)]) => {
+        (2730, &[mode @ (10 | 54 | 62)]) => {
             // With an alarm the chamber stays off.
-            device.switch(if mode == 10 && !device.alarm { Mode::Constant } else { Mode::Off });
+            // In manual it goes on as it is, at a fixed power.
+            device.is_manual = mode == 54;
+            device.switch(if matches!(mode, 10 | 54) && !device.alarm { Mode::Constant } else { Mode::Off });
             Ok(())
         }
         (2730 | 2782, _) => Err(ILLEGAL_VALUE),

@@ -469,6 +469,41 @@ fn scripted(transcript: &'static [(&'static [u8], &'static [u8])]) -> (String, J
     (port, peer)
 }
 
+/// Over TCP no line feed ends a reply. What a pause ends may be a begin: the first replies show the number of decimals.
+#[test]
+fn a_begin_of_a_number_is_no_reading() {
+    const CUT: &[(&[u8], &[u8])] = &[(b":read:position? 1\r\n", b"HEADER.\n12")];
+    const CUT_LATER: &[(&[u8], &[u8])] = &[
+        (b":read:position? 1\r\n", b"HEADER.\n123.4567"),
+        (b":read:position? 1\r\n", b"HEADER.\n123.4567"),
+        (b":read:rate? 1\r\n", b"HEADER.\n0.0123"),
+        (b":read:rate? 1\r\n", b"HEADER.\n0.0"),
+    ];
+    for transcript in [CUT, CUT_LATER] {
+        let (port, peer) = scripted(transcript);
+        let mut turntable =
+            turntable(&turntable_config(&format!("driver = \"acutrol\"\ngap_s = 0.3\n{port}")).unwrap());
+        let fault = turntable.read().unwrap_err();
+        assert_eq!(fault.kind, FaultKind::Garbled, "{fault}");
+        assert!(fault.to_string().contains("see reply_decimals"), "{fault}");
+        drop(turntable);
+        peer.join().unwrap();
+    }
+    const WHOLE: &[(&[u8], &[u8])] = &[
+        (b":read:position? 1\r\n", b"HEADER.\n12"),
+        (b":read:rate? 1\r\n", b"HEADER.\n0"),
+        (b":read:position? 2\r\n", b"HEADER.\n0"),
+        (b":read:rate? 2\r\n", b"HEADER.\n-0.5"),
+        (b":interlock? 1\r\n", b"HEADER.\nClosed"),
+        (b":interlock? 2\r\n", b"HEADER.\nClosed"),
+    ];
+    let (port, peer) = scripted(WHOLE);
+    let keys = format!("driver = \"acutrol\"\ngap_s = 0.3\nreply_decimals = 0\n{port}");
+    let reading = turntable(&turntable_config(&keys).unwrap()).read().unwrap();
+    assert_eq!((reading.angles_deg, reading.rates_deg_s), ([12.0, 0.0], [0.0, -0.5]));
+    peer.join().unwrap();
+}
+
 // The requests of AcutronicRobotics/acutrol, acutrol.py and ac117.json, and the replies that it expects after an 8-byte
 // header.
 #[test]

@@ -1,0 +1,35 @@
+//! The safe state without a runner, or beside one: what `campaign stop` does where nobody answers.
+
+use super::control::snapshot;
+use super::journal::{self, Entry};
+use super::plan::Plan;
+use super::progress::{self, STATUS, Snapshot};
+use super::station::Station;
+use isotherm_failure::Failure;
+use isotherm_instruments::Surroundings;
+use std::sync::Arc;
+
+/// The reason after a runner that ended without the safe state.
+pub const STOPPED_WITHOUT_RUNNER: &str = "requested after its runner had ended without";
+/// The reason beside a runner that does not answer.
+pub const STOPPED_BESIDE_RUNNER: &str = "requested while its runner did not answer";
+
+/// Brings chamber and table into the safe state for this reason, and notes it. Returns what came of it, and whether
+/// both have confirmed it.
+///
+/// # Errors
+/// If it cannot be noted; the message says what came of it, too.
+pub fn make_safe(plan: &Plan, around: Surroundings, reason: &str) -> Result<(String, bool), Failure> {
+    let time = Arc::clone(&around.time);
+    let (table, chamber) = Station::new(plan, true, around).enter_safe_state();
+    let certain = table.is_reached() && chamber.is_reached();
+    let text = format!("{reason}\nsafe state: {table}; {chamber}");
+    let last = snapshot(&plan.output)?.unwrap_or_default();
+    let last = Snapshot { ended: Some(text.clone()), paused: None, safe: certain, ..last };
+    progress::write(&plan.output.join(STATUS), &last);
+    let [table, chamber, reason] = [table.to_string(), chamber.to_string(), reason.to_owned()];
+    let entry = Entry::Safe { reason, stopped: Some(true), table, chamber, certain };
+    let noted = journal::append(&plan.output, entry, time);
+    noted.map_err(|failure| Failure::new(failure.exit, format!("{text}\n{failure}")))?;
+    Ok((text, certain))
+}

@@ -1,0 +1,85 @@
+//! What the tests ask a campaign.
+
+use isotherm_laboratory_bench::{Act, Campaign, Ended, Fault, Request, Setup, Step, When, assert_whole_turn};
+use isotherm_simulator::InjectedFault;
+use serde_json::Value;
+
+/// Positions of a set point.
+pub(crate) const POSITIONS: usize = 12;
+
+/// A campaign of one set point with twelve positions.
+pub(crate) fn one_set_point() -> Setup {
+    Setup::short(0, isotherm_laboratory_bench::FaultPlan::default())
+        .with(&[("four-point-tumble", "six-faces-two-headings"), ("list_c = [20, 21]", "list_c = [20]")])
+}
+
+/// When the journal has so many of this event.
+pub(crate) fn at(event: &'static str, count: usize, act: Act) -> Step {
+    Step(When::Journal(event, count), act)
+}
+
+/// These faults, from when the journal has so many of this event.
+pub(crate) fn faults_at(event: &'static str, count: usize, faults: &[Fault]) -> Step {
+    at(event, count, Act::Faults(faults.to_vec()))
+}
+
+/// The same fault of both instruments.
+pub(crate) fn of_both(fault: InjectedFault) -> [Fault; 2] {
+    [Fault::Chamber(fault), Fault::Turntable(fault)]
+}
+
+/// The lines of the journal with this event.
+pub(crate) fn events(campaign: &Campaign, event: &str) -> Vec<Value> {
+    let text = campaign.file("journal.jsonl");
+    let lines = text.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+    lines.filter(|line| line["event"] == event).collect()
+}
+
+/// The message of a runner that has failed.
+pub(crate) fn said(ended: &Ended) -> &str {
+    ended.failure.as_deref().unwrap_or_else(|| panic!("it has not failed: {ended:?}"))
+}
+
+/// Asserts that all is complete.
+pub(crate) fn assert_done(ended: &Ended) {
+    assert_eq!(ended.failure, None);
+}
+
+/// Asserts that the last safe state was reached: the chamber is in standby and the turntable is stopped.
+pub(crate) fn assert_in_standby(campaign: &Campaign) {
+    let safe = events(campaign, "safe");
+    let last = safe.last().unwrap();
+    assert!(last["chamber"].as_str().unwrap().starts_with("chamber in standby"), "{last}");
+    assert!(last["table"].as_str().unwrap().starts_with("table stopped at"), "{last}");
+}
+
+/// Asserts that the journal has every unit exactly once, in order, and that the file has exactly the bytes of the
+/// dwells and turns.
+pub(crate) fn assert_complete(campaign: &Campaign, units: usize) {
+    let kept = events(campaign, "kept");
+    let numbers: Vec<_> = kept.iter().map(|kept| kept["unit"].as_u64().unwrap() as usize).collect();
+    assert_eq!(numbers, (0..units).collect::<Vec<_>>());
+    let samples = campaign.file("campaign.csv");
+    let (mut end, mut rows) = (0, 0);
+    for unit in kept.iter().filter(|kept| kept["file"] == "campaign.csv") {
+        let [from, to] = ["from", "to"].map(|key| unit[key].as_u64().unwrap() as usize);
+        assert_eq!(from, end, "{unit}");
+        let of_unit = unit["rows"].as_u64().unwrap() as usize;
+        if unit["turn"].is_null() {
+            assert_eq!(of_unit, 4, "{unit}");
+        } else {
+            assert_eq!(samples[from..to].lines().count(), of_unit);
+            assert_whole_turn(unit, samples.lines().next().unwrap(), &samples[from..to]);
+        }
+        (end, rows) = (to, rows + of_unit);
+    }
+    assert_eq!(samples.len(), end);
+    assert_eq!(samples.lines().count(), 1 + rows);
+}
+
+/// The requests that an instrument gets after a time \[s\], as text, with the time of each.
+pub(crate) fn requests(campaign: &Campaign, to_turntable: bool, after_s: f64) -> Vec<(f64, String)> {
+    let all = campaign.world.requests().into_iter();
+    let mine = all.filter(|request: &Request| request.to_turntable == to_turntable && request.at_s > after_s);
+    mine.map(|request| (request.at_s, request.bytes.trim_ascii_end().escape_ascii().to_string())).collect()
+}
