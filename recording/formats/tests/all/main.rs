@@ -15,6 +15,7 @@ mod convert_thermometers;
 mod convert_time;
 mod convert_vehicle;
 mod foreign;
+mod hostile;
 mod joined;
 mod layouts;
 mod logs;

@@ -169,7 +169,7 @@ impl Messages {
                 b'A' => {
                     let (instance, number) = (body[0], u16::from_le_bytes([body[1], body[2]]));
                     let name = String::from_utf8_lossy(&body[3..]).into_owned();
-                    let subscription = Subscription::new(&self.formats, &name, instance);
+                    let subscription = Subscription::new(&mut self.formats, &name, instance);
                     self.subscriptions.insert(number, Rc::new(subscription));
                 }
                 // Flags are the first message.
@@ -340,7 +340,7 @@ impl Messages {
 }
 
 impl Subscription {
-    fn new(formats: &Formats, name: &str, instance: u8) -> Self {
+    fn new(formats: &mut Formats, name: &str, instance: u8) -> Self {
         let state = STATES.iter().find(|state| state.topic == name);
         let topic = TOPICS.iter().find(|(known, _)| *known == name).map(|(_, topic)| *topic);
         let topic = topic.or(state.map(Topic::State)).unwrap_or(Topic::Other);
