@@ -132,9 +132,10 @@ impl ModelFit {
 
     /// The standard error of the sum of the rates times `weights`, whose sum is 0, under the model. Weights are taken
     /// together in blocks, in which they should change little.
-    pub(super) fn standard_error(&self, weights: &[f64]) -> f64 {
-        let length = weights.len().div_ceil(BLOCKS);
-        let blocks: Vec<f64> = weights.chunks(length).map(|block| block.iter().sum()).collect();
+    pub(super) fn standard_error(&self, count: usize, weight: impl Fn(usize) -> f64) -> f64 {
+        let length = count.div_ceil(BLOCKS);
+        let block = |first: usize| (first..count.min(first + length)).map(&weight).sum();
+        let blocks: Vec<f64> = (0..count).step_by(length.max(1)).map(block).collect();
         let covariances: Vec<_> = (0..blocks.len()).map(|distance| self.of_means(length, distance)).collect();
         let rows = blocks
             .iter()

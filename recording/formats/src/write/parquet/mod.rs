@@ -21,6 +21,13 @@ use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
+/// A file goes on in the next one when its footer has so many bytes, after about a day at 1 kHz: the footer grows with
+/// each row group and is written at each flush, and readers keep several times its size in memory.
+const LONGEST_FOOTER: usize = 4 << 20;
+/// So many row groups of a file that is not flushed have the same number of rows; the next ones have twice as many. The
+/// footer has over a hundred bytes for each column of a group.
+const GROUPS_ALIKE: usize = 1024;
+
 /// A Parquet file of one stream that is being written.
 pub(super) struct ParquetFile {
     path: PathBuf,
@@ -122,6 +129,17 @@ impl ParquetFile {
         self.body + self.tail
     }
 
+    /// Whether it has so many row groups that the rows should go on in another file. Exact after a flush.
+    pub(super) const fn is_full(&self) -> bool {
+        self.encoder.footer >= LONGEST_FOOTER
+    }
+
+    /// Ends row groups after so many rows.
+    #[cfg(test)]
+    pub(super) const fn set_group_rows(&mut self, rows: usize) {
+        self.encoder.group_rows = rows;
+    }
+
     /// Exchanges the names of the hidden and the visible file.
     fn exchange(&mut self) -> io::Result<()> {
         let Some((hidden, has)) = &mut self.hidden else { return Ok(()) };
@@ -175,6 +193,9 @@ impl<W: io::Write> ParquetStream<W> {
     fn end_group(&mut self) -> io::Result<()> {
         let bytes = self.encoder.end_group(self.length)?;
         self.length += bytes.len() as u64;
+        if self.encoder.groups().is_multiple_of(GROUPS_ALIKE) {
+            self.encoder.group_rows *= 2;
+        }
         self.sink.write_all(&bytes)
     }
 
@@ -227,6 +248,25 @@ pub(crate) fn write_groups(
 mod tests {
     use super::encode::ROW_GROUP;
     use super::*;
+
+    /// A file that is not flushed has fewer row groups than rows: 8 times 1024 groups of 1, 2, 4 .. rows have 255 * 1024.
+    #[test]
+    fn row_groups_of_a_long_file_grow() {
+        let imu = "imu-a".parse().unwrap();
+        let mut file = ParquetStream::new(Vec::new(), &imu, StreamKind::Increment, Layout::default()).unwrap();
+        file.encoder.group_rows = 1;
+        let mut rows = [0, 0, 0];
+        for (doublings, rows) in rows.iter_mut().enumerate() {
+            while file.encoder.group_rows < 2 << doublings {
+                let sample = StreamSample::Increment(isotherm_shared::wire::CompensatedIncrement::default());
+                file.write(&RecordedRow { imu: 0, recorded_ns: 0, sample }).unwrap();
+                *rows += 1;
+            }
+        }
+        assert_eq!(rows, [1024, 2048, 4096]);
+        let bytes = file.finish().unwrap();
+        assert!(bytes.len() < 3 * 1024 * 8192, "{}", bytes.len());
+    }
     use isotherm_shared::wire::{RawSample, StreamSample};
     use parquet::file::reader::{FileReader as _, SerializedFileReader};
 
