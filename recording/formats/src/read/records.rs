@@ -9,6 +9,7 @@ use super::panics::catch_panic;
 use super::plausible::{foreign, foreign_to_chunk, impossible, is_own};
 use super::skip::{Indexed, Unwanted};
 use crate::seal::DAMAGED;
+use crate::steps;
 use isotherm_recording::RecordingError;
 use isotherm_recording::columns::MCAP_MAGIC;
 use mcap::records::{Header, Record, op};
@@ -205,6 +206,7 @@ impl Records {
         if let Some(event) = self.after_index.take() {
             return Ok(event);
         }
+        steps::count(1);
         let (data_ended, is_own) = (self.data_ended, self.is_own);
         let event = catch_panic(|| {
             Some(match self.reader.next_event()? {

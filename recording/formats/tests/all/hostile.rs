@@ -3,6 +3,7 @@
 
 use crate::logs::Ulog;
 use indicatif::ProgressBar;
+use isotherm_recording::columns::RAW;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::convert::{Conversion, Settings};
 use isotherm_recording_formats::read::{ImuChoice, Samples};
@@ -13,7 +14,7 @@ use isotherm_shared::stream::StreamKind;
 use isotherm_shared::wire::{RawSample, StreamSample};
 use mcap::records::op;
 use parquet::data_type::Int64Type;
-use parquet::file::properties::WriterProperties;
+use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::parser::parse_message_type;
 use rustix::time::{ClockId, clock_gettime};
@@ -64,6 +65,7 @@ const WORST: &[(&str, Worst)] = &[
     }),
     ("MCAP: records of no kind", |size| mcap(size, |_| record(0x80, &[]))),
     ("MCAP: zeros", |size| mcap(size, |_| vec![0; 9])),
+    ("Parquet: pages", |size| parquet_pages(size / 30)),
     ("Parquet: groups", |size| parquet(2, size / 400)),
     ("Parquet: columns", |size| parquet(size / 200, 1)),
     ("CSV: columns", |size| text(size, "sequence,timestamp_ns,a1_positive", |index| format!(",c{index}"))),
@@ -261,6 +263,25 @@ fn chunk_of_messages() -> Vec<u8> {
     assert_eq!(bytes[begin], op::CHUNK);
     let length = u64::from_le_bytes(bytes[begin + 1..begin + 9].try_into().unwrap()) as usize;
     bytes[begin..begin + 9 + length].to_vec()
+}
+
+/// A group with so many pages of a row each.
+fn parquet_pages(pages: usize) -> Vec<u8> {
+    let columns: Vec<&str> = RAW.iter().map(|column| column.name).collect();
+    let fields: String = columns.iter().map(|name| format!("required int64 {name};")).collect();
+    let schema = Arc::new(parse_message_type(&format!("message m {{ {fields} }}")).unwrap());
+    let properties = WriterProperties::builder().set_dictionary_enabled(false).set_data_page_row_count_limit(1);
+    let properties = properties.set_write_batch_size(1).set_statistics_enabled(EnabledStatistics::None);
+    let properties = Arc::new(properties.set_offset_index_disabled(true).build());
+    let mut file = SerializedFileWriter::new(Vec::new(), schema, properties).unwrap();
+    let rows: Vec<i64> = (0..(pages / columns.len()) as i64).collect();
+    let mut group = file.next_row_group().unwrap();
+    while let Some(mut column) = group.next_column().unwrap() {
+        column.typed::<Int64Type>().write_batch(&rows, None, None).unwrap();
+        column.close().unwrap();
+    }
+    group.close().unwrap();
+    file.into_inner().unwrap()
 }
 
 /// Groups of a row each, of so many columns.

@@ -4,6 +4,7 @@
 //! definition has number, length with the header, name, a letter per column, and the names of the columns. Values are
 //! little-endian and not aligned.
 
+use crate::steps;
 use isotherm_shared::wire::AXES;
 
 /// Length of the header of a binary message.
@@ -66,6 +67,7 @@ impl Format {
         let mut at = 0;
         let names = names.split(',').map(|name| name.trim().to_owned());
         let columns = letters.bytes().zip(names).take(MAX_COLUMNS).map(|(kind, name)| {
+            steps::count(1);
             let column = Column { name, kind, at };
             at += size(kind);
             column

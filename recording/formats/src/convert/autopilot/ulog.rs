@@ -11,6 +11,7 @@
 use super::reports::Aspect;
 use super::ulog_format::{Formats, Lengths, SensorLayout, StateLayout, WrongDefinition};
 use super::window::{Damage, Window};
+use crate::steps;
 use isotherm_recording::RecordingError;
 use isotherm_shared::content::ULOG_MAGIC;
 use std::collections::HashMap;
@@ -201,6 +202,7 @@ impl Messages {
     fn advance(&mut self) -> io::Result<Option<usize>> {
         self.window.pass(core::mem::take(&mut self.held));
         while !self.window.is_at_end()? {
+            steps::count(1);
             let place = self.window.place();
             let standing = self.standing()?;
             // A message before appended data may be cut.
@@ -235,6 +237,7 @@ impl Messages {
     fn find(&mut self, boundary: Option<u64>) -> io::Result<bool> {
         let limit = boundary.map(|boundary| self.window.place() + boundary);
         loop {
+            steps::count(1);
             self.window.pass(1);
             if self.window.is_at_end()? {
                 return Ok(false);
