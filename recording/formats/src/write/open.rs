@@ -151,11 +151,11 @@ impl OpenFile {
         matches!(&self.writer, FormatWriter::Parquet(file) if file.is_full())
     }
 
-    /// Ends row groups of Parquet after so many rows.
+    /// Ends row groups of Parquet after a row, and the file at a footer of this length.
     #[cfg(test)]
-    pub(super) fn set_group_rows(&mut self, rows: usize) {
+    pub(super) fn shorten(&mut self, longest_footer: usize) {
         if let FormatWriter::Parquet(file) = &mut self.writer {
-            file.set_group_rows(rows);
+            file.shorten(longest_footer);
         }
     }
 
