@@ -71,11 +71,11 @@ impl Rows {
     fn telemetry_of(&mut self, row: &RawSample) {
         let values = telemetry(row).map(f64::to_bits);
         let is_first = self.times.is_empty();
-        let mut changed =
+        let mut changed: u32 =
             (0..TELEMETRY).filter(|of| is_first || values[*of] != self.last[*of]).fold(0, |all, of| all | 1 << of);
         while changed != 0 {
             // Axes often share a thermometer.
-            let value = values[(changed as u32).trailing_zeros() as usize];
+            let value = values[changed.trailing_zeros() as usize];
             let which = (0..TELEMETRY).filter(|of| changed & 1 << of != 0 && values[*of] == value);
             let which = which.fold(0_u32, |all, of| all | 1 << of);
             let row = u32::try_from(self.times.len()).unwrap_or(u32::MAX);

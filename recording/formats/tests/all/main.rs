@@ -1,5 +1,5 @@
 //! Recordings and foreign data, as other programs write them.
-#![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
+#![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 mod continuity;
 mod convert;

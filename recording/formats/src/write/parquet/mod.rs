@@ -251,6 +251,8 @@ pub(crate) fn write_groups(
 mod tests {
     use super::encode::ROW_GROUP;
     use super::*;
+    use isotherm_shared::wire::{RawSample, StreamSample};
+    use parquet::file::reader::{FileReader as _, SerializedFileReader};
 
     /// A file that is not flushed has fewer row groups than rows: eight doublings have 255 times as many rows as groups of
     /// the first size.
