@@ -94,7 +94,7 @@ impl Allan {
         let filtered_errors = filtered.as_ref().map(|filtered| filtered.errors);
         model = filtered.and_then(|filtered| filtered.model).or(model);
         let point = |(factor, variance): &(usize, f64)| {
-            let freedom = model.as_ref().map(|model| model.freedom(*factor, &Moments::new([*factor; 2], rates.len())));
+            let freedom = model.as_ref().map(|model| model.freedom(*factor, &Moments::of([*factor; 2], rates.len())));
             let (tau_s, adev) = (*factor as f64 * interval_s, variance.sqrt());
             // The fit leaves long tau out that have few degrees of freedom; short ones only where rows correlate.
             let modelled = model.as_ref().is_some_and(|model| tau_s > 0.999 * model.fitted_s[0]);

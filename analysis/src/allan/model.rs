@@ -74,7 +74,7 @@ impl ModelFit {
     #[must_use]
     pub fn of(variances: &[(usize, f64)], rows: usize, interval_s: f64) -> Option<Self> {
         let moments: Vec<Vec<_>> = (0..variances.len())
-            .map(|i| (0..=i).map(|j| Moments::new([variances[i].0, variances[j].0], rows)).collect())
+            .map(|i| (0..=i).map(|j| Moments::of([variances[i].0, variances[j].0], rows)).collect())
             .collect();
         // The first weights are those of independent estimates with rows/m degrees of freedom.
         let mut used: Vec<usize> = (0..variances.len()).collect();
