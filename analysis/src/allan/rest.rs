@@ -1,9 +1,9 @@
 //! The rows at rest, sought in pieces: the search takes over a hundred bytes a row, and a recording of a day would take
 //! all memory.
 //!
-//! A recording of up to [`PIECE_ROWS`] rows is one piece. A rest that goes on over the border of two pieces is one. What
-//! is at rest is decided by the quietest lasting level of a piece, so a piece that is louder than the others as a whole
-//! is left out, by the margins of the search itself.
+//! A recording of up to [`PIECE_ROWS`] rows is one piece. A rest that goes on over the border of two pieces is one.
+//! What is at rest is decided by the quietest lasting level of a piece, so a piece that is louder than the others as a
+//! whole is left out, by the margins of the search itself.
 
 use super::rows::{Cursor, Rows};
 use core::ops::Range;

@@ -1,6 +1,6 @@
 //! Steps of work that a file could ask for more often than it has bytes: a field of a definition that is resolved, a
-//! channel that is looked at, a byte that is unpacked, a record. Readers count them, so that tests and fuzzing can bound
-//! the work by the length of the file, whatever the machine.
+//! channel that is looked at, a byte that is unpacked, a record. Readers count them, so that tests and fuzzing can
+//! bound the work by the length of the file, whatever the machine.
 
 use std::cell::Cell;
 

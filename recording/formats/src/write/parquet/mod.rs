@@ -254,8 +254,8 @@ mod tests {
     use isotherm_shared::wire::{RawSample, StreamSample};
     use parquet::file::reader::{FileReader as _, SerializedFileReader};
 
-    /// A file that is not flushed has fewer row groups than rows: eight doublings have 255 times as many rows as groups of
-    /// the first size.
+    /// A file that is not flushed has fewer row groups than rows: eight doublings have 255 times as many rows as groups
+    /// of the first size.
     #[test]
     fn row_groups_of_a_long_file_grow() {
         let imu = "imu-a".parse().unwrap();
