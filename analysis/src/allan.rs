@@ -9,7 +9,7 @@
 //! AVAR(tau) = sum over k of (x(k+2m) - 2 x(k+m) + x(k))^2 / (2 (n + 1 - 2m) tau^2)        ADEV = sqrt(AVAR)
 //! ```
 //! This is the overlapping estimate of NIST SP 1065, section 5.2.4. The factors m lie a third of an octave apart, from
-//! 1 to n/3.
+//! 1 to n/3: 1 to 6, 8 and 10 in the first decade, and in growing steps beyond. The model is fitted to the octaves.
 //!
 //! # Model
 //! Named as in IEEE Std 952, with two-sided spectral densities:
@@ -26,6 +26,7 @@
 //! that of chi-square: from AVAR f/chi2(0.975) to AVAR f/chi2(0.025).
 
 mod bridge;
+mod collector;
 pub(crate) mod counts;
 pub(crate) mod curve;
 mod deviations;
@@ -36,10 +37,13 @@ pub(crate) mod moments;
 mod outputs;
 pub(crate) mod rate;
 pub(crate) mod recording;
+mod rest;
+mod rows;
 pub(crate) mod sensor;
 pub(crate) mod step;
 mod stretch;
 
+pub use collector::NoiseRows;
 pub use counts::CountChanges;
 pub use curve::{Allan, AllanPoint, MIN_ROWS, TemperatureLine};
 pub use model::{COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit};

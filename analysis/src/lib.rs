@@ -26,7 +26,7 @@ mod compare;
 pub use allan::kalibr::imu_yaml;
 pub use allan::{
     Allan, AllanPoint, Bridged, COEFFICIENTS, Coefficient, CountChanges, FLICKER_FLOOR, MIN_ROWS, ModelFit,
-    NoiseAnalysis, NoiseError, NoiseUnits, RateKind, SensorNoise, Step, TemperatureLine,
+    NoiseAnalysis, NoiseError, NoiseRows, NoiseUnits, RateKind, SensorNoise, Step, TemperatureLine,
 };
 pub use batch::{
     Batch, BatchCurve, Family, Quantity, StandOut, batch, least_found, leave_one_out, limit, same_rows, stand_outs,

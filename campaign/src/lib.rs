@@ -51,6 +51,6 @@ pub use ramp::Ramp;
 pub use rate::rate_at_rest;
 pub use rows::{implausible, implausible_time, read_dwells};
 pub use standstill::{
-    STANDSTILL_WINDOW_S, Standstill, StandstillError, Standstills, begins_ns, find_standstills, stretches,
+    Begins, STANDSTILL_WINDOW_S, Standstill, StandstillError, Standstills, begins_ns, find_standstills, stretches,
 };
 pub use turn::{LEAST_TURN, TableAxis, Turn, turns, vector_words};

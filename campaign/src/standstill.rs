@@ -167,21 +167,32 @@ pub fn stretches(rows: &[RawSample]) -> Vec<Range<usize>> {
 /// without a pause.
 #[must_use]
 pub fn begins_ns(rows: &[RawSample]) -> Vec<u64> {
-    let (mut begins, mut offset_ns): (Vec<u64>, i128) = (Vec::with_capacity(rows.len()), 0);
-    let mut previous: Option<&RawSample> = None;
-    for row in rows {
+    let mut begins = Begins::default();
+    rows.iter().map(|row| begins.next_ns(row)).collect()
+}
+
+/// The begins of rows, as [`begins_ns`] gives them, row by row.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Begins {
+    offset_ns: i128,
+    /// Session and stamp of the row before.
+    before: Option<(u64, u64)>,
+}
+
+impl Begins {
+    /// The begin of the next row after that of the first one \[ns\].
+    pub fn next_ns(&mut self, row: &RawSample) -> u64 {
         let begin_ns = i128::from(row.timestamp_ns) - i128::from(row.interval_ns);
-        match previous {
-            None => offset_ns = -begin_ns,
-            Some(before) if before.session != row.session => {
-                offset_ns += i128::from(before.timestamp_ns) - begin_ns;
+        match self.before {
+            None => self.offset_ns = -begin_ns,
+            Some((session, timestamp_ns)) if session != row.session => {
+                self.offset_ns += i128::from(timestamp_ns) - begin_ns;
             }
             Some(_) => {}
         }
-        begins.push(u64::try_from(begin_ns + offset_ns).unwrap_or_default());
-        previous = Some(row);
+        self.before = Some((row.session, row.timestamp_ns));
+        u64::try_from(begin_ns + self.offset_ns).unwrap_or_default()
     }
-    begins
 }
 
 /// Finds the standstills of a recording, with windows of `window_s` seconds, at least five rows. Without it windows

@@ -4,11 +4,10 @@ use crate::errors::NoiseError;
 use crate::offline::with_lag;
 use crate::records::{Fields, RAW, Values};
 use crate::table::Table;
-use isotherm_analysis::{Allan, MIN_ROWS, NoiseAnalysis, TemperatureLine, imu_yaml};
+use isotherm_analysis::{Allan, MIN_ROWS, NoiseRows, TemperatureLine, imu_yaml};
 use isotherm_calibration::{now, tool};
 use isotherm_finding::Severity;
 use isotherm_report::noise::{NoiseSource, html, json};
-use isotherm_shared::wire::RawSample;
 use pyo3::prelude::*;
 
 /// The noise of a recording: the document of `isotherm noise --json`, the report, and with a table Kalibr's file.
@@ -22,13 +21,14 @@ pub(crate) fn noise(
 ) -> PyResult<(String, String, Option<String>)> {
     let time = now();
     py.detach(|| {
-        let rows: Vec<RawSample> = match table {
-            Some(table) => with_lag(&samples, &table.0).collect(),
-            None => samples.chunks_exact(RAW).map(|record| Fields(record).raw()).collect(),
-        };
-        let table = table.map(|table| &*table.0);
-        let analysis = NoiseAnalysis::of(&rows, table, part)
-            .map_err(|error| NoiseError::new_err(format!("{recording}: {error}")))?;
+        let of_table = table.map(|table| &*table.0);
+        let mut rows = NoiseRows::new(of_table, part);
+        match table {
+            Some(table) => with_lag(&samples, &table.0).for_each(|row| rows.push(&row)),
+            None => samples.chunks_exact(RAW).for_each(|record| rows.push(&Fields(record).raw())),
+        }
+        let table = of_table;
+        let analysis = rows.analyse().map_err(|error| NoiseError::new_err(format!("{recording}: {error}")))?;
         if let Some(fault) = analysis.findings().iter().find(|finding| finding.severity == Severity::Fault) {
             return Err(NoiseError::new_err(format!("{recording}: {fault}")));
         }

@@ -1,6 +1,8 @@
 //! What can be learned of a noise from counts only: their step, and whether values repeat. A count is NaN where a row
 //! is missing, and only consecutive rows are used.
 
+use std::collections::HashMap;
+
 /// Changes within this many steps are single steps.
 const SINGLE: f64 = 1.5;
 /// Of counts that repeat a pattern at least this part of the changes are single steps.
@@ -25,12 +27,20 @@ impl CountChanges {
     /// Of the counts of rows in turn; `None` if they never change.
     #[must_use]
     pub(super) fn of(counts: &[f64]) -> Option<Self> {
+        // Few sizes occur often: that takes less memory than the changes would.
+        let mut sizes: HashMap<u64, usize> = HashMap::new();
         let changes = counts.windows(2).map(|pair| (pair[1] - pair[0]).abs());
-        let mut changes: Vec<f64> = changes.filter(|change| *change > 0.0).collect();
-        changes.sort_by(f64::total_cmp);
-        let step = *changes.get(changes.len() / 100)?;
-        let single = changes.partition_point(|change| *change <= SINGLE * step);
-        Some(Self { step, single: single as f64 / changes.len() as f64 })
+        changes.filter(|change| *change > 0.0).for_each(|change| *sizes.entry(change.to_bits()).or_default() += 1);
+        let mut sizes: Vec<_> = sizes.into_iter().map(|(size, times)| (f64::from_bits(size), times)).collect();
+        sizes.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let all: usize = sizes.iter().map(|(_, times)| times).sum();
+        let mut passed = 0;
+        let (step, _) = *sizes.iter().find(|(_, times)| {
+            passed += times;
+            passed > all / 100
+        })?;
+        let single: usize = sizes.iter().filter(|(size, _)| *size <= SINGLE * step).map(|(_, times)| times).sum();
+        Some(Self { step, single: single as f64 / all as f64 })
     }
 
     /// Whether the counts go to and fro by one step, as those of a noise that is smaller do.
@@ -44,8 +54,8 @@ impl CountChanges {
 pub(super) fn scatter(counts: &[f64]) -> f64 {
     let squares = counts.windows(2).map(|pair| (pair[1] - pair[0]) * (pair[1] - pair[0]));
     let (sum, count) =
-        squares.filter(|square| !square.is_nan()).fold((0.0, 0), |(sum, n), square| (sum + square, n + 1));
-    (0.5 * sum / f64::from(count)).sqrt()
+        squares.filter(|square| !square.is_nan()).fold((0.0, 0_u64), |(sum, n), square| (sum + square, n + 1));
+    (0.5 * sum / count as f64).sqrt()
 }
 
 /// The part of the rows that have a new value, if values repeat. Counts that go to and fro by one step repeat by
@@ -75,8 +85,8 @@ fn new_values(counts: &[f64], step: f64) -> f64 {
 /// The correlation of whether a row changes with whether the next one does.
 fn correlation_of_changes(counts: &[f64]) -> f64 {
     let mean = |changes: &mut dyn Iterator<Item = bool>| {
-        let (sum, count) = changes.fold((0, 0), |(sum, count), change| (sum + u32::from(change), count + 1));
-        f64::from(sum) / f64::from(count)
+        let (sum, count) = changes.fold((0_u64, 0_u64), |(sum, count), change| (sum + u64::from(change), count + 1));
+        sum as f64 / count as f64
     };
     let are_there = |rows: &&[f64]| rows.iter().all(|count| !count.is_nan());
     let part = mean(&mut counts.windows(2).filter(are_there).map(|pair| pair[0] != pair[1]));

@@ -81,16 +81,20 @@ impl Allan {
     /// fewer than [`MIN_ROWS`] rates. All rates must be finite.
     #[must_use]
     pub fn of(rates: &[f64], interval_s: f64) -> Option<Self> {
+        Self::without_steps(&mut rates.to_vec(), interval_s)
+    }
+
+    /// The same; the steps are taken out of the rates.
+    pub(super) fn without_steps(rates: &mut [f64], interval_s: f64) -> Option<Self> {
         if rates.len() < MIN_ROWS || rates.iter().all(|rate| *rate == rates[0]) {
             return None;
         }
-        let mut left = rates.to_vec();
-        let (steps, Curve { variances, mut model }) = take_out(&mut left, interval_s);
-        let filtered = model.as_ref().and_then(|model| filtered(&left, &octaves(&variances), model, interval_s));
+        let (steps, Curve { variances, mut model }) = take_out(rates, interval_s);
+        let filtered = model.as_ref().and_then(|model| filtered(rates, &octaves(&variances), model, interval_s));
         let filtered_errors = filtered.as_ref().map(|filtered| filtered.errors);
         model = filtered.and_then(|filtered| filtered.model).or(model);
         let point = |(factor, variance): &(usize, f64)| {
-            let freedom = model.as_ref().map(|model| model.freedom(*factor, &Moments::new([*factor; 2], rates.len())));
+            let freedom = model.as_ref().map(|model| model.freedom(*factor, &Moments::of([*factor; 2], rates.len())));
             let (tau_s, adev) = (*factor as f64 * interval_s, variance.sqrt());
             // The fit leaves long tau out that have few degrees of freedom; short ones only where rows correlate.
             let modelled = model.as_ref().is_some_and(|model| tau_s > 0.999 * model.fitted_s[0]);
@@ -143,10 +147,15 @@ impl TemperatureLine {
     /// nothing is left.
     #[must_use]
     pub fn of(rates: &[f64], telemetry: &[f64], interval_s: f64, raw: &Allan) -> Option<Self> {
-        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         let mut rates = rates.to_vec();
         raw.steps.iter().for_each(|step| step.take_out(&mut rates));
-        let (rate, middle) = (mean(&rates), mean(telemetry));
+        Self::taken_off(&mut rates, telemetry, interval_s, raw)
+    }
+
+    /// The same of rates without steps, of which the line is taken off.
+    pub(super) fn taken_off(rates: &mut [f64], telemetry: &[f64], interval_s: f64, raw: &Allan) -> Option<Self> {
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+        let (rate, middle) = (mean(rates), mean(telemetry));
         let (mut squares, mut products) = (0.0, 0.0);
         for (r, u) in rates.iter().zip(telemetry) {
             squares += (u - middle) * (u - middle);
@@ -157,16 +166,16 @@ impl TemperatureLine {
             return None;
         }
         let slope = products / squares;
-        let left: Vec<_> = rates.iter().zip(telemetry).map(|(r, u)| r - slope * (u - middle)).collect();
-        let mut without = Allan::of(&left, interval_s)?;
+        rates.iter_mut().zip(telemetry).for_each(|(r, u)| *r -= slope * (u - middle));
+        let mut without = Allan::without_steps(rates, interval_s)?;
         without.steps.extend_from_slice(&raw.steps);
         without.steps.sort_by_key(|step| step.row);
         let mut pairs = raw.points.iter().zip(&without.points);
         let leaves = |(raw, without): &(&AllanPoint, &AllanPoint)| {
             raw.interval.is_some_and(|[low, high]| !(low..=high).contains(&without.adev))
         };
-        let weights: Vec<_> = telemetry.iter().map(|u| (u - middle) / squares).collect();
-        let error = |allan: &Allan| allan.model.as_ref().map(|model| model.standard_error(&weights));
+        let weight = |row: usize| (telemetry[row] - middle) / squares;
+        let error = |allan: &Allan| allan.model.as_ref().map(|model| model.standard_error(telemetry.len(), weight));
         let errors = error(raw).zip(error(&without));
         let [of_raw, of_left] = SIGNIFICANT_SLOPE;
         let is_significant = errors.is_some_and(|(a, b)| slope.abs() > of_raw * a && slope.abs() > of_left * b);

@@ -10,10 +10,14 @@ pub(crate) struct Curve {
 
 impl Curve {
     pub(crate) fn of(rates: &[f64], interval_s: f64) -> Self {
-        let phase = phase(rates, interval_s);
-        let variances: Vec<_> =
-            factors(rates.len()).into_iter().map(|m| (m, variance(&phase, m, interval_s))).collect();
-        let model = ModelFit::of(&octaves(&variances), rates.len(), interval_s);
+        Self::of_each(rates.len(), |row| rates[row], interval_s)
+    }
+
+    /// Of rates that are computed, so that no second series is kept.
+    pub(super) fn of_each(count: usize, rate: impl Fn(usize) -> f64, interval_s: f64) -> Self {
+        let phase = phase_of(count, rate, interval_s);
+        let variances: Vec<_> = factors(count).into_iter().map(|m| (m, variance(&phase, m, interval_s))).collect();
+        let model = ModelFit::of(&octaves(&variances), count, interval_s);
         Self { variances, model }
     }
 }
@@ -27,10 +31,14 @@ pub(super) fn octaves(variances: &[(usize, f64)]) -> Vec<(usize, f64)> {
 /// one value more than rates.
 #[must_use]
 pub(crate) fn phase(rates: &[f64], interval_s: f64) -> Vec<f64> {
-    let mean = rates.iter().sum::<f64>() / rates.len() as f64;
+    phase_of(rates.len(), |row| rates[row], interval_s)
+}
+
+fn phase_of(count: usize, rate: impl Fn(usize) -> f64, interval_s: f64) -> Vec<f64> {
+    let mean = (0..count).map(&rate).sum::<f64>() / count as f64;
     let mut sum = 0.0;
-    let sums = rates.iter().map(|rate| {
-        sum += rate - mean;
+    let sums = (0..count).map(|row| {
+        sum += rate(row) - mean;
         sum * interval_s
     });
     core::iter::once(0.0).chain(sums).collect()
@@ -39,10 +47,16 @@ pub(crate) fn phase(rates: &[f64], interval_s: f64) -> Vec<f64> {
 /// The overlapping Allan variance of a phase for the averaging factor m; NaN without two neighbouring averages.
 #[must_use]
 pub(crate) fn variance(phase: &[f64], m: usize, interval_s: f64) -> f64 {
+    variance_of(phase, m, interval_s, |_, x| x)
+}
+
+/// The same of a phase that is computed from one that is kept, by index and value.
+pub(super) fn variance_of(phase: &[f64], m: usize, interval_s: f64, value: impl Fn(usize, f64) -> f64) -> f64 {
     let tau = m as f64 * interval_s;
     let (first, middle) = (phase.get(m..).unwrap_or_default(), phase.get(2 * m..).unwrap_or_default());
-    let (squares, count) = phase.iter().zip(first).zip(middle).fold((0.0, 0_usize), |(squares, count), ((a, b), c)| {
-        let difference = c - 2.0 * b + a;
+    let terms = phase.iter().zip(first).zip(middle).enumerate();
+    let (squares, count) = terms.fold((0.0, 0_usize), |(squares, count), (k, ((a, b), c))| {
+        let difference = value(k + 2 * m, *c) - 2.0 * value(k + m, *b) + value(k, *a);
         (squares + difference * difference, count + 1)
     });
     squares / (2.0 * count as f64 * tau * tau)

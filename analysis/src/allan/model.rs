@@ -74,7 +74,7 @@ impl ModelFit {
     #[must_use]
     pub fn of(variances: &[(usize, f64)], rows: usize, interval_s: f64) -> Option<Self> {
         let moments: Vec<Vec<_>> = (0..variances.len())
-            .map(|i| (0..=i).map(|j| Moments::new([variances[i].0, variances[j].0], rows)).collect())
+            .map(|i| (0..=i).map(|j| Moments::of([variances[i].0, variances[j].0], rows)).collect())
             .collect();
         // The first weights are those of independent estimates with rows/m degrees of freedom.
         let mut used: Vec<usize> = (0..variances.len()).collect();
@@ -132,9 +132,10 @@ impl ModelFit {
 
     /// The standard error of the sum of the rates times `weights`, whose sum is 0, under the model. Weights are taken
     /// together in blocks, in which they should change little.
-    pub(super) fn standard_error(&self, weights: &[f64]) -> f64 {
-        let length = weights.len().div_ceil(BLOCKS);
-        let blocks: Vec<f64> = weights.chunks(length).map(|block| block.iter().sum()).collect();
+    pub(super) fn standard_error(&self, count: usize, weight: impl Fn(usize) -> f64) -> f64 {
+        let length = count.div_ceil(BLOCKS);
+        let block = |first: usize| (first..count.min(first + length)).map(&weight).sum();
+        let blocks: Vec<f64> = (0..count).step_by(length.max(1)).map(block).collect();
         let covariances: Vec<_> = (0..blocks.len()).map(|distance| self.of_means(length, distance)).collect();
         let rows = blocks
             .iter()

@@ -25,6 +25,8 @@
 
 use core::f64::consts::PI;
 use nalgebra::{Matrix4, Vector4};
+use std::cell::RefCell;
+use std::collections::HashMap;
 
 /// R of B is left out beyond this many times the sum of the factors.
 const REACH: f64 = 8.0;
@@ -36,7 +38,25 @@ const STEPS: f64 = 64.0;
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Moments(Matrix4<f64>);
 
+/// The matrices of the last number of rates, by the factors.
+type Known = (usize, HashMap<[usize; 2], Moments>);
+
+thread_local! {
+    static KNOWN: RefCell<Known> = RefCell::default();
+}
+
 impl Moments {
+    /// As [`Moments::new`], computed once for all sensors of a recording: of a night at 1 kHz it takes a minute.
+    #[must_use]
+    pub(crate) fn of(factors: [usize; 2], n: usize) -> Self {
+        KNOWN.with_borrow_mut(|(of, known)| {
+            if *of != n {
+                (*of, *known) = (n, HashMap::new());
+            }
+            known.entry(factors).or_insert_with(|| Self::new(factors, n)).clone()
+        })
+    }
+
     /// For the two averaging factors, of n rates. Both must be at most n/2.
     #[must_use]
     pub(crate) fn new([m1, m2]: [usize; 2], n: usize) -> Self {

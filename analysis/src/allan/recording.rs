@@ -4,23 +4,17 @@
 //! bridged. With a table the outputs are compensated by the kernel, in g0 and deg/h; without one they are net counts
 //! (positive less negative) a second.
 
+use super::collector::NoiseRows;
 use super::curve::{Allan, MIN_ROWS};
-use super::outputs::{Analysed, Outputs};
-use super::rate::RateKind;
 use super::sensor::{SensorNoise, above};
-use super::stretch::{Bridged, MOST_BRIDGED, MOST_MISSING, Stretch, stretches};
+use super::stretch::{Bridged, MOST_BRIDGED, MOST_MISSING};
 use core::ops::Range;
-use isotherm_campaign::{
-    STANDSTILL_WINDOW_S, StandstillError, begins_ns, faults, find_standstills, length_at_rest, rate_at_rest,
-};
+use isotherm_campaign::StandstillError;
 use isotherm_finding::{Finding, name};
-use isotherm_recording::{Continuity, Losses, MISSING};
+use isotherm_recording::Losses;
 use isotherm_shared::table::CoefficientTable;
-use isotherm_shared::wire::{AXES, RawSample};
-use isotherm_statistics::median;
+use isotherm_shared::wire::RawSample;
 
-/// Least rows of a window in which movement is looked for: with fewer, chance ends a long standstill.
-const LEAST_WINDOW_ROWS: f64 = 10.0;
 /// The noise of an IMU.
 ///
 /// ```
@@ -103,66 +97,9 @@ impl NoiseAnalysis {
     /// # Errors
     /// If there are fewer than [`MIN_ROWS`] rows at rest without a gap.
     pub fn of(rows: &[RawSample], table: Option<&CoefficientTable>, part: [f64; 2]) -> Result<Self, NoiseError> {
-        let begins_ns = begins_ns(rows);
-        let begin = |row: usize| begins_ns[row] as f64 / 1e9;
-        let end = |row: usize| (begins_ns[row] + rows[row].interval_ns) as f64 / 1e9;
-        // A tolerance for the rounding of times that are typed.
-        let inside = |row: &usize| begin(*row) >= part[0] - 1e-9 && end(*row) <= part[1] + 1e-9;
-        let first = (0..rows.len()).find(inside).unwrap_or(rows.len());
-        let count = (first..rows.len()).take_while(inside).count();
-        if count == 0 {
-            let seconds = rows.len().checked_sub(1).map_or(0.0, end);
-            return Err(NoiseError::Nothing { part: part.map(|end| end.min(seconds)), seconds });
-        }
-        let candidates = &rows[first..first + count];
-        let outputs = Outputs::of(candidates, table);
-        let at_rest = find_standstills(candidates, window_s(candidates))?.found;
-        let at_rest: Vec<_> = at_rest.into_iter().map(|rest| rest.rows).collect();
-        let (stretch, of_rows) = longest(&at_rest, candidates, &outputs);
-        let used = stretch.rows();
-        let behind_first = first + used.start..first + used.end;
-        if stretch.kept.len() < MIN_ROWS {
-            let not_a_number = (0..count).filter(|row| !outputs.is_finite(*row)).count();
-            return Err(NoiseError::TooShort { rows: behind_first, not_a_number });
-        }
-        let bridged = stretch.bridged();
-        let steps_ns = candidates[used.end - 1].timestamp_ns - candidates[used.start].timestamp_ns;
-        let interval_s = steps_ns as f64 / 1e9 / (bridged.of - 1) as f64;
-        let mut found = outputs.findings.clone();
-        let continuity: Continuity = candidates.iter().collect();
-        let of_time = continuity.findings(MISSING).into_iter().map(Finding::warned);
-        // What is bridged says it better.
-        let is_bridged = continuity.losses().missing == (bridged.rows - bridged.not_a_number) as u64;
-        found.extend(of_time.filter(|it| it.name != name::MISSING_ROWS || !is_bridged));
-        found.extend(table.and_then(|table| continuity.not_nominal(table)));
-        found.extend(table.and_then(|table| length_at_rest(table, candidates)));
-        // Every sensor says itself that its counts never change.
-        let of_counts = faults(candidates, &at_rest).into_iter().filter(|it| it.name != name::NO_PULSES);
-        found.extend(of_counts.map(Finding::warned));
-        let used_s = [begin(behind_first.start), end(behind_first.end - 1)];
-        let analysed = Analysed { rows: candidates, places: stretch.places(), interval_s, begin_s: used_s[0] };
-        let sensors: Vec<_> =
-            outputs.sensors.iter().zip(0..).map(|(sensor, stream)| sensor.noise(&analysed, stream)).collect();
-        found.extend(sensors.chunks(AXES).filter_map(|triad| repeated(triad, interval_s)));
-        if let [.., a, b, c] = &sensors[..]
-            && c.kind == RateKind::AngularRate
-        {
-            found.extend(rate_at_rest([a.mean, b.mean, c.mean]));
-        }
-        let mut analysis = Self {
-            rows: rows.len(),
-            used_s,
-            used: behind_first,
-            bridged,
-            at_rest: of_rows,
-            interval_s,
-            sensors,
-            losses: continuity.losses(),
-            of_recording: found,
-            temperature_unit: table.map_or_else(|| "unit".to_owned(), |table| table.content().temperature_unit.clone()),
-        };
-        analysis.of_recording.extend(analysis.of_gaps());
-        Ok(analysis)
+        let mut kept = NoiseRows::new(table, part);
+        rows.iter().for_each(|row| kept.push(row));
+        kept.analyse()
     }
 
     /// Why no figure may be certified, as Kalibr's file does: too many rows are bridged, or long gaps leave less than
@@ -187,7 +124,7 @@ impl NoiseAnalysis {
     }
 
     /// What is to be said of gaps, those that are bridged and those that are not.
-    fn of_gaps(&self) -> Option<Finding> {
+    pub(super) fn of_gaps(&self) -> Option<Finding> {
         let told = |message| Some(Finding::warning(name::MISSING_ROWS, message));
         match self.lost() {
             Some(lost) => told(format!("{lost}; the figures are no certain ones, and no file for Kalibr is written")),
@@ -215,34 +152,8 @@ impl NoiseAnalysis {
     }
 }
 
-/// The windows in which movement is looked for \[s\], where the usual ones have too few rows.
-fn window_s(rows: &[RawSample]) -> Option<f64> {
-    let least_s = LEAST_WINDOW_ROWS * median(rows.iter().map(|row| row.interval_ns as f64)) / 1e9;
-    (least_s > STANDSTILL_WINDOW_S).then_some(least_s)
-}
-
-/// The longest stretch, the first of two, and how many rows those of its standstill have that are of its session and
-/// interval.
-fn longest(at_rest: &[Range<usize>], rows: &[RawSample], outputs: &Outputs) -> (Stretch, usize) {
-    let mut best = (Stretch::default(), 0);
-    for rest in at_rest {
-        let kept: Vec<usize> = rest.clone().filter(|row| outputs.is_finite(*row)).collect();
-        let all = stretches(&kept, rows);
-        let alike = |a: &Stretch, b: &Stretch| {
-            let [a, b] = [a, b].map(|stretch| &rows[stretch.rows().start]);
-            a.session == b.session && a.interval_ns.abs_diff(b.interval_ns) <= a.interval_ns / 2
-        };
-        let Some(longest) = all.iter().reduce(|a, b| if b.kept.len() > a.kept.len() { b } else { a }) else { continue };
-        if longest.kept.len() > best.0.kept.len() {
-            let alike = all.iter().filter(|other| alike(longest, other)).map(|other| other.kept.len());
-            best = (longest.clone(), alike.sum());
-        }
-    }
-    best
-}
-
 /// That values of a triad repeat.
-fn repeated(triad: &[SensorNoise], interval_s: f64) -> Option<Finding> {
+pub(super) fn repeated(triad: &[SensorNoise], interval_s: f64) -> Option<Finding> {
     let repeat: Vec<_> = triad.iter().filter_map(|sensor| Some((sensor, sensor.new_every_s?))).collect();
     let (_, new_every_s) = repeat.first()?;
     let names: Vec<_> = repeat.iter().map(|(sensor, _)| sensor.name).collect();

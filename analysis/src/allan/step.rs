@@ -4,7 +4,7 @@
 //! taken out. As much would remain of a walk, so the likelihood decides: of the differences of neighbouring means of
 //! blocks, under the model of the rates, and under that of the rates without the step with the step beside it.
 
-use super::deviations::{Curve, phase, variance};
+use super::deviations::{self, Curve, phase, variance_of};
 use super::model::ModelFit;
 
 /// Most steps that are taken out of a rate.
@@ -54,15 +54,23 @@ pub(super) fn take_out(rates: &mut [f64], interval_s: f64) -> (Vec<Step>, Curve)
 
 /// The step that the shortest means show, and the curve without it.
 fn find(rates: &[f64], interval_s: f64, model: &ModelFit) -> Option<(Step, Curve)> {
-    let phase = phase(rates, interval_s);
+    let mut phase = phase(rates, interval_s);
     let (seconds, rows) = SHORTEST;
     let shortest = ((seconds / interval_s).ceil() as usize).max(rows);
     let widths = core::iter::successors(Some(shortest), |width| Some(2 * width));
-    widths.take_while(|width| *width <= rates.len() / 4).find_map(|width| {
-        let step = largest(&phase, width, interval_s)?;
-        let is_large = step.size.abs() > ERRORS * 2_f64.sqrt() * deviation_without(&phase, &step, width, interval_s);
-        if is_large { confirmed(rates, interval_s, &step, model) } else { None }
-    })
+    for width in widths.take_while(|width| *width <= rates.len() / 4) {
+        let Some(step) = largest(&phase, width, interval_s) else { continue };
+        if step.size.abs() > ERRORS * 2_f64.sqrt() * deviation_without(&phase, &step, width, interval_s) {
+            // One series beside the rates is enough.
+            drop(phase);
+            let confirmed = confirmed(rates, interval_s, &step, model);
+            if confirmed.is_some() {
+                return confirmed;
+            }
+            phase = deviations::phase(rates, interval_s);
+        }
+    }
+    None
 }
 
 /// The row around which the means of `width` rows differ most. `None` if they differ half as much around the rows a
@@ -81,16 +89,14 @@ fn largest(phase: &[f64], width: usize, interval_s: f64) -> Option<Step> {
 /// The Allan deviation at `width` rows when the step is taken out.
 fn deviation_without(phase: &[f64], step: &Step, width: usize, interval_s: f64) -> f64 {
     let after = |index: usize| index.saturating_sub(step.row) as f64 * interval_s;
-    let without: Vec<_> = phase.iter().enumerate().map(|(index, x)| x - step.size * after(index)).collect();
-    variance(&without, width, interval_s).sqrt()
+    variance_of(phase, width, interval_s, |index, x| x - step.size * after(index)).sqrt()
 }
 
 /// The step with its best size, and the curve without it, if that model is better than `model`, which has none.
 fn confirmed(rates: &[f64], interval_s: f64, rough: &Step, model: &ModelFit) -> Option<(Step, Curve)> {
     let without = |step: &Step| {
-        let mut left = rates.to_vec();
-        step.take_out(&mut left);
-        Curve::of(&left, interval_s)
+        let left = |row: usize| if row < step.row { rates[row] } else { rates[row] - step.size };
+        Curve::of_each(rates.len(), left, interval_s)
     };
     let length = rates.len().div_ceil(BLOCKS);
     let means: Vec<f64> = rates[rough.row % length..]

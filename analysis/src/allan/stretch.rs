@@ -5,7 +5,7 @@
 //! Times decide where the sequences were made from them, and a late row looked like a gap first.
 
 use core::ops::Range;
-use isotherm_shared::wire::RawSample;
+use isotherm_shared::sequence::Period;
 
 /// The time from row to row, and the interval of the row over that of the row before, lie within these parts of the
 /// interval.
@@ -68,60 +68,90 @@ impl Bridged {
 /// A stretch of rows.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Stretch {
-    /// Its rows.
-    pub kept: Vec<usize>,
-    /// How many rows are missing behind each of some rows: places in `kept`, and numbers.
-    gaps: Vec<(usize, usize)>,
+    runs: Vec<Run>,
+    /// Number of its rows.
+    pub kept: usize,
+}
+
+/// Rows of a stretch that follow each other, and how many are missing behind them.
+#[derive(Clone, Debug)]
+pub(super) struct Run {
+    pub rows: Range<usize>,
+    pub missing: usize,
 }
 
 impl Stretch {
-    /// First and last row, and those between.
-    pub(super) fn rows(&self) -> Range<usize> {
-        self.kept.first().map_or(0..0, |first| *first..self.kept[self.kept.len() - 1] + 1)
+    fn push(&mut self, row: usize) {
+        self.kept += 1;
+        match self.runs.last_mut().filter(|last| last.rows.end == row && last.missing == 0) {
+            Some(last) => last.rows.end += 1,
+            None => self.runs.push(Run { rows: row..row + 1, missing: 0 }),
+        }
     }
 
-    /// Its rows at regular times; `None` where one is missing.
-    pub(super) fn places(&self) -> Vec<Option<usize>> {
-        let mut places = Vec::with_capacity(self.kept.len());
-        let mut gaps = self.gaps.iter().peekable();
-        for (index, row) in self.kept.iter().enumerate() {
-            places.push(Some(*row));
-            if let Some((_, missing)) = gaps.next_if(|(behind, _)| *behind == index) {
-                places.extend(core::iter::repeat_n(None, *missing));
-            }
+    /// First and last row, and those between.
+    pub(super) fn rows(&self) -> Range<usize> {
+        self.runs.first().map_or(0..0, |first| first.rows.start..self.runs[self.runs.len() - 1].rows.end)
+    }
+
+    pub(super) fn runs(&self) -> &[Run] {
+        &self.runs
+    }
+
+    /// What `of` makes of its rows, at regular times; NaN where one is missing.
+    pub(super) fn values(&self, mut of: impl FnMut(usize) -> f64) -> Vec<f64> {
+        let mut values = Vec::with_capacity(self.bridged().of);
+        for run in &self.runs {
+            values.extend(run.rows.clone().map(&mut of));
+            values.extend(core::iter::repeat_n(f64::NAN, run.missing));
         }
-        places
+        values
     }
 
     /// What is bridged in it.
     pub(super) fn bridged(&self) -> Bridged {
-        let rows = self.gaps.iter().map(|(_, missing)| missing).sum();
-        let not_a_number = self.rows().len() - self.kept.len();
-        Bridged { rows, gaps: self.gaps.len(), not_a_number, of: self.kept.len() + rows }
+        let rows = self.runs.iter().map(|run| run.missing).sum();
+        let gaps = self.runs.iter().filter(|run| run.missing > 0).count();
+        Bridged { rows, gaps, not_a_number: self.rows().len() - self.kept, of: self.kept + rows }
     }
 }
 
-/// The stretches of the rows `kept`, which are at rest and whose outputs are numbers.
-pub(super) fn stretches(kept: &[usize], rows: &[RawSample]) -> Vec<Stretch> {
+/// The stretches of rows that are at rest and whose outputs are numbers.
+pub(super) fn stretches(mut rows: impl Iterator<Item = (usize, Period)>) -> Vec<Stretch> {
+    /// Rows that are looked at together.
+    const AHEAD: usize = LATE_ROWS + 1 + CONFIRMED_ROWS;
+    const MORE: usize = 1 << 12;
+    let (mut kept, mut next): (Vec<(usize, Period)>, usize) = (rows.by_ref().take(MORE).collect(), 0);
     let mut found: Vec<Stretch> = Vec::new();
-    let mut next = 0;
-    while next < kept.len() {
-        let mut stretch = Stretch { kept: vec![kept[next]], gaps: Vec::new() };
-        next += 1;
-        while let Some((count, gaps)) = goes_on(&kept[next - 1..], rows) {
-            stretch.gaps.extend(gaps.into_iter().map(|(behind, missing)| (stretch.kept.len() - 1 + behind, missing)));
-            stretch.kept.extend_from_slice(&kept[next..next + count]);
+    while let Some((first, _)) = kept.get(next) {
+        let mut stretch = Stretch::default();
+        stretch.push(*first);
+        loop {
+            if next + AHEAD > kept.len() {
+                kept.drain(..next);
+                kept.extend(rows.by_ref().take(MORE));
+                next = 0;
+            }
+            let Some((count, gaps)) = goes_on(&kept[next..kept.len().min(next + AHEAD)]) else { break };
+            for row in 0..count {
+                let missing = gaps.iter().filter(|(behind, _)| *behind == row).map(|(_, missing)| missing).sum();
+                if let Some(last) = stretch.runs.last_mut() {
+                    last.missing = missing;
+                }
+                stretch.push(kept[next + row + 1].0);
+            }
             next += count;
         }
         found.push(stretch);
+        next += 1;
     }
     found
 }
 
 /// How many rows follow the first of `kept` up to the next one at the right time, and behind which of them, counted
 /// from the first, how many are missing. `None` if it ends the stretch.
-fn goes_on(kept: &[usize], rows: &[RawSample]) -> Option<(usize, Vec<(usize, usize)>)> {
-    let row = |index: usize| &rows[kept[index]];
+fn goes_on(kept: &[(usize, Period)]) -> Option<(usize, Vec<(usize, usize)>)> {
+    let row = |index: usize| &kept[index].1;
     let is_within = |ratio: f64| (REGULAR[0]..=REGULAR[1]).contains(&ratio);
     let first = row(0);
     let interval_ns = first.interval_ns as f64;

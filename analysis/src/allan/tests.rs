@@ -2,6 +2,7 @@ use super::deviations::{phase, variance};
 use super::moments::Moments;
 use super::*;
 use crate::allan::deviations::factors;
+use isotherm_shared::wire::RawSample;
 
 /// Frequencies of NIST SP 1065, section 5.10: a set of 9 and a random set of 1000.
 fn random_set() -> Vec<f64> {
@@ -73,6 +74,102 @@ fn factors_are_thirds_of_octaves_to_a_third_of_the_rows() {
     assert_eq!(factors(100), [1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32]);
     assert_eq!(factors(32768).len(), 38);
     assert_eq!(factors(32768).last(), Some(&10321));
+}
+
+/// By the formulas, without any shortcut.
+#[test]
+fn a_curve_is_that_of_the_definition() {
+    let rates: Vec<f64> = random_set().iter().enumerate().map(|(row, rate)| rate + 1e-3 * row as f64).collect();
+    let (interval_s, n) = (0.02, rates.len());
+    let allan = Allan::of(&rates, interval_s).unwrap();
+    for point in &allan.points {
+        let m = point.factor;
+        let mean = |from: usize| rates[from..from + m].iter().sum::<f64>() / m as f64;
+        let squares: f64 = (0..=n - 2 * m).map(|k| (mean(k + m) - mean(k)).powi(2)).sum();
+        let adev = (squares / (2.0 * (n + 1 - 2 * m) as f64)).sqrt();
+        assert!((point.adev / adev - 1.0).abs() < 1e-12, "{m}: {} {adev}", point.adev);
+    }
+}
+
+/// Rows in little memory are the rows: their times, counts and telemetry, over gaps, late rows, sessions, long and odd
+/// intervals.
+#[test]
+fn rows_that_are_kept_are_those_that_were_pushed() {
+    let mut rows = rows::Rows::default();
+    let mut all = Vec::new();
+    let (mut random, mut sequence) = (isotherm_simulation::RandomGenerator::new(7, 0), 5_u64);
+    for row in 0..5000_u64 {
+        sequence += if row % 97 == 0 { 3 } else { 1 };
+        let mut raw = RawSample { session: row / 2000, sequence, device: row / 3000, ..RawSample::default() };
+        raw.interval_ns = if row % 501 == 0 { 10_000_000_000 } else { 1_000_000 + (row * 37 % 11) };
+        raw.timestamp_ns = (1 << 60) + sequence * 1_000_000 + if row == 1500 { 7_000_000_000 } else { row * 31 % 13 };
+        raw.accelerometers.positive_pulses = [row as u32, u32::MAX, 3];
+        raw.accelerometers.negative_pulses = [7, row as u32, 0];
+        raw.accelerometers.head_temperature = [(row / 100) as f64, 20.0, f64::NAN];
+        raw.accelerometers.board_temperature = [random.normal(); 3];
+        if row >= 1000 {
+            raw.gyroscopes.positive_pulses = [1, 2, row as u32];
+            raw.gyroscopes.head_temperature = [25.0 + (row / 7) as f64; 3];
+        }
+        rows.push(&raw, row >= 1000, row);
+        all.push(raw);
+    }
+    assert_eq!((rows.len(), rows.pulses.len()), (5000, 6));
+    for (number, (kept, pushed)) in rows.iter().zip(&all).enumerate() {
+        // NaN is no number that equals itself.
+        assert_eq!(format!("{kept:?}"), format!("{pushed:?}"), "{number}");
+        assert_eq!(rows.period(number), isotherm_shared::sequence::Period::from(pushed));
+    }
+}
+
+/// Rows of 10 ms: at rest, and in motion from 60 s to 70 s.
+fn rest_and_motion(seed: u64) -> Vec<RawSample> {
+    let mut random = isotherm_simulation::RandomGenerator::new(seed, 0);
+    let row = |row: u64| {
+        let mut raw = RawSample { sequence: row, timestamp_ns: (row + 1) * 10_000_000, ..RawSample::default() };
+        raw.interval_ns = 10_000_000;
+        let moves = if (6000..7000).contains(&row) { 4000.0 * (row as f64 / 15.0).sin() } else { 0.0 };
+        raw.accelerometers.positive_pulses =
+            [5000.0, 6000.0, 20_000.0].map(|mean: f64| (mean + moves + 20.0 * random.normal()).round() as u32);
+        raw.accelerometers.head_temperature = [20.0 + (row / 500) as f64 / 10.0; 3];
+        raw
+    };
+    (0..30_000).map(row).collect()
+}
+
+/// Where the search for rests is in pieces, a border is no end of a rest: at rest and beside a motion.
+#[test]
+fn rests_are_the_same_in_pieces() {
+    for seed in 0..5 {
+        let rows = rest_and_motion(seed);
+        let found = |piece_rows: usize| {
+            let mut kept = NoiseRows::new(None, [0.0, f64::INFINITY]).in_pieces_of(piece_rows);
+            rows.iter().for_each(|row| kept.push(row));
+            kept.analyse().unwrap()
+        };
+        let whole = found(rows.len());
+        assert!(whole.used.start.abs_diff(7000) < 100 && whole.used.end == rows.len(), "{:?}", whole.used);
+        for piece_rows in [4100, 7300, 15_000] {
+            let pieces = found(piece_rows);
+            assert!(pieces.used.start.abs_diff(whole.used.start) < 50, "{:?} {:?}", pieces.used, whole.used);
+            assert_eq!(pieces.used.end, whole.used.end);
+            if pieces.used == whole.used {
+                assert_eq!(pieces.sensors, whole.sensors);
+            }
+        }
+    }
+}
+
+/// A row takes 8 bytes for each axis and 8 for its times, also where intervals are measured, and rows are lost.
+#[test]
+fn a_row_takes_little_memory() {
+    let mut rows = rows::Rows::default();
+    for (count, raw) in rest_and_motion(1).iter().enumerate().filter(|(row, _)| row % 50 != 7) {
+        let interval_ns = raw.interval_ns + count as u64 % 17;
+        rows.push(&RawSample { interval_ns, ..*raw }, false, raw.timestamp_ns);
+    }
+    let bytes = rows.bytes() as f64 / rows.len() as f64;
+    assert!((32.0..35.0).contains(&bytes), "{bytes}");
 }
 
 #[test]

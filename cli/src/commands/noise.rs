@@ -4,15 +4,15 @@ use super::common::{Acceptance, ForeignArgs, OfData, choice, inputs, joined_path
 use super::part::PartArgs;
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
-use isotherm_analysis::{NoiseAnalysis, imu_yaml};
+use isotherm_analysis::{NoiseAnalysis, NoiseRows, imu_yaml};
 use isotherm_calibration::{now, tool};
 use isotherm_campaign::rate_at_rest;
-use isotherm_client::{ImuId, RawSample};
+use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{StagedText, check_stdout, check_written, print, print_data, refuse_overlap};
 use isotherm_finding::Finding;
 use isotherm_job::Refused;
-use isotherm_recording::{Continuity, MISSING};
+use isotherm_recording::MISSING;
 use isotherm_recording_formats::read::{ImuChoice, Input, Recording, Samples};
 use isotherm_report::noise;
 use isotherm_report::noise::NoiseSource;
@@ -90,18 +90,20 @@ impl Noise {
         let input = Input::from((imu, self.foreign.read_for(&origin)?)).within(part);
         let mut samples = Samples::open(&self.recording, input, &bar)?;
         samples.set_lag(table.as_ref().map_or(0, |table| table.lag_ns()));
-        let rows: Vec<RawSample> = samples.by_ref().collect::<Result<_, _>>()?;
+        let mut rows = NoiseRows::new(table.as_ref(), [0.0, f64::INFINITY]);
+        for row in samples.by_ref() {
+            rows.push(&row?);
+        }
         bar.finish_and_clear();
         let recording = joined_paths(&self.recording);
         let of_rows = samples.recording();
         let of_data = OfData::of(of_rows).with_unit(&origin, of_rows).with_other_device();
         let spinner = spinner("fitting");
-        let analysis = NoiseAnalysis::of(&rows, table.as_ref(), [0.0, f64::INFINITY]);
-        let analysis = analysis.map(|analysis| analysis.behind(of_rows.left_out()));
+        let continuity = rows.continuity().clone();
+        let analysis = rows.analyse().map(|analysis| analysis.behind(of_rows.left_out()));
         spinner.finish_and_clear();
         let analysis = analysis.map_err(|error| {
-            let found = rows.iter().collect::<Continuity>().findings(MISSING);
-            let found = found.into_iter().map(Finding::warned).collect();
+            let found = continuity.findings(MISSING).into_iter().map(Finding::warned).collect();
             let _ = of_data.findings_alone().admit(&Acceptance::default(), &recording, found);
             let failure = Failure::new(Exit::Data, format!("{recording}: {error}"));
             if let [file] = self.recording.as_slice() { failure.at(file, None) } else { failure }

@@ -1,7 +1,7 @@
 //! Input: a mapping, a zero byte, and foreign data in any format. They are converted, or refused with a message that a
 //! terminal can show. The mapping that is proposed for a text is valid, or leaves open what the text does not say.
 
-use crate::{check_faults, memory_file};
+use crate::{check_faults, memory_file, within_budget};
 use isotherm_failure::{Exit, printable};
 use isotherm_recording_formats::convert::{Conversion, Mapping, Settings};
 use isotherm_shared::document::MAX_BYTES;
@@ -27,6 +27,7 @@ pub fn run(bytes: &[u8]) {
         check_faults(mapping, &faults);
     }
     fs::write(&INPUT.1, data).expect("memory takes all");
+    let convert = |mapping: Option<&str>| within_budget(data.len(), || convert(mapping));
     convert(Some(mapping));
     if let Some(proposal) = convert(None) {
         if let Err(faults) = Mapping::from_toml(&proposal) {

@@ -13,6 +13,7 @@ pub mod recording;
 pub mod sample;
 pub mod table;
 
+use isotherm_recording_formats::steps;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::document::Faults;
 use isotherm_shared::polynomial::Polynomial;
@@ -154,6 +155,16 @@ fn checked_gyroscopes(
 
 const fn has_valid_interval(raw: &RawSample) -> bool {
     raw.interval_ns != 0 && raw.interval_ns <= MAX_INTERVAL_NS
+}
+
+/// Reads an input of this length, and checks that it takes no more steps than a file of this length may: no input makes
+/// a reader slow out of proportion.
+fn within_budget<T>(length: usize, read: impl FnOnce() -> T) -> T {
+    let before = steps::taken();
+    let read = read();
+    let (taken, most) = (steps::taken() - before, steps::budget(length as u64));
+    assert!(taken <= most, "{taken} steps for {length} bytes; {most} at most");
+    read
 }
 
 /// A file in memory, and a path that opens it: for what reads files alone.

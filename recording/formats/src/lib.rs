@@ -23,5 +23,6 @@ pub mod read;
 pub mod repair;
 pub mod ros;
 mod seal;
+pub mod steps;
 mod varint;
 pub mod write;

@@ -1,6 +1,7 @@
 //! Rows as protobuf messages, and the descriptors of these messages. Only the part of the encoding that recordings
 //! need.
 
+use crate::steps;
 use crate::varint;
 use isotherm_recording::columns::{Column, ColumnKind, Layout, columns};
 use isotherm_recording::rows::{RecordedRow, append_value};
@@ -144,6 +145,7 @@ pub(crate) fn begins_with(mut message: &[u8], number: u64, value: u64) -> bool {
 }
 
 fn next_field<'a>(message: &mut &'a [u8], take: &mut impl FnMut(u64, Value<'a>)) -> Option<()> {
+    steps::count(1);
     let key = varint::read(message)?;
     let value = match key & 7 {
         VARINT => Value::Varint(varint::read(message)?),

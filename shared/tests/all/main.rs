@@ -4,5 +4,6 @@
 mod difference;
 mod format_2;
 mod format_3;
+mod gate;
 mod properties;
 mod readings;

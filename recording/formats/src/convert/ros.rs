@@ -10,6 +10,7 @@ use super::source::{PLACEHOLDER, Reading, Source, placeholder, pulses};
 use super::stream::Stream;
 use super::unit::Quantity;
 use crate::read::records::Records;
+use crate::read::skip::Unwanted;
 use crate::ros::{Encoding, IMU, Imu, TEMPERATURE, Temperature};
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::open_recording;
@@ -97,8 +98,8 @@ struct Messages {
     /// Names of the schemas.
     schemas: HashMap<u16, String>,
     channels: HashMap<u16, Rc<Channel>>,
-    /// Number of the last message, from 1.
-    count: u64,
+    /// Number of the last message, from 1, without those of chunks that are passed over.
+    read: u64,
 }
 
 struct Channel {
@@ -136,15 +137,17 @@ pub(crate) fn is_bag(path: &Path) -> bool {
     };
     loop {
         match messages.records.next() {
-            Ok(Some(Record::Message { .. })) => continue,
+            Ok(Some(Record::Message { .. })) => {}
+            Ok(Some(Record::Schema { header, .. })) if header.name.starts_with(OWN) => return false,
+            Ok(Some(Record::Channel(channel))) => {
+                let id = channel.id;
+                messages.take(Record::Channel(channel));
+                if messages.channels.get(&id).is_some_and(|channel| channel.kind == MessageKind::Imu) {
+                    return true;
+                }
+            }
             Ok(Some(record)) => drop(messages.take(record)),
             Ok(None) | Err(_) => return false,
-        }
-        if messages.schemas.values().any(|schema| schema.starts_with(OWN)) {
-            return false;
-        }
-        if messages.channels.values().any(|channel| channel.kind == MessageKind::Imu) {
-            return true;
         }
     }
 }
@@ -203,7 +206,7 @@ impl RosSource {
             temperatures: Temperatures { topic: None, values: Vec::new(), before: 0 },
             units,
         };
-        let messages = Messages::new(source);
+        let messages = Messages::new(path, source);
         match chosen {
             Chosen::One(topic) => {
                 let source = Self { temperatures, ..of_topic(messages, topic, Wanted::All) };
@@ -242,7 +245,7 @@ impl RosSource {
                 continue;
             }
             let reading = Imu::decode(channel.encoding, &data).and_then(|imu| self.reading(&imu, log_ns, is_first));
-            return reading.map(Some).map_err(|message| self.messages.error(self.messages.count, message));
+            return reading.map(Some).map_err(|message| self.messages.error(self.messages.count(), message));
         }
     }
 
@@ -263,7 +266,7 @@ impl RosSource {
             }
         };
         let stamp_ns = if self.time == TimeSource::Header { imu.stamp_ns } else { log_ns };
-        let mut reading = Reading { place: self.messages.count, timestamp_ns: Some(stamp_ns), ..Reading::default() };
+        let mut reading = Reading { place: self.messages.count(), timestamp_ns: Some(stamp_ns), ..Reading::default() };
         let names = ["linear_acceleration", "angular_velocity"];
         for (index, value) in acceleration.into_iter().chain(rates).enumerate() {
             let name = || format!("{}.{}", names[index / AXES], ["x", "y", "z"][index % AXES]);
@@ -370,7 +373,7 @@ impl Contents {
         while let Some((channel, data, log_ns)) = messages.next()? {
             if channel.kind == MessageKind::Temperature {
                 let temperature = Temperature::decode(channel.encoding, &data);
-                let temperature = temperature.map_err(|message| messages.error(messages.count, message))?;
+                let temperature = temperature.map_err(|message| messages.error(messages.count(), message))?;
                 let values = contents.temperatures.entry(channel.topic.clone()).or_default();
                 let time_ns = if time == TimeSource::Header { temperature.stamp_ns } else { log_ns };
                 values.push((time_ns, temperature.celsius));
@@ -456,18 +459,28 @@ fn choose(topics: &[String], wanted: Option<&str>, option: &str) -> Result<Optio
 impl Messages {
     fn open(path: &Path, settings: &Settings) -> Result<Self, Failure> {
         let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
-        Ok(Self::new(settings.watched(source)))
+        Ok(Self::new(path, settings.watched(source)))
     }
 
-    fn new(source: Box<dyn Read>) -> Self {
-        Self { records: Records::new(source), schemas: HashMap::new(), channels: HashMap::new(), count: 0 }
+    /// The messages of a file, from its beginning.
+    fn new(path: &Path, source: Box<dyn Read>) -> Self {
+        let kind = |channel: &mcap::records::Channel, schema: &str| {
+            Channel::new(channel.topic.clone(), schema.to_owned(), &channel.message_encoding).kind
+        };
+        let unwanted = Unwanted::of(path, |channel, schema| kind(channel, schema) != MessageKind::Other);
+        Self { records: Records::without(source, unwanted), schemas: HashMap::new(), channels: HashMap::new(), read: 0 }
+    }
+
+    /// Number of the last message, from 1.
+    fn count(&self) -> u64 {
+        self.read + self.records.skipped()
     }
 
     /// The next message and its channel.
     fn next(&mut self) -> Result<Option<OfChannel>, RecordingError> {
         loop {
             let record = self.records.next();
-            let record = record.map_err(|error| error.located(|message| self.error(self.count, message)))?;
+            let record = record.map_err(|error| error.located(|message| self.error(self.count(), message)))?;
             let Some(record) = record else { return Ok(None) };
             if let Some(message) = self.take(record) {
                 return Ok(Some(message));
@@ -485,7 +498,7 @@ impl Messages {
                 self.channels.insert(channel.id, Rc::new(Channel::new(channel.topic, schema, encoding)));
             }
             Record::Message { header, data } => {
-                self.count += 1;
+                self.read += 1;
                 let channel = self.channels.get(&header.channel_id);
                 let channel = channel.filter(|channel| channel.kind != MessageKind::Other)?;
                 return Some((Rc::clone(channel), data.into_owned(), header.log_time));
@@ -496,6 +509,6 @@ impl Messages {
     }
 
     fn error(&self, place: u64, message: String) -> RecordingError {
-        RecordingError::Place { place: format!("message {}", if place == 0 { self.count } else { place }), message }
+        RecordingError::Place { place: format!("message {}", if place == 0 { self.count() } else { place }), message }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::table::{Absence, ValueKind, WantedColumn, refuse_missing};
 use crate::protobuf::{self, FieldNumber, Value};
+use crate::steps;
 use isotherm_recording::columns::hex;
 use std::collections::HashMap;
 
@@ -29,6 +30,7 @@ pub(super) struct FieldMap {
 pub(super) fn map_fields(wanted: &[WantedColumn], fields: &HashMap<String, FieldNumber>) -> Result<FieldMap, String> {
     let mut names: Vec<_> = fields.keys().cloned().collect();
     names.sort();
+    steps::count(names.len() as u64);
     refuse_missing(wanted, &names, "")?;
     let (mut columns, mut absent) = (Vec::new(), vec![None; wanted.len()]);
     for (wanted_index, column) in wanted.iter().enumerate() {

@@ -1,16 +1,22 @@
-//! The fields of messages in an MCAP file, as columns. The file is read from beginning to end, without its index, so
-//! that an unfinished file is read up to its last complete record.
+//! The fields of messages in an MCAP file, as columns. The file is read from beginning to end, so that an unfinished
+//! file is read up to its last complete record. Chunks of other messages are passed over.
 
 use super::fields::{FieldMap, decode, map_fields};
 use super::records::Records;
+use super::skip::Unwanted;
 use super::table::{ImuChoice, TableReader, WantedColumn};
 use crate::protobuf;
+use crate::steps;
 use isotherm_recording::RecordingError;
 use isotherm_shared::stream::ImuId;
 use mcap::records::{Channel, Record};
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeMap, HashMap};
 use std::io::Read;
+use std::path::Path;
 use std::rc::Rc;
+
+/// Most streams that a message lists.
+const LISTED: usize = 40;
 
 /// Reads the wanted columns from the messages of one stream, which may have several channels.
 pub(super) struct McapReader {
@@ -23,6 +29,8 @@ pub(super) struct McapReader {
     schemas: HashMap<u16, Rc<FieldMap>>,
     /// Channels that have the wanted columns, by id.
     channels: HashMap<u16, OpenChannel>,
+    /// The names of the streams that the choice allows, and how many of the channels are theirs.
+    streams: BTreeMap<String, usize>,
     /// Whether a channel was added since the last message.
     new_channel: bool,
     /// Why the last unsuitable schema cannot be read, for messages.
@@ -37,20 +45,27 @@ struct OpenChannel {
     topic: String,
     imu: Option<ImuId>,
     fields: Rc<FieldMap>,
-    /// Whether its messages are returned.
-    selected: bool,
 }
 
 impl McapReader {
-    /// Reads from `source`; with `raw`, the messages of channels `isotherm/<imu>/raw`, else those of any channel.
-    pub(super) fn new(source: Box<dyn Read>, wanted: Vec<WantedColumn>, choice: ImuChoice, raw: bool) -> Self {
+    /// Reads from `source`, which has the bytes of the file `path`; with `raw`, the messages of channels
+    /// `isotherm/<imu>/raw`, else those of any channel.
+    pub(super) fn new(
+        path: &Path,
+        source: Box<dyn Read>,
+        wanted: Vec<WantedColumn>,
+        choice: ImuChoice,
+        raw: bool,
+    ) -> Self {
+        let unwanted = Unwanted::of(path, |channel, _| is_readable(channel));
         Self {
-            records: Records::new(source),
+            records: Records::without(source, unwanted),
             wanted,
             choice,
             raw,
             schemas: HashMap::new(),
             channels: HashMap::new(),
+            streams: BTreeMap::new(),
             new_channel: false,
             unreadable: None,
             delivered: None,
@@ -77,18 +92,40 @@ impl McapReader {
 
     /// Keeps a channel that has the wanted columns.
     fn take_channel(&mut self, channel: &Channel) {
+        steps::count(1);
         let topic = channel.topic.trim_start_matches('/').to_owned();
         let stream = topic.strip_prefix("isotherm/").and_then(|rest| rest.rsplit_once('/'));
         let imu = stream.and_then(|(imu, _)| ImuId::new(imu));
         let is_raw = imu.is_some() && stream.is_some_and(|(_, stream)| stream == "raw");
         if let Some(fields) = self.schemas.get(&channel.schema_id)
-            && channel.message_encoding == "protobuf"
+            && is_readable(channel)
             && (is_raw || !self.raw)
         {
-            let fields = Rc::clone(fields);
-            self.channels.insert(channel.id, OpenChannel { topic, imu, fields, selected: false });
+            let open = OpenChannel { topic, imu, fields: Rc::clone(fields) };
+            if let Some(name) = self.allowed(&open) {
+                *self.streams.entry(name).or_default() += 1;
+            }
+            let before = self.channels.insert(channel.id, open);
+            // Its number may have been another stream's.
+            if let Some(name) = before.and_then(|before| self.allowed(&before))
+                && let Some(channels) = self.streams.get_mut(&name)
+            {
+                *channels -= 1;
+                if *channels == 0 {
+                    self.streams.remove(&name);
+                }
+            }
             self.new_channel = true;
         }
+    }
+
+    /// The name of a channel's stream, if the choice allows it.
+    fn allowed(&self, channel: &OpenChannel) -> Option<String> {
+        let is_allowed = match &self.choice {
+            ImuChoice::Only(wanted) if !self.raw => channel.imu.as_ref() == Some(wanted),
+            _ => true,
+        };
+        is_allowed.then(|| self.stream_of(channel).to_owned())
     }
 
     fn take_message(
@@ -100,12 +137,9 @@ impl McapReader {
         self.messages += 1;
         if std::mem::take(&mut self.new_channel) {
             self.check_choice()?;
-            let selected = self.channels.iter().filter(|(_, channel)| self.is_selected(channel)).map(|(id, _)| *id);
-            for id in selected.collect::<Vec<_>>() {
-                self.channels.entry(id).and_modify(|channel| channel.selected = true);
-            }
         }
-        let Some(channel) = self.channels.get(&channel).filter(|channel| channel.selected) else { return Ok(false) };
+        let channel = self.channels.get(&channel).filter(|channel| self.is_selected(channel));
+        let Some(channel) = channel else { return Ok(false) };
         if self.delivered.is_none() {
             self.delivered = Some(self.stream_of(channel).to_owned());
         }
@@ -121,13 +155,11 @@ impl McapReader {
         }
     }
 
-    /// The names of all streams that the choice allows.
-    fn streams(&self) -> BTreeSet<&str> {
-        let channels = self.channels.values().filter(|channel| match &self.choice {
-            ImuChoice::Only(wanted) if !self.raw => channel.imu.as_ref() == Some(wanted),
-            _ => true,
-        });
-        channels.map(|channel| self.stream_of(channel)).collect()
+    /// The names of the streams that the choice allows, as a message lists them.
+    fn listed(&self) -> String {
+        let names = self.streams.keys().take(LISTED).map(|name| name.escape_debug().to_string());
+        let more = (self.streams.len() > LISTED).then(|| "..".to_owned());
+        names.chain(more).collect::<Vec<_>>().join(", ")
     }
 
     /// Whether this channel's messages are returned, judged by the channels that are known so far.
@@ -135,41 +167,45 @@ impl McapReader {
         match &self.choice {
             ImuChoice::Only(wanted) => channel.imu.as_ref() == Some(wanted),
             ImuChoice::Prefer(wanted) if channel.imu.as_ref() == Some(wanted) => true,
-            ImuChoice::Prefer(_) | ImuChoice::Any => self.streams().len() < 2,
+            ImuChoice::Prefer(_) | ImuChoice::Any => self.streams.len() < 2,
         }
     }
 
     /// Checks that the choice selects one stream.
     fn check_choice(&self) -> Result<(), RecordingError> {
-        let streams = self.streams();
+        let streams = &self.streams;
         let clear = match &self.choice {
             ImuChoice::Only(_) => self.raw || streams.len() < 2,
             ImuChoice::Prefer(wanted) => {
                 let changed = self.delivered.as_ref().is_some_and(|delivered| delivered != wanted.as_str());
-                streams.len() < 2 || (streams.contains(wanted.as_str()) && !changed)
+                streams.len() < 2 || (streams.contains_key(wanted.as_str()) && !changed)
             }
             ImuChoice::Any => streams.len() < 2,
         };
         if clear {
             return Ok(());
         }
-        let names = streams.into_iter().map(|name| name.escape_debug().to_string()).collect::<Vec<_>>().join(", ");
+        let names = self.listed();
         let what = if self.raw { "raw samples of several IMUs" } else { "several channels have these columns" };
         Err(self.error(format!("{what}: {names}; choose one with --imu")))
     }
 
     fn nothing_to_read(&self) -> String {
-        let streams = self.streams();
         let why = self.unreadable.as_ref().map(|why| format!("; {why}")).unwrap_or_default();
         match (&self.choice, self.raw) {
-            (ImuChoice::Only(wanted) | ImuChoice::Prefer(wanted), true) if !streams.is_empty() => {
-                let names = streams.into_iter().collect::<Vec<_>>().join(", ");
+            (ImuChoice::Only(wanted) | ImuChoice::Prefer(wanted), true) if !self.streams.is_empty() => {
+                let names = self.listed();
                 format!("no raw samples of {wanted}, but of {names}; choose with --imu")
             }
             (_, true) => format!("no raw samples (a channel isotherm/<imu>/raw with messages isotherm.RawSample){why}"),
             (_, false) => format!("no channel with protobuf messages that have these columns{why}"),
         }
     }
+}
+
+/// Whether messages of a channel can be read, if they have the columns.
+fn is_readable(channel: &Channel) -> bool {
+    channel.message_encoding == "protobuf"
 }
 
 impl TableReader for McapReader {
@@ -197,7 +233,7 @@ impl TableReader for McapReader {
     }
 
     fn row(&self) -> u64 {
-        self.messages
+        self.messages + self.records.skipped()
     }
 
     fn unit(&self) -> &'static str {
@@ -205,7 +241,7 @@ impl TableReader for McapReader {
     }
 
     fn error(&self, message: String) -> RecordingError {
-        let place = format!("byte {}, message {}", self.records.bytes(), self.messages);
+        let place = format!("byte {}, message {}", self.records.bytes(), self.row());
         RecordingError::Place { place, message }
     }
 

@@ -3,6 +3,7 @@
 //! them.
 
 mod borders;
+pub(crate) mod chunk;
 mod converted;
 mod fields;
 mod folder;
@@ -19,9 +20,12 @@ mod part;
 mod piece;
 mod pieces;
 mod places;
+pub(crate) mod plausible;
 mod recognise;
 mod recording;
 pub(crate) mod records;
+pub(crate) mod skip;
+pub(crate) mod summary;
 mod table;
 
 pub use folder::files;

@@ -174,7 +174,7 @@ impl Numbers {
             Opened::Csv(source) => return Self::csv(source, names, times).map_err(failed),
             Opened::Mcap(source) => {
                 let wanted = resolve(&may_be_field).map_err(|error| Failure::new(Exit::Data, error))?;
-                Box::new(McapReader::new(source, wanted, choice.clone(), false))
+                Box::new(McapReader::new(path, source, wanted, choice.clone(), false))
             }
             Opened::Parquet(file) => {
                 let wanted = |found: &[String]| resolve(&|name| found.iter().any(|other| other == name));

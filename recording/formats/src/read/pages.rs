@@ -2,6 +2,7 @@
 //! values of a dictionary that a page header claims, and counts through a list of booleans of any claimed length, which
 //! takes no bytes in its opinion.
 
+use crate::steps;
 use crate::varint;
 use std::fs::File;
 use std::io;
@@ -20,11 +21,12 @@ const MAX_HEADER: usize = 1 << 16;
 /// The operating system's error, or one without its code if a page is not valid.
 pub(crate) fn check(file: &File, begin: u64, length: u64) -> io::Result<()> {
     let end = begin.checked_add(length).ok_or_else(|| io::Error::other("a column's place"))?;
-    let (mut at, mut buffer) = (begin, vec![0; MAX_HEADER]);
+    let (mut at, mut window) = (begin, Window { bytes: vec![0; 2 * MAX_HEADER], begin, length: 0 });
     while at < end {
-        let most = MAX_HEADER.min((end - at) as usize);
-        let read = file.read_at(&mut buffer[..most], at)?;
-        let mut header = Thrift { bytes: &buffer[..read] };
+        steps::count(1);
+        let ahead = window.ahead(file, at, end)?;
+        let read = ahead.len();
+        let mut header = Thrift { bytes: ahead };
         let sizes = header.sizes().ok_or_else(|| io::Error::other(format!("byte {at}: no page header")))?;
         if sizes.decompressed > MAX_PAGE || sizes.compressed > MAX_PAGE {
             let message = format!("byte {at}: a page of over {MAX_PAGE} bytes; write smaller pages");
@@ -43,6 +45,27 @@ pub(crate) fn check(file: &File, begin: u64, length: u64) -> io::Result<()> {
 pub(crate) fn is_footer(bytes: &[u8]) -> bool {
     let mut footer = Thrift { bytes };
     footer.each_field(0, &mut |footer, _, kind| footer.skip(kind, 0)).is_some()
+}
+
+/// Bytes of a file: short pages have their headers in one reading.
+struct Window {
+    bytes: Vec<u8>,
+    begin: u64,
+    length: usize,
+}
+
+impl Window {
+    /// The bytes from `at` on that may be a header, up to `end`.
+    fn ahead(&mut self, file: &File, at: u64, end: u64) -> io::Result<&[u8]> {
+        let most = MAX_HEADER.min((end - at) as usize);
+        let mut offset = (at - self.begin) as usize;
+        if self.length < offset.saturating_add(most) {
+            let wanted = self.bytes.len().min((end - at) as usize);
+            self.length = file.read_at(&mut self.bytes[..wanted], at)?;
+            (self.begin, offset) = (at, 0);
+        }
+        Ok(&self.bytes[offset..self.length.min(offset + most)])
+    }
 }
 
 struct Sizes {

@@ -4,6 +4,7 @@ use super::pages;
 use super::panics::catch_panic;
 use super::table::{Absence, ImuChoice, TableReader, ValueKind, WantedColumn, refuse_missing};
 use crate::seal::{DAMAGED, FOOTER_SEAL, GroupChecks, checks_in, matches_seal};
+use crate::steps;
 use indicatif::ProgressBar;
 use isotherm_recording::RecordingError;
 use isotherm_recording::columns::{PARQUET_MAGIC, hex};
@@ -182,6 +183,7 @@ impl ParquetReader {
         let opened = catch_panic(|| {
             let group = reader.get_row_group(number).map_err(|error| (None, cause(error)))?;
             let open = self.columns.iter().enumerate().map(|(index, column)| {
+                steps::count(1);
                 let chunk = group.metadata().column(column.index);
                 let (begin, length) = chunk.byte_range();
                 if let Some(check) = checks.and_then(|checks| checks.get(column.index)) {
@@ -342,6 +344,7 @@ fn find(schema: &SchemaDescriptor, names: &[String], wanted: &[WantedColumn]) ->
 fn check_compression(reader: &SerializedFileReader<File>, columns: &[FoundColumn]) -> Result<(), String> {
     for group in reader.metadata().row_groups() {
         for column in columns {
+            steps::count(1);
             let chunk = group.column(column.index);
             let compression = chunk.compression();
             if !matches!(compression, Compression::UNCOMPRESSED | Compression::SNAPPY | Compression::ZSTD(_)) {

@@ -76,7 +76,7 @@ impl Piece {
                 PieceSource::Csv(Box::new(reader.map_err(failed)?))
             }
             Recognised::Recording(Opened::Mcap(source)) => {
-                table_source(McapReader::new(source, columns(), input.imu.clone(), true))
+                table_source(McapReader::new(path, source, columns(), input.imu.clone(), true))
             }
             Recognised::Recording(Opened::Parquet(file)) => {
                 table_source(ParquetReader::open(file, |_| Ok(columns()), &input.imu, bar).map_err(failed)?)

@@ -1,11 +1,15 @@
-//! The schemas, channels and messages of an MCAP file, from beginning to end, without its index.
+//! The schemas, channels and messages of an MCAP file, from beginning to end.
 //!
+//! A chunk whose index says that all of its messages are of unwanted channels is not unpacked.
 //! A chunk has a CRC. What is outside of chunks has one at the end of a file that was ended. Where it was not, a record
 //! of another kind than it was written as must not be taken for rows, nor hide any.
 
+use super::chunk::{Chunk, MAX_RECORD, Unpacked};
 use super::panics::catch_panic;
-use crate::protobuf::begins_with;
-use crate::seal::{CREATOR, DAMAGED};
+use super::plausible::{foreign, foreign_to_chunk, impossible, is_own};
+use super::skip::{Indexed, Unwanted};
+use crate::seal::DAMAGED;
+use crate::steps;
 use isotherm_recording::RecordingError;
 use isotherm_recording::columns::MCAP_MAGIC;
 use mcap::records::{Header, Record, op};
@@ -13,8 +17,8 @@ use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOp
 use mcap::{McapError, parse_record};
 use std::io::{self, Read};
 
-/// Longest record or chunk that is read \[bytes\]. Common writers make chunks of about 1 MB.
-pub(crate) const MAX_RECORD: usize = 64 << 20;
+/// Time and place of a message in an index \[bytes\].
+const INDEX_ENTRY: u64 = 16;
 /// Most bytes that are read at once.
 const BUFFER: usize = 1 << 20;
 
@@ -22,6 +26,16 @@ const BUFFER: usize = 1 << 20;
 pub(crate) struct Records {
     source: Box<dyn Read>,
     reader: LinearReader,
+    /// The chunk that is read.
+    chunk: Option<Chunk>,
+    /// The channels whose messages are not wanted, and the chunk whose index is being read.
+    unwanted: Unwanted,
+    indexed: Option<Indexed>,
+    /// What came behind that index.
+    after_index: Option<Option<McapEvent>>,
+    /// Messages that have been passed over.
+    skipped: u64,
+    unpacked: Unpacked,
     bytes: u64,
     /// Whether the footer was read.
     finished: bool,
@@ -58,6 +72,10 @@ enum McapEvent {
     Read(usize),
     Record(Record<'static>),
     Header(Header),
+    /// The content of a chunk.
+    Chunk(Vec<u8>),
+    /// The index of messages of a channel in the chunk before, and their number.
+    Index(u16, u64),
     DataEnd,
     Footer,
     /// A record that cannot be there, and why.
@@ -66,18 +84,18 @@ enum McapEvent {
 }
 
 impl Records {
-    /// Reads from `source`.
-    pub(crate) fn new(source: Box<dyn Read>) -> Self {
-        // The checksum of a chunk is verified before any of its content is used.
-        let options = LinearReaderOptions::default()
-            .with_skip_end_magic(true)
-            .with_prevalidate_chunk_crcs(true)
-            .with_validate_data_section_crc(true)
-            .with_record_length_limit(MAX_RECORD);
-        let reader = LinearReader::new_with_options(options);
+    /// Reads from `source` what is not of unwanted channels alone.
+    pub(crate) fn without(source: Box<dyn Read>, unwanted: Unwanted) -> Self {
+        let options = options().with_validate_data_section_crc(true);
         Self {
             source,
-            reader,
+            reader: LinearReader::new_with_options(options),
+            chunk: None,
+            unwanted,
+            indexed: None,
+            after_index: None,
+            skipped: 0,
+            unpacked: Unpacked::default(),
             bytes: 0,
             finished: false,
             truncated: false,
@@ -90,21 +108,23 @@ impl Records {
     /// The next schema, channel or message; `None` at the end.
     pub(crate) fn next(&mut self) -> Result<Option<Record<'static>>, RecordsError> {
         loop {
-            match self.event()? {
-                Some(McapEvent::Read(need)) => {
-                    let buffer = self.reader.insert(need.clamp(1, BUFFER));
-                    let read = self.source.read(buffer).map_err(RecordsError::Io)?;
-                    let last = read.min(self.tail.len());
-                    self.tail.rotate_left(last);
-                    let place = self.tail.len() - last;
-                    self.tail[place..].copy_from_slice(&buffer[read - last..read]);
-                    self.bytes += read as u64;
-                    self.reader.notify_read(read);
+            if let Some(event) = self.of_chunk()? {
+                if let McapEvent::Record(record) = event {
+                    return Ok(Some(record));
                 }
+                continue;
+            }
+            let event = self.event()?;
+            match event {
+                Some(McapEvent::Read(need)) => self.read(need).map_err(RecordsError::Io)?,
                 Some(McapEvent::Header(header)) => self.is_own = is_own(&header),
                 Some(McapEvent::DataEnd) => self.data_ended = true,
                 Some(McapEvent::Footer) => self.finished = true,
                 Some(McapEvent::Other | McapEvent::Impossible(_)) => {}
+                Some(McapEvent::Chunk(content)) => self.take_chunk(content)?,
+                Some(McapEvent::Index(channel, messages)) => {
+                    self.indexed.iter_mut().for_each(|indexed| indexed.add(channel, messages));
+                }
                 Some(McapEvent::Record(record)) => return Ok(Some(record)),
                 None if self.truncated && self.tail == *MCAP_MAGIC => {
                     return Err(RecordsError::Invalid(format!("a record that is longer than the file; {DAMAGED}")));
@@ -112,6 +132,18 @@ impl Records {
                 None => return Ok(None),
             }
         }
+    }
+
+    fn read(&mut self, need: usize) -> io::Result<()> {
+        let buffer = self.reader.insert(need.clamp(1, BUFFER));
+        let read = self.source.read(buffer)?;
+        let last = read.min(self.tail.len());
+        self.tail.rotate_left(last);
+        let place = self.tail.len() - last;
+        self.tail[place..].copy_from_slice(&buffer[read - last..read]);
+        self.bytes += read as u64;
+        self.reader.notify_read(read);
+        Ok(())
     }
 
     /// Number of bytes read.
@@ -129,47 +161,124 @@ impl Records {
         Some(format!("the recording was not ended properly: {what}; everything before has been read"))
     }
 
-    /// The library's next event; `None` at the end.
+    /// Messages that have been passed over, since their channels are not wanted.
+    pub(crate) const fn skipped(&self) -> u64 {
+        self.skipped
+    }
+
+    /// The next event of the chunk that is read; `None` behind it.
+    fn of_chunk(&mut self) -> Result<Option<McapEvent>, RecordsError> {
+        let Some(chunk) = &mut self.chunk else { return Ok(None) };
+        let (data_ended, is_own) = (self.data_ended, self.is_own);
+        let event = catch_panic(|| {
+            let judged = chunk.next(|opcode, data| match foreign_to_chunk(opcode) {
+                Some(what) => Ok(McapEvent::Impossible(what)),
+                None => judged(opcode, data, data_ended, is_own),
+            });
+            judged.transpose().map(Result::flatten)
+        });
+        let event = checked(event)?;
+        if event.is_none() {
+            self.chunk = None;
+        }
+        Ok(event)
+    }
+
+    /// Takes a chunk: one that may have to be read waits for its index.
+    fn take_chunk(&mut self, content: Vec<u8>) -> Result<(), RecordsError> {
+        if self.unwanted.is_empty() || self.is_own {
+            return self.open(&content);
+        }
+        self.indexed = Some(Indexed::new(content));
+        Ok(())
+    }
+
+    /// Begins to read a chunk.
+    fn open(&mut self, content: &[u8]) -> Result<(), RecordsError> {
+        let counted = self.unpacked.add(content, self.bytes);
+        counted.map_err(|message| RecordsError::Invalid(format!("{message}; or {DAMAGED}")))?;
+        self.chunk = Some(Chunk::new(content));
+        Ok(())
+    }
+
+    /// The library's next event outside of chunks; `None` at the end.
     fn event(&mut self) -> Result<Option<McapEvent>, RecordsError> {
-        let invalid = |message: String| Err(RecordsError::Invalid(message));
+        if let Some(event) = self.after_index.take() {
+            return Ok(event);
+        }
+        steps::count(1);
         let (data_ended, is_own) = (self.data_ended, self.is_own);
         let event = catch_panic(|| {
             Some(match self.reader.next_event()? {
                 Ok(LinearReadEvent::ReadRequest(need)) => Ok(McapEvent::Read(need)),
-                Ok(LinearReadEvent::Record { opcode, data }) => {
-                    match impossible(opcode, data, data_ended).or_else(|| foreign(opcode, data).filter(|_| is_own)) {
-                        Some(what) => Ok(McapEvent::Impossible(what)),
-                        None => event_of(opcode, data),
-                    }
-                }
+                Ok(LinearReadEvent::Record { opcode, data }) => judged(opcode, data, data_ended, is_own),
                 Err(error) => Err(error),
             })
         });
+        // The file ends within a record.
+        if let Some(Some(Err(McapError::UnexpectedEof))) = event {
+            self.truncated = true;
+            return self.ended(None);
+        }
+        let event = checked(event)?;
         match event {
-            None => invalid("a record that cannot be read".to_owned()),
-            Some(None) => Ok(None),
-            Some(Some(Ok(McapEvent::Impossible(what)))) => invalid(what.to_owned()),
-            Some(Some(Ok(event))) => Ok(Some(event)),
-            // The file ends within a record.
-            Some(Some(Err(McapError::UnexpectedEof))) => {
-                self.truncated = true;
-                Ok(None)
-            }
-            Some(Some(Err(McapError::BadDataCrc { .. }))) => {
-                invalid(format!("outside of its chunks the file does not match its check; {DAMAGED}"))
-            }
-            Some(Some(Err(McapError::BadChunkCrc { .. }))) => {
-                invalid(format!("the chunk does not match its check; {DAMAGED}"))
-            }
-            Some(Some(Err(error))) => invalid(format!("not a valid MCAP file: {error}; {DAMAGED}")),
+            Some(McapEvent::Read(_) | McapEvent::Index(..)) => Ok(event),
+            event => self.ended(event),
         }
     }
+
+    /// Decides about the chunk whose index has ended, before `event`.
+    fn ended(&mut self, event: Option<McapEvent>) -> Result<Option<McapEvent>, RecordsError> {
+        let Some(indexed) = self.indexed.take() else { return Ok(event) };
+        if let Some(messages) = indexed.all_unwanted(&self.unwanted) {
+            self.skipped += messages;
+            return Ok(event);
+        }
+        self.after_index = Some(event);
+        self.open(indexed.chunk())?;
+        Ok(Some(McapEvent::Other))
+    }
+}
+
+/// How a file, or a part of one, is read.
+fn options() -> LinearReaderOptions {
+    LinearReaderOptions::default().with_skip_end_magic(true).with_emit_chunks(true).with_record_length_limit(MAX_RECORD)
+}
+
+/// What a record is.
+fn judged(opcode: u8, data: &[u8], data_ended: bool, is_own: bool) -> Result<McapEvent, McapError> {
+    match impossible(opcode, data, data_ended).or_else(|| foreign(opcode, data).filter(|_| is_own)) {
+        Some(what) => Ok(McapEvent::Impossible(what)),
+        None => event_of(opcode, data),
+    }
+}
+
+/// The event of a reader: `None` if the library has panicked.
+fn checked(event: Option<Option<Result<McapEvent, McapError>>>) -> Result<Option<McapEvent>, RecordsError> {
+    let message = match event {
+        None => "a record that cannot be read".to_owned(),
+        Some(None) => return Ok(None),
+        Some(Some(Ok(McapEvent::Impossible(what)))) => what.to_owned(),
+        Some(Some(Ok(event))) => return Ok(Some(event)),
+        Some(Some(Err(McapError::BadDataCrc { .. }))) => {
+            format!("outside of its chunks the file does not match its check; {DAMAGED}")
+        }
+        Some(Some(Err(McapError::BadChunkCrc { .. }))) => format!("the chunk does not match its check; {DAMAGED}"),
+        Some(Some(Err(error))) => format!("not a valid MCAP file: {error}; {DAMAGED}"),
+    };
+    Err(RecordsError::Invalid(message))
 }
 
 fn event_of(opcode: u8, data: &[u8]) -> Result<McapEvent, McapError> {
     Ok(match opcode {
         op::DATA_END => McapEvent::DataEnd,
         op::FOOTER => McapEvent::Footer,
+        op::CHUNK => McapEvent::Chunk(data.to_vec()),
+        op::MESSAGE_INDEX => {
+            // A channel, the bytes of times and places, and these.
+            let channel = data.first_chunk().map_or(0, |channel| u16::from_le_bytes(*channel));
+            McapEvent::Index(channel, data.len() as u64 / INDEX_ENTRY)
+        }
         op::HEADER | op::SCHEMA | op::CHANNEL | op::MESSAGE => match parse_record(opcode, data)?.into_owned() {
             Record::Header(header) => McapEvent::Header(header),
             record => McapEvent::Record(record),
@@ -179,21 +288,18 @@ fn event_of(opcode: u8, data: &[u8]) -> Result<McapEvent, McapError> {
 }
 
 /// Passes each record of a part of an MCAP file, which is in memory, to `take`: its kind, and its content. The records
-/// of a chunk come if it matches its check. With `begins`, the part is the begin of a file.
+/// of a chunk come if it matches its check. With `begins`, the part is the begin of a file. `unpacked`: what the chunks
+/// of the file, which has `length` bytes, have unpacked to.
 ///
 /// # Errors
 /// Those of `take`, or what is wrong with the part.
 pub(crate) fn each_record(
     mut part: &[u8],
     begins: bool,
+    (unpacked, length): (&mut Unpacked, u64),
     mut take: impl FnMut(u8, &[u8]) -> Result<(), String>,
 ) -> Result<(), String> {
-    let options = LinearReaderOptions::default()
-        .with_skip_start_magic(!begins)
-        .with_skip_end_magic(true)
-        .with_prevalidate_chunk_crcs(true)
-        .with_record_length_limit(MAX_RECORD);
-    let mut reader = LinearReader::new_with_options(options);
+    let mut reader = LinearReader::new_with_options(options().with_skip_start_magic(!begins));
     let read = || {
         loop {
             match reader.next_event() {
@@ -204,10 +310,18 @@ pub(crate) fn each_record(
                     reader.notify_read(now.len());
                     part = rest;
                 }
-                Some(Ok(LinearReadEvent::Record { opcode, data })) => take(opcode, data)?,
-                Some(Err(McapError::BadChunkCrc { .. })) => {
-                    return Err("the chunk does not match its check".to_owned());
+                Some(Ok(LinearReadEvent::Record { opcode: op::CHUNK, data })) => {
+                    unpacked.add(data, length)?;
+                    let mut chunk = Chunk::new(data);
+                    let mut taken = |opcode, data: &[u8]| match foreign_to_chunk(opcode) {
+                        Some(what) => Err(what.to_owned()),
+                        None => take(opcode, data),
+                    };
+                    while let Some(taken) = chunk.next(&mut taken).map_err(of_chunk)? {
+                        taken?;
+                    }
                 }
+                Some(Ok(LinearReadEvent::Record { opcode, data })) => take(opcode, data)?,
                 Some(Err(error)) => return Err(error.to_string()),
             }
         }
@@ -215,85 +329,10 @@ pub(crate) fn each_record(
     catch_panic(read).unwrap_or_else(|| Err("a record that cannot be read".to_owned()))
 }
 
-/// Whether the recorder wrote the file, and rows into it: ROS messages are none.
-pub(crate) fn is_own(header: &Header) -> bool {
-    header.library.starts_with(CREATOR) && header.profile.is_empty()
-}
-
-/// Why no writer writes such a record at this place.
-pub(crate) fn impossible(opcode: u8, data: &[u8], data_ended: bool) -> Option<&'static str> {
-    match opcode {
-        op::HEADER | op::SCHEMA | op::CHANNEL if !texts_fit(opcode, data) => {
-            Some("a text that is longer than its record")
-        }
-        op::MESSAGE_INDEX if !is_index(data) => Some("an index that is none"),
-        op::FOOTER
-        | op::CHUNK_INDEX
-        | op::ATTACHMENT_INDEX
-        | op::STATISTICS
-        | op::METADATA_INDEX
-        | op::SUMMARY_OFFSET
-            if !data_ended =>
-        {
-            Some("a record of the summary among the data")
-        }
-        0 | 0x10..=0x7f => Some("a record of no known kind"),
-        _ => None,
+/// What is wrong with a chunk.
+fn of_chunk(error: McapError) -> String {
+    match error {
+        McapError::BadChunkCrc { .. } => "the chunk does not match its check".to_owned(),
+        error => error.to_string(),
     }
-}
-
-/// Why the recorder does not write such a record.
-pub(crate) fn foreign(opcode: u8, data: &[u8]) -> Option<&'static str> {
-    match opcode {
-        0x80.. => Some("a record of no known kind"),
-        // Its first field is the time at which it was recorded, and that is the message's.
-        op::MESSAGE => match parse_record(opcode, data) {
-            Ok(Record::Message { header, data }) if begins_with(&data, 1, header.log_time) => None,
-            _ => Some("a message that is none of the recorder's"),
-        },
-        _ => None,
-    }
-}
-
-/// Whether the record is an index of messages: a channel, and times with places up to the end.
-fn is_index(record: &[u8]) -> bool {
-    let length = record.get(2..).and_then(<[u8]>::first_chunk).map(|length| u32::from_le_bytes(*length));
-    length.is_some_and(|length| length % 16 == 0 && record.len() == 6 + length as usize)
-}
-
-/// Whether the texts of a header, a schema or a channel end within its record. The library allocates the length that a
-/// text claims before it reads the text.
-fn texts_fit(opcode: u8, record: &[u8]) -> bool {
-    fn length(rest: &mut &[u8]) -> Option<usize> {
-        let (length, after) = rest.split_first_chunk()?;
-        *rest = after;
-        usize::try_from(u32::from_le_bytes(*length)).ok()
-    }
-    fn text(rest: &mut &[u8]) -> Option<()> {
-        let length = length(rest)?;
-        *rest = rest.get(length..)?;
-        Some(())
-    }
-    let fit = || {
-        // The numbers of schema and channel, then two names.
-        let numbers = match opcode {
-            op::CHANNEL => 4,
-            op::SCHEMA => 2,
-            _ => 0,
-        };
-        let mut rest = record.get(numbers..)?;
-        text(&mut rest)?;
-        text(&mut rest)?;
-        if opcode == op::CHANNEL {
-            // Keys and values, in this number of bytes.
-            let size = length(&mut rest)?;
-            let end = rest.len().checked_sub(size)?;
-            while rest.len() > end {
-                text(&mut rest)?;
-                text(&mut rest)?;
-            }
-        }
-        Some(())
-    };
-    fit().is_some()
 }

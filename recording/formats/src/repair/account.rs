@@ -34,6 +34,8 @@ pub(super) enum Keys {
 #[derive(Default)]
 pub(super) struct Account {
     streams: Vec<Stream>,
+    /// Their numbers by name.
+    numbers: HashMap<String, usize>,
     holes: Vec<OpenHole>,
     /// Whether no row has been taken since the last hole.
     in_hole: bool,
@@ -70,9 +72,10 @@ struct OpenHole {
 impl Account {
     /// The number of a stream.
     pub(super) fn stream(&mut self, name: &str, keys: Keys) -> usize {
-        if let Some(known) = self.streams.iter().position(|stream| stream.name == name) {
-            return known;
+        if let Some(known) = self.numbers.get(name) {
+            return *known;
         }
+        self.numbers.insert(name.to_owned(), self.streams.len());
         self.streams.push(Stream {
             name: name.to_owned(),
             keys,

@@ -1,23 +1,17 @@
 //! Finds the whole chunks of an MCAP file, and the damage between them.
 
-use crate::read::panics::catch_panic;
-use crate::read::records::{MAX_RECORD, each_record, foreign, impossible, is_own};
+use crate::read::chunk::{MAX_RECORD, Unpacked};
+use crate::read::plausible::{foreign, impossible, is_own};
+use crate::read::records::each_record;
+use crate::read::summary::{HEAD, bytes, parsed, parts, summary};
 use isotherm_recording::columns::MCAP_MAGIC;
 use mcap::parse_record;
 use mcap::records::{Metadata, Record, op};
 use std::fs::File;
 use std::io;
-use std::os::unix::fs::FileExt as _;
 
-/// Opcode and length of a record.
-const HEAD: usize = 9;
 /// The parts of a chunk before its records: times, size, CRC, a name of up to 4 letters, size.
 const CHUNK_HEAD: usize = 44;
-/// A footer with its head, and the last bytes of a file.
-const END: u64 = 37;
-/// Length of the record that says where a group of records of the summary is, and how many groups there can be.
-const SUMMARY_OFFSET: u64 = 26;
-const GROUPS: u64 = 8;
 /// Bytes that are looked through at once for a chunk.
 const WINDOW: usize = 1 << 20;
 /// Bytes of the file that are read, in multiples of its size, before the search for whole chunks is given up.
@@ -42,6 +36,7 @@ pub(super) struct Scan<'a> {
     sure: u64,
     /// Bytes that have been read to find whole chunks.
     spent: u64,
+    unpacked: Unpacked,
     profile: String,
     /// Whether the recorder wrote the file.
     is_own: bool,
@@ -70,6 +65,7 @@ impl<'a> Scan<'a> {
             at: 0,
             sure: MCAP_MAGIC.len() as u64,
             spent: 0,
+            unpacked: Unpacked::default(),
             profile,
             is_own: false,
             has_end: false,
@@ -97,42 +93,8 @@ impl<'a> Scan<'a> {
 
     /// The schemas, channels and statistics of the summary, if that matches its check.
     pub(super) fn summary(&mut self) -> io::Result<Vec<Record<'static>>> {
-        let Some(place) = self.size.checked_sub(END) else { return Ok(Vec::new()) };
-        let footer = self.bytes(place, END as usize)?;
-        let Some(Record::Footer(record)) = footer.get(HEAD..).and_then(|content| parsed(op::FOOTER, content)) else {
-            return Ok(Vec::new());
-        };
-        let is_footer = footer.first() == Some(&op::FOOTER) && footer.ends_with(MCAP_MAGIC);
-        if !is_footer || record.summary_start == 0 || record.summary_crc == 0 {
-            self.has_end = is_footer;
-            return Ok(Vec::new());
-        }
-        // Where it begins, and if bytes are missing or more before it, its length: that of its parts.
-        let groups = record.summary_offset_start.checked_sub(record.summary_start);
-        let shifted = (0..=GROUPS).filter_map(|count| Some(groups? + count * SUMMARY_OFFSET));
-        let lengths = place.checked_sub(record.summary_start).into_iter().chain(shifted);
-        let mut found = None;
-        for length in lengths.filter(|length| *length <= place.min(MAX_RECORD as u64)) {
-            let bytes = self.bytes(place - length, length as usize)?;
-            let mut hasher = crc32fast::Hasher::new();
-            hasher.update(&bytes);
-            hasher.update(&footer[..HEAD + 16]);
-            if hasher.finalize() == record.summary_crc {
-                found = Some(bytes);
-                break;
-            }
-        }
-        let Some(bytes) = found else { return Ok(Vec::new()) };
-        self.has_end = true;
-        let (mut rest, mut records) = (&bytes[..], Vec::new());
-        while let Some((opcode, length)) = parts(rest) {
-            let content = usize::try_from(length).ok().and_then(|length| rest.get(HEAD..HEAD.checked_add(length)?));
-            let Some(content) = content else { break };
-            if matches!(opcode, op::SCHEMA | op::CHANNEL | op::STATISTICS) {
-                records.extend(parsed(opcode, content));
-            }
-            rest = &rest[HEAD + content.len()..];
-        }
+        let (records, has_end) = summary(self.file, self.size)?;
+        self.has_end = has_end;
         Ok(records)
     }
 
@@ -183,7 +145,7 @@ impl<'a> Scan<'a> {
             self.at = end;
             match opcode {
                 op::CHUNK => {
-                    let cause = match chunk(&[head, content].concat()) {
+                    let cause = match self.chunk(&[head, content].concat()) {
                         Ok(found) => {
                             self.sure = end;
                             return Ok(Some(found.at(at)));
@@ -267,7 +229,7 @@ impl<'a> Scan<'a> {
                 if self.spent > PATIENCE.saturating_mul(self.size) {
                     return Ok(None);
                 }
-                if chunk(&self.bytes(begin, HEAD + length as usize)?).is_ok() {
+                if self.chunk(&self.bytes(begin, HEAD + length as usize)?).is_ok() {
                     return Ok(Some(begin));
                 }
             }
@@ -288,12 +250,24 @@ impl<'a> Scan<'a> {
         })
     }
 
+    /// The records of a chunk, if it matches its CRC.
+    fn chunk(&mut self, record: &[u8]) -> Result<ScanEvent, String> {
+        let crc = record.get(HEAD + 24..HEAD + 28).unwrap_or_default();
+        let is_checked = crc.iter().any(|byte| *byte != 0);
+        let mut records = Vec::new();
+        each_record(record, false, (&mut self.unpacked, self.size), |opcode, data| {
+            if let Some(cause) = impossible(opcode, data, false) {
+                return Err(cause.to_owned());
+            }
+            records.push(parse_record(opcode, data).map_err(|error| error.to_string())?.into_owned());
+            Ok(())
+        })?;
+        Ok(ScanEvent::Records { records, is_checked, at: 0 })
+    }
+
     /// Up to so many bytes from a place on.
     fn bytes(&self, at: u64, length: usize) -> io::Result<Vec<u8>> {
-        let there = usize::try_from(self.size.saturating_sub(at)).unwrap_or(usize::MAX);
-        let mut bytes = vec![0; length.min(there)];
-        self.file.read_exact_at(&mut bytes, at)?;
-        Ok(bytes)
+        bytes(self.file, self.size, at, length)
     }
 }
 
@@ -306,12 +280,6 @@ impl ScanEvent {
     }
 }
 
-/// Opcode and length of a record.
-fn parts(bytes: &[u8]) -> Option<(u8, u64)> {
-    let (opcode, rest) = bytes.split_first()?;
-    Some((*opcode, u64::from_le_bytes(*rest.first_chunk()?)))
-}
-
 /// The length of the content of a chunk that begins here, if its parts agree about it.
 fn chunk_length(bytes: &[u8]) -> Option<u64> {
     let (opcode, length) = parts(bytes)?;
@@ -322,27 +290,4 @@ fn chunk_length(bytes: &[u8]) -> Option<u64> {
     let records = u64::from_le_bytes(*head.get(32 + name..)?.first_chunk()?);
     let whole = (40 + name as u64).checked_add(records)?;
     (opcode == op::CHUNK && is_known && whole == length && length <= MAX_RECORD as u64).then_some(length)
-}
-
-/// The records of a chunk, if it matches its CRC.
-fn chunk(record: &[u8]) -> Result<ScanEvent, String> {
-    let crc = record.get(HEAD + 24..HEAD + 28).unwrap_or_default();
-    let is_checked = crc.iter().any(|byte| *byte != 0);
-    let mut records = Vec::new();
-    each_record(record, false, |opcode, data| {
-        if let Some(cause) = impossible(opcode, data, false) {
-            return Err(cause.to_owned());
-        }
-        records.push(parse_record(opcode, data).map_err(|error| error.to_string())?.into_owned());
-        Ok(())
-    })?;
-    Ok(ScanEvent::Records { records, is_checked, at: 0 })
-}
-
-/// A record outside of chunks; `None` if it is damaged.
-fn parsed(opcode: u8, content: &[u8]) -> Option<Record<'static>> {
-    if impossible(opcode, content, true).is_some() {
-        return None;
-    }
-    catch_panic(|| parse_record(opcode, content).ok().map(Record::into_owned)).flatten()
 }

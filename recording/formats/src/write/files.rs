@@ -318,7 +318,8 @@ impl Files {
     fn is_full(&self) -> bool {
         let old = self.rotation.time.is_some_and(|time| self.opened.elapsed() >= time);
         let large = self.rotation.size.is_some_and(|most| self.open.iter().any(|file| file.size() >= most));
-        self.has_rows && (old || large)
+        // A Parquet file stays readable however long the recording is.
+        self.has_rows && (old || large || self.open.iter().any(OpenFile::is_full))
     }
 
     /// Opens the next files and returns the previous ones.
@@ -393,4 +394,64 @@ fn file_name(name: &Path, imu: &ImuId, end: &str) -> PathBuf {
     let (Some(stem), false) = (path.file_stem(), end.is_empty()) else { return PathBuf::from(text) };
     let extension = path.extension().map(|extension| format!(".{}", extension.to_string_lossy()));
     path.with_file_name(format!("{}{end}{}", stem.to_string_lossy(), extension.unwrap_or_default()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::parquet::LONGEST_FOOTER;
+    use super::*;
+    use crate::read::{ImuChoice, Samples};
+    use indicatif::ProgressBar;
+    use isotherm_shared::wire::{RawSample, StreamSample};
+
+    /// Row groups of a row instead of 65 536: a hundred of them are two hours at 1 kHz. The footer may have a sixteenth
+    /// of what it may have else.
+    #[test]
+    fn a_long_recording_in_parquet_goes_on_in_the_next_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("r.parquet");
+        let imus = ["imu-a".parse().unwrap()];
+        let streams = [(0, StreamKind::Raw)];
+        let created = Files::create(&path, Format::Parquet, Rotation::default(), &imus, &streams);
+        let Ok(mut files) = created else { panic!("no file") };
+        files.open[0].shorten(LONGEST_FOOTER / 16);
+        let (mut rows, mut lengths) = (0_u64, Vec::new());
+        while files.current_paths() == [path.clone()] {
+            for _ in 0..8 {
+                let raw = RawSample { sequence: rows, timestamp_ns: rows + 1, interval_ns: 1, ..RawSample::default() };
+                let row = RecordedRow { imu: 0, recorded_ns: 0, sample: StreamSample::Raw(raw) };
+                assert!(matches!(files.write(&row), Ok(None)));
+                rows += 1;
+            }
+            assert!(files.flush().is_ok());
+            // The last bytes are the footer's length, and a magic number.
+            let bytes = fs::read(&path).unwrap();
+            lengths.push(u32::from_le_bytes(*bytes[bytes.len() - 8..].first_chunk().unwrap()));
+        }
+        assert_eq!(files.current_paths(), [folder.path().join("r-0002.parquet")]);
+        // It grows in proportion to the groups; a whole one is a quarter of what is read.
+        let [half, all] = [lengths[lengths.len() / 2 - 1], lengths[lengths.len() - 1]].map(f64::from);
+        let groups = lengths.len() as f64;
+        assert!((all / half * (groups / 2.0).floor() / groups - 1.0).abs() < 0.05, "{half} {all}");
+        assert!(all < 1.2 * LONGEST_FOOTER as f64 / 16.0 && rows > 50, "{all} bytes, {rows} groups");
+        assert!(
+            files
+                .write(&RecordedRow {
+                    imu: 0,
+                    recorded_ns: 0,
+                    sample: StreamSample::Raw(RawSample {
+                        sequence: rows,
+                        timestamp_ns: rows + 1,
+                        interval_ns: 1,
+                        ..RawSample::default()
+                    }),
+                })
+                .is_ok_and(|more| more.is_none())
+        );
+        assert!(files.finish().is_ok());
+        let paths = [path, folder.path().join("r-0002.parquet")];
+        let samples =
+            Samples::open(&paths, ImuChoice::Any, &ProgressBar::hidden()).unwrap_or_else(|failure| panic!("{failure}"));
+        assert!(samples.map(|sample| sample.unwrap_or_else(|failure| panic!("{failure}")).sequence).eq(0..=rows));
+    }
 }

@@ -146,6 +146,19 @@ impl OpenFile {
         result.map_err(|error| self.failed(error))
     }
 
+    /// Whether the file has grown so long that the rows should go on in another one.
+    pub(super) fn is_full(&self) -> bool {
+        matches!(&self.writer, FormatWriter::Parquet(file) if file.is_full())
+    }
+
+    /// Ends row groups of Parquet after a row, and the file at a footer of this length.
+    #[cfg(test)]
+    pub(super) fn shorten(&mut self, longest_footer: usize) {
+        if let FormatWriter::Parquet(file) = &mut self.writer {
+            file.shorten(longest_footer);
+        }
+    }
+
     /// How much of the disk the next flush takes at most \[bytes\], with so many rows that are not written.
     pub(super) fn needs(&self, rows: u64) -> u64 {
         /// More than a row takes that is no text.

@@ -1,5 +1,5 @@
 //! Recordings and foreign data, as other programs write them.
-#![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
+#![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 mod continuity;
 mod convert;
@@ -15,6 +15,7 @@ mod convert_thermometers;
 mod convert_time;
 mod convert_vehicle;
 mod foreign;
+mod hostile;
 mod joined;
 mod layouts;
 mod logs;

@@ -9,6 +9,7 @@
 use super::dataflash_format::{Body, FMT, FMT_LENGTH, Format, HEADER};
 use super::dataflash_json::{JsonMessage, first_message};
 use super::window::{Damage, Window};
+use crate::steps;
 use isotherm_recording::RecordingError;
 use isotherm_shared::content::{DATAFLASH_MAGIC, is_dataflash_text};
 use std::collections::HashMap;
@@ -199,6 +200,7 @@ impl Binary {
     /// Goes to the next place where two messages follow each other, or one up to the end; `false` if there is none.
     fn find(&mut self) -> io::Result<bool> {
         loop {
+            steps::count(1);
             self.window.pass(1);
             if self.window.is_at_end()? {
                 return Ok(false);
@@ -215,6 +217,7 @@ impl Text {
     fn next(&mut self) -> io::Result<Option<Message<'_>>> {
         let format = loop {
             self.line += 1;
+            steps::count(1);
             let mut bytes = Vec::new();
             if (&mut self.source).take(MAX_LINE).read_until(b'\n', &mut bytes)? == 0 {
                 self.line -= 1;

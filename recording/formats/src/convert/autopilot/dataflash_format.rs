@@ -4,6 +4,7 @@
 //! definition has number, length with the header, name, a letter per column, and the names of the columns. Values are
 //! little-endian and not aligned.
 
+use crate::steps;
 use isotherm_shared::wire::AXES;
 
 /// Length of the header of a binary message.
@@ -12,6 +13,9 @@ pub(super) const HEADER: usize = 3;
 pub(super) const FMT: u8 = 0x80;
 /// Length of a definition itself, with the header \[bytes\].
 pub(super) const FMT_LENGTH: usize = 89;
+
+/// Most columns of a message; a binary definition has 16 letters.
+const MAX_COLUMNS: usize = 64;
 
 /// How a message is built.
 #[derive(Debug)]
@@ -62,7 +66,8 @@ impl Format {
     pub(super) fn new(number: u8, length: usize, name: &str, letters: &str, names: &str) -> Self {
         let mut at = 0;
         let names = names.split(',').map(|name| name.trim().to_owned());
-        let columns = letters.bytes().zip(names).map(|(kind, name)| {
+        let columns = letters.bytes().zip(names).take(MAX_COLUMNS).map(|(kind, name)| {
+            steps::count(1);
             let column = Column { name, kind, at };
             at += size(kind);
             column
@@ -89,6 +94,7 @@ impl Format {
 
     /// Of a message of which the names of the columns are known alone.
     pub(super) fn of_names(name: &str, names: &[&str]) -> Self {
+        let names = &names[..names.len().min(MAX_COLUMNS)];
         Self::new(0, HEADER, name, &"-".repeat(names.len()), &names.join(","))
     }
 

@@ -11,6 +11,7 @@
 use super::reports::Aspect;
 use super::ulog_format::{Formats, Lengths, SensorLayout, StateLayout, WrongDefinition};
 use super::window::{Damage, Window};
+use crate::steps;
 use isotherm_recording::RecordingError;
 use isotherm_shared::content::ULOG_MAGIC;
 use std::collections::HashMap;
@@ -169,7 +170,7 @@ impl Messages {
                 b'A' => {
                     let (instance, number) = (body[0], u16::from_le_bytes([body[1], body[2]]));
                     let name = String::from_utf8_lossy(&body[3..]).into_owned();
-                    let subscription = Subscription::new(&self.formats, &name, instance);
+                    let subscription = Subscription::new(&mut self.formats, &name, instance);
                     self.subscriptions.insert(number, Rc::new(subscription));
                 }
                 // Flags are the first message.
@@ -201,6 +202,7 @@ impl Messages {
     fn advance(&mut self) -> io::Result<Option<usize>> {
         self.window.pass(core::mem::take(&mut self.held));
         while !self.window.is_at_end()? {
+            steps::count(1);
             let place = self.window.place();
             let standing = self.standing()?;
             // A message before appended data may be cut.
@@ -235,6 +237,7 @@ impl Messages {
     fn find(&mut self, boundary: Option<u64>) -> io::Result<bool> {
         let limit = boundary.map(|boundary| self.window.place() + boundary);
         loop {
+            steps::count(1);
             self.window.pass(1);
             if self.window.is_at_end()? {
                 return Ok(false);
@@ -340,7 +343,7 @@ impl Messages {
 }
 
 impl Subscription {
-    fn new(formats: &Formats, name: &str, instance: u8) -> Self {
+    fn new(formats: &mut Formats, name: &str, instance: u8) -> Self {
         let state = STATES.iter().find(|state| state.topic == name);
         let topic = TOPICS.iter().find(|(known, _)| *known == name).map(|(_, topic)| *topic);
         let topic = topic.or(state.map(Topic::State)).unwrap_or(Topic::Other);

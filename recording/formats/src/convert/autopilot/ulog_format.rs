@@ -4,6 +4,11 @@
 //! another definition. Values are little-endian and not aligned: padding has fields of its own, `_padding..`, and at
 //! the end of a message it is not written.
 
+//!
+//! Each field is resolved once, however many types have its type: what is known of a definition is kept, and goes on
+//! from the first field whose type has not been defined yet.
+
+use crate::steps;
 use isotherm_shared::wire::AXES;
 use std::collections::HashMap;
 
@@ -11,15 +16,36 @@ use std::collections::HashMap;
 const MAX_TEXT: usize = 1 << 22;
 /// Most types within each other.
 const MAX_DEPTH: usize = 16;
+/// Most fields of a definition. PX4's longest have a few hundred.
+const MAX_FIELDS: usize = 4096;
+/// Longest name, and longest field \[bytes\].
+const MAX_NAME: usize = 256;
+const MAX_FIELD: usize = 1024;
 /// Longest message \[bytes\].
 const MAX_SIZE: usize = u16::MAX as usize;
 
 /// All definitions.
 #[derive(Default)]
 pub(super) struct Formats {
-    /// The fields of each name, as text.
-    fields: HashMap<String, String>,
+    definitions: HashMap<String, Definition>,
     text: usize,
+    /// What was found of the topics that concern a conversion.
+    sensors: HashMap<String, Result<SensorLayout, String>>,
+    states: HashMap<String, Option<StateLayout>>,
+}
+
+/// A definition, as far as it is resolved.
+#[derive(Clone, Default)]
+struct Definition {
+    /// Its fields.
+    text: String,
+    /// Bytes of the text that are resolved, and the fields in them.
+    passed: usize,
+    fields: usize,
+    /// The lengths of these fields.
+    lengths: Lengths,
+    /// Whether it is being resolved.
+    is_open: bool,
 }
 
 /// Why a definition is not taken.
@@ -32,7 +58,7 @@ pub(super) enum WrongDefinition {
 }
 
 /// Lengths of the data of a message: without the padding at its end, and with it.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub(super) struct Lengths {
     pub(super) least: usize,
     pub(super) most: usize,
@@ -80,108 +106,149 @@ struct Field<'a> {
     count: usize,
 }
 
+/// A field, and its first byte in a message.
+struct Placed<'a> {
+    field: Field<'a>,
+    at: usize,
+}
+
 impl Formats {
     /// Takes a definition.
     ///
     /// # Errors
-    /// If it is none, or if there are too many.
+    /// If it is none, or another one of a name that has one; if there are too many.
     pub(super) fn add(&mut self, definition: &[u8]) -> Result<(), WrongDefinition> {
         let text = str::from_utf8(definition).ok().and_then(|text| text.split_once(':'));
-        let (name, fields) = text.ok_or(WrongDefinition::None)?;
+        let (name, fields) = text.filter(|(name, _)| name.len() <= MAX_NAME).ok_or(WrongDefinition::None)?;
+        match self.definitions.get(name.trim()) {
+            Some(known) if known.text == fields => return Ok(()),
+            Some(_) => return Err(WrongDefinition::None),
+            None => {}
+        }
         self.text += definition.len();
         if self.text > MAX_TEXT {
             let message = format!("over {MAX_TEXT} bytes of definitions; the log is damaged");
             return Err(WrongDefinition::TooMany(message));
         }
-        self.fields.insert(name.trim().to_owned(), fields.to_owned());
+        let definition = Definition { text: fields.to_owned(), ..Definition::default() };
+        self.definitions.insert(name.trim().to_owned(), definition);
         Ok(())
     }
 
     /// The lengths of a message of this name.
-    pub(super) fn lengths(&self, name: &str) -> Result<Lengths, String> {
-        let (mut least, mut most) = (0, 0);
-        for (field, _, end) in self.placed(name)? {
-            most = end;
-            if !field.name.starts_with("_padding") {
-                least = end;
-            }
-        }
-        Ok(Lengths { least, most })
+    pub(super) fn lengths(&mut self, name: &str) -> Result<Lengths, String> {
+        self.resolve(name, MAX_DEPTH)
     }
 
     /// Where a sensor of this name has its values.
-    pub(super) fn sensor(&self, name: &str) -> Result<SensorLayout, String> {
-        let placed = self.placed(name)?;
-        let of = |wanted: &str, kinds: &[&str]| {
-            let mut all = placed.iter().filter(|(field, ..)| field.name == wanted && field.count == 1);
-            all.find(|(field, ..)| kinds.contains(&field.kind)).map(|(field, at, _)| (field.kind, *at))
-        };
-        let real = |wanted: &str| {
-            let (kind, at) = of(wanted, &["float", "double"])?;
-            Some(if kind == "float" { Real::Float(at) } else { Real::Double(at) })
-        };
-        let missing =
-            |wanted: &str| format!("{name} has no {wanted} as the log defines it; is it of PX4, 1.9 or later?");
-        let mut values = [Real::Float(0); AXES];
-        for (value, axis) in values.iter_mut().zip(["x", "y", "z"]) {
-            *value = real(axis).ok_or_else(|| missing(axis))?;
+    pub(super) fn sensor(&mut self, name: &str) -> Result<SensorLayout, String> {
+        if let Some(known) = self.sensors.get(name) {
+            return known.clone();
         }
-        Ok(SensorLayout {
-            timestamp: of("timestamp", &["uint64_t"]).ok_or_else(|| missing("timestamp"))?.1,
-            sample: of("timestamp_sample", &["uint64_t"]).map(|(_, at)| at),
-            device: of("device_id", &["uint32_t"]).map(|(_, at)| at),
-            values,
-            temperature: real("temperature"),
-        })
+        self.lengths(name)?;
+        let layout = SensorLayout::of(name, &self.placed(name)?);
+        self.sensors.insert(name.to_owned(), layout.clone());
+        layout
     }
 
     /// Where a message of this name has its time and the byte of this name; `None` if it has none.
-    pub(super) fn state(&self, name: &str, field: &str) -> Option<StateLayout> {
-        let placed = self.placed(name).ok()?;
-        let of = |wanted: &str, kinds: &[&str]| {
-            let is_wanted = |of: &Field<'_>| of.name == wanted && of.count == 1 && kinds.contains(&of.kind);
-            placed.iter().find(|(of, ..)| is_wanted(of)).map(|(_, at, _)| *at)
-        };
-        Some(StateLayout { timestamp: of("timestamp", &["uint64_t"])?, state: of(field, &["uint8_t", "bool"])? })
+    pub(super) fn state(&mut self, name: &str, field: &str) -> Option<StateLayout> {
+        if let Some(known) = self.states.get(name) {
+            return *known;
+        }
+        self.lengths(name).ok()?;
+        let layout = StateLayout::of(&self.placed(name).ok()?, field);
+        self.states.insert(name.to_owned(), layout);
+        layout
     }
 
-    /// The fields of a message of this name, each with its first byte and the one behind it.
-    fn placed<'a>(&'a self, name: &str) -> Result<Vec<(Field<'a>, usize, usize)>, String> {
-        let fields = self.fields.get(name).ok_or_else(|| format!("no definition of {name}; the log is damaged"))?;
+    /// The fields of a message of this name, whose types are resolved, each with its first byte.
+    fn placed<'a>(&'a self, name: &str) -> Result<Vec<Placed<'a>>, String> {
         let (mut placed, mut at) = (Vec::new(), 0);
-        for field in split(fields) {
+        for field in split(self.definitions.get(name).map_or("", |definition| &definition.text)) {
+            steps::count(1);
             let field = field?;
-            let end = at + self.size(&field, MAX_DEPTH)?;
-            if end > MAX_SIZE {
-                return Err(format!("{name} has over {MAX_SIZE} bytes; the log is damaged"));
-            }
-            placed.push((field, at, end));
-            at = end;
+            let nested = || self.definitions.get(field.kind).map_or(0, Definition::size);
+            let length = basic(field.kind).unwrap_or_else(nested) * field.count;
+            placed.push(Placed { field, at });
+            at += length;
         }
         Ok(placed)
     }
 
-    fn size(&self, field: &Field<'_>, depth: usize) -> Result<usize, String> {
-        let one = match field.kind {
-            "int8_t" | "uint8_t" | "bool" | "char" => 1,
-            "int16_t" | "uint16_t" => 2,
-            "int32_t" | "uint32_t" | "float" => 4,
-            "int64_t" | "uint64_t" | "double" => 8,
-            nested => {
-                let fields = self.fields.get(nested).filter(|_| depth > 0);
-                let fields = fields.ok_or_else(|| format!("no definition of {nested}; the log is damaged"))?;
-                let mut sum = 0;
-                for field in split(fields) {
-                    sum += self.size(&field?, depth - 1)?;
-                    if sum > MAX_SIZE {
-                        return Err(format!("{nested} has over {MAX_SIZE} bytes; the log is damaged"));
-                    }
-                }
-                // Without a byte, types within types could take for ever.
-                sum.max(1)
+    /// Resolves the fields of a definition that are not yet, and those of its types. `depth`: types that may be within
+    /// each other.
+    fn resolve(&mut self, name: &str, depth: usize) -> Result<Lengths, String> {
+        let missing = || format!("no definition of {name}; the log is damaged");
+        let known = self.definitions.get_mut(name).ok_or_else(missing)?;
+        if known.passed == known.text.len() && !known.is_open {
+            return Ok(known.lengths);
+        }
+        if depth == 0 || known.is_open {
+            return Err(format!("{name} is within itself, or within over {MAX_DEPTH} types; the log is damaged"));
+        }
+        let open = Definition { is_open: true, ..Definition::default() };
+        let mut definition = std::mem::replace(known, open);
+        let resolved = self.go_on(name, &mut definition, depth);
+        let lengths = definition.lengths;
+        if let Some(known) = self.definitions.get_mut(name) {
+            *known = definition;
+        }
+        resolved.map(|()| lengths)
+    }
+
+    /// Resolves the fields that are left.
+    fn go_on(&mut self, name: &str, definition: &mut Definition, depth: usize) -> Result<(), String> {
+        let Definition { text, passed, fields, lengths, .. } = definition;
+        while *passed < text.len() {
+            steps::count(1);
+            let rest = &text[*passed..];
+            let end = rest.bytes().take(MAX_FIELD).position(|byte| byte == b';').map_or(rest.len(), |at| at + 1);
+            if end > MAX_FIELD {
+                return Err(format!("{name} has a field of over {MAX_FIELD} bytes; the log is damaged"));
             }
-        };
-        Ok(one * field.count)
+            if let Some(field) = split(&rest[..end]).next() {
+                let field = field?;
+                let one = match basic(field.kind) {
+                    Some(size) => size,
+                    None => {
+                        self.resolve(field.kind, depth - 1)?;
+                        self.definitions.get(field.kind).map_or(0, Definition::size)
+                    }
+                };
+                *fields += 1;
+                let most = lengths.most + one * field.count;
+                if most > MAX_SIZE || *fields > MAX_FIELDS {
+                    return Err(format!(
+                        "{name} has over {MAX_SIZE} bytes, or over {MAX_FIELDS} fields; the log is damaged"
+                    ));
+                }
+                lengths.most = most;
+                if !field.name.starts_with("_padding") {
+                    lengths.least = most;
+                }
+            }
+            *passed += end;
+        }
+        Ok(())
+    }
+}
+
+impl Definition {
+    /// Its bytes as those of a field. Without a byte, types within types could take for ever.
+    fn size(&self) -> usize {
+        self.lengths.most.max(1)
+    }
+}
+
+/// The bytes of a type that needs no definition.
+fn basic(kind: &str) -> Option<usize> {
+    match kind {
+        "int8_t" | "uint8_t" | "bool" | "char" => Some(1),
+        "int16_t" | "uint16_t" => Some(2),
+        "int32_t" | "uint32_t" | "float" => Some(4),
+        "int64_t" | "uint64_t" | "double" => Some(8),
+        _ => None,
     }
 }
 
@@ -198,7 +265,34 @@ fn split(fields: &str) -> impl Iterator<Item = Result<Field<'_>, String>> {
     })
 }
 
+/// The first of the fields with this name and one of these types: its type and its place.
+fn single<'a>(placed: &[Placed<'a>], name: &str, kinds: &[&str]) -> Option<(&'a str, usize)> {
+    let mut all = placed.iter().filter(|placed| placed.field.name == name && placed.field.count == 1);
+    all.find(|placed| kinds.contains(&placed.field.kind)).map(|placed| (placed.field.kind, placed.at))
+}
+
 impl SensorLayout {
+    fn of(name: &str, placed: &[Placed<'_>]) -> Result<Self, String> {
+        let of = |wanted: &str, kind: &str| single(placed, wanted, &[kind]).map(|(_, at)| at);
+        let real = |wanted: &str| {
+            let (kind, at) = single(placed, wanted, &["float", "double"])?;
+            Some(if kind == "float" { Real::Float(at) } else { Real::Double(at) })
+        };
+        let missing =
+            |wanted: &str| format!("{name} has no {wanted} as the log defines it; is it of PX4, 1.9 or later?");
+        let mut values = [Real::Float(0); AXES];
+        for (value, axis) in values.iter_mut().zip(["x", "y", "z"]) {
+            *value = real(axis).ok_or_else(|| missing(axis))?;
+        }
+        Ok(Self {
+            timestamp: of("timestamp", "uint64_t").ok_or_else(|| missing("timestamp"))?,
+            sample: of("timestamp_sample", "uint64_t"),
+            device: of("device_id", "uint32_t"),
+            values,
+            temperature: real("temperature"),
+        })
+    }
+
     /// The row in the data of a message; `None` if they are too short.
     pub(super) fn row(&self, data: &[u8]) -> Option<SensorRow> {
         let time_us = match self.sample.map(|at| bytes(data, at).map(u64::from_le_bytes)) {
@@ -222,6 +316,12 @@ impl SensorLayout {
 }
 
 impl StateLayout {
+    fn of(placed: &[Placed<'_>], field: &str) -> Option<Self> {
+        let (_, timestamp) = single(placed, "timestamp", &["uint64_t"])?;
+        let (_, state) = single(placed, field, &["uint8_t", "bool"])?;
+        Some(Self { timestamp, state })
+    }
+
     /// Time \[us\] and state in the data of a message; `None` if they are too short.
     pub(super) fn read(self, data: &[u8]) -> Option<(u64, u8)> {
         let [state] = bytes(data, self.state)?;
@@ -254,7 +354,7 @@ mod tests {
 
     #[test]
     fn nested_types_arrays_and_padding_have_their_bytes() {
-        let formats = formats(&[
+        let mut formats = formats(&[
             "inner:uint8_t a;uint16_t[3] b;",
             "middle:inner[2] i;double d;",
             "sensor_accel:middle m;char[5] name;uint64_t timestamp;uint8_t[2] _padding0;double x;float y;float z;\
@@ -275,8 +375,8 @@ mod tests {
 
     #[test]
     fn wrong_definitions_are_refused() {
-        let endless = formats(&["a:b b;", "b:a a;", "c:d d;", "e:uint8_t[65535] x;uint8_t y;", "f:g[9] x;", "g:;"]);
-        assert!(endless.lengths("a").unwrap_err().contains("no definition of"));
+        let mut endless = formats(&["a:b b;", "b:a a;", "c:d d;", "e:uint8_t[65535] x;uint8_t y;", "f:g[9] x;", "g:;"]);
+        assert!(endless.lengths("a").unwrap_err().contains("a is within itself"));
         assert!(endless.lengths("c").unwrap_err().contains("no definition of d"));
         assert!(endless.lengths("e").unwrap_err().contains("over 65535 bytes"));
         assert_eq!(endless.lengths("f"), Ok(Lengths { least: 9, most: 9 }));
@@ -294,5 +394,54 @@ mod tests {
         assert!(Formats::default().add(b"no colon").is_err() && Formats::default().add(b"\xff:").is_err());
         let sensor = formats(&["sensor_gyro:uint64_t timestamp;float x;float y;"]).sensor("sensor_gyro").unwrap_err();
         assert!(sensor.contains("sensor_gyro has no z"), "{sensor}");
+        let mut twice = formats(&["x:float a;", "x:float a;"]);
+        assert!(twice.add(b"x:double a;").is_err());
+        assert_eq!(twice.lengths("x"), Ok(Lengths { least: 4, most: 4 }));
+        let name = "n".repeat(MAX_NAME + 1);
+        assert!(twice.add(format!("{name}:float a;").as_bytes()).is_err());
+        assert!(formats(&[&format!("x:{name}{name}{name}{name} a;")]).lengths("x").unwrap_err().contains("over 1024"));
+        let many = "uint8_t[0] x;".repeat(MAX_FIELDS + 1);
+        assert!(formats(&[&format!("x:{many}")]).lengths("x").unwrap_err().contains("over 4096 fields"));
+    }
+
+    /// What a definition lacked before is found once it is there.
+    #[test]
+    fn a_type_may_be_defined_behind_its_use() {
+        let mut formats = formats(&["x:uint8_t a;inner b;uint8_t c;"]);
+        for _ in 0..3 {
+            assert!(formats.lengths("x").unwrap_err().contains("no definition of inner"));
+        }
+        formats.add(b"inner:float a;").unwrap();
+        assert_eq!(formats.lengths("x"), Ok(Lengths { least: 6, most: 6 }));
+    }
+
+    /// The steps that it takes to ask as often for the lengths of a type as there are bytes of definitions.
+    fn steps_of(mut formats: Formats, name: &str, more: impl Fn(usize) -> Option<String>) -> (u64, usize) {
+        let begun = steps::taken();
+        for asked in 0..formats.text {
+            let _ = (formats.lengths(name), formats.sensor(name), formats.state(name, "armed"));
+            more(asked).into_iter().for_each(|definition| formats.add(definition.as_bytes()).unwrap());
+        }
+        (steps::taken() - begun, formats.text)
+    }
+
+    /// A hundred fields of each type within the next one, as deep as may be; fields of one byte; fields whose types
+    /// are defined one after the other, each before the next question.
+    #[test]
+    fn each_field_is_resolved_once() {
+        let level = |level: usize| format!("t{level}:{}", format!("t{} x;", level + 1).repeat(100));
+        let nested: Vec<String> = (0..12).map(level).chain(["t12:uint8_t[0] x;".to_owned()]).collect();
+        let nested: Vec<&str> = nested.iter().map(String::as_str).collect();
+        let wide = format!("sensor_accel:{}", "uint8_t x;".repeat(4000));
+        let late = format!("x:{}", (0..1000).map(|at| format!("t{at} f;")).collect::<String>());
+        let found = [
+            steps_of(formats(&nested), "t0", |_| None),
+            steps_of(formats(&[&wide]), "sensor_accel", |_| None),
+            steps_of(formats(&[&late]), "x", |asked| (asked < 1000).then(|| format!("t{asked}:char c;"))),
+        ];
+        for (number, (steps, bytes)) in found.into_iter().enumerate() {
+            let most = 4 * MAX_DEPTH * bytes;
+            assert!(steps <= most as u64, "{number}: {steps} steps for {bytes} bytes, asked as often");
+        }
     }
 }

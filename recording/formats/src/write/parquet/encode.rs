@@ -32,8 +32,10 @@ pub(super) struct Encoder {
     properties: WriterPropertiesPtr,
     open: OpenGroup,
     file: FileEncoder,
-    /// Rows of a full row group: [`ROW_GROUP`], and fewer in tests.
+    /// Rows of a full row group: [`ROW_GROUP`], fewer in tests, and more in a long file that is not flushed.
     pub(super) group_rows: usize,
+    /// Length of the last footer \[bytes\].
+    pub(super) footer: usize,
 }
 
 impl Encoder {
@@ -44,7 +46,7 @@ impl Encoder {
         let created_by = Some(properties.created_by().to_owned());
         let parts = FileParts { schema, created_by, metadata: metadata(&columns, imu, stream) };
         let file = FileEncoder::new(parts, checks);
-        Ok(Self { layout, properties, open: OpenGroup::new(&columns), file, group_rows: ROW_GROUP })
+        Ok(Self { layout, properties, open: OpenGroup::new(&columns), file, group_rows: ROW_GROUP, footer: 0 })
     }
 
     /// Adds a row to the open row group. Returns whether the group is full.
@@ -67,14 +69,21 @@ impl Encoder {
 
     /// The bytes of the end of a file in which the open row group begins at `offset`: this group, and the footer.
     pub(super) fn tail(&mut self, offset: u64) -> io::Result<Vec<u8>> {
-        if !self.has_open() {
-            return self.file.footer().map_err(io_error);
-        }
-        let mut bytes = self.encode(offset)?;
+        let has_open = self.has_open();
+        let mut bytes = if has_open { self.encode(offset)? } else { Vec::new() };
         let footer = self.file.footer();
-        self.file.remove_last();
-        bytes.append(&mut footer.map_err(io_error)?);
+        if has_open {
+            self.file.remove_last();
+        }
+        let mut footer = footer.map_err(io_error)?;
+        self.footer = footer.len();
+        bytes.append(&mut footer);
         Ok(bytes)
+    }
+
+    /// The number of full row groups.
+    pub(super) const fn groups(&self) -> usize {
+        self.file.groups.len()
     }
 
     /// Adds the open row group to the file. Returns its bytes.

@@ -21,6 +21,13 @@ use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
+/// A file goes on in the next one when its footer has so many bytes, after about a day at 1 kHz: the footer grows with
+/// each row group and is written at each flush, and readers keep several times its size in memory.
+pub(super) const LONGEST_FOOTER: usize = 4 << 20;
+/// So many row groups of a file that is not flushed have the same number of rows; the next ones have twice as many. The
+/// footer has over a hundred bytes for each column of a group.
+const GROUPS_ALIKE: usize = 1024;
+
 /// A Parquet file of one stream that is being written.
 pub(super) struct ParquetFile {
     path: PathBuf,
@@ -38,6 +45,8 @@ pub(super) struct ParquetFile {
     tail: u64,
     /// Whether the file system can exchange two names; true until it refuses.
     exchanges: bool,
+    /// [`LONGEST_FOOTER`], and less in tests.
+    longest_footer: usize,
 }
 
 impl ParquetFile {
@@ -59,6 +68,7 @@ impl ParquetFile {
             hidden: None,
             tail: 0,
             exchanges: true,
+            longest_footer: LONGEST_FOOTER,
         })
     }
 
@@ -122,6 +132,17 @@ impl ParquetFile {
         self.body + self.tail
     }
 
+    /// Whether it has so many row groups that the rows should go on in another file. Exact after a flush.
+    pub(super) const fn is_full(&self) -> bool {
+        self.encoder.footer >= self.longest_footer
+    }
+
+    /// Ends row groups after a row, and the file at a footer of this length.
+    #[cfg(test)]
+    pub(super) const fn shorten(&mut self, longest_footer: usize) {
+        (self.encoder.group_rows, self.longest_footer) = (1, longest_footer);
+    }
+
     /// Exchanges the names of the hidden and the visible file.
     fn exchange(&mut self) -> io::Result<()> {
         let Some((hidden, has)) = &mut self.hidden else { return Ok(()) };
@@ -175,6 +196,9 @@ impl<W: io::Write> ParquetStream<W> {
     fn end_group(&mut self) -> io::Result<()> {
         let bytes = self.encoder.end_group(self.length)?;
         self.length += bytes.len() as u64;
+        if self.encoder.groups().is_multiple_of(GROUPS_ALIKE) {
+            self.encoder.group_rows *= 2;
+        }
         self.sink.write_all(&bytes)
     }
 
@@ -229,6 +253,28 @@ mod tests {
     use super::*;
     use isotherm_shared::wire::{RawSample, StreamSample};
     use parquet::file::reader::{FileReader as _, SerializedFileReader};
+
+    /// A file that is not flushed has fewer row groups than rows: eight doublings have 255 times as many rows as groups
+    /// of the first size.
+    #[test]
+    fn row_groups_of_a_long_file_grow() {
+        let imu = "imu-a".parse().unwrap();
+        let mut file = ParquetStream::new(Vec::new(), &imu, StreamKind::Increment, Layout::default()).unwrap();
+        file.encoder.group_rows = 1;
+        let mut rows = [0, 0];
+        for (doublings, rows) in rows.iter_mut().enumerate() {
+            while file.encoder.group_rows < 2 << doublings {
+                let sample = StreamSample::Increment(isotherm_shared::wire::CompensatedIncrement::default());
+                file.write(&RecordedRow { imu: 0, recorded_ns: 0, sample }).unwrap();
+                *rows += 1;
+            }
+        }
+        assert_eq!(rows, [GROUPS_ALIKE, 2 * GROUPS_ALIKE]);
+        let groups = file.encoder.groups();
+        let bytes = file.finish().unwrap();
+        let footer = u32::from_le_bytes(*bytes[bytes.len() - 8..].first_chunk().unwrap()) as usize;
+        assert!(groups == 2 * GROUPS_ALIKE && footer < 4096 * groups, "{groups}, {footer}");
+    }
 
     /// After every flush the file has all rows, with and without the exchange of names.
     #[test]

@@ -1,0 +1,75 @@
+//! Chunks of an MCAP file that are not unpacked, since all of their messages are of channels that nobody wants.
+//!
+//! The index of a chunk says which channels its messages have, not which channels it defines. So only a file whose
+//! summary matches its check and has all channels is read in this way.
+
+use super::summary::summary;
+use mcap::records::{Channel, Record};
+use std::collections::{HashMap, HashSet};
+use std::fs::File;
+use std::path::Path;
+
+/// Channels that are not wanted.
+#[derive(Default)]
+pub(crate) struct Unwanted(HashSet<u16>);
+
+/// A chunk, and what its index says so far.
+pub(super) struct Indexed {
+    chunk: Vec<u8>,
+    channels: HashSet<u16>,
+    messages: u64,
+}
+
+impl Unwanted {
+    /// The channels of a file for which `is_wanted` is false of channel and schema's name; none if the summary of the
+    /// file does not have all channels, or if it is no file.
+    pub(crate) fn of(path: &Path, is_wanted: impl Fn(&Channel, &str) -> bool) -> Self {
+        Self::summed_up(path, is_wanted).unwrap_or_default()
+    }
+
+    fn summed_up(path: &Path, is_wanted: impl Fn(&Channel, &str) -> bool) -> Option<Self> {
+        if !path.metadata().is_ok_and(|metadata| metadata.is_file()) {
+            return None;
+        }
+        let file = File::open(path).ok()?;
+        let (mut schemas, mut channels, mut count) = (HashMap::new(), HashMap::new(), None);
+        for record in summary(&file, file.metadata().ok()?.len()).ok()?.0 {
+            match record {
+                Record::Schema { header, .. } => drop(schemas.insert(header.id, header.name)),
+                Record::Channel(channel) => drop(channels.insert(channel.id, channel)),
+                Record::Statistics(statistics) => count = Some(statistics.channel_count),
+                _ => {}
+            }
+        }
+        if count != u32::try_from(channels.len()).ok() {
+            return None;
+        }
+        let schema = |channel: &Channel| schemas.get(&channel.schema_id).map_or("", String::as_str);
+        let unwanted = channels.values().filter(|channel| !is_wanted(channel, schema(channel)));
+        Some(Self(unwanted.map(|channel| channel.id).collect()))
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+}
+
+impl Indexed {
+    pub(super) fn new(chunk: Vec<u8>) -> Self {
+        Self { chunk, channels: HashSet::new(), messages: 0 }
+    }
+
+    pub(super) fn add(&mut self, channel: u16, messages: u64) {
+        self.channels.insert(channel);
+        self.messages += messages;
+    }
+
+    pub(super) fn chunk(&self) -> &[u8] {
+        &self.chunk
+    }
+
+    /// The number of its messages if all are of unwanted channels. Without an index nobody knows.
+    pub(super) fn all_unwanted(&self, unwanted: &Unwanted) -> Option<u64> {
+        (!self.channels.is_empty() && self.channels.is_subset(&unwanted.0)).then_some(self.messages)
+    }
+}
