@@ -39,6 +39,7 @@ mod stillness;
 pub use collector::Collector;
 pub use coverage::{Coverage, DRIVEN};
 pub use earth_rate::EarthRate;
+pub(crate) use earth_rate::attitude as turntable_attitude;
 pub use error::{Force, StabilityError};
 pub use figures::AxisStability;
 pub use gyroscopes::GyroscopeStability;

@@ -107,7 +107,10 @@ impl Calibrate {
             self.refuse_foreign()?;
         }
         let options = self.options(campaign.gravity_only)?;
-        let inputs = Inputs::read(campaign, file, Source::files(samples), &options, &bytes_bar)?;
+        // Those that the campaign file names are read as it says.
+        let are_named = self.samples.is_empty() && file.is_some();
+        let samples = if are_named { Vec::new() } else { Source::files(samples) };
+        let inputs = Inputs::read(campaign, file, samples, &options, &bytes_bar)?;
         let spinner = spinner("fitting");
         let made = inputs.fit(campaign, file);
         spinner.finish_and_clear();
@@ -180,7 +183,7 @@ impl Calibrate {
     /// The files of the samples: those that are given, or that the campaign file names.
     fn sample_files(&self, campaign: &Campaign, file: &CampaignFile) -> Result<Vec<PathBuf>, Failure> {
         match self.samples.is_empty() {
-            true => Ok(file.samples(campaign)),
+            true => file.samples(campaign),
             false if campaign.has_ramps_alone() => {
                 let message =
                     "samples are for positions, and the campaign file has ramps alone; name them as [[ramp]] in it";

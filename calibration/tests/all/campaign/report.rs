@@ -11,7 +11,7 @@ fn report(set_points_c: Vec<f64>) -> String {
     let options = CalibrationOptions { order: Some(1), ..CalibrationOptions::default() };
     let (file, calibration) = calibrated(&truth, &schedule, 1, options).unwrap();
     let source = CampaignSource::default();
-    html(&file, &calibration, &source)
+    html(&file, &calibration, &source, &|line| line.to_string())
 }
 
 /// The figures whose label begins so.
