@@ -226,7 +226,7 @@ impl Checker<'_> {
         let pattern = self.campaign.samples.first().filter(|_| self.campaign.layout != SampleLayout::Rows);
         let pattern = pattern.and_then(|pattern| FilePattern::new(pattern).ok());
         let name = pattern.zip(number.parse().ok()).map(|(pattern, number)| pattern.name(set_point_c, number));
-        name.map_or_else(String::new, |name| format!(", as no file is called {name} or as much"))
+        name.map_or_else(String::new, |name| format!(": no file is called {name}, with or without zeros in front"))
     }
 
     /// Rates at the campaign's `max_rate`, and converters that are full.

@@ -138,7 +138,10 @@ fn campaign(root: &Section<'_, '_>, imu: Option<ImuId>, serial: Option<String>) 
     let turns = turns_of(root, complete.then_some(&positions), ramps_alone, mount, latitude_deg);
     let (samples, layout) = samples?;
     if layout == SampleLayout::Means && root.has("turn") {
-        root.fault("turn", "a mean shows no turn: turns need rows; give files in place of means, or leave the turns out");
+        root.fault(
+            "turn",
+            "a mean shows no turn: turns need rows; give files in place of means, or leave the turns out",
+        );
     }
     Some(Campaign {
         imu: imu?,

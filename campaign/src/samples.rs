@@ -68,15 +68,22 @@ impl FilePattern {
         }
         let [set_point, position] = [SET_POINT, POSITION].map(|place| text.find(place).unwrap_or_default());
         let position_first = position < set_point;
-        let [first, second] =
-            if position_first { [(position, POSITION), (set_point, SET_POINT)] } else { [(set_point, SET_POINT), (position, POSITION)] };
+        let [first, second] = if position_first {
+            [(position, POSITION), (set_point, SET_POINT)]
+        } else {
+            [(set_point, SET_POINT), (position, POSITION)]
+        };
         let between = &text[first.0 + first.1.len()..second.0];
         if between.is_empty() {
-            return Err(format!("has both numbers side by side, which no name tells apart; give a letter between them, {example}"));
+            return Err(format!(
+                "has both numbers side by side, which no name tells apart; give a letter between them, {example}"
+            ));
         }
         let parts = [&text[..first.0], between, &text[second.0 + second.1.len()..]].map(str::to_owned);
         if let Some(part) = parts.iter().find(|part| part.contains(['{', '}'])) {
-            return Err(format!("has {part:?}, whose braces are none of {SET_POINT}, {POSITION} and {{imu}}; leave them out"));
+            return Err(format!(
+                "has {part:?}, whose braces are none of {SET_POINT}, {POSITION} and {{imu}}; leave them out"
+            ));
         }
         Ok(Self { text: text.to_owned(), parts, position_first })
     }
@@ -114,9 +121,9 @@ fn set_point_c(text: &str) -> Option<f64> {
     let text = text.replace('\u{2212}', "-").replace(',', ".");
     let digits = text.strip_prefix(['+', '-']).unwrap_or(&text);
     let is_plain = digits.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.');
-    let ends_are_digits = [digits.bytes().next(), digits.bytes().next_back()].into_iter().all(|byte| {
-        byte.is_some_and(|byte| byte.is_ascii_digit())
-    });
+    let ends_are_digits = [digits.bytes().next(), digits.bytes().next_back()]
+        .into_iter()
+        .all(|byte| byte.is_some_and(|byte| byte.is_ascii_digit()));
     // Adding 0 turns -0 into 0.
     text.parse::<f64>().ok().filter(|value| is_plain && ends_are_digits && value.is_finite()).map(|value| value + 0.0)
 }
@@ -130,8 +137,10 @@ fn whole(text: &str) -> Option<u32> {
 pub(crate) fn samples(root: &Section<'_, '_>, gravity_only: bool) -> Option<(Vec<String>, SampleLayout)> {
     const KEY: &str = "samples";
     if root.unchecked(KEY).is_none() {
-        let files =
-            root.strings(KEY, "the file of the samples, for example \"samples.csv\", or a list of files, or a section [samples]")?;
+        let files = root.strings(
+            KEY,
+            "the file of the samples, for example \"samples.csv\", or a list of files, or a section [samples]",
+        )?;
         return Some((files.into_iter().map(str::to_owned).collect(), SampleLayout::Rows));
     }
     let section = root.optional_section(KEY)?;
@@ -155,10 +164,15 @@ fn layout(section: &Section<'_, '_>) -> Option<(Vec<String>, SampleLayout)> {
     if section.has("means") {
         let sheet = section.string("means", "the sheet of the means, for example \"means.csv\"")?;
         for key in ["set_point_c", "position", "accelerometer"].into_iter().filter(|key| !section.has(key)) {
-            section.fault(key, match key {
-                "accelerometer" => "missing; give a section [samples.accelerometer] with the columns of the means".to_owned(),
-                _ => format!("missing; give the column of the sheet, for example {key} = \"{key}\""),
-            });
+            section.fault(
+                key,
+                match key {
+                    "accelerometer" => {
+                        "missing; give a section [samples.accelerometer] with the columns of the means".to_owned()
+                    }
+                    _ => format!("missing; give the column of the sheet, for example {key} = \"{key}\""),
+                },
+            );
         }
         return Some((vec![sheet.to_owned()], SampleLayout::Means));
     }

@@ -51,7 +51,8 @@ pub(crate) fn by_position(
     let (mut all, mut found) = (LaidOut::default(), Vec::new());
     let (mut before, mut read) = (0, Vec::new());
     for file in files {
-        let mut rows = Recording::open_hashed(std::slice::from_ref(&file.path), RowKind::Sample, input.clone(), bar)?;
+        let opened = Recording::open_hashed(std::slice::from_ref(&file.path), RowKind::Sample, input.clone(), bar);
+        let mut rows = opened.map_err(|failure| of_one_file(failure, file, !read.is_empty()))?;
         let (mut failed, mut last) = (None, 0);
         let of_file = core::iter::from_fn(|| match rows.next()? {
             Ok(row) => {
@@ -67,13 +68,14 @@ pub(crate) fn by_position(
         });
         let measurements = read_measurements(campaign, of_file);
         if let Some(failure) = failed {
-            return Err(failure);
+            return Err(of_one_file(failure, file, !read.is_empty()));
         }
         all.places.append(rows.places(), before);
         before += last.max(1);
         let measurements = measurements.map_err(|error| located(&all.places, &file.path, &error))?;
         if last == 0 {
-            return Err(no_rows(file));
+            let message = format!("{}: there are no rows", shown(&file.path));
+            return Err(of_one_file(Failure::new(Exit::Data, message).at(&file.path, None), file, true));
         }
         found.push((file.path.clone(), rows.findings()));
         for note in rows.notes().into_iter().filter(|note| !all.notes.contains(note)).collect::<Vec<_>>() {
@@ -96,7 +98,8 @@ pub(crate) fn of_means(campaign: &Campaign, sheet: &Path, mapping: Mapping) -> R
     let read = source.take(SHEET + 1).read_to_end(&mut bytes);
     read.map_err(|error| Failure::io("reading", sheet, &error))?;
     if bytes.len() as u64 > SHEET {
-        let message = format!("{}: over {} MiB; a sheet has a row for each position and set point", shown(sheet), SHEET >> 20);
+        let message =
+            format!("{}: over {} MiB; a sheet has a row for each position and set point", shown(sheet), SHEET >> 20);
         return Err(Failure::new(Exit::Data, message).at(sheet, None));
     }
     let sha256 = sha256(&bytes);
@@ -123,7 +126,12 @@ pub(crate) fn of_means(campaign: &Campaign, sheet: &Path, mapping: Mapping) -> R
     }
     let mut places = Places::default();
     places.begin(sheet, None, 0);
-    Ok(LaidOut { measurements: Measurements { dwells, ..Measurements::default() }, places, sha256, ..LaidOut::default() })
+    Ok(LaidOut {
+        measurements: Measurements { dwells, ..Measurements::default() },
+        places,
+        sha256,
+        ..LaidOut::default()
+    })
 }
 
 /// The failure of a row of a file.
@@ -137,13 +145,20 @@ fn located(places: &Places, path: &Path, error: &RecordingError) -> Failure {
     }
 }
 
-fn no_rows(PositionFile { path, set_point_c, position }: &PositionFile) -> Failure {
+/// The failure of a file, with what can be done without it. What all files have, the first one shows: then others can
+/// be read, or it is empty.
+fn of_one_file(failure: Failure, file: &PositionFile, others_are_right: bool) -> Failure {
+    let is_empty = ["there are no rows", "the file is empty"].iter().any(|end| failure.message.ends_with(end));
+    if !others_are_right && !is_empty {
+        return failure;
+    }
+    let PositionFile { set_point_c, position, .. } = file;
     let message = format!(
-        "{}: there are no rows; measure position {position} at {set_point_c} degC again, or take the file away and leave \
-         the position out with --exclude {set_point_c}/{position}",
-        shown(path)
+        "{}; measure position {position} at {set_point_c} degC again, or take the file away and leave the position out with \
+         --exclude {set_point_c}/{position}",
+        failure.message
     );
-    Failure::new(Exit::Data, message).at(path, None)
+    Failure { message, ..failure }
 }
 
 /// Refuses a file that is there twice.
@@ -151,11 +166,8 @@ fn refuse_copies(read: &[ReadFile]) -> Result<(), Failure> {
     let mut seen: HashMap<&str, &Path> = HashMap::new();
     for file in read {
         if let Some(other) = seen.insert(&file.sha256, &file.path) {
-            let message = format!(
-                "{} is a copy of {}; give each position its own file",
-                shown(&file.path),
-                shown(other)
-            );
+            let message =
+                format!("{} is a copy of {}; give each position its own file", shown(&file.path), shown(other));
             return Err(Failure::new(Exit::Data, message).at(&file.path, None));
         }
     }
@@ -177,8 +189,8 @@ fn joined(read: Vec<ReadFile>, mapping: Option<&Mapping>) -> Result<Measurements
         return Err(Failure::new(Exit::Data, message).at(after, None));
     }
     let time = mapping.map(|mapping| &mapping.time.column);
-    let is_of_day = matches!(time, Some(Some((_, TimeUnit::Iso8601))))
-        && spans.last().is_some_and(|(span, _)| span[1] < YEAR_NS);
+    let is_of_day =
+        matches!(time, Some(Some((_, TimeUnit::Iso8601)))) && spans.last().is_some_and(|(span, _)| span[1] < YEAR_NS);
     let has_times = !matches!(time, Some(None)) && overlap.is_none() && !is_of_day;
     let mut all = Measurements::default();
     for ReadFile { measurements, .. } in read {

@@ -6,7 +6,7 @@ mod names;
 mod text;
 
 use crate::samples::names_in;
-use columns::{Columns, Means};
+use columns::Means;
 use isotherm_campaign::FilePattern;
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_recording_formats::convert::{LookedColumn, LookedTable};
@@ -76,7 +76,9 @@ fn of_sheet(sheet: &Path, beside: &Path) -> Result<String, Failure> {
         let mut values = column.values.clone();
         values.sort_by(f64::total_cmp);
         values.dedup();
-        values.len() > 3 && values.len() < column.values.len() && values[0] <= 1.0
+        values.len() > 3
+            && values.len() < column.values.len()
+            && values[0] <= 1.0
             && values.windows(2).all(|pair| pair[1] - pair[0] == 1.0)
     };
     let position = find(&OF_POSITION, &counts);

@@ -53,11 +53,22 @@ impl CampaignFile {
         }
     }
 
+    /// The line in which a key of the section `samples` stands.
+    fn line_of(&self, key: &str) -> u64 {
+        let is_section = |line: &str| line.trim_start().starts_with("[samples]");
+        let is_key =
+            |line: &str| line.trim_start().strip_prefix(key).is_some_and(|rest| rest.trim_start().starts_with('='));
+        let lines = || (1..).zip(self.text.lines()).skip_while(|(_, line)| !is_section(line));
+        let found = lines().find(|(_, line)| is_key(line)).or_else(|| lines().next());
+        found.map_or(1, |(line, _)| line)
+    }
+
     /// The files of a pattern, by set point and position.
     fn files_of(&self, campaign: &Campaign, pattern: &str) -> Result<Vec<PositionFile>, Failure> {
         let refused = |message: String| {
-            let message = format!("{}: samples.files: {message}", shown(&self.path));
-            Failure::new(Exit::Data, message).at(&self.path, None)
+            let line = self.line_of("files");
+            let message = format!("{}:{line}: samples.files: {message}", shown(&self.path));
+            Failure::new(Exit::Data, message).at(&self.path, Some(line))
         };
         let read = FilePattern::new(pattern).map_err(|message| refused(format!("{pattern:?} {message}")))?;
         let (folder, depth) = read.folder();

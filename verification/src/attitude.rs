@@ -104,7 +104,8 @@ impl Attitude {
         let rounded = direction.iter().filter(|part| **part != 0.0 && part.abs() != 1.0).count() as f64;
         let step = 10_f64.powi(-i32::try_from(decimals).unwrap_or(i32::MAX));
         // Of a unit vector whose digits end, the length is off by no more than they can be.
-        let looks_rounded = decimals > 0 && (length - 1.0).abs() <= rounded.sqrt() * step && (length - 1.0).abs() > EXACT;
+        let looks_rounded =
+            decimals > 0 && (length - 1.0).abs() <= rounded.sqrt() * step && (length - 1.0).abs() > EXACT;
         let left = 0.5 * step * rounded.sqrt();
         if !looks_rounded || left <= NEGLIGIBLE {
             return None;
@@ -152,6 +153,61 @@ fn position<'c>(campaign: &'c Campaign, name: &str, tilt: Option<[f64; 2]>) -> R
                 "--attitude: the campaign file has several positions {name:?}, whose headings differ; give the number: {}",
                 numbers(&named)
             ))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table() -> CoefficientTable {
+        CoefficientTable::from_toml(include_str!("../../tests/data/imu-a.toml"), None).unwrap()
+    }
+
+    fn campaign() -> Campaign {
+        Campaign::from_toml(include_str!("../../examples/campaign/campaign.toml")).unwrap()
+    }
+
+    #[test]
+    fn digits_that_cost_more_than_is_negligible_are_told() {
+        let note = |text: &str| text.parse::<Attitude>().unwrap().note();
+        // The direction of a corner, to so many decimals.
+        let five = note("0.57735,0.57735,0.57735").unwrap();
+        assert!(five.contains("5 decimals leave up to 8.7e-6 g0") && five.contains("give 8 decimals"), "{five}");
+        assert!(note("0.7071,-0.7071,0").unwrap().contains("4 decimals leave up to 70.7e-6 g0"));
+        for exact in
+            ["0,0,1", "0.60,-0.48,0.64", "1,1,1", "0.57735027,0.57735027,0.57735027", "0.0,0.0,-1.0", "3,1", "+x"]
+        {
+            assert_eq!(note(exact), None, "{exact}");
+        }
+        // The digits cost no more than is said.
+        let exact = 3.0_f64.sqrt().recip();
+        let error = [0.57735 - exact; 3].map(|off: f64| off * off).iter().sum::<f64>().sqrt();
+        assert!(error < 8.7e-6);
+    }
+
+    #[test]
+    fn angles_and_positions_are_exact_and_have_the_tilt_of_the_base() {
+        let (table, campaign) = (table(), campaign());
+        let direction = |text: &str, tilt| text.parse::<Attitude>().unwrap().direction(&table, Some(&campaign), tilt);
+        assert_eq!(direction("5", None), Ok([1.0, 0.0, 0.0]));
+        assert_eq!(direction("+x", None), Ok([1.0, 0.0, 0.0]));
+        let angled = direction("45,0", None).unwrap();
+        assert!((angled[1] - 0.5_f64.sqrt()).abs() < 1e-15 && (angled[2] - 0.5_f64.sqrt()).abs() < 1e-15, "{angled:?}");
+        let tilt = Some([40e-6, -60e-6]);
+        assert_eq!(direction("1", tilt), Ok(campaign.force(&campaign.positions[0], tilt).0));
+        assert!(direction("1", tilt).unwrap()[0].abs() > 30e-6);
+        // On a tilted base two headings of one name differ.
+        let named = direction("+z", tilt).unwrap_err();
+        assert!(named.contains("give the number: 1, 2"), "{named}");
+        assert!(direction("13", None).unwrap_err().contains("no position \"13\"; it has 1, 2, 3"));
+        for alone in ["1", "90,0"] {
+            let refused = alone.parse::<Attitude>().unwrap().direction(&table, None, None).unwrap_err();
+            assert!(refused.contains("--campaign FILE"), "{refused}");
+        }
+        for wrong in ["", "0,0,0", "1,2,3,4", "x,y,z", "1e9,0,0"] {
+            assert!(wrong.parse::<Attitude>().is_err(), "{wrong}");
         }
     }
 }

@@ -52,12 +52,13 @@ impl Checker<'_> {
             });
             indicated.map(|of_axis| of_axis * of_axis).sum::<f64>().sqrt()
         };
-        let found: Vec<_> = (0..self.dwells.len()).filter_map(|dwell| Some((dwell, multiple(length(dwell))?))).collect();
+        let found: Vec<_> =
+            (0..self.dwells.len()).filter_map(|dwell| Some((dwell, multiple(length(dwell))?))).collect();
         for &(dwell, (factor, is_larger)) in &found {
             let (what, others) = if is_larger { ("counts", "rates") } else { ("rates", "counts") };
-            let part = if is_larger { format!("{factor}") } else { format!("1/{factor}") };
+            let part = if is_larger { format!("{factor} times") } else { format!("1/{factor} of") };
             let message = format!(
-                "{} indicate {part} of gravity together, and gravity in most dwells: they look like {what} among {others} \
+                "{} indicate {part} gravity together, and gravity in most dwells: they look like {what} among {others} \
                  over {factor} s; give all files in one unit, or leave the dwell out with --exclude",
                 AXIS_NAMES.join(", ")
             );

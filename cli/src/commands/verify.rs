@@ -21,7 +21,9 @@ use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{AXES, RawSample};
-use isotherm_verification::{Attitude, Lengths, LengthsError, LocalGravity, Requirement, Setup, Stability, own_recording};
+use isotherm_verification::{
+    Attitude, Lengths, LengthsError, LocalGravity, Requirement, Setup, Stability, own_recording,
+};
 use std::path::PathBuf;
 use std::time::Duration;
 

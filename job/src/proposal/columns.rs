@@ -47,7 +47,7 @@ pub(super) struct Columns {
 
 impl Columns {
     /// What these columns are. `candidates` are those of numbers that are no time.
-    pub fn of(means: &[Means], candidates: &[usize], names: &[String]) -> Self {
+    pub(super) fn of(means: &[Means], candidates: &[usize], names: &[String]) -> Self {
         let mut found = Self::default();
         for &column in candidates {
             let values = || means.iter().map(|row| row.columns[column]);
@@ -84,7 +84,7 @@ impl Columns {
 
 impl Channels {
     /// The numbers of the axes with their signs.
-    pub fn net(&self, row: &Means) -> [f64; 3] {
+    pub(super) fn net(&self, row: &Means) -> [f64; 3] {
         match self {
             Self::Signed(columns) => columns.map(|column| row.columns[column]),
             Self::Both(axes) => axes.map(|[positive, negative]| row.columns[positive] - row.columns[negative]),
@@ -92,7 +92,7 @@ impl Channels {
     }
 
     /// All columns.
-    pub fn all(&self) -> Vec<usize> {
+    pub(super) fn all(&self) -> Vec<usize> {
         match self {
             Self::Signed(columns) => columns.to_vec(),
             Self::Both(axes) => axes.iter().flatten().copied().collect(),
@@ -101,7 +101,7 @@ impl Channels {
 
     /// The direction of the specific force in a position: the nearest of faces, edges and corners of a cube, if one is
     /// near, and whether it is.
-    pub fn direction(&self, means: &[Means], position: u32) -> ([f64; 3], bool) {
+    pub(super) fn direction(&self, means: &[Means], position: u32) -> ([f64; 3], bool) {
         let mut sum = [0.0; 3];
         for row in means.iter().filter(|row| row.position == position) {
             let net = self.net(row);
@@ -132,17 +132,22 @@ fn channels(means: &[Means], columns: &[usize], names: &[String]) -> Option<Chan
     let by_sign = [[a, d], [b, e], [c, f]];
     // Both channels of an axis count at once only under vibration; two axes, whenever neither is horizontal.
     let together = |pairs: &[[usize; 2]; 3]| -> f64 {
-        let of_row = |row: &Means| pairs.iter().map(|[one, other]| row.columns[*one].min(row.columns[*other])).sum::<f64>();
+        let of_row =
+            |row: &Means| pairs.iter().map(|[one, other]| row.columns[*one].min(row.columns[*other])).sum::<f64>();
         means.iter().map(of_row).sum()
     };
     let pairs = if together(&by_axis) <= together(&by_sign) { by_axis } else { by_sign };
     let is_negative = |column: usize| {
         let name = names[column].to_lowercase();
-        name.contains('-') && !name.contains('+') || ["neg", "minus"].iter().any(|word| name.contains(word)) || name.ends_with(['n', 'm'])
+        name.contains('-') && !name.contains('+')
+            || ["neg", "minus"].iter().any(|word| name.contains(word))
+            || name.ends_with(['n', 'm'])
     };
-    Some(Channels::Both(pairs.map(|[one, other]| {
-        if is_negative(one) && !is_negative(other) { [other, one] } else { [one, other] }
-    })))
+    Some(Channels::Both(pairs.map(
+        |[one, other]| {
+            if is_negative(one) && !is_negative(other) { [other, one] } else { [one, other] }
+        },
+    )))
 }
 
 fn set_points(means: &[Means]) -> Vec<f64> {
@@ -153,7 +158,8 @@ fn set_points(means: &[Means]) -> Vec<f64> {
 }
 
 fn span(values: impl Iterator<Item = f64>) -> f64 {
-    let [low, high] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)]);
+    let [low, high] =
+        values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)]);
     (high - low).max(0.0)
 }
 

@@ -29,14 +29,13 @@ impl Names {
     ///
     /// # Errors
     /// Why there is none.
-    pub fn of(names: &[String]) -> Result<Self, String> {
+    pub(super) fn of(names: &[String]) -> Result<Self, String> {
         let mut groups: BTreeMap<Vec<String>, Vec<(usize, Name)>> = BTreeMap::new();
         for (index, name) in names.iter().enumerate() {
             let read = read(name);
             groups.entry(read.words.clone()).or_default().push((index, read));
         }
-        let (words, group) =
-            groups.into_iter().max_by_key(|(_, group)| group.len()).ok_or("there are no files")?;
+        let (words, group) = groups.into_iter().max_by_key(|(_, group)| group.len()).ok_or("there are no files")?;
         let slots = 0..words.len() - 1;
         let values = |slot: usize| -> Vec<f64> {
             let mut values: Vec<f64> = group.iter().map(|(_, name)| value(&name.numbers[slot])).collect();
@@ -112,7 +111,8 @@ fn read(name: &str) -> Name {
     let is_digit = |at: usize| letters.get(at).is_some_and(char::is_ascii_digit);
     let mut at = 0;
     while at < letters.len() {
-        let is_sign = ['+', '-', '\u{2212}'].contains(&letters[at]) && is_digit(at + 1) && (at == 0 || !is_digit(at - 1));
+        let is_sign =
+            ['+', '-', '\u{2212}'].contains(&letters[at]) && is_digit(at + 1) && (at == 0 || !is_digit(at - 1));
         if !is_digit(at) && !is_sign {
             words.last_mut().into_iter().for_each(|word| word.push(letters[at]));
             at += 1;

@@ -22,7 +22,7 @@ pub(super) struct Times {
 
 impl Times {
     /// Those of a table.
-    pub fn of(table: &LookedTable) -> Self {
+    pub(super) fn of(table: &LookedTable) -> Self {
         let find = |of: Calendar| table.columns.iter().position(|column| column.calendar == Some(of));
         let of_day = find(Calendar::OfDay);
         let columns: Vec<usize> = match (find(Calendar::Both), find(Calendar::Date), of_day) {
@@ -53,7 +53,7 @@ pub(super) struct Found {
 
 impl Found {
     /// `labels` are the columns of set point and position, of a sheet.
-    pub fn of(table: LookedTable, times: Times, means: Vec<Means>, labels: &[usize]) -> Self {
+    pub(super) fn of(table: LookedTable, times: Times, means: Vec<Means>, labels: &[usize]) -> Self {
         let is_candidate = |index: &usize| {
             table.columns[*index].is_numeric() && !times.columns.contains(index) && !labels.contains(index)
         };
@@ -64,7 +64,7 @@ impl Found {
     }
 
     /// The campaign file. `lines` say where the samples are.
-    pub fn campaign(&self, lines: &[String], remarks: &[String]) -> String {
+    pub(super) fn campaign(&self, lines: &[String], remarks: &[String]) -> String {
         let mut out = String::from(
             "# Proposed by `isotherm calibrate --propose` from the files alone. Fill in every \"?\", and check what a\n\
              # comment calls a guess; then: isotherm check campaign.toml\n\
@@ -131,7 +131,11 @@ impl Found {
         out.push_str("\n[samples.accelerometer]\n");
         let Some(channels) = &self.columns.channels else {
             let following = self.names(&self.columns.following_gravity);
-            line(out, "# three columns with both signs, or three positive and three negative ones; gravity is seen in", "");
+            line(
+                out,
+                "# three columns with both signs, or three positive and three negative ones; gravity is seen in",
+                "",
+            );
             line(out, &format!("# {following}"), "");
             line(out, "columns = \"?\"", "of A1, A2, A3");
             line(out, "kind = \"count\"", "or \"rate\"");
@@ -160,7 +164,9 @@ impl Found {
         if decimals == 0 && !are_means {
             line(out, "kind = \"count\"", "a guess: all numbers are whole");
             match step_s {
-                Some(step_s) => line(out, &format!("gate_s = {step_s}"), "a guess, from row to row: the time of a count [s]"),
+                Some(step_s) => {
+                    line(out, &format!("gate_s = {step_s}"), "a guess, from row to row: the time of a count [s]")
+                }
                 None => line(out, "gate_s = \"?\"", "the time that a count is over [s]"),
             }
             return;
@@ -193,8 +199,16 @@ impl Found {
                 }
             }
             ([a, b, c, d, e, f], []) => {
-                line(out, &format!("columns = {}", self.names(&[*a, *b, *c])), "of the sensor heads: a guess, by order");
-                line(out, &format!("board_columns = {}", self.names(&[*d, *e, *f])), "of the boards: a guess, by order");
+                line(
+                    out,
+                    &format!("columns = {}", self.names(&[*a, *b, *c])),
+                    "of the sensor heads: a guess, by order",
+                );
+                line(
+                    out,
+                    &format!("board_columns = {}", self.names(&[*d, *e, *f])),
+                    "of the boards: a guess, by order",
+                );
             }
             _ => {
                 line(out, &format!("# these follow the set points: {}", self.names(&all)), "");
@@ -215,7 +229,9 @@ impl Found {
         let mut numbers: Vec<u32> = self.means.iter().map(|row| row.position).collect();
         numbers.sort_unstable();
         numbers.dedup();
-        out.push_str("\n# Give outer_deg and inner_deg of all positions, too: then the tilt of the base is estimated.\n");
+        out.push_str(
+            "\n# Give outer_deg and inner_deg of all positions, too: then the tilt of the base is estimated.\n",
+        );
         for number in numbers {
             let _ = write!(out, "\n[[position]]\nnumber = {number}\n# outer_deg = 0\n# inner_deg = 0\n");
             let Some(channels) = &self.columns.channels else {
@@ -223,7 +239,8 @@ impl Found {
                 continue;
             };
             let (direction, is_near) = channels.direction(&self.means, number);
-            let [x, y, z] = direction.map(|part| if part.fract() == 0.0 { format!("{part:.0}") } else { format!("{part:.4}") });
+            let [x, y, z] =
+                direction.map(|part| if part.fract() == 0.0 { format!("{part:.0}") } else { format!("{part:.4}") });
             let why = match is_near {
                 true => "a guess, by gravity in the numbers: check it",
                 false => "a guess, by gravity in the numbers, to some percent: give the direction that was set",

@@ -1,7 +1,8 @@
 //! Dates and times of ISO 8601 or as 31.12.2026, and times of a day.
 
 /// What a field must be, for messages.
-pub(super) const EXPECTED: &str = "a time of ISO 8601 from 1970 on, as 2026-05-01T12:34:56.789Z, or 01.05.2026 12:34:56, or hh:mm:ss";
+pub(super) const EXPECTED: &str =
+    "a time of ISO 8601 from 1970 on, as 2026-05-01T12:34:56.789Z, or 01.05.2026 12:34:56, or hh:mm:ss";
 
 /// The time of a text \[ns\], since 1970 or midnight, and whether it is one of a day. A time without a zone is UTC.
 ///

@@ -201,12 +201,7 @@ pub(super) fn columns(
     None
 }
 
-fn sensors(
-    section: Section<'_, '_>,
-    header: bool,
-    quantity: Quantity,
-    numbers: Numbers,
-) -> Option<Sensors> {
+fn sensors(section: Section<'_, '_>, header: bool, quantity: Quantity, numbers: Numbers) -> Option<Sensors> {
     let kind = section.choice("kind", numbers.kinds);
     let is_of_pulses = kind.is_some_and(Kind::is_of_pulses);
     let [columns, negative] = match section.has("positive") || section.has("negative") {
@@ -257,7 +252,11 @@ fn sensors(
     section.finish();
     let three = |columns: Vec<ColumnRef>| <[ColumnRef; AXES]>::try_from(columns).ok();
     let negative = negative.map(three);
-    let resolution = if is_of_pulses { Some(gate_s.filter(|_| kind == Some(Kind::Rate)).map_or(1.0, f64::recip)) } else { resolution };
+    let resolution = if is_of_pulses {
+        Some(gate_s.filter(|_| kind == Some(Kind::Rate)).map_or(1.0, f64::recip))
+    } else {
+        resolution
+    };
     Some(Sensors {
         columns: three(columns?)?,
         negative: negative.flatten(),

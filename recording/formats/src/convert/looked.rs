@@ -60,7 +60,9 @@ impl LookedTable {
         let failed = |error: RecordingError| error.failure(path);
         let (opening, source) = Opening::read(source, 0).map_err(failed)?;
         let Some(table) = opening.table() else {
-            return Err(Failure::new(Exit::Data, format!("{}: this is no table of numbers", shown(path))).at(path, None));
+            return Err(
+                Failure::new(Exit::Data, format!("{}: this is no table of numbers", shown(path))).at(path, None)
+            );
         };
         let mut rows = rows_of(source, &table, 0).map_err(failed)?;
         let name = |column: usize| match &table.header {
@@ -86,8 +88,7 @@ impl LookedTable {
                 continue;
             }
             for (column, field) in looked.columns.iter_mut().zip(rows.names()) {
-                looked.comma |=
-                    table.separator != Separator::Comma && looks_like_number(&field) && field.contains(',');
+                looked.comma |= table.separator != Separator::Comma && looks_like_number(&field) && field.contains(',');
                 column.take(&field, count == 0);
             }
             count += 1;

@@ -48,6 +48,8 @@ pub struct Mapping {
     pub temperature: Temperature,
     /// The columns of set point and position, of a sheet of means. It has no times.
     pub labels: Option<[ColumnRef; 2]>,
+    /// Whether it stands in a campaign file, in the section `samples`.
+    pub is_of_campaign: bool,
 }
 
 /// A decimal mark.
@@ -166,12 +168,11 @@ impl Mapping {
         }
         let Some(section) = root.optional_section("samples") else { return Ok(None) };
         let mapping = Self::of_section(&document, &section, None, false);
-        document.finish(mapping).map(Some)
+        document.finish(mapping.map(|mapping| Self { is_of_campaign: true, ..mapping })).map(Some)
     }
 
     /// The keys of a mapping that stands in a campaign file, in the section `samples`.
-    pub const SECTIONS: [&str; 7] =
-        ["decimal", "header", "skip", "time", "accelerometer", "gyroscope", "temperature"];
+    pub const SECTIONS: [&str; 7] = ["decimal", "header", "skip", "time", "accelerometer", "gyroscope", "temperature"];
 
     fn of_section(
         document: &Document<'_>,
@@ -196,7 +197,8 @@ impl Mapping {
         };
         let columns = SensorColumns::of_text(document, root, header, of_two_files, labels.is_some());
         if let Some(SensorColumns { accelerometer, gyroscope, .. }) = &columns {
-            let at = |key: &'static str| (root.optional_section(key).map_or(1, |section| section.line()), root.key(key));
+            let at =
+                |key: &'static str| (root.optional_section(key).map_or(1, |section| section.line()), root.key(key));
             if labels.is_some() && !accelerometer.kind.is_of_pulses() {
                 let (line, path) = at("accelerometer");
                 let message = "means are of pulses: give \"rate\", or \"count\" with gate_s";
@@ -218,7 +220,32 @@ impl Mapping {
         if let Some(gate_s) = accelerometer.gate_s {
             time.interval_ns = Some((gate_s * 1e9).round() as u64);
         }
-        Some(Self { decimal, header, skip, time, accelerometer, gyroscope, temperature, labels })
+        Some(Self { decimal, header, skip, time, accelerometer, gyroscope, temperature, labels, is_of_campaign: false })
+    }
+
+    /// The key in which it names a column, if it stands in a campaign file.
+    pub(super) fn key(&self, column: &ColumnRef) -> Option<String> {
+        if !self.is_of_campaign {
+            return None;
+        }
+        let of_sensors = |section: &str, sensors: &Sensors| {
+            let first = if sensors.negative.is_some() { "positive" } else { "columns" };
+            let negative = sensors.negative.iter().flatten().any(|other| other == column);
+            let key = if sensors.columns.contains(column) { Some(first) } else { negative.then_some("negative") };
+            key.map(|key| format!("{section}.{key}"))
+        };
+        let of_time = self.time.column.iter().map(|(time, _)| time).chain(&self.time.of_day);
+        let is_time = of_time.into_iter().any(|other| other == column).then(|| "time.column".to_owned());
+        let label = self.labels.iter().flatten().position(|other| other == column);
+        let label = label.map(|index| ["set_point_c", "position"][index].to_owned());
+        let of_gyroscopes = || self.gyroscope.as_ref().and_then(|sensors| of_sensors("gyroscope", sensors));
+        let of_telemetry = || match &self.temperature {
+            Temperature::Columns { head, .. } if head.contains(column) => "temperature.columns".to_owned(),
+            _ => "temperature.board_columns".to_owned(),
+        };
+        let found =
+            is_time.or(label).or_else(|| of_sensors("accelerometer", &self.accelerometer)).or_else(of_gyroscopes);
+        Some(format!("samples.{}", found.unwrap_or_else(of_telemetry)))
     }
 
     /// All columns that it names.
@@ -276,7 +303,8 @@ fn labels(root: &Section<'_, '_>, header: bool) -> Option<[ColumnRef; 2]> {
     if !root.has("means") {
         return None;
     }
-    let column = |key: &'static str| columns(root, key, &[1], "one column of the sheet", header).and_then(|mut it| it.pop());
+    let column =
+        |key: &'static str| columns(root, key, &[1], "one column of the sheet", header).and_then(|mut it| it.pop());
     Some([column("set_point_c")?, column("position")?])
 }
 
@@ -296,8 +324,7 @@ fn time(section: Section<'_, '_>, header: bool, given_ns: Option<u64>, has_gate:
     if has_gate && section.has("interval_s") {
         section.fault("interval_s", "is there beside gate_s, which is the interval of every row; leave it out");
     } else if !section.has("column") && !section.has("interval_s") && given_ns.is_none() && !has_gate {
-        section
-            .fault("interval_s", "missing; give the nominal interval in s or --interval, or the column of the time");
+        section.fault("interval_s", "missing; give the nominal interval in s or --interval, or the column of the time");
     }
     section.finish();
     time
@@ -348,11 +375,10 @@ mod tests {
     fn a_mapping_of_a_few_lines_is_enough() {
         let mapping = Mapping::from_toml(GOOD).unwrap();
         let name = |name: &str| ColumnRef::Name(name.to_owned());
-        assert_eq!(mapping.time, Time {
-            column: Some((name("t"), TimeUnit::Power(6))),
-            of_day: None,
-            interval_ns: Some(10_000_000),
-        });
+        assert_eq!(
+            mapping.time,
+            Time { column: Some((name("t"), TimeUnit::Power(6))), of_day: None, interval_ns: Some(10_000_000) }
+        );
         assert_eq!(mapping.accelerometer.columns, ["x", "y", "z"].map(name));
         assert_eq!((mapping.accelerometer.offset, mapping.accelerometer.resolution), (0.0, None));
         assert_eq!((mapping.header, mapping.skip, mapping.decimal, mapping.gyroscope.clone()), (true, 0, None, None));

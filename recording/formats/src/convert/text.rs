@@ -212,7 +212,11 @@ impl TextSource {
             ColumnRef::Name(name) => !header.map_or_else(|| names.contains(name), |header| header.has(name)),
             ColumnRef::Number(number) => *number > names.len(),
         });
-        let mut missing: Vec<_> = missing.map(ColumnRef::shown).collect();
+        let named = |column: &ColumnRef| match mapping.key(column) {
+            Some(key) => format!("{} ({key})", column.shown()),
+            None => column.shown(),
+        };
+        let mut missing: Vec<_> = missing.map(named).collect();
         // The boards have the columns of the heads.
         missing.dedup();
         let missing: Vec<_> = missing.iter().map(String::as_str).collect();
@@ -222,6 +226,7 @@ impl TextSource {
             format!("missing columns: {}; the row has {}", missing.join(", "), names.len())
         };
         let message = match proposed(opening, source, mapping.skip) {
+            _ if mapping.is_of_campaign => format!("{message}; correct these keys of the campaign file, or the file"),
             Ok(proposal) => format!("{message}; a mapping for these columns would be\n\n{proposal}"),
             Err(_) => message,
         };
@@ -277,9 +282,7 @@ impl TextSource {
             return Err(NoReading::Row(Fault::Fields, message));
         }
         match self.checksums {
-            Checksums::Checked => {
-                checked(rows.line_text()).map_err(|message| NoReading::Row(Fault::Checksum, message))
-            }
+            Checksums::Checked => checked(rows.line_text()).map_err(|message| NoReading::Row(Fault::Checksum, message)),
             _ => Ok(()),
         }
     }

@@ -163,7 +163,8 @@ fn counted(
     [to, to_negative]: [&mut [i64]; 2],
 ) -> Result<(), NoReading> {
     for axis in 0..AXES {
-        let Some((column, number)) = of_negative.zip(negative).map(|(columns, numbers)| (&columns[axis], numbers[axis]))
+        let Some((column, number)) =
+            of_negative.zip(negative).map(|(columns, numbers)| (&columns[axis], numbers[axis]))
         else {
             to[axis] = counting.pulses(rows, &columns[axis], numbers[axis])? * sign[axis] as i64;
             continue;

@@ -60,11 +60,12 @@ impl TextSource {
     fn mean(&mut self) -> Result<MeanRow, NoReading> {
         self.check_width()?;
         let Some([set_point, position]) = &self.labels else {
-            return Err(NoReading::Text(self.rows.error("a sheet has the columns of set point and position".to_owned())));
+            return Err(NoReading::Text(
+                self.rows.error("a sheet has the columns of set point and position".to_owned()),
+            ));
         };
-        let mut number = |column: &CsvColumn| {
-            self.marks.number(&self.rows, column).map_err(|error| bad(&self.rows, column, error))
-        };
+        let mut number =
+            |column: &CsvColumn| self.marks.number(&self.rows, column).map_err(|error| bad(&self.rows, column, error));
         let set_point_c = number(set_point)?.value;
         let Number { value, is_whole } = number(position)?;
         let position = Some(value).filter(|value| is_whole && (0.0..4_294_967_296.0).contains(value));
