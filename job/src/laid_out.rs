@@ -154,8 +154,8 @@ fn of_one_file(failure: Failure, file: &PositionFile, others_are_right: bool) ->
     }
     let PositionFile { set_point_c, position, .. } = file;
     let message = format!(
-        "{}; measure position {position} at {set_point_c} degC again, or take the file away and leave the position out with \
-         --exclude {set_point_c}/{position}",
+        "{}; measure position {position} at {set_point_c} degC again, or take the file away and leave the \
+         position out with --exclude {set_point_c}/{position}",
         failure.message
     );
     Failure { message, ..failure }

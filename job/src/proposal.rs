@@ -89,8 +89,8 @@ fn of_sheet(sheet: &Path, beside: &Path) -> Result<String, Failure> {
     };
     let set_point = find(&OF_SET_POINT, &repeats);
     let Some((set_point, position)) = set_point.zip(position).filter(|(a, b)| a != b) else {
-        let message = "no columns of set point and position are seen in the sheet; give them in a campaign file by hand: \
-                       docs/calibrate.md#means";
+        let message = "no columns of set point and position are seen in the sheet; give them in a campaign file \
+                       by hand: docs/calibrate.md#means";
         return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(sheet))).at(sheet, None));
     };
     let rows = table.columns[position].values.len();

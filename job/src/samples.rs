@@ -92,8 +92,8 @@ impl CampaignFile {
             }
             if let Some(other) = seen.insert((set_point_c.to_bits(), position), path.clone()) {
                 return Err(refused(format!(
-                    "{} and {} are both of position {position} at {set_point_c} degC; take one away, or give a second \
-                     visit a folder and a name of its own: files = [\"up/..\", \"down/..\"]",
+                    "{} and {} are both of position {position} at {set_point_c} degC; take one away, or give a \
+                     second visit a folder and a name of its own: files = [\"up/..\", \"down/..\"]",
                     shown(&other),
                     shown(&path)
                 )));

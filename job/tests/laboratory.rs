@@ -1,5 +1,6 @@
 //! The data that laboratories have: one simulated campaign as rows, as files by position, and as a sheet of means gives
 //! one table; what is wrong with files has a message with file, line or key, and remedy.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::expect_used, reason = "in a test the panic is the report")]
 
 use isotherm_campaign::Campaign;
 use isotherm_failure::Exit;
@@ -62,7 +63,7 @@ impl Laboratory {
         for row in &self.rows {
             match dwells.last_mut() {
                 Some((set_point, position, rows)) if (*set_point, *position) == (row.set_point_c, row.position) => {
-                    rows.push(*row)
+                    rows.push(*row);
                 }
                 _ => dwells.push((row.set_point_c, row.position, vec![*row])),
             }
@@ -175,7 +176,7 @@ fn table(made: &Made) -> CoefficientTable {
     CoefficientTable::from_toml(&made.table, None).unwrap()
 }
 
-/// The largest differences of the biases \[g0\] and of the scale factors \[1\] of two tables over the range of the first.
+/// The largest differences of the biases \[g0\] and of the scale factors \[1\] of two tables.
 fn differences(one: &CoefficientTable, other: &CoefficientTable) -> [f64; 2] {
     let mut most = [0.0_f64; 2];
     for (a, b) in one.content().axes.iter().zip(&other.content().axes) {

@@ -46,17 +46,17 @@ impl FromStr for Attitude {
         match numbers.as_deref() {
             Some(&[x, y, z]) => {
                 let direction = [x, y, z];
-                let is_right = direction.iter().any(|part| part.abs() > 1e-6) && direction.iter().all(|part| part.abs() < 1e6);
+                let is_some = direction.iter().any(|part| part.abs() > 1e-6);
+                let is_right = is_some && direction.iter().all(|part| part.abs() < 1e6);
                 let decimals = parts.iter().map(|part| decimals(part)).max().unwrap_or_default();
-                is_right.then_some(Self::Direction { direction, decimals }).ok_or_else(|| "give a direction, for example 0,0,1".to_owned())
+                let found = is_right.then_some(Self::Direction { direction, decimals });
+                found.ok_or_else(|| "give a direction, for example 0,0,1".to_owned())
             }
             Some(&[outer, inner]) => Ok(Self::Angles([outer, inner])),
             _ if parts.len() == 1 && !text.trim().is_empty() => Ok(Self::Position(text.trim().to_owned())),
-            _ => Err(
-                "give a direction along A1, A2, A3, for example 0,0,1; the angles of the turntable, OUTER,INNER; or with \
-                 --campaign the number or name of a position"
-                    .to_owned(),
-            ),
+            _ => Err("give a direction along A1, A2, A3, for example 0,0,1; the angles of the turntable, \
+                 OUTER,INNER; or with --campaign the number or name of a position"
+                .to_owned()),
         }
     }
 }
@@ -77,21 +77,25 @@ impl Attitude {
             (Self::Direction { direction, .. }, _) => Ok(*direction),
             (Self::Angles([outer, inner]), Some(campaign)) => {
                 let mount = campaign.mount.ok_or(
-                    "--attitude: the positions of the campaign file do not say how the IMU sat on the turntable; give \
-                     their angles, or the direction along A1, A2, A3",
+                    "--attitude: the positions of the campaign file do not say how the IMU sat on the \
+                     turntable; give their angles, or the direction along A1, A2, A3",
                 )?;
                 let force = (mount * Vector3::from(specific_force(*outer, *inner))).into();
                 let position = Position { specific_force: force, ..Position::at(0, *outer, *inner) };
                 Ok(campaign.force(&position, tilt).0)
             }
-            (Self::Angles(angles), None) => table.turntable().map(|turntable| turntable_attitude(turntable, *angles)).ok_or_else(|| {
-                "--attitude: with angles of the turntable give the campaign file too, --campaign FILE: it says how the IMU \
-                 sat on the turntable"
-                    .to_owned()
-            }),
+            (Self::Angles(angles), None) => {
+                let attitude = table.turntable().map(|turntable| turntable_attitude(turntable, *angles));
+                attitude.ok_or_else(|| {
+                    "--attitude: with angles of the turntable give the campaign file too, --campaign FILE: it \
+                     says how the IMU sat on the turntable"
+                        .to_owned()
+                })
+            }
             (Self::Position(name), Some(campaign)) => Ok(campaign.force(position(campaign, name, tilt)?, tilt).0),
             (Self::Position(name), None) => Err(format!(
-                "--attitude: {name:?} is a position; give its campaign file, --campaign FILE, or a direction such as 0,0,1"
+                "--attitude: {name:?} is a position; give its campaign file, --campaign FILE, or a direction \
+                 such as 0,0,1"
             )),
         }
     }
@@ -112,8 +116,9 @@ impl Attitude {
         }
         let needed = (0.5 * rounded.sqrt() / NEGLIGIBLE).log10().ceil();
         Some(format!(
-            "--attitude: {decimals} decimals leave up to {:.1}e-6 g0 across the specific force, which counts as an error of \
-             the table; give {needed} decimals, or with --campaign FILE the angles OUTER,INNER or the number of a position",
+            "--attitude: {decimals} decimals leave up to {:.1}e-6 g0 across the specific force, which counts as \
+             an error of the table; give {needed} decimals, or with --campaign FILE the angles OUTER,INNER or the number \
+             of a position",
             left * 1e6
         ))
     }
@@ -150,7 +155,8 @@ fn position<'c>(campaign: &'c Campaign, name: &str, tilt: Option<[f64; 2]>) -> R
                 return Ok(first);
             }
             Err(format!(
-                "--attitude: the campaign file has several positions {name:?}, whose headings differ; give the number: {}",
+                "--attitude: the campaign file has several positions {name:?}, whose headings differ; give the \
+                 number: {}",
                 numbers(&named)
             ))
         }

@@ -46,8 +46,8 @@ impl Names {
         let varying: Vec<usize> = slots.filter(|slot| values(*slot).len() > 1).collect();
         let &[first, second] = varying.as_slice() else {
             return Err(format!(
-                "{} files have names as {}, in which {} numbers vary; two are wanted, the set point and the position, as in \
-                 T-20_P03.csv",
+                "{} files have names as {}, in which {} numbers vary; two are wanted, the set point and the \
+                 position, as in T-20_P03.csv",
                 group.len(),
                 names[group[0].0],
                 varying.len()

@@ -66,8 +66,8 @@ impl Found {
     /// The campaign file. `lines` say where the samples are.
     pub(super) fn campaign(&self, lines: &[String], remarks: &[String]) -> String {
         let mut out = String::from(
-            "# Proposed by `isotherm calibrate --propose` from the files alone. Fill in every \"?\", and check what a\n\
-             # comment calls a guess; then: isotherm check campaign.toml\n\
+            "# Proposed by `isotherm calibrate --propose` from the files alone. Fill in every \"?\", and check \
+             what a\n # comment calls a guess; then: isotherm check campaign.toml\n\
              format = 1\n\
              imu = \"?\"                       # the name of the IMU: 1 to 32 of a-z 0-9 - _\n\
              # serial = \"S/N 0042\"\n\
@@ -77,8 +77,8 @@ impl Found {
         let unit = self.unit();
         line(&mut out, &format!("temperature_unit = \"{}\"", unit.0), unit.1);
         out.push_str(
-            "# nominal_scale_factor = 90000   # pulse/(s*g0), of the data sheet: with it a factor between counts and\n\
-             #                                # rates is found from gravity\n",
+            "# nominal_scale_factor = 90000   # pulse/(s*g0), of the data sheet: with it a factor between \
+             counts and\n #                                # rates is found from gravity\n",
         );
         for remark in remarks {
             line(&mut out, &format!("# {remark}"), "");
@@ -165,7 +165,7 @@ impl Found {
             line(out, "kind = \"count\"", "a guess: all numbers are whole");
             match step_s {
                 Some(step_s) => {
-                    line(out, &format!("gate_s = {step_s}"), "a guess, from row to row: the time of a count [s]")
+                    line(out, &format!("gate_s = {step_s}"), "a guess, from row to row: the time of a count [s]");
                 }
                 None => line(out, "gate_s = \"?\"", "the time that a count is over [s]"),
             }

@@ -34,7 +34,7 @@ impl Calibrate {
             symptoms: self.verbose,
             ..FitOptions::default()
         };
-        let files = core::iter::once(self.campaign()).chain(&self.samples).cloned().collect();
+        let files = self.campaign.iter().chain(&self.samples).cloned().collect();
         let warm_up = WarmUp { files, options };
         let vehicle = Vehicle::of(imu, &warm_up.files, &warm_up.options.foreign, &bytes_bar)?;
         match vehicle.imus.as_slice() {

@@ -47,8 +47,9 @@ impl Counting {
         if (value - pulses).abs() > WHOLE {
             if self.kind == Kind::Count {
                 let message = format!(
-                    "{} is {}, which is no count: if the numbers are pulses a second, give kind = \"rate\" and gate_s, the \
-                     time that they were counted over; if they are means of a dwell, give the sheet as means",
+                    "{} is {}, which is no count: if the numbers are pulses a second, give kind = \"rate\" and \
+                     gate_s, the time that they were counted over; if they are means of a dwell, give the sheet as \
+                     means",
                     column.name(),
                     number.value
                 );
@@ -75,8 +76,8 @@ impl Counting {
             return Ok(pulses);
         }
         let message = format!(
-            "{} is {}, but a channel counts from 0 on; if a column has both signs, give columns in place of positive and \
-             negative",
+            "{} is {}, but a channel counts from 0 on; if a column has both signs, give columns in place of \
+             positive and negative",
             column.name(),
             number.value
         );
@@ -91,14 +92,14 @@ impl Counting {
         }
         let message = if self.all_whole && self.pulses >= MANY && gate_s > 1.0 {
             format!(
-                "{section}: all numbers are whole, but rates over {gate_s} s come in steps of {} pulse/s: they look like \
-                 counts: give kind = \"count\"; or they were rounded, and lose up to half a pulse/s",
+                "{section}: all numbers are whole, but rates over {gate_s} s come in steps of {} pulse/s: they \
+                 look like counts: give kind = \"count\"; or they were rounded, and lose up to half a pulse/s",
                 shown(gate_s.recip())
             )
         } else if 2 * self.parts > self.pulses {
             format!(
-                "{section}: most rates times gate_s = {gate_s} are no whole numbers of pulses: give the time that the \
-                 pulses were counted over, or more digits; what is rounded is up to half a pulse a row"
+                "{section}: most rates times gate_s = {gate_s} are no whole numbers of pulses: give the time \
+                 that the pulses were counted over, or more digits; what is rounded is up to half a pulse a row"
             )
         } else {
             return None;

@@ -77,8 +77,8 @@ impl TextSource {
         let rates = self.accelerometers.rates(&numbers);
         if let Some([positive, negative]) = rates.iter().find(|rates| rates.iter().any(|rate| *rate < 0.0)) {
             let message = format!(
-                "a channel counts from 0 on, and these are {positive} and {negative} pulse/s; if a column has both signs, give \
-                 columns in place of positive and negative"
+                "a channel counts from 0 on, and these are {positive} and {negative} pulse/s; if a column has \
+                 both signs, give columns in place of positive and negative"
             );
             return Err(NoReading::Text(self.rows.error(message)));
         }
