@@ -398,6 +398,8 @@ fn a_proposal_takes_no_temperatures_for_accelerations_and_needs_only_what_files_
     ] {
         assert!(proposed.contains(expected), "{expected}\n{proposed}");
     }
+    let is_line = |line: &str| line.is_empty() || !line.starts_with(' ') && line.len() <= 120;
+    assert!(proposed.lines().all(is_line), "{proposed}");
     // As it is, it is refused: what the files do not say is open.
     let (exit, message) = laboratory.refused(&proposed);
     assert!(exit == Exit::Config && message.contains("imu") && message.contains("gravity_local"), "{message}");

@@ -43,6 +43,20 @@ impl Times {
     }
 }
 
+/// What no file says.
+const HEAD: &str = r#"# Proposed by `isotherm calibrate --propose` from the files alone. Fill in every "?", and check what a comment calls a
+# guess; then: isotherm check campaign.toml
+format = 1
+imu = "?"                       # the name of the IMU: 1 to 32 of a-z 0-9 - _
+# serial = "S/N 0042"
+gravity_reference = "?"         # m/s2, the value of 1 g0, for example 9.80665
+gravity_local = "?"             # m/s2, at the station
+"#;
+/// What finds counts that are taken for rates.
+const NOMINAL: &str = "\
+# nominal_scale_factor = 90000  # pulse/(s*g0), of the data sheet: with it a factor between counts and rates is found
+";
+
 /// What was found in files or a sheet.
 pub(super) struct Found {
     table: LookedTable,
@@ -65,21 +79,10 @@ impl Found {
 
     /// The campaign file. `lines` say where the samples are.
     pub(super) fn campaign(&self, lines: &[String], remarks: &[String]) -> String {
-        let mut out = String::from(
-            "# Proposed by `isotherm calibrate --propose` from the files alone. Fill in every \"?\", and check \
-             what a\n # comment calls a guess; then: isotherm check campaign.toml\n\
-             format = 1\n\
-             imu = \"?\"                       # the name of the IMU: 1 to 32 of a-z 0-9 - _\n\
-             # serial = \"S/N 0042\"\n\
-             gravity_reference = \"?\"         # m/s2, the value of 1 g0, for example 9.80665\n\
-             gravity_local = \"?\"             # m/s2, at the station\n",
-        );
+        let mut out = String::from(HEAD);
         let unit = self.unit();
         line(&mut out, &format!("temperature_unit = \"{}\"", unit.0), unit.1);
-        out.push_str(
-            "# nominal_scale_factor = 90000   # pulse/(s*g0), of the data sheet: with it a factor between \
-             counts and\n #                                # rates is found from gravity\n",
-        );
+        out.push_str(NOMINAL);
         for remark in remarks {
             line(&mut out, &format!("# {remark}"), "");
         }
@@ -165,7 +168,7 @@ impl Found {
             line(out, "kind = \"count\"", "a guess: all numbers are whole");
             match step_s {
                 Some(step_s) => {
-                    line(out, &format!("gate_s = {step_s}"), "a guess, from row to row: the time of a count [s]");
+                    line(out, &format!("gate_s = {step_s}"), "a guess, from row to row [s]");
                 }
                 None => line(out, "gate_s = \"?\"", "the time that a count is over [s]"),
             }
