@@ -55,8 +55,6 @@ impl CampaignFile {
             (Err(Faults(mut all)), Err(Faults(of_columns))) => {
                 all.extend(of_columns);
                 all.sort_by_key(|fault| fault.line);
-                // What is no TOML is so to both.
-                all.dedup();
                 Err(Faults(all))
             }
         }

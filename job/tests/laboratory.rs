@@ -427,3 +427,29 @@ fn a_proposal_takes_no_temperatures_for_accelerations_and_needs_only_what_files_
         assert!(sheet.contains(expected), "{expected}\n{sheet}");
     }
 }
+
+#[test]
+fn the_examples_of_the_guide_are_valid_and_fit_their_files() {
+    let guide = include_str!("../../docs/calibrate.md");
+    let blocks: Vec<_> = guide.split("```toml\n").skip(1).filter_map(|rest| rest.split_once("```")).collect();
+    let samples: Vec<_> =
+        blocks.iter().map(|(block, _)| *block).filter(|block| block.starts_with("[samples]")).collect();
+    assert_eq!(samples.len(), 2, "files by position, and means");
+    let laboratory = Laboratory::new(11, &[-20.0, 20.0]);
+    laboratory.write_files();
+    laboratory.write_means();
+    for block in samples {
+        let path = laboratory.path("guide.toml");
+        fs::write(&path, format!("{}{block}{}", laboratory.head, laboratory.positions)).unwrap();
+        let campaigns = CampaignFile::read(&path).unwrap().campaigns();
+        assert!(campaigns.is_ok(), "{block}\n{}", campaigns.err().unwrap().message);
+        // Here the columns of the date are called otherwise.
+        if block.contains("files = ") {
+            let text = fs::read_to_string(&path).unwrap().replace("[\"Date\", \"Time\"]", "[\"Datum\", \"Zeit\"]");
+            fs::write(&path, text).unwrap();
+            laboratory.write_files();
+            let made = laboratory.made("guide.toml");
+            assert_eq!(table(&made).digest(), table(&laboratory.made("files.toml")).digest());
+        }
+    }
+}

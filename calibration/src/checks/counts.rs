@@ -9,8 +9,12 @@ use isotherm_statistics::median;
 
 /// How far scale factors may be off the nominal one.
 const NOMINAL: f64 = 2.0;
-/// How far a ratio may be off a whole number.
-const WHOLE: f64 = 0.1;
+/// How far a length may be off a multiple of gravity.
+const WHOLE: f64 = 0.03;
+/// Multiples that gates give.
+const MULTIPLES: std::ops::RangeInclusive<f64> = 2.0..=100.0;
+/// The least part of the dwells that have gravity, or the scale factors are not known, and how far they may be off it.
+const MOST: (f64, f64) = (0.8, 0.1);
 
 impl Checker<'_> {
     /// Scale factors that are far off the nominal one of the campaign file.
@@ -52,8 +56,13 @@ impl Checker<'_> {
             });
             indicated.map(|of_axis| of_axis * of_axis).sum::<f64>().sqrt()
         };
-        let found: Vec<_> =
-            (0..self.dwells.len()).filter_map(|dwell| Some((dwell, multiple(length(dwell))?))).collect();
+        let lengths: Vec<f64> = (0..self.dwells.len()).map(length).collect();
+        let with_gravity = lengths.iter().filter(|length| (**length - 1.0).abs() < MOST.1).count();
+        if (with_gravity as f64) < MOST.0 * lengths.len() as f64 {
+            return Vec::new();
+        }
+        let of_dwells = lengths.iter().enumerate();
+        let found: Vec<_> = of_dwells.filter_map(|(dwell, length)| Some((dwell, multiple(*length)?))).collect();
         for &(dwell, (factor, is_larger)) in &found {
             let (what, others) = if is_larger { ("counts", "rates") } else { ("rates", "counts") };
             let part = if is_larger { format!("{factor} times") } else { format!("1/{factor} of") };
@@ -73,6 +82,6 @@ fn multiple(length: f64) -> Option<(u32, bool)> {
     let is_larger = length > 1.0;
     let times = if is_larger { length } else { length.recip() };
     let whole = times.round();
-    let is_it = (2.0..1e6).contains(&whole) && (times / whole - 1.0).abs() < WHOLE;
+    let is_it = MULTIPLES.contains(&whole) && (times / whole - 1.0).abs() < WHOLE;
     is_it.then_some((whole as u32, is_larger))
 }

@@ -86,8 +86,8 @@ pub(crate) struct Verify {
     /// Attitude of the IMU: the direction of the specific force along A1, A2, A3; the angles of the turntable [deg]; or
     /// the number or name of a position of --campaign [default: the median of the compensated output]
     ///
-    /// A typed direction is as good as its digits: 5 decimals leave up to 9e-6 g0. Angles and positions are exact, and have
-    /// the tilt of the base that the provenance of the table states
+    /// A typed direction is as good as its digits: 5 decimals leave up to 9e-6 g0. Angles and positions are exact, and
+    /// have the tilt of the base that the provenance of the table states
     #[arg(long, value_name = "F1,F2,F3|OUTER,INNER|POSITION", allow_hyphen_values = true)]
     attitude: Option<Attitude>,
     /// Campaign file whose positions --attitude names; it says how the IMU sat on the turntable
