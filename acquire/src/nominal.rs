@@ -45,8 +45,9 @@ impl Description {
                 )),
             }?;
             let per_interval = match sensors.kind {
-                Count::Reading => 1.0,
                 Count::Increment => 1e9 / self.timing.interval_ns as f64,
+                // A description has no counts and rates of a text.
+                Count::Reading | Count::Count | Count::Rate => 1.0,
             };
             Ok((resolution * one * per_interval, sensors.range.map(|range| range * one)))
         };

@@ -92,7 +92,7 @@ fn calibrate_static(
     options: CalibrationOptions,
 ) -> Result<Calibration, CalibrationError> {
     let wrapped = wraps(&measurements);
-    let Measurements { dwells, gyroscopes, other_device, .. } = measurements;
+    let Measurements { dwells, gyroscopes, other_device, findings: of_files, .. } = measurements;
     let devices: Vec<_> = other_device.map(|other| other.finding(campaign)).into_iter().collect();
     // Before anything is said about samples of another unit.
     if !devices.is_empty() && !options.accept.contains(&name::OTHER_DEVICE) {
@@ -106,6 +106,7 @@ fn calibrate_static(
         calibration.accepted.extend(accepted);
         add_findings(&mut calibration, wrapped)?;
         add_findings(&mut calibration, devices)?;
+        add_findings(&mut calibration, of_files)?;
         if gyroscopes.present {
             let message = "the samples have gyroscopes, but the campaign file has no [[turn]]: only the accelerometers are calibrated";
             let finding = Finding::whole(Severity::Warning, name::NO_TURNS, message.to_owned());
@@ -125,6 +126,7 @@ fn calibrate_static(
     calibration.accepted.extend(accepted);
     add_findings(&mut calibration, wrapped)?;
     add_findings(&mut calibration, devices)?;
+    add_findings(&mut calibration, of_files)?;
     add_gyroscopes(campaign, &mut calibration, &gyroscopes, observability, &excluded_turns)?;
     Ok(calibration)
 }

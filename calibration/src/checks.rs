@@ -5,13 +5,14 @@
 //!
 //! Over 400 lines: one check after another on the same dwells, most of the text being messages.
 
+mod counts;
 pub(crate) mod scale;
 pub(crate) mod telemetry;
 pub(crate) mod time;
 pub(crate) mod wraps;
 
 use crate::reduce::reduce;
-use isotherm_campaign::{Block, Campaign, Dwell};
+use isotherm_campaign::{Block, Campaign, Dwell, FilePattern, SampleLayout};
 use isotherm_finding::{Finding, Location, RunNumber, Severity, name};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
@@ -163,6 +164,7 @@ impl Checker<'_> {
             self.telemetry(set_points);
         }
         self.saturation();
+        self.nominal_scale_factor();
         self.forces(set_points);
         self.still();
         self.findings.sort_by_key(|finding| (finding.severity == Severity::Warning, finding.line));
@@ -208,14 +210,23 @@ impl Checker<'_> {
                 let (noun, verb, it) =
                     if missing.len() == 1 { ("position", "is", "it") } else { ("positions", "are", "each") };
                 let message = format!(
-                    "{noun} {} of the campaign file {verb} missing; measure {it}, or leave {it} out knowingly with --exclude {}/{}",
+                    "{noun} {} of the campaign file {verb} missing{}; measure {it}, or leave {it} out knowingly with --exclude {}/{}",
                     missing.join(", "),
+                    self.file_of(set_point.set_point_c, &missing[0]),
                     set_point.set_point_c,
                     missing[0]
                 );
                 self.report_set_point(Severity::Fault, name::MISSING_POSITION, set_point.set_point_c, line, message);
             }
         }
+    }
+
+    /// What the file of a position at a set point would be called, where positions have files.
+    fn file_of(&self, set_point_c: f64, number: &str) -> String {
+        let pattern = self.campaign.samples.first().filter(|_| self.campaign.layout != SampleLayout::Rows);
+        let pattern = pattern.and_then(|pattern| FilePattern::new(pattern).ok());
+        let name = pattern.zip(number.parse().ok()).map(|(pattern, number)| pattern.name(set_point_c, number));
+        name.map_or_else(String::new, |name| format!(": no file is called {name}, with or without zeros in front"))
     }
 
     /// Rates at the campaign's `max_rate`, and converters that are full.
@@ -293,6 +304,7 @@ impl Checker<'_> {
     fn forces(&mut self, set_points: &[SetPoint]) {
         let gravity = self.campaign.gravity_local / self.campaign.gravity_reference;
         let mut scale_factors: [Option<[f64; 2]>; AXES] = [None; AXES];
+        let multiples = self.multiples();
         for (axis, accelerometer) in AXIS_NAMES.iter().enumerate() {
             let [up, down] = self.nominal(axis);
             let sides = [(up, "up", "+"), (down, "down", "-")];
@@ -308,15 +320,16 @@ impl Checker<'_> {
                 scale_factors[axis] = Some([0, 1].map(|channel| median(found.iter().map(|k| k[channel].abs()))));
                 continue;
             }
-            self.wrong_positions(axis, [up, down], gravity);
+            self.wrong_positions(axis, [up, down], gravity, &multiples);
         }
         self.scale_factors(&scale_factors);
     }
 
     /// Dwells whose indicated specific force is not that of their position, with K+ and |K-| of the accelerometer.
-    fn wrong_positions(&mut self, axis: usize, [up, down]: [f64; 2], gravity: f64) {
+    /// Nothing more is said of `multiples`.
+    fn wrong_positions(&mut self, axis: usize, [up, down]: [f64; 2], gravity: f64, multiples: &[usize]) {
         let accelerometer = AXIS_NAMES[axis];
-        for dwell in 0..self.dwells.len() {
+        for dwell in (0..self.dwells.len()).filter(|dwell| !multiples.contains(dwell)) {
             let asked = self.campaign.positions[self.dwells[dwell].position].specific_force[axis] * gravity;
             let [positive, negative] = self.dwells[dwell].sums.rates(axis);
             let indicated = (positive / up - negative / down) * gravity;

@@ -124,8 +124,8 @@ pub struct Dwell {
     pub lines: [u64; 2],
     /// Number of rows.
     pub rows: u64,
-    /// Begin of its first and end of its last row \[ns\].
-    pub time_ns: [u64; 2],
+    /// Begin of its first and end of its last row \[ns\]; `None` if its times are not those of the other dwells.
+    pub time_ns: Option<[u64; 2]>,
     /// Sums over all rows.
     pub sums: DwellSums,
     /// Its blocks, in order of time.
@@ -147,9 +147,44 @@ impl Dwell {
             position,
             lines: [row.line; 2],
             rows: 0,
-            time_ns: [begin; 2],
+            time_ns: Some([begin; 2]),
             sums: DwellSums::default(),
             blocks: Vec::new(),
+            continuity: Continuity::default(),
+            time_fault_line: None,
+            block_length: MIN_BLOCK,
+            last: None,
+        }
+    }
+
+    /// A dwell of which only means are known: the rates of both channels \[pulse/s\], and the telemetry of head and
+    /// board. It counts as one second without a time.
+    #[must_use]
+    pub fn of_means(
+        line: u64,
+        set_point_c: f64,
+        position: usize,
+        rates: [[f64; 2]; AXES],
+        [head, board]: [[f64; AXES]; 2],
+    ) -> Self {
+        let [positive, negative] = [0, 1].map(|channel| rates.map(|rates| rates[channel]));
+        let sums = DwellSums { seconds: 1.0, positive, negative, head, board, age: 0.0 };
+        let block = Block {
+            line,
+            sums,
+            head: head.map(|head| [head; 2]),
+            board: board.map(|board| [board; 2]),
+            rate: rates.map(|[positive, negative]| positive + negative),
+            steps: RowSteps::default(),
+        };
+        Self {
+            set_point_c,
+            position,
+            lines: [line; 2],
+            rows: 1,
+            time_ns: None,
+            sums,
+            blocks: vec![block],
             continuity: Continuity::default(),
             time_fault_line: None,
             block_length: MIN_BLOCK,
@@ -162,7 +197,9 @@ impl Dwell {
         let sample = &row.sample;
         self.lines[1] = row.line;
         self.rows += 1;
-        self.time_ns[1] = sample.timestamp_ns;
+        if let Some([_, end]) = &mut self.time_ns {
+            *end = sample.timestamp_ns;
+        }
         self.sums.add(sample);
         if self.continuity.add(sample) {
             self.time_fault_line = Some(row.line);

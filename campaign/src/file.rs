@@ -8,6 +8,7 @@ use crate::model::Campaign;
 use crate::mount::{contradiction, mount};
 use crate::position::{Position, angles};
 use crate::ramp::ramps;
+use crate::samples::{SampleLayout, samples};
 use crate::turn::{Turn, turns};
 use isotherm_shared::document::{Document, Faults, Section};
 use isotherm_shared::stream::ImuId;
@@ -114,12 +115,15 @@ fn campaign(root: &Section<'_, '_>, imu: Option<ImuId>, serial: Option<String>) 
     let gravity_only = gravity_only(root);
     let temperature_range = temperature_range(root, gravity_only);
     let ramps_alone = root.has("ramp") && !root.has("position") && !gravity_only;
-    let samples = samples(root, ramps_alone);
+    let samples = samples_of(root, ramps_alone, gravity_only);
+    let nominal_scale_factor = positive(root, "nominal_scale_factor");
     let gravity_reference = gravity(root, "gravity_reference", "the value of 1 g0 in m/s2, for example 9.8015");
     let [latitude_deg, height_m] = place(root);
     let place = latitude_deg.zip(height_m).and_then(|(latitude, height)| Place::new(latitude, height).ok());
     let (gravity_local, gravity_source) = gravity_local(root, place.filter(|_| gravity_only), place);
     let unit = root.string("temperature_unit", "the unit of the telemetry, for example \"V\"").map(str::to_owned);
+    let is_open = root.is_open("temperature_unit");
+    root.refuse("temperature_unit", is_open.then(|| "is \"?\", which is to be filled in; give the unit".to_owned()));
     let out_of_range = root.optional_choice("out_of_range", &OutOfRange::NAMES);
     let [max_age_s, max_rate, soak_s] = ["max_age_s", "max_rate", "soak_s"].map(|key| positive(root, key));
     let sections = root.list("position");
@@ -132,10 +136,19 @@ fn campaign(root: &Section<'_, '_>, imu: Option<ImuId>, serial: Option<String>) 
     let mount = mount(&positions);
     take_exact_directions(&mut positions, mount);
     let turns = turns_of(root, complete.then_some(&positions), ramps_alone, mount, latitude_deg);
+    let (samples, layout) = samples?;
+    if layout == SampleLayout::Means && root.has("turn") {
+        root.fault(
+            "turn",
+            "a mean shows no turn: turns need rows; give files in place of means, or leave the turns out",
+        );
+    }
     Some(Campaign {
         imu: imu?,
         serial,
-        samples: samples?,
+        samples,
+        layout,
+        nominal_scale_factor,
         gravity_reference: gravity_reference?,
         gravity_local: gravity_local?,
         gravity_source,
@@ -168,14 +181,12 @@ fn gravity_only(root: &Section<'_, '_>) -> bool {
     gravity_only
 }
 
-/// The files of the samples. Ramps have their own.
-fn samples(root: &Section<'_, '_>, ramps_alone: bool) -> Option<Vec<String>> {
+/// The files of the samples, and how they are laid out. Ramps have their own.
+fn samples_of(root: &Section<'_, '_>, ramps_alone: bool, gravity_only: bool) -> Option<(Vec<String>, SampleLayout)> {
     if ramps_alone && !root.has("samples") {
-        return Some(Vec::new());
+        return Some((Vec::new(), SampleLayout::Rows));
     }
-    let samples =
-        root.strings("samples", "the file of the samples, for example \"samples.csv\", or a list of files")?;
-    Some(samples.into_iter().map(str::to_owned).collect())
+    samples(root, gravity_only)
 }
 
 fn gravity(root: &Section<'_, '_>, key: &'static str, right: &'static str) -> Option<f64> {

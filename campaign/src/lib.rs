@@ -32,6 +32,7 @@ mod positions;
 mod ramp;
 mod rate;
 mod rows;
+mod samples;
 mod standstill;
 mod turn;
 
@@ -50,6 +51,7 @@ pub use positions::{MAX_CONDITION, Observability, PARAMETERS, Scheme};
 pub use ramp::Ramp;
 pub use rate::rate_at_rest;
 pub use rows::{implausible, implausible_time, read_dwells};
+pub use samples::{FilePattern, POSITION, SET_POINT, SampleLayout};
 pub use standstill::{
     Begins, STANDSTILL_WINDOW_S, Standstill, StandstillError, Standstills, begins_ns, find_standstills, stretches,
 };

@@ -3,6 +3,7 @@
 use crate::gravity::{GravitySource, Place, gravity_warning};
 use crate::position::Position;
 use crate::ramp::Ramp;
+use crate::samples::SampleLayout;
 use crate::turn::Turn;
 use isotherm_finding::Finding;
 use isotherm_shared::stream::ImuId;
@@ -20,6 +21,10 @@ pub struct Campaign {
     /// Files of the samples, relative to the campaign file: one file, or the pieces of one recording in any order. Not
     /// required with ramps alone.
     pub samples: Vec<String>,
+    /// How they are laid out; files by position are named by patterns.
+    pub layout: SampleLayout,
+    /// The scale factor of the accelerometers by their data sheet, within a factor of 2 \[pulse/(s*g0)\].
+    pub nominal_scale_factor: Option<f64>,
     /// The value of 1 g0 \[m/s2\]; it is written into the table.
     pub gravity_reference: f64,
     /// Gravity at the station \[m/s2\].
@@ -79,6 +84,8 @@ impl Campaign {
             imu,
             serial: None,
             samples: Vec::new(),
+            layout: SampleLayout::Rows,
+            nominal_scale_factor: None,
             gravity_reference,
             gravity_local,
             gravity_source: GravitySource::Stated,

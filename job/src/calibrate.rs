@@ -1,6 +1,8 @@
 //! One calibration: read, hash, fit, seal, report.
 
 use crate::files::{Bar, CampaignFile};
+use crate::laid_out::{LaidOut, by_position, of_means};
+use crate::samples::PositionFile;
 use indicatif::ProgressBar;
 use isotherm_calibration::{
     CalibrationError, CalibrationOptions, CampaignSource, Fitted, GravityOnlyOptions, Measured, Measurements,
@@ -10,7 +12,7 @@ use isotherm_campaign::{Campaign, Ramp};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{Trust, load_table_text};
 use isotherm_recording::{CampaignRow, LogImu, Marks, RecordingError};
-use isotherm_recording_formats::convert::Foreign;
+use isotherm_recording_formats::convert::{Foreign, Settings};
 use isotherm_recording_formats::read::{ImuChoice, Input, Part, Pieces, Places, Recording, RowKind};
 use isotherm_report::{fitted, json};
 use isotherm_shared::stream::ImuId;
@@ -114,7 +116,7 @@ impl Inputs {
         bar: Bar<'_>,
     ) -> Result<Self, Refused> {
         if samples.is_empty() {
-            samples = file.map(|file| Source::files(&file.samples(campaign))).unwrap_or_default();
+            samples = file.map(|file| file.sources(campaign)).transpose()?.unwrap_or_default();
         }
         let mut from = Origin {
             samples: samples.first().map(Source::path).or(file.map(|file| file.path.clone())).unwrap_or_default(),
@@ -138,7 +140,7 @@ impl Inputs {
         if curves.is_none() {
             // Checked first, because reading may take minutes.
             observable(campaign).map_err(|error| from.refused(error, Some(file)))?;
-            measurements = reader.positions(campaign, samples, &mut from)?;
+            measurements = reader.positions((campaign, file), samples, &mut from)?;
         }
         let ramps = from.take(reader.ramps(campaign, &file.ramps(campaign))?);
         let options = options.turntable.clone();
@@ -248,7 +250,7 @@ impl Made {
     /// The report as HTML.
     #[must_use]
     pub fn html(&self, campaign: &Campaign) -> String {
-        fitted::html(campaign, &self.fitted, &self.source)
+        fitted::html(campaign, &self.fitted, &self.source, &|line| self.places.locate(line))
     }
 
     /// The findings, a line each.
@@ -323,6 +325,10 @@ fn completed(table: CoefficientTable, found: Option<Nominal>, notes: &mut Vec<St
 pub enum Source<'a> {
     /// A file of any format that recordings have.
     File(PathBuf),
+    /// The file of a position at a set point.
+    Position(PositionFile),
+    /// A sheet of means.
+    Means(PathBuf),
     /// Rows in memory.
     Rows {
         /// What messages call them.
@@ -341,9 +347,10 @@ impl Source<'_> {
         paths.iter().cloned().map(Self::File).collect()
     }
 
-    fn path(&self) -> PathBuf {
+    pub(crate) fn path(&self) -> PathBuf {
         match self {
-            Self::File(path) => path.clone(),
+            Self::File(path) | Self::Means(path) => path.clone(),
+            Self::Position(file) => file.path.clone(),
             Self::Rows { name, .. } => PathBuf::from(name),
         }
     }
@@ -376,13 +383,20 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// Dwells and turns, from the pieces of one recording.
+    /// Dwells and turns: from files by position, a sheet of means, or the pieces of one recording.
     fn positions(
         &self,
-        campaign: &Campaign,
+        (campaign, file): (&Campaign, &CampaignFile),
         mut samples: Vec<Source<'_>>,
         from: &mut Origin,
     ) -> Result<Measurements, Failure> {
+        if let Some(laid_out) = self.laid_out((campaign, file), &samples)? {
+            from.places = laid_out.places;
+            from.rows.push(laid_out.marks);
+            from.samples_sha256 = laid_out.sha256;
+            from.notes.extend(laid_out.notes);
+            return Ok(laid_out.measurements);
+        }
         if let [Source::Rows { name, sha256, rows }] = samples.as_mut_slice() {
             from.samples_sha256 = core::mem::take(sha256);
             from.places.begin(Path::new(name), None, 0);
@@ -404,6 +418,34 @@ impl Reader<'_> {
         from.places = rows.places().clone();
         from.samples_sha256 = rows.sha256()?;
         Ok(measurements)
+    }
+
+    /// Files by position, or a sheet of means; `None` of a recording.
+    fn laid_out(
+        &self,
+        (campaign, file): (&Campaign, &CampaignFile),
+        samples: &[Source<'_>],
+    ) -> Result<Option<LaidOut>, Failure> {
+        let of_position = |source: &Source<'_>| match source {
+            Source::Position(file) => Some(file.clone()),
+            _ => None,
+        };
+        let files: Vec<_> = samples.iter().filter_map(of_position).collect();
+        let mapping = file.mapping()?;
+        if let ([Source::Means(sheet)], Some(mapping)) = (samples, &mapping) {
+            return of_means(campaign, sheet, mapping.clone()).map(Some);
+        }
+        if files.is_empty() {
+            return Ok(None);
+        }
+        let paths: Vec<_> = samples.iter().map(Source::path).collect();
+        let bar = (self.bar)(&paths, "reading");
+        let settings = Settings { mapping: mapping.clone(), ..Settings::default() };
+        let foreign = mapping.is_some().then(|| Foreign { settings, ..Foreign::default() });
+        let input = Input { foreign, ..self.input.clone() };
+        let read = by_position(campaign, &files, (&input, mapping.as_ref()), &bar);
+        bar.finish_and_clear();
+        read.map(Some)
     }
 
     /// Ramps, with the SHA-256 of each. Messages call each as the campaign file does, wherever it lies.
@@ -453,7 +495,8 @@ impl Reader<'_> {
         let (mut all, mut files) = (Vec::new(), Vec::new());
         for (place, source) in samples.into_iter().enumerate() {
             match source {
-                Source::File(path) => files.push(path),
+                Source::File(path) | Source::Means(path) => files.push(path),
+                Source::Position(file) => files.push(file.path),
                 Source::Rows { name, sha256, rows } => {
                     let mut marks = Marks::default();
                     let rows = self.input.part.of_rows(&name, rows);

@@ -4,6 +4,8 @@ use indicatif::ProgressBar;
 use isotherm_campaign::{Campaign, select_imu};
 use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{LoadError, Trust, read_text};
+use isotherm_recording_formats::convert::Mapping;
+use isotherm_shared::document::Faults;
 use std::path::{Path, PathBuf};
 
 /// Makes the progress bar for reading these files, with a word of what is done.
@@ -37,10 +39,31 @@ impl CampaignFile {
     /// The campaigns of all of its IMUs.
     ///
     /// # Errors
-    /// Everything that is wrong in the text, with line and key.
+    /// As [`checked`](Self::checked).
     pub fn campaigns(&self) -> Result<Vec<Campaign>, Failure> {
-        let campaigns = Campaign::batch_from_toml(&self.text);
-        Ok(campaigns.map_err(|faults| LoadError::Refused { path: self.path.clone(), faults })?)
+        Ok(self.checked().map_err(|faults| LoadError::Refused { path: self.path.clone(), faults })?)
+    }
+
+    /// The campaigns of all of its IMUs.
+    ///
+    /// # Errors
+    /// Everything that is wrong in the text, also in what it says of the columns of its samples, with line and key.
+    pub fn checked(&self) -> Result<Vec<Campaign>, Faults> {
+        match (Campaign::batch_from_toml(&self.text), Mapping::of_campaign(&self.text)) {
+            (Ok(campaigns), Ok(_)) => Ok(campaigns),
+            (Err(faults), Ok(_)) | (Ok(_), Err(faults)) => Err(faults),
+            (Err(Faults(mut all)), Err(Faults(of_columns))) => {
+                all.extend(of_columns);
+                all.sort_by_key(|fault| fault.line);
+                Err(Faults(all))
+            }
+        }
+    }
+
+    /// What the columns of the samples are, if it says so.
+    pub(crate) fn mapping(&self) -> Result<Option<Mapping>, Failure> {
+        let mapping = Mapping::of_campaign(&self.text);
+        Ok(mapping.map_err(|faults| LoadError::Refused { path: self.path.clone(), faults })?)
     }
 
     /// The campaign of `imu`, or the only one.
@@ -74,11 +97,5 @@ impl CampaignFile {
     #[must_use]
     pub fn curves(&self, campaign: &Campaign) -> Option<PathBuf> {
         campaign.curves.as_ref().map(|name| self.beside(name))
-    }
-
-    /// The samples that it names.
-    #[must_use]
-    pub fn samples(&self, campaign: &Campaign) -> Vec<PathBuf> {
-        campaign.samples.iter().map(|name| self.beside(name)).collect()
     }
 }

@@ -21,10 +21,15 @@
 
 mod calibrate;
 mod files;
+mod laid_out;
+mod proposal;
+mod samples;
 mod vehicle;
 mod verify;
 
 pub use calibrate::{FitOptions, Inputs, Made, Origin, Refused, Source};
 pub use files::{Bar, CampaignFile, no_bar};
+pub use proposal::propose;
+pub use samples::PositionFile;
 pub use vehicle::{INSTANCE, Vehicle, VehicleImu};
 pub use verify::Run;

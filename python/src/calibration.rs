@@ -73,8 +73,8 @@ pub(crate) struct Options {
 type ForeignOptions = (Option<(PathBuf, String)>, Option<f64>, Option<u64>, OriginOptions, Option<u32>);
 
 /// The campaign of `imu`, or the only one.
-fn campaign_of(text: &str, name: &str, imu: Option<&str>) -> PyResult<Campaign> {
-    let campaigns = Campaign::batch_from_toml(text).map_err(|all| faults(name, &all))?;
+fn campaign_of(file: &CampaignFile, name: &str, imu: Option<&str>) -> PyResult<Campaign> {
+    let campaigns = file.checked().map_err(|all| faults(name, &all))?;
     select_imu(campaigns, imu).map_err(|message| PyValueError::new_err(format!("{name}: {message}")))
 }
 
@@ -98,7 +98,7 @@ pub(crate) fn calibrate(
 ) -> PyResult<Calibration> {
     let campaign_file = CampaignFile { path, text };
     let name = campaign_file.name();
-    let mut campaign = campaign_of(&campaign_file.text, &name, imu)?;
+    let mut campaign = campaign_of(&campaign_file, &name, imu)?;
     if let Some([latitude_deg, height_m]) = options.place {
         campaign = campaign.at_place(Place::new(latitude_deg, height_m).map_err(PyValueError::new_err)?);
     }
@@ -113,9 +113,15 @@ pub(crate) fn calibrate(
         return Err(PyValueError::new_err("samples: positions need them, and ramps alone have none"));
     }
     let options = options.checked()?;
-    let recordings =
-        recordings.unwrap_or_else(|| campaign_file.samples(&campaign).into_iter().map(Recorded::File).collect());
-    let sources = sources(&recordings, if by_hand { Rows::OfRecordings } else { Rows::OfCampaign })?;
+    let given = recordings.is_some();
+    let named = || campaign_file.samples(&campaign).map_err(|failure| failed(&Refused::from(failure)));
+    let recordings = match recordings {
+        Some(recordings) => recordings,
+        None => named()?.into_iter().map(Recorded::File).collect(),
+    };
+    // Those that the campaign file names are read as it says.
+    let rows = if by_hand { Rows::OfRecordings } else { Rows::OfCampaign };
+    let sources = if given { sources(&recordings, rows)? } else { Vec::new() };
     let named = campaign_file.ramps(&campaign).into_iter().chain(campaign_file.curves(&campaign));
     for path in recordings.iter().filter_map(Recorded::path).cloned().chain(named) {
         fs::metadata(&path).map_err(|error| file(&path, &error))?;

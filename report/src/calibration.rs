@@ -25,10 +25,15 @@ use triad::Budget;
 /// Label of errors of accelerometers.
 const ERROR: &str = "Error / 1e-6 g0";
 
-/// The page as HTML.
+/// The page as HTML. `locate` gives file and line of a row.
 #[must_use]
-pub fn html(campaign: &Campaign, calibration: &Calibration, source: &CampaignSource) -> String {
-    let report = Report { campaign, calibration, source, triads: CalibratedTriad::all(calibration).collect() };
+pub fn html(
+    campaign: &Campaign,
+    calibration: &Calibration,
+    source: &CampaignSource,
+    locate: &dyn Fn(u64) -> String,
+) -> String {
+    let report = Report { campaign, calibration, source, locate, triads: CalibratedTriad::all(calibration).collect() };
     let title = format!("Calibration of {}", campaign.imu);
     let mut page = Page::new(&title, &format!("{} · {} · {}", source.campaign, source.time, source.tool));
     report.result(&mut page);
@@ -112,10 +117,20 @@ impl Report<'_> {
         Some(places.collect::<Vec<_>>().join(", ")).filter(|t| !t.is_empty()).unwrap_or_else(|| "nothing".to_owned())
     }
 
-    /// Time of a dwell since the first one \[h\].
-    fn hours(&self, dwell: &Dwell) -> f64 {
-        let start = self.calibration.dwells.first().map_or(0, |dwell| dwell.time_ns[0]);
-        dwell.time_ns[0].saturating_sub(start) as f64 / 3.6e12
+    /// What dwells are shown over: their times, or their order if they have none.
+    fn order_label(&self) -> &'static str {
+        let are_timed = self.calibration.dwells.iter().all(|dwell| dwell.time_ns.is_some());
+        if are_timed { "Time / h" } else { "Number of the dwell" }
+    }
+
+    /// Time of a dwell since the first one \[h\], or its number, from 1.
+    fn order_of(&self, dwell: &Dwell) -> f64 {
+        let dwells = &self.calibration.dwells;
+        let start = dwells.first().and_then(|dwell| dwell.time_ns);
+        match dwell.time_ns.zip(start) {
+            Some(([begin_ns, _], [start_ns, _])) => begin_ns.saturating_sub(start_ns) as f64 / 3.6e12,
+            None => dwells.iter().take_while(|other| other.lines != dwell.lines).count() as f64 + 1.0,
+        }
     }
 
     /// Residuals of the accelerometers in each dwell.
@@ -129,7 +144,7 @@ impl Report<'_> {
                 plot.zero_line().series("Dwells", Style::Points, points)
             }));
         };
-        plots(&|_, dwell| self.hours(dwell), "residuals over time", "Time / h");
+        plots(&|_, dwell| self.order_of(dwell), "residuals over time", self.order_label());
         let label = format!("dU/dt of the head / ({} per h)", self.unit());
         plots(&|axis, dwell| dwell.head_per_s(axis) * 3600.0, "residuals against drift", &label);
         page.paragraph(
@@ -155,8 +170,8 @@ impl Report<'_> {
             plot.zero_line().series("Before", Style::Points, before).series("After", Style::Points, after)
         };
         let over_time = |axis: usize| {
-            let plot = Plot::new(&format!("{} over time", AXIS_NAMES[axis]), "Time / h", ERROR);
-            series(plot, axis, &|dwell| self.hours(dwell))
+            let plot = Plot::new(&format!("{} over time", AXIS_NAMES[axis]), self.order_label(), ERROR);
+            series(plot, axis, &|dwell| self.order_of(dwell))
         };
         let over_head = |axis: usize| {
             let title = format!("{} over temperature", AXIS_NAMES[axis]);

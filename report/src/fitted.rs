@@ -29,9 +29,9 @@ pub fn json(fitted: &Fitted, locate: impl Fn(u64) -> String) -> Value {
 
 /// The report as HTML.
 #[must_use]
-pub fn html(campaign: &Campaign, fitted: &Fitted, source: &CampaignSource) -> String {
+pub fn html(campaign: &Campaign, fitted: &Fitted, source: &CampaignSource, locate: &dyn Fn(u64) -> String) -> String {
     match fitted {
-        Fitted::Campaign(found) => calibration::html(campaign, found, source),
+        Fitted::Campaign(found) => calibration::html(campaign, found, source, locate),
         Fitted::Ramps(found) => ramps::html(campaign, found, source),
         Fitted::OneAttitude(found) => one_attitude::html(campaign, found, source),
         Fitted::GravityOnly(found) => gravity_only::html(campaign, found, source),

@@ -389,7 +389,12 @@ impl<'d, 'a> Section<'d, 'a> {
 
     /// Reports every key that was never asked for.
     pub fn finish(self) {
-        let asked = self.asked.into_inner();
+        let mut asked = Vec::new();
+        for key in self.asked.into_inner() {
+            if !asked.contains(&key) {
+                asked.push(key);
+            }
+        }
         for (key, _) in self.table {
             if asked.contains(&key.get_ref().as_ref()) {
                 continue;

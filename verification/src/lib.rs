@@ -22,6 +22,7 @@
 //! # }
 //! ```
 
+mod attitude;
 mod evidence;
 mod gate;
 mod lengths;
@@ -31,6 +32,7 @@ mod stability;
 mod verdict;
 mod window;
 
+pub use attitude::Attitude;
 pub use evidence::{OWN_RECORDING, own_recording};
 pub use gate::exercised::DRIVEN;
 pub use gate::exercised::{Exercised, undriven};

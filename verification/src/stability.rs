@@ -40,6 +40,7 @@ pub use collector::Collector;
 pub(crate) use coverage::hole;
 pub use coverage::{Coverage, DRIVEN};
 pub use earth_rate::EarthRate;
+pub(crate) use earth_rate::attitude as turntable_attitude;
 pub use error::{Force, StabilityError};
 pub use figures::AxisStability;
 pub use gyroscopes::GyroscopeStability;

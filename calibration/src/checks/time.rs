@@ -1,7 +1,7 @@
 //! The checks of time: soak, intervals, missing rows, and motions and ramps that are too fast to be true.
 
 use super::{Checker, SetPoint};
-use isotherm_campaign::{Dwell, Position};
+use isotherm_campaign::{Dwell, Position, SampleLayout};
 use isotherm_finding::{Finding, Location, RunNumber, Severity, name};
 use isotherm_recording::{CLOCK_TOLERANCE, MISSING, cause, part, unit_factor};
 use isotherm_statistics::{median, robust_sd};
@@ -41,7 +41,7 @@ impl Checker<'_> {
         };
         for index in 1..self.dwells.len() {
             let (before, after) = (&self.dwells[index - 1], &self.dwells[index]);
-            let gap = gap_s(before, after);
+            let Some(gap) = gap_s(before, after) else { continue };
             if before.set_point_c != after.set_point_c && gap < limit {
                 let stated = if self.campaign.soak_s.is_some() { "the campaign file asks for" } else { "usual are" };
                 let message = format!(
@@ -55,10 +55,14 @@ impl Checker<'_> {
     /// The intervals against the timestamps, missing rows, and dwells that are cut short.
     pub(super) fn time(&mut self) {
         let line = self.dwells.first().map(|dwell| dwell.lines[0]);
-        let told = self.intervals();
+        self.no_times();
+        // What passes between two rates over a gate need not be counted.
+        let are_rates = self.campaign.layout == SampleLayout::ByPosition { rates: true };
+        let told = are_rates || self.intervals();
         self.lost_time();
-        let elapsed = |dwell: &Dwell| dwell.time_ns[1].saturating_sub(dwell.time_ns[0]) as f64 / 1e9;
-        let ratio = median(self.dwells.iter().map(|dwell| dwell.sums.seconds / elapsed(dwell)));
+        let elapsed = |[begin_ns, end_ns]: [u64; 2]| end_ns.saturating_sub(begin_ns) as f64 / 1e9;
+        let ratio = |dwell: &Dwell| Some(dwell.sums.seconds / elapsed(dwell.time_ns?));
+        let ratio = median(self.dwells.iter().filter_map(ratio));
         let sequences = self.dwells.iter().any(|dwell| dwell.blocks_with_consecutive_rows() > 0);
         let rows: u64 = self.dwells.iter().map(|dwell| dwell.rows).sum();
         let lost = self.dwells.iter().fold(0_u64, |lost, dwell| lost.saturating_add(dwell.losses().missing));
@@ -92,10 +96,29 @@ impl Checker<'_> {
         self.short_dwells();
     }
 
+    /// That there are no times, or none that hold for the whole campaign, and what is not looked at.
+    fn no_times(&mut self) {
+        if self.dwells.iter().all(|dwell| dwell.time_ns.is_some()) {
+            return;
+        }
+        let message = match self.campaign.layout {
+            SampleLayout::Means => {
+                "means have no times and no rows: soak, missing rows, drift and motion within a dwell, its noise and full \
+                 converters are not looked at; telemetry that changed within a dwell is an error that nothing shows"
+            }
+            _ => {
+                "the samples have no times that hold for the whole campaign: soak, and motions and ramps that are too fast, \
+                 are not looked at; give date and time as time.column"
+            }
+        };
+        self.findings.push(Finding::warning(name::NO_TIMES, message.to_owned()));
+    }
+
     /// A campaign that lasts too long.
     fn duration(&mut self, line: Option<u64>) {
-        let all_s = match (self.dwells.first(), self.dwells.last()) {
-            (Some(first), Some(last)) => last.time_ns[1].saturating_sub(first.time_ns[0]) as f64 / 1e9,
+        let end_of = |dwell: Option<&Dwell>, end: usize| dwell?.time_ns.map(|time_ns| time_ns[end]);
+        let all_s = match (end_of(self.dwells.first(), 0), end_of(self.dwells.last(), 1)) {
+            (Some(first), Some(last)) => last.saturating_sub(first) as f64 / 1e9,
             _ => 0.0,
         };
         if all_s > LONG_CAMPAIGN {
@@ -185,8 +208,9 @@ impl Checker<'_> {
         let position = |dwell: &Dwell| &self.campaign.positions[dwell.position];
         let turn = |pair: &(&Dwell, &Dwell)| turn_deg(position(pair.0), position(pair.1)) > FAST_TURN;
         let turns = || self.pairs().filter(turn);
-        let usual_s = median(turns().map(|(before, after)| gap_s(before, after)));
-        let fast: Vec<_> = turns().filter(|(before, after)| gap_s(before, after) < FAST_TURN_S).collect();
+        let usual_s = median(turns().filter_map(|(before, after)| gap_s(before, after)));
+        let is_fast = |(before, after): &(&Dwell, &Dwell)| gap_s(before, after).is_some_and(|gap| gap < FAST_TURN_S);
+        let fast: Vec<_> = turns().filter(is_fast).collect();
         let (before, after) = *fast.first()?;
         let more = if fast.len() > 1 { format!(", and {} more such turns", fast.len() - 1) } else { String::new() };
         let all = usual_s > 0.0 && fast.len() * 2 > turns().count();
@@ -202,7 +226,7 @@ impl Checker<'_> {
             position(before).number,
             position(after).number,
             turn_deg(position(before), position(after)),
-            gap_s(before, after)
+            gap_s(before, after).unwrap_or_default()
         );
         // The unit of all times concerns no single dwell: `diagnosis::clock` tells the two by the place.
         let here = factor.is_none().then_some(after);
@@ -225,7 +249,8 @@ impl Checker<'_> {
             let asked = (after.set_point_c - before.set_point_c).abs();
             // Where telemetry hardly depends on the chamber its noise is a large change of the temperature.
             let change = ((head(after) - head(before)) / slope).abs().min(2.0 * asked);
-            (asked > 0.0 && change > RAMP * asked).then(|| change / gap_s(before, after).max(1e-9))
+            let gap = gap_s(before, after)?;
+            (asked > 0.0 && change > RAMP * asked).then(|| change / gap.max(1e-9))
         };
         let rate = median(self.pairs().filter_map(ramp));
         let message = format!(
@@ -241,9 +266,10 @@ impl Checker<'_> {
     }
 }
 
-/// Time from the last row of a dwell to the first of the next one \[s\].
-fn gap_s(before: &Dwell, after: &Dwell) -> f64 {
-    after.time_ns[0].saturating_sub(before.time_ns[1]) as f64 / 1e9
+/// Time from the last row of a dwell to the first of the next one \[s\]; `None` if no clock is that of both.
+fn gap_s(before: &Dwell, after: &Dwell) -> Option<f64> {
+    let [[_, end_ns], [begin_ns, _]] = [before.time_ns?, after.time_ns?];
+    Some(begin_ns.saturating_sub(end_ns) as f64 / 1e9)
 }
 
 /// Angle of the rotation from one position to another \[deg\]; without angles, that between the specific forces.

@@ -211,7 +211,8 @@ impl Checker<'_> {
         let clocks = median(self.data.dwells.iter().map(|(_, dwell)| dwell.interval_ratio()));
         let clocks = if clocks.is_finite() { clocks } else { 1.0 };
         for (_, turn) in &self.data.turns {
-            let elapsed = turn.run.time_ns[1].saturating_sub(turn.run.time_ns[0]) as f64 / 1e9 * clocks;
+            let [begin_ns, end_ns] = turn.run.time_ns.unwrap_or_default();
+            let elapsed = end_ns.saturating_sub(begin_ns) as f64 / 1e9 * clocks;
             let lost = elapsed - turn.run.sums.seconds;
             let line = turn.run.lines[0];
             if turn.has_gap() {

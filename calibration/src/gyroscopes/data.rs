@@ -112,6 +112,6 @@ impl<'a> Data<'a> {
 
 /// A run with its place, not yet fitted.
 fn placed(set_point: usize, run: &Dwell, place: Place) -> FittedRun {
-    let (start_ns, seconds) = (run.time_ns[0], run.sums.seconds);
+    let (start_ns, seconds) = (run.time_ns.map(|[begin_ns, _]| begin_ns), run.sums.seconds);
     FittedRun { set_point, place, lines: run.lines, start_ns, seconds, residual: [0.0; AXES] }
 }

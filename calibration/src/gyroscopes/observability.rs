@@ -129,7 +129,7 @@ fn matrix(campaign: &Campaign) -> DMatrix<f64> {
                 turn.map_or(0.0, |(_, blocks)| blocks.iter().map(|block| block.pulses[axis][channel]).sum())
             })
         });
-        places.push(FittedRun { set_point: 0, place, lines: [0; 2], start_ns: 0, seconds, residual: [0.0; AXES] });
+        places.push(FittedRun { set_point: 0, place, lines: [0; 2], start_ns: None, seconds, residual: [0.0; AXES] });
         runs.push(Run {
             set_point: 0,
             seconds,

@@ -26,6 +26,8 @@ pub struct Measurements {
     /// The ramps, in the order of the campaign file. They have their own recordings, which [`RampRecording::read`]
     /// reduces.
     pub ramps: Vec<RampRecording>,
+    /// What was found in the files of the rows.
+    pub findings: Vec<Finding>,
 }
 
 /// A row of another unit than that of the campaign file's serial number or, without one, than that of the rows before.
@@ -168,8 +170,8 @@ pub struct FittedRun {
     pub place: Place,
     /// Lines of its first and last row.
     pub lines: [u64; 2],
-    /// When its first row was taken \[ns\].
-    pub start_ns: u64,
+    /// When its first row was taken \[ns\]; `None` if its times are not those of the other runs.
+    pub start_ns: Option<u64>,
     /// Sum of its intervals \[s\].
     pub seconds: f64,
     /// Residual of each gyroscope \[arcsec\].
@@ -202,7 +204,7 @@ pub fn read_measurements(
         Ok(row)
     });
     let dwells = read_dwells(campaign, rows)?;
-    Ok(Measurements { dwells, gyroscopes: runs, other_device, ramps: Vec::new() })
+    Ok(Measurements { dwells, gyroscopes: runs, other_device, ..Measurements::default() })
 }
 
 /// Adds a row. `previous` has set point and number of the row before.

@@ -46,6 +46,8 @@ pub struct Origin {
     pub residual_sd_g0: Option<[f64; AXES]>,
     /// Whether ramps gave bias curves with their errors.
     pub has_ramp_errors: bool,
+    /// The tilt of the turntable's base about X and Y \[rad\].
+    pub tilt_rad: Option<[f64; 2]>,
     /// Rms of the residuals of a calibration that has one for all accelerometers \[g0\].
     pub residual_rms_g0: Option<f64>,
     /// SHA-256 of the recordings, in hexadecimal.
@@ -126,6 +128,7 @@ impl Origin {
                 .map(|key| square(&matrix(provenance.get(key)?)?).filter(|errors| errors.min() >= 0.0)),
             residual_sd_g0: provenance.get("residual_sd_g0").and_then(numbers),
             residual_rms_g0: provenance.get("residual_rms_g0").and_then(number),
+            tilt_rad: provenance.get("tilt_rad").and_then(pair),
             has_ramp_errors: ramp_errors(provenance),
             sha256: hashes(provenance),
             log_imu: log_imu(provenance),
@@ -246,6 +249,11 @@ fn matrix(value: &Value) -> Option<Vec<Vec<f64>>> {
 }
 
 /// A finite number.
+fn pair(value: &Value) -> Option<[f64; 2]> {
+    let [x, y] = value.as_array()?.as_slice() else { return None };
+    Some([number(x)?, number(y)?])
+}
+
 fn number(value: &Value) -> Option<f64> {
     let number = match value {
         Value::Integer(integer) => Some(*integer as f64),

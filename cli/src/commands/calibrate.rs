@@ -16,7 +16,7 @@ use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, printable, tell};
 use isotherm_files::{StagedText, print_data};
 use isotherm_finding::name;
-use isotherm_job::{CampaignFile, FitOptions, Inputs, Made, Refused, Source};
+use isotherm_job::{CampaignFile, FitOptions, Inputs, Made, Refused, Source, propose};
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
@@ -34,13 +34,27 @@ struct Staged {
 
 impl Calibrate {
     pub(crate) fn run(self) -> Result<(), Failure> {
+        if let Some(folder) = &self.propose {
+            return self.write_proposal(folder);
+        }
         or_document(self.json, self.make_tables())?
+    }
+
+    /// Writes the campaign file that the files of a folder would have.
+    fn write_proposal(&self, folder: &Path) -> Result<(), Failure> {
+        let output = self.output.as_deref().filter(|path| *path != Path::new("-"));
+        let beside = output.and_then(Path::parent).unwrap_or(Path::new(""));
+        let text = propose(folder, beside)?;
+        match output {
+            Some(path) => StagedText::create(Some(path))?.write(&text)?.finish(),
+            None => print_data(&text),
+        }
     }
 
     /// Makes the table, or those of a batch. The inner result tells which IMUs of a batch were dropped; what is printed
     /// has them too.
     fn make_tables(&self) -> Result<Result<(), Failure>, Refused> {
-        if self.json && self.output == Path::new("-") {
+        if self.json && self.output() == Path::new("-") {
             let message = "--json and -o - both go to stdout; give the table a file";
             return Err(Failure::new(Exit::Usage, message).into());
         }
@@ -51,7 +65,7 @@ impl Calibrate {
             let made = self.make_table(&campaign, &recordings, None)??;
             return Ok(Ok(self.print_json(&made.json())?));
         }
-        let file = CampaignFile::read(&self.campaign)?;
+        let file = CampaignFile::read(self.campaign())?;
         match (self.chosen(file.campaigns()?)?.as_slice(), &self.batch) {
             ([campaign], None) => {
                 let made = self.make_table(campaign, &self.sample_files(campaign, &file)?, Some(&file))??;
@@ -107,7 +121,10 @@ impl Calibrate {
             self.refuse_foreign()?;
         }
         let options = self.options(campaign.gravity_only)?;
-        let inputs = Inputs::read(campaign, file, Source::files(samples), &options, &bytes_bar)?;
+        // Those that the campaign file names are read as it says.
+        let are_named = self.samples.is_empty() && file.is_some();
+        let samples = if are_named { Vec::new() } else { Source::files(samples) };
+        let inputs = Inputs::read(campaign, file, samples, &options, &bytes_bar)?;
         let spinner = spinner("fitting");
         let made = inputs.fit(campaign, file);
         spinner.finish_and_clear();
@@ -174,13 +191,13 @@ impl Calibrate {
             Some(text) => PathBuf::from(text.replace(IMU, imu.as_str())),
             None => path.to_owned(),
         };
-        [Some(self.output.as_path()), self.report.as_deref()].map(|path| path.map(named))
+        [Some(self.output()), self.report.as_deref()].map(|path| path.map(named))
     }
 
     /// The files of the samples: those that are given, or that the campaign file names.
     fn sample_files(&self, campaign: &Campaign, file: &CampaignFile) -> Result<Vec<PathBuf>, Failure> {
         match self.samples.is_empty() {
-            true => Ok(file.samples(campaign)),
+            true => file.samples(campaign),
             false if campaign.has_ramps_alone() => {
                 let message =
                     "samples are for positions, and the campaign file has ramps alone; name them as [[ramp]] in it";

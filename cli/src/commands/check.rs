@@ -3,9 +3,9 @@
 use isotherm_acquire::Description;
 use isotherm_automation::plan::Plan;
 use isotherm_calibration::observable;
-use isotherm_campaign::Campaign;
 use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::LoadError;
+use isotherm_job::CampaignFile;
 use isotherm_recording_formats::convert::{KnownColumns, Mapping};
 use isotherm_recording_formats::repair::{Hole, RepairReport, inspect};
 use isotherm_shared::document::Document;
@@ -84,8 +84,8 @@ fn plan(text: &str, path: &Path) -> Result<String, Failure> {
 }
 
 fn campaign(text: &str, path: &Path) -> Result<String, Failure> {
-    let campaigns = Campaign::batch_from_toml(text);
-    let campaigns = campaigns.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
+    let file = CampaignFile { path: path.to_owned(), text: text.to_owned() };
+    let campaigns = file.campaigns()?;
     let imus: Vec<_> = campaigns.iter().map(|campaign| campaign.imu.as_str()).collect();
     let imus = imus.join(", ");
     // The others differ by their mountings alone.

@@ -5,23 +5,25 @@ use super::common::{
     refuse_other_imu,
 };
 use super::part::PartArgs;
-use crate::parse::{direction, gravity, seconds};
+use crate::parse::{gravity, seconds};
 use crate::progress::bytes_bar;
 use clap::Args;
-use isotherm_calibration::{now, tool};
+use isotherm_calibration::{Origin, now, tool};
 use isotherm_campaign::{STANDSTILL_WINDOW_S, faults, length_at_rest};
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{StagedText, check_stdout, check_written, print, print_data, refuse_overlap};
 use isotherm_finding::{Finding, name};
-use isotherm_job::{Refused, Run};
+use isotherm_job::{CampaignFile, Refused, Run};
 use isotherm_recording::other_device;
 use isotherm_recording_formats::read::Input;
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{AXES, RawSample};
-use isotherm_verification::{Lengths, LengthsError, LocalGravity, Requirement, Setup, Stability, own_recording};
+use isotherm_verification::{
+    Attitude, Lengths, LengthsError, LocalGravity, Requirement, Setup, Stability, own_recording,
+};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -82,9 +84,16 @@ pub(crate) struct Verify {
     /// place, unless --accept not-covered
     #[arg(long, value_name = "BOUNDS", allow_negative_numbers = true)]
     require: Vec<Requirement>,
-    /// Direction of the specific force along A1, A2, A3 [default: the median of the compensated output]
-    #[arg(long, value_name = "F1,F2,F3", allow_hyphen_values = true, value_parser = direction)]
-    attitude: Option<[f64; AXES]>,
+    /// Attitude of the IMU: the direction of the specific force along A1, A2, A3; the angles of the turntable [deg]; or
+    /// the number or name of a position of --campaign [default: the median of the compensated output]
+    ///
+    /// A typed direction is as good as its digits: 5 decimals leave up to 9e-6 g0. Angles and positions are exact, and
+    /// have the tilt of the base that the provenance of the table states
+    #[arg(long, value_name = "F1,F2,F3|OUTER,INNER|POSITION", allow_hyphen_values = true)]
+    attitude: Option<Attitude>,
+    /// Campaign file whose positions --attitude names; it says how the IMU sat on the turntable
+    #[arg(long, value_name = "CAMPAIGN.toml", requires = "attitude")]
+    campaign: Option<PathBuf>,
     /// Angles of the turntable that the table's campaign was measured on, in the run [deg]: with the provenance of the
     /// table they give Earth's rate along the gyroscopes, and the attitude
     #[arg(long, value_name = "OUTER,INNER", allow_hyphen_values = true, value_parser = crate::parse::numbers::<2>)]
@@ -187,16 +196,30 @@ impl Verify {
         self.acceptance.accept.contains(&name::NOT_COVERED)
     }
 
+    /// The direction that --attitude states.
+    fn direction(&self, table: &CoefficientTable, origin: &Origin) -> Result<Option<[f64; AXES]>, Failure> {
+        let Some(attitude) = &self.attitude else { return Ok(None) };
+        let file = self.campaign.as_deref().map(CampaignFile::read).transpose()?;
+        let campaign = file.map(|file| file.campaign(Some(table.content().imu.as_str()))).transpose()?;
+        let direction = attitude.direction(table, campaign.as_ref(), origin.tilt_rad);
+        if let Some(note) = attitude.note() {
+            tell("isotherm", note);
+        }
+        direction.map(Some).map_err(|message| Failure::new(Exit::Usage, message))
+    }
+
     /// Prints the results. The inner result is the judgement, which the results have too.
     fn show(self) -> Result<Result<(), Failure>, Refused> {
         let require = joined(&self.require)?;
         let mut files = inputs(&self.recording);
         files.push((&self.table, "the table"));
+        files.extend(self.campaign.iter().map(|file| (file.as_path(), "the campaign file")));
         files.extend(self.foreign.inputs());
         refuse_overlap(&files, &[self.report.as_deref()])?;
         check_written(None, check_stdout())?;
         let (table, origin) = load_with_origin(&self.table)?;
-        let setup = Setup::new(self.attitude, LocalGravity::of(self.gravity_local, &table));
+        let attitude = self.direction(&table, &origin)?;
+        let setup = Setup::new(attitude, LocalGravity::of(self.gravity_local, &table));
         let setup = Setup { other_device: self.other_device, ..setup }.at_angles(&table, self.angles);
         let setup = setup.map_err(|message| Failure::new(Exit::Usage, message))?;
         let page = self.report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;

@@ -147,7 +147,7 @@ fn a_table_without_a_turntable_is_made_of_texts_and_knows_them() {
 fn what_is_wrong_with_data_or_options_has_line_key_and_remedy() {
     let folder = at_rest();
     let folder = folder.path();
-    fs::write(folder.join("key.toml"), STILL.replace("kind = \"reading\"\nresolution = 1e-6", "kind = \"rate\""))
+    fs::write(folder.join("key.toml"), STILL.replace("kind = \"reading\"\nresolution = 1e-6", "kind = \"rates\""))
         .unwrap();
     fs::write(folder.join("column.toml"), STILL.replace("\"ay\"", "\"acc_y\"")).unwrap();
     fs::write(folder.join("range.toml"), STILL.replace("range = 78.5", "range = -1")).unwrap();
@@ -160,7 +160,7 @@ fn what_is_wrong_with_data_or_options_has_line_key_and_remedy() {
     let needless = "run.csv: a recording, which has all that is needed; leave out what is for other data: ";
     for (arguments, code, message) in [
         (&["still.csv"][..], 64, "still.csv: which columns are what? Give --mapping with a file such as"),
-        (&["still.csv", "--mapping", "key.toml"], 78, "key.toml:7: accelerometer.kind: is \"rate\""),
+        (&["still.csv", "--mapping", "key.toml"], 78, "key.toml:7: accelerometer.kind: is \"rates\""),
         (&["still.csv", "--mapping", "range.toml"], 78, "range.toml:10: accelerometer.range: is -1"),
         (&["still.csv", "--mapping", "column.toml"], 65, "still.csv:1: missing columns: acc_y; found: t_s, ax"),
         (&["still.csv", "--mapping", "none.toml"], 74, "reading none.toml"),

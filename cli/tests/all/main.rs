@@ -11,6 +11,7 @@ mod foreign;
 mod gravity_only;
 mod gyroscopes;
 mod joined;
+mod laboratory;
 mod noise;
 mod one_attitude;
 mod parameters;

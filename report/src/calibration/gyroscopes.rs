@@ -59,14 +59,20 @@ impl Report<'_> {
     /// Residuals of the gyroscopes in each dwell and turn.
     pub(super) fn run_residuals(&self, page: &mut Page, found: &GyroscopeCalibration) {
         page.heading(3, "residuals-runs", "Dwells and turns");
-        let start = found.runs.iter().map(|run| run.start_ns).min().unwrap_or(0);
+        let start_ns = found.runs.iter().filter_map(|run| run.start_ns).min().unwrap_or(0);
+        let are_timed = found.runs.iter().all(|run| run.start_ns.is_some());
+        let label = if are_timed { "Time / h" } else { "Number of the run" };
         let figure = |axis: usize| {
             let points = |turns: bool| {
-                let runs = found.runs.iter().filter(move |run| matches!(run.place, Place::Turn(_)) == turns);
-                runs.map(move |run| ((run.start_ns - start) as f64 / 3.6e12, run.residual[axis] / run.seconds.sqrt()))
+                let runs = found.runs.iter().enumerate();
+                let runs = runs.filter(move |(_, run)| matches!(run.place, Place::Turn(_)) == turns);
+                runs.map(move |(index, run)| {
+                    let hours = run.start_ns.filter(|_| are_timed).map(|ns| (ns - start_ns) as f64 / 3.6e12);
+                    (hours.unwrap_or(index as f64 + 1.0), run.residual[axis] / run.seconds.sqrt())
+                })
             };
             let title = format!("{}: residuals over time", GYROSCOPE_NAMES[axis]);
-            let plot = Plot::new(&title, "Time / h", "Residual / (arcsec/sqrt(s))").zero_line();
+            let plot = Plot::new(&title, label, "Residual / (arcsec/sqrt(s))").zero_line();
             plot.series("Dwells", Style::Points, points(false)).series("Turns", Style::Points, points(true))
         };
         page.plots(&[0, 1, 2].map(figure));

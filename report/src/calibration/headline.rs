@@ -5,6 +5,7 @@ use super::parts::Report;
 use super::triad::Bars;
 use crate::page::{Cell, Column, NoteKind, Page};
 use isotherm_calibration::{Accuracy, CalibratedTriad};
+use isotherm_campaign::SampleLayout;
 use isotherm_shared::table::AXIS_NAMES;
 
 /// An accelerometer: its number, its errors before and after, and what is known of the whole curves.
@@ -53,9 +54,11 @@ impl Report<'_> {
     fn remarks(&self, page: &mut Page, accuracies: &[Accuracy]) {
         let calibration = self.calibration;
         for finding in &calibration.findings {
-            let line = finding
-                .line
-                .map_or(String::new(), |line| format!("{}, line {line}: ", self.campaign.samples.join(", ")));
+            let line = match (finding.line, self.campaign.layout) {
+                (None, _) => String::new(),
+                (Some(line), SampleLayout::ByPosition { .. }) => format!("{}: ", (self.locate)(line)),
+                (Some(line), _) => format!("{}, line {line}: ", self.campaign.samples.join(", ")),
+            };
             page.note(NoteKind::Warning, "Look at this", &format!("{line}{finding}"));
         }
         let misfits: Vec<_> = self.triads.iter().filter_map(misfit).collect();

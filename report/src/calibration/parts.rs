@@ -14,6 +14,8 @@ pub(super) struct Report<'a> {
     pub(super) campaign: &'a Campaign,
     pub(super) calibration: &'a Calibration,
     pub(super) source: &'a CampaignSource,
+    /// File and line of a row.
+    pub(super) locate: &'a dyn Fn(u64) -> String,
     /// The accelerometers, and the gyroscopes if there are any.
     pub(super) triads: Vec<CalibratedTriad<'a>>,
 }

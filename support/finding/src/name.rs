@@ -121,6 +121,10 @@ findings! {
         /// From set point to set point the temperature changes by over 1 degC/s (median): times in microseconds, or
         /// made up.
         IMPOSSIBLE_RAMP = "impossible-ramp", Fault, "Give the true times, in nanoseconds.";
+        /// The samples have no times that hold for the whole campaign: files by position with clocks of their own, or
+        /// means. The message says what is not looked at: soak, fast motions, drift, and of means also motion and noise
+        /// within a dwell.
+        NO_TIMES = "no-times", Warning, "Give files with date and time, or rows in place of means.";
         /// The campaign seems to last over 100 days.
         DURATION = "duration", Warning, "Give the times in nanoseconds.";
     }
@@ -177,6 +181,12 @@ findings! {
         LOCAL_GRAVITY = "local-gravity", Warning, "Look up local gravity; state the height in metres.";
         /// Scale factors of a triad, or K+ and K- of a sensor, differ by over a factor of 2.
         AXES_DIFFER = "axes-differ", Warning, "Look for a lost digit, or for pulses that are divided.";
+        /// Counts look like rates, or rates like counts: the scale factors, which gravity gives, are over a factor of 2
+        /// off `nominal_scale_factor`; or the specific force of a dwell is a multiple of gravity, where others have
+        /// gravity. A warning if the numbers alone say so: rates that are all whole, or that are no whole pulses in the
+        /// gate.
+        COUNTS_OR_RATES = "counts-or-rates", FaultOrWarning,
+            "Give `kind` and `gate_s` as the numbers are; give files of one kind.";
     }
     "The fit" "" {
         /// A residual in one position at all temperatures that no tilt explains; or a level error that is not estimated

@@ -15,7 +15,7 @@ fn report_of_order(set_points_c: Vec<f64>, order: usize) -> String {
     let options = CalibrationOptions { order: Some(order), ..CalibrationOptions::default() };
     let (file, calibration) = calibrated(&truth, &schedule, 1, options).unwrap();
     let source = CampaignSource::default();
-    html(&file, &calibration, &source)
+    html(&file, &calibration, &source, &|line| line.to_string())
 }
 
 /// The figures whose label begins so.

@@ -91,7 +91,7 @@ fn beside_positions_the_curves_are_the_campaigns() {
     for part in ["verdict = \"lag\"", "samples = \"ramp-2.csv\"", &"22".repeat(32), "left_out_written = "] {
         assert!(text.contains(part), "{part}\n{text}");
     }
-    let page = report::calibration::html(&campaign, &calibration, &source());
+    let page = report::calibration::html(&campaign, &calibration, &source(), &|line| line.to_string());
     for part in
         ["Search over the time constant", "A2 with transient: hysteresis band", "lag-not-hysteresis", "ramp-1.csv"]
     {

@@ -8,7 +8,7 @@ use clap::{ArgGroup, Args};
 use isotherm_calibration::{LagChoice, Method, ScaleFactorChoice};
 use isotherm_client::ImuId;
 use isotherm_parameters::Autopilot;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Duration;
 
@@ -24,19 +24,26 @@ use std::time::Duration;
 /// --one-attitude, recordings or logs of an IMU that warms up give the bias curves over temperature.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html\n  isotherm calibrate campaign.toml -o imu-a.toml --order 3 --method two-stage --exclude -25/3\n  isotherm calibrate ramps.toml -o imu-a.toml --lag 240\n  isotherm calibrate campaign.toml -o 'tables/{imu}.toml' --batch batch.html\n  isotherm calibrate --one-attitude warm-up.ulg --imu imu-b -o imu-b.toml --export px4=imu-b.params\n  isotherm calibrate --one-attitude warm-up.BIN --imu my-drone -o 'my-drone-{instance}.toml' --export ardupilot=my-drone.parm\n  isotherm calibrate --gravity-only cold.csv warm.csv --imu imu-b --gravity-local 9.8123 --gravity-reference 9.80665 --temperature-unit degC -o imu-b.toml"
+    after_help = "Examples:\n  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html\n  isotherm calibrate campaign.toml -o imu-a.toml --order 3 --method two-stage --exclude -25/3\n  isotherm calibrate ramps.toml -o imu-a.toml --lag 240\n  isotherm calibrate --propose measured/ -o campaign.toml\n  isotherm calibrate campaign.toml -o 'tables/{imu}.toml' --batch batch.html\n  isotherm calibrate --one-attitude warm-up.ulg --imu imu-b -o imu-b.toml --export px4=imu-b.params\n  isotherm calibrate --one-attitude warm-up.BIN --imu my-drone -o 'my-drone-{instance}.toml' --export ardupilot=my-drone.parm\n  isotherm calibrate --gravity-only cold.csv warm.csv --imu imu-b --gravity-local 9.8123 --gravity-reference 9.80665 --temperature-unit degC -o imu-b.toml"
 )]
 pub(crate) struct Calibrate {
     /// Campaign file; it names the samples. With --gravity-only or --one-attitude: a recording
-    #[arg(value_name = "CAMPAIGN.toml")]
-    pub(super) campaign: PathBuf,
+    #[arg(value_name = "CAMPAIGN.toml", required_unless_present = "propose")]
+    pub(super) campaign: Option<PathBuf>,
     /// Samples (CSV, Parquet, MCAP), or the pieces of one recording in any order [default: those that the campaign file
     /// names]
     #[arg(value_name = "SAMPLES")]
     pub(super) samples: Vec<PathBuf>,
     /// Where the table goes; - is stdout. Of a log with several IMUs a folder, or a name with {instance} in it
-    #[arg(short, long, value_name = "TABLE.toml")]
-    pub(super) output: PathBuf,
+    #[arg(short, long, value_name = "TABLE.toml", required_unless_present = "propose")]
+    pub(super) output: Option<PathBuf>,
+    /// Write the campaign file that the files in a folder would have, a file for each position at each set point, or a
+    /// sheet of means: to -o, or to stdout
+    ///
+    /// Names tell set points and positions, gravity tells accelerometers from telemetry. What the files do not say is
+    /// "?" there, or a comment
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["campaign", "kind", "report", "batch", "json"])]
+    pub(super) propose: Option<PathBuf>,
     /// Where the report goes (HTML)
     #[arg(long, value_name = "R.html")]
     pub(super) report: Option<PathBuf>,
@@ -97,6 +104,18 @@ pub(crate) struct Calibrate {
     pub(super) at_one_attitude: OneAttitudeArgs,
     #[command(flatten)]
     pub(super) foreign: ForeignArgs,
+}
+
+impl Calibrate {
+    /// The campaign file, or the first recording.
+    pub(super) fn campaign(&self) -> &Path {
+        self.campaign.as_deref().unwrap_or(Path::new(""))
+    }
+
+    /// Where the table goes.
+    pub(super) fn output(&self) -> &Path {
+        self.output.as_deref().unwrap_or(Path::new("-"))
+    }
 }
 
 #[derive(Clone, Copy, Debug)]

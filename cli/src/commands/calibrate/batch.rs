@@ -34,7 +34,7 @@ impl Calibrate {
     pub(super) fn chosen(&self, campaigns: Vec<Campaign>) -> Result<Vec<Campaign>, Failure> {
         let Some(imu) = &self.without_turntable.imu else { return Ok(campaigns) };
         let chosen = select_imu(campaigns, Some(imu.as_str()));
-        let chosen = chosen.map_err(|message| format!("--imu: {}: {message}", shown(&self.campaign)));
+        let chosen = chosen.map_err(|message| format!("--imu: {}: {message}", shown(self.campaign())));
         Ok(vec![chosen.map_err(|message| Failure::new(Exit::Usage, message))?])
     }
 
@@ -99,7 +99,7 @@ impl Calibrate {
             let source = BatchSource {
                 tool: tool(),
                 time: now(),
-                source: self.campaign.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+                source: self.campaign().file_name().unwrap_or_default().to_string_lossy().into_owned(),
                 dropped: dropped.clone(),
             };
             let reason = found.map_err(ToString::to_string);
@@ -116,7 +116,7 @@ impl Calibrate {
         let names: Vec<_> = dropped.iter().map(|(imu, _)| imu.as_str()).collect();
         let message = format!(
             "{}: {} of {} IMUs dropped, the reasons are above: {}",
-            shown(&self.campaign),
+            shown(self.campaign()),
             dropped.len(),
             campaigns.len(),
             names.join(", ")
@@ -137,7 +137,7 @@ impl Calibrate {
         files.extend(others.iter().flat_map(|(ramps, _)| inputs(ramps)));
         files.extend(others.iter().filter_map(|(_, curves)| Some((curves.as_deref()?, "the table curves"))));
         files.extend(self.foreign.inputs());
-        files.extend(file.map(|_| (self.campaign.as_path(), "the campaign file")));
+        files.extend(file.map(|_| (self.campaign(), "the campaign file")));
         let outputs: Vec<_> =
             all.iter().flat_map(|(campaign, _)| self.outputs(&campaign.imu)).chain([self.batch.clone()]).collect();
         let outputs: Vec<_> = outputs.iter().map(Option::as_deref).collect();
@@ -150,7 +150,7 @@ impl Calibrate {
             return Ok(());
         }
         let wrong = |message: String| Err(Failure::new(Exit::Usage, message));
-        for (option, path) in [("-o", Some(self.output.as_path())), ("--report", self.report.as_deref())] {
+        for (option, path) in [("-o", Some(self.output())), ("--report", self.report.as_deref())] {
             if let Some(path) = path.filter(|path| !path.to_string_lossy().contains(IMU)) {
                 let name = shown(path);
                 return wrong(format!(

@@ -39,7 +39,7 @@ impl Calibrate {
             Some(place) => campaign.with_normal_gravity(place),
             None => campaign,
         };
-        let files = core::iter::once(&self.campaign).chain(&self.samples).cloned().collect();
+        let files = self.campaign.iter().chain(&self.samples).cloned().collect();
         Some((campaign, files))
     }
 

@@ -34,7 +34,7 @@ impl Calibrate {
             symptoms: self.verbose,
             ..FitOptions::default()
         };
-        let files = core::iter::once(&self.campaign).chain(&self.samples).cloned().collect();
+        let files = self.campaign.iter().chain(&self.samples).cloned().collect();
         let warm_up = WarmUp { files, options };
         let vehicle = Vehicle::of(imu, &warm_up.files, &warm_up.options.foreign, &bytes_bar)?;
         match vehicle.imus.as_slice() {
@@ -85,9 +85,9 @@ impl Calibrate {
 
     /// Where the table of an IMU goes: into the folder, or with its names in the name.
     pub(super) fn table_of(&self, of: &VehicleImu) -> PathBuf {
-        match self.output.is_dir() {
-            true => self.output.join(format!("{}.toml", of.imu)),
-            false => of.path(&self.output),
+        match self.output().is_dir() {
+            true => self.output().join(format!("{}.toml", of.imu)),
+            false => of.path(self.output()),
         }
     }
 
@@ -155,7 +155,7 @@ impl Calibrate {
         tables: &[Option<&Path>],
     ) -> Result<(), Failure> {
         let args = &self.at_one_attitude;
-        if self.output == Path::new("-") && args.export.iter().any(|(_, path)| path == Path::new("-")) {
+        if self.output() == Path::new("-") && args.export.iter().any(|(_, path)| path == Path::new("-")) {
             return Err(Failure::new(Exit::Usage, "-o - and --export both go to stdout; give one of them a file"));
         }
         let mut all = inputs(files);

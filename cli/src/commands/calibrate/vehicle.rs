@@ -86,11 +86,11 @@ impl Calibrate {
     /// Refuses what several IMUs would share.
     fn check_vehicle(&self, vehicle: &Vehicle) -> Result<(), Failure> {
         let Vehicle { imus, listed } = vehicle;
-        let log = shown(&self.campaign);
+        let log = shown(self.campaign());
         let usage = |message: String| Err(Failure::new(Exit::Usage, message));
         let is_each = VehicleImu::tells_apart;
-        if !is_each(&self.output) && !self.output.is_dir() {
-            let output = shown(&self.output);
+        if !is_each(self.output()) && !self.output().is_dir() {
+            let output = shown(self.output());
             return usage(format!(
                 "{log}: {} IMUs, and -o names one file, {output}; for a table of each give a folder that is there, or a \
                  name with {INSTANCE} in it; or choose one with --instance: {listed}",
@@ -138,7 +138,7 @@ impl Calibrate {
 
     fn page(&self, members: &[Member<'_>]) -> String {
         let imus: Vec<_> = members.iter().map(|member| (member.of.imu.as_str(), member.outcome())).collect();
-        let log = self.campaign.file_name().unwrap_or_default().to_string_lossy();
+        let log = self.campaign().file_name().unwrap_or_default().to_string_lossy();
         html(&format!("{log} · {} · {}", now(), tool()), &imus)
     }
 
@@ -149,7 +149,7 @@ impl Calibrate {
         if names.is_empty() {
             return Ok(());
         }
-        let (log, count, names) = (shown(&self.campaign), members.len(), (names.len(), names.join(", ")));
+        let (log, count, names) = (shown(self.campaign()), members.len(), (names.len(), names.join(", ")));
         let message = format!("{log}: {} of {count} IMUs dropped, the reasons are above: {}", names.0, names.1);
         Err(Failure::new(Exit::Failed, message))
     }

@@ -1,7 +1,8 @@
-//! Dates and times of ISO 8601, and times of a day.
+//! Dates and times of ISO 8601 or as 31.12.2026, and times of a day.
 
 /// What a field must be, for messages.
-pub(super) const EXPECTED: &str = "a time of ISO 8601 from 1970 on, as 2026-05-01T12:34:56.789Z, or hh:mm:ss";
+pub(super) const EXPECTED: &str =
+    "a time of ISO 8601 from 1970 on, as 2026-05-01T12:34:56.789Z, or 01.05.2026 12:34:56, or hh:mm:ss";
 
 /// The time of a text \[ns\], since 1970 or midnight, and whether it is one of a day. A time without a zone is UTC.
 ///
@@ -14,6 +15,11 @@ pub(crate) fn time_ns(text: &str) -> Option<(u64, bool)> {
     let seconds = i128::from(days(date)?) * 86_400 - i128::from(zone_s);
     let ns = seconds * 1_000_000_000 + i128::from(of_day(time)?);
     u64::try_from(ns).ok().map(|ns| (ns, false))
+}
+
+/// Whether a text is a date alone, written with signs between its parts.
+pub(super) fn is_date(text: &str) -> bool {
+    text.contains(['-', '/', '.']) && days(text).is_some()
 }
 
 /// The time without its zone, and the zone's offset from UTC \[s\].
@@ -49,9 +55,13 @@ fn of_day(text: &str) -> Option<u64> {
     Some(ns + (hours * 3600 + minutes * 60).cast_unsigned() * 1_000_000_000)
 }
 
-/// Days since 1970 of `yyyy-mm-dd`, `yyyy/mm/dd` or `yyyymmdd`.
+/// Days since 1970 of `yyyy-mm-dd`, `yyyy/mm/dd`, `yyyymmdd` or `dd.mm.yyyy`.
 fn days(text: &str) -> Option<i64> {
-    let digits: String = text.chars().filter(|letter| !['-', '/'].contains(letter)).collect();
+    let digits: String = match text.split('.').collect::<Vec<_>>()[..] {
+        // The day comes first wherever dates have points.
+        [day, month, year] if year.len() == 4 => format!("{year}{month:0>2}{day:0>2}"),
+        _ => text.chars().filter(|letter| !['-', '/'].contains(letter)).collect(),
+    };
     if digits.len() != 8 || !digits.is_ascii() {
         return None;
     }
@@ -87,6 +97,8 @@ mod tests {
             "2026-05-01T07:04:56.789-0530",
             "20260501T12:34:56.789Z",
             "2026/05/01 12:34:56.789",
+            "01.05.2026 12:34:56,789",
+            "1.5.2026 12:34:56.789",
         ] {
             assert_eq!(time_ns(text), Some((NOON, false)), "{text}");
         }
@@ -117,6 +129,10 @@ mod tests {
             "\u{e9}:00:00",
             "2026-0\u{e9}-1T00:00:00",
             "12:00:-1",
+            "32.01.2026 00:00:00",
+            "1.13.2026 00:00:00",
+            "1.5.26 00:00:00",
+            "5/1/2026 12:00:00",
             "+1:00:00",
         ] {
             assert_eq!(time_ns(text), None, "{text}");

@@ -3,7 +3,7 @@
 
 use super::unit::{Linear, Quantity};
 use isotherm_shared::document::{Document, Section};
-use isotherm_shared::wire::AXES;
+use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS};
 
 /// Highest number of a column.
 const MAX_COLUMN: i64 = 4096;
@@ -24,13 +24,40 @@ pub enum Kind {
     Reading,
     /// What was counted since the row before.
     Increment,
+    /// Pulses that a channel counted over the gate.
+    Count,
+    /// Pulses of a channel a second, a mean over the gate.
+    Rate,
+}
+
+impl Kind {
+    /// What a description of an acquisition can have.
+    const OF_SIGNALS: [(Self, &str); 2] = [(Self::Reading, "reading"), (Self::Increment, "increment")];
+    /// What a text can have, too.
+    const OF_TEXTS: [(Self, &str); 4] =
+        [Self::OF_SIGNALS[0], Self::OF_SIGNALS[1], (Self::Count, "count"), (Self::Rate, "rate")];
+
+    /// Whether the numbers are pulses of a converter, or pulses a second.
+    #[must_use]
+    pub const fn is_of_pulses(self) -> bool {
+        matches!(self, Self::Count | Self::Rate)
+    }
+
+    /// As a mapping has it.
+    pub(super) fn name(self) -> &'static str {
+        Self::OF_TEXTS.iter().find(|(kind, _)| *kind == self).map_or("", |(_, name)| name)
+    }
 }
 
 /// Three sensors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sensors {
-    /// The columns of the axes 1, 2, 3.
+    /// The columns of the axes 1, 2, 3; with `negative` those of the positive channels.
     pub columns: [ColumnRef; AXES],
+    /// The columns of the negative channels, where each channel has its own.
+    pub negative: Option<[ColumnRef; AXES]>,
+    /// The time that counts and rates are over \[s\]; `None` of counts: the nominal interval.
+    pub gate_s: Option<f64>,
     /// What the numbers are.
     pub kind: Kind,
     /// What is taken off each number first, such as the digital zero of an unsigned count, in the column's unit.
@@ -47,6 +74,21 @@ pub struct Sensors {
     /// The column of the time \[us\] that each number was summed up over, of layouts that are known alone; the
     /// readings are the numbers over this time.
     pub duration: Option<ColumnRef>,
+}
+
+/// What the numbers of a section can be.
+#[derive(Clone, Copy)]
+struct Numbers {
+    kinds: &'static [(Kind, &'static str)],
+    /// Whether they are means, without the time of a row.
+    are_means: bool,
+}
+
+impl Sensors {
+    /// All columns of pulses or readings.
+    pub fn all(&self) -> impl Iterator<Item = &ColumnRef> {
+        self.columns.iter().chain(self.negative.iter().flatten())
+    }
 }
 
 /// Where the telemetry comes from.
@@ -79,30 +121,44 @@ pub struct SensorColumns {
 impl SensorColumns {
     /// Reads the three sections. With `header` columns have names, else numbers. Faults are added to `document`.
     pub fn read(document: &Document<'_>, root: &Section<'_, '_>, header: bool) -> Option<Self> {
-        Self::sections(document, root, header, false)
+        Self::sections(document, root, header, false, Numbers { kinds: &Kind::OF_SIGNALS, are_means: false })
     }
 
-    /// As [`read`](Self::read), of accelerometers and gyroscopes in two files, whose columns may have the same names.
-    pub fn of_two_files(document: &Document<'_>, root: &Section<'_, '_>, header: bool) -> Option<Self> {
-        Self::sections(document, root, header, true)
+    /// As [`read`](Self::read), of a text, which may have the pulses of a converter. With `two_files` accelerometers
+    /// and gyroscopes are in two files, whose columns may have the same names.
+    pub(super) fn of_text(
+        document: &Document<'_>,
+        root: &Section<'_, '_>,
+        header: bool,
+        two_files: bool,
+        are_means: bool,
+    ) -> Option<Self> {
+        Self::sections(document, root, header, two_files, Numbers { kinds: &Kind::OF_TEXTS, are_means })
     }
 
-    fn sections(document: &Document<'_>, root: &Section<'_, '_>, header: bool, of_two_files: bool) -> Option<Self> {
+    fn sections(
+        document: &Document<'_>,
+        root: &Section<'_, '_>,
+        header: bool,
+        of_two_files: bool,
+        numbers: Numbers,
+    ) -> Option<Self> {
         let accelerometer = root
             .section("accelerometer", "a section [accelerometer]")
-            .and_then(|s| sensors(s, header, Quantity::Acceleration));
+            .and_then(|s| sensors(s, header, Quantity::Acceleration, numbers));
         let mixed = root.optional_section("gyroscope");
         let has_gyroscope = mixed.is_some();
         let gyroscope = mixed.and_then(|section| {
             let line = section.line();
-            let sensors = sensors(section, header, Quantity::Rate);
+            let path = section.key(if section.has("positive") { "positive" } else { "columns" });
+            let sensors = sensors(section, header, Quantity::Rate, numbers);
             if let (Some(a), Some(g)) = (&accelerometer, &sensors)
                 && !of_two_files
-                && a.columns.iter().any(|column| g.columns.contains(column))
+                && a.all().any(|column| g.all().any(|other| other == column))
             {
                 document.fault(
                     line,
-                    "gyroscope.columns",
+                    path,
                     "has a column of the accelerometers; give that of the gyroscope, or its own file with \
                      --gyroscope-file",
                 );
@@ -145,9 +201,20 @@ pub(super) fn columns(
     None
 }
 
-fn sensors(section: Section<'_, '_>, header: bool, quantity: Quantity) -> Option<Sensors> {
-    let columns = columns(&section, "columns", &[AXES], "three columns, of the axes 1, 2, 3", header);
-    let kind = section.choice("kind", &[(Kind::Reading, "reading"), (Kind::Increment, "increment")]);
+fn sensors(section: Section<'_, '_>, header: bool, quantity: Quantity, numbers: Numbers) -> Option<Sensors> {
+    let kind = section.choice("kind", numbers.kinds);
+    let is_of_pulses = kind.is_some_and(Kind::is_of_pulses);
+    let [columns, negative] = match section.has("positive") || section.has("negative") {
+        true => channels(&section, kind, header)?,
+        false => {
+            let columns = columns(&section, "columns", &[AXES], THREE, header);
+            let twice = columns.iter().find_map(|columns| (1..AXES).find(|at| columns[..*at].contains(&columns[*at])));
+            let message = "has one column for two axes; give three different columns";
+            section.refuse("columns", twice.map(|_| message.to_owned()));
+            [columns, None]
+        }
+    };
+    let gate_s = gate(&section, kind, numbers.are_means);
     let offset = section.optional_number("offset").unwrap_or(0.0);
     let resolution = section.optional_number("resolution");
     section.refuse(
@@ -172,11 +239,91 @@ fn sensors(section: Section<'_, '_>, header: bool, quantity: Quantity) -> Option
         "range",
         wrong.map(|range| format!("is {range}, give the largest reading in the column's unit, over 0")),
     );
-    if kind == Some(Kind::Increment) {
-        for key in ["unit", "range"].into_iter().filter(|key| section.has(key)) {
-            section.fault(key, "is for readings, and kind is \"increment\"; leave it out");
-        }
+    let not_of_kind: &[&'static str] = match kind {
+        Some(Kind::Increment) => &["unit", "range"],
+        Some(Kind::Count | Kind::Rate) => &["unit", "range", "scale", "offset", "resolution"],
+        _ => &[],
+    };
+    for key in not_of_kind.iter().filter(|key| section.has(key)) {
+        let name = kind.map_or("", Kind::name);
+        section.fault(key, format!("is for readings, and kind is \"{name}\"; leave it out"));
     }
+    let sign = signs(&section);
+    section.finish();
+    let three = |columns: Vec<ColumnRef>| <[ColumnRef; AXES]>::try_from(columns).ok();
+    let negative = negative.map(three);
+    let resolution = if is_of_pulses {
+        Some(gate_s.filter(|_| kind == Some(Kind::Rate)).map_or(1.0, f64::recip))
+    } else {
+        resolution
+    };
+    Some(Sensors {
+        columns: three(columns?)?,
+        negative: negative.flatten(),
+        gate_s,
+        kind: kind?,
+        offset,
+        resolution,
+        sign: sign?,
+        unit,
+        range,
+        duration: None,
+    })
+}
+
+/// What a key of three columns has to be.
+const THREE: &str = "three columns, of the axes 1, 2, 3";
+
+/// The columns of the positive and of the negative channels; `None` if one of them is missing.
+fn channels(section: &Section<'_, '_>, kind: Option<Kind>, header: bool) -> Option<[Option<Vec<ColumnRef>>; 2]> {
+    section.ignore("columns");
+    if section.has("columns") {
+        section.fault("columns", "is there beside positive and negative; give one number an axis, or both channels");
+    }
+    if kind.is_some_and(|kind| !kind.is_of_pulses()) {
+        let key = if section.has("positive") { "positive" } else { "negative" };
+        section.fault(key, "is for pulses: give kind = \"count\" or \"rate\", or columns in its place");
+    }
+    let both = ["positive", "negative"].map(|key| columns(section, key, &[AXES], THREE, header));
+    let [Some(positive), Some(negative)] = &both else { return None };
+    let all: Vec<_> = positive.iter().chain(negative).collect();
+    let twice = (1..all.len()).any(|at| all[..at].contains(&all[at]));
+    section.refuse("negative", twice.then(|| "has one column for two channels; give six different ones".to_owned()));
+    Some(both)
+}
+
+/// The time that counts and rates are over \[s\].
+fn gate(section: &Section<'_, '_>, kind: Option<Kind>, are_means: bool) -> Option<f64> {
+    const KEY: &str = "gate_s";
+    const EXPECTED: &str = "the time that the pulses were counted over [s], for example gate_s = 10";
+    if section.is_open(KEY) {
+        section.ignore(KEY);
+        section.fault(KEY, format!("is \"?\", which is to be filled in; give {EXPECTED}"));
+        return None;
+    }
+    // Means of rates are rates, over whatever time; those of counts need it.
+    if let Some(needs @ (Kind::Rate | Kind::Count)) = kind
+        && (needs == Kind::Count) == are_means
+        && !section.has(KEY)
+    {
+        section.ignore(KEY);
+        section.fault(KEY, format!("missing; kind = \"{}\" needs {EXPECTED}", needs.name()));
+        return None;
+    }
+    let gate_s = section.optional_number(KEY)?;
+    let is_right = (1e-6..=MAX_INTERVAL_NS as f64 / 1e9).contains(&gate_s);
+    let fault = match kind {
+        Some(kind) if !kind.is_of_pulses() => {
+            Some(format!("is for counts and rates, and kind is \"{}\"; leave it out", kind.name()))
+        }
+        _ => (!is_right).then(|| format!("is {gate_s}, give a number of seconds from 0.000001 to 3600")),
+    };
+    section.refuse(KEY, fault);
+    is_right.then_some(gate_s)
+}
+
+/// The signs of the axes.
+fn signs(section: &Section<'_, '_>) -> Option<[f64; AXES]> {
     let sign = match section.has("sign") {
         true => section.numbers("sign", "three signs, each 1 or -1"),
         false => {
@@ -187,11 +334,7 @@ fn sensors(section: Section<'_, '_>, header: bool, quantity: Quantity) -> Option
     let right = sign.and_then(|sign| <[f64; AXES]>::try_from(sign).ok());
     let right = right.filter(|sign| sign.iter().all(|sign| sign.abs() == 1.0));
     section.refuse("sign", right.is_none().then(|| "give three signs, each 1 or -1, of the axes 1, 2, 3".to_owned()));
-    let twice = columns.iter().find_map(|columns| (1..AXES).find(|at| columns[..*at].contains(&columns[*at])));
-    section.refuse("columns", twice.map(|_| "has one column for two axes; give three different columns".to_owned()));
-    section.finish();
-    let columns = <[ColumnRef; AXES]>::try_from(columns?).ok()?;
-    Some(Sensors { columns, kind: kind?, offset, resolution, sign: right?, unit, range, duration: None })
+    right
 }
 
 fn temperature_of(section: Section<'_, '_>, header: bool, gyroscopes: bool) -> Option<Temperature> {

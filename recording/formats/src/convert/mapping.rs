@@ -46,6 +46,10 @@ pub struct Mapping {
     pub gyroscope: Option<Sensors>,
     /// The telemetry.
     pub temperature: Temperature,
+    /// The columns of set point and position, of a sheet of means. It has no times.
+    pub labels: Option<[ColumnRef; 2]>,
+    /// Whether it stands in a campaign file, in the section `samples`.
+    pub is_of_campaign: bool,
 }
 
 /// A decimal mark.
@@ -73,6 +77,8 @@ impl Decimal {
 pub struct Time {
     /// The column and its unit; `None`: the rows are `interval_ns` apart.
     pub column: Option<(ColumnRef, TimeUnit)>,
+    /// The column of the time of the day, where that of the date is another one.
+    pub of_day: Option<ColumnRef>,
     /// Nominal interval \[ns\]; `None`: it is found from the time.
     pub interval_ns: Option<u64>,
 }
@@ -143,50 +149,116 @@ impl Mapping {
         let document = Document::parse_as(text, WANTED)?;
         let root = document.root();
         format(&root);
+        let mapping = Self::of_section(&document, &root, given_ns, of_two_files);
+        root.finish();
+        document.finish(mapping)
+    }
+
+    /// The same, of the section `samples` of a campaign file, which has other keys beside; `None` if it names no
+    /// columns, as of recordings, or if it is faulty.
+    ///
+    /// # Errors
+    /// All faults of the mapping, with line and key.
+    pub fn of_campaign(text: &str) -> Result<Option<Self>, Faults> {
+        // What is no TOML the rest of the file tells.
+        let Ok(document) = Document::parse(text) else { return Ok(None) };
+        let root = document.root();
+        let samples = root.unchecked("samples");
+        if !samples.is_some_and(|samples| Self::SECTIONS.iter().any(|key| samples.has(key))) {
+            return Ok(None);
+        }
+        let Some(section) = root.optional_section("samples") else { return Ok(None) };
+        let mapping = Self::of_section(&document, &section, None, false);
+        document.finish(mapping.map(|mapping| Self { is_of_campaign: true, ..mapping })).map(Some)
+    }
+
+    /// The keys of a mapping that stands in a campaign file, in the section `samples`.
+    pub const SECTIONS: [&str; 7] = ["decimal", "header", "skip", "time", "accelerometer", "gyroscope", "temperature"];
+
+    fn of_section(
+        document: &Document<'_>,
+        root: &Section<'_, '_>,
+        given_ns: Option<u64>,
+        of_two_files: bool,
+    ) -> Option<Self> {
         let decimal = root.optional_choice("decimal", &[(Decimal::Point, "."), (Decimal::Comma, ",")]);
         let header = root.optional_bool("header").unwrap_or(true);
         let skip = root.optional_integer("skip", 0..=MAX_SKIP).map_or(0, i64::cast_unsigned);
-        let time = root.section("time", "a section [time]").map(|section| {
-            let time = Time { column: time_column(&section, header), interval_ns: interval(&section, given_ns) };
-            if !section.has("column") && !section.has("interval_s") && given_ns.is_none() {
-                section.fault(
-                    "interval_s",
-                    "missing; give the nominal interval in s or --interval, or the column of the time",
-                );
-            }
-            section.finish();
-            time
-        });
-        let columns = match of_two_files {
-            true => SensorColumns::of_two_files(&document, &root, header),
-            false => SensorColumns::read(&document, &root, header),
-        };
-        if let Some(SensorColumns { accelerometer, gyroscope: Some(gyroscope), .. }) = &columns
-            && accelerometer.kind != gyroscope.kind
-        {
-            let line = root.optional_section("gyroscope").map_or(1, |section| section.line());
-            let message = "differs from accelerometer.kind; all numbers of a row count over the same interval";
-            document.fault(line, "gyroscope.kind", message);
+        let has_gate = root.unchecked("accelerometer").is_some_and(|section| section.has("gate_s"));
+        let labels = labels(root, header);
+        if labels.is_some() && root.has("time") {
+            root.fault("time", "a mean has no time; leave the section out");
         }
-        root.finish();
-        let mapping = match (time, columns) {
-            (Some(time), Some(SensorColumns { accelerometer, gyroscope, temperature })) => {
-                Some(Self { decimal, header, skip, time, accelerometer, gyroscope, temperature })
+        let time = match labels.is_some() || has_gate && !root.has("time") {
+            true => {
+                root.ignore("time");
+                Some(Time::default())
             }
-            _ => None,
+            false => root.section("time", "a section [time]").map(|section| time(section, header, given_ns, has_gate)),
         };
-        document.finish(mapping)
+        let columns = SensorColumns::of_text(document, root, header, of_two_files, labels.is_some());
+        if let Some(SensorColumns { accelerometer, gyroscope, .. }) = &columns {
+            let at =
+                |key: &'static str| (root.optional_section(key).map_or(1, |section| section.line()), root.key(key));
+            if labels.is_some() && !accelerometer.kind.is_of_pulses() {
+                let (line, path) = at("accelerometer");
+                let message = "means are of pulses: give \"rate\", or \"count\" with gate_s";
+                document.fault(line, format!("{path}.kind"), message);
+            }
+            if of_two_files && accelerometer.kind.is_of_pulses() {
+                let (line, path) = at("accelerometer");
+                let message = "is of pulses, which are read from one file; give the gyroscopes' columns of that file";
+                document.fault(line, format!("{path}.kind"), message);
+            }
+            let differing = gyroscope.iter().filter_map(|gyroscope| differing(accelerometer, gyroscope));
+            for (key, message) in differing {
+                let (line, path) = at("gyroscope");
+                document.fault(line, format!("{path}.{key}"), message);
+            }
+        }
+        let SensorColumns { accelerometer, gyroscope, temperature } = columns?;
+        let mut time = time?;
+        if let Some(gate_s) = accelerometer.gate_s {
+            time.interval_ns = Some((gate_s * 1e9).round() as u64);
+        }
+        Some(Self { decimal, header, skip, time, accelerometer, gyroscope, temperature, labels, is_of_campaign: false })
+    }
+
+    /// The key in which it names a column, if it stands in a campaign file.
+    pub(super) fn key(&self, column: &ColumnRef) -> Option<String> {
+        if !self.is_of_campaign {
+            return None;
+        }
+        let of_sensors = |section: &str, sensors: &Sensors| {
+            let first = if sensors.negative.is_some() { "positive" } else { "columns" };
+            let negative = sensors.negative.iter().flatten().any(|other| other == column);
+            let key = if sensors.columns.contains(column) { Some(first) } else { negative.then_some("negative") };
+            key.map(|key| format!("{section}.{key}"))
+        };
+        let of_time = self.time.column.iter().map(|(time, _)| time).chain(&self.time.of_day);
+        let is_time = of_time.into_iter().any(|other| other == column).then(|| "time.column".to_owned());
+        let label = self.labels.iter().flatten().position(|other| other == column);
+        let label = label.map(|index| ["set_point_c", "position"][index].to_owned());
+        let of_gyroscopes = || self.gyroscope.as_ref().and_then(|sensors| of_sensors("gyroscope", sensors));
+        let of_telemetry = || match &self.temperature {
+            Temperature::Columns { head, .. } if head.contains(column) => "temperature.columns".to_owned(),
+            _ => "temperature.board_columns".to_owned(),
+        };
+        let found =
+            is_time.or(label).or_else(|| of_sensors("accelerometer", &self.accelerometer)).or_else(of_gyroscopes);
+        Some(format!("samples.{}", found.unwrap_or_else(of_telemetry)))
     }
 
     /// All columns that it names.
     pub fn columns(&self) -> impl Iterator<Item = &ColumnRef> {
-        let time = self.time.column.iter().map(|(column, _)| column);
-        let gyroscope = self.gyroscope.iter().flat_map(|sensors| &sensors.columns);
+        let labels = self.labels.iter().flatten();
+        let time = self.time.column.iter().map(|(column, _)| column).chain(&self.time.of_day);
+        let gyroscope = self.gyroscope.iter().flat_map(Sensors::all);
         let (head, board): (&[_], &[_]) = match &self.temperature {
             Temperature::Columns { head, board, .. } => (head, board),
             Temperature::Constant(_) => (&[], &[]),
         };
-        time.chain(&self.accelerometer.columns).chain(gyroscope).chain(head).chain(board)
+        labels.chain(time).chain(self.accelerometer.all()).chain(gyroscope).chain(head).chain(board)
     }
 }
 
@@ -227,18 +299,57 @@ fn format(root: &Section<'_, '_>) {
     root.optional_integer("format", 1..=1);
 }
 
-fn time_column(section: &Section<'_, '_>, header: bool) -> Option<(ColumnRef, TimeUnit)> {
+/// The columns of set point and position, if the text is a sheet of means.
+fn labels(root: &Section<'_, '_>, header: bool) -> Option<[ColumnRef; 2]> {
+    if !root.has("means") {
+        return None;
+    }
+    let column =
+        |key: &'static str| columns(root, key, &[1], "one column of the sheet", header).and_then(|mut it| it.pop());
+    Some([column("set_point_c")?, column("position")?])
+}
+
+/// In which key two triads of one text differ that they must have alike, and why.
+fn differing(accelerometer: &Sensors, gyroscope: &Sensors) -> Option<(&'static str, &'static str)> {
+    if accelerometer.kind != gyroscope.kind {
+        return Some(("kind", "differs from accelerometer.kind; all numbers of a row count over the same interval"));
+    }
+    let message = "differs from accelerometer.gate_s; all numbers of a row count over the same gate";
+    (accelerometer.gate_s != gyroscope.gate_s).then_some(("gate_s", message))
+}
+
+/// The section of the time. With `has_gate` the gate is the nominal interval.
+fn time(section: Section<'_, '_>, header: bool, given_ns: Option<u64>, has_gate: bool) -> Time {
+    let (column, of_day) = time_columns(&section, header);
+    let time = Time { column, of_day, interval_ns: interval(&section, given_ns) };
+    if has_gate && section.has("interval_s") {
+        section.fault("interval_s", "is there beside gate_s, which is the interval of every row; leave it out");
+    } else if !section.has("column") && !section.has("interval_s") && given_ns.is_none() && !has_gate {
+        section.fault("interval_s", "missing; give the nominal interval in s or --interval, or the column of the time");
+    }
+    section.finish();
+    time
+}
+
+/// The column of the time with its unit, and that of the time of the day, if the first one has the date alone.
+fn time_columns(section: &Section<'_, '_>, header: bool) -> (Option<(ColumnRef, TimeUnit)>, Option<ColumnRef>) {
     let power = TimeUnit::Power;
     let units = [(power(9), "s"), (power(6), "ms"), (power(3), "us"), (power(0), "ns"), (TimeUnit::Iso8601, "iso8601")];
     let unit = section.optional_choice("unit", &units);
     if !section.has("column") {
-        return None;
+        section.ignore("column");
+        return (None, None);
     }
     if !section.has("unit") {
         section.fault("unit", "missing; give the unit of the time: \"s\", \"ms\", \"us\", \"ns\" or \"iso8601\"");
     }
-    let column = columns(section, "column", &[1], "the column of the time", header)?.pop()?;
-    Some((column, unit?))
+    let (counts, expected): (&[usize], _) = match unit {
+        Some(TimeUnit::Iso8601) => (&[1, 2], "the column of the time, or those of the date and of the time of the day"),
+        _ => (&[1], "the column of the time"),
+    };
+    let Some(mut columns) = columns(section, "column", counts, expected, header) else { return (None, None) };
+    let of_day = (columns.len() == 2).then(|| columns.pop()).flatten();
+    (columns.pop().zip(unit), of_day)
 }
 
 fn interval(section: &Section<'_, '_>, given_ns: Option<u64>) -> Option<u64> {
@@ -265,7 +376,10 @@ mod tests {
     fn a_mapping_of_a_few_lines_is_enough() {
         let mapping = Mapping::from_toml(GOOD).unwrap();
         let name = |name: &str| ColumnRef::Name(name.to_owned());
-        assert_eq!(mapping.time, Time { column: Some((name("t"), TimeUnit::Power(6))), interval_ns: Some(10_000_000) });
+        assert_eq!(
+            mapping.time,
+            Time { column: Some((name("t"), TimeUnit::Power(6))), of_day: None, interval_ns: Some(10_000_000) }
+        );
         assert_eq!(mapping.accelerometer.columns, ["x", "y", "z"].map(name));
         assert_eq!((mapping.accelerometer.offset, mapping.accelerometer.resolution), (0.0, None));
         assert_eq!((mapping.header, mapping.skip, mapping.decimal, mapping.gyroscope.clone()), (true, 0, None, None));
@@ -293,7 +407,7 @@ mod tests {
             .replace("0.01", "0")
             .replace("\"ms\"", "\"min\"")
             .replace(", \"z\"", "")
-            .replace("\"reading\"", "\"rate\"\nresolution = 0\nsign = [1, 2, 1]");
+            .replace("\"reading\"", "\"rates\"\nresolution = 0\nsign = [1, 2, 1]");
         let wrong = faults(&(wrong + "constant = 25\n"));
         for expected in [
             "line 1: format: is the integer 2",
@@ -301,7 +415,7 @@ mod tests {
             "line 5: time.unit: is \"min\", give \"s\" or \"ms\" or \"us\" or \"ns\" or \"iso8601\"",
             "line 6: time.interval_s: give a number of seconds",
             "line 8: accelerometer.columns: has 2 columns, give three columns",
-            "line 9: accelerometer.kind: is \"rate\"",
+            "line 9: accelerometer.kind: is \"rates\"",
             "line 10: accelerometer.resolution: is 0, give one pulse",
             "line 11: accelerometer.sign: give three signs",
             "line 14: temperature.constant: is there beside columns",

@@ -23,6 +23,7 @@ mod interval;
 mod joined;
 mod known;
 mod layouts;
+mod looked;
 mod mapping;
 mod mender;
 mod novatel;
@@ -48,11 +49,13 @@ pub use autopilot::{FoundImu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, found_list
 pub(crate) use calendar::time_ns;
 pub use columns::{ColumnRef, Kind, SensorColumns, Sensors, Temperature};
 pub use foreign::Foreign;
+pub use looked::{Calendar, LookedColumn, LookedTable};
 pub use mapping::{Decimal, KnownColumns, Mapping, Time, TimeUnit};
 pub(crate) use ros::is_bag;
 pub use scale::Scale;
 pub use settings::{GyroscopeTemperature, Settings, TimeSource};
 pub use source::PLACEHOLDER;
+pub use text::{MeanRow, read_means};
 pub use unit::Linear;
 pub use vehicle::VehicleState;
 
@@ -196,7 +199,7 @@ impl Conversion {
             return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(path))));
         }
         let (format, no_text) = (Known::of(&beginning), refused::no_text(&beginning));
-        let is_layout = format.is_none() && no_text.is_none() && mapping.is_none();
+        let is_layout = format.is_none() && no_text.is_none() && mapping.is_none() && settings.mapping.is_none();
         let recognised = is_layout.then(|| layouts::recognise(&beginning, path));
         let source: Box<dyn Read> = Box::new(Cursor::new(beginning).chain(source));
         known::check(settings, path, format)?;
@@ -233,18 +236,24 @@ impl Conversion {
             };
             return Self::begin(path, source, settings.interval_ns, settings);
         }
-        let Some((file, text)) = mapping else {
-            let proposal = text::proposal(source).map_err(failed)?;
-            let name = shown(path);
-            let message = format!("{name}: which columns are what? Give --mapping with a file such as\n\n{proposal}");
-            return Err(Failure::new(Exit::Usage, message));
-        };
         let given_ns = settings.interval_ns;
-        let mapping = match settings.gyroscope_file {
-            Some(_) => Mapping::of_two_files(text, given_ns),
-            None => Mapping::with_interval(text, given_ns),
+        let mut mapping = match (&settings.mapping, mapping) {
+            (Some(parsed), _) => parsed.clone(),
+            (None, Some((file, text))) => {
+                let mapping = match settings.gyroscope_file {
+                    Some(_) => Mapping::of_two_files(text, given_ns),
+                    None => Mapping::with_interval(text, given_ns),
+                };
+                mapping.map_err(|faults| refuse(file, faults))?
+            }
+            (None, None) => {
+                let proposal = text::proposal(source).map_err(failed)?;
+                let name = shown(path);
+                let message =
+                    format!("{name}: which columns are what? Give --mapping with a file such as\n\n{proposal}");
+                return Err(Failure::new(Exit::Usage, message));
+            }
         };
-        let mut mapping = mapping.map_err(|faults| refuse(file, faults))?;
         if let Some(temperature) = settings.temperature {
             mapping.temperature = Temperature::Constant(temperature);
         }
@@ -583,12 +592,11 @@ fn triad(reading: &Reading, first: usize) -> Result<Triad, String> {
     let mut triad = Triad::default();
     for axis in 0..AXES {
         let (pulses, index) = (reading.pulses[first + axis], first + axis);
-        let size = u32::try_from(pulses.unsigned_abs()).map_err(|_| format!("{pulses} pulses, over {}", u32::MAX))?;
-        if pulses < 0 {
-            triad.negative_pulses[axis] = size;
-        } else {
-            triad.positive_pulses[axis] = size;
-        }
+        let size = |pulses: i64| {
+            u32::try_from(pulses.unsigned_abs()).map_err(|_| format!("{pulses} pulses, over {}", u32::MAX))
+        };
+        triad.positive_pulses[axis] = size(pulses.max(0))?;
+        triad.negative_pulses[axis] = size(pulses.min(0) - reading.negative[index])?;
         triad.head_temperature[axis] = reading.head[index];
         triad.board_temperature[axis] = reading.board[index];
     }

@@ -360,9 +360,9 @@ pub(super) fn uncommented(line: &[u8]) -> Option<&[u8]> {
     Some(line[begin..].trim_ascii())
 }
 
-/// Whether a field is a number or a time.
+/// Whether a field is a number, a time or a date.
 pub(super) fn is_value(field: &str) -> bool {
-    looks_like_number(field) || calendar::time_ns(field).is_some()
+    looks_like_number(field) || calendar::time_ns(field).is_some() || calendar::is_date(field)
 }
 
 /// Whether a field is a value, or none and does not begin as one, as with a separator that is not the right one.

@@ -1,5 +1,6 @@
 //! What is known of foreign data besides a mapping.
 
+use super::mapping::Mapping;
 use indicatif::ProgressBar;
 use isotherm_recording::LogImu;
 use std::io::Read;
@@ -30,6 +31,8 @@ pub enum TimeSource {
 /// What is known of foreign data besides a mapping.
 #[derive(Clone, Debug, Default)]
 pub struct Settings {
+    /// The mapping of texts, where it has been read: that of a campaign file.
+    pub mapping: Option<Mapping>,
     /// The telemetry of all rows, in the unit of the table.
     pub temperature: Option<f64>,
     /// The nominal interval \[ns\].

@@ -21,6 +21,8 @@ pub(super) struct Reading {
     pub(super) timestamp_ns: Option<u64>,
     /// Pulses with their sign: A1, A2, A3, G1, G2, G3.
     pub(super) pulses: [i64; 2 * AXES],
+    /// Pulses of the negative channels, where both channels are there; `pulses` are those of the positive ones then.
+    pub(super) negative: [i64; 2 * AXES],
     pub(super) head: [f64; 2 * AXES],
     pub(super) board: [f64; 2 * AXES],
     /// Whether the clock of the stamps starts again with this row.

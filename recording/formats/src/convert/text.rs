@@ -5,9 +5,12 @@
 
 mod axes;
 mod bad_rows;
+mod counting;
 mod marks;
+mod means;
 
 pub(super) use bad_rows::{BadRows, Fault};
+pub use means::{MeanRow, read_means};
 
 use super::columns::{ColumnRef, Kind, Sensors, Temperature};
 use super::layouts::Recognised;
@@ -43,6 +46,8 @@ pub(super) struct TextSource {
     /// Line of the header, or else of the first row.
     begin: u64,
     columns: Columns,
+    /// The columns of set point and position, of a sheet of means.
+    labels: Option<[CsvColumn; 2]>,
     accelerometers: Axes,
     gyroscopes: Option<Axes>,
     /// Whether `accelerometers` has the gyroscopes: in a text of them alone.
@@ -66,6 +71,8 @@ pub(super) struct TextSource {
 /// The columns beside those of the sensors.
 struct Columns {
     time: Option<(CsvColumn, TimeUnit)>,
+    /// That of the time of the day, where `time` is the date.
+    of_day: Option<CsvColumn>,
     telemetry: Telemetry,
 }
 
@@ -132,11 +139,10 @@ impl TextSource {
             Some((column, unit)) => Some((find(column)?, *unit)),
             None => None,
         };
-        let axes = |sensors: &Sensors| -> Result<Axes, RecordingError> {
-            let [x, y, z] = &sensors.columns;
-            let duration = sensors.duration.as_ref().map(find).transpose()?;
-            Ok(Axes::new(sensors, [find(x)?, find(y)?, find(z)?], duration))
-        };
+        let of_day = mapping.time.of_day.as_ref().map(find).transpose()?;
+        let labels = mapping.labels.as_ref().map(|[one, other]| Ok::<_, RecordingError>([find(one)?, find(other)?]));
+        let labels = labels.transpose()?;
+        let axes = |sensors: &Sensors| Axes::new(sensors, find);
         let telemetry = match &mapping.temperature {
             Temperature::Constant(constant) => Telemetry::Constant(*constant),
             Temperature::Columns { head, board, linear } => {
@@ -152,7 +158,8 @@ impl TextSource {
             above: (opening.before(table.begin()), opening.before(begin).len()),
             has_signs: opening.is_comment(table.first),
             begin,
-            columns: Columns { time, telemetry },
+            columns: Columns { time, of_day, telemetry },
+            labels,
             accelerometers: axes(&mapping.accelerometer)?,
             gyroscopes: mapping.gyroscope.as_ref().map(axes).transpose()?,
             is_of_gyroscopes: false,
@@ -205,7 +212,11 @@ impl TextSource {
             ColumnRef::Name(name) => !header.map_or_else(|| names.contains(name), |header| header.has(name)),
             ColumnRef::Number(number) => *number > names.len(),
         });
-        let mut missing: Vec<_> = missing.map(ColumnRef::shown).collect();
+        let named = |column: &ColumnRef| match mapping.key(column) {
+            Some(key) => format!("{} ({key})", column.shown()),
+            None => column.shown(),
+        };
+        let mut missing: Vec<_> = missing.map(named).collect();
         // The boards have the columns of the heads.
         missing.dedup();
         let missing: Vec<_> = missing.iter().map(String::as_str).collect();
@@ -215,6 +226,7 @@ impl TextSource {
             format!("missing columns: {}; the row has {}", missing.join(", "), names.len())
         };
         let message = match proposed(opening, source, mapping.skip) {
+            _ if mapping.is_of_campaign => format!("{message}; correct these keys of the campaign file, or the file"),
             Ok(proposal) => format!("{message}; a mapping for these columns would be\n\n{proposal}"),
             Err(_) => message,
         };
@@ -223,15 +235,8 @@ impl TextSource {
 
     /// The reading of the current row.
     fn reading(&mut self) -> Result<Reading, NoReading> {
+        self.check_width()?;
         let (rows, marks) = (&self.rows, &mut self.marks);
-        if !rows.fits(self.width) {
-            let first = if self.has_header { "the header" } else { "the first row" };
-            let message = format!("{} fields, but {first} has {}; is the row cut?", rows.len(), self.width);
-            return Err(NoReading::Row(Fault::Fields, message));
-        }
-        if self.checksums == Checksums::Checked {
-            checked(rows.line_text()).map_err(|message| NoReading::Row(Fault::Checksum, message))?;
-        }
         let mut reading = Reading { place: rows.line(), row: self.count, ..Reading::default() };
         let (mut is_whole, mut of_day) = (self.whole_times, self.of_day);
         match &self.columns.time {
@@ -241,7 +246,12 @@ impl TextSource {
                 is_whole &= time.1;
             }
             Some((column, TimeUnit::Iso8601)) => {
-                let time = |text: &str| calendar::time_ns(text).ok_or(Cow::Borrowed(calendar::EXPECTED));
+                let hour = self.columns.of_day.as_ref().map(|of_day| rows.field(of_day.index()));
+                let time = |text: &str| match hour {
+                    Some(of_day) => calendar::time_ns(&format!("{text} {}", String::from_utf8_lossy(of_day))),
+                    None => calendar::time_ns(text),
+                };
+                let time = |text: &str| time(text).ok_or(Cow::Borrowed(calendar::EXPECTED));
                 let time = rows.parse_or(column, time).map_err(|error| bad(rows, column, error))?;
                 reading.timestamp_ns = Some(time.0);
                 of_day = time.1;
@@ -250,33 +260,58 @@ impl TextSource {
         }
         let accelerometers = self.accelerometers.numbers(rows, marks)?;
         let gyroscopes = self.gyroscopes.as_ref().map(|axes| axes.numbers(rows, marks)).transpose()?;
-        match &mut self.columns.telemetry {
-            Telemetry::Constant(constant) => (reading.head, reading.board) = ([*constant; _], [*constant; _]),
-            Telemetry::Columns(columns, linear, is_seen) => {
-                for (columns, values) in columns.iter().zip([&mut reading.head, &mut reading.board]) {
-                    for (index, column) in columns.iter().enumerate() {
-                        let value = marks.number(rows, column).map_err(|error| bad(rows, column, error))?.value;
-                        if !*is_seen {
-                            *is_seen = true;
-                            self.notes.extend(linear.settle(value));
-                        }
-                        let value = value * linear.scale + linear.offset;
-                        match columns.len() {
-                            1 => values.fill(value),
-                            3 => (values[index], values[AXES + index]) = (value, value),
-                            _ => values[index] = value,
-                        }
-                    }
-                }
-            }
-        }
+        [reading.head, reading.board] = self.telemetry()?;
+        let rows = &self.rows;
         let (a, g) = reading.pulses.split_at_mut(AXES);
-        self.accelerometers.pulses(rows, accelerometers, if self.is_of_gyroscopes { &mut *g } else { a })?;
+        let (negative_a, negative_g) = reading.negative.split_at_mut(AXES);
+        let of_first = if self.is_of_gyroscopes { &mut *g } else { a };
+        self.accelerometers.pulses(rows, &accelerometers, of_first, negative_a)?;
         if let Some((axes, numbers)) = self.gyroscopes.as_mut().zip(gyroscopes) {
-            axes.pulses(rows, numbers, g)?;
+            axes.pulses(rows, &numbers, g, negative_g)?;
         }
         (self.whole_times, self.of_day) = (is_whole, of_day);
         Ok(reading)
+    }
+
+    /// Refuses a row of another width, or with a wrong checksum.
+    fn check_width(&self) -> Result<(), NoReading> {
+        let rows = &self.rows;
+        if !rows.fits(self.width) {
+            let first = if self.has_header { "the header" } else { "the first row" };
+            let message = format!("{} fields, but {first} has {}; is the row cut?", rows.len(), self.width);
+            return Err(NoReading::Row(Fault::Fields, message));
+        }
+        match self.checksums {
+            Checksums::Checked => checked(rows.line_text()).map_err(|message| NoReading::Row(Fault::Checksum, message)),
+            _ => Ok(()),
+        }
+    }
+
+    /// The telemetry of heads and boards of the current row.
+    #[inline]
+    fn telemetry(&mut self) -> Result<[[f64; 2 * AXES]; 2], NoReading> {
+        let (rows, marks) = (&self.rows, &mut self.marks);
+        let (columns, linear, is_seen) = match &mut self.columns.telemetry {
+            Telemetry::Constant(constant) => return Ok([[*constant; _]; 2]),
+            Telemetry::Columns(columns, linear, is_seen) => (columns, linear, is_seen),
+        };
+        let mut both = [[0.0; 2 * AXES]; 2];
+        for (columns, values) in columns.iter().zip(&mut both) {
+            for (index, column) in columns.iter().enumerate() {
+                let value = marks.number(rows, column).map_err(|error| bad(rows, column, error))?.value;
+                if !*is_seen {
+                    *is_seen = true;
+                    self.notes.extend(linear.settle(value));
+                }
+                let value = value * linear.scale + linear.offset;
+                match columns.len() {
+                    1 => values.fill(value),
+                    3 => (values[index], values[AXES + index]) = (value, value),
+                    _ => values[index] = value,
+                }
+            }
+        }
+        Ok(both)
     }
 
     /// Whether the current line is no row, though it is not blank: a comment, separators alone, or what stood above the
@@ -356,11 +391,11 @@ impl Source for TextSource {
         if let Some(recognised) = self.recognised.as_ref().filter(|recognised| recognised.counts) {
             return Err(recognised.counts());
         }
-        if self.kind == Kind::Increment {
-            return Err(
-                "kind = \"increment\": what a count stands for is that of the IMU's type; make the table by hand"
-                    .to_owned(),
-            );
+        if self.kind != Kind::Reading {
+            let kind = self.kind.name();
+            return Err(format!(
+                "kind = \"{kind}\": what a count stands for is that of the IMU's type; make the table by hand"
+            ));
         }
         if self.is_of_gyroscopes {
             let (gyroscope, largest) = self.accelerometers.scale("gyroscope", "\"rad/s\" or \"deg/s\"")?;
@@ -416,7 +451,9 @@ impl Source for TextSource {
     fn findings(&self) -> Vec<Finding> {
         let is_without = self.recognised.as_ref().is_some_and(|recognised| recognised.is_without_temperature);
         let is_without = is_without.then(|| placeholder(None)).flatten();
-        self.bad.finding(self.count).into_iter().chain(is_without).collect()
+        let of_gyroscopes = self.gyroscopes.as_ref().and_then(|axes| axes.finding("gyroscope"));
+        let of_kind = self.accelerometers.finding("accelerometer").into_iter().chain(of_gyroscopes);
+        self.bad.finding(self.count).into_iter().chain(is_without).chain(of_kind).collect()
     }
 }
 

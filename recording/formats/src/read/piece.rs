@@ -132,7 +132,7 @@ impl Recognised {
 fn recognised(path: &Path, source: Box<dyn Read>, foreign: &Foreign) -> Result<Recognised, Failure> {
     let mut source = BufReader::new(source);
     let first = first_line(&mut source).map_err(|error| Failure::io("reading", path, &error))?;
-    let is_recording = is_recording(&first, foreign.mapping.is_some());
+    let is_recording = is_recording(&first, foreign.mapping.is_some() || foreign.settings.mapping.is_some());
     let source = Box::new(Cursor::new(first).chain(source));
     match is_recording {
         true => Ok(Recognised::Recording(Opened::Csv(source))),

@@ -22,6 +22,12 @@ impl Places {
         self.0.push(PiecePlace { path: path.to_owned(), unit, before });
     }
 
+    /// Appends the pieces of another recording, after `before` lines or rows.
+    pub fn append(&mut self, other: &Self, before: u64) {
+        let pieces = other.0.iter().map(|piece| PiecePlace { before: piece.before + before, ..piece.clone() });
+        self.0.extend(pieces);
+    }
+
     /// Lines or rows of all pieces before the current one.
     pub fn before(&self) -> u64 {
         self.0.last().map_or(0, |piece| piece.before)

@@ -206,11 +206,11 @@ fn missing_columns_are_answered_with_those_found_and_a_mapping() {
 
 #[test]
 fn faults_of_the_mapping_are_reported_together() {
-    let mapping = MAPPING.replace("interval_s", "intervals_s").replace("\"reading\"", "\"rate\"");
+    let mapping = MAPPING.replace("interval_s", "intervals_s").replace("\"reading\"", "\"rates\"");
     let message = refused("t,x,y,z\n1,2,3,4\n", &mapping, Exit::Config);
     assert_eq!(message.lines().count(), 2);
     assert!(message.starts_with("m.toml:5: time.intervals_s: unknown key"), "{message}");
-    assert!(message.contains("\nm.toml:8: accelerometer.kind: is \"rate\""), "{message}");
+    assert!(message.contains("\nm.toml:8: accelerometer.kind: is \"rates\""), "{message}");
 }
 
 #[test]

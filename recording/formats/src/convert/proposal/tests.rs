@@ -85,7 +85,11 @@ fn units_of_headers_and_rates_above_them_are_used() {
         "// Start Time: 0\n// Sample rate: 120.0Hz\nCounter\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\n\
          37328\t-9.4\t-1.29\t-1.9\t-0.011\t0.008\t-0.01\n37329\t-9.58\t-1.08\t-1.72\t-0.022\t-0.0003\t0.013\n",
     );
-    assert_eq!((mapping.skip, mapping.time), (2, Time { column: None, interval_ns: Some(8_333_333) }), "{proposal}");
+    assert_eq!(
+        (mapping.skip, mapping.time),
+        (2, Time { interval_ns: Some(8_333_333), ..Time::default() }),
+        "{proposal}"
+    );
     assert!(proposal.contains("# nominal, as the text says: \"// Sample rate: 120.0Hz\""), "{proposal}");
     let (proposal, mapping) = proposed(
         "Time (s),Gyroscope X (deg/s),Gyroscope Y (deg/s),Gyroscope Z (deg/s),Accelerometer X (mg),Accelerometer Y (mg),\

@@ -1,9 +1,11 @@
 //! Three sensors of a text: their columns, and the pulses of their numbers.
 
-use super::super::columns::Sensors;
+use super::super::columns::{ColumnRef, Kind, Sensors};
 use super::super::source::pulses;
 use super::bad_rows::Fault;
+use super::counting::Counting;
 use super::marks::{Marks, Number};
+use isotherm_finding::Finding;
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{CsvColumn, Rows};
 use isotherm_shared::wire::AXES;
@@ -15,6 +17,12 @@ const FINE: f64 = 1e-6;
 /// The columns of three sensors, and what their numbers mean.
 pub(super) struct Axes {
     columns: [CsvColumn; AXES],
+    /// Those of the negative channels, where each channel has its own.
+    negative: Option<[CsvColumn; AXES]>,
+    pub(super) kind: Kind,
+    pub(super) gate_s: Option<f64>,
+    /// Of counts and rates.
+    counting: Option<Counting>,
     offset: f64,
     /// Of the first row on.
     resolution: Option<f64>,
@@ -22,12 +30,18 @@ pub(super) struct Axes {
     taken_for_whole: bool,
     /// Whether all numbers so far are whole.
     all_whole: bool,
-    sign: [f64; AXES],
+    pub(super) sign: [f64; AXES],
     /// One of the column's unit \[m/s2 or rad/s\], and the largest reading in it.
     unit: Option<f64>,
     range: Option<f64>,
     /// The time \[us\] that the numbers are sums over.
     duration: Option<CsvColumn>,
+}
+
+/// The numbers of three sensors, with `negative` those of the positive channels.
+pub(super) struct Numbers {
+    pub(super) of_axes: [Number; AXES],
+    pub(super) negative: Option<[Number; AXES]>,
 }
 
 /// Why a row is no reading.
@@ -39,19 +53,42 @@ pub(super) enum NoReading {
 }
 
 impl Axes {
-    /// Of a mapping's sensors, in these columns.
-    pub(super) fn new(sensors: &Sensors, columns: [CsvColumn; AXES], duration: Option<CsvColumn>) -> Self {
-        let Sensors { offset, resolution, sign, unit, range, .. } = *sensors;
-        Self { columns, offset, resolution, taken_for_whole: false, all_whole: true, sign, unit, range, duration }
+    /// Of a mapping's sensors, in the columns that `find` finds.
+    pub(super) fn new(
+        sensors: &Sensors,
+        find: impl Fn(&ColumnRef) -> Result<CsvColumn, RecordingError>,
+    ) -> Result<Self, RecordingError> {
+        let three = |[x, y, z]: &[ColumnRef; AXES]| Ok::<_, RecordingError>([find(x)?, find(y)?, find(z)?]);
+        let Sensors { kind, gate_s, offset, resolution, sign, unit, range, .. } = *sensors;
+        Ok(Self {
+            columns: three(&sensors.columns)?,
+            negative: sensors.negative.as_ref().map(three).transpose()?,
+            kind,
+            gate_s,
+            counting: Counting::of(sensors),
+            offset,
+            resolution,
+            taken_for_whole: false,
+            all_whole: true,
+            sign,
+            unit,
+            range,
+            duration: sensors.duration.as_ref().map(find).transpose()?,
+        })
     }
 
     /// The numbers of the current row.
     #[inline]
-    pub(super) fn numbers(&self, rows: &Rows<Box<dyn Read>>, marks: &mut Marks) -> Result<[Number; AXES], NoReading> {
-        let mut numbers = [Number { value: 0.0, is_whole: true }; AXES];
-        for (number, column) in numbers.iter_mut().zip(&self.columns) {
-            *number = marks.number(rows, column).map_err(|error| bad(rows, column, error))?;
-        }
+    pub(super) fn numbers(&self, rows: &Rows<Box<dyn Read>>, marks: &mut Marks) -> Result<Numbers, NoReading> {
+        let mut three = |columns: &[CsvColumn; AXES]| {
+            let mut numbers = [Number { value: 0.0, is_whole: true }; AXES];
+            for (number, column) in numbers.iter_mut().zip(columns) {
+                *number = marks.number(rows, column).map_err(|error| bad(rows, column, error))?;
+            }
+            Ok(numbers)
+        };
+        let mut numbers = three(&self.columns)?;
+        let negative = self.negative.as_ref().map(three).transpose()?;
         if let Some(duration) = &self.duration {
             let us = marks.number(rows, duration).map_err(|error| bad(rows, duration, error))?.value;
             if us <= 0.0 {
@@ -62,17 +99,22 @@ impl Axes {
                 *number = Number { value: number.value / (us / 1e6), is_whole: false };
             }
         }
-        Ok(numbers)
+        Ok(Numbers { of_axes: numbers, negative })
     }
 
-    /// The pulses of numbers that are right.
+    /// The pulses of numbers that are right, `to` each axis, and those of the negative channels, where they are apart.
     #[inline]
     pub(super) fn pulses(
         &mut self,
         rows: &Rows<Box<dyn Read>>,
-        numbers: [Number; AXES],
+        Numbers { of_axes: numbers, negative: of_negative }: &Numbers,
         to: &mut [i64],
+        negative: &mut [i64],
     ) -> Result<(), NoReading> {
+        if let Some(counting) = &mut self.counting {
+            let columns = (&self.columns, self.negative.as_ref());
+            return counted(counting, rows, columns, (numbers, of_negative.as_ref()), self.sign, [to, negative]);
+        }
         let whole = numbers.iter().all(|number| number.is_whole);
         let resolution = self.resolution.unwrap_or(if whole { 1.0 } else { FINE });
         if self.taken_for_whole && !whole {
@@ -93,6 +135,11 @@ impl Axes {
         Ok(())
     }
 
+    /// That the numbers are not what `kind` says. `section` is that of the mapping. Valid after the last row.
+    pub(super) fn finding(&self, section: &str) -> Option<Finding> {
+        self.counting.as_ref()?.finding(section)
+    }
+
     /// A pulse, and the largest reading \[m/s2 or rad/s\]. `section` is that of the mapping, `units` those it may have.
     pub(super) fn scale(&self, section: &str, units: &str) -> Result<(f64, Option<f64>), String> {
         if self.unit.is_none() && (self.offset != 0.0 || self.all_whole) {
@@ -104,6 +151,31 @@ impl Axes {
         let resolution = self.resolution.ok_or_else(|| format!("{section}: no row has been read"))?;
         Ok((resolution * unit, self.range.map(|range| range * unit)))
     }
+}
+
+/// The pulses of counts and rates: those of the axes and, where each channel has a column, of the negative channels.
+fn counted(
+    counting: &mut Counting,
+    rows: &Rows<Box<dyn Read>>,
+    (columns, of_negative): (&[CsvColumn; AXES], Option<&[CsvColumn; AXES]>),
+    (numbers, negative): (&[Number; AXES], Option<&[Number; AXES]>),
+    sign: [f64; AXES],
+    [to, to_negative]: [&mut [i64]; 2],
+) -> Result<(), NoReading> {
+    for axis in 0..AXES {
+        let Some((column, number)) =
+            of_negative.zip(negative).map(|(columns, numbers)| (&columns[axis], numbers[axis]))
+        else {
+            to[axis] = counting.pulses(rows, &columns[axis], numbers[axis])? * sign[axis] as i64;
+            continue;
+        };
+        let positive = counting.of_channel(rows, &columns[axis], numbers[axis])?;
+        let negative = counting.of_channel(rows, column, number)?;
+        // An axis that points the other way has its channels exchanged.
+        let is_reversed = sign[axis] < 0.0;
+        (to[axis], to_negative[axis]) = if is_reversed { (negative, positive) } else { (positive, negative) };
+    }
+    Ok(())
 }
 
 /// A row in which the field of a column is bad.
