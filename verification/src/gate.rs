@@ -7,7 +7,7 @@
 //! 3. **The whole run.** Few windows of a run may be left out, see [`Stability::unjudged`].
 //! 4. **The table in force.** On the same runs the new table must not be worse, and it must cover its range. Only
 //!    windows that both tables can judge are compared.
-//! 5. **All runs together.** They leave no hole of over a tenth of a range, unless the user accepts `not-covered`, and a
+//! 5. **All runs together.** They leave no hole of over a tenth of a range, unless the user accepts `not-covered`. A
 //!    channel that none of them drives agrees with the table in force, see [`exercised`].
 //! 6. **The gyroscopes**, see [`gyroscopes`]: all of this holds for them too, and a table that has lost them does not
 //!    replace one that has them.

@@ -88,12 +88,18 @@ fn set_point(
     if is(&OF_SET_POINT, &of_second) || is(&OF_POSITION, &of_first) {
         return (second, None);
     }
+    let is_plain =
+        |slot: usize| group.iter().all(|(_, name)| name.numbers[slot].bytes().all(|byte| byte.is_ascii_digit()));
     let counts = |slot: usize| {
         let values = values(slot);
-        let is_plain = group.iter().all(|(_, name)| name.numbers[slot].bytes().all(|byte| byte.is_ascii_digit()));
-        is_plain && values[0] <= 1.0 && values.windows(2).all(|pair| pair[1] - pair[0] == 1.0)
+        values[0] <= 1.0 && values.windows(2).all(|pair| pair[1] - pair[0] == 1.0)
     };
-    match (counts(first), counts(second)) {
+    // The number of a position has no sign, and no decimals.
+    let may_count = match [first, second].map(is_plain) {
+        [true, true] => [first, second].map(counts),
+        plain => plain,
+    };
+    match may_count.into() {
         (false, true) => (first, None),
         (true, false) => (second, None),
         _ => (first, Some("which number is the set point is a guess: exchange the two if it is not")),

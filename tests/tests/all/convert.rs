@@ -69,18 +69,18 @@ fn what_is_wrong_has_its_exit_code_and_a_remedy() {
 
     assert_eq!(domain.run_ok(&["check", "mapping.toml"]), "mapping.toml: mapping of 7 columns of a text\n");
     let mapping = fs::read_to_string(domain.path("mapping.toml")).unwrap();
-    domain.write("wrong.toml", &mapping.replace("kind = \"reading\"", "kind = \"rate\""));
+    domain.write("wrong.toml", &mapping.replace("kind = \"reading\"", "kind = \"speed\""));
     domain.write("other.toml", &mapping.replace("ax_counts", "acc_x"));
     domain.write("span.log", NOVATEL);
     domain.write("damaged.log", &format!("{NOVATEL}{}", NOVATEL.replace("309705", "309706")));
     domain.write("bag.db3", "SQLite format 3\0");
     let (code, _, stderr) = run(&domain, &["check", "wrong.toml"]);
-    assert!(code == 78 && stderr.contains("wrong.toml:8: accelerometer.kind: is \"rate\""), "{stderr}");
+    assert!(code == 78 && stderr.contains("wrong.toml:8: accelerometer.kind: is \"speed\""), "{stderr}");
     for (arguments, exit, message) in [
         (
             &["source.csv", "--mapping", "wrong.toml"][..],
             78,
-            "wrong.toml:8: accelerometer.kind: is \"rate\", give \"reading\" or \"increment\"",
+            "wrong.toml:8: accelerometer.kind: is \"speed\", give \"reading\" or \"increment\"",
         ),
         (
             &["source.csv", "--mapping", "other.toml"],

@@ -126,6 +126,7 @@ const READING: &[&str] = &[
     "calibrate gyroscope_file",
     "calibrate mapping",
     "calibrate nominal",
+    "calibrate propose",
     "calibrate samples",
     "campaign check plan",
     "campaign status plan",
@@ -159,6 +160,7 @@ const READING: &[&str] = &[
     "simulate station truth",
     // The folder that `simulate station` has judged.
     "simulate station-part folder",
+    "verify campaign",
     "verify gyroscope_file",
     "verify mapping",
     "verify recording",

@@ -4,8 +4,8 @@
 //! - **Channels.** A run judges the scale factor of a channel if the specific force along the accelerometer has the
 //!   sign of the channel, and at least [`DRIVEN`]. A channel that no run drives must agree with the table in force. No
 //!   run at rest drives a channel of a gyroscope, see [`super::gyroscopes`].
-//! - **Temperatures.** The runs together leave no hole of over a tenth of the range of a curve, also of the biases of the
-//!   gyroscopes; see [`Occupancy`](crate::Occupancy).
+//! - **Temperatures.** The runs together leave no hole of over a tenth of the range of a curve, of the gyroscopes of a
+//!   bias; see [`Occupancy`](crate::Occupancy).
 
 use super::{Gate, RANGE_TOLERANCE};
 use crate::gate::allowed::Refusal;

@@ -19,7 +19,7 @@ use std::process::{Command, Output};
 /// decision.
 #[test]
 fn from_a_plan_to_an_installed_table_and_back() {
-    let verify = "\n[verify]\nruns = 2\nattitudes_deg = [[50, 130], [50, 310]]\nfrom_c = 12\nto_c = 32\nramp_c_per_h = 20\nhold_s = 60\n";
+    let verify = "\n[verify]\nruns = 2\nattitudes_deg = [[50, 130], [50, 310]]\nfrom_c = 10\nto_c = 34\nramp_c_per_h = 20\nhold_s = 600\n";
     let misaligned = "[alignment]\nmatrix = [[1, 2.8e-4, -1e-4], [1.2e-4, 1, 2e-4], [0, -1.5e-4, 1]]\n";
     let laboratory = TestLaboratory::with_truth(
         misaligned,
