@@ -2,88 +2,100 @@
 
 /// Bins of a range.
 const BINS: usize = 40;
-/// What lies between two judged windows counts as judged, if it is less than this part of the range.
-const BRIDGED: f64 = 0.05;
+/// Empty bins between two touched ones that count as touched: less than a twentieth of the range lies between.
+const BRIDGED: usize = 1;
 /// No bound is met over a hole of more than this part of the range.
 pub(crate) const MOST_UNTOUCHED: f64 = 0.1;
 
-/// The temperatures of a range that judged windows touch.
+/// The temperatures of a range that judged rows touch, in 40 equal bins. What lies between two of them counts, if it is
+/// less than a twentieth of the range.
 ///
 /// ```
 /// use isotherm_verification::Occupancy;
 ///
 /// // A run that was cut to both ends of a range from 0 to 40 degC.
 /// let ends = Occupancy::of([0.0, 40.0], [[-1.0, 2.5], [37.2, 39.0]]);
-/// assert_eq!((ends.part(), ends.untouched(), ends.largest_hole()), (6.0 / 40.0, 34.0 / 40.0, Some([2.5, 37.2])));
-/// // What lies between two windows by less than a twentieth of the range counts.
-/// let whole = Occupancy::of([0.0, 40.0], [[0.0, 20.0], [21.9, 40.0]]);
+/// assert_eq!((ends.part(), ends.untouched(), ends.largest_hole()), (6.0 / 40.0, 34.0 / 40.0, Some([3.0, 37.0])));
+/// let whole = Occupancy::of([0.0, 40.0], [[0.0, 20.0], [22.5, 40.0]]);
 /// assert_eq!((whole.part(), whole.largest_hole()), (1.0, None));
 /// ```
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Occupancy {
     /// Lowest and highest telemetry of the curve.
     pub range: [f64; 2],
-    /// What is touched, ascending and apart.
-    spans: Vec<[f64; 2]>,
+    /// A bit for each bin.
+    bits: u64,
 }
 
 impl Occupancy {
-    /// Of a curve with this range, and windows whose rows have telemetry within these spans, lowest and highest.
+    /// Of a curve with this range, and rows whose telemetry covers these spans, lowest and highest.
     #[must_use]
     pub fn of(range: [f64; 2], spans: impl IntoIterator<Item = [f64; 2]>) -> Self {
+        let mut found = Self { range, bits: 0 };
         let [low, high] = range;
-        let inside = spans.into_iter().filter(|[from, to]| from <= to && *to >= low && *from <= high);
-        let mut inside: Vec<_> = inside.map(|span| span.map(|end| end.clamp(low, high))).collect();
-        inside.sort_by(|a, b| a[0].total_cmp(&b[0]));
-        let mut spans: Vec<[f64; 2]> = Vec::new();
-        for [from, to] in inside {
-            match spans.last_mut() {
-                Some(last) if from - last[1] < BRIDGED * (high - low) => last[1] = last[1].max(to),
-                _ => spans.push([from, to]),
-            }
+        for [from, to] in spans.into_iter().filter(|[from, to]| from <= to && *to >= low && *from <= high) {
+            let [first, last] = [from, to].map(|end| found.bin(end.clamp(low, high)));
+            (first..=last).for_each(|bin| found.bits |= 1 << bin);
         }
-        Self { range, spans }
+        found
+    }
+
+    /// Adds the telemetry of a row; outside the range, or not a number, it touches nothing.
+    pub(crate) fn touch(&mut self, telemetry: f64) {
+        let [low, high] = self.range;
+        if (low..=high).contains(&telemetry) {
+            self.bits |= 1 << self.bin(telemetry);
+        }
     }
 
     /// Together with what others touch of the same range.
     #[must_use]
-    pub(crate) fn and(&self, other: &Self) -> Self {
-        Self::of(self.range, self.spans.iter().chain(&other.spans).copied())
+    pub(crate) const fn and(self, other: Self) -> Self {
+        Self { bits: self.bits | other.bits, ..self }
     }
 
-    /// Which bins are touched.
-    fn bins(&self) -> [bool; BINS] {
+    fn bin(&self, telemetry: f64) -> usize {
         let [low, high] = self.range;
-        let bin = |telemetry: f64| (((telemetry - low) / (high - low) * BINS as f64) as usize).min(BINS - 1);
-        let mut touched = [false; BINS];
-        for [from, to] in &self.spans {
-            touched[bin(*from)..=bin(*to)].fill(true);
+        (((telemetry - low) / (high - low) * BINS as f64) as usize).min(BINS - 1)
+    }
+
+    /// Which bins are touched, or lie between two that are.
+    fn bins(&self) -> [bool; BINS] {
+        let mut touched = core::array::from_fn(|bin| self.bits >> bin & 1 == 1);
+        let all: Vec<usize> = (0..BINS).filter(|bin| touched[*bin]).collect();
+        for pair in all.windows(2).filter(|pair| pair[1] - pair[0] <= BRIDGED + 1) {
+            touched[pair[0]..pair[1]].fill(true);
         }
         touched
     }
 
-    /// The part of the range that is touched: the share of 40 equal bins.
+    /// The part of the range that is touched: the share of its bins.
     #[must_use]
     pub fn part(&self) -> f64 {
         self.bins().iter().filter(|is| **is).count() as f64 / BINS as f64
     }
 
-    /// The part of the range that its largest hole is, in whole bins: what no judged window touches, at an end of the
-    /// range or between windows.
-    #[must_use]
-    pub fn untouched(&self) -> f64 {
+    /// First and last bin of the largest hole, at an end of the range or between touched bins.
+    fn hole(&self) -> Option<[usize; 2]> {
         let bins = self.bins();
-        bins.split(|is| *is).map(<[bool]>::len).max().unwrap_or_default() as f64 / BINS as f64
+        let empty = |begin: usize| bins[begin..].iter().take_while(|is| !**is).count();
+        let begins = (0..BINS).filter(|bin| !bins[*bin]).map(|bin| [bin, bin + empty(bin)]);
+        // Of holes that are as large the first one.
+        begins.min_by_key(|[begin, end]| core::cmp::Reverse(end - begin))
     }
 
-    /// The ends of the largest hole: the telemetry of the windows next to it, or an end of the range.
+    /// The part of the range that its largest hole is.
+    #[must_use]
+    pub fn untouched(&self) -> f64 {
+        self.hole().map_or(0.0, |[begin, end]| (end - begin) as f64 / BINS as f64)
+    }
+
+    /// The telemetry at the ends of the largest hole.
     #[must_use]
     pub fn largest_hole(&self) -> Option<[f64; 2]> {
         let [low, high] = self.range;
-        let begins = core::iter::once(low).chain(self.spans.iter().map(|span| span[1]));
-        let ends = self.spans.iter().map(|span| span[0]).chain([high]);
-        let holes = begins.zip(ends).map(|(from, to)| [from, to]).filter(|[from, to]| to > from);
-        holes.max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])))
+        let at = |bin: usize| if bin == BINS { high } else { low + (high - low) * bin as f64 / BINS as f64 };
+        self.hole().map(|ends| ends.map(at))
     }
 }
 
@@ -96,22 +108,27 @@ mod tests {
     }
 
     #[test]
-    fn a_window_touches_every_bin_between_its_lowest_and_highest_row() {
+    fn every_bin_between_the_lowest_and_the_highest_row_is_touched() {
         assert_eq!(of(&[[20.0, 20.0]]).part(), 1.0 / 40.0);
         assert_eq!(of(&[[20.0, 21.0]]).part(), 2.0 / 40.0);
         assert_eq!(of(&[[50.0, 60.0]]).part(), 1.0 / 40.0);
         assert_eq!(of(&[[0.0, 60.0]]).part(), 1.0);
         // Beyond the range, or without a number.
         assert_eq!(of(&[[0.0, 9.0], [51.0, 60.0], [f64::NAN, f64::NAN]]).part(), 0.0);
+        let mut rows = of(&[]);
+        [9.9, 50.1, f64::NAN].into_iter().for_each(|outside| rows.touch(outside));
+        assert_eq!(rows, of(&[]));
+        [10.0, 50.0].into_iter().for_each(|end| rows.touch(end));
+        assert_eq!((rows.part(), rows.largest_hole()), (2.0 / 40.0, Some([11.0, 49.0])));
     }
 
     #[test]
-    fn the_largest_hole_is_between_windows_or_at_an_end() {
+    fn the_largest_hole_is_between_rows_or_at_an_end() {
         assert_eq!(of(&[]).largest_hole(), Some([10.0, 50.0]));
-        assert_eq!(of(&[[30.0, 31.0], [14.0, 16.0]]).largest_hole(), Some([31.0, 50.0]));
+        assert_eq!(of(&[[30.0, 30.5], [14.0, 16.0]]).largest_hole(), Some([31.0, 50.0]));
         let middle = of(&[[40.0, 50.0], [10.0, 12.0], [20.0, 22.0], [11.0, 15.0]]);
-        assert_eq!((middle.largest_hole(), middle.untouched()), (Some([22.0, 40.0]), 17.0 / 40.0));
-        assert_eq!(middle.and(&of(&[[20.5, 38.1]])).largest_hole(), Some([15.0, 20.0]));
+        assert_eq!((middle.largest_hole(), middle.untouched()), (Some([23.0, 40.0]), 17.0 / 40.0));
+        assert_eq!(middle.and(of(&[[20.5, 38.1]])).largest_hole(), Some([16.0, 20.0]));
     }
 
     #[test]

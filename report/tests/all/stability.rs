@@ -330,3 +330,24 @@ fn a_run_that_is_judged_in_a_part_only_meets_no_requirement() {
         assert!(page.contains(&reason) && !page.contains("The largest error"), "{page}");
     }
 }
+
+/// One window has rows of both ends: it touches nothing of what lies between them.
+#[test]
+fn a_run_that_is_cut_to_both_ends_shows_nothing_between() {
+    let truth = truth();
+    let schedule = RunSchedule { interval_ns: 1_000_000_000, noise: Noise::NONE, ..RunSchedule::default() };
+    let mut collector = Collector::new(&truth.table, 10.0);
+    let all: Vec<_> = run(&truth, &schedule, 1).collect();
+    let ends = all[..1805].iter().chain(&all[all.len() - 1805..]);
+    ends.for_each(|raw| collector.add(raw));
+    let found = collector.finish(&Setup::new(Some([0.6, -0.48, 0.64]), LocalGravity::Stated(9.79))).unwrap();
+    assert_eq!(found.windows.len(), 361);
+    assert!(found.covered.parts().as_flattened().iter().all(|part| *part < 0.2), "{}", found.covered);
+    let hole = found.covered.hole().unwrap();
+    assert!(found.covered.to_string().ends_with(&format!("; no window is in {hole}")), "{}", found.covered);
+    let require: Requirement = "bias=20ug0,scale=50ppm".parse().unwrap();
+    let judged = require.judge(&found);
+    assert!(judged.iter().all(|it| !it.met && it.message.contains("not shown over ")), "{judged:?}");
+    let page = isotherm_report::json::verification(&found, 10.0, Some(require));
+    assert_eq!(page["covered"]["hole"], hole.as_str());
+}

@@ -269,7 +269,7 @@ mod tests {
         assert_eq!(
             ends,
             [
-                "no run is in 1.30 to 3.90 V of bias of A1, 78 % of its range; verify over the whole range, or accept it: --accept not-covered"
+                "no run is in 1.31 to 3.87 V of bias of A1, 78 % of its range; verify over the whole range, or accept it: --accept not-covered"
             ]
         );
         assert_eq!(parts(&[[0.9, 2.5], [2.45, 4.2]]), Vec::<String>::new());

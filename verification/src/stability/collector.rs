@@ -3,7 +3,8 @@
 //! Over 400 lines: one pass over the samples, from sums to figures.
 
 use super::error::OTHER_ATTITUDE;
-use crate::stability::coverage::Coverage;
+use crate::occupancy::Occupancy;
+use crate::stability::coverage::{Coverage, untouched};
 use crate::stability::error::{Force, StabilityError};
 use crate::stability::figures::{figures, median};
 use crate::stability::gyroscopes::{Conditions, GyroscopeStability};
@@ -17,7 +18,7 @@ use isotherm_finding::Finding;
 use isotherm_recording::{Continuity, MISSING, Marks, other_device};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::polynomial::Polynomial;
-use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Gyroscopes};
+use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Content, Gyroscopes};
 use isotherm_shared::units::{ARCSEC, SensorKind};
 use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, RawSample, Triad};
 use nalgebra::{Matrix3, Vector3};
@@ -52,6 +53,8 @@ struct TriadSums {
     board: [f64; AXES],
     /// Lowest and highest telemetry: head and board, by axis.
     telemetry: Option<[[[f64; 2]; 2]; AXES]>,
+    /// What of the table's ranges the rows touch; as `telemetry`.
+    occupancy: Option<[[Occupancy; 2]; AXES]>,
     /// Increments of the full model \[m/s or rad\].
     increment: [f64; AXES],
     /// Increments of the static model.
@@ -85,6 +88,7 @@ impl TriadSums {
         increment: [f64; AXES],
         static_increment: [f64; AXES],
         flagged: bool,
+        ranges: &[[Occupancy; 2]; AXES],
     ) {
         for (axis, increment) in increment.into_iter().enumerate() {
             self.positive[axis] += f64::from(triad.positive_pulses[axis]);
@@ -100,6 +104,8 @@ impl TriadSums {
         for ([low, high], value) in telemetry.as_flattened_mut().iter_mut().zip(rows.as_flattened()) {
             (*low, *high) = (low.min(*value), high.max(*value));
         }
+        let occupancy = self.occupancy.get_or_insert(*ranges).as_flattened_mut().iter_mut();
+        occupancy.zip(rows.as_flattened()).for_each(|(occupancy, value)| occupancy.touch(*value));
         self.flagged |= flagged;
     }
 }
@@ -110,6 +116,8 @@ pub struct Collector<'a> {
     table: &'a CoefficientTable,
     /// The table without its transients, if it has a lag.
     static_table: Option<CoefficientTable>,
+    /// The ranges of the table, of which nothing is touched: of the accelerometers and of the gyroscopes.
+    ranges: [[[Occupancy; 2]; AXES]; 2],
     window_s: f64,
     /// Begin of the first sample; of a session whose clock begins anew as if it went on \[ns\].
     begin_ns: Option<i128>,
@@ -169,9 +177,12 @@ impl<'a> Collector<'a> {
     pub fn new(table: &'a CoefficientTable, window_s: f64) -> Self {
         let telemetry = TelemetryStep { last: f64::NAN, step: f64::INFINITY };
         let telemetry = [[telemetry; 2]; 3];
+        let Content { axes, gyroscopes, .. } = table.content();
+        let (accelerometers, gyroscopes) = (untouched(axes), gyroscopes.as_ref());
         Self {
             table,
             static_table: static_table(table),
+            ranges: [accelerometers, gyroscopes.map_or(accelerometers, |it| untouched(&it.axes))],
             window_s,
             begin_ns: None,
             open: WindowSums::default(),
@@ -222,9 +233,16 @@ impl<'a> Collector<'a> {
         let CompensatedIncrement { velocity_increment, angle_increment, .. } = increment;
         let (velocity, angle) = (of_static.velocity_increment, of_static.angle_increment);
         let of_accelerometers = spoiled(Flags(!OF_GYROSCOPES.0));
-        open.accelerometers.add(&raw.accelerometers, seconds, velocity_increment, velocity, of_accelerometers);
+        open.accelerometers.add(
+            &raw.accelerometers,
+            seconds,
+            velocity_increment,
+            velocity,
+            of_accelerometers,
+            &self.ranges[0],
+        );
         let of_gyroscopes = spoiled(OF_GYROSCOPES | Flags::LAG_UNKNOWN | Flags::INTERVAL_NOT_NOMINAL);
-        open.gyroscopes.add(&raw.gyroscopes, seconds, angle_increment, angle, of_gyroscopes);
+        open.gyroscopes.add(&raw.gyroscopes, seconds, angle_increment, angle, of_gyroscopes, &self.ranges[1]);
         if open.part_seconds + 0.5 * seconds >= self.window_s / PARTS {
             let seconds = core::mem::take(&mut open.part_seconds);
             open.accelerometers.end_part(seconds);
@@ -486,6 +504,7 @@ impl WindowSums {
             head: mean(triad.head),
             board: mean(triad.board),
             telemetry: triad.telemetry.unwrap_or([[[f64::NAN; 2]; 2]; AXES]),
+            occupancy: triad.occupancy.unwrap_or([[Occupancy::of([0.0; 2], []); 2]; AXES]),
             flagged: triad.flagged,
             counts: true,
             still: true,

@@ -28,6 +28,18 @@ pub struct Coverage {
     pub driven: [[bool; 2]; AXES],
 }
 
+/// Nothing of the range of the bias, and of that of K+ and K-, by axis.
+pub(super) fn untouched(axes: &[Axis; AXES]) -> [[Occupancy; 2]; AXES] {
+    axes.each_ref().map(|axis| {
+        let scale_factor = joint_range([axis.positive_scale_factor.range(), axis.negative_scale_factor.range()]);
+        [axis.bias.range(), scale_factor].map(|range| Occupancy::of(range, []))
+    })
+}
+
+fn together(a: &[[Occupancy; 2]; AXES], b: &[[Occupancy; 2]; AXES]) -> [[Occupancy; 2]; AXES] {
+    [0, 1, 2].map(|axis| [0, 1].map(|sensor| a[axis][sensor].and(b[axis][sensor])))
+}
+
 /// The windows that are judged: those that count, without the flagged ones unless all are.
 fn judged(windows: &[Window]) -> impl Iterator<Item = &Window> {
     let good = windows.iter().any(|window| window.counts && !window.flagged);
@@ -41,17 +53,12 @@ impl Coverage {
     /// Without channels.
     pub(crate) fn of(windows: &[Window], kind: SensorKind, axes: &[Axis; AXES], unit: &str) -> Self {
         let all = |axis: usize, sensor: usize| judged(windows).map(move |window| window.telemetry[axis][sensor]);
-        let ranges = axes.each_ref().map(|axis| {
-            let ([low, high], [other_low, other_high]) =
-                (axis.positive_scale_factor.range(), axis.negative_scale_factor.range());
-            [axis.bias.range(), [low.min(other_low), high.max(other_high)]]
-        });
+        let nothing = untouched(axes);
         let each = [0, 1, 2].map(|axis| [(axis, 0), (axis, 1)]);
         Self {
             kind,
             telemetry: each.map(|pair| pair.map(|(axis, sensor)| joint_range(all(axis, sensor)))),
-            occupancy: each
-                .map(|pair| pair.map(|(axis, sensor)| Occupancy::of(ranges[axis][sensor], all(axis, sensor)))),
+            occupancy: judged(windows).fold(nothing, |all, window| together(&all, &window.occupancy)),
             unit: unit.to_owned(),
             driven: [[false; 2]; AXES],
         }
@@ -104,7 +111,7 @@ impl Coverage {
         Self {
             telemetry: sensors
                 .map(|pair| pair.map(|(axis, k)| joint_range([self.telemetry[axis][k], other.telemetry[axis][k]]))),
-            occupancy: sensors.map(|pair| pair.map(|(axis, k)| self.occupancy[axis][k].and(&other.occupancy[axis][k]))),
+            occupancy: together(&self.occupancy, &other.occupancy),
             driven: sensors.map(|pair| pair.map(|(axis, k)| self.driven[axis][k] || other.driven[axis][k])),
             ..self.clone()
         }
