@@ -88,7 +88,7 @@ def test_what_is_wrong_raises_and_what_is_odd_warns(tmp_path: Path) -> None:
     assert samples["accelerometers"]["positive_pulses"].tolist()[0] == [1_500_000, 0, 9_800_000]
     assert samples["sequence"].tolist() == [0, 1, 5]
     with pytest.raises(isotherm.TableError, match="mapping:") as faults:
-        isotherm.convert(frame, mapping | {"accelerometer": {"columns": ["ax", "ay"], "kind": "rate"}})
+        isotherm.convert(frame, mapping | {"accelerometer": {"columns": ["ax", "ay"], "kind": "speed"}})
     assert [key for _, key, _ in faults.value.faults] == ["accelerometer.columns", "accelerometer.kind"]
     with pytest.raises(isotherm.RecordingFault, match="missing columns: ay") as missing:
         isotherm.convert(frame.rename(columns={"ay": "a_y"}), mapping)

@@ -113,7 +113,7 @@ def test_files_of_other_programs_are_read_with_a_mapping(tmp_path: Path) -> None
     with pytest.raises(ValueError, match="leave out what is for other data: mapping, interval"):
         isotherm.calibrate_gravity_only(CAMPAIGN, XSENS, mapping=mapping, interval=0.01)
     with pytest.raises(isotherm.TableError, match="accelerometer.kind"):
-        wrong = mapping | {"accelerometer": {"columns": ["x", "y", "z"], "kind": "rate"}}
+        wrong = mapping | {"accelerometer": {"columns": ["x", "y", "z"], "kind": "speed"}}
         isotherm.calibrate_gravity_only(CAMPAIGN, text, mapping=wrong)
     with pytest.raises(ValueError, match="interval is 0"):
         isotherm.calibrate_gravity_only(CAMPAIGN, text, mapping=mapping, interval=0)

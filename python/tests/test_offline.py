@@ -670,6 +670,20 @@ def test_a_requirement_is_judged_as_by_the_command(still: Path, tmp_path: Path, 
         assert stability.judge(float(require)) == stability.judge(np.float64(require)) == stability.judge(require)
 
 
+def test_no_bound_is_met_over_a_hole_unless_that_is_accepted(still: Path) -> None:
+    table, samples = isotherm.Table.load(still / "table.toml"), isotherm.read_recording(still / "run.csv")
+    ends = np.concatenate([samples[: len(samples) // 8], samples[-(len(samples) // 8) :]])
+    stability = isotherm.verify(table, ends, attitude=ATTITUDE)
+    hole = stability.verdict["covered"]["hole"]
+    ((bound, met, message),) = stability.judge("bias=1mg0")
+    assert (bound, met) == ("bias", False) and message.endswith(f"not shown over {hole}")
+    accepted = isotherm.verify(table, ends, attitude=ATTITUDE, accept="not-covered")
+    ((bound, met, message),) = accepted.judge("bias=1mg0")
+    assert (bound, met) == ("bias", True) and message.endswith(f"met; not shown over {hole}")
+    with pytest.raises(ValueError, match="accept: give the name of a finding"):
+        isotherm.verify(table, ends, attitude=ATTITUDE, accept=["covered"])
+
+
 def test_what_is_no_requirement_is_refused(still: Path, tmp_path: Path) -> None:
     table, samples = isotherm.Table.load(still / "table.toml"), isotherm.read_recording(still / "run.csv")
     stability = isotherm.verify(table, samples, attitude=ATTITUDE)
