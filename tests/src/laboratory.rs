@@ -12,8 +12,9 @@ use std::time::{Duration, Instant};
 /// Laboratory time divided by real time.
 const SPEED: &str = "700";
 
-/// Serial number of a truth with [`GYROSCOPES`].
+/// Serial number of a truth with gyroscopes.
 pub const SERIAL: &str = "SN 42";
+
 /// A station in `DIR/station` with a service for its IMU, and a plan for both.
 pub struct TestLaboratory {
     /// The domain and the folder of both.
