@@ -80,6 +80,9 @@ fn plan(text: &str, path: &Path) -> Result<String, Failure> {
     for warning in plan.warnings() {
         tell("isotherm", format!("{}: warning: {warning}", shown(path)));
     }
+    for finding in plan.findings() {
+        tell("isotherm", format!("warning [{}]: {}: {finding}", finding.name, shown(path)));
+    }
     Ok(format!("campaign plan of {}, {}", plan.names(), plan.size()))
 }
 

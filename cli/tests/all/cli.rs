@@ -149,3 +149,19 @@ fn a_csv_given_for_a_toml_is_recognised() {
         assert_eq!(said.lines().count(), 1, "{said}");
     }
 }
+
+/// `check` and `campaign check` say the same of a plan.
+#[test]
+fn a_plan_whose_alarms_nobody_reads_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/plan.toml")).unwrap();
+    let path = folder.path().join("plan.toml");
+    std::fs::write(&path, plan.replace("driver = \"acutrol\"", "driver = \"aerosmith\"")).unwrap();
+    let path = path.to_str().unwrap();
+    for arguments in [&["check", path][..], &["campaign", "check", path]] {
+        let output = isotherm(arguments);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(0), "{said}");
+        assert!(said.contains("warning [faults-not-read]: "), "{arguments:?}: {said}");
+    }
+}
