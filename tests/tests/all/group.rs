@@ -1,12 +1,13 @@
 //! A domain that belongs to a group: several users of the group use one service, and nobody else does. The users have
 //! numbers that no name belongs to, so only root can run these tests.
 
-use isotherm_tests::{Needs, Process, RUN, TABLE, TestDomain, binary, skip, table, text, wait_until};
+use isotherm_tests::{Needs, Process, RUN, TABLE, TIMEOUT, TestDomain, binary, skip, table, text, wait_until};
 use rustix::process::Signal;
 use std::fs::{self, Permissions};
 use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _, PermissionsExt as _, chown};
 use std::path::PathBuf;
 use std::process::Command;
+use std::time::{Duration, Instant};
 
 const GROUP: u32 = 61_000;
 const SERVICE: u32 = 61_001;
@@ -102,23 +103,30 @@ fn users_of_the_group_share_a_domain_and_nobody_else_enters_it() {
     wait_until("samples", || group.run(READER, &["status", "--json"], 0).contains("\"acquisition_connected\": true"));
     // While all are connected: the group may what the owner may, and others nothing.
     let private = ["group", "kept-imu-a", "service.lock", "starting"];
-    let mut sockets = 0;
     // What was just created is opened to the group a moment later.
-    wait_until("all objects are the group's", || {
-        sockets = 0;
-        group.objects().iter().all(|path| {
-            let Ok(found) = fs::symlink_metadata(path) else { return true };
-            let mode = found.mode() & 0o777;
-            assert_eq!(mode & 0o007, 0, "{}: {mode:o}", path.display());
-            assert!([SERVICE, ACQUISITION, READER].contains(&found.uid()), "{}: {}", path.display(), found.uid());
-            sockets += usize::from(found.file_type().is_socket());
-            if private.iter().any(|name| path.to_string_lossy().ends_with(name)) {
-                (found.uid(), mode) == (SERVICE, 0o600)
-            } else {
-                (found.gid(), mode >> 3 & 7) == (GROUP, mode >> 6)
-            }
-        })
-    });
+    let is_open = |path: &PathBuf| {
+        let Ok(found) = fs::symlink_metadata(path) else { return true };
+        let mode = found.mode() & 0o777;
+        assert_eq!(mode & 0o007, 0, "{}: {mode:o}", path.display());
+        assert!([SERVICE, ACQUISITION, READER].contains(&found.uid()), "{}: {}", path.display(), found.uid());
+        if private.iter().any(|name| path.to_string_lossy().ends_with(name)) {
+            (found.uid(), mode) == (SERVICE, 0o600)
+        } else {
+            (found.gid(), mode >> 3 & 7) == (GROUP, mode >> 6)
+        }
+    };
+    let begun = Instant::now();
+    let sockets = loop {
+        let objects = group.objects();
+        let is_socket = |path: &&PathBuf| fs::symlink_metadata(path).is_ok_and(|it| it.file_type().is_socket());
+        let sockets = objects.iter().filter(is_socket).count();
+        let closed: Vec<_> = objects.iter().filter(|path| !is_open(path)).collect();
+        if closed.is_empty() {
+            break sockets;
+        }
+        assert!(begun.elapsed() < TIMEOUT, "not the group's: {closed:?}");
+        std::thread::sleep(Duration::from_millis(5));
+    };
     assert!(sockets > 0);
     let (status, log) = feed.wait();
     assert!(status.success(), "{log}");
