@@ -18,10 +18,13 @@
 //!
 //! Over 400 lines: every hypothesis is tried by the same reduction.
 
+mod cause;
 mod unit;
 mod words;
 
 use crate::checks::SetPoint;
+pub(crate) use cause::Diagnosis;
+use cause::{MAX_GOOD, OF_FORCES, diagnosis};
 use isotherm_campaign::{Campaign, Dwell, Observability, PARAMETERS, Position, specific_force};
 use isotherm_finding::{Finding, Location, RunNumber, Severity, name};
 use isotherm_shared::table::AXIS_NAMES;
@@ -30,8 +33,6 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Residuals below this need no diagnosis \[g0\].
 const GOOD: f64 = 20e-6;
-/// Residuals of good data are not larger \[g0\].
-const MAX_GOOD: f64 = 5e-3;
 /// A hypothesis must reduce the residuals by this factor.
 const EXPLAINS: f64 = 10.0;
 /// Hypotheses whose residuals are within this factor of the best are as good as it is.
@@ -61,29 +62,6 @@ const RIDGE: f64 = 1e-11;
 const LEVEL_WEIGHT: f64 = 1e-2;
 /// Unknowns of a set point: those of three accelerometers, and the tilt.
 const UNKNOWNS: usize = AXES * PARAMETERS + 2;
-
-/// A single mistake that explains the data.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Diagnosis {
-    /// The mistake with its remedy. Its name can be accepted as that of other findings.
-    pub finding: Finding,
-    /// Names of the findings that it explains, apart from warnings.
-    explains: &'static [&'static str],
-    /// Index among the findings of the one that is the diagnosis itself.
-    promoted: Option<usize>,
-}
-
-impl Diagnosis {
-    /// Whether `finding` is a consequence of the mistake.
-    #[must_use]
-    pub fn explains(&self, finding: &Finding) -> bool {
-        finding.severity == Severity::Warning || self.explains.contains(&finding.name)
-    }
-}
-
-/// Findings that wrong positions, cables or channels cause.
-const OF_FORCES: &[&str] =
-    &[name::WRONG_POSITION, name::NO_PULSES, name::POSITION_OFF, name::CHANNELS_DIFFER, name::LEVEL, name::OUTLIER];
 
 /// The single mistake that explains the `findings` about `dwells`; `None` if there is none, or if there are several. A
 /// finding that is the mistake itself is taken out of the findings.
@@ -135,11 +113,6 @@ fn single_cause(
     }
     let mut causes = causes.into_iter();
     causes.next().filter(|_| causes.next().is_none())
-}
-
-/// A diagnosis in one line, without a place.
-fn diagnosis(name: &'static str, message: String, explains: &'static [&'static str]) -> Diagnosis {
-    Diagnosis { finding: Finding::whole(Severity::Fault, name, message), explains, promoted: None }
 }
 
 /// Positions that no set point has.

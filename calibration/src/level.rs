@@ -90,7 +90,7 @@ fn why_no_tilt(campaign: &Campaign) -> String {
     format!("no mounting of the IMU explains outer_deg and inner_deg of most positions{remedy}")
 }
 
-/// Whether the base's tilt is neither estimated nor cancels, so that nothing tells what it does to the curves.
+/// Whether the base's tilt is neither estimated nor cancels, so that its effect on the curves is not known.
 pub(crate) fn is_tilt_open(
     campaign: &Campaign,
     dwells: &[Dwell],

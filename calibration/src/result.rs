@@ -63,7 +63,7 @@ impl Calibration {
     #[must_use]
     pub fn unknown_errors(&self) -> Option<&'static str> {
         self.solution.tilt_is_open.then_some(
-            "these positions do not tell the tilt of the base from bias, scale factors and misalignments, and it does not cancel: their errors are \
+            "these positions cannot separate the tilt of the base from bias, scale factors and misalignments, and it does not cancel: their errors are \
              not known, whatever the residuals are; measure every direction at two opposite headings, or, without them, state the angles",
         )
     }

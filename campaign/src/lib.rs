@@ -43,7 +43,7 @@ pub use geometry::{
 };
 pub use gravity::{GravitySource, NORMAL_GRAVITY_HALF_WIDTH, Place, normal_gravity};
 pub use length::{LENGTH_ROWS, length_at_rest};
-pub use members::{IMU, MOST_IMUS, Member, members, select_imu};
+pub use members::{MOST_IMUS, Member, members, select_imu};
 pub use model::Campaign;
 pub use mount::{mount, mounting, nearest_rotation, other_zero};
 pub use position::{Position, SAME_DIRECTION};
@@ -51,7 +51,7 @@ pub use positions::{MAX_CONDITION, Observability, PARAMETERS, Scheme};
 pub use ramp::Ramp;
 pub use rate::rate_at_rest;
 pub use rows::{implausible, implausible_time, read_dwells};
-pub use samples::{FilePattern, POSITION, SET_POINT, SampleLayout};
+pub use samples::{FilePattern, IMU, POSITION, SET_POINT, SampleLayout};
 pub use standstill::{
     Begins, STANDSTILL_WINDOW_S, Standstill, StandstillError, Standstills, begins_ns, find_standstills, stretches,
 };

@@ -5,13 +5,12 @@ use crate::model::Campaign;
 use crate::mount::{mounting, nearest_rotation};
 use crate::position::Position;
 use crate::ramp::Ramp;
+use crate::samples::IMU;
 use crate::turn::Turn;
 use isotherm_shared::document::Section;
 use isotherm_shared::stream::ImuId;
 use nalgebra::{Matrix3, Vector3};
 
-/// Stands for the IMU's name in the names of a batch's files.
-pub const IMU: &str = "{imu}";
 /// Most IMUs of a batch.
 pub const MOST_IMUS: usize = 100;
 

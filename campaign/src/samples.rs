@@ -10,6 +10,8 @@
 
 use isotherm_shared::document::Section;
 
+/// Stands for the IMU's name in the names of a batch's files.
+pub const IMU: &str = "{imu}";
 /// Stands for the set point in the name of a file.
 pub const SET_POINT: &str = "{set_point_c}";
 /// Stands for the number of the position in the name of a file.
@@ -182,7 +184,7 @@ fn layout(section: &Section<'_, '_>) -> Option<(Vec<String>, SampleLayout)> {
     let patterns = section.strings("files", "a name of all files, for example \"T{set_point_c}_P{position}.csv\"")?;
     let wrong = patterns.iter().find_map(|pattern| {
         // The name of an IMU may be anything.
-        let fault = FilePattern::new(&pattern.replace(crate::members::IMU, "imu")).err()?;
+        let fault = FilePattern::new(&pattern.replace(IMU, "imu")).err()?;
         Some(format!("{pattern:?} {fault}"))
     });
     let is_right = wrong.is_none();

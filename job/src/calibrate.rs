@@ -2,7 +2,7 @@
 
 use crate::files::{Bar, CampaignFile};
 use crate::laid_out::{LaidOut, by_position, of_means};
-use crate::samples::PositionFile;
+use crate::samples::Source;
 use indicatif::ProgressBar;
 use isotherm_calibration::{
     CalibrationError, CalibrationOptions, CampaignSource, Fitted, GravityOnlyOptions, Measured, Measurements,
@@ -318,41 +318,6 @@ fn completed(table: CoefficientTable, found: Option<Nominal>, notes: &mut Vec<St
     match CoefficientTable::new(content) {
         Ok(complete) => complete.measured_at(table.gravity_local()),
         Err(_) => table,
-    }
-}
-
-/// Where rows come from.
-pub enum Source<'a> {
-    /// A file of any format that recordings have.
-    File(PathBuf),
-    /// The file of a position at a set point.
-    Position(PositionFile),
-    /// A sheet of means.
-    Means(PathBuf),
-    /// Rows in memory.
-    Rows {
-        /// What messages call them.
-        name: String,
-        /// SHA-256 of their bytes, in hexadecimal.
-        sha256: String,
-        /// The rows.
-        rows: Box<dyn Iterator<Item = Result<CampaignRow, RecordingError>> + Send + 'a>,
-    },
-}
-
-impl Source<'_> {
-    /// Files.
-    #[must_use]
-    pub fn files(paths: &[PathBuf]) -> Vec<Self> {
-        paths.iter().cloned().map(Self::File).collect()
-    }
-
-    pub(crate) fn path(&self) -> PathBuf {
-        match self {
-            Self::File(path) | Self::Means(path) => path.clone(),
-            Self::Position(file) => file.path.clone(),
-            Self::Rows { name, .. } => PathBuf::from(name),
-        }
     }
 }
 

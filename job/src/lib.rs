@@ -27,9 +27,9 @@ mod samples;
 mod vehicle;
 mod verify;
 
-pub use calibrate::{FitOptions, Inputs, Made, Origin, Refused, Source};
+pub use calibrate::{FitOptions, Inputs, Made, Origin, Refused};
 pub use files::{Bar, CampaignFile, no_bar};
 pub use proposal::propose;
-pub use samples::PositionFile;
+pub use samples::{PositionFile, Source};
 pub use vehicle::{INSTANCE, Vehicle, VehicleImu};
 pub use verify::Run;

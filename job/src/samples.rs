@@ -1,9 +1,9 @@
 //! The files of a campaign's samples: those that it names, those of a pattern, a sheet of means.
 
-use crate::calibrate::Source;
 use crate::files::CampaignFile;
 use isotherm_campaign::{Campaign, FilePattern, SampleLayout};
 use isotherm_failure::{Exit, Failure, shown};
+use isotherm_recording::{CampaignRow, RecordingError};
 use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -22,6 +22,41 @@ pub struct PositionFile {
     pub set_point_c: f64,
     /// Number of the position, or of the turn.
     pub position: u32,
+}
+
+/// Where rows come from.
+pub enum Source<'a> {
+    /// A file of any format that recordings have.
+    File(PathBuf),
+    /// The file of a position at a set point.
+    Position(PositionFile),
+    /// A sheet of means.
+    Means(PathBuf),
+    /// Rows in memory.
+    Rows {
+        /// What messages call them.
+        name: String,
+        /// SHA-256 of their bytes, in hexadecimal.
+        sha256: String,
+        /// The rows.
+        rows: Box<dyn Iterator<Item = Result<CampaignRow, RecordingError>> + Send + 'a>,
+    },
+}
+
+impl Source<'_> {
+    /// Files.
+    #[must_use]
+    pub fn files(paths: &[PathBuf]) -> Vec<Self> {
+        paths.iter().cloned().map(Self::File).collect()
+    }
+
+    pub(crate) fn path(&self) -> PathBuf {
+        match self {
+            Self::File(path) | Self::Means(path) => path.clone(),
+            Self::Position(file) => file.path.clone(),
+            Self::Rows { name, .. } => PathBuf::from(name),
+        }
+    }
 }
 
 impl CampaignFile {

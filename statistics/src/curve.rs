@@ -4,9 +4,9 @@ use crate::curve_band;
 use crate::double_double::DoubleDouble;
 use crate::largest::root;
 use crate::regression::{Regression, expansion};
+use crate::student::student_quantile_of;
 use isotherm_shared::polynomial::Polynomial;
 use nalgebra::{DMatrix, DVector};
-use statrs::function::beta::inv_beta_reg;
 
 /// Largest acceptable rounding error of a table's polynomial, relative to its largest value.
 const MAX_ROUNDING: f64 = 1e-11;
@@ -271,40 +271,10 @@ impl Curve {
 /// Confidence of every interval that is printed or judged.
 pub const CONFIDENCE: f64 = 0.95;
 
-/// Two-sided quantile of Student's t: |t| with `freedom` degrees of freedom is below it with probability `confidence`.
-///
-/// ```
-/// use isotherm_statistics::student_quantile;
-///
-/// assert!((student_quantile(0.95, 11) - 2.201).abs() < 1e-3);
-/// ```
-#[must_use]
-pub fn student_quantile(confidence: f64, freedom: usize) -> f64 {
-    student_quantile_of(confidence, freedom as f64)
-}
-
-/// The same for degrees of freedom that are not a whole number; not a number without any.
-pub fn student_quantile_of(confidence: f64, n: f64) -> f64 {
-    if !n.is_finite() || n <= 0.0 {
-        return f64::NAN;
-    }
-    // t^2 is F with 1 and n degrees of freedom; n/(n + t^2) follows the beta distribution.
-    let x = inv_beta_reg(n / 2.0, 0.5, 1.0 - confidence);
-    (n * (1.0 - x) / x).sqrt()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::regression::DataPoint;
-
-    #[test]
-    fn student_quantile_matches_printed_tables() {
-        for (freedom, right) in [(1, 12.706_205), (11, 2.200_985), (100, 1.983_972)] {
-            assert!((student_quantile(0.95, freedom) - right).abs() < 1e-5, "{}", student_quantile(0.95, freedom));
-        }
-        assert!((student_quantile(0.682_689_492, 10) - 1.0526).abs() < 1e-3);
-    }
 
     #[test]
     fn tables_keep_their_digits_far_from_zero() {

@@ -24,9 +24,10 @@ mod largest;
 mod least_squares;
 mod order;
 mod regression;
+mod student;
 mod sweep_band;
 
-pub use curve::{CONFIDENCE, Curve, SlopeError, student_quantile, student_quantile_of};
+pub use curve::{CONFIDENCE, Curve, SlopeError};
 pub use diagnostics::{Diagnostics, Test, greatest_divisor, median, robust_sd};
 pub use double_double::DoubleDouble;
 pub use hysteresis::{BINS, LoopPoint, Sweep, band, shared_bins, sweeps};
@@ -36,4 +37,5 @@ pub use order::{OrderTable, PureError, QUANTITIES, Rule, choose, default_order};
 pub use regression::{
     DataPoint, Fit, LinearColumn, MAX_ORDER, Partial, Regression, RegressionError, beta_tail, f_limit, f_tail,
 };
+pub use student::{student_quantile, student_quantile_of};
 pub use sweep_band::{Disagreement, SweepBand, SweepValues, sweep_band};

@@ -2,7 +2,7 @@
 //! of times as fast as a real one.
 
 use crate::{Process, TABLE, TIMEOUT, TestDomain, text, wait_until};
-use isotherm_laboratory_bench::{assert_whole_turn, linear};
+use isotherm_laboratory_bench::{assert_units, linear};
 use serde_json::Value;
 use std::fs;
 use std::process::Output;
@@ -222,25 +222,7 @@ impl TestLaboratory {
     /// Asserts that the journal has every unit exactly once, in order, that the file has exactly the bytes of the
     /// dwells and turns, and that every turn is whole.
     pub fn assert_complete(&self, units: usize) {
-        let kept = self.events("kept");
-        let numbers: Vec<_> = kept.iter().map(|kept| kept["unit"].as_u64().unwrap() as usize).collect();
-        assert_eq!(numbers, (0..units).collect::<Vec<_>>());
-        let samples = text(&self.file("campaign.csv"));
-        let (mut end, mut rows) = (0, 0);
-        for unit in kept.iter().filter(|kept| kept["file"] == "campaign.csv") {
-            let [from, to] = ["from", "to"].map(|key| unit[key].as_u64().unwrap() as usize);
-            assert_eq!(from, end, "{unit}");
-            let of_unit = unit["rows"].as_u64().unwrap() as usize;
-            if unit["turn"].is_null() {
-                assert_eq!(of_unit, 6, "{unit}");
-            } else {
-                assert_eq!(samples[from..to].lines().count(), of_unit);
-                assert_whole_turn(unit, samples.lines().next().unwrap(), &samples[from..to]);
-            }
-            (end, rows) = (to, rows + of_unit);
-        }
-        assert_eq!(samples.len(), end);
-        assert_eq!(samples.lines().count(), 1 + rows);
+        assert_units(&self.events("kept"), &text(&self.file("campaign.csv")), units, 6);
     }
 
     /// Asserts that the last safe state was reached: the chamber is in standby and the turntable is stopped.

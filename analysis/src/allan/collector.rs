@@ -63,6 +63,19 @@ pub struct NoiseRows<'a> {
 /// The longest stretch of rows at rest, and how many rows those like it have.
 type Longest = (Stretch, usize);
 
+impl NoiseAnalysis {
+    /// The noise of `rows`, compensated by `table` if there is one. Only rows that begin and end within `part` count
+    /// \[s since the begin of the first row\].
+    ///
+    /// # Errors
+    /// If there are fewer than [`MIN_ROWS`] rows at rest without a gap.
+    pub fn of(rows: &[RawSample], table: Option<&CoefficientTable>, part: [f64; 2]) -> Result<Self, NoiseError> {
+        let mut kept = NoiseRows::new(table, part);
+        rows.iter().for_each(|row| kept.push(row));
+        kept.analyse()
+    }
+}
+
 impl<'a> NoiseRows<'a> {
     /// Rows that begin and end within `part` are collected \[s since the begin of the first row\]; `table` compensates
     /// them.

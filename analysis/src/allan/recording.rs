@@ -4,7 +4,6 @@
 //! bridged. With a table the outputs are compensated by the kernel, in g0 and deg/h; without one they are net counts
 //! (positive less negative) a second.
 
-use super::collector::NoiseRows;
 use super::curve::{Allan, MIN_ROWS};
 use super::sensor::{SensorNoise, above};
 use super::stretch::{Bridged, MOST_BRIDGED, MOST_MISSING};
@@ -12,8 +11,6 @@ use core::ops::Range;
 use isotherm_campaign::StandstillError;
 use isotherm_finding::{Finding, name};
 use isotherm_recording::Losses;
-use isotherm_shared::table::CoefficientTable;
-use isotherm_shared::wire::RawSample;
 
 /// The noise of an IMU.
 ///
@@ -91,17 +88,6 @@ pub enum NoiseError {
 }
 
 impl NoiseAnalysis {
-    /// The noise of `rows`, compensated by `table` if there is one. Only rows that begin and end within `part` count
-    /// \[s since the begin of the first row\].
-    ///
-    /// # Errors
-    /// If there are fewer than [`MIN_ROWS`] rows at rest without a gap.
-    pub fn of(rows: &[RawSample], table: Option<&CoefficientTable>, part: [f64; 2]) -> Result<Self, NoiseError> {
-        let mut kept = NoiseRows::new(table, part);
-        rows.iter().for_each(|row| kept.push(row));
-        kept.analyse()
-    }
-
     /// Why no figure may be certified, as Kalibr's file does: too many rows are bridged, or long gaps leave less than
     /// half of the rows at rest. `None` if it may.
     #[must_use]

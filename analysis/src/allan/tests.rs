@@ -137,7 +137,7 @@ fn rest_and_motion(seed: u64) -> Vec<RawSample> {
     (0..30_000).map(row).collect()
 }
 
-/// Where the search for rests is in pieces, a border is no end of a rest: at rest and beside a motion.
+/// A border between two pieces of the search is not the end of a rest: neither at rest nor next to a motion.
 #[test]
 fn rests_are_the_same_in_pieces() {
     for seed in 0..5 {

@@ -1,4 +1,4 @@
-//! Counts that are taken for rates, or rates for counts: gravity tells them apart.
+//! Counts that are taken for rates, or rates for counts: gravity shows which is which.
 
 use super::Checker;
 use isotherm_campaign::SampleLayout;

@@ -4,7 +4,7 @@
 //! before a time and after it are two groups, the IMU before it is not the IMU after it. A turn on the fixture leaves
 //! opposite misalignments, m onto an axis and back.
 
-use super::{Diagnosis, MAX_GOOD, OF_FORCES, diagnosis};
+use super::cause::{Diagnosis, MAX_GOOD, OF_FORCES, diagnosis};
 use crate::checks::SetPoint;
 use crate::reduce::reduce;
 use isotherm_campaign::{Campaign, Dwell};

@@ -7,7 +7,7 @@ use serde_json::Value;
 ///
 /// # Panics
 /// If they are not.
-pub fn assert_whole_turn(unit: &Value, header: &str, rows: &str) {
+fn assert_whole_turn(unit: &Value, header: &str, rows: &str) {
     let column =
         |name: &str| header.split(',').position(|column| column == name).unwrap_or_else(|| panic!("no {name}"));
     let rows: Vec<Vec<&str>> = rows.lines().map(|row| row.split(',').collect()).collect();
@@ -37,4 +37,29 @@ pub fn events_on_page(page: &str) -> Vec<String> {
     let mut names: Vec<_> = names.collect();
     names.reverse();
     names
+}
+
+/// Asserts that the kept units are those from 0 on, each once and in order, that the file has exactly the bytes of the
+/// dwells, of so many rows each, and of the turns, and that every turn is whole.
+///
+/// # Panics
+/// If it is not so.
+pub fn assert_units(kept: &[Value], samples: &str, units: usize, rows_of_dwell: usize) {
+    let number = |unit: &Value, key: &str| unit[key].as_u64().unwrap_or_else(|| panic!("{key}: {unit}")) as usize;
+    let numbers: Vec<_> = kept.iter().map(|kept| number(kept, "unit")).collect();
+    assert_eq!(numbers, (0..units).collect::<Vec<_>>());
+    let (mut end, mut rows) = (0, 0);
+    for unit in kept.iter().filter(|kept| kept["file"] == "campaign.csv") {
+        let [from, to, of_unit] = ["from", "to", "rows"].map(|key| number(unit, key));
+        assert_eq!(from, end, "{unit}");
+        if unit["turn"].is_null() {
+            assert_eq!(of_unit, rows_of_dwell, "{unit}");
+        } else {
+            assert_eq!(samples[from..to].lines().count(), of_unit);
+            assert_whole_turn(unit, samples.lines().next().unwrap_or_default(), &samples[from..to]);
+        }
+        (end, rows) = (to, rows + of_unit);
+    }
+    assert_eq!(samples.len(), end);
+    assert_eq!(samples.lines().count(), 1 + rows);
 }

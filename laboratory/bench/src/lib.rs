@@ -18,7 +18,7 @@ mod world;
 
 pub use campaign::{Campaign, Ended};
 pub use faults::{Fault, FaultPlan};
-pub use found::{assert_whole_turn, events_on_page};
+pub use found::{assert_units, events_on_page};
 pub use invariants::violations;
 pub use script::{Act, Step, When};
 pub use setup::{GYROSCOPES, Setup, linear};

@@ -82,7 +82,7 @@ impl Report<'_> {
     /// The checks that the data do not allow.
     fn unmade_checks(&self) -> Vec<String> {
         let tilt = self.calibration.solution.tilt.is_none().then(|| {
-            "the positions do not tell a tilt of the base from the biases, or have no angles: the level was not checked".to_owned()
+            "the positions cannot separate a tilt of the base from the biases, or have no angles: the level was not checked".to_owned()
         });
         let bars = self.triads.iter().filter(|triad| Bars::of_triad(triad).all(|bars| bars.known() == 0));
         let bars = bars.map(|triad| {

@@ -2,7 +2,7 @@
 //! 29 to 31.
 
 use super::own::Own;
-use super::{AXES, Values, pulses, temperature};
+use super::pattern::{AXES, Values, pulses, temperature};
 
 /// First counter and first time [us]: they wrap within the first samples.
 const COUNTER: u64 = 65_500;

@@ -3,7 +3,7 @@
 
 use super::checksum::crc32;
 use super::own::Own;
-use super::{AXES, Values, pulses, temperature};
+use super::pattern::{AXES, Values, pulses, temperature};
 
 /// Gyroscopes [rad] and accelerometers [g]: multiples of powers of two, exact as f32.
 fn readings(number: u64) -> [f32; 6] {

@@ -14,6 +14,7 @@ mod mtdata2;
 mod network;
 pub mod output;
 pub mod own;
+mod pattern;
 pub mod plan;
 mod stim300;
 mod terminal;
@@ -21,9 +22,7 @@ pub mod time;
 mod vn100;
 
 use own::Own;
-
-/// What the fields of a frame say, under their names in the profile, after scale and offset.
-pub type Values = Vec<(&'static str, f64)>;
+pub use pattern::Values;
 
 /// An emulated IMU.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -129,23 +128,9 @@ impl Emulator {
     }
 }
 
-/// The number of an axis in the pattern.
-const AXES: [&str; 6] = ["ax", "ay", "az", "gx", "gy", "gz"];
-
-/// The pattern: -2000 to 2000 pulses of axis 0 to 5, in the order of [`AXES`]. Its sum over 4001 samples is 0.
-fn pulses(number: u64, axis: usize) -> i32 {
-    let axis = axis as u64;
-    ((number % 4001 * (13 + 2 * axis) + 331 * axis) % 4001) as i32 - 2000
-}
-
-/// The temperature of sensor 0 to 5 in 1/256 degC: from 25 degC up by 1/256 degC every 100 samples, for 100 000
-/// samples.
-fn temperature(number: u64, sensor: usize) -> i16 {
-    25 * 256 + (number / 100 % 1000) as i16 + 3 * sensor as i16
-}
-
 #[cfg(test)]
 mod tests {
+    use super::pattern::{AXES, pulses};
     use super::*;
 
     #[test]

@@ -3,7 +3,7 @@
 
 use super::checksum::negative_sum;
 use super::own::Own;
-use super::{AXES, Values, pulses, temperature};
+use super::pattern::{AXES, Values, pulses, temperature};
 
 /// Samples between two messages of GNSS, of which each has a counter of its own, and between two temperatures.
 const GNSS_EVERY: u64 = 25;

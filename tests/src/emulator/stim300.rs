@@ -3,7 +3,7 @@
 
 use super::checksum::crc32;
 use super::own::Own;
-use super::{Values, pulses, temperature};
+use super::pattern::{Values, pulses, temperature};
 
 /// 1 g of a 10 g accelerometer in 1 ms, in pulses of 2^-22 m/s.
 const GRAVITY: i32 = 41_131;
@@ -79,7 +79,7 @@ fn values(number: u64, accelerometer: f64, gyroscope: f64) -> Values {
     ];
     for (axis, count) in counts(number).into_iter().enumerate() {
         let scale = if axis < 3 { accelerometer } else { gyroscope };
-        values.push((super::AXES[axis], f64::from(count) * scale));
+        values.push((super::pattern::AXES[axis], f64::from(count) * scale));
         values.push((names[axis], f64::from(temperature(number, axis)) / 256.0));
     }
     values

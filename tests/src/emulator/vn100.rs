@@ -2,7 +2,7 @@
 
 use super::checksum::crc16;
 use super::own::Own;
-use super::{AXES, Values, pulses, temperature};
+use super::pattern::{AXES, Values, pulses, temperature};
 
 /// The first sample's time since start-up [ns], and the interval.
 const START_NS: u64 = 1_000_000_000;

@@ -274,7 +274,8 @@ fn without_the_tilt_no_figure_is_printed() {
         let accuracy = Accuracy::of(&calibration);
         assert!(accuracy.bias.iter().chain(&accuracy.scale_factor_band).all(Option::is_none), "{accuracy}");
         let text = isotherm_report::text::calibration(&calibration);
-        let lines = ["bias not known (the tilt of the base is open)", "caution: these positions do not tell the tilt"];
+        let lines =
+            ["bias not known (the tilt of the base is open)", "caution: these positions cannot separate the tilt"];
         assert!(lines.iter().all(|line| text.contains(line)), "{text}");
         assert!(!text.contains("+-") && !text.contains("NaN"), "{text}");
     }

@@ -1,6 +1,6 @@
 //! What the tests ask a campaign.
 
-use isotherm_laboratory_bench::{Act, Campaign, Ended, Fault, Request, Setup, Step, When, assert_whole_turn};
+use isotherm_laboratory_bench::{Act, Campaign, Ended, Fault, Request, Setup, Step, When, assert_units};
 use isotherm_simulator::InjectedFault;
 use serde_json::Value;
 
@@ -53,28 +53,20 @@ pub(crate) fn assert_in_standby(campaign: &Campaign) {
     assert!(last["table"].as_str().unwrap().starts_with("table stopped at"), "{last}");
 }
 
-/// Asserts that the journal has every unit exactly once, in order, and that the file has exactly the bytes of the
-/// dwells and turns.
+/// Asserts that the journal and the file have every unit exactly once, in order.
 pub(crate) fn assert_complete(campaign: &Campaign, units: usize) {
-    let kept = events(campaign, "kept");
-    let numbers: Vec<_> = kept.iter().map(|kept| kept["unit"].as_u64().unwrap() as usize).collect();
-    assert_eq!(numbers, (0..units).collect::<Vec<_>>());
+    assert_units(&events(campaign, "kept"), &campaign.file("campaign.csv"), units, 4);
+}
+
+/// Kills the runner there, and asserts that what it has kept is as it was after the runner before, whose rows `before`
+/// has.
+pub(crate) fn kill_at(campaign: &Campaign, steps: Vec<Step>, before: &mut String) {
+    campaign.then(steps);
+    assert!(campaign.run_once().is_killed);
+    let end = events(campaign, "kept").last().unwrap()["to"].as_u64().unwrap() as usize;
     let samples = campaign.file("campaign.csv");
-    let (mut end, mut rows) = (0, 0);
-    for unit in kept.iter().filter(|kept| kept["file"] == "campaign.csv") {
-        let [from, to] = ["from", "to"].map(|key| unit[key].as_u64().unwrap() as usize);
-        assert_eq!(from, end, "{unit}");
-        let of_unit = unit["rows"].as_u64().unwrap() as usize;
-        if unit["turn"].is_null() {
-            assert_eq!(of_unit, 4, "{unit}");
-        } else {
-            assert_eq!(samples[from..to].lines().count(), of_unit);
-            assert_whole_turn(unit, samples.lines().next().unwrap(), &samples[from..to]);
-        }
-        (end, rows) = (to, rows + of_unit);
-    }
-    assert_eq!(samples.len(), end);
-    assert_eq!(samples.lines().count(), 1 + rows);
+    assert!(samples.starts_with(&*before) && samples.len() >= end);
+    samples[..end].clone_into(before);
 }
 
 /// The requests that an instrument gets after a time \[s\], as text, with the time of each.

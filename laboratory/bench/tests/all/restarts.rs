@@ -1,6 +1,6 @@
 //! Runners that end, and others that go on.
 
-use crate::course::{assert_complete, assert_done, assert_in_standby, at, events, one_set_point};
+use crate::course::{assert_complete, assert_done, assert_in_standby, at, events, kill_at, one_set_point};
 use isotherm_automation::finish::Finish;
 use isotherm_automation::journal::Journal;
 use isotherm_calibration::{AlignmentChoice, LagChoice};
@@ -17,12 +17,7 @@ fn killed_twice_it_continues_with_the_first_missing_dwell() {
     let campaign = Campaign::new(&one_set_point().with(&[("list_c = [20]", "list_c = [20, 23]")]));
     let mut before = String::new();
     for count in [5, 15] {
-        campaign.then(vec![at("kept", count, Act::Kill)]);
-        assert!(campaign.run_once().is_killed);
-        let end = events(&campaign, "kept").last().unwrap()["to"].as_u64().unwrap() as usize;
-        let samples = campaign.file("campaign.csv");
-        assert!(samples.starts_with(&before) && samples.len() >= end);
-        before = samples[..end].to_owned();
+        kill_at(&campaign, vec![at("kept", count, Act::Kill)], &mut before);
     }
     assert_done(&campaign.run_once());
     // Completed dwells are unchanged to the byte, and every dwell is present once.

@@ -1,7 +1,7 @@
 //! Campaigns of a whole IMU: turns after the positions, disturbed and killed.
 
 use crate::course::{
-    POSITIONS, assert_complete, assert_done, assert_in_standby, at, events, faults_at, one_set_point, said,
+    POSITIONS, assert_complete, assert_done, assert_in_standby, at, events, faults_at, kill_at, one_set_point, said,
 };
 use crate::restarts::fitted;
 use isotherm_calibration::AlignmentChoice;
@@ -57,12 +57,8 @@ fn killed_in_turns_it_ends_with_a_good_table_of_both_triads() {
     let mut before = String::new();
     for (turn, wait_s) in [(0, 0.0), (2, 14.0), (5, 42.0), (UNITS + 3, 28.0), (UNITS + 4, 3.5)] {
         let unit = POSITIONS + turn;
-        campaign.then(vec![Step(When::Phase("turn", unit), Act::Note), Step(When::After(wait_s), Act::Kill)]);
-        assert!(campaign.run_once().is_killed);
-        let end = events(&campaign, "kept").last().unwrap()["to"].as_u64().unwrap() as usize;
-        let samples = campaign.file("campaign.csv");
-        assert!(samples.starts_with(&before) && samples.len() >= end);
-        before = samples[..end].to_owned();
+        let steps = vec![Step(When::Phase("turn", unit), Act::Note), Step(When::After(wait_s), Act::Kill)];
+        kill_at(&campaign, steps, &mut before);
     }
     assert_done(&campaign.run_once());
     assert!(campaign.file("campaign.csv").starts_with(&before));

@@ -55,7 +55,7 @@ pub(crate) use ros::is_bag;
 pub use scale::Scale;
 pub use settings::{GyroscopeTemperature, Settings, TimeSource};
 pub use source::PLACEHOLDER;
-pub use text::{MeanRow, read_means};
+pub use text::means::{MeanRow, read_means};
 pub use unit::Linear;
 pub use vehicle::VehicleState;
 

@@ -7,10 +7,9 @@ mod axes;
 mod bad_rows;
 mod counting;
 mod marks;
-mod means;
+pub(super) mod means;
 
 pub(super) use bad_rows::{BadRows, Fault};
-pub use means::{MeanRow, read_means};
 
 use super::columns::{ColumnRef, Kind, Sensors, Temperature};
 use super::layouts::Recognised;
@@ -21,7 +20,8 @@ use super::scale::Units;
 use super::source::{Reading, Source, placeholder};
 use super::unit::Linear;
 use super::{calendar, header_units, proposal, unit};
-use axes::{Axes, NoReading, bad};
+use axes::{Axes, bad};
+use bad_rows::NoReading;
 use isotherm_finding::Finding;
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{Checksum, CsvColumn, Rows, missing_columns};

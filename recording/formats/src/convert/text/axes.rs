@@ -2,7 +2,7 @@
 
 use super::super::columns::{ColumnRef, Kind, Sensors};
 use super::super::source::pulses;
-use super::bad_rows::Fault;
+use super::bad_rows::{Fault, NoReading};
 use super::counting::Counting;
 use super::marks::{Marks, Number};
 use isotherm_finding::Finding;
@@ -42,14 +42,6 @@ pub(super) struct Axes {
 pub(super) struct Numbers {
     pub(super) of_axes: [Number; AXES],
     pub(super) negative: Option<[Number; AXES]>,
-}
-
-/// Why a row is no reading.
-pub(super) enum NoReading {
-    /// It is bad; others are not.
-    Row(Fault, String),
-    /// The whole text is not as the mapping says.
-    Text(RecordingError),
 }
 
 impl Axes {

@@ -12,6 +12,14 @@ const FEWEST_GOOD: u64 = 10;
 const HOPELESS: u64 = 100;
 const HOPELESS_OF: u64 = 10;
 
+/// Why a row is no reading.
+pub(super) enum NoReading {
+    /// It is bad; others are not.
+    Row(Fault, String),
+    /// The whole text is not as the mapping says.
+    Text(RecordingError),
+}
+
 /// What is wrong with a row.
 #[derive(Clone, Copy, Debug, Eq, Ord, PartialEq, PartialOrd)]
 pub(in super::super) enum Fault {

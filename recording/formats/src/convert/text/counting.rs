@@ -2,8 +2,7 @@
 
 use super::super::columns::{Kind, Sensors};
 use super::super::found::shown;
-use super::axes::NoReading;
-use super::bad_rows::Fault;
+use super::bad_rows::{Fault, NoReading};
 use super::marks::Number;
 use isotherm_finding::{Finding, name};
 use isotherm_recording::csv::{CsvColumn, Rows};

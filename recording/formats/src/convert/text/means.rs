@@ -2,7 +2,8 @@
 
 use super::super::columns::Kind;
 use super::super::mapping::Mapping;
-use super::axes::{Axes, NoReading, Numbers};
+use super::axes::{Axes, Numbers};
+use super::bad_rows::NoReading;
 use super::marks::Number;
 use super::{TextSource, bad};
 use isotherm_failure::Failure;
