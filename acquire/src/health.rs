@@ -1,7 +1,7 @@
 //! Tells when the device's status says that sensors are not healthy, and when that ends.
 
 use isotherm_client::Sensor;
-use isotherm_failure::tell;
+use isotherm_support::failure::tell;
 use std::time::{Duration, Instant};
 
 /// The beginning and the end of an unhealthy status are logged at once. While the status flickers, at most this many

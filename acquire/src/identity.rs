@@ -7,7 +7,7 @@ use crate::notice::Notice;
 use crate::number::Value;
 use crate::tally::Tally;
 use isotherm_client::device;
-use isotherm_failure::{Exit, Failure, tell};
+use isotherm_support::failure::{Exit, Failure, tell};
 use std::time::Instant;
 
 /// What a device says of itself, and whether it is the description's.

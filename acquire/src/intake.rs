@@ -13,7 +13,7 @@ use crate::sample::{Assembler, NoSample, Telemetry, invalidate};
 use crate::tally::Tally;
 use crate::timeline::{Counter, Observed, Place, Placed, Timeline};
 use isotherm_client::RawSample;
-use isotherm_failure::tell;
+use isotherm_support::failure::tell;
 
 /// Gaps that are told one by one; the tally has all.
 const TOLD_GAPS: u64 = 10;

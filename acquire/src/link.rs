@@ -3,8 +3,8 @@
 use crate::note::{AcquisitionNote, KeptLag};
 use crate::recorder::Recorder;
 use isotherm_client::{Acquisition, ConnectError, ImuId, Options, Pace, RawSample, SendError, monotonic_ns};
-use isotherm_failure::{Failure, tell};
 use isotherm_shared::wire::Flags;
+use isotherm_support::failure::{Failure, tell};
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::hash::{BuildHasher as _, RandomState};

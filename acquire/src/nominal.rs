@@ -3,9 +3,9 @@
 use crate::description::{Description, Kind};
 use crate::iio;
 use isotherm_client::Resolution;
-use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::convert::{Kind as Count, Sensors};
 use isotherm_shared::table::{CoefficientTable, Content, Nominal, Refusals, nominal_content};
+use isotherm_support::failure::{Exit, Failure};
 use std::path::Path;
 
 /// Range of the telemetry \[degC\], which a nominal table does not use.

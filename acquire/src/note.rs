@@ -2,7 +2,7 @@
 //! machine was started, and the lag of its temperatures.
 
 use isotherm_client::{Domain, ImuId, Lag, Note, RawSample, boot};
-use isotherm_failure::tell;
+use isotherm_support::failure::tell;
 use serde::{Deserialize, Serialize};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread;

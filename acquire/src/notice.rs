@@ -1,6 +1,6 @@
 //! What recurs is told at once, and then once a minute.
 
-use isotherm_failure::tell;
+use isotherm_support::failure::tell;
 use std::time::{Duration, Instant};
 
 /// Pause between two lines about the same.

@@ -3,8 +3,8 @@
 use crate::datagrams::Datagrams;
 use crate::description::Port;
 use isotherm_client::monotonic_ns;
-use isotherm_failure::{Exit, Failure};
 use isotherm_serial::OpenSerial;
+use isotherm_support::failure::{Exit, Failure};
 use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
 use rustix::io::Errno;
 use rustix::net::sockopt;

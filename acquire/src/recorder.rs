@@ -1,11 +1,11 @@
 //! Records samples in a thread of its own, so that a slow disk does not hold the line up.
 
 use isotherm_client::{ImuId, RawSample, unix_s};
-use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::write::{FileError, Files, Format, PatientFiles, Rotation, is_vacant};
-use isotherm_shared::stream::StreamKind;
+use isotherm_shared::names::StreamKind;
 use isotherm_shared::wire::StreamSample;
+use isotherm_support::failure::{Exit, Failure, shown, tell};
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -11,7 +11,7 @@ use crate::sink::{Printed, Sink};
 use crate::source::{Source, State};
 use crate::tally::Tally;
 use isotherm_client::{Options, monotonic_ns, unix_s};
-use isotherm_failure::{Exit, Failure, shown, tell};
+use isotherm_support::failure::{Exit, Failure, shown, tell};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -10,7 +10,7 @@ use crate::number::Value;
 use crate::port::{OpenPort, Opening, Read, name_of, open_port, refused};
 use crate::stream::StreamDecoder;
 use isotherm_client::{RawSample, monotonic_ns};
-use isotherm_failure::{Exit, Failure, tell};
+use isotherm_support::failure::{Exit, Failure, tell};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};

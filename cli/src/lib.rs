@@ -9,8 +9,8 @@ mod recorder;
 mod top;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser};
-use isotherm_failure::Failure;
 use isotherm_service::commands as common;
+use isotherm_support::failure::Failure;
 use std::process::ExitCode;
 
 /// Compensates accelerometer pulses for temperature, live over shared memory and offline.

@@ -1,8 +1,8 @@
 //! Parsers of option values. clap shows their errors as usage errors.
 
-use isotherm_calibration::LagChoice;
 use isotherm_campaign::{Place, Scheme};
 use isotherm_client::TimeConstant;
+use isotherm_fit::LagChoice;
 use isotherm_shared::table::GRAVITY_RANGE;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS};
 use std::str::FromStr;

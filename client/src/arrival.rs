@@ -6,10 +6,11 @@
 #![expect(unsafe_code, reason = "iceoryx2 gives a listener's descriptor as a number")]
 
 use crate::error::ConnectError;
+use crate::transport::stream::{INCREMENT_SUBSCRIBERS, Ipc, IpcNode, arrival_name, open_event};
 use iceoryx2::port::listener::{Listener, ListenerCreateError};
 use iceoryx2::prelude::FileDescriptorBased as _;
 use iceoryx2::service::builder::event::EventOpenError;
-use isotherm_shared::stream::{INCREMENT_SUBSCRIBERS, ImuId, Ipc, IpcNode, open_event};
+use isotherm_shared::names::ImuId;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::os::fd::BorrowedFd;
 use std::time::Duration;
@@ -27,7 +28,7 @@ impl Arrival {
     /// Begins to listen. `None` if there is no event, as in the domain of a relay, where no service is.
     pub(crate) fn open(node: &IpcNode, imu: &ImuId) -> Result<Option<Self>, ConnectError> {
         let failed = |error: String| ConnectError::transport("opening the event of the increments", error);
-        let event = match open_event(node, &imu.arrival()) {
+        let event = match open_event(node, &arrival_name(imu)) {
             Ok(event) => event,
             Err(EventOpenError::DoesNotExist) => return Ok(None),
             Err(error) => return Err(failed(error.to_string())),

@@ -3,8 +3,8 @@
 
 use crate::clock::unix_s;
 use crate::objects::Note;
+use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::status::ClosedStatus;
-use isotherm_shared::stream::{Domain, ImuId};
 use std::io;
 
 /// What an [`Acquisition`](crate::Acquisition) had lost when it closed. Nothing was lost if both are 0.

@@ -7,12 +7,13 @@ use crate::members::{open_to_group, remove_own_leftovers};
 use crate::objects::{OwnFile, domain_files, refuse_foreign, removed_memory, sweep};
 use crate::peers::{payload_of, publisher_of};
 use crate::resources::check_room;
+use crate::transport::group;
+use crate::transport::stream::{self, IpcNode};
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::prelude::{NodeBuilder, ServiceName, SignalHandlingMode};
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
-use isotherm_failure::shown;
-use isotherm_shared::group;
-use isotherm_shared::stream::{self, Domain, DomainError, ImuId, IpcNode};
+use isotherm_shared::names::{Domain, DomainError, ImuId};
+use isotherm_support::failure::shown;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use std::{fs, thread};
@@ -129,7 +130,7 @@ pub fn join(domain: &Domain) -> Result<IpcNode, ConnectError> {
     check_room(0)?;
     sweep_half_created(domain)?;
     refuse_foreign(domain)?;
-    let config = domain.config()?;
+    let config = stream::configuration(domain)?;
     let node = NodeBuilder::new().config(&config).signal_handling_mode(SignalHandlingMode::Disabled);
     let node = node.create().map_err(|error| match error {
         NodeCreationFailure::InsufficientPermissions => not_permitted(domain, "creating a node"),

@@ -1,12 +1,13 @@
 //! Why a process could not connect, and the exit code of a program for each reason.
 
 use crate::peers::{Peers, named, subscribers_of};
+use crate::transport::own_storage::{SHARED_MEMORY, refused_bytes};
+use crate::transport::stream::Ipc;
 use core::fmt;
 use iceoryx2::prelude::{IceoryxSend, PortFactory as _};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use isotherm_failure::{Exit, Failure};
-use isotherm_shared::own_storage::{SHARED_MEMORY, refused_bytes};
-use isotherm_shared::stream::{Domain, DomainError, ImuId, Ipc};
+use isotherm_shared::names::{Domain, DomainError, ImuId};
+use isotherm_support::failure::{Exit, Failure};
 use rustix::fs::statvfs;
 
 /// Why a process could not connect.

@@ -2,9 +2,9 @@
 
 use crate::error::{ConnectError, permission};
 use crate::objects::Note;
-use isotherm_failure::shown;
-use isotherm_shared::group;
-use isotherm_shared::stream::Domain;
+use crate::transport::group;
+use isotherm_shared::names::Domain;
+use isotherm_support::failure::shown;
 use rustix::fs::{Access, Mode, OFlags, access, open, statvfs};
 use rustix::io::Errno;
 use std::fs::{self, DirBuilder, File, Metadata, Permissions};

@@ -89,7 +89,9 @@ mod realtime;
 mod rehearsal;
 mod resources;
 mod status;
+pub mod sync;
 mod tap;
+pub mod transport;
 mod warning;
 
 pub use acquisition::Acquisition;
@@ -103,8 +105,8 @@ pub use connect::{
 pub use error::{ConnectError, shortage};
 pub use folder::{check_owner, give_to_group, prepare};
 pub use isotherm_shared::lag::{Lag, LaggedReading};
+pub use isotherm_shared::names::{Domain, DomainError, ImuId};
 pub use isotherm_shared::readings::{ReadingError, Readings, Resolution};
-pub use isotherm_shared::stream::{Domain, DomainError, ImuId};
 pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSample, Triad, device};
 pub use kept::MOST_KEPT;
 pub use lag::{Sensor, UnknownSensor};

@@ -1,10 +1,10 @@
 //! Loaned samples, and the errors of sending and receiving.
 
+use crate::transport::stream::Ipc;
 use core::fmt;
 use iceoryx2::sample_mut::SampleMut;
-use isotherm_failure::{Exit, Failure};
-use isotherm_shared::stream::Ipc;
 use isotherm_shared::wire::{MergeError, RawSample};
+use isotherm_support::failure::{Exit, Failure};
 
 /// A raw sample, in shared memory if a service is there, which the caller owns until it is sent. Dereferences to
 /// [`RawSample`].

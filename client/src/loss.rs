@@ -6,8 +6,8 @@
 
 use crate::objects::{SHARED_MEMORY, entries, is_trusted};
 use core::fmt;
-use isotherm_failure::shown;
-use isotherm_shared::stream::Domain;
+use isotherm_shared::names::Domain;
+use isotherm_support::failure::shown;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;

@@ -2,8 +2,8 @@
 //! use it.
 
 use crate::objects::{SHARED_MEMORY, entries, own_files};
-use isotherm_shared::group;
-use isotherm_shared::stream::Domain;
+use crate::transport::group;
+use isotherm_shared::names::Domain;
 use std::collections::BTreeSet;
 use std::fs::{self, DirEntry};
 use std::path::Path;

@@ -5,10 +5,11 @@
 //! regular files of this user count.
 
 use crate::error::ConnectError;
-use isotherm_failure::shown;
-use isotherm_shared::group;
-pub(crate) use isotherm_shared::own_storage::SHARED_MEMORY;
-use isotherm_shared::stream::{CREATION_TIMEOUT, Domain};
+use crate::transport::group;
+pub(crate) use crate::transport::own_storage::SHARED_MEMORY;
+use crate::transport::stream::CREATION_TIMEOUT;
+use isotherm_shared::names::Domain;
+use isotherm_support::failure::shown;
 use rustix::fs::OFlags;
 use std::collections::HashMap;
 use std::fs::{self, DirEntry, File, Metadata, Permissions};
@@ -128,7 +129,7 @@ pub fn foreign_object(domain: &Domain) -> Option<PathBuf> {
 ///
 /// The name of a stream's memory has the time of its creation in it, so that it cannot be known before. But a stream
 /// whose memory is gone, as after a restart of the machine, leaves its file, and other users may have seen the name.
-/// The transport would report an internal error ([`OwnStorage`](isotherm_shared::own_storage::OwnStorage)); this names
+/// The transport would report an internal error ([`OwnStorage`](crate::transport::own_storage::OwnStorage)); this names
 /// the object.
 ///
 /// # Errors

@@ -1,6 +1,6 @@
 //! How fast a backlog is sent.
 
-use isotherm_shared::stream::RECORDER_DEPTH;
+use crate::transport::stream::RECORDER_DEPTH;
 
 /// Samples that are sent at once, and then in a millisecond: a recorder or a reader whose thread waits for its turn
 /// must not lose what the service takes.

@@ -1,5 +1,6 @@
 //! The processes at the other end of a stream, and how this process can name them.
 
+use crate::transport::stream::{Ipc, IpcNode, RAW_DEPTH};
 use core::fmt;
 use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::node::NodeView as _;
@@ -9,9 +10,9 @@ use iceoryx2::prelude::{
 use iceoryx2::service::Service as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as StaticPattern;
+use isotherm_shared::names::Domain;
 use isotherm_shared::protocol::depth_in_flight;
 use isotherm_shared::status::ServiceStatus;
-use isotherm_shared::stream::{Domain, Ipc, IpcNode, RAW_DEPTH};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use rustix::process::{Flock, FlockType, fcntl_getlk};
 use std::fs::{self, File};

@@ -8,9 +8,9 @@
 //! A child that shares the memory of its parent (`vfork`, `CLONE_VM`) is not noticed. It may only call `exec`.
 #![expect(unsafe_code, reason = "mapping memory and handlers of forks have no safe binding")]
 
+use crate::sync::AtomicU64;
 use core::ptr;
 use core::sync::atomic::Ordering;
-use isotherm_atomic::AtomicU64;
 use std::sync::OnceLock;
 
 /// Number of the present process; 0 in a child that has not asked for one yet.
@@ -119,7 +119,7 @@ mod tests {
 #[cfg(isotherm_loom)]
 mod explored {
     use super::*;
-    use isotherm_atomic::{explore, thread};
+    use crate::sync::{explore, thread};
     use std::sync::Arc;
 
     #[test]

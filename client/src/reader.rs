@@ -9,13 +9,14 @@ use crate::objects::refuse_foreign;
 use crate::rehearsal::copied;
 use crate::resources::reserve;
 use crate::status::{StatusError, StatusReader};
+use crate::transport::stream::{Ipc, IpcNode, OpenedStream, increment_name, open_increment, open_raw, raw_name};
 use crate::warning::warn;
 use core::fmt;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::{ServiceName, ZeroCopySend};
+use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::protocol::{self, ReaderState, SequenceTracker};
 use isotherm_shared::sequence::{Period, Seen};
-use isotherm_shared::stream::{Domain, ImuId, Ipc, IpcNode, OpenedStream, open_increment, open_raw};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use rustix::event::epoll;
 use rustix::time::{ClockId, clock_gettime};
@@ -50,7 +51,7 @@ pub trait Streamed: ZeroCopySend + fmt::Debug + Copy + 'static {
 impl Streamed for RawSample {
     const HAS_EVENT: bool = false;
     fn stream(imu: &ImuId) -> ServiceName {
-        imu.raw()
+        raw_name(imu)
     }
     fn open(node: &IpcNode, name: &ServiceName) -> OpenedStream<Self> {
         open_raw(node, name)
@@ -63,7 +64,7 @@ impl Streamed for RawSample {
 impl Streamed for CompensatedIncrement {
     const HAS_EVENT: bool = true;
     fn stream(imu: &ImuId) -> ServiceName {
-        imu.increment()
+        increment_name(imu)
     }
     fn open(node: &IpcNode, name: &ServiceName) -> OpenedStream<Self> {
         open_increment(node, name)
@@ -75,7 +76,7 @@ impl Streamed for CompensatedIncrement {
 
 /// Reads the increments of one IMU as they are published: for navigation and loggers.
 ///
-/// The queue holds [`INCREMENT_DEPTH`](isotherm_shared::stream::INCREMENT_DEPTH) increments. If the reader sleeps for
+/// The queue holds [`INCREMENT_DEPTH`](crate::transport::stream::INCREMENT_DEPTH) increments. If the reader sleeps for
 /// longer, the oldest are overwritten.
 ///
 /// ```no_run
@@ -94,7 +95,7 @@ pub type IncrementReader = Reader<CompensatedIncrement>;
 
 /// Reads the raw samples of one IMU as the acquisition sends them: for recorders.
 ///
-/// The queue holds [`RECORDER_DEPTH`](isotherm_shared::stream::RECORDER_DEPTH) samples. If the reader sleeps for
+/// The queue holds [`RECORDER_DEPTH`](crate::transport::stream::RECORDER_DEPTH) samples. If the reader sleeps for
 /// longer, the newest are lost. Acquisition and service are not affected.
 pub type RawReader = Reader<RawSample>;
 

@@ -9,6 +9,7 @@
 //! rehearsed sample can get into a real stream.
 
 use crate::error::{ConnectError, shortage};
+use crate::transport::stream::{self, Ipc, IpcNode, RehearsalNames};
 use core::fmt;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
@@ -18,7 +19,7 @@ use iceoryx2::sample::Sample;
 use iceoryx2::sample_mut::SampleMut;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use isotherm_shared::stream::{self, ImuId, Ipc, IpcNode, RehearsalNames};
+use isotherm_shared::names::ImuId;
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -171,7 +172,7 @@ pub(crate) fn of_acquisition(
 ) -> Result<Option<Rehearsal<CompensatedIncrement, RawSample>>, ConnectError> {
     let deadline = deadline.min(Instant::now() + PLACE_TIMEOUT);
     loop {
-        match RehearsalStreams::open(node, &imu.rehearsal()) {
+        match RehearsalStreams::open(node, &RehearsalNames::of_acquisition(imu)) {
             Err(PublishSubscribeOpenError::DoesNotExist) => return Ok(None),
             Err(_) => {}
             Ok(streams) => match Rehearsal::open(&streams.increments, &streams.raw) {

@@ -2,13 +2,13 @@
 //!
 //! The kernel allocates a page of shared memory when it is first touched. If none is left then, it ends the process by
 //! SIGBUS. So the free space is checked before anything is created, and created objects get all their pages before
-//! anything is written to them ([`isotherm_shared::own_storage`]); those that other programs have created, here.
+//! anything is written to them ([`crate::transport::own_storage`]); those that other programs have created, here.
 
 use crate::error::{ConnectError, free_shared_memory, shared_memory_full};
 use crate::members::open_to_group;
 use crate::objects::{SHARED_MEMORY, own_files};
-use isotherm_shared::own_storage::allocate_pages;
-use isotherm_shared::stream::Domain;
+use crate::transport::own_storage::allocate_pages;
+use isotherm_shared::names::Domain;
 use rustix::fs::{Access, access};
 use rustix::io::Errno;
 use rustix::process::{Resource, getrlimit};

@@ -6,12 +6,13 @@ use crate::error::ConnectError;
 use crate::objects::{Note, removed_memory};
 use crate::peers::{named, pid_of, publisher_of};
 use crate::resources::lacks_room;
+use crate::transport::stream::{self, Ipc, IpcNode};
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use isotherm_failure::{Exit, Failure};
+use isotherm_shared::names::Domain;
 use isotherm_shared::status::ServiceStatus;
-use isotherm_shared::stream::{self, Domain, Ipc, IpcNode};
+use isotherm_support::failure::{Exit, Failure};
 use std::time::{Duration, Instant};
 use std::{io, thread};
 

@@ -5,8 +5,9 @@ use crate::connect::Options;
 use crate::error::ConnectError;
 use crate::reader::{IncrementReader, RawReader};
 use crate::realtime::Realtime;
-use isotherm_atomic::{AtomicBool, AtomicU64};
-use isotherm_shared::stream::{INCREMENT_DEPTH, ImuId, StreamKind};
+use crate::sync::{AtomicBool, AtomicU64};
+use crate::transport::stream::INCREMENT_DEPTH;
+use isotherm_shared::names::{ImuId, StreamKind};
 use isotherm_shared::wire::StreamSample;
 use std::io;
 use std::sync::atomic::Ordering::Relaxed;
@@ -233,7 +234,7 @@ impl StreamReader {
 #[cfg(isotherm_loom)]
 mod explored {
     use super::*;
-    use isotherm_atomic::{explore, thread};
+    use crate::sync::{explore, thread};
 
     /// The thread of a tap whose recorder does not keep up, until it is asked to end. No loss is uncounted.
     #[test]

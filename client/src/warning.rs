@@ -2,8 +2,8 @@
 //! whoever operates the program should know.
 
 use core::fmt::Display;
-use isotherm_failure::tell;
-use isotherm_shared::stream::ImuId;
+use isotherm_shared::names::ImuId;
+use isotherm_support::failure::tell;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::stdio::stderr;
 use tracing::dispatcher;

@@ -5,19 +5,19 @@ use crate::convert::{OriginOptions, PartOptions, part_of, settings_of};
 use crate::errors::{CalibrationError, RecordingFault, TableError, faults, file};
 use crate::records::{Fields, RAW, Values, document};
 use crate::table::Table;
-use isotherm_calibration::{
+use isotherm_campaign::{Campaign, Dwell, Place, select_imu};
+use isotherm_client::TimeConstant;
+use isotherm_fit::{
     Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, FittedRun, GravityOnlyOptions, LagChoice,
     Method, OneAttitudeOptions, ScaleFactorChoice, sha256,
 };
-use isotherm_campaign::{Campaign, Dwell, Place, select_imu};
-use isotherm_client::TimeConstant;
-use isotherm_failure::{Exit, Failure};
-use isotherm_finding::{Finding, name};
-use isotherm_job::{CampaignFile, FitOptions, Inputs, Made, Refused, Source, Vehicle, VehicleImu, no_bar};
+use isotherm_pipeline::{CampaignFile, FitOptions, Inputs, Made, Refused, Source, Vehicle, VehicleImu, no_bar};
 use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
 use isotherm_recording_formats::convert::{Foreign, Settings};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_statistics::OrderTable;
+use isotherm_support::failure::{Exit, Failure};
+use isotherm_support::finding::{Finding, name};
 use numpy::{PyArray1, PyArray2, PyArrayMethods as _};
 use pyo3::exceptions::{PyOSError, PyValueError};
 use pyo3::prelude::*;
@@ -352,7 +352,7 @@ fn finding(finding: &Finding, locate: impl Fn(u64) -> String) -> (&'static str, 
 
 /// The exception of what the command would end with.
 fn failed(Refused { failure, fit, .. }: &Refused) -> PyErr {
-    use isotherm_calibration::CalibrationError::Faults;
+    use isotherm_fit::CalibrationError::Faults;
     let message = failure.message.clone();
     match (fit.as_deref(), failure.exit) {
         (Some((Faults { diagnosis, findings }, places)), _) => {

@@ -5,7 +5,7 @@ use crate::errors::{ComparisonError, faults};
 use crate::records::{document, python};
 use crate::table::Table;
 use isotherm_analysis::{Batch as Statistics, Comparison as Differences, ComparisonRequirement};
-use isotherm_calibration::{TableFile, now, tool};
+use isotherm_fit::{TableFile, now, tool};
 use isotherm_report::batch::BatchSource;
 use isotherm_report::comparison::ComparisonSource;
 use isotherm_report::{batch as batch_report, comparison as report};

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 /// Parses the name of an IMU.
 pub(crate) fn imu_id(imu: &str) -> PyResult<ImuId> {
-    imu.parse().map_err(|error: isotherm_shared::stream::InvalidName| PyValueError::new_err(error.to_string()))
+    imu.parse().map_err(|error: isotherm_shared::names::InvalidName| PyValueError::new_err(error.to_string()))
 }
 
 /// The options for connecting to a service.

@@ -1,8 +1,8 @@
 //! Results: files that appear whole or not at all, as those of the program.
 
 use crate::errors::file;
-use isotherm_failure::Failure;
 use isotherm_files::{Output, StagedText};
+use isotherm_support::failure::Failure;
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
 use std::io::{self, Write as _};

@@ -5,9 +5,9 @@ use crate::offline::with_lag;
 use crate::records::{Fields, RAW, Values};
 use crate::table::Table;
 use isotherm_analysis::{Allan, MIN_ROWS, NoiseRows, TemperatureLine, imu_yaml};
-use isotherm_calibration::{now, tool};
-use isotherm_finding::Severity;
+use isotherm_fit::{now, tool};
 use isotherm_report::noise::{NoiseSource, html, json};
+use isotherm_support::finding::Severity;
 use pyo3::prelude::*;
 
 /// The noise of a recording: the document of `isotherm noise --json`, the report, and with a table Kalibr's file.

@@ -5,8 +5,7 @@ use crate::errors::{StabilityError, file, recording};
 use crate::files::{unwritten, write_file};
 use crate::records::{Fields, INCREMENT, RAW, Values, array, document, increment_bytes, increments, python, view};
 use crate::table::Table;
-use isotherm_calibration::{Origin, now, tool};
-use isotherm_finding::{Finding, name};
+use isotherm_fit::{Origin, now, tool};
 use isotherm_recording::csv::{CsvColumn, Rows};
 use isotherm_recording::{
     ANGLE_CSV_COLUMNS, Continuity, INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader,
@@ -23,6 +22,7 @@ use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample, StreamSample
 use isotherm_statistics::{
     DataPoint, DoubleDouble, LinearColumn, MAX_ORDER, OrderTable, Regression, Rule, default_order,
 };
+use isotherm_support::finding::{Finding, name};
 use isotherm_verification::{Collector, LocalGravity, Requirement, Setup, Stability as Figures};
 use numpy::{PyArray1, PyArrayMethods as _};
 use pyo3::exceptions::PyValueError;

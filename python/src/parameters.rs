@@ -3,8 +3,8 @@
 use crate::connection::imu_id;
 use crate::errors::{TableError, faults};
 use crate::table::Table;
-use isotherm_calibration::Origin;
-use isotherm_parameters::{Autopilot, Effect, ExportError, ExportOptions, ImportError, ImportOptions, Loss};
+use isotherm_autopilot::{Autopilot, Effect, ExportError, ExportOptions, ImportError, ImportOptions, Loss};
+use isotherm_fit::Origin;
 use isotherm_recording::LogImu;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -12,7 +12,7 @@ use std::fmt::Display;
 
 /// The parameters of a table.
 #[pyclass(frozen, module = "isotherm")]
-pub struct Exported(isotherm_parameters::Exported);
+pub struct Exported(isotherm_autopilot::Exported);
 
 /// Name of an effect, sensors, and its sizes \[m/s2, rad/s\].
 type Lost = (&'static str, Vec<&'static str>, Option<f64>, Option<f64>);
@@ -68,7 +68,7 @@ pub(crate) fn export_vehicle(
     };
     let all = imus.iter().map(one).collect::<PyResult<Vec<_>>>()?;
     let all: Vec<_> = all.iter().map(|(name, exported)| (name.as_str(), exported.as_ref())).collect();
-    Ok(Exported(isotherm_parameters::vehicle(autopilot, &all)))
+    Ok(Exported(isotherm_autopilot::vehicle(autopilot, &all)))
 }
 
 /// The parameters of a table, for the instance and the device numbers that are given, or else those of the log that
@@ -79,13 +79,13 @@ fn exported(
     (instance, device_id): (Option<u8>, Option<[u32; 2]>),
     at_c: Option<f64>,
     drop: &[String],
-) -> PyResult<isotherm_parameters::Exported> {
+) -> PyResult<isotherm_autopilot::Exported> {
     let effect = |name: &String| name.parse::<Effect>().map_err(|message| argument("drop", message));
     let log_imu = Origin::of_toml(table.text(), &table.0).log_imu;
     let of_log = |imu: LogImu| ExportOptions::of_log(autopilot, imu.instance, imu.devices);
     let options = log_imu.map_or_else(|| ExportOptions::new(autopilot), of_log).with(instance, device_id);
     let drop = drop.iter().map(effect).collect::<PyResult<_>>()?;
-    isotherm_parameters::export(&table.0, &ExportOptions { at_c, drop, ..options }).map_err(|error| match error {
+    isotherm_autopilot::export(&table.0, &ExportOptions { at_c, drop, ..options }).map_err(|error| match error {
         ExportError::Instance(_) | ExportError::Device(_) | ExportError::At(_) => {
             PyValueError::new_err(error.to_string())
         }
@@ -112,7 +112,7 @@ pub(crate) fn import_parameters(
         interval_ns: (interval * 1e9).round() as u64,
         gravity,
     };
-    let table = isotherm_parameters::import(text, &options).map_err(|error| match error {
+    let table = isotherm_autopilot::import(text, &options).map_err(|error| match error {
         ImportError::Text(all) => faults("parameters", &all),
         other => PyValueError::new_err(other.to_string()),
     })?;

@@ -32,7 +32,7 @@ RUN = REPOSITORY / "tests/data/run.csv"
 MEMS_TABLE = REPOSITORY / "examples/tables/imu-mems.toml"
 CAMPAIGN = REPOSITORY / "examples/campaign/campaign.toml"
 # A campaign of imu-g with turns.
-WHOLE_CAMPAIGN = REPOSITORY / "calibration/tests/data/gyro/campaign.toml"
+WHOLE_CAMPAIGN = REPOSITORY / "calibration/fit/tests/data/gyro/campaign.toml"
 EXAMPLES = REPOSITORY / "examples/python"
 # Time limit of every wait [s]. It is generous: it only bounds a failing test.
 TIMEOUT = 20.0

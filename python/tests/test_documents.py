@@ -164,7 +164,7 @@ def test_what_the_documents_show(domain: DomainUnderTest, document: Path, monkey
     domain.serve()
     for file in (TABLE, RUN, CAMPAIGN, CAMPAIGN.with_name("samples.csv")):
         shutil.copy(file, domain.folder)
-    shutil.copy(REPOSITORY / "calibration/tests/data/any_lab/tumble3/recording.csv", domain.folder / "tumble.csv")
+    shutil.copy(REPOSITORY / "calibration/fit/tests/data/any_lab/tumble3/recording.csv", domain.folder / "tumble.csv")
     shutil.copy(REPOSITORY / "recording/formats/tests/data/autopilots/heating.BIN", domain.folder / "warm-up.BIN")
     whole = (REPOSITORY / "recording/formats/tests/data/none-plain.parquet").read_bytes()
     (domain.folder / "damaged.parquet").write_bytes(whole[:1000] + bytes([whole[1000] ^ 1]) + whole[1001:])
@@ -177,7 +177,7 @@ def test_what_the_documents_show(domain: DomainUnderTest, document: Path, monkey
 
 def test_what_the_page_on_comparisons_shows(tmp_path: Path) -> None:
     """Runs its code on the tables of four years, and on those of five IMUs."""
-    tables = REPOSITORY / "calibration/tests/data/any_lab/compare"
+    tables = REPOSITORY / "calibration/fit/tests/data/any_lab/compare"
     for year in ("2023", "2024", "2025", "2026"):
         shutil.copy(tables / f"{year}.toml", tmp_path)
     for index, name in enumerate(("imu-a", "imu-b", "imu-c", "imu-d", "imu-e")):

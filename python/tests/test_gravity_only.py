@@ -11,7 +11,7 @@ import isotherm
 import pytest
 from conftest import BINARY, REPOSITORY
 
-XSENS = REPOSITORY / "calibration/tests/data/any_lab/xsens/recording.csv"
+XSENS = REPOSITORY / "calibration/fit/tests/data/any_lab/xsens/recording.csv"
 CAMPAIGN = {"imu": "imu-x", "gravity_local": 9.81, "gravity_reference": 9.81, "temperature_unit": "degC"}
 RANGE = (0.0, 50.0)
 
@@ -49,7 +49,7 @@ def test_the_table_is_that_of_the_command(tmp_path: Path) -> None:
 
 
 def test_what_is_not_determined_is_refused_by_name() -> None:
-    ferraris = REPOSITORY / "calibration/tests/data/any_lab/ferraris/recording.csv"
+    ferraris = REPOSITORY / "calibration/fit/tests/data/any_lab/ferraris/recording.csv"
     with pytest.raises(isotherm.CalibrationError, match="m12, m13, m23"):
         isotherm.calibrate_gravity_only(CAMPAIGN, ferraris, temperature_range=RANGE)
     found = isotherm.calibrate_gravity_only(CAMPAIGN, ferraris, temperature_range=RANGE, misalignment=False)

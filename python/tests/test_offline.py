@@ -720,7 +720,7 @@ def test_a_campaign_mapping_becomes_toml() -> None:
     }  # fmt: skip
 
 
-COMPARE = REPOSITORY / "calibration/tests/data/any_lab/compare"
+COMPARE = REPOSITORY / "calibration/fit/tests/data/any_lab/compare"
 
 
 def test_compare_is_the_command(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import isotherm
 from conftest import BINARY, CAMPAIGN, REPOSITORY, WHOLE_CAMPAIGN, WHOLE_TABLE
 
-DATA = REPOSITORY / "calibration/tests/data"
+DATA = REPOSITORY / "calibration/fit/tests/data"
 GRAVITY_ONLY = """format = 1
 imu = "imu-t"
 method = "gravity-only"

@@ -11,7 +11,7 @@ import pytest
 from conftest import BINARY, REPOSITORY
 from pymavlink import mavparm
 
-DATA = REPOSITORY / "parameters/tests/data"
+DATA = REPOSITORY / "recording/autopilot/tests/data"
 MEMS: dict[str, Any] = {"imu": "imu-a", "interval": 0.0025}
 
 

@@ -5,7 +5,7 @@
 //! column has a name that nobody knows, no row may have its own check there.
 
 use crate::columns::{Column, ColumnSet, INCREMENT, Layout, RAW, columns};
-use isotherm_shared::stream::StreamKind;
+use isotherm_shared::names::StreamKind;
 use std::io::Write as _;
 
 /// The name of the column.

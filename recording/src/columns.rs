@@ -2,7 +2,7 @@
 //!
 //! Over 400 lines: the two lists, and what gives each of their columns its place in a sample, belong together.
 
-use isotherm_shared::stream::StreamKind;
+use isotherm_shared::names::StreamKind;
 use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, RawSample, StreamSample, Triad};
 
 /// A column's type.

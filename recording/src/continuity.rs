@@ -18,10 +18,10 @@ use crate::interval::{IntervalFault, Intervals};
 use crate::nominal::not_nominal;
 use crate::overlap::{Overlap, Span};
 use core::fmt;
-use isotherm_finding::{Finding, name};
 use isotherm_shared::sequence::{Period, Seen, excess_ns, periods_between, time_step};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::MAX_INTERVAL_NS;
+use isotherm_support::finding::{Finding, name};
 use std::collections::VecDeque;
 
 /// More missing rows than this share of all are worth a warning.

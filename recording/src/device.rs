@@ -1,7 +1,7 @@
 //! Rows of another unit than a table's.
 
-use isotherm_finding::{Finding, name};
 use isotherm_shared::table::CoefficientTable;
+use isotherm_support::finding::{Finding, name};
 
 /// The finding that `rows` of a recording are of another unit than `table`.
 #[must_use]

@@ -1,6 +1,6 @@
 //! The error of readers of recordings.
 
-use isotherm_failure::{Exit, Failure, one_line, shown};
+use isotherm_support::failure::{Exit, Failure, one_line, shown};
 use std::io;
 use std::path::Path;
 

@@ -5,7 +5,7 @@
 //! lost and renumbered change the second. Only a wrong interval changes both.
 
 use core::fmt;
-use isotherm_finding::{Finding, name};
+use isotherm_support::finding::{Finding, name};
 
 /// Relative difference of interval and step from which one of them is wrong.
 pub const CLOCK_TOLERANCE: f64 = 0.01;

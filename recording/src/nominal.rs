@@ -1,8 +1,8 @@
 //! Rows whose interval is not the one that the scale factors of a table are of.
 
 use crate::interval::{part, shown};
-use isotherm_finding::{Finding, name};
 use isotherm_shared::nominal::{MAX_MULTIPLE, interval_fits};
+use isotherm_support::finding::{Finding, name};
 
 /// The fault that `usual_ns`, the interval of the rows, does not fit the nominal interval of a table; 0 fits all.
 pub(crate) fn not_nominal(nominal_ns: u64, usual_ns: u64) -> Option<Finding> {

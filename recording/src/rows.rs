@@ -2,8 +2,8 @@
 
 use crate::check;
 use crate::columns::{Column, ColumnKind, Layout, RECORDED_NS, all, load, load_increment};
+use isotherm_shared::names::StreamKind;
 use isotherm_shared::sequence::Period;
-use isotherm_shared::stream::StreamKind;
 use isotherm_shared::wire::{Flags, StreamSample};
 use std::io::Write as _;
 

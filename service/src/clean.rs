@@ -2,9 +2,9 @@
 
 use iceoryx2::node::{NodeListFailure, NodeView as _};
 use iceoryx2::prelude::{CallbackProgression, Node, NodeState};
+use isotherm_client::transport::stream::{Ipc, configuration};
 use isotherm_client::{Domain, check_domain, own_files, pid_of, sweep_half_created};
-use isotherm_failure::{Exit, Failure};
-use isotherm_shared::stream::Ipc;
+use isotherm_support::failure::{Exit, Failure};
 use std::fs::{self, DirEntry};
 use std::io;
 use std::os::unix::fs::MetadataExt as _;
@@ -66,7 +66,7 @@ pub(crate) fn remove_streams(domain: &Domain) -> Result<usize, Failure> {
 /// A process that uses the domain, for messages: one that the transport lists, or one that has the domain's memory
 /// mapped.
 fn user_of(domain: &Domain) -> Result<Option<String>, Failure> {
-    let config = domain.config().map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
+    let config = configuration(domain).map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
     let mut user = None;
     let folder = Path::new(domain.root_path()).join(FOLDERS[0]);
     let listed = if folder.is_dir() {

@@ -1,8 +1,9 @@
 //! The service's configuration, from a file, the command line, or both.
 
+use isotherm_client::transport::stream::RAW_DEPTH;
 use isotherm_files::{LoadError, Trust, read_text};
 use isotherm_shared::document::{Document, Faults, Section};
-use isotherm_shared::stream::{ImuId, RAW_DEPTH};
+use isotherm_shared::names::ImuId;
 use isotherm_shared::table::difference::{Limit, MaxChange};
 use std::collections::BTreeSet;
 use std::net::SocketAddr;

@@ -28,14 +28,15 @@ use crate::worker::Worker;
 use crate::worker::channel::ChannelLink;
 use crate::worker::counters::CounterReader;
 use crate::{crash, create, login};
+use isotherm_client::transport::stream::IpcNode;
 use isotherm_client::{
     Realtime, check_descriptors, check_domain, check_owner, check_room, clock_offset_ns, join, monotonic_ns,
     pid_namespace, process_kb, removed_object, reserve, unix_s,
 };
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::Trust;
+use isotherm_shared::names::Domain;
 use isotherm_shared::status::ServiceStatus;
-use isotherm_shared::stream::{Domain, IpcNode};
+use isotherm_support::failure::{Exit, Failure, shown};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;

@@ -9,7 +9,7 @@
 //! the line and ends the process.
 #![expect(unsafe_code, reason = "a signal handler may call only async-signal-safe functions")]
 
-use isotherm_failure::Exit;
+use isotherm_support::failure::Exit;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags, open};
 use rustix::io::write;

@@ -12,9 +12,10 @@ use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
 use iceoryx2::service::port_factory::publish_subscribe;
+use isotherm_client::transport::stream::{CREATION_TIMEOUT, Ipc, IpcNode};
 use isotherm_client::{OwnFile, foreign_object, open_to_group, own_files, payload_of, shortage, sweep};
-use isotherm_failure::{Exit, Failure, shown};
-use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
+use isotherm_shared::names::Domain;
+use isotherm_support::failure::{Exit, Failure, shown};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};

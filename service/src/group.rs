@@ -2,7 +2,7 @@
 
 use iceoryx2_bb_posix::group::GroupExt as _;
 use isotherm_client::{Domain, give_to_group};
-use isotherm_failure::{Exit, Failure};
+use isotherm_support::failure::{Exit, Failure};
 use rustix::process::{getegid, geteuid, getgroups};
 
 /// Makes the domain belong to the configured group, or to its own user.

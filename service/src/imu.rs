@@ -14,13 +14,13 @@ use crate::worker::counters::{CounterReader, OtherDevice, counters};
 use iceoryx2::prelude::PortFactory as _;
 use iceoryx2::service::port_factory::event;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use isotherm_client::transport::stream::{self, Ipc, IpcNode};
 use isotherm_client::{Domain, RehearsalStreams, last_closing, unix_s};
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_shared::status::ClosedStatus;
-use isotherm_shared::stream::{self, Ipc, IpcNode};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample};
+use isotherm_support::failure::{Exit, Failure, shown};
 use rtrb::{Producer, RingBuffer};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -91,12 +91,14 @@ impl PendingImu {
         let Self { imu, counters, session, last_error, waits, tables, mut guard, first, accepted } = self;
         let failed =
             |error: String| Failure::new(Exit::Failed, format!("opening the streams of IMU {}: {error}", imu.id));
-        let raw = stream::open_raw(node, &imu.id.raw()).map_err(|error| failed(error.to_string()))?;
-        let increments =
-            stream::open_increment(node, &imu.id.increment()).map_err(|error| failed(error.to_string()))?;
-        let wake = stream::open_event(node, &imu.id.wake()).map_err(|error| failed(error.to_string()))?;
-        let arrival = stream::open_event(node, &imu.id.arrival()).map_err(|error| failed(error.to_string()))?;
-        let rehearsal = RehearsalStreams::open(node, &imu.id.rehearsal()).map_err(|error| failed(error.to_string()))?;
+        let raw = stream::open_raw(node, &stream::raw_name(&imu.id)).map_err(|error| failed(error.to_string()))?;
+        let increments = stream::open_increment(node, &stream::increment_name(&imu.id))
+            .map_err(|error| failed(error.to_string()))?;
+        let wake = stream::open_event(node, &stream::wake_name(&imu.id)).map_err(|error| failed(error.to_string()))?;
+        let arrival =
+            stream::open_event(node, &stream::arrival_name(&imu.id)).map_err(|error| failed(error.to_string()))?;
+        let rehearsal = RehearsalStreams::open(node, &stream::RehearsalNames::of_acquisition(&imu.id))
+            .map_err(|error| failed(error.to_string()))?;
         let request = first.map(|(table, admission)| {
             guard.taken(&table, admission);
             KeepRequest { memory: guard.memory().clone(), accepted }

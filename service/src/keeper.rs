@@ -7,7 +7,7 @@ use crate::acceptance::Acceptance;
 use crate::events::{Events, KeepOutcome};
 use crate::memory::{Memory, StateFolder, kept_note, remedy};
 use isotherm_client::{Domain, ImuId, STATE_VARIABLE};
-use isotherm_failure::shown;
+use isotherm_support::failure::shown;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};

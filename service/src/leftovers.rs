@@ -14,8 +14,9 @@ use iceoryx2::prelude::{
 use iceoryx2::service::internal::ServiceInternal as _;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use iceoryx2::service::service_hash::ServiceHash;
+use isotherm_client::transport::stream::{CREATION_TIMEOUT, Ipc, IpcNode, configuration};
 use isotherm_client::{NodeHolder, check_room, domain_files};
-use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
+use isotherm_shared::names::Domain;
 use rustix::fs::{MemfdFlags, memfd_create};
 use std::collections::{BTreeSet, HashMap};
 use std::fs::{self, File};
@@ -34,7 +35,7 @@ const PASSES: u32 = 3;
 /// up this one.
 pub(crate) fn use_domain_config(domain: &Domain) {
     let set = || -> Option<()> {
-        let text = toml::to_string(&domain.config().ok()?).ok()?;
+        let text = toml::to_string(&configuration(domain).ok()?).ok()?;
         // The transport only accepts a file; an anonymous one in memory is visible to this process only.
         let mut file = File::from(memfd_create("isotherm", MemfdFlags::CLOEXEC).ok()?);
         file.write_all(text.as_bytes()).ok()?;
@@ -61,7 +62,7 @@ pub(crate) fn make_room(domain: &Domain, imus: usize) {
 
 /// Makes the transport remove what dead processes have left, without joining the domain.
 fn clear_dead(domain: &Domain) {
-    let Ok(config) = domain.config() else { return };
+    let Ok(config) = configuration(domain) else { return };
     let listed = Node::<Ipc>::list(&config, |node| {
         if let NodeState::Dead(view) = node {
             // This fails if another process is already removing them.

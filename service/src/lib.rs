@@ -51,8 +51,8 @@ use commands::explain::Explain;
 use commands::reload::Reload;
 use commands::serve::Serve;
 use commands::status::Status;
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_shared::kind::FileKind;
+use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::Path;
 use std::process::ExitCode;
 

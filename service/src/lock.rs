@@ -5,7 +5,7 @@
 
 use crate::group;
 use isotherm_client::{Domain, prepare};
-use isotherm_failure::{Exit, Failure};
+use isotherm_support::failure::{Exit, Failure};
 use rustix::fs::{FlockOperation, OFlags, fcntl_lock};
 use rustix::io::{FdFlags, fcntl_setfd};
 use rustix::process::{Flock, FlockType, fcntl_getlk};

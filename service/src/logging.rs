@@ -6,7 +6,7 @@
 
 use clap::ValueEnum;
 use iceoryx2::prelude::{LogLevel, set_log_level};
-use isotherm_failure::{printable, tell};
+use isotherm_support::failure::{printable, tell};
 use std::env;
 use std::fmt::Display;
 use std::io::{self, IsTerminal as _, Write};

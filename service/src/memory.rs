@@ -11,9 +11,9 @@
 //! What another user could have written or taken away is not believed.
 
 use isotherm_client::{Domain, ImuId, Note, ROOT_VARIABLE, STATE_VARIABLE};
-use isotherm_failure::shown;
 use isotherm_files::{Trust, load_table, replace, uninterrupted};
 use isotherm_shared::table::CoefficientTable;
+use isotherm_support::failure::shown;
 use rustix::fs::{FsWord, statfs};
 use std::fs::{self, DirBuilder, File};
 use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _};

@@ -12,10 +12,10 @@
 //! The control thread gets what was found as an event.
 
 use crate::events::{Events, FileChange, FileReport};
-use isotherm_failure::shown;
 use isotherm_files::{Identity, LoadError, Trust, load_table};
-use isotherm_shared::stream::ImuId;
+use isotherm_shared::names::ImuId;
 use isotherm_shared::table::CoefficientTable;
+use isotherm_support::failure::shown;
 use notify::event::{AccessKind, AccessMode, EventKind, ModifyKind};
 use notify::{Event, RecommendedWatcher, RecursiveMode, Watcher as _};
 use std::collections::{BTreeMap, BTreeSet};

@@ -7,9 +7,9 @@
 //! and its acquisition was replaced too, does not flag the next one.
 
 use isotherm_client::{Domain, ImuId, Note, boot};
-use isotherm_failure::shown;
 use isotherm_shared::protocol::LastSession;
 use isotherm_shared::sequence::{Period, Seen};
+use isotherm_support::failure::shown;
 use tracing::warn;
 
 /// The note of one IMU.

@@ -9,7 +9,7 @@ use crate::config::{AtStart, Config, Imu};
 use crate::events::{FileChange, FileReport};
 use crate::guard::Guard;
 use crate::imu::{FirstTable, Refused, log_unlike_scale_factors};
-use isotherm_failure::{Exit, Failure, shown};
+use isotherm_support::failure::{Exit, Failure, shown};
 use tracing::{error, info, warn};
 
 /// What became of an IMU's file.

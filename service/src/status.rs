@@ -5,14 +5,15 @@ use crate::imu::ImuState;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::{AllocationStrategy, PortFactory as _};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use isotherm_client::transport::stream::{self, Ipc, IpcNode};
 use isotherm_client::{StatusNote, named, pid_of, publisher_of};
-use isotherm_failure::Failure;
+use isotherm_shared::names::Domain;
 use isotherm_shared::status::{GyroscopeStatus, ImuStatus, Ranges, ServiceStatus, TableChange};
-use isotherm_shared::stream::{self, Domain, Ipc, IpcNode};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::table::difference::Change;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::Flags;
+use isotherm_support::failure::Failure;
 
 /// Room for the document before its shared memory must grow \[bytes\].
 const INITIAL_BYTES: usize = 8 * 1024;

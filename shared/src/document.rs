@@ -13,10 +13,10 @@ pub use faults::{Fault, Faults};
 pub use syntax::MAX_TOKENS;
 
 use crate::content::FileContent;
-use crate::stream::{ImuId, NAME_RULE};
+use crate::names::{ImuId, NAME_RULE};
 use core::cell::{Cell, RefCell};
 use core::ops::Range;
-use isotherm_failure::one_line;
+use isotherm_support::failure::one_line;
 use syntax::Lines;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};

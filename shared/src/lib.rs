@@ -32,33 +32,26 @@
 //! ```
 //!
 //! An acquisition process sends [`RawSample`](wire::RawSample)s, and the service answers with
-//! [`CompensatedIncrement`](wire::CompensatedIncrement)s. [`stream`] defines the streams, [`document`] reads files, and
-//! [`status`] is the document that describes the running service.
+//! [`CompensatedIncrement`](wire::CompensatedIncrement)s. [`names`] has the names of IMUs, streams and domains,
+//! [`document`] reads files, and [`status`] is the document that describes the running service.
 //!
-//! This crate starts no thread. It opens no file and reads no clock, except for the transport's files and shared memory
-//! ([`own_storage`], [`own_static`], [`group`]).
+//! This crate opens no file, starts no thread and asks no clock. It knows nothing of the transport: the streams are in
+//! `isotherm-client`.
 
 pub mod bounds;
 pub mod compensate;
 pub mod content;
 pub mod document;
-pub mod group;
 mod kernel;
 pub mod kind;
 pub mod lag;
+pub mod names;
 pub mod nominal;
-pub mod own_static;
-pub mod own_storage;
 pub mod polynomial;
 pub mod protocol;
 pub mod readings;
-pub mod recycled;
 pub mod sequence;
 pub mod status;
-pub mod stream;
 pub mod table;
 pub mod units;
 pub mod wire;
-
-/// The transport, in the one version that all crates use.
-pub use iceoryx2;

@@ -1,6 +1,6 @@
 //! The status document, which the service publishes as JSON on the stream `isotherm/status`.
 
-use crate::stream::Domain;
+use crate::names::Domain;
 use crate::table::{Axis, CoefficientTable};
 use crate::wire::AXES;
 use serde::{Deserialize, Serialize};

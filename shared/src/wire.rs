@@ -7,7 +7,8 @@
 //! Over 400 lines: both payloads and the flags, of which other languages copy every offset and bit.
 
 use core::mem::{align_of, offset_of, size_of};
-use iceoryx2::prelude::ZeroCopySend;
+use iceoryx2_bb_derive_macros::ZeroCopySend;
+use iceoryx2_bb_elementary_traits::zero_copy_send::ZeroCopySend;
 use sha2::{Digest as _, Sha256};
 
 /// Number of sensors of a triad: A1, A2, A3 or G1, G2, G3, in this order wherever an array has three elements.

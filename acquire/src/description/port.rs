@@ -1,8 +1,8 @@
 //! Where the bytes come from.
 
-use isotherm_failure::shown;
 use isotherm_serial::{Parity, Serial};
 use isotherm_shared::document::Section;
+use isotherm_support::failure::shown;
 use std::fmt;
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::Path;
 
-use isotherm_failure::{Exit, Failure, shown};
+use isotherm_support::failure::{Exit, Failure, shown};
 use rustix::io::Errno;
 
 /// The kind of an [`IioError`].

@@ -3,7 +3,7 @@
 use super::Intake;
 use crate::tally::of_described;
 use crate::timeline::RATE_LIMIT;
-use isotherm_failure::{Exit, Failure, tell};
+use isotherm_support::failure::{Exit, Failure, tell};
 
 /// So many new sessions without ten regular frames in between show a counter that is not as described.
 const RESTARTS: u64 = 20;

@@ -4,8 +4,8 @@
 
 use clap::Parser;
 use isotherm_benches::{BenchDomain, BenchResult, Common, no_role, run, status_number};
-use isotherm_calibration::{CalibrationOptions, calibrate_accelerometers};
 use isotherm_campaign::{Campaign, read_dwells};
+use isotherm_fit::{CalibrationOptions, calibrate_accelerometers};
 use isotherm_recording::{CampaignCsvReader, RawCsvWriter};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_simulation::{CampaignSchedule, Truth, campaign, campaign_toml};

@@ -8,8 +8,8 @@ use isotherm_acquire::{
     Description, PROFILES, Probed, Recording, Settings, Tally, Target, iio, probe, run, serial_ports,
 };
 use isotherm_client::{Domain, ImuId};
-use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::{StagedText, Trust, end_signals, print, print_data, refuse_overlap};
+use isotherm_support::failure::{Exit, Failure, shown, tell};
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};

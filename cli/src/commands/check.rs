@@ -2,14 +2,14 @@
 
 use isotherm_acquire::Description;
 use isotherm_automation::plan::Plan;
-use isotherm_calibration::observable;
-use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::LoadError;
-use isotherm_job::CampaignFile;
+use isotherm_fit::observable;
+use isotherm_pipeline::CampaignFile;
 use isotherm_recording_formats::convert::{KnownColumns, Mapping};
 use isotherm_recording_formats::repair::{Hole, RepairReport, inspect};
 use isotherm_shared::document::Document;
 use isotherm_shared::kind::FileKind;
+use isotherm_support::failure::{Exit, Failure, shown, tell};
 use std::path::Path;
 
 /// Validates a file of the laboratory.

@@ -2,9 +2,9 @@
 
 use clap::Args;
 use isotherm_client::Domain;
-use isotherm_failure::Failure;
 use isotherm_files::{check_stdout, check_written, print};
 use isotherm_service::clean::clean;
+use isotherm_support::failure::Failure;
 
 /// Remove what a domain has left behind in shared memory and its folder, when nothing of it runs
 #[derive(Debug, Args)]

@@ -1,17 +1,17 @@
 //! What several commands do with their arguments.
 
 use clap::Args;
-use isotherm_calibration::Origin;
 use isotherm_client::{Domain, ImuId, Options, RawSample};
-use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::{LoadError, Trust, load_table, print_data, read_text};
-use isotherm_finding::{Admission, Finding, Location, Severity, name};
-use isotherm_job::Refused;
+use isotherm_fit::Origin;
+use isotherm_pipeline::Refused;
 use isotherm_recording_formats::convert::{Foreign, GyroscopeTemperature, Settings, TimeSource};
 use isotherm_recording_formats::read::{ImuChoice, Recording, Samples};
 use isotherm_recording_formats::write::Rotation;
 use isotherm_report::json;
 use isotherm_shared::table::CoefficientTable;
+use isotherm_support::failure::{Exit, Failure, shown, tell};
+use isotherm_support::finding::{Admission, Finding, Location, Severity, name};
 use isotherm_verification::Requirement;
 use std::path::{Path, PathBuf};
 use std::time::Duration;

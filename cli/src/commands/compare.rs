@@ -3,13 +3,13 @@
 use super::common::{Acceptance, or_document};
 use clap::Args;
 use isotherm_analysis::{ComparisonRequirement, compare};
-use isotherm_calibration::{TableFile, now, tool};
-use isotherm_failure::{Exit, Failure};
 use isotherm_files::{
     LoadError, StagedText, Trust, check_stdout, check_written, print, print_data, read_text, refuse_overlap,
 };
-use isotherm_job::Refused;
+use isotherm_fit::{TableFile, now, tool};
+use isotherm_pipeline::Refused;
 use isotherm_report::comparison::{ComparisonSource, document, html, text};
+use isotherm_support::failure::{Exit, Failure};
 use std::path::{Path, PathBuf};
 
 /// Show what has changed between tables of one IMU, by more than their errors

@@ -2,10 +2,10 @@
 
 use crate::top;
 use clap::{Args, ValueEnum};
-use isotherm_failure::Failure;
 use isotherm_files::print_data;
-use isotherm_finding::name::{Explanation, Rank, SUBJECTS, explanations};
 use isotherm_service::commands::explain::{Topic, explain, topics, wrap};
+use isotherm_support::failure::Failure;
+use isotherm_support::finding::name::{Explanation, Rank, SUBJECTS, explanations};
 
 /// Columns of a page.
 const PAGE_WIDTH: usize = 118;

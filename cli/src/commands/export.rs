@@ -2,11 +2,11 @@
 
 use clap::Args;
 use clap::builder::TypedValueParser as _;
-use isotherm_calibration::Origin;
-use isotherm_failure::{Failure, shown, tell};
+use isotherm_autopilot::{Autopilot, Effect, ExportOptions, Exported, export, size};
 use isotherm_files::{StagedText, Trust, load_table, read_text, refuse_overlap};
-use isotherm_parameters::{Autopilot, Effect, ExportOptions, Exported, export, size};
+use isotherm_fit::Origin;
 use isotherm_recording::LogImu;
+use isotherm_support::failure::{Failure, shown, tell};
 use std::path::{Path, PathBuf};
 
 /// Write the biases of a table as parameters of PX4 or ArduPilot

@@ -9,11 +9,11 @@ use isotherm_client::{
     Acquisition, CompensatedIncrement, ConnectError, Domain, Flags, ImuId, LagOption, Options, RawSample, StatusError,
     TimeConstant, device, fetch_status,
 };
-use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{Output, check_written, end_flag, partial_path, refuse_overlap};
 use isotherm_recording::{IncrementCsvWriter, IncrementLayout};
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_shared::status::ImuStatus;
+use isotherm_support::failure::{Exit, Failure, tell};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -2,8 +2,8 @@
 
 use clap::Args;
 use clap_complete::Shell;
-use isotherm_failure::Failure;
 use isotherm_files::{StagedText, check_written, create_folder, print_data};
+use isotherm_support::failure::Failure;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 

@@ -3,11 +3,11 @@
 use super::export::autopilot;
 use crate::parse::{gravity, interval};
 use clap::Args;
+use isotherm_autopilot::{Autopilot, ImportError, ImportOptions, import};
 use isotherm_client::ImuId;
-use isotherm_failure::{Failure, tell};
 use isotherm_files::{LoadError, StagedText, read_parameters, refuse_overlap};
-use isotherm_parameters::{Autopilot, ImportError, ImportOptions, import};
 use isotherm_shared::table::STANDARD_GRAVITY;
+use isotherm_support::failure::{Failure, tell};
 use std::path::PathBuf;
 use std::time::Duration;
 

@@ -29,12 +29,12 @@ mod verify;
 use clap::Subcommand;
 use isotherm_client::Domain;
 use isotherm_demo::Demo;
-use isotherm_failure::Failure;
 use isotherm_files::remove_unfinished_on_signals;
 use isotherm_service::commands::check::Check;
 use isotherm_service::commands::reload::Reload;
 use isotherm_service::commands::serve::Serve;
 use isotherm_service::commands::status::Status;
+use isotherm_support::failure::Failure;
 
 /// Commands that join no domain.
 pub(crate) const WITHOUT_DOMAIN: [&str; 22] = [

@@ -5,18 +5,18 @@ use super::part::PartArgs;
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
 use isotherm_analysis::{NoiseAnalysis, NoiseRows, imu_yaml};
-use isotherm_calibration::{now, tool};
 use isotherm_campaign::rate_at_rest;
 use isotherm_client::ImuId;
-use isotherm_failure::{Exit, Failure};
 use isotherm_files::{StagedText, check_stdout, check_written, print, print_data, refuse_overlap};
-use isotherm_finding::Finding;
-use isotherm_job::Refused;
+use isotherm_fit::{now, tool};
+use isotherm_pipeline::Refused;
 use isotherm_recording::MISSING;
 use isotherm_recording_formats::read::{ImuChoice, Input, Recording, Samples};
 use isotherm_report::noise;
 use isotherm_report::noise::NoiseSource;
 use isotherm_shared::units::{ARCSEC, SensorKind};
+use isotherm_support::failure::{Exit, Failure};
+use isotherm_support::finding::Finding;
 use std::path::PathBuf;
 
 /// Show the noise of an IMU at rest: Allan deviation, and quantisation, white noise, bias instability and random walk

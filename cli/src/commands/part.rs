@@ -1,8 +1,8 @@
 //! `--from` and `--to` of the commands that read recordings.
 
 use clap::Args;
-use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::read::{Moment, Part};
+use isotherm_support::failure::{Exit, Failure};
 
 /// The part of each recording that is read.
 #[derive(Clone, Copy, Debug, Default, Args)]

@@ -5,12 +5,12 @@ use crate::parse::size;
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
 use isotherm_client::ImuId;
-use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{check_stdout, check_written, print, print_data};
 use isotherm_recording_formats::read::{ImuChoice, NumberRow, NumberTable, read_numbers};
 use isotherm_statistics::{
     DataPoint, DoubleDouble, LinearColumn, MAX_ORDER, OrderTable, Regression, Rule, default_order,
 };
+use isotherm_support::failure::{Exit, Failure, tell};
 use serde_json::json;
 use std::path::PathBuf;
 

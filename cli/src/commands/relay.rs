@@ -4,11 +4,11 @@ use super::common::options;
 use clap::Args;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::BackpressureStrategy;
+use isotherm_client::transport::stream::{INCREMENT_DEPTH, Ipc, IpcNode, create_increment, increment_name};
 use isotherm_client::{CompensatedIncrement, Domain, ImuId, IncrementReader, join, removed_object, reserve};
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_service::create::{CreateError, Creator};
 use isotherm_service::logging::{self, LogFormat};
-use isotherm_shared::stream::{INCREMENT_DEPTH, Ipc, IpcNode, create_increment};
+use isotherm_support::failure::{Exit, Failure, shown};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::fmt::Display;
 use std::sync::Arc;
@@ -115,8 +115,8 @@ impl RelayedImu {
     fn open(imu: ImuId, from: &Domain, to: &Domain, node: &IpcNode) -> Result<Self, Failure> {
         let name = |what: &str| format!("the {what} of IMU {imu} in domain {}", to.name());
         let creator = Creator::new(node, to);
-        let stream =
-            creator.stream(&name("increment stream"), &imu.increment(), || Ok(create_increment(node, &imu, true)?))?;
+        let stream = creator
+            .stream(&name("increment stream"), &increment_name(&imu), || Ok(create_increment(node, &imu, true)?))?;
         let publisher = creator.port(
             &name("increment publisher"),
             || taken(to),

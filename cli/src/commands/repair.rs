@@ -1,9 +1,9 @@
 //! `repair`: takes what is whole of a damaged recording.
 
 use clap::Args;
-use isotherm_failure::{Failure, shown, tell};
 use isotherm_files::{print, print_data};
 use isotherm_recording_formats::repair::repair_into;
+use isotherm_support::failure::{Failure, shown, tell};
 use std::path::PathBuf;
 
 /// Take the rows before and behind damaged places of a recording into a new file

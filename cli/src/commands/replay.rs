@@ -6,15 +6,15 @@ use clap::Args;
 use indicatif::ProgressBar;
 use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
 use isotherm_client::{Flags, ImuId};
-use isotherm_failure::{Failure, tell};
 use isotherm_files::{Output, check_written, refuse_overlap};
-use isotherm_finding::Finding;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording::{Continuity, IncrementCsvWriter, IncrementLayout, other_device};
 use isotherm_recording_formats::read::{Input, Samples};
 use isotherm_recording_formats::write::{RosTable, RosWriter};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, StreamSample};
+use isotherm_support::failure::{Failure, tell};
+use isotherm_support::finding::Finding;
 use std::path::{Path, PathBuf};
 use std::{fmt, io, slice};
 

@@ -2,9 +2,9 @@
 
 use clap::Args;
 use isotherm_automation::in_force::changes;
-use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::{Installation, Trust, load_table, print};
-use isotherm_shared::stream::ImuId;
+use isotherm_shared::names::ImuId;
+use isotherm_support::failure::{Exit, Failure, shown, tell};
 use std::path::PathBuf;
 
 /// Bring the predecessor of an installed table back

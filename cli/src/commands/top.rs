@@ -5,7 +5,7 @@ use crate::top;
 use crate::top::Theme;
 use clap::Args;
 use isotherm_client::Domain;
-use isotherm_failure::{Exit, Failure};
+use isotherm_support::failure::{Exit, Failure};
 use std::env;
 use std::ffi::OsString;
 use std::io::{self, IsTerminal as _};

@@ -8,19 +8,19 @@ use super::part::PartArgs;
 use crate::parse::{gravity, seconds};
 use crate::progress::bytes_bar;
 use clap::Args;
-use isotherm_calibration::{Origin, now, tool};
 use isotherm_campaign::{STANDSTILL_WINDOW_S, faults, length_at_rest};
 use isotherm_client::ImuId;
-use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{StagedText, check_stdout, check_written, print, print_data, refuse_overlap};
-use isotherm_finding::{Finding, name};
-use isotherm_job::{CampaignFile, Refused, Run};
+use isotherm_fit::{Origin, now, tool};
+use isotherm_pipeline::{CampaignFile, Refused, Run};
 use isotherm_recording::other_device;
 use isotherm_recording_formats::read::Input;
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{AXES, RawSample};
+use isotherm_support::failure::{Exit, Failure, tell};
+use isotherm_support::finding::{Finding, name};
 use isotherm_verification::{
     Attitude, Lengths, LengthsError, LocalGravity, Requirement, Setup, Stability, own_recording,
 };

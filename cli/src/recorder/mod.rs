@@ -3,10 +3,10 @@
 mod tally;
 
 use isotherm_client::{ImuId, Options, Realtime, Tap, TapSettings, TappedSample};
-use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::write::{FileError, Files, PatientFiles};
-use isotherm_shared::stream::StreamKind;
+use isotherm_shared::names::StreamKind;
+use isotherm_support::failure::{Exit, Failure, shown, tell};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use std::{io, thread};

@@ -1,8 +1,9 @@
 //! Counts of what has been recorded of an IMU's streams, and of what is missing.
 
+use isotherm_client::transport::stream::RAW_DEPTH;
 use isotherm_recording::Continuity;
+use isotherm_shared::names::StreamKind;
 use isotherm_shared::sequence::Period;
-use isotherm_shared::stream::{RAW_DEPTH, StreamKind};
 use std::collections::VecDeque;
 
 /// Most sessions whose first and last sequences are kept for [`StreamCounts::settle`].

@@ -15,7 +15,7 @@ mod style;
 
 use increments::Increments;
 use isotherm_client::Options;
-use isotherm_failure::{Exit, Failure};
+use isotherm_support::failure::{Exit, Failure};
 pub(crate) use model::STATES;
 use model::{Model, TICK};
 use ratatui::DefaultTerminal;

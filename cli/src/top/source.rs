@@ -1,8 +1,8 @@
 //! The source of the status: a service that may start, end and return.
 
 use isotherm_client::{Domain, StatusReader, monotonic_ns};
-use isotherm_failure::{Exit, Failure};
 use isotherm_shared::status::ServiceStatus;
+use isotherm_support::failure::{Exit, Failure};
 use std::time::{Duration, Instant};
 
 /// A running service publishes its status ten times a second. Without a status for this time, the service is waited

@@ -311,7 +311,7 @@ fn a_status_cannot_steer_the_terminal() {
         let terminal = drawn(&mut hostile, width, height);
         let cells: String = terminal.backend().buffer().content().iter().map(|cell| cell.symbol()).collect();
         assert!(cells.contains("abc"), "nothing of it is shown");
-        assert!(isotherm_failure::printable(&cells) == cells && !cells.contains('\n'), "{cells:?}");
+        assert!(isotherm_support::failure::printable(&cells) == cells && !cells.contains('\n'), "{cells:?}");
     }
 }
 

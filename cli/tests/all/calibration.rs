@@ -9,7 +9,7 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 use std::{fs, thread};
 
-const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/tests/data");
+const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/fit/tests/data");
 const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples");
 
 /// A row without pulses.
@@ -451,7 +451,11 @@ fn json_is_one_document_also_of_a_failure() {
 fn regress_writes_what_scripts_rely_on() {
     let folder = folder();
     let set: Value = serde_json::from_str(
-        &fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../statistics/tests/data/nist/Filip.json")).unwrap(),
+        &fs::read_to_string(concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../calibration/statistics/tests/data/nist/Filip.json"
+        ))
+        .unwrap(),
     )
     .unwrap();
     let column = |name: &str| set["text"][name].as_array().unwrap().iter().map(|v| v.as_str().unwrap());

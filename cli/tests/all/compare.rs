@@ -3,7 +3,7 @@
 use crate::common::{assert_self_contained, folder, run};
 use std::fs;
 
-const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/tests/data/any_lab/compare");
+const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/fit/tests/data/any_lab/compare");
 const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples");
 
 #[test]

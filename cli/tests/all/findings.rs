@@ -5,7 +5,7 @@ use serde_json::Value;
 use std::fs;
 use std::path::Path;
 
-const TABLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/tests/data/any_lab/compare");
+const TABLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/fit/tests/data/any_lab/compare");
 /// Accelerations with a gap, and without a temperature.
 const READINGS: &str = "t,x,y,z\n0.01,1,2,3\n0.02,1,2,3\n0.03,1,2,3\n0.07,1,2,3\n0.08,1,2,3\n0.09,1,2,3\n";
 const MAPPING: &str = "format = 1\n[time]\ncolumn = \"t\"\nunit = \"s\"\ninterval_s = 0.01\n[accelerometer]\n\

@@ -2,7 +2,7 @@
 
 use crate::common::{folder, run};
 use crate::pieces::{MAPPING, log};
-use isotherm_calibration::sha256;
+use isotherm_fit::sha256;
 use std::fs;
 use std::path::Path;
 
@@ -245,7 +245,7 @@ fn the_nominal_table_gives_readings_back_and_is_refused_where_no_unit_is_known()
 fn a_file_of_another_kind_is_named_with_the_command_that_reads_it() {
     const ULG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../recording/formats/tests/data/autopilots/heating.ulg");
     const BIN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../recording/formats/tests/data/autopilots/heating.BIN");
-    const PARAMETERS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../parameters/tests/data/full.parm");
+    const PARAMETERS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../recording/autopilot/tests/data/full.parm");
     const TABLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/imu-a.toml");
     const RUN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/run.csv");
     let folder = folder();
@@ -253,7 +253,7 @@ fn a_file_of_another_kind_is_named_with_the_command_that_reads_it() {
     let imports = "`isotherm import FILE --from px4|ardupilot --imu ID --interval S -o ID.toml` makes a table of them";
     let imports = imports.to_owned();
     let import = |file: &'static str| vec!["import", file, "--from", "px4", "--imu", "a", "--interval", "1", "-o", "x"];
-    let served = concat!("imu-a=", env!("CARGO_MANIFEST_DIR"), "/../parameters/tests/data/full.parm");
+    let served = concat!("imu-a=", env!("CARGO_MANIFEST_DIR"), "/../recording/autopilot/tests/data/full.parm");
     let [ulog, dataflash] = ["this is a log of PX4 (ULog)", "this is a log of ArduPilot (DataFlash)"];
     let [csv, parameters] = ["this is a recording (CSV)", "this is parameters of an autopilot, not TOML; give "];
     for (arguments, kind, remedy) in [

@@ -4,7 +4,7 @@ use crate::common::{assert_page, folder, isotherm, run};
 use serde_json::Value;
 use std::fs;
 
-const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/tests/data/any_lab");
+const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/fit/tests/data/any_lab");
 
 fn arguments<'a>(recording: &'a str, gravity: [&'a str; 2], more: &[&'a str]) -> Vec<&'a str> {
     let [local, reference] = gravity;

@@ -1,5 +1,5 @@
 //! `calibrate` of a whole IMU, as a user types it: the campaign with a known truth, see
-//! `calibration/tests/data/gyro/README.md`, and what becomes of it when something is wrong.
+//! `calibration/fit/tests/data/gyro/README.md`, and what becomes of it when something is wrong.
 //!
 //! Over 400 lines: one campaign, and one mistake after another in it.
 
@@ -10,7 +10,7 @@ use serde_json::Value;
 use std::fs;
 use std::path::Path;
 
-const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/tests/data/gyro");
+const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/fit/tests/data/gyro");
 
 fn text(name: &str) -> String {
     fs::read_to_string(format!("{DATA}/{name}")).unwrap()

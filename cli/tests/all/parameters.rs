@@ -3,7 +3,7 @@
 use crate::common::{folder, run};
 use std::fs;
 
-const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../parameters/tests/data");
+const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../recording/autopilot/tests/data");
 const MEMS: [&str; 4] = ["--imu", "imu-a", "--interval", "0.0025"];
 
 #[test]

@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
-const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/tests/data/ramp");
+const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/fit/tests/data/ramp");
 const SAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/campaign/samples.csv");
 const STATIC: &str = include_str!("../../../examples/tables/imu-paper.toml");
 

@@ -1,8 +1,8 @@
 //! `simulate campaign` and `simulate run` of a whole IMU as a user types them. The physics is tested in
-//! `calibration/tests/gyroscopes`.
+//! `calibration/fit/tests/gyroscopes`.
 
-use isotherm_calibration::{CalibrationOptions, calibrate, read_measurements};
 use isotherm_campaign::{Campaign, laboratory_axes};
+use isotherm_fit::{CalibrationOptions, calibrate, read_measurements};
 use isotherm_recording::{CampaignCsvReader, RawCsvReader};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;

@@ -1,11 +1,9 @@
 //! `simulate` of IMUs whose temperature moves: ramps, lags and plays, as a user types them. The physics is tested in
-//! `simulation/src/ramp.rs`.
+//! `laboratory/simulation/src/ramp.rs`.
 
 use crate::common::{folder, run};
-use isotherm_calibration::{
-    CurveSource, LagChoice, RampRecording, TransientOptions, TransientVerdict, Transients, fit,
-};
 use isotherm_campaign::Campaign;
+use isotherm_fit::{CurveSource, LagChoice, RampRecording, TransientOptions, TransientVerdict, Transients, fit};
 use isotherm_recording::RawCsvReader;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;

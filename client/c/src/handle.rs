@@ -4,8 +4,8 @@
 use crate::code::isotherm_code::{ISOTHERM_ERROR_BUSY, ISOTHERM_ERROR_FORKED, ISOTHERM_ERROR_INTERNAL, ISOTHERM_OK};
 use crate::code::{CodedError, NULL, code, isotherm_code};
 use core::sync::atomic::Ordering;
-use isotherm_atomic::{AtomicU8, UnsafeCell};
 use isotherm_client::Process;
+use isotherm_client::sync::{AtomicU8, UnsafeCell};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 const FREE: u8 = 0;
@@ -16,7 +16,7 @@ const BROKEN: u8 = 2;
 /// The content with its guard.
 ///
 /// Acquisitions and readers are not `Send`, only because the transport's ports and loans share a count that is not
-/// atomic (`isotherm_shared::recycled`); a test below lets the compiler prove that this is the only reason. All holders
+/// atomic (`isotherm_client::transport::recycled`); a test below lets the compiler prove that this is the only reason. All holders
 /// of such a count, loans included, are within one handle. A thread that enters the handle sees all effects of the
 /// callers before it (acquire and release of `state`). So any thread may use and close a handle.
 #[derive(Debug)]
@@ -186,7 +186,7 @@ mod tests {
 #[cfg(isotherm_loom)]
 mod explored {
     use super::*;
-    use isotherm_atomic::{explore, thread};
+    use isotherm_client::sync::{explore, thread};
     use std::sync::Arc;
 
     struct AnyThread(Handle<u64>);

@@ -7,14 +7,15 @@ use crate::loss::{Loss, removed_object, taken_connection};
 use crate::objects::refuse_foreign;
 use crate::peers::{depth_of, pid_of, publisher_of};
 use crate::rehearsal::Rehearsal;
+use crate::transport::stream::{self, Ipc, IpcNode, Stream};
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::BackpressureStrategy;
 use iceoryx2::sample::Sample;
 use iceoryx2::sample_mut::SampleMut;
+use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::protocol::queue_depth;
-use isotherm_shared::stream::{self, Domain, ImuId, Ipc, IpcNode, Stream};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 
 /// Samples that the caller may have on loan, not sent yet.
@@ -50,10 +51,10 @@ impl Ports {
     pub(super) fn attach(node: &IpcNode, domain: &Domain, imu: &ImuId) -> Result<(Self, ServiceEnd), ConnectError> {
         refuse_foreign(domain)?;
         let failed = |stream| move |error| unopened(node, domain, imu, stream, error);
-        let (raw, increments) = (&imu.raw(), &imu.increment());
+        let (raw, increments) = (&stream::raw_name(imu), &stream::increment_name(imu));
         let raw = stream::open_raw(node, raw).map_err(failed(raw))?;
         let increments = stream::open_increment(node, increments).map_err(failed(increments))?;
-        let wake = stream::open_event(node, &imu.wake());
+        let wake = stream::open_event(node, &stream::wake_name(imu));
         let wake = wake.map_err(|error| ConnectError::transport("opening the wake-up event", error))?;
         // The service creates its increment publisher last. When it exists, the service is ready.
         let id = publisher_of(&increments).ok_or_else(|| absent(node, domain, imu))?.0;

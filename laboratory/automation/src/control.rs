@@ -1,9 +1,9 @@
 //! The lock that allows one runner in a folder, and how other processes inspect and stop this runner.
 
 use super::progress::{STATUS, Snapshot};
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{check_own_folder, open_without_waiting};
 use isotherm_shared::document::MAX_BYTES;
+use isotherm_support::failure::{Exit, Failure, shown};
 use rustix::fs::OFlags;
 use std::fs::{File, OpenOptions, Permissions, TryLockError};
 use std::io::{self, Read as _, Seek as _, Write as _};

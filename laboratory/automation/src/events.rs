@@ -5,7 +5,7 @@ use super::journal::{Entry, JournalLine};
 use super::machine::Unit;
 use super::plan::Plan;
 use super::timeline::{duration, units};
-use isotherm_failure::shown;
+use isotherm_support::failure::shown;
 
 use isotherm_report::NoteKind;
 

@@ -10,16 +10,16 @@ use super::plan::Plan;
 use super::progress::DroppedImu;
 use super::runner::stopped_by;
 use super::samples::file_of;
-use isotherm_calibration::{Accuracy, AlignmentChoice, Calibration, CalibrationOptions, Fitted, LagChoice, now, tool};
 use isotherm_client::{Options, fetch_status};
-use isotherm_failure::{Exit, Failure, printable, shown, tell};
 use isotherm_files::{Installation, StagedText, print};
-use isotherm_finding::name;
-use isotherm_job::{CampaignFile, FitOptions, Inputs, Run, no_bar};
+use isotherm_fit::{Accuracy, AlignmentChoice, Calibration, CalibrationOptions, Fitted, LagChoice, now, tool};
+use isotherm_pipeline::{CampaignFile, FitOptions, Inputs, Run, no_bar};
 use isotherm_recording_formats::read::ImuChoice;
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
 use isotherm_shared::table::CoefficientTable;
+use isotherm_support::failure::{Exit, Failure, printable, shown, tell};
+use isotherm_support::finding::name;
 use isotherm_verification::{
     EarthRate, Estimate, Exercised, GATE_FLOOR, Gate, LocalGravity, Refusal, Requirement, Setup, Stability,
 };

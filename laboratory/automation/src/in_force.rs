@@ -2,10 +2,10 @@
 //! show is in [`isotherm_verification::Gate`].
 
 use super::plan::Plan;
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{Identity, Trust, load_table};
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::wire::AXES;
+use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_verification::arcsec;
 use std::path::Path;
 use std::{fs, io};

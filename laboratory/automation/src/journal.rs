@@ -5,11 +5,11 @@
 
 use super::plan::{BACK, Plan, RAMP_FILE, RAMP_KEY, RUN_FILE, RUN_KEY, SAMPLES, without_comment};
 use super::stamp::Stamp;
-use isotherm_calibration::{sha256, tool};
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::open_without_waiting;
+use isotherm_fit::{sha256, tool};
 use isotherm_instruments::{RealTime, Time};
-use isotherm_shared::stream::ImuId;
+use isotherm_shared::names::ImuId;
+use isotherm_support::failure::{Exit, Failure, shown};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::fs::{File, OpenOptions};

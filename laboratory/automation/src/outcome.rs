@@ -3,8 +3,8 @@
 use super::journal::{self, Entry, JOURNAL, JournalLine, LargestError};
 use super::page::utc;
 use super::plan::Plan;
-use isotherm_failure::{Failure, shown};
 use isotherm_files::{Trust, load_table};
+use isotherm_support::failure::{Failure, shown};
 use serde::Serialize;
 use std::fmt::{self, Write as _};
 use std::path::{Path, PathBuf};

@@ -9,9 +9,9 @@ use super::plan::Plan;
 use super::progress::{DroppedImu, Snapshot};
 use super::readbacks::Readbacks;
 
-use isotherm_failure::Failure;
 use isotherm_report::{Cell, NoteKind, Page, Plot, Style};
 use isotherm_shared::table::AXIS_NAMES;
+use isotherm_support::failure::Failure;
 use std::time::{Duration, UNIX_EPOCH};
 use std::{fs, io};
 

@@ -3,8 +3,8 @@
 use super::stamp::UpTime;
 use super::timeline::duration;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use isotherm_failure::{printable, shown};
 use isotherm_instruments::{Moment, Time};
+use isotherm_support::failure::{printable, shown};
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io::{self, IsTerminal as _};
@@ -191,7 +191,7 @@ impl Progress {
     /// Prints an event above the bars, or into the log.
     pub fn event(&self, text: &str) {
         match &self.bars {
-            Some([bar, ..]) => bar.println(format!("{}  {}", isotherm_calibration::now(), printable(text))),
+            Some([bar, ..]) => bar.println(format!("{}  {}", isotherm_fit::now(), printable(text))),
             None => tracing::info!("{text}"),
         }
     }

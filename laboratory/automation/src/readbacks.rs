@@ -3,9 +3,9 @@
 
 use crate::curves::{CURVES, CurveRow, PlottedCurves};
 use crate::plan::{Plan, READBACKS};
-use isotherm_failure::Failure;
 use isotherm_instruments::{ChamberReading, TurntableReading};
 use isotherm_shared::wire::AXES;
+use isotherm_support::failure::Failure;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
 use std::os::unix::fs::FileExt as _;

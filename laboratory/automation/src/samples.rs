@@ -20,15 +20,15 @@
 use super::journal::Kept;
 use super::machine::Unit;
 use super::plan::{MAX_ROW_DEG, Plan};
-use isotherm_calibration::{Hashed, implausible as gyroscopes_implausible};
 use isotherm_campaign::implausible;
 use isotherm_client::{Options, Realtime, Tap, TapSettings};
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{Trust, read_text, replace};
+use isotherm_fit::{Hashed, implausible as gyroscopes_implausible};
 use isotherm_instruments::{Moment, Time};
 use isotherm_recording::{Layout, RawCsvWriter};
-use isotherm_shared::stream::{ImuId, StreamKind};
+use isotherm_shared::names::{ImuId, StreamKind};
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, StreamSample, Triad, device};
+use isotherm_support::failure::{Exit, Failure, shown};
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead as _, BufReader, BufWriter, Read as _, Seek as _, SeekFrom};
 use std::mem;

@@ -5,8 +5,8 @@ use super::journal::{self, Entry};
 use super::plan::Plan;
 use super::progress::{self, STATUS, Snapshot};
 use super::station::Station;
-use isotherm_failure::Failure;
 use isotherm_instruments::Surroundings;
+use isotherm_support::failure::Failure;
 use std::sync::Arc;
 
 /// The reason after a runner that ended without the safe state.

@@ -11,9 +11,9 @@ use super::readbacks::Readbacks;
 use super::samples::{LaboratoryClock, SampleRecorder, SampleSource, SampleSources, file_of};
 use super::stability::{Trends, telemetry};
 use super::stamp::Stamp;
-use isotherm_failure::{Exit, Failure};
 use isotherm_instruments::{ChamberReading, TurntableReading};
 use isotherm_shared::wire::AXES;
+use isotherm_support::failure::{Exit, Failure};
 
 /// A stream that has stopped for longer than this fraction of the patience does not flow.
 const FLOWS: f64 = 0.5;

@@ -1,6 +1,6 @@
 //! What goes wrong, and when.
 
-use isotherm_simulator::InjectedFault;
+use isotherm_station::InjectedFault;
 use std::ops::Range;
 
 /// Something that goes wrong.

@@ -5,7 +5,7 @@ use crate::faults::{Fault, FaultPlan};
 use crate::world::{Place, Request};
 use isotherm_automation::journal::{self, Entry, Journal, JournalLine};
 use isotherm_automation::timeline::units;
-use isotherm_simulator::{DeviceEvent, InjectedFault};
+use isotherm_station::{DeviceEvent, InjectedFault};
 use std::collections::BTreeMap;
 use std::fs;
 

@@ -5,7 +5,7 @@ use crate::script::Step;
 use isotherm_automation::plan::Plan;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_simulation::{Chain, Noise, Truth};
-use isotherm_simulator::{ChamberProtocol, SimulatedStation, StationImu, TurntableProtocol};
+use isotherm_station::{ChamberProtocol, SimulatedStation, StationImu, TurntableProtocol};
 use std::path::Path;
 
 /// What makes the plan of a station short.

@@ -1,11 +1,11 @@
 //! Writes a long recording of an IMU at rest, for figures: `long_recording HOURS FILE.parquet`, or `FILE.mcap`. Rows of
 //! 1 ms, six sensors, telemetry once a second.
 
-use isotherm_failure::Failure;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::write::{Files, Format, Rotation};
-use isotherm_shared::stream::StreamKind;
+use isotherm_shared::names::StreamKind;
 use isotherm_shared::wire::{RawSample, StreamSample, Triad};
+use isotherm_support::failure::Failure;
 use std::path::PathBuf;
 
 /// Rows of an hour.

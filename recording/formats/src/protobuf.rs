@@ -5,7 +5,7 @@ use crate::steps;
 use crate::varint;
 use isotherm_recording::columns::{Column, ColumnKind, Layout, columns};
 use isotherm_recording::rows::{RecordedRow, append_value};
-use isotherm_shared::stream::StreamKind;
+use isotherm_shared::names::StreamKind;
 use std::collections::HashMap;
 
 // Wire types.

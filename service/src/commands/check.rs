@@ -3,7 +3,6 @@
 use crate::config::{Config, WorkerRealtime};
 use clap::Args;
 use isotherm_client::{Realtime, check_room};
-use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::{LoadError, Trust, load_table, print, read_text, remove_unfinished_on_signals, replace};
 use isotherm_shared::content::FileContent;
 use isotherm_shared::document::{Document, Fault, Faults, MAX_BYTES};
@@ -12,6 +11,7 @@ use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::difference::{MaxChange, TableDifference};
 use isotherm_shared::table::{Axis, CoefficientTable, Content, Seal, with_unchecked_digest};
 use isotherm_shared::units::SensorKind;
+use isotherm_support::failure::{Exit, Failure, shown, tell};
 use std::fmt::Write as _;
 use std::fs::{self, File};
 use std::io::{self, Read as _};

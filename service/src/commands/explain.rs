@@ -3,10 +3,10 @@
 
 use crate::metrics::METRICS;
 use clap::Args;
-use isotherm_failure::{EXIT_CODES, Exit, Failure};
 use isotherm_files::print;
 use isotherm_shared::status;
 use isotherm_shared::wire::Flags;
+use isotherm_support::failure::{EXIT_CODES, Exit, Failure};
 use std::fmt::Write as _;
 
 /// Columns of the text.

@@ -8,7 +8,7 @@ pub mod status;
 
 use crate::logging;
 use isotherm_client::Domain;
-use isotherm_failure::{EXIT_CODES, Exit, Failure, printable, tell};
+use isotherm_support::failure::{EXIT_CODES, Exit, Failure, printable, tell};
 use std::borrow::Cow;
 use std::io::{self, Write as _};
 use std::process::ExitCode;

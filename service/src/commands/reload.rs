@@ -2,10 +2,10 @@
 
 use crate::acceptance::Acceptance;
 use clap::Args;
+use isotherm_client::transport::group;
 use isotherm_client::{ConnectError, Domain, ImuId, Options, StatusError, fetch_status, prepare};
-use isotherm_failure::{Exit, Failure, one_line, tell};
-use isotherm_shared::group;
 use isotherm_shared::status::ImuStatus;
+use isotherm_support::failure::{Exit, Failure, one_line, tell};
 use rustix::process::geteuid;
 use std::fs;
 use std::os::unix::fs::MetadataExt as _;

@@ -1,14 +1,15 @@
 //! `status`: shows the status of the running service.
 
 use clap::Args;
+use isotherm_client::transport::stream::configuration;
 use isotherm_client::{Domain, Options, check_room, fetch_status, service_pid, unix_s};
-use isotherm_failure::{Exit, Failure, one_line, tell};
 use isotherm_files::{print, print_data};
 use isotherm_shared::status::{
     GyroscopeStatus, ImuStatus, LatencySummary, Ranges, ServiceStatus, TableChange, WorkerStatus,
 };
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
+use isotherm_support::failure::{Exit, Failure, one_line, tell};
 use std::fmt::Write as _;
 use std::time::Duration;
 
@@ -51,7 +52,7 @@ impl Status {
 
 fn transport_config(domain: &Domain) -> Result<String, Failure> {
     let failed = |cause: String| Failure::new(Exit::Failed, format!("writing the configuration: {cause}"));
-    let config = domain.config().map_err(|error| failed(error.to_string()))?;
+    let config = configuration(domain).map_err(|error| failed(error.to_string()))?;
     toml::to_string(&config).map_err(|error| failed(error.to_string()))
 }
 

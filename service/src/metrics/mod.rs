@@ -4,8 +4,8 @@
 mod server;
 mod text;
 
-use isotherm_failure::{Exit, Failure};
 use isotherm_shared::status::ServiceStatus;
+use isotherm_support::failure::{Exit, Failure};
 use server::MetricsServer;
 use std::cell::{RefCell, RefMut};
 use std::net::{SocketAddr, TcpListener};

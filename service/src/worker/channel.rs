@@ -13,14 +13,15 @@ use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::sample::Sample;
 use iceoryx2::sample_mut::SampleMut;
 use iceoryx2::service::port_factory::event;
+use isotherm_client::transport::stream::{self, Ipc, IpcNode, RAW_SUBSCRIBERS, RehearsalNames};
 use isotherm_client::{Clock, Rehearsal, RehearsalStreams, open_to_group, publish, receive, subscribers_of};
-use isotherm_failure::Failure;
 use isotherm_shared::compensate::answer_into;
+use isotherm_shared::names::Domain;
 use isotherm_shared::protocol::{Arrival, LastSession, SequenceTracker, queue_depth};
 use isotherm_shared::sequence::{Period, Seen};
-use isotherm_shared::stream::{self, Domain, Ipc, IpcNode, RAW_SUBSCRIBERS, RehearsalNames};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample};
+use isotherm_support::failure::Failure;
 use rtrb::Consumer;
 use std::sync::Arc;
 
@@ -89,16 +90,19 @@ impl Channel {
         let (id, depth) = (link.imu.id, link.imu.depth);
         let creator = Creator::new(node, domain);
         let name = |stream: &str| format!("the {stream} of IMU {id}");
-        let raw = creator.stream(&name("raw stream"), &id.raw(), || Ok(stream::create_raw(node, &id)?))?;
-        let increments = creator
-            .stream(&name("increment stream"), &id.increment(), || Ok(stream::create_increment(node, &id, false)?))?;
-        let wake = creator.stream(&name("wake-up event"), &id.wake(), || Ok(stream::create_wake(node, &id)?))?;
+        let raw = creator.stream(&name("raw stream"), &stream::raw_name(&id), || Ok(stream::create_raw(node, &id)?))?;
+        let increments = creator.stream(&name("increment stream"), &stream::increment_name(&id), || {
+            Ok(stream::create_increment(node, &id, false)?)
+        })?;
+        let wake =
+            creator.stream(&name("wake-up event"), &stream::wake_name(&id), || Ok(stream::create_wake(node, &id)?))?;
         let served = || {
             let domain = domain.name();
             format!("IMU {id} is already served in domain {domain:?}; stop the other service or use another --domain")
         };
-        let arrival = creator
-            .stream(&name("event of the increments"), &id.arrival(), || Ok(stream::create_arrival(node, &id)?))?;
+        let arrival = creator.stream(&name("event of the increments"), &stream::arrival_name(&id), || {
+            Ok(stream::create_arrival(node, &id)?)
+        })?;
         let announcer = creator.port(&name("event of the increments"), served, || notifier(&arrival))?;
         let listener = creator.port(&name("listener"), served, || {
             wake.listener_builder().create().map_err(|error| match error {
@@ -109,8 +113,12 @@ impl Channel {
         let crowd =
             || format!("notifying the worker of IMU {id}: all places of its wake-up event are taken; stop a sender");
         let notifier = creator.port(&name("notifier"), crowd, || notifier(&wake))?;
-        let rehearsal =
-            create_rehearsal(node, &creator, &format!("the rehearsal streams of IMU {id}"), &id.rehearsal())?;
+        let rehearsal = create_rehearsal(
+            node,
+            &creator,
+            &format!("the rehearsal streams of IMU {id}"),
+            &RehearsalNames::of_acquisition(&id),
+        )?;
         let crowded = || {
             let readers = subscribers_of(domain, &raw);
             format!(

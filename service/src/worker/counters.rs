@@ -34,7 +34,7 @@
 //! ```
 
 use super::histogram::{BucketCounts, Histogram};
-use isotherm_atomic::AtomicU64;
+use isotherm_client::sync::AtomicU64;
 use isotherm_shared::protocol::{Arrival, LastSession};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::{AXES, Flags, RawSample};
@@ -399,7 +399,7 @@ mod tests {
 #[cfg(isotherm_loom)]
 mod explored {
     use super::*;
-    use isotherm_atomic::{explore, thread};
+    use isotherm_client::sync::{explore, thread};
     use isotherm_shared::wire::Triad;
 
     /// A worker that answers samples, each from another unit, warmer, and later than all before, while `look` looks.

@@ -1,6 +1,6 @@
 //! A log-linear histogram of latencies. One thread writes it and others read it, without locks.
 
-use isotherm_atomic::AtomicU64;
+use isotherm_client::sync::AtomicU64;
 use isotherm_shared::status::{LATENCY_BOUNDS_NS, LatencyDistribution, LatencySummary};
 use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
 

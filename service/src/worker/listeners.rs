@@ -7,7 +7,7 @@ use crate::worker::wait::BOUND_NS;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use isotherm_client::descriptor;
-use isotherm_shared::stream::Ipc;
+use isotherm_client::transport::stream::Ipc;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use std::thread;

@@ -1,6 +1,6 @@
 //! What a worker is to do besides serving. The control thread writes it, the worker reads it.
 
-use isotherm_atomic::AtomicU64;
+use isotherm_client::sync::AtomicU64;
 use std::sync::atomic::Ordering::Relaxed;
 
 /// The order to answer what has arrived, and to end. All others are a bit for each IMU whose readers are to be told.
@@ -27,7 +27,7 @@ impl Order {
 mod explored {
     use super::*;
     use crate::worker::counters::{counters, heartbeat};
-    use isotherm_atomic::{explore, thread};
+    use isotherm_client::sync::{explore, thread};
     use std::sync::Arc;
 
     /// A worker that announces while it is asked to, then stops. Who joins it knows all that it has counted.

@@ -8,10 +8,10 @@
 use super::channel::{Channel, create_rehearsal};
 use crate::create::{CreateError, Creator};
 use crate::leftovers::ports_of;
+use isotherm_client::transport::stream::{IpcNode, RehearsalNames};
 use isotherm_client::{Clock, Rehearsal, RehearsalError};
-use isotherm_failure::Failure;
-use isotherm_shared::stream::{IpcNode, RehearsalNames};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
+use isotherm_support::failure::Failure;
 
 /// So many polls in a row that find nothing lie between two rehearsals of a worker that spins: some tens of
 /// microseconds.

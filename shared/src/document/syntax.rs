@@ -6,7 +6,7 @@
 
 use super::faults::{Fault, Faults};
 use core::ops::Range;
-use isotherm_failure::one_line;
+use isotherm_support::failure::one_line;
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use toml::Spanned;

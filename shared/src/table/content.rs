@@ -5,8 +5,8 @@ use super::checks::{
     negative_scale_factor_fault, nominal_interval_fault, positive_scale_factor_fault, transient_fault,
 };
 use super::digest::Digest;
+use crate::names::ImuId;
 use crate::polynomial::Polynomial;
-use crate::stream::ImuId;
 use crate::units::{Bias, BiasUnit, NegativeScaleFactor, PositiveScaleFactor, SensorKind};
 use crate::wire::AXES;
 use core::fmt;

@@ -2,9 +2,9 @@
 
 use super::content::{Axis, Content, Gyroscopes, OutOfRange, Refusal};
 use super::model::CoefficientTable;
+use crate::names::ImuId;
 use crate::polynomial::Polynomial;
 use crate::readings::{Resolution, checked_interval, checked_resolution};
-use crate::stream::ImuId;
 use crate::units::{ARCSEC, BiasUnit, SensorKind};
 use crate::wire::AXES;
 

@@ -12,8 +12,8 @@ use super::content::{
 use super::model::CoefficientTable;
 use super::turntable::Turntable;
 use crate::document::{Document, Fault, Faults, Section, too_large};
+use crate::names::ImuId;
 use crate::polynomial::{MAX_ORDER, Polynomial};
-use crate::stream::ImuId;
 use crate::units::{BiasUnit, SensorKind};
 use crate::wire::AXES;
 use core::fmt::Write as _;
@@ -59,7 +59,7 @@ impl CoefficientTable {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// use isotherm_shared::stream::ImuId;
+    /// use isotherm_shared::names::ImuId;
     /// use isotherm_shared::table::CoefficientTable;
     ///
     /// let text = include_str!("../../../tests/data/imu-a.toml");

@@ -5,7 +5,7 @@
 
 use isotherm_shared::compensate::answer;
 use isotherm_shared::polynomial::Polynomial;
-use isotherm_shared::stream::ImuId;
+use isotherm_shared::names::ImuId;
 use isotherm_shared::table::{Axis, CoefficientTable, Content, Gyroscopes, OutOfRange};
 use isotherm_shared::units::{ARCSEC, BiasUnit};
 use isotherm_shared::wire::{AXES, Flags, MAX_INTERVAL_NS, RawSample, Triad};

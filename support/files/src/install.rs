@@ -18,7 +18,7 @@ use crate::live::{give_mode_and_owner, mode_of};
 use crate::load::Identity;
 use crate::output::HIDDEN;
 use crate::place::{exchange, output_place, rename, sync_folder};
-use isotherm_failure::{Exit, Failure, shown};
+use isotherm_support::failure::{Exit, Failure, shown};
 use rustix::fs::OFlags;
 use std::ffi::OsString;
 use std::fs::{self, File, Metadata, OpenOptions, TryLockError};

@@ -6,7 +6,7 @@
 
 use crate::place::{kind_of, output_place, rename};
 use crate::signals::{Unfinished, hold_signals};
-use isotherm_failure::{Failure, shown};
+use isotherm_support::failure::{Failure, shown};
 use rustix::fs::OFlags;
 use rustix::process::geteuid;
 use std::fs::{self, File, Metadata, OpenOptions, Permissions, TryLockError};

@@ -2,11 +2,11 @@
 //! the file was read.
 
 use crate::place::is_trusted;
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_shared::content::FileContent;
 use isotherm_shared::document::{Fault, Faults, MAX_BYTES, too_large};
-use isotherm_shared::stream::ImuId;
+use isotherm_shared::names::ImuId;
 use isotherm_shared::table::{CoefficientTable, MAX_TABLE_BYTES};
+use isotherm_support::failure::{Exit, Failure, shown};
 use rustix::process::geteuid;
 use std::fmt;
 use std::fs::{self, File, Metadata, OpenOptions};

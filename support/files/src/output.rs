@@ -5,7 +5,7 @@ use crate::live::{LiveFile, Partial, give_mode_and_owner, mode_of};
 use crate::place::{folder_of, output_place, sync_folder};
 use crate::signals::{Unfinished, hold_signals};
 use crate::stdout::check_stdout;
-use isotherm_failure::{Exit, Failure, printable, shown};
+use isotherm_support::failure::{Exit, Failure, printable, shown};
 use std::fs::{self, File, Metadata, OpenOptions, Permissions};
 use std::io::{self, BufWriter, Write};
 use std::os::unix::fs::PermissionsExt as _;

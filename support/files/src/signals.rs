@@ -1,6 +1,6 @@
 //! Signals that end a command, and what they do to files that are not complete.
 
-use isotherm_failure::{Exit, Failure};
+use isotherm_support::failure::{Exit, Failure};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};

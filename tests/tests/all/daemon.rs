@@ -3,7 +3,7 @@
 use iceoryx2::config::Config;
 use iceoryx2::node::NodeBuilder;
 use iceoryx2::prelude::{CallbackProgression, FilePath, SemanticString as _, Service as _, ipc};
-use isotherm_shared::stream::status_name;
+use isotherm_client::transport::stream::status_name;
 use isotherm_tests::{RUN, TABLE, TestDomain, recording, round_trip, text, wait_until};
 use serde_json::Value;
 

@@ -1,9 +1,11 @@
 //! Careless and hostile peers: the service continues, serves the other clients exactly, and reports what is wrong.
 
 use iceoryx2::port::subscriber::Subscriber;
+use isotherm_client::transport::stream::{
+    INCREMENT_SUBSCRIBERS, Ipc, IpcNode, RAW_SUBSCRIBERS, increment_name, raw_name, status_name, wake_name,
+};
 use isotherm_client::{Acquisition, ConnectError, Flags, Options, RawSample, join};
 use isotherm_shared::compensate::answer;
-use isotherm_shared::stream::{INCREMENT_SUBSCRIBERS, Ipc, IpcNode, RAW_SUBSCRIBERS};
 use isotherm_shared::wire::Triad;
 use isotherm_tests::{Needs, RUN, TABLE, TestDomain, binary, id, recording, round_trip, skip, table, text, wait_until};
 use std::fs::{self, File, Permissions};
@@ -32,7 +34,7 @@ fn assert_served_exactly(acquisition: &mut Acquisition, samples: &[RawSample]) {
 }
 
 fn publisher(node: &IpcNode, imu: &str) -> iceoryx2::port::publisher::Publisher<Ipc, RawSample, ()> {
-    let raw = node.service_builder(&id(imu).raw()).publish_subscribe::<RawSample>().open().unwrap();
+    let raw = node.service_builder(&raw_name(&id(imu))).publish_subscribe::<RawSample>().open().unwrap();
     let discard = iceoryx2::prelude::BackpressureStrategy::DiscardData;
     raw.publisher_builder().backpressure_strategy(discard).create().unwrap()
 }
@@ -156,7 +158,7 @@ fn truncated_shared_memory_ends_the_service_with_a_message() {
 }
 
 fn subscribe(node: &IpcNode, count: usize) -> Vec<Subscriber<Ipc, RawSample, ()>> {
-    let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<RawSample>().open().unwrap();
+    let raw = node.service_builder(&raw_name(&id("imu-a"))).publish_subscribe::<RawSample>().open().unwrap();
     (0..count).map_while(|_| raw.subscriber_builder().create().ok()).collect()
 }
 
@@ -214,16 +216,16 @@ fn streams_created_by_another_process_are_named() {
             "{message}"
         );
     };
-    let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<u64>().create().unwrap();
+    let raw = node.service_builder(&raw_name(&id("imu-a"))).publish_subscribe::<u64>().create().unwrap();
     refused("the raw stream of IMU imu-a");
     drop(raw);
-    let increments = node.service_builder(&id("imu-a").increment()).publish_subscribe::<[u8]>().create().unwrap();
+    let increments = node.service_builder(&increment_name(&id("imu-a"))).publish_subscribe::<[u8]>().create().unwrap();
     refused("the increment stream of IMU imu-a");
     drop(increments);
-    let wake = node.service_builder(&id("imu-a").wake()).event().max_notifiers(1).create().unwrap();
+    let wake = node.service_builder(&wake_name(&id("imu-a"))).event().max_notifiers(1).create().unwrap();
     refused("the wake-up event of IMU imu-a");
     drop(wake);
-    let status = isotherm_shared::stream::status_name();
+    let status = status_name();
     let status = node.service_builder(&status).publish_subscribe::<u32>().create().unwrap();
     refused("the status stream");
     drop(status);

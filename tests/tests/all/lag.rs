@@ -2,13 +2,13 @@
 //!
 //! Over 400 lines: one property a test, for all of which the same table and samples serve.
 
+use isotherm_client::transport::stream;
 use isotherm_client::{
     Acquisition, CompensatedIncrement, Flags, LagOption, Options, RawReader, RawSample, SendError, Sensor,
     TimeConstant, boot, device, join, subscribers_of,
 };
 use isotherm_shared::compensate::answer;
 use isotherm_shared::lag::Lag;
-use isotherm_shared::stream;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_tests::{TIMEOUT, TestDomain, WHOLE_TABLE, completed, id, same, table, wait_until, whole_recording};
 use std::collections::HashMap;

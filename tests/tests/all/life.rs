@@ -1,8 +1,8 @@
 //! Start-up, shutdown, signals and kills.
 
+use isotherm_client::transport::stream::CREATION_TIMEOUT;
 use isotherm_client::{Acquisition, ConnectError, Options};
 use isotherm_shared::compensate::answer;
-use isotherm_shared::stream::CREATION_TIMEOUT;
 use isotherm_tests::{Process, RUN, TABLE, TIMEOUT, TestDomain, id, recording, round_trip, table, text, wait_until};
 use rustix::process::Signal;
 use std::fs::{self, File, Permissions};

@@ -3,8 +3,8 @@
 //!
 //! Over 400 lines: all tests read the page with one parser, `Scrape`.
 
+use isotherm_client::transport::stream::{Ipc, raw_name};
 use isotherm_client::{Flags, RawSample, join, monotonic_ns};
-use isotherm_shared::stream::Ipc;
 use isotherm_shared::wire::Triad;
 use isotherm_tests::{Needs, Process, TABLE, TIMEOUT, TestDomain, id, recording, round_trip, skip, wait_until};
 use nix::sys::ptrace;
@@ -142,7 +142,7 @@ fn every_metric_is_updated() {
     fs::remove_file(domain.path("imu-a.toml")).unwrap();
     let (service, address) = serve(&domain);
     let node = join(domain.client_domain()).unwrap();
-    let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<RawSample>().open().unwrap();
+    let raw = node.service_builder(&raw_name(&id("imu-a"))).publish_subscribe::<RawSample>().open().unwrap();
     let discard = iceoryx2::prelude::BackpressureStrategy::DiscardData;
     let publisher = raw.publisher_builder().backpressure_strategy(discard).create().unwrap();
     let mut sender = RawSender { domain: &domain, publisher, sent: 0 };

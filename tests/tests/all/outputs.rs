@@ -218,7 +218,7 @@ impl Fixture {
         domain.write("imu-a.toml", TABLE);
         domain.write("next.toml", &variant(1));
         domain.write("mems.toml", &read("examples/tables/imu-mems.toml"));
-        domain.write("full.params", &read("parameters/tests/data/full.params"));
+        domain.write("full.params", &read("recording/autopilot/tests/data/full.params"));
         for name in ["samples.csv", "imu-a.csv"] {
             domain.write(name, &read("examples/campaign/samples.csv"));
         }

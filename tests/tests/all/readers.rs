@@ -1,9 +1,9 @@
 //! Readers beside the acquisition, and peers that use the streams without the client library.
 
 use iceoryx2::prelude::PortFactory as _;
+use isotherm_client::transport::stream::{self, INCREMENT_DEPTH, Ipc, IpcNode, RECORDER_DEPTH};
 use isotherm_client::{CompensatedIncrement, ConnectError, IncrementReader, RawSample, join};
 use isotherm_shared::compensate::answer;
-use isotherm_shared::stream::{self, INCREMENT_DEPTH, Ipc, IpcNode, RECORDER_DEPTH};
 use isotherm_shared::wire::Triad;
 use isotherm_tests::programs::{C, compile, start};
 use isotherm_tests::{
@@ -147,7 +147,7 @@ fn readers_that_were_killed_while_they_waited_leave_their_places() {
     let service = domain.serve_recording();
     let mut acquisition = domain.acquisition("imu-a");
     let node = join(domain.client_domain()).unwrap();
-    let event = node.service_builder(&id("imu-a").arrival()).event().open().unwrap();
+    let event = node.service_builder(&stream::arrival_name(&id("imu-a"))).event().open().unwrap();
     let listeners = || event.dynamic_config().number_of_listeners();
     let Some(program) = compile(&domain, C, "examples/c/reader.c") else { return };
     // More than there are places.
@@ -212,7 +212,7 @@ fn a_reader_that_does_not_read_sees_a_gap_and_disturbs_nobody() {
 }
 
 fn subscribe(node: &IpcNode) -> iceoryx2::port::subscriber::Subscriber<Ipc, RawSample, ()> {
-    let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<RawSample>().open().unwrap();
+    let raw = node.service_builder(&stream::raw_name(&id("imu-a"))).publish_subscribe::<RawSample>().open().unwrap();
     raw.subscriber_builder().create().unwrap()
 }
 
@@ -289,7 +289,7 @@ fn a_sender_that_never_notifies_and_repeats_itself_is_served() {
     let service = domain.serve_recording();
     let mut reader = domain.reader("imu-a");
     let node = join(domain.client_domain()).unwrap();
-    let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<RawSample>().open().unwrap();
+    let raw = node.service_builder(&stream::raw_name(&id("imu-a"))).publish_subscribe::<RawSample>().open().unwrap();
     let publisher = raw.publisher_builder().create().unwrap();
     let sample = RawSample { session: 9, ..recording()[0] };
     for sequence in [5, 6, 7, 5, 6, 100, 99, 8, 100] {
@@ -323,12 +323,13 @@ fn survives_any_bit_pattern(text: &str) {
     domain.write("imu-a.toml", text);
     let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
     let node = join(domain.client_domain()).unwrap();
-    let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<RawSample>().open().unwrap();
+    let raw = node.service_builder(&stream::raw_name(&id("imu-a"))).publish_subscribe::<RawSample>().open().unwrap();
     let publisher = raw.publisher_builder().create().unwrap();
     // A plain subscriber: these sessions and sequences repeat, and the client's reader drops repeats.
-    let increments = stream::open_increment(&node, &id("imu-a").increment()).unwrap();
+    let increments = stream::open_increment(&node, &stream::increment_name(&id("imu-a"))).unwrap();
     let subscriber = increments.subscriber_builder().create().unwrap();
-    let notifier = stream::open_event(&node, &id("imu-a").wake()).unwrap().notifier_builder().create().unwrap();
+    let notifier =
+        stream::open_event(&node, &stream::wake_name(&id("imu-a"))).unwrap().notifier_builder().create().unwrap();
     let (exact, mut state) = (table(text), 42u64);
     let mut next = move || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -373,7 +374,7 @@ fn a_stream_created_by_another_process_is_named() {
     let domain = TestDomain::new();
     domain.write("imu-a.toml", TABLE);
     let node = join(domain.client_domain()).unwrap();
-    let name = id("imu-a").raw();
+    let name = stream::raw_name(&id("imu-a"));
     let foreign = node.service_builder(&name).publish_subscribe::<RawSample>().create().unwrap();
     let output = domain.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
     let message = isotherm_tests::text(&output.stderr);
@@ -385,7 +386,7 @@ fn a_stream_created_by_another_process_is_named() {
     drop(foreign);
     let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
     // The service's stream has its documented settings.
-    let ours = stream::open_raw(&node, &id("imu-a").raw()).unwrap();
+    let ours = stream::open_raw(&node, &stream::raw_name(&id("imu-a"))).unwrap();
     assert_eq!(iceoryx2::prelude::PortFactory::static_config(&ours).subscriber_max_buffer_size(), RECORDER_DEPTH);
     service.terminate();
 }

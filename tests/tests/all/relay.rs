@@ -4,9 +4,9 @@ use iceoryx2::config::Config;
 use iceoryx2::node::NodeBuilder;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::{FilePath, SemanticString as _};
+use isotherm_client::transport::stream::{Ipc, IpcNode, configuration, increment_name};
 use isotherm_client::{CompensatedIncrement, Domain, IncrementReader, Options, join};
 use isotherm_shared::compensate::answer;
-use isotherm_shared::stream::{Ipc, IpcNode};
 use isotherm_shared::wire::RawSample;
 use isotherm_tests::{
     TIMEOUT, TestDomain, WHOLE_TABLE, completed, id, recording, round_trip, same, table, text, wait_until,
@@ -29,8 +29,11 @@ impl TargetDomain {
     /// A publisher of the stream, as a tunnel has one on each stream that it carries.
     fn publisher(&self) -> (Publisher<Ipc, CompensatedIncrement, ()>, IpcNode) {
         let node = join(&self.0).unwrap();
-        let stream =
-            node.service_builder(&id("imu-a").increment()).publish_subscribe::<CompensatedIncrement>().open().unwrap();
+        let stream = node
+            .service_builder(&increment_name(&id("imu-a")))
+            .publish_subscribe::<CompensatedIncrement>()
+            .open()
+            .unwrap();
         (stream.publisher_builder().create().unwrap(), node)
     }
 
@@ -97,10 +100,10 @@ fn a_tunnel_with_the_shipped_configuration_may_create_the_stream_first() {
     let target = TargetDomain::beside(&domain);
     let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/network/config/iceoryx2.toml");
     let mut config = Config::from_file(&FilePath::new(shipped.as_bytes()).unwrap()).unwrap();
-    config.global = target.0.config().unwrap().global;
+    config.global = configuration(&target.0).unwrap().global;
     fs::create_dir_all(target.0.root_path()).unwrap();
     let tunnel = NodeBuilder::new().config(&config).create::<Ipc>().unwrap();
-    let stream = tunnel.service_builder(&id("imu-a").increment()).publish_subscribe::<CompensatedIncrement>();
+    let stream = tunnel.service_builder(&increment_name(&id("imu-a"))).publish_subscribe::<CompensatedIncrement>();
     let _created = stream.create().unwrap();
 
     let relay = domain.spawn(&["relay", "--imu", "imu-a", "--to", "net"]);

@@ -1,6 +1,6 @@
 //! Text from files, names and streams cannot steer the terminal of the person who reads it.
 
-use isotherm_failure::printable;
+use isotherm_support::failure::printable;
 use isotherm_tests::{RUN, TABLE, TestDomain, text, wait_until};
 use std::fs;
 use std::process::Output;

@@ -3,16 +3,16 @@
 
 use isotherm_acquire::Description;
 use isotherm_automation::plan::Plan;
-use isotherm_calibration::TableFile;
+use isotherm_autopilot::{Autopilot, Parameters};
 use isotherm_client::ImuId;
-use isotherm_failure::Failure;
 use isotherm_files::{Trust, load_table, read_text};
-use isotherm_job::{CampaignFile, no_bar};
-use isotherm_parameters::{Autopilot, Parameters};
+use isotherm_fit::TableFile;
+use isotherm_pipeline::{CampaignFile, no_bar};
 use isotherm_recording_formats::convert::{Conversion, Settings};
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_service::config::Config;
 use isotherm_shared::table::MAX_TABLE_BYTES;
+use isotherm_support::failure::Failure;
 use isotherm_tests::{RUN, TABLE, TestDomain, text};
 use rustix::time::{ClockId, clock_gettime};
 use std::fs;

@@ -1,6 +1,7 @@
 //! The service of a whole IMU: what its status shows, samples of another unit, and peers of another version.
 
 use iceoryx2::prelude::ZeroCopySend;
+use isotherm_client::transport::stream::{increment_name, raw_name};
 use isotherm_client::{Acquisition, Flags, RawSample, device, join};
 use isotherm_tests::{
     RUN, TABLE, TestDomain, WHOLE_TABLE, completed, id, recording, round_trip, text, wait_until, whole_recording,
@@ -235,7 +236,7 @@ fn a_stream_of_another_version_is_named() {
     domain.write("imu-a.toml", TABLE);
     let node = join(domain.client_domain()).unwrap();
     // A reader of version 1 that has survived its service.
-    let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<RawSampleV1>().create().unwrap();
+    let raw = node.service_builder(&raw_name(&id("imu-a"))).publish_subscribe::<RawSampleV1>().create().unwrap();
     let output = domain.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
     let message = text(&output.stderr);
     assert_eq!(output.status.code(), Some(69), "{message}");
@@ -249,9 +250,9 @@ fn a_stream_of_another_version_is_named() {
     }
     drop(raw);
     // A service of version 1: no client waits for it to change.
-    let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<RawSampleV1>().create().unwrap();
+    let raw = node.service_builder(&raw_name(&id("imu-a"))).publish_subscribe::<RawSampleV1>().create().unwrap();
     let increments =
-        node.service_builder(&id("imu-a").increment()).publish_subscribe::<RawSampleV1>().create().unwrap();
+        node.service_builder(&increment_name(&id("imu-a"))).publish_subscribe::<RawSampleV1>().create().unwrap();
     let feed = ["feed", "--imu", "imu-a", RUN];
     let record = ["record", "--imu", "imu-a", "--stream", "increment", "-o", "file.csv"];
     for (command, stream) in [(feed.as_slice(), "raw"), (&record, "increment")] {

@@ -1,6 +1,6 @@
 //! What goes wrong, with cause, remedy and exit code.
 
-use isotherm_failure::{Exit, Failure};
+use isotherm_support::failure::{Exit, Failure};
 use rustix::io::Errno;
 
 use super::super::{IioError, IioFault};

@@ -16,7 +16,7 @@ mod trace;
 
 use clap::Parser;
 use isotherm_benches::{BenchResult, child_of, run};
-use isotherm_shared::stream::RAW_DEPTH;
+use isotherm_client::transport::stream::RAW_DEPTH;
 use std::collections::HashMap;
 use std::io::{BufReader, Seek as _, Write as _};
 use std::path::Path;

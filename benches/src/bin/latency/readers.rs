@@ -86,7 +86,7 @@ fn read<E: ToString>(
     samples: usize,
     receive: fn(&mut IncrementReader, Duration) -> Result<Option<CompensatedIncrement>, E>,
 ) -> Result<Blocks, String> {
-    let imu = IMU.parse().map_err(|error: isotherm_shared::stream::InvalidName| error.to_string())?;
+    let imu = IMU.parse().map_err(|error: isotherm_shared::names::InvalidName| error.to_string())?;
     let mut reader = IncrementReader::connect(imu, options).map_err(|error| error.to_string())?;
     blocks(samples, || {
         let received = receive(&mut reader, TIMEOUT).map_err(|error| error.to_string())?;

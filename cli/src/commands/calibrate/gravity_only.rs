@@ -2,7 +2,7 @@
 
 use super::arguments::{Calibrate, GravityOnlyArgs};
 use isotherm_campaign::{Campaign, Place};
-use isotherm_failure::{Exit, Failure};
+use isotherm_support::failure::{Exit, Failure};
 use std::path::PathBuf;
 
 impl GravityOnlyArgs {

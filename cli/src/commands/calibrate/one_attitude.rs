@@ -4,13 +4,13 @@ use super::arguments::{Beside, Calibrate, PolynomialOrder};
 use crate::commands::common::inputs;
 use crate::commands::export::{tell_exported, tell_left_out};
 use crate::progress::{bytes_bar, spinner};
-use isotherm_calibration::{LagChoice, OnBoard, OneAttitudeOptions};
+use isotherm_autopilot::{Autopilot, ExportOptions, Exported, HIGHEST_ORDER, Parameters, ReadError, export};
 use isotherm_campaign::Campaign;
 use isotherm_client::ImuId;
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{LoadError, StagedText, Trust, load_table, read_parameters, refuse_overlap};
-use isotherm_job::{FitOptions, Inputs, Made, Refused, Source, Vehicle, VehicleImu};
-use isotherm_parameters::{Autopilot, ExportOptions, Exported, HIGHEST_ORDER, Parameters, ReadError, export};
+use isotherm_fit::{LagChoice, OnBoard, OneAttitudeOptions};
+use isotherm_pipeline::{FitOptions, Inputs, Made, Refused, Source, Vehicle, VehicleImu};
+use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::{Path, PathBuf};
 
 /// The recordings of a calibration at one attitude, and the options of its fit.

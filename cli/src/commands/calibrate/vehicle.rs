@@ -4,14 +4,14 @@
 use super::arguments::Calibrate;
 use super::one_attitude::WarmUp;
 use crate::commands::export::{tell_exported, tell_left_out, tell_notes};
-use isotherm_calibration::{now, tool};
+use isotherm_autopilot::{Autopilot, Exported, vehicle};
 use isotherm_campaign::Campaign;
 use isotherm_client::ImuId;
-use isotherm_failure::{Exit, Failure, shown, tell};
 use isotherm_files::StagedText;
-use isotherm_job::{INSTANCE, Made, Refused, Vehicle, VehicleImu};
-use isotherm_parameters::{Autopilot, Exported, vehicle};
+use isotherm_fit::{now, tool};
+use isotherm_pipeline::{INSTANCE, Made, Refused, Vehicle, VehicleImu};
 use isotherm_report::vehicle::{Outcome, html};
+use isotherm_support::failure::{Exit, Failure, shown, tell};
 use serde_json::{Value, json};
 use std::io::{self, Write as _};
 use std::path::PathBuf;

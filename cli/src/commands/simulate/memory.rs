@@ -2,10 +2,10 @@
 
 use crate::parse::{numbers, positive, time_constant};
 use clap::Args;
-use isotherm_failure::{Exit, Failure};
 use isotherm_shared::table::Content;
 use isotherm_shared::wire::AXES;
 use isotherm_simulation::Play;
+use isotherm_support::failure::{Exit, Failure};
 
 /// Where only gyroscopes have a thing.
 const ONLY_GYROSCOPES: &str = "the IMU has no gyroscopes; give --gyroscopes too";

@@ -3,12 +3,12 @@
 use super::memory::MemoryOptions;
 use crate::parse::{gravity, latitude, size, sizes, vibration};
 use clap::Args;
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{Output, StagedText, Trust, load_table, print};
-use isotherm_shared::stream::ImuId;
+use isotherm_shared::names::ImuId;
 use isotherm_shared::table::{CoefficientTable, Content, Refusal};
 use isotherm_shared::wire::AXES;
 use isotherm_simulation::{Chain, MISALIGNMENT, Noise, TILT_RAD, Truth, typical_gyroscopes};
+use isotherm_support::failure::{Exit, Failure, shown};
 use serde::Serialize;
 use std::io;
 use std::path::PathBuf;

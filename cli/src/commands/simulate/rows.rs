@@ -2,11 +2,11 @@
 
 use super::options::{SimulatedFiles, usage};
 use crate::progress::rows_bar;
-use isotherm_failure::Failure;
 use isotherm_files::{check_stdout, check_written, create_folder};
 use isotherm_recording::{Layout, RawCsvWriter};
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_simulation::{Chain, RunSchedule, Truth};
+use isotherm_support::failure::Failure;
 use serde::Serialize;
 use std::fmt::Display;
 use std::path::Path;

@@ -5,13 +5,13 @@ use crate::parse::{interval, size};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use isotherm_client::{Domain, monotonic_ns};
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{create_own_folder, print};
 use isotherm_simulation::{Chain, Noise};
-use isotherm_simulator::{
+use isotherm_station::{
     ChamberProtocol, Injection, SimulatedStation, StationImu, StationProcess, TurntableProtocol, end_with_parent,
     free_ports,
 };
+use isotherm_support::failure::{Exit, Failure, shown};
 use serde::Serialize;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::path::{Path, PathBuf};

@@ -3,7 +3,7 @@
 use crate::limits::Limits;
 use isotherm_campaign::{Campaign, Member, Position};
 use isotherm_instruments::{ChamberConfig, TurntableConfig};
-use isotherm_shared::stream::ImuId;
+use isotherm_shared::names::ImuId;
 use std::path::PathBuf;
 
 /// A checked plan. Times are laboratory time \[s\].

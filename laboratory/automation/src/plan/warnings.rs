@@ -2,8 +2,8 @@
 //! another campaign.
 
 use super::{Plan, VerificationPlan};
-use isotherm_finding::{Finding, name};
 use isotherm_shared::wire::AXES;
+use isotherm_support::finding::{Finding, name};
 use isotherm_verification::{DRIVEN, undriven};
 
 /// Part of the set points' range that the verification runs should cover.

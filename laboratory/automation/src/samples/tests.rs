@@ -263,7 +263,7 @@ fn a_turn_is_one_run_of_rows_of_both_triads_that_calibrate_reads() {
             && header.ends_with(",g3_board,telemetry_ns,device")
     );
     let rows = CampaignCsvReader::new(text.as_bytes()).unwrap();
-    let measurements = isotherm_calibration::read_measurements(&plan.campaign, rows).unwrap();
+    let measurements = isotherm_fit::read_measurements(&plan.campaign, rows).unwrap();
     assert_eq!((measurements.dwells.len(), measurements.gyroscopes.turns.len()), (1, 1));
     let found = &measurements.gyroscopes.turns[0];
     assert!(!found.has_gap() && found.blocks.len() == 99 && found.run.sums.seconds == 99.0);
@@ -294,7 +294,7 @@ fn rows_of_a_turn_have_the_same_number_of_samples_whatever_their_intervals() {
     recorder.keep(0).unwrap().unwrap();
     let file = File::open(folder.path().join(SAMPLES)).unwrap();
     let rows = CampaignCsvReader::new(file).unwrap();
-    let measurements = isotherm_calibration::read_measurements(&plan.campaign, rows).unwrap();
+    let measurements = isotherm_fit::read_measurements(&plan.campaign, rows).unwrap();
     let found = &measurements.gyroscopes.turns[0];
     assert!(!found.has_gap() && found.blocks.len() > 80, "{}", found.blocks.len());
 }

@@ -1,7 +1,7 @@
 //! What the tests ask a campaign.
 
 use isotherm_laboratory_bench::{Act, Campaign, Ended, Fault, Request, Setup, Step, When, assert_units};
-use isotherm_simulator::InjectedFault;
+use isotherm_station::InjectedFault;
 use serde_json::Value;
 
 /// Positions of a set point.

@@ -1,9 +1,9 @@
 //! The stop orders, and what is said of the safe state.
 
 use crate::course::{assert_done, assert_in_standby, at, events, faults_at, of_both, one_set_point, requests, said};
-use isotherm_failure::Exit;
 use isotherm_laboratory_bench::{Act, Campaign, Fault, Setup, Step, When, events_on_page};
-use isotherm_simulator::{ChamberProtocol, InjectedFault};
+use isotherm_station::{ChamberProtocol, InjectedFault};
+use isotherm_support::failure::Exit;
 
 const SIGINT: usize = 2;
 /// Number of attempts at the safe state of an instrument.

@@ -2,7 +2,7 @@
 
 use crate::course::{assert_complete, assert_done, at, events, faults_at, one_set_point, said};
 use isotherm_laboratory_bench::{Act, Campaign, Fault, Step, When, events_on_page};
-use isotherm_simulator::InjectedFault;
+use isotherm_station::InjectedFault;
 
 #[test]
 fn an_instrument_that_disconnects_pauses_the_campaign_until_it_is_back() {
@@ -63,7 +63,7 @@ fn a_stream_that_stops_pauses_the_campaign_until_samples_come_again() {
 /// A mode that somebody sets at the controller is no reason to command the chamber again.
 #[test]
 fn a_chamber_that_somebody_sets_to_manual_ends_the_campaign() {
-    use isotherm_simulator::ChamberProtocol::WatlowF4t;
+    use isotherm_station::ChamberProtocol::WatlowF4t;
     let campaign = Campaign::new(&isotherm_laboratory_bench::Setup { chamber: WatlowF4t, ..one_set_point() });
     // 54 into register 2730.
     let manual = vec![1, 6, 0x0a, 0xaa, 0, 54, 0x2a, 0x24];

@@ -3,8 +3,8 @@
 use crate::course::{assert_complete, assert_done, assert_in_standby, at, events, kill_at, one_set_point};
 use isotherm_automation::finish::Finish;
 use isotherm_automation::journal::Journal;
-use isotherm_calibration::{AlignmentChoice, LagChoice};
 use isotherm_client::{Options, domain};
+use isotherm_fit::{AlignmentChoice, LagChoice};
 use isotherm_laboratory_bench::{Act, Campaign, FaultPlan, Step, When, events_on_page};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_simulation::worst_errors;

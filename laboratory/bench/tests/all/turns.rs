@@ -4,11 +4,11 @@ use crate::course::{
     POSITIONS, assert_complete, assert_done, assert_in_standby, at, events, faults_at, kill_at, one_set_point, said,
 };
 use crate::restarts::fitted;
-use isotherm_calibration::AlignmentChoice;
-use isotherm_failure::Exit;
+use isotherm_fit::AlignmentChoice;
 use isotherm_laboratory_bench::{Act, Campaign, Fault, GYROSCOPES, Setup, Step, When};
 use isotherm_simulation::{worst_errors, worst_gyroscope_errors};
-use isotherm_simulator::{InjectedFault, TurntableProtocol};
+use isotherm_station::{InjectedFault, TurntableProtocol};
+use isotherm_support::failure::Exit;
 
 /// Turns of a set point.
 const TURNS: usize = 6;

@@ -1,7 +1,7 @@
 //! The stamps that were bad: how many of each kind, where the first is, and what was done with them.
 
 use super::rhythm::HANDFUL;
-use isotherm_finding::{Finding, name};
+use isotherm_support::finding::{Finding, name};
 use std::fmt;
 
 /// What is wrong with a stamp.

@@ -2,8 +2,8 @@
 
 use super::mapping::Mapping;
 use super::settings::{GyroscopeTemperature, Settings, TimeSource};
-use isotherm_failure::Failure;
 use isotherm_files::{Trust, read_text};
+use isotherm_support::failure::Failure;
 use std::path::{Path, PathBuf};
 
 /// What is known of foreign data: what `isotherm convert` is told of them.

@@ -18,10 +18,10 @@ use super::scale::Units;
 use super::source::{Reading, Source};
 use super::stream::{Stream, located};
 use core::f64::consts::TAU;
-use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
+use isotherm_support::finding::{Finding, name};
 use std::collections::VecDeque;
 
 /// Rows before and behind a row that the mean is taken of.

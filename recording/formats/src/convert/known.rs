@@ -5,8 +5,8 @@ use super::novatel::{self, NovatelSource};
 use super::ros::RosSource;
 use super::settings::{GyroscopeTemperature, Settings, TimeSource};
 use super::source::Source;
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_recording::columns::MCAP_MAGIC;
+use isotherm_support::failure::{Exit, Failure, shown};
 use std::io::Read;
 use std::path::Path;
 

@@ -2,10 +2,10 @@
 
 use super::calendar;
 use super::opening::{Opening, rows_of};
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::open_recording;
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{Separator, looks_like_number};
+use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::Path;
 
 /// Rows that are looked at.

@@ -60,15 +60,15 @@ pub use unit::Linear;
 pub use vehicle::VehicleState;
 
 use interval::{GAP, Steps};
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{LoadError, Trust, open_recording, read_text};
-use isotherm_finding::{Finding, name};
 use isotherm_recording::columns::Layout;
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::document::Faults;
-use isotherm_shared::stream::ImuId;
+use isotherm_shared::names::ImuId;
 use isotherm_shared::table::Nominal;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, Triad};
+use isotherm_support::failure::{Exit, Failure, shown};
+use isotherm_support::finding::{Finding, name};
 use joined::JoinedSource;
 use known::Known;
 use scale::{Telemetry, Units};

@@ -14,9 +14,9 @@
 use super::scale::Units;
 use super::source::{PLACEHOLDER, Reading, Source, placeholder};
 use super::text::{BadRows, Fault};
-use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
 use isotherm_shared::wire::AXES;
+use isotherm_support::finding::{Finding, name};
 use std::io::{BufRead as _, BufReader, Read};
 
 /// The logs, and whether their bodies begin with info and type of the IMU.

@@ -1,7 +1,7 @@
 //! What the pulses of readings stand for: enough for a nominal table.
 
+use isotherm_shared::names::ImuId;
 use isotherm_shared::readings::Resolution;
-use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::Nominal;
 use isotherm_shared::wire::RawSample;
 

@@ -3,9 +3,9 @@
 use super::rollover::Counter;
 use super::scale::Units;
 use super::vehicle::VehicleState;
-use isotherm_finding::{Finding, name};
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::wire::AXES;
+use isotherm_support::finding::{Finding, name};
 
 /// Telemetry of data that have none, unless it is given. A placeholder.
 pub const PLACEHOLDER: f64 = 25.0;

@@ -7,8 +7,8 @@ use super::mender::{Mender, WINDOW};
 use super::rhythm::{Twice, arrivals, rhythm, twice};
 use super::settings::TimeSource;
 use super::source::{Reading, Source};
-use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
+use isotherm_support::finding::{Finding, name};
 use std::collections::VecDeque;
 
 /// Rows by which the stamps are judged.

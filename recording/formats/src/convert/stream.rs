@@ -3,9 +3,9 @@
 use super::settings::TimeSource;
 use super::source::{Reading, Source};
 use super::stamped::Stamped;
-use isotherm_failure::Failure;
 use isotherm_recording::RecordingError;
 use isotherm_shared::wire::AXES;
+use isotherm_support::failure::Failure;
 use std::path::{Path, PathBuf};
 
 /// The readings of three sensors, or of six of which three are wanted.

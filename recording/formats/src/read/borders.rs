@@ -1,10 +1,10 @@
 //! Where one piece of a recording ends and the next one begins.
 
 use super::piece::WaitingPiece;
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_recording::{MOST_PERIODS, goes_on};
 use isotherm_shared::sequence::Period;
 use isotherm_shared::wire::RawSample;
+use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::{Path, PathBuf};
 
 /// The borders so far, and what is known for the next one.

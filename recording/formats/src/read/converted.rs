@@ -2,11 +2,11 @@
 
 use super::piece::Piece;
 use crate::convert::{Conversion, Scale};
-use isotherm_failure::{Exit, Failure, shown};
-use isotherm_finding::{Finding, Location, name};
 use isotherm_recording::LogImu;
-use isotherm_shared::stream::ImuId;
+use isotherm_shared::names::ImuId;
 use isotherm_shared::table::Nominal;
+use isotherm_support::failure::{Exit, Failure, shown};
+use isotherm_support::finding::{Finding, Location, name};
 use std::path::{Path, PathBuf};
 
 /// Most pieces that a line names.

@@ -1,6 +1,6 @@
 //! The files of a folder that is a bag of ROS 2.
 
-use isotherm_failure::{Exit, Failure, shown};
+use isotherm_support::failure::{Exit, Failure, shown};
 use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -8,7 +8,7 @@ use super::table::{ImuChoice, TableReader, WantedColumn};
 use crate::protobuf;
 use crate::steps;
 use isotherm_recording::RecordingError;
-use isotherm_shared::stream::ImuId;
+use isotherm_shared::names::ImuId;
 use mcap::records::{Channel, Record};
 use std::collections::{BTreeMap, HashMap};
 use std::io::Read;

@@ -1,9 +1,9 @@
 //! Opens the file of a recording: its format by the first bytes, and the hash of all of them.
 
 use indicatif::ProgressBar;
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::open_recording;
 use isotherm_recording::columns::{MCAP_MAGIC, PARQUET_MAGIC};
+use isotherm_support::failure::{Exit, Failure, shown};
 use sha2::{Digest as _, Sha256};
 use std::cell::RefCell;
 use std::fs::File;

@@ -1,8 +1,8 @@
 //! The order of the pieces of a recording.
 
 use super::table::WantedColumn;
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_recording::columns::{ColumnSet, RAW, RECORDED_NS, SEQUENCE, SESSION, TIMESTAMP_NS};
+use isotherm_support::failure::{Exit, Failure, shown};
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::{fs, io};

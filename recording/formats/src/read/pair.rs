@@ -3,8 +3,8 @@
 use super::input::Input;
 use super::piece::{Piece, RowKind};
 use indicatif::ProgressBar;
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_recording::SequenceRule;
+use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::{Path, PathBuf};
 
 /// In names of files of accelerometers.

@@ -2,9 +2,9 @@
 
 use crate::convert::{Conversion, time_ns};
 use core::fmt;
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_recording::{CampaignRow, RecordingError};
 use isotherm_shared::wire::RawSample;
+use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::Path;
 use std::str::FromStr;
 

@@ -8,10 +8,10 @@ use super::recognise::{first_line, is_recording};
 use super::table::{TableReader, sample_columns};
 use crate::convert::{Conversion, Foreign, is_bag};
 use indicatif::ProgressBar;
-use isotherm_failure::Failure;
 use isotherm_recording::columns::{GYROSCOPES, LAG_NS, RAW, store};
 use isotherm_recording::{CampaignCsvReader, CampaignRow, POSITION, RecordingError, SET_POINT, SequenceRule};
 use isotherm_shared::wire::{RawSample, Triad};
+use isotherm_support::failure::Failure;
 use std::io::{BufReader, Cursor, Read};
 use std::path::{Path, PathBuf};
 

@@ -5,9 +5,9 @@ use super::order::{FirstRow, Order, in_order};
 use super::piece::{Piece, RowKind, WaitingPiece};
 use super::{folder, pair};
 use indicatif::ProgressBar;
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_recording::SequenceRule;
 use isotherm_shared::wire::RawSample;
+use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::{Path, PathBuf};
 
 /// The pieces of one recording or of several, in order. A piece goes on with the recording of the piece before where

@@ -1,6 +1,6 @@
 //! Converts the row count over all pieces of a recording back to file and line.
 
-use isotherm_failure::shown;
+use isotherm_support::failure::shown;
 use std::path::{Path, PathBuf};
 
 /// The pieces of a recording as far as they have been opened, in order.

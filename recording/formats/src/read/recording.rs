@@ -11,13 +11,13 @@ use super::pieces::Pieces;
 use super::places::Places;
 use crate::convert::{Conversion, Foreign, Scale, VehicleState};
 use indicatif::ProgressBar;
-use isotherm_failure::{Exit, Failure, shown, tell};
-use isotherm_finding::{Finding, Location, name};
 use isotherm_recording::{CampaignRow, Layout, LogImu, RecordingError, SequenceRule};
 use isotherm_shared::lag::LagCompletion;
-use isotherm_shared::stream::ImuId;
+use isotherm_shared::names::ImuId;
 use isotherm_shared::table::Nominal;
 use isotherm_shared::wire::RawSample;
+use isotherm_support::failure::{Exit, Failure, shown, tell};
+use isotherm_support::finding::{Finding, Location, name};
 use sha2::Digest as _;
 use std::path::{Path, PathBuf};
 

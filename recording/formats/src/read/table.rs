@@ -3,7 +3,7 @@
 use isotherm_recording::RecordingError;
 use isotherm_recording::columns::{CAMPAIGN, Column, ColumnKind, ColumnSet, INCOMPLETE_HINT, RAW, incomplete};
 use isotherm_recording::csv::missing_columns;
-use isotherm_shared::stream::ImuId;
+use isotherm_shared::names::ImuId;
 
 /// The IMU whose rows are read, if a recording has several.
 #[derive(Clone, Debug)]

@@ -4,10 +4,10 @@
 use super::{ImuChoice, Samples};
 use crate::write::{Files, Format, Rotation};
 use indicatif::ProgressBar;
-use isotherm_failure::{Exit, Failure, printable};
 use isotherm_recording::rows::RecordedRow;
-use isotherm_shared::stream::{ImuId, StreamKind};
+use isotherm_shared::names::{ImuId, StreamKind};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, StreamSample, Triad};
+use isotherm_support::failure::{Exit, Failure, printable};
 use std::fs;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;

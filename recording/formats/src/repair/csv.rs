@@ -8,7 +8,7 @@ use super::report::{RecordingFormat, RepairError, RepairReport, RowTime};
 use isotherm_recording::columns::{Column, ColumnKind, INCREMENT, RAW, SEQUENCE, SESSION, TIMESTAMP_NS, columns};
 use isotherm_recording::csv::{CsvColumn, Rows};
 use isotherm_recording::{CHECK, RecordingError, layouts, stream_of, with_field};
-use isotherm_shared::stream::StreamKind;
+use isotherm_shared::names::StreamKind;
 use isotherm_shared::wire::Flags;
 use std::fs::File;
 use std::io::{BufWriter, Write};

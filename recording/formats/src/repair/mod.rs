@@ -29,9 +29,9 @@ mod report;
 pub use report::{Hole, Loss, RecordingFormat, RepairReport, RowTime, StreamRows};
 
 use crate::seal::MAGIC;
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_files::{Output, check_written, refuse_overlap};
 use isotherm_recording::columns::MCAP_MAGIC;
+use isotherm_support::failure::{Exit, Failure, shown};
 use report::RepairError;
 use std::fs::{self, File};
 use std::io::{self, Read as _, Write};

@@ -15,7 +15,7 @@ use crate::seal::{
 use crate::write::parquet::encode::{Checks, FileEncoder, IMU, SINGLE, metadata, moved};
 use isotherm_recording::columns::{RAW, SEQUENCE, SESSION, TIMESTAMP_NS, columns};
 use isotherm_recording::{layouts, stream_of};
-use isotherm_shared::stream::{ImuId, StreamKind};
+use isotherm_shared::names::{ImuId, StreamKind};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl, get_column_reader};
 use parquet::data_type::DataType;
 use parquet::errors::ParquetError;

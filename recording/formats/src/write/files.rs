@@ -5,7 +5,7 @@ use super::pieces;
 use super::ros::RosTable;
 use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::RecordedRow;
-use isotherm_shared::stream::{ImuId, StreamKind};
+use isotherm_shared::names::{ImuId, StreamKind};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use std::{fs, io};

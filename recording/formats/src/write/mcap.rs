@@ -5,7 +5,7 @@ use super::growing::GrowingFile;
 use crate::protobuf;
 use isotherm_recording::columns::{Layout, columns};
 use isotherm_recording::rows::RecordedRow;
-use isotherm_shared::stream::{ImuId, StreamKind};
+use isotherm_shared::names::{ImuId, StreamKind};
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 use mcap::{McapError, WriteOptions};

@@ -4,10 +4,10 @@ use super::growing::GrowingFile;
 use super::mcap::McapFile;
 use super::parquet::ParquetFile;
 use super::ros::{RosFile, RosTable};
-use isotherm_failure::{Exit, Failure, shown};
 use isotherm_recording::columns::{Layout, columns};
 use isotherm_recording::rows::{self, RecordedRow};
-use isotherm_shared::stream::{ImuId, StreamKind};
+use isotherm_shared::names::{ImuId, StreamKind};
+use isotherm_support::failure::{Exit, Failure, shown};
 use std::io;
 use std::path::{Path, PathBuf};
 

@@ -2,9 +2,9 @@
 
 use super::files::{Files, MoreColumns};
 use super::open::FileError;
-use isotherm_failure::{shown, tell};
 use isotherm_recording::rows::RecordedRow;
-use isotherm_shared::stream::{ImuId, StreamKind};
+use isotherm_shared::names::{ImuId, StreamKind};
+use isotherm_support::failure::{shown, tell};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 

@@ -96,7 +96,7 @@ mod tests {
     use super::*;
     use crate::write::{Files, Format, Rotation};
     use isotherm_recording::rows::RecordedRow;
-    use isotherm_shared::stream::StreamKind;
+    use isotherm_shared::names::StreamKind;
     use isotherm_shared::wire::{RawSample, StreamSample};
 
     #[test]

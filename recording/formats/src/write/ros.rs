@@ -10,7 +10,7 @@ use super::mcap::{Memory, io_error, options};
 use crate::ros::{IMU, IMU_DEFINITION, Imu, TEMPERATURE, TEMPERATURE_DEFINITION, Temperature};
 use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::RecordedRow;
-use isotherm_shared::stream::ImuId;
+use isotherm_shared::names::ImuId;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::units::CELSIUS;
 use isotherm_shared::wire::{AXES, CompensatedIncrement, RawSample, StreamSample};

@@ -41,7 +41,7 @@ fn parts(path: &Path, kind: RowKind) -> Option<Vec<Continuity>> {
 fn shipped_recordings_have_no_fault_of_time() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let mut all = Vec::new();
-    for folder in ["tests/data", "examples", "calibration/tests/data", "recording/formats/tests/data"] {
+    for folder in ["tests/data", "examples", "calibration/fit/tests/data", "recording/formats/tests/data"] {
         files(&root.join(folder), &mut all);
     }
     let (mut recordings, mut campaigns, mut jumps) = (0, 0, 0);

@@ -2,9 +2,9 @@
 //!
 //! Over 400 lines: all kinds of texts and mappings are tested alike, by the same few functions.
 
-use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::convert::{Conversion, Settings};
 use isotherm_shared::wire::RawSample;
+use isotherm_support::failure::{Exit, Failure};
 use std::fs;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};

@@ -1,8 +1,8 @@
 //! Logs that are cut, or have wrong bytes: rows before and behind are kept, and what is lost is told with its place.
 
 use crate::logs::{Dataflash, ImuRow, Ulog, convert, converted, refused};
-use isotherm_failure::Exit;
 use isotherm_recording_formats::convert::Settings;
+use isotherm_support::failure::Exit;
 
 fn ulog(rows: u64) -> Ulog {
     let mut log = Ulog::new();

@@ -2,9 +2,9 @@
 //! does: temperature, offset, scale, then the orientation as turns about fixed axes.
 
 use crate::logs::{Dataflash, ImuRow, converted, refused};
-use isotherm_failure::Exit;
 use isotherm_recording_formats::convert::Settings;
 use isotherm_shared::wire::{RawSample, Triad};
+use isotherm_support::failure::Exit;
 
 /// What the sensors read in each row, and the temperature.
 fn truth(row: u64) -> ([f64; 3], [f64; 3], f64) {

@@ -1,14 +1,14 @@
 //! `sensor_msgs/msg/Imu` in MCAP: bags as other programs write them, and the way back from increments.
 
-use isotherm_failure::{Exit, Failure};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::convert::{Conversion, Settings};
 use isotherm_recording_formats::ros::{Imu, Temperature};
 use isotherm_recording_formats::write::{Files, Format, RosTable, RosWriter, Rotation};
 use isotherm_shared::compensate::answer;
-use isotherm_shared::stream::StreamKind;
+use isotherm_shared::names::StreamKind;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, StreamSample, Triad};
+use isotherm_support::failure::{Exit, Failure};
 use mcap::records::{MessageHeader, Record};
 use std::collections::BTreeMap;
 use std::fs;

@@ -1,8 +1,8 @@
 //! Rows of texts as programs write them: what stands around the rows, and rows that are spoilt.
 
-use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::convert::{Conversion, Settings};
 use isotherm_shared::wire::RawSample;
+use isotherm_support::failure::{Exit, Failure};
 use std::fmt::Write as _;
 use std::io::Cursor;
 use std::path::Path;

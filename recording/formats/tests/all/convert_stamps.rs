@@ -2,11 +2,11 @@
 
 use crate::convert_ros::{BEGIN, Bag, STEP, imu};
 use indicatif::ProgressBar;
-use isotherm_failure::Exit;
 use isotherm_recording_formats::convert::{Conversion, Foreign, Settings, TimeSource};
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_recording_formats::ros::Imu;
 use isotherm_shared::wire::RawSample;
+use isotherm_support::failure::Exit;
 use std::fmt::Write as _;
 use std::io::Cursor;
 use std::path::Path;

@@ -1,8 +1,8 @@
 //! The times of foreign data: jitter, bursts, rollovers, calendars, and what is no text.
 
-use isotherm_failure::Exit;
 use isotherm_recording_formats::convert::{Conversion, Settings};
 use isotherm_shared::wire::RawSample;
+use isotherm_support::failure::Exit;
 use std::io::Cursor;
 use std::path::Path;
 

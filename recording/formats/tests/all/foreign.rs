@@ -2,12 +2,12 @@
 
 use crate::convert_ros::{BEGIN, Bag, STEP, imu};
 use indicatif::ProgressBar;
-use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::convert::{Conversion, Foreign, Settings};
 use isotherm_recording_formats::read::{ImuChoice, Recording, RowKind, Samples};
-use isotherm_shared::stream::ImuId;
+use isotherm_shared::names::ImuId;
 use isotherm_shared::table::Nominal;
 use isotherm_shared::wire::RawSample;
+use isotherm_support::failure::{Exit, Failure};
 use sha2::{Digest as _, Sha256};
 use std::fs;
 use std::path::{Path, PathBuf};

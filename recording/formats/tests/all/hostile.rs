@@ -10,7 +10,7 @@ use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_recording_formats::repair::repair;
 use isotherm_recording_formats::steps;
 use isotherm_recording_formats::write::{Files, Format, Rotation};
-use isotherm_shared::stream::StreamKind;
+use isotherm_shared::names::StreamKind;
 use isotherm_shared::wire::{RawSample, StreamSample};
 use mcap::records::{MessageHeader, op};
 use parquet::data_type::Int64Type;

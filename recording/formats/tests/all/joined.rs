@@ -3,12 +3,12 @@
 use crate::convert_ros::{BEGIN, Bag, imu};
 use crate::foreign::{Files, foreign};
 use indicatif::ProgressBar;
-use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::convert::{Conversion, Settings};
 use isotherm_recording_formats::read::{ImuChoice, Recording, RowKind};
 use isotherm_recording_formats::ros::Imu;
-use isotherm_shared::stream::ImuId;
+use isotherm_shared::names::ImuId;
 use isotherm_shared::wire::{RawSample, Triad};
+use isotherm_support::failure::{Exit, Failure};
 use std::path::{Path, PathBuf};
 
 const ACCEL: &str = "/camera/accel/sample";

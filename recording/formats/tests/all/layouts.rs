@@ -9,7 +9,7 @@ use isotherm_recording_formats::read::{ImuChoice, Part, Samples, read_numbers};
 use isotherm_recording_formats::write::{Files, Format, Rotation};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::lag::Lag;
-use isotherm_shared::stream::{ImuId, StreamKind};
+use isotherm_shared::names::{ImuId, StreamKind};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, StreamSample, Triad};
 use parquet::file::reader::{FileReader as _, SerializedFileReader};

@@ -1,8 +1,8 @@
 //! Writers of ULog and DataFlash, as far as tests need them.
 
-use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::convert::{Conversion, Settings, VehicleState};
 use isotherm_shared::wire::RawSample;
+use isotherm_support::failure::{Exit, Failure};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::fs;

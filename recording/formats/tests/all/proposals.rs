@@ -1,9 +1,9 @@
 //! The mapping that is proposed for a text is accepted as it is and gives the right readings, or leaves open by name
 //! what the text does not say. What the header says of units is used.
 
-use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::convert::{Conversion, Scale, Settings};
 use isotherm_shared::wire::RawSample;
+use isotherm_support::failure::{Exit, Failure};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use std::io::Cursor;

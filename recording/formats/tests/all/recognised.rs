@@ -2,10 +2,10 @@
 
 use crate::convert_ros::{Bag, imu};
 use crate::foreign::Files;
-use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::convert::{Conversion, Scale, Settings};
 use isotherm_recording_formats::ros::Imu;
 use isotherm_shared::wire::RawSample;
+use isotherm_support::failure::{Exit, Failure};
 use std::fmt::Write as _;
 use std::io::Cursor;
 use std::path::Path;

@@ -3,11 +3,11 @@
 use crate::convert_ros::{BEGIN, Bag, STEP, imu};
 use crate::foreign::{Files, foreign};
 use indicatif::ProgressBar;
-use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::convert::{Foreign, Settings};
 use isotherm_recording_formats::read::{ImuChoice, Input, Pieces, Recording, RowKind};
 use isotherm_recording_formats::ros::Imu;
 use isotherm_shared::wire::RawSample;
+use isotherm_support::failure::{Exit, Failure};
 use std::fs;
 use std::path::{Path, PathBuf};
 

@@ -4,7 +4,7 @@
 use isotherm_automation::journal::{Entry, Journal, Kept};
 use isotherm_automation::plan::Plan;
 use isotherm_automation::timeline::units;
-use isotherm_calibration::sha256;
+use isotherm_fit::sha256;
 use isotherm_simulation::worst_errors;
 use isotherm_tests::laboratory::{TestLaboratory, stdout_of_success};
 use isotherm_tests::{TestDomain, table, text};

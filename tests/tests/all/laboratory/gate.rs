@@ -4,7 +4,7 @@
 use isotherm_automation::journal::{Entry, Journal, Kept};
 use isotherm_automation::plan::Plan;
 use isotherm_automation::timeline::units;
-use isotherm_calibration::sha256;
+use isotherm_fit::sha256;
 use isotherm_tests::{Process, TestDomain, table, text, wait_until};
 use serde_json::Value;
 use std::fs;

@@ -14,10 +14,10 @@ use super::reports::{Aspect, Report, Reports};
 use super::survey::Survey;
 use super::timeline::{Kept, Sieve, Timing};
 use super::undo::{Corrections, concerns, devices};
-use isotherm_failure::{Exit, Failure, shown};
-use isotherm_finding::{Finding, name};
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::wire::AXES;
+use isotherm_support::failure::{Exit, Failure, shown};
+use isotherm_support::finding::{Finding, name};
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 

@@ -1,6 +1,6 @@
 //! Rows of a log that are left out, by what is wrong with them.
 
-use isotherm_finding::{Finding, name};
+use isotherm_support::finding::{Finding, name};
 use std::collections::BTreeMap;
 
 /// More than one of so many rows of another device is a fault; fewer are damage.

@@ -17,10 +17,10 @@ use super::survey::{NoThermometer, Survey};
 use super::timeline::{Sieve, Timing};
 use super::ulog::{Messages, Topic, error};
 use super::ulog_format::SensorRow;
-use isotherm_failure::Failure;
-use isotherm_finding::{Finding, name};
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::wire::AXES;
+use isotherm_support::failure::Failure;
+use isotherm_support::finding::{Finding, name};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 

@@ -1,6 +1,6 @@
 //! Bytes of a log as they pass, with a look ahead, and what of them were no messages.
 
-use isotherm_finding::{Finding, name};
+use isotherm_support::finding::{Finding, name};
 use std::io::{self, Read};
 
 /// Bytes that are read at once.

@@ -5,10 +5,10 @@ use super::super::source::pulses;
 use super::bad_rows::{Fault, NoReading};
 use super::counting::Counting;
 use super::marks::{Marks, Number};
-use isotherm_finding::Finding;
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{CsvColumn, Rows};
 use isotherm_shared::wire::AXES;
+use isotherm_support::finding::Finding;
 use std::io::Read;
 
 /// One pulse of numbers that are not whole, unless it is given.

@@ -1,7 +1,7 @@
 //! Rows of a text that are cut or spoilt. A few are left out; more are a wrong mapping, or a text that is no table.
 
-use isotherm_finding::{Finding, name};
 use isotherm_recording::RecordingError;
+use isotherm_support::finding::{Finding, name};
 use std::collections::BTreeMap;
 
 /// One of so many rows may be left out, and one in a text with fewer.

@@ -4,8 +4,8 @@ use super::super::columns::{Kind, Sensors};
 use super::super::found::shown;
 use super::bad_rows::{Fault, NoReading};
 use super::marks::Number;
-use isotherm_finding::{Finding, name};
 use isotherm_recording::csv::{CsvColumn, Rows};
+use isotherm_support::finding::{Finding, name};
 use std::io::Read;
 
 /// A number of pulses that is farther from a whole one was not counted.

@@ -6,10 +6,10 @@ use super::axes::{Axes, Numbers};
 use super::bad_rows::NoReading;
 use super::marks::Number;
 use super::{TextSource, bad};
-use isotherm_failure::Failure;
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::CsvColumn;
 use isotherm_shared::wire::AXES;
+use isotherm_support::failure::Failure;
 use std::io::{Cursor, Read};
 use std::path::Path;
 

@@ -3,7 +3,7 @@
 use crate::seal::{FileParts, GroupChecks, KEY, MAGIC, checks_of, footer, footer_seal, group_seal};
 use isotherm_recording::columns::{Column, ColumnKind, Layout, columns};
 use isotherm_recording::rows::{RecordedRow, append_value};
-use isotherm_shared::stream::{ImuId, StreamKind};
+use isotherm_shared::names::{ImuId, StreamKind};
 use parquet::basic::{Compression, ConvertedType, Encoding, LogicalType, Repetition, Type as Physical, ZstdLevel};
 use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int32Type, Int64Type};
 use parquet::errors::ParquetError;

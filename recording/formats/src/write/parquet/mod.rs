@@ -14,7 +14,7 @@ use encode::{Checks, Encoder};
 use isotherm_files::{exchange, sync_folder};
 use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::RecordedRow;
-use isotherm_shared::stream::{ImuId, StreamKind};
+use isotherm_shared::names::{ImuId, StreamKind};
 use std::fs::{self, File};
 use std::io;
 use std::os::unix::fs::FileExt as _;

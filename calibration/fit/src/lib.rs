@@ -1,0 +1,87 @@
+//! From measurements of an IMU to a coefficient table: campaigns on a two-axis turntable in a temperature chamber,
+//! ramps of the temperature, and an IMU that is put down by hand.
+//!
+//! This crate opens no file and starts no thread. It reads the clock only for the time in a table's provenance.
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use isotherm_fit::{CalibrationOptions, calibrate, read_measurements};
+//! use isotherm_campaign::Campaign;
+//! use isotherm_recording::CampaignCsvReader;
+//!
+//! let campaign = Campaign::from_toml(include_str!("../../../examples/campaign/campaign.toml"))?;
+//! let samples: &[u8] = include_bytes!("../../../examples/campaign/samples.csv");
+//! let measurements = read_measurements(&campaign, CampaignCsvReader::new(samples)?)?;
+//! let calibration = calibrate(&campaign, measurements, CalibrationOptions::default())?;
+//! assert_eq!(calibration.table.content().imu.as_str(), "imu-paper");
+//! assert!((0..3).all(|axis| calibration.residual_sd(axis) < 10e-6)); // g0
+//! # Ok(())
+//! # }
+//! ```
+
+mod accelerometers;
+mod accuracy;
+mod admit;
+mod alignment;
+mod calibrate;
+mod checks;
+mod diagnosis;
+mod effects;
+mod error;
+mod fitted;
+mod gravity_only;
+mod gyroscopes;
+mod level;
+mod noise;
+mod one_attitude;
+mod one_stage;
+mod options;
+mod orders;
+mod provenance;
+mod quality;
+mod ramps;
+mod reduce;
+mod rest;
+mod result;
+mod screen;
+mod sensor;
+mod table;
+mod transients;
+mod triad;
+
+pub use accelerometers::{accelerometers_observable, calibrate_accelerometers};
+pub use accuracy::{Accuracy, largest_band, largest_interval};
+pub use alignment::{AlignmentChoice, is_needed};
+pub use calibrate::{calibrate, observable};
+
+pub use checks::{check, set_points};
+pub use error::CalibrationError;
+pub use fitted::{Fitted, Measured};
+pub use gravity_only::reading::Reading;
+pub use gravity_only::{
+    Evidence, GravityOnlyCalibration, GravityOnlyError, GravityOnlyOptions, Groups, ScaleFactorChoice, TumbleRecording,
+    calibrate_gravity_only, error_of_length, errors_of_means, telemetry_steps,
+};
+pub use gyroscopes::fit::GyroscopeSolution;
+pub use gyroscopes::observability::TriadObservability;
+pub use gyroscopes::runs::implausible;
+pub use gyroscopes::{FittedRun, GyroscopeCalibration, Measurements, Place, is_alignment_needed, read_measurements};
+pub use noise::noise_of_dwells;
+pub use one_attitude::{
+    BEHIND_S, BiasCurve, OnBoard, OnBoardCurve, OneAttitudeCalibration, OneAttitudeOptions, OrderChoice, Spread,
+    SweepPoint, SweepSpan, TriedOrder, calibrate_one_attitude,
+};
+pub use one_stage::{OneStageError, solve};
+pub use options::{CalibrationOptions, Method};
+pub use provenance::{CampaignSource, CurveErrors, Hashed, Origin, TableFile, now, sha256, tool};
+pub use ramps::{RampCalibration, calibrate_ramps};
+pub use reduce::reduce;
+pub use rest::{LeftOutCause, LeftOutPart, RowAccount};
+pub use result::Calibration;
+pub use screen::{BadKind, BadRow, BadRows};
+pub use sensor::{ReducedSensor, TriadUnits};
+pub use transients::{
+    BiasTransient, Condition, CurveSource, LagChoice, Prediction, RampRecording, TransientOptions, TransientVerdict,
+    Transients, TransientsError, fit,
+};
+pub use triad::CalibratedTriad;

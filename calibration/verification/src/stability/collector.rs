@@ -1,0 +1,513 @@
+//! Samples to windows, and windows to the stability of the output.
+//!
+//! Over 400 lines: one pass over the samples, from sums to figures.
+
+use super::error::OTHER_ATTITUDE;
+use crate::occupancy::Occupancy;
+use crate::stability::coverage::{Coverage, untouched};
+use crate::stability::error::{Force, StabilityError};
+use crate::stability::figures::{figures, median};
+use crate::stability::gyroscopes::{Conditions, GyroscopeStability};
+use crate::stability::loops::{Loops, SOAK, static_table};
+use crate::stability::result::Stability;
+use crate::stability::setup::Setup;
+use crate::stability::stillness::{ACCELEROMETERS, LeftOut, PARTS, mark};
+use crate::verdict::Verdict;
+use crate::window::{MIN_WINDOWS, Window};
+use isotherm_recording::{Continuity, MISSING, Marks, other_device};
+use isotherm_shared::compensate::answer;
+use isotherm_shared::polynomial::Polynomial;
+use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Content, Gyroscopes};
+use isotherm_shared::units::{ARCSEC, SensorKind};
+use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, RawSample, Triad};
+use isotherm_support::finding::Finding;
+use nalgebra::{Matrix3, Vector3};
+/// The flags that do not spoil a window.
+const HARMLESS: Flags = Flags(Flags::TELEMETRY_STALE.0 | Flags::OTHER_DEVICE.0);
+
+/// The flags that only a gyroscope can cause.
+const OF_GYROSCOPES: Flags = Flags(Flags((1 << 18) - 1).of_gyroscopes().0 | Flags::G_UNKNOWN.0);
+
+/// Sums over the samples of one window.
+#[derive(Clone, Copy, Debug, Default)]
+struct WindowSums {
+    begin_s: f64,
+    end_s: f64,
+    seconds: f64,
+    /// Time since the last complete part of the window \[s\].
+    part_seconds: f64,
+    /// Whether the lagged telemetry has not forgotten yet how it began.
+    unsettled: bool,
+    accelerometers: TriadSums,
+    gyroscopes: TriadSums,
+    /// Sums of the intervals and of the timestamps' steps, of samples with consecutive sequences \[s\].
+    steps: [f64; 2],
+}
+
+/// The part of one triad.
+#[derive(Clone, Copy, Debug, Default)]
+struct TriadSums {
+    positive: [f64; AXES],
+    negative: [f64; AXES],
+    head: [f64; AXES],
+    board: [f64; AXES],
+    /// Lowest and highest telemetry: head and board, by axis.
+    telemetry: Option<[[[f64; 2]; 2]; AXES]>,
+    /// What of the table's ranges the rows touch; as `telemetry`.
+    occupancy: Option<[[Occupancy; 2]; AXES]>,
+    /// Increments of the full model \[m/s or rad\].
+    increment: [f64; AXES],
+    /// Increments of the static model.
+    static_increment: [f64; AXES],
+    /// Increments of the full model since the last complete part.
+    part: [f64; AXES],
+    /// Lowest and highest mean of the complete parts.
+    parts: Option<[[f64; 2]; AXES]>,
+    flagged: bool,
+}
+
+impl TriadSums {
+    fn end_part(&mut self, seconds: f64) {
+        let means = core::mem::take(&mut self.part).map(|increment| increment / seconds);
+        let parts = self.parts.get_or_insert(means.map(|mean| [mean; 2]));
+        for ([low, high], mean) in parts.iter_mut().zip(means) {
+            (*low, *high) = (low.min(mean), high.max(mean));
+        }
+    }
+
+    /// Largest difference of the means of the parts, in the base unit; `unit` is its size in that of the increments per
+    /// second.
+    fn spread(&self, unit: f64) -> [f64; AXES] {
+        self.parts.unwrap_or_default().map(|[low, high]| (high - low) / unit)
+    }
+
+    fn add(
+        &mut self,
+        triad: &Triad,
+        seconds: f64,
+        increment: [f64; AXES],
+        static_increment: [f64; AXES],
+        flagged: bool,
+        ranges: &[[Occupancy; 2]; AXES],
+    ) {
+        for (axis, increment) in increment.into_iter().enumerate() {
+            self.positive[axis] += f64::from(triad.positive_pulses[axis]);
+            self.negative[axis] += f64::from(triad.negative_pulses[axis]);
+            self.head[axis] += triad.head_temperature[axis] * seconds;
+            self.board[axis] += triad.board_temperature[axis] * seconds;
+            self.increment[axis] += increment;
+            self.static_increment[axis] += static_increment[axis];
+            self.part[axis] += increment;
+        }
+        let rows = [0, 1, 2].map(|axis| [triad.head_temperature[axis], triad.board_temperature[axis]]);
+        let telemetry = self.telemetry.get_or_insert(rows.map(|row| row.map(|value| [value; 2])));
+        for ([low, high], value) in telemetry.as_flattened_mut().iter_mut().zip(rows.as_flattened()) {
+            (*low, *high) = (low.min(*value), high.max(*value));
+        }
+        let occupancy = self.occupancy.get_or_insert(*ranges).as_flattened_mut().iter_mut();
+        occupancy.zip(rows.as_flattened()).for_each(|(occupancy, value)| occupancy.touch(*value));
+        self.flagged |= flagged;
+    }
+}
+
+/// Sums samples into windows; memory does not grow with the sampling rate.
+#[derive(Clone, Debug)]
+pub struct Collector<'a> {
+    table: &'a CoefficientTable,
+    /// The table without its transients, if it has a lag.
+    static_table: Option<CoefficientTable>,
+    /// The ranges of the table, of which nothing is touched: of the accelerometers and of the gyroscopes.
+    ranges: [[[Occupancy; 2]; AXES]; 2],
+    window_s: f64,
+    /// Begin of the first sample; of a session whose clock begins anew as if it went on \[ns\].
+    begin_ns: Option<i128>,
+    open: WindowSums,
+    windows: Vec<WindowSums>,
+    telemetry: [[TelemetryStep; 2]; AXES],
+    left_out: u64,
+    other_device: u64,
+    /// Whether a sample has gyroscopes.
+    has_gyroscopes: bool,
+    /// Session, sequence and timestamp of the last sample.
+    last: Option<(u64, u64, u64)>,
+    /// Session of the last sample, and when its lagged telemetry has forgotten how it began \[ns\].
+    settled: Option<(u64, u64)>,
+    continuity: Continuity,
+    marks: Marks,
+}
+
+/// Finds the smallest step of one telemetry signal.
+#[derive(Clone, Copy, Debug)]
+struct TelemetryStep {
+    last: f64,
+    step: f64,
+}
+
+impl TelemetryStep {
+    fn add(&mut self, value: f64) {
+        if !value.is_finite() {
+            return;
+        }
+        let step = (value - self.last).abs();
+        // A smaller step is the rounding of decimals.
+        if step > 1e-9 * value.abs() {
+            self.step = self.step.min(step);
+        }
+        self.last = value;
+    }
+}
+
+/// Middle of the range of the windows' mean telemetry: head and board, by axis. Flagged windows are used only if all
+/// are flagged, because one invalid reading would shift the middle.
+fn middle(windows: &[WindowSums], triad: fn(&WindowSums) -> &TriadSums) -> [[f64; 2]; AXES] {
+    let good = windows.iter().any(|window| !triad(window).flagged);
+    let used = || windows.iter().filter(move |window| !(good && triad(window).flagged));
+    let of = |telemetry: &dyn Fn(&TriadSums) -> f64| {
+        let (low, high) = used()
+            .map(|window| telemetry(triad(window)) / window.seconds)
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), u| (low.min(u), high.max(u)));
+        0.5 * (low + high)
+    };
+    [0, 1, 2].map(|axis| [of(&|sums| sums.head[axis]), of(&|sums| sums.board[axis])])
+}
+
+impl<'a> Collector<'a> {
+    /// A collector for windows of `window_s` seconds.
+    #[must_use]
+    pub fn new(table: &'a CoefficientTable, window_s: f64) -> Self {
+        let telemetry = TelemetryStep { last: f64::NAN, step: f64::INFINITY };
+        let telemetry = [[telemetry; 2]; 3];
+        let Content { axes, gyroscopes, .. } = table.content();
+        let (accelerometers, gyroscopes) = (untouched(axes), gyroscopes.as_ref());
+        Self {
+            table,
+            static_table: static_table(table),
+            ranges: [accelerometers, gyroscopes.map_or(accelerometers, |it| untouched(&it.axes))],
+            window_s,
+            begin_ns: None,
+            open: WindowSums::default(),
+            windows: Vec::new(),
+            telemetry,
+            left_out: 0,
+            other_device: 0,
+            has_gyroscopes: false,
+            last: None,
+            settled: None,
+            continuity: Continuity::default(),
+            marks: Marks::default(),
+        }
+    }
+
+    /// Adds the next sample. A sample with an invalid interval has no velocity and is left out.
+    pub fn add(&mut self, raw: &RawSample) {
+        self.continuity.add(raw);
+        self.marks.add(raw);
+        let increment = answer(Some(self.table), raw);
+        let flags = Flags(increment.flags);
+        self.other_device += u64::from(flags.intersects(Flags::OTHER_DEVICE));
+        self.has_gyroscopes |= !raw.gyroscopes.is_absent();
+        let unsettled = self.is_unsettled(raw);
+        if flags.intersects(Flags::INTERVAL) {
+            self.left_out += 1;
+            return;
+        }
+        let seconds = raw.interval_ns as f64 / 1e9;
+        let end_s = self.end_s(raw);
+        let open = &mut self.open;
+        if open.seconds == 0.0 {
+            open.begin_s = end_s - seconds;
+        }
+        open.end_s = end_s;
+        open.seconds += seconds;
+        open.part_seconds += seconds;
+        open.unsettled |= unsettled;
+        let last = self.last.replace((raw.session, raw.sequence, raw.timestamp_ns));
+        if let Some((session, sequence, timestamp_ns)) = last
+            && (session, sequence.wrapping_add(1)) == (raw.session, raw.sequence)
+        {
+            open.steps[0] += seconds;
+            open.steps[1] += raw.timestamp_ns.saturating_sub(timestamp_ns) as f64 / 1e9;
+        }
+        let spoiled = |some: Flags| flags.0 & some.0 & !HARMLESS.0 != 0;
+        let of_static = self.static_table.as_ref().map_or(increment, |table| answer(Some(table), raw));
+        let CompensatedIncrement { velocity_increment, angle_increment, .. } = increment;
+        let (velocity, angle) = (of_static.velocity_increment, of_static.angle_increment);
+        let of_accelerometers = spoiled(Flags(!OF_GYROSCOPES.0));
+        open.accelerometers.add(
+            &raw.accelerometers,
+            seconds,
+            velocity_increment,
+            velocity,
+            of_accelerometers,
+            &self.ranges[0],
+        );
+        let of_gyroscopes = spoiled(OF_GYROSCOPES | Flags::LAG_UNKNOWN | Flags::INTERVAL_NOT_NOMINAL);
+        open.gyroscopes.add(&raw.gyroscopes, seconds, angle_increment, angle, of_gyroscopes, &self.ranges[1]);
+        if open.part_seconds + 0.5 * seconds >= self.window_s / PARTS {
+            let seconds = core::mem::take(&mut open.part_seconds);
+            open.accelerometers.end_part(seconds);
+            open.gyroscopes.end_part(seconds);
+        }
+        for axis in 0..AXES {
+            self.telemetry[axis][0].add(raw.accelerometers.head_temperature[axis]);
+            self.telemetry[axis][1].add(raw.accelerometers.board_temperature[axis]);
+        }
+        // The window ends with the sample that brings it nearest to its nominal length.
+        if open.seconds + 0.5 * seconds >= self.window_s {
+            self.windows.push(core::mem::take(open));
+        }
+    }
+
+    /// The end of a sample since the first one's begin \[s\]. A window ends with its session.
+    fn end_s(&mut self, raw: &RawSample) -> f64 {
+        let starts_ns = i128::from(raw.timestamp_ns.saturating_sub(raw.interval_ns));
+        let begin_ns = self.begin_ns.get_or_insert(starts_ns);
+        if let Some((session, _, last_ns)) = self.last
+            && session != raw.session
+        {
+            self.open = WindowSums::default();
+            *begin_ns -= (i128::from(last_ns) - starts_ns).max(0);
+        }
+        (i128::from(raw.timestamp_ns) - *begin_ns).max(0) as f64 / 1e9
+    }
+
+    /// Whether the lagged telemetry of a sample has not forgotten yet that it began soaked: equal to the telemetry, as
+    /// it does where the recording of an acquisition begins, and where it is computed from a recording that has none.
+    fn is_unsettled(&mut self, raw: &RawSample) -> bool {
+        let lag_ns = self.table.lag_ns();
+        if lag_ns == 0 {
+            return false;
+        }
+        if self.settled.is_none_or(|(session, _)| session != raw.session) {
+            let triads = [&raw.accelerometers, &raw.gyroscopes];
+            let pairs = triads.into_iter().flat_map(|it| it.head_temperature.into_iter().zip(it.head_lagged));
+            let soaked = raw.lag_ns != 0 && pairs.into_iter().all(|(head, lagged)| head == lagged || head.is_nan());
+            let soak_ns = if soaked { SOAK.saturating_mul(lag_ns) } else { 0 };
+            self.settled = Some((raw.session, raw.timestamp_ns.saturating_add(soak_ns)));
+        }
+        self.settled.is_some_and(|(_, settled_ns)| raw.timestamp_ns < settled_ns)
+    }
+
+    /// What is to be said of the times of the samples so far: see [`Continuity::findings`] and
+    /// [`Continuity::not_nominal`].
+    #[must_use]
+    pub fn of_time(&self) -> Vec<Finding> {
+        self.continuity.not_nominal(self.table).into_iter().chain(self.continuity.findings(MISSING)).collect()
+    }
+
+    /// What is missing in the samples so far.
+    #[must_use]
+    pub const fn continuity(&self) -> &Continuity {
+        &self.continuity
+    }
+
+    /// The marks of the samples so far.
+    #[must_use]
+    pub const fn marks(&self) -> &Marks {
+        &self.marks
+    }
+
+    /// Length of the output over gravity, of all samples, also of those in no complete window.
+    fn length_ratio(&self, setup: &Setup) -> f64 {
+        let all = || self.windows.iter().chain([&self.open]);
+        let seconds: f64 = all().map(|sums| sums.seconds).sum();
+        let square = |axis: usize| all().map(|sums| sums.accelerometers.increment[axis]).sum::<f64>().powi(2);
+        let gravity = setup.gravity.value().unwrap_or(self.table.content().gravity);
+        (square(0) + square(1) + square(2)).sqrt() / seconds / gravity
+    }
+
+    /// The stability over all complete windows.
+    ///
+    /// # Errors
+    /// If the samples are of another unit, if there are too few windows, too few at the attitude, or an axis whose
+    /// output is not a number.
+    pub fn finish(self, setup: &Setup) -> Result<Stability, StabilityError> {
+        let interval_ratio = self.checked(setup)?;
+        let content = self.table.content();
+        let middle = middle(&self.windows, |sums| &sums.accelerometers);
+        let mut windows = self.accelerometers(middle)?;
+        let known = setup.gravity.value().map(|gravity| gravity / content.gravity);
+        let gravity = |output: [f64; AXES]| known.unwrap_or_else(|| output.iter().map(|f| f * f).sum::<f64>().sqrt());
+        let force =
+            |output: [f64; AXES]| setup.attitude.map_or(output, |direction| direction.map(|f| f * gravity(output)));
+        let stated = setup.attitude.is_some();
+        let windows_left_out = self.mark(&mut windows, |output| stated.then(|| force(output)));
+        let counted: Vec<_> = windows.iter().filter(|window| window.counts).collect();
+        if counted.len() < MIN_WINDOWS {
+            let output = [0, 1, 2].map(|axis| median(&windows, axis));
+            let (counted, windows, force) = (counted.len(), windows.len(), Force(force(output)));
+            return Err(StabilityError::OffAttitude { counted, windows, force, output: Force(output), stated });
+        }
+        // The windows that do not count are those of another output.
+        let output = [0, 1, 2].map(|axis| isotherm_statistics::median(counted.iter().map(|window| window.after[axis])));
+        let (specific_force, gravity) = (force(output), gravity(output));
+        let axes = figures(&counted, specific_force);
+        let covered = Coverage::of(&windows, SensorKind::Accelerometer, &content.axes, &content.temperature_unit);
+        let unsettled: Vec<_> = self.windows.iter().map(|sums| sums.unsettled).collect();
+        let static_output = self.static_output(|sums| &sums.accelerometers, content.gravity);
+        let loops = Loops::of(&windows, static_output.as_deref(), &unsettled, specific_force, &content.axes);
+        let soak_s = SOAK as f64 * self.table.lag_ns() as f64 / 1e9;
+        Ok(Stability {
+            windows_left_out,
+            loops,
+            unsettled_s: unsettled.contains(&true).then_some(soak_s),
+            covered: covered.driven_by(specific_force),
+            accepts_holes: false,
+            interval_ratio: Some(interval_ratio).filter(|ratio| ratio.is_finite()),
+            verdict: Verdict::of(&windows, specific_force, stated, known),
+            gyroscopes: self.gyroscopes(setup, &windows),
+            windows,
+            specific_force,
+            stated,
+            axes,
+            gravity,
+            gravity_source: setup.gravity,
+            resolution: self.telemetry.map(|parts| parts.map(|t| Some(t.step).filter(|step| step.is_finite()))),
+            left_out: self.left_out,
+            middle,
+            other_device: (self.other_device > 0).then(|| other_device(self.table, self.other_device)),
+            losses: self.continuity.losses(),
+            time_fault: self.continuity.fault(),
+            made_the_table: false,
+            of_time: self.of_time(),
+        })
+    }
+
+    /// Refuses samples that cannot be judged. The ratio of the intervals to the time that passed.
+    fn checked(&self, setup: &Setup) -> Result<f64, StabilityError> {
+        if self.other_device > 0 && !setup.other_device {
+            let serial = self.table.content().serial.as_deref().unwrap_or_default().trim().to_owned();
+            return Err(StabilityError::OtherDevice { samples: self.other_device, serial });
+        }
+        // A window without consecutive sequences has 0/0, which the median leaves out.
+        let windows = self.windows.iter().chain([&self.open]);
+        let ratio = isotherm_statistics::median(windows.map(|sums| sums.steps[0] / sums.steps[1]));
+        if let Some(fault) = self.continuity.interval() {
+            return Err(StabilityError::Interval(fault));
+        }
+        if self.windows.len() < MIN_WINDOWS {
+            let (windows, window_s) = (self.windows.len(), self.window_s);
+            return Err(StabilityError::TooShort { windows, window_s, ratio: self.length_ratio(setup) });
+        }
+        Ok(ratio)
+    }
+
+    /// The windows of the accelerometers, with outputs that are numbers.
+    fn accelerometers(&self, middle: [[f64; 2]; AXES]) -> Result<Vec<Window>, StabilityError> {
+        let content = self.table.content();
+        let frozen = FrozenCoefficients::new(&content.axes, content.alignment, middle);
+        let window = |sums: &WindowSums| {
+            let before = frozen.output(&sums.accelerometers, sums.seconds, [0.0; AXES]);
+            sums.window(&sums.accelerometers, before, content.gravity)
+        };
+        let windows: Vec<_> = self.windows.iter().map(window).collect();
+        let no_number =
+            |axis: &usize| median(&windows, *axis).is_nan() || windows.iter().all(|w| w.after[*axis].is_nan());
+        match (0..AXES).find(no_number) {
+            Some(axis) => Err(StabilityError::NotANumber { axis: AXIS_NAMES[axis], index: axis + 1 }),
+            None => Ok(windows),
+        }
+    }
+
+    /// Marks the windows at the attitude. `stated` gives the specific force of a stated attitude from an output.
+    fn mark(&self, windows: &mut [Window], stated: impl Fn([f64; AXES]) -> Option<[f64; AXES]>) -> LeftOut {
+        let stated = stated([0, 1, 2].map(|axis| median(windows, axis)));
+        let gravity = self.table.content().gravity;
+        let spreads: Vec<_> = self.windows.iter().map(|sums| sums.accelerometers.spread(gravity)).collect();
+        mark(windows, &spreads, &ACCELEROMETERS, |middle| {
+            stated.is_none_or(|force| (0..AXES).all(|axis| (middle[axis] - force[axis]).abs() < OTHER_ATTITUDE))
+        })
+    }
+
+    /// The outputs of the static model in all windows, if the table has a lag; `unit` is the size of the base unit in
+    /// that of the increments per second.
+    fn static_output(&self, triad: fn(&WindowSums) -> &TriadSums, unit: f64) -> Option<Vec<[f64; AXES]>> {
+        self.static_table.as_ref()?;
+        let output = |sums: &WindowSums| triad(sums).static_increment.map(|sum| sum / sums.seconds / unit);
+        Some(self.windows.iter().map(output).collect())
+    }
+
+    /// The gyroscopes, or why they are not judged; `None` if there are none. `windows` are those of the accelerometers.
+    fn gyroscopes(&self, setup: &Setup, windows: &[Window]) -> Option<Result<GyroscopeStability, String>> {
+        let content = self.table.content();
+        let gyroscopes = match (&content.gyroscopes, self.has_gyroscopes) {
+            (Some(gyroscopes), true) => gyroscopes,
+            (Some(_), false) => return Some(Err("the table has gyroscopes, the recording has none".to_owned())),
+            (None, true) => return Some(Err("the recording has gyroscopes, the table has none".to_owned())),
+            (None, false) => return None,
+        };
+        let Gyroscopes { axes, g_sensitivity, alignment } = gyroscopes;
+        let middle = middle(&self.windows, |sums| &sums.gyroscopes);
+        let frozen = FrozenCoefficients::new(axes, *alignment, middle);
+        let pairs = self.windows.iter().zip(windows);
+        let windows = pairs.map(|(sums, of_accelerometers)| {
+            let force = of_accelerometers.before;
+            let by_force = g_sensitivity.map(|s| s.map_or(0.0, |s| (0..AXES).map(|axis| s[axis] * force[axis]).sum()));
+            let before = frozen.output(&sums.gyroscopes, sums.seconds, by_force);
+            let window = sums.window(&sums.gyroscopes, before, ARCSEC);
+            Window { counts: of_accelerometers.counts, still: of_accelerometers.still, ..window }
+        });
+        let conditions = Conditions {
+            earth_rate: setup.earth_rate,
+            has_turntable: self.table.turntable().is_some(),
+            axes,
+            unit: &content.temperature_unit,
+            aligned: alignment.is_some(),
+            middle,
+            spreads: self.windows.iter().map(|sums| sums.gyroscopes.spread(ARCSEC)).collect(),
+            static_output: self.static_output(|sums| &sums.gyroscopes, ARCSEC),
+            unsettled: self.windows.iter().map(|sums| sums.unsettled).collect(),
+        };
+        Some(GyroscopeStability::of(windows.collect(), &conditions))
+    }
+}
+
+/// Bias, K+ and K- of each sensor of a triad at mid temperature, in the triad's base unit; and the alignment.
+struct FrozenCoefficients {
+    values: [[f64; 3]; AXES],
+    alignment: Option<Matrix3<f64>>,
+}
+
+impl FrozenCoefficients {
+    fn new(axes: &[Axis; AXES], alignment: Option<Matrix3<f64>>, middle: [[f64; 2]; AXES]) -> Self {
+        let clamped = |polynomial: &Polynomial, telemetry: f64| polynomial.at(polynomial.clamp(telemetry));
+        let values = [0, 1, 2].map(|index| {
+            let (axis, [head, board]) = (&axes[index], middle[index]);
+            [
+                clamped(&axis.bias, head) * axis.bias_unit.factor(),
+                clamped(&axis.positive_scale_factor, board),
+                clamped(&axis.negative_scale_factor, board),
+            ]
+        });
+        Self { values, alignment }
+    }
+
+    /// Output over a window of `seconds`, less `also`, in the base unit.
+    fn output(&self, sums: &TriadSums, seconds: f64, also: [f64; AXES]) -> [f64; AXES] {
+        let output = [0, 1, 2].map(|axis| {
+            let [bias, k_plus, k_minus] = self.values[axis];
+            (sums.positive[axis] / k_plus + sums.negative[axis] / k_minus) / seconds - bias - also[axis]
+        });
+        self.alignment.map_or(output, |matrix| (matrix * Vector3::from(output)).into())
+    }
+}
+
+impl WindowSums {
+    /// The window of one triad; `unit` is the size of the base unit in that of the increments per second.
+    fn window(&self, triad: &TriadSums, before: [f64; AXES], unit: f64) -> Window {
+        let mean = |values: [f64; AXES]| values.map(|value| value / self.seconds);
+        Window {
+            time_s: 0.5 * (self.begin_s + self.end_s),
+            seconds: self.seconds,
+            before,
+            after: mean(triad.increment).map(|rate| rate / unit),
+            head: mean(triad.head),
+            board: mean(triad.board),
+            telemetry: triad.telemetry.unwrap_or([[[f64::NAN; 2]; 2]; AXES]),
+            occupancy: triad.occupancy.unwrap_or([[Occupancy::of([0.0; 2], []); 2]; AXES]),
+            flagged: triad.flagged,
+            counts: true,
+            still: true,
+        }
+    }
+}
