@@ -4,8 +4,8 @@
 //! Over 400 lines: the kernel in rational arithmetic, beside the tables and samples that it is compared on.
 
 use isotherm_shared::compensate::answer;
-use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::names::ImuId;
+use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable, Content, Gyroscopes, OutOfRange};
 use isotherm_shared::units::{ARCSEC, BiasUnit};
 use isotherm_shared::wire::{AXES, Flags, MAX_INTERVAL_NS, RawSample, Triad};

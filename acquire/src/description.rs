@@ -95,7 +95,7 @@ impl Description {
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// use isotherm_acquire::Description;
     ///
-    /// let text = include_str!("../../../examples/acquire/stim300.toml");
+    /// let text = include_str!("../../examples/acquire/stim300.toml");
     /// assert!(Description::from_toml(text)?.summary().contains("accelerometers and gyroscopes"));
     /// let faults = Description::from_toml(&text.replace("baud", "bauds")).err().ok_or("no such key")?;
     /// assert!(faults.to_string().contains("source.bauds: unknown key"));

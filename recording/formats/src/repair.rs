@@ -11,7 +11,7 @@
 //!
 //! let folder = tempfile::tempdir()?;
 //! let damaged = folder.path().join("damaged.csv");
-//! let text = include_str!("../../../../tests/data/run.csv").replacen("\n7,", "\n7\u{0},", 1);
+//! let text = include_str!("../../../tests/data/run.csv").replacen("\n7,", "\n7\u{0},", 1);
 //! std::fs::write(&damaged, text)?;
 //! let repaired = repair(&damaged, std::io::sink())?;
 //! assert_eq!((repaired.holes.len(), repaired.lost()), (1, Some(1)));
