@@ -133,7 +133,7 @@ impl TestLaboratory {
         }
         // The telemetry still drifts after such a short soak: without this key its drift is not checked.
         plan =
-            plan.lines().filter(|line| !line.starts_with("telemetry_per_h")).map(|line| format!("{line}\n")).collect();
+            plan.lines().filter(|line| !line.starts_with("temperature_per_h")).map(|line| format!("{line}\n")).collect();
         domain.write("station/plan.toml", &plan);
         Self { domain, service, station, _place: place }
     }
@@ -230,7 +230,7 @@ impl TestLaboratory {
         let safe = self.events("safe");
         let last = safe.last().unwrap();
         assert!(last["chamber"].as_str().unwrap().starts_with("chamber in standby"), "{last}");
-        assert!(last["table"].as_str().unwrap().starts_with("table stopped at"), "{last}");
+        assert!(last["table"].as_str().unwrap().starts_with("turntable stopped at"), "{last}");
     }
 
     /// Fits the complete campaign again, which must end with this exit code. Returns stderr.

@@ -68,7 +68,7 @@ impl Events {
             Entry::Dropped { reason } => (NoteKind::Bad, "dropped", reason.clone()),
             Entry::Paused { cause } => (NoteKind::Warning, "pause", format!("{place}: {cause}")),
             Entry::Resumed { after_s } => (NoteKind::Good, "resume", format!("{place}, after {}", duration(*after_s))),
-            Entry::Safe { reason, stopped, table, chamber, certain } => {
+            Entry::Safe { reason, stopped, turntable, chamber, certain } => {
                 self.running = false;
                 let (kind, name) = match stopped {
                     _ if self.kept == units(plan) => (NoteKind::Good, "end"),
@@ -76,7 +76,7 @@ impl Events {
                     Some(false) => (NoteKind::Bad, "alarm or fault"),
                     None => (NoteKind::Warning, "safe state"),
                 };
-                (if *certain { kind } else { NoteKind::Bad }, name, format!("{reason}; {table}; {chamber}"))
+                (if *certain { kind } else { NoteKind::Bad }, name, format!("{reason}; {turntable}; {chamber}"))
             }
             Entry::Calibrated { digest, accuracy } if accuracy.is_empty() => (NoteKind::Good, "fit", digest.clone()),
             Entry::Calibrated { digest, accuracy } => (NoteKind::Good, "fit", format!("{digest}; {accuracy}")),
@@ -141,8 +141,8 @@ mod tests {
     }
 
     fn safe(reason: &str, stopped: Option<bool>, certain: bool) -> Entry {
-        let [table, chamber] = ["table stopped", "chamber in standby"].map(String::from);
-        Entry::Safe { reason: reason.to_owned(), stopped, table, chamber, certain }
+        let [turntable, chamber] = ["turntable stopped", "chamber in standby"].map(String::from);
+        Entry::Safe { reason: reason.to_owned(), stopped, turntable, chamber, certain }
     }
 
     #[test]
@@ -152,10 +152,10 @@ mod tests {
         let started = || Entry::Started { pid: 7, speed: 1.0, unit: 0 };
         let mut entries = vec![
             started(),
-            Entry::Connected { chamber: "c".to_owned(), table: "t".to_owned() },
+            Entry::Connected { chamber: "c".to_owned(), turntable: "t".to_owned() },
             Entry::Reached { set_point_c: -25.0 },
             kept(),
-            Entry::Paused { cause: "the table is\nnot connected".to_owned() },
+            Entry::Paused { cause: "the turntable is\nnot connected".to_owned() },
             Entry::Resumed { after_s: 120.0 },
             Entry::Discarded { reason: "a gap".to_owned() },
             safe("SIGTERM, as by campaign stop", Some(true), true),
@@ -197,7 +197,7 @@ mod tests {
             ]
         );
         let place = Unit::of(&plan, 1).unwrap().name(&plan);
-        assert_eq!(events[1].text, format!("{place}: the table is; not connected"));
+        assert_eq!(events[1].text, format!("{place}: the turntable is; not connected"));
         assert_eq!(events[2].text, format!("{place}, after 2 min"));
         assert_eq!(events[3].text, format!("{place}: a gap"));
         assert!(events[6].text.ends_with("; the runner before ended without the safe state"), "{}", events[6].text);

@@ -8,6 +8,7 @@ use super::stamp::Stamp;
 use isotherm_files::open_without_waiting;
 use isotherm_fit::{sha256, tool};
 use isotherm_instruments::{RealTime, Time};
+use isotherm_shared::document::current_key;
 use isotherm_shared::names::ImuId;
 use isotherm_support::failure::{Exit, Failure, shown};
 use serde::{Deserialize, Serialize};
@@ -65,7 +66,8 @@ pub enum Entry {
         /// Identity of the chamber.
         chamber: String,
         /// Identity of the turntable.
-        table: String,
+        #[serde(rename = "table")]
+        turntable: String,
     },
     /// The chamber is at a set point.
     Reached {
@@ -104,7 +106,8 @@ pub enum Entry {
         #[serde(default)]
         stopped: Option<bool>,
         /// The outcome for the turntable, as messages show it.
-        table: String,
+        #[serde(rename = "table")]
+        turntable: String,
         /// The outcome for the chamber, as messages show it.
         chamber: String,
         /// Whether both instruments have confirmed the safe state.
@@ -498,7 +501,7 @@ fn check_same_plan(path: &Path, lines: &[JournalLine], plan: &Plan, kept: &[Kept
     ))
 }
 
-/// The settings as this version writes them: one key for each verification run, and no comments. The runs of an older
+/// The settings as this version writes them: today's keys, one for each verification run, and no comments. The runs of an older
 /// version went one way; those that are taken stay as they are.
 fn of_this_version(settings: &[(String, String)]) -> Vec<(String, String)> {
     let mut found = Vec::new();
@@ -506,7 +509,7 @@ fn of_this_version(settings: &[(String, String)]) -> Vec<(String, String)> {
         let runs = Some(value).filter(|_| key == "verify").and_then(|value| value.split_once(" runs, "));
         match runs.and_then(|(runs, each)| Some((runs.parse::<usize>().ok()?, each))) {
             Some((runs, each)) => found.extend((1..=runs).map(|run| (format!("{RUN_KEY}{run}"), each.to_owned()))),
-            None => found.push((key.clone(), without_comment(value).to_owned())),
+            None => found.push((current_key(key), without_comment(value).to_owned())),
         }
     }
     for (_, value) in found.iter_mut().filter(|(key, value)| key.starts_with(RUN_KEY) && !value.contains(BACK)) {

@@ -111,7 +111,7 @@ impl Limits {
     /// The fault of measured rates \[deg/s\], as [`reading`](Self::reading).
     pub fn measured_rates(&self, rates: [f64; 2]) -> Option<String> {
         let fast = rates.iter().find(|rate| rate.is_nan() || rate.abs() > self.rate_deg_s + SERVO_MARGIN);
-        fast.map(|rate| format!("the table turns at {rate:.3} deg/s, over limits.rate_deg_s"))
+        fast.map(|rate| format!("the turntable turns at {rate:.3} deg/s, over limits.rate_deg_s"))
     }
 
     /// The fault of measured angles \[deg\], as [`reading`](Self::reading).

@@ -610,7 +610,7 @@ impl<'p> CampaignMachine<'p> {
         let hint = if wraps { "; a controller that counts angles modulo 360 degrees needs wrap = true" } else { "" };
         (!(near && still)).then(|| {
             format!(
-                "the table is {:.4} and {:.4} deg off {outer:?}/{inner:?}, at {:.4} and {:.4} deg/s{hint}",
+                "the turntable is {:.4} and {:.4} deg off {outer:?}/{inner:?}, at {:.4} and {:.4} deg/s{hint}",
                 off[0], off[1], rates_deg_s[0], rates_deg_s[1]
             )
         })
@@ -659,7 +659,8 @@ impl<'p> CampaignMachine<'p> {
         let farthest_deg = self.plan.turns.iter().map(|turn| turn.angle_deg().abs()).fold(360.0, f64::max);
         let longest = farthest_deg / motion.rate_deg_s + 2.0 * motion.rate_deg_s / motion.acceleration_deg_s2;
         if observation.now - begun > longest + motion.settle_s + self.plan.patience.settle_s.max(self.min_timeout_s) {
-            return self.retry_from(Phase::Travel { begun: None }, format!("the table does not settle: {deviation}"));
+            return self
+                .retry_from(Phase::Travel { begun: None }, format!("the turntable does not settle: {deviation}"));
         }
         Ok(Action::Wait)
     }

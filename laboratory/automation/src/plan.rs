@@ -104,15 +104,15 @@ impl Plan {
             ("dwell.row_s", dwell.row_s),
             ("chamber.ramp_c_per_min", self.ramp_c_per_s * 60.0),
             ("chamber.tolerance_c", soak.tolerance_c),
-            ("table.rate_deg_s", motion.rate_deg_s),
-            ("table.acceleration_deg_s2", motion.acceleration_deg_s2),
-            ("table.tolerance_deg", motion.tolerance_deg),
-            ("table.still_deg_s", motion.still_deg_s),
-            ("table.settle_s", motion.settle_s),
+            ("turntable.rate_deg_s", motion.rate_deg_s),
+            ("turntable.acceleration_deg_s2", motion.acceleration_deg_s2),
+            ("turntable.tolerance_deg", motion.tolerance_deg),
+            ("turntable.still_deg_s", motion.still_deg_s),
+            ("turntable.settle_s", motion.settle_s),
         ];
         let mut identity: Vec<_> = numbers.iter().map(|(key, value)| pair(key, format!("{value:?}"))).collect();
         identity.push(pair("set_points", format!("{:?}", self.set_points_c)));
-        identity.extend(soak.telemetry_per_h.map(|limit| pair("soak.telemetry_per_h", format!("{limit:?}"))));
+        identity.extend(soak.temperature_per_h.map(|limit| pair("soak.temperature_per_h", format!("{limit:?}"))));
         if let Some(verify) = &self.verify {
             let runs = (1..=verify.runs as usize).map(|run| (run, verify.attitude(run - 1)));
             identity

@@ -59,7 +59,8 @@ pub struct Snapshot {
     /// Chamber: rate of change of the air \[degC/h\]; null until its window is full.
     pub chamber_c_per_h: Option<f64>,
     /// IMU: rate of change of the fastest temperature \[unit/h\]; null until all windows are full.
-    pub telemetry_per_h: Option<f64>,
+    #[serde(rename = "telemetry_per_h")]
+    pub temperature_per_h: Option<f64>,
     /// Turntable: outer and inner angle \[deg\]; null before the first reading.
     pub angles_deg: Option<[f64; 2]>,
     /// Repeated requests to the chamber, and to the turntable.
@@ -106,14 +107,14 @@ impl Snapshot {
         // After the last unit no set point is aimed at.
         let target = self.target_c.map_or_else(String::new, |target| format!(" of {target:.1}"));
         let mut text = format!(
-            "chamber {}{target} degC, {} degC/h | IMU {} per h | table {} {} deg",
+            "chamber {}{target} degC, {} degC/h | IMU {} per h | turntable {} {} deg",
             number(self.air_c, 1),
             rate(self.chamber_c_per_h, 2),
-            rate(self.telemetry_per_h, 4),
+            rate(self.temperature_per_h, 4),
             number(self.angles_deg.map(|angles| angles[0]), 3),
             number(self.angles_deg.map(|angles| angles[1]), 3)
         );
-        for (count, name) in self.repeated.iter().zip(["chamber", "table"]).filter(|(count, _)| **count > 0) {
+        for (count, name) in self.repeated.iter().zip(["chamber", "turntable"]).filter(|(count, _)| **count > 0) {
             text += &format!(" | {count} requests to the {name} repeated");
         }
         if !self.dropped.is_empty() {

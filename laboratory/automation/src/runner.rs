@@ -216,8 +216,8 @@ impl<'p> Runner<'p> {
         }
         self.progress.finish();
         let certain = turntable.is_reached() && chamber.is_reached();
-        let (table, chamber) = (turntable.to_string(), chamber.to_string());
-        let safe = self.journal.write_synced(Entry::Safe { reason, stopped, table, chamber, certain });
+        let (turntable, chamber) = (turntable.to_string(), chamber.to_string());
+        let safe = self.journal.write_synced(Entry::Safe { reason, stopped, turntable, chamber, certain });
         let end = Snapshot { ended: Some(message.clone()), paused: None, safe: certain, ..self.snapshot() };
         self.progress.write(&end);
         self.write_page(&end);
@@ -452,9 +452,9 @@ impl<'p> Runner<'p> {
         let reached = self.reached;
         self.wait_until_well(MIN_TIMEOUT.as_secs_f64() * self.clock.speed + self.plan.patience.stream_s)?;
         let names = self.station.names();
-        self.progress.event(&format!("chamber: {}; table: {}", names[0], names[1]));
-        let [chamber, table] = names;
-        self.journal.write(Entry::Connected { chamber, table })?;
+        self.progress.event(&format!("chamber: {}; turntable: {}", names[0], names[1]));
+        let [chamber, turntable] = names;
+        self.journal.write(Entry::Connected { chamber, turntable })?;
         self.may_drop = true;
         let now = self.clock.now();
         if self.reached.is_some() || self.machine.completed() > 0 {
@@ -636,7 +636,7 @@ impl<'p> Runner<'p> {
             commanded_c: self.machine.commanded_c(),
             air_c: read_at(self.chamber.1).then_some(self.chamber.0.air_c),
             chamber_c_per_h: self.trends.chamber_c_per_h(),
-            telemetry_per_h: self.trends.telemetry_per_h().map(|(rate, _)| rate),
+            temperature_per_h: self.trends.temperature_per_h().map(|(rate, _)| rate),
             angles_deg: read_at(self.turntable.1).then_some(self.turntable.0.angles_deg),
             repeated: self.station.repeated(),
             collected_s: self.streams.collected_s(),

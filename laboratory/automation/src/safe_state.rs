@@ -55,7 +55,7 @@ pub(crate) fn enter(
     (chamber, chamber_connected): (&mut (dyn Chamber + 'static), bool),
 ) -> (SafeOutcome, SafeOutcome) {
     let failed = |which: &str| SafeOutcome::Unknown(format!("{which}: the program has failed"));
-    let mut outcomes = (failed("table NOT known to be stopped"), failed("chamber NOT known to be safe"));
+    let mut outcomes = (failed("turntable NOT known to be stopped"), failed("chamber NOT known to be safe"));
     time.both(&mut || outcomes.0 = stop_turntable(plan, time, turntable, turntable_connected), &mut || {
         outcomes.1 = make_chamber_safe(plan, time, chamber, chamber_connected);
     });
@@ -85,18 +85,18 @@ fn stop_turntable(
                 let reading = turntable.read()?;
                 if still(&reading) {
                     let [outer, inner] = reading.angles_deg;
-                    return Ok(SafeOutcome::Reached(format!("table stopped at {outer:.3}/{inner:.3} deg")));
+                    return Ok(SafeOutcome::Reached(format!("turntable stopped at {outer:.3}/{inner:.3} deg")));
                 }
                 if time.now().since(begun) > STOP_TIMEOUT {
                     let [outer, inner] = reading.rates_deg_s;
-                    let message = format!("table was told to stop, but turns at {outer:.3}/{inner:.3} deg/s");
+                    let message = format!("turntable was told to stop, but turns at {outer:.3}/{inner:.3} deg/s");
                     return Ok(SafeOutcome::Unknown(message));
                 }
                 time.sleep_until(time.now() + SAFE_PAUSE);
             }
         },
     );
-    stopped.unwrap_or_else(|fault| SafeOutcome::Unknown(format!("table NOT known to be stopped: {fault}")))
+    stopped.unwrap_or_else(|fault| SafeOutcome::Unknown(format!("turntable NOT known to be stopped: {fault}")))
 }
 
 /// Commands standby, or ambient if the plan says so, and reads the chamber back. The first order for ambient is the set

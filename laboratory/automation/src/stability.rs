@@ -146,7 +146,7 @@ impl Trends {
 
     /// Rate of change of the fastest temperature of all IMUs \[unit/h\], and its name; `None` until all windows are
     /// full.
-    pub(crate) fn telemetry_per_h(&self) -> Option<(f64, String)> {
+    pub(crate) fn temperature_per_h(&self) -> Option<(f64, String)> {
         let mut fastest: Option<(f64, String)> = None;
         for ImuTrends { name: imu, sensors } in &self.imus {
             let names = AXIS_NAMES.iter().chain(&GYROSCOPE_NAMES);
@@ -171,8 +171,8 @@ impl Trends {
         if chamber.abs() > soak.chamber_c_per_h {
             return Some(format!("chamber {chamber:+.2} degC/h, limit {:?}", soak.chamber_c_per_h));
         }
-        let limit = soak.telemetry_per_h?;
-        match self.telemetry_per_h() {
+        let limit = soak.temperature_per_h?;
+        match self.temperature_per_h() {
             None => Some(format!("IMU watched for less than {window:.0} s")),
             Some((rate, which)) => (rate.abs() > limit).then(|| format!("{which} {rate:+.4} per h, limit {limit:?}")),
         }

@@ -93,11 +93,11 @@ impl<'p> Station<'p> {
     /// Checks a reading of the turntable for faults and rates beyond the limit: they end the campaign.
     fn check_turntable(&self, reading: &TurntableReading) -> Result<(), StationError> {
         if !reading.faults.is_empty() {
-            return Err(StationError::Alarm(format!("the table has a fault: {}", reading.faults.join(", "))));
+            return Err(StationError::Alarm(format!("the turntable has a fault: {}", reading.faults.join(", "))));
         }
         // A second reading would not show it: the orders have stopped the table by then.
         match self.plan.limits.measured_rates(reading.rates_deg_s) {
-            Some(fault) => Err(StationError::Alarm(format!("the table: {fault}"))),
+            Some(fault) => Err(StationError::Alarm(format!("the turntable: {fault}"))),
             None => Ok(()),
         }
     }
@@ -113,7 +113,7 @@ impl<'p> Station<'p> {
         let second = self.turntable(|turntable| turntable.read());
         // The next connection stops and engages it again.
         self.close_turntable();
-        Err(decided("the table", &first, second.map(|reading| is_beyond(&reading))))
+        Err(decided("the turntable", &first, second.map(|reading| is_beyond(&reading))))
     }
 
     /// The same of the chamber's air: standby is ordered at once, or ambient if the plan says so.
@@ -149,7 +149,7 @@ impl<'p> Station<'p> {
         request: impl FnOnce(&mut dyn Turntable) -> Result<T, InstrumentFault>,
     ) -> Result<T, StationError> {
         if !self.connected[1] {
-            return Err(StationError::Lost("the table is not connected".to_owned()));
+            return Err(StationError::Lost("the turntable is not connected".to_owned()));
         }
         let result = request(self.turntable.as_mut());
         if result.as_ref().is_err_and(is_broken) {

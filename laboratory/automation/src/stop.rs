@@ -14,21 +14,21 @@ pub const STOPPED_WITHOUT_RUNNER: &str = "requested after its runner had ended w
 /// The reason beside a runner that does not answer.
 pub const STOPPED_BESIDE_RUNNER: &str = "requested while its runner did not answer";
 
-/// Brings chamber and table into the safe state for this reason, and notes it. Returns what came of it, and whether
+/// Brings chamber and turntable into the safe state for this reason, and notes it. Returns what came of it, and whether
 /// both have confirmed it.
 ///
 /// # Errors
 /// If it cannot be noted; the message says what came of it, too.
 pub fn make_safe(plan: &Plan, around: Surroundings, reason: &str) -> Result<(String, bool), Failure> {
     let time = Arc::clone(&around.time);
-    let (table, chamber) = Station::new(plan, true, around).enter_safe_state();
-    let certain = table.is_reached() && chamber.is_reached();
-    let text = format!("{reason}\nsafe state: {table}; {chamber}");
+    let (turntable, chamber) = Station::new(plan, true, around).enter_safe_state();
+    let certain = turntable.is_reached() && chamber.is_reached();
+    let text = format!("{reason}\nsafe state: {turntable}; {chamber}");
     let last = snapshot(&plan.output)?.unwrap_or_default();
     let last = Snapshot { ended: Some(text.clone()), paused: None, safe: certain, ..last };
     progress::write(&plan.output.join(STATUS), &last);
-    let [table, chamber, reason] = [table.to_string(), chamber.to_string(), reason.to_owned()];
-    let entry = Entry::Safe { reason, stopped: Some(true), table, chamber, certain };
+    let [turntable, chamber, reason] = [turntable.to_string(), chamber.to_string(), reason.to_owned()];
+    let entry = Entry::Safe { reason, stopped: Some(true), turntable, chamber, certain };
     let noted = journal::append(&plan.output, entry, time);
     noted.map_err(|failure| Failure::new(failure.exit, format!("{text}\n{failure}")))?;
     Ok((text, certain))

@@ -139,7 +139,7 @@ impl Setup {
             text = text.replacen(from.as_str(), to, 1);
         }
         // The drift of the telemetry takes longer than these soaks.
-        let lines = text.lines().filter(|line| !line.starts_with("telemetry_per_h"));
+        let lines = text.lines().filter(|line| !line.starts_with("temperature_per_h"));
         let text: String = lines.map(|line| format!("{line}\n")).collect();
         Plan::from_toml(&text, folder).unwrap_or_else(|faults| panic!("{faults}\n{text}"))
     }

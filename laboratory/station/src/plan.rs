@@ -48,10 +48,10 @@ impl SimulatedStation {
              gravity_reference = {:?}\ngravity_local = {:?}\n{latitude}temperature_unit = {}\n\
              positions = \"six-faces-two-headings\"\n{install}\n\
              [set_points]\nstart_c = -25\nstop_c = 45\nstep_c = 5\n\n\
-             [soak]\ntime_s = 3600\nstay_s = 4200\nwindow_s = 900\nchamber_c_per_h = 2\ntelemetry_per_h = {:?}\n\n\
+             [soak]\ntime_s = 3600\nstay_s = 4200\nwindow_s = 900\nchamber_c_per_h = 2\ntemperature_per_h = {:?}\n\n\
              [dwell]\ntime_s = 300\nrow_s = 10\n\n{turns}\
              [chamber]\ndriver = \"{chamber}\"\nport = {}\n{chamber_keys}ramp_c_per_min = 1\ntolerance_c = 0.5\n\n\
-             [table]\ndriver = \"{table}\"\nport = {}\n{table_keys}{wrap}rate_deg_s = 10\nacceleration_deg_s2 = 10\n\
+             [turntable]\ndriver = \"{table}\"\nport = {}\n{table_keys}{wrap}rate_deg_s = 10\nacceleration_deg_s2 = 10\n\
              tolerance_deg = 0.005\nstill_deg_s = 0.01\nsettle_s = 10\n\n\
              [limits]\nchamber_c = [-30, 50]\nouter_deg = [-5, 365]\ninner_deg = [-5, 365]\n\n\
              [safe]\nchamber = \"standby\"\n\n\

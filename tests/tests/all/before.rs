@@ -1,5 +1,6 @@
 //! Descriptions, recordings and state folders of the version before are read as they were.
 
+use isotherm_shared::document::RENAMED;
 use isotherm_tests::emulator::Emulator;
 use isotherm_tests::{TestDomain, text};
 use std::fs;
@@ -48,6 +49,30 @@ fn a_state_folder_of_before_gives_the_table_that_was_in_force() {
     service.wait_for_log("the table that was in force last is served");
     assert!(fs::read_to_string(before("kept.toml")).unwrap().contains(domain.imu_status()["table"].as_str().unwrap()));
     service.terminate();
+}
+
+/// Every key that has another name now is refused in one go, with that name; what is wrong under the old name, too.
+#[test]
+fn a_plan_of_before_is_refused_with_todays_names() {
+    let domain = TestDomain::new();
+    let old = fs::read_to_string(before("plan-whole.toml")).unwrap();
+    domain.write("plan.toml", &old.replace("tolerance_deg = 0.005", "tolerance_deg = -1"));
+    for command in [&["check", "plan.toml"][..], &["campaign", "check", "plan.toml"]] {
+        let refused = domain.run(command);
+        let message = text(&refused.stderr);
+        assert_eq!(refused.status.code(), Some(78), "{message}");
+        let line = |begin: &str| 1 + old.lines().position(|line| line.starts_with(begin)).unwrap();
+        for (key, new, begin) in [
+            ("table", "turntable", "[table]"),
+            ("soak.telemetry_per_h", "soak.temperature_per_h", "telemetry_per_h"),
+        ] {
+            let fault = format!("line {}: {key}: is called {new} now; rename it", line(begin));
+            assert!(message.contains(&fault), "{fault}\n{message}");
+        }
+        let wrong = format!("line {}: turntable.tolerance_deg: ", line("tolerance_deg"));
+        assert!(message.contains(&wrong), "{message}");
+        assert_eq!(message.matches("line ").count(), RENAMED.len() + 1, "{message}");
+    }
 }
 
 #[test]

@@ -37,7 +37,7 @@ pub(crate) struct BenchLaboratory {
 
 impl BenchLaboratory {
     /// Starts station and service at `speed`. The turntable's angles are off by `positioning` \[arcsec\]. `changes` are
-    /// made in the station's plan; without `telemetry` its rule `telemetry_per_h` is removed, too.
+    /// made in the station's plan; without `telemetry` its rule `temperature_per_h` is removed, too.
     pub(crate) fn new(speed: u32, positioning: &str, changes: &[(&str, &str)], telemetry: bool) -> BenchResult<Self> {
         let domain = BenchDomain::new()?;
         let service = domain.spawn(&["serve", "--allow-uncalibrated", "--imu", "imu-a=imu-a.toml"])?;
@@ -56,7 +56,7 @@ impl BenchLaboratory {
             }
             plan = plan.replacen(from, to, 1);
         }
-        let kept = |line: &&str| telemetry || !line.starts_with("telemetry_per_h");
+        let kept = |line: &&str| telemetry || !line.starts_with("temperature_per_h");
         fs::write(path, plan.lines().filter(kept).map(|line| format!("{line}\n")).collect::<String>())?;
         Ok(laboratory)
     }

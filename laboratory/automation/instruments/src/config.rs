@@ -1,4 +1,4 @@
-//! Instruments and their ports: the `[chamber]` and `[table]` sections of a campaign plan.
+//! Instruments and their ports: the `[chamber]` and `[turntable]` sections of a campaign plan.
 
 use super::line_config::LineConfig;
 use super::{acutrol, aerosmith, ascii2, espec, f4t};
@@ -24,7 +24,7 @@ pub enum ChamberDriver {
     Ascii2(ascii2::Ascii2Settings),
 }
 
-/// A checked `[table]` section.
+/// A checked `[turntable]` section.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TurntableConfig {
     /// Port and line settings.

@@ -21,7 +21,7 @@ pub fn chamber(config: &ChamberConfig, around: &Surroundings) -> Box<dyn Chamber
 /// A turntable.
 #[must_use]
 pub fn turntable(config: &TurntableConfig, around: &Surroundings) -> Box<dyn Turntable> {
-    let line = Line::new("table", &config.line, around);
+    let line = Line::new("turntable", &config.line, around);
     match &config.driver {
         TurntableDriver::Acutrol(settings) => Box::new(acutrol::Acutrol::new(line, settings)),
         TurntableDriver::Aerosmith(settings) => Box::new(aerosmith::Aerosmith::new(line, settings)),

@@ -16,7 +16,7 @@ fn small() -> Plan {
     plan(|text| {
         text.replace("start_c = -25", "start_c = 10")
             .replace("stop_c = 45", "stop_c = 20")
-            .replace("telemetry_per_h = 0.03", "")
+            .replace("temperature_per_h = 0.03", "")
             .replace("runs = 2\nattitudes_deg = [[50, 130], [230, 130]]", "runs = 1")
     })
 }
@@ -25,7 +25,7 @@ fn small() -> Plan {
 fn whole(change: impl Fn(&str) -> String) -> Plan {
     let text = include_str!("../../../../examples/plan-whole.toml");
     let text = change(text).replace("start_c = -25", "start_c = 10").replace("stop_c = 45", "stop_c = 20");
-    let text = text.replace("telemetry_per_h = 0.03", "");
+    let text = text.replace("temperature_per_h = 0.03", "");
     Plan::from_toml(&text, Path::new("")).unwrap()
 }
 
@@ -216,7 +216,7 @@ fn every_unit_is_taken_once_in_order_and_in_time() {
 
 #[test]
 fn a_stay_is_as_long_as_asked() {
-    let plan = plan(|text| text.replace("stay_s = 4200", "stay_s = 40000").replace("telemetry_per_h = 0.03", ""));
+    let plan = plan(|text| text.replace("stay_s = 4200", "stay_s = 40000").replace("temperature_per_h = 0.03", ""));
     let (mut machine, mut laboratory) = (CampaignMachine::new(&plan, 0, 5.0), SimulatedLaboratory::new(&plan));
     laboratory.run(&mut machine, 30.0).unwrap();
     let reached: Vec<_> =
@@ -332,7 +332,7 @@ fn a_chamber_that_has_stopped_while_it_was_away_is_led_there_again() {
 #[test]
 fn an_interruption_late_in_a_long_stay_leaves_time_to_watch_the_rates() {
     let plan = plan(|text| {
-        text.replace("telemetry_per_h = 0.03", "")
+        text.replace("temperature_per_h = 0.03", "")
             .replace("time_s = 300", "time_s = 1500")
             .replace("[limits]", "[patience]\nstable_s = 600\n\n[limits]")
     });
@@ -367,7 +367,7 @@ fn with_ramps() -> Plan {
                  [[ramp]]\nfrom_c = 40\nto_c = 10\nramp_c_per_h = 60\nhold_s = 0\nouter_deg = 90\n";
     plan(|text| {
         let text = text.replace("start_c = -25", "start_c = 20").replace("stop_c = 45", "stop_c = 20");
-        text.replace("telemetry_per_h = 0.03", "").replace("from_c = -25", "from_c = 10") + ramps
+        text.replace("temperature_per_h = 0.03", "").replace("from_c = -25", "from_c = 10") + ramps
     })
 }
 
@@ -667,7 +667,9 @@ fn a_turn_of_a_wrong_angle_is_taken_again_and_then_given_up() {
 #[test]
 fn a_turn_that_stops_early_or_goes_the_other_way_is_taken_again() {
     let plan = whole(str::to_owned);
-    for (error, part) in [(-300.0, "the turn does not end: the table is -300.0000"), (-900.0, "not on the way from")] {
+    for (error, part) in
+        [(-300.0, "the turn does not end: the turntable is -300.0000"), (-900.0, "not on the way from")]
+    {
         let (mut machine, mut laboratory) = at_first_turn(&plan);
         laboratory.turn_error_deg = error;
         laboratory.until(&mut machine, is_discarded);
@@ -711,7 +713,7 @@ fn a_controller_that_counts_modulo_360_turns_by_thirds() {
     let (mut machine, mut laboratory) = at_first_turn(&plain);
     laboratory.wraps = true;
     let halt = laboratory.run(&mut machine, 60.0).unwrap_err();
-    let hint = "the turn does not end: the table is -720.0000 and 0.0000 deg off";
+    let hint = "the turn does not end: the turntable is -720.0000 and 0.0000 deg off";
     assert!(matches!(&halt, Halt::GivenUp(why) if why.contains(hint) && why.contains("needs wrap = true")), "{halt:?}");
 }
 

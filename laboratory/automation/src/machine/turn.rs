@@ -165,7 +165,7 @@ impl CampaignMachine<'_> {
             && turned[1 - turn.axis].abs() <= WAY_MARGIN_DEG;
         (!on_the_way).then(|| {
             let [outer, inner] = angles_deg;
-            format!("the table is at {outer:?}/{inner:?} deg, which is not on the way from {from:?} to {to:?}")
+            format!("the turntable is at {outer:?}/{inner:?} deg, which is not on the way from {from:?} to {to:?}")
         })
     }
 

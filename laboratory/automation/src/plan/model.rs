@@ -71,7 +71,7 @@ pub struct Soak {
     /// Largest rate of change of the air \[degC/h\].
     pub chamber_c_per_h: f64,
     /// Largest rate of change of each of the IMU's temperatures \[unit/h\]; `None` for no limit.
-    pub telemetry_per_h: Option<f64>,
+    pub temperature_per_h: Option<f64>,
 }
 
 /// The samples to take in a position. Times are laboratory time \[s\].

@@ -201,7 +201,7 @@ fn turntable(
     limits: &Limits,
     is_batch: bool,
 ) -> (Option<TurntableConfig>, Motion, Option<Matrix3<f64>>) {
-    let section = root.section("table", "[table] with driver and port");
+    let section = root.section("turntable", "[turntable] with driver and port");
     let config = section.as_ref().and_then(TurntableConfig::read);
     let number = |key, default, most| section.as_ref().map_or(default, |section| at_most(section, key, default, most));
     let motion = Motion {
@@ -309,8 +309,8 @@ fn position(section: &Section<'_, '_>, mounting: &Matrix3<f64>) -> Option<Positi
         section.fault("number", "missing; give the number that the samples will carry");
     }
     let label = section.optional_string("up").unwrap_or_default();
-    let outer = section.number("outer_deg", "the table's outer angle in degrees");
-    let inner = section.number("inner_deg", "the table's inner angle in degrees");
+    let outer = section.number("outer_deg", "the turntable's outer angle in degrees");
+    let inner = section.number("inner_deg", "the turntable's inner angle in degrees");
     let claimed = section.has("specific_force").then(|| section.numbers("specific_force", "three numbers"));
     let position = position_at(u32::try_from(number?).ok()?, label, [outer?, inner?], mounting);
     if let Some(claimed) = claimed {
@@ -336,15 +336,15 @@ fn soak(root: &Section<'_, '_>, tolerance_c: f64) -> Soak {
         tolerance_c,
         window_s: 900.0,
         chamber_c_per_h: 2.0,
-        telemetry_per_h: None,
+        temperature_per_h: None,
     };
     if let Some(section) = root.optional_section("soak") {
         soak.time_s = not_negative(&section, "time_s", soak.time_s);
         soak.stay_s = not_negative(&section, "stay_s", soak.stay_s);
         soak.window_s = positive(&section, "window_s", soak.window_s);
         soak.chamber_c_per_h = positive(&section, "chamber_c_per_h", soak.chamber_c_per_h);
-        soak.telemetry_per_h =
-            section.has("telemetry_per_h").then(|| positive(&section, "telemetry_per_h", f64::INFINITY));
+        soak.temperature_per_h =
+            section.has("temperature_per_h").then(|| positive(&section, "temperature_per_h", f64::INFINITY));
         section.finish();
     }
     soak

@@ -73,13 +73,13 @@ fn everything_wrong_is_reported_at_once() {
         "max_rate: is -1.0",
         "gravity_local: is 98.1",
         "chamber.ramp_c_per_min: 5.000 degC/min is over limits.ramp_c_per_min",
-        "table.rate_deg_s: 70.0 deg/s is over",
-        "table.acceleration_deg_s2: 101.0 deg/s2 is over",
-        "table.driver: is \"acutrol3000\"",
+        "turntable.rate_deg_s: 70.0 deg/s is over",
+        "turntable.acceleration_deg_s2: 101.0 deg/s2 is over",
+        "turntable.driver: is \"acutrol3000\"",
         "chamber.driver: is \"especially\"",
         "imu: is \"IMU A\"",
         "set_points.step_c",
-        "table.tolerance_deg",
+        "turntable.tolerance_deg",
         "limits.chamber_c: give lowest and highest",
         "verify.to_c: 195.0 degC is outside limits.chamber_c, -65.0 to 100.0 degC",
         "verify.hold:",
@@ -101,7 +101,7 @@ fn one_missing_part_hides_no_other_fault() {
         let faults = faults(&lines.map(|line| format!("{line}\n")).collect::<String>());
         let key = line.split(' ').next().unwrap();
         for part in
-            [key, "set_points: -35.0 degC", "verify.to_c: 95.0", "table.rate_deg_s: 70.0", "gravity_local: is 98.1"]
+            [key, "set_points: -35.0 degC", "verify.to_c: 95.0", "turntable.rate_deg_s: 70.0", "gravity_local: is 98.1"]
         {
             assert!(faults.contains(part), "without {line:?} {part}:\n{faults}");
         }
@@ -171,7 +171,7 @@ fn positions_may_be_listed_and_their_claims_are_checked() {
             })
             .collect();
         let text = EXAMPLE.replace("positions = \"six-faces-two-headings\"\n", "");
-        text.replace("[table]", &format!("[table]\n{mounting}")) + &positions
+        text.replace("[turntable]", &format!("[turntable]\n{mounting}")) + &positions
     };
     let plain = Plan::from_toml(&listed("specific_force = [1, 0, 0]", ""), Path::new("")).unwrap();
     assert_eq!(plain.positions, Scheme::SixFacesTwoHeadings.positions());
@@ -186,7 +186,7 @@ fn positions_may_be_listed_and_their_claims_are_checked() {
     assert_eq!((turned.positions[4].label.as_str(), turned.positions[4].specific_force), ("+z", [0.0, 0.0, 1.0]));
     assert_eq!(turned.campaign.positions, turned.positions);
     let mirrored = faults(&listed("", "mounting = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]"));
-    assert!(mirrored.contains("table.mounting: give three rows"), "{mirrored}");
+    assert!(mirrored.contains("turntable.mounting: give three rows"), "{mirrored}");
     let both = faults(&(EXAMPLE.to_owned() + "[[position]]\nnumber = 1\nouter_deg = 0\ninner_deg = 0\n"));
     assert!(both.contains("give one of the two"), "{both}");
 }
@@ -386,7 +386,7 @@ fn turns_may_be_listed_as_in_a_campaign_file_and_begin_within_the_limits() {
         };
         (number, axis, angle, outer, inner)
     }));
-    let mounted = mounted.replace("[table]", "[table]\nmounting = [[0, 1, 0], [0, 0, 1], [1, 0, 0]]");
+    let mounted = mounted.replace("[turntable]", "[turntable]\nmounting = [[0, 1, 0], [0, 0, 1], [1, 0, 0]]");
     assert_eq!(ways(&plan(&mounted)), expected);
 }
 

@@ -19,8 +19,11 @@ impl Bench {
     pub(crate) fn new(folder: &Path) -> Self {
         let text = include_str!("../../../../examples/plan-batch.toml").replace("time_s = 300\n", "time_s = 30\n");
         // These streams have no telemetry.
-        let text: String =
-            text.lines().filter(|line| !line.starts_with("telemetry_per_h")).map(|line| format!("{line}\n")).collect();
+        let text: String = text
+            .lines()
+            .filter(|line| !line.starts_with("temperature_per_h"))
+            .map(|line| format!("{line}\n"))
+            .collect();
         let plan = Plan::from_toml(&text.replace("\"batch-campaign\"", "\".\""), folder).unwrap();
         let plan: &'static Plan = Box::leak(Box::new(plan));
         let (clock, history) = (LaboratoryClock::new(Arc::new(RealTime), 1.0), History::default());

@@ -50,7 +50,7 @@ pub(crate) fn assert_in_standby(campaign: &Campaign) {
     let safe = events(campaign, "safe");
     let last = safe.last().unwrap();
     assert!(last["chamber"].as_str().unwrap().starts_with("chamber in standby"), "{last}");
-    assert!(last["table"].as_str().unwrap().starts_with("table stopped at"), "{last}");
+    assert!(last["table"].as_str().unwrap().starts_with("turntable stopped at"), "{last}");
 }
 
 /// Asserts that the journal and the file have every unit exactly once, in order.

@@ -65,12 +65,12 @@ fn an_alarm_ends_the_campaign_while_the_other_instrument_is_disconnected() {
     let ended = campaign.run_once();
     // The turntable is disconnected and cannot be stopped.
     assert_eq!(ended.exit, Some(Exit::Unavailable));
-    for part in ["the chamber has an alarm", "table NOT known to be stopped", "GO THERE AND LOOK"] {
+    for part in ["the chamber has an alarm", "turntable NOT known to be stopped", "GO THERE AND LOOK"] {
         assert!(said(&ended).contains(part), "{ended:?}");
     }
     campaign.world.set_faults(&[]);
     let (text, certain) = campaign.stop().unwrap();
-    assert!(certain && text.contains("table stopped at"), "{text}");
+    assert!(certain && text.contains("turntable stopped at"), "{text}");
     assert_in_standby(&campaign);
     assert!(!isotherm_automation::journal::needs_safe_state(&campaign.plan.output), "nothing is left to do");
 }
@@ -82,7 +82,7 @@ fn reconnecting_the_turntable_does_not_reset_a_fault_that_came_meanwhile() {
     let both = [of_table(InjectedFault::PortLoss), of_table(InjectedFault::Alarm)];
     campaign.then(vec![faults_at("kept", 1, &both), faults_at("paused", 1, &[])]);
     let ended = campaign.run_once();
-    assert!(said(&ended).contains("the table has a fault: interlock of axis 1: Fault"), "{ended:?}");
+    assert!(said(&ended).contains("the turntable has a fault: interlock of axis 1: Fault"), "{ended:?}");
     assert_in_standby(&campaign);
 }
 
@@ -155,7 +155,7 @@ fn a_dead_turntable_does_not_hold_the_chambers_order() {
         assert!(tcp || requests(&campaign, true, signal_s).is_empty());
         let safe = events(&campaign, "safe").pop().unwrap();
         assert!(safe["chamber"].as_str().unwrap().starts_with("chamber in standby"), "{safe}");
-        assert!(safe["table"].as_str().unwrap().starts_with("table NOT known to be stopped"), "{safe}");
+        assert!(safe["table"].as_str().unwrap().starts_with("turntable NOT known to be stopped"), "{safe}");
     }
 }
 

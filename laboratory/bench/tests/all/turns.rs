@@ -38,7 +38,7 @@ fn turns_of_an_imu_without_gyroscopes_end_at_its_first_sample() {
     assert_eq!(campaign.plan.size(), "1 set points x (12 positions and 6 turns)");
     let ended = campaign.run_once();
     assert_eq!(ended.exit, Some(Exit::Data), "{ended:?}");
-    for part in ["have no gyroscopes", "leave [turns] out of the plan", "safe state: table stopped"] {
+    for part in ["have no gyroscopes", "leave [turns] out of the plan", "safe state: turntable stopped"] {
         assert!(said(&ended).contains(part), "{ended:?}");
     }
     assert_eq!(events(&campaign, "kept").len(), 0);
@@ -108,7 +108,7 @@ fn an_alarm_or_a_stop_in_a_turn_ends_it_in_the_safe_state_and_the_turn_is_taken_
     let campaign = Campaign::new(&slow_turns());
     campaign.then(in_first_turn(Act::Faults(vec![Fault::Turntable(InjectedFault::Alarm)])).to_vec());
     let ended = campaign.run_once();
-    assert!(said(&ended).contains("the table has a fault"), "{ended:?}");
+    assert!(said(&ended).contains("the turntable has a fault"), "{ended:?}");
     assert_in_standby(&campaign);
     campaign.world.set_faults(&[]);
     let steps = in_first_turn(Act::Signal(SIGTERM));

@@ -178,8 +178,8 @@ fn complete_campaign(mounting_b: &str, drops_b: bool) -> (TestDomain, Plan) {
         let run = Kept { unit: units(&plan) - 1, file, sha256: sha256(b""), ..Kept::default() };
         journal.write(Entry::Kept(run)).unwrap();
     }
-    let [reason, table, chamber] = ["all data are taken", "table stopped", "chamber in standby"].map(String::from);
-    journal.write(Entry::Safe { reason, stopped: Some(false), table, chamber, certain: true }).unwrap();
+    let [reason, turntable, chamber] = ["all data are taken", "turntable stopped", "chamber in standby"].map(String::from);
+    journal.write(Entry::Safe { reason, stopped: Some(false), turntable, chamber, certain: true }).unwrap();
     (domain, plan)
 }
 

@@ -253,7 +253,7 @@ fn stop_ends_it_in_the_safe_state_and_a_changed_plan_or_recording_is_refused() {
         serde_json::from_str(&domain.run_ok(&["campaign", "status", "station/plan.toml", "--json"])).unwrap();
     assert_eq!((status["pid"].as_u64(), status["campaign"]["units"].as_u64()), (Some(runner.pid().into()), Some(24)));
     let stopped = stop();
-    assert!(stdout_of_success(&stopped).contains("safe state: table stopped"), "{}", text(&stopped.stdout));
+    assert!(stdout_of_success(&stopped).contains("safe state: turntable stopped"), "{}", text(&stopped.stdout));
     let (ended, log) = runner.wait();
     assert_eq!(ended.code(), Some(1), "{log}");
     assert!(log.contains("stopped by campaign stop") && log.contains("goes on with the next"), "{log}");

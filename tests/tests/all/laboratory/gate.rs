@@ -84,9 +84,9 @@ impl Complete {
             let bytes = fs::read(plan.output.join(&file)).unwrap();
             keep(&mut journal, kept(history.kept.len() + count, &file, &bytes));
         }
-        let [table, chamber] = ["table stopped", "chamber in standby"].map(String::from);
+        let [turntable, chamber] = ["turntable stopped", "chamber in standby"].map(String::from);
         let reason = "all data are taken".to_owned();
-        journal.write(Entry::Safe { reason, stopped: Some(false), table, chamber, certain: true }).unwrap();
+        journal.write(Entry::Safe { reason, stopped: Some(false), turntable, chamber, certain: true }).unwrap();
     }
 
     /// Puts the table of the unchanged samples in force.

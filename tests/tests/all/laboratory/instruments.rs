@@ -704,10 +704,10 @@ fn everything_wrong_with_a_section_is_reported_at_once() {
 fn every_key_is_in_the_commented_plans() {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/instruments");
     let plans = fs::read_dir(folder).unwrap().map(|file| fs::read_to_string(file.unwrap().path()).unwrap());
-    let plans = plans.collect::<String>().replace("\n[chamber]", "\n[table]");
+    let plans = plans.collect::<String>().replace("\n[chamber]", "\n[turntable]");
     let sections = |driver: &str| {
         let named = format!("driver = {driver:?}");
-        plans.split("\n[table]").filter(|section| section.contains(&named)).collect::<String>()
+        plans.split("\n[turntable]").filter(|section| section.contains(&named)).collect::<String>()
     };
     // These have the keys of every line.
     let line = sections("espec");

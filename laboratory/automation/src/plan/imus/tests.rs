@@ -34,10 +34,10 @@ fn each_imu_has_the_plan_that_it_would_have_alone() {
     let batch = plan(&text(IMUS));
     assert_eq!((batch.names().as_str(), batch.is_batch(), batch.each().len()), ("imu-a, imu-b", true, 2));
     assert_eq!(batch.positions[4].specific_force, [1.0, 0.0, 0.0], "along the axes of an IMU without mounting");
-    let mounting = "[table]\nmounting = [[0, 1, 0], [0, 0, 1], [1, 0, 0]]";
+    let mounting = "[turntable]\nmounting = [[0, 1, 0], [0, 0, 1], [1, 0, 0]]";
     let alone =
         EXAMPLE.replace("\"imu-a\"", "\"imu-b\"\nserial = \"SN # 2\"").replace("\"imu-a.toml\"", "\"imu-b.toml\"");
-    let alone = plan(&alone.replace("[table]", mounting));
+    let alone = plan(&alone.replace("[turntable]", mounting));
     let turned = &batch.each()[1];
     assert_eq!((&turned.imu, &turned.install), (&alone.imu, &alone.install));
     let forces = |positions: &[Position]| positions.iter().map(|position| position.specific_force).collect::<Vec<_>>();
@@ -117,8 +117,8 @@ fn what_is_wrong_with_imus_is_named_with_its_key() {
     }
     assert!(faults(&text("imus = []")).contains("imus: names no IMU"));
     assert!(faults(&text("imus = [3]")).contains("imus: "));
-    let mounted = text(IMUS).replace("[table]", &format!("[table]\nmounting = {TURNED:?}"));
-    assert!(faults(&mounted).contains("table.mounting: there is imus, where each IMU has its own mounting"));
+    let mounted = text(IMUS).replace("[turntable]", &format!("[turntable]\nmounting = {TURNED:?}"));
+    assert!(faults(&mounted).contains("turntable.mounting: there is imus, where each IMU has its own mounting"));
     // Faults of the rest are still told.
     let both =
         faults(&text(&IMUS.replace("imu-b\"", "imu-a\"")).replace("gravity_local = 9.8015", "gravity_local = 98.1"));
