@@ -113,14 +113,14 @@ impl Sum {
     /// A CRC of 16 bits with these parameters.
     #[must_use]
     pub(crate) fn crc_16(parameters: Parameters<u16>) -> Self {
-        static KNOWN: Known<u16> = Known(Mutex::new(Vec::new()));
+        static KNOWN: AlgorithmCache<u16> = AlgorithmCache(Mutex::new(Vec::new()));
         Self::Crc16(Box::new(Crc::<u16>::new(KNOWN.algorithm(16, parameters))))
     }
 
     /// A CRC of 32 bits with these parameters.
     #[must_use]
     pub(crate) fn crc_32(parameters: Parameters<u32>) -> Self {
-        static KNOWN: Known<u32> = Known(Mutex::new(Vec::new()));
+        static KNOWN: AlgorithmCache<u32> = AlgorithmCache(Mutex::new(Vec::new()));
         Self::Crc32(Box::new(Crc::<u32>::new(KNOWN.algorithm(32, parameters))))
     }
 
@@ -164,9 +164,9 @@ impl Sum {
 pub(crate) const MAX_PAD: usize = 64;
 
 /// Algorithms with parameters of a user. The library wants them for ever, so each is kept once.
-struct Known<W: Width>(Mutex<Vec<&'static Algorithm<W>>>);
+struct AlgorithmCache<W: Width>(Mutex<Vec<&'static Algorithm<W>>>);
 
-impl<W: Width + Copy + PartialEq> Known<W> {
+impl<W: Width + Copy + PartialEq> AlgorithmCache<W> {
     fn algorithm(&self, width: u8, wanted: Parameters<W>) -> &'static Algorithm<W> {
         let Parameters { polynomial: poly, init, reflect_in: refin, reflect_out: refout, xorout } = wanted;
         let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);

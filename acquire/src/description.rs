@@ -11,11 +11,11 @@ mod line;
 mod port;
 mod timing;
 
-pub(crate) use identity::{Identity, Says};
+pub(crate) use identity::{Identity, SerialNumberSource};
 pub(crate) use port::{Peer, Port, Udp};
 pub(crate) use timing::Timing;
 
-use crate::dialogue::Step;
+use crate::dialogue::DialogueStep;
 use crate::frames::Frame;
 use crate::iio::IioSettings;
 use crate::lines::Line;
@@ -46,7 +46,7 @@ pub struct Description {
     /// How the device says who it is.
     pub(crate) identity: Option<Identity>,
     /// How it is set up when the port was opened.
-    pub(crate) setup: Vec<Step>,
+    pub(crate) setup: Vec<DialogueStep>,
     /// The names of the columns of a row.
     pub(crate) names: Vec<String>,
     /// The sensors, as the file has them.

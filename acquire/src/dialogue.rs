@@ -9,15 +9,15 @@ const HEARD: usize = 4096;
 
 /// A step of a dialogue.
 #[derive(Clone, Debug, Eq, PartialEq)]
-pub(crate) struct Step {
+pub(crate) struct DialogueStep {
     /// What is sent; nothing, if the step only waits.
     pub(crate) send: Vec<u8>,
-    pub(crate) answer: Answer,
+    pub(crate) answer: DialogueAnswer,
 }
 
 /// What a device answers.
 #[derive(Clone, Debug, Eq, PartialEq)]
-pub(crate) enum Answer {
+pub(crate) enum DialogueAnswer {
     /// Nothing that is waited for.
     Nothing,
     /// These bytes, somewhere in the stream.
@@ -28,7 +28,7 @@ pub(crate) enum Answer {
 
 /// What a dialogue has come to.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(crate) enum Progress {
+pub(crate) enum DialogueProgress {
     /// It goes on: all that was heard is its.
     Open,
     /// It is over. So many bytes at the end of what was heard last came behind the last answer.
@@ -37,7 +37,7 @@ pub(crate) enum Progress {
 
 /// A dialogue that is under way.
 pub(crate) struct Dialogue {
-    steps: Vec<Step>,
+    steps: Vec<DialogueStep>,
     /// The step that is under way, and how many of its bytes are sent.
     at: usize,
     sent: usize,
@@ -45,19 +45,19 @@ pub(crate) struct Dialogue {
     /// What was heard since the last answer.
     heard: Vec<u8>,
     /// The steps whose answer did not come.
-    unanswered: Vec<Step>,
+    unanswered: Vec<DialogueStep>,
 }
 
 impl Dialogue {
     /// `None` if there is nothing to say.
-    pub(crate) fn new(steps: &[Step]) -> Option<Self> {
+    pub(crate) fn new(steps: &[DialogueStep]) -> Option<Self> {
         let dialogue =
             Self { steps: steps.to_vec(), at: 0, sent: 0, since: None, heard: Vec::new(), unanswered: Vec::new() };
         (!steps.is_empty()).then_some(dialogue)
     }
 
     /// The steps whose answer did not come.
-    pub(crate) fn unanswered(&self) -> &[Step] {
+    pub(crate) fn unanswered(&self) -> &[DialogueStep] {
         &self.unanswered
     }
 
@@ -69,7 +69,7 @@ impl Dialogue {
         message: Option<usize>,
         now: Instant,
         write: &mut dyn FnMut(&[u8]) -> usize,
-    ) -> Progress {
+    ) -> DialogueProgress {
         self.heard.extend_from_slice(heard);
         let mut message = message.map(|end| heard.len() - end);
         while let Some(step) = self.steps.get(self.at) {
@@ -82,16 +82,16 @@ impl Dialogue {
                 message = None;
                 self.sent += write(&step.send[sent..]).min(all - sent);
                 if self.sent < all {
-                    return Progress::Open;
+                    return DialogueProgress::Open;
                 }
             }
             let left = match &step.answer {
-                Answer::Nothing => Some(self.heard.len()),
-                Answer::Bytes(bytes) => {
+                DialogueAnswer::Nothing => Some(self.heard.len()),
+                DialogueAnswer::Bytes(bytes) => {
                     let place = memchr::memmem::find(&self.heard, bytes);
                     place.map(|place| self.heard.len() - place - bytes.len())
                 }
-                Answer::Message => message,
+                DialogueAnswer::Message => message,
             };
             match left {
                 Some(left) => drop(self.heard.drain(..self.heard.len().saturating_sub(left))),
@@ -99,12 +99,12 @@ impl Dialogue {
                 None => {
                     let old = self.heard.len().saturating_sub(HEARD);
                     self.heard.drain(..old);
-                    return Progress::Open;
+                    return DialogueProgress::Open;
                 }
             }
             (self.at, self.sent, self.since) = (self.at + 1, 0, None);
         }
-        Progress::Over(self.heard.len().min(heard.len()))
+        DialogueProgress::Over(self.heard.len().min(heard.len()))
     }
 }
 
@@ -121,9 +121,10 @@ pub(crate) fn shown(bytes: &[u8]) -> String {
 mod tests {
     use super::*;
 
-    fn step(send: &str, answer: &str) -> Step {
-        let answer = if answer.is_empty() { Answer::Nothing } else { Answer::Bytes(answer.as_bytes().to_vec()) };
-        Step { send: send.as_bytes().to_vec(), answer }
+    fn step(send: &str, answer: &str) -> DialogueStep {
+        let answer =
+            if answer.is_empty() { DialogueAnswer::Nothing } else { DialogueAnswer::Bytes(answer.as_bytes().to_vec()) };
+        DialogueStep { send: send.as_bytes().to_vec(), answer }
     }
 
     #[test]
@@ -136,12 +137,16 @@ mod tests {
             sent.push(bytes[0]);
             1
         };
-        assert_eq!(dialogue.go_on(b"X>", None, now, &mut write), Progress::Open);
-        assert_eq!(dialogue.go_on(b"X>", None, now, &mut write), Progress::Open, "it came before all was asked");
-        assert_eq!(dialogue.go_on(b"..", None, now, &mut write), Progress::Open);
-        assert_eq!(dialogue.go_on(b"X..>YZ", None, now, &mut write), Progress::Open);
-        assert_eq!(dialogue.go_on(b"Y", None, now, &mut write), Progress::Open);
-        assert_eq!(dialogue.go_on(b"Zframe", None, now, &mut write), Progress::Over(5));
+        assert_eq!(dialogue.go_on(b"X>", None, now, &mut write), DialogueProgress::Open);
+        assert_eq!(
+            dialogue.go_on(b"X>", None, now, &mut write),
+            DialogueProgress::Open,
+            "it came before all was asked"
+        );
+        assert_eq!(dialogue.go_on(b"..", None, now, &mut write), DialogueProgress::Open);
+        assert_eq!(dialogue.go_on(b"X..>YZ", None, now, &mut write), DialogueProgress::Open);
+        assert_eq!(dialogue.go_on(b"Y", None, now, &mut write), DialogueProgress::Open);
+        assert_eq!(dialogue.go_on(b"Zframe", None, now, &mut write), DialogueProgress::Over(5));
         assert!(dialogue.unanswered().is_empty());
         assert_eq!(sent, b"abc");
     }
@@ -149,18 +154,19 @@ mod tests {
     #[test]
     fn an_answer_that_does_not_come_is_waited_for_a_second() {
         let now = Instant::now();
-        let steps = [step("a", "X"), step("b", ""), Step { send: b"c".to_vec(), answer: Answer::Message }];
+        let steps =
+            [step("a", "X"), step("b", ""), DialogueStep { send: b"c".to_vec(), answer: DialogueAnswer::Message }];
         let mut dialogue = Dialogue::new(&steps).unwrap();
         let mut write = |bytes: &[u8]| bytes.len();
-        assert_eq!(dialogue.go_on(b"frames", Some(3), now, &mut write), Progress::Open);
-        assert_eq!(dialogue.go_on(b"frames", None, now + PATIENCE, &mut write), Progress::Open);
+        assert_eq!(dialogue.go_on(b"frames", Some(3), now, &mut write), DialogueProgress::Open);
+        assert_eq!(dialogue.go_on(b"frames", None, now + PATIENCE, &mut write), DialogueProgress::Open);
         assert_eq!(dialogue.unanswered(), &steps[..1]);
         let message = dialogue.go_on(b"message.", Some(7), now + PATIENCE, &mut write);
-        assert_eq!(message, Progress::Over(1));
+        assert_eq!(message, DialogueProgress::Over(1));
         let mut dialogue = Dialogue::new(&steps[2..]).unwrap();
         // A line that takes nothing.
-        assert_eq!(dialogue.go_on(b"", None, now, &mut |_| 0), Progress::Open);
-        assert_eq!(dialogue.go_on(b"", None, now + PATIENCE, &mut |_| 0), Progress::Over(0));
+        assert_eq!(dialogue.go_on(b"", None, now, &mut |_| 0), DialogueProgress::Open);
+        assert_eq!(dialogue.go_on(b"", None, now + PATIENCE, &mut |_| 0), DialogueProgress::Over(0));
         assert!(Dialogue::new(&[]).is_none());
     }
 

@@ -7,7 +7,7 @@
 
 use crate::checksum::Checksum;
 use crate::number::{ByteOrder, Field, NumberType, Place, Value};
-use crate::tally::{Cause, Skipped};
+use crate::tally::{Cause, SkippedBytes};
 use memchr::memmem::Finder;
 use std::collections::VecDeque;
 
@@ -91,7 +91,7 @@ pub(crate) struct Decoder {
     /// Whether the last bytes that were done with are a frame.
     adjoins: bool,
     row: Vec<Value>,
-    skipped: Skipped,
+    skipped: SkippedBytes,
     /// Bytes skipped since the last frame.
     skipped_here: u64,
 }
@@ -107,7 +107,7 @@ pub struct Arrival {
 
 /// A frame that was found.
 #[derive(Debug)]
-pub struct Found<'a> {
+pub struct DecodedFrame<'a> {
     /// The values of the fields.
     pub row: &'a [Value],
     /// When its last byte arrived.
@@ -119,7 +119,7 @@ pub struct Found<'a> {
 }
 
 /// What the bytes at the beginning of the buffer are.
-enum Beginning {
+enum FrameStart {
     Frame(usize),
     /// Not a frame. The bytes up to here are skipped for this cause.
     Wrong(usize, Cause),
@@ -142,14 +142,14 @@ impl Decoder {
             arrivals: VecDeque::with_capacity(2 * MAX_FRAME + PIECE),
             damaged: None,
             adjoins: false,
-            skipped: Skipped::default(),
+            skipped: SkippedBytes::default(),
             skipped_here: 0,
             frame,
         }
     }
 
     /// Takes the next bytes of the stream, and gives each frame that is complete to `sink`.
-    pub(crate) fn push(&mut self, bytes: &[u8], arrival: Arrival, sink: &mut impl FnMut(Found<'_>)) {
+    pub(crate) fn push(&mut self, bytes: &[u8], arrival: Arrival, sink: &mut impl FnMut(DecodedFrame<'_>)) {
         for piece in bytes.chunks(PIECE) {
             self.buffer.extend_from_slice(piece);
             let end = self.before + self.buffer.len() as u64;
@@ -176,11 +176,11 @@ impl Decoder {
 
     /// Bytes that were no frame, by cause.
     #[must_use]
-    pub(crate) const fn skipped(&self) -> &Skipped {
+    pub(crate) const fn skipped(&self) -> &SkippedBytes {
         &self.skipped
     }
 
-    fn search(&mut self, sink: &mut impl FnMut(Found<'_>)) {
+    fn search(&mut self, sink: &mut impl FnMut(DecodedFrame<'_>)) {
         loop {
             let rest = &self.buffer[self.done..];
             let Some(begin) = self.sync.find(rest) else {
@@ -190,8 +190,8 @@ impl Decoder {
             };
             self.skip(begin, Cause::Noise);
             match self.beginning() {
-                Beginning::Frame(length) => self.take(length, sink),
-                Beginning::Wrong(length, cause) => {
+                FrameStart::Frame(length) => self.take(length, sink),
+                FrameStart::Wrong(length, cause) => {
                     let end = self.before + (self.done + length) as u64;
                     if self.damaged.is_none() {
                         self.damaged = Some((end, cause));
@@ -199,35 +199,35 @@ impl Decoder {
                     }
                     self.skip(1, cause);
                 }
-                Beginning::Open => return,
+                FrameStart::Open => return,
             }
         }
     }
 
     /// Looks at the bytes that begin with a sync.
-    fn beginning(&self) -> Beginning {
+    fn beginning(&self) -> FrameStart {
         let rest = &self.buffer[self.done..];
         let length = match self.frame.length {
             Length::Fixed(length) => length,
             Length::Stated { at, number, order, add } => {
-                let Some(bytes) = rest.get(at..at + number.bytes()) else { return Beginning::Open };
+                let Some(bytes) = rest.get(at..at + number.bytes()) else { return FrameStart::Open };
                 let stated = number.read(bytes, order).whole.and_then(|whole| usize::try_from(whole).ok());
                 let length = stated.and_then(|stated| stated.checked_add(add));
                 match length {
                     Some(length) if (self.least()..=MAX_FRAME).contains(&length) => length,
-                    _ => return Beginning::Wrong(at + number.bytes(), Cause::Length),
+                    _ => return FrameStart::Wrong(at + number.bytes(), Cause::Length),
                 }
             }
         };
-        let Some(frame) = rest.get(..length) else { return Beginning::Open };
+        let Some(frame) = rest.get(..length) else { return FrameStart::Open };
         match &self.frame.checksum {
-            Some(checksum) if checksum.is_right(frame) == Some(true) => Beginning::Frame(length),
-            Some(_) => Beginning::Wrong(length, Cause::Checksum),
-            None if self.adjoins => Beginning::Frame(length),
+            Some(checksum) if checksum.is_right(frame) == Some(true) => FrameStart::Frame(length),
+            Some(_) => FrameStart::Wrong(length, Cause::Checksum),
+            None if self.adjoins => FrameStart::Frame(length),
             None => match rest.get(length..length + self.frame.sync.len()) {
-                Some(next) if next == self.frame.sync => Beginning::Frame(length),
-                Some(_) => Beginning::Wrong(length, Cause::Unconfirmed),
-                None => Beginning::Open,
+                Some(next) if next == self.frame.sync => FrameStart::Frame(length),
+                Some(_) => FrameStart::Wrong(length, Cause::Unconfirmed),
+                None => FrameStart::Open,
             },
         }
     }
@@ -241,7 +241,7 @@ impl Decoder {
         stated.max(self.frame.sync.len())
     }
 
-    fn take(&mut self, length: usize, sink: &mut impl FnMut(Found<'_>)) {
+    fn take(&mut self, length: usize, sink: &mut impl FnMut(DecodedFrame<'_>)) {
         let frame = &self.buffer[self.done..self.done + length];
         let is_read = match &self.frame.items {
             None => {
@@ -265,7 +265,7 @@ impl Decoder {
         let skipped = std::mem::take(&mut self.skipped_here);
         self.adjoins = true;
         // A part of a frame is a lost frame.
-        sink(Found { row: &self.row, arrival, bytes: length, damaged: skipped.div_ceil(length as u64) });
+        sink(DecodedFrame { row: &self.row, arrival, bytes: length, damaged: skipped.div_ceil(length as u64) });
     }
 
     /// Skips bytes for this cause, or for that of the damaged frame to which they belong.

@@ -1,7 +1,7 @@
 //! Who the device is: what it says of itself, against the description's serial number.
 
-use crate::description::{Description, Says};
-use crate::dialogue::{Dialogue, Progress, Step, shown};
+use crate::description::{Description, SerialNumberSource};
+use crate::dialogue::{Dialogue, DialogueProgress, DialogueStep, shown};
 use crate::message::MessageFinder;
 use crate::notice::Notice;
 use crate::number::Value;
@@ -17,15 +17,15 @@ pub(crate) struct Recognition {
     /// The place of the number in a row.
     field: Option<usize>,
     finder: Option<MessageFinder>,
-    ask: Vec<Step>,
-    setup: Vec<Step>,
+    ask: Vec<DialogueStep>,
+    setup: Vec<DialogueStep>,
     holds: bool,
     /// Whether this IMU had sent a sample before this process began, since the machine was started.
     has_sent: bool,
-    known: Known,
+    known: DeviceKnowledge,
     /// Questions that were not answered yet: a message that nobody asked for comes from a device that was just powered.
     asked: usize,
-    under_way: Option<(Dialogue, Subject)>,
+    under_way: Option<(Dialogue, DialogueSubject)>,
     /// Why the device is refused, once the dialogue is over that is under way: it is not left in the midst of it.
     refused: Option<Failure>,
     other: Notice,
@@ -33,7 +33,7 @@ pub(crate) struct Recognition {
 
 /// Which device it is, as far as it has said so.
 #[derive(Clone, Debug, Eq, PartialEq)]
-enum Known {
+enum DeviceKnowledge {
     Unknown,
     Right,
     /// Another one, with this number.
@@ -42,7 +42,7 @@ enum Known {
 
 /// What a dialogue is about.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-enum Subject {
+enum DialogueSubject {
     Identity,
     SetUp,
 }
@@ -53,8 +53,8 @@ impl Recognition {
     pub(crate) fn new(description: &Description, has_sent: bool) -> Self {
         let identity = description.identity.as_ref();
         let (field, finder) = match identity.map(|identity| &identity.says) {
-            Some(Says::Field(place)) => (Some(*place), None),
-            Some(Says::Message(message)) => (None, Some(MessageFinder::new(message.clone()))),
+            Some(SerialNumberSource::Field(place)) => (Some(*place), None),
+            Some(SerialNumberSource::Message(message)) => (None, Some(MessageFinder::new(message.clone()))),
             None => (None, None),
         };
         Self {
@@ -65,7 +65,7 @@ impl Recognition {
             setup: description.setup.clone(),
             holds: identity.is_some_and(|identity| identity.holds),
             has_sent,
-            known: Known::Unknown,
+            known: DeviceKnowledge::Unknown,
             asked: 0,
             under_way: None,
             refused: None,
@@ -90,8 +90,8 @@ impl Recognition {
     pub(crate) fn begin(&mut self) {
         self.asked = 0;
         // Another one may be there now. That it is the right one again it has to say itself.
-        if self.known == Known::Right {
-            self.known = Known::Unknown;
+        if self.known == DeviceKnowledge::Right {
+            self.known = DeviceKnowledge::Unknown;
         }
         if let Some(finder) = &mut self.finder {
             finder.reset();
@@ -100,9 +100,9 @@ impl Recognition {
         self.under_way = match question {
             Some(question) => {
                 self.asked = 1;
-                Some((question, Subject::Identity))
+                Some((question, DialogueSubject::Identity))
             }
-            None => Dialogue::new(&self.setup).map(|set_up| (set_up, Subject::SetUp)),
+            None => Dialogue::new(&self.setup).map(|set_up| (set_up, DialogueSubject::SetUp)),
         };
     }
 
@@ -140,7 +140,7 @@ impl Recognition {
             }
         }
         let Some((dialogue, subject)) = &mut self.under_way else { return Ok(0) };
-        let Progress::Over(left) = dialogue.go_on(bytes, message, Instant::now(), write) else {
+        let DialogueProgress::Over(left) = dialogue.go_on(bytes, message, Instant::now(), write) else {
             return Ok(bytes.len());
         };
         let (unanswered, subject) = (dialogue.unanswered().to_vec(), *subject);
@@ -153,19 +153,19 @@ impl Recognition {
     }
 
     /// What follows a dialogue, whose faults are told.
-    fn next(&self, subject: Subject, unanswered: &[Step]) -> Option<(Dialogue, Subject)> {
+    fn next(&self, subject: DialogueSubject, unanswered: &[DialogueStep]) -> Option<(Dialogue, DialogueSubject)> {
         for step in unanswered {
             let what = if step.send.is_empty() { "what was to follow".to_owned() } else { shown(&step.send) };
             tell("isotherm", format!("warning: the device has not answered {what} within 1 s as the description says"));
         }
-        if subject == Subject::SetUp {
+        if subject == DialogueSubject::SetUp {
             return None;
         }
-        if self.known == Known::Unknown {
+        if self.known == DeviceKnowledge::Unknown {
             tell("isotherm", "warning: the device has not said who it is: it is unknown, and taken as it comes");
         }
-        if self.known == Known::Right {
-            return Dialogue::new(&self.setup).map(|set_up| (set_up, Subject::SetUp));
+        if self.known == DeviceKnowledge::Right {
+            return Dialogue::new(&self.setup).map(|set_up| (set_up, DialogueSubject::SetUp));
         }
         if !self.setup.is_empty() {
             tell("isotherm", "warning: it is not set up, since it is not known to be the unit of this description");
@@ -187,15 +187,15 @@ impl Recognition {
         let Some(serial) = &self.serial else { return Ok(()) };
         tally.device.clone_from(&number);
         let was = match number == *serial {
-            true => std::mem::replace(&mut self.known, Known::Right),
-            false => std::mem::replace(&mut self.known, Known::Other(number.clone())),
+            true => std::mem::replace(&mut self.known, DeviceKnowledge::Right),
+            false => std::mem::replace(&mut self.known, DeviceKnowledge::Other(number.clone())),
         };
-        tally.is_other = self.known != Known::Right;
+        tally.is_other = self.known != DeviceKnowledge::Right;
         if was == self.known {
             return Ok(());
         }
-        if self.known == Known::Right {
-            let again = if was == Known::Unknown { "" } else { " again" };
+        if self.known == DeviceKnowledge::Right {
+            let again = if was == DeviceKnowledge::Unknown { "" } else { " again" };
             tell("isotherm", format!("the device is {serial}{again}"));
             return Ok(());
         }
@@ -213,15 +213,15 @@ impl Recognition {
     /// Under whose number samples go out.
     pub(crate) fn signature(&self) -> Signature {
         match &self.known {
-            Known::Other(_) if self.holds => Signature::Held,
-            Known::Other(number) => Signature::Other(device(number)),
-            Known::Unknown | Known::Right => Signature::Own,
+            DeviceKnowledge::Other(_) if self.holds => Signature::Held,
+            DeviceKnowledge::Other(number) => Signature::Other(device(number)),
+            DeviceKnowledge::Unknown | DeviceKnowledge::Right => Signature::Own,
         }
     }
 
     /// Tells that samples were of another device.
     pub(crate) fn remind(&mut self) {
-        let Known::Other(number) = &self.known else { return };
+        let DeviceKnowledge::Other(number) = &self.known else { return };
         let serial = self.serial.as_deref().unwrap_or_default();
         let what = if self.holds { "nothing of it is sent" } else { "its samples go out under its own number" };
         self.other.tell(|| format!("warning: the device is {number}, and not {serial}: {what}; connect that unit"));

@@ -3,15 +3,15 @@
 mod judge;
 
 use crate::description::{Description, Kind, Port};
-use crate::frames::{Arrival, Found};
+use crate::frames::{Arrival, DecodedFrame};
 use crate::health::Health;
 use crate::identity::Signature;
-use crate::link::Soaked;
+use crate::link::SoakSpan;
 use crate::notice::Notice;
 use crate::number::Value;
-use crate::sample::{Assembler, NoSample, Telemetry, invalidate};
+use crate::sample::{Assembler, NoSample, TemperatureColumns, invalidate};
 use crate::tally::Tally;
-use crate::timeline::{Counter, Observed, Place, Placed, Timeline};
+use crate::timeline::{Counter, FrameObservation, FramePlace, FramePlacement, Timeline};
 use isotherm_client::RawSample;
 use isotherm_support::failure::tell;
 
@@ -39,13 +39,14 @@ pub(crate) struct Intake {
     sequence: u64,
     /// The time of the last frame \[ns\].
     last_ns: u64,
-    /// Whether this session has a sample, and whether its last period has one.
-    has_sample: (bool, bool),
+    /// Whether this session has a sample.
+    has_sample: bool,
+    /// Whether the last period of this session has a sample.
+    last_has_sample: bool,
     /// What happened since the last frame that was placed: the device was away, and frames were damaged.
     after_outage: bool,
     damaged: u64,
-    /// New sessions since the last ten regular frames, and regular frames since the last one.
-    restarts: (u64, u64),
+    restarts: SessionRestarts,
     warned_of_rate: bool,
     /// When the rate was off, by both clocks since it is measured \[s\].
     suspected: Option<(f64, f64)>,
@@ -55,7 +56,7 @@ pub(crate) struct Intake {
     rates: Notice,
     health: Health,
     /// Where the device is taken to be soaked.
-    pub(crate) soaked: Soaked,
+    pub(crate) soaked: SoakSpan,
     /// Times that the device had said that it was just powered, when a session began.
     power_ups: u64,
     /// Under whose number samples go out.
@@ -63,9 +64,34 @@ pub(crate) struct Intake {
     pub(crate) tally: Tally,
 }
 
+/// New sessions that follow each other closely: the counter or the clock is then not as described.
+#[derive(Clone, Copy, Debug, Default)]
+struct SessionRestarts {
+    /// Sessions since the last run of [`Self::REGULAR`] frames.
+    sessions: u64,
+    /// Frames of the present session after its first one.
+    frames: u64,
+}
+
+impl SessionRestarts {
+    /// So many frames after the first one show that a session goes on.
+    const REGULAR: u64 = 10;
+
+    const fn begin_session(&mut self) {
+        *self = Self { sessions: self.sessions + 1, frames: 0 };
+    }
+
+    const fn count_frame(&mut self) {
+        self.frames += 1;
+        if self.frames >= Self::REGULAR {
+            self.sessions = 0;
+        }
+    }
+}
+
 /// When a row came, and what it took.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Came {
+pub(crate) struct RowArrival {
     /// `None` for rows that do not come at their time.
     pub(crate) arrival: Option<Arrival>,
     pub(crate) bytes: usize,
@@ -74,8 +100,8 @@ pub(crate) struct Came {
     pub(crate) stamp: Option<u64>,
 }
 
-impl Came {
-    pub(crate) fn of(found: &Found<'_>, is_live: bool) -> Self {
+impl RowArrival {
+    pub(crate) fn of(found: &DecodedFrame<'_>, is_live: bool) -> Self {
         let arrival = is_live.then_some(found.arrival);
         Self { arrival, bytes: found.bytes, damaged: found.damaged, stamp: None }
     }
@@ -105,10 +131,11 @@ impl Intake {
             byte_ns,
             sequence: 0,
             last_ns: 0,
-            has_sample: (false, false),
+            has_sample: false,
+            last_has_sample: false,
             after_outage: false,
             damaged: 0,
-            restarts: (0, 0),
+            restarts: SessionRestarts::default(),
             warned_of_rate: false,
             suspected: None,
             last_arrival: None,
@@ -116,7 +143,7 @@ impl Intake {
             counts: Notice::default(),
             rates: Notice::default(),
             health: Health::default(),
-            soaked: Soaked::default(),
+            soaked: SoakSpan::default(),
             power_ups: 0,
             signature: Signature::Own,
             tally: Tally { imu: description.imu.to_string(), ..Tally::default() },
@@ -135,25 +162,25 @@ impl Intake {
     }
 
     /// Takes a row. Gives each sample that is placed to `sink`, with the number of its session from 1.
-    pub(crate) fn take(&mut self, row: &[Value], came: Came, sink: &mut dyn FnMut(RawSample, u64)) {
+    pub(crate) fn take(&mut self, row: &[Value], arrived: RowArrival, sink: &mut dyn FnMut(RawSample, u64)) {
         self.tally.frames += 1;
-        self.damaged += came.damaged;
+        self.damaged += arrived.damaged;
         let timing = self.description.timing;
         let value = |column: usize| row.get(column).copied().unwrap_or(Value::ABSENT);
         let latency = timing.latency.map_or(0.0, |(column, unit)| value(column).number * unit);
-        let late = came.bytes as f64 * self.byte_ns + if latency.is_finite() { latency.max(0.0) } else { 0.0 };
+        let late = arrived.bytes as f64 * self.byte_ns + if latency.is_finite() { latency.max(0.0) } else { 0.0 };
         let earlier = |at: u64| at.saturating_sub(late as u64);
-        let arrival = came
+        let arrival = arrived
             .arrival
             .map(|Arrival { after_ns, by_ns }| Arrival { after_ns: earlier(after_ns), by_ns: earlier(by_ns) });
         self.last_arrival = arrival;
         let is_same = row.len() == self.last_row.len() && row.iter().zip(&self.last_row).all(|(a, b)| a.is_same(b));
         self.last_row.clear();
         self.last_row.extend_from_slice(row);
-        let observed = Observed {
+        let observed = FrameObservation {
             arrival,
             counter: self.counter_of(row),
-            clock_ns: came.stamp.or_else(|| self.clock_of(row)),
+            clock_ns: arrived.stamp.or_else(|| self.clock_of(row)),
             damaged: self.damaged,
             after_outage: self.after_outage,
             is_same,
@@ -217,18 +244,18 @@ impl Intake {
         }
     }
 
-    fn hand_out_one(&mut self, placed: Placed, row: &[Value], sink: &mut dyn FnMut(RawSample, u64)) {
+    fn hand_out_one(&mut self, placed: FramePlacement, row: &[Value], sink: &mut dyn FnMut(RawSample, u64)) {
         let timestamp_ns = placed.timestamp_ns;
         match placed.place {
-            Place::Repeated => {
+            FramePlace::Repeated => {
                 self.tally.repeated += 1;
                 return;
             }
-            Place::First => {
+            FramePlace::First => {
                 self.begin_session();
                 self.note_power(row, timestamp_ns);
             }
-            Place::Next { periods, is_ambiguous } => self.pass(periods, is_ambiguous),
+            FramePlace::Next { periods, is_ambiguous } => self.pass(periods, is_ambiguous),
         }
         self.last_ns = timestamp_ns;
         let is_other = placed.interval_ns != self.description.timing.interval_ns;
@@ -266,9 +293,9 @@ impl Intake {
             let text = "the device has started again, or was away for over a turn of its counter: a new session";
             self.sessions.tell(|| text.to_owned());
         }
-        self.restarts = (self.restarts.0 + 1, 0);
+        self.restarts.begin_session();
         self.sequence = 0;
-        self.has_sample = (false, false);
+        (self.has_sample, self.last_has_sample) = (false, false);
         self.assembler.reset();
     }
 
@@ -276,9 +303,9 @@ impl Intake {
     fn note_power(&mut self, row: &[Value], timestamp_ns: u64) {
         let timing = &self.description.timing;
         let session = self.tally.sessions;
-        if matches!(self.description.columns.telemetry, Telemetry::Constant(_)) {
+        if matches!(self.description.columns.telemetry, TemperatureColumns::Constant(_)) {
             // What never changes has no lag.
-            self.soaked = Soaked { session, until_ns: u64::MAX };
+            self.soaked = SoakSpan { session, until_ns: u64::MAX };
             return;
         }
         let was_powered = std::mem::replace(&mut self.power_ups, self.tally.power_ups) != self.tally.power_ups;
@@ -294,16 +321,13 @@ impl Intake {
             .map(|((.., clock), clock_ns)| (u128::from(clock_ns), clock.turn_ns.map_or(u128::MAX, u128::from)));
         let is_new = |(since_ns, turn_ns): (u128, u128)| since_ns < JUST_POWERED_NS.into() && turn_ns >= LONG_TURN_NS;
         if was_powered || [of_counter, of_clock].into_iter().flatten().any(is_new) {
-            self.soaked = Soaked { session, until_ns: timestamp_ns.saturating_add(JUST_POWERED_NS) };
+            self.soaked = SoakSpan { session, until_ns: timestamp_ns.saturating_add(JUST_POWERED_NS) };
         }
     }
 
     /// Counts the periods up to this frame.
     fn pass(&mut self, periods: u64, is_ambiguous: bool) {
-        self.restarts.1 += 1;
-        if self.restarts.1 >= 10 {
-            self.restarts.0 = 0;
-        }
+        self.restarts.count_frame();
         self.sequence = self.sequence.saturating_add(periods);
         let missing = periods - 1;
         if missing == 0 {
@@ -327,19 +351,19 @@ impl Intake {
                 self.tally.samples += 1;
                 self.tally.unhealthy += u64::from(unhealthy != 0);
                 self.health.note(unhealthy);
-                self.has_sample = (true, true);
+                (self.has_sample, self.last_has_sample) = (true, true);
                 Some((RawSample { sequence: self.sequence, ..raw }, self.tally.sessions))
             }
-            Err(why) => {
-                self.missing_sample(&why);
+            Err(cause) => {
+                self.missing_sample(&cause);
                 None
             }
         }
     }
 
     /// A frame that is no sample: its period is missing, unless the session has no sample before it.
-    fn missing_sample(&mut self, why: &NoSample) {
-        let (count, message) = match why {
+    fn missing_sample(&mut self, cause: &NoSample) {
+        let (count, message) = match cause {
             NoSample::Incomplete => {
                 (&mut self.tally.incomplete, "has not all columns of the sensors, or one that is no number".to_owned())
             }
@@ -352,10 +376,9 @@ impl Intake {
         if *count == 1 {
             tell("isotherm", format!("frame {}: {message}; it is no sample; later ones are counted", self.sequence));
         }
-        let (has_begun, has_last) = &mut self.has_sample;
-        if *has_begun {
+        if self.has_sample {
             self.tally.missing += 1;
-            self.tally.gaps += u64::from(std::mem::take(has_last));
+            self.tally.gaps += u64::from(std::mem::take(&mut self.last_has_sample));
         }
     }
 

@@ -55,13 +55,13 @@ mod tests;
 mod timeline;
 
 pub use description::Description;
-pub use frames::{Arrival, Found, MAX_FRAME};
-pub use link::Sent;
+pub use frames::{Arrival, DecodedFrame, MAX_FRAME};
+pub use link::LinkCounts;
 pub use number::Value;
 pub use offline::samples_of;
 pub use port::serial_ports;
-pub use profiles::{PROFILES, Probed, probe};
+pub use profiles::{PROFILES, ProbeResult, probe};
 pub use recorder::Recording;
 pub use run::{Settings, Target, run};
 pub use stream::StreamDecoder;
-pub use tally::{Cause, Skipped, Tally};
+pub use tally::{Cause, SkippedBytes, Tally};

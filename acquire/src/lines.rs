@@ -1,8 +1,8 @@
 //! Rows of text in a stream of bytes: what sketches and loggers print.
 
-use crate::frames::{Arrival, Found, MAX_FRAME};
+use crate::frames::{Arrival, DecodedFrame, MAX_FRAME};
 use crate::number::Value;
-use crate::tally::{Cause, Skipped};
+use crate::tally::{Cause, SkippedBytes};
 
 /// What a line looks like.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,7 +28,7 @@ pub(crate) struct LineDecoder {
     too_long: u64,
     row: Vec<Value>,
     damaged: u64,
-    skipped: Skipped,
+    skipped: SkippedBytes,
 }
 
 impl LineDecoder {
@@ -36,11 +36,18 @@ impl LineDecoder {
     #[must_use]
     pub(crate) fn new(line: Line) -> Self {
         let row = vec![Value::ABSENT; line.used.len()];
-        Self { row, text: Vec::with_capacity(MAX_FRAME), too_long: 0, damaged: 0, skipped: Skipped::default(), line }
+        Self {
+            row,
+            text: Vec::with_capacity(MAX_FRAME),
+            too_long: 0,
+            damaged: 0,
+            skipped: SkippedBytes::default(),
+            line,
+        }
     }
 
     /// Takes the next bytes of the stream, and gives each line that is complete to `sink`.
-    pub(crate) fn push(&mut self, mut bytes: &[u8], arrival: Arrival, sink: &mut impl FnMut(Found<'_>)) {
+    pub(crate) fn push(&mut self, mut bytes: &[u8], arrival: Arrival, sink: &mut impl FnMut(DecodedFrame<'_>)) {
         while let Some(end) = memchr::memchr(b'\n', bytes) {
             let (line, rest) = bytes.split_at(end);
             self.add(line);
@@ -59,7 +66,7 @@ impl LineDecoder {
 
     /// Bytes that were no row, by cause.
     #[must_use]
-    pub(crate) const fn skipped(&self) -> &Skipped {
+    pub(crate) const fn skipped(&self) -> &SkippedBytes {
         &self.skipped
     }
 
@@ -72,7 +79,7 @@ impl LineDecoder {
         }
     }
 
-    fn complete(&mut self, arrival: Arrival, sink: &mut impl FnMut(Found<'_>)) {
+    fn complete(&mut self, arrival: Arrival, sink: &mut impl FnMut(DecodedFrame<'_>)) {
         let bytes = self.text.len() as u64 + self.too_long + 1;
         let read = match self.too_long {
             0 => self.line.read(&self.text, &mut self.row),
@@ -83,7 +90,7 @@ impl LineDecoder {
         match read {
             Ok(()) => {
                 let damaged = std::mem::take(&mut self.damaged);
-                sink(Found { row: &self.row, arrival, bytes: bytes as usize, damaged });
+                sink(DecodedFrame { row: &self.row, arrival, bytes: bytes as usize, damaged });
             }
             Err(cause) => {
                 let is_damaged = cause != Cause::Noise;
@@ -154,7 +161,7 @@ fn number(field: &[u8]) -> Option<Value> {
 mod tests {
     use super::*;
 
-    fn rows(line: &Line, text: &[u8], piece: usize) -> (Vec<Vec<f64>>, Skipped, u64) {
+    fn rows(line: &Line, text: &[u8], piece: usize) -> (Vec<Vec<f64>>, SkippedBytes, u64) {
         let (mut rows, mut damaged) = (Vec::new(), 0);
         let mut decoder = LineDecoder::new(line.clone());
         for piece in text.chunks(piece) {

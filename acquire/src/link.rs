@@ -8,6 +8,7 @@ use isotherm_support::failure::{Failure, tell};
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::hash::{BuildHasher as _, RandomState};
+use std::ops::RangeInclusive;
 use std::time::{Duration, Instant};
 
 /// How long samples are kept for a service that does not take them, and while none was there yet: then their session
@@ -15,13 +16,13 @@ use std::time::{Duration, Instant};
 const KEPT: Duration = Duration::from_secs(30);
 const KEPT_UNCONNECTED: Duration = Duration::from_secs(1);
 /// Samples that are kept at least, and at most: 4 MiB.
-const KEPT_SAMPLES: (usize, usize) = (16, 16_384);
+const KEPT_SAMPLES: RangeInclusive<usize> = 16..=16_384;
 /// Pause between two attempts to reach the service.
 const RETRY: Duration = Duration::from_millis(250);
 
 /// What became of the samples.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct Sent {
+pub struct LinkCounts {
     /// Sent to the service.
     pub sent: u64,
     /// Answered by it.
@@ -38,7 +39,7 @@ pub struct Sent {
 }
 
 /// A sample that waits, and the session that it belongs to.
-struct Waiting {
+struct QueuedSample {
     raw: RawSample,
     session: u64,
 }
@@ -46,15 +47,15 @@ struct Waiting {
 /// The samples before which a device was soaked, since it says that it was just powered: those of a session up to a
 /// time.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Soaked {
+pub(crate) struct SoakSpan {
     /// As counted from 1.
     pub(crate) session: u64,
     /// Of the samples \[ns\].
     pub(crate) until_ns: u64,
 }
 
-impl Soaked {
-    fn contains(self, sample: &Waiting) -> bool {
+impl SoakSpan {
+    fn contains(self, sample: &QueuedSample) -> bool {
         sample.session == self.session && sample.raw.timestamp_ns <= self.until_ns
     }
 }
@@ -81,9 +82,46 @@ fn resume(acquisition: &mut Acquisition, before: Option<KeptLag>, first: &RawSam
     }
 }
 
-/// The lag of an acquisition, with the last sample and when it was sent.
-fn kept(acquisition: &Acquisition, (sample_ns, sent_ns): (u64, u64)) -> KeptLag {
-    KeptLag { lag: *acquisition.lag(), sample_ns, sent_ns }
+/// The sample that the lag of an acquisition has followed last.
+#[derive(Clone, Copy, Default)]
+struct LastSample {
+    /// Its time \[ns\].
+    sample_ns: u64,
+    /// When it was followed \[ns\].
+    sent_ns: u64,
+}
+
+impl LastSample {
+    fn now(raw: &RawSample) -> Self {
+        Self { sample_ns: raw.timestamp_ns, sent_ns: monotonic_ns() }
+    }
+
+    /// The lag of an acquisition after this sample.
+    fn lag(self, acquisition: &Acquisition) -> KeptLag {
+        KeptLag { lag: *acquisition.lag(), sample_ns: self.sample_ns, sent_ns: self.sent_ns }
+    }
+}
+
+/// How many samples are kept.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+struct QueueLimits {
+    /// For a service that does not take them.
+    connected: usize,
+    /// While no service was there yet.
+    unconnected: usize,
+}
+
+impl QueueLimits {
+    /// For samples that come at this interval; `None`: without a limit.
+    fn new(interval_ns: Option<u64>) -> Self {
+        let samples = |time: Duration| {
+            interval_ns.map_or(usize::MAX, |interval_ns| {
+                let samples = (time.as_nanos() as u64 / interval_ns.max(1)) as usize;
+                samples.clamp(*KEPT_SAMPLES.start(), *KEPT_SAMPLES.end())
+            })
+        };
+        Self { connected: samples(KEPT), unconnected: samples(KEPT_UNCONNECTED) }
+    }
 }
 
 /// A random number for a first session.
@@ -96,9 +134,8 @@ pub(crate) struct Link {
     imu: ImuId,
     options: Options,
     acquisition: Option<Acquisition>,
-    waiting: VecDeque<Waiting>,
-    /// Samples that are kept, and while no service was there yet.
-    most: [usize; 2],
+    waiting: VecDeque<QueuedSample>,
+    limits: QueueLimits,
     /// `None`: as fast as the service takes them.
     pace: Option<Pace>,
     /// The session of the samples that were sent last on this connection, as counted here; 0 before.
@@ -108,16 +145,16 @@ pub(crate) struct Link {
     next_attempt: Instant,
     since: Instant,
     give_up: Option<Duration>,
-    told: Option<String>,
+    /// Why the service is waited for, as it was told last.
+    told_cause: Option<String>,
     /// For the successor of this process; `None` for a source that is no device.
     note: Option<AcquisitionNote>,
     /// The lag of the process before this one, or of the last connection, until a session goes on with it.
     lag: Option<KeptLag>,
-    /// Time of the last sample that was sent, and when that was \[ns\].
-    last: (u64, u64),
+    last: LastSample,
     /// Where the device is taken to be soaked.
-    pub(crate) soaked: Soaked,
-    pub(crate) sent: Sent,
+    pub(crate) soaked: SoakSpan,
+    pub(crate) sent: LinkCounts,
     pub(crate) recorder: Option<Recorder>,
 }
 
@@ -130,49 +167,43 @@ impl Link {
         note: Option<AcquisitionNote>,
         recorder: Option<Recorder>,
     ) -> Self {
-        let most = [KEPT, KEPT_UNCONNECTED].map(|kept| {
-            let samples = |interval_ns: u64| (kept.as_nanos() as u64 / interval_ns.max(1)) as usize;
-            let (least, most) = KEPT_SAMPLES;
-            interval_ns.map_or(usize::MAX, |interval_ns| samples(interval_ns).clamp(least, most))
-        });
+        let limits = QueueLimits::new(interval_ns);
         let give_up = Some(options.timeout).filter(|timeout| !timeout.is_zero());
         let now = Instant::now();
         Self {
             imu,
             options: Options { timeout: Duration::ZERO, ..options },
             acquisition: None,
-            waiting: VecDeque::with_capacity(interval_ns.map_or(0, |_| most[1] + 1)),
-            most,
+            waiting: VecDeque::with_capacity(interval_ns.map_or(0, |_| limits.unconnected + 1)),
+            limits,
             pace: interval_ns.map(|_| Pace::default()),
             session: 0,
             first: any_session(),
             next_attempt: now,
             since: now,
             give_up,
-            told: None,
+            told_cause: None,
             lag: note.as_ref().and_then(AcquisitionNote::lag),
             note,
-            last: (0, 0),
-            soaked: Soaked::default(),
-            sent: Sent::default(),
+            last: LastSample::default(),
+            soaked: SoakSpan::default(),
+            sent: LinkCounts::default(),
             recorder,
         }
     }
 
     /// Takes the next sample. Sessions are counted from 1.
     pub(crate) fn take(&mut self, raw: RawSample, session: u64) {
-        self.waiting.push_back(Waiting { raw, session });
-        let [connected, unconnected] = self.most;
-        let most = if self.acquisition.is_some() { connected } else { unconnected };
-        while self.waiting.len() > most {
-            if let Some(lost) = self.waiting.pop_front() {
-                self.sent.dropped += 1;
-                if let Some(acquisition) = self.acquisition.as_mut().filter(|_| self.session != 0) {
-                    acquisition.follow(&lost.raw);
-                    self.last = (lost.raw.timestamp_ns, monotonic_ns());
-                }
-                self.record(&lost);
+        self.waiting.push_back(QueuedSample { raw, session });
+        let limit = if self.acquisition.is_some() { self.limits.connected } else { self.limits.unconnected };
+        while self.waiting.len() > limit {
+            let Some(lost) = self.waiting.pop_front() else { return };
+            self.sent.dropped += 1;
+            if let Some(acquisition) = self.acquisition.as_mut().filter(|_| self.session != 0) {
+                acquisition.follow(&lost.raw);
+                self.last = LastSample::now(&lost.raw);
             }
+            self.record(&lost);
         }
     }
 
@@ -199,7 +230,7 @@ impl Link {
             tell("isotherm", format!("{failed}; connecting again"));
             let acquisition = self.acquisition.take().filter(|_| self.session != 0);
             self.sent.unanswered += acquisition.as_ref().map_or(0, |acquisition| acquisition.in_flight() as u64);
-            self.lag = acquisition.map(|acquisition| kept(&acquisition, self.last)).or(self.lag);
+            self.lag = acquisition.map(|acquisition| self.last.lag(&acquisition)).or(self.lag);
             (self.since, self.next_attempt) = (Instant::now(), Instant::now() + RETRY);
         }
         Ok(())
@@ -217,7 +248,7 @@ impl Link {
                 return Ok(());
             }
             if next.session != self.session {
-                let before = if self.session == 0 { self.lag } else { Some(kept(acquisition, self.last)) };
+                let before = if self.session == 0 { self.lag } else { Some(self.last.lag(acquisition)) };
                 if acquisition.begin_session().is_err() {
                     // Not before the last session is answered.
                     return Ok(());
@@ -228,7 +259,7 @@ impl Link {
                 }
             }
             acquisition.follow(&next.raw);
-            self.last = (next.raw.timestamp_ns, monotonic_ns());
+            self.last = LastSample::now(&next.raw);
             let mut sent = next.raw;
             acquisition.complete(&mut sent);
             let loan = acquisition.loan_record(&next.raw).map_err(|error| error.to_string())?;
@@ -236,7 +267,7 @@ impl Link {
                 Ok(()) => {
                     self.sent.sent += 1;
                     if let Some(note) = &mut self.note {
-                        note.keep(&kept(acquisition, self.last));
+                        note.keep(&self.last.lag(acquisition));
                     }
                 }
                 Err(SendError::Full(_)) => return Ok(()),
@@ -265,7 +296,7 @@ impl Link {
                 // The next sample begins a session, and goes on with the lag.
                 self.session = 0;
                 self.sent.connections += 1;
-                self.told = None;
+                self.told_cause = None;
                 return Ok(());
             }
             Err(error) => error,
@@ -279,16 +310,16 @@ impl Link {
         let text = error.to_string();
         // A service that starts is there within this time.
         let is_soon = now - self.since < Duration::from_millis(500) && !matches!(error, ConnectError::NoService(_));
-        if !is_soon && self.told.as_ref() != Some(&text) {
+        if !is_soon && self.told_cause.as_ref() != Some(&text) {
             tell("isotherm", format!("waiting: {text}"));
-            self.told = Some(text);
+            self.told_cause = Some(text);
         }
         Ok(())
     }
 
     /// Records a sample that was never sent. If the service has not seen its session, that has a number of its own:
     /// sequences rise within a session, in a record too.
-    fn record(&mut self, lost: &Waiting) {
+    fn record(&mut self, lost: &QueuedSample) {
         let begun = self.acquisition.as_ref().filter(|_| lost.session == self.session);
         let session = begun.map_or(self.first.wrapping_add(lost.session), Acquisition::session);
         if let Some(recorder) = &mut self.recorder {
@@ -306,7 +337,7 @@ impl Link {
         }
         let of_session = self.acquisition.as_ref().filter(|_| self.session != 0);
         if let (Some(note), Some(acquisition)) = (&mut self.note, of_session) {
-            note.end(&kept(acquisition, self.last));
+            note.end(&self.last.lag(acquisition));
         }
         let unanswered = self.acquisition.take().map_or(0, |acquisition| acquisition.close().unanswered);
         lost + unanswered
@@ -324,8 +355,9 @@ mod tests {
             let options = Options::new(Domain::new("none", "/tmp/none").unwrap(), Duration::ZERO);
             Link::new("imu-a".parse().unwrap(), options, Some(interval_ns), None, None)
         };
-        let most = [3_000_000_000, 2_500_000, 100_000].map(|ns| of_interval(ns).most);
-        assert_eq!(most, [[16, 16], [12_000, 400], [16_384, 10_000]]);
+        let limits = [3_000_000_000, 2_500_000, 100_000].map(|ns| of_interval(ns).limits);
+        let expected = [(16, 16), (12_000, 400), (16_384, 10_000)];
+        assert_eq!(limits, expected.map(|(connected, unconnected)| QueueLimits { connected, unconnected }));
         let mut link = of_interval(3_000_000_000);
         (0..20).for_each(|sequence| link.take(RawSample { sequence, ..RawSample::default() }, 1));
         assert_eq!((link.sent.dropped, link.waiting.front().unwrap().raw.sequence), (4, 4));

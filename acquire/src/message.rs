@@ -76,7 +76,7 @@ fn is_serial(text: &str) -> bool {
 }
 
 /// What the bytes at the beginning of a message are.
-enum Beginning {
+enum MessageStart {
     /// A message of this length with this number.
     Message(usize, String),
     Other,
@@ -85,34 +85,34 @@ enum Beginning {
 }
 
 impl Message {
-    fn beginning(&self, bytes: &[u8]) -> Beginning {
+    fn beginning(&self, bytes: &[u8]) -> MessageStart {
         match &self.form {
             Form::Line => self.line(bytes),
             Form::Frame { length, checksum, serial } => {
-                let Some(message) = bytes.get(..*length) else { return Beginning::Open };
+                let Some(message) = bytes.get(..*length) else { return MessageStart::Open };
                 let is_right = checksum.as_ref().is_none_or(|checksum| checksum.is_right(message) == Some(true));
                 let number = if is_right { serial.read(message) } else { None };
-                number.map_or(Beginning::Other, |number| Beginning::Message(*length, number))
+                number.map_or(MessageStart::Other, |number| MessageStart::Message(*length, number))
             }
         }
     }
 
-    fn line(&self, bytes: &[u8]) -> Beginning {
+    fn line(&self, bytes: &[u8]) -> MessageStart {
         let Some(end) = bytes.iter().take(MAX_LINE).position(|byte| *byte == b'\n' || *byte == b'\r') else {
             let is_text = bytes.iter().skip(self.begins.len()).all(u8::is_ascii_graphic);
-            return if is_text && bytes.len() < MAX_LINE { Beginning::Open } else { Beginning::Other };
+            return if is_text && bytes.len() < MAX_LINE { MessageStart::Open } else { MessageStart::Other };
         };
         let line = &bytes[..end];
         let text = match line.iter().rposition(|byte| *byte == b'*') {
             Some(star) if is_sealed(line, star) => &line[..star],
-            Some(_) => return Beginning::Other,
+            Some(_) => return MessageStart::Other,
             None => line,
         };
         let number = text.get(self.begins.len()..).unwrap_or_default();
         let number = number.split(|byte| *byte == b',').next().unwrap_or_default();
         match std::str::from_utf8(number) {
-            Ok(number) if is_serial(number) => Beginning::Message(end + 1, number.to_owned()),
-            _ => Beginning::Other,
+            Ok(number) if is_serial(number) => MessageStart::Message(end + 1, number.to_owned()),
+            _ => MessageStart::Other,
         }
     }
 }
@@ -151,12 +151,12 @@ impl MessageFinder {
             };
             done += begin;
             match self.message.beginning(&self.rest[done..]) {
-                Beginning::Message(length, number) => {
+                MessageStart::Message(length, number) => {
                     done += length;
                     sink(number, done.saturating_sub(before));
                 }
-                Beginning::Other => done += 1,
-                Beginning::Open => break,
+                MessageStart::Other => done += 1,
+                MessageStart::Open => break,
             }
         }
         self.rest.drain(..done);

@@ -25,15 +25,15 @@ pub(crate) struct AcquisitionNote {
     /// The machine's start; 0 = unknown.
     boot: u64,
     /// What is noted, if it is of this start of the machine.
-    noted: Option<Content>,
+    noted: Option<NoteContent>,
     /// When something was handed to the thread.
     handed: Option<Instant>,
-    writer: Option<Writer>,
+    writer: Option<NoteWriter>,
 }
 
 /// What is in the file. It exists only if a sample was sent.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
-struct Content {
+struct NoteContent {
     /// The machine's start, in which the sample was sent.
     boot: u64,
     /// The lag; `None` while the table has no time constant.
@@ -82,8 +82,8 @@ impl KeptLag {
     }
 }
 
-struct Writer {
-    contents: SyncSender<Content>,
+struct NoteWriter {
+    contents: SyncSender<NoteContent>,
     ended: Receiver<()>,
 }
 
@@ -92,7 +92,7 @@ impl AcquisitionNote {
     /// user nor the domain's group is none.
     pub(crate) fn load(domain: &Domain, imu: &ImuId) -> Self {
         let text = note(domain, imu).read_from_members(domain);
-        let content = text.and_then(|text| serde_json::from_slice::<Content>(&text).ok());
+        let content = text.and_then(|text| serde_json::from_slice::<NoteContent>(&text).ok());
         // A kernel that does not tell its start cannot be known to be the same.
         let boot = boot();
         let noted = content.filter(|content| content.boot != 0 && content.boot == boot);
@@ -122,7 +122,7 @@ impl AcquisitionNote {
         if self.handed.is_some() {
             self.hand_over(lag);
         }
-        if let Some(Writer { contents, ended }) = self.writer.take() {
+        if let Some(NoteWriter { contents, ended }) = self.writer.take() {
             drop(contents);
             // The thread ends, or the disk hangs.
             let _ = ended.recv_timeout(PAUSE);
@@ -133,8 +133,8 @@ impl AcquisitionNote {
         let lag = (lag.lag.lag_ns != 0).then_some(*lag);
         let is_new = self.noted.is_none_or(|noted| noted.lag.map(|kept| kept.lag) != lag.map(|kept| kept.lag));
         if is_new {
-            let content = Content { boot: self.boot, lag };
-            let writer = self.writer.get_or_insert_with(|| Writer::start(&self.domain, &self.imu));
+            let content = NoteContent { boot: self.boot, lag };
+            let writer = self.writer.get_or_insert_with(|| NoteWriter::start(&self.domain, &self.imu));
             if let Err(TrySendError::Full(_)) = writer.contents.try_send(content) {
                 return;
             }
@@ -148,7 +148,7 @@ fn note(domain: &Domain, imu: &ImuId) -> Note {
     Note::new(domain, &format!("acquired-{imu}.json"))
 }
 
-impl Writer {
+impl NoteWriter {
     /// Starts the thread. Without it nothing is noted, which is told.
     fn start(domain: &Domain, imu: &ImuId) -> Self {
         let (contents, received) = sync_channel(1);
@@ -165,7 +165,7 @@ impl Writer {
     }
 }
 
-fn write(domain: &Domain, note: &Note, contents: &Receiver<Content>) {
+fn write(domain: &Domain, note: &Note, contents: &Receiver<NoteContent>) {
     let mut is_told = false;
     for content in contents {
         let text = serde_json::to_vec(&content).map_err(std::io::Error::from);

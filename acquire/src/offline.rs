@@ -1,8 +1,8 @@
 //! Samples of a stream that is there already.
 
 use crate::description::Description;
-use crate::frames::{Arrival, Found};
-use crate::intake::{Came, Intake};
+use crate::frames::{Arrival, DecodedFrame};
+use crate::intake::{Intake, RowArrival};
 use crate::stream::StreamDecoder;
 use crate::tally::Tally;
 use isotherm_client::RawSample;
@@ -22,8 +22,8 @@ pub fn samples_of<'a>(
     let mut intake = Intake::new(description, 0.0, false);
     for (piece, arrival) in pieces {
         intake.tally.bytes += piece.len() as u64;
-        decoder.push(piece, arrival.unwrap_or_default(), &mut |found: Found<'_>| {
-            intake.take(found.row, Came::of(&found, arrival.is_some()), &mut |raw, session| sink(&raw, session));
+        decoder.push(piece, arrival.unwrap_or_default(), &mut |found: DecodedFrame<'_>| {
+            intake.take(found.row, RowArrival::of(&found, arrival.is_some()), &mut |raw, session| sink(&raw, session));
         });
     }
     decoder.end();

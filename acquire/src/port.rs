@@ -34,7 +34,7 @@ pub(crate) enum OpenPort {
 }
 
 /// What reading has brought.
-pub(crate) enum Read {
+pub(crate) enum PortRead {
     Bytes(usize),
     /// Nothing is there now.
     Nothing,
@@ -82,23 +82,23 @@ impl OpenPort {
     }
 
     /// Reads what is there, without waiting.
-    pub(crate) fn read(&mut self, buffer: &mut [u8]) -> io::Result<Read> {
+    pub(crate) fn read(&mut self, buffer: &mut [u8]) -> io::Result<PortRead> {
         let read = match self {
             Self::Serial(line) => rustix::io::read(&*line, buffer).map_err(io::Error::from),
             Self::Tcp(stream) => stream.read(buffer),
             Self::Udp(datagrams) => {
                 return match datagrams.receive(buffer) {
-                    Ok(count) => Ok(Read::Bytes(count)),
+                    Ok(count) => Ok(PortRead::Bytes(count)),
                     Err(error) => nothing(error),
                 };
             }
-            Self::File(_) | Self::Stdin(_) if !self.has_something() => return Ok(Read::Nothing),
+            Self::File(_) | Self::Stdin(_) if !self.has_something() => return Ok(PortRead::Nothing),
             Self::File(file) => file.read(buffer),
             Self::Stdin(stdin) => rustix::io::read(stdin, buffer).map_err(io::Error::from),
         };
         match read {
-            Ok(0) => Ok(Read::End),
-            Ok(count) => Ok(Read::Bytes(count)),
+            Ok(0) => Ok(PortRead::End),
+            Ok(count) => Ok(PortRead::Bytes(count)),
             Err(error) => nothing(error),
         }
     }
@@ -122,9 +122,9 @@ impl OpenPort {
     }
 }
 
-fn nothing(error: io::Error) -> io::Result<Read> {
+fn nothing(error: io::Error) -> io::Result<PortRead> {
     match error.kind() {
-        io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted => Ok(Read::Nothing),
+        io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted => Ok(PortRead::Nothing),
         _ => Err(error),
     }
 }
@@ -152,13 +152,13 @@ fn connect(address: &str) -> io::Result<TcpStream> {
 }
 
 /// A port that is being opened, in a thread of its own: names are looked up and connections made there.
-pub(crate) struct Opening {
+pub(crate) struct PendingPort {
     result: Receiver<(io::Result<OpenPort>, u64)>,
     /// Readable when the port is open or was refused.
     event: Arc<OwnedFd>,
 }
 
-impl Opening {
+impl PendingPort {
     pub(crate) fn start(port: &Port) -> io::Result<Self> {
         let event = Arc::new(eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?);
         let (sender, result) = channel();
@@ -185,7 +185,7 @@ impl Opening {
     }
 }
 
-impl AsFd for Opening {
+impl AsFd for PendingPort {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.event.as_fd()
     }
@@ -193,7 +193,7 @@ impl AsFd for Opening {
 
 /// Opens a port, unless the end is asked for.
 pub(crate) fn open_port(port: &Port, end: &AtomicBool) -> Result<OpenPort, Failure> {
-    let opening = Opening::start(port).map_err(|error| refused(port, &error))?;
+    let opening = PendingPort::start(port).map_err(|error| refused(port, &error))?;
     loop {
         if let Some((result, _)) = opening.poll() {
             return result.map_err(|error| refused(port, &error));
@@ -301,9 +301,9 @@ mod tests {
         let mut writer = OpenOptions::new().read(true).write(true).open(&path).unwrap();
         let mut port = OpenPort::open(&Port::File { path, pace: false }).unwrap();
         let mut buffer = [0; 8];
-        assert!(matches!(port.read(&mut buffer).unwrap(), Read::Nothing));
+        assert!(matches!(port.read(&mut buffer).unwrap(), PortRead::Nothing));
         writer.write_all(b"abc").unwrap();
-        assert!(matches!(port.read(&mut buffer).unwrap(), Read::Bytes(3)));
-        assert!(matches!(port.read(&mut buffer).unwrap(), Read::Nothing));
+        assert!(matches!(port.read(&mut buffer).unwrap(), PortRead::Bytes(3)));
+        assert!(matches!(port.read(&mut buffer).unwrap(), PortRead::Nothing));
     }
 }

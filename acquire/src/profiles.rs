@@ -1,8 +1,8 @@
 //! The profiles that come with the program, and which of them decodes a stream.
 
 use crate::description::{Description, Kind, Port};
-use crate::frames::{Arrival, Found};
-use crate::port::{Read, open_port, refused};
+use crate::frames::{Arrival, DecodedFrame};
+use crate::port::{PortRead, open_port, refused};
 use crate::stream::StreamDecoder;
 use isotherm_client::monotonic_ns;
 use isotherm_serial::{Parity, Serial};
@@ -33,7 +33,7 @@ const LISTEN: Duration = Duration::from_secs(3);
 
 /// What a profile made of a stream.
 #[derive(Clone, Debug, Serialize)]
-pub struct Probed {
+pub struct ProbeResult {
     /// The profile.
     pub profile: String,
     /// Rate of the line \[Bd\]; 0 for a stream that has none.
@@ -52,7 +52,7 @@ pub struct Probed {
     pub has_checksum: bool,
 }
 
-impl Probed {
+impl ProbeResult {
     /// Whether the stream is of this profile: its frames are nearly all bytes.
     #[must_use]
     pub const fn is_it(&self) -> bool {
@@ -74,9 +74,9 @@ struct Candidate {
 ///
 /// # Errors
 /// If the device cannot be opened or read.
-pub fn probe(device: &Path, baud: Option<u32>, end: &AtomicBool) -> Result<Vec<Probed>, Failure> {
+pub fn probe(device: &Path, baud: Option<u32>, end: &AtomicBool) -> Result<Vec<ProbeResult>, Failure> {
     let is_file = device.is_file();
-    let mut best: Vec<Probed> = Vec::new();
+    let mut best: Vec<ProbeResult> = Vec::new();
     for baud in baud.map_or_else(|| if is_file { vec![0] } else { rates() }, |baud| vec![baud]) {
         let port = if is_file {
             Port::File { path: device.to_owned(), pace: false }
@@ -85,11 +85,11 @@ pub fn probe(device: &Path, baud: Option<u32>, end: &AtomicBool) -> Result<Vec<P
             Port::Serial(Serial { path, baud, data_bits: 8, parity, stop_bits: 1 })
         };
         let found = listen(&port, baud, end)?;
-        let fits = |found: &[Probed]| found.first().map_or(0, |first| first.frames);
+        let fits = |found: &[ProbeResult]| found.first().map_or(0, |first| first.frames);
         if best.is_empty() || fits(&found) > fits(&best) {
             best = found;
         }
-        if best.first().is_some_and(Probed::is_it) || end.load(Ordering::Relaxed) {
+        if best.first().is_some_and(ProbeResult::is_it) || end.load(Ordering::Relaxed) {
             break;
         }
     }
@@ -123,7 +123,7 @@ fn candidates() -> Vec<Candidate> {
     PROFILES.iter().filter_map(candidate).collect()
 }
 
-fn listen(port: &Port, baud: u32, end: &AtomicBool) -> Result<Vec<Probed>, Failure> {
+fn listen(port: &Port, baud: u32, end: &AtomicBool) -> Result<Vec<ProbeResult>, Failure> {
     let mut open = open_port(port, end)?;
     let mut all = candidates();
     let (mut buffer, mut bytes, began) = (vec![0; 1 << 14], 0, Instant::now());
@@ -131,15 +131,15 @@ fn listen(port: &Port, baud: u32, end: &AtomicBool) -> Result<Vec<Probed>, Failu
         let pause = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
         let _ = poll(&mut [PollFd::new(&open, PollFlags::IN)], Some(&pause));
         let count = match open.read(&mut buffer).map_err(|error| refused(port, &error))? {
-            Read::Bytes(count) => count,
-            Read::Nothing => continue,
-            Read::End => break,
+            PortRead::Bytes(count) => count,
+            PortRead::Nothing => continue,
+            PortRead::End => break,
         };
         bytes += count as u64;
         let now = monotonic_ns();
         for one in &mut all {
             let (frames, first_ns, last_ns) = (&mut one.frames, &mut one.first_ns, &mut one.last_ns);
-            one.decoder.push(&buffer[..count], Arrival { after_ns: now, by_ns: now }, &mut |_: Found<'_>| {
+            one.decoder.push(&buffer[..count], Arrival { after_ns: now, by_ns: now }, &mut |_: DecodedFrame<'_>| {
                 *first_ns = if *frames == 0 { now } else { *first_ns };
                 (*frames, *last_ns) = (*frames + 1, now);
             });
@@ -151,11 +151,11 @@ fn listen(port: &Port, baud: u32, end: &AtomicBool) -> Result<Vec<Probed>, Failu
 }
 
 impl Candidate {
-    fn probed(&self, baud: u32, bytes: u64) -> Probed {
+    fn probed(&self, baud: u32, bytes: u64) -> ProbeResult {
         let skipped = self.decoder.skipped();
         let seconds = self.last_ns.saturating_sub(self.first_ns) as f64 / 1e9;
         let rate_hz = if seconds > 0.0 && baud > 0 { self.frames.saturating_sub(1) as f64 / seconds } else { 0.0 };
-        Probed {
+        ProbeResult {
             profile: self.profile.to_owned(),
             baud,
             frames: self.frames,

@@ -34,14 +34,14 @@ pub struct Recording {
 pub(crate) struct Recorder {
     rows: Option<SyncSender<RecordedRow>>,
     thread: Option<JoinHandle<Result<(), FileError>>>,
-    shared: Arc<Shared>,
+    shared: Arc<WriterState>,
     /// Rows for which the queue had no room.
     overflow: u64,
 }
 
 /// What the thread tells, and is told.
 #[derive(Default)]
-struct Shared {
+struct WriterState {
     written: AtomicU64,
     lost: AtomicU64,
     /// No more rows come, so that a full disk is not waited for.
@@ -77,10 +77,10 @@ impl Recorder {
         let (recording, imu) = (recording.clone(), imu.clone());
         let (sender, receiver) = sync_channel(QUEUE);
         let (created, is_created) = sync_channel(1);
-        let shared = Arc::<Shared>::default();
+        let shared = Arc::<WriterState>::default();
         let of_thread = Arc::clone(&shared);
         let body = move || {
-            let mut writer = Writer { recording, format, imu, files: None, given: 0, shared: of_thread };
+            let mut writer = RecordingWriter { recording, format, imu, files: None, given: 0, shared: of_thread };
             let opened = writer.open(true);
             let is_open = opened.is_ok();
             // The other side waits for it.
@@ -138,7 +138,7 @@ impl Recorder {
 }
 
 /// The recorder's thread.
-struct Writer {
+struct RecordingWriter {
     recording: Recording,
     format: Format,
     imu: ImuId,
@@ -146,10 +146,10 @@ struct Writer {
     files: Option<PatientFiles>,
     /// Rows that were given to the files.
     given: u64,
-    shared: Arc<Shared>,
+    shared: Arc<WriterState>,
 }
 
-impl Writer {
+impl RecordingWriter {
     /// Creates the files. A full disk is told of the first time, and waited for.
     fn open(&mut self, is_first: bool) -> Result<(), FileError> {
         let Recording { path, rotation } = &self.recording;

@@ -7,8 +7,8 @@ use crate::note::AcquisitionNote;
 use crate::notice::Notice;
 use crate::rate::Rate;
 use crate::recorder::{Recorder, Recording};
-use crate::sink::{Printed, Sink};
-use crate::source::{Source, State};
+use crate::sink::{PrintedRows, Sink};
+use crate::source::{Source, SourceState};
 use crate::tally::Tally;
 use isotherm_client::{Options, monotonic_ns, unix_s};
 use isotherm_support::failure::{Exit, Failure, shown, tell};
@@ -105,10 +105,10 @@ pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failu
             let kept = source.is_live().then_some(description.timing.interval_ns);
             Sink::Service(Box::new(Link::new(imu, options, kept, note, recorder)))
         }
-        Target::Rows(most) => Sink::Rows(Box::new(Printed::new(imu, most, recorder)?)),
+        Target::Rows(most) => Sink::Rows(Box::new(PrintedRows::new(imu, most, recorder)?)),
     };
     let now = Instant::now();
-    let acquiring = Acquiring {
+    let acquiring = AcquisitionLoop {
         description,
         settings,
         source,
@@ -119,13 +119,13 @@ pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failu
         written: now,
         judged: now,
         looked: now,
-        heard: Heard::new(now, Tally::default()),
+        heard: DeviceContact::new(now, Tally::default()),
         pace: Rate::default(),
     };
     acquiring.run()
 }
 
-struct Acquiring<'a> {
+struct AcquisitionLoop<'a> {
     description: &'a Description,
     settings: Settings,
     source: Source,
@@ -136,12 +136,12 @@ struct Acquiring<'a> {
     written: Instant,
     judged: Instant,
     looked: Instant,
-    heard: Heard,
+    heard: DeviceContact,
     pace: Rate,
 }
 
 /// When something was last heard of the device.
-struct Heard {
+struct DeviceContact {
     at: Instant,
     /// What had been counted then.
     tally: Tally,
@@ -152,13 +152,13 @@ struct Heard {
     opened: Instant,
 }
 
-impl Heard {
+impl DeviceContact {
     fn new(at: Instant, tally: Tally) -> Self {
         Self { at, tally, told: false, instead: Notice::default(), opened: at }
     }
 }
 
-impl Acquiring<'_> {
+impl AcquisitionLoop<'_> {
     fn run(mut self) -> Result<Tally, Failure> {
         let result = self.acquire();
         let ended = self.finish();
@@ -187,9 +187,9 @@ impl Acquiring<'_> {
                 let mut take = |raw, session| sink.take(raw, session);
                 let state = self.source.read(&mut self.intake, &mut take)?;
                 match state {
-                    State::Open => self.intake.look(monotonic_ns(), &mut take),
-                    State::Away => self.look(),
-                    State::Ended => {
+                    SourceState::Open => self.intake.look(monotonic_ns(), &mut take),
+                    SourceState::Away => self.look(),
+                    SourceState::Ended => {
                         self.intake.settle(&mut take);
                         return self.drain();
                     }
@@ -249,7 +249,7 @@ impl Acquiring<'_> {
                 tell("isotherm", "frames come");
             }
             self.intake.tally.last_frame_s = unix_s();
-            *heard = Heard::new(now, self.intake.tally.clone());
+            *heard = DeviceContact::new(now, self.intake.tally.clone());
             return;
         }
         let interval = Duration::from_nanos(self.description.timing.interval_ns);

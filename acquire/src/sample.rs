@@ -33,7 +33,7 @@ impl Axes {
 
 /// Where the telemetry comes from.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Telemetry {
+pub(crate) enum TemperatureColumns {
     /// Places in a row of the heads A1 to G3, and of the boards.
     Columns {
         /// Of the heads.
@@ -93,7 +93,7 @@ pub(crate) struct Columns {
     /// The gyroscopes, if there are any.
     pub(crate) gyroscope: Option<Axes>,
     /// The telemetry.
-    pub(crate) telemetry: Telemetry,
+    pub(crate) telemetry: TemperatureColumns,
     /// The status.
     pub(crate) status: Option<Status>,
     /// One pulse, in the columns' units.
@@ -133,8 +133,8 @@ impl Assembler {
     pub(crate) const fn new(columns: Columns) -> Self {
         let readings = Readings::new(columns.resolution, columns.interval_ns);
         let constant = match columns.telemetry {
-            Telemetry::Constant(constant) => [constant; 2 * AXES],
-            Telemetry::Columns { .. } => [f64::NAN; 2 * AXES],
+            TemperatureColumns::Constant(constant) => [constant; 2 * AXES],
+            TemperatureColumns::Columns { .. } => [f64::NAN; 2 * AXES],
         };
         Self { columns, readings, heads: constant, boards: constant, telemetry_ns: 0, interval_ns: columns.interval_ns }
     }
@@ -210,7 +210,7 @@ impl Assembler {
 
     /// Takes the telemetry of a row that has some; else that of the last row stays.
     pub(crate) fn take_telemetry(&mut self, row: &[Value], timestamp_ns: u64) {
-        let Telemetry::Columns { head, board, linear } = self.columns.telemetry else { return };
+        let TemperatureColumns::Columns { head, board, linear } = self.columns.telemetry else { return };
         let mut is_new = false;
         for (last, column) in self.heads.iter_mut().chain(&mut self.boards).zip(head.iter().chain(&board)) {
             let telemetry = row.get(*column).map_or(f64::NAN, |value| value.number * linear.scale + linear.offset);

@@ -1,6 +1,6 @@
 //! Where samples go: to the service, or to the standard output.
 
-use crate::link::{Link, Soaked, any_session};
+use crate::link::{Link, SoakSpan, any_session};
 use crate::recorder::Recorder;
 use crate::tally::Tally;
 use isotherm_client::{ImuId, RawSample, unix_s};
@@ -19,7 +19,7 @@ const LAST_ANSWERS: Duration = Duration::from_millis(250);
 /// Where samples go.
 pub(crate) enum Sink {
     Service(Box<Link>),
-    Rows(Box<Printed>),
+    Rows(Box<PrintedRows>),
 }
 
 impl Sink {
@@ -30,7 +30,7 @@ impl Sink {
         }
     }
 
-    pub(crate) const fn note_soaked(&mut self, soaked: Soaked) {
+    pub(crate) const fn note_soaked(&mut self, soaked: SoakSpan) {
         if let Self::Service(link) = self {
             link.soaked = soaked;
         }
@@ -84,7 +84,7 @@ impl Sink {
 }
 
 /// Rows on the standard output.
-pub(crate) struct Printed {
+pub(crate) struct PrintedRows {
     files: Files,
     left: Option<u64>,
     /// The number of session 1.
@@ -94,7 +94,7 @@ pub(crate) struct Printed {
     recorder: Option<Recorder>,
 }
 
-impl Printed {
+impl PrintedRows {
     pub(crate) fn new(imu: ImuId, most: Option<u64>, recorder: Option<Recorder>) -> Result<Self, Failure> {
         let files = Files::create(Path::new("-"), Format::Csv, Rotation::default(), &[imu], &[(0, StreamKind::Raw)])?;
         let first = any_session();

@@ -1,13 +1,13 @@
 //! The source of rows: bytes through a decoder, or the buffers of IIO.
 
 use crate::description::{Description, Kind, Port};
-use crate::frames::{Arrival, Found};
+use crate::frames::{Arrival, DecodedFrame};
 use crate::identity::Recognition;
 use crate::iio::{self, IioClock, IioFault, IioSource};
-use crate::intake::{Came, Intake};
+use crate::intake::{Intake, RowArrival};
 use crate::notice::Notice;
 use crate::number::Value;
-use crate::port::{OpenPort, Opening, Read, name_of, open_port, refused};
+use crate::port::{OpenPort, PendingPort, PortRead, name_of, open_port, refused};
 use crate::stream::StreamDecoder;
 use isotherm_client::{RawSample, monotonic_ns};
 use isotherm_support::failure::{Exit, Failure, tell};
@@ -32,7 +32,7 @@ pub(crate) enum Source {
 
 /// What reading has brought.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(crate) enum State {
+pub(crate) enum SourceState {
     /// The source goes on.
     Open,
     /// It is away, and looked for.
@@ -45,7 +45,7 @@ pub(crate) enum State {
 pub(crate) struct Bytes {
     port: Port,
     open: Option<OpenPort>,
-    opening: Option<Opening>,
+    opening: Option<PendingPort>,
     decoder: StreamDecoder,
     recognition: Recognition,
     buffer: Vec<u8>,
@@ -175,7 +175,11 @@ impl Source {
     ///
     /// # Errors
     /// If the source cannot be read, and waiting would not help.
-    pub(crate) fn read(&mut self, intake: &mut Intake, sink: &mut dyn FnMut(RawSample, u64)) -> Result<State, Failure> {
+    pub(crate) fn read(
+        &mut self,
+        intake: &mut Intake,
+        sink: &mut dyn FnMut(RawSample, u64),
+    ) -> Result<SourceState, Failure> {
         match self {
             Self::Bytes(bytes) => bytes.read(intake, sink),
             Self::Iio(scans) => scans.read(intake, sink),
@@ -260,27 +264,29 @@ impl Bytes {
         })))
     }
 
-    fn read(&mut self, intake: &mut Intake, sink: &mut dyn FnMut(RawSample, u64)) -> Result<State, Failure> {
+    fn read(&mut self, intake: &mut Intake, sink: &mut dyn FnMut(RawSample, u64)) -> Result<SourceState, Failure> {
         for _ in 0..READS {
             let is_live = self.is_live();
-            let Some(open) = &mut self.open else { return Ok(State::Away) };
+            let Some(open) = &mut self.open else { return Ok(SourceState::Away) };
             let before = monotonic_ns();
             // A file at the rate of its frames is read as far as they would have come.
             let due = self.pace.map(|(began, interval, frames)| (before.saturating_sub(began) / interval) > frames);
             if due == Some(false) {
                 std::thread::sleep(Duration::from_micros(200));
-                return Ok(State::Open);
+                return Ok(SourceState::Open);
             }
             let most = if self.pace.is_some() { 64 } else { self.buffer.len() };
             let count = match open.read(&mut self.buffer[..most]) {
-                Ok(Read::Bytes(count)) => count,
-                Ok(Read::Nothing) => {
+                Ok(PortRead::Bytes(count)) => count,
+                Ok(PortRead::Nothing) => {
                     self.empty_ns = before;
                     self.recognition.hear(&[], &mut intake.tally, &mut |bytes| open.write(bytes))?;
-                    return Ok(State::Open);
+                    return Ok(SourceState::Open);
                 }
-                Ok(Read::End) if matches!(self.port, Port::File { .. } | Port::Stdin) => return Ok(State::Ended),
-                Ok(Read::End) => return Ok(self.lose("the other side closed it", intake, sink)),
+                Ok(PortRead::End) if matches!(self.port, Port::File { .. } | Port::Stdin) => {
+                    return Ok(SourceState::Ended);
+                }
+                Ok(PortRead::End) => return Ok(self.lose("the other side closed it", intake, sink)),
                 // A pipe or a file does not come back.
                 Err(error) if matches!(self.port, Port::File { .. } | Port::Stdin) => {
                     return Err(refused(&self.port, &error));
@@ -299,14 +305,14 @@ impl Bytes {
             let of_other = intake.tally.other_device;
             let recognition = &mut self.recognition;
             intake.signature = recognition.signature();
-            let mut take = |found: Found<'_>| {
+            let mut take = |found: DecodedFrame<'_>| {
                 frames += 1;
                 if refused.is_ok() {
                     refused = recognition.see(found.row, &mut intake.tally);
                 }
                 if refused.is_ok() {
                     intake.signature = recognition.signature();
-                    intake.take(found.row, Came::of(&found, is_live), sink);
+                    intake.take(found.row, RowArrival::of(&found, is_live), sink);
                 }
             };
             self.decoder.push(&self.buffer[begin..count], arrival, &mut take);
@@ -319,29 +325,29 @@ impl Bytes {
             }
             if !is_live {
                 // The caller sends these first.
-                return Ok(State::Open);
+                return Ok(SourceState::Open);
             }
         }
-        Ok(State::Open)
+        Ok(SourceState::Open)
     }
 
     const fn is_live(&self) -> bool {
         !matches!(self.port, Port::File { pace: false, .. })
     }
 
-    fn lose(&mut self, why: &str, intake: &mut Intake, sink: &mut dyn FnMut(RawSample, u64)) -> State {
+    fn lose(&mut self, why: &str, intake: &mut Intake, sink: &mut dyn FnMut(RawSample, u64)) -> SourceState {
         let name = name_of(&self.port);
         self.losses.tell(|| format!("{name} went away: {why}; waiting for it to come back"));
         self.strangers += self.open.take().as_ref().map_or(0, OpenPort::strangers);
         self.decoder.end();
         intake.outage(sink);
-        State::Away
+        SourceState::Away
     }
 
     fn look(&mut self, may_begin: bool) {
         let Some(opening) = &self.opening else {
             if may_begin {
-                self.opening = Opening::start(&self.port).ok();
+                self.opening = PendingPort::start(&self.port).ok();
             }
             return;
         };
@@ -371,8 +377,8 @@ fn unless_away<T>(opened: Result<T, Failure>, waits: bool) -> Result<Option<T>, 
 }
 
 impl Scans {
-    fn read(&mut self, intake: &mut Intake, sink: &mut dyn FnMut(RawSample, u64)) -> Result<State, Failure> {
-        let Some(open) = &mut self.open else { return Ok(State::Away) };
+    fn read(&mut self, intake: &mut Intake, sink: &mut dyn FnMut(RawSample, u64)) -> Result<SourceState, Failure> {
+        let Some(open) = &mut self.open else { return Ok(SourceState::Away) };
         let now = monotonic_ns();
         let is_monotonic = *open.clock() == IioClock::Monotonic;
         let (row, polled_ns, empty_ns) = (&mut self.row, &mut self.polled_ns, self.empty_ns);
@@ -390,17 +396,17 @@ impl Scans {
             }
             let stamp = scan.timestamp_ns.filter(|_| is_monotonic).map(i64::cast_unsigned);
             let arrival = Some(Arrival { after_ns: empty_ns, by_ns: now });
-            intake.take(row, Came { arrival, stamp, ..Came::default() }, sink);
+            intake.take(row, RowArrival { arrival, stamp, ..RowArrival::default() }, sink);
         });
         self.empty_ns = now;
         match read {
-            Ok(()) => Ok(State::Open),
+            Ok(()) => Ok(SourceState::Open),
             Err(error) if error.kind == IioFault::Gone || intake.goes_on() => {
                 tell("isotherm", format!("{error}; waiting for it to come back"));
                 self.unpaired += open.counters().unpaired;
                 (self.open, self.polled_ns) = (None, None);
                 intake.outage(sink);
-                Ok(State::Away)
+                Ok(SourceState::Away)
             }
             Err(error) => Err(error.into()),
         }

@@ -1,9 +1,9 @@
 //! A stream of bytes, decoded as a description says.
 
 use crate::description::{Description, Kind};
-use crate::frames::{Arrival, Decoder, Found};
+use crate::frames::{Arrival, DecodedFrame, Decoder};
 use crate::lines::LineDecoder;
-use crate::tally::Skipped;
+use crate::tally::SkippedBytes;
 
 /// Finds the frames or lines of a description in a stream of bytes.
 ///
@@ -40,7 +40,7 @@ impl StreamDecoder {
 
     /// Takes the next bytes of the stream, in pieces of any length, and gives each frame that is complete to `sink`.
     /// Allocates nothing.
-    pub fn push(&mut self, bytes: &[u8], arrival: Arrival, sink: &mut impl FnMut(Found<'_>)) {
+    pub fn push(&mut self, bytes: &[u8], arrival: Arrival, sink: &mut impl FnMut(DecodedFrame<'_>)) {
         match &mut self.0 {
             Form::Frames(decoder) => decoder.push(bytes, arrival, sink),
             Form::Lines(decoder) => decoder.push(bytes, arrival, sink),
@@ -57,7 +57,7 @@ impl StreamDecoder {
 
     /// Bytes that were no frame, by cause.
     #[must_use]
-    pub const fn skipped(&self) -> &Skipped {
+    pub const fn skipped(&self) -> &SkippedBytes {
         match &self.0 {
             Form::Frames(decoder) => decoder.skipped(),
             Form::Lines(decoder) => decoder.skipped(),

@@ -1,6 +1,6 @@
 //! What has been counted.
 
-use crate::link::Sent;
+use crate::link::LinkCounts;
 use isotherm_client::unix_s;
 use serde::Serialize;
 use std::fmt::{self, Write as _};
@@ -26,7 +26,7 @@ pub enum Cause {
 
 /// Bytes that were no frame, by cause; and what began and was not right.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq, Serialize)]
-pub struct Skipped {
+pub struct SkippedBytes {
     /// Bytes where no frame begins.
     pub noise: u64,
     /// Bytes of frames or lines whose length is impossible.
@@ -47,7 +47,7 @@ pub struct Skipped {
     pub unread: u64,
 }
 
-impl Skipped {
+impl SkippedBytes {
     /// Counts bytes.
     pub fn add(&mut self, cause: Cause, bytes: u64) {
         let count = match cause {
@@ -145,7 +145,7 @@ pub struct Tally {
     /// How much the measured interval is over the one that is taken for the device's \[ppm\].
     pub deviation_ppm: f64,
     /// Bytes that were no frame.
-    pub skipped: Skipped,
+    pub skipped: SkippedBytes,
     /// The serial number that the device has told, if the description has one to compare it with.
     pub device: String,
     /// Whether the device is another one than the description's now.
@@ -159,7 +159,7 @@ pub struct Tally {
     /// Times that the device said that it was just powered.
     pub power_ups: u64,
     /// What became of the samples.
-    pub service: Sent,
+    pub service: LinkCounts,
     /// Rows that were recorded and are lasting.
     pub recorded: u64,
     /// Rows that could not be recorded.

@@ -11,10 +11,10 @@ mod times;
 mod world;
 
 use crate::description::Description;
-use crate::intake::{Came, Intake};
+use crate::intake::{Intake, RowArrival};
 use crate::profiles::PROFILES;
 use crate::stream::StreamDecoder;
-use crate::tally::Skipped;
+use crate::tally::SkippedBytes;
 use crate::{Arrival, Value};
 use isotherm_client::RawSample;
 
@@ -27,12 +27,12 @@ fn profile(name: &str) -> Description {
 /// The sample of a row that comes when it is read.
 fn take(intake: &mut Intake, row: &[Value]) -> Option<(RawSample, u64)> {
     let mut taken = None;
-    intake.take(row, Came::default(), &mut |raw, session| taken = Some((raw, session)));
+    intake.take(row, RowArrival::default(), &mut |raw, session| taken = Some((raw, session)));
     taken
 }
 
 /// The rows of a stream that arrives in pieces of these lengths, in turn.
-fn decode(description: &Description, bytes: &[u8], pieces: &[usize]) -> (Vec<Vec<Value>>, Skipped, u64) {
+fn decode(description: &Description, bytes: &[u8], pieces: &[usize]) -> (Vec<Vec<Value>>, SkippedBytes, u64) {
     let mut decoder = StreamDecoder::new(description).unwrap();
     let (mut rows, mut damaged, mut rest) = (Vec::new(), 0, bytes);
     for piece in pieces.iter().cycle() {

@@ -35,18 +35,18 @@ mod place;
 mod settle;
 
 pub(crate) use line::RATE_LIMIT;
-pub(crate) use number::{Counter, DeviceClock, Observed};
+pub(crate) use number::{Counter, DeviceClock, FrameObservation};
 
 use crate::frames::Arrival;
 use line::Line;
-use measured::Measured;
-use number::{Numbering, Numbers};
+use measured::RateMeasurement;
+use number::{FrameNumbering, Numbers};
 use pace::Trace;
 use std::collections::VecDeque;
 
 /// The place of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Place {
+pub(crate) enum FramePlace {
     /// The first of a session: the first of all, or after the device has started again or was away for longer than a
     /// turn of its counter.
     First,
@@ -63,8 +63,8 @@ pub(crate) enum Place {
 
 /// A frame on the line of time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Placed {
-    pub(crate) place: Place,
+pub(crate) struct FramePlacement {
+    pub(crate) place: FramePlace,
     /// When it was sampled \[ns\].
     pub(crate) timestamp_ns: u64,
     /// Its control period \[ns\].
@@ -91,28 +91,28 @@ enum Doubt {
 pub(crate) struct Timeline<T> {
     /// The interval of the description \[ns\], and the step of its counter.
     described: (f64, u64),
-    numbering: Numbering,
+    numbering: FrameNumbering,
     /// Whether two frames may come in the wrong order, as datagrams may.
     may_overtake: bool,
     /// Whether the arrivals tell of the rate.
     has_pace: bool,
-    last: Option<Last>,
-    waiting: VecDeque<(Observed, T)>,
+    last: Option<LastFrame>,
+    waiting: VecDeque<(FrameObservation, T)>,
     doubt: Option<Doubt>,
     /// What those that wait show of the rate, and how many of them it has.
     trace: Trace,
     traced: usize,
     /// Whether the interval is contradicted and no other one is known yet.
     is_doubted: bool,
-    placed: VecDeque<(Placed, T)>,
-    measured: Option<Measured>,
+    placed: VecDeque<(FramePlacement, T)>,
+    measured: Option<RateMeasurement>,
     /// The device's time of the frame that was taken last, and whether it stood still before that.
     pushed_clock: Option<(u64, bool)>,
 }
 
 /// The frame that was placed last.
 #[derive(Clone, Copy, Debug)]
-struct Last {
+struct LastFrame {
     line: Line,
     numbers: Numbers,
     /// The stamp of the first frame with its time of the device \[ns\].
@@ -128,7 +128,7 @@ impl<T> Timeline<T> {
         let interval = interval_ns as f64;
         Self {
             described: (interval, counter.map_or(1, |counter| counter.step)),
-            numbering: Numbering { interval, counter, clock, grain_ns: 0 },
+            numbering: FrameNumbering { interval, counter, clock, grain_ns: 0 },
             may_overtake: false,
             has_pace: true,
             last: None,
@@ -154,7 +154,7 @@ impl<T> Timeline<T> {
     }
 
     /// Takes the next frame, with what belongs to it. [`next`](Self::next) gives what is placed.
-    pub(crate) fn push(&mut self, observed: Observed, of: T) {
+    pub(crate) fn push(&mut self, observed: FrameObservation, of: T) {
         self.look_at_clock(&observed);
         let Some(arrival) = observed.arrival else {
             let placed = self.place_without_arrival(&observed);
@@ -167,7 +167,7 @@ impl<T> Timeline<T> {
     }
 
     /// The next frame that is placed, in their order.
-    pub(crate) fn next(&mut self) -> Option<(Placed, T)> {
+    pub(crate) fn next(&mut self) -> Option<(FramePlacement, T)> {
         self.placed.pop_front()
     }
 
@@ -205,7 +205,7 @@ impl<T> Timeline<T> {
 
     /// Measures the rate from this arrival on.
     pub(crate) fn measure_anew(&mut self, arrival: Option<Arrival>) {
-        self.measured = arrival.map(|arrival| Measured::after(arrival.by_ns));
+        self.measured = arrival.map(|arrival| RateMeasurement::after(arrival.by_ns));
     }
 
     /// Takes this interval for the device's \[ns\], and a step of its counter so many times as large. An interval near
@@ -219,7 +219,7 @@ impl<T> Timeline<T> {
         }
         if let Some(last) = &mut self.last {
             last.line.set_rate(self.numbering.interval);
-            self.measured = Some(Measured::after(last.by_ns));
+            self.measured = Some(RateMeasurement::after(last.by_ns));
         }
         self.is_doubted = false;
     }
@@ -248,7 +248,7 @@ impl<T> Timeline<T> {
     }
 
     /// Hands out the frame of the front.
-    fn hand_out(&mut self, placed: Placed) {
+    fn hand_out(&mut self, placed: FramePlacement) {
         if let Some((_, of)) = self.waiting.pop_front() {
             self.placed.push_back((placed, of));
         }

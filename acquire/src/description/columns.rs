@@ -1,7 +1,7 @@
 //! The columns of a row, by their names or numbers.
 
 use crate::number::Field;
-use crate::sample::{Axes, Columns, MAX_STATUS, Status, Telemetry};
+use crate::sample::{Axes, Columns, MAX_STATUS, Status, TemperatureColumns};
 use isotherm_client::Resolution;
 use isotherm_recording_formats::convert::{ColumnRef, Kind, Linear, SensorColumns, Sensors, Temperature};
 use isotherm_shared::document::Section;
@@ -281,10 +281,10 @@ fn axes(root: &Section<'_, '_>, key: &'static str, of: &Sensors, names: &mut Nam
     Some((Axes { columns, offset: of.offset, sign: of.sign, is_reading }, resolution))
 }
 
-fn telemetry(root: &Section<'_, '_>, of: &Temperature, names: &mut Names) -> Option<Telemetry> {
+fn telemetry(root: &Section<'_, '_>, of: &Temperature, names: &mut Names) -> Option<TemperatureColumns> {
     let section = root.optional_section("temperature")?;
     match of {
-        Temperature::Constant(constant) => Some(Telemetry::Constant(*constant)),
+        Temperature::Constant(constant) => Some(TemperatureColumns::Constant(*constant)),
         Temperature::Columns { head, board, linear } => {
             let mut places = |key, columns: &[ColumnRef]| {
                 let places = columns.iter().map(|column| names.place(&section, key, column));
@@ -293,7 +293,7 @@ fn telemetry(root: &Section<'_, '_>, of: &Temperature, names: &mut Names) -> Opt
             let head = places("columns", head)?;
             let key = if section.has("board_columns") { "board_columns" } else { "columns" };
             let linear = linear.unwrap_or(Linear { scale: 1.0, offset: 0.0 });
-            Some(Telemetry::Columns { head, board: places(key, board)?, linear })
+            Some(TemperatureColumns::Columns { head, board: places(key, board)?, linear })
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::columns::Names;
 use super::frame;
 use super::port::Port;
-use crate::dialogue::{Answer, Step};
+use crate::dialogue::{DialogueAnswer, DialogueStep};
 use crate::frames::{Length, MAX_FRAME};
 use crate::message::{Form, Message, Serial, SerialForm};
 use crate::number::{ByteOrder, NumberType};
@@ -16,16 +16,16 @@ const MAX_BYTES: usize = 256;
 /// How a device says who it is, and what becomes of another one's samples.
 #[derive(Clone)]
 pub(crate) struct Identity {
-    pub(crate) says: Says,
+    pub(crate) says: SerialNumberSource,
     /// What is asked when the port was opened; none, if it says so unasked.
-    pub(crate) ask: Vec<Step>,
+    pub(crate) ask: Vec<DialogueStep>,
     /// Whether nothing of another device is sent.
     pub(crate) holds: bool,
 }
 
 /// Where a device says its serial number.
 #[derive(Clone)]
-pub(crate) enum Says {
+pub(crate) enum SerialNumberSource {
     /// In a column of this place in a row, as a whole number.
     Field(usize),
     /// In a message between the frames.
@@ -33,7 +33,11 @@ pub(crate) enum Says {
 }
 
 /// Reads both sections; `port`: where bytes come from, if that is known.
-pub(super) fn read(root: &Section<'_, '_>, port: Option<&Port>, names: &mut Names) -> (Option<Identity>, Vec<Step>) {
+pub(super) fn read(
+    root: &Section<'_, '_>,
+    port: Option<&Port>,
+    names: &mut Names,
+) -> (Option<Identity>, Vec<DialogueStep>) {
     let set_up = root.list("setup");
     if names.are_channels() {
         root.refuse("setup", (!set_up.is_empty()).then(|| "is not for IIO; leave it out".to_owned()));
@@ -70,14 +74,17 @@ fn identity(section: Section<'_, '_>, names: &mut Names) -> Option<Identity> {
         }
         _ => {}
     }
-    let asked = ask.iter().filter(|step| step.answer == Answer::Message).count();
+    let asked = ask.iter().filter(|step| step.answer == DialogueAnswer::Message).count();
     section.refuse(
         "ask",
         (!ask.is_empty() && asked != 1)
             .then(|| format!("has {asked} steps without answer; give one, which message answers")),
     );
     section.finish();
-    let says = field.map_or_else(|| message.flatten().map(Says::Message), |place| place.map(Says::Field));
+    let says = field.map_or_else(
+        || message.flatten().map(SerialNumberSource::Message),
+        |place| place.map(SerialNumberSource::Field),
+    );
     Some(Identity { says: says?, ask, holds })
 }
 
@@ -93,7 +100,7 @@ fn refuse_silent(section: &Section<'_, '_>, key: &str, port: Option<&Port>) {
 }
 
 /// The steps of a dialogue; of `ask` one without answer is answered by the message.
-fn steps(sections: Vec<Section<'_, '_>>, of_ask: bool) -> Vec<Step> {
+fn steps(sections: Vec<Section<'_, '_>>, of_ask: bool) -> Vec<DialogueStep> {
     let mut steps = Vec::new();
     if let Some(section) = sections.get(MAX_STEPS) {
         section.fault("", format!("is one too many; give {MAX_STEPS} at most"));
@@ -104,12 +111,12 @@ fn steps(sections: Vec<Section<'_, '_>>, of_ask: bool) -> Vec<Step> {
             section.fault("send", "missing; give what is sent, as in \"I\\r\" or [0xFA, 0xFF], or an answer alone");
         }
         let answer = match answer {
-            Some(answer) => Answer::Bytes(answer),
-            None if of_ask => Answer::Message,
-            None => Answer::Nothing,
+            Some(answer) => DialogueAnswer::Bytes(answer),
+            None if of_ask => DialogueAnswer::Message,
+            None => DialogueAnswer::Nothing,
         };
         section.finish();
-        steps.push(Step { send: send.unwrap_or_default(), answer });
+        steps.push(DialogueStep { send: send.unwrap_or_default(), answer });
     }
     steps
 }

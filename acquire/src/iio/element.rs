@@ -36,12 +36,12 @@ pub(super) fn elements(folder: &Folder) -> Vec<Element> {
 
 /// A number in a scan.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(super) struct Place {
+pub(super) struct ElementPlace {
     at: usize,
     format: Format,
 }
 
-impl Place {
+impl ElementPlace {
     /// The number in this scan.
     pub(super) fn read(&self, scan: &[u8]) -> i64 {
         self.format.decode(scan.get(self.at..).unwrap_or_default())
@@ -51,7 +51,7 @@ impl Place {
 /// Where each enabled element is.
 #[derive(Debug)]
 pub(super) struct Layout {
-    places: Vec<(String, Place)>,
+    places: Vec<(String, ElementPlace)>,
     /// Bytes from one scan to the next.
     pub(super) bytes: usize,
 }
@@ -77,13 +77,13 @@ impl Layout {
             let at = end.next_multiple_of(format.bytes());
             end = at + format.bytes();
             largest = largest.max(format.bytes());
-            places.push((element.name.clone(), Place { at, format }));
+            places.push((element.name.clone(), ElementPlace { at, format }));
         }
         Ok(Self { places, bytes: end.next_multiple_of(largest) })
     }
 
     /// The place of this channel's only number, or why there is none.
-    pub(super) fn place(&self, folder: &Folder, channel: &str) -> Result<Place, IioError> {
+    pub(super) fn place(&self, folder: &Folder, channel: &str) -> Result<ElementPlace, IioError> {
         let phase = || folder.phase(&format!("scan element {channel}"));
         match self.places.iter().find(|(name, _)| name == channel) {
             Some((_, place)) if place.format.repeat == 1 => Ok(*place),

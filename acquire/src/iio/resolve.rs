@@ -7,7 +7,7 @@ use super::setup::Buffer;
 use super::temperature;
 
 /// A device of the description and its buffer.
-pub(super) struct Member<'a> {
+pub(super) struct DeviceBuffer<'a> {
     pub(super) device: &'a Device,
     pub(super) buffer: Buffer,
 }
@@ -20,20 +20,20 @@ pub(super) struct Channel {
 }
 
 /// Where a temperature is.
-pub(super) enum Telemetry<'a> {
+pub(super) enum TemperatureSource<'a> {
     Scanned(Channel),
     Polled(&'a Device, String),
 }
 
 /// The devices of the description, one or two, each with a buffer.
-pub(super) fn members<'a>(all: &'a [Device], settings: &IioSettings) -> Result<Vec<Member<'a>>, IioError> {
+pub(super) fn members<'a>(all: &'a [Device], settings: &IioSettings) -> Result<Vec<DeviceBuffer<'a>>, IioError> {
     let fault = |cause: String, remedy: &str| {
         Err(IioError::new(IioFault::Description, "IIO: source.iio.device", cause, remedy))
     };
     if !(1..=2).contains(&settings.devices.len()) {
         return fault(format!("names {} devices", settings.devices.len()), "name one device, or two");
     }
-    let mut members: Vec<Member<'a>> = Vec::new();
+    let mut members: Vec<DeviceBuffer<'a>> = Vec::new();
     for wanted in &settings.devices {
         let device = find(all, wanted)?;
         if members.iter().any(|member| member.device.index == device.index) {
@@ -44,7 +44,7 @@ pub(super) fn members<'a>(all: &'a [Device], settings: &IioSettings) -> Result<V
             let remedy = "a newer kernel's driver may have one; some need an interrupt line in the device tree";
             return Err(IioError::new(IioFault::Description, phase, "its driver has no buffer", remedy));
         };
-        members.push(Member { device, buffer });
+        members.push(DeviceBuffer { device, buffer });
     }
     Ok(members)
 }
@@ -55,7 +55,7 @@ fn split(name: &str) -> (Option<&str>, &str) {
 }
 
 /// The scan element that a column names.
-pub(super) fn column(all: &[Device], members: &[Member<'_>], name: &str) -> Result<Channel, IioError> {
+pub(super) fn column(all: &[Device], members: &[DeviceBuffer<'_>], name: &str) -> Result<Channel, IioError> {
     let (device, channel) = split(name);
     let only = device.map(|device| find(all, device)).transpose()?.map(|device| device.index);
     let found: Vec<usize> = (0..)
@@ -79,14 +79,18 @@ pub(super) fn column(all: &[Device], members: &[Member<'_>], name: &str) -> Resu
     }
 }
 
-fn scans(member: &Member<'_>) -> String {
+fn scans(member: &DeviceBuffer<'_>) -> String {
     let names: Vec<&str> = member.buffer.channels.iter().map(|element| element.name.as_str()).collect();
     format!("{} has {}", member.device.title(), names.join(" "))
 }
 
 /// Where the temperature of this name is: a scan element if there is one, else an attribute. Two devices of one chip
 /// both have its temperature: the first's is taken.
-pub(super) fn telemetry<'a>(all: &'a [Device], members: &[Member<'a>], name: &str) -> Result<Telemetry<'a>, IioError> {
+pub(super) fn telemetry<'a>(
+    all: &'a [Device],
+    members: &[DeviceBuffer<'a>],
+    name: &str,
+) -> Result<TemperatureSource<'a>, IioError> {
     let (device, channel) = split(name);
     let candidates: Vec<&Device> = match device {
         Some(device) => vec![find(all, device)?],
@@ -94,10 +98,10 @@ pub(super) fn telemetry<'a>(all: &'a [Device], members: &[Member<'a>], name: &st
     };
     let buffer = |device: &Device| (0..).zip(members).find(|(_, member)| member.device.index == device.index);
     let place = |device: &'a Device| match buffer(device) {
-        Some((member, Member { buffer, .. })) if buffer.has(channel) => {
-            Some(Telemetry::Scanned(Channel { member, name: channel.to_owned() }))
+        Some((member, DeviceBuffer { buffer, .. })) if buffer.has(channel) => {
+            Some(TemperatureSource::Scanned(Channel { member, name: channel.to_owned() }))
         }
-        _ => temperature::has(device, channel).then(|| Telemetry::Polled(device, channel.to_owned())),
+        _ => temperature::has(device, channel).then(|| TemperatureSource::Polled(device, channel.to_owned())),
     };
     let found = candidates.into_iter().find_map(place);
     found.ok_or_else(|| {

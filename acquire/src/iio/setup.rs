@@ -45,7 +45,7 @@ impl Buffer {
 }
 
 /// A device that is set up, its buffer still off.
-pub(super) struct Prepared {
+pub(super) struct DeviceSetup {
     pub(super) layout: Layout,
     pub(super) clock: IioClock,
     /// Scans that the kernel holds at most.
@@ -72,13 +72,13 @@ pub(super) fn prepare(
     buffer: &Buffer,
     channels: &[String],
     settings: &IioSettings,
-) -> Result<Prepared, IioError> {
+) -> Result<DeviceSetup, IioError> {
     let layout = select(buffer, channels)?;
     let clock = if buffer.has(TIMESTAMP) { set_monotonic(&device.folder) } else { IioClock::None };
     let trigger = trigger(tree, device, settings)?;
     rate::set(&device.folder, trigger.as_ref(), channels, settings.interval_ns)?;
     let length = size(buffer, settings)?;
-    Ok(Prepared { layout, clock, length })
+    Ok(DeviceSetup { layout, clock, length })
 }
 
 /// Enables these channels and the timestamp, and no other.

@@ -10,13 +10,13 @@ use super::element::TIMESTAMP;
 use super::error::{IioError, IioFault};
 use super::join::{Ring, join};
 use super::output::{IioCounters, Output, Scan};
-use super::resolve::{Channel, Member, Telemetry, column, members, telemetry};
+use super::resolve::{Channel, DeviceBuffer, TemperatureSource, column, members, telemetry};
 use super::scale::{IioScale, scale};
 use super::settings::IioSettings;
-use super::setup::{Prepared, claim, enable, prepare};
-use super::stream::{Stream, Wanted, waiting};
+use super::setup::{DeviceSetup, claim, enable, prepare};
+use super::stream::{ScanSelection, Stream, waiting};
 use super::sysfs::Tree;
-use super::temperature::{Polled, Temperature};
+use super::temperature::{PolledTemperature, Temperature};
 
 /// Reads of each descriptor in one call at most: a device that never is silent must not hold up its caller.
 const READS: usize = 16;
@@ -58,8 +58,8 @@ pub(super) fn open_tree(tree: &Tree, settings: &IioSettings) -> Result<IioSource
     let telemetry =
         settings.temperature.iter().map(|name| telemetry(&all, &members, name)).collect::<Result<Vec<_>, _>>()?;
     let scanned = telemetry.iter().filter_map(|place| match place {
-        Telemetry::Scanned(channel) => Some(channel.clone()),
-        Telemetry::Polled(..) => None,
+        TemperatureSource::Scanned(channel) => Some(channel.clone()),
+        TemperatureSource::Polled(..) => None,
     });
     let numbers: Vec<Channel> = columns.iter().cloned().chain(scanned).collect();
 
@@ -95,7 +95,7 @@ pub(super) fn open_tree(tree: &Tree, settings: &IioSettings) -> Result<IioSource
 }
 
 /// The one clock of all devices.
-fn common_clock(members: &[Member<'_>], prepared: &[Prepared]) -> Result<IioClock, IioError> {
+fn common_clock(members: &[DeviceBuffer<'_>], prepared: &[DeviceSetup]) -> Result<IioClock, IioError> {
     let clocks: Vec<&IioClock> = prepared.iter().map(|prepared| &prepared.clock).collect();
     match clocks[..] {
         [first] => Ok(first.clone()),
@@ -112,22 +112,22 @@ fn common_clock(members: &[Member<'_>], prepared: &[Prepared]) -> Result<IioCloc
 }
 
 fn temperatures(
-    members: &[Member<'_>],
-    telemetry: Vec<Telemetry<'_>>,
+    members: &[DeviceBuffer<'_>],
+    telemetry: Vec<TemperatureSource<'_>>,
     columns: usize,
 ) -> Result<Vec<Temperature>, IioError> {
     let mut slot = columns;
     let mut temperatures = Vec::new();
     for place in telemetry {
         match place {
-            Telemetry::Scanned(channel) => {
+            TemperatureSource::Scanned(channel) => {
                 if let Some(member) = members.get(channel.member) {
                     temperatures.push(Temperature::scanned(&member.device.folder, &channel.name, slot)?);
                 }
                 slot += 1;
             }
-            Telemetry::Polled(device, channel) => {
-                temperatures.push(Temperature::Polled(Polled::open(device, &channel)?));
+            TemperatureSource::Polled(device, channel) => {
+                temperatures.push(Temperature::Polled(PolledTemperature::open(device, &channel)?));
             }
         }
     }
@@ -137,20 +137,20 @@ fn temperatures(
 /// The streams, started.
 fn start(
     tree: &Tree,
-    members: &[Member<'_>],
+    members: &[DeviceBuffer<'_>],
     nodes: Vec<OwnedFd>,
-    prepared: Vec<Prepared>,
+    prepared: Vec<DeviceSetup>,
     numbers: &[Channel],
 ) -> Result<Vec<Stream>, IioError> {
     let mut streams = Vec::new();
     let claimed = members.iter().enumerate().zip(nodes).zip(prepared);
-    for (((at, member), node), Prepared { layout, clock, .. }) in claimed {
+    for (((at, member), node), DeviceSetup { layout, clock, .. }) in claimed {
         let folder = &member.buffer.elements;
         let of_member = numbers.iter().enumerate().filter(|(_, channel)| channel.member == at);
         let (slots, names): (Vec<usize>, Vec<&str>) = of_member.map(|(at, channel)| (at, &channel.name[..])).unzip();
         let places = names.iter().map(|name| layout.place(folder, name)).collect::<Result<_, _>>()?;
         let timestamp = (clock != IioClock::None).then(|| layout.place(folder, TIMESTAMP)).transpose()?;
-        let wanted = Wanted { timestamp, places, slots: slots.into_boxed_slice() };
+        let wanted = ScanSelection { timestamp, places, slots: slots.into_boxed_slice() };
         let (path, control) = (tree.node(member.device.index), member.buffer.control.clone());
         // From here on dropping it switches the buffer off.
         streams.push(Stream::new(node, path, control, wanted, layout.bytes));

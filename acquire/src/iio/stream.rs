@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
 use rustix::io::Errno;
 
-use super::element::Place;
+use super::element::ElementPlace;
 use super::error::{IioError, IioFault};
 use super::join::Ring;
 use super::sysfs::Folder;
@@ -20,10 +20,10 @@ pub(super) fn waiting(length: usize) -> usize {
 }
 
 /// What is taken out of a scan.
-pub(super) struct Wanted {
-    pub(super) timestamp: Option<Place>,
+pub(super) struct ScanSelection {
+    pub(super) timestamp: Option<ElementPlace>,
     /// The numbers.
-    pub(super) places: Box<[Place]>,
+    pub(super) places: Box<[ElementPlace]>,
     /// For each of them, its place among the numbers of the source.
     pub(super) slots: Box<[usize]>,
 }
@@ -33,7 +33,7 @@ pub(super) struct Stream {
     node: OwnedFd,
     path: PathBuf,
     control: Folder,
-    pub(super) wanted: Wanted,
+    pub(super) wanted: ScanSelection,
     scan: usize,
     bytes: Box<[u8]>,
     filled: usize,
@@ -42,7 +42,7 @@ pub(super) struct Stream {
 
 impl Stream {
     /// The scans of `scan` bytes each, over 0.
-    pub(super) fn new(node: OwnedFd, path: PathBuf, control: Folder, wanted: Wanted, scan: usize) -> Self {
+    pub(super) fn new(node: OwnedFd, path: PathBuf, control: Folder, wanted: ScanSelection, scan: usize) -> Self {
         let bytes = vec![0; scan * READ].into_boxed_slice();
         Self { node, path, control, wanted, scan, bytes, filled: 0, has_begun: false }
     }
@@ -79,7 +79,7 @@ impl Stream {
     }
 
     /// Hands out each whole scan, and keeps what has begun.
-    pub(super) fn scans(&mut self, mut each: impl FnMut(&Wanted, &[u8])) {
+    pub(super) fn scans(&mut self, mut each: impl FnMut(&ScanSelection, &[u8])) {
         let whole = self.filled - self.filled % self.scan;
         for scan in self.bytes.get(..whole).unwrap_or_default().chunks_exact(self.scan) {
             each(&self.wanted, scan);

@@ -17,7 +17,7 @@ pub(super) enum Temperature {
     /// A number of the scan: its place among the numbers.
     Scanned { slot: usize, scale: f64, offset: f64 },
     /// An attribute that is read from time to time.
-    Polled(Polled),
+    Polled(PolledTemperature),
 }
 
 impl Temperature {
@@ -29,7 +29,7 @@ impl Temperature {
 }
 
 /// A temperature that is polled.
-pub(super) struct Polled {
+pub(super) struct PolledTemperature {
     file: File,
     path: PathBuf,
     phase: String,
@@ -37,7 +37,7 @@ pub(super) struct Polled {
     offset: f64,
 }
 
-impl Polled {
+impl PolledTemperature {
     /// The attribute `in_CHANNEL_input` or `in_CHANNEL_raw`.
     pub(super) fn open(device: &Device, channel: &str) -> Result<Self, IioError> {
         let folder = &device.folder;

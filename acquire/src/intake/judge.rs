@@ -74,13 +74,13 @@ impl Intake {
     }
 
     fn judge_counter(&mut self) -> Result<(), Failure> {
-        if self.restarts.0 <= RESTARTS {
+        if self.restarts.sessions <= RESTARTS {
             return Ok(());
         }
         let message = format!(
             "{} new sessions within {} frames: the counter or the clock does not rise as described; compare \
              timing.counter.step and bits, or timing.time, with the data sheet",
-            self.restarts.0, self.tally.frames
+            self.restarts.sessions, self.tally.frames
         );
         if !self.goes_on() {
             return Err(Failure::new(Exit::Config, message));

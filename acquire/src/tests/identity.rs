@@ -1,8 +1,8 @@
 //! Who the device is: descriptions, and what becomes of another one's samples.
 
 use super::profile;
-use crate::description::{Description, Says};
-use crate::dialogue::Answer;
+use crate::description::{Description, SerialNumberSource};
+use crate::dialogue::DialogueAnswer;
 use crate::identity::{Recognition, Signature};
 use crate::profiles::PROFILES;
 use crate::tally::Tally;
@@ -32,8 +32,8 @@ fn profiles_say_how_devices_are_asked() {
     for name in ["stim300", "stim300-rate", "vn100", "mtdata2"] {
         let description = profile(name);
         let identity = description.identity.unwrap();
-        assert!(matches!(identity.says, Says::Message(_)) && !identity.holds, "{name}");
-        assert_eq!(identity.ask.iter().filter(|step| step.answer == Answer::Message).count(), 1, "{name}");
+        assert!(matches!(identity.says, SerialNumberSource::Message(_)) && !identity.holds, "{name}");
+        assert_eq!(identity.ask.iter().filter(|step| step.answer == DialogueAnswer::Message).count(), 1, "{name}");
         assert!(description.setup.is_empty(), "{name} changes the device unasked");
     }
     assert!(profile("kvh1750").identity.is_none());

@@ -4,7 +4,7 @@ use super::profile;
 use crate::Value;
 use crate::description::Description;
 use crate::frames::Arrival;
-use crate::intake::{Came, Intake};
+use crate::intake::{Intake, RowArrival};
 use crate::profiles::PROFILES;
 use isotherm_client::RawSample;
 
@@ -28,7 +28,7 @@ fn a_negative_time_is_no_time() {
         let own = [("counter", (micros / 5000.0).max(0.0)), ("micros", micros), ("temperature", 25.0)];
         let row = row(&description, &[&SENSORS[..], &own].concat());
         let mut taken = None;
-        intake.take(&row, Came::default(), &mut |raw, session| taken = Some((raw.timestamp_ns, session)));
+        intake.take(&row, RowArrival::default(), &mut |raw, session| taken = Some((raw.timestamp_ns, session)));
         taken
     });
     assert_eq!(times, [Some((5_000_000, 1)), Some((10_000_000, 1)), None, Some((20_000_000, 1))]);
@@ -51,7 +51,7 @@ fn take(intake: &mut Intake, seconds: f64, numbers: &[(&str, f64)]) -> Option<(u
     let row = row(&with_messages(), &[numbers, &own].concat());
     let mut taken = None;
     let mut sink = |raw: RawSample, session| taken = Some((session, raw.sequence));
-    intake.take(&row, Came { arrival, ..Came::default() }, &mut sink);
+    intake.take(&row, RowArrival { arrival, ..RowArrival::default() }, &mut sink);
     intake.settle(&mut sink);
     taken
 }

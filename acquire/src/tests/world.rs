@@ -1,7 +1,7 @@
 //! Devices, transports and outages on a virtual clock: where frames are placed, against what is true.
 
 use crate::frames::Arrival;
-use crate::timeline::{Counter, DeviceClock, Observed, Place, Placed, Timeline};
+use crate::timeline::{Counter, DeviceClock, FrameObservation, FramePlace, FramePlacement, Timeline};
 
 /// A generator of numbers that seem random: the same for the same seed.
 #[derive(Clone)]
@@ -97,7 +97,7 @@ pub(super) struct Result {
     /// How long it waited \[ns\].
     pub(super) waited: f64,
     pub(super) after: bool,
-    pub(super) placed: Placed,
+    pub(super) placed: FramePlacement,
 }
 
 impl World {
@@ -275,7 +275,7 @@ impl World {
                 timeline.settle_all();
                 collect(&mut timeline, now);
             }
-            let observed = Observed {
+            let observed = FrameObservation {
                 arrival: Some(*arrival),
                 counter: frame.counter,
                 clock_ns: frame.clock_ns,
@@ -346,15 +346,15 @@ impl World {
                 0.0
             });
             match placed.place {
-                Place::Repeated => {
+                FramePlace::Repeated => {
                     seen.repeated += 1;
                     continue;
                 }
-                Place::First => {
+                FramePlace::First => {
                     seen.sessions += 1;
                     base = if has_clock { stamp - result.time } else { 0.0 };
                 }
-                Place::Next { periods, is_ambiguous } => {
+                FramePlace::Next { periods, is_ambiguous } => {
                     let Some(before) = before else { panic!("no first frame") };
                     let interval = placed.interval_ns as f64;
                     let truth = (result.time - before.time) / interval;

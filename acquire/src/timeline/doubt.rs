@@ -1,9 +1,9 @@
 //! Why frames have to wait, and for how long.
 
 use super::line::{HELD_BACK_NS, Line};
-use super::number::{Numbers, Step};
+use super::number::{FrameStep, Numbers};
 use super::pace::{FRAMES, Pace, WINDOW_NS};
-use super::{Doubt, Last, Observed, Timeline};
+use super::{Doubt, FrameObservation, LastFrame, Timeline};
 use crate::frames::Arrival;
 
 /// Time that a counter may seem to run ahead of the clock \[s\].
@@ -33,14 +33,14 @@ pub(super) const ONE: std::ops::Range<f64> = 0.6..1.5;
 
 impl<T> Timeline<T> {
     /// Why a frame has to wait, if it does.
-    pub(super) fn doubt_of(&self, front: &Observed) -> Option<Doubt> {
+    pub(super) fn doubt_of(&self, front: &FrameObservation) -> Option<Doubt> {
         let Some(last) = self.last else { return Some(Doubt::Beginning) };
         let Arrival { after_ns, by_ns } = front.arrival.unwrap_or_default();
         let (line, interval) = (&last.line, self.numbering.interval);
         let (real, least, is_whole) = match self.step_from(&last.numbers, last.by_ns, front) {
-            Step::Restarted => return Some(Doubt::Beginning),
-            Step::Repeated => return None,
-            Step::Passed { real, least, is_whole } => (real, least, is_whole),
+            FrameStep::Restarted => return Some(Doubt::Beginning),
+            FrameStep::Repeated => return None,
+            FrameStep::Passed { real, least, is_whole } => (real, least, is_whole),
         };
         let (has_clock, turn) = (self.numbering.clock.is_some(), self.turn());
         if front.after_outage && !has_clock {
@@ -73,9 +73,9 @@ impl<T> Timeline<T> {
     }
 
     /// The step from a frame that came at `since_ns` to another one.
-    pub(super) fn step_from(&self, numbers: &Numbers, since_ns: u64, to: &Observed) -> Step {
+    pub(super) fn step_from(&self, numbers: &Numbers, since_ns: u64, to: &FrameObservation) -> FrameStep {
         if self.is_behind(numbers, to) {
-            return Step::Repeated;
+            return FrameStep::Repeated;
         }
         let most = to.arrival.map_or(f64::INFINITY, |arrival| {
             arrival.by_ns.saturating_sub(since_ns) as f64 / self.numbering.interval
@@ -86,7 +86,7 @@ impl<T> Timeline<T> {
     }
 
     /// Whether a datagram was overtaken by the one with these numbers.
-    fn is_behind(&self, numbers: &Numbers, to: &Observed) -> bool {
+    fn is_behind(&self, numbers: &Numbers, to: &FrameObservation) -> bool {
         if !self.may_overtake {
             return false;
         }
@@ -140,9 +140,9 @@ impl<T> Timeline<T> {
             let Some((observed, _)) = self.waiting.get(at) else { break };
             let by_ns = observed.arrival.unwrap_or_default().by_ns;
             match before.map(|(numbers, since_ns)| self.step_from(&numbers, since_ns, observed)) {
-                Some(Step::Passed { real, .. }) => self.trace.push(by_ns, real, observed.damaged > 0),
-                Some(Step::Repeated) => {}
-                Some(Step::Restarted) | None => {
+                Some(FrameStep::Passed { real, .. }) => self.trace.push(by_ns, real, observed.damaged > 0),
+                Some(FrameStep::Repeated) => {}
+                Some(FrameStep::Restarted) | None => {
                     self.trace.clear();
                     self.trace.push(by_ns, 0.0, false);
                 }
@@ -152,7 +152,7 @@ impl<T> Timeline<T> {
     }
 
     /// Whether what waits can be placed at this time \[ns\].
-    pub(super) fn is_decided(&self, doubt: Doubt, front: &Observed, now_ns: u64) -> bool {
+    pub(super) fn is_decided(&self, doubt: Doubt, front: &FrameObservation, now_ns: u64) -> bool {
         let interval = self.numbering.interval;
         let front_arrival = front.arrival.unwrap_or_default();
         let waited = now_ns.saturating_sub(front_arrival.by_ns);
@@ -175,7 +175,7 @@ impl<T> Timeline<T> {
     }
 
     /// Whether the last few came an interval apart, and not faster, as those do that catch up.
-    pub(super) fn is_steady(&self, last: &Last) -> bool {
+    pub(super) fn is_steady(&self, last: &LastFrame) -> bool {
         let Some(from) = self.waiting.len().checked_sub(STEADY) else { return false };
         let steps = self.steps(last);
         if steps.len() < self.waiting.len() {
@@ -188,17 +188,17 @@ impl<T> Timeline<T> {
     }
 
     /// Whether the newest of those that wait came when its number says.
-    pub(super) fn is_in_time(&self, last: &Last) -> bool {
+    pub(super) fn is_in_time(&self, last: &LastFrame) -> bool {
         self.late_of_newest(last).is_some_and(|late| late.abs() <= self.tolerance(last))
     }
 
     /// By how much time a number that has jumped may differ from the clock \[ns\].
-    pub(super) fn tolerance(&self, last: &Last) -> f64 {
+    pub(super) fn tolerance(&self, last: &LastFrame) -> f64 {
         2.0 * last.line.rate() + JITTERS * last.line.jitter() + NUMBER_NS
     }
 
     /// How late the newest of those that wait is \[ns\], if it was seen at its time.
-    pub(super) fn late_of_newest(&self, last: &Last) -> Option<f64> {
+    pub(super) fn late_of_newest(&self, last: &LastFrame) -> Option<f64> {
         let periods = self.steps(last).last().map_or(0, |(_, place)| *place);
         let arrival = self.waiting.back()?.0.arrival?;
         let is_seen = arrival.by_ns.saturating_sub(arrival.after_ns) as f64 <= HELD_BACK_NS;
@@ -206,7 +206,7 @@ impl<T> Timeline<T> {
     }
 
     /// Whether the newest of those that wait came at its time.
-    pub(super) fn has_caught_up(&self, last: &Last) -> bool {
+    pub(super) fn has_caught_up(&self, last: &LastFrame) -> bool {
         let line = &last.line;
         let allowed = 0.5 * LATE_INTERVALS * self.numbering.interval + 0.5 * JITTERS * line.jitter();
         self.late_of_newest(last).is_some_and(|late| late.abs() < allowed.max(1.5 * line.low().abs()))
@@ -218,20 +218,21 @@ impl<T> Timeline<T> {
         let (Some((before, _)), Some((newest, _))) = (self.waiting.get(at), self.waiting.back()) else { return false };
         let since_ns = before.arrival.unwrap_or_default().by_ns;
         let step = self.step_from(&Numbers::of(before), since_ns, newest);
-        matches!(step, Step::Passed { real, is_whole: true, .. } if ONE.contains(&real)) || step == Step::Restarted
+        matches!(step, FrameStep::Passed { real, is_whole: true, .. } if ONE.contains(&real))
+            || step == FrameStep::Restarted
     }
 
     /// The steps of those that wait up to a new start of the device, and their places from the last frame on, as far as
     /// no turn of the counter is counted.
-    pub(super) fn steps(&self, last: &Last) -> Vec<(Step, u64)> {
+    pub(super) fn steps(&self, last: &LastFrame) -> Vec<(FrameStep, u64)> {
         let (mut numbers, mut since_ns, mut place) = (last.numbers, last.by_ns, 0u64);
         let mut steps = Vec::with_capacity(self.waiting.len());
         for (observed, _) in &self.waiting {
             let step = self.step_from(&numbers, since_ns, observed);
             match step {
-                Step::Restarted => break,
-                Step::Repeated => {}
-                Step::Passed { least, .. } => {
+                FrameStep::Restarted => break,
+                FrameStep::Repeated => {}
+                FrameStep::Passed { least, .. } => {
                     place = place.saturating_add(least);
                     (numbers, since_ns) = (Numbers::of(observed), observed.arrival.unwrap_or_default().by_ns);
                 }
@@ -246,7 +247,7 @@ impl<T> Timeline<T> {
     pub(super) fn lateness<'a>(
         &'a self,
         line: &'a Line,
-        steps: &'a [(Step, u64)],
+        steps: &'a [(FrameStep, u64)],
     ) -> impl Iterator<Item = (f64, f64)> + 'a {
         self.waiting.iter().zip(steps).map(|((observed, _), (_, place))| {
             let Arrival { after_ns, by_ns } = observed.arrival.unwrap_or_default();

@@ -2,7 +2,7 @@
 
 /// Periods and time since the measurement began.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Measured {
+pub(super) struct RateMeasurement {
     /// When it began or will begin \[ns\].
     since: f64,
     /// Periods since then.
@@ -10,7 +10,7 @@ pub(super) struct Measured {
     has_begun: bool,
 }
 
-impl Measured {
+impl RateMeasurement {
     /// Begins a second later: what comes first may have waited.
     pub(super) const fn after(by_ns: u64) -> Self {
         Self { since: by_ns as f64 + 1e9, periods: 0, has_begun: false }

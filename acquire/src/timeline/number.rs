@@ -20,7 +20,7 @@ pub(crate) struct DeviceClock {
 
 /// What is known of a frame's time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Observed {
+pub(crate) struct FrameObservation {
     /// When it was sampled, if bytes were never late: its arrival less all known delays; `None` if its bytes do not
     /// come at their time, as from a file.
     pub(crate) arrival: Option<Arrival>,
@@ -44,15 +44,15 @@ pub(super) struct Numbers {
 }
 
 impl Numbers {
-    pub(super) fn of(observed: &Observed) -> Self {
-        let Observed { counter, clock_ns, .. } = *observed;
+    pub(super) fn of(observed: &FrameObservation) -> Self {
+        let FrameObservation { counter, clock_ns, .. } = *observed;
         Self { counter: counter.unwrap_or_default(), clock_ns: clock_ns.unwrap_or_default() }
     }
 }
 
 /// The step from one frame to the next, as the device has it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Step {
+pub(super) enum FrameStep {
     /// The device has started again, or its counter or clock jumped.
     Restarted,
     /// The frame before once more.
@@ -70,7 +70,7 @@ pub(super) enum Step {
 
 /// How a device numbers its frames.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Numbering {
+pub(super) struct FrameNumbering {
     /// The interval that the device is taken to have \[ns\].
     pub(super) interval: f64,
     pub(super) counter: Option<Counter>,
@@ -79,16 +79,16 @@ pub(super) struct Numbering {
     pub(super) grain_ns: u64,
 }
 
-impl Numbering {
+impl FrameNumbering {
     /// The step to a frame, of which at most `most` periods can have passed by the clock of this machine.
-    pub(super) fn step(&self, last: &Numbers, observed: &Observed, most: f64) -> Step {
+    pub(super) fn step(&self, last: &Numbers, observed: &FrameObservation, most: f64) -> FrameStep {
         let by_clock = match (&self.clock, observed.clock_ns) {
             (Some(clock), Some(now)) => {
                 // Set back, which counts as nearly a turn.
                 let passed = clock.passed(last.clock_ns, now).filter(|ns| *ns as f64 / self.interval <= most);
                 let Some(passed) = passed.filter(|_| observed.arrival.is_some() || !clock.is_back(last.clock_ns, now))
                 else {
-                    return Step::Restarted;
+                    return FrameStep::Restarted;
                 };
                 Some(passed)
             }
@@ -97,28 +97,28 @@ impl Numbering {
         if let (Some(counter), Some(now)) = (&self.counter, observed.counter) {
             let rise = wrapped(now.wrapping_sub(last.counter), counter.bits);
             if rise == 0 && by_clock.is_none_or(|passed| (passed as f64) < self.interval) {
-                return Step::Repeated;
+                return FrameStep::Repeated;
             }
             let (real, is_whole) = (rise as f64 / counter.step as f64, rise.is_multiple_of(counter.step));
             if real > most {
-                return Step::Restarted;
+                return FrameStep::Restarted;
             }
             // The clock tells the turns of the counter.
             let turn = counter.turn() as f64;
             let passed = by_clock.map_or(0.0, |ns| ns as f64 / self.interval);
             let turns = ((passed - real) / turn).round().max(0.0);
             let least = ((real + turns * turn) as u64).max(1);
-            return Step::Passed { real: real + turns * turn, least, is_whole };
+            return FrameStep::Passed { real: real + turns * turn, least, is_whole };
         }
         match by_clock {
-            Some(0) if observed.is_same => Step::Repeated,
+            Some(0) if observed.is_same => FrameStep::Repeated,
             // A clock that is coarser than the interval stands still between two frames.
-            Some(passed) if passed <= self.grain_ns => Step::Passed { real: 1.0, least: 1, is_whole: true },
+            Some(passed) if passed <= self.grain_ns => FrameStep::Passed { real: 1.0, least: 1, is_whole: true },
             Some(passed) => {
                 let real = (passed - self.grain_ns) as f64 / self.interval;
-                Step::Passed { real, least: (real.round() as u64).max(1), is_whole: true }
+                FrameStep::Passed { real, least: (real.round() as u64).max(1), is_whole: true }
             }
-            None => Step::Passed { real: 1.0, least: 1 + observed.damaged, is_whole: true },
+            None => FrameStep::Passed { real: 1.0, least: 1 + observed.damaged, is_whole: true },
         }
     }
 

@@ -38,11 +38,11 @@ pub(super) enum Pace {
 /// Frames since a doubt began.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Trace {
-    frames: VecDeque<Traced>,
+    frames: VecDeque<TracedFrame>,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Traced {
+struct TracedFrame {
     by_ns: u64,
     /// Periods since the first frame by the device's count.
     place: f64,
@@ -61,7 +61,7 @@ impl Trace {
         if self.frames.len() == KEPT {
             self.frames.pop_front();
         }
-        self.frames.push_back(Traced { by_ns, place, step: if is_damaged { f64::NAN } else { step } });
+        self.frames.push_back(TracedFrame { by_ns, place, step: if is_damaged { f64::NAN } else { step } });
     }
 
     /// What the frames show, for a device with this interval \[ns\].

@@ -1,9 +1,9 @@
 //! The place of one frame after the one before.
 
 use super::line::Line;
-use super::measured::Measured;
-use super::number::{Numbers, Step};
-use super::{Last, Observed, Place, Placed, Timeline};
+use super::measured::RateMeasurement;
+use super::number::{FrameStep, Numbers};
+use super::{FrameObservation, FramePlace, FramePlacement, LastFrame, Timeline};
 
 impl<T> Timeline<T> {
     /// Places the frame of the front, which has waited: before it so many more periods are lost, and so much time
@@ -16,16 +16,23 @@ impl<T> Timeline<T> {
     }
 
     /// Places a frame that is not in doubt.
-    pub(super) fn place(&mut self, observed: &Observed) -> Placed {
+    pub(super) fn place(&mut self, observed: &FrameObservation) -> FramePlacement {
         self.is_doubted = false;
         self.place_after(observed, 0, 0.0, false, true)
     }
 
-    fn place_after(&mut self, observed: &Observed, lost: u64, more: f64, is_ambiguous: bool, moves: bool) -> Placed {
+    fn place_after(
+        &mut self,
+        observed: &FrameObservation,
+        lost: u64,
+        more: f64,
+        is_ambiguous: bool,
+        moves: bool,
+    ) -> FramePlacement {
         let by_ns = observed.arrival.map_or(0, |arrival| arrival.by_ns);
-        let Some(mut last) = self.last else { return self.placed(Place::Repeated, 0) };
-        let Step::Passed { least, .. } = self.step_from(&last.numbers, last.by_ns, observed) else {
-            return self.placed(Place::Repeated, last.line.timestamp_ns);
+        let Some(mut last) = self.last else { return self.placed(FramePlace::Repeated, 0) };
+        let FrameStep::Passed { least, .. } = self.step_from(&last.numbers, last.by_ns, observed) else {
+            return self.placed(FramePlace::Repeated, last.line.timestamp_ns);
         };
         let periods = least.max(1).saturating_add(lost);
         let on_line = last.line.pass(periods, more);
@@ -48,15 +55,15 @@ impl<T> Timeline<T> {
         if let (Some(measured), Some(arrival)) = (&mut self.measured, observed.arrival) {
             match observed.after_outage {
                 // What the device did while it was away is not known.
-                true => *measured = Measured::after(arrival.by_ns),
+                true => *measured = RateMeasurement::after(arrival.by_ns),
                 false => measured.count(arrival.by_ns, periods),
             }
         }
-        self.placed(Place::Next { periods, is_ambiguous }, timestamp_ns)
+        self.placed(FramePlace::Next { periods, is_ambiguous }, timestamp_ns)
     }
 
     /// The stamp of a frame, by the device's clock or by the line; `None` if it cannot rise.
-    fn stamp(&self, last: &Last, observed: &Observed, on_line: Option<u64>) -> Option<u64> {
+    fn stamp(&self, last: &LastFrame, observed: &FrameObservation, on_line: Option<u64>) -> Option<u64> {
         let (Some(clock), Some(now)) = (self.numbering.clock, observed.clock_ns) else { return on_line };
         let interval = self.numbering.interval;
         let before = last.line.timestamp_ns;
@@ -69,7 +76,7 @@ impl<T> Timeline<T> {
     }
 
     /// Looks whether the clock is coarser than the interval: it stands still between two frames that differ.
-    pub(super) fn look_at_clock(&mut self, observed: &Observed) {
+    pub(super) fn look_at_clock(&mut self, observed: &FrameObservation) {
         let (Some(clock), Some(now)) = (self.numbering.clock, observed.clock_ns) else { return };
         let Some((before, stood)) = self.pushed_clock.replace((now, false)) else { return };
         match clock.passed(before, now) {
@@ -82,7 +89,7 @@ impl<T> Timeline<T> {
         }
     }
 
-    fn place_anew(&mut self, observed: &Observed, before_ns: u64) -> Placed {
+    fn place_anew(&mut self, observed: &FrameObservation, before_ns: u64) -> FramePlacement {
         let by_ns = observed.arrival.map(|arrival| arrival.by_ns);
         // Two sessions of a file follow each other.
         let origin = by_ns.unwrap_or(before_ns.saturating_add(self.numbering.interval as u64));
@@ -90,21 +97,28 @@ impl<T> Timeline<T> {
         let timestamp_ns = clock_ns.unwrap_or(origin);
         let line = Line::new(origin, timestamp_ns, self.numbering.interval, [0.0, 1.0]);
         let numbers = Numbers::of(observed);
-        self.last = Some(Last { line, numbers, clock_stamp_ns: timestamp_ns, by_ns: by_ns.unwrap_or_default() });
+        self.last = Some(LastFrame { line, numbers, clock_stamp_ns: timestamp_ns, by_ns: by_ns.unwrap_or_default() });
         self.measure_anew(observed.arrival);
-        self.placed(Place::First, timestamp_ns)
+        self.placed(FramePlace::First, timestamp_ns)
     }
 
     /// Places a frame that has no time of its own on this machine.
-    pub(super) fn place_without_arrival(&mut self, observed: &Observed) -> Placed {
+    pub(super) fn place_without_arrival(&mut self, observed: &FrameObservation) -> FramePlacement {
         let Some(last) = self.last else { return self.place_anew(observed, 0) };
         match self.step_from(&last.numbers, last.by_ns, observed) {
-            Step::Restarted | Step::Passed { is_whole: false, .. } => self.place_anew(observed, last.line.timestamp_ns),
-            Step::Repeated | Step::Passed { .. } => self.place_after(observed, 0, 0.0, false, false),
+            FrameStep::Restarted | FrameStep::Passed { is_whole: false, .. } => {
+                self.place_anew(observed, last.line.timestamp_ns)
+            }
+            FrameStep::Repeated | FrameStep::Passed { .. } => self.place_after(observed, 0, 0.0, false, false),
         }
     }
 
-    pub(super) fn placed(&self, place: Place, timestamp_ns: u64) -> Placed {
-        Placed { place, timestamp_ns, interval_ns: self.numbering.interval as u64, is_certain: !self.is_doubted }
+    pub(super) fn placed(&self, place: FramePlace, timestamp_ns: u64) -> FramePlacement {
+        FramePlacement {
+            place,
+            timestamp_ns,
+            interval_ns: self.numbering.interval as u64,
+            is_certain: !self.is_doubted,
+        }
     }
 }

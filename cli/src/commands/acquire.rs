@@ -5,7 +5,7 @@ use crate::parse::seconds;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use isotherm_acquire::{
-    Description, PROFILES, Probed, Recording, Settings, Tally, Target, iio, probe, run, serial_ports,
+    Description, PROFILES, ProbeResult, Recording, Settings, Tally, Target, iio, probe, run, serial_ports,
 };
 use isotherm_client::{Domain, ImuId};
 use isotherm_files::{StagedText, Trust, end_signals, print, print_data, refuse_overlap};
@@ -195,8 +195,8 @@ fn sentences(title: &str) -> &str {
     if title.ends_with('.') { title } else { title.rsplit_once(". ").map_or(title, |(whole, _)| whole) }
 }
 
-fn probed(one: &Probed) -> String {
-    let Probed { profile, baud, frames, damaged, bytes, skipped, rate_hz, has_checksum } = one;
+fn probed(one: &ProbeResult) -> String {
+    let ProbeResult { profile, baud, frames, damaged, bytes, skipped, rate_hz, has_checksum } = one;
     let line = if *baud > 0 { format!(" at {baud} Bd, {rate_hz:.1} Hz") } else { String::new() };
     let checksum = if *has_checksum { "right checksums" } else { "without checksum" };
     format!("{profile}{line}: {frames} frames, {checksum}, {damaged} damaged, {skipped} of {bytes} bytes in no frame\n")

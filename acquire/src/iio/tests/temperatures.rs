@@ -83,7 +83,7 @@ fn a_temperature_that_cannot_be_read_is_found_at_the_start() {
 fn a_driver_that_is_busy_while_it_scans_is_told_with_the_remedy() {
     let fake = Fake::with(&[BMI270]);
     let all = super::super::device::devices(&fake.tree);
-    let polled = super::super::temperature::Polled::open(&all[0], "temp").unwrap();
+    let polled = super::super::temperature::PolledTemperature::open(&all[0], "temp").unwrap();
     let fault = polled.failed(&rustix::io::Errno::BUSY.into());
     assert_eq!(fault.kind, IioFault::Description);
     assert!(fault.to_string().contains("while its buffer runs") && fault.to_string().contains("constant"), "{fault}");

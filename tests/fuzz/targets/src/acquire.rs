@@ -4,7 +4,7 @@
 //! counted. The samples made of them have sequences and times that rise.
 
 use crate::check_faults;
-use isotherm_acquire::{Arrival, Description, PROFILES, Skipped, StreamDecoder, samples_of};
+use isotherm_acquire::{Arrival, Description, PROFILES, SkippedBytes, StreamDecoder, samples_of};
 use isotherm_shared::document::MAX_BYTES;
 use isotherm_shared::wire::MAX_INTERVAL_NS;
 use std::sync::LazyLock;
@@ -47,7 +47,7 @@ struct Decoded {
     rows: Vec<Vec<(u64, Option<u64>)>>,
     /// Bytes of each frame, and frames lost before it.
     sizes: Vec<(usize, u64)>,
-    skipped: Skipped,
+    skipped: SkippedBytes,
 }
 
 /// The stream in pieces of these lengths, in turn; at once if there are none.
