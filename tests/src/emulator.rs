@@ -21,7 +21,7 @@ mod terminal;
 pub mod time;
 mod vn100;
 
-use own::Own;
+use own::DeviceStamp;
 pub use pattern::Values;
 
 /// An emulated IMU.
@@ -101,11 +101,11 @@ impl Emulator {
 
     /// The bytes of sample number `number` of a device that was never reset and always had one rate.
     pub fn frame(self, number: u64) -> Vec<u8> {
-        self.frame_at(number, Own::regular(number))
+        self.frame_at(number, DeviceStamp::regular(number))
     }
 
     /// The bytes of sample number `number`, with a counter and a clock that say this.
-    pub fn frame_at(self, number: u64, own: Own) -> Vec<u8> {
+    pub fn frame_at(self, number: u64, own: DeviceStamp) -> Vec<u8> {
         match self {
             Self::Stim300 | Self::Stim300Rate => stim300::frame(number, own),
             Self::Kvh1750 => kvh1750::frame(number, own),

@@ -3,14 +3,13 @@
 use super::common::{joined, options};
 use crate::parse::{lag_choice, seconds};
 use clap::{Args, Subcommand};
-use isotherm_automation::control::{self, Lock, Stopped, runner_pid, snapshot};
+use isotherm_automation::control::{self, CampaignLock, StopOutcome, runner_pid, snapshot};
 use isotherm_automation::finish::{Finish, dropped};
 use isotherm_automation::journal::{self, Journal};
 use isotherm_automation::outcome::{outcome, outcomes};
 use isotherm_automation::plan::Plan;
 use isotherm_automation::progress::{DroppedImu, STATUS, Snapshot};
 use isotherm_automation::runner::Runner;
-use isotherm_automation::samples::write_campaign_file;
 use isotherm_automation::stop;
 use isotherm_automation::timeline::{duration, left_s, milestones, units};
 use isotherm_campaign::Member;
@@ -170,7 +169,7 @@ impl RunCampaign {
         create_own_folder(&plan.output).map_err(|error| Failure::io("making", &plan.output, &error))?;
         // Before the first file in the folder: a refusal leaves none.
         journal::refuse_data_of_others(&plan.output)?;
-        let _lock = Lock::take(&plan.output)?;
+        let _lock = CampaignLock::take(&plan.output)?;
         let ended = Arc::<AtomicUsize>::default();
         for signal in end_signals() {
             let registered = signal_hook::flag::register_usize(signal, Arc::clone(&ended), signal as usize);
@@ -181,7 +180,7 @@ impl RunCampaign {
         let left = journal::needs_safe_state(&plan.output);
         let runner = (|| {
             let (journal, history) = Journal::open(&plan)?;
-            write_campaign_file(&plan)?;
+            plan.write_campaign_file()?;
             let done = history.kept.len() == units(&plan) && history.safe;
             let runner = || Runner::new(&plan, (journal, &history), &options, self.speed, Surroundings::real(&ended));
             if done { Ok(None) } else { runner().map(|runner| Some(runner.with_other_device(self.other_device))) }
@@ -314,15 +313,15 @@ impl StopCampaign {
         let plan = Plan::load(&self.plan)?;
         let stopped = control::stop(&plan.output, self.timeout)?;
         if journal::needs_safe_state(&plan.output) {
-            return safe(&plan, stopped == Stopped::NoAnswer);
+            return safe(&plan, stopped == StopOutcome::NoAnswer);
         }
         match stopped {
-            Stopped::Ended => {}
-            Stopped::Nobody => {
+            StopOutcome::Ended => {}
+            StopOutcome::Nobody => {
                 let message = format!("{}: nobody runs this campaign", shown(&plan.output));
                 return Err(Failure::new(Exit::Unavailable, message));
             }
-            Stopped::NoAnswer => {
+            StopOutcome::NoAnswer => {
                 let message = format!(
                     "{}: the instruments are in the safe state; its runner is asked to end, but has not answered yet",
                     shown(&plan.output)
@@ -338,7 +337,7 @@ impl StopCampaign {
 /// Brings chamber and table into the safe state: after a runner that ended without doing so, or beside one that does
 /// not answer, whoever holds the lock.
 fn safe(plan: &Plan, beside_runner: bool) -> Result<(), Failure> {
-    let _lock = if beside_runner { None } else { Some(Lock::take(&plan.output)?) };
+    let _lock = if beside_runner { None } else { Some(CampaignLock::take(&plan.output)?) };
     let reason = if beside_runner { stop::STOPPED_BESIDE_RUNNER } else { stop::STOPPED_WITHOUT_RUNNER };
     let (text, certain) = stop::make_safe(plan, Surroundings::default(), reason)?;
     if certain { print(&format!("{text}\n")) } else { Err(Failure::new(Exit::Unavailable, text)) }

@@ -35,11 +35,11 @@ const WATCH_PERIOD: Duration = Duration::from_millis(100);
 const ANSWER: Duration = Duration::from_secs(5);
 
 /// Exclusive ownership of the campaign's folder, until this value is dropped or the process ends.
-pub struct Lock {
+pub struct CampaignLock {
     _file: File,
 }
 
-impl Lock {
+impl CampaignLock {
     /// Locks the folder.
     ///
     /// # Errors
@@ -160,7 +160,7 @@ pub(crate) fn answer_stop(folder: &Path) {
 
 /// What became of a request to end.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Stopped {
+pub enum StopOutcome {
     /// Nobody runs the campaign.
     Nobody,
     /// The runner has ended.
@@ -174,15 +174,15 @@ pub enum Stopped {
 ///
 /// # Errors
 /// If it has answered and does not end within `timeout`, or if the request cannot be written.
-pub fn stop(folder: &Path, timeout: Duration) -> Result<Stopped, Failure> {
+pub fn stop(folder: &Path, timeout: Duration) -> Result<StopOutcome, Failure> {
     if !folder.exists() {
-        return Ok(Stopped::Nobody);
+        return Ok(StopOutcome::Nobody);
     }
     check_own_folder(folder).map_err(|error| Failure::io("looking into", folder, &error))?;
     // Of a lock that cannot be inspected it is not known whether a runner holds it: it is asked.
     let runs = || runner_pid(folder).map_or(true, |pid| pid.is_some());
     if !runs() {
-        return Ok(Stopped::Nobody);
+        return Ok(StopOutcome::Nobody);
     }
     let request = folder.join(STOP);
     write_request(&request).map_err(|error| Failure::io("writing", &request, &error))?;
@@ -190,7 +190,7 @@ pub fn stop(folder: &Path, timeout: Duration) -> Result<Stopped, Failure> {
     while runs() {
         let is_answered = !request.exists();
         if !is_answered && begun.elapsed() > ANSWER {
-            return Ok(Stopped::NoAnswer);
+            return Ok(StopOutcome::NoAnswer);
         }
         if begun.elapsed() > timeout {
             let message = format!(
@@ -203,7 +203,7 @@ pub fn stop(folder: &Path, timeout: Duration) -> Result<Stopped, Failure> {
         thread::sleep(RETRY_PAUSE);
     }
     answer_stop(folder);
-    Ok(Stopped::Ended)
+    Ok(StopOutcome::Ended)
 }
 
 fn write_request(path: &Path) -> io::Result<()> {

@@ -22,7 +22,7 @@ pub(crate) struct CurveRow {
 
 /// The lowest and highest value of each curve in an interval of time.
 #[derive(Clone, Copy, Debug)]
-struct Bin {
+struct CurveBin {
     begin_s: f64,
     end_s: f64,
     low: [f64; CURVES],
@@ -34,7 +34,7 @@ struct Bin {
 pub(crate) struct PlottedCurves {
     /// Length of a bin \[s\]; 0 while every row has its own bin.
     length_s: f64,
-    bins: Vec<Bin>,
+    bins: Vec<CurveBin>,
     recent: VecDeque<CurveRow>,
     begin_s: Option<f64>,
 }
@@ -50,7 +50,7 @@ impl PlottedCurves {
         if self.recent.len() > MAX_RECENT {
             self.recent.pop_front();
         }
-        let bin = Bin { begin_s: row.unix_s, end_s: row.unix_s, low: row.values, high: row.values };
+        let bin = CurveBin { begin_s: row.unix_s, end_s: row.unix_s, low: row.values, high: row.values };
         match self.bins.last_mut() {
             Some(last) if row.unix_s - last.begin_s < self.length_s => last.merge(&bin),
             _ => self.bins.push(bin),
@@ -92,7 +92,7 @@ impl PlottedCurves {
     }
 }
 
-impl Bin {
+impl CurveBin {
     fn merge(&mut self, other: &Self) {
         self.end_s = other.end_s;
         for curve in 0..CURVES {

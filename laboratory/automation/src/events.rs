@@ -2,8 +2,8 @@
 //! of fit, verification and installation, from the journal.
 
 use super::journal::{Entry, JournalLine};
-use super::machine::Unit;
 use super::plan::Plan;
+use super::step::CampaignStep;
 use super::timeline::{duration, units};
 use isotherm_support::failure::shown;
 
@@ -11,7 +11,7 @@ use isotherm_report::NoteKind;
 
 /// An event as the live page shows it.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Event {
+pub(crate) struct PageEvent {
     /// Unix time \[s\].
     pub unix_s: f64,
     /// Whether the operator should care.
@@ -28,46 +28,62 @@ pub(crate) struct Event {
 
 /// The events of a journal so far.
 #[derive(Debug, Default)]
-pub(crate) struct Events {
+pub(crate) struct PageEvents {
     /// Number of complete units.
     kept: usize,
     running: bool,
-    all: Vec<Event>,
+    all: Vec<PageEvent>,
 }
 
-impl Events {
+impl PageEvents {
     /// All of them, oldest first.
-    pub(crate) fn all(&self) -> &[Event] {
+    pub(crate) fn all(&self) -> &[PageEvent] {
         &self.all
     }
 
     /// Adds those of the next line of the journal of `plan`.
     pub(crate) fn add(&mut self, plan: &Plan, line: &JournalLine) {
-        let unit = Unit::of(plan, self.kept);
-        let place = unit.map_or_else(|| "all units are complete".to_owned(), |unit| unit.name(plan));
-        let (kind, name, text) = match &line.entry {
-            Entry::Started { .. } => {
-                let died = std::mem::replace(&mut self.running, true);
-                let kind = if died { NoteKind::Warning } else { NoteKind::Good };
-                let after = if died { "; the runner before ended without the safe state" } else { "" };
-                (kind, "start", format!("{place}{after}"))
-            }
+        let of_course = self.course(plan, &line.entry);
+        let marked = of_course.is_some();
+        let headlines = of_course.map_or_else(|| outcome(&line.entry), |headline| vec![headline]);
+        let interrupts = matches!(line.entry, Entry::Started { .. } | Entry::Paused { .. });
+        for Headline { kind, name, text } in headlines {
+            let text = text.replace('\n', "; ");
+            let text = line.imu.as_ref().map_or_else(|| text.clone(), |imu| format!("{imu}: {text}"));
+            self.all.push(PageEvent { unix_s: line.at.unix_s, kind, name, text, interrupts, marked });
+        }
+    }
+
+    /// An event of the data's course: the runner's starts and ends, and what it waits for, repeats or drops.
+    fn course(&mut self, plan: &Plan, entry: &Entry) -> Option<Headline> {
+        let step = CampaignStep::of(plan, self.kept);
+        let place = step.map_or_else(|| "all units are complete".to_owned(), |step| step.name(plan));
+        Some(match entry {
+            Entry::Started { .. } => match std::mem::replace(&mut self.running, true) {
+                true => {
+                    let text = format!("{place}; the runner before ended without the safe state");
+                    Headline::new(NoteKind::Warning, "start", text)
+                }
+                false => Headline::new(NoteKind::Good, "start", place),
+            },
             Entry::Kept(_) => {
                 self.kept += 1;
-                return;
+                return None;
             }
             Entry::Discarded { reason } => {
-                let name = match unit {
-                    Some(Unit::Run(_)) => "repeated run",
-                    Some(Unit::Ramp(_)) => "repeated ramp",
-                    Some(Unit::Turn { .. }) => "repeated turn",
-                    Some(Unit::Dwell { .. }) | None => "repeated dwell",
+                let name = match step {
+                    Some(CampaignStep::Run(_)) => "repeated run",
+                    Some(CampaignStep::Ramp(_)) => "repeated ramp",
+                    Some(CampaignStep::Turn { .. }) => "repeated turn",
+                    Some(CampaignStep::Dwell { .. }) | None => "repeated dwell",
                 };
-                (NoteKind::Warning, name, format!("{place}: {reason}"))
+                Headline::new(NoteKind::Warning, name, format!("{place}: {reason}"))
             }
-            Entry::Dropped { reason } => (NoteKind::Bad, "dropped", reason.clone()),
-            Entry::Paused { cause } => (NoteKind::Warning, "pause", format!("{place}: {cause}")),
-            Entry::Resumed { after_s } => (NoteKind::Good, "resume", format!("{place}, after {}", duration(*after_s))),
+            Entry::Dropped { reason } => Headline::new(NoteKind::Bad, "dropped", reason),
+            Entry::Paused { cause } => Headline::new(NoteKind::Warning, "pause", format!("{place}: {cause}")),
+            Entry::Resumed { after_s } => {
+                Headline::new(NoteKind::Good, "resume", format!("{place}, after {}", duration(*after_s)))
+            }
             Entry::Safe { reason, stopped, turntable, chamber, certain } => {
                 self.running = false;
                 let (kind, name) = match stopped {
@@ -76,62 +92,64 @@ impl Events {
                     Some(false) => (NoteKind::Bad, "alarm or fault"),
                     None => (NoteKind::Warning, "safe state"),
                 };
-                (if *certain { kind } else { NoteKind::Bad }, name, format!("{reason}; {turntable}; {chamber}"))
+                let kind = if *certain { kind } else { NoteKind::Bad };
+                Headline::new(kind, name, format!("{reason}; {turntable}; {chamber}"))
             }
-            Entry::Calibrated { digest, accuracy } if accuracy.is_empty() => (NoteKind::Good, "fit", digest.clone()),
-            Entry::Calibrated { digest, accuracy } => (NoteKind::Good, "fit", format!("{digest}; {accuracy}")),
-            Entry::NotCalibrated { reason } => (NoteKind::Bad, "no fit", reason.clone()),
-            Entry::Verified { run, largest, refused, .. } => {
-                let largest = largest.as_ref().map_or_else(String::new, |largest| format!(": largest error {largest}"));
-                match refused {
-                    None => (NoteKind::Good, "verified", format!("{run}{largest}")),
-                    Some(causes) => {
-                        let causes = causes.replace('\n', &format!("\n{run}; "));
-                        (NoteKind::Bad, "refused", format!("{run}{largest}; {causes}"))
-                    }
+            _ => return None,
+        })
+    }
+}
+
+/// What an event says.
+struct Headline {
+    kind: NoteKind,
+    name: &'static str,
+    text: String,
+}
+
+impl Headline {
+    fn new(kind: NoteKind, name: &'static str, text: impl Into<String>) -> Self {
+        Self { kind, name, text: text.into() }
+    }
+}
+
+/// The events of fit, verification and installation: one for each reason of a refusal.
+fn outcome(entry: &Entry) -> Vec<Headline> {
+    let each = |kind, name, reasons: &str| reasons.lines().map(|reason| Headline::new(kind, name, reason)).collect();
+    match entry {
+        Entry::Calibrated { digest, accuracy } => {
+            let accuracy = if accuracy.is_empty() { String::new() } else { format!("; {accuracy}") };
+            vec![Headline::new(NoteKind::Good, "fit", format!("{digest}{accuracy}"))]
+        }
+        Entry::NotCalibrated { reason } => vec![Headline::new(NoteKind::Bad, "no fit", reason)],
+        Entry::Verified { run, largest, refused, .. } => {
+            let largest = largest.as_ref().map_or_else(String::new, |largest| format!(": largest error {largest}"));
+            match refused {
+                None => vec![Headline::new(NoteKind::Good, "verified", format!("{run}{largest}"))],
+                Some(causes) => {
+                    let causes = causes.replace('\n', &format!("\n{run}; "));
+                    each(NoteKind::Bad, "refused", &format!("{run}{largest}; {causes}"))
                 }
             }
-            Entry::NotJudged { reasons } => (NoteKind::Warning, "not judged", reasons.join("\n")),
-            Entry::NotInstalled { reason } => (NoteKind::Warning, "not installed", reason.clone()),
-            Entry::Installed { digest, file } => (NoteKind::Good, "installed", format!("{digest} as {}", shown(file))),
-            Entry::Begin { .. } | Entry::Connected { .. } | Entry::Reached { .. } | Entry::Left | Entry::FitBegun => {
-                return;
-            }
-        };
-        let marked = !matches!(
-            line.entry,
-            Entry::Calibrated { .. }
-                | Entry::NotCalibrated { .. }
-                | Entry::Verified { .. }
-                | Entry::NotJudged { .. }
-                | Entry::NotInstalled { .. }
-                | Entry::Installed { .. }
-        );
-        let interrupts = matches!(line.entry, Entry::Started { .. } | Entry::Paused { .. });
-        let apart = matches!(line.entry, Entry::Verified { .. } | Entry::NotJudged { .. } | Entry::NotInstalled { .. });
-        let texts: Vec<_> =
-            if apart { text.lines().map(ToOwned::to_owned).collect() } else { vec![text.replace('\n', "; ")] };
-        let of_imu = |text: String| line.imu.as_ref().map_or_else(|| text.clone(), |imu| format!("{imu}: {text}"));
-        self.all.extend(texts.into_iter().map(|text| Event {
-            unix_s: line.at.unix_s,
-            kind,
-            name,
-            text: of_imu(text),
-            interrupts,
-            marked,
-        }));
+        }
+        Entry::NotJudged { reasons } => each(NoteKind::Warning, "not judged", &reasons.join("\n")),
+        Entry::NotInstalled { reason } => each(NoteKind::Warning, "not installed", reason),
+        Entry::Installed { digest, file } => {
+            vec![Headline::new(NoteKind::Good, "installed", format!("{digest} as {}", shown(file)))]
+        }
+        _ => Vec::new(),
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::journal::{Kept, LargestError};
+    use super::super::journal::{KeptStep, LargestError};
     use super::super::stamp::Stamp;
     use super::*;
     use std::path::Path;
 
-    fn events(plan: &Plan, lines: &[JournalLine]) -> Vec<Event> {
-        let mut events = Events::default();
+    fn events(plan: &Plan, lines: &[JournalLine]) -> Vec<PageEvent> {
+        let mut events = PageEvents::default();
         lines.iter().for_each(|line| events.add(plan, line));
         events.all
     }
@@ -148,7 +166,7 @@ mod tests {
     #[test]
     fn every_interruption_is_an_event_with_its_place_and_cause() {
         let plan = plan();
-        let kept = || Entry::Kept(Kept::default());
+        let kept = || Entry::Kept(KeptStep::default());
         let started = || Entry::Started { pid: 7, speed: 1.0, unit: 0 };
         let mut entries = vec![
             started(),
@@ -196,7 +214,7 @@ mod tests {
                 (last, good, "end"),
             ]
         );
-        let place = Unit::of(&plan, 1).unwrap().name(&plan);
+        let place = CampaignStep::of(&plan, 1).unwrap().name(&plan);
         assert_eq!(events[1].text, format!("{place}: the turntable is; not connected"));
         assert_eq!(events[2].text, format!("{place}, after 2 min"));
         assert_eq!(events[3].text, format!("{place}: a gap"));
@@ -208,7 +226,7 @@ mod tests {
     #[test]
     fn a_repeated_turn_is_an_event_of_its_own_name() {
         let plan = Plan::from_toml(include_str!("../../../examples/plan-whole.toml"), Path::new("/")).unwrap();
-        let kept = (0..12).map(|_| Entry::Kept(Kept::default()));
+        let kept = (0..12).map(|_| Entry::Kept(KeptStep::default()));
         let discarded = Entry::Discarded { reason: "samples are missing".to_owned() };
         let lines: Vec<_> = kept
             .chain([discarded])

@@ -2,16 +2,23 @@
 //! show is in [`isotherm_verification::Gate`].
 
 use super::plan::Plan;
+use isotherm_client::{ImuId, Options, fetch_status};
 use isotherm_files::{Identity, Trust, load_table};
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::wire::AXES;
-use isotherm_support::failure::{Exit, Failure, shown};
+use isotherm_support::failure::{Exit, Failure, shown, tell};
 use isotherm_verification::arcsec;
 use std::path::Path;
-use std::{fs, io};
+use std::time::{Duration, Instant};
+use std::{fs, io, thread};
 
 /// Alignment matrices that turn the axes by less do not differ \[rad\]: two fits of one mounting differ by some 1e-6.
 const SAME_AXES: f64 = 1e-5;
+/// Longest time until the service has the installed table in force; it takes milliseconds if the service watches the
+/// file.
+const TIMEOUT: Duration = Duration::from_secs(10);
+/// Pause between two looks at the service's status.
+const PAUSE: Duration = Duration::from_millis(50);
 
 /// The table that an installation would replace.
 pub struct InForce {
@@ -101,4 +108,35 @@ pub fn changes(old: &CoefficientTable, new: &CoefficientTable) -> Vec<String> {
         }
     }
     changes
+}
+
+/// Waits until the service's status shows that `imu` has the table in force.
+///
+/// # Errors
+/// If the service refuses the table, or does not have it in force within [`TIMEOUT`].
+pub(crate) fn wait_until_in_force(imu: &ImuId, table: &CoefficientTable, options: &Options) -> Result<(), Failure> {
+    let begun = Instant::now();
+    let digest = table.digest().to_string();
+    loop {
+        let mut is_refused = false;
+        let cause = match fetch_status(options) {
+            Ok(status) => match status.imus.into_iter().find(|served| served.id == imu.as_str()) {
+                Some(served) if served.table.as_ref() == Some(&digest) => {
+                    tell("isotherm", "the service has it in force");
+                    return Ok(());
+                }
+                Some(served) => {
+                    is_refused = served.refused_table.as_ref() == Some(&digest);
+                    served.last_reload_error.unwrap_or_else(|| format!("it watches {}", served.table_file))
+                }
+                None => format!("it does not serve {imu}"),
+            },
+            Err(error) => error.to_string(),
+        };
+        if is_refused || begun.elapsed() > TIMEOUT {
+            let message = format!("the table is installed, but the service does not have it in force: {cause}");
+            return Err(Failure::new(Exit::Unavailable, message));
+        }
+        thread::sleep(PAUSE);
+    }
 }

@@ -1,18 +1,21 @@
 //! The journal: one line of JSON for each event, only ever appended to. A unit of the data counts when its line is on
 //! the disk.
-//!
-//! Over 400 lines: the entries, their writing and their reading define one file format.
 
-use super::plan::{BACK, Plan, RAMP_FILE, RAMP_KEY, RUN_FILE, RUN_KEY, SAMPLES, without_comment};
+mod entry;
+mod history;
+mod same_plan;
+
+pub use entry::{Entry, JournalLine, KeptStep, LargestError, TurnReadBacks};
+pub use history::{History, history};
+
+use super::plan::{Plan, SAMPLES};
 use super::stamp::Stamp;
 use isotherm_files::open_without_waiting;
 use isotherm_fit::{sha256, tool};
 use isotherm_instruments::{RealTime, Time};
-use isotherm_shared::document::current_key;
 use isotherm_shared::names::ImuId;
 use isotherm_support::failure::{Exit, Failure, shown};
-use serde::{Deserialize, Serialize};
-use std::fmt;
+use same_plan::check_same_plan;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead as _, BufReader, Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
@@ -24,241 +27,6 @@ pub const JOURNAL: &str = "journal.jsonl";
 const FORMAT: u32 = 1;
 /// Most bytes of a line.
 const MAX_LINE: u64 = 1 << 20;
-
-/// A line of the journal.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
-pub struct JournalLine {
-    /// When it was written.
-    #[serde(flatten)]
-    pub at: Stamp,
-    /// The IMU of a batch that it is about; `None` if it is about all of them, or if the IMU is alone.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub imu: Option<String>,
-    /// The event.
-    #[serde(flatten)]
-    pub entry: Entry,
-}
-
-/// An event of the campaign.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
-#[serde(tag = "event", rename_all = "snake_case")]
-pub enum Entry {
-    /// The campaign begins: the first line, and again if the plan has changed before any unit was kept.
-    Begin {
-        /// Version of the format of the lines.
-        format: u32,
-        /// Name and version of the program.
-        tool: String,
-        /// The plan's settings that determine the data: [`Plan::identity`].
-        plan: Vec<(String, String)>,
-    },
-    /// A runner has started.
-    Started {
-        /// Its process id.
-        pid: u32,
-        /// Ratio of laboratory time to real time.
-        speed: f64,
-        /// Index of its first unit, from 0.
-        unit: usize,
-    },
-    /// Both instruments have answered.
-    Connected {
-        /// Identity of the chamber.
-        chamber: String,
-        /// Identity of the turntable.
-        #[serde(rename = "table")]
-        turntable: String,
-    },
-    /// The chamber is at a set point.
-    Reached {
-        /// The set point \[degC\].
-        set_point_c: f64,
-    },
-    /// The chamber has left the set point, by itself or on command.
-    Left,
-    /// A unit is complete.
-    Kept(Kept),
-    /// The unit in progress was discarded.
-    Discarded {
-        /// The reason.
-        reason: String,
-    },
-    /// An IMU of a batch is dropped: no more of its samples are taken. The others go on.
-    Dropped {
-        /// The reason.
-        reason: String,
-    },
-    /// A pause has begun: nothing is commanded until all is well again.
-    Paused {
-        /// The cause.
-        cause: String,
-    },
-    /// The pause is over.
-    Resumed {
-        /// Laboratory time since all was well before the pause \[s\].
-        after_s: f64,
-    },
-    /// A runner, or `campaign stop`, has brought the instruments into the safe state.
-    Safe {
-        /// The reason.
-        reason: String,
-        /// Whether somebody has asked for it; `None` in journals of older versions, which did not write it.
-        #[serde(default)]
-        stopped: Option<bool>,
-        /// The outcome for the turntable, as messages show it.
-        #[serde(rename = "table")]
-        turntable: String,
-        /// The outcome for the chamber, as messages show it.
-        chamber: String,
-        /// Whether both instruments have confirmed the safe state.
-        certain: bool,
-    },
-    /// The fit has begun: what became of an earlier one counts no longer.
-    FitBegun,
-    /// The coefficient table is fitted.
-    Calibrated {
-        /// Digest of the table.
-        digest: String,
-        /// The bottom line: errors of its curves.
-        #[serde(default)]
-        accuracy: String,
-    },
-    /// There is no table.
-    NotCalibrated {
-        /// The reason.
-        reason: String,
-    },
-    /// A verification run is judged.
-    Verified {
-        /// The run's file.
-        run: String,
-        /// Outer and inner angle of its attitude \[deg\]; `None` in the journal of an older version.
-        #[serde(default)]
-        angles_deg: Option<[f64; 2]>,
-        /// The largest error that it shows; `None` if it shows none.
-        largest: Option<LargestError>,
-        /// Why the table must not be installed, one reason a line; `None` if nothing speaks against it.
-        refused: Option<String>,
-    },
-    /// Something of the table is judged by no verification run.
-    NotJudged {
-        /// What, and why.
-        reasons: Vec<String>,
-    },
-    /// The table is left aside.
-    NotInstalled {
-        /// The reasons, one a line. Those of a run are in [`Entry::Verified`]; an older version repeated them here.
-        reason: String,
-    },
-    /// The coefficient table is installed.
-    Installed {
-        /// Digest of the table.
-        digest: String,
-        /// The installed file, absolute; an older version wrote it as in the plan.
-        file: PathBuf,
-    },
-}
-
-/// The largest error of a verification run. Its numbers are finite: JSON has no others.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
-pub struct LargestError {
-    /// A1, A2, A3 or the length.
-    pub of: String,
-    /// The error \[g0\].
-    pub error_g0: f64,
-    /// Half width of its 95 % interval \[g0\].
-    pub interval_g0: f64,
-}
-
-impl fmt::Display for LargestError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} {:.3} +- {:.3}e-6 g0", self.of, self.error_g0 * 1e6, self.interval_g0 * 1e6)
-    }
-}
-
-/// A complete unit.
-#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
-pub struct Kept {
-    /// Its index, from 0.
-    pub unit: usize,
-    /// Its name, as messages show it.
-    pub name: String,
-    /// Outer and inner angle of the turntable, where a turn begins \[deg\]; `None` in the journal of an older version.
-    #[serde(default)]
-    pub angles_deg: Option<[f64; 2]>,
-    /// The read-backs of a turn; `None` for other units.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub turn: Option<TurnReadBacks>,
-    /// The name of its file in the campaign's folder.
-    pub file: String,
-    /// Where it begins in the file \[bytes\].
-    pub from: u64,
-    /// Where it ends in the file \[bytes\].
-    pub to: u64,
-    /// SHA-256 of these bytes.
-    pub sha256: String,
-    /// Number of rows.
-    pub rows: u64,
-    /// Counted time \[s\].
-    pub seconds: f64,
-    /// End of its last sample, as written \[ns\].
-    pub end_ns: u64,
-    /// The acquisition's session.
-    pub session: u64,
-    /// Shift that was added to the session's timestamps \[ns\], so that time rises over all sessions.
-    pub shift_ns: u64,
-    /// Number of gaps in the sequence.
-    pub gaps: u64,
-    /// Number of samples left out: telemetry too old or missing, counter saturated, interval or time invalid.
-    pub left_out: u64,
-    /// The same unit of the other IMUs of a batch that are not dropped. All of them are in one line, so that a unit is
-    /// complete or not.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub others: Vec<Self>,
-}
-
-impl Kept {
-    /// The unit of each IMU.
-    pub fn each(&self) -> impl Iterator<Item = &Self> {
-        std::iter::once(self).chain(&self.others)
-    }
-}
-
-/// The read-backs of a turn: outer and inner angle at rest \[deg\].
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
-pub struct TurnReadBacks {
-    /// The angle that was commanded, right-handed about the axis of the turntable \[deg\].
-    pub angle_deg: f64,
-    /// Before the turn.
-    pub before_deg: [f64; 2],
-    /// After the turn.
-    pub after_deg: [f64; 2],
-}
-
-/// The state of a campaign that the lines of its journal give.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct History {
-    /// Complete units, in order.
-    pub kept: Vec<Kept>,
-    /// The set point that is reached \[degC\], and since when; `None` if none is.
-    pub reached: Option<(f64, Stamp)>,
-    /// When the last unit was kept; `None` if none was.
-    pub kept_at: Option<Stamp>,
-    /// The IMUs of a batch that are dropped, with the reason of each.
-    pub dropped: Vec<(String, String)>,
-    /// Whether a runner has started.
-    pub begun: bool,
-    /// Whether the instruments are in a confirmed safe state since the last runner.
-    pub safe: bool,
-}
-
-impl History {
-    /// Why this IMU of a batch is dropped; `None` if it is not.
-    #[must_use]
-    pub fn reason_dropped(&self, imu: &ImuId) -> Option<&str> {
-        self.dropped.iter().find(|(dropped, _)| dropped == imu.as_str()).map(|(_, reason)| reason.as_str())
-    }
-}
 
 /// The open journal.
 pub struct Journal {
@@ -434,94 +202,14 @@ fn open(path: &Path, whole: u64) -> io::Result<File> {
     Ok(file)
 }
 
-/// The state that the lines of a journal give.
-pub fn history(lines: &[JournalLine]) -> History {
-    let mut history = History::default();
-    for line in lines {
-        match &line.entry {
-            Entry::Started { .. } => {
-                (history.begun, history.safe) = (true, false);
-                if history.kept.is_empty() {
-                    // Nothing is missing of them yet.
-                    history.dropped.clear();
-                }
-            }
-            Entry::Kept(kept) => {
-                history.kept.push(kept.clone());
-                history.kept_at = Some(line.at.clone());
-            }
-            Entry::Reached { set_point_c } => history.reached = Some((*set_point_c, line.at.clone())),
-            Entry::Dropped { reason } => history.dropped.extend(line.imu.clone().map(|imu| (imu, reason.clone()))),
-            Entry::Begin { .. } | Entry::Left => history.reached = None,
-            Entry::Safe { certain, .. } => (history.reached, history.safe) = (None, *certain),
-            _ => {}
-        }
-    }
-    history
-}
-
 fn begin_entry(plan: &Plan) -> Entry {
     Entry::Begin { format: FORMAT, tool: tool(), plan: plan.identity() }
 }
 
-/// Checks that `plan` gives the same data as the plan in the last [`Entry::Begin`] of `lines`, of which these units are
-/// kept. Returns whether it is the same plan: verification runs that are not taken yet may differ, and so may ramps
-/// before the first run.
-fn check_same_plan(path: &Path, lines: &[JournalLine], plan: &Plan, kept: &[Kept]) -> Result<bool, Failure> {
-    let runs = kept.iter().filter(|kept| kept.file.starts_with(RUN_FILE)).count();
-    let ramps = kept.iter().filter(|kept| kept.file.starts_with(RAMP_FILE)).count();
-    let refuse = |message: String| Err(Failure::new(Exit::Config, format!("{}: {message}", shown(path))));
-    let begun = lines.iter().rev().find(|line| matches!(line.entry, Entry::Begin { .. }));
-    let Some(Entry::Begin { format: FORMAT, plan: before, .. }) = begun.map(|line| &line.entry) else {
-        return refuse("it is not the journal of a campaign of this version; give another output folder".to_owned());
-    };
-    let (before, now) = (of_this_version(before), plan.identity());
-    let value = |list: &[(String, String)], key: &str| {
-        list.iter().find(|(known, _)| known == key).map_or_else(|| "nothing".to_owned(), |(_, value)| value.clone())
-    };
-    let mut keys: Vec<_> = before.iter().chain(&now).map(|(key, _)| key).collect();
-    keys.sort_unstable();
-    keys.dedup();
-    keys.retain(|key| value(&before, key) != value(&now, key));
-    let same = keys.is_empty();
-    let number = |key: &str, begin: &str| key.strip_prefix(begin).and_then(|number| number.parse::<usize>().ok());
-    let to_come = |key: &str| {
-        number(key, RUN_KEY).is_some_and(|run| run > runs)
-            || runs == 0 && number(key, RAMP_KEY).is_some_and(|ramp| ramp > ramps)
-    };
-    keys.retain(|key| !to_come(key));
-    if keys.is_empty() {
-        return Ok(same);
-    }
-    let different: Vec<_> =
-        keys.iter().map(|key| format!("{key}: was {}, is {}", value(&before, key), value(&now, key))).collect();
-    refuse(format!(
-        "the plan has changed since this campaign began; change it back, or give another output folder\n{}",
-        different.join("\n")
-    ))
-}
-
-/// The settings as this version writes them: today's keys, one for each verification run, and no comments. The runs of an older
-/// version went one way; those that are taken stay as they are.
-fn of_this_version(settings: &[(String, String)]) -> Vec<(String, String)> {
-    let mut found = Vec::new();
-    for (key, value) in settings {
-        let runs = Some(value).filter(|_| key == "verify").and_then(|value| value.split_once(" runs, "));
-        match runs.and_then(|(runs, each)| Some((runs.parse::<usize>().ok()?, each))) {
-            Some((runs, each)) => found.extend((1..=runs).map(|run| (format!("{RUN_KEY}{run}"), each.to_owned()))),
-            None => found.push((current_key(key), without_comment(value).to_owned())),
-        }
-    }
-    for (_, value) in found.iter_mut().filter(|(key, value)| key.starts_with(RUN_KEY) && !value.contains(BACK)) {
-        *value = value.replacen(" degC at ", &format!(" degC{BACK} at "), 1);
-    }
-    found
-}
-
 /// Checks that the bytes of every kept unit are unchanged.
-fn check_unchanged(folder: &Path, kept: &[Kept]) -> Result<(), Failure> {
+fn check_unchanged(folder: &Path, kept: &[KeptStep]) -> Result<(), Failure> {
     let mut buffer = Vec::new();
-    for unit in kept.iter().flat_map(Kept::each) {
+    for unit in kept.iter().flat_map(KeptStep::each) {
         let path = folder.join(&unit.file);
         let failed = |error: io::Error| Failure::io("reading back", &path, &error);
         let mut file = File::open(&path).map_err(failed)?;
@@ -545,6 +233,7 @@ fn check_unchanged(folder: &Path, kept: &[Kept]) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plan::RUN_KEY;
     use std::fs;
 
     fn plan(folder: &Path) -> Plan {
@@ -590,7 +279,7 @@ mod tests {
         let nothing = sha256(b"");
         let kept = |(unit, file): (usize, &str)| {
             fs::write(folder.join(file), "").unwrap();
-            Entry::Kept(Kept { unit, file: file.to_owned(), sha256: nothing.clone(), ..Kept::default() })
+            Entry::Kept(KeptStep { unit, file: file.to_owned(), sha256: nothing.clone(), ..KeptStep::default() })
         };
         let files = ["verify-1.csv", "verify-2.csv", "verify-3.csv"];
         let units = std::iter::repeat_n(SAMPLES, 180).chain(files).enumerate().map(kept);
@@ -654,7 +343,7 @@ mod tests {
     #[test]
     fn a_turn_has_its_read_backs_and_other_units_are_written_as_before() {
         let turn = TurnReadBacks { angle_deg: 360.0, before_deg: [0.0001, 90.0], after_deg: [360.0, 90.0] };
-        let kept = Kept { unit: 12, turn: Some(turn), ..Kept::default() };
+        let kept = KeptStep { unit: 12, turn: Some(turn), ..KeptStep::default() };
         let line = JournalLine { at: Stamp { unix_s: 1.0, up: None }, imu: None, entry: Entry::Kept(kept.clone()) };
         let text = serde_json::to_string(&line).unwrap();
         let read_backs = r#""turn":{"angle_deg":360.0,"before_deg":[0.0001,90.0],"after_deg":[360.0,90.0]}"#;
@@ -663,7 +352,7 @@ mod tests {
         let dwell = JournalLine {
             at: Stamp { unix_s: 1.0, up: None },
             imu: None,
-            entry: Entry::Kept(Kept { turn: None, ..kept }),
+            entry: Entry::Kept(KeptStep { turn: None, ..kept }),
         };
         let text = serde_json::to_string(&dwell).unwrap();
         assert!(!text.contains("turn"), "{text}");
@@ -689,9 +378,14 @@ mod tests {
         journal.write(started()).unwrap();
         let kept = |file: &str| {
             fs::write(folder.path().join(file), file).unwrap();
-            Kept { file: file.to_owned(), to: file.len() as u64, sha256: sha256(file.as_bytes()), ..Kept::default() }
+            KeptStep {
+                file: file.to_owned(),
+                to: file.len() as u64,
+                sha256: sha256(file.as_bytes()),
+                ..KeptStep::default()
+            }
         };
-        let unit = Kept { others: vec![kept("imu-b.csv"), kept("imu-c.csv")], ..kept("imu-a.csv") };
+        let unit = KeptStep { others: vec![kept("imu-b.csv"), kept("imu-c.csv")], ..kept("imu-a.csv") };
         journal.write(Entry::Kept(unit.clone())).unwrap();
         assert_eq!(Journal::open(&plan).unwrap().1.dropped, []);
         drop_b(&mut journal);
@@ -718,7 +412,7 @@ mod tests {
         let plan = whole(&str::to_owned);
         let (mut journal, _) = Journal::open(&plan).unwrap();
         fs::write(folder.path().join(SAMPLES), "").unwrap();
-        let kept = Kept { file: SAMPLES.to_owned(), sha256: sha256(b""), ..Kept::default() };
+        let kept = KeptStep { file: SAMPLES.to_owned(), sha256: sha256(b""), ..KeptStep::default() };
         journal.write_synced(Entry::Kept(kept)).unwrap();
         assert_eq!(Journal::open(&plan).unwrap().1.kept.len(), 1);
         for (from, to, changed) in [
@@ -766,7 +460,7 @@ mod tests {
         );
         fs::write(folder.path().join("campaign.csv"), "").unwrap();
         let nothing = sha256(b"");
-        let kept = Kept { file: "campaign.csv".to_owned(), sha256: nothing, ..Kept::default() };
+        let kept = KeptStep { file: "campaign.csv".to_owned(), sha256: nothing, ..KeptStep::default() };
         journal.write_synced(Entry::Kept(kept)).unwrap();
         assert_eq!(Journal::open(&second).unwrap().1.kept.len(), 1);
         let refused = Journal::open(&first).err().unwrap();

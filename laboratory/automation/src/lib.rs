@@ -39,6 +39,7 @@ pub mod samples;
 mod stability;
 pub mod stamp;
 pub mod station;
+mod step;
 pub mod stop;
 mod streams;
 pub mod timeline;

@@ -10,11 +10,16 @@
 //! again. In a ramp or a verification run it is `sweep`: samples are taken while the chamber goes there and back. A
 //! dwell, a turn, a ramp or a verification run is a unit. A unit is kept whole or not at all.
 //!
-//! Over 400 lines: this is one state machine, and its transitions are read together. Those within a turn are in
-//! [`turn`].
+//! The transitions within a turn are in [`turn`].
 
-use super::plan::{Plan, PlannedTurn, ThereAndBack};
-use super::stability::Trends;
+mod phase;
+mod turn;
+
+pub(crate) use phase::Halt;
+pub(crate) use phase::{Action, Leg, Observation, Phase, TurnStage, TurnState};
+
+use super::plan::Plan;
+use super::step::CampaignStep;
 use isotherm_instruments::{ChamberReading, TurntableReading, turn_deg};
 
 /// Smallest step of a set point that ramps \[degC\]: some controllers store every set point in a memory that wears out.
@@ -28,302 +33,6 @@ const REACHED_FRACTION: f64 = 0.8;
 const MAX_CATCH_UP_S: f64 = 60.0;
 /// A dwell without enough usable samples is interrupted after this multiple of its length and the stream's patience.
 const MAX_DWELL_FACTOR: f64 = 1.5;
-
-/// A unit of the data: it is kept whole or not at all.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Unit {
-    /// A dwell.
-    Dwell {
-        /// Index into the plan's set points; the same temperature may be listed more than once.
-        visit: usize,
-        /// Index into the plan's positions.
-        position: usize,
-    },
-    /// A turn.
-    Turn {
-        /// As of a dwell.
-        visit: usize,
-        /// Index into the plan's turns.
-        turn: usize,
-    },
-    /// A ramp, counted from 0.
-    Ramp(usize),
-    /// A verification run, counted from 0.
-    Run(usize),
-}
-
-impl Unit {
-    /// The unit of this index, from 0; `None` after the last.
-    pub fn of(plan: &Plan, index: usize) -> Option<Self> {
-        let (positions, each) = (plan.positions.len(), plan.units_of_set_point());
-        let (visit, number) = (index / each, index % each);
-        if visit < plan.set_points_c.len() {
-            return Some(match number.checked_sub(positions) {
-                None => Self::Dwell { visit, position: number },
-                Some(turn) => Self::Turn { visit, turn },
-            });
-        }
-        let ramp = index - plan.set_points_c.len() * each;
-        let Some(run) = ramp.checked_sub(plan.ramps.len()) else { return Some(Self::Ramp(ramp)) };
-        let runs = plan.verify.as_ref().map_or(0, |verify| verify.runs as usize);
-        (run < runs).then_some(Self::Run(run))
-    }
-
-    /// Index of the unit's set point; `None` for a ramp or a verification run.
-    const fn visit(self) -> Option<usize> {
-        match self {
-            Self::Dwell { visit, .. } | Self::Turn { visit, .. } => Some(visit),
-            Self::Ramp(_) | Self::Run(_) => None,
-        }
-    }
-
-    /// The chamber's way in a ramp or a verification run; `None` for other units.
-    pub fn way(self, plan: &Plan) -> Option<&ThereAndBack> {
-        match self {
-            Self::Dwell { .. } | Self::Turn { .. } => None,
-            Self::Ramp(ramp) => plan.ramps.get(ramp).map(|ramp| &ramp.way),
-            Self::Run(_) => plan.verify.as_ref().map(|verify| &verify.way),
-        }
-    }
-
-    /// Whether the unit has a file of its own: a ramp or a verification run.
-    pub const fn has_own_file(self) -> bool {
-        self.visit().is_none()
-    }
-
-    /// The chamber's set point at the beginning of the unit \[degC\].
-    pub fn set_point_c(self, plan: &Plan) -> f64 {
-        match self {
-            Self::Dwell { visit, .. } | Self::Turn { visit, .. } => plan.set_points_c[visit],
-            Self::Ramp(_) | Self::Run(_) => self.way(plan).map_or(0.0, |way| way.from_c),
-        }
-    }
-
-    /// Outer and inner angle of the turntable at the end of the unit \[deg\].
-    pub fn end_angles_deg(self, plan: &Plan) -> [f64; 2] {
-        match self {
-            Self::Turn { turn, .. } => plan.turns[turn].to_deg,
-            Self::Dwell { .. } | Self::Ramp(_) | Self::Run(_) => self.angles_deg(plan),
-        }
-    }
-
-    /// Outer and inner angle of the turntable, at the beginning of a turn \[deg\].
-    pub fn angles_deg(self, plan: &Plan) -> [f64; 2] {
-        match self {
-            Self::Dwell { position, .. } => plan.positions[position].angles,
-            Self::Turn { turn, .. } => Some(plan.turns[turn].from_deg),
-            Self::Ramp(ramp) => plan.ramps.get(ramp).and_then(|ramp| ramp.attitude.angles),
-            Self::Run(run) => plan.verify.as_ref().and_then(|verify| verify.attitude(run).angles),
-        }
-        .unwrap_or_default()
-    }
-
-    /// The name that messages show.
-    pub fn name(self, plan: &Plan) -> String {
-        match self {
-            Self::Dwell { visit, position } => {
-                let position = &plan.positions[position];
-                format!("{} degC, position {} ({})", plan.set_points_c[visit], position.number, position.label)
-            }
-            Self::Turn { visit, turn } => {
-                let PlannedTurn { number, axis, from_deg, to_deg } = plan.turns[turn];
-                let (from, to, axis_name) = (from_deg[axis], to_deg[axis], ["outer", "inner"][axis]);
-                format!("{} degC, turn {number} ({axis_name} {from} to {to} deg)", plan.set_points_c[visit])
-            }
-            Self::Ramp(ramp) => format!("ramp {}", ramp + 1),
-            Self::Run(run) => format!("verification run {}", run + 1),
-        }
-    }
-}
-
-/// The input of the machine. Times are laboratory time \[s\].
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Observation<'a> {
-    /// The present time.
-    pub now: f64,
-    /// The last reading of the chamber, and its time.
-    pub chamber: (&'a ChamberReading, f64),
-    /// The last reading of the turntable, and its time.
-    pub turntable: (&'a TurntableReading, f64),
-    /// Rates of change of the temperatures.
-    pub trends: &'a Trends,
-    /// Whether the samples' clocks are known, so that a unit may begin.
-    pub clocks_known: bool,
-    /// Counted time of the unit in progress \[s\].
-    pub collected_s: f64,
-    /// Whether `collected_s` is enough for a dwell.
-    pub complete: bool,
-    /// Why the unit in progress cannot be used.
-    pub spoiled: Option<&'a str>,
-}
-
-/// One action for the runner, which pauses or ends the campaign if the action fails.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Action {
-    /// Do nothing now.
-    Wait,
-    /// Set the chamber's set point \[degC\].
-    SetPoint(f64),
-    /// Start the chamber.
-    StartChamber,
-    /// Move the turntable to these angles \[deg\].
-    Move([f64; 2]),
-    /// Move it to these angles with the rate and the acceleration of a turn \[deg\].
-    Turn([f64; 2]),
-    /// Record that this set point has been reached \[degC\].
-    Reached(f64),
-    /// The turntable has settled: take samples of this unit from now on.
-    Collect(Unit),
-    /// Discard the samples of the unit in progress for this reason. The machine attempts the unit again.
-    Discard(String),
-    /// Keep this unit: it is complete.
-    Keep {
-        /// The unit.
-        unit: Unit,
-        /// Read-backs of both angles at rest before and after a turn \[deg\]; `None` for other units.
-        turned_deg: Option<[[f64; 2]; 2]>,
-    },
-    /// The campaign is complete.
-    Done,
-}
-
-/// Why the machine cannot go on.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Halt {
-    /// Pause, and go on when all is well again.
-    Interrupted(String),
-    /// End the campaign in the safe state.
-    GivenUp(String),
-}
-
-/// The state of the machine. Times are laboratory time \[s\].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Phase {
-    /// The start, or a new start after an interruption.
-    Begin,
-    /// The chamber ramps to the set point.
-    Approach {
-        /// When the final set point was commanded; `None` while the ramp goes on.
-        commanded_at: Option<f64>,
-    },
-    /// The chamber is at the set point. The soak time and the rates of change are waited for.
-    Soak {
-        /// When the phase began.
-        since: f64,
-    },
-    /// The turntable moves.
-    Travel {
-        /// When the motion was commanded; `None` before that.
-        begun: Option<f64>,
-    },
-    /// The turntable is at its angles and at rest, but not yet for long enough.
-    Settle {
-        /// When the motion was commanded.
-        begun: f64,
-        /// When the turntable arrived.
-        since: f64,
-    },
-    /// Samples are taken.
-    Dwell {
-        /// When the phase began.
-        begun: f64,
-        /// When the samples were complete. A later reading must confirm that the turntable is still in its position.
-        complete: Option<f64>,
-    },
-    /// Samples are taken while the turntable rests, turns and rests again.
-    Turn(TurnState),
-    /// Samples are taken while the chamber goes there and back.
-    Sweep {
-        /// How far it is.
-        leg: Leg,
-        /// When the hold began at the end of the leg; `None` while the chamber ramps.
-        held: Option<f64>,
-    },
-    /// All positions and turns are done; the shortest time at the set point is not over yet.
-    Stay,
-    /// The campaign is complete.
-    Done,
-}
-
-/// How far the chamber is on its way there and back.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(crate) enum Leg {
-    /// It has not left where it begins.
-    Begin,
-    /// It goes to the other end, or holds there.
-    There,
-    /// It goes back, or holds there.
-    Back,
-}
-
-impl Leg {
-    /// The set point at the end of the leg \[degC\].
-    pub(crate) const fn end_c(self, way: &ThereAndBack) -> f64 {
-        match self {
-            Self::Begin | Self::Back => way.from_c,
-            Self::There => way.to_c,
-        }
-    }
-}
-
-/// The state of a turn.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct TurnState {
-    /// When its samples began, laboratory time \[s\].
-    pub begun: f64,
-    /// Read-back before the turn \[deg\]; NaN until it has been taken.
-    pub before_deg: [f64; 2],
-    /// How far it is.
-    pub stage: TurnStage,
-}
-
-/// How far a turn is. Times are laboratory time \[s\].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum TurnStage {
-    /// The turntable rests where the turn begins.
-    Before {
-        /// When the samples were complete. A later reading is the read-back before the turn.
-        complete: Option<f64>,
-    },
-    /// It turns.
-    Turning {
-        /// Number of the motion, from 1: a controller that counts modulo 360 degrees gets several.
-        motion: u32,
-        /// When the motion was commanded.
-        commanded: f64,
-        /// When the turntable arrived.
-        arrived: Option<f64>,
-    },
-    /// It rests where the turn ends.
-    After {
-        /// When the turntable had settled.
-        settled: f64,
-        /// When the samples were complete. A later reading is the read-back after the turn.
-        complete: Option<f64>,
-    },
-}
-
-impl Phase {
-    /// The name that messages and files show.
-    pub(crate) const fn name(self) -> &'static str {
-        match self {
-            Self::Begin | Self::Approach { .. } => "approach",
-            Self::Soak { .. } => "soak",
-            Self::Travel { .. } => "travel",
-            Self::Settle { .. } => "settle",
-            Self::Dwell { .. } => "dwell",
-            Self::Turn(_) => "turn",
-            Self::Sweep { .. } => "sweep",
-            Self::Stay => "stay",
-            Self::Done => "done",
-        }
-    }
-
-    /// Whether the turntable may move.
-    pub(crate) const fn is_moving(self) -> bool {
-        matches!(self, Self::Travel { .. } | Self::Settle { .. } | Self::Turn(_))
-    }
-}
 
 /// The state machine: [`step`](Self::step) gives one action at a time.
 #[derive(Clone, Debug)]
@@ -375,8 +84,8 @@ impl<'p> CampaignMachine<'p> {
     }
 
     /// The unit in progress; `None` when all are complete.
-    pub(crate) fn unit(&self) -> Option<Unit> {
-        Unit::of(self.plan, self.completed)
+    pub(crate) fn unit(&self) -> Option<CampaignStep> {
+        CampaignStep::of(self.plan, self.completed)
     }
 
     /// Whether the unit in progress is attempted for the last time.
@@ -519,7 +228,7 @@ impl<'p> CampaignMachine<'p> {
 
     fn approach(
         &mut self,
-        unit: Unit,
+        unit: CampaignStep,
         observation: &Observation<'_>,
         commanded_at: Option<f64>,
     ) -> Result<Action, Halt> {
@@ -560,7 +269,7 @@ impl<'p> CampaignMachine<'p> {
         Err(Halt::GivenUp(message))
     }
 
-    fn soak(&mut self, unit: Unit, observation: &Observation<'_>, since: f64) -> Result<Action, Halt> {
+    fn soak(&mut self, unit: CampaignStep, observation: &Observation<'_>, since: f64) -> Result<Action, Halt> {
         if let Some(reason) = self.chamber_deviation(unit, observation) {
             return self.retry_from(Phase::Approach { commanded_at: None }, reason);
         }
@@ -586,7 +295,7 @@ impl<'p> CampaignMachine<'p> {
     }
 
     /// Why the chamber is not at the set point of `unit`; `None` if it is.
-    fn chamber_deviation(&self, unit: Unit, observation: &Observation<'_>) -> Option<String> {
+    fn chamber_deviation(&self, unit: CampaignStep, observation: &Observation<'_>) -> Option<String> {
         let target = unit.set_point_c(self.plan);
         let air = observation.chamber.0.air_c;
         let outside = (air - target).abs() > self.plan.soak.tolerance_c;
@@ -594,7 +303,7 @@ impl<'p> CampaignMachine<'p> {
     }
 
     /// Why the turntable is not at rest at the angles of `unit`; `None` if it is.
-    fn turntable_deviation(&self, unit: Unit, observation: &Observation<'_>) -> Option<String> {
+    fn turntable_deviation(&self, unit: CampaignStep, observation: &Observation<'_>) -> Option<String> {
         self.deviation_from(unit.angles_deg(self.plan), observation)
     }
 
@@ -619,7 +328,7 @@ impl<'p> CampaignMachine<'p> {
     /// The rotation of both axes from `from_deg` to `to_deg` \[deg\]. In a turn whole turns count, unless the
     /// controller counts modulo 360 degrees.
     fn rotation_deg(&self, from_deg: [f64; 2], to_deg: [f64; 2]) -> [f64; 2] {
-        let counted = matches!(self.unit(), Some(Unit::Turn { .. })) && !self.plan.turntable.wraps();
+        let counted = matches!(self.unit(), Some(CampaignStep::Turn { .. })) && !self.plan.turntable.wraps();
         let rotation = |from: f64, to: f64| if counted { to - from } else { turn_deg(from, to) };
         [0, 1].map(|axis| rotation(from_deg[axis], to_deg[axis]))
     }
@@ -637,7 +346,12 @@ impl<'p> CampaignMachine<'p> {
         Ok(Action::Discard(reason))
     }
 
-    fn travel(&mut self, unit: Unit, observation: &Observation<'_>, begun: Option<f64>) -> Result<Action, Halt> {
+    fn travel(
+        &mut self,
+        unit: CampaignStep,
+        observation: &Observation<'_>,
+        begun: Option<f64>,
+    ) -> Result<Action, Halt> {
         if let Some(reason) = self.chamber_deviation(unit, observation) {
             return self.retry_from(Phase::Approach { commanded_at: None }, reason);
         }
@@ -665,7 +379,13 @@ impl<'p> CampaignMachine<'p> {
         Ok(Action::Wait)
     }
 
-    fn settle(&mut self, unit: Unit, observation: &Observation<'_>, begun: f64, since: f64) -> Result<Action, Halt> {
+    fn settle(
+        &mut self,
+        unit: CampaignStep,
+        observation: &Observation<'_>,
+        begun: f64,
+        since: f64,
+    ) -> Result<Action, Halt> {
         if self.turntable_deviation(unit, observation).is_some() {
             self.phase = Phase::Travel { begun: Some(begun) };
         } else if observation.clocks_known
@@ -673,13 +393,15 @@ impl<'p> CampaignMachine<'p> {
             && observation.turntable.1 > since
         {
             self.phase = match unit {
-                Unit::Dwell { .. } => Phase::Dwell { begun: observation.now, complete: None },
-                Unit::Turn { .. } => Phase::Turn(TurnState {
+                CampaignStep::Dwell { .. } => Phase::Dwell { begun: observation.now, complete: None },
+                CampaignStep::Turn { .. } => Phase::Turn(TurnState {
                     begun: observation.now,
                     before_deg: [f64::NAN; 2],
                     stage: TurnStage::Before { complete: None },
                 }),
-                Unit::Ramp(_) | Unit::Run(_) => Phase::Sweep { leg: Leg::Begin, held: Some(observation.now) },
+                CampaignStep::Ramp(_) | CampaignStep::Run(_) => {
+                    Phase::Sweep { leg: Leg::Begin, held: Some(observation.now) }
+                }
             };
             return Ok(Action::Collect(unit));
         }
@@ -688,7 +410,7 @@ impl<'p> CampaignMachine<'p> {
 
     fn dwell(
         &mut self,
-        unit: Unit,
+        unit: CampaignStep,
         observation: &Observation<'_>,
         begun: f64,
         complete: Option<f64>,
@@ -723,7 +445,7 @@ impl<'p> CampaignMachine<'p> {
 
     fn sweep(
         &mut self,
-        unit: Unit,
+        unit: CampaignStep,
         observation: &Observation<'_>,
         leg: Leg,
         held: Option<f64>,
@@ -774,7 +496,7 @@ impl<'p> CampaignMachine<'p> {
     /// Counts `unit`, the one in progress, as complete, and chooses the next phase.
     fn complete_unit(
         &mut self,
-        unit: Unit,
+        unit: CampaignStep,
         turned_deg: Option<[[f64; 2]; 2]>,
         observation: &Observation<'_>,
     ) -> Action {
@@ -800,8 +522,6 @@ impl<'p> CampaignMachine<'p> {
 fn to_tenths(celsius: f64) -> f64 {
     (celsius * 10.0).round() / 10.0
 }
-
-mod turn;
 
 #[cfg(test)]
 mod tests;

@@ -11,20 +11,20 @@ use std::path::{Path, PathBuf};
 
 /// What became of the last fit.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Outcome {
+pub struct CampaignOutcome {
     /// The fit; `None` if there was none.
-    pub fit: Option<Fit>,
+    pub fit: Option<FitOutcome>,
     /// The verification runs, in order.
-    pub verification: Vec<Verification>,
+    pub verification: Vec<VerificationOutcome>,
     /// What of the table no run judges.
     pub not_judged: Vec<String>,
     /// The installation; `None` if it has not come to that.
-    pub installation: Option<Installation>,
+    pub installation: Option<InstallationOutcome>,
 }
 
 /// The last fit. Neither digest nor reason: it has begun, and it is running or its process was killed.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Fit {
+pub struct FitOutcome {
     /// Unix time of the entry \[s\].
     pub unix_s: f64,
     /// Digest of the table.
@@ -37,7 +37,7 @@ pub struct Fit {
 
 /// A judged verification run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Verification {
+pub struct VerificationOutcome {
     /// Unix time of the entry \[s\].
     pub unix_s: f64,
     /// The run's file.
@@ -52,7 +52,7 @@ pub struct Verification {
 
 /// Whether the table was installed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Installation {
+pub struct InstallationOutcome {
     /// Unix time of the entry \[s\].
     pub unix_s: f64,
     /// The installed file; `None` if the table was left aside.
@@ -72,14 +72,14 @@ pub struct ImuOutcome {
     /// Where and why it was dropped; `None` if it was not.
     pub dropped: Option<String>,
     /// What became of its last fit.
-    pub outcome: Outcome,
+    pub outcome: CampaignOutcome,
 }
 
 /// What became of the campaign of one IMU in `folder`.
 ///
 /// # Errors
 /// If the journal cannot be read.
-pub fn outcome(folder: &Path) -> Result<Outcome, Failure> {
+pub fn outcome(folder: &Path) -> Result<CampaignOutcome, Failure> {
     let (lines, _) = journal::read(&folder.join(JOURNAL))?;
     Ok(present(of_lines(&lines)))
 }
@@ -100,7 +100,7 @@ pub fn outcomes(plan: &Plan) -> Result<Vec<ImuOutcome>, Failure> {
 }
 
 /// With the digest of the table that is in the installed file now.
-fn present(mut outcome: Outcome) -> Outcome {
+fn present(mut outcome: CampaignOutcome) -> CampaignOutcome {
     if let Some(installation) = &mut outcome.installation {
         let file = installation.file.as_ref().filter(|file| file.is_absolute());
         let table = file.map(|file| load_table(file, None, Trust::Any));
@@ -109,28 +109,31 @@ fn present(mut outcome: Outcome) -> Outcome {
     outcome
 }
 
-fn of_lines<'l>(lines: impl IntoIterator<Item = &'l JournalLine>) -> Outcome {
-    let mut outcome = Outcome::default();
+fn of_lines<'l>(lines: impl IntoIterator<Item = &'l JournalLine>) -> CampaignOutcome {
+    let mut outcome = CampaignOutcome::default();
     for JournalLine { at, entry, .. } in lines {
         let unix_s = &at.unix_s;
         let unix_s = *unix_s;
-        let installation = |file, refused| Some(Installation { unix_s, file, present: None, refused });
+        let installation = |file, refused| Some(InstallationOutcome { unix_s, file, present: None, refused });
         match entry.clone() {
             Entry::FitBegun => {
-                outcome = Outcome { fit: Some(Fit { unix_s, ..Fit::default() }), ..Outcome::default() };
+                outcome = CampaignOutcome {
+                    fit: Some(FitOutcome { unix_s, ..FitOutcome::default() }),
+                    ..CampaignOutcome::default()
+                };
             }
             // An older version does not journal the begin.
             Entry::Calibrated { digest, accuracy } => {
                 let accuracy = Some(accuracy).filter(|accuracy| !accuracy.is_empty());
-                let fit = Fit { unix_s, digest: Some(digest), accuracy, refused: None };
-                outcome = Outcome { fit: Some(fit), ..Outcome::default() };
+                let fit = FitOutcome { unix_s, digest: Some(digest), accuracy, refused: None };
+                outcome = CampaignOutcome { fit: Some(fit), ..CampaignOutcome::default() };
             }
             Entry::NotCalibrated { reason } => {
-                let fit = Fit { unix_s, refused: Some(reason), ..Fit::default() };
-                outcome = Outcome { fit: Some(fit), ..Outcome::default() };
+                let fit = FitOutcome { unix_s, refused: Some(reason), ..FitOutcome::default() };
+                outcome = CampaignOutcome { fit: Some(fit), ..CampaignOutcome::default() };
             }
             Entry::Verified { run, angles_deg, largest, refused } => {
-                outcome.verification.push(Verification { unix_s, run, angles_deg, largest, refused });
+                outcome.verification.push(VerificationOutcome { unix_s, run, angles_deg, largest, refused });
             }
             Entry::NotJudged { reasons } => outcome.not_judged = reasons,
             Entry::NotInstalled { reason } => outcome.installation = installation(None, Some(reason)),
@@ -146,7 +149,7 @@ fn listed(reasons: &str) -> String {
     if reasons.contains('\n') { format!("\n  {}", reasons.replace('\n', "\n  ")) } else { format!(" {reasons}") }
 }
 
-/// The lines of [`Outcome`], each with the IMU's name, and one if it was dropped.
+/// The lines of [`CampaignOutcome`], each with the IMU's name, and one if it was dropped.
 impl fmt::Display for ImuOutcome {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { imu, dropped, outcome } = self;
@@ -158,7 +161,7 @@ impl fmt::Display for ImuOutcome {
 }
 
 /// One line for each step and reason; empty if there was no fit.
-impl fmt::Display for Outcome {
+impl fmt::Display for CampaignOutcome {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(fit) = &self.fit else { return Ok(()) };
         let mut text = format!("fit, {}: ", utc(fit.unix_s));
@@ -170,7 +173,7 @@ impl fmt::Display for Outcome {
         if let Some(accuracy) = &fit.accuracy {
             text += &format!("\n{accuracy}");
         }
-        for Verification { run, angles_deg, largest, refused, .. } in &self.verification {
+        for VerificationOutcome { run, angles_deg, largest, refused, .. } in &self.verification {
             let at = angles_deg.map_or_else(String::new, |[outer, inner]| format!(", at {outer}/{inner} deg"));
             let largest =
                 largest.as_ref().map_or_else(|| "not judged".to_owned(), |largest| format!("largest error {largest}"));
@@ -181,7 +184,7 @@ impl fmt::Display for Outcome {
             write!(text, "\nnot judged: {reason}")?;
         }
         if let Some(installation) = &self.installation {
-            let Installation { unix_s, file, present, refused } = installation;
+            let InstallationOutcome { unix_s, file, present, refused } = installation;
             let clock = utc(*unix_s);
             match file {
                 Some(file) => write!(text, "\ninstalled, {clock}: as {}", shown(file))?,
@@ -207,7 +210,7 @@ mod tests {
     use super::super::stamp::Stamp;
     use super::*;
 
-    fn lines(text: &str) -> Outcome {
+    fn lines(text: &str) -> CampaignOutcome {
         let lines: Vec<_> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
         of_lines(&lines)
     }

@@ -3,7 +3,7 @@
 
 use super::control::snapshot;
 use super::curves::PlottedCurves;
-use super::events::{Event, Events};
+use super::events::{PageEvent, PageEvents};
 use super::journal::{self, JOURNAL};
 use super::plan::Plan;
 use super::progress::{DroppedImu, Snapshot};
@@ -42,7 +42,7 @@ const BOARDS: [NamedCurve; 3] = [(AXIS_NAMES[0], 5), (AXIS_NAMES[1], 6), (AXIS_N
 /// The page of a running campaign. It reads what is new in the journal.
 #[derive(Default)]
 pub(crate) struct LivePage {
-    events: Events,
+    events: PageEvents,
     /// So much of the journal is read \[bytes\].
     read: u64,
 }
@@ -76,7 +76,7 @@ pub(crate) fn rewrite(plan: &Plan) -> Result<(), Failure> {
     LivePage::default().write(plan, &snapshot, &curves).map_err(failed)
 }
 
-fn html(plan: &Plan, snapshot: &Snapshot, curves: &[&PlottedCurves], events: &[Event]) -> String {
+fn html(plan: &Plan, snapshot: &Snapshot, curves: &[&PlottedCurves], events: &[PageEvent]) -> String {
     let written = utc(snapshot.unix_s);
     let kinds = match (plan.turns.is_empty(), plan.ramps.is_empty()) {
         (true, true) => "dwells and runs",
@@ -112,7 +112,7 @@ fn html(plan: &Plan, snapshot: &Snapshot, curves: &[&PlottedCurves], events: &[E
             let clock = clock_ticks([since_s, end_s]).into_iter().map(|(unix_s, label)| (hours(unix_s), label));
             let plot = Plot::new(title, "Time / h", label).upper_axis("UTC", clock);
             let mark =
-                |plot: Plot, (number, event): &(u32, &Event)| plot.marker(hours(event.unix_s), &number.to_string());
+                |plot: Plot, (number, event): &(u32, &PageEvent)| plot.marker(hours(event.unix_s), &number.to_string());
             let plot = marks_since(since_s).fold(plot, mark);
             let plot = named.iter().fold(plot, |plot, (name, curve)| {
                 let points = broken(points(curves, *curve), events);
@@ -140,7 +140,7 @@ fn html(plan: &Plan, snapshot: &Snapshot, curves: &[&PlottedCurves], events: &[E
     page.paragraph(
         "The latest first. The numbers are those of the vertical marks in the figures; what follows the readings has no mark.",
     );
-    let row = |(number, event): &(u32, &Event)| {
+    let row = |(number, event): &(u32, &PageEvent)| {
         vec![
             Cell::Number(number.to_string()),
             Cell::Number(utc(event.unix_s)),
@@ -158,7 +158,7 @@ fn html(plan: &Plan, snapshot: &Snapshot, curves: &[&PlottedCurves], events: &[E
 }
 
 /// The points of a line, with a break where nothing was read: at every start and pause.
-fn broken(mut points: Vec<(f64, f64)>, events: &[Event]) -> Vec<(f64, f64)> {
+fn broken(mut points: Vec<(f64, f64)>, events: &[PageEvent]) -> Vec<(f64, f64)> {
     points.extend(events.iter().filter(|event| event.interrupts).map(|event| (event.unix_s, f64::NAN)));
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
     points
@@ -232,7 +232,7 @@ mod tests {
         assert_eq!([f64::NAN, -5.0, 1e300].map(utc)[2], "9999-12-31T23:59:59Z");
     }
 
-    fn page(rows: u32, events: &[Event]) -> String {
+    fn page(rows: u32, events: &[PageEvent]) -> String {
         let plan = Plan::from_toml(include_str!("../../../examples/plan.toml"), Path::new("/")).unwrap();
         let mut curves = PlottedCurves::default();
         for row in 0..rows {
@@ -242,9 +242,16 @@ mod tests {
         html(&plan, &snapshot, &[&curves], events)
     }
 
-    fn event(minute: u32, text: &str) -> Event {
+    fn event(minute: u32, text: &str) -> PageEvent {
         let unix_s = 1_795_305_600.0 + 60.0 * f64::from(minute);
-        Event { unix_s, kind: NoteKind::Warning, name: "pause", text: text.to_owned(), interrupts: true, marked: true }
+        PageEvent {
+            unix_s,
+            kind: NoteKind::Warning,
+            name: "pause",
+            text: text.to_owned(),
+            interrupts: true,
+            marked: true,
+        }
     }
 
     #[test]

@@ -14,7 +14,7 @@ pub use turns::MAX_ROW_DEG;
 
 pub use files::{RAMP_FILE, READBACKS, RUN_FILE, SAMPLES};
 pub use model::{
-    DwellPlan, Motion, Patience, Plan, PlannedTurn, RampPlan, Soak, ThereAndBack, TurnPlan, VerificationPlan,
+    DwellPlan, MotionPlan, Patience, Plan, PlannedTurn, RampPlan, SoakPlan, ThereAndBack, TurnPlan, VerificationPlan,
 };
 
 use isotherm_campaign::Position;

@@ -4,22 +4,24 @@
 //! outstanding. Another thread takes the samples off the stream. Every command is checked against the limits before it
 //! is sent, and every reading when it arrives. However the loop ends, the runner brings the instruments into the safe
 //! state.
-//!
-//! Over 400 lines: one loop and its pauses, which share the runner's state and are read together.
+
+mod batch;
+mod pause;
+mod view;
 
 use super::control::{REQUESTED, answer_stop, snapshot};
-use super::journal::{Entry, History, Journal, Kept, TurnReadBacks};
-use super::machine::{Action, CampaignMachine, Halt, Observation, Phase, Unit};
+use super::journal::{Entry, History, Journal, KeptStep, TurnReadBacks};
+use super::machine::{Action, CampaignMachine, Halt, Observation};
 use super::page::{self, LivePage};
-use super::plan::{Plan, ThereAndBack};
+use super::plan::Plan;
 use super::progress::{DroppedImu, Progress, Snapshot};
-use super::readbacks::Readbacks;
 use super::samples::{LaboratoryClock, SampleSources};
-use super::stability::{Trend, Trends};
+use super::stability::{RateWindow, Trends};
 use super::stamp::Stamp;
 use super::station::{Station, StationError};
-use super::streams::{FailedImu, Streams};
-use super::timeline::{left_s, turn_s, unit_s, units};
+use super::step::CampaignStep;
+use super::streams::Streams;
+use super::timeline::{duration, units};
 use isotherm_instruments::{ChamberReading, Moment, Surroundings, TurntableReading};
 use isotherm_support::failure::{Exit, Failure};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -86,7 +88,7 @@ pub struct Runner<'p> {
     journal: Journal,
     progress: Progress,
     trends: Trends,
-    ramp: Trend,
+    ramp: RateWindow,
     chamber: (ChamberReading, f64),
     turntable: (TurntableReading, f64),
     /// The IMUs of a batch that are dropped.
@@ -131,7 +133,7 @@ impl<'p> Runner<'p> {
         let min_timeout_s = MIN_TIMEOUT.as_secs_f64() * speed;
         let ago_s = |stamp: &Stamp| stamp.age_s(around.time.as_ref()).map(|age_s| age_s * speed);
         let well = snapshot(&plan.output)?.map(|shown| Stamp { unix_s: shown.well_unix_s, up: shown.well_up });
-        let target = Unit::of(plan, history.kept.len()).map(|unit| unit.set_point_c(plan));
+        let target = CampaignStep::of(plan, history.kept.len()).map(|unit| unit.set_point_c(plan));
         // If the machine was started again, nobody knows for how long it is reached: the soak begins anew.
         let reached = history.reached.as_ref().filter(|(set_point_c, _)| Some(*set_point_c) == target);
         let reached = reached.and_then(|(_, at)| ago_s(at));
@@ -151,7 +153,7 @@ impl<'p> Runner<'p> {
             journal,
             progress: Progress::new(&plan.output, units(plan), Arc::clone(&around.time)),
             trends,
-            ramp: Trend::new(RAMP_WINDOW_S.max(0.1 * speed)),
+            ramp: RateWindow::new(RAMP_WINDOW_S.max(0.1 * speed)),
             chamber: (ChamberReading::default(), f64::NEG_INFINITY),
             turntable: (TurntableReading::default(), f64::NEG_INFINITY),
             dropped: history.dropped.iter().cloned().map(|(imu, reason)| DroppedImu { imu, reason }).collect(),
@@ -238,7 +240,7 @@ impl<'p> Runner<'p> {
     fn journal_start(&mut self) -> Result<(), RunnerError> {
         let (unit, speed) = (self.machine.completed(), self.clock.speed);
         self.journal.write_synced(Entry::Started { pid: std::process::id(), speed, unit })?;
-        let left = super::timeline::duration(self.left_s() / speed);
+        let left = duration(self.left_s() / speed);
         self.progress.event(&format!("{unit} of {} units are complete; about {left} to go", units(self.plan)));
         Ok(())
     }
@@ -337,12 +339,12 @@ impl<'p> Runner<'p> {
     }
 
     /// Makes the unit last: its samples are synced, then it is journalled.
-    fn keep(&mut self, unit: Unit, turned_deg: Option<[[f64; 2]; 2]>) -> Result<(), Failure> {
+    fn keep(&mut self, unit: CampaignStep, turned_deg: Option<[[f64; 2]; 2]>) -> Result<(), Failure> {
         let number = self.machine.completed() - 1;
         let Some(kept) = self.streams.keep(unit, number)? else { return Ok(()) };
         let mut message = format!("{} complete: {} rows, {:.0} s", kept.name, kept.rows, kept.seconds);
         let turn = match (unit, turned_deg) {
-            (Unit::Turn { turn, .. }, Some([before_deg, after_deg])) => {
+            (CampaignStep::Turn { turn, .. }, Some([before_deg, after_deg])) => {
                 let turn = self.plan.turns[turn];
                 let [before, after] = [before_deg, after_deg].map(|angles| angles[turn.axis]);
                 message += &format!(", read back {before:?} and {after:?} deg");
@@ -350,8 +352,8 @@ impl<'p> Runner<'p> {
             }
             _ => None,
         };
-        let kept = Kept { turn, ..kept };
-        let sum = |of: fn(&Kept) -> u64| kept.each().map(of).sum::<u64>();
+        let kept = KeptStep { turn, ..kept };
+        let sum = |of: fn(&KeptStep) -> u64| kept.each().map(of).sum::<u64>();
         for (count, name) in [(sum(|kept| kept.gaps), "gaps"), (sum(|kept| kept.left_out), "samples left out")] {
             if count > 0 {
                 message += &format!(", {count} {name}");
@@ -397,38 +399,6 @@ impl<'p> Runner<'p> {
         self.streams.silence(patience_s).map_or(Ok(()), |cause| Err(RunnerError::Interrupted(cause)))
     }
 
-    /// Drops the IMUs of a batch that have spoiled the unit in progress too often.
-    fn drop_spoilers(&mut self) -> Result<(), Failure> {
-        while let Some(spoiler) = self.streams.spoiler(self.machine.is_last_attempt()) {
-            if !self.drop_all(vec![spoiler])? {
-                break;
-            }
-        }
-        Ok(())
-    }
-
-    /// Drops these IMUs of a batch, unless none would be left. Returns whether one is dropped.
-    fn drop_all(&mut self, failed: Vec<FailedImu>) -> Result<bool, Failure> {
-        let mut is_dropped = false;
-        for FailedImu { imu, reason } in failed {
-            if !self.may_drop || !self.streams.has_others() {
-                break;
-            }
-            let reason = format!("at {}: {reason}", self.unit_name());
-            let plan = self.streams.drop_imu(imu);
-            self.trends.leave_out(imu);
-            self.machine.renew_attempts();
-            self.progress.event(&format!("{} is dropped {reason}", plan.imu));
-            self.journal.about(Some(&plan.imu));
-            let noted = self.journal.write_synced(Entry::Dropped { reason: reason.clone() });
-            self.journal.about(None);
-            noted?;
-            self.dropped.push(DroppedImu { imu: plan.imu.to_string(), reason });
-            is_dropped = true;
-        }
-        Ok(is_dropped)
-    }
-
     fn read_chamber(&mut self) -> Result<(), RunnerError> {
         let reading = self.station.read_chamber()?;
         let now = self.clock.now();
@@ -444,210 +414,6 @@ impl<'p> Runner<'p> {
     fn read_turntable(&mut self) -> Result<(), RunnerError> {
         self.turntable = (self.station.read_turntable()?, self.clock.now());
         Ok(())
-    }
-
-    /// Connects both instruments and waits for samples. Nothing is commanded but the turntable's engagement, after a
-    /// stop if an earlier runner left it engaged.
-    fn connect(&mut self) -> Result<(), RunnerError> {
-        let reached = self.reached;
-        self.wait_until_well(MIN_TIMEOUT.as_secs_f64() * self.clock.speed + self.plan.patience.stream_s)?;
-        let names = self.station.names();
-        self.progress.event(&format!("chamber: {}; turntable: {}", names[0], names[1]));
-        let [chamber, turntable] = names;
-        self.journal.write(Entry::Connected { chamber, turntable })?;
-        self.may_drop = true;
-        let now = self.clock.now();
-        if self.reached.is_some() || self.machine.completed() > 0 {
-            self.machine.resume(now, self.interruption_s + now, reached, &self.chamber.0)?;
-        }
-        Ok(())
-    }
-
-    /// Commands nothing until all is well again. The unit in progress is lost.
-    fn pause(&mut self, cause: String) -> Result<(), RunnerError> {
-        self.progress.event(&format!("paused: {cause}"));
-        self.journal.write(Entry::Paused { cause: cause.clone() })?;
-        self.streams.discard();
-        self.streams.reset_timing();
-        let reached = self.machine.reached();
-        let well_at = self.well_at;
-        if self.machine.phase().is_moving() {
-            self.station.stop_turntable();
-        }
-        self.paused = Some(cause);
-        self.wait_until_well(self.plan.patience.pause_s.max(MIN_TIMEOUT.as_secs_f64() * self.clock.speed))?;
-        let now = self.clock.now();
-        self.journal.write(Entry::Resumed { after_s: now - well_at })?;
-        self.progress.event("all is well again");
-        self.trends.clear();
-        self.ramp.clear();
-        self.machine.resume(now, now - well_at, reached, &self.chamber.0)?;
-        Ok(())
-    }
-
-    /// Waits until both instruments answer and samples arrive, for at most `patience_s`.
-    fn wait_until_well(&mut self, patience_s: f64) -> Result<(), RunnerError> {
-        let begun = self.clock.now();
-        let mut retry = FIRST_RETRY_PAUSE;
-        loop {
-            let cause = match self.check_all_well() {
-                Ok(()) => {
-                    self.paused = None;
-                    return Ok(());
-                }
-                Err(RunnerError::Interrupted(cause)) => cause,
-                Err(given_up) => return Err(given_up),
-            };
-            self.check_stop_signal()?;
-            if self.clock.now() - begun > patience_s {
-                // It has waited for them long enough.
-                let silent = self.streams.silent(self.stream_patience_s(), 0.0);
-                if self.drop_all(silent)? {
-                    continue;
-                }
-                return Err(RunnerError::GivenUp(Failure::new(Exit::Unavailable, cause)));
-            }
-            self.paused.get_or_insert_with(|| cause.clone());
-            let until = self.around.time.now() + retry;
-            while self.around.time.now() < until {
-                self.check_stop_signal()?;
-                self.drain()?;
-                self.update_progress();
-                self.around.time.sleep_until(until.min(self.around.time.now() + MAX_LOOP_PAUSE));
-            }
-            retry = (retry * 2).min(MAX_RETRY_PAUSE);
-        }
-    }
-
-    /// Connects and reads both instruments, and checks the stream.
-    fn check_all_well(&mut self) -> Result<(), RunnerError> {
-        self.check_stop_signal()?;
-        // Both instruments are read even if one is lost: an alarm of either ends the campaign.
-        let chamber = self.station.connect_chamber().map_err(RunnerError::from).and_then(|()| self.read_chamber());
-        if let Err(RunnerError::GivenUp(_) | RunnerError::Stopped(_)) = chamber {
-            return chamber;
-        }
-        let turntable =
-            self.station.connect_turntable().map_err(RunnerError::from).and_then(|()| self.read_turntable());
-        if let Err(RunnerError::GivenUp(_) | RunnerError::Stopped(_)) = turntable {
-            return turntable;
-        }
-        chamber.and(turntable)?;
-        self.drain()?;
-        self.check_streams()
-    }
-
-    fn unit_name(&self) -> String {
-        self.machine.unit().map_or_else(|| "end".to_owned(), |unit| unit.name(self.plan))
-    }
-
-    /// Fraction of the unit in progress that is taken, 0 to 1; 0 outside one.
-    fn unit_fraction(&self) -> f64 {
-        let takes_s = match self.machine.unit() {
-            Some(Unit::Dwell { .. }) => self.plan.dwell.time_s,
-            Some(Unit::Turn { turn, .. }) => turn_s(self.plan, &self.plan.turns[turn]),
-            Some(unit @ (Unit::Ramp(_) | Unit::Run(_))) => {
-                unit.way(self.plan).map_or(f64::INFINITY, ThereAndBack::time_s)
-            }
-            None => return 0.0,
-        };
-        (self.streams.collected_s() / takes_s).min(1.0)
-    }
-
-    /// Estimated time until the campaign is complete.
-    fn left_s(&self) -> f64 {
-        let unit = self.machine.completed();
-        let takes_s = unit_s(self.plan, unit).unwrap_or_default();
-        let soak_s = self.plan.soak.time_s;
-        let soaked = match self.machine.phase() {
-            // The chamber may have left the set point where it was soaked.
-            Phase::Sweep { .. } => soak_s,
-            _ => self.machine.reached().map_or(0.0, |reached| (self.clock.now() - reached).min(soak_s)),
-        };
-        let first = match self.machine.unit() {
-            Some(Unit::Dwell { position, .. }) => position == 0,
-            Some(unit) => unit.has_own_file(),
-            None => false,
-        };
-        let done = self.streams.collected_s() + if first { soaked } else { 0.0 };
-        left_s(self.plan, unit) - done.min(takes_s)
-    }
-
-    /// Updates status file, bars, log and live page, each as often as it is due.
-    fn update_progress(&mut self) {
-        let now = self.clock.now();
-        if self.progress.is_due(now, self.machine.phase().name()) {
-            let snapshot = self.snapshot();
-            self.progress.update(now, self.unit_fraction(), &snapshot);
-            let written_at = self.around.time.now();
-            if self.page_written.is_none_or(|last| written_at.since(last) >= self.page_period) {
-                self.page_written = Some(written_at);
-                self.write_page(&snapshot);
-            }
-        }
-    }
-
-    /// Writes the live page. A failure is only logged, because the page is soon written again.
-    fn write_page(&mut self, snapshot: &Snapshot) {
-        let curves: Vec<_> = self.streams.readbacks().map(Readbacks::curves).collect();
-        if let Err(error) = self.page.write(self.plan, snapshot, &curves) {
-            tracing::warn!("writing the live page: {error}");
-        }
-    }
-
-    /// The set point that the chamber goes to or holds \[degC\]; `None` after the last unit.
-    fn target_c(&self) -> Option<f64> {
-        let unit = self.machine.unit()?;
-        match (self.machine.phase(), unit.way(self.plan)) {
-            (Phase::Sweep { leg, .. }, Some(way)) => Some(leg.end_c(way)),
-            _ => Some(unit.set_point_c(self.plan)),
-        }
-    }
-
-    fn snapshot(&mut self) -> Snapshot {
-        let waits_for = match self.machine.phase() {
-            Phase::Soak { .. } => {
-                let left = self.machine.reached().unwrap_or_default() + self.plan.soak.time_s - self.clock.now();
-                if left > 0.0 {
-                    format!("{} more", super::timeline::duration(left))
-                } else {
-                    self.trends.unsettled(&self.plan.soak).unwrap_or_default()
-                }
-            }
-            Phase::Dwell { .. } | Phase::Turn(_) => format!("{:.0} s taken", self.streams.collected_s()),
-            Phase::Sweep { held, .. } => {
-                let taken = super::timeline::duration(self.streams.collected_s());
-                let target = self.target_c().unwrap_or_default();
-                let does = if held.is_some() { "holds at" } else { "ramps to" };
-                format!("the chamber {does} {target} degC, {taken} taken")
-            }
-            _ => String::new(),
-        };
-        let read_at = |at: f64| at > f64::NEG_INFINITY;
-        Snapshot {
-            unix_s: self.clock.unix_s(),
-            speed: self.clock.speed,
-            phase: self.machine.phase().name().to_owned(),
-            place: self.unit_name(),
-            unit: self.units_kept,
-            units: units(self.plan),
-            waits_for,
-            target_c: self.target_c(),
-            commanded_c: self.machine.commanded_c(),
-            air_c: read_at(self.chamber.1).then_some(self.chamber.0.air_c),
-            chamber_c_per_h: self.trends.chamber_c_per_h(),
-            temperature_per_h: self.trends.temperature_per_h().map(|(rate, _)| rate),
-            angles_deg: read_at(self.turntable.1).then_some(self.turntable.0.angles_deg),
-            repeated: self.station.repeated(),
-            collected_s: self.streams.collected_s(),
-            left_s: self.left_s(),
-            paused: self.paused.clone(),
-            well_unix_s: self.well.unix_s,
-            well_up: self.well.up.clone(),
-            ended: None,
-            safe: false,
-            dropped: self.dropped.clone(),
-        }
     }
 }
 

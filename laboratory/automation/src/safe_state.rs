@@ -7,7 +7,9 @@
 //! babbles lets nothing else through.
 
 use super::plan::Plan;
-use isotherm_instruments::{Chamber, ChamberReading, Instrument, InstrumentFault, Time, Turntable, TurntableReading};
+use isotherm_instruments::{
+    ChamberInstrument, ChamberReading, Instrument, InstrumentFault, Time, TurntableInstrument, TurntableReading,
+};
 use std::fmt;
 use std::time::Duration;
 
@@ -51,8 +53,8 @@ impl fmt::Display for SafeOutcome {
 pub(crate) fn enter(
     plan: &Plan,
     time: &dyn Time,
-    (turntable, turntable_connected): (&mut (dyn Turntable + 'static), bool),
-    (chamber, chamber_connected): (&mut (dyn Chamber + 'static), bool),
+    (turntable, turntable_connected): (&mut (dyn TurntableInstrument + 'static), bool),
+    (chamber, chamber_connected): (&mut (dyn ChamberInstrument + 'static), bool),
 ) -> (SafeOutcome, SafeOutcome) {
     let failed = |which: &str| SafeOutcome::Unknown(format!("{which}: the program has failed"));
     let mut outcomes = (failed("turntable NOT known to be stopped"), failed("chamber NOT known to be safe"));
@@ -66,7 +68,7 @@ pub(crate) fn enter(
 fn stop_turntable(
     plan: &Plan,
     time: &dyn Time,
-    turntable: &mut (dyn Turntable + 'static),
+    turntable: &mut (dyn TurntableInstrument + 'static),
     connected: bool,
 ) -> SafeOutcome {
     let still =
@@ -104,7 +106,7 @@ fn stop_turntable(
 fn make_chamber_safe(
     plan: &Plan,
     time: &dyn Time,
-    chamber: &mut (dyn Chamber + 'static),
+    chamber: &mut (dyn ChamberInstrument + 'static),
     connected: bool,
 ) -> SafeOutcome {
     let mut connected = connected;
@@ -137,7 +139,10 @@ fn make_chamber_safe(
 }
 
 /// Commands standby if it is not `acknowledged` yet, and reads the chamber back.
-fn standby(chamber: &mut (dyn Chamber + 'static), acknowledged: bool) -> Result<SafeOutcome, InstrumentFault> {
+fn standby(
+    chamber: &mut (dyn ChamberInstrument + 'static),
+    acknowledged: bool,
+) -> Result<SafeOutcome, InstrumentFault> {
     if !acknowledged {
         chamber.standby()?;
     }
@@ -145,7 +150,10 @@ fn standby(chamber: &mut (dyn Chamber + 'static), acknowledged: bool) -> Result<
 }
 
 /// Whether the chamber holds this set point \[degC\], or is in standby with `None`.
-fn read_back(chamber: &mut (dyn Chamber + 'static), held_c: Option<f64>) -> Result<SafeOutcome, InstrumentFault> {
+fn read_back(
+    chamber: &mut (dyn ChamberInstrument + 'static),
+    held_c: Option<f64>,
+) -> Result<SafeOutcome, InstrumentFault> {
     let ChamberReading { air_c, running, other_mode, .. } = chamber.read()?;
     if running != held_c.is_some() || other_mode.is_some() {
         let message = "chamber was commanded into the safe state, but does not confirm it";
@@ -183,7 +191,7 @@ fn attempt<I: Instrument + ?Sized>(
 }
 
 /// Orders a chamber at once into what the plan calls its safe state: standby, or ambient.
-pub(crate) fn order_chamber(plan: &Plan, time: &dyn Time, chamber: &mut (dyn Chamber + 'static)) {
+pub(crate) fn order_chamber(plan: &Plan, time: &dyn Time, chamber: &mut (dyn ChamberInstrument + 'static)) {
     order_at_once(time, chamber, |chamber| match ambient_c(plan) {
         Some(ambient_c) => chamber.set_point(ambient_c),
         None => chamber.standby(),

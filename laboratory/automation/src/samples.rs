@@ -14,39 +14,27 @@
 //! The samples of a turn are one unbroken run from the rest before to the rest after it. A missing sample would be a
 //! missing angle; therefore a gap or a sample that cannot be used makes the turn useless, and all its rows are sums of
 //! the same number of samples.
-//!
-//! Over 400 lines: tap, clock offset, recorder and row form one path of a sample, in this order.
 
-use super::journal::Kept;
-use super::machine::Unit;
+mod clock;
+mod row;
+mod source;
+
+pub use clock::LaboratoryClock;
+pub use source::{SampleSource, SampleSources};
+
+use super::journal::KeptStep;
 use super::plan::{MAX_ROW_DEG, Plan};
+use super::step::CampaignStep;
+use clock::ClockOffset;
 use isotherm_campaign::implausible;
-use isotherm_client::{Options, Realtime, Tap, TapSettings};
-use isotherm_files::{Trust, read_text, replace};
 use isotherm_fit::{Hashed, implausible as gyroscopes_implausible};
-use isotherm_instruments::{Moment, Time};
 use isotherm_recording::{Layout, RawCsvWriter};
-use isotherm_shared::names::{ImuId, StreamKind};
-use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, StreamSample, Triad, device};
-use isotherm_support::failure::{Exit, Failure, shown};
+use isotherm_shared::wire::{RawSample, StreamSample, device};
+use isotherm_support::failure::{Exit, Failure};
+use row::RowSum;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead as _, BufReader, BufWriter, Read as _, Seek as _, SeekFrom};
-use std::mem;
-use std::sync::Arc;
-use std::time::{Duration, Instant};
 
-/// Pause of the tap when the stream is empty: at 2 kHz, a sixth of the queue is filled meanwhile.
-const TAP_PAUSE: Duration = Duration::from_millis(5);
-/// Capacity of the queue between tap and runner \[samples\]. Further samples are lost and count as a gap.
-const TAP_DEPTH: usize = 1 << 16;
-/// Pause before a tap that an error has ended is started again.
-const TAP_RETRY: Duration = Duration::from_millis(500);
-/// Span of the clock offset's maximum: in laboratory time, and at least this in real time \[s\].
-const OFFSET_SPAN_S: [f64; 2] = [300.0, 30.0];
-/// The offset is stable if it has not risen for so long: in laboratory time, and at least this in real time \[s\].
-const STABLE_S: [f64; 2] = [30.0, 3.0];
-/// Rises up to this are none: in laboratory time, and at least this in real time \[s\].
-const RISE_S: [f64; 2] = [0.1, 0.001];
 /// Longest credible time from a sample's sending to its reception \[ns\]. Beyond it, the time of reception replaces
 /// `sent_ns`.
 const MAX_TRANSIT_NS: u64 = 10_000_000_000;
@@ -59,185 +47,6 @@ const MAX_HEADER: u64 = 4096;
 
 /// Jitter of the intervals may make a row of a turn longer by this factor.
 const ROW_DEG_MARGIN: f64 = 1.01;
-
-/// Laboratory time: real time multiplied by the speed of a simulated laboratory.
-#[derive(Clone)]
-pub struct LaboratoryClock {
-    time: Arc<dyn Time>,
-    origin: Moment,
-    /// Ratio of laboratory time to real time.
-    pub speed: f64,
-}
-
-impl LaboratoryClock {
-    /// A clock that begins at 0 now.
-    pub fn new(time: Arc<dyn Time>, speed: f64) -> Self {
-        Self { origin: time.now(), time, speed }
-    }
-
-    /// The present laboratory time \[s\].
-    pub fn now(&self) -> f64 {
-        self.at(self.time.now().ns())
-    }
-
-    /// The clocks behind it.
-    pub fn time(&self) -> &dyn Time {
-        self.time.as_ref()
-    }
-
-    /// The present Unix time \[s\].
-    pub fn unix_s(&self) -> f64 {
-        self.time.unix_s()
-    }
-
-    /// The laboratory time \[s\] at a time of `CLOCK_MONOTONIC` \[ns\].
-    pub fn at(&self, ns: u64) -> f64 {
-        (ns as f64 - self.origin.ns() as f64) / 1e9 * self.speed
-    }
-}
-
-/// Where the raw samples of an IMU come from.
-pub trait SampleSource {
-    /// The next sample and the time of its reception, `CLOCK_MONOTONIC` \[ns\]; or the next error; `None` if there is
-    /// neither.
-    fn take_sample(&mut self) -> Option<Result<(RawSample, u64), String>>;
-}
-
-/// What starts the sources of samples.
-pub trait SampleSources {
-    /// Starts that of an IMU.
-    ///
-    /// # Errors
-    /// If no thread can be started.
-    fn start(&self, imu: &ImuId) -> io::Result<Box<dyn SampleSource>>;
-
-    /// Where they come from, for messages: the service's domain.
-    fn domain(&self) -> &str;
-}
-
-/// The raw streams of a service.
-impl SampleSources for Options {
-    fn start(&self, imu: &ImuId) -> io::Result<Box<dyn SampleSource>> {
-        Ok(Box::new(SampleTap::start(imu.clone(), self.clone())?))
-    }
-
-    fn domain(&self) -> &str {
-        self.domain.name()
-    }
-}
-
-/// A tap on the IMU's raw stream for the whole campaign. Its errors are returned, and the tap is started again.
-struct SampleTap {
-    imu: ImuId,
-    options: Options,
-    tap: Tap,
-    /// When a tap that an error has ended is started again; `None` while it runs.
-    retry_at: Option<Instant>,
-}
-
-impl SampleTap {
-    fn start(imu: ImuId, options: Options) -> io::Result<Self> {
-        let tap = start_tap(&imu, &options)?;
-        Ok(Self { imu, options, tap, retry_at: None })
-    }
-}
-
-impl SampleSource for SampleTap {
-    fn take_sample(&mut self) -> Option<Result<(RawSample, u64), String>> {
-        while let Some(tapped) = self.tap.pop() {
-            if let StreamSample::Raw(sample) = tapped.sample {
-                return Some(Ok((sample, tapped.received_ns)));
-            }
-        }
-        if let Some(warning) = self.tap.take_warning() {
-            return Some(Err(warning));
-        }
-        if !self.tap.has_ended() {
-            return None;
-        }
-        let now = Instant::now();
-        match self.retry_at {
-            Some(at) if now < at => None,
-            Some(_) => {
-                self.retry_at = None;
-                match start_tap(&self.imu, &self.options) {
-                    Ok(tap) => {
-                        let ended = mem::replace(&mut self.tap, tap);
-                        ended.finish().err().map(|error| Err(error.to_string()))
-                    }
-                    Err(error) => Some(Err(error.to_string())),
-                }
-            }
-            None => {
-                self.retry_at = Some(now + TAP_RETRY);
-                None
-            }
-        }
-    }
-}
-
-fn start_tap(imu: &ImuId, options: &Options) -> io::Result<Tap> {
-    let settings = TapSettings { depth: TAP_DEPTH, pause: TAP_PAUSE, realtime: Realtime::default() };
-    Tap::start(&[(imu.clone(), StreamKind::Raw)], options, settings)
-}
-
-/// Offset of the acquisition's clock from laboratory time \[s\]: the largest over the last one to two spans, which is
-/// that of the sample with the least delay.
-struct ClockOffset {
-    speed: f64,
-    /// When the present span began.
-    began_at: f64,
-    /// The largest offset of the present span, and of the one before.
-    largest: [f64; 2],
-    /// When the first sample and the last sample were sent.
-    samples_at: Option<[f64; 2]>,
-    /// The largest offset at its last rise, and when that was.
-    risen: [f64; 2],
-}
-
-impl ClockOffset {
-    const fn new(speed: f64) -> Self {
-        let none = [f64::NEG_INFINITY; 2];
-        Self { speed, began_at: f64::NEG_INFINITY, largest: none, samples_at: None, risen: none }
-    }
-
-    /// A time in laboratory time, and at least in real time \[s\].
-    fn span(&self, [laboratory_s, real_s]: [f64; 2]) -> f64 {
-        laboratory_s.max(real_s * self.speed)
-    }
-
-    fn add(&mut self, at: f64, offset: f64) {
-        if at - self.began_at > self.span(OFFSET_SPAN_S) {
-            self.began_at = at;
-            self.largest = [f64::NEG_INFINITY, self.largest[0]];
-        }
-        self.largest[0] = self.largest[0].max(offset);
-        self.samples_at = Some([self.samples_at.map_or(at, |[first, _]| first), at]);
-        if self.largest() > self.risen[0] + self.span(RISE_S) {
-            self.risen = [self.largest(), at];
-        }
-    }
-
-    fn largest(&self) -> f64 {
-        self.largest[0].max(self.largest[1])
-    }
-
-    /// Whether the offset has not risen for a while, or is known for its whole span: clocks may drift.
-    fn is_stable(&self) -> bool {
-        self.samples_at.is_some_and(|[first, last]| {
-            last - self.risen[1] >= self.span(STABLE_S) || last - first >= self.span(OFFSET_SPAN_S)
-        })
-    }
-}
-
-/// The name of the file of a unit's samples of the IMU of `plan`.
-pub fn file_of(unit: Unit, plan: &Plan) -> String {
-    match unit {
-        Unit::Dwell { .. } | Unit::Turn { .. } => plan.samples_file(),
-        Unit::Ramp(ramp) => plan.ramp_file(ramp),
-        Unit::Run(run) => plan.run_file(run),
-    }
-}
 
 /// Decides which samples are used, and writes those of the unit in progress.
 pub struct SampleRecorder<'p> {
@@ -254,7 +63,7 @@ pub struct SampleRecorder<'p> {
     /// Laboratory time of the last usable sample \[s\].
     usable_at: Option<f64>,
     offset: ClockOffset,
-    open: Option<OpenUnit>,
+    open: Option<OpenStep>,
     /// Whether samples of another unit than the plan's are taken.
     takes_other_device: bool,
     /// Whether a sample has had gyroscopes.
@@ -265,8 +74,8 @@ pub struct SampleRecorder<'p> {
 type Sink = Hashed<BufWriter<File>>;
 
 /// The unit in progress.
-struct OpenUnit {
-    unit: Unit,
+struct OpenStep {
+    unit: CampaignStep,
     /// Laboratory time after which samples belong to the unit \[s\].
     since: f64,
     /// Where the unit begins in its file \[bytes\].
@@ -291,7 +100,7 @@ struct OpenUnit {
 
 impl<'p> SampleRecorder<'p> {
     /// Goes on after `previous`, the last kept unit, which was kept `previous_age_s` of laboratory time ago.
-    pub fn new(plan: &'p Plan, clock: LaboratoryClock, previous: Option<&Kept>, previous_age_s: f64) -> Self {
+    pub fn new(plan: &'p Plan, clock: LaboratoryClock, previous: Option<&KeptStep>, previous_age_s: f64) -> Self {
         Self {
             plan,
             offset: ClockOffset::new(clock.speed),
@@ -425,7 +234,7 @@ impl<'p> SampleRecorder<'p> {
     fn add(&mut self, sample: &RawSample, gap: bool) -> Result<(), Failure> {
         let complete = self.complete();
         let Some(open) = &mut self.open else { return Ok(()) };
-        if complete && matches!(open.unit, Unit::Dwell { .. }) || open.spoiled.is_some() {
+        if complete && matches!(open.unit, CampaignStep::Dwell { .. }) || open.spoiled.is_some() {
             return Ok(());
         }
         if open.session.is_none() {
@@ -438,7 +247,7 @@ impl<'p> SampleRecorder<'p> {
             open.gaps += 1;
             open.miss_in_turn("samples are missing");
         }
-        let is_turn = matches!(open.unit, Unit::Turn { .. });
+        let is_turn = matches!(open.unit, CampaignStep::Turn { .. });
         let row_s = if is_turn { self.plan.turn.row_s } else { self.plan.dwell.row_s };
         let row = match open.row.take() {
             None => RowSum::new(sample),
@@ -467,18 +276,18 @@ impl<'p> SampleRecorder<'p> {
         open.counted_ns += written.interval_ns;
         open.end_ns = written.timestamp_ns;
         let leading = match open.unit {
-            Unit::Dwell { visit, position } => {
+            CampaignStep::Dwell { visit, position } => {
                 format!(
                     "{},{},{}",
                     self.plan.set_points_c[visit], self.plan.positions[position].number, written.session
                 )
             }
-            Unit::Turn { visit, turn } => {
+            CampaignStep::Turn { visit, turn } => {
                 format!("{},{},{}", self.plan.set_points_c[visit], self.plan.turns[turn].number, written.session)
             }
-            Unit::Ramp(_) | Unit::Run(_) => written.session.to_string(),
+            CampaignStep::Ramp(_) | CampaignStep::Run(_) => written.session.to_string(),
         };
-        let file = file_of(open.unit, self.plan);
+        let file = open.unit.file(self.plan);
         open.sink.write(leading, &written).map_err(|error| self.failed("writing", &file, &error))
     }
 
@@ -491,10 +300,10 @@ impl<'p> SampleRecorder<'p> {
     ///
     /// # Errors
     /// If its file cannot be opened.
-    pub fn begin(&mut self, unit: Unit, since: f64, kept: u64) -> Result<(), Failure> {
-        let name = file_of(unit, self.plan);
+    pub fn begin(&mut self, unit: CampaignStep, since: f64, kept: u64) -> Result<(), Failure> {
+        let name = unit.file(self.plan);
         let sink = self.sink(unit, &name, kept).map_err(|error| self.failed("opening", &name, &error))?;
-        self.open = Some(OpenUnit {
+        self.open = Some(OpenStep {
             unit,
             since,
             from: kept,
@@ -512,7 +321,7 @@ impl<'p> SampleRecorder<'p> {
         Ok(())
     }
 
-    fn sink(&self, unit: Unit, name: &str, kept: u64) -> io::Result<RawCsvWriter<Sink>> {
+    fn sink(&self, unit: CampaignStep, name: &str, kept: u64) -> io::Result<RawCsvWriter<Sink>> {
         let path = self.plan.output.join(name);
         let mut file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path)?;
         // Remove everything that the journal does not list.
@@ -544,7 +353,7 @@ impl<'p> SampleRecorder<'p> {
     /// Discards the unit in progress.
     pub fn discard(&mut self) {
         if let Some(open) = self.open.take() {
-            let path = self.plan.output.join(file_of(open.unit, self.plan));
+            let path = self.plan.output.join(open.unit.file(self.plan));
             let from = open.from;
             // Dropping the sink flushes its buffer: before the file is truncated, not after it.
             drop(open.sink);
@@ -557,9 +366,9 @@ impl<'p> SampleRecorder<'p> {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn keep(&mut self, number: usize) -> Result<Option<Kept>, Failure> {
+    pub fn keep(&mut self, number: usize) -> Result<Option<KeptStep>, Failure> {
         let Some(open) = self.open.take() else { return Ok(None) };
-        let file = file_of(open.unit, self.plan);
+        let file = open.unit.file(self.plan);
         let failed = |error: io::Error| Failure::io("writing", &self.plan.output.join(&file), &error);
         let sink = open.sink.finish().map_err(failed)?;
         let (sink, sha256) = sink.finish();
@@ -572,7 +381,7 @@ impl<'p> SampleRecorder<'p> {
         let session = open.session.unwrap_or_default();
         self.previous = Some((open.end_ns, session, self.shift_ns));
         self.previous_age_s = -self.clock.now();
-        Ok(Some(Kept {
+        Ok(Some(KeptStep {
             unit: number,
             name: open.unit.name(self.plan),
             angles_deg: Some(open.unit.angles_deg(self.plan)),
@@ -606,10 +415,10 @@ fn unfit_for_turn(row: &RowSum, is_full: bool, rate_deg_s: f64) -> Option<String
     })
 }
 
-impl OpenUnit {
+impl OpenStep {
     /// A turn of which a sample is missing cannot be used.
     fn miss_in_turn(&mut self, reason: &str) {
-        if matches!(self.unit, Unit::Turn { .. }) && self.session.is_some() {
+        if matches!(self.unit, CampaignStep::Turn { .. }) && self.session.is_some() {
             self.spoiled = Some(reason.to_owned());
         }
     }
@@ -621,110 +430,6 @@ fn layout_of(file: &File) -> io::Result<Layout> {
     BufReader::new(file).take(MAX_HEADER).read_line(&mut header)?;
     let has = |name: &str| header.trim_end().split(',').any(|column| column == name);
     Ok(Layout { device: has("device"), gyroscopes: has("g1_positive"), lag: false })
-}
-
-/// The sum of the samples of a row: pulses and intervals are added, telemetry is averaged over time.
-struct RowSum {
-    sum: RawSample,
-    count: u32,
-    first: RawSample,
-    seconds: f64,
-    accelerometers: TelemetrySum,
-    gyroscopes: TelemetrySum,
-    /// Sum of each sample's telemetry time times its interval \[ns2\]; 0 if a sample has no telemetry time.
-    read_ns2: u128,
-}
-
-/// Sums of a triad's telemetry times the interval, by sensor.
-#[derive(Clone, Copy, Default)]
-struct TelemetrySum {
-    head: [f64; AXES],
-    board: [f64; AXES],
-}
-
-impl TelemetrySum {
-    /// Adds `triad`'s telemetry over `seconds`, and its pulses to `sum`.
-    fn add(&mut self, sum: &mut Triad, triad: &Triad, seconds: f64) {
-        for axis in 0..AXES {
-            sum.positive_pulses[axis] = sum.positive_pulses[axis].saturating_add(triad.positive_pulses[axis]);
-            sum.negative_pulses[axis] = sum.negative_pulses[axis].saturating_add(triad.negative_pulses[axis]);
-            self.head[axis] += triad.head_temperature[axis] * seconds;
-            self.board[axis] += triad.board_temperature[axis] * seconds;
-        }
-    }
-
-    /// `sum` with the mean telemetry of `seconds`.
-    fn mean(&self, sum: Triad, seconds: f64) -> Triad {
-        let mean = |sums: [f64; AXES]| sums.map(|sum| sum / seconds);
-        Triad { head_temperature: mean(self.head), board_temperature: mean(self.board), ..sum }
-    }
-}
-
-impl RowSum {
-    fn new(first: &RawSample) -> Self {
-        let empty = |triad: Triad| Triad { positive_pulses: [0; AXES], negative_pulses: [0; AXES], ..triad };
-        let (accelerometers, gyroscopes) = (empty(first.accelerometers), empty(first.gyroscopes));
-        // A mean of lagged telemetry is of no use: whoever reads the rows computes it from them.
-        let sum = RawSample { interval_ns: 0, lag_ns: 0, accelerometers, gyroscopes, ..*first };
-        let (accelerometers, gyroscopes) = (TelemetrySum::default(), TelemetrySum::default());
-        Self { sum, count: 0, first: *first, seconds: 0.0, accelerometers, gyroscopes, read_ns2: 0 }.with(first)
-    }
-
-    fn with(mut self, sample: &RawSample) -> Self {
-        let seconds = sample.interval_ns as f64 / 1e9;
-        self.count += 1;
-        self.seconds += seconds;
-        self.sum.timestamp_ns = sample.timestamp_ns;
-        let known = sample.telemetry_ns > 0 && (self.count == 1 || self.read_ns2 > 0);
-        self.read_ns2 += u128::from(sample.telemetry_ns) * u128::from(sample.interval_ns);
-        self.read_ns2 *= u128::from(known);
-        self.sum.interval_ns += sample.interval_ns;
-        self.accelerometers.add(&mut self.sum.accelerometers, &sample.accelerometers, seconds);
-        self.gyroscopes.add(&mut self.sum.gyroscopes, &sample.gyroscopes, seconds);
-        self
-    }
-
-    /// Whether the counters have room for as much again.
-    fn has_room(&self) -> bool {
-        let triads = [&self.sum.accelerometers, &self.sum.gyroscopes];
-        let most = triads.iter().flat_map(|triad| triad.positive_pulses.iter().chain(&triad.negative_pulses)).max();
-        most.is_none_or(|most| *most < u32::MAX / 2) && self.sum.interval_ns < MAX_INTERVAL_NS / 2
-    }
-
-    /// The row. A row of one sample is that sample.
-    fn mean(&self) -> RawSample {
-        if self.count == 1 {
-            return RawSample { lag_ns: 0, ..self.first };
-        }
-        // The mean fits into u64: it is at most the largest telemetry time.
-        let telemetry_ns = (self.read_ns2 / u128::from(self.sum.interval_ns)) as u64;
-        let accelerometers = self.accelerometers.mean(self.sum.accelerometers, self.seconds);
-        let gyroscopes = self.gyroscopes.mean(self.sum.gyroscopes, self.seconds);
-        RawSample { telemetry_ns, accelerometers, gyroscopes, ..self.sum }
-    }
-}
-
-/// Writes the campaign file beside the samples. If another text is there, the log says so: the fit takes what the plan
-/// says.
-///
-/// # Errors
-/// If it cannot be written.
-pub fn write_campaign_file(plan: &Plan) -> Result<(), Failure> {
-    let path = plan.output.join("campaign.toml");
-    match read_text(&path, Trust::Any) {
-        Ok((text, _)) if text == plan.campaign_toml => return Ok(()),
-        Ok((text, _)) => {
-            // What is there less is at the end.
-            let pairs = text.lines().chain([""]).zip(plan.campaign_toml.lines().chain([""]));
-            let different = (1..).zip(pairs).find(|(_, (there, planned))| there != planned);
-            let different = different.map_or_else(String::new, |(number, (there, planned))| {
-                format!(": line {number} was `{there}`, is `{planned}`")
-            });
-            tracing::warn!("{} was not what the plan gives; it is written anew from the plan{different}", shown(&path));
-        }
-        Err(_) => {}
-    }
-    replace(&path, &plan.campaign_toml).map_err(|error| Failure::io("writing", &path, &error))
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Rates of change over a sliding window, and whether they are low enough.
 
-use super::plan::{Plan, Soak};
+use super::plan::{Plan, SoakPlan};
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::{AXES, RawSample, Triad};
 use std::array;
@@ -16,7 +16,7 @@ const MIN_POINTS: usize = 4;
 
 /// The slope of a straight line through the values of the last `window_s`.
 #[derive(Clone, Debug)]
-pub(crate) struct Trend {
+pub(crate) struct RateWindow {
     window_s: f64,
     /// Time \[s\] and value of each point.
     points: VecDeque<[f64; 2]>,
@@ -24,7 +24,7 @@ pub(crate) struct Trend {
     open: [f64; 3],
 }
 
-impl Trend {
+impl RateWindow {
     /// An empty window of `window_s`.
     pub(crate) const fn new(window_s: f64) -> Self {
         Self { window_s, points: VecDeque::new(), open: [0.0; 3] }
@@ -89,7 +89,7 @@ pub(crate) fn telemetry(sample: &RawSample) -> [[f64; 2]; 2 * AXES] {
 /// The rates of change that decide whether a set point has settled.
 #[derive(Clone, Debug)]
 pub(crate) struct Trends {
-    chamber: Trend,
+    chamber: RateWindow,
     imus: Vec<ImuTrends>,
 }
 
@@ -99,13 +99,13 @@ struct ImuTrends {
     /// What stands before the names of its sensors: the name of an IMU of a batch.
     name: String,
     /// Head and board of each accelerometer, and of each gyroscope if they are calibrated.
-    sensors: Vec<[Trend; 2]>,
+    sensors: Vec<[RateWindow; 2]>,
 }
 
 impl Trends {
     /// Empty windows for the IMUs of `plan`: for their accelerometers, and for their gyroscopes if they are calibrated.
     pub(crate) fn new(plan: &Plan) -> Self {
-        let trend = || Trend::new(plan.soak.window_s);
+        let trend = || RateWindow::new(plan.soak.window_s);
         let sensors = if plan.turns.is_empty() { AXES } else { 2 * AXES };
         let imu = |plan: &Plan| ImuTrends {
             name: plan.member.as_ref().map_or_else(String::new, |member| format!("{} ", member.imu)),
@@ -117,7 +117,7 @@ impl Trends {
     /// Empties all windows, after an interruption.
     pub(crate) fn clear(&mut self) {
         self.chamber.clear();
-        self.imus.iter_mut().flat_map(|imu| &mut imu.sensors).flatten().for_each(Trend::clear);
+        self.imus.iter_mut().flat_map(|imu| &mut imu.sensors).flatten().for_each(RateWindow::clear);
     }
 
     /// Leaves out the IMU number `imu` of the plan from now on: it is dropped.
@@ -163,7 +163,7 @@ impl Trends {
     }
 
     /// Which rate is not within its limit yet; `None` if all are.
-    pub(crate) fn unsettled(&self, soak: &Soak) -> Option<String> {
+    pub(crate) fn unsettled(&self, soak: &SoakPlan) -> Option<String> {
         let window = soak.window_s;
         let Some(chamber) = self.chamber_c_per_h() else {
             return Some(format!("chamber watched for less than {window:.0} s"));
@@ -187,7 +187,7 @@ mod tests {
     #[test]
     fn a_slope_is_the_slope_however_fast_the_points_come() {
         for step_s in [0.01, 1.0, 10.0, 100.0, 160.0, 250.0] {
-            let mut trend = Trend::new(600.0);
+            let mut trend = RateWindow::new(600.0);
             for index in 0..(500.0 / step_s) as u32 {
                 trend.add(f64::from(index) * step_s, 20.0);
                 assert_eq!(trend.per_h(), None, "{step_s}");

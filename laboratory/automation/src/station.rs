@@ -4,7 +4,8 @@
 use super::plan::Plan;
 use super::safe_state::{self, SafeOutcome};
 use isotherm_instruments::{
-    self as instruments, Chamber, ChamberReading, FaultKind, InstrumentFault, Surroundings, Turntable, TurntableReading,
+    self as instruments, ChamberInstrument, ChamberReading, FaultKind, InstrumentFault, Surroundings,
+    TurntableInstrument, TurntableReading,
 };
 
 /// The air's rate of change is an alarm beyond this multiple of the ramp's limit: a controller overshoots.
@@ -22,8 +23,8 @@ pub enum StationError {
 pub struct Station<'p> {
     plan: &'p Plan,
     around: Surroundings,
-    chamber: Box<dyn Chamber>,
-    turntable: Box<dyn Turntable>,
+    chamber: Box<dyn ChamberInstrument>,
+    turntable: Box<dyn TurntableInstrument>,
     /// Whether chamber and turntable are connected: identified, and the turntable engaged.
     connected: [bool; 2],
     /// Identities of chamber and turntable.
@@ -130,7 +131,7 @@ impl<'p> Station<'p> {
     /// Sends a request to the chamber. A failure closes the line; the next connection opens it anew.
     fn chamber<T>(
         &mut self,
-        request: impl FnOnce(&mut dyn Chamber) -> Result<T, InstrumentFault>,
+        request: impl FnOnce(&mut dyn ChamberInstrument) -> Result<T, InstrumentFault>,
     ) -> Result<T, StationError> {
         if !self.connected[0] {
             return Err(StationError::Lost("the chamber is not connected".to_owned()));
@@ -146,7 +147,7 @@ impl<'p> Station<'p> {
     /// Sends a request to the turntable. A failure closes the line; the next connection opens it anew.
     fn turntable<T>(
         &mut self,
-        request: impl FnOnce(&mut dyn Turntable) -> Result<T, InstrumentFault>,
+        request: impl FnOnce(&mut dyn TurntableInstrument) -> Result<T, InstrumentFault>,
     ) -> Result<T, StationError> {
         if !self.connected[1] {
             return Err(StationError::Lost("the turntable is not connected".to_owned()));

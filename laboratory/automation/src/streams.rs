@@ -4,13 +4,13 @@
 //! An IMU of a batch that fails is dropped, and the others go on. A stream that stops is the fault of its IMU only
 //! while another one sends: if all stop, it is the service or the machine, and nobody is dropped.
 
-use super::journal::{History, Kept};
-use super::machine::Unit;
+use super::journal::{History, KeptStep};
 use super::plan::Plan;
 use super::readbacks::Readbacks;
-use super::samples::{LaboratoryClock, SampleRecorder, SampleSource, SampleSources, file_of};
+use super::samples::{LaboratoryClock, SampleRecorder, SampleSource, SampleSources};
 use super::stability::{Trends, telemetry};
 use super::stamp::Stamp;
+use super::step::CampaignStep;
 use isotherm_instruments::{ChamberReading, TurntableReading};
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::{Exit, Failure};
@@ -81,8 +81,9 @@ struct ImuStream<'p> {
 impl<'p> ImuStream<'p> {
     /// The stream of the IMU of `plan`, where `history` ends, `age_s` after its last unit.
     fn new(plan: &'p Plan, history: &History, clock: LaboratoryClock, age_s: f64) -> Result<Self, Failure> {
-        let of_imu = |kept: &&Kept| Unit::of(plan, kept.unit).is_some_and(|unit| file_of(unit, plan) == kept.file);
-        let kept = || history.kept.iter().flat_map(Kept::each).filter(of_imu);
+        let of_imu =
+            |kept: &&KeptStep| CampaignStep::of(plan, kept.unit).is_some_and(|unit| unit.file(plan) == kept.file);
+        let kept = || history.kept.iter().flat_map(KeptStep::each).filter(of_imu);
         let samples = plan.samples_file();
         Ok(Self {
             plan,
@@ -249,11 +250,11 @@ impl<'p> Streams<'p> {
     /// The IMUs that have sent too few usable samples for the unit in progress, while others have sent enough. Of those
     /// that have stopped for longer than `patience_s`, that is the reason.
     #[must_use]
-    pub(crate) fn slow(&self, unit: Unit, reason: &str, patience_s: f64) -> Vec<FailedImu> {
+    pub(crate) fn slow(&self, unit: CampaignStep, reason: &str, patience_s: f64) -> Vec<FailedImu> {
         let now = self.clock.now();
         let most_s = self.present().map(|stream| stream.recorder.collected_s()).fold(0.0, f64::max);
         let slow = |stream: &ImuStream<'_>| match unit {
-            Unit::Dwell { .. } => !stream.recorder.complete(),
+            CampaignStep::Dwell { .. } => !stream.recorder.complete(),
             _ => stream.recorder.collected_s() < TOO_LITTLE * most_s,
         };
         if self.present().all(slow) {
@@ -310,7 +311,7 @@ impl<'p> Streams<'p> {
     ///
     /// # Errors
     /// If a file cannot be opened.
-    pub(crate) fn begin(&mut self, unit: Unit) -> Result<(), Failure> {
+    pub(crate) fn begin(&mut self, unit: CampaignStep) -> Result<(), Failure> {
         let since = self.clock.now();
         self.present_mut().try_for_each(|stream| {
             let kept = if unit.has_own_file() { 0 } else { stream.kept_bytes };
@@ -335,7 +336,7 @@ impl<'p> Streams<'p> {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(crate) fn keep(&mut self, unit: Unit, number: usize) -> Result<Option<Kept>, Failure> {
+    pub(crate) fn keep(&mut self, unit: CampaignStep, number: usize) -> Result<Option<KeptStep>, Failure> {
         let mut all = Vec::new();
         for stream in self.present_mut() {
             stream.spoiled.clear();
@@ -346,7 +347,7 @@ impl<'p> Streams<'p> {
             all.extend(kept);
         }
         let mut all = all.into_iter();
-        Ok(all.next().map(|first| Kept { others: all.collect(), ..first }))
+        Ok(all.next().map(|first| KeptStep { others: all.collect(), ..first }))
     }
 
     /// Appends a row to the read-backs of each IMU.

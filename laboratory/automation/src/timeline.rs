@@ -1,8 +1,8 @@
 //! The estimated duration of a plan: its own times, and the times that turntable and chamber need for their motions and
 //! ramps.
 
-use super::machine::Unit;
 use super::plan::{Plan, PlannedTurn, ThereAndBack};
+use super::step::CampaignStep;
 
 /// Assumed temperature of the chamber at the beginning \[degC\].
 const ROOM_C: f64 = 20.0;
@@ -41,25 +41,25 @@ pub fn turn_s(plan: &Plan, turn: &PlannedTurn) -> f64 {
 /// Duration of the unit of index `unit` and of the motion to it, without the approach of its set point \[s\]; `None`
 /// after the last.
 fn own_s(plan: &Plan, unit: usize) -> Option<f64> {
-    let this = Unit::of(plan, unit)?;
-    let before = unit.checked_sub(1).and_then(|before| Unit::of(plan, before));
+    let this = CampaignStep::of(plan, unit)?;
+    let before = unit.checked_sub(1).and_then(|before| CampaignStep::of(plan, before));
     let angles = before.map_or([0.0; 2], |before| before.end_angles_deg(plan));
     let travel = travel_s(plan, angles, this.angles_deg(plan));
     Some(match this {
-        Unit::Dwell { .. } => travel + plan.dwell.time_s + plan.dwell.row_s.max(0.0),
-        Unit::Turn { turn, .. } => travel + turn_s(plan, &plan.turns[turn]),
-        Unit::Ramp(_) | Unit::Run(_) => travel + this.way(plan).map_or(0.0, |way| way.time_s()),
+        CampaignStep::Dwell { .. } => travel + plan.dwell.time_s + plan.dwell.row_s.max(0.0),
+        CampaignStep::Turn { turn, .. } => travel + turn_s(plan, &plan.turns[turn]),
+        CampaignStep::Ramp(_) | CampaignStep::Run(_) => travel + this.way(plan).map_or(0.0, |way| way.time_s()),
     })
 }
 
 /// Duration of the unit of index `unit`, including its approach and motion \[s\]; `None` after the last.
 pub fn unit_s(plan: &Plan, unit: usize) -> Option<f64> {
-    let (this, own) = (Unit::of(plan, unit)?, own_s(plan, unit)?);
+    let (this, own) = (CampaignStep::of(plan, unit)?, own_s(plan, unit)?);
     let (positions, each) = (plan.positions.len(), plan.units_of_set_point());
     let is_sweep = this.way(plan).is_some();
     let number = unit % each;
     let approach = if number == 0 || is_sweep {
-        let from_c = match unit.checked_sub(1).and_then(|before| Unit::of(plan, before)) {
+        let from_c = match unit.checked_sub(1).and_then(|before| CampaignStep::of(plan, before)) {
             None => ROOM_C,
             // A ramp or a verification run ends where it began.
             Some(before) => before.set_point_c(plan),
@@ -95,9 +95,9 @@ pub fn milestones(plan: &Plan) -> Vec<Milestone> {
     let mut at_s = 0.0;
     let mut milestones = Vec::new();
     for unit in 0..units(plan) {
-        let Some(this) = Unit::of(plan, unit) else { break };
+        let Some(this) = CampaignStep::of(plan, unit) else { break };
         let event = match this {
-            Unit::Dwell { visit, position: 0 } => {
+            CampaignStep::Dwell { visit, position: 0 } => {
                 let [first, last] = [plan.positions.first(), plan.positions.last()];
                 let numbers = first.zip(last).map_or([0; 2], |(first, last)| [first.number, last.number]);
                 let set_point = plan.set_points_c[visit];
@@ -111,11 +111,13 @@ pub fn milestones(plan: &Plan) -> Vec<Milestone> {
                 });
                 Some(format!("to {set_point} degC, soak, positions {} to {}{turns}", numbers[0], numbers[1]))
             }
-            Unit::Dwell { .. } | Unit::Turn { .. } => None,
-            Unit::Ramp(_) | Unit::Run(_) => this.way(plan).map(|ThereAndBack { from_c, to_c, .. }| {
-                let [outer, inner] = this.angles_deg(plan);
-                format!("{}: {from_c} to {to_c} degC and back, at rest at {outer}/{inner} deg", this.name(plan))
-            }),
+            CampaignStep::Dwell { .. } | CampaignStep::Turn { .. } => None,
+            CampaignStep::Ramp(_) | CampaignStep::Run(_) => {
+                this.way(plan).map(|ThereAndBack { from_c, to_c, .. }| {
+                    let [outer, inner] = this.angles_deg(plan);
+                    format!("{}: {from_c} to {to_c} degC and back, at rest at {outer}/{inner} deg", this.name(plan))
+                })
+            }
         };
         milestones.extend(event.map(|event| Milestone { at_s, event }));
         at_s += unit_s(plan, unit).unwrap_or_default();

@@ -1,13 +1,12 @@
 //! A campaign in a folder of its own, with as many runners as it takes.
 
-use crate::faults::{FaultPlan, Random};
-use crate::script::Step;
+use crate::faults::{FaultPlan, SeededRandom};
+use crate::script::ScriptStep;
 use crate::setup::Setup;
 use crate::world::VirtualWorld;
 use isotherm_automation::journal::{Entry, JOURNAL, Journal, JournalLine};
 use isotherm_automation::plan::Plan;
 use isotherm_automation::runner::Runner;
-use isotherm_automation::samples::write_campaign_file;
 use isotherm_automation::{journal, stop};
 use isotherm_instruments::Surroundings;
 use isotherm_simulation::Truth;
@@ -39,7 +38,7 @@ pub struct Campaign {
 
 /// How a runner has ended.
 #[derive(Clone, Debug)]
-pub struct Ended {
+pub struct CampaignEnd {
     /// When it began, and when it ended \[s\].
     pub times_s: [f64; 2],
     /// Its message; `None` if all is complete.
@@ -77,15 +76,15 @@ impl Campaign {
     }
 
     /// What happens from now on, in this order, in place of what has not happened yet.
-    pub fn then(&self, steps: Vec<Step>) {
+    pub fn then(&self, steps: Vec<ScriptStep>) {
         self.world.script(steps);
     }
 
     /// Starts runners until one completes the campaign.
     #[must_use]
-    pub fn run(&self) -> Vec<Ended> {
+    pub fn run(&self) -> Vec<CampaignEnd> {
         let mut all = Vec::new();
-        while all.len() < MOST_RUNNERS && all.last().is_none_or(|ended: &Ended| ended.failure.is_some()) {
+        while all.len() < MOST_RUNNERS && all.last().is_none_or(|ended: &CampaignEnd| ended.failure.is_some()) {
             if let Some(ended) = all.last() {
                 let is_beyond = |message: &String| message.contains("is outside limits.outer_deg");
                 if ended.failure.as_ref().is_some_and(is_beyond) {
@@ -103,7 +102,7 @@ impl Campaign {
     /// # Panics
     /// If the folder of a runner that was killed cannot be restored.
     #[must_use]
-    pub fn run_once(&self) -> Ended {
+    pub fn run_once(&self) -> CampaignEnd {
         let around = self.world.surroundings();
         let (output, copy) = (self.plan.output.clone(), self.folder.path().join("killed"));
         let kept = copy.clone();
@@ -116,19 +115,19 @@ impl Campaign {
             let restored = copy_folder(&copy, &self.plan.output).and_then(|()| fs::remove_dir_all(&copy));
             restored.unwrap_or_else(|error| panic!("restoring the folder: {error}"));
             if self.world.is_power_lost() {
-                let torn = tear(&self.plan.output, &mut Random((1e3 * self.world.now_s()) as u64));
+                let torn = tear(&self.plan.output, &mut SeededRandom((1e3 * self.world.now_s()) as u64));
                 torn.unwrap_or_else(|error| panic!("tearing the folder: {error}"));
             }
         }
         let failure = if is_killed { None } else { result.err() };
         let exit = failure.as_ref().map(|failure| failure.exit);
         let failure = if is_killed { Some("killed".to_owned()) } else { failure.map(|failure| failure.message) };
-        Ended { times_s: [begun_s, self.world.now_s()], failure, exit, is_killed }
+        CampaignEnd { times_s: [begun_s, self.world.now_s()], failure, exit, is_killed }
     }
 
     fn start(&self, around: Surroundings) -> Result<(), Failure> {
         let (journal, history) = Journal::open_with(&self.plan, Arc::clone(&around.time))?;
-        write_campaign_file(&self.plan)?;
+        self.plan.write_campaign_file()?;
         Runner::new(&self.plan, (journal, &history), &self.world, 1.0, around)?.with_period(SHOWN).run()
     }
 
@@ -177,7 +176,7 @@ fn copy_folder(from: &Path, to: &Path) -> io::Result<()> {
 
 /// What a loss of power leaves of a folder: all that was synced, and any part of what was written after that. Files
 /// that are only renamed may be as they were, empty or away.
-fn tear(folder: &Path, random: &mut Random) -> io::Result<()> {
+fn tear(folder: &Path, random: &mut SeededRandom) -> io::Result<()> {
     let journal = fs::read_to_string(folder.join(JOURNAL)).unwrap_or_default();
     let lines = journal.split_inclusive('\n').filter_map(|line| {
         let read: JournalLine = serde_json::from_str(line).ok()?;

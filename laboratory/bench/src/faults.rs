@@ -5,7 +5,7 @@ use std::ops::Range;
 
 /// Something that goes wrong.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Fault {
+pub enum DrawnFault {
     /// In the chamber, or on its line.
     Chamber(InjectedFault),
     /// In the turntable, or on its line.
@@ -42,7 +42,7 @@ pub enum Fault {
 
 /// The faults of a campaign, with the times of each \[s\].
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct FaultPlan(pub Vec<(Fault, Range<f64>)>);
+pub struct FaultPlan(pub Vec<(DrawnFault, Range<f64>)>);
 
 impl FaultPlan {
     /// Up to four faults within the first `seconds`, drawn from a seed.
@@ -59,28 +59,28 @@ impl FaultPlan {
             InjectedFault::Alarm,
             InjectedFault::PortLoss,
         ];
-        const OTHERS: [Fault; 15] = [
-            Fault::PowerLoss,
-            Fault::Slow { turntable: true },
-            Fault::Slow { turntable: false },
-            Fault::Misread,
-            Fault::Turntable(InjectedFault::NoSettle),
-            Fault::Chamber(InjectedFault::Overshoot),
-            Fault::Chamber(InjectedFault::NeverThere),
-            Fault::CutReply,
-            Fault::RunAway,
-            Fault::Silent,
-            Fault::Gaps,
-            Fault::Restarted,
-            Fault::Signal,
-            Fault::Killed,
-            Fault::ClockSetBack,
+        const OTHERS: [DrawnFault; 15] = [
+            DrawnFault::PowerLoss,
+            DrawnFault::Slow { turntable: true },
+            DrawnFault::Slow { turntable: false },
+            DrawnFault::Misread,
+            DrawnFault::Turntable(InjectedFault::NoSettle),
+            DrawnFault::Chamber(InjectedFault::Overshoot),
+            DrawnFault::Chamber(InjectedFault::NeverThere),
+            DrawnFault::CutReply,
+            DrawnFault::RunAway,
+            DrawnFault::Silent,
+            DrawnFault::Gaps,
+            DrawnFault::Restarted,
+            DrawnFault::Signal,
+            DrawnFault::Killed,
+            DrawnFault::ClockSetBack,
         ];
-        let mut random = Random(seed);
+        let mut random = SeededRandom(seed);
         let count = random.below(5);
-        let fault = |random: &mut Random| match random.below(LINE.len() * 2 + OTHERS.len()) {
-            place if place < LINE.len() => Fault::Chamber(LINE[place]),
-            place if place < 2 * LINE.len() => Fault::Turntable(LINE[place - LINE.len()]),
+        let fault = |random: &mut SeededRandom| match random.below(LINE.len() * 2 + OTHERS.len()) {
+            place if place < LINE.len() => DrawnFault::Chamber(LINE[place]),
+            place if place < 2 * LINE.len() => DrawnFault::Turntable(LINE[place - LINE.len()]),
             place => OTHERS[place - 2 * LINE.len()],
         };
         let drawn = (0..count).map(|_| {
@@ -93,20 +93,20 @@ impl FaultPlan {
     }
 
     /// The faults that are active at this time \[s\].
-    pub(crate) fn active(&self, at_s: f64) -> impl Iterator<Item = Fault> {
+    pub(crate) fn active(&self, at_s: f64) -> impl Iterator<Item = DrawnFault> {
         self.0.iter().filter(move |(_, times)| times.contains(&at_s)).map(|(fault, _)| *fault)
     }
 
     /// When one that is an event happens \[s\].
-    pub(crate) fn events(&self, event: Fault) -> impl Iterator<Item = f64> {
+    pub(crate) fn events(&self, event: DrawnFault) -> impl Iterator<Item = f64> {
         self.0.iter().filter(move |(fault, _)| *fault == event).map(|(_, times)| times.start)
     }
 }
 
 /// Numbers of a seed: `SplitMix64`.
-pub(crate) struct Random(pub u64);
+pub(crate) struct SeededRandom(pub u64);
 
-impl Random {
+impl SeededRandom {
     const fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut mixed = self.0;

@@ -1,8 +1,8 @@
 //! What must be true of every campaign, whatever goes wrong.
 
-use crate::campaign::{Campaign, Ended};
-use crate::faults::{Fault, FaultPlan};
-use crate::world::{Place, Request};
+use crate::campaign::{Campaign, CampaignEnd};
+use crate::faults::{DrawnFault, FaultPlan};
+use crate::world::{Request, SampleState};
 use isotherm_automation::journal::{self, Entry, Journal, JournalLine};
 use isotherm_automation::timeline::units;
 use isotherm_station::{DeviceEvent, InjectedFault};
@@ -43,10 +43,15 @@ const BEGIN_UP_S: f64 = 1000.0;
 
 /// What is wrong with a campaign and the ends of its runners, one line each.
 #[must_use]
-pub fn violations(campaign: &Campaign, ended: &[Ended]) -> Vec<String> {
+pub fn violations(campaign: &Campaign, ended: &[CampaignEnd]) -> Vec<String> {
     let (events, places) = campaign.world.course();
-    let course =
-        Course { campaign, faults: campaign.world.faults(), events, places, requests: campaign.world.requests() };
+    let course = CampaignCourse {
+        campaign,
+        faults: campaign.world.faults(),
+        events,
+        places,
+        requests: campaign.world.requests(),
+    };
     let mut found = course.beyond_limits(ended);
     found.extend(course.late_orders(ended));
     found.extend(course.unsafe_ends(ended));
@@ -63,20 +68,20 @@ pub fn violations(campaign: &Campaign, ended: &[Ended]) -> Vec<String> {
     found
 }
 
-struct Course<'a> {
+struct CampaignCourse<'a> {
     campaign: &'a Campaign,
     faults: FaultPlan,
     events: Vec<(f64, DeviceEvent)>,
-    places: Vec<Place>,
+    places: Vec<SampleState>,
     requests: Vec<Request>,
 }
 
-impl Course<'_> {
+impl CampaignCourse<'_> {
     /// Commands beyond the limits, and true angles beyond them that no stop order follows.
-    fn beyond_limits(&self, ended: &[Ended]) -> Vec<String> {
+    fn beyond_limits(&self, ended: &[CampaignEnd]) -> Vec<String> {
         let limits = &self.campaign.plan.limits;
         // What somebody else has commanded is not the runner's.
-        let of_others: Vec<f64> = self.faults.events(Fault::RunAway).collect();
+        let of_others: Vec<f64> = self.faults.events(DrawnFault::RunAway).collect();
         let is_own = |at_s: f64| !of_others.iter().any(|other| (at_s - other).abs() < 1.0);
         let commanded = self.events.iter().filter_map(|(at_s, event)| {
             let fault = match event {
@@ -88,7 +93,7 @@ impl Course<'_> {
             fault.filter(|_| is_own(*at_s)).map(|fault| format!("commanded at {at_s:.1} s: {fault}"))
         });
         // Once for each time that the turntable leaves them.
-        let is_beyond = |place: &Place| limits.reading(place.angles_deg, [0.0; 2], false).is_some();
+        let is_beyond = |place: &SampleState| limits.reading(place.angles_deg, [0.0; 2], false).is_some();
         let leaves = self.places.windows(2).filter(|pair| !is_beyond(&pair[0]) && is_beyond(&pair[1]));
         let leaves = leaves.map(|pair| pair[1].end_s).filter(|at_s| self.runs(ended, *at_s));
         let unseen = leaves.filter(|at_s| self.has_line(*at_s) && !self.is_stopped(*at_s, NOTICED_S + ORDERS_S));
@@ -97,8 +102,8 @@ impl Course<'_> {
     }
 
     /// Whether a runner runs at this time.
-    fn runs(&self, ended: &[Ended], at_s: f64) -> bool {
-        let killed = [Fault::Killed, Fault::PowerLoss].map(|event| self.faults.events(event));
+    fn runs(&self, ended: &[CampaignEnd], at_s: f64) -> bool {
+        let killed = [DrawnFault::Killed, DrawnFault::PowerLoss].map(|event| self.faults.events(event));
         let killed: Vec<f64> = killed.into_iter().flatten().collect();
         let run = ended.iter().find(|it| it.times_s[0] <= at_s && at_s < it.times_s[1]);
         run.is_some_and(|run| !run.is_killed || killed.iter().any(|kill| run.times_s[0] < *kill && at_s < *kill))
@@ -114,16 +119,16 @@ impl Course<'_> {
     /// Whether the turntable's port exists over the time of an order.
     fn has_port(&self, at_s: f64) -> bool {
         // A serial line that is dead takes nothing.
-        let lost = [InjectedFault::PortLoss, InjectedFault::Dead].map(Fault::Turntable);
+        let lost = [InjectedFault::PortLoss, InjectedFault::Dead].map(DrawnFault::Turntable);
         ![at_s, at_s + ORDERS_S].iter().any(|at_s| self.faults.active(*at_s).any(|fault| lost.contains(&fault)))
     }
 
     /// Whether nothing disturbs the turntable's line at this time and until it is noticed.
     fn has_line(&self, at_s: f64) -> bool {
         let disturbs = |fault| match fault {
-            Fault::Turntable(fault) => fault != InjectedFault::NoSettle,
-            Fault::Slow { turntable } => turntable,
-            fault => fault == Fault::CutReply,
+            DrawnFault::Turntable(fault) => fault != InjectedFault::NoSettle,
+            DrawnFault::Slow { turntable } => turntable,
+            fault => fault == DrawnFault::CutReply,
         };
         let until_s = at_s + NOTICED_S;
         !self
@@ -143,8 +148,8 @@ impl Course<'_> {
 
     /// Stop orders that did not go out within 5 s of a signal, or of a pause in a motion. A port that does not exist
     /// takes none.
-    fn late_orders(&self, ended: &[Ended]) -> Vec<String> {
-        let signals = self.faults.events(Fault::Signal).filter(|at_s| self.runs(ended, *at_s));
+    fn late_orders(&self, ended: &[CampaignEnd]) -> Vec<String> {
+        let signals = self.faults.events(DrawnFault::Signal).filter(|at_s| self.runs(ended, *at_s));
         let begins =
             signals.map(|at_s| ("SIGTERM", at_s)).chain(self.pauses().into_iter().map(|at_s| ("a pause", at_s)));
         let late = begins.filter(|(_, at_s)| self.has_port(*at_s) && !self.is_stopped(*at_s, ORDERS_S));
@@ -160,7 +165,7 @@ impl Course<'_> {
     }
 
     /// Runners that have said that all is safe, and the turntable moves after that or the chamber runs.
-    fn unsafe_ends(&self, ended: &[Ended]) -> Vec<String> {
+    fn unsafe_ends(&self, ended: &[CampaignEnd]) -> Vec<String> {
         let mut found = Vec::new();
         for (number, end) in ended.iter().enumerate().filter(|(_, end)| !end.is_killed) {
             if end.failure.as_ref().is_some_and(|message| message.contains("GO THERE AND LOOK")) {
@@ -173,7 +178,7 @@ impl Course<'_> {
                 angles.windows(2).all(|pair| (0..2).all(|axis| (pair[0][axis] - pair[1][axis]).abs() < 1e-3));
             let is_beyond = end.failure.as_ref().is_some_and(|message| message.contains("is outside limits"));
             let is_swinging =
-                self.faults.active(end.times_s[1]).any(|it| it == Fault::Turntable(InjectedFault::NoSettle));
+                self.faults.active(end.times_s[1]).any(|it| it == DrawnFault::Turntable(InjectedFault::NoSettle));
             if !is_still && !is_swinging && !is_beyond {
                 found.push(format!("the turntable moves after the end at {:.1} s", end.times_s[1]));
             }
@@ -185,7 +190,7 @@ impl Course<'_> {
     /// of replies.
     fn wrong_readings(&self) -> Vec<String> {
         let event = |fault| self.faults.events(fault).next().is_some();
-        if event(Fault::ClockSetBack) || event(Fault::RunAway) {
+        if event(DrawnFault::ClockSetBack) || event(DrawnFault::RunAway) {
             // The times of the rows do not tell when they were taken; or the turntable turns back between two samples.
             return Vec::new();
         }
@@ -223,9 +228,9 @@ impl Course<'_> {
     }
 
     /// Runners that ended for an angle or a rate beyond the limits that was only misread.
-    fn ended_by_mistake(&self, ended: &[Ended]) -> Vec<String> {
-        let runs_away = self.faults.events(Fault::RunAway).next().is_some();
-        let is_mistaken = |end: &&Ended| {
+    fn ended_by_mistake(&self, ended: &[CampaignEnd]) -> Vec<String> {
+        let runs_away = self.faults.events(DrawnFault::RunAway).next().is_some();
+        let is_mistaken = |end: &&CampaignEnd| {
             let message = end.failure.as_deref().unwrap_or_default();
             let is_beyond =
                 message.contains("is outside limits.outer_deg") && !message.contains("cannot be read again");
@@ -237,7 +242,7 @@ impl Course<'_> {
 
     /// Whether the chamber does not go where it is sent.
     fn has_strange_chamber(&self) -> bool {
-        let strange = [InjectedFault::Overshoot, InjectedFault::NeverThere].map(Fault::Chamber);
+        let strange = [InjectedFault::Overshoot, InjectedFault::NeverThere].map(DrawnFault::Chamber);
         self.faults.0.iter().any(|(fault, _)| strange.contains(fault))
     }
 
@@ -303,7 +308,7 @@ impl Course<'_> {
         let plan = &self.campaign.plan;
         let path = plan.output.join(plan.samples_file());
         let Ok(text) = fs::read_to_string(&path) else { return Vec::new() };
-        let places: BTreeMap<(u64, u64), &Place> =
+        let places: BTreeMap<(u64, u64), &SampleState> =
             self.places.iter().map(|place| ((place.session, place.sequence), place)).collect();
         let mut lines = text.lines();
         let header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();

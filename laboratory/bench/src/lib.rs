@@ -16,10 +16,10 @@ mod script;
 mod setup;
 mod world;
 
-pub use campaign::{Campaign, Ended};
-pub use faults::{Fault, FaultPlan};
+pub use campaign::{Campaign, CampaignEnd};
+pub use faults::{DrawnFault, FaultPlan};
 pub use found::{assert_units, events_on_page};
 pub use invariants::violations;
-pub use script::{Act, Step, When};
+pub use script::{ScriptAction, ScriptStep, Trigger};
 pub use setup::{GYROSCOPES, Setup, linear};
 pub use world::{Request, VirtualWorld};

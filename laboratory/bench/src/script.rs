@@ -1,6 +1,6 @@
 //! What happens one after the other: each step when the campaign has come so far.
 
-use crate::faults::Fault;
+use crate::faults::DrawnFault;
 use isotherm_automation::journal::JOURNAL;
 use isotherm_automation::progress::STATUS;
 use isotherm_instruments::Moment;
@@ -15,7 +15,7 @@ pub(crate) const LOOKED_AT: Duration = Duration::from_millis(250);
 
 /// How far the campaign must have come.
 #[derive(Clone, Debug, PartialEq)]
-pub enum When {
+pub enum Trigger {
     /// The journal has so many of this event since the begin.
     Journal(&'static str, usize),
     /// The runner is in this phase, after so many units.
@@ -26,9 +26,9 @@ pub enum When {
 
 /// What happens.
 #[derive(Clone, Debug)]
-pub enum Act {
+pub enum ScriptAction {
     /// These faults are there from now on, in place of those before.
-    Faults(Vec<Fault>),
+    Faults(Vec<DrawnFault>),
     /// A signal with this number.
     Signal(usize),
     /// SIGKILL.
@@ -47,11 +47,11 @@ pub enum Act {
 
 /// A step.
 #[derive(Clone, Debug)]
-pub struct Step(pub When, pub Act);
+pub struct ScriptStep(pub Trigger, pub ScriptAction);
 
 /// The steps that are to come, and what they look at.
 pub(crate) struct Script {
-    steps: VecDeque<Step>,
+    steps: VecDeque<ScriptStep>,
     pub folder: PathBuf,
     /// So much of the journal is counted \[bytes\].
     read: u64,
@@ -77,7 +77,7 @@ impl Script {
     }
 
     /// Does these from now on.
-    pub(crate) fn set(&mut self, steps: Vec<Step>, now: Moment) {
+    pub(crate) fn set(&mut self, steps: Vec<ScriptStep>, now: Moment) {
         self.steps = steps.into();
         self.before = now;
     }
@@ -88,13 +88,13 @@ impl Script {
     }
 
     /// What happens now.
-    pub(crate) fn due(&mut self, now: Moment) -> Option<Act> {
+    pub(crate) fn due(&mut self, now: Moment) -> Option<ScriptAction> {
         self.looked = now;
-        let Step(when, _) = self.steps.front()?;
+        let ScriptStep(when, _) = self.steps.front()?;
         let has_come = match when.clone() {
-            When::After(seconds) => now.since(self.before).as_secs_f64() >= seconds,
-            When::Journal(event, count) => self.count(event) >= count,
-            When::Phase(phase, units) => {
+            Trigger::After(seconds) => now.since(self.before).as_secs_f64() >= seconds,
+            Trigger::Journal(event, count) => self.count(event) >= count,
+            Trigger::Phase(phase, units) => {
                 let status = std::fs::read_to_string(self.folder.join(STATUS)).unwrap_or_default();
                 let value = |key: &str| {
                     let begin = status.find(&format!("\n  \"{key}\": "))?;
@@ -109,7 +109,7 @@ impl Script {
         }
         self.before = now;
         self.done.push(now);
-        self.steps.pop_front().map(|Step(_, act)| act)
+        self.steps.pop_front().map(|ScriptStep(_, act)| act)
     }
 
     /// How many lines of the journal have this event.

@@ -1,7 +1,7 @@
 //! A laboratory and its plan: which instruments, which IMUs, what goes wrong.
 
 use crate::faults::FaultPlan;
-use crate::script::Step;
+use crate::script::ScriptStep;
 use isotherm_automation::plan::Plan;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_simulation::{Chain, Noise, Truth};
@@ -26,7 +26,7 @@ pub struct Setup {
     /// What goes wrong at times.
     pub faults: FaultPlan,
     /// What happens one after the other.
-    pub steps: Vec<Step>,
+    pub steps: Vec<ScriptStep>,
     /// The IMUs on the turntable.
     pub imus: Vec<&'static str>,
     /// More lines of what is true of each IMU; with gyroscopes it is a table of format 2.

@@ -1,9 +1,9 @@
 //! The clock, the lines, the devices behind them and the IMU's stream.
 
-use crate::faults::{Fault, FaultPlan, Random};
-use crate::script::{Act, Script, Step};
+use crate::faults::{DrawnFault, FaultPlan, SeededRandom};
+use crate::script::{Script, ScriptAction, ScriptStep};
 use isotherm_automation::samples::{SampleSource, SampleSources};
-use isotherm_instruments::{LineConfig, Moment, Opening, Port, Ports, Surroundings, Time};
+use isotherm_instruments::{LineConfig, Moment, PendingPort, Port, Ports, Surroundings, Time};
 use isotherm_shared::names::ImuId;
 use isotherm_shared::wire::RawSample;
 use isotherm_simulation::Truth;
@@ -26,19 +26,19 @@ const LOOK: Duration = Duration::from_micros(1);
 const FAR: Duration = Duration::from_secs(1_000_000);
 /// From a request to its reply.
 const REPLY: Duration = Duration::from_millis(5);
-/// The same of [`Fault::Slow`], at most: more than the time-out of the plan and the quiet time after it.
+/// The same of [`DrawnFault::Slow`], at most: more than the time-out of the plan and the quiet time after it.
 const SLOW_REPLY: Duration = Duration::from_millis(2_500);
-/// The part of the replies that [`Fault::CutReply`] cuts.
+/// The part of the replies that [`DrawnFault::CutReply`] cuts.
 const CUT: f64 = 0.3;
 /// From the end of a sample to its reception.
 const TRANSIT: Duration = Duration::from_millis(1);
 /// What asks for an angle of the turntable.
 const ANGLE: &[u8] = b":read:position?";
-/// What somebody else orders for [`Fault::RunAway`].
+/// What somebody else orders for [`DrawnFault::RunAway`].
 const RUN_AWAY: &[u8] = b":demand:position 1,500.0\r\n:mode:position 1\r\n";
 /// What an operator orders after that.
 const BRING_BACK: &[u8] = b":interlock:close 1\r\n:demand:position 1,0.0\r\n:mode:position 1\r\n";
-/// The signal of [`Fault::Signal`]: SIGTERM.
+/// The signal of [`DrawnFault::Signal`]: SIGTERM.
 const SIGTERM: usize = 15;
 
 type AtKill = Box<dyn FnOnce() -> io::Result<()> + Send>;
@@ -56,7 +56,7 @@ pub struct Request {
 
 /// Where the turntable is and what the air is, at the end of a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Place {
+pub(crate) struct SampleState {
     pub end_s: f64,
     pub sequence: u64,
     pub session: u64,
@@ -66,13 +66,13 @@ pub(crate) struct Place {
 
 /// A station on a virtual clock.
 #[derive(Clone)]
-pub struct VirtualWorld(Arc<Mutex<State>>);
+pub struct VirtualWorld(Arc<Mutex<WorldState>>);
 
-struct State {
+struct WorldState {
     now: Moment,
     faults: FaultPlan,
     /// Those that are there until the next step.
-    standing: Vec<Fault>,
+    standing: Vec<DrawnFault>,
     script: Script,
     /// Until then nothing happens by itself.
     quiet_until: Moment,
@@ -92,7 +92,7 @@ struct State {
     at_kill: Option<AtKill>,
     requests: Vec<Request>,
     events: Vec<(f64, DeviceEvent)>,
-    places: Vec<Place>,
+    places: Vec<SampleState>,
     /// Number of angles that were misread.
     misread: usize,
 }
@@ -113,7 +113,7 @@ impl VirtualWorld {
         };
         let lines =
             [station.chamber_wire(), station.turntable_wire()].map(|wire| VirtualLine { wire, replies: Vec::new() });
-        Self(Arc::new(Mutex::new(State {
+        Self(Arc::new(Mutex::new(WorldState {
             now: BEGIN,
             faults,
             standing: Vec::new(),
@@ -135,7 +135,7 @@ impl VirtualWorld {
         })))
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn state(&self) -> MutexGuard<'_, WorldState> {
         // A panic of the runner is a result.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -184,7 +184,7 @@ impl VirtualWorld {
         state.pass(until);
     }
 
-    pub(crate) fn script(&self, steps: Vec<Step>) {
+    pub(crate) fn script(&self, steps: Vec<ScriptStep>) {
         let mut state = self.state();
         let now = state.now;
         state.script.set(steps, now);
@@ -198,7 +198,7 @@ impl VirtualWorld {
     }
 
     /// The faults that are there from now on, until the next step.
-    pub fn set_faults(&self, faults: &[Fault]) {
+    pub fn set_faults(&self, faults: &[DrawnFault]) {
         self.state().standing = faults.to_vec();
     }
 
@@ -213,7 +213,7 @@ impl VirtualWorld {
     }
 
     /// What the devices have begun, in order of time, and where they were at the end of each sample.
-    pub(crate) fn course(&self) -> (Vec<(f64, DeviceEvent)>, Vec<Place>) {
+    pub(crate) fn course(&self) -> (Vec<(f64, DeviceEvent)>, Vec<SampleState>) {
         let mut state = self.state();
         state.advance_imu(0, false);
         let mut events = state.events.clone();
@@ -222,7 +222,7 @@ impl VirtualWorld {
     }
 }
 
-impl State {
+impl WorldState {
     fn now_s(&self) -> f64 {
         self.now.since(BEGIN).as_secs_f64()
     }
@@ -251,7 +251,7 @@ impl State {
 
     /// When something happens next.
     fn next_event(&self) -> Option<Moment> {
-        let events = [Fault::Signal, Fault::Killed, Fault::RunAway, Fault::PowerLoss];
+        let events = [DrawnFault::Signal, DrawnFault::Killed, DrawnFault::RunAway, DrawnFault::PowerLoss];
         let events = events.into_iter().flat_map(|event| self.faults.events(event));
         let next_s = events.filter(|at_s| *at_s >= self.now_s()).reduce(f64::min);
         next_s.map(|next_s| BEGIN + Duration::from_secs_f64(next_s))
@@ -262,8 +262,8 @@ impl State {
         self.now = self.now.max(until);
         let times = before_s..self.now_s();
         let happens = |event| self.faults.events(event).any(|at_s| times.contains(&at_s));
-        let (signalled, killed) = (happens(Fault::Signal), happens(Fault::Killed));
-        let (runs_away, power_lost) = (happens(Fault::RunAway), happens(Fault::PowerLoss));
+        let (signalled, killed) = (happens(DrawnFault::Signal), happens(DrawnFault::Killed));
+        let (runs_away, power_lost) = (happens(DrawnFault::RunAway), happens(DrawnFault::PowerLoss));
         if runs_away {
             self.order(1, RUN_AWAY);
         }
@@ -288,35 +288,35 @@ impl State {
         }
     }
 
-    fn act(&mut self, act: Act) {
+    fn act(&mut self, act: ScriptAction) {
         match act {
-            Act::Faults(faults) => self.standing = faults,
-            Act::Signal(number) => self.stop_signal.store(number, Relaxed),
-            Act::Kill => self.kill(),
-            Act::Restart => self.restarts_s.push(self.now_s()),
-            Act::SetClock(by_s) => self.clock_set_s += by_s,
-            Act::OrderChamber(bytes) => self.order(0, &bytes),
-            Act::Call(call) => call(&self.script.folder),
-            Act::Note => {}
+            ScriptAction::Faults(faults) => self.standing = faults,
+            ScriptAction::Signal(number) => self.stop_signal.store(number, Relaxed),
+            ScriptAction::Kill => self.kill(),
+            ScriptAction::Restart => self.restarts_s.push(self.now_s()),
+            ScriptAction::SetClock(by_s) => self.clock_set_s += by_s,
+            ScriptAction::OrderChamber(bytes) => self.order(0, &bytes),
+            ScriptAction::Call(call) => call(&self.script.folder),
+            ScriptAction::Note => {}
         }
     }
 
     /// All faults that are active at this time \[s\].
-    fn active_at(&self, at_s: f64) -> impl Iterator<Item = Fault> {
+    fn active_at(&self, at_s: f64) -> impl Iterator<Item = DrawnFault> {
         self.faults.active(at_s).chain(self.standing.iter().copied())
     }
 
     /// The faults of a line that are active now.
     fn active(&self, line: usize) -> Vec<InjectedFault> {
-        let of_line = |fault: Fault| match (fault, line) {
-            (Fault::Chamber(fault), 0) | (Fault::Turntable(fault), 1) => Some(fault),
+        let of_line = |fault: DrawnFault| match (fault, line) {
+            (DrawnFault::Chamber(fault), 0) | (DrawnFault::Turntable(fault), 1) => Some(fault),
             _ => None,
         };
         self.active_at(self.now_s()).filter_map(of_line).collect()
     }
 
     fn has(&self, line: usize, fault: InjectedFault) -> bool {
-        let of_line = [Fault::Chamber(fault), Fault::Turntable(fault)][line];
+        let of_line = [DrawnFault::Chamber(fault), DrawnFault::Turntable(fault)][line];
         self.is_killed || self.active_at(self.now_s()).any(|active| active == of_line)
     }
 
@@ -351,12 +351,12 @@ impl State {
             return Ok(bytes.len());
         }
         let active = self.advance_line(line);
-        let is_cut = line == 1 && self.active_at(self.now_s()).any(|fault| fault == Fault::CutReply);
-        let is_slow = self.active_at(self.now_s()).any(|fault| fault == Fault::Slow { turntable: line == 1 });
+        let is_cut = line == 1 && self.active_at(self.now_s()).any(|fault| fault == DrawnFault::CutReply);
+        let is_slow = self.active_at(self.now_s()).any(|fault| fault == DrawnFault::Slow { turntable: line == 1 });
         let late = if active.contains(&InjectedFault::Late) { LATE_REPLY } else { Duration::ZERO };
-        let mut random = Random(self.requests.len() as u64);
+        let mut random = SeededRandom(self.requests.len() as u64);
         let slow = if is_slow { SLOW_REPLY.mul_f64(random.uniform()) } else { Duration::ZERO };
-        let begun = self.faults.events(Fault::Misread).filter(|at_s| *at_s <= self.now_s()).count();
+        let begun = self.faults.events(DrawnFault::Misread).filter(|at_s| *at_s <= self.now_s()).count();
         let VirtualLine { wire, replies } = &mut self.lines[line];
         // A controller answers one request after the other.
         let due = replies.last().map_or(self.now, |(due, _)| *due).max(self.now + REPLY + late.max(slow));
@@ -436,15 +436,15 @@ impl State {
             let end_s = self.imus[number].1.end_s();
             let sample = self.imus[number].1.step();
             let (angles_deg, air_c) = self.imus[number].1.surroundings();
-            let drawn = self.faults.events(Fault::Restarted).filter(|at_s| *at_s < end_s).count();
+            let drawn = self.faults.events(DrawnFault::Restarted).filter(|at_s| *at_s < end_s).count();
             let session = 1 + (drawn + self.restarts_s.iter().filter(|at_s| **at_s < end_s).count()) as u64;
             if number == 0 {
-                self.places.push(Place { end_s, sequence: sample.sequence, session, angles_deg, air_c });
+                self.places.push(SampleState { end_s, sequence: sample.sequence, session, angles_deg, air_c });
             }
             let is_lost = self.active_at(end_s).any(|fault| match fault {
-                Fault::Silent => true,
-                Fault::SilentImu(silent) => silent == number,
-                Fault::Gaps => sample.sequence.is_multiple_of(10),
+                DrawnFault::Silent => true,
+                DrawnFault::SilentImu(silent) => silent == number,
+                DrawnFault::Gaps => sample.sequence.is_multiple_of(10),
                 _ => false,
             });
             if is_wanted && !is_lost {
@@ -466,7 +466,7 @@ impl Time for VirtualWorld {
 
     fn unix_s(&self) -> f64 {
         let state = self.state();
-        let set_back = state.faults.events(Fault::ClockSetBack).filter(|at_s| *at_s < state.now_s()).count();
+        let set_back = state.faults.events(DrawnFault::ClockSetBack).filter(|at_s| *at_s < state.now_s()).count();
         BEGIN_UNIX_S + state.now_s() + state.clock_set_s - 3600.0 * set_back as f64
     }
 
@@ -489,7 +489,7 @@ impl Time for VirtualWorld {
 }
 
 impl Ports for VirtualWorld {
-    fn open(&self, config: &LineConfig) -> io::Result<Box<dyn Opening>> {
+    fn open(&self, config: &LineConfig) -> io::Result<Box<dyn PendingPort>> {
         let line = usize::from(config.port.contains("table"));
         let is_serial = !config.port.starts_with("tcp://");
         Ok(Box::new(VirtualPort { world: self.clone(), line, is_serial }))
@@ -503,7 +503,7 @@ struct VirtualPort {
     is_serial: bool,
 }
 
-impl Opening for VirtualPort {
+impl PendingPort for VirtualPort {
     fn wait(&mut self, _: Moment) -> Option<io::Result<Box<dyn Port>>> {
         if self.world.state().has(self.line, InjectedFault::PortLoss) {
             return Some(Err(io::ErrorKind::NotFound.into()));

@@ -70,7 +70,7 @@ impl InjectedFault {
 
 /// When a fault is active.
 #[derive(Clone, Debug, PartialEq)]
-enum When {
+enum FaultSpan {
     Always,
     Requests(RangeInclusive<u64>),
     Seconds(RangeInclusive<f64>),
@@ -84,7 +84,7 @@ pub struct Injection {
     device: Option<StationProcess>,
     /// The IMU that is silent; `None` for all of them.
     imu: Option<ImuId>,
-    when: When,
+    when: FaultSpan,
 }
 
 impl FromStr for Injection {
@@ -97,9 +97,9 @@ impl FromStr for Injection {
         let fault = InjectedFault::NAMES.iter().find(|(_, name)| *name == fault);
         let (fault, _) = *fault.ok_or_else(|| format!("give one of {}", names()))?;
         let expected = "after the @ give a request as 3, requests as 3-5, or seconds as 100s-200s";
-        let when = when.map_or(Some(When::Always), parse_when).ok_or(expected)?;
+        let when = when.map_or(Some(FaultSpan::Always), parse_when).ok_or(expected)?;
         if fault == InjectedFault::Silent {
-            if matches!(when, When::Requests(_)) {
+            if matches!(when, FaultSpan::Requests(_)) {
                 return Err("an IMU gets no requests; after the @ give seconds as 100s-200s".to_owned());
             }
             let imu = device.map(str::parse).transpose().map_err(|_| "after the colon give the name of an IMU")?;
@@ -115,14 +115,14 @@ impl FromStr for Injection {
     }
 }
 
-fn parse_when(text: &str) -> Option<When> {
+fn parse_when(text: &str) -> Option<FaultSpan> {
     let (from, to) = text.split_once('-').unwrap_or((text, text));
     if let (Some(from), Some(to)) = (from.strip_suffix('s'), to.strip_suffix('s')) {
         let (from, to): (f64, f64) = (from.parse().ok()?, to.parse().ok()?);
-        return (from <= to).then_some(When::Seconds(from..=to));
+        return (from <= to).then_some(FaultSpan::Seconds(from..=to));
     }
     let (from, to) = (from.parse().ok()?, to.parse().ok()?);
-    (1 <= from && from <= to).then_some(When::Requests(from..=to))
+    (1 <= from && from <= to).then_some(FaultSpan::Requests(from..=to))
 }
 
 /// The faults of one device.
@@ -164,9 +164,9 @@ impl FaultSchedule {
         let mine =
             self.injections.iter().filter(|injection| injection.device.is_none_or(|device| device == self.device));
         mine.filter(move |injection| match &injection.when {
-            When::Always => true,
-            When::Requests(range) => range.contains(&self.requests),
-            When::Seconds(range) => range.contains(&now_s),
+            FaultSpan::Always => true,
+            FaultSpan::Requests(range) => range.contains(&self.requests),
+            FaultSpan::Seconds(range) => range.contains(&now_s),
         })
     }
 
@@ -204,13 +204,13 @@ mod tests {
         let imu = None;
         assert_eq!(
             parse("late:table@3-5"),
-            Ok(Injection { fault, device, imu: imu.clone(), when: When::Requests(3..=5) })
+            Ok(Injection { fault, device, imu: imu.clone(), when: FaultSpan::Requests(3..=5) })
         );
         assert_eq!(
             parse("late:table@7"),
-            Ok(Injection { fault, device, imu: imu.clone(), when: When::Requests(7..=7) })
+            Ok(Injection { fault, device, imu: imu.clone(), when: FaultSpan::Requests(7..=7) })
         );
-        let when = When::Seconds(100.0..=2e3);
+        let when = FaultSpan::Seconds(100.0..=2e3);
         assert_eq!(
             parse("port-loss@100s-2000s"),
             Ok(Injection { fault: InjectedFault::PortLoss, device: None, imu, when: when.clone() })

@@ -1,10 +1,8 @@
 //! The process of the IMU, or of the IMUs that share a turntable: it simulates one control period after the other and
 //! publishes raw samples, as acquisitions do.
-//!
-//! Over 400 lines: one IMU: its thermal state, its sensors and its test against closed forms.
 
 use super::faults::FaultSchedule;
-use super::link::{Answer, DeviceEvent, LinkClient};
+use super::link::{DeviceEvent, DeviceReply, LinkClient};
 use super::positioning::PositioningErrors;
 use super::station::{SimulatedStation, StationImu, StationProcess};
 use isotherm_client::{Acquisition, Domain, ImuId, Options, SendError};
@@ -76,7 +74,7 @@ pub(crate) fn run(station: &SimulatedStation, folder: &Path, domain: &Domain) ->
         last_turn = Instant::now();
         let mut known_s = f64::INFINITY;
         for device in &mut devices {
-            let Ok(Answer { now_s, events }) = device.ask() else { return Ok(()) };
+            let Ok(DeviceReply { now_s, events }) = device.ask() else { return Ok(()) };
             known_s = known_s.min(now_s);
             for (imu, _) in &mut imus {
                 imu.take_events(events.iter().copied());

@@ -43,7 +43,7 @@ pub enum DeviceEvent {
 
 /// A device's answer.
 #[derive(Debug, Deserialize, Serialize)]
-pub(crate) struct Answer {
+pub(crate) struct DeviceReply {
     /// Simulated time of the answer \[s\].
     pub now_s: f64,
     /// Events since the last answer, with their simulated times \[s\].
@@ -60,7 +60,7 @@ impl LinkClient {
     }
 
     /// Sends the question and waits for the answer.
-    pub(crate) fn ask(&mut self) -> io::Result<Answer> {
+    pub(crate) fn ask(&mut self) -> io::Result<DeviceReply> {
         self.0.get_mut().write_all(b"?")?;
         let mut line = String::new();
         self.0.read_line(&mut line)?;
@@ -78,7 +78,7 @@ impl LinkServer {
     }
 
     /// Receives a question, which `poll` has reported, and answers it. Returns `false` if the IMU's process has ended.
-    pub(crate) fn answer(&mut self, answer: &Answer) -> io::Result<bool> {
+    pub(crate) fn answer(&mut self, answer: &DeviceReply) -> io::Result<bool> {
         if self.0.read(&mut [0])? == 0 {
             return Ok(false);
         }

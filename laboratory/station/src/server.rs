@@ -1,7 +1,7 @@
 //! The process of a device: it answers requests on its port, with the injected faults.
 
 use super::faults::{FaultSchedule, InjectedFault};
-use super::link::{Answer, LinkServer};
+use super::link::{DeviceReply, LinkServer};
 use super::port::SimulatedPort;
 use super::station::{SimulatedStation, StationProcess};
 use super::wire::{BABBLE, BABBLE_INTERVAL, LATE_REPLY, Wire};
@@ -96,7 +96,7 @@ impl ProtocolServer<'_> {
         if query_waits {
             // The answer comes last, so that all later events have later times.
             let (now_s, _) = self.advance();
-            return self.link.answer(&Answer { now_s, events: self.wire.events() });
+            return self.link.answer(&DeviceReply { now_s, events: self.wire.events() });
         }
         Ok(true)
     }

@@ -1,7 +1,7 @@
 //! What `examples/acquire/arduino-mpu6050.ino` prints: raw counts of an MPU-6050. Source: RM-MPU-6000A-00 rev. 4.2, p.
 //! 29 to 31.
 
-use super::own::Own;
+use super::own::DeviceStamp;
 use super::pattern::{AXES, Values, pulses, temperature};
 
 /// First counter and first time [us]: they wrap within the first samples.
@@ -21,15 +21,15 @@ fn degrees(number: u64) -> String {
     format!("{:.3}", raw / 340.0 + 36.53)
 }
 
-fn counter(own: Own) -> u16 {
+fn counter(own: DeviceStamp) -> u16 {
     (own.from(COUNTER) + own.count(1)) as u16
 }
 
-fn micros(own: Own) -> u32 {
+fn micros(own: DeviceStamp) -> u32 {
     own.from(MICROS).wrapping_add(own.time(5000) as u32)
 }
 
-pub(super) fn frame(number: u64, own: Own) -> Vec<u8> {
+pub(super) fn frame(number: u64, own: DeviceStamp) -> Vec<u8> {
     let [ax, ay, az, gx, gy, gz] = counts(number);
     let (counter, micros, degrees) = (counter(own), micros(own), degrees(number));
     let text = format!("IMU,{counter},{micros},{ax},{ay},{az},{degrees},{gx},{gy},{gz}");
@@ -38,7 +38,7 @@ pub(super) fn frame(number: u64, own: Own) -> Vec<u8> {
 }
 
 pub(super) fn expected(number: u64) -> Values {
-    let own = Own::regular(number);
+    let own = DeviceStamp::regular(number);
     let mut values: Values = vec![
         ("counter", f64::from(counter(own))),
         ("micros", f64::from(micros(own))),
@@ -54,7 +54,7 @@ mod tests {
 
     #[test]
     fn lines_are_as_the_sketch_prints_them() {
-        let line = String::from_utf8(frame(0, Own::regular(0))).unwrap();
+        let line = String::from_utf8(frame(0, DeviceStamp::regular(0))).unwrap();
         assert_eq!(line, "$IMU,65500,4294836224,-2000,-1669,6854,25.001,-1007,-676,-345*7A\r\n");
         assert_eq!(expected(36)[0], ("counter", 0.0));
         assert!(expected(27)[1].1 < expected(26)[1].1);

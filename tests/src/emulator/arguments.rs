@@ -1,7 +1,7 @@
 //! The arguments of the program `isotherm-emulator`.
 
 use super::Emulator;
-use super::plan::{Place, Plan};
+use super::plan::{FrameTarget, Plan};
 
 /// How the program is called.
 pub const USAGE: &str = "\
@@ -96,8 +96,8 @@ impl Plan {
             "--serial" => self.serial = value.into(),
             "--answers" => self.answers = one_of(value, ["off", "on"]).ok_or_else(wrong)?,
             "--output" => self.is_new = one_of(value, ["set", "new"]).ok_or_else(wrong)?,
-            "--udp" => self.place = Place::Udp(value.into()),
-            "--tcp" => self.place = Place::Tcp(value.parse().map_err(|_| wrong())?),
+            "--udp" => self.place = FrameTarget::Udp(value.into()),
+            "--tcp" => self.place = FrameTarget::Tcp(value.parse().map_err(|_| wrong())?),
             "--drop-connection" | "--close-connection" => {
                 let all = seconds(value).ok_or_else(wrong)?;
                 let closes = name == "--close-connection";
@@ -105,7 +105,7 @@ impl Plan {
             }
             "--wait" => self.wait_s = number()?,
             "--log" => self.log = Some(value.into()),
-            "--link" => self.place = Place::Terminal(Some(value.into())),
+            "--link" => self.place = FrameTarget::Terminal(Some(value.into())),
             _ => return Err(format!("there is no option {name}")),
         }
         Ok(())
@@ -153,7 +153,7 @@ mod tests {
         assert_eq!((plan.numbers(), plan.due_ns(6) - plan.due_ns(5)), (5..14, 2_000_000));
         assert_eq!((plan.drop, plan.wrong, plan.double), (vec![1, 2], vec![3], vec![4]));
         assert_eq!((plan.noise, plan.pause), (vec![(5, 7), (6, 9)], vec![(3, 0.5)]));
-        assert_eq!((plan.log, plan.place), (Some("l".into()), Place::Terminal(Some("p".into()))));
+        assert_eq!((plan.log, plan.place), (Some("l".into()), FrameTarget::Terminal(Some("p".into()))));
         let plan = parse(
             "vn100 --frames 9 --mute 3:0.5 --stall 4:1 --swap-order 6 --change-rate 8:100,7:200 --counter time --reset 5 \
              --reset-silence 2 --drop-connection 1:3 --close-connection 2:4 --tcp 0 --serial 7 --answers off --output new",
@@ -161,10 +161,10 @@ mod tests {
         .unwrap();
         assert_eq!((&plan.mute, &plan.stall, &plan.swap), (&vec![(3, 0.5)], &vec![(4, 1.0)], &vec![6]));
         assert_eq!((&plan.change_rate, plan.counts_time), (&vec![(7, 200.0), (8, 100.0)], true));
-        assert_eq!((&plan.reset, plan.reset_silence_s, &plan.place), (&vec![5], 2.0, &Place::Tcp(0)));
+        assert_eq!((&plan.reset, plan.reset_silence_s, &plan.place), (&vec![5], 2.0, &FrameTarget::Tcp(0)));
         assert_eq!((plan.serial.as_str(), plan.answers, plan.is_new), ("7", false, true));
         assert_eq!(plan.disconnect, [(1, 3.0, false), (2, 4.0, true)]);
-        assert_eq!(parse("vn100 --frames 3 --udp a:1").unwrap().place, Place::Udp("a:1".into()));
+        assert_eq!(parse("vn100 --frames 3 --udp a:1").unwrap().place, FrameTarget::Udp("a:1".into()));
         assert_eq!(parse("vn100 --frames 3").unwrap(), Plan::new(Emulator::Vn100, 3));
     }
 

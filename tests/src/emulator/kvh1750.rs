@@ -2,7 +2,7 @@
 //! (p. 14-18).
 
 use super::checksum::crc32;
-use super::own::Own;
+use super::own::DeviceStamp;
 use super::pattern::{AXES, Values, pulses, temperature};
 
 /// Gyroscopes [rad] and accelerometers [g]: multiples of powers of two, exact as f32.
@@ -20,7 +20,7 @@ fn degrees(number: u64) -> i16 {
     temperature(number, 0) >> 8
 }
 
-pub(super) fn frame(number: u64, own: Own) -> Vec<u8> {
+pub(super) fn frame(number: u64, own: DeviceStamp) -> Vec<u8> {
     let [ax, ay, az, gx, gy, gz] = readings(number);
     encode([gx, gy, gz, ax, ay, az], 0x77, (own.count(1) % 128) as u8, degrees(number))
 }

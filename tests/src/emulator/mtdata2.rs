@@ -2,7 +2,7 @@
 //! no profile knows, and messages of GNSS that count, too. Source: MTi User Manual MT0605P.E, p. 23, 24, 53, 54.
 
 use super::checksum::negative_sum;
-use super::own::Own;
+use super::own::DeviceStamp;
 use super::pattern::{AXES, Values, pulses, temperature};
 
 /// Samples between two messages of GNSS, of which each has a counter of its own, and between two temperatures.
@@ -30,15 +30,15 @@ fn degrees(number: u64) -> f32 {
 }
 
 /// It counts messages of GNSS, too.
-fn counter(own: Own) -> u16 {
+fn counter(own: DeviceStamp) -> u16 {
     (own.from(COUNTER) + own.count(1) + own.frames / GNSS_EVERY) as u16
 }
 
-fn time(own: Own) -> u32 {
+fn time(own: DeviceStamp) -> u32 {
     own.from(TIME).wrapping_add(own.time(100) as u32)
 }
 
-pub(super) fn frame(number: u64, own: Own) -> Vec<u8> {
+pub(super) fn frame(number: u64, own: DeviceStamp) -> Vec<u8> {
     let mut bytes = Vec::new();
     if own.frames > 0 && own.frames.is_multiple_of(GNSS_EVERY) {
         bytes.extend(gnss(own));
@@ -60,7 +60,7 @@ pub(super) fn frame(number: u64, own: Own) -> Vec<u8> {
 }
 
 /// A message of GNSS before a sample. Its time is earlier than that of the sample before.
-fn gnss(own: Own) -> Vec<u8> {
+fn gnss(own: DeviceStamp) -> Vec<u8> {
     message(&[
         (0x7010, vec![0x5A; 94]),
         (0x1060, time(own).wrapping_sub(400).to_be_bytes().to_vec()),
@@ -88,7 +88,7 @@ pub(super) fn xbus(id: u8, data: &[u8]) -> Vec<u8> {
 
 /// The temperature is the last one sent.
 pub(super) fn expected(number: u64) -> Values {
-    let own = Own::regular(number);
+    let own = DeviceStamp::regular(number);
     let mut values: Values = vec![
         ("counter", f64::from(counter(own))),
         ("time", f64::from(time(own)) * 100.0),
@@ -111,9 +111,9 @@ mod tests {
         assert_eq!(counters(50), 16.0);
         assert!(value(&expected(41), "time") < value(&expected(40), "time"));
         // 4 + 5 + 7 + 15 + 7 + 15 + 15 + 1 bytes; a temperature has 7, a message of GNSS 114.
-        assert_eq!([0, 1, 25, 100].map(|number| frame(number, Own::regular(number)).len()), [76, 69, 183, 190]);
+        assert_eq!([0, 1, 25, 100].map(|number| frame(number, DeviceStamp::regular(number)).len()), [76, 69, 183, 190]);
         for number in 0..30 {
-            let bytes = frame(number, Own::regular(number));
+            let bytes = frame(number, DeviceStamp::regular(number));
             assert_eq!(bytes[..3], [0xFA, 0xFF, 0x36]);
             let first = usize::from(bytes[3]) + 5;
             assert_eq!(negative_sum(&bytes[1..first]), 0);

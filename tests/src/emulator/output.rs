@@ -1,7 +1,7 @@
 //! Where the bytes of an emulated device go.
 
 use super::network::{Connections, Datagrams};
-use super::plan::Place;
+use super::plan::FrameTarget;
 use super::terminal::Terminal;
 use super::time::sleep_until;
 use std::io;
@@ -22,11 +22,11 @@ impl Output {
     /// # Errors
     ///
     /// If the system has no terminal, or the port is another program's.
-    pub fn new(place: &Place) -> io::Result<Self> {
+    pub fn new(place: &FrameTarget) -> io::Result<Self> {
         Ok(Self(match place {
-            Place::Terminal(link) => Kind::Terminal(Terminal::new(link.clone())?),
-            Place::Udp(to) => Kind::Udp(Datagrams::new(to.clone())?),
-            Place::Tcp(port) => Kind::Tcp(Connections::new(*port)?),
+            FrameTarget::Terminal(link) => Kind::Terminal(Terminal::new(link.clone())?),
+            FrameTarget::Udp(to) => Kind::Udp(Datagrams::new(to.clone())?),
+            FrameTarget::Tcp(port) => Kind::Tcp(Connections::new(*port)?),
         }))
     }
 

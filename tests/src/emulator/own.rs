@@ -2,7 +2,7 @@
 
 /// What a device's own counter and clock say with a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Own {
+pub struct DeviceStamp {
     /// Frames since it was powered.
     pub frames: u64,
     /// The time on its clock since it was powered, in intervals of its profile.
@@ -13,7 +13,7 @@ pub struct Own {
     pub was_reset: bool,
 }
 
-impl Own {
+impl DeviceStamp {
     /// That of frame number `number` of a device that was never reset and always had one rate.
     pub fn regular(number: u64) -> Self {
         Self { frames: number, intervals: number as f64, counts_time: false, was_reset: false }

@@ -1,12 +1,12 @@
 //! What the program `isotherm-emulator` sends, and when: the frames, and what goes wrong with them.
 
 use super::Emulator;
-use super::own::Own;
+use super::own::DeviceStamp;
 use std::path::PathBuf;
 
 /// Where the frames go.
 #[derive(Clone, Debug, Eq, PartialEq)]
-pub enum Place {
+pub enum FrameTarget {
     /// A pseudo-terminal, with this symbolic link to it.
     Terminal(Option<PathBuf>),
     /// Datagrams to this address.
@@ -65,7 +65,7 @@ pub struct Plan {
     /// The file for the times.
     pub log: Option<PathBuf>,
     /// Where the frames go.
-    pub place: Place,
+    pub place: FrameTarget,
 }
 
 impl Plan {
@@ -95,7 +95,7 @@ impl Plan {
             disconnect: Vec::new(),
             wait_s: 20.0,
             log: None,
-            place: Place::Terminal(None),
+            place: FrameTarget::Terminal(None),
         }
     }
 
@@ -161,10 +161,10 @@ impl Plan {
     }
 
     /// What the device's counter and clock say with a frame.
-    pub fn own(&self, number: u64) -> Own {
+    pub fn own(&self, number: u64) -> DeviceStamp {
         let reset = self.reset.iter().filter(|frame| **frame <= number).max();
         let powered = reset.copied().unwrap_or(0);
-        Own {
+        DeviceStamp {
             frames: number - powered,
             intervals: self.intervals(powered, number, |rate| self.rate / rate),
             counts_time: self.counts_time,

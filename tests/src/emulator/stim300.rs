@@ -2,7 +2,7 @@
 //! 7.5.2.2 (p. 48-56).
 
 use super::checksum::crc32;
-use super::own::Own;
+use super::own::DeviceStamp;
 use super::pattern::{Values, pulses, temperature};
 
 /// 1 g of a 10 g accelerometer in 1 ms, in pulses of 2^-22 m/s.
@@ -20,7 +20,7 @@ fn counts(number: u64) -> [i32; 6] {
     std::array::from_fn(|axis| pulses(number, axis) + gravity[axis])
 }
 
-pub(super) fn frame(number: u64, own: Own) -> Vec<u8> {
+pub(super) fn frame(number: u64, own: DeviceStamp) -> Vec<u8> {
     let counts = counts(number);
     let mut bytes = vec![0xA5];
     for sensors in [3..6, 0..3] {
@@ -91,13 +91,13 @@ mod tests {
 
     #[test]
     fn frames_are_as_in_the_data_sheet() {
-        let bytes = frame(3, Own::regular(3));
+        let bytes = frame(3, DeviceStamp::regular(3));
         assert_eq!(bytes.len(), 42);
         assert_eq!((bytes[0], bytes[10], bytes[20], bytes[27], bytes[34]), (0xA5, 0, 0, 0, 0));
         assert_eq!((bytes[35], u16::from_be_bytes([bytes[36], bytes[37]])), (6, 506));
         let count = |at: usize| i32::from_be_bytes([bytes[at], bytes[at + 1], bytes[at + 2], 0]) >> 8;
         assert_eq!([11, 14, 17, 1, 4, 7].map(count), counts(3));
-        assert_eq!(frame(128, Own::regular(128))[35], 0);
+        assert_eq!(frame(128, DeviceStamp::regular(128))[35], 0);
     }
 
     /// A real frame of datagram 0xAF: geirhovland/stim300, README.md; 55 bytes and one zero.

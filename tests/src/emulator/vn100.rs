@@ -1,7 +1,7 @@
 //! VectorNav VN-100, binary output: TimeStartup; Temp, DeltaTheta, DeltaVel. Source: UM001 v2.22, p. 32, 36, 47, 48.
 
 use super::checksum::crc16;
-use super::own::Own;
+use super::own::DeviceStamp;
 use super::pattern::{AXES, Values, pulses, temperature};
 
 /// The first sample's time since start-up [ns], and the interval.
@@ -20,11 +20,11 @@ fn degrees(number: u64) -> f32 {
     f32::from(temperature(number, 0)) / 256.0
 }
 
-fn time_ns(own: Own) -> u64 {
+fn time_ns(own: DeviceStamp) -> u64 {
     own.from(START_NS) + own.time(INTERVAL_NS)
 }
 
-pub(super) fn frame(number: u64, own: Own) -> Vec<u8> {
+pub(super) fn frame(number: u64, own: DeviceStamp) -> Vec<u8> {
     let [ax, ay, az, gx, gy, gz] = increments(number);
     // Group 1 with field 0; group 3 with fields 4, 6 and 7.
     let mut bytes = vec![0xFA, 0b101, 0x01, 0x00, 0b1101_0000, 0x00];
@@ -44,7 +44,7 @@ fn finish(mut bytes: Vec<u8>) -> Vec<u8> {
 
 pub(super) fn expected(number: u64) -> Values {
     let mut values: Values = vec![
-        ("time", time_ns(Own::regular(number)) as f64),
+        ("time", time_ns(DeviceStamp::regular(number)) as f64),
         ("temperature", f64::from(degrees(number))),
         ("delta_time", f64::from(0.0025_f32)),
     ];
@@ -58,7 +58,7 @@ mod tests {
 
     #[test]
     fn frames_are_as_in_the_manual() {
-        let bytes = frame(9, Own::regular(9));
+        let bytes = frame(9, DeviceStamp::regular(9));
         assert_eq!(bytes.len(), 48);
         assert_eq!(crc16(&bytes[1..]), 0);
         assert_eq!(u64::from_le_bytes(bytes[6..14].try_into().unwrap()), 1_022_500_000);

@@ -62,10 +62,9 @@ fn a_plan_of_before_is_refused_with_todays_names() {
         let message = text(&refused.stderr);
         assert_eq!(refused.status.code(), Some(78), "{message}");
         let line = |begin: &str| 1 + old.lines().position(|line| line.starts_with(begin)).unwrap();
-        for (key, new, begin) in [
-            ("table", "turntable", "[table]"),
-            ("soak.telemetry_per_h", "soak.temperature_per_h", "telemetry_per_h"),
-        ] {
+        for (key, new, begin) in
+            [("table", "turntable", "[table]"), ("soak.telemetry_per_h", "soak.temperature_per_h", "telemetry_per_h")]
+        {
             let fault = format!("line {}: {key}: is called {new} now; rename it", line(begin));
             assert!(message.contains(&fault), "{fault}\n{message}");
         }

@@ -30,6 +30,13 @@ pub struct Refusal {
     pub cause: String,
 }
 
+impl Refusal {
+    /// What runs that cover more of the range would show.
+    pub const RUNS: &str = "runs";
+    /// What more runs, at other attitudes, would show.
+    pub const CHANNEL: &str = "channel";
+}
+
 /// Whether a warning says that the model does not explain the data.
 pub(super) fn is_unexplained(calibration: &Calibration) -> bool {
     // Without the angles a level error is the base's tilt, which nobody has estimated, as well as a mistake.

@@ -144,7 +144,7 @@ impl Gate {
         for channel in undriven(&runs.forces) {
             let difference = in_force.and_then(|old| channel.difference(new, old)).filter(|most| *most > bound);
             found.extend(difference.map(|most| Refusal {
-                by: "channel",
+                by: Refusal::CHANNEL,
                 cause: format!(
                     "{channel}, which no run drives, is {:.0} ppm off the table in force, at most {:.0} ppm is allowed; verify at an attitude \
                      that drives it",
@@ -171,7 +171,7 @@ impl Gate {
         if !self.accepts_holes {
             let holes = runs.covered(new).into_iter().filter_map(|covered| covered.hole());
             found.extend(holes.map(|hole| Refusal {
-                by: "runs",
+                by: Refusal::RUNS,
                 cause: format!("no run is in {hole}; verify over the whole range, or accept it: --accept not-covered"),
             }));
         }

@@ -5,7 +5,7 @@
 //! it too.
 
 use super::fault::{FaultKind, InstrumentFault};
-use super::instrument::{Instrument, Turntable, TurntableReading, whole_reading, wrapped_deg};
+use super::instrument::{Instrument, TurntableInstrument, TurntableReading, whole_reading, wrapped_deg};
 use super::line::Line;
 use super::line_config::{axes, seconds};
 use super::reply::{ExchangeError, Framing, angle, line_feed, number, text};
@@ -53,7 +53,7 @@ impl AcutrolSettings {
 
 /// What a number of the controller is.
 #[derive(Clone, Copy)]
-enum Quantity {
+enum AxisQuantity {
     Angle,
     Rate,
 }
@@ -111,7 +111,7 @@ impl Acutrol {
 
     /// A number, and the value of its last digit. A reply that no line feed ends is told from the begin of one by its
     /// decimals: it has as many as the one before, at least one.
-    fn value(&mut self, request: &str, quantity: Quantity) -> Result<f64, InstrumentFault> {
+    fn value(&mut self, request: &str, quantity: AxisQuantity) -> Result<f64, InstrumentFault> {
         if !self.ends_lines
             && self.last_digits[quantity as usize].is_infinite()
             && self.settings.reply_decimals.is_none()
@@ -152,10 +152,10 @@ impl Acutrol {
     fn read_once(&mut self) -> Result<TurntableReading, InstrumentFault> {
         let mut reading = TurntableReading::default();
         for (index, axis) in self.settings.axes.into_iter().enumerate() {
-            reading.angles_deg[index] = self.value(&format!(":read:position? {axis}"), Quantity::Angle)?;
-            reading.rates_deg_s[index] = self.value(&format!(":read:rate? {axis}"), Quantity::Rate)?;
+            reading.angles_deg[index] = self.value(&format!(":read:position? {axis}"), AxisQuantity::Angle)?;
+            reading.rates_deg_s[index] = self.value(&format!(":read:rate? {axis}"), AxisQuantity::Rate)?;
         }
-        reading.resolution_deg = self.last_digits[Quantity::Angle as usize];
+        reading.resolution_deg = self.last_digits[AxisQuantity::Angle as usize];
         [reading.faults, reading.open] = self.interlocks()?;
         Ok(reading)
     }
@@ -218,7 +218,7 @@ impl Instrument for Acutrol {
     }
 }
 
-impl Turntable for Acutrol {
+impl TurntableInstrument for Acutrol {
     fn engage(&mut self) -> Result<(), InstrumentFault> {
         self.command(":utility:lockout on")?;
         for axis in self.settings.axes {

@@ -5,7 +5,7 @@
 //! the prompt.
 
 use super::fault::{FaultKind, InstrumentFault};
-use super::instrument::{Instrument, Turntable, TurntableReading, whole_reading, wrapped_deg};
+use super::instrument::{Instrument, TurntableInstrument, TurntableReading, whole_reading, wrapped_deg};
 use super::line::Line;
 use super::line_config::axes;
 use super::reply::{ExchangeError, Framing, angle, number, text};
@@ -139,7 +139,7 @@ impl Instrument for Aerosmith {
     }
 }
 
-impl Turntable for Aerosmith {
+impl TurntableInstrument for Aerosmith {
     fn engage(&mut self) -> Result<(), InstrumentFault> {
         let command = self.settings.engage.clone();
         for axis in self.settings.axes.into_iter().filter(|_| !command.is_empty()) {

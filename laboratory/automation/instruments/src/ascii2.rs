@@ -5,7 +5,7 @@
 //! outputs.
 
 use super::fault::{FaultKind, InstrumentFault};
-use super::instrument::{Chamber, ChamberReading, Instrument};
+use super::instrument::{ChamberInstrument, ChamberReading, Instrument};
 use super::line::Line;
 use super::reply::{ExchangeError, Framing, carriage_return, number, text};
 use isotherm_shared::document::Section;
@@ -54,7 +54,7 @@ impl Ascii2Settings {
         settings
     }
 
-    fn parse_reading(&self, reply: &str) -> Option<Reading> {
+    fn parse_reading(&self, reply: &str) -> Option<Ascii2Reading> {
         let mut fields: Vec<_> = reply.split_ascii_whitespace().collect();
         let bits = fields.pop().filter(|bits| bits.len() >= 8 && bits.bytes().all(|bit| matches!(bit, b'0' | b'1')))?;
         let values = fields.into_iter().map(number).collect::<Option<Vec<_>>>()?;
@@ -66,7 +66,7 @@ impl Ascii2Settings {
         // An order may write back a nominal temperature that came with foreign bytes.
         let nominal = values.get(self.nominal).copied().filter(|nominal| nominal.abs() < 1000.0)?;
         let actual = *values.get(self.actual)?;
-        Some(Reading {
+        Some(Ascii2Reading {
             nominal,
             actual,
             running: bit(self.start_bit)?,
@@ -97,7 +97,7 @@ fn value(number: f64) -> String {
 
 /// The content of a reply to `$01I`.
 #[derive(Clone, Debug, PartialEq)]
-struct Reading {
+struct Ascii2Reading {
     nominal: f64,
     actual: f64,
     running: bool,
@@ -112,7 +112,7 @@ pub struct Ascii2 {
     line: Line,
     settings: Ascii2Settings,
     /// The last reading. A command sets every output, and an order of the safe state does not wait for another reading.
-    last: Option<Reading>,
+    last: Option<Ascii2Reading>,
 }
 
 impl Ascii2 {
@@ -120,7 +120,7 @@ impl Ascii2 {
         Self { line, settings: settings.clone(), last: None }
     }
 
-    fn reading(&mut self) -> Result<Reading, InstrumentFault> {
+    fn reading(&mut self) -> Result<Ascii2Reading, InstrumentFault> {
         let settings = &self.settings;
         let request = format!("${:02}I\r", settings.address);
         let reading =
@@ -157,7 +157,7 @@ impl Ascii2 {
         if (after.nominal - celsius).abs() < 0.05 + 1e-9 && after.running == running {
             return Ok(());
         }
-        let Reading { nominal, running: now, alarm, .. } = after;
+        let Ascii2Reading { nominal, running: now, alarm, .. } = after;
         let state = format!("its set point is {nominal} and it is {} after {}", on(now), request.trim_ascii_end());
         Err(self.line.fault(if alarm {
             ExchangeError(FaultKind::Alarm, format!("alarm; {state}"))
@@ -183,9 +183,9 @@ impl Instrument for Ascii2 {
     }
 }
 
-impl Chamber for Ascii2 {
+impl ChamberInstrument for Ascii2 {
     fn read(&mut self) -> Result<ChamberReading, InstrumentFault> {
-        let Reading { nominal, actual, running, alarm, .. } = self.reading()?;
+        let Ascii2Reading { nominal, actual, running, alarm, .. } = self.reading()?;
         let alarms = if alarm { vec!["alarm output".to_owned()] } else { Vec::new() };
         Ok(ChamberReading { air_c: actual, set_point_c: nominal, running, other_mode: None, alarms })
     }

@@ -5,7 +5,7 @@
 //! another reason) if it refuses it. All lines end with CR LF.
 
 use super::fault::{FaultKind, InstrumentFault};
-use super::instrument::{Chamber, ChamberReading, Instrument};
+use super::instrument::{ChamberInstrument, ChamberReading, Instrument};
 use super::line::Line;
 use super::reply::{ExchangeError, Framing, line_feed, number, text};
 use isotherm_shared::document::Section;
@@ -118,7 +118,7 @@ impl Instrument for Espec {
     }
 }
 
-impl Chamber for Espec {
+impl ChamberInstrument for Espec {
     fn read(&mut self) -> Result<ChamberReading, InstrumentFault> {
         // A late reply is none of these: each has a form of its own.
         let (air_c, mode, alarms) = self.ask("MON?", parse_monitor)?;

@@ -5,7 +5,7 @@
 //! stopped depends on its maker; by default the driver sets the loop's control mode to automatic or off.
 
 use super::fault::{FaultKind, InstrumentFault};
-use super::instrument::{Chamber, ChamberReading, Instrument, whole_reading};
+use super::instrument::{ChamberInstrument, ChamberReading, Instrument, whole_reading};
 use super::line::Line;
 use super::reply::{ExchangeError, Framing};
 use isotherm_shared::document::Section;
@@ -93,7 +93,7 @@ impl F4tSettings {
 
 /// What the chamber does.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-enum State {
+enum ChamberState {
     Running,
     Stopped,
     /// Neither: the value of its state.
@@ -225,13 +225,13 @@ impl F4t {
         Ok(alarms)
     }
 
-    fn state(&mut self) -> Result<State, InstrumentFault> {
+    fn state(&mut self) -> Result<ChamberState, InstrumentFault> {
         let [register, stopped] = self.settings.stopped;
         let [state] = self.registers(register)?;
         Ok(match self.settings.running {
-            _ if state == stopped => State::Stopped,
-            Some(running) if state != running => State::Other(state),
-            _ => State::Running,
+            _ if state == stopped => ChamberState::Stopped,
+            Some(running) if state != running => ChamberState::Other(state),
+            _ => ChamberState::Running,
         })
     }
 
@@ -240,13 +240,13 @@ impl F4t {
         let [register, ..] = self.settings.start;
         self.write(register, &[value])?;
         let state = self.state()?;
-        if state == if running { State::Running } else { State::Stopped } {
+        if state == if running { ChamberState::Running } else { ChamberState::Stopped } {
             return Ok(());
         }
         let is = match state {
-            State::Running => "still runs".to_owned(),
-            State::Stopped => "does not run".to_owned(),
-            State::Other(mode) => format!("is in {}", mode_name(mode)),
+            ChamberState::Running => "still runs".to_owned(),
+            ChamberState::Stopped => "does not run".to_owned(),
+            ChamberState::Other(mode) => format!("is in {}", mode_name(mode)),
         };
         let message = format!("it {is} after {value} was written to register {register}");
         let alarms = self.alarms()?;
@@ -270,20 +270,20 @@ impl Instrument for F4t {
     }
 }
 
-impl Chamber for F4t {
+impl ChamberInstrument for F4t {
     fn read(&mut self) -> Result<ChamberReading, InstrumentFault> {
         // A late reply shows in the number of registers: two of a temperature, one of all else.
         whole_reading(self, |chamber| {
             let [air_c, set_point_c] = [chamber.temperature(PROCESS_VALUE)?, chamber.temperature(SET_POINT)?];
             let state = chamber.state()?;
             let other_mode = match state {
-                State::Other(mode) => Some(mode_name(mode)),
-                State::Running | State::Stopped => None,
+                ChamberState::Other(mode) => Some(mode_name(mode)),
+                ChamberState::Running | ChamberState::Stopped => None,
             };
             Ok(ChamberReading {
                 air_c,
                 set_point_c,
-                running: state == State::Running,
+                running: state == ChamberState::Running,
                 other_mode,
                 alarms: chamber.alarms()?,
             })

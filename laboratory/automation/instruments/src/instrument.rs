@@ -20,7 +20,7 @@ pub trait Instrument: Send {
 }
 
 /// A temperature chamber. All temperatures \[degC\].
-pub trait Chamber: Instrument {
+pub trait ChamberInstrument: Instrument {
     /// Measured values and state of the controller.
     ///
     /// # Errors
@@ -65,7 +65,7 @@ pub struct ChamberReading {
 
 /// A two-axis turntable. Angles \[deg\], rates \[deg/s\]; both are right-handed: the outer axis (0) along the
 /// laboratory's X, the inner axis (1) up where the outer one is at 0.
-pub trait Turntable: Instrument {
+pub trait TurntableInstrument: Instrument {
     /// Resets faults, closes the interlocks and powers the axes. Nothing moves.
     ///
     /// # Errors

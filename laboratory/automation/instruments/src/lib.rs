@@ -43,11 +43,11 @@ mod time;
 
 pub use config::{ChamberConfig, TurntableConfig};
 pub use fault::{FaultKind, InstrumentFault};
-pub use instrument::{Chamber, ChamberReading, Instrument, Turntable, TurntableReading, turn_deg};
+pub use instrument::{ChamberInstrument, ChamberReading, Instrument, TurntableInstrument, TurntableReading, turn_deg};
 pub use isotherm_serial::Parity;
 pub use line::Line;
 pub use line_config::LineConfig;
 pub use open::{chamber, turntable};
-pub use port::{Opening, Port, Ports, RealPorts};
+pub use port::{PendingPort, Port, Ports, RealPorts};
 pub use surroundings::Surroundings;
 pub use time::{Moment, RealTime, Time};

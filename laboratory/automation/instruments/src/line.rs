@@ -18,7 +18,7 @@
 
 use super::fault::{FaultKind, InstrumentFault};
 use super::line_config::LineConfig;
-use super::port::{Opening, Port};
+use super::port::{PendingPort, Port};
 use super::reply::{ExchangeError, Framing};
 use super::surroundings::Surroundings;
 use super::time::Moment;
@@ -50,7 +50,7 @@ pub struct Line {
     around: Surroundings,
     port: Option<Box<dyn Port>>,
     /// A port that is being opened; one that never opens is waited for again, and not opened twice.
-    opening: Option<Box<dyn Opening>>,
+    opening: Option<Box<dyn PendingPort>>,
     /// Whether a late reply may still arrive.
     stale: bool,
     /// When bytes were last received, or the last byte that was sent has left.

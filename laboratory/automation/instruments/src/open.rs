@@ -2,14 +2,14 @@
 //! port.
 
 use super::config::{ChamberConfig, ChamberDriver, TurntableConfig, TurntableDriver};
-use super::instrument::{Chamber, Turntable};
+use super::instrument::{ChamberInstrument, TurntableInstrument};
 use super::line::Line;
 use super::surroundings::Surroundings;
 use super::{acutrol, aerosmith, ascii2, espec, f4t};
 
 /// A chamber.
 #[must_use]
-pub fn chamber(config: &ChamberConfig, around: &Surroundings) -> Box<dyn Chamber> {
+pub fn chamber(config: &ChamberConfig, around: &Surroundings) -> Box<dyn ChamberInstrument> {
     let line = Line::new("chamber", &config.line, around);
     match &config.driver {
         ChamberDriver::Espec(settings) => Box::new(espec::Espec::new(line, settings)),
@@ -20,7 +20,7 @@ pub fn chamber(config: &ChamberConfig, around: &Surroundings) -> Box<dyn Chamber
 
 /// A turntable.
 #[must_use]
-pub fn turntable(config: &TurntableConfig, around: &Surroundings) -> Box<dyn Turntable> {
+pub fn turntable(config: &TurntableConfig, around: &Surroundings) -> Box<dyn TurntableInstrument> {
     let line = Line::new("turntable", &config.line, around);
     match &config.driver {
         TurntableDriver::Acutrol(settings) => Box::new(acutrol::Acutrol::new(line, settings)),

@@ -33,7 +33,7 @@ pub trait Port: Send {
 }
 
 /// A port that is being opened. If it is dropped, the port is closed once it is open.
-pub trait Opening: Send {
+pub trait PendingPort: Send {
     /// The port, or why it cannot be opened; `None` if neither is known at `deadline`. Once it has returned something,
     /// it is not called again.
     fn wait(&mut self, deadline: Moment) -> Option<io::Result<Box<dyn Port>>>;
@@ -45,7 +45,7 @@ pub trait Ports: Send + Sync {
     ///
     /// # Errors
     /// If that cannot begin.
-    fn open(&self, config: &LineConfig) -> io::Result<Box<dyn Opening>>;
+    fn open(&self, config: &LineConfig) -> io::Result<Box<dyn PendingPort>>;
 }
 
 /// The ports of the machine. Each is opened in a thread of its own.
@@ -53,18 +53,18 @@ pub trait Ports: Send + Sync {
 pub struct RealPorts;
 
 impl Ports for RealPorts {
-    fn open(&self, config: &LineConfig) -> io::Result<Box<dyn Opening>> {
+    fn open(&self, config: &LineConfig) -> io::Result<Box<dyn PendingPort>> {
         let (opened, result) = mpsc::channel();
         let config = config.clone();
         let open = move || drop(opened.send(RealPort::open(&config)));
         thread::Builder::new().name("open port".to_owned()).spawn(open)?;
-        Ok(Box::new(RealOpening(result)))
+        Ok(Box::new(PendingRealPort(result)))
     }
 }
 
-struct RealOpening(Receiver<io::Result<RealPort>>);
+struct PendingRealPort(Receiver<io::Result<RealPort>>);
 
-impl Opening for RealOpening {
+impl PendingPort for PendingRealPort {
     fn wait(&mut self, deadline: Moment) -> Option<io::Result<Box<dyn Port>>> {
         match self.0.recv_timeout(deadline.since(RealTime.now())) {
             Ok(port) => Some(port.map(|port| Box::new(port) as Box<dyn Port>)),

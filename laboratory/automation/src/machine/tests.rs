@@ -1,8 +1,7 @@
 //! The state machine, transition by transition.
-//!
-//! Over 400 lines: one table of transitions, from the first approach to the last turn.
 
 use super::*;
+use crate::stability::Trends;
 use crate::streams::tests::Bench;
 use crate::timeline::{left_s, units};
 use std::path::Path;
@@ -153,7 +152,7 @@ impl SimulatedLaboratory {
         }
     }
 
-    fn kept(&self) -> Vec<Unit> {
+    fn kept(&self) -> Vec<CampaignStep> {
         self.actions
             .iter()
             .filter_map(|(_, action)| if let Action::Keep { unit, .. } = action { Some(*unit) } else { None })
@@ -165,7 +164,7 @@ impl SimulatedLaboratory {
 fn at_first_turn(plan: &Plan) -> (CampaignMachine<'_>, SimulatedLaboratory) {
     let mut laboratory = SimulatedLaboratory::new(plan);
     let mut machine = CampaignMachine::new(plan, plan.positions.len(), 5.0);
-    laboratory.until(&mut machine, |action| matches!(action, Action::Collect(Unit::Turn { turn: 0, .. })));
+    laboratory.until(&mut machine, |action| matches!(action, Action::Collect(CampaignStep::Turn { turn: 0, .. })));
     (machine, laboratory)
 }
 
@@ -181,8 +180,8 @@ fn is_discarded(action: &Action) -> bool {
     matches!(action, Action::Discard(_))
 }
 
-fn all(plan: &Plan) -> Vec<Unit> {
-    (0..units(plan)).map_while(|unit| Unit::of(plan, unit)).collect()
+fn all(plan: &Plan) -> Vec<CampaignStep> {
+    (0..units(plan)).map_while(|unit| CampaignStep::of(plan, unit)).collect()
 }
 
 #[test]
@@ -377,7 +376,10 @@ fn a_ramp_goes_there_and_back_with_its_holds_at_its_rate() {
     let (mut machine, mut laboratory) = (CampaignMachine::new(&plan, 0, 5.0), SimulatedLaboratory::new(&plan));
     assert_eq!(laboratory.run(&mut machine, 60.0), Ok(true));
     assert_eq!(laboratory.kept(), all(&plan));
-    assert_eq!(laboratory.kept()[12..], [Unit::Ramp(0), Unit::Ramp(1), Unit::Run(0), Unit::Run(1)]);
+    assert_eq!(
+        laboratory.kept()[12..],
+        [CampaignStep::Ramp(0), CampaignStep::Ramp(1), CampaignStep::Run(0), CampaignStep::Run(1)]
+    );
     let estimate = left_s(&plan, 0);
     assert!((laboratory.now - estimate).abs() < 0.05 * estimate, "{} {estimate}", laboratory.now);
     for unit in &laboratory.kept()[12..] {
@@ -425,7 +427,7 @@ fn an_interrupted_ramp_is_taken_again_from_its_soak_wherever_it_was() {
         let soaks = place.0 != Leg::Begin;
         let mut machine = CampaignMachine::new(&plan, 12, 5.0);
         let mut laboratory = SimulatedLaboratory::new(&plan);
-        laboratory.until(&mut machine, |action| *action == Action::Collect(Unit::Ramp(0)));
+        laboratory.until(&mut machine, |action| *action == Action::Collect(CampaignStep::Ramp(0)));
         while !matches!(machine.phase(), Phase::Sweep { leg, held } if (leg, held.is_some()) == place) {
             laboratory.step(&mut machine).unwrap();
         }
@@ -437,7 +439,7 @@ fn an_interrupted_ramp_is_taken_again_from_its_soak_wherever_it_was() {
         laboratory.now += 100.0;
         machine.resume(laboratory.now, 100.0, reached, &laboratory.chamber).unwrap();
         let back = laboratory.now;
-        laboratory.until(&mut machine, |action| *action == Action::Collect(Unit::Ramp(0)));
+        laboratory.until(&mut machine, |action| *action == Action::Collect(CampaignStep::Ramp(0)));
         assert_eq!(laboratory.now - back >= plan.soak.time_s, soaks, "{place:?}");
         assert!((laboratory.chamber.air_c - 10.0).abs() < plan.soak.tolerance_c);
         assert_eq!(laboratory.run(&mut machine, 60.0), Ok(true));
@@ -538,7 +540,7 @@ fn turns_follow_the_positions_from_rest_to_rest() {
                 assert!(turned - collected >= plan.turn.rest_s);
                 assert_eq!(*angles, plan.turns[turns % 6].to_deg);
             }
-            Action::Keep { unit: Unit::Turn { turn, .. }, turned_deg } => {
+            Action::Keep { unit: CampaignStep::Turn { turn, .. }, turned_deg } => {
                 let planned = plan.turns[*turn];
                 assert_eq!(*turned_deg, Some([planned.from_deg, planned.to_deg]));
                 // 72 s of motion; the model's turntable needs no time to accelerate.
@@ -601,7 +603,7 @@ fn imus_that_spoil_a_dwell_in_turn_are_dropped_and_the_last_one_ends_the_campaig
     for (number, spoiler) in spoilers.into_iter().enumerate() {
         if !is_begun {
             laboratory.until(&mut machine, |action| matches!(action, Action::Collect(_)));
-            bench.streams.begin(Unit::Dwell { visit: 0, position: 0 }).unwrap();
+            bench.streams.begin(CampaignStep::Dwell { visit: 0, position: 0 }).unwrap();
             is_begun = true;
         }
         let at = 1 + 20 * number as u64;

@@ -1,7 +1,8 @@
 //! The transitions within a turn: rest, one motion or several, rest; and what makes a turn useless.
 
-use super::{Action, CampaignMachine, Halt, Observation, Phase, TurnStage, TurnState, Unit};
+use super::{Action, CampaignMachine, Halt, Observation, Phase, TurnStage, TurnState};
 use crate::plan::{PlannedTurn, TurnPlan};
+use crate::step::CampaignStep;
 use isotherm_instruments::TurntableReading;
 
 /// The read-backs before and after a turn differ by its angle within this, or within two of their last digits
@@ -14,8 +15,13 @@ const MAX_WRAPPED_MOVE_DEG: f64 = 120.0;
 
 impl CampaignMachine<'_> {
     /// The phase of a turn: rest, motions, rest.
-    pub(super) fn turn(&mut self, unit: Unit, observation: &Observation<'_>, state: TurnState) -> Result<Action, Halt> {
-        let Unit::Turn { turn, .. } = unit else { return Ok(Action::Wait) };
+    pub(super) fn turn(
+        &mut self,
+        unit: CampaignStep,
+        observation: &Observation<'_>,
+        state: TurnState,
+    ) -> Result<Action, Halt> {
+        let CampaignStep::Turn { turn, .. } = unit else { return Ok(Action::Wait) };
         let turn = self.plan.turns[turn];
         let off = match state.stage {
             TurnStage::Before { .. } => self.deviation_from(turn.from_deg, observation),

@@ -1,6 +1,8 @@
 //! The names of the files in a campaign's folder. Those of an IMU of a batch have its name in them.
 
 use super::model::Plan;
+use isotherm_files::{Trust, read_text, replace};
+use isotherm_support::failure::{Failure, shown};
 
 /// The file of the dwells' samples of an IMU that is alone.
 pub const SAMPLES: &str = "campaign.csv";
@@ -69,5 +71,31 @@ impl Plan {
     #[must_use]
     pub fn file(&self, stem: &str, extension: &str) -> String {
         own_file(stem, extension, self.name_in_files())
+    }
+
+    /// Writes the campaign file beside the samples. If another text is there, the log says so: the fit takes what the plan
+    /// says.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write_campaign_file(&self) -> Result<(), Failure> {
+        let path = self.output.join("campaign.toml");
+        match read_text(&path, Trust::Any) {
+            Ok((text, _)) if text == self.campaign_toml => return Ok(()),
+            Ok((text, _)) => {
+                // What is there less is at the end.
+                let pairs = text.lines().chain([""]).zip(self.campaign_toml.lines().chain([""]));
+                let different = (1..).zip(pairs).find(|(_, (there, planned))| there != planned);
+                let different = different.map_or_else(String::new, |(number, (there, planned))| {
+                    format!(": line {number} was `{there}`, is `{planned}`")
+                });
+                tracing::warn!(
+                    "{} was not what the plan gives; it is written anew from the plan{different}",
+                    shown(&path)
+                );
+            }
+            Err(_) => {}
+        }
+        replace(&path, &self.campaign_toml).map_err(|error| Failure::io("writing", &path, &error))
     }
 }

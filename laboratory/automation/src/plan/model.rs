@@ -19,7 +19,7 @@ pub struct Plan {
     /// axes of an IMU without mounting, those of one of its IMUs along its own.
     pub positions: Vec<Position>,
     /// When a set point counts as reached and settled.
-    pub soak: Soak,
+    pub soak: SoakPlan,
     /// The samples to take in a position.
     pub dwell: DwellPlan,
     /// Turns of the turntable at each set point, after the positions, in order; none if the gyroscopes are not
@@ -32,7 +32,7 @@ pub struct Plan {
     /// Ramp of the chamber's set point \[degC/s\].
     pub ramp_c_per_s: f64,
     /// How the turntable moves, and when it counts as arrived.
-    pub motion: Motion,
+    pub motion: MotionPlan,
     /// Limits of commands and readings.
     pub limits: Limits,
     /// Time-outs, and the number of attempts.
@@ -59,7 +59,7 @@ pub struct Plan {
 
 /// When a set point counts as reached and settled. Times are laboratory time \[s\].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Soak {
+pub struct SoakPlan {
     /// Shortest time at the set point before the first position.
     pub time_s: f64,
     /// Shortest time at the set point in all.
@@ -120,7 +120,7 @@ pub struct TurnPlan {
 
 /// How the turntable moves, and when it counts as arrived.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Motion {
+pub struct MotionPlan {
     /// Commanded rate of each axis \[deg/s\].
     pub rate_deg_s: f64,
     /// Commanded acceleration of each axis \[deg/s2\].

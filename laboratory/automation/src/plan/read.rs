@@ -1,11 +1,9 @@
 //! Parsing a plan. Each part is checked where it is read, against the plan's limits too. All faults are reported at
 //! once.
-//!
-//! Over 400 lines: one file format, with one function for each of its sections.
 
 use super::files::{ramp_file, samples_file};
 use super::imus::{PlannedImu, batch, imus, imus_toml};
-use super::model::{DwellPlan, Motion, Patience, Plan, RampPlan, Soak, VerificationPlan};
+use super::model::{DwellPlan, MotionPlan, Patience, Plan, RampPlan, SoakPlan, VerificationPlan};
 use super::number::{at_most, not_negative, positive};
 use super::ramps::ramps;
 use super::stay::{AirLimits, position_at, way};
@@ -200,11 +198,11 @@ fn turntable(
     root: &Section<'_, '_>,
     limits: &Limits,
     is_batch: bool,
-) -> (Option<TurntableConfig>, Motion, Option<Matrix3<f64>>) {
+) -> (Option<TurntableConfig>, MotionPlan, Option<Matrix3<f64>>) {
     let section = root.section("turntable", "[turntable] with driver and port");
     let config = section.as_ref().and_then(TurntableConfig::read);
     let number = |key, default, most| section.as_ref().map_or(default, |section| at_most(section, key, default, most));
-    let motion = Motion {
+    let motion = MotionPlan {
         rate_deg_s: number("rate_deg_s", 10.0, f64::INFINITY),
         acceleration_deg_s2: number("acceleration_deg_s2", 10.0, f64::INFINITY),
         tolerance_deg: number("tolerance_deg", 0.005, 1.0),
@@ -329,8 +327,8 @@ fn position(section: &Section<'_, '_>, mounting: &Matrix3<f64>) -> Option<Positi
     Some(position)
 }
 
-fn soak(root: &Section<'_, '_>, tolerance_c: f64) -> Soak {
-    let mut soak = Soak {
+fn soak(root: &Section<'_, '_>, tolerance_c: f64) -> SoakPlan {
+    let mut soak = SoakPlan {
         time_s: 3600.0,
         stay_s: 4200.0,
         tolerance_c,

@@ -1,6 +1,4 @@
 //! Plans that are read, and plans that are refused.
-//!
-//! Over 400 lines: every fault of a plan stands here once.
 
 use super::*;
 use isotherm_campaign::Scheme;

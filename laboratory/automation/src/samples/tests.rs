@@ -2,10 +2,12 @@ use super::*;
 use crate::plan::{Plan, SAMPLES};
 use isotherm_campaign::{Campaign, read_dwells};
 use isotherm_client::monotonic_ns;
-use isotherm_instruments::RealTime;
+use isotherm_instruments::{Moment, RealTime, Time as _};
 use isotherm_recording::CampaignCsvReader;
+use isotherm_shared::wire::{AXES, Triad};
 use std::fs;
 use std::path::Path;
+use std::sync::Arc;
 use tempfile::TempDir;
 
 const SECOND: u64 = 1_000_000_000;
@@ -57,7 +59,7 @@ fn feed(recorder: &mut SampleRecorder<'_>, clock: &LaboratoryClock, numbers: std
     }
 }
 
-const DWELL: Unit = Unit::Dwell { visit: 0, position: 0 };
+const DWELL: CampaignStep = CampaignStep::Dwell { visit: 0, position: 0 };
 
 #[test]
 fn only_samples_that_begin_after_the_table_has_settled_are_taken() {
@@ -142,16 +144,16 @@ fn samples_are_summed_into_rows_that_calibrate_reads() {
     recorder.begin(DWELL, 1.0, 0).unwrap();
     feed(&mut recorder, &clock, 5..500, interval_ns);
     let first = recorder.keep(0).unwrap().unwrap();
-    recorder.begin(Unit::Dwell { visit: 0, position: 1 }, 125.0, first.to).unwrap();
+    recorder.begin(CampaignStep::Dwell { visit: 0, position: 1 }, 125.0, first.to).unwrap();
     feed(&mut recorder, &clock, 500..520, interval_ns);
     // The turntable moves while a row is in progress: nothing of the unit stays in the file.
     recorder.discard();
-    recorder.begin(Unit::Dwell { visit: 0, position: 1 }, 130.0, first.to).unwrap();
+    recorder.begin(CampaignStep::Dwell { visit: 0, position: 1 }, 130.0, first.to).unwrap();
     feed(&mut recorder, &clock, 520..1000, interval_ns);
     let second = recorder.keep(1).unwrap().unwrap();
     assert_eq!((first.rows, second.rows, second.from), (10, 10, first.to));
     let plan = plan(folder.path(), 10.0);
-    write_campaign_file(&plan).unwrap();
+    plan.write_campaign_file().unwrap();
     let campaign = Campaign::from_toml(&fs::read_to_string(folder.path().join("campaign.toml")).unwrap()).unwrap();
     let rows = CampaignCsvReader::new(File::open(folder.path().join(&campaign.samples[0])).unwrap()).unwrap();
     let dwells = read_dwells(&campaign, rows).unwrap();
@@ -196,7 +198,7 @@ fn another_session_spoils_the_unit_and_its_time_goes_on_rising() {
     recorder.begin(DWELL, 2.0, 0).unwrap();
     feed(&mut recorder, &clock, 3..200, SECOND);
     let first = recorder.keep(0).unwrap().unwrap();
-    recorder.begin(Unit::Dwell { visit: 0, position: 1 }, 200.0, first.to).unwrap();
+    recorder.begin(CampaignStep::Dwell { visit: 0, position: 1 }, 200.0, first.to).unwrap();
     feed(&mut recorder, &clock, 200..202, SECOND);
     // The clock of the new session begins at 0.
     let restarted = |number: u64| RawSample {
@@ -208,7 +210,7 @@ fn another_session_spoils_the_unit_and_its_time_goes_on_rising() {
     recorder.take(&restarted(1), monotonic_ns()).unwrap();
     assert!(recorder.spoiled().is_some());
     recorder.discard();
-    recorder.begin(Unit::Dwell { visit: 0, position: 1 }, 301.0, first.to).unwrap();
+    recorder.begin(CampaignStep::Dwell { visit: 0, position: 1 }, 301.0, first.to).unwrap();
     for number in 2..150 {
         recorder.take(&restarted(number), clock.origin.ns() + (300 + number) * SECOND + 5).unwrap();
     }
@@ -238,7 +240,7 @@ fn feed_whole(recorder: &mut SampleRecorder<'_>, samples: impl IntoIterator<Item
     }
 }
 
-const TURN: Unit = Unit::Turn { visit: 0, turn: 1 };
+const TURN: CampaignStep = CampaignStep::Turn { visit: 0, turn: 1 };
 
 #[test]
 fn a_turn_is_one_run_of_rows_of_both_triads_that_calibrate_reads() {
@@ -373,7 +375,7 @@ fn a_file_keeps_the_columns_that_it_was_begun_with() {
     feed_whole(&mut recorder, (12..20).map(|number| whole_sample(&clock, number, SECOND)));
     recorder.keep(1).unwrap().unwrap();
     // A new file has the column.
-    for (unit, begin) in [(Unit::Ramp(0), 20), (Unit::Run(0), 40)] {
+    for (unit, begin) in [(CampaignStep::Ramp(0), 20), (CampaignStep::Run(0), 40)] {
         recorder.begin(unit, (begin - 1) as f64, 0).unwrap();
         feed_whole(&mut recorder, (begin..begin + 20).map(|number| whole_sample(&clock, number, SECOND)));
         recorder.keep(2).unwrap().unwrap();

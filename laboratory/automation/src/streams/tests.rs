@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 const SECOND: u64 = 1_000_000_000;
-const DWELL: Unit = Unit::Dwell { visit: 0, position: 0 };
+const DWELL: CampaignStep = CampaignStep::Dwell { visit: 0, position: 0 };
 
 /// The streams of three IMUs with dwells of 30 s, without a service: samples come by [`Bench::feed`].
 pub(crate) struct Bench {
@@ -80,7 +80,7 @@ fn a_unit_is_complete_when_every_imu_that_is_in_has_it() {
     assert_eq!(files, [("imu-a.csv", 3), ("imu-b.csv", 3)]);
     // Nothing of the unit stays of the one that was dropped, and the next unit follows the first in each file.
     assert_eq!(std::fs::metadata(folder.path().join("imu-c.csv")).unwrap().len(), 0);
-    let next = Unit::Dwell { visit: 0, position: 1 };
+    let next = CampaignStep::Dwell { visit: 0, position: 1 };
     bench.streams.begin(next).unwrap();
     let from = bench.streams.present().map(|stream| stream.kept_bytes).collect::<Vec<_>>();
     assert_eq!(from, [kept.to, kept.others[0].to]);

@@ -1,6 +1,8 @@
 //! What the tests ask a campaign.
 
-use isotherm_laboratory_bench::{Act, Campaign, Ended, Fault, Request, Setup, Step, When, assert_units};
+use isotherm_laboratory_bench::{
+    Campaign, CampaignEnd, DrawnFault, Request, ScriptAction, ScriptStep, Setup, Trigger, assert_units,
+};
 use isotherm_station::InjectedFault;
 use serde_json::Value;
 
@@ -14,18 +16,18 @@ pub(crate) fn one_set_point() -> Setup {
 }
 
 /// When the journal has so many of this event.
-pub(crate) fn at(event: &'static str, count: usize, act: Act) -> Step {
-    Step(When::Journal(event, count), act)
+pub(crate) fn at(event: &'static str, count: usize, act: ScriptAction) -> ScriptStep {
+    ScriptStep(Trigger::Journal(event, count), act)
 }
 
 /// These faults, from when the journal has so many of this event.
-pub(crate) fn faults_at(event: &'static str, count: usize, faults: &[Fault]) -> Step {
-    at(event, count, Act::Faults(faults.to_vec()))
+pub(crate) fn faults_at(event: &'static str, count: usize, faults: &[DrawnFault]) -> ScriptStep {
+    at(event, count, ScriptAction::Faults(faults.to_vec()))
 }
 
 /// The same fault of both instruments.
-pub(crate) fn of_both(fault: InjectedFault) -> [Fault; 2] {
-    [Fault::Chamber(fault), Fault::Turntable(fault)]
+pub(crate) fn of_both(fault: InjectedFault) -> [DrawnFault; 2] {
+    [DrawnFault::Chamber(fault), DrawnFault::Turntable(fault)]
 }
 
 /// The lines of the journal with this event.
@@ -36,12 +38,12 @@ pub(crate) fn events(campaign: &Campaign, event: &str) -> Vec<Value> {
 }
 
 /// The message of a runner that has failed.
-pub(crate) fn said(ended: &Ended) -> &str {
+pub(crate) fn said(ended: &CampaignEnd) -> &str {
     ended.failure.as_deref().unwrap_or_else(|| panic!("it has not failed: {ended:?}"))
 }
 
 /// Asserts that all is complete.
-pub(crate) fn assert_done(ended: &Ended) {
+pub(crate) fn assert_done(ended: &CampaignEnd) {
     assert_eq!(ended.failure, None);
 }
 
@@ -60,7 +62,7 @@ pub(crate) fn assert_complete(campaign: &Campaign, units: usize) {
 
 /// Kills the runner there, and asserts that what it has kept is as it was after the runner before, whose rows `before`
 /// has.
-pub(crate) fn kill_at(campaign: &Campaign, steps: Vec<Step>, before: &mut String) {
+pub(crate) fn kill_at(campaign: &Campaign, steps: Vec<ScriptStep>, before: &mut String) {
     campaign.then(steps);
     assert!(campaign.run_once().is_killed);
     let end = events(campaign, "kept").last().unwrap()["to"].as_u64().unwrap() as usize;

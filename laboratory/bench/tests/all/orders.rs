@@ -1,7 +1,7 @@
 //! The stop orders, and what is said of the safe state.
 
 use crate::course::{assert_done, assert_in_standby, at, events, faults_at, of_both, one_set_point, requests, said};
-use isotherm_laboratory_bench::{Act, Campaign, Fault, Setup, Step, When, events_on_page};
+use isotherm_laboratory_bench::{Campaign, DrawnFault, ScriptAction, ScriptStep, Setup, Trigger, events_on_page};
 use isotherm_station::{ChamberProtocol, InjectedFault};
 use isotherm_support::failure::Exit;
 
@@ -43,14 +43,14 @@ fn assert_repeated(orders: &[&str], requests: &[(f64, String)]) {
 #[test]
 fn an_alarm_ends_it_in_the_safe_state_at_once() {
     let campaign = Campaign::new(&one_set_point());
-    campaign.then(vec![faults_at("reached", 1, &[Fault::Chamber(InjectedFault::Alarm)])]);
+    campaign.then(vec![faults_at("reached", 1, &[DrawnFault::Chamber(InjectedFault::Alarm)])]);
     let ended = campaign.run_once();
     assert!(said(&ended).contains("alarm"), "{ended:?}");
     assert!(events(&campaign, "paused").is_empty());
     assert_in_standby(&campaign);
     campaign.world.set_faults(&[]);
     // After the alarm is cleared the campaign can be started again. A signal ends it in the safe state too.
-    campaign.then(vec![at("kept", 1, Act::Signal(SIGINT))]);
+    campaign.then(vec![at("kept", 1, ScriptAction::Signal(SIGINT))]);
     let ended = campaign.run_once();
     assert!(said(&ended).contains("stopped by SIGINT"), "{ended:?}");
     assert_in_standby(&campaign);
@@ -60,7 +60,7 @@ fn an_alarm_ends_it_in_the_safe_state_at_once() {
 #[test]
 fn an_alarm_ends_the_campaign_while_the_other_instrument_is_disconnected() {
     let campaign = Campaign::new(&one_set_point());
-    let (lost, alarm) = (Fault::Turntable(InjectedFault::PortLoss), Fault::Chamber(InjectedFault::Alarm));
+    let (lost, alarm) = (DrawnFault::Turntable(InjectedFault::PortLoss), DrawnFault::Chamber(InjectedFault::Alarm));
     campaign.then(vec![faults_at("reached", 1, &[lost]), faults_at("paused", 1, &[lost, alarm])]);
     let ended = campaign.run_once();
     // The turntable is disconnected and cannot be stopped.
@@ -78,7 +78,7 @@ fn an_alarm_ends_the_campaign_while_the_other_instrument_is_disconnected() {
 #[test]
 fn reconnecting_the_turntable_does_not_reset_a_fault_that_came_meanwhile() {
     let campaign = Campaign::new(&one_set_point());
-    let of_table = |fault| Fault::Turntable(fault);
+    let of_table = |fault| DrawnFault::Turntable(fault);
     let both = [of_table(InjectedFault::PortLoss), of_table(InjectedFault::Alarm)];
     campaign.then(vec![faults_at("kept", 1, &both), faults_at("paused", 1, &[])]);
     let ended = campaign.run_once();
@@ -96,8 +96,8 @@ fn the_orders_go_out_first_on_lines_that_do_not_work() {
         let campaign = Campaign::new(&with_lines(tcp, "quiet_s = 0.2\nretries = 1\n"));
         campaign.then(vec![
             faults_at("kept", 1, &of_both(fault)),
-            at("paused", 1, Act::Note),
-            Step(When::After(1.0), Act::Signal(SIGINT)),
+            at("paused", 1, ScriptAction::Note),
+            ScriptStep(Trigger::After(1.0), ScriptAction::Signal(SIGINT)),
         ]);
         let ended = campaign.run_once();
         assert_eq!(ended.exit, Some(Exit::Unavailable), "{ended:?}");
@@ -128,7 +128,7 @@ fn the_orders_wait_for_no_time_out() {
         campaign.then(vec![
             faults_at("kept", 1, &of_both(InjectedFault::Missing)),
             // The runner waits for the reply to the last request.
-            Step(When::After(20.0), Act::Signal(SIGINT)),
+            ScriptStep(Trigger::After(20.0), ScriptAction::Signal(SIGINT)),
         ]);
         let _ = campaign.run_once();
         let signal_s = campaign.world.steps_s()[1];
@@ -143,9 +143,9 @@ fn a_dead_turntable_does_not_hold_the_chambers_order() {
     for tcp in [false, true] {
         let campaign = Campaign::new(&with_lines(tcp, "timeout_s = 2\nquiet_s = 0.2\nretries = 1\n"));
         campaign.then(vec![
-            faults_at("kept", 1, &[Fault::Turntable(InjectedFault::Dead)]),
-            at("paused", 1, Act::Signal(SIGINT)),
-            Step(When::After(1.0), Act::Signal(SIGINT)),
+            faults_at("kept", 1, &[DrawnFault::Turntable(InjectedFault::Dead)]),
+            at("paused", 1, ScriptAction::Signal(SIGINT)),
+            ScriptStep(Trigger::After(1.0), ScriptAction::Signal(SIGINT)),
         ]);
         let ended = campaign.run_once();
         assert_eq!(ended.exit, Some(Exit::Unavailable), "{ended:?}");
@@ -185,7 +185,7 @@ fn a_new_process_orders_what_it_can_on_lines_that_do_not_work() {
         (Ascii2, "standby", None, 0),
     ] {
         let campaign = Campaign::new(&with_chamber(chamber, safe));
-        campaign.then(vec![at("reached", 1, Act::Kill)]);
+        campaign.then(vec![at("reached", 1, ScriptAction::Kill)]);
         assert!(campaign.run_once().is_killed);
         campaign.world.set_faults(&babbles);
         let begun_s = campaign.world.now_s();
@@ -211,7 +211,7 @@ fn a_new_process_orders_what_it_can_on_lines_that_do_not_work() {
 #[test]
 fn a_new_process_holds_a_watlow_at_ambient() {
     let campaign = Campaign::new(&with_chamber(ChamberProtocol::WatlowF4t, "ambient"));
-    campaign.then(vec![at("kept", 1, Act::Kill)]);
+    campaign.then(vec![at("kept", 1, ScriptAction::Kill)]);
     assert!(campaign.run_once().is_killed);
     let begun_s = campaign.world.now_s();
     let (text, certain) = campaign.stop().unwrap();
@@ -225,7 +225,10 @@ fn a_new_process_holds_a_watlow_at_ambient() {
 fn a_pause_in_a_motion_sends_the_stop_orders() {
     let campaign = Campaign::new(&one_set_point().with(&[("rate_deg_s = 10", "rate_deg_s = 0.5")]));
     campaign.then(vec![
-        Step(When::Phase("travel", 1), Act::Faults(vec![Fault::Turntable(InjectedFault::Garbled)])),
+        ScriptStep(
+            Trigger::Phase("travel", 1),
+            ScriptAction::Faults(vec![DrawnFault::Turntable(InjectedFault::Garbled)]),
+        ),
         faults_at("paused", 1, &[]),
     ]);
     assert_done(&campaign.run_once());

@@ -1,7 +1,7 @@
 //! Pauses, and what ends them.
 
 use crate::course::{assert_complete, assert_done, at, events, faults_at, one_set_point, said};
-use isotherm_laboratory_bench::{Act, Campaign, Fault, Step, When, events_on_page};
+use isotherm_laboratory_bench::{Campaign, DrawnFault, ScriptAction, ScriptStep, Trigger, events_on_page};
 use isotherm_station::InjectedFault;
 
 #[test]
@@ -10,17 +10,17 @@ fn an_instrument_that_disconnects_pauses_the_campaign_until_it_is_back() {
     let slow = one_set_point().with(&[("rate_deg_s = 10", "rate_deg_s = 0.5")]);
     let campaign = Campaign::new(&slow);
     let disconnected = [
-        (0, "soak", Fault::Chamber(InjectedFault::PortLoss)),
-        (1, "travel", Fault::Turntable(InjectedFault::Missing)),
-        (2, "travel", Fault::Chamber(InjectedFault::Garbled)),
-        (3, "travel", Fault::Turntable(InjectedFault::PortLoss)),
-        (4, "dwell", Fault::Chamber(InjectedFault::Garbled)),
+        (0, "soak", DrawnFault::Chamber(InjectedFault::PortLoss)),
+        (1, "travel", DrawnFault::Turntable(InjectedFault::Missing)),
+        (2, "travel", DrawnFault::Chamber(InjectedFault::Garbled)),
+        (3, "travel", DrawnFault::Turntable(InjectedFault::PortLoss)),
+        (4, "dwell", DrawnFault::Chamber(InjectedFault::Garbled)),
     ];
     let steps = disconnected.into_iter().enumerate().flat_map(|(number, (kept, phase, fault))| {
         [
-            Step(When::Phase(phase, kept), Act::Faults(vec![fault])),
+            ScriptStep(Trigger::Phase(phase, kept), ScriptAction::Faults(vec![fault])),
             faults_at("paused", number + 1, &[]),
-            at("resumed", number + 1, Act::Note),
+            at("resumed", number + 1, ScriptAction::Note),
         ]
     });
     campaign.then(steps.collect());
@@ -44,10 +44,10 @@ fn a_stream_that_stops_pauses_the_campaign_until_samples_come_again() {
     };
     campaign.then(vec![
         // At the start, before the first sample.
-        Step(When::After(0.0), Act::Faults(vec![Fault::Silent])),
-        Step(When::After(20.0), Act::Faults(Vec::new())),
-        at("kept", 1, Act::Call(is_paused)),
-        Step(When::After(0.0), Act::Faults(vec![Fault::Silent])),
+        ScriptStep(Trigger::After(0.0), ScriptAction::Faults(vec![DrawnFault::Silent])),
+        ScriptStep(Trigger::After(20.0), ScriptAction::Faults(Vec::new())),
+        at("kept", 1, ScriptAction::Call(is_paused)),
+        ScriptStep(Trigger::After(0.0), ScriptAction::Faults(vec![DrawnFault::Silent])),
         faults_at("paused", 1, &[]),
     ]);
     assert_done(&campaign.run_once());
@@ -67,7 +67,7 @@ fn a_chamber_that_somebody_sets_to_manual_ends_the_campaign() {
     let campaign = Campaign::new(&isotherm_laboratory_bench::Setup { chamber: WatlowF4t, ..one_set_point() });
     // 54 into register 2730.
     let manual = vec![1, 6, 0x0a, 0xaa, 0, 54, 0x2a, 0x24];
-    campaign.then(vec![at("kept", 1, Act::OrderChamber(manual))]);
+    campaign.then(vec![at("kept", 1, ScriptAction::OrderChamber(manual))]);
     let ended = campaign.run_once();
     assert!(said(&ended).contains("somebody changed it to manual mode (54)"), "{ended:?}");
     assert!(said(&ended).contains("chamber in standby"), "{ended:?}");

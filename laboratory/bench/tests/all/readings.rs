@@ -1,7 +1,9 @@
 //! Readings that are wrong, late or cut.
 
 use crate::course::{assert_complete, assert_done, at, events, one_set_point, requests, said};
-use isotherm_laboratory_bench::{Act, Campaign, Fault, FaultPlan, Setup, Step, When, violations};
+use isotherm_laboratory_bench::{
+    Campaign, DrawnFault, FaultPlan, ScriptAction, ScriptStep, Setup, Trigger, violations,
+};
 
 /// Within a campaign, in a dwell or a motion \[s\].
 const MISREAD_S: f64 = 130.0;
@@ -10,7 +12,7 @@ const MISREAD_S: f64 = 130.0;
 #[test]
 fn a_misread_angle_stops_the_turntable_and_does_not_end_the_campaign() {
     for tcp in [false, true] {
-        let faults = FaultPlan(vec![(Fault::Misread, MISREAD_S..MISREAD_S)]);
+        let faults = FaultPlan(vec![(DrawnFault::Misread, MISREAD_S..MISREAD_S)]);
         let campaign = Campaign::new(&Setup { faults, tcp: [false, tcp], ..one_set_point() });
         let ended = campaign.run_once();
         assert_done(&ended);
@@ -29,7 +31,7 @@ fn a_misread_angle_stops_the_turntable_and_does_not_end_the_campaign() {
 fn a_turntable_beyond_its_limits_ends_the_campaign() {
     let campaign = Campaign::new(&Setup {
         // In the soak nobody sends the turntable anywhere else.
-        faults: FaultPlan(vec![(Fault::RunAway, 10.0..10.0)]),
+        faults: FaultPlan(vec![(DrawnFault::RunAway, 10.0..10.0)]),
         ..one_set_point()
     });
     let ended = campaign.run_once();
@@ -41,7 +43,7 @@ fn a_turntable_beyond_its_limits_ends_the_campaign() {
 #[test]
 fn replies_that_are_later_than_the_quiet_time_are_never_anothers() {
     for seed in 0..24 {
-        let faults = FaultPlan(vec![(Fault::Slow { turntable: seed % 4 != 2 }, 150.0..300.0)]);
+        let faults = FaultPlan(vec![(DrawnFault::Slow { turntable: seed % 4 != 2 }, 150.0..300.0)]);
         let campaign = Campaign::new(&Setup { seed, faults, tcp: [false, seed % 2 == 1], ..one_set_point() });
         let ended = campaign.run();
         assert_eq!(violations(&campaign, &ended), Vec::<String>::new(), "seed {seed}");
@@ -53,10 +55,10 @@ fn replies_that_are_later_than_the_quiet_time_are_never_anothers() {
 fn a_cut_reply_is_never_an_angle() {
     for (seed, kept) in (1..40).step_by(2).zip(4..24) {
         let campaign = Campaign::short(seed, FaultPlan::default());
-        campaign.then(vec![at("kept", kept % 8, Act::Kill)]);
+        campaign.then(vec![at("kept", kept % 8, ScriptAction::Kill)]);
         let mut ended = vec![campaign.run_once()];
-        campaign.world.set_faults(&[Fault::CutReply]);
-        campaign.then(vec![Step(When::After(60.0), Act::Faults(Vec::new()))]);
+        campaign.world.set_faults(&[DrawnFault::CutReply]);
+        campaign.then(vec![ScriptStep(Trigger::After(60.0), ScriptAction::Faults(Vec::new()))]);
         ended.extend(campaign.run());
         assert_eq!(violations(&campaign, &ended), Vec::<String>::new(), "seed {seed}");
     }

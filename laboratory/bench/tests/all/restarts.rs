@@ -5,7 +5,7 @@ use isotherm_automation::finish::Finish;
 use isotherm_automation::journal::Journal;
 use isotherm_client::{Options, domain};
 use isotherm_fit::{AlignmentChoice, LagChoice};
-use isotherm_laboratory_bench::{Act, Campaign, FaultPlan, Step, When, events_on_page};
+use isotherm_laboratory_bench::{Campaign, FaultPlan, ScriptAction, ScriptStep, Trigger, events_on_page};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_simulation::worst_errors;
 use std::fs::{self, File};
@@ -17,7 +17,7 @@ fn killed_twice_it_continues_with_the_first_missing_dwell() {
     let campaign = Campaign::new(&one_set_point().with(&[("list_c = [20]", "list_c = [20, 23]")]));
     let mut before = String::new();
     for count in [5, 15] {
-        kill_at(&campaign, vec![at("kept", count, Act::Kill)], &mut before);
+        kill_at(&campaign, vec![at("kept", count, ScriptAction::Kill)], &mut before);
     }
     assert_done(&campaign.run_once());
     // Completed dwells are unchanged to the byte, and every dwell is present once.
@@ -40,7 +40,7 @@ fn the_live_page_has_the_earlier_curves_when_the_readbacks_are_truncated() {
         let header = text.find('\n').unwrap() + 1;
         File::options().write(true).open(path).unwrap().set_len(header as u64).unwrap();
     };
-    campaign.then(vec![at("kept", 1, Act::Call(truncate))]);
+    campaign.then(vec![at("kept", 1, ScriptAction::Call(truncate))]);
     assert_done(&campaign.run_once());
     let earlier: usize = campaign.file("earlier").parse().unwrap();
     let later = campaign.file("readbacks.csv").lines().count() - 1;
@@ -58,10 +58,13 @@ fn the_live_page_has_the_earlier_curves_when_the_readbacks_are_truncated() {
 fn a_clock_that_is_set_does_not_shorten_a_soak() {
     let soak = ("time_s = 60\nstay_s = 0", "time_s = 1800\nstay_s = 0");
     let campaign = Campaign::new(&one_set_point().with(&[soak]));
-    campaign.then(vec![at("reached", 1, Act::SetClock(3600.0)), Step(When::After(30.0), Act::Kill)]);
+    campaign.then(vec![
+        at("reached", 1, ScriptAction::SetClock(3600.0)),
+        ScriptStep(Trigger::After(30.0), ScriptAction::Kill),
+    ]);
     assert!(campaign.run_once().is_killed);
     let [reached_s, _] = campaign.world.steps_s()[..] else { panic!("two steps") };
-    campaign.then(vec![Step(When::Phase("travel", 0), Act::Note)]);
+    campaign.then(vec![ScriptStep(Trigger::Phase("travel", 0), ScriptAction::Note)]);
     assert_done(&campaign.run_once());
     let soaked_s = campaign.world.steps_s()[2] - reached_s;
     assert!((1799.0..1900.0).contains(&soaked_s), "{soaked_s}");
@@ -76,7 +79,7 @@ fn the_table_of_a_campaign_that_was_killed_is_that_of_the_truth() {
         ("ramp_c_per_min = 1", "ramp_c_per_min = 3"),
     ]));
     for count in [3, 17, 30] {
-        campaign.then(vec![at("kept", count, Act::Kill)]);
+        campaign.then(vec![at("kept", count, ScriptAction::Kill)]);
         assert!(campaign.run_once().is_killed);
     }
     assert_done(&campaign.run_once());

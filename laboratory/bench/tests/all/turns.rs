@@ -5,7 +5,7 @@ use crate::course::{
 };
 use crate::restarts::fitted;
 use isotherm_fit::AlignmentChoice;
-use isotherm_laboratory_bench::{Act, Campaign, Fault, GYROSCOPES, Setup, Step, When};
+use isotherm_laboratory_bench::{Campaign, DrawnFault, GYROSCOPES, ScriptAction, ScriptStep, Setup, Trigger};
 use isotherm_simulation::{worst_errors, worst_gyroscope_errors};
 use isotherm_station::{InjectedFault, TurntableProtocol};
 use isotherm_support::failure::Exit;
@@ -25,8 +25,8 @@ fn slow_turns() -> Setup {
 }
 
 /// In the turn after the positions: the rest before it is over.
-fn in_first_turn(act: Act) -> [Step; 2] {
-    [Step(When::Phase("turn", POSITIONS), Act::Note), Step(When::After(60.0), act)]
+fn in_first_turn(act: ScriptAction) -> [ScriptStep; 2] {
+    [ScriptStep(Trigger::Phase("turn", POSITIONS), ScriptAction::Note), ScriptStep(Trigger::After(60.0), act)]
 }
 
 #[test]
@@ -57,7 +57,10 @@ fn killed_in_turns_it_ends_with_a_good_table_of_both_triads() {
     let mut before = String::new();
     for (turn, wait_s) in [(0, 0.0), (2, 14.0), (5, 42.0), (UNITS + 3, 28.0), (UNITS + 4, 3.5)] {
         let unit = POSITIONS + turn;
-        let steps = vec![Step(When::Phase("turn", unit), Act::Note), Step(When::After(wait_s), Act::Kill)];
+        let steps = vec![
+            ScriptStep(Trigger::Phase("turn", unit), ScriptAction::Note),
+            ScriptStep(Trigger::After(wait_s), ScriptAction::Kill),
+        ];
         kill_at(&campaign, steps, &mut before);
     }
     assert_done(&campaign.run_once());
@@ -87,14 +90,17 @@ fn killed_in_turns_it_ends_with_a_good_table_of_both_triads() {
 fn a_turn_that_is_disturbed_is_taken_again() {
     let campaign = Campaign::new(&slow_turns());
     let steps = [
-        in_first_turn(Act::Faults(vec![Fault::Turntable(InjectedFault::Missing)])).to_vec(),
-        vec![faults_at("paused", 1, &[]), at("resumed", 1, Act::Note)],
+        in_first_turn(ScriptAction::Faults(vec![DrawnFault::Turntable(InjectedFault::Missing)])).to_vec(),
+        vec![faults_at("paused", 1, &[]), at("resumed", 1, ScriptAction::Note)],
         // The turntable oscillates.
-        in_first_turn(Act::Faults(vec![Fault::Turntable(InjectedFault::NoSettle)])).to_vec(),
-        vec![faults_at("discarded", 1, &[]), Step(When::Phase("travel", POSITIONS), Act::Note)],
+        in_first_turn(ScriptAction::Faults(vec![DrawnFault::Turntable(InjectedFault::NoSettle)])).to_vec(),
+        vec![faults_at("discarded", 1, &[]), ScriptStep(Trigger::Phase("travel", POSITIONS), ScriptAction::Note)],
         // The acquisition is restarted: the stream goes on with another session.
-        in_first_turn(Act::Restart).to_vec(),
-        vec![at("discarded", 2, Act::Note), Step(When::Phase("travel", POSITIONS), Act::Note)],
+        in_first_turn(ScriptAction::Restart).to_vec(),
+        vec![
+            at("discarded", 2, ScriptAction::Note),
+            ScriptStep(Trigger::Phase("travel", POSITIONS), ScriptAction::Note),
+        ],
     ];
     campaign.then(steps.concat());
     assert_done(&campaign.run_once());
@@ -106,13 +112,13 @@ fn a_turn_that_is_disturbed_is_taken_again() {
 #[test]
 fn an_alarm_or_a_stop_in_a_turn_ends_it_in_the_safe_state_and_the_turn_is_taken_again() {
     let campaign = Campaign::new(&slow_turns());
-    campaign.then(in_first_turn(Act::Faults(vec![Fault::Turntable(InjectedFault::Alarm)])).to_vec());
+    campaign.then(in_first_turn(ScriptAction::Faults(vec![DrawnFault::Turntable(InjectedFault::Alarm)])).to_vec());
     let ended = campaign.run_once();
     assert!(said(&ended).contains("the turntable has a fault"), "{ended:?}");
     assert_in_standby(&campaign);
     campaign.world.set_faults(&[]);
-    let steps = in_first_turn(Act::Signal(SIGTERM));
-    campaign.then([vec![Step(When::Phase("soak", POSITIONS), Act::Note)], steps.to_vec()].concat());
+    let steps = in_first_turn(ScriptAction::Signal(SIGTERM));
+    campaign.then([vec![ScriptStep(Trigger::Phase("soak", POSITIONS), ScriptAction::Note)], steps.to_vec()].concat());
     let ended = campaign.run_once();
     assert!(said(&ended).contains("stopped by SIGTERM"), "{ended:?}");
     assert_in_standby(&campaign);

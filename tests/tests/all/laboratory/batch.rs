@@ -1,7 +1,7 @@
 //! Campaigns of several IMUs on one turntable: one that fails is dropped, and the others have what they would have
 //! alone.
 
-use isotherm_automation::journal::{Entry, Journal, Kept};
+use isotherm_automation::journal::{Entry, Journal, KeptStep};
 use isotherm_automation::plan::Plan;
 use isotherm_automation::timeline::units;
 use isotherm_fit::sha256;
@@ -162,12 +162,12 @@ fn complete_campaign(mounting_b: &str, drops_b: bool) -> (TestDomain, Plan) {
             let bytes = if unit == 0 { &samples[..] } else { &[] };
             let from = (samples.len() - bytes.len()) as u64;
             let to = samples.len() as u64;
-            Kept { unit, file: format!("{imu}.csv"), from, to, sha256: sha256(bytes), ..Kept::default() }
+            KeptStep { unit, file: format!("{imu}.csv"), from, to, sha256: sha256(bytes), ..KeptStep::default() }
         }
     };
     let (first, second) = (taken("imu-b"), taken("imu-a"));
     for unit in 0..units(&plan) - usize::from(drops_b) {
-        journal.write(Entry::Kept(Kept { others: vec![second(unit)], ..first(unit) })).unwrap();
+        journal.write(Entry::Kept(KeptStep { others: vec![second(unit)], ..first(unit) })).unwrap();
     }
     if drops_b {
         journal.about(Some(&plan.each()[0].imu));
@@ -175,10 +175,11 @@ fn complete_campaign(mounting_b: &str, drops_b: bool) -> (TestDomain, Plan) {
         journal.about(None);
         let file = "verify-1-imu-a.csv".to_owned();
         fs::write(plan.output.join(&file), "").unwrap();
-        let run = Kept { unit: units(&plan) - 1, file, sha256: sha256(b""), ..Kept::default() };
+        let run = KeptStep { unit: units(&plan) - 1, file, sha256: sha256(b""), ..KeptStep::default() };
         journal.write(Entry::Kept(run)).unwrap();
     }
-    let [reason, turntable, chamber] = ["all data are taken", "turntable stopped", "chamber in standby"].map(String::from);
+    let [reason, turntable, chamber] =
+        ["all data are taken", "turntable stopped", "chamber in standby"].map(String::from);
     journal.write(Entry::Safe { reason, stopped: Some(false), turntable, chamber, certain: true }).unwrap();
     (domain, plan)
 }

@@ -1,7 +1,5 @@
 //! The automatic campaign, with a real service and the processes of a simulated station, hundreds of times as fast as
 //! in a laboratory.
-//!
-//! Over 400 lines: all tests share one set-up of service, station and plan.
 
 use crate::feed::{Feed, ids};
 use isotherm_shared::polynomial::Polynomial;

@@ -1,7 +1,7 @@
 //! What the verification runs of a campaign judge, and what the gate does with what they do not judge. The data are
 //! simulated and complete: no instrument is needed, and the command only fits, verifies and installs.
 
-use isotherm_automation::journal::{Entry, Journal, Kept};
+use isotherm_automation::journal::{Entry, Journal, KeptStep};
 use isotherm_automation::plan::Plan;
 use isotherm_automation::timeline::units;
 use isotherm_fit::sha256;
@@ -43,7 +43,7 @@ impl Complete {
             // All bytes are those of the first dwell.
             let bytes = if unit == 0 { samples.as_bytes() } else { &[] };
             let from = if unit == 0 { 0 } else { samples.len() as u64 };
-            keep(&mut journal, Kept { from, ..kept(unit, "campaign.csv", bytes) });
+            keep(&mut journal, KeptStep { from, ..kept(unit, "campaign.csv", bytes) });
         }
         drop(journal);
         complete.take_runs(0);
@@ -129,11 +129,11 @@ impl Complete {
     }
 }
 
-fn kept(unit: usize, file: &str, bytes: &[u8]) -> Kept {
-    Kept { unit, file: file.to_owned(), to: bytes.len() as u64, sha256: sha256(bytes), ..Kept::default() }
+fn kept(unit: usize, file: &str, bytes: &[u8]) -> KeptStep {
+    KeptStep { unit, file: file.to_owned(), to: bytes.len() as u64, sha256: sha256(bytes), ..KeptStep::default() }
 }
 
-fn keep(journal: &mut Journal, kept: Kept) {
+fn keep(journal: &mut Journal, kept: KeptStep) {
     journal.write(Entry::Kept(kept)).unwrap();
 }
 

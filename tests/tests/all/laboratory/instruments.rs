@@ -1,11 +1,9 @@
 //! The drivers of chambers and turntables, tested against the processes of the simulated station on pseudo-terminals
 //! and TCP, and against scripted peers whose requests and replies are taken from public drivers.
-//!
-//! Over 400 lines: all drivers pass the same tests, with the same helpers.
 
 use isotherm_instruments::{
-    self as instruments, Chamber, ChamberConfig, ChamberReading, FaultKind, Instrument, InstrumentFault, RealTime,
-    Surroundings, Time as _, Turntable, TurntableConfig, TurntableReading, turn_deg,
+    self as instruments, ChamberConfig, ChamberInstrument, ChamberReading, FaultKind, Instrument, InstrumentFault,
+    RealTime, Surroundings, Time as _, TurntableConfig, TurntableInstrument, TurntableReading, turn_deg,
 };
 use isotherm_shared::document::{Document, Faults};
 use isotherm_tests::{Process, TIMEOUT, TestDomain, text, wait_until};
@@ -66,14 +64,14 @@ impl<'d> TestStation<'d> {
         port
     }
 
-    fn chamber(&self, keys: &str) -> Box<dyn Chamber> {
+    fn chamber(&self, keys: &str) -> Box<dyn ChamberInstrument> {
         let config = chamber_config(&format!("port = {:?}\n{keys}", self.port("chamber"))).unwrap();
         let mut chamber = chamber(&config);
         wait_until("the port", || chamber.line_mut().connect().is_ok());
         chamber
     }
 
-    fn turntable(&self, keys: &str) -> Box<dyn Turntable> {
+    fn turntable(&self, keys: &str) -> Box<dyn TurntableInstrument> {
         let config = turntable_config(&format!("port = {:?}\n{keys}", self.port("table"))).unwrap();
         let mut turntable = turntable(&config);
         wait_until("the port", || turntable.line_mut().connect().is_ok());
@@ -87,12 +85,12 @@ impl<'d> TestStation<'d> {
 }
 
 /// A chamber that no signal stops.
-fn chamber(config: &ChamberConfig) -> Box<dyn Chamber> {
+fn chamber(config: &ChamberConfig) -> Box<dyn ChamberInstrument> {
     instruments::chamber(config, &Surroundings::default())
 }
 
 /// A turntable that no signal stops.
-fn turntable(config: &TurntableConfig) -> Box<dyn Turntable> {
+fn turntable(config: &TurntableConfig) -> Box<dyn TurntableInstrument> {
     instruments::turntable(config, &Surroundings::default())
 }
 

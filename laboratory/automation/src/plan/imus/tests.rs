@@ -1,6 +1,5 @@
 use super::*;
-use crate::machine::Unit;
-use crate::samples::file_of;
+use crate::step::CampaignStep;
 use isotherm_campaign::specific_force;
 
 const EXAMPLE: &str = include_str!("../../../../../examples/plan.toml");
@@ -62,8 +61,8 @@ fn the_files_of_an_imu_have_its_name() {
     let ramp = "\n[[ramp]]\nfrom_c = -20\nto_c = 40\n";
     let batch = plan(&(text(IMUS) + ramp));
     let names = |plan: &Plan| {
-        let dwell = Unit::Dwell { visit: 0, position: 0 };
-        let files = [dwell, Unit::Ramp(0), Unit::Run(1)].map(|unit| file_of(unit, plan));
+        let dwell = CampaignStep::Dwell { visit: 0, position: 0 };
+        let files = [dwell, CampaignStep::Ramp(0), CampaignStep::Run(1)].map(|unit| unit.file(plan));
         [&files[..], &[plan.file("table", "toml")]].concat()
     };
     assert_eq!(names(&batch.each()[1]), ["imu-b.csv", "ramp-1-imu-b.csv", "verify-2-imu-b.csv", "table-imu-b.toml"]);
