@@ -177,9 +177,7 @@ impl Description {
 }
 
 fn read(document: &Document<'_>, root: &Section<'_, '_>) -> Option<Description> {
-    if !root.has("format") {
-        root.fault("format", "missing; give 1");
-    }
+    root.fault_if(!root.has("format"), "format", "missing; give 1");
     root.optional_integer("format", 1..=1);
     let imu = root.imu_id("imu");
     let serial = root.optional_string("serial");

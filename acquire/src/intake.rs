@@ -311,8 +311,8 @@ impl Intake {
         let was_powered = std::mem::replace(&mut self.power_ups, self.tally.power_ups) != self.tally.power_ups;
         let ns = |counts: u64, step: u64| u128::from(counts) * u128::from(timing.interval_ns) / u128::from(step.max(1));
         let of_counter = timing.counter.zip(self.counter_of(row)).map(|((_, Counter { bits, step }), counter)| {
-            let most = u64::MAX >> (64 - bits.clamp(1, 64));
-            (ns(counter & most, step), ns(most, step))
+            let limit = u64::MAX >> (64 - bits.clamp(1, 64));
+            (ns(counter & limit, step), ns(limit, step))
         });
         // A stamp of the kernel is no clock of the device.
         let of_clock = timing

@@ -105,7 +105,7 @@ pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failu
             let kept = source.is_live().then_some(description.timing.interval_ns);
             Sink::Service(Box::new(Link::new(imu, options, kept, note, recorder)))
         }
-        Target::Rows(most) => Sink::Rows(Box::new(PrintedRows::new(imu, most, recorder)?)),
+        Target::Rows(limit) => Sink::Rows(Box::new(PrintedRows::new(imu, limit, recorder)?)),
     };
     let now = Instant::now();
     let acquiring = AcquisitionLoop {

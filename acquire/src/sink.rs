@@ -95,10 +95,10 @@ pub(crate) struct PrintedRows {
 }
 
 impl PrintedRows {
-    pub(crate) fn new(imu: ImuId, most: Option<u64>, recorder: Option<Recorder>) -> Result<Self, Failure> {
+    pub(crate) fn new(imu: ImuId, limit: Option<u64>, recorder: Option<Recorder>) -> Result<Self, Failure> {
         let files = Files::create(Path::new("-"), Format::Csv, Rotation::default(), &[imu], &[(0, StreamKind::Raw)])?;
         let first = any_session();
-        Ok(Self { files, left: most, first, failed: None, flushed: Instant::now(), recorder })
+        Ok(Self { files, left: limit, first, failed: None, flushed: Instant::now(), recorder })
     }
 
     fn take(&mut self, raw: RawSample, session: u64) {

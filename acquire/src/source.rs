@@ -275,8 +275,8 @@ impl Bytes {
                 std::thread::sleep(Duration::from_micros(200));
                 return Ok(SourceState::Open);
             }
-            let most = if self.pace.is_some() { 64 } else { self.buffer.len() };
-            let count = match open.read(&mut self.buffer[..most]) {
+            let room = if self.pace.is_some() { 64 } else { self.buffer.len() };
+            let count = match open.read(&mut self.buffer[..room]) {
                 Ok(PortRead::Bytes(count)) => count,
                 Ok(PortRead::Nothing) => {
                     self.empty_ns = before;

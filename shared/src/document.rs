@@ -167,6 +167,18 @@ impl<'d, 'a> Section<'d, 'a> {
         }
     }
 
+    /// As [`fault`](Self::fault) if it `is_wrong`.
+    pub fn fault_if(&self, is_wrong: bool, key: &str, message: &str) {
+        if is_wrong {
+            self.fault(key, message);
+        }
+    }
+
+    /// Reports `message` about each of `keys` that is present.
+    pub fn forbid(&self, keys: &[&str], message: &str) {
+        keys.iter().for_each(|key| self.fault_if(self.has(key), key, message));
+    }
+
     /// Whether `key` is present, with a value of any type.
     #[must_use]
     pub fn has(&self, key: &str) -> bool {
@@ -235,6 +247,12 @@ impl<'d, 'a> Section<'d, 'a> {
         integer
     }
 
+    /// A whole number from `range`, required; `expected` says in messages what to give.
+    pub fn integer(&self, key: &'static str, range: core::ops::RangeInclusive<i64>, expected: &str) -> Option<i64> {
+        let integer = self.optional_integer(key, range);
+        self.required(key, integer, expected)
+    }
+
     /// A whole number from `range`, or a list of them.
     pub fn optional_integers(&self, key: &'static str, range: core::ops::RangeInclusive<i64>) -> Option<Vec<i64>> {
         let value = self.get(key)?.get_ref();
@@ -248,6 +266,17 @@ impl<'d, 'a> Section<'d, 'a> {
             self.wrong(key, value, &expected);
         }
         integers
+    }
+
+    /// A whole number from `range`, or a list of them, required; `expected` says in messages what to give.
+    pub fn integers(
+        &self,
+        key: &'static str,
+        range: core::ops::RangeInclusive<i64>,
+        expected: &str,
+    ) -> Option<Vec<i64>> {
+        let integers = self.optional_integers(key, range);
+        self.required(key, integers, expected)
     }
 
     /// Bytes: those of a string, or a list of whole numbers from 0 to 255.

@@ -179,10 +179,7 @@ pub(super) fn status(root: &Section<'_, '_>, names: &mut Names) -> Option<(Statu
     section.refuse("columns", many.map(|columns| format!("has {} columns; give {MAX_STATUS} at most", columns.len())));
     let bits = |key| section.optional_integer(key, 0..=i64::MAX).map(i64::cast_unsigned);
     let (mask, healthy) = (bits("mask").unwrap_or(u64::MAX), bits("healthy").unwrap_or(0));
-    section.refuse(
-        "healthy",
-        (healthy & !mask != 0).then(|| "has bits that mask lacks; give those of a healthy device".to_owned()),
-    );
+    section.fault_if(healthy & !mask != 0, "healthy", "has bits that mask lacks; give those of a healthy device");
     let known = columns.clone().unwrap_or_default();
     let axes: Vec<_> = section.list("axes").into_iter().map(|axes| sensor_bits(axes, names, &known, mask)).collect();
     section.finish();
@@ -196,20 +193,17 @@ pub(super) fn status(root: &Section<'_, '_>, names: &mut Names) -> Option<(Statu
 fn sensor_bits(section: Section<'_, '_>, names: &mut Names, known: &[usize], mask: u64) -> Option<SensorBits> {
     let columns = names.all_of_section(&section, "columns");
     let sensors = names.all_of_section(&section, "sensors");
-    let bits = section.optional_integers("bits", 1..=i64::MAX);
-    if bits.is_none() && !section.has("bits") {
-        section.fault("bits", "missing; give the bit of each sensor, as in [0x01, 0x02, 0x04]");
-    }
+    let bits = section.integers("bits", 1..=i64::MAX, "the bit of each sensor, as in [0x01, 0x02, 0x04]");
     let other = columns.as_ref().is_some_and(|columns| columns.iter().any(|column| !known.contains(column)));
     let other = other && !names.are_unknown();
-    section.refuse("columns", other.then(|| "has a column that columns of [status] lacks".to_owned()));
+    section.fault_if(other, "columns", "has a column that columns of [status] lacks");
     let lengths = sensors.as_ref().map(Vec::len).zip(bits.as_ref().map(Vec::len));
     let differ = lengths.filter(|(sensors, bits)| sensors != bits);
     section
         .refuse("bits", differ.map(|(sensors, bits)| format!("has {bits}, and sensors {sensors}; give one a sensor")));
     let bits: Option<Vec<_>> = bits.map(|bits| bits.into_iter().map(i64::cast_unsigned).collect());
     let outside = bits.iter().flatten().any(|bits| bits & !mask != 0);
-    section.refuse("bits", outside.then(|| "has bits that mask lacks".to_owned()));
+    section.fault_if(outside, "bits", "has bits that mask lacks");
     section.finish();
     let (columns, sensors, bits) = (columns?, sensors?, bits?);
     let sensors = sensors.into_iter().zip(bits).collect();

@@ -34,10 +34,7 @@ pub(super) fn read(root: &Section<'_, '_>) -> Option<Frame> {
                 item.fault("id", "there is no section [items]; give it, or fields alone");
             }
             let missing = field_sections.is_empty() && item_sections.is_empty();
-            root.refuse(
-                "field",
-                missing.then(|| "missing; give a section [[field]] for each number that is used".to_owned()),
-            );
+            root.fault_if(missing, "field", "missing; give a section [[field]] for each number that is used");
             (fields(field_sections, default, fixed), None)
         }
         Some(section) => {
@@ -61,9 +58,7 @@ pub(super) fn read(root: &Section<'_, '_>) -> Option<Frame> {
 }
 
 fn sync(section: &Section<'_, '_>) -> Option<Vec<u8>> {
-    if !section.has("sync") {
-        section.fault("sync", "missing; give the first bytes of a frame, as in [0xFA, 0xFF]");
-    }
+    section.fault_if(!section.has("sync"), "sync", "missing; give the first bytes of a frame, as in [0xFA, 0xFF]");
     let sync = section.optional_integers("sync", 0..=255)?;
     let right = (1..=MAX_SYNC).contains(&sync.len());
     section.refuse("sync", (!right).then(|| format!("has {} bytes; give 1 to {MAX_SYNC}", sync.len())));
@@ -73,10 +68,7 @@ fn sync(section: &Section<'_, '_>) -> Option<Vec<u8>> {
 fn length(section: &Section<'_, '_>, order: ByteOrder, sync: usize) -> Option<Length> {
     let fixed = section.optional_integer("length", 1..=MAX_FRAME as i64);
     let stated = section.optional_section("length_field").map(|stated| {
-        let at = stated.optional_integer("at", 0..=MAX_FRAME as i64);
-        if !stated.has("at") {
-            stated.fault("at", "missing; give the place of the length in the frame");
-        }
+        let at = stated.integer("at", 0..=MAX_FRAME as i64, "the place of the length in the frame");
         let number = number(&stated, "type");
         let unsigned = number.filter(|number| number.is_unsigned());
         stated.refuse(
@@ -140,8 +132,8 @@ pub(super) fn checksum(
 
 fn sum(section: &Section<'_, '_>, name: &str) -> Option<Sum> {
     let flag = |key| section.optional_bool(key).unwrap_or_default();
-    let parameters = |most: i64| {
-        let number = |key| section.optional_integer(key, 0..=most);
+    let parameters = |limit: i64| {
+        let number = |key| section.optional_integer(key, 0..=limit);
         if !section.has("polynomial") {
             section.fault("polynomial", "missing; give it without its highest term, as in 0x1021");
         }
@@ -182,15 +174,12 @@ fn fields(sections: Vec<Section<'_, '_>>, order: ByteOrder, length: Option<usize
     let mut fields = Vec::new();
     for section in sections.into_iter().take(MAX_FIELDS) {
         let name = section.string("name", "the field's name");
-        let at = section.optional_integer("at", PLACES);
-        if !section.has("at") {
-            section.fault("at", "missing; give its place in bytes from the beginning, or less than 0 from the end");
-        }
+        let at = section.integer("at", PLACES, "its place in bytes from the beginning, or less than 0 from the end");
         let number = number(&section, "type");
         let order = section.optional_choice("byte_order", &ByteOrder::NAMES).unwrap_or(order);
         let scale = section.optional_number("scale").unwrap_or(1.0);
         let offset = section.optional_number("offset").unwrap_or(0.0);
-        section.refuse("scale", (scale == 0.0).then(|| "is 0; give what one unit of the number stands for".to_owned()));
+        section.fault_if(scale == 0.0, "scale", "is 0; give what one unit of the number stands for");
         if let (Some(at), Some(number), Some(length)) = (at, number, length) {
             let begin = Place(at as isize).within(length);
             let fits = begin.is_some_and(|begin| begin + number.bytes() <= length);
@@ -211,20 +200,16 @@ fn fields(sections: Vec<Section<'_, '_>>, order: ByteOrder, length: Option<usize
 fn items(sections: Vec<Section<'_, '_>>, order: ByteOrder) -> (Vec<Field>, Vec<Item>, usize) {
     let (mut all, mut known, mut given) = (Vec::new(), Vec::<Item>::new(), 0);
     for section in sections.into_iter().take(MAX_FIELDS) {
-        let id = section.optional_integer("id", 0..=i64::MAX);
-        let length = section.optional_integer("length", 0..=MAX_FRAME as i64);
-        for key in ["id", "length"].into_iter().filter(|key| !section.has(key)) {
-            section.fault(key, "missing; give that of the item");
-        }
+        let id = section.integer("id", 0..=i64::MAX, "that of the item");
+        let length = section.integer("length", 0..=MAX_FRAME as i64, "that of the item");
         let own = section.list("field");
-        section
-            .refuse("field", own.is_empty().then(|| "missing; give the numbers of the item that are used".to_owned()));
+        section.fault_if(own.is_empty(), "field", "missing; give the numbers of the item that are used");
         let begin = all.len();
         given += own.len();
         all.extend(fields(own, order, length.map(|length| length as usize)));
         if let (Some(id), Some(length)) = (id.map(i64::cast_unsigned), length) {
             let twice = known.iter().any(|item| item.id == id);
-            section.refuse("id", twice.then(|| "is there twice; give every item once".to_owned()));
+            section.fault_if(twice, "id", "is there twice; give every item once");
             known.push(Item { id, length: length as usize, fields: begin..all.len() });
         }
         section.finish();
@@ -233,14 +218,9 @@ fn items(sections: Vec<Section<'_, '_>>, order: ByteOrder) -> (Vec<Field>, Vec<I
 }
 
 fn item_form(section: Section<'_, '_>, order: ByteOrder, known: Vec<Item>) -> Option<Items> {
-    let at = section.optional_integer("at", 0..=MAX_FRAME as i64);
-    let end = section.optional_integer("end", PLACES);
-    for key in ["at", "end"].into_iter().filter(|key| !section.has(key)) {
-        section.fault(
-            key,
-            "missing; give where the items begin and, less than 0 from the end of the frame, where they end",
-        );
-    }
+    let expected = "where the items begin and, less than 0 from the end of the frame, where they end";
+    let at = section.integer("at", 0..=MAX_FRAME as i64, expected);
+    let end = section.integer("end", PLACES, expected);
     let [id, length] = ["id", "length"].map(|key| {
         let number = number(&section, key);
         let unsigned = number.filter(|number| number.is_unsigned());

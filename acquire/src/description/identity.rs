@@ -40,10 +40,8 @@ pub(super) fn read(
 ) -> (Option<Identity>, Vec<DialogueStep>) {
     let set_up = root.list("setup");
     if names.are_channels() {
-        root.refuse("setup", (!set_up.is_empty()).then(|| "is not for IIO; leave it out".to_owned()));
-        if root.optional_section("identity").is_some() {
-            root.fault("identity", "is not for IIO; leave it out");
-        }
+        root.fault_if(!set_up.is_empty(), "setup", "is not for IIO; leave it out");
+        root.fault_if(root.optional_section("identity").is_some(), "identity", "is not for IIO; leave it out");
         return (None, Vec::new());
     }
     let section = root.optional_section("identity");
@@ -156,18 +154,12 @@ fn frame_form(section: &Section<'_, '_>, begins: usize) -> Option<Form> {
 }
 
 fn place_of_serial(section: Section<'_, '_>, length: Option<usize>) -> Option<Serial> {
-    let at = section.optional_integer("at", 0..=MAX_FRAME as i64).map(|at| at as usize);
-    if !section.has("at") {
-        section.fault("at", "missing; give its place in the message, in bytes");
-    }
+    let at = section.integer("at", 0..=MAX_FRAME as i64, "its place in the message, in bytes").map(|at| at as usize);
     let name = section.string("as", "\"text\", \"hex\", or the type of a number");
     let prefix = section.optional_string("prefix").unwrap_or_default().to_owned();
     let form = match name {
         Some(name @ ("text" | "hex")) => {
-            let bytes = section.optional_integer("bytes", 1..=64).map(|bytes| bytes as usize);
-            if !section.has("bytes") {
-                section.fault("bytes", "missing; give how many bytes it has");
-            }
+            let bytes = section.integer("bytes", 1..=64, "how many bytes it has").map(|bytes| bytes as usize);
             bytes.map(if name == "text" { SerialForm::Text } else { SerialForm::Hex })
         }
         Some(name) => {

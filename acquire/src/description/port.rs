@@ -69,9 +69,7 @@ pub(super) fn read(section: &Section<'_, '_>) -> Option<Port> {
     let stop_bits = section.optional_integer("stop_bits", 1..=2).unwrap_or(1) as u8;
     let pace = section.optional_bool("pace");
     if serial.is_none() {
-        for key in ["baud", "parity", "stop_bits"].into_iter().filter(|key| section.has(key)) {
-            section.fault(key, "is for a serial line; leave it out");
-        }
+        section.forbid(&["baud", "parity", "stop_bits"], "is for a serial line; leave it out");
     }
     let peer = section.optional_string("peer");
     let sender = peer.and_then(|peer| {
@@ -81,9 +79,7 @@ pub(super) fn read(section: &Section<'_, '_>) -> Option<Port> {
         section.refuse("peer", wrong);
         found
     });
-    if udp.is_none() && section.has("peer") {
-        section.fault("peer", "is for udp; leave it out");
-    }
+    section.fault_if(udp.is_none() && section.has("peer"), "peer", "is for udp; leave it out");
     if file.is_none() && section.has("pace") {
         section.fault("pace", "is for a file; leave it out");
     }
@@ -91,8 +87,8 @@ pub(super) fn read(section: &Section<'_, '_>) -> Option<Port> {
     match (given, serial, tcp, udp, file) {
         (1, Some(path), ..) => {
             let missing = !section.has("baud");
-            section.refuse("baud", missing.then(|| "missing; give the rate of the line in Bd".to_owned()));
-            section.refuse("serial", path.is_empty().then(|| "is empty; give the device".to_owned()));
+            section.fault_if(missing, "baud", "missing; give the rate of the line in Bd");
+            section.fault_if(path.is_empty(), "serial", "is empty; give the device");
             Some(Port::Serial(Serial { path: path.into(), baud: baud? as u32, data_bits: 8, parity, stop_bits }))
         }
         (1, _, Some(address), ..) => host_and_port(section, "tcp", address).map(Port::Tcp),
@@ -121,7 +117,7 @@ pub(super) fn reopen_after(section: &Section<'_, '_>, port: &Port) -> Option<Dur
     }
     let seconds = section.optional_number("reopen_after_s").unwrap_or(REOPEN_S);
     let is_right = seconds == 0.0 || (1.0..=86_400.0).contains(&seconds);
-    section.refuse("reopen_after_s", (!is_right).then(|| "give 1 to 86400 s, or 0 for never".to_owned()));
+    section.fault_if(!is_right, "reopen_after_s", "give 1 to 86400 s, or 0 for never");
     (is_line && is_right && seconds > 0.0).then(|| Duration::from_secs_f64(seconds))
 }
 

@@ -24,13 +24,14 @@ pub(super) fn read(root: &Section<'_, '_>, names: &mut Names) -> Option<Timing> 
     let interval =
         section.number("interval_s", "the nominal interval of two samples in s").map(|seconds| seconds * 1e9);
     if names.are_channels() {
-        for key in ["counter", "latency", "time"].into_iter().filter(|key| section.has(key)) {
-            section.fault(key, "is not for IIO, whose buffers have the time of each scan; leave it out");
-        }
+        section.forbid(
+            &["counter", "latency", "time"],
+            "is not for IIO, whose buffers have the time of each scan; leave it out",
+        );
     }
     let right = interval.filter(|ns| (1e3..=3.6e12).contains(ns));
     let is_wrong = interval.is_some() && right.is_none();
-    section.refuse("interval_s", is_wrong.then(|| "give a number of seconds from 0.000001 to 3600".to_owned()));
+    section.fault_if(is_wrong, "interval_s", "give a number of seconds from 0.000001 to 3600");
     let counter = section.optional_section("counter").and_then(|counter| {
         let column = names.of_section(&counter);
         let of_type = column.and_then(|column| names.width(column)).map(|(bits, _)| i64::from(bits));
@@ -46,9 +47,9 @@ pub(super) fn read(root: &Section<'_, '_>, names: &mut Names) -> Option<Timing> 
         );
         let bits = bits? as u32;
         let is_whole = bits == 64 || (1u64 << bits).is_multiple_of(step);
-        counter.refuse("step", (!is_whole).then(|| "give a step that divides the counter's turn".to_owned()));
+        counter.fault_if(!is_whole, "step", "give a step that divides the counter's turn");
         let is_turn = bits == 64 || 1u64 << bits > step;
-        counter.refuse("bits", (!is_turn).then(|| "give a width that holds more than one step".to_owned()));
+        counter.fault_if(!is_turn, "bits", "give a width that holds more than one step");
         counter.finish();
         (is_whole && is_turn).then_some((column?, Counter { bits, step }))
     });

@@ -51,7 +51,7 @@ impl Transport {
     /// The jitter \[ns\].
     fn jitter(self) -> f64 {
         match self {
-            Self::Late(most) | Self::Bursts(most) => most,
+            Self::Late(limit) | Self::Bursts(limit) => limit,
         }
     }
 }
@@ -197,7 +197,7 @@ impl World {
         let (mut arrived, mut latest) = (Vec::new(), 0.0f64);
         for frame in frames.into_iter().filter(|frame| !frame.is_lost) {
             let mut arrival = match self.transport {
-                Transport::Late(most) => frame.time + random.part() * most,
+                Transport::Late(limit) => frame.time + random.part() * limit,
                 Transport::Bursts(each) => (frame.time / each).ceil() * each,
             };
             if let Event::Delayed(seconds) = self.event
@@ -220,10 +220,10 @@ impl World {
         while let Some((_, arrival)) = arrived.get(index) {
             let mut now = arrival.max(empty) + random.part() * random.part() * SCHEDULED_NS;
             let mut room = usize::MAX;
-            if let Event::Stalled(seconds, most) = self.event
+            if let Event::Stalled(seconds, limit) = self.event
                 && (at..at + seconds * 1e9).contains(&now)
             {
-                (now, room) = (at + seconds * 1e9, most);
+                (now, room) = (at + seconds * 1e9, limit);
             } else {
                 // It looks every 20 ms, and before that.
                 empty = empty.max(arrival - random.part() * 20e6);

@@ -77,12 +77,12 @@ impl<T> Timeline<T> {
         if self.is_behind(numbers, to) {
             return FrameStep::Repeated;
         }
-        let most = to.arrival.map_or(f64::INFINITY, |arrival| {
+        let limit = to.arrival.map_or(f64::INFINITY, |arrival| {
             arrival.by_ns.saturating_sub(since_ns) as f64 / self.numbering.interval
                 + 2.0
                 + AHEAD_S * 1e9 / self.numbering.interval
         });
-        self.numbering.step(numbers, to, most)
+        self.numbering.step(numbers, to, limit)
     }
 
     /// Whether a datagram was overtaken by the one with these numbers.

@@ -81,11 +81,11 @@ pub(super) struct FrameNumbering {
 
 impl FrameNumbering {
     /// The step to a frame, of which at most `most` periods can have passed by the clock of this machine.
-    pub(super) fn step(&self, last: &Numbers, observed: &FrameObservation, most: f64) -> FrameStep {
+    pub(super) fn step(&self, last: &Numbers, observed: &FrameObservation, limit: f64) -> FrameStep {
         let by_clock = match (&self.clock, observed.clock_ns) {
             (Some(clock), Some(now)) => {
                 // Set back, which counts as nearly a turn.
-                let passed = clock.passed(last.clock_ns, now).filter(|ns| *ns as f64 / self.interval <= most);
+                let passed = clock.passed(last.clock_ns, now).filter(|ns| *ns as f64 / self.interval <= limit);
                 let Some(passed) = passed.filter(|_| observed.arrival.is_some() || !clock.is_back(last.clock_ns, now))
                 else {
                     return FrameStep::Restarted;
@@ -100,7 +100,7 @@ impl FrameNumbering {
                 return FrameStep::Repeated;
             }
             let (real, is_whole) = (rise as f64 / counter.step as f64, rise.is_multiple_of(counter.step));
-            if real > most {
+            if real > limit {
                 return FrameStep::Restarted;
             }
             // The clock tells the turns of the counter.

@@ -63,9 +63,9 @@ impl<T> Timeline<T> {
         let lateness: Vec<_> = self.lateness(&seed.line, &steps).collect();
         let earliest = lateness.iter().map(|(late, _)| *late).fold(f64::INFINITY, f64::min).min(0.0);
         let origin = (by_ns as f64 + earliest).max(0.0) as u64;
-        let most = FIRST_JITTER_NS + 2.0 * interval;
-        let seen: Vec<_> = lateness.iter().filter(|(_, width)| *width <= most).collect();
-        let sum: f64 = seen.iter().map(|(late, _)| (late - earliest).min(most)).sum();
+        let limit = FIRST_JITTER_NS + 2.0 * interval;
+        let seen: Vec<_> = lateness.iter().filter(|(_, width)| *width <= limit).collect();
+        let sum: f64 = seen.iter().map(|(late, _)| (late - earliest).min(limit)).sum();
         let jitter = sum / (seen.len() as f64).max(1.0);
         let timestamp_ns = first.clock_ns.filter(|_| self.numbering.clock.is_some()).unwrap_or(origin);
         let line = Line::new(origin, timestamp_ns, interval, [jitter, seen.len() as f64]);

@@ -45,10 +45,7 @@ impl Campaign {
     pub fn from_toml(text: &str) -> Result<Self, Faults> {
         parse(text, |root| {
             let several = root.has("imus") && root.list("imus").len() > 1;
-            root.refuse(
-                "imus",
-                several.then(|| "are several, and one is wanted here; leave the others out".to_owned()),
-            );
+            root.fault_if(several, "imus", "are several, and one is wanted here; leave the others out");
             campaigns(root)?.pop()
         })
     }
@@ -90,9 +87,7 @@ fn parse<T>(text: &str, read: impl FnOnce(&Section<'_, '_>) -> Option<T>) -> Res
 /// The campaign of each IMU.
 fn campaigns(root: &Section<'_, '_>) -> Option<Vec<Campaign>> {
     let format = root.number("format", "format = 1, the version of this file format");
-    if format.is_some_and(|format| format != 1.0) {
-        root.fault("format", "unknown; this version reads format = 1");
-    }
+    root.fault_if(format.is_some_and(|format| format != 1.0), "format", "unknown; this version reads format = 1");
     if !root.has("imus") {
         let imu = root.imu_id("imu");
         let serial = root.optional_string("serial").map(str::to_owned);
@@ -123,7 +118,7 @@ fn campaign(root: &Section<'_, '_>, imu: Option<ImuId>, serial: Option<String>) 
     let (gravity_local, gravity_source) = gravity_local(root, place.filter(|_| gravity_only), place);
     let unit = root.string("temperature_unit", "the unit of the telemetry, for example \"V\"").map(str::to_owned);
     let is_open = root.is_open("temperature_unit");
-    root.refuse("temperature_unit", is_open.then(|| "is \"?\", which is to be filled in; give the unit".to_owned()));
+    root.fault_if(is_open, "temperature_unit", "is \"?\", which is to be filled in; give the unit");
     let out_of_range = root.optional_choice("out_of_range", &OutOfRange::NAMES);
     let [max_age_s, max_rate, soak_s] = ["max_age_s", "max_rate", "soak_s"].map(|key| positive(root, key));
     let sections = root.list("position");
@@ -333,10 +328,7 @@ fn place(root: &Section<'_, '_>) -> [Option<f64>; 2] {
 }
 
 fn position(section: &Section<'_, '_>) -> Option<Position> {
-    let number = section.optional_integer("number", 0..=i64::from(u32::MAX));
-    if number.is_none() && !section.has("number") {
-        section.fault("number", "missing; give the number that the samples carry");
-    }
+    let number = section.integer("number", 0..=i64::from(u32::MAX), "the number that the samples carry");
     let label = section.optional_string("up").unwrap_or_default().to_owned();
     let (angles, _) = angles(section);
     let force = if section.has("specific_force") {

@@ -51,8 +51,6 @@ pub const SAME_DIRECTION: f64 = 2e-3;
 /// Outer and inner angle of the turntable, if both are stated; and whether neither is.
 pub(crate) fn angles(section: &Section<'_, '_>) -> (Option<[f64; 2]>, bool) {
     let (outer, inner) = (section.optional_number("outer_deg"), section.optional_number("inner_deg"));
-    if outer.is_some() != inner.is_some() {
-        section.fault("", "give both outer_deg and inner_deg, or neither");
-    }
+    section.fault_if(outer.is_some() != inner.is_some(), "", "give both outer_deg and inner_deg, or neither");
     (outer.zip(inner).map(|(outer, inner)| [outer, inner]), outer.is_none() && inner.is_none())
 }

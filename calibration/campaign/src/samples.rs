@@ -178,9 +178,10 @@ fn layout(section: &Section<'_, '_>) -> Option<(Vec<String>, SampleLayout)> {
         }
         return Some((vec![sheet.to_owned()], SampleLayout::Means));
     }
-    for key in ["set_point_c", "position"].into_iter().filter(|key| section.has(key)) {
-        section.fault(key, "is a column of means, and here the names of the files say it; leave it out");
-    }
+    section.forbid(
+        &["set_point_c", "position"],
+        "is a column of means, and here the names of the files say it; leave it out",
+    );
     let patterns = section.strings("files", "a name of all files, for example \"T{set_point_c}_P{position}.csv\"")?;
     let wrong = patterns.iter().find_map(|pattern| {
         // The name of an IMU may be anything.

@@ -109,10 +109,8 @@ pub fn turns(
 
 /// A turn; `angles_wanted` says whether the positions have angles, if that is known.
 fn turn(section: &Section<'_, '_>, angles_wanted: Option<bool>, mount: Option<Matrix3<f64>>) -> Option<Turn> {
-    let number = section.optional_integer("number", 0..=i64::from(u32::MAX));
-    if number.is_none() && !section.has("number") {
-        section.fault("number", "missing; give the number that the samples carry in the column position");
-    }
+    let number =
+        section.integer("number", 0..=i64::from(u32::MAX), "the number that the samples carry in the column position");
     let axis = unit(section, "axis", section.numbers("axis", AXIS), AXIS);
     let angle_deg = angle_of_turn(section);
     let angles = angles_at_start(section, angles_wanted);

@@ -1,5 +1,6 @@
 //! The steps after the campaign's data are complete: fit, verify, install.
 
+mod fitted_table;
 mod verify;
 
 use super::in_force::{InForce, changes, wait_until_in_force};
@@ -7,19 +8,19 @@ use super::journal::{self, Entry, History, JOURNAL, Journal};
 use super::page;
 use super::plan::Plan;
 use super::progress::DroppedImu;
-use super::runner::stopped_by;
 use super::step::CampaignStep;
+use fitted_table::{FittedTable, print_message};
 use isotherm_client::Options;
-use isotherm_files::{Installation, StagedText};
+use isotherm_files::StagedText;
 use isotherm_fit::{Accuracy, AlignmentChoice, Calibration, CalibrationOptions, Fitted, LagChoice};
 use isotherm_pipeline::{CampaignFile, FitOptions, Inputs, no_bar};
 use isotherm_shared::table::CoefficientTable;
-use isotherm_support::failure::{Exit, Failure, printable, shown, tell};
+use isotherm_support::failure::{Exit, Failure, printable, shown};
 use isotherm_verification::Requirement;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicUsize;
-use verify::InstallationRefusal;
+use verify::{InstallationRefusal, check_stop_signal, verify};
 
 /// Begin of the name of the fitted table in the campaign's folder; see [`Plan::file`].
 const TABLE: &str = "table";
@@ -154,7 +155,7 @@ impl Finish {
         fit: &FittedTable,
         stop_signal: &AtomicUsize,
     ) -> Result<TablePlacement<'p>, InstallationRefusal> {
-        self.verify(plan, journal, fit, stop_signal)?;
+        verify(self.require, plan, journal, fit, stop_signal)?;
         check_stop_signal(stop_signal)?;
         Ok(match self.target(plan) {
             Ok(target) => {
@@ -280,51 +281,10 @@ enum TablePlacement<'p> {
     LeftAside(&'static str),
 }
 
-/// A fitted table, and the one that it may replace.
-struct FittedTable {
-    calibration: Calibration,
-    /// The text of its file.
-    text: String,
-    in_force: Option<InForce>,
-}
-
-impl FittedTable {
-    fn digest(&self) -> String {
-        self.calibration.table.digest().to_string()
-    }
-
-    /// Installs the table as `target`, unless it is in force already.
-    fn install(&self, target: &Path) -> Result<(), Failure> {
-        let installation = Installation::lock(target)?;
-        installation.check_unchanged(self.in_force.as_ref().map(|in_force| in_force.state))?;
-        let (digest, place) = (self.digest(), shown(target));
-        if self.in_force.as_ref().is_some_and(|in_force| in_force.table.digest().to_string() == digest) {
-            print_message(&format!("{digest} is installed as {place} already"));
-            return Ok(());
-        }
-        let has_predecessor = installation.install(&self.text)?;
-        print_message(&format!("{digest} is installed as {place}"));
-        if has_predecessor {
-            let kept = shown(installation.previous());
-            print_message(&format!("its predecessor is kept as {kept}; `isotherm rollback {place}` brings it back"));
-        }
-        Ok(())
-    }
-}
-
 /// Notes in the journal why a step has failed. If that fails too, the failure says both.
 fn noted(journal: &mut Journal, entry: Entry, failure: Failure) -> Failure {
     match journal.write_synced(entry) {
         Ok(()) => failure,
         Err(second) => Failure::new(failure.exit, format!("{failure}\n{second}")),
     }
-}
-
-fn check_stop_signal(stop_signal: &AtomicUsize) -> Result<(), Failure> {
-    let stopped = |signal| Err(Failure::new(Exit::Failed, signal));
-    stopped_by(stop_signal).map_or(Ok(()), stopped)
-}
-
-fn print_message(message: &str) {
-    tell("isotherm", message);
 }

@@ -5,6 +5,7 @@ mod entry;
 mod history;
 mod same_plan;
 
+use entry::FORMAT;
 pub use entry::{Entry, JournalLine, KeptStep, LargestError, TurnReadBacks};
 pub use history::{History, history};
 
@@ -23,8 +24,6 @@ use std::sync::Arc;
 
 /// The journal's file in the campaign's folder.
 pub const JOURNAL: &str = "journal.jsonl";
-/// Version of the format of the lines.
-const FORMAT: u32 = 1;
 /// Most bytes of a line.
 const MAX_LINE: u64 = 1 << 20;
 

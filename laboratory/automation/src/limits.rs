@@ -33,15 +33,15 @@ pub(crate) fn read(section: Section<'_, '_>) -> Limits {
         range("chamber_c", CHAMBER_C, "lowest and highest temperature of the chamber in degC, as [-30, 50]");
     let outer = range("outer_deg", ANGLE_DEG, "lowest and highest outer angle in degrees, as [-5, 365]");
     let inner = range("inner_deg", ANGLE_DEG, "lowest and highest inner angle in degrees, as [-5, 365]");
-    let most = |key, default: f64, absolute: f64| {
+    let limit = |key, default: f64, absolute: f64| {
         let value = section.optional_number(key);
         let wrong = value.filter(|value| !(*value > 0.0 && *value <= absolute));
         section.refuse(key, wrong.map(|value| format!("is {value:?}, give a number over 0 and up to {absolute:?}")));
         value.unwrap_or(default)
     };
-    let ramp_c_per_min = most("ramp_c_per_min", 3.0, RAMP_C_PER_MIN);
-    let rate_deg_s = most("rate_deg_s", 60.0, RATE_DEG_S);
-    let acceleration_deg_s2 = most("acceleration_deg_s2", 100.0, ACCELERATION_DEG_S2);
+    let ramp_c_per_min = limit("ramp_c_per_min", 3.0, RAMP_C_PER_MIN);
+    let rate_deg_s = limit("rate_deg_s", 60.0, RATE_DEG_S);
+    let acceleration_deg_s2 = limit("acceleration_deg_s2", 100.0, ACCELERATION_DEG_S2);
     section.finish();
     Limits { chamber_c, angles_deg: [outer, inner], ramp_c_per_min, rate_deg_s, acceleration_deg_s2 }
 }
@@ -81,8 +81,8 @@ impl Limits {
 
     /// The fault of a ramp \[degC/min\]; `None` if it is within the limit.
     pub fn ramp(&self, per_min: f64) -> Option<String> {
-        let most = self.ramp_c_per_min;
-        (per_min > most).then(|| format!("{per_min:.3} degC/min is over limits.ramp_c_per_min, {most:?}"))
+        let limit = self.ramp_c_per_min;
+        (per_min > limit).then(|| format!("{per_min:.3} degC/min is over limits.ramp_c_per_min, {limit:?}"))
     }
 
     /// The fault of angles to command \[deg\]; `None` if they are within the limits.
@@ -92,14 +92,14 @@ impl Limits {
 
     /// The fault of a rate to command \[deg/s\]; `None` if it is within the limit.
     pub fn rate(&self, rate: f64) -> Option<String> {
-        let most = self.rate_deg_s;
-        (rate > most).then(|| format!("{rate:?} deg/s is over limits.rate_deg_s, {most:?}"))
+        let limit = self.rate_deg_s;
+        (rate > limit).then(|| format!("{rate:?} deg/s is over limits.rate_deg_s, {limit:?}"))
     }
 
     /// The fault of an acceleration to command \[deg/s2\]; `None` if it is within the limit.
     pub fn acceleration(&self, acceleration: f64) -> Option<String> {
-        let most = self.acceleration_deg_s2;
-        (acceleration > most).then(|| format!("{acceleration:?} deg/s2 is over limits.acceleration_deg_s2, {most:?}"))
+        let limit = self.acceleration_deg_s2;
+        (acceleration > limit).then(|| format!("{acceleration:?} deg/s2 is over limits.acceleration_deg_s2, {limit:?}"))
     }
 
     /// The fault of measured angles \[deg\] and rates \[deg/s\]; `None` if they are within the limits and the servo's

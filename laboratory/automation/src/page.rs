@@ -179,14 +179,14 @@ fn clock_ticks([begin_s, end_s]: [f64; 2]) -> Vec<(f64, String)> {
     }
     let dated = span_s > 0.8 * DAY_S;
     // Long labels need more room.
-    let most = match span_s {
+    let limit = match span_s {
         _ if dated => 3.0,
         240.0.. => 6.0,
         _ => 4.0,
     };
     let steps = CLOCK_STEPS_S.into_iter().map(f64::from);
-    let step_s = steps.into_iter().find(|step_s| span_s / step_s <= most);
-    let step_s = step_s.unwrap_or_else(|| (span_s / most / DAY_S).ceil() * DAY_S);
+    let step_s = steps.into_iter().find(|step_s| span_s / step_s <= limit);
+    let step_s = step_s.unwrap_or_else(|| (span_s / limit / DAY_S).ceil() * DAY_S);
     let label = |unix_s: f64| {
         let text = utc(unix_s); // 2026-11-22T06:00:00Z
         if dated {

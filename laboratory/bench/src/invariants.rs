@@ -105,14 +105,16 @@ impl CampaignCourse<'_> {
     fn runs(&self, ended: &[CampaignEnd], at_s: f64) -> bool {
         let killed = [DrawnFault::Killed, DrawnFault::PowerLoss].map(|event| self.faults.events(event));
         let killed: Vec<f64> = killed.into_iter().flatten().collect();
-        let run = ended.iter().find(|it| it.times_s[0] <= at_s && at_s < it.times_s[1]);
+        let run = ended.iter().find(|end| end.times_s[0] <= at_s && at_s < end.times_s[1]);
         run.is_some_and(|run| !run.is_killed || killed.iter().any(|kill| run.times_s[0] < *kill && at_s < *kill))
     }
 
     /// Whether a stop order goes to the turntable within these seconds.
     fn is_stopped(&self, at_s: f64, within_s: f64) -> bool {
         let times = at_s - 0.5..=at_s + within_s;
-        let is_order = |it: &Request| it.to_turntable && times.contains(&it.at_s) && it.bytes.starts_with(STOP);
+        let is_order = |request: &Request| {
+            request.to_turntable && times.contains(&request.at_s) && request.bytes.starts_with(STOP)
+        };
         self.requests.iter().any(is_order)
     }
 
@@ -178,7 +180,7 @@ impl CampaignCourse<'_> {
                 angles.windows(2).all(|pair| (0..2).all(|axis| (pair[0][axis] - pair[1][axis]).abs() < 1e-3));
             let is_beyond = end.failure.as_ref().is_some_and(|message| message.contains("is outside limits"));
             let is_swinging =
-                self.faults.active(end.times_s[1]).any(|it| it == DrawnFault::Turntable(InjectedFault::NoSettle));
+                self.faults.active(end.times_s[1]).any(|fault| fault == DrawnFault::Turntable(InjectedFault::NoSettle));
             if !is_still && !is_swinging && !is_beyond {
                 found.push(format!("the turntable moves after the end at {:.1} s", end.times_s[1]));
             }
@@ -312,7 +314,7 @@ impl CampaignCourse<'_> {
             self.places.iter().map(|place| ((place.session, place.sequence), place)).collect();
         let mut lines = text.lines();
         let header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
-        let column = |name: &str| header.iter().position(|it| *it == name);
+        let column = |name: &str| header.iter().position(|column| *column == name);
         let (Some(session), Some(sequence), Some(position), Some(set_point)) =
             (column("session"), column("sequence"), column("position"), column("set_point_c"))
         else {
@@ -325,7 +327,7 @@ impl CampaignCourse<'_> {
                 |index: usize| fields.get(index).and_then(|field| field.parse::<f64>().ok()).unwrap_or(f64::NAN);
             let key = (number(session) as u64, number(sequence) as u64);
             let place = places.get(&key);
-            let position = plan.positions.iter().find(|it| f64::from(it.number) == number(position));
+            let position = plan.positions.iter().find(|position| f64::from(position.number) == number(position));
             let (Some(place), Some(angles_deg)) = (place, position.and_then(|position| position.angles)) else {
                 found.push(format!("a row of session and sequence {key:?} is of no sample or of no position"));
                 continue;

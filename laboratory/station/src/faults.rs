@@ -1,6 +1,6 @@
 //! Faults that are injected on request: DIR/faults has one per line and is read again whenever it changes.
 //!
-//! A line is `WHAT[:DEVICE][@WHEN]`. WHAT is one of [`InjectedFault::NAMES`]. DEVICE is `chamber` or `table`; without
+//! A line is `WHAT[:DEVICE][@WHEN]`. WHAT names an [`InjectedFault`]. DEVICE is `chamber` or `table`; without
 //! it both have the fault. DEVICE of `silent` is the name of an IMU; without it all IMUs have the fault. WHEN is `3`
 //! for the third request, `3-5` for the third to the fifth, or `100s-200s` for simulated seconds; without it the fault
 //! is permanent. Requests are counted from the last reading of the file.
@@ -13,12 +13,14 @@ use std::fs;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use strum::{EnumString, VariantNames};
 
 /// Name of the file with the faults, in a station's folder.
 pub(crate) const FAULTS: &str = "faults";
 
-/// A fault that can be injected.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+/// A fault that can be injected. Its text is its name in a line.
+#[derive(Clone, Copy, Debug, Eq, EnumString, PartialEq, VariantNames)]
+#[strum(serialize_all = "kebab-case")]
 pub enum InjectedFault {
     /// Bytes of the reply are overwritten.
     Garbled,
@@ -49,25 +51,6 @@ pub enum InjectedFault {
     Silent,
 }
 
-impl InjectedFault {
-    /// Every fault with its name.
-    pub(crate) const NAMES: [(Self, &'static str); 13] = [
-        (Self::Garbled, "garbled"),
-        (Self::Late, "late"),
-        (Self::Missing, "missing"),
-        (Self::Duplicated, "duplicated"),
-        (Self::Babble, "babble"),
-        (Self::Dead, "dead"),
-        (Self::Na, "na"),
-        (Self::Alarm, "alarm"),
-        (Self::PortLoss, "port-loss"),
-        (Self::NoSettle, "no-settle"),
-        (Self::Overshoot, "overshoot"),
-        (Self::NeverThere, "never-there"),
-        (Self::Silent, "silent"),
-    ];
-}
-
 /// When a fault is active.
 #[derive(Clone, Debug, PartialEq)]
 enum FaultSpan {
@@ -93,9 +76,8 @@ impl FromStr for Injection {
     fn from_str(line: &str) -> Result<Self, String> {
         let (rest, when) = line.split_once('@').map_or((line, None), |(rest, when)| (rest, Some(when)));
         let (fault, device) = rest.split_once(':').map_or((rest, None), |(fault, device)| (fault, Some(device)));
-        let names = || InjectedFault::NAMES.map(|(_, name)| name).join(", ");
-        let fault = InjectedFault::NAMES.iter().find(|(_, name)| *name == fault);
-        let (fault, _) = *fault.ok_or_else(|| format!("give one of {}", names()))?;
+        let fault = fault.parse::<InjectedFault>();
+        let fault = fault.map_err(|_| format!("give one of {}", InjectedFault::VARIANTS.join(", ")))?;
         let expected = "after the @ give a request as 3, requests as 3-5, or seconds as 100s-200s";
         let when = when.map_or(Some(FaultSpan::Always), parse_when).ok_or(expected)?;
         if fault == InjectedFault::Silent {

@@ -149,7 +149,7 @@ impl Processes {
             if let Ok(Some(status)) = child.try_wait() {
                 return Err(Failure::new(
                     Exit::Failed,
-                    format!("the simulated {} has ended, {status}", process.name()),
+                    format!("the simulated {} has ended, {status}", <&str>::from(*process)),
                 ));
             }
         }

@@ -10,8 +10,8 @@ impl SimulatedStation {
         let truth = truths.first()?;
         let content = truth.table.content();
         let quoted = |text: &str| toml::Value::from(text).to_string();
-        let chamber = self.chamber.name();
-        let table = self.table.name();
+        let chamber: &str = self.chamber.into();
+        let table: &str = self.table.into();
         let wrap = if self.wrap { "wrap = true\n" } else { "" };
         let table_keys = match self.table {
             TurntableProtocol::Acutrol if self.table_port.starts_with("tcp://") => "gap_s = 0.005\n",

@@ -28,11 +28,12 @@ pub(crate) fn serve(
     port: &str,
     folder: &Path,
 ) -> Result<(), Failure> {
-    let failed =
-        |error: io::Error| Failure::new(Exit::Io, format!("the simulated {} at {port}: {error}", process.name()));
+    let failed = |error: io::Error| {
+        Failure::new(Exit::Io, format!("the simulated {} at {port}: {error}", <&str>::from(process)))
+    };
     let mut server = ProtocolServer {
         wire,
-        name: process.name(),
+        name: process.into(),
         station,
         requests: folder.join(REQUESTS),
         state: LineState::Normal,
@@ -105,8 +106,8 @@ impl ProtocolServer<'_> {
     /// whether a question waits, and whether input does.
     fn wait(&self) -> io::Result<[bool; 2]> {
         let next = self.delayed.iter().map(|(due, _)| due.saturating_duration_since(Instant::now())).min();
-        let most = if self.state == LineState::Babble { BABBLE_INTERVAL } else { POLL_INTERVAL };
-        let timeout = Timespec::try_from(next.unwrap_or(most).min(most)).map_err(io::Error::other)?;
+        let limit = if self.state == LineState::Babble { BABBLE_INTERVAL } else { POLL_INTERVAL };
+        let timeout = Timespec::try_from(next.unwrap_or(limit).min(limit)).map_err(io::Error::other)?;
         let mut ready = vec![PollFd::new(&self.link.0, PollFlags::IN)];
         // Nobody looks at a dead port.
         let port = self.port.readable().filter(|_| self.state != LineState::Dead);

@@ -4,6 +4,7 @@ use isotherm_client::monotonic_ns;
 use isotherm_shared::wire::AXES;
 use isotherm_simulation::{Chain, Noise, Play};
 use serde::{Deserialize, Serialize};
+use strum::{EnumString, IntoStaticStr, VariantNames};
 
 /// An IMU of a station.
 #[derive(Clone, Debug, Deserialize, Serialize)]
@@ -88,32 +89,23 @@ impl SimulatedStation {
     }
 }
 
-/// One process of a station.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+/// One process of a station. Its text is its name in file names and messages.
+#[derive(Clone, Copy, Debug, Eq, EnumString, IntoStaticStr, PartialEq, VariantNames)]
+#[strum(serialize_all = "kebab-case")]
 pub enum StationProcess {
     /// The chamber.
     Chamber,
     /// The turntable.
+    #[strum(serialize = "table")]
     Turntable,
     /// The IMUs.
     Imu,
 }
 
-impl StationProcess {
-    /// Every process with its name.
-    pub const NAMES: [(Self, &'static str); 3] =
-        [(Self::Chamber, "chamber"), (Self::Turntable, "table"), (Self::Imu, "imu")];
-
-    /// The name, as in file names and messages.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        Self::NAMES.iter().find(|(value, _)| *value == self).map_or("", |(_, name)| name)
-    }
-}
-
-/// Protocol of a chamber.
-#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
+/// Protocol of a chamber. Its text is the name of its driver.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, EnumString, IntoStaticStr, PartialEq, Serialize, VariantNames)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum ChamberProtocol {
     /// ESPEC P-300.
     Espec,
@@ -123,35 +115,13 @@ pub enum ChamberProtocol {
     Ascii2,
 }
 
-impl ChamberProtocol {
-    /// Every protocol with the name of its driver.
-    pub const NAMES: [(Self, &'static str); 3] =
-        [(Self::Espec, "espec"), (Self::WatlowF4t, "watlow-f4t"), (Self::Ascii2, "ascii2")];
-
-    /// The name of its driver.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        Self::NAMES.iter().find(|(value, _)| *value == self).map_or("", |(_, name)| name)
-    }
-}
-
-/// Protocol of a turntable.
-#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
+/// Protocol of a turntable. Its text is the name of its driver.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, EnumString, IntoStaticStr, PartialEq, Serialize, VariantNames)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum TurntableProtocol {
     /// ACUTROL 3000.
     Acutrol,
     /// Ideal Aerosmith.
     Aerosmith,
-}
-
-impl TurntableProtocol {
-    /// Every protocol with the name of its driver.
-    pub const NAMES: [(Self, &'static str); 2] = [(Self::Acutrol, "acutrol"), (Self::Aerosmith, "aerosmith")];
-
-    /// The name of its driver.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        Self::NAMES.iter().find(|(value, _)| *value == self).map_or("", |(_, name)| name)
-    }
 }

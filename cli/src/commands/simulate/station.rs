@@ -3,7 +3,7 @@
 use super::options::{SimulatedFiles, SimulatedImuOptions, arcsec, truth_toml};
 use crate::parse::{interval, size};
 use clap::Args;
-use clap::builder::{PossibleValuesParser, TypedValueParser as _};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use isotherm_client::{Domain, monotonic_ns};
 use isotherm_files::{create_own_folder, print};
 use isotherm_simulation::{Chain, Noise};
@@ -16,10 +16,12 @@ use serde::Serialize;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::str::FromStr;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 use std::{fs, io};
+use strum::VariantNames;
 
 /// A laboratory: chamber, turntable and IMU as processes of their own, until SIGTERM or SIGINT
 ///
@@ -35,10 +37,10 @@ pub(super) struct SimulateStation {
     #[command(flatten)]
     imu: SimulatedImuOptions,
     /// What the chamber speaks
-    #[arg(long, value_name = "DRIVER", default_value = ChamberProtocol::NAMES[0].1, value_parser = PossibleValuesParser::new(ChamberProtocol::NAMES.map(|(_, name)| name)).map(|name| named(&ChamberProtocol::NAMES, &name)))]
+    #[arg(long, value_name = "DRIVER", default_value = ChamberProtocol::VARIANTS[0], value_parser = named::<ChamberProtocol>())]
     chamber: ChamberProtocol,
     /// What the turntable speaks
-    #[arg(long, value_name = "DRIVER", default_value = TurntableProtocol::NAMES[0].1, value_parser = PossibleValuesParser::new(TurntableProtocol::NAMES.map(|(_, name)| name)).map(|name| named(&TurntableProtocol::NAMES, &name)))]
+    #[arg(long, value_name = "DRIVER", default_value = TurntableProtocol::VARIANTS[0], value_parser = named::<TurntableProtocol>())]
     table: TurntableProtocol,
     /// A turntable without end stops: it takes angles modulo 360 degrees and goes the shorter way
     #[arg(long)]
@@ -77,7 +79,7 @@ pub(super) struct SimulateStation {
 #[derive(Debug, Args)]
 pub(super) struct StationPart {
     /// Which process
-    #[arg(value_parser = PossibleValuesParser::new(StationProcess::NAMES.map(|(_, name)| name)).map(|name| named(&StationProcess::NAMES, &name)))]
+    #[arg(value_parser = named::<StationProcess>())]
     part: StationProcess,
     /// The station's folder
     folder: PathBuf,
@@ -86,8 +88,10 @@ pub(super) struct StationPart {
     parent: u32,
 }
 
-fn named<T: Copy>(names: &[(T, &str)], name: &str) -> T {
-    names.iter().find(|(_, n)| *n == name).map_or(names[0].0, |(value, _)| *value)
+/// Parses the name of a variant.
+fn named<T: FromStr<Err = strum::ParseError> + VariantNames + Clone + Send + Sync + 'static>()
+-> impl TypedValueParser<Value = T> {
+    PossibleValuesParser::new(T::VARIANTS).try_map(|name| name.parse::<T>())
 }
 
 fn speed(text: &str) -> Result<f64, String> {

@@ -31,7 +31,7 @@ pub struct Ascii2Settings {
 
 impl Ascii2Settings {
     pub(super) fn read(section: &Section<'_, '_>) -> Self {
-        let index = |key, most: i64| section.optional_integer(key, 0..=most).map(|index| index as usize);
+        let index = |key, limit: i64| section.optional_integer(key, 0..=limit).map(|index| index as usize);
         let right = "numbers, one for each nominal value after the temperature";
         let others = section.has("other_values").then(|| section.numbers("other_values", right));
         if others.is_none() {
@@ -47,10 +47,7 @@ impl Ascii2Settings {
             acknowledge: section.optional_bool("acknowledge").unwrap_or(true),
         };
         let same = settings.nominal == settings.actual;
-        section.refuse(
-            "actual_field",
-            same.then(|| "is the nominal temperature's field; give the measured one's".to_owned()),
-        );
+        section.fault_if(same, "actual_field", "is the nominal temperature's field; give the measured one's");
         settings
     }
 

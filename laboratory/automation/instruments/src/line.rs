@@ -319,14 +319,14 @@ impl Line {
     fn drain(&mut self) -> Result<(), ExchangeError> {
         let (begun, mut discarded) = (self.now(), Vec::new());
         let mut quiet = if self.stale { self.config.quiet } else { Duration::ZERO };
-        let most = (self.config.quiet * STILL_WITHIN).max(MIN_STILL_WITHIN);
+        let limit = (self.config.quiet * STILL_WITHIN).max(MIN_STILL_WITHIN);
         while self.receive(&mut discarded, self.now() + quiet, Duration::ZERO)? {
             discarded.clear();
             quiet = quiet.max(STRAY_QUIET);
-            if self.now().since(begun) > most {
-                let (quiet, most) = (quiet.as_secs_f64(), most.as_secs_f64());
+            if self.now().since(begun) > limit {
+                let (quiet, limit) = (quiet.as_secs_f64(), limit.as_secs_f64());
                 let message =
-                    format!("babble: it sends without a request, and is not quiet for {quiet} s within {most} s");
+                    format!("babble: it sends without a request, and is not quiet for {quiet} s within {limit} s");
                 return Err(ExchangeError(FaultKind::Babble, message));
             }
         }

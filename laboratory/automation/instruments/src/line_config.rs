@@ -59,17 +59,17 @@ impl LineConfig {
         let quiet = seconds(section, "quiet_s", timeout.as_secs_f64(), 60.0);
         let pause = seconds(section, "pause_s", pause_s, 10.0);
         let retries = section.optional_integer("retries", 0..=10).unwrap_or(2) as u32;
-        section.refuse("timeout_s", timeout.is_zero().then(|| "is 0, give how long a reply may take".to_owned()));
+        section.fault_if(timeout.is_zero(), "timeout_s", "is 0, give how long a reply may take");
         Some(Self { port: port?, baud, data_bits, parity, stop_bits, timeout, quiet, pause, retries })
     }
 }
 
 /// Reads a number of seconds from 0 to `most`.
-pub(super) fn seconds(section: &Section<'_, '_>, key: &'static str, default: f64, most: f64) -> Duration {
+pub(super) fn seconds(section: &Section<'_, '_>, key: &'static str, default: f64, limit: f64) -> Duration {
     let given = section.optional_number(key);
-    let right = given.filter(|seconds| (0.0..=most).contains(seconds));
+    let right = given.filter(|seconds| (0.0..=limit).contains(seconds));
     let wrong = given.filter(|_| right.is_none());
-    section.refuse(key, wrong.map(|seconds| format!("is {seconds:?}, give seconds from 0 to {most:?}")));
+    section.refuse(key, wrong.map(|seconds| format!("is {seconds:?}, give seconds from 0 to {limit:?}")));
     Duration::from_secs_f64(right.unwrap_or(default))
 }
 

@@ -1,8 +1,9 @@
 //! The verification of a fitted table by every run.
 
-use super::{Finish, FittedTable, check_stop_signal, print_message};
+use super::fitted_table::{FittedTable, print_message};
 use crate::journal::{Entry, Journal, LargestError};
 use crate::plan::{Plan, VerificationPlan};
+use crate::runner::stopped_by;
 use isotherm_campaign::Position;
 use isotherm_files::{StagedText, print};
 use isotherm_fit::{Calibration, now, tool};
@@ -14,7 +15,7 @@ use isotherm_shared::table::CoefficientTable;
 use isotherm_support::failure::{Exit, Failure};
 use isotherm_support::finding::name;
 use isotherm_verification::{
-    EarthRate, Estimate, Exercised, GATE_FLOOR, Gate, LocalGravity, Refusal, Setup, Stability,
+    EarthRate, Estimate, Exercised, GATE_FLOOR, Gate, LocalGravity, Refusal, Requirement, Setup, Stability,
 };
 use std::path::Path;
 use std::sync::atomic::AtomicUsize;
@@ -46,83 +47,90 @@ struct RunVerdict {
     refused: Option<String>,
 }
 
-impl Finish {
-    /// Judges the table by what is required and by every run. All runs are judged and reported before a failure ends
-    /// it.
-    pub(super) fn verify(
-        &self,
-        plan: &Plan,
-        journal: &mut Journal,
-        fit: &FittedTable,
-        stop_signal: &AtomicUsize,
-    ) -> Result<(), InstallationRefusal> {
-        let Some(verify) = &plan.verify else { return Ok(()) };
-        let calibration = &fit.calibration;
-        let in_force = fit.in_force.as_ref().map(|in_force| &in_force.table);
-        let gate = self.gate(verify, calibration)?;
-        // Causes that the journal has with no run.
-        let mut causes = Vec::new();
-        if let Some(gate) = &gate {
-            causes.extend(gate.refuses_table(calibration, in_force).into_iter().map(|refusal| refusal.cause));
-        }
-        let mut exercised = Exercised::default();
-        let (mut refused_runs, mut failed) = (Vec::new(), Vec::new());
-        for (index, run) in plan.run_files().into_iter().enumerate() {
-            check_stop_signal(stop_signal)?;
-            let attitude = verify.attitude(index);
-            let setup = setup_of(plan, calibration, attitude);
-            let verdict = fit.verify_run(&plan.output.join(&run), &setup, gate.as_ref(), &mut exercised);
-            let (largest, failure) = match verdict {
-                Ok(RunVerdict { largest, refused }) => {
-                    (largest, refused.map(|causes| Failure::new(Exit::Failed, causes)))
-                }
-                Err(failure) => (None, Some(failure)),
-            };
-            let refused = failure.as_ref().map(ToString::to_string);
-            let entry = Entry::Verified { run: run.clone(), angles_deg: attitude.angles, largest, refused };
-            journal.write_synced(entry)?;
-            if let Some(failure) = failure {
-                let lines: Vec<_> = failure.message.lines().map(|line| format!("{run}: {line}")).collect();
-                failed.push(Failure::new(failure.exit, lines.join("\n")));
-                refused_runs.push(run);
-            }
-        }
-        let reasons = exercised.not_judged(&calibration.table);
-        for reason in &reasons {
-            print_message(&format!("not judged: {reason}"));
-        }
-        if !reasons.is_empty() {
-            journal.write_synced(Entry::NotJudged { reasons })?;
-        }
-        let together = gate.map(|gate| gate.refuses_together(&exercised, &calibration.table, in_force));
-        causes.extend(together.into_iter().flatten().map(|refusal| with_remedy(plan, refusal)));
-        failed.extend(causes.iter().map(|cause| Failure::new(Exit::Failed, cause.clone())));
-        let Some(failure) = Failure::all(failed) else { return Ok(()) };
-        let pages: Vec<_> = refused_runs.iter().map(|run| run.replace(".csv", ".html")).collect();
-        let remedy = if pages.is_empty() { String::new() } else { format!("; look at {}", pages.join(", ")) };
-        if !refused_runs.is_empty() {
-            causes.push(format!("not shown by {}", refused_runs.join(", ")));
-        }
-        Err(InstallationRefusal { failure, reason: causes.join("\n"), remedy })
+/// Judges the table by what is required and by every run. All runs are judged and reported before a failure ends
+/// it.
+pub(super) fn verify(
+    require: Option<Requirement>,
+    plan: &Plan,
+    journal: &mut Journal,
+    fit: &FittedTable,
+    stop_signal: &AtomicUsize,
+) -> Result<(), InstallationRefusal> {
+    let Some(verify) = &plan.verify else { return Ok(()) };
+    let calibration = &fit.calibration;
+    let in_force = fit.in_force.as_ref().map(|in_force| &in_force.table);
+    let gate = gate(require, verify, calibration)?;
+    // Causes that the journal has with no run.
+    let mut causes = Vec::new();
+    if let Some(gate) = &gate {
+        causes.extend(gate.refuses_table(calibration, in_force).into_iter().map(|refusal| refusal.cause));
     }
+    let mut exercised = Exercised::default();
+    let (mut refused_runs, mut failed) = (Vec::new(), Vec::new());
+    for (index, run) in plan.run_files().into_iter().enumerate() {
+        check_stop_signal(stop_signal)?;
+        let attitude = verify.attitude(index);
+        let setup = setup_of(plan, calibration, attitude);
+        let verdict = fit.verify_run(&plan.output.join(&run), &setup, gate.as_ref(), &mut exercised);
+        let (largest, failure) = match verdict {
+            Ok(RunVerdict { largest, refused }) => (largest, refused.map(|causes| Failure::new(Exit::Failed, causes))),
+            Err(failure) => (None, Some(failure)),
+        };
+        let refused = failure.as_ref().map(ToString::to_string);
+        let entry = Entry::Verified { run: run.clone(), angles_deg: attitude.angles, largest, refused };
+        journal.write_synced(entry)?;
+        if let Some(failure) = failure {
+            let lines: Vec<_> = failure.message.lines().map(|line| format!("{run}: {line}")).collect();
+            failed.push(Failure::new(failure.exit, lines.join("\n")));
+            refused_runs.push(run);
+        }
+    }
+    let reasons = exercised.not_judged(&calibration.table);
+    for reason in &reasons {
+        print_message(&format!("not judged: {reason}"));
+    }
+    if !reasons.is_empty() {
+        journal.write_synced(Entry::NotJudged { reasons })?;
+    }
+    let together = gate.map(|gate| gate.refuses_together(&exercised, &calibration.table, in_force));
+    causes.extend(together.into_iter().flatten().map(|refusal| with_remedy(plan, refusal)));
+    failed.extend(causes.iter().map(|cause| Failure::new(Exit::Failed, cause.clone())));
+    let Some(failure) = Failure::all(failed) else { return Ok(()) };
+    let pages: Vec<_> = refused_runs.iter().map(|run| run.replace(".csv", ".html")).collect();
+    let remedy = if pages.is_empty() { String::new() } else { format!("; look at {}", pages.join(", ")) };
+    if !refused_runs.is_empty() {
+        causes.push(format!("not shown by {}", refused_runs.join(", ")));
+    }
+    Err(InstallationRefusal { failure, reason: causes.join("\n"), remedy })
+}
 
-    /// What every run must show, which it prints; `None` if nothing is required.
-    fn gate(&self, verify: &VerificationPlan, calibration: &Calibration) -> Result<Option<Gate>, Failure> {
-        let Some(require) = self.require else { return Ok(None) };
-        // One bound for all runs: that of the largest component along each accelerometer.
-        let along = |axis: usize| verify.attitudes.iter().map(move |attitude| attitude.specific_force[axis].abs());
-        let largest = [0, 1, 2].map(|axis| along(axis).fold(0.0, f64::max));
-        let gate = Gate::new(require, calibration, largest).map_err(|message| Failure::new(Exit::Failed, message))?;
-        print_message(&format!("every verification run must show {}", gate.require));
-        if let Some(number) = calibration.suspect_position {
-            print_message(&format!(
-                "the residuals would fall to a third without position {number}: look at its angles; bounds that are not given are \
-                 therefore at most {:.0}e-6 g0",
-                GATE_FLOOR * 1e6
-            ));
-        }
-        Ok(Some(gate))
+/// What every run must show, which it prints; `None` if nothing is required.
+fn gate(
+    require: Option<Requirement>,
+    verify: &VerificationPlan,
+    calibration: &Calibration,
+) -> Result<Option<Gate>, Failure> {
+    let Some(require) = require else { return Ok(None) };
+    // One bound for all runs: that of the largest component along each accelerometer.
+    let along = |axis: usize| verify.attitudes.iter().map(move |attitude| attitude.specific_force[axis].abs());
+    let largest = [0, 1, 2].map(|axis| along(axis).fold(0.0, f64::max));
+    let gate = Gate::new(require, calibration, largest).map_err(|message| Failure::new(Exit::Failed, message))?;
+    print_message(&format!("every verification run must show {}", gate.require));
+    if let Some(number) = calibration.suspect_position {
+        print_message(&format!(
+            "the residuals would fall to a third without position {number}: look at its angles; bounds that are not given are \
+             therefore at most {:.0}e-6 g0",
+            GATE_FLOOR * 1e6
+        ));
     }
+    Ok(Some(gate))
+}
+
+/// # Errors
+/// If a signal has asked to end.
+pub(super) fn check_stop_signal(stop_signal: &AtomicUsize) -> Result<(), Failure> {
+    let stopped = |signal| Err(Failure::new(Exit::Failed, signal));
+    stopped_by(stop_signal).map_or(Ok(()), stopped)
 }
 
 /// What is known of a run at this attitude: the specific force includes the tilt of the base that the fit has found.

@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::PathBuf;
 
+/// Version of the format of the lines.
+pub(super) const FORMAT: u32 = 1;
+
 /// A line of the journal.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct JournalLine {

@@ -1,6 +1,6 @@
 //! The state of a campaign, from the lines of its journal.
 
-use super::{Entry, JournalLine, KeptStep};
+use super::entry::{Entry, JournalLine, KeptStep};
 use crate::stamp::Stamp;
 use isotherm_shared::names::ImuId;
 

@@ -1,6 +1,6 @@
 //! Whether a plan gives the data that a journal has begun.
 
-use super::{Entry, FORMAT, JournalLine, KeptStep};
+use super::entry::{Entry, FORMAT, JournalLine, KeptStep};
 use crate::plan::{BACK, Plan, RAMP_FILE, RAMP_KEY, RUN_FILE, RUN_KEY, without_comment};
 use isotherm_shared::document::current_key;
 use isotherm_support::failure::{Exit, Failure, shown};

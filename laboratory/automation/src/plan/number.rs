@@ -17,9 +17,9 @@ pub(super) fn not_negative(section: &Section<'_, '_>, key: &'static str, default
 }
 
 /// A number over 0 and up to `most`, or `default`.
-pub(super) fn at_most(section: &Section<'_, '_>, key: &'static str, default: f64, most: f64) -> f64 {
+pub(super) fn at_most(section: &Section<'_, '_>, key: &'static str, default: f64, limit: f64) -> f64 {
     let value = section.optional_number(key);
-    let wrong = value.filter(|value| !(*value > 0.0 && *value <= most));
-    section.refuse(key, wrong.map(|value| format!("is {value:?}, give a number over 0 and up to {most:?}")));
+    let wrong = value.filter(|value| !(*value > 0.0 && *value <= limit));
+    section.refuse(key, wrong.map(|value| format!("is {value:?}, give a number over 0 and up to {limit:?}")));
     value.unwrap_or(default)
 }

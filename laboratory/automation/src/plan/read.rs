@@ -7,19 +7,19 @@ use super::model::{DwellPlan, MotionPlan, Patience, Plan, RampPlan, SoakPlan, Ve
 use super::number::{at_most, not_negative, positive};
 use super::ramps::ramps;
 use super::stay::{AirLimits, position_at, way};
-use super::turns::{self, turn_plan};
+use super::turns::{self, PlanTurn, turn_plan};
 use crate::limits::{self, Limits};
-use isotherm_campaign::{Campaign, IMU, Position, Ramp, SAME_DIRECTION, Scheme, Turn, mounting};
+use isotherm_campaign::{Campaign, IMU, Position, Ramp, SAME_DIRECTION, Scheme, mounting};
 use isotherm_files::target_of;
 use isotherm_fit::observable;
 use isotherm_instruments::{ChamberConfig, TurntableConfig};
-use isotherm_shared::document::Section;
+use isotherm_shared::document::{Faults, Section};
 use isotherm_shared::names::ImuId;
 use isotherm_simulation::campaign_toml;
 use isotherm_support::failure::shown;
 use nalgebra::Matrix3;
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Largest number of set points of a plan.
 const MAX_SET_POINTS: usize = 1000;
@@ -33,14 +33,7 @@ pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Optio
     let is_batch = root.has("imus");
     let header = CampaignHeader::read(root, is_batch);
     let output = root.string("output", "the folder that the campaign is written into").map(|path| folder.join(path));
-    let refuse_install = |file: &Path| if to_run { missing_folder(file) } else { None };
-    let (install, imus) = if is_batch {
-        (None, imus(root, folder, refuse_install))
-    } else {
-        let install = root.optional_string("install").map(|path| folder.join(path));
-        root.refuse("install", install.as_deref().and_then(refuse_install));
-        (install, Some(Vec::new()))
-    };
+    let (install, imus) = installations(root, folder, to_run);
     let limits = root.section("limits", "[limits] with chamber_c, outer_deg and inner_deg").map(limits::read);
     let limits = &limits.unwrap_or(Limits::ABSOLUTE);
     let (chamber, ramp_c_per_s, tolerance_c) = chamber(root, limits);
@@ -58,27 +51,12 @@ pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Optio
     let ambient_c = safe(root, limits);
     let ramps = ramps(root, &rotation, &air);
     let verify = root.optional_section("verify").and_then(|section| verify(section, &rotation, &air));
-    // Valid positions and turns replace missing ones, so that the other parts are checked.
-    let known = positions.clone().unwrap_or_else(|| Scheme::SixFacesTwoHeadings.positions());
-    let placeholder = || turns::whole_turns(&known, &Matrix3::identity(), header.latitude_deg(), &Limits::ABSOLUTE);
-    let turns_in_file: Vec<_> = match &turns {
-        Some(turns) => turns.iter().map(|(turn, _)| turn.clone()).collect(),
-        None => placeholder().unwrap_or_default().into_iter().map(|(turn, _)| turn).collect(),
-    };
-    let campaign_toml = header.campaign(
-        &known,
-        &turns_in_file,
-        ramps.as_deref().unwrap_or_default(),
-        imus.as_deref().unwrap_or_default(),
-    );
-    let campaigns = match Campaign::batch_from_toml(&campaign_toml) {
-        Ok(campaigns) => campaigns,
-        // The keys are the same in both files; therefore the faults are reported as faults of the plan.
-        Err(faults) => {
-            faults.0.iter().for_each(|fault| root.fault(&fault.key, fault.message.clone()));
-            return None;
-        }
-    };
+    let (ramps_in_file, imus_in_file) = (ramps.as_deref().unwrap_or_default(), imus.as_deref().unwrap_or_default());
+    let campaign_toml = header.campaign(positions.as_deref(), turns.as_deref(), ramps_in_file, imus_in_file);
+    let campaigns = Campaign::batch_from_toml(&campaign_toml);
+    // The keys are the same in both files; therefore the faults are reported as faults of the plan.
+    let report = |faults: Faults| faults.0.into_iter().for_each(|fault| root.fault(&fault.key, fault.message));
+    let campaigns = campaigns.map_err(report).ok()?;
     // The others of a batch differ by their mountings alone.
     let campaign = campaigns.first()?.clone();
     if let Err(error) = observable(&campaign) {
@@ -112,6 +90,18 @@ pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Optio
         return header.imu.map(|imu| Plan { imu, ..plan });
     }
     Some(batch(plan, imus?, campaigns))
+}
+
+/// The file that the table of an IMU that is alone is installed as, and the IMUs of a batch; no IMUs without one, and
+/// `None` if one of them is wrong.
+fn installations(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> (Option<PathBuf>, Option<Vec<PlannedImu>>) {
+    let refuse_install = |file: &Path| if to_run { missing_folder(file) } else { None };
+    if root.has("imus") {
+        return (None, imus(root, folder, refuse_install));
+    }
+    let install = root.optional_string("install").map(|path| folder.join(path));
+    root.refuse("install", install.as_deref().and_then(refuse_install));
+    (install, Some(Vec::new()))
 }
 
 /// The fault of a file to be written whose folder does not exist.
@@ -151,8 +141,19 @@ impl<'d> CampaignHeader<'d> {
         self.numbers.iter().find(|(key, _)| *key == "latitude_deg").and_then(|(_, value)| *value)
     }
 
-    /// The text of the campaign file. A valid value replaces a missing one, which is reported as a fault already.
-    fn campaign(&self, positions: &[Position], turns: &[Turn], ramps: &[RampPlan], imus: &[PlannedImu]) -> String {
+    /// The text of the campaign file. Valid values, positions and turns replace missing ones, which are reported as
+    /// faults already, so that the other parts are checked.
+    fn campaign(
+        &self,
+        positions: Option<&[Position]>,
+        turns: Option<&[PlanTurn]>,
+        ramps: &[RampPlan],
+        imus: &[PlannedImu],
+    ) -> String {
+        let positions = positions.map_or_else(|| Scheme::SixFacesTwoHeadings.positions(), <[_]>::to_vec);
+        let whole_turns =
+            || turns::whole_turns(&positions, &Matrix3::identity(), self.latitude_deg(), &Limits::ABSOLUTE);
+        let turns = turns.map_or_else(|| whole_turns().unwrap_or_default(), <[_]>::to_vec);
         let quoted = |text: &str| toml::Value::from(text).to_string();
         let mut text = String::new();
         // Writing to a String cannot fail.
@@ -166,11 +167,11 @@ impl<'d> CampaignHeader<'d> {
         let [reference, local] = self.gravity.map(|gravity| gravity.unwrap_or(9.8));
         let in_files = if imus.is_empty() { None } else { Some(IMU) };
         let samples = samples_file(in_files);
-        text += &campaign_toml(imu, &samples, reference, local, self.unit.unwrap_or("V"), positions);
+        text += &campaign_toml(imu, &samples, reference, local, self.unit.unwrap_or("V"), &positions);
         if !imus.is_empty() {
             text = text.replacen(&format!("imu = \"{imu}\"\n"), &imus_toml(imus), 1);
         }
-        let turns = turns.iter().map(Turn::to_toml);
+        let turns = turns.iter().map(|(turn, _)| turn.to_toml());
         let ramps = ramps.iter().enumerate().map(|(number, ramp)| {
             Ramp { samples: ramp_file(number, in_files), specific_force: Some(ramp.attitude.specific_force) }.to_toml()
         });
@@ -201,7 +202,8 @@ fn turntable(
 ) -> (Option<TurntableConfig>, MotionPlan, Option<Matrix3<f64>>) {
     let section = root.section("turntable", "[turntable] with driver and port");
     let config = section.as_ref().and_then(TurntableConfig::read);
-    let number = |key, default, most| section.as_ref().map_or(default, |section| at_most(section, key, default, most));
+    let number =
+        |key, default, limit| section.as_ref().map_or(default, |section| at_most(section, key, default, limit));
     let motion = MotionPlan {
         rate_deg_s: number("rate_deg_s", 10.0, f64::INFINITY),
         acceleration_deg_s2: number("acceleration_deg_s2", 10.0, f64::INFINITY),
@@ -302,10 +304,7 @@ fn positions(root: &Section<'_, '_>, mounting: &Matrix3<f64>, limits: &Limits) -
 }
 
 fn position(section: &Section<'_, '_>, mounting: &Matrix3<f64>) -> Option<Position> {
-    let number = section.optional_integer("number", 0..=i64::from(u32::MAX));
-    if !section.has("number") {
-        section.fault("number", "missing; give the number that the samples will carry");
-    }
+    let number = section.integer("number", 0..=i64::from(u32::MAX), "the number that the samples will carry");
     let label = section.optional_string("up").unwrap_or_default();
     let outer = section.number("outer_deg", "the turntable's outer angle in degrees");
     let inner = section.number("inner_deg", "the turntable's inner angle in degrees");
@@ -418,9 +417,7 @@ fn attitudes(section: &Section<'_, '_>, mounting: &Matrix3<f64>, limits: &Limits
     let one = [angle("outer_deg", 50.0), angle("inner_deg", 130.0)];
     let right = "outer and inner angle of each attitude in deg, for example [[50, 130], [230, 130]]";
     let angles: Vec<[f64; 2]> = if section.has("attitudes_deg") {
-        for key in ["outer_deg", "inner_deg"].into_iter().filter(|key| section.has(key)) {
-            section.fault(key, "there is attitudes_deg too; give either");
-        }
+        section.forbid(&["outer_deg", "inner_deg"], "there is attitudes_deg too; give either");
         let rows = section.matrix("attitudes_deg", right)?;
         let pairs = rows.iter().map(|row| row.as_slice().try_into().ok()).collect::<Option<Vec<_>>>();
         let Some(pairs) = pairs.filter(|pairs| !pairs.is_empty()) else {

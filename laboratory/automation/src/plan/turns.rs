@@ -151,9 +151,9 @@ pub(super) fn turn_plan(root: &Section<'_, '_>, limits: &Limits, turns: Option<&
     let none = turns.is_some_and(<[_]>::is_empty);
     let row_deg = plan.row_s * plan.rate_deg_s;
     let long = (row_deg > MAX_ROW_DEG).then(|| {
-        let most = MAX_ROW_DEG / plan.rate_deg_s;
+        let limit = MAX_ROW_DEG / plan.rate_deg_s;
         format!(
-            "at {:?} deg/s a row is {row_deg:?} deg long, give at most {most:.3} s for {MAX_ROW_DEG:?} deg",
+            "at {:?} deg/s a row is {row_deg:?} deg long, give at most {limit:.3} s for {MAX_ROW_DEG:?} deg",
             plan.rate_deg_s
         )
     });

@@ -66,8 +66,8 @@ impl RowSum {
     /// Whether the counters have room for as much again.
     pub(super) fn has_room(&self) -> bool {
         let triads = [&self.sum.accelerometers, &self.sum.gyroscopes];
-        let most = triads.iter().flat_map(|triad| triad.positive_pulses.iter().chain(&triad.negative_pulses)).max();
-        most.is_none_or(|most| *most < u32::MAX / 2) && self.sum.interval_ns < MAX_INTERVAL_NS / 2
+        let largest = triads.iter().flat_map(|triad| triad.positive_pulses.iter().chain(&triad.negative_pulses)).max();
+        largest.is_none_or(|largest| *largest < u32::MAX / 2) && self.sum.interval_ns < MAX_INTERVAL_NS / 2
     }
 
     /// The row. A row of one sample is that sample.

@@ -17,7 +17,7 @@ fn a_misread_angle_stops_the_turntable_and_does_not_end_the_campaign() {
         let ended = campaign.run_once();
         assert_done(&ended);
         assert_complete(&campaign, 12);
-        let causes: Vec<_> = events(&campaign, "paused").iter().map(|it| it["cause"].to_string()).collect();
+        let causes: Vec<_> = events(&campaign, "paused").iter().map(|paused| paused["cause"].to_string()).collect();
         assert!(causes.len() == 1 && causes[0].contains("498.12345 deg is outside limits.outer_deg"), "{causes:?}");
         assert!(causes[0].contains("a second reading on a fresh line does not confirm it"), "{causes:?}");
         let after = requests(&campaign, true, MISREAD_S);

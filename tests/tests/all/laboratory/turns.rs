@@ -6,7 +6,6 @@ use isotherm_laboratory_bench::GYROSCOPES;
 use isotherm_tests::laboratory::{SERIAL, TestLaboratory, stdout_of_success, wait_for_end, wait_long};
 use isotherm_tests::{text, wait_until};
 use rustix::process::Signal;
-use std::time::Duration;
 
 /// Positions and turns of a set point.
 const POSITIONS: usize = 12;
@@ -32,8 +31,9 @@ fn a_service_that_is_restarted_in_a_turn_costs_nothing() {
         assert!(laboratory.events("kept").len() <= POSITIONS, "the turn was too fast");
         laboratory.place() == ("turn".to_owned(), POSITIONS as u64)
     });
-    // The rest before it takes a tenth of this, the turn four times as long.
-    std::thread::sleep(Duration::from_millis(250));
+    wait_long("a turntable that turns", || {
+        laboratory.readbacks().last().is_some_and(|(phase, _, [outer, _])| phase == "turn" && *outer > 1.0)
+    });
     let discarded = laboratory.events("discarded").len();
     laboratory.service.signal(Signal::KILL);
     wait_until("the end of the service", || laboratory.service.has_ended());
