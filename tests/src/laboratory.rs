@@ -132,8 +132,11 @@ impl TestLaboratory {
             plan = plan.replace(&format!("install = \"{imu}.toml\""), &format!("install = \"../{imu}.toml\""));
         }
         // The telemetry still drifts after such a short soak: without this key its drift is not checked.
-        plan =
-            plan.lines().filter(|line| !line.starts_with("temperature_per_h")).map(|line| format!("{line}\n")).collect();
+        plan = plan
+            .lines()
+            .filter(|line| !line.starts_with("temperature_per_h"))
+            .map(|line| format!("{line}\n"))
+            .collect();
         domain.write("station/plan.toml", &plan);
         Self { domain, service, station, _place: place }
     }
