@@ -342,7 +342,7 @@ fn a_plan_with_turns_takes_six_whole_turns_within_its_limits() {
         (without.turns.len(), without.campaign.turns.len(), without.size()),
         (0, 0, "15 set points x 12 positions".to_owned())
     );
-    assert!(without.identity().iter().all(|(key, _)| !key.starts_with("turn")));
+    assert!(without.identity().iter().all(|(key, _)| !key.starts_with("turn.") && !key.starts_with("turns.")));
     assert!(whole.identity().contains(&("turn.14".to_owned(), "[720.0, 0.0] to [0.0, 0.0] deg".to_owned())));
     assert!(whole.identity().contains(&("latitude_deg".to_owned(), "39.9".to_owned())));
 }
