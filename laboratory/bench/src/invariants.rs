@@ -327,7 +327,7 @@ impl CampaignCourse<'_> {
                 |index: usize| fields.get(index).and_then(|field| field.parse::<f64>().ok()).unwrap_or(f64::NAN);
             let key = (number(session) as u64, number(sequence) as u64);
             let place = places.get(&key);
-            let position = plan.positions.iter().find(|position| f64::from(position.number) == number(position));
+            let position = plan.positions.iter().find(|planned| f64::from(planned.number) == number(position));
             let (Some(place), Some(angles_deg)) = (place, position.and_then(|position| position.angles)) else {
                 found.push(format!("a row of session and sequence {key:?} is of no sample or of no position"));
                 continue;
