@@ -162,7 +162,7 @@ fn a_dead_turntable_does_not_hold_the_chambers_order() {
 /// One set point at this chamber, with this safe state.
 fn with_chamber(chamber: ChamberProtocol, safe: &str) -> Setup {
     let with_keys = |driver: &str| format!("{driver}quiet_s = 0.2\nretries = 0\n");
-    let [driver, turntable] = [chamber.name(), "acutrol"].map(|driver| format!("driver = {driver:?}\n"));
+    let [driver, turntable] = [<&str>::from(chamber), "acutrol"].map(|driver| format!("driver = {driver:?}\n"));
     Setup { chamber, ..one_set_point() }.with(&[
         (&driver, &with_keys(&driver)),
         (&turntable, &with_keys(&turntable)),
