@@ -185,7 +185,7 @@ impl SimulateStation {
             .map_err(|error| Failure::new(Exit::Failed, format!("starting the station's processes: {error}")))?;
         let part = |part: StationProcess| {
             let mut command = Command::new(&program);
-            command.args(["--domain", domain.name(), "simulate", "station-part", part.name()]);
+            command.args(["--domain", domain.name(), "simulate", "station-part", part.into()]);
             command.arg(&folder).args(["--parent", &std::process::id().to_string()]);
             command
         };
