@@ -37,6 +37,7 @@ mod marks;
 mod nominal;
 mod overlap;
 mod pieces;
+mod progress;
 mod raw;
 pub mod rows;
 
@@ -52,4 +53,5 @@ pub use log::LogImu;
 pub use marks::{Marks, share_rows};
 pub use overlap::Overlap;
 pub use pieces::{MOST_PERIODS, SequenceRule, goes_on};
+pub use progress::{Observer, Progress, WatchedReader};
 pub use raw::{RawCsvReader, RawCsvWriter};

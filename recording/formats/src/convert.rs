@@ -60,7 +60,6 @@ pub use unit::Linear;
 pub use vehicle::VehicleState;
 
 use interval::{GAP, Steps};
-use isotherm_files::{LoadError, Trust, open_recording, read_text};
 use isotherm_recording::columns::Layout;
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::document::Faults;
@@ -69,12 +68,13 @@ use isotherm_shared::table::Nominal;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, Triad};
 use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::{Finding, name};
+use isotherm_support::source::DataSource;
 use joined::JoinedSource;
 use known::Known;
 use scale::{Telemetry, Units};
-use source::{Reading, Source};
+use source::{OpenData, Reading, Source};
 use stamped::Stamped;
-use std::io::{Cursor, Read};
+use std::io::{Cursor, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 use stream::Stream;
 
@@ -126,44 +126,41 @@ struct Gaps {
 ///
 /// # Errors
 /// If the file cannot be read, or if a log has no rows of an IMU.
-pub fn imus_of_log(path: &Path, settings: &Settings) -> Result<Vec<FoundImu>, Failure> {
-    let is_file = path.metadata().is_ok_and(|metadata| metadata.is_file());
-    if !is_file {
+pub fn imus_of_log(source: &DataSource, settings: &Settings) -> Result<Vec<FoundImu>, Failure> {
+    if !source.is_file() {
         return Ok(Vec::new());
     }
-    let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
+    let mut bytes = source.open().map_err(|error| Failure::io("opening", source.name(), &error))?;
+    let beginning = beginning(&mut bytes, source.name())?;
+    let format = Known::of(&beginning);
+    let bytes = settings.watched(Box::new(Cursor::new(beginning).chain(bytes)));
+    format.map_or(Ok(Vec::new()), |format| format.imus(OpenData { source, bytes }))
+}
+
+/// The bytes by which the format is recognised.
+fn beginning(source: &mut dyn Read, path: &Path) -> Result<Vec<u8>, Failure> {
     let mut beginning = Vec::new();
     let read = source.take(BEGINNING).read_to_end(&mut beginning);
-    read.map_err(|error| Failure::io("reading", path, &error))?;
-    known::imus_of(path, &beginning, settings).map(Option::unwrap_or_default)
+    read.map_err(|error| Failure::io("reading", path, &error)).map(|_| beginning)
 }
 
 impl Conversion {
-    /// Opens foreign data. `-` is stdin, for text. The format is recognised by the first bytes.
+    /// Opens foreign data, of a text with the name and the text of the mapping file. The format is recognised by the
+    /// first bytes.
     ///
     /// # Errors
     /// [`Exit::Usage`] if a text has no mapping, with the mapping that would be. [`Exit::Config`] with all faults of
     /// the mapping. [`Exit::Data`] if the data are of no known format, or do not have what the mapping names.
     /// [`Exit::Io`].
-    pub fn open(path: &Path, mapping: Option<&Path>, settings: &Settings) -> Result<Self, Failure> {
-        let text = match mapping {
-            Some(mapping) => Some(read_text(mapping, Trust::Any)?.0),
-            None => None,
-        };
-        Self::of_file(path, mapping.zip(text.as_deref()), settings)
-    }
-
-    /// As [`open`](Self::open), with the name and the text of the mapping file.
-    ///
-    /// # Errors
-    /// As [`open`](Self::open).
-    pub fn of_file(path: &Path, mapping: Option<(&Path, &str)>, settings: &Settings) -> Result<Self, Failure> {
-        if path.is_dir() {
-            let message = format!("{}: a folder; name the .mcap file in it", shown(path));
-            return Err(Failure::new(Exit::Data, message));
-        }
-        let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
-        Self::read(path, settings.watched(source), mapping, settings)
+    pub fn open(source: &DataSource, mapping: Option<(&Path, &str)>, settings: &Settings) -> Result<Self, Failure> {
+        let bytes = source.open().map_err(|error| match error.kind() {
+            ErrorKind::IsADirectory => {
+                let message = format!("{}: a folder; name the .mcap file in it", shown(source.name()));
+                Failure::new(Exit::Data, message)
+            }
+            _ => Failure::io("opening", source.name(), &error),
+        })?;
+        Self::read(source, settings.watched(Box::new(bytes)), mapping, settings)
     }
 
     /// As [`open`](Self::open), of a text that is in memory. `name` stands for the data in messages; `mapping` has a
@@ -177,24 +174,23 @@ impl Conversion {
         mapping: Option<(&Path, &str)>,
         settings: &Settings,
     ) -> Result<Self, Failure> {
-        Self::read(name, Box::new(text), mapping, settings)
+        Self::read(&DataSource::of_stream(name), Box::new(text), mapping, settings)
     }
 
-    /// As [`open`](Self::open), of a file that is open.
-    pub(crate) fn of_source(path: &Path, source: Box<dyn Read>, foreign: &Foreign) -> Result<Self, Failure> {
-        Self::read(path, source, foreign.named(), &foreign.settings)
+    /// As [`open`](Self::open), of a source that is open.
+    pub(crate) fn of_source(of: &DataSource, source: Box<dyn Read>, foreign: &Foreign) -> Result<Self, Failure> {
+        Self::read(of, source, foreign.named(), &foreign.settings)
     }
 
     fn read(
-        path: &Path,
+        of: &DataSource,
         mut source: Box<dyn Read>,
         mapping: Option<(&Path, &str)>,
         settings: &Settings,
     ) -> Result<Self, Failure> {
+        let path = of.name();
         let failed = |error: RecordingError| error.failure(path);
-        let mut beginning = Vec::new();
-        let read = (&mut source).take(BEGINNING).read_to_end(&mut beginning);
-        read.map_err(|error| Failure::io("reading", path, &error))?;
+        let beginning = beginning(&mut source, path)?;
         if let Some(message) = refused::reason(&beginning) {
             return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(path))));
         }
@@ -215,7 +211,8 @@ impl Conversion {
                 return Err(Failure::new(Exit::Config, format!("{}: {message}", shown(file))).at(file, None));
             }
             let units = known.units.map(|unit| unit.unwrap_or(1.0));
-            let source = format.open(path, source, settings, temperature, units)?;
+            let data = OpenData { source: of, bytes: source };
+            let source = format.rows(data, settings, temperature, units)?;
             let interval_ns = settings.interval_ns.or(known.interval_ns);
             return Self::begin(path, source, interval_ns, settings);
         }
@@ -230,7 +227,7 @@ impl Conversion {
                 (None, _) => Box::new(source),
                 (Some(file), Some(both)) => Box::new(Self::of_two_files((path, source), file, both, settings.time)?),
                 (Some(file), None) => {
-                    let message = format!("it has gyroscopes itself; leave out --gyroscope-file {}", shown(file));
+                    let message = format!("it has gyroscopes itself; leave out --gyroscope-file {}", shown(file.name()));
                     return Err(Failure::new(Exit::Usage, format!("{}: {message}", shown(path))));
                 }
             };
@@ -272,13 +269,14 @@ impl Conversion {
     /// The rows of a text of accelerometers, joined with those of a text of gyroscopes that has this mapping.
     fn of_two_files(
         (path, accelerometers): (&Path, text::TextSource),
-        file: &Path,
+        file: &DataSource,
         mapping: Mapping,
         time: TimeSource,
     ) -> Result<JoinedSource, Failure> {
-        let source = open_recording(file).map_err(|error| Failure::io("opening", file, &error))?;
+        let source = file.open().map_err(|error| Failure::io("opening", file.name(), &error))?;
+        let file = file.name();
         let name = |path: &Path| shown(path).to_string();
-        let gyroscopes = text::TextSource::of_gyroscopes(source, mapping);
+        let gyroscopes = text::TextSource::of_gyroscopes(Box::new(source), mapping);
         let gyroscopes = gyroscopes.and_then(|it| Stream::new(Box::new(it), time, true, name(file), Some(file)));
         let gyroscopes = gyroscopes.map_err(|error| error.failure(file))?;
         let accelerometers = Stream::new(Box::new(accelerometers), time, false, name(path), None);
@@ -610,5 +608,6 @@ fn is_same((found_ns, rows): (u64, u64), nominal_ns: u64) -> bool {
 }
 
 fn refuse(path: &Path, faults: Faults) -> Failure {
-    LoadError::Refused { path: path.to_owned(), faults }.into()
+    let line = faults.0.first().map(|fault| fault.line as u64);
+    Failure::new(Exit::Config, faults.of(path)).at(path, line)
 }

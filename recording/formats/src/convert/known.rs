@@ -4,10 +4,9 @@ use super::autopilot::{DataFlashSource, Encoding, FoundImu, UlogSource, is_ulog}
 use super::novatel::{self, NovatelSource};
 use super::ros::RosSource;
 use super::settings::{GyroscopeTemperature, Settings, TimeSource};
-use super::source::Source;
+use super::source::{OpenData, Source};
 use isotherm_recording::columns::MCAP_MAGIC;
 use isotherm_support::failure::{Exit, Failure, shown};
-use std::io::Read;
 use std::path::Path;
 
 /// A format whose columns are known.
@@ -37,34 +36,32 @@ impl Known {
         Encoding::of(beginning).map(Self::DataFlash)
     }
 
-    /// Opens the data. `source` has all of them; logs are read from the file instead. ROS messages may have other
-    /// units, one of which is `units` \[m/s2, rad/s\].
-    pub(super) fn open(
+    /// The rows of the data. ROS messages may have other units, one of which is `units` \[m/s2, rad/s\].
+    pub(super) fn rows(
         self,
-        path: &Path,
-        source: Box<dyn Read>,
+        data: OpenData<'_>,
         settings: &Settings,
         temperature: Option<f64>,
         units: [f64; 2],
     ) -> Result<Box<dyn Source>, Failure> {
         Ok(match self {
-            Self::Mcap => RosSource::open(path, source, settings, temperature, units)?,
-            Self::Novatel => Box::new(NovatelSource::new(source, temperature)),
-            Self::Ulog => Box::new(UlogSource::open(path, settings, temperature)?),
-            Self::DataFlash(encoding) => Box::new(DataFlashSource::open(path, settings, temperature, encoding)?),
+            Self::Mcap => RosSource::open(data, settings, temperature, units)?,
+            Self::Novatel => Box::new(NovatelSource::new(data.bytes, temperature)),
+            Self::Ulog => Box::new(UlogSource::open(data, settings, temperature)?),
+            Self::DataFlash(encoding) => Box::new(DataFlashSource::open(data, settings, temperature, encoding)?),
         })
     }
-}
 
-/// The IMUs of an autopilot's log that begins with these bytes; `None` of other data.
-///
-/// # Errors
-/// If it has no rows of an IMU; of reading.
-pub(super) fn imus_of(path: &Path, beginning: &[u8], settings: &Settings) -> Result<Option<Vec<FoundImu>>, Failure> {
-    match Known::of(beginning) {
-        Some(Known::Ulog) => UlogSource::imus(path, settings).map(Some),
-        Some(Known::DataFlash(encoding)) => DataFlashSource::imus(path, settings, encoding).map(Some),
-        _ => Ok(None),
+    /// The IMUs of an autopilot's log; none of other data.
+    ///
+    /// # Errors
+    /// If a log has no rows of an IMU; of reading.
+    pub(super) fn imus(self, data: OpenData<'_>) -> Result<Vec<FoundImu>, Failure> {
+        match self {
+            Self::Ulog => UlogSource::imus(data),
+            Self::DataFlash(encoding) => DataFlashSource::imus(data, encoding),
+            Self::Mcap | Self::Novatel => Ok(Vec::new()),
+        }
     }
 }
 

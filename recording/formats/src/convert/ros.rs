@@ -6,21 +6,20 @@
 use super::joined::JoinedSource;
 use super::scale::Units;
 use super::settings::{Settings, TimeSource};
-use super::source::{PLACEHOLDER, Reading, Source, placeholder, pulses};
+use super::source::{OpenData, PLACEHOLDER, Reading, Source, placeholder, pulses};
 use super::stream::Stream;
 use super::unit::Quantity;
 use crate::read::records::Records;
 use crate::read::skip::Unwanted;
 use crate::ros::{Encoding, IMU, Imu, TEMPERATURE, Temperature};
-use isotherm_files::open_recording;
 use isotherm_recording::RecordingError;
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::{Finding, name};
+use isotherm_support::source::DataSource;
 use mcap::records::Record;
 use std::collections::{BTreeMap, HashMap};
-use std::fs;
 use std::io::Read;
 use std::path::Path;
 use std::rc::Rc;
@@ -130,9 +129,8 @@ type OfChannel = (Rc<Channel>, Vec<u8>, u64);
 
 /// Whether an MCAP file has messages of `sensor_msgs/msg/Imu`, and before them none of Isotherm. False of a pipe, and
 /// of a file that cannot be read up to there.
-pub(crate) fn is_bag(path: &Path) -> bool {
-    let file = fs::metadata(path).is_ok_and(|metadata| metadata.is_file()) && path != Path::new("-");
-    let Some(mut messages) = file.then(|| Messages::open(path, &Settings::default()).ok()).flatten() else {
+pub(crate) fn is_bag(source: &DataSource) -> bool {
+    let Some(mut messages) = source.is_file().then(|| Messages::open(source, &Settings::default()).ok()).flatten() else {
         return false;
     };
     loop {
@@ -163,19 +161,17 @@ struct Contents {
 }
 
 impl RosSource {
-    /// Opens a file and chooses the topics.
+    /// Chooses the topics. They and the temperatures are read first, then the rows.
     ///
     /// # Errors
-    /// If there is no topic of the messages, or several and none is chosen; if the file cannot be read twice.
-    ///
-    /// The rows are read from `source`, the topics and temperatures before that from the file.
+    /// If there is no topic of the messages, or several and none is chosen; if the data cannot be read twice.
     pub(super) fn open(
-        path: &Path,
-        source: Box<dyn Read>,
+        mut data: OpenData<'_>,
         settings: &Settings,
         temperature: Option<f64>,
         units: [f64; 2],
     ) -> Result<Box<dyn Source>, Failure> {
+        let path = data.source.name();
         if path == Path::new("-") {
             return Err(Failure::new(
                 Exit::Usage,
@@ -184,7 +180,7 @@ impl RosSource {
         }
         let failed = |error: RecordingError| error.failure(path);
         let refused = |message: String| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
-        let mut contents = Contents::read(&mut Messages::open(path, settings)?, settings.time).map_err(failed)?;
+        let mut contents = Contents::read(&mut Messages::new(data.source, data.take()), settings.time).map_err(failed)?;
         let chosen = contents.choose(settings).map_err(|problem| refused(contents.problem(&problem, IMU)))?;
         let names: Vec<_> = contents.temperatures.keys().cloned().collect();
         let telemetry = match temperature {
@@ -206,7 +202,7 @@ impl RosSource {
             temperatures: Temperatures { topic: None, values: Vec::new(), before: 0 },
             units,
         };
-        let messages = Messages::new(path, source);
+        let messages = Messages::new(data.source, data.again(settings)?);
         match chosen {
             Chosen::One(topic) => {
                 let source = Self { temperatures, ..of_topic(messages, topic, Wanted::All) };
@@ -214,7 +210,7 @@ impl RosSource {
             }
             Chosen::Two([topic, of_gyroscopes]) => {
                 // They are read beside each other, however far apart they lie in the file.
-                let others = Messages::open(path, &Settings::default())?;
+                let others = Messages::open(data.source, &Settings::default())?;
                 let accelerometers = Self { temperatures, ..of_topic(messages, topic.clone(), Wanted::Accelerometers) };
                 // The rows have the telemetry of the accelerometers.
                 let gyroscopes = Self {
@@ -457,17 +453,17 @@ fn choose(topics: &[String], wanted: Option<&str>, option: &str) -> Result<Optio
 }
 
 impl Messages {
-    fn open(path: &Path, settings: &Settings) -> Result<Self, Failure> {
-        let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
-        Ok(Self::new(path, settings.watched(source)))
+    fn open(of: &DataSource, settings: &Settings) -> Result<Self, Failure> {
+        let source = of.open().map_err(|error| Failure::io("opening", of.name(), &error))?;
+        Ok(Self::new(of, settings.watched(Box::new(source))))
     }
 
     /// The messages of a file, from its beginning.
-    fn new(path: &Path, source: Box<dyn Read>) -> Self {
+    fn new(of: &DataSource, source: Box<dyn Read>) -> Self {
         let kind = |channel: &mcap::records::Channel, schema: &str| {
             Channel::new(channel.topic.clone(), schema.to_owned(), &channel.message_encoding).kind
         };
-        let unwanted = Unwanted::of(path, |channel, schema| kind(channel, schema) != MessageKind::Other);
+        let unwanted = Unwanted::of(of, |channel, schema| kind(channel, schema) != MessageKind::Other);
         Self { records: Records::without(source, unwanted), schemas: HashMap::new(), channels: HashMap::new(), read: 0 }
     }
 

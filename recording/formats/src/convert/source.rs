@@ -2,13 +2,45 @@
 
 use super::rollover::Counter;
 use super::scale::Units;
+use super::settings::Settings;
 use super::vehicle::VehicleState;
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::wire::AXES;
+use isotherm_support::failure::Failure;
 use isotherm_support::finding::{Finding, name};
+use isotherm_support::source::DataSource;
+use std::io::Read;
+use std::path::Path;
 
 /// Telemetry of data that have none, unless it is given. A placeholder.
 pub const PLACEHOLDER: f64 = 25.0;
+
+/// Data that have been opened: all of their bytes, and where they can be opened again.
+pub(super) struct OpenData<'a> {
+    pub(super) source: &'a DataSource,
+    pub(super) bytes: Box<dyn Read>,
+}
+
+impl OpenData<'_> {
+    /// What messages call them.
+    pub(super) fn name(&self) -> &Path {
+        self.source.name()
+    }
+
+    /// Takes the bytes, for the first time that they are read.
+    pub(super) fn take(&mut self) -> Box<dyn Read> {
+        std::mem::replace(&mut self.bytes, Box::new(std::io::empty()))
+    }
+
+    /// Reads them once more, from their beginning.
+    ///
+    /// # Errors
+    /// If they cannot be opened.
+    pub(super) fn again(&self, settings: &Settings) -> Result<Box<dyn Read>, Failure> {
+        let bytes = self.source.open().map_err(|error| Failure::io("opening", self.name(), &error))?;
+        Ok(settings.watched(Box::new(bytes)))
+    }
+}
 
 /// A row of a source.
 #[derive(Clone, Copy, Debug, Default)]

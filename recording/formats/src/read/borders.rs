@@ -86,9 +86,9 @@ impl Borders {
     /// If it overlaps that: a row is in both.
     pub(super) fn begin(&mut self, piece: &WaitingPiece, before: &Path) -> Result<(), Failure> {
         let is_unnamed = piece.first.is_some_and(|first| first.session == 0);
-        self.open = is_unnamed.then(|| [before.to_owned(), piece.path.clone()]);
+        self.open = is_unnamed.then(|| [before.to_owned(), piece.source.name().to_owned()]);
         let Some(stamp_ns) = self.is_twice.take() else { return Ok(()) };
-        let (piece, before) = (shown(&piece.path), shown(before));
+        let (piece, before) = (shown(piece.source.name()), shown(before));
         let message = format!(
             "{piece}: its first row, of {stamp_ns} ns, is there twice; the piece before is {before}: leave out the \
              rows that are in both"

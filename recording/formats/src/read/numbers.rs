@@ -8,13 +8,12 @@ use super::part::{Clip, Judged, Part};
 use super::places::Places;
 use super::table::{ImuChoice, TableReader, WantedColumn};
 use core::ops::Sub;
-use indicatif::ProgressBar;
-use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{CsvColumn, DecimalMark, Rows, Separator};
+use isotherm_recording::{Progress, RecordingError};
 use isotherm_support::failure::{Exit, Failure, shown};
+use isotherm_support::source::DataSource;
 use std::borrow::Cow;
 use std::io::Read;
-use std::path::{Path, PathBuf};
 
 /// The wanted numbers of a row.
 #[derive(Clone, Debug)]
@@ -47,25 +46,25 @@ pub struct NumberTable<T> {
 /// # Errors
 /// If a piece cannot be opened, lacks a column, has several columns that a name may mean, or a value is refused.
 pub fn read_numbers<T: Sub<Output = T>>(
-    paths: &[PathBuf],
+    sources: &[DataSource],
     names: &[&str],
     choice: &ImuChoice,
     part: Part,
-    bar: &ProgressBar,
+    bar: &Progress,
     parse: impl Fn(usize, &str) -> Result<T, &'static str>,
 ) -> Result<NumberTable<T>, Failure> {
-    let first_row = |path: &Path| {
-        let mut source = Numbers::open(path, names, &first_row_columns(), choice, &ProgressBar::hidden())?;
-        let row = source.next().map_err(|error| error.failure(path))?;
+    let first_row = |of: &DataSource| {
+        let mut source = Numbers::open(of, names, &first_row_columns(), choice, &Progress::default())?;
+        let row = source.next().map_err(|error| error.failure(of.name()))?;
         Ok(row.then(|| source.first_row()))
     };
-    let places = in_order(paths, false, first_row)?.places;
-    let ordered: Vec<_> = places.into_iter().map(|place| &paths[place]).collect();
+    let places = in_order(sources, false, first_row)?.places;
+    let ordered: Vec<_> = places.into_iter().map(|place| &sources[place]).collect();
     let mut table = NumberTable { rows: Vec::new(), places: Places::default(), notes: Vec::new() };
     let (mut before, mut clip) = (0, Clip::new(part));
     let times = if part.is_whole() { Vec::new() } else { first_row_columns().to_vec() };
-    'pieces: for path in ordered.iter().copied() {
-        let mut source = Numbers::open(path, names, &times, choice, bar)?;
+    'pieces: for of in ordered.iter().copied() {
+        let (path, mut source) = (of.name(), Numbers::open(of, names, &times, choice, bar)?);
         table.places.begin(path, source.unit(), before);
         let failed = |error: RecordingError| error.failure(path);
         while source.next().map_err(failed)? {
@@ -88,7 +87,7 @@ pub fn read_numbers<T: Sub<Output = T>>(
         return Err(Failure::new(Exit::Usage, "no data are named"));
     }
     if let Some(last) = ordered.last() {
-        clip.check(last)?;
+        clip.check(last.name())?;
         table.notes.extend(clip.note());
     }
     Ok(table)
@@ -158,23 +157,23 @@ enum Source {
 
 impl Numbers {
     fn open(
-        path: &Path,
+        of: &DataSource,
         names: &[&str],
         times: &[WantedColumn],
         choice: &ImuChoice,
-        bar: &ProgressBar,
+        bar: &Progress,
     ) -> Result<Self, Failure> {
-        let failed = |error: RecordingError| error.failure(path);
+        let failed = |error: RecordingError| error.failure(of.name());
         let mut operands = Operands::default();
         let mut resolve = |found: &dyn Fn(&str) -> bool| {
             operands = Operands::resolve(names, found)?;
             Ok(operands.wanted(times))
         };
-        let reader: Box<dyn TableReader> = match open_source(path, bar, None)? {
+        let reader: Box<dyn TableReader> = match open_source(of, bar, None)? {
             Opened::Csv(source) => return Self::csv(source, names, times).map_err(failed),
             Opened::Mcap(source) => {
                 let wanted = resolve(&may_be_field).map_err(|error| Failure::new(Exit::Data, error))?;
-                Box::new(McapReader::new(path, source, wanted, choice.clone(), false))
+                Box::new(McapReader::new(of, source, wanted, choice.clone(), false))
             }
             Opened::Parquet(file) => {
                 let wanted = |found: &[String]| resolve(&|name| found.iter().any(|other| other == name));

@@ -3,9 +3,8 @@
 use super::table::WantedColumn;
 use isotherm_recording::columns::{ColumnSet, RAW, RECORDED_NS, SEQUENCE, SESSION, TIMESTAMP_NS};
 use isotherm_support::failure::{Exit, Failure, shown};
+use isotherm_support::source::DataSource;
 use std::collections::{HashMap, HashSet};
-use std::path::{Path, PathBuf};
-use std::{fs, io};
 
 /// The first row of a piece, by which it finds its place.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -48,26 +47,26 @@ pub(super) fn first_row_columns() -> [WantedColumn; 4] {
 /// With `is_given`, sessions and pieces keep the given order where no clock tells theirs: where a piece has no time, or
 /// begins before another one has ended, as with clocks that begin anew. `first` then needs the last times, too.
 pub(super) fn in_order(
-    paths: &[PathBuf],
+    sources: &[DataSource],
     is_given: bool,
-    mut first: impl FnMut(&Path) -> Result<Option<FirstRow>, Failure>,
+    mut first: impl FnMut(&DataSource) -> Result<Option<FirstRow>, Failure>,
 ) -> Result<Order, Failure> {
-    if paths.len() < 2 {
+    if sources.len() < 2 {
         let note = is_given.then(|| format!("{IN_ORDER} has no effect: there is one file"));
-        return Ok(Order { places: (0..paths.len()).collect(), note });
+        return Ok(Order { places: (0..sources.len()).collect(), note });
     }
     let usage = |message: String| Err(Failure::new(Exit::Usage, message));
     let mut names = HashSet::new();
-    for path in paths {
-        let io = |error: &io::Error| Failure::io("opening", path, error);
-        if path == Path::new("-") || !fs::metadata(path).map_err(|error| io(&error))?.is_file() {
+    for source in sources {
+        let path = source.name();
+        let Some(identity) = source.identity().map_err(|error| Failure::io("opening", path, &error))? else {
             return usage(format!("{}: pieces of a recording must be files; a pipe is read alone", shown(path)));
-        }
-        if !names.insert(fs::canonicalize(path).map_err(|error| io(&error))?) {
+        };
+        if !names.insert(identity) {
             return usage(format!("{} is named twice; name every piece once", shown(path)));
         }
     }
-    let firsts: Vec<_> = paths.iter().map(|path| first(path)).collect::<Result<_, _>>()?;
+    let firsts: Vec<_> = sources.iter().map(&mut first).collect::<Result<_, _>>()?;
     Ok(order(&firsts, is_given))
 }
 
@@ -228,7 +227,7 @@ mod tests {
         assert_eq!(kept(&session), (vec![1, 0], true));
         let two = [row(7, 100, 600), row(3, 5, 400), row(7, 0, 500)].map(of_session);
         assert_eq!(kept(&two), (vec![2, 0, 1], false));
-        let one = in_order(&["a.csv".into()], true, |_| Ok(None)).unwrap();
+        let one = in_order(&[DataSource::of_stream("a.csv")], true, |_| Ok(None)).unwrap();
         assert!(one.places == [0] && one.note.unwrap().contains("no effect: there is one file"));
     }
 

@@ -4,10 +4,10 @@
 //! summary matches its check and has all channels is read in this way.
 
 use super::summary::summary;
+use super::random::RandomAccess;
+use isotherm_support::source::DataSource;
 use mcap::records::{Channel, Record};
 use std::collections::{HashMap, HashSet};
-use std::fs::File;
-use std::path::Path;
 
 /// Channels that are not wanted.
 #[derive(Default)]
@@ -23,17 +23,14 @@ pub(super) struct Indexed {
 impl Unwanted {
     /// The channels of a file for which `is_wanted` is false of channel and schema's name; none if the summary of the
     /// file does not have all channels, or if it is no file.
-    pub(crate) fn of(path: &Path, is_wanted: impl Fn(&Channel, &str) -> bool) -> Self {
-        Self::summed_up(path, is_wanted).unwrap_or_default()
+    pub(crate) fn of(of: &DataSource, is_wanted: impl Fn(&Channel, &str) -> bool) -> Self {
+        Self::summed_up(of, is_wanted).unwrap_or_default()
     }
 
-    fn summed_up(path: &Path, is_wanted: impl Fn(&Channel, &str) -> bool) -> Option<Self> {
-        if !path.metadata().is_ok_and(|metadata| metadata.is_file()) {
-            return None;
-        }
-        let file = File::open(path).ok()?;
+    fn summed_up(of: &DataSource, is_wanted: impl Fn(&Channel, &str) -> bool) -> Option<Self> {
+        let file = of.is_file().then(|| of.open().and_then(RandomAccess::new).ok()).flatten()?;
         let (mut schemas, mut channels, mut count) = (HashMap::new(), HashMap::new(), None);
-        for record in summary(&file, file.metadata().ok()?.len()).ok()?.0 {
+        for record in summary(&file).ok()?.0 {
             match record {
                 Record::Schema { header, .. } => drop(schemas.insert(header.id, header.name)),
                 Record::Channel(channel) => drop(channels.insert(channel.id, channel)),

@@ -2,12 +2,12 @@
 
 use crate::read::chunk::{MAX_RECORD, Unpacked};
 use crate::read::plausible::{foreign, impossible, is_own};
+use crate::read::random::RandomAccess;
 use crate::read::records::each_record;
 use crate::read::summary::{HEAD, bytes, parsed, parts, summary};
 use isotherm_recording::columns::MCAP_MAGIC;
 use mcap::parse_record;
 use mcap::records::{Metadata, Record, op};
-use std::fs::File;
 use std::io;
 
 /// The parts of a chunk before its records: times, size, CRC, a name of up to 4 letters, size.
@@ -29,7 +29,7 @@ pub(super) enum ScanEvent {
 
 /// Reads a file from its beginning.
 pub(super) struct Scan<'a> {
-    file: &'a File,
+    file: &'a RandomAccess,
     size: u64,
     at: u64,
     /// The end of the last chunk: up to here records are where they seem to be.
@@ -56,8 +56,8 @@ enum Progress {
 }
 
 impl<'a> Scan<'a> {
-    pub(super) fn new(file: &'a File) -> io::Result<Self> {
-        let size = file.metadata()?.len();
+    pub(super) fn new(file: &'a RandomAccess) -> io::Result<Self> {
+        let size = file.size();
         let profile = String::new();
         let mut scan = Self {
             file,
@@ -93,7 +93,7 @@ impl<'a> Scan<'a> {
 
     /// The schemas, channels and statistics of the summary, if that matches its check.
     pub(super) fn summary(&mut self) -> io::Result<Vec<Record<'static>>> {
-        let (records, has_end) = summary(self.file, self.size)?;
+        let (records, has_end) = summary(self.file)?;
         self.has_end = has_end;
         Ok(records)
     }
@@ -267,7 +267,7 @@ impl<'a> Scan<'a> {
 
     /// Up to so many bytes from a place on.
     fn bytes(&self, at: u64, length: usize) -> io::Result<Vec<u8>> {
-        bytes(self.file, self.size, at, length)
+        bytes(self.file, at, length)
     }
 }
 

@@ -10,9 +10,8 @@ use isotherm_recording::csv::{CsvColumn, Rows};
 use isotherm_recording::{CHECK, RecordingError, layouts, stream_of, with_field};
 use isotherm_shared::names::StreamKind;
 use isotherm_shared::wire::Flags;
-use std::fs::File;
+use isotherm_support::source::{DataSource, ReadSeek};
 use std::io::{BufWriter, Write};
-use std::path::Path;
 
 /// What is known of the columns.
 struct Header {
@@ -39,8 +38,8 @@ struct Row {
     text: Vec<u8>,
 }
 
-pub(super) fn repair(path: &Path, sink: &mut dyn Write) -> Result<RepairReport, RepairError> {
-    let open = || File::open(path).map_err(RepairError::Read);
+pub(super) fn repair(source: &DataSource, sink: &mut dyn Write) -> Result<RepairReport, RepairError> {
+    let open = || source.open().map_err(RepairError::Read);
     let header = Header::find(|| open().map(Rows::new))?;
     let mut repair = Repair::begin(header, BufWriter::new(sink))?;
     let mut rows = Rows::new(open()?);
@@ -61,7 +60,7 @@ pub(super) fn repair(path: &Path, sink: &mut dyn Write) -> Result<RepairReport, 
 }
 
 /// The next row; false at the end. The inner error is that of a row.
-fn next(rows: &mut Rows<File>) -> Result<Result<bool, String>, RepairError> {
+fn next(rows: &mut Rows<Box<dyn ReadSeek>>) -> Result<Result<bool, String>, RepairError> {
     match rows.next_row() {
         Ok(more) => Ok(Ok(more)),
         Err(RecordingError::Io(error)) => Err(RepairError::Read(error)),
@@ -80,7 +79,7 @@ fn cause(error: &RecordingError) -> String {
 impl Header {
     /// Reads the header. One that is damaged is that of the recorder's files whose rows have as many columns, and their
     /// checks.
-    fn find(open: impl Fn() -> Result<Rows<File>, RepairError>) -> Result<Self, RepairError> {
+    fn find(open: impl Fn() -> Result<Rows<Box<dyn ReadSeek>>, RepairError>) -> Result<Self, RepairError> {
         let mut rows = open()?;
         let mut whole = None;
         if next(&mut rows)? == Ok(true) {
@@ -170,7 +169,7 @@ impl<'a> Repair<'a> {
     }
 
     /// The current row. An error says why it is not whole.
-    fn row(&self, rows: &Rows<File>) -> Result<Row, String> {
+    fn row(&self, rows: &Rows<Box<dyn ReadSeek>>) -> Result<Row, String> {
         let whole = || -> Result<RowTime, RecordingError> {
             rows.verify(self.header.names.len())?;
             for (kind, column) in &self.wanted.values {

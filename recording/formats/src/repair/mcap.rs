@@ -7,15 +7,15 @@ use super::account::{Account, Fate, Keys};
 use super::chunks::{Scan, ScanEvent};
 use super::report::{RecordingFormat, RepairError, RepairReport, RowTime};
 use crate::protobuf::{self, FieldNumber, Value, with_varint};
+use crate::read::random::RandomAccess;
 use crate::write::mcap_options;
 use isotherm_recording::columns::{RAW, SEQUENCE, SESSION, TIMESTAMP_NS};
 use mcap::records::{Channel, MessageHeader, Record};
 use mcap::write::NoSeek;
 use std::collections::HashMap;
-use std::fs::File;
 use std::io::{self, Write};
 
-pub(super) fn repair(file: &File, sink: &mut dyn Write) -> Result<RepairReport, RepairError> {
+pub(super) fn repair(file: &RandomAccess, sink: &mut dyn Write) -> Result<RepairReport, RepairError> {
     let mut scan = Scan::new(file).map_err(RepairError::Read)?;
     let mut descriptions = Descriptions::default();
     // A file that was ended has them again in its summary, with the number of messages.

@@ -1,18 +1,19 @@
 //! Rows as messages in an MCAP file, in the channels `isotherm/<imu>/raw` and `isotherm/<imu>/increment`. The file
 //! contains their schemas.
 
-use super::growing::GrowingFile;
+use super::growing::Appender;
 use crate::protobuf;
 use isotherm_recording::columns::{Layout, columns};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_shared::names::{ImuId, StreamKind};
+use isotherm_support::storage::Storage;
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 use mcap::{McapError, WriteOptions};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::rc::Rc;
 
 /// An MCAP file that is being written. Every flush ends a chunk, so readers can read all flushed messages of an
@@ -22,8 +23,7 @@ use std::rc::Rc;
 pub(super) struct McapFile {
     writer: mcap::Writer<NoSeek<Memory>>,
     memory: Memory,
-    file: GrowingFile,
-    path: PathBuf,
+    file: Appender,
     streams: Vec<FileStream>,
     message: Vec<u8>,
 }
@@ -72,6 +72,7 @@ impl McapFile {
     /// # Errors
     /// If it exists or cannot be written.
     pub(super) fn create(
+        storage: &dyn Storage,
         path: &Path,
         imus: &[ImuId],
         streams: &[(usize, StreamKind)],
@@ -87,8 +88,8 @@ impl McapFile {
         });
         let streams = streams.collect::<io::Result<_>>()?;
         writer.flush().map_err(io_error)?;
-        let file = GrowingFile::create(path, &memory.take())?;
-        Ok(Self { writer, memory, file, path: path.to_owned(), streams, message: Vec::new() })
+        let file = Appender::create(storage, path, &memory.take())?;
+        Ok(Self { writer, memory, file, streams, message: Vec::new() })
     }
 
     /// Gives the channels of a file without messages other layouts, at the next flush.
@@ -102,7 +103,7 @@ impl McapFile {
         }
         self.memory = Memory::default();
         self.writer = begin(&self.memory)?;
-        self.file.restart(&self.path, Vec::new());
+        self.file.restart(Vec::new());
         for stream in &mut self.streams {
             stream.layout = layout_of(stream);
             stream.add_channel(&mut self.writer)?;

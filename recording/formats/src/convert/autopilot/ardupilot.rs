@@ -2,12 +2,12 @@
 
 use super::super::scale::Units;
 use super::super::settings::Settings;
-use super::super::source::{PLACEHOLDER, Reading, Source, placeholder};
+use super::super::source::{OpenData, PLACEHOLDER, Reading, Source, placeholder};
 use super::super::vehicle::VehicleState;
 use super::dataflash::{Encoding, Message, Messages};
 use super::dataflash_format::ImuColumns;
 use super::imu::{
-    FoundImu, Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, found, open, units,
+    FoundImu, Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, found, take, units,
 };
 use super::left_out::{Flaw, LeftOut};
 use super::reports::{Aspect, Report, Reports};
@@ -70,19 +70,20 @@ impl DataFlashSource {
     /// # Errors
     /// If it has no rows, corrections that cannot be undone, or several IMUs of which none is named; of reading.
     pub(in super::super) fn open(
-        path: &Path,
+        mut data: OpenData<'_>,
         settings: &Settings,
         telemetry: Option<f64>,
         encoding: Encoding,
     ) -> Result<Self, Failure> {
+        let path = data.source.name();
         let refused = |message: &str| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
-        let contents = Contents::of(path, settings, encoding)?;
+        let contents = Contents::of(&mut data, encoding)?;
         let (instance, imu) = choose(path, &contents.imus(), settings)?;
         let kept = contents.imus.get(&instance).map_or_else(|| Ok(Kept::default()), |survey| survey.kept("IMU"));
         let kept = kept.map_err(|message| refused(&message))?;
         let corrections = Corrections::new(&contents.parameters, instance).map_err(|message| refused(&message))?;
         Ok(Self {
-            messages: Messages::new(open(path, settings)?, encoding),
+            messages: Messages::new(data.again(settings)?, encoding),
             instance,
             imu,
             vehicle: contents.reports.state(kept.last_us),
@@ -104,11 +105,10 @@ impl DataFlashSource {
     /// # Errors
     /// If it has no rows; of reading.
     pub(in super::super) fn imus(
-        path: &Path,
-        settings: &Settings,
+        mut data: OpenData<'_>,
         encoding: Encoding,
     ) -> Result<Vec<FoundImu>, Failure> {
-        Contents::of(path, settings, encoding).map(|contents| found(&contents.imus()))
+        Contents::of(&mut data, encoding).map(|contents| found(&contents.imus()))
     }
 
     /// Takes a parameter that may have changed.
@@ -355,9 +355,9 @@ impl Source for DataFlashSource {
 
 impl Contents {
     /// What a log has: one IMU at least.
-    fn of(path: &Path, settings: &Settings, encoding: Encoding) -> Result<Self, Failure> {
-        let failed = |error: RecordingError| error.failure(path);
-        let mut first = Messages::new(open(path, settings)?, encoding);
+    fn of(data: &mut OpenData<'_>, encoding: Encoding) -> Result<Self, Failure> {
+        let mut first = Messages::new(take(data)?, encoding);
+        let failed = |error: RecordingError| error.failure(data.name());
         let contents = Self::read(&mut first).map_err(failed)?;
         if contents.imus.is_empty() {
             return Err(failed(first.error(0, contents.no_rows())));

@@ -2,9 +2,8 @@
 
 use super::super::scale::Units;
 use super::super::settings::Settings;
-use super::super::source::{Reading, pulses};
+use super::super::source::{OpenData, Reading, pulses};
 use super::left_out::Flaw;
-use isotherm_files::open_recording;
 use isotherm_recording::LogImu;
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
@@ -12,7 +11,7 @@ use isotherm_support::failure::{Exit, Failure, shown};
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
-use std::{fmt, fs};
+use std::fmt;
 
 /// One pulse of the accelerometers of a log \[m/s2\].
 pub const LOG_ACCELERATION_PULSE: f64 = 1e-6;
@@ -74,14 +73,13 @@ pub(super) fn units() -> Units {
     Units { resolution, ..Units::default() }
 }
 
-/// Opens a log that is read twice.
-pub(super) fn open(path: &Path, settings: &Settings) -> Result<Box<dyn Read>, Failure> {
-    if !fs::metadata(path).is_ok_and(|metadata| metadata.is_file()) {
-        let message = format!("{}: a log of an autopilot is read twice; give a file, not a stream", shown(path));
+/// Takes the bytes of a log, which are read twice.
+pub(super) fn take(data: &mut OpenData<'_>) -> Result<Box<dyn Read>, Failure> {
+    if !data.source.is_file() {
+        let message = format!("{}: a log of an autopilot is read twice; give a file, not a stream", shown(data.name()));
         return Err(Failure::new(Exit::Usage, message));
     }
-    let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
-    Ok(settings.watched(source))
+    Ok(data.take())
 }
 
 /// The IMU that is wanted, or else the only one, or else the preferred one, with its number in the log. There is one at

@@ -6,10 +6,10 @@
 
 use super::super::scale::Units;
 use super::super::settings::{GyroscopeTemperature, Settings};
-use super::super::source::{PLACEHOLDER, Reading, Source, placeholder};
+use super::super::source::{OpenData, PLACEHOLDER, Reading, Source, placeholder};
 use super::super::vehicle::VehicleState;
 use super::imu::{
-    FoundImu, Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, found, open, units,
+    FoundImu, Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, found, take, units,
 };
 use super::left_out::{Flaw, LeftOut};
 use super::reports::{Report, Reports};
@@ -107,9 +107,14 @@ impl UlogSource {
     ///
     /// # Errors
     /// If it has no raw rows, or several IMUs of which none is named; of reading.
-    pub(in super::super) fn open(path: &Path, settings: &Settings, telemetry: Option<f64>) -> Result<Self, Failure> {
+    pub(in super::super) fn open(
+        mut data: OpenData<'_>,
+        settings: &Settings,
+        telemetry: Option<f64>,
+    ) -> Result<Self, Failure> {
+        let path = data.source.name();
         let failed = |error: RecordingError| error.failure(path);
-        let contents = Contents::of(path, settings)?;
+        let contents = Contents::of(&mut data)?;
         let refused = |message: String| failed(error(0, message));
         let (instance, imu) = choose(path, &contents.imus(), settings)?;
         let nothing = Survey::default();
@@ -127,7 +132,7 @@ impl UlogSource {
             _ => Thermometer::NoGyroscopes,
         };
         let vehicle = contents.reports.state(accelerometer.sieve.kept().last_us);
-        let messages = Messages::new(open(path, settings)?).map_err(failed)?;
+        let messages = Messages::new(data.again(settings)?).map_err(failed)?;
         Ok(Self {
             messages,
             instance,
@@ -154,8 +159,8 @@ impl UlogSource {
     ///
     /// # Errors
     /// If it has no raw rows; of reading.
-    pub(in super::super) fn imus(path: &Path, settings: &Settings) -> Result<Vec<FoundImu>, Failure> {
-        Contents::of(path, settings).map(|contents| found(&contents.imus()))
+    pub(in super::super) fn imus(mut data: OpenData<'_>) -> Result<Vec<FoundImu>, Failure> {
+        Contents::of(&mut data).map(|contents| found(&contents.imus()))
     }
 
     /// The next row of one of both topics that is not left out, with its place.
@@ -455,9 +460,10 @@ impl Means {
 
 impl Contents {
     /// What a log has: one IMU at least.
-    fn of(path: &Path, settings: &Settings) -> Result<Self, Failure> {
-        let failed = |error: RecordingError| error.failure(path);
-        let mut messages = Messages::new(open(path, settings)?).map_err(failed)?;
+    fn of(data: &mut OpenData<'_>) -> Result<Self, Failure> {
+        let bytes = take(data)?;
+        let failed = |error: RecordingError| error.failure(data.name());
+        let mut messages = Messages::new(bytes).map_err(failed)?;
         let contents = Self::read(&mut messages).map_err(failed)?;
         if contents.accelerometers.is_empty() {
             return Err(failed(error(messages.place(), contents.no_rows())));
