@@ -227,7 +227,8 @@ impl Conversion {
                 (None, _) => Box::new(source),
                 (Some(file), Some(both)) => Box::new(Self::of_two_files((path, source), file, both, settings.time)?),
                 (Some(file), None) => {
-                    let message = format!("it has gyroscopes itself; leave out --gyroscope-file {}", shown(file.name()));
+                    let message =
+                        format!("it has gyroscopes itself; leave out --gyroscope-file {}", shown(file.name()));
                     return Err(Failure::new(Exit::Usage, format!("{}: {message}", shown(path))));
                 }
             };

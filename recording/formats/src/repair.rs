@@ -28,8 +28,8 @@ mod report;
 
 pub use report::{Hole, Loss, RecordingFormat, RepairReport, RowTime, StreamRows};
 
-use crate::seal::MAGIC;
 use crate::read::random::RandomAccess;
+use crate::seal::MAGIC;
 use isotherm_recording::columns::MCAP_MAGIC;
 use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::source::DataSource;
@@ -56,8 +56,12 @@ pub fn repair(of: &DataSource, mut sink: impl Write) -> Result<RepairReport, Fai
     let repaired = match format_of(source, &begin) {
         None => Err(RepairError::Nothing("the file is empty".to_owned())),
         Some(RecordingFormat::Csv) => csv::repair(of, sink),
-        Some(RecordingFormat::Parquet) => RandomAccess::new(file).map_err(RepairError::Read).and_then(|file| parquet::repair(file, sink)),
-        Some(RecordingFormat::Mcap) => RandomAccess::new(file).map_err(RepairError::Read).and_then(|file| mcap::repair(&file, sink)),
+        Some(RecordingFormat::Parquet) => {
+            RandomAccess::new(file).map_err(RepairError::Read).and_then(|file| parquet::repair(file, sink))
+        }
+        Some(RecordingFormat::Mcap) => {
+            RandomAccess::new(file).map_err(RepairError::Read).and_then(|file| mcap::repair(&file, sink))
+        }
     };
     let repaired = repaired.and_then(|repaired| match repaired.holes.is_empty() || repaired.rows() > 0 {
         true => Ok(repaired),

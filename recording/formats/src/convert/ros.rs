@@ -130,7 +130,8 @@ type OfChannel = (Rc<Channel>, Vec<u8>, u64);
 /// Whether an MCAP file has messages of `sensor_msgs/msg/Imu`, and before them none of Isotherm. False of a pipe, and
 /// of a file that cannot be read up to there.
 pub(crate) fn is_bag(source: &DataSource) -> bool {
-    let Some(mut messages) = source.is_file().then(|| Messages::open(source, &Settings::default()).ok()).flatten() else {
+    let Some(mut messages) = source.is_file().then(|| Messages::open(source, &Settings::default()).ok()).flatten()
+    else {
         return false;
     };
     loop {
@@ -180,7 +181,8 @@ impl RosSource {
         }
         let failed = |error: RecordingError| error.failure(path);
         let refused = |message: String| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
-        let mut contents = Contents::read(&mut Messages::new(data.source, data.take()), settings.time).map_err(failed)?;
+        let mut contents =
+            Contents::read(&mut Messages::new(data.source, data.take()), settings.time).map_err(failed)?;
         let chosen = contents.choose(settings).map_err(|problem| refused(contents.problem(&problem, IMU)))?;
         let names: Vec<_> = contents.temperatures.keys().cloned().collect();
         let telemetry = match temperature {

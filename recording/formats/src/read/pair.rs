@@ -22,7 +22,8 @@ pub(super) struct Pair {
 
 impl Pair {
     pub(super) fn note(&self) -> String {
-        let [accelerometers, gyroscopes] = [&self.accelerometers, &self.gyroscopes].map(|source| shown(source.name()).to_string());
+        let [accelerometers, gyroscopes] =
+            [&self.accelerometers, &self.gyroscopes].map(|source| shown(source.name()).to_string());
         format!(
             "{accelerometers} has the accelerometers and {gyroscopes} the gyroscopes, by their names: they are joined by \
              time"
@@ -73,7 +74,8 @@ pub(super) fn find(sources: &[DataSource], kind: RowKind, input: &Input) -> Resu
             if !gyroscopes.is_file() || !begin(accelerometers).is_some_and(is_same_time) {
                 return Ok(None);
             }
-            let [accelerometers, gyroscopes] = [accelerometers, gyroscopes].map(|source| shown(source.name()).to_string());
+            let [accelerometers, gyroscopes] =
+                [accelerometers, gyroscopes].map(|source| shown(source.name()).to_string());
             usage(format!(
                 "{gyroscopes} has the gyroscopes of {accelerometers}, by its name, and the mapping has \
                  none: give [gyroscope] with its columns, or name one of the files alone"

@@ -2,8 +2,8 @@
 
 use super::input::Input;
 use super::order::{FirstRow, Order, in_order};
-use super::piece::{Piece, RowKind, WaitingPiece};
 use super::pair;
+use super::piece::{Piece, RowKind, WaitingPiece};
 use isotherm_recording::{Progress, SequenceRule};
 use isotherm_shared::wire::RawSample;
 use isotherm_support::failure::{Exit, Failure, shown};

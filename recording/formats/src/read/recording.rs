@@ -79,7 +79,12 @@ impl Recording {
     ///
     /// # Errors
     /// If a piece cannot be opened, is named twice, or has an invalid beginning.
-    pub fn open(sources: &[DataSource], kind: RowKind, input: impl Into<Input>, bar: &Progress) -> Result<Self, Failure> {
+    pub fn open(
+        sources: &[DataSource],
+        kind: RowKind,
+        input: impl Into<Input>,
+        bar: &Progress,
+    ) -> Result<Self, Failure> {
         Self::open_with(sources, kind, input.into(), bar, None)
     }
 

@@ -3,8 +3,8 @@
 //! The index of a chunk says which channels its messages have, not which channels it defines. So only a file whose
 //! summary matches its check and has all channels is read in this way.
 
-use super::summary::summary;
 use super::random::RandomAccess;
+use super::summary::summary;
 use isotherm_support::source::DataSource;
 use mcap::records::{Channel, Record};
 use std::collections::{HashMap, HashSet};

@@ -265,7 +265,10 @@ impl Files {
     fn remove_oldest(&mut self) -> bool {
         let current = self.current_paths();
         for number in pieces::numbers(self.storage, &self.unnumbered()) {
-            let paths = self.paths(number).into_iter().filter(|path| !current.contains(path) && pieces::is_own(self.storage, path));
+            let paths = self
+                .paths(number)
+                .into_iter()
+                .filter(|path| !current.contains(path) && pieces::is_own(self.storage, path));
             let removed: Vec<_> = paths.filter(|path| self.storage.remove(path).is_ok()).collect();
             if !removed.is_empty() {
                 self.removed.extend(removed);
@@ -463,8 +466,8 @@ mod tests {
         );
         assert!(files.finish().is_ok());
         let paths = [path, folder.path().join("r-0002.parquet")];
-        let samples =
-            Samples::open(&sources(&paths).unwrap(), ImuChoice::Any, &Progress::default()).unwrap_or_else(|failure| panic!("{failure}"));
+        let samples = Samples::open(&sources(&paths).unwrap(), ImuChoice::Any, &Progress::default())
+            .unwrap_or_else(|failure| panic!("{failure}"));
         assert!(samples.map(|sample| sample.unwrap_or_else(|failure| panic!("{failure}")).sequence).eq(0..=rows));
     }
 }

@@ -216,7 +216,8 @@ mod tests {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("r.parquet");
             let mut file =
-                ParquetFile::create(&Disk, &path, &"imu-a".parse().unwrap(), StreamKind::Raw, Layout::default()).unwrap();
+                ParquetFile::create(&Disk, &path, &"imu-a".parse().unwrap(), StreamKind::Raw, Layout::default())
+                    .unwrap();
             let mut rows = 0;
             // Within a row group, beyond its end, two groups at once, exactly up to its end, and none.
             for more in [0, 1, 10, ROW_GROUP, 2 * ROW_GROUP, ROW_GROUP - 11, 0, 5] {

@@ -118,8 +118,9 @@ mod tests {
         for (format, name) in [(Format::Csv, "r.csv"), (Format::Parquet, "r.parquet"), (Format::Mcap, "r.mcap")] {
             let path = |number: u32| folder.path().join(name.replace('.', &format!("-{number:04}.")));
             let imus = ["imu-a".parse().unwrap()];
-            let create =
-                |rotation| Files::create(&Disk, &folder.path().join(name), format, rotation, &imus, &[(0, StreamKind::Raw)]);
+            let create = |rotation| {
+                Files::create(&Disk, &folder.path().join(name), format, rotation, &imus, &[(0, StreamKind::Raw)])
+            };
             let plain = Rotation { size: Some(1), ..Rotation::default() };
             fs::write(path(2), "a note").unwrap();
             std::os::unix::fs::symlink(path(2), path(3)).unwrap();

@@ -86,7 +86,8 @@ mod tests {
         let streams = StreamKind::BOTH.map(|stream| (0, stream));
         for (format, name) in [(Format::Csv, "r.csv"), (Format::Parquet, "r.parquet"), (Format::Mcap, "r.mcap")] {
             let path = folder.path().join(name);
-            let create = || Files::create(&Disk, &path, format, Rotation::default(), &["imu-a".parse().unwrap()], &streams);
+            let create =
+                || Files::create(&Disk, &path, format, Rotation::default(), &["imu-a".parse().unwrap()], &streams);
             let refused = || create().err().map(|error| error.1.kind()) == Some(io::ErrorKind::AlreadyExists);
             let mut first = create().ok().unwrap();
             assert!(refused(), "{name}: another recorder has begun it");

@@ -19,7 +19,6 @@ use isotherm_shared::wire::AXES;
 use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::{Finding, name};
 use std::collections::{BTreeMap, HashMap};
-use std::path::Path;
 
 /// Most parameters that are kept; ArduPilot has about 150 of IMUs.
 const MAX_PARAMETERS: usize = 4096;
@@ -104,10 +103,7 @@ impl DataFlashSource {
     ///
     /// # Errors
     /// If it has no rows; of reading.
-    pub(in super::super) fn imus(
-        mut data: OpenData<'_>,
-        encoding: Encoding,
-    ) -> Result<Vec<FoundImu>, Failure> {
+    pub(in super::super) fn imus(mut data: OpenData<'_>, encoding: Encoding) -> Result<Vec<FoundImu>, Failure> {
         Contents::of(&mut data, encoding).map(|contents| found(&contents.imus()))
     }
 

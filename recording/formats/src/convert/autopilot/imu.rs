@@ -9,9 +9,9 @@ use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::{Exit, Failure, shown};
 use std::collections::BTreeMap;
+use std::fmt;
 use std::io::Read;
 use std::path::Path;
-use std::fmt;
 
 /// One pulse of the accelerometers of a log \[m/s2\].
 pub const LOG_ACCELERATION_PULSE: f64 = 1e-6;

@@ -22,7 +22,6 @@ use isotherm_shared::wire::AXES;
 use isotherm_support::failure::Failure;
 use isotherm_support::finding::{Finding, name};
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
 
 /// From this mean interval on the rows are said to be few \[us\]: PX4 logs 1 Hz unless told otherwise.
 const FEW_US: u64 = 500_000;
