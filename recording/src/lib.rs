@@ -30,6 +30,7 @@ mod continuity;
 pub mod csv;
 mod device;
 mod error;
+pub mod foreign;
 mod increments;
 mod interval;
 mod log;
@@ -40,6 +41,7 @@ mod pieces;
 mod progress;
 mod raw;
 pub mod rows;
+pub mod steps;
 
 pub use campaign::{CampaignCsvReader, CampaignRow, POSITION, SET_POINT};
 pub use check::{CHECK, layouts, stream_of, with_field};

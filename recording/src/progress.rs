@@ -49,6 +49,12 @@ impl Progress {
         self.0.iter().for_each(|observer| observer.warn(message));
     }
 
+    /// Begins anew, and counts the bytes that are read from a source.
+    pub fn restarted(&self, source: impl Read + 'static) -> Box<dyn Read> {
+        self.restart();
+        Box::new(self.wrap(source))
+    }
+
     /// Counts the bytes that are read from a source.
     pub fn wrap<R: Read>(&self, source: R) -> WatchedReader<R> {
         WatchedReader { source, progress: self.clone() }

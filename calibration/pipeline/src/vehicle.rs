@@ -2,9 +2,10 @@
 
 use crate::calibrate::FitOptions;
 use crate::files::Bar;
+use isotherm_autopilot::logs::{FoundImu, found_listed};
 use isotherm_campaign::IMU;
 use isotherm_files::source;
-use isotherm_recording_formats::convert::{Foreign, FoundImu, Settings, found_listed, imus_of_log};
+use isotherm_recording_formats::convert::{Foreign, Settings, imus_of_log};
 use isotherm_shared::names::ImuId;
 use isotherm_support::failure::{Exit, Failure};
 use std::path::{Path, PathBuf};

@@ -8,7 +8,6 @@
 //!
 //! Over 400 lines: recognising the data, and what their rows have in common, form one reader.
 
-mod autopilot;
 mod bad_stamps;
 mod calendar;
 mod chain;
@@ -36,16 +35,13 @@ mod rollover;
 mod ros;
 mod scale;
 mod settings;
-mod source;
 mod stamped;
 mod stated;
 mod stream;
 mod telemetry_log;
 mod text;
 mod unit;
-mod vehicle;
 
-pub use autopilot::{FoundImu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, found_listed};
 pub(crate) use calendar::time_ns;
 pub use columns::{ColumnRef, Kind, SensorColumns, Sensors, Temperature};
 pub use foreign::Foreign;
@@ -53,14 +49,14 @@ pub use looked::{Calendar, LookedColumn, LookedTable};
 pub use mapping::{Decimal, KnownColumns, Mapping, Time, TimeUnit};
 pub(crate) use ros::is_bag;
 pub use scale::Scale;
-pub use settings::{GyroscopeTemperature, Settings, TimeSource};
-pub use source::PLACEHOLDER;
+pub use settings::{Settings, TimeSource};
 pub use text::means::{MeanRow, read_means};
 pub use unit::Linear;
-pub use vehicle::VehicleState;
 
 use interval::{GAP, Steps};
+use isotherm_autopilot::logs::FoundImu;
 use isotherm_recording::columns::Layout;
+use isotherm_recording::foreign::{ForeignRow, OpenData, RowSource, Units, VehicleState};
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::document::Faults;
 use isotherm_shared::names::ImuId;
@@ -71,8 +67,7 @@ use isotherm_support::finding::{Finding, name};
 use isotherm_support::source::DataSource;
 use joined::JoinedSource;
 use known::Known;
-use scale::{Telemetry, Units};
-use source::{OpenData, Reading, Source};
+use scale::Telemetry;
 use stamped::Stamped;
 use std::io::{Cursor, ErrorKind, Read};
 use std::path::{Path, PathBuf};
@@ -133,7 +128,7 @@ pub fn imus_of_log(source: &DataSource, settings: &Settings) -> Result<Vec<Found
     let mut bytes = source.open().map_err(|error| Failure::io("opening", source.name(), &error))?;
     let beginning = beginning(&mut bytes, source.name())?;
     let format = Known::of(&beginning);
-    let bytes = settings.watched(Box::new(Cursor::new(beginning).chain(bytes)));
+    let bytes = settings.progress.restarted(Cursor::new(beginning).chain(bytes));
     format.map_or(Ok(Vec::new()), |format| format.imus(OpenData { source, bytes }))
 }
 
@@ -160,7 +155,7 @@ impl Conversion {
             }
             _ => Failure::io("opening", source.name(), &error),
         })?;
-        Self::read(source, settings.watched(Box::new(bytes)), mapping, settings)
+        Self::read(source, settings.progress.restarted(bytes), mapping, settings)
     }
 
     /// As [`open`](Self::open), of a text that is in memory. `name` stands for the data in messages; `mapping` has a
@@ -223,7 +218,7 @@ impl Conversion {
         if let Some(recognised) = recognised.transpose().map_err(refused)?.flatten() {
             let both = recognised.with_gyroscopes();
             let source = text::TextSource::recognised(source, recognised, settings.temperature).map_err(failed)?;
-            let source: Box<dyn Source> = match (&settings.gyroscope_file, both) {
+            let source: Box<dyn RowSource> = match (&settings.gyroscope_file, both) {
                 (None, _) => Box::new(source),
                 (Some(file), Some(both)) => Box::new(Self::of_two_files((path, source), file, both, settings.time)?),
                 (Some(file), None) => {
@@ -256,7 +251,7 @@ impl Conversion {
             mapping.temperature = Temperature::Constant(temperature);
         }
         let interval_ns = settings.interval_ns.or(mapping.time.interval_ns);
-        let source: Box<dyn Source> = match &settings.gyroscope_file {
+        let source: Box<dyn RowSource> = match &settings.gyroscope_file {
             Some(file) => {
                 let alone = Mapping { gyroscope: None, ..mapping.clone() };
                 let accelerometers = text::TextSource::new(source, alone).map_err(failed)?;
@@ -287,7 +282,7 @@ impl Conversion {
     /// Reads the first rows, to judge their stamps and to find the nominal interval if it is not given.
     fn begin(
         path: &Path,
-        source: Box<dyn Source>,
+        source: Box<dyn RowSource>,
         interval_ns: Option<u64>,
         settings: &Settings,
     ) -> Result<Self, Failure> {
@@ -512,7 +507,7 @@ impl Conversion {
         self.input.source.unit()
     }
 
-    fn sample(&mut self, reading: &Reading) -> Result<RawSample, String> {
+    fn sample(&mut self, reading: &ForeignRow) -> Result<RawSample, String> {
         self.begins_session = reading.begins_session;
         if reading.begins_session {
             (self.session, self.last) = (self.session.saturating_add(1), None);
@@ -587,7 +582,7 @@ impl Iterator for Conversion {
 ///
 /// # Errors
 /// If the sum of several rows has too many pulses.
-fn triad(reading: &Reading, first: usize) -> Result<Triad, String> {
+fn triad(reading: &ForeignRow, first: usize) -> Result<Triad, String> {
     let mut triad = Triad::default();
     for axis in 0..AXES {
         let (pulses, index) = (reading.pulses[first + axis], first + axis);

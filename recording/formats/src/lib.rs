@@ -25,6 +25,5 @@ pub mod read;
 pub mod repair;
 pub mod ros;
 mod seal;
-pub mod steps;
 mod varint;
 pub mod write;

@@ -1,10 +1,10 @@
 //! Rows as protobuf messages, and the descriptors of these messages. Only the part of the encoding that recordings
 //! need.
 
-use crate::steps;
 use crate::varint;
 use isotherm_recording::columns::{Column, ColumnKind, Layout, columns};
 use isotherm_recording::rows::{RecordedRow, append_value};
+use isotherm_recording::steps;
 use isotherm_shared::names::StreamKind;
 use std::collections::HashMap;
 

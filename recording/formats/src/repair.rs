@@ -1,4 +1,4 @@
-//! Takes what is whole of a damaged recording into another file: the rows before and behind each damaged place.
+//! Takes what is whole of a damaged recording into another one: the rows before and behind each damaged place.
 //!
 //! What was recorded with checks is taken where it matches them: rows of CSV, row groups of Parquet, chunks of MCAP.
 //! Without checks it is taken where it can be read. Rows keep their session and sequence, by which the length of a hole
@@ -8,12 +8,10 @@
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! use isotherm_recording_formats::repair::repair;
+//! use isotherm_support::source::DataSource;
 //!
-//! let folder = tempfile::tempdir()?;
-//! let damaged = folder.path().join("damaged.csv");
 //! let text = include_str!("../../../tests/data/run.csv").replacen("\n7,", "\n7\u{0},", 1);
-//! std::fs::write(&damaged, text)?;
-//! let repaired = repair(&damaged, std::io::sink())?;
+//! let repaired = repair(&DataSource::of_bytes("damaged.csv", text.into_bytes()), std::io::sink())?;
 //! assert_eq!((repaired.holes.len(), repaired.lost()), (1, Some(1)));
 //! # Ok(())
 //! # }

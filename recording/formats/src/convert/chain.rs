@@ -4,9 +4,8 @@
 //! gap less than a row, a row too much more than it, and a clock that starts again as much as a dozen rows.
 
 use super::rollover::Rollover;
+use isotherm_recording::foreign::LEAP_NS;
 
-/// A leap is longer than this \[ns\], an hour: rows have to be worth it, at the beginning and the end of all rows.
-pub(super) const LEAP_NS: u64 = 3_600_000_000_000;
 /// Most rows between two rows of the chain.
 pub(super) const MOST_SKIPPED: usize = 40;
 

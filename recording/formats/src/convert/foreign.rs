@@ -1,7 +1,8 @@
 //! What is known of foreign data besides the data themselves.
 
 use super::mapping::Mapping;
-use super::settings::{GyroscopeTemperature, Settings, TimeSource};
+use super::settings::{Settings, TimeSource};
+use isotherm_autopilot::logs::GyroscopeTemperature;
 use std::path::{Path, PathBuf};
 
 /// What is known of foreign data: what `isotherm convert` is told of them.

@@ -14,11 +14,11 @@
 //! An offset between the two clocks is followed, so that the borders between rows lie between readings, and jitter does
 //! not move a reading to another row.
 
-use super::scale::Units;
-use super::source::{Reading, Source};
 use super::stream::{Stream, located};
 use core::f64::consts::TAU;
 use isotherm_recording::RecordingError;
+use isotherm_recording::foreign::Units;
+use isotherm_recording::foreign::{ForeignRow, RowSource};
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use isotherm_support::finding::{Finding, name};
@@ -58,10 +58,10 @@ pub(super) struct JoinedSource {
 /// A row, with what belongs to it of the fast ones.
 #[derive(Clone, Copy)]
 struct Row {
-    slow: Reading,
+    slow: ForeignRow,
     count: usize,
     pulses: [i64; AXES],
-    last: Option<Reading>,
+    last: Option<ForeignRow>,
 }
 
 #[derive(Default)]
@@ -134,12 +134,12 @@ impl JoinedSource {
     fn step(&mut self) -> Result<bool, RecordingError> {
         let (has_row, _) = (self.slow.load()?, self.fast.load()?);
         let far_ns = FAR * self.slow.interval_ns;
-        let time = |reading: &Reading| reading.timestamp_ns.unwrap_or(0);
+        let time = |reading: &ForeignRow| reading.timestamp_ns.unwrap_or(0);
         let Some(reading) = self.fast.next else {
             self.push_row();
             return Ok(has_row);
         };
-        let after = |row: &Reading| difference(time(&reading), time(row)) - self.offset_ns;
+        let after = |row: &ForeignRow| difference(time(&reading), time(row)) - self.offset_ns;
         let (of_last, of_next) = (self.rows.back().map(|row| after(&row.slow)), self.slow.next.as_ref().map(after));
         match (of_last, of_next) {
             // The row comes first, or it is the nearest one.
@@ -168,7 +168,7 @@ impl JoinedSource {
     }
 
     /// Adds a reading to the last row, this time after it, less the offset \[ns\].
-    fn assign(&mut self, reading: &Reading, after_ns: f64) {
+    fn assign(&mut self, reading: &ForeignRow, after_ns: f64) {
         let Some(row) = self.rows.back_mut() else { return };
         row.count += 1;
         let pulses = self.fast.pulses(reading);
@@ -184,7 +184,7 @@ impl JoinedSource {
     }
 
     /// The next row that is complete; `None` if it is left out.
-    fn finished(&mut self, row: Row) -> Option<Reading> {
+    fn finished(&mut self, row: Row) -> Option<ForeignRow> {
         let near_ns = (BESIDE as f64 + 0.5) * self.slow.interval_ns;
         let is_near = |other: &&Row| {
             let [own, other] = [&row, *other].map(|row| row.slow.timestamp_ns.unwrap_or(0));
@@ -233,8 +233,8 @@ fn difference(a: u64, b: u64) -> f64 {
     (i128::from(a) - i128::from(b)) as f64
 }
 
-impl Source for JoinedSource {
-    fn read(&mut self) -> Result<Option<Reading>, RecordingError> {
+impl RowSource for JoinedSource {
+    fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         loop {
             // The last row may get further readings.
             while self.rows.len() < BESIDE + 2 && self.step()? {}

@@ -1,11 +1,11 @@
 //! Formats whose columns are known, so that they need no mapping. Each is recognised by its first bytes.
 
-use super::autopilot::{DataFlashSource, Encoding, FoundImu, UlogSource, is_ulog};
 use super::novatel::{self, NovatelSource};
 use super::ros::RosSource;
-use super::settings::{GyroscopeTemperature, Settings, TimeSource};
-use super::source::{OpenData, Source};
+use super::settings::{Settings, TimeSource};
+use isotherm_autopilot::logs::{DataFlashSource, Encoding, FoundImu, GyroscopeTemperature, UlogSource, is_ulog};
 use isotherm_recording::columns::MCAP_MAGIC;
+use isotherm_recording::foreign::{OpenData, RowSource};
 use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::Path;
 
@@ -43,12 +43,14 @@ impl Known {
         settings: &Settings,
         temperature: Option<f64>,
         units: [f64; 2],
-    ) -> Result<Box<dyn Source>, Failure> {
+    ) -> Result<Box<dyn RowSource>, Failure> {
         Ok(match self {
             Self::Mcap => RosSource::open(data, settings, temperature, units)?,
             Self::Novatel => Box::new(NovatelSource::new(data.bytes, temperature)),
-            Self::Ulog => Box::new(UlogSource::open(data, settings, temperature)?),
-            Self::DataFlash(encoding) => Box::new(DataFlashSource::open(data, settings, temperature, encoding)?),
+            Self::Ulog => Box::new(UlogSource::open(data, &settings.of_log(), temperature)?),
+            Self::DataFlash(encoding) => {
+                Box::new(DataFlashSource::open(data, &settings.of_log(), temperature, encoding)?)
+            }
         })
     }
 

@@ -8,8 +8,9 @@ use super::bad_stamps::{BadStamp, Remedy, Spot, Tally};
 use super::chain::{Link, Linked, Rhythm, chain};
 use super::placed::{Placed, near};
 use super::rhythm::Twice;
-use super::rollover::{Counter, Rollover};
-use super::source::Reading;
+use super::rollover::Rollover;
+use isotherm_recording::foreign::Counter;
+use isotherm_recording::foreign::ForeignRow;
 use isotherm_shared::wire::AXES;
 use std::collections::VecDeque;
 
@@ -54,7 +55,7 @@ type Values = [i64; 2 * AXES];
 
 #[derive(Clone, Copy, Debug)]
 struct Waiting {
-    reading: Reading,
+    reading: ForeignRow,
     stamp_ns: u64,
     /// Number of the row, from 1.
     row: u64,
@@ -82,7 +83,7 @@ impl Mender {
     }
 
     /// Takes the next row. Rows that have their time go to `ready`.
-    pub(super) fn push(&mut self, reading: Reading, counter: Counter, ready: &mut VecDeque<Reading>) {
+    pub(super) fn push(&mut self, reading: ForeignRow, counter: Counter, ready: &mut VecDeque<ForeignRow>) {
         let Some(stamp_ns) = reading.timestamp_ns else { return ready.push_back(reading) };
         self.read += 1;
         self.rollover.set_counter(counter);
@@ -111,7 +112,7 @@ impl Mender {
     }
 
     /// Gives all rows that wait.
-    pub(super) fn end(&mut self, ready: &mut VecDeque<Reading>) {
+    pub(super) fn end(&mut self, ready: &mut VecDeque<ForeignRow>) {
         while !self.waiting.is_empty() {
             match self.first_odd {
                 Some(_) => self.resolve(true, ready),
@@ -153,7 +154,7 @@ impl Mender {
     }
 
     /// Gives the first row that waits as it is.
-    fn give_first(&mut self, ready: &mut VecDeque<Reading>) {
+    fn give_first(&mut self, ready: &mut VecDeque<ForeignRow>) {
         let Some(Waiting { mut reading, stamp_ns, row, .. }) = self.waiting.pop_front() else { return };
         self.front += 1;
         let mut time_ns = stamp_ns;
@@ -169,7 +170,7 @@ impl Mender {
     }
 
     /// Finds the good rows of the window, gives those up to a calm place, and mends what is between them.
-    fn resolve(&mut self, is_end: bool, ready: &mut VecDeque<Reading>) {
+    fn resolve(&mut self, is_end: bool, ready: &mut VecDeque<ForeignRow>) {
         let stamps: Vec<_> = self.waiting.iter().map(|row| row.stamp_ns).collect();
         let mut chain = chain(&stamps, self.last.map(|(stamp_ns, _)| stamp_ns), is_end, &self.rhythm, &self.rollover);
         let mut rows = stamps.len();
@@ -343,14 +344,14 @@ impl Mender {
     }
 
     /// Gives the first `rows` rows that wait, those that have a time, in its order.
-    fn give(&mut self, rows: usize, mut placed: Vec<Placed>, ready: &mut VecDeque<Reading>) {
+    fn give(&mut self, rows: usize, mut placed: Vec<Placed>, ready: &mut VecDeque<ForeignRow>) {
         placed.sort_unstable();
         let mut session = 0;
         for row in placed {
             let reading = self.waiting[row.at].reading;
             let begins_session = core::mem::replace(&mut session, row.session) != row.session;
             let timestamp_ns = Some(row.time_ns);
-            ready.push_back(Reading { timestamp_ns, begins_session, is_mended: row.is_mended, ..reading });
+            ready.push_back(ForeignRow { timestamp_ns, begins_session, is_mended: row.is_mended, ..reading });
         }
         self.waiting.drain(..rows);
         self.front += rows as u64;

@@ -11,10 +11,10 @@
 //! sign of Y is reversed: A1, A2, A3 are X, Y, Z with their own signs. The time is that of the body: GPS weeks and
 //! seconds, without leap seconds.
 
-use super::scale::Units;
-use super::source::{PLACEHOLDER, Reading, Source, placeholder};
 use super::text::{BadRows, Fault};
 use isotherm_recording::RecordingError;
+use isotherm_recording::foreign::Units;
+use isotherm_recording::foreign::{ForeignRow, PLACEHOLDER, RowSource, placeholder};
 use isotherm_shared::wire::AXES;
 use isotherm_support::finding::{Finding, name};
 use std::io::{BufRead as _, BufReader, Read};
@@ -79,7 +79,7 @@ impl NovatelSource {
     }
 
     /// The row of a line.
-    fn reading(&mut self) -> Result<Reading, Skipped> {
+    fn reading(&mut self) -> Result<ForeignRow, Skipped> {
         let broken = |message: &str| Skipped::Bad(Fault::Line, message.to_owned());
         let line = str::from_utf8(&self.text).map_err(|_| broken("bytes that are no text; is the log damaged?"))?;
         let line = line.trim_end();
@@ -132,12 +132,19 @@ impl NovatelSource {
         let [az, ay, ax, gz, gy, gx] = counts;
         let telemetry = [self.temperature.unwrap_or(PLACEHOLDER); 2 * AXES];
         let pulses = [ax, -ay, az, gx, -gy, gz];
-        Ok(Reading { place: self.line, timestamp_ns, pulses, head: telemetry, board: telemetry, ..Reading::default() })
+        Ok(ForeignRow {
+            place: self.line,
+            timestamp_ns,
+            pulses,
+            head: telemetry,
+            board: telemetry,
+            ..ForeignRow::default()
+        })
     }
 }
 
-impl Source for NovatelSource {
-    fn read(&mut self) -> Result<Option<Reading>, RecordingError> {
+impl RowSource for NovatelSource {
+    fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         loop {
             self.text.clear();
             self.line += 1;
@@ -215,7 +222,7 @@ mod tests {
         "#RAWIMUXA,USB1,0,64.5,FINESTEERING,2209,491740.110,02000020,0dc5,16809;04,41,2209,491740.109817,ea57fe00,329394068,-2396829,4481425,321199,257329,-936077*cf9c035d",
     ];
 
-    fn read(text: String) -> Result<Vec<Reading>, String> {
+    fn read(text: String) -> Result<Vec<ForeignRow>, String> {
         let mut source = NovatelSource::new(Box::new(std::io::Cursor::new(text)), Some(20.0));
         let mut readings = Vec::new();
         while let Some(reading) = source.read().map_err(|error| error.to_string())? {

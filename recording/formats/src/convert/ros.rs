@@ -4,15 +4,15 @@
 //! `sensor_msgs/msg/Temperature` up to its time; so the file is read twice, first for the topics and the temperatures.
 
 use super::joined::JoinedSource;
-use super::scale::Units;
 use super::settings::{Settings, TimeSource};
-use super::source::{OpenData, PLACEHOLDER, Reading, Source, placeholder, pulses};
 use super::stream::Stream;
 use super::unit::Quantity;
 use crate::read::records::Records;
 use crate::read::skip::Unwanted;
 use crate::ros::{Encoding, IMU, Imu, TEMPERATURE, Temperature};
 use isotherm_recording::RecordingError;
+use isotherm_recording::foreign::Units;
+use isotherm_recording::foreign::{ForeignRow, OpenData, PLACEHOLDER, RowSource, placeholder, pulses};
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -40,7 +40,7 @@ pub(super) struct RosSource {
     wanted: Wanted,
     gyroscopes: bool,
     /// The first row, which has been read already.
-    first: Option<Reading>,
+    first: Option<ForeignRow>,
     temperature: Option<f64>,
     temperatures: Temperatures,
     /// One of the messages' unit of accelerations \[m/s2\] and of rates \[rad/s\].
@@ -171,7 +171,7 @@ impl RosSource {
         settings: &Settings,
         temperature: Option<f64>,
         units: [f64; 2],
-    ) -> Result<Box<dyn Source>, Failure> {
+    ) -> Result<Box<dyn RowSource>, Failure> {
         let path = data.source.name();
         if path == Path::new("-") {
             return Err(Failure::new(
@@ -204,7 +204,7 @@ impl RosSource {
             temperatures: Temperatures { topic: None, values: Vec::new(), before: 0 },
             units,
         };
-        let messages = Messages::new(data.source, data.again(settings)?);
+        let messages = Messages::new(data.source, data.again(&settings.progress)?);
         match chosen {
             Chosen::One(topic) => {
                 let source = Self { temperatures, ..of_topic(messages, topic, Wanted::All) };
@@ -230,13 +230,13 @@ impl RosSource {
     }
 
     /// Reads the first row.
-    fn begin(mut self) -> Result<Box<dyn Source>, RecordingError> {
+    fn begin(mut self) -> Result<Box<dyn RowSource>, RecordingError> {
         self.first = self.next_reading(true)?;
         Ok(Box::new(self))
     }
 
     /// The next row. The first decides whether there are gyroscopes.
-    fn next_reading(&mut self, is_first: bool) -> Result<Option<Reading>, RecordingError> {
+    fn next_reading(&mut self, is_first: bool) -> Result<Option<ForeignRow>, RecordingError> {
         loop {
             let Some((channel, data, log_ns)) = self.messages.next()? else { return Ok(None) };
             if channel.kind != MessageKind::Imu || channel.topic != self.topic {
@@ -247,7 +247,7 @@ impl RosSource {
         }
     }
 
-    fn reading(&mut self, imu: &Imu, log_ns: u64, is_first: bool) -> Result<Reading, String> {
+    fn reading(&mut self, imu: &Imu, log_ns: u64, is_first: bool) -> Result<ForeignRow, String> {
         let no_acceleration = "no linear_acceleration: the first element of its covariance is -1";
         let acceleration = match self.wanted {
             Wanted::Gyroscopes => [0.0; AXES],
@@ -264,7 +264,8 @@ impl RosSource {
             }
         };
         let stamp_ns = if self.time == TimeSource::Header { imu.stamp_ns } else { log_ns };
-        let mut reading = Reading { place: self.messages.count(), timestamp_ns: Some(stamp_ns), ..Reading::default() };
+        let mut reading =
+            ForeignRow { place: self.messages.count(), timestamp_ns: Some(stamp_ns), ..ForeignRow::default() };
         let names = ["linear_acceleration", "angular_velocity"];
         for (index, value) in acceleration.into_iter().chain(rates).enumerate() {
             let name = || format!("{}.{}", names[index / AXES], ["x", "y", "z"][index % AXES]);
@@ -279,14 +280,14 @@ impl RosSource {
         Ok(reading)
     }
 
-    fn take_telemetry(&self, time_ns: u64, reading: &mut Reading) {
+    fn take_telemetry(&self, time_ns: u64, reading: &mut ForeignRow) {
         let telemetry = self.temperature.or_else(|| self.temperatures.at(time_ns)).unwrap_or(PLACEHOLDER);
         (reading.head, reading.board) = ([telemetry; _], [telemetry; _]);
     }
 }
 
-impl Source for RosSource {
-    fn read(&mut self) -> Result<Option<Reading>, RecordingError> {
+impl RowSource for RosSource {
+    fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         match self.first.take() {
             Some(first) => Ok(Some(first)),
             None => self.next_reading(false),
@@ -332,7 +333,7 @@ impl Source for RosSource {
         true
     }
 
-    fn retime(&self, reading: &mut Reading) {
+    fn retime(&self, reading: &mut ForeignRow) {
         if let Some(time_ns) = reading.timestamp_ns {
             self.take_telemetry(time_ns, reading);
         }
@@ -457,7 +458,7 @@ fn choose(topics: &[String], wanted: Option<&str>, option: &str) -> Result<Optio
 impl Messages {
     fn open(of: &DataSource, settings: &Settings) -> Result<Self, Failure> {
         let source = of.open().map_err(|error| Failure::io("opening", of.name(), &error))?;
-        Ok(Self::new(of, settings.watched(Box::new(source))))
+        Ok(Self::new(of, settings.progress.restarted(source)))
     }
 
     /// The messages of a file, from its beginning.

@@ -1,19 +1,9 @@
 //! What is known of foreign data besides a mapping.
 
 use super::mapping::Mapping;
+use isotherm_autopilot::logs::{GyroscopeTemperature, LogSettings};
 use isotherm_recording::{LogImu, Progress};
 use isotherm_support::source::DataSource;
-use std::io::Read;
-
-/// The temperature that the gyroscopes of an autopilot's log have.
-#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
-pub enum GyroscopeTemperature {
-    /// Their own. Where they have none, the rows have no gyroscopes.
-    #[default]
-    Own,
-    /// That of the accelerometers.
-    Accelerometer,
-}
 
 /// Where the times of rows come from.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
@@ -64,9 +54,14 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// The source, whose bytes the progress shows from their beginning.
-    pub(super) fn watched(&self, source: Box<dyn Read>) -> Box<dyn Read> {
-        self.progress.restart();
-        Box::new(self.progress.wrap(source))
+    /// What concerns the log of an autopilot.
+    pub(super) fn of_log(&self) -> LogSettings {
+        let Self { instance, preferred, gyroscope_temperature, progress, .. } = self;
+        LogSettings {
+            instance: *instance,
+            preferred: *preferred,
+            gyroscope_temperature: *gyroscope_temperature,
+            progress: progress.clone(),
+        }
     }
 }

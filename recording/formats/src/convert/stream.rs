@@ -1,9 +1,9 @@
 //! Readings of accelerometers or of gyroscopes, which are joined with those of the others.
 
 use super::settings::TimeSource;
-use super::source::{Reading, Source};
 use super::stamped::Stamped;
 use isotherm_recording::RecordingError;
+use isotherm_recording::foreign::{ForeignRow, RowSource};
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::Failure;
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ pub(super) struct Stream {
     pub(super) name: String,
     /// Their file, if it is not that of the rows.
     pub(super) file: Option<PathBuf>,
-    pub(super) next: Option<Reading>,
+    pub(super) next: Option<ForeignRow>,
 }
 
 impl Stream {
@@ -27,7 +27,7 @@ impl Stream {
     /// # Errors
     /// Of the rows; if they have no times that rise, or count over the time since the row before.
     pub(super) fn new(
-        source: Box<dyn Source>,
+        source: Box<dyn RowSource>,
         time: TimeSource,
         are_gyroscopes: bool,
         name: String,
@@ -67,7 +67,7 @@ impl Stream {
         Ok(self.next.is_some())
     }
 
-    pub(super) fn pulses(&self, reading: &Reading) -> [i64; AXES] {
+    pub(super) fn pulses(&self, reading: &ForeignRow) -> [i64; AXES] {
         let first = if self.are_gyroscopes { AXES } else { 0 };
         [0, 1, 2].map(|axis| reading.pulses[first + axis])
     }

@@ -9,7 +9,7 @@
 //! ArduPilot sends whole mg and mrad/s (1000 ug0, 206 deg/h), corrected, at a few Hz. A table of these would repeat the
 //! correction that was in force.
 
-use super::autopilot::first_message;
+use isotherm_autopilot::logs::first_message;
 use std::collections::BTreeMap;
 
 /// Longest name of a message in a log of ArduPilot.

@@ -15,15 +15,15 @@ use super::columns::{ColumnRef, Kind, Sensors, Temperature};
 use super::layouts::Recognised;
 use super::mapping::{Mapping, TimeUnit};
 use super::opening::{Checksums, FEWEST, Opening, Table, rows_of, uncommented};
-use super::rollover::Counter;
-use super::scale::Units;
-use super::source::{Reading, Source, placeholder};
 use super::unit::Linear;
 use super::{calendar, header_units, proposal, unit};
 use axes::{Axes, bad};
 use bad_rows::NoReading;
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{Checksum, CsvColumn, Rows, missing_columns};
+use isotherm_recording::foreign::Counter;
+use isotherm_recording::foreign::Units;
+use isotherm_recording::foreign::{ForeignRow, RowSource, placeholder};
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use isotherm_support::finding::Finding;
@@ -234,10 +234,10 @@ impl TextSource {
     }
 
     /// The reading of the current row.
-    fn reading(&mut self) -> Result<Reading, NoReading> {
+    fn reading(&mut self) -> Result<ForeignRow, NoReading> {
         self.check_width()?;
         let (rows, marks) = (&self.rows, &mut self.marks);
-        let mut reading = Reading { place: rows.line(), row: self.count, ..Reading::default() };
+        let mut reading = ForeignRow { place: rows.line(), row: self.count, ..ForeignRow::default() };
         let (mut is_whole, mut of_day) = (self.whole_times, self.of_day);
         match &self.columns.time {
             Some((column, TimeUnit::Power(power))) => {
@@ -345,8 +345,8 @@ fn checked(line: &[u8]) -> Result<(), String> {
     }
 }
 
-impl Source for TextSource {
-    fn read(&mut self) -> Result<Option<Reading>, RecordingError> {
+impl RowSource for TextSource {
+    fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         loop {
             let (fault, message) = match self.rows.next_row() {
                 Ok(false) => {

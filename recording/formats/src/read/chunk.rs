@@ -3,7 +3,7 @@
 //! What a chunk unpacks to is refused by its header, before anything of it is unpacked; the library then unpacks no
 //! more than the header says. Zeros that are packed a thousand times over would take hours.
 
-use crate::steps;
+use isotherm_recording::steps;
 use mcap::McapError;
 use mcap::records::op;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};

@@ -2,8 +2,8 @@
 
 use super::table::{Absence, ValueKind, WantedColumn, refuse_missing};
 use crate::protobuf::{self, FieldNumber, Value};
-use crate::steps;
 use isotherm_recording::columns::hex;
+use isotherm_recording::steps;
 use std::collections::HashMap;
 
 /// Highest number of a field that is read.

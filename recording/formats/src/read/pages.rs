@@ -3,8 +3,8 @@
 //! takes no bytes in its opinion.
 
 use super::random::RandomAccess;
-use crate::steps;
 use crate::varint;
+use isotherm_recording::steps;
 use std::io;
 
 /// Longest page, compressed and decompressed \[bytes\]. Common writers make pages of about 1 MB.

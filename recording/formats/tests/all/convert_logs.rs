@@ -1,11 +1,12 @@
 //! Logs of autopilots: ULog of PX4, DataFlash of ArduPilot. Damage and cuts are in `convert_logs_damaged.rs`.
 
 use crate::logs::{Dataflash, IMU_FORMAT, IMU_NAMES, ImuRow, Ulog, converted, refused};
+use isotherm_autopilot::logs::FoundImu;
+use isotherm_autopilot::logs::LOG_ACCELERATION_PULSE;
+use isotherm_autopilot::logs::LOG_RATE_PULSE;
 use isotherm_files::source;
 use isotherm_recording::LogImu;
-use isotherm_recording_formats::convert::{
-    Conversion, FoundImu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Settings, imus_of_log,
-};
+use isotherm_recording_formats::convert::{Conversion, Settings, imus_of_log};
 use isotherm_shared::wire::{RawSample, device};
 use isotherm_support::failure::Exit;
 use std::fmt::Write as _;

@@ -1,7 +1,8 @@
 //! Writers of ULog and DataFlash, as far as tests need them.
 
 use isotherm_files::source;
-use isotherm_recording_formats::convert::{Conversion, Settings, VehicleState};
+use isotherm_recording::foreign::VehicleState;
+use isotherm_recording_formats::convert::{Conversion, Settings};
 use isotherm_shared::wire::RawSample;
 use isotherm_support::failure::{Exit, Failure};
 use std::collections::BTreeMap;

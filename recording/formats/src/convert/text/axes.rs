@@ -1,12 +1,12 @@
 //! Three sensors of a text: their columns, and the pulses of their numbers.
 
 use super::super::columns::{ColumnRef, Kind, Sensors};
-use super::super::source::pulses;
 use super::bad_rows::{Fault, NoReading};
 use super::counting::Counting;
 use super::marks::{Marks, Number};
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{CsvColumn, Rows};
+use isotherm_recording::foreign::pulses;
 use isotherm_shared::wire::AXES;
 use isotherm_support::finding::Finding;
 use std::io::Read;

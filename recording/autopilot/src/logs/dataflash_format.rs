@@ -4,7 +4,7 @@
 //! definition has number, length with the header, name, a letter per column, and the names of the columns. Values are
 //! little-endian and not aligned.
 
-use crate::steps;
+use isotherm_recording::steps;
 use isotherm_shared::wire::AXES;
 
 /// Length of the header of a binary message.

@@ -1,10 +1,10 @@
 //! What the logs of both autopilots have in common: their IMUs, and how a row becomes pulses.
 
-use super::super::scale::Units;
-use super::super::settings::Settings;
-use super::super::source::{OpenData, Reading, pulses};
 use super::left_out::Flaw;
+use super::settings::LogSettings;
 use isotherm_recording::LogImu;
+use isotherm_recording::foreign::Units;
+use isotherm_recording::foreign::{ForeignRow, OpenData, pulses};
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -84,7 +84,7 @@ pub(super) fn take(data: &mut OpenData<'_>) -> Result<Box<dyn Read>, Failure> {
 
 /// The IMU that is wanted, or else the only one, or else the preferred one, with its number in the log. There is one at
 /// least.
-pub(super) fn choose(path: &Path, imus: &BTreeMap<u8, Imu>, settings: &Settings) -> Result<(u8, Imu), Failure> {
+pub(super) fn choose(path: &Path, imus: &BTreeMap<u8, Imu>, settings: &LogSettings) -> Result<(u8, Imu), Failure> {
     let is_preferred = |(number, imu): &(&u8, &Imu)| {
         settings.preferred.is_some_and(|preferred| !preferred.differs_from(&imu.named(**number)))
     };
@@ -115,9 +115,9 @@ impl Values {
     ///
     /// # Errors
     /// What is wrong with the values.
-    pub(super) fn reading(&self, place: u64, time_us: u64, telemetry: Option<f64>) -> Result<Reading, Flaw> {
+    pub(super) fn reading(&self, place: u64, time_us: u64, telemetry: Option<f64>) -> Result<ForeignRow, Flaw> {
         let timestamp_ns = Some(time_us.checked_mul(1000).ok_or(Flaw::Time)?);
-        let mut reading = Reading { place, timestamp_ns, ..Reading::default() };
+        let mut reading = ForeignRow { place, timestamp_ns, ..ForeignRow::default() };
         let rate = self.rate.unwrap_or_default();
         let of = |values: [f64; AXES], pulse, celsius| values.map(|value| (value, pulse, celsius));
         let [acceleration, rate] =

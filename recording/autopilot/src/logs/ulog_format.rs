@@ -8,7 +8,7 @@
 //! Each field is resolved once, however many types have its type: what is known of a definition is kept, and goes on
 //! from the first field whose type has not been defined yet.
 
-use crate::steps;
+use isotherm_recording::steps;
 use isotherm_shared::wire::AXES;
 use std::collections::HashMap;
 

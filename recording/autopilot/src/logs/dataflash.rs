@@ -9,8 +9,8 @@
 use super::dataflash_format::{Body, FMT, FMT_LENGTH, Format, HEADER};
 use super::dataflash_json::{JsonMessage, first_message};
 use super::window::{Damage, Window};
-use crate::steps;
 use isotherm_recording::RecordingError;
+use isotherm_recording::steps;
 use isotherm_shared::content::{DATAFLASH_MAGIC, is_dataflash_text};
 use std::collections::HashMap;
 use std::io::{self, BufRead as _, BufReader, Read};
@@ -23,7 +23,8 @@ const MAX_FORMATS: usize = 1000;
 
 /// How a log is written.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(in super::super) enum Encoding {
+pub enum Encoding {
+    /// Binary, as the autopilot writes it.
     Binary,
     /// As ground stations write it.
     Text,
@@ -34,7 +35,7 @@ pub(in super::super) enum Encoding {
 impl Encoding {
     /// That of a log that begins with these bytes; `None` of other data. Before the first definition there may be what
     /// a console or a damaged card put there.
-    pub(in super::super) fn of(beginning: &[u8]) -> Option<Self> {
+    pub fn of(beginning: &[u8]) -> Option<Self> {
         let definition = [DATAFLASH_MAGIC[0], DATAFLASH_MAGIC[1], FMT];
         let is_followed =
             |at: usize| beginning[at..].get(FMT_LENGTH..).is_some_and(|n| n.starts_with(&DATAFLASH_MAGIC));

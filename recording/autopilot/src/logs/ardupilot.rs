@@ -1,9 +1,5 @@
 //! The rows of a DataFlash log: those of `IMU`, with what ArduPilot had corrected undone.
 
-use super::super::scale::Units;
-use super::super::settings::Settings;
-use super::super::source::{OpenData, PLACEHOLDER, Reading, Source, placeholder};
-use super::super::vehicle::VehicleState;
 use super::dataflash::{Encoding, Message, Messages};
 use super::dataflash_format::ImuColumns;
 use super::imu::{
@@ -11,9 +7,13 @@ use super::imu::{
 };
 use super::left_out::{Flaw, LeftOut};
 use super::reports::{Aspect, Report, Reports};
+use super::settings::LogSettings;
 use super::survey::Survey;
 use super::timeline::{Kept, Sieve, Timing};
 use super::undo::{Corrections, concerns, devices};
+use isotherm_recording::foreign::Units;
+use isotherm_recording::foreign::VehicleState;
+use isotherm_recording::foreign::{ForeignRow, OpenData, PLACEHOLDER, RowSource, placeholder};
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -30,7 +30,7 @@ const FEW: u64 = 5;
 const UNITS: [(&str, char); 3] = [("AccX", 'o'), ("GyrX", 'E'), ("T", 'O')];
 
 /// Rows of an IMU.
-pub(in super::super) struct DataFlashSource {
+pub struct DataFlashSource {
     messages: Messages,
     instance: u8,
     imu: Imu,
@@ -68,9 +68,9 @@ impl DataFlashSource {
     ///
     /// # Errors
     /// If it has no rows, corrections that cannot be undone, or several IMUs of which none is named; of reading.
-    pub(in super::super) fn open(
+    pub fn open(
         mut data: OpenData<'_>,
-        settings: &Settings,
+        settings: &LogSettings,
         telemetry: Option<f64>,
         encoding: Encoding,
     ) -> Result<Self, Failure> {
@@ -82,7 +82,7 @@ impl DataFlashSource {
         let kept = kept.map_err(|message| refused(&message))?;
         let corrections = Corrections::new(&contents.parameters, instance).map_err(|message| refused(&message))?;
         Ok(Self {
-            messages: Messages::new(data.again(settings)?, encoding),
+            messages: Messages::new(data.again(&settings.progress)?, encoding),
             instance,
             imu,
             vehicle: contents.reports.state(kept.last_us),
@@ -103,7 +103,7 @@ impl DataFlashSource {
     ///
     /// # Errors
     /// If it has no rows; of reading.
-    pub(in super::super) fn imus(mut data: OpenData<'_>, encoding: Encoding) -> Result<Vec<FoundImu>, Failure> {
+    pub fn imus(mut data: OpenData<'_>, encoding: Encoding) -> Result<Vec<FoundImu>, Failure> {
         Contents::of(&mut data, encoding).map(|contents| found(&contents.imus()))
     }
 
@@ -128,7 +128,7 @@ impl DataFlashSource {
     }
 
     /// The row, if it is not left out.
-    fn reading(&mut self, row: &Row) -> Option<Reading> {
+    fn reading(&mut self, row: &Row) -> Option<ForeignRow> {
         let reading = match self.sieve.next(row.time_us) {
             Timing::Wild => Err(Flaw::Time),
             Timing::Repeats => Err(Flaw::Repeated),
@@ -147,7 +147,7 @@ impl DataFlashSource {
         }
     }
 
-    fn undone(&self, row: &Row) -> Result<Reading, Flaw> {
+    fn undone(&self, row: &Row) -> Result<ForeignRow, Flaw> {
         let logged = row.celsius.filter(|celsius| celsius.is_finite() || self.telemetry.is_none());
         let celsius = logged.or(self.telemetry).unwrap_or(PLACEHOLDER);
         let [acceleration, rate] = self.corrections.undo(row.logged, celsius);
@@ -252,8 +252,8 @@ impl Message<'_> {
     }
 }
 
-impl Source for DataFlashSource {
-    fn read(&mut self) -> Result<Option<Reading>, RecordingError> {
+impl RowSource for DataFlashSource {
+    fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         loop {
             let Some(message) = self.messages.next()? else { return Ok(None) };
             let (place, said) = (message.place, message.said());

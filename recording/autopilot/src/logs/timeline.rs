@@ -3,7 +3,7 @@
 //! The first reading gathers runs of rows whose times rise. Of them those are kept that follow each other in time and
 //! have the most rows. The second reading takes their rows.
 
-use crate::convert::chain::LEAP_NS;
+use isotherm_recording::foreign::LEAP_NS;
 use std::collections::VecDeque;
 use std::ops::Range;
 

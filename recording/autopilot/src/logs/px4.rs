@@ -4,19 +4,19 @@
 //! `sensor_combined`. Their rows have their own times and rates. A row of `sensor_gyro` belongs to the first row of
 //! `sensor_accel` at its time or after it.
 
-use super::super::scale::Units;
-use super::super::settings::{GyroscopeTemperature, Settings};
-use super::super::source::{OpenData, PLACEHOLDER, Reading, Source, placeholder};
-use super::super::vehicle::VehicleState;
 use super::imu::{
     FoundImu, Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, found, take, units,
 };
 use super::left_out::{Flaw, LeftOut};
 use super::reports::{Report, Reports};
+use super::settings::{GyroscopeTemperature, LogSettings};
 use super::survey::{NoThermometer, Survey};
 use super::timeline::{Sieve, Timing};
 use super::ulog::{Messages, Topic, error};
 use super::ulog_format::SensorRow;
+use isotherm_recording::foreign::Units;
+use isotherm_recording::foreign::VehicleState;
+use isotherm_recording::foreign::{ForeignRow, OpenData, PLACEHOLDER, RowSource, placeholder};
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::Failure;
@@ -31,7 +31,7 @@ const HELD_TOLD: u64 = 100;
 const HOLDS: u64 = 5;
 
 /// Rows of an IMU.
-pub(in super::super) struct UlogSource {
+pub struct UlogSource {
     messages: Messages,
     instance: u8,
     imu: Imu,
@@ -106,11 +106,7 @@ impl UlogSource {
     ///
     /// # Errors
     /// If it has no raw rows, or several IMUs of which none is named; of reading.
-    pub(in super::super) fn open(
-        mut data: OpenData<'_>,
-        settings: &Settings,
-        telemetry: Option<f64>,
-    ) -> Result<Self, Failure> {
+    pub fn open(mut data: OpenData<'_>, settings: &LogSettings, telemetry: Option<f64>) -> Result<Self, Failure> {
         let path = data.source.name();
         let failed = |error: RecordingError| error.failure(path);
         let contents = Contents::of(&mut data)?;
@@ -131,7 +127,7 @@ impl UlogSource {
             _ => Thermometer::NoGyroscopes,
         };
         let vehicle = contents.reports.state(accelerometer.sieve.kept().last_us);
-        let messages = Messages::new(data.again(settings)?).map_err(failed)?;
+        let messages = Messages::new(data.again(&settings.progress)?).map_err(failed)?;
         Ok(Self {
             messages,
             instance,
@@ -158,7 +154,7 @@ impl UlogSource {
     ///
     /// # Errors
     /// If it has no raw rows; of reading.
-    pub(in super::super) fn imus(mut data: OpenData<'_>) -> Result<Vec<FoundImu>, Failure> {
+    pub fn imus(mut data: OpenData<'_>) -> Result<Vec<FoundImu>, Failure> {
         Contents::of(&mut data).map(|contents| found(&contents.imus()))
     }
 
@@ -223,7 +219,7 @@ impl UlogSource {
     }
 
     /// A row with the gyroscopes since the one before; `None` if it is left out.
-    fn finish(&mut self, place: u64, row: &SensorRow) -> Option<Reading> {
+    fn finish(&mut self, place: u64, row: &SensorRow) -> Option<ForeignRow> {
         let is_held = self.means.count == 0;
         let gyroscopes = match self.thermometer.has_gyroscopes().then(|| self.rates(row)) {
             None => None,
@@ -306,8 +302,8 @@ impl Thermometer {
     }
 }
 
-impl Source for UlogSource {
-    fn read(&mut self) -> Result<Option<Reading>, RecordingError> {
+impl RowSource for UlogSource {
+    fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         loop {
             let next = self.sensor()?;
             let is_complete = |waiting: &(u64, SensorRow)| match &next {

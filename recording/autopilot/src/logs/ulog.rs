@@ -11,8 +11,8 @@
 use super::reports::Aspect;
 use super::ulog_format::{Formats, Lengths, SensorLayout, StateLayout, WrongDefinition};
 use super::window::{Damage, Window};
-use crate::steps;
 use isotherm_recording::RecordingError;
+use isotherm_recording::steps;
 use isotherm_shared::content::ULOG_MAGIC;
 use std::collections::HashMap;
 use std::io::{self, Read};
@@ -34,7 +34,7 @@ const TYPES: &[u8] = b"BFIPMQALCROS";
 const APPENDED: u8 = 1;
 
 /// Whether data that begin with these bytes are ULog.
-pub(in super::super) fn is_ulog(beginning: &[u8]) -> bool {
+pub fn is_ulog(beginning: &[u8]) -> bool {
     beginning.starts_with(ULOG_MAGIC)
 }
 

@@ -4,7 +4,7 @@
 //! messages, for `EV`, `ARM` and `STAT`. Some messages say how it is, and come again and again. Others say that it
 //! changed: before the first of those it was the contrary.
 
-use super::super::vehicle::{VehicleState, union};
+use isotherm_recording::foreign::{VehicleState, union};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
