@@ -53,7 +53,7 @@ pub use settings::{Settings, TimeSource};
 pub use text::means::{MeanRow, read_means};
 pub use unit::Linear;
 
-use interval::{GAP, Steps};
+use interval::{GAP, IntervalSteps};
 use isotherm_autopilot::logs::FoundImu;
 use isotherm_recording::columns::Layout;
 use isotherm_recording::foreign::{ForeignRow, OpenData, RowSource, Units, VehicleState};
@@ -66,12 +66,12 @@ use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::{Finding, name};
 use isotherm_support::source::DataSource;
 use joined::JoinedSource;
-use known::Known;
-use scale::Telemetry;
-use stamped::Stamped;
+use known::KnownFormat;
+use scale::TemperatureRange;
+use stamped::StampedRows;
 use std::io::{Cursor, ErrorKind, Read};
 use std::path::{Path, PathBuf};
-use stream::Stream;
+use stream::RowStream;
 
 /// Intervals that an IMU has \[ns\]: 50 kHz to 0.01 Hz.
 const PLAUSIBLE_NS: std::ops::RangeInclusive<u64> = 20_000..=100_000_000_000;
@@ -85,7 +85,7 @@ const BEGINNING: u64 = 1 << 16;
 /// An iterator over the raw samples of foreign data that ends at the first error.
 pub struct Conversion {
     path: PathBuf,
-    input: Stamped,
+    input: StampedRows,
     /// The session of the first rows, and that of the last one.
     first_session: u64,
     session: u64,
@@ -104,8 +104,8 @@ pub struct Conversion {
     read_rows: u64,
     rows: u64,
     gaps: Gaps,
-    steps: Steps,
-    telemetry: Telemetry,
+    steps: IntervalSteps,
+    telemetry: TemperatureRange,
     ended: bool,
 }
 
@@ -127,7 +127,7 @@ pub fn imus_of_log(source: &DataSource, settings: &Settings) -> Result<Vec<Found
     }
     let mut bytes = source.open().map_err(|error| Failure::io("opening", source.name(), &error))?;
     let beginning = beginning(&mut bytes, source.name())?;
-    let format = Known::of(&beginning);
+    let format = KnownFormat::of(&beginning);
     let bytes = settings.progress.restarted(Cursor::new(beginning).chain(bytes));
     format.map_or(Ok(Vec::new()), |format| format.imus(OpenData { source, bytes }))
 }
@@ -189,7 +189,7 @@ impl Conversion {
         if let Some(message) = refused::reason(&beginning) {
             return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(path))));
         }
-        let (format, no_text) = (Known::of(&beginning), refused::no_text(&beginning));
+        let (format, no_text) = (KnownFormat::of(&beginning), refused::no_text(&beginning));
         let is_layout = format.is_none() && no_text.is_none() && mapping.is_none() && settings.mapping.is_none();
         let recognised = is_layout.then(|| layouts::recognise(&beginning, path));
         let source: Box<dyn Read> = Box::new(Cursor::new(beginning).chain(source));
@@ -200,7 +200,7 @@ impl Conversion {
                 None => KnownColumns::default(),
             };
             let temperature = settings.temperature.or(known.temperature);
-            if let (Some((file, _)), true) = (mapping, known.units != [None; 2] && format != Known::Mcap) {
+            if let (Some((file, _)), true) = (mapping, known.units != [None; 2] && format != KnownFormat::Mcap) {
                 let message =
                     "[accelerometer] and [gyroscope] are for ROS messages and texts: these data have their units";
                 return Err(Failure::new(Exit::Config, format!("{}: {message}", shown(file))).at(file, None));
@@ -273,9 +273,9 @@ impl Conversion {
         let file = file.name();
         let name = |path: &Path| shown(path).to_string();
         let gyroscopes = text::TextSource::of_gyroscopes(Box::new(source), mapping);
-        let gyroscopes = gyroscopes.and_then(|it| Stream::new(Box::new(it), time, true, name(file), Some(file)));
+        let gyroscopes = gyroscopes.and_then(|it| RowStream::new(Box::new(it), time, true, name(file), Some(file)));
         let gyroscopes = gyroscopes.map_err(|error| error.failure(file))?;
-        let accelerometers = Stream::new(Box::new(accelerometers), time, false, name(path), None);
+        let accelerometers = RowStream::new(Box::new(accelerometers), time, false, name(path), None);
         Ok(JoinedSource::new(accelerometers.map_err(|error| error.failure(path))?, gyroscopes))
     }
 
@@ -292,7 +292,7 @@ impl Conversion {
                 "--time rate takes a rate that is known: give --interval S, or time.interval_s in the mapping";
             return Err(Failure::new(Exit::Usage, format!("{}: {message}", shown(path))));
         }
-        let mut input = Stamped::new(source, settings.time).map_err(failed)?;
+        let mut input = StampedRows::new(source, settings.time).map_err(failed)?;
         let mut is_of_pieces = false;
         let (nominal_ns, found_from) = match interval_ns {
             Some(nominal_ns) => (nominal_ns, None),
@@ -323,8 +323,8 @@ impl Conversion {
             read_rows: 0,
             rows: 0,
             gaps: Gaps::default(),
-            steps: Steps::new(nominal_ns),
-            telemetry: Telemetry::default(),
+            steps: IntervalSteps::new(nominal_ns),
+            telemetry: TemperatureRange::default(),
             ended: false,
         })
     }

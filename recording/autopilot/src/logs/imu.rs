@@ -24,13 +24,13 @@ pub(super) const NO_TEMPERATURE: &str = "take another IMU of the log with --inst
 
 /// An IMU of a log.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Imu {
+pub(super) struct ImuOfLog {
     pub(super) rows: u64,
     /// Device ids of accelerometers and gyroscopes, if the log has them.
     pub(super) devices: [Option<u32>; 2],
 }
 
-impl Imu {
+impl ImuOfLog {
     /// As the log names it.
     pub(super) fn named(&self, number: u8) -> LogImu {
         LogImu { instance: number.into(), devices: self.devices }
@@ -56,7 +56,7 @@ impl fmt::Display for FoundImu {
 }
 
 /// The IMUs of a log, by their numbers.
-pub(super) fn found(imus: &BTreeMap<u8, Imu>) -> Vec<FoundImu> {
+pub(super) fn found(imus: &BTreeMap<u8, ImuOfLog>) -> Vec<FoundImu> {
     imus.iter().map(|(number, imu)| FoundImu { imu: imu.named(*number), rows: imu.rows }).collect()
 }
 
@@ -84,8 +84,12 @@ pub(super) fn take(data: &mut OpenData<'_>) -> Result<Box<dyn Read>, Failure> {
 
 /// The IMU that is wanted, or else the only one, or else the preferred one, with its number in the log. There is one at
 /// least.
-pub(super) fn choose(path: &Path, imus: &BTreeMap<u8, Imu>, settings: &LogSettings) -> Result<(u8, Imu), Failure> {
-    let is_preferred = |(number, imu): &(&u8, &Imu)| {
+pub(super) fn choose(
+    path: &Path,
+    imus: &BTreeMap<u8, ImuOfLog>,
+    settings: &LogSettings,
+) -> Result<(u8, ImuOfLog), Failure> {
+    let is_preferred = |(number, imu): &(&u8, &ImuOfLog)| {
         settings.preferred.is_some_and(|preferred| !preferred.differs_from(&imu.named(**number)))
     };
     let found = match (settings.instance, imus.len()) {

@@ -20,7 +20,7 @@ pub(super) enum Aspect {
 
 /// A message about the vehicle.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Report {
+pub(super) struct VehicleReport {
     pub(super) aspect: Aspect,
     pub(super) time_us: u64,
     pub(super) holds: bool,
@@ -37,8 +37,8 @@ pub(super) struct Reports {
 
 impl Reports {
     /// Takes what the message `name` says.
-    pub(super) fn take(&mut self, name: &'static str, report: Report) {
-        let Report { aspect, time_us, holds, is_change } = report;
+    pub(super) fn take(&mut self, name: &'static str, report: VehicleReport) {
+        let VehicleReport { aspect, time_us, holds, is_change } = report;
         let changes = self.changes.entry((aspect, name)).or_default();
         if changes.is_empty() {
             changes.push((0, holds != is_change));

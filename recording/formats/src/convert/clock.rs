@@ -4,7 +4,7 @@
 //! even clock, shows the clock: all others are put where the line through the neighbouring blocks' least delays has
 //! them. The line bends at the blocks' middles, so that a clock that drifts is followed.
 
-use super::interval::Shape;
+use super::interval::IntervalShape;
 use isotherm_recording::foreign::ForeignRow;
 use std::collections::VecDeque;
 
@@ -13,7 +13,7 @@ const BLOCK: usize = 1000;
 
 /// Gives rows even times.
 pub(super) struct EvenClock {
-    shape: Shape,
+    shape: IntervalShape,
     /// The first stamp of the stretch \[ns\], and how many of its rows were given out.
     begin_ns: u64,
     given: usize,
@@ -31,7 +31,7 @@ pub(super) struct EvenClock {
 
 impl EvenClock {
     /// For stamps of this shape.
-    pub(super) fn new(shape: Shape) -> Self {
+    pub(super) fn new(shape: IntervalShape) -> Self {
         Self {
             shape,
             begin_ns: 0,

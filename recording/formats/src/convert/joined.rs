@@ -14,7 +14,7 @@
 //! An offset between the two clocks is followed, so that the borders between rows lie between readings, and jitter does
 //! not move a reading to another row.
 
-use super::stream::{Stream, located};
+use super::stream::{RowStream, located};
 use core::f64::consts::TAU;
 use isotherm_recording::RecordingError;
 use isotherm_recording::foreign::Units;
@@ -40,24 +40,24 @@ const DIRECTED: f64 = 0.5;
 /// Accelerometers and gyroscopes, joined.
 pub(super) struct JoinedSource {
     /// Those of the rows, and the others, of which a row usually has several.
-    slow: Stream,
-    fast: Stream,
+    slow: RowStream,
+    fast: RowStream,
     /// Readings of the fast ones a row.
     usual: f64,
     /// What the fast ones' clock is ahead of the centre between their readings \[ns\].
     offset_ns: f64,
     /// Rows that wait for those behind them, and the last ones that were given out.
-    rows: VecDeque<Row>,
-    before: VecDeque<Row>,
+    rows: VecDeque<TriadRow>,
+    before: VecDeque<TriadRow>,
     /// What rounding has left over.
     rest: [f64; AXES],
     first_ns: [Option<u64>; 2],
-    tally: Tally,
+    tally: JoinTally,
 }
 
 /// A row, with what belongs to it of the fast ones.
 #[derive(Clone, Copy)]
-struct Row {
+struct TriadRow {
     slow: ForeignRow,
     count: usize,
     pulses: [i64; AXES],
@@ -65,7 +65,7 @@ struct Row {
 }
 
 #[derive(Default)]
-struct Tally {
+struct JoinTally {
     rows: u64,
     readings: u64,
     /// Of the readings' times less those of their rows \[ns\].
@@ -80,7 +80,7 @@ struct Tally {
 
 impl JoinedSource {
     /// Joins these accelerometers and gyroscopes.
-    pub(super) fn new(accelerometers: Stream, gyroscopes: Stream) -> Self {
+    pub(super) fn new(accelerometers: RowStream, gyroscopes: RowStream) -> Self {
         let are_slower = accelerometers.interval_ns >= gyroscopes.interval_ns * (1.0 - SAME);
         let (slow, fast) = if are_slower { (accelerometers, gyroscopes) } else { (gyroscopes, accelerometers) };
         let usual = (slow.interval_ns / fast.interval_ns).max(1.0);
@@ -93,7 +93,7 @@ impl JoinedSource {
             before: VecDeque::new(),
             rest: [0.0; AXES],
             first_ns: [None; 2],
-            tally: Tally::default(),
+            tally: JoinTally::default(),
         };
         joined.find_offset();
         joined
@@ -163,7 +163,7 @@ impl JoinedSource {
 
     fn push_row(&mut self) {
         if let Some(slow) = self.slow.next.take() {
-            self.rows.push_back(Row { slow, count: 0, pulses: [0; AXES], last: None });
+            self.rows.push_back(TriadRow { slow, count: 0, pulses: [0; AXES], last: None });
         }
     }
 
@@ -184,13 +184,13 @@ impl JoinedSource {
     }
 
     /// The next row that is complete; `None` if it is left out.
-    fn finished(&mut self, row: Row) -> Option<ForeignRow> {
+    fn finished(&mut self, row: TriadRow) -> Option<ForeignRow> {
         let near_ns = (BESIDE as f64 + 0.5) * self.slow.interval_ns;
-        let is_near = |other: &&Row| {
+        let is_near = |other: &&TriadRow| {
             let [own, other] = [&row, *other].map(|row| row.slow.timestamp_ns.unwrap_or(0));
             difference(own, other).abs() <= near_ns
         };
-        let has = |other: Option<&Row>| other.filter(is_near).is_some_and(|other| other.count > 0);
+        let has = |other: Option<&TriadRow>| other.filter(is_near).is_some_and(|other| other.count > 0);
         let is_between = has(self.before.back()) && has(self.rows.front());
         let about = self.before.iter().chain([&row]).chain(self.rows.iter().take(BESIDE)).filter(is_near);
         let (count, sums) = about.fold((0, [0; AXES]), |(count, sums), other| {
@@ -223,7 +223,7 @@ impl JoinedSource {
         Some(reading)
     }
 
-    fn streams(&self) -> [&Stream; 2] {
+    fn streams(&self) -> [&RowStream; 2] {
         if self.slow.are_gyroscopes { [&self.fast, &self.slow] } else { [&self.slow, &self.fast] }
     }
 }
@@ -283,7 +283,7 @@ impl RowSource for JoinedSource {
     }
 
     fn notes(&self) -> Vec<String> {
-        let Tally { rows, readings, offset_ns, early, .. } = &self.tally;
+        let JoinTally { rows, readings, offset_ns, early, .. } = &self.tally;
         let (slow, fast) = (&self.slow, &self.fast);
         let ms = offset_ns / (*readings).max(1) as f64 / 1e6;
         let side = if ms < 0.0 { "before" } else { "after" };
@@ -316,7 +316,7 @@ impl RowSource for JoinedSource {
                 }
             }
         }
-        let Tally { between, filled, left_out, .. } = self.tally;
+        let JoinTally { between, filled, left_out, .. } = self.tally;
         let (rows, readings) = (self.slow.sensors(), self.fast.sensors());
         let mut add = |count: u64, what: String| {
             if count > 0 {

@@ -11,7 +11,7 @@ use std::path::Path;
 
 /// A format whose columns are known.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(super) enum Known {
+pub(super) enum KnownFormat {
     /// ROS messages.
     Mcap,
     Novatel,
@@ -21,7 +21,7 @@ pub(super) enum Known {
     DataFlash(Encoding),
 }
 
-impl Known {
+impl KnownFormat {
     /// The format of data that begin with these bytes.
     pub(super) fn of(beginning: &[u8]) -> Option<Self> {
         if beginning.starts_with(MCAP_MAGIC) {
@@ -68,22 +68,22 @@ impl Known {
 }
 
 /// Refuses settings of another format than the data's.
-pub(super) fn check(settings: &Settings, path: &Path, format: Option<Known>) -> Result<(), Failure> {
+pub(super) fn check(settings: &Settings, path: &Path, format: Option<KnownFormat>) -> Result<(), Failure> {
     let refused = |message: &str| Err(Failure::new(Exit::Usage, format!("{}: {message}", shown(path))));
     let topics = [&settings.topic, &settings.gyroscope_topic, &settings.temperature_topic];
-    if format != Some(Known::Mcap) && topics.iter().any(|topic| topic.is_some()) {
+    if format != Some(KnownFormat::Mcap) && topics.iter().any(|topic| topic.is_some()) {
         return refused("a topic is named, but this is not MCAP");
     }
     if format.is_some() && settings.gyroscope_file.is_some() {
         return refused("a file of the gyroscopes is named, but this is no text with a mapping");
     }
-    let is_log = matches!(format, Some(Known::Ulog | Known::DataFlash(_)));
+    let is_log = matches!(format, Some(KnownFormat::Ulog | KnownFormat::DataFlash(_)));
     if is_log && settings.time != TimeSource::Header {
         return refused(
             "--time is for texts and bags, but this is the log of an autopilot, whose times are mended anyhow",
         );
     }
-    if format != Some(Known::Mcap) && settings.time == TimeSource::Log {
+    if format != Some(KnownFormat::Mcap) && settings.time == TimeSource::Log {
         return refused(
             "--time log takes the times at which messages were recorded, but this is not MCAP; leave it out, or give \
              --time rate --interval S for rows that are S seconds apart",

@@ -1,7 +1,7 @@
 //! A table of numbers in a text as it looks, for proposals: its columns, and their first values.
 
 use super::calendar;
-use super::opening::{Opening, rows_of};
+use super::opening::{TextOpening, rows_of};
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{Separator, looks_like_number};
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -58,7 +58,7 @@ impl LookedTable {
         let path = source.name();
         let source = source.open().map_err(|error| Failure::io("opening", path, &error))?;
         let failed = |error: RecordingError| error.failure(path);
-        let (opening, source) = Opening::read(Box::new(source), 0).map_err(failed)?;
+        let (opening, source) = TextOpening::read(Box::new(source), 0).map_err(failed)?;
         let Some(table) = opening.table() else {
             return Err(
                 Failure::new(Exit::Data, format!("{}: this is no table of numbers", shown(path))).at(path, None)

@@ -47,7 +47,7 @@ pub(super) struct NovatelSource {
 }
 
 /// A line that is no row.
-enum Skipped {
+enum ForeignMessage {
     OtherLog,
     Abbreviated,
     Bad(Fault, String),
@@ -79,12 +79,12 @@ impl NovatelSource {
     }
 
     /// The row of a line.
-    fn reading(&mut self) -> Result<ForeignRow, Skipped> {
-        let broken = |message: &str| Skipped::Bad(Fault::Line, message.to_owned());
+    fn reading(&mut self) -> Result<ForeignRow, ForeignMessage> {
+        let broken = |message: &str| ForeignMessage::Bad(Fault::Line, message.to_owned());
         let line = str::from_utf8(&self.text).map_err(|_| broken("bytes that are no text; is the log damaged?"))?;
         let line = line.trim_end();
         match line.chars().next() {
-            None | Some('<' | '[') => return Err(Skipped::Abbreviated),
+            None | Some('<' | '[') => return Err(ForeignMessage::Abbreviated),
             Some('%' | '#') => {}
             Some(_) => return Err(broken("not a NovAtel log, which begins with % or #")),
         }
@@ -96,22 +96,22 @@ impl NovatelSource {
         if stated != computed {
             let message =
                 format!("the CRC is {stated:08x}, but that of the line is {computed:08x}; the line is damaged");
-            return Err(Skipped::Bad(Fault::Checksum, message));
+            return Err(ForeignMessage::Bad(Fault::Checksum, message));
         }
         let (header, body) = content.split_once(';').ok_or_else(|| broken("no ; between header and body"))?;
         let name = header.split(',').next().unwrap_or_default();
         let Some((log, extended)) = LOGS.iter().find(|(log, _)| *log == name) else {
-            return Err(Skipped::OtherLog);
+            return Err(ForeignMessage::OtherLog);
         };
         if *self.log.get_or_insert(log) != *log {
-            return Err(Skipped::OtherLog);
+            return Err(ForeignMessage::OtherLog);
         }
         let mut fields = body.split(',');
         if *extended {
             let info = fields.next().and_then(|info| u8::from_str_radix(info, 16).ok());
             let info = info.ok_or_else(|| broken("the IMU info is not a hexadecimal number"))?;
             if info & ENCRYPTED != 0 {
-                return Err(Skipped::Encrypted);
+                return Err(ForeignMessage::Encrypted);
             }
             self.errors += u64::from(info & IMU_ERROR != 0);
             fields.next();
@@ -157,13 +157,13 @@ impl RowSource for NovatelSource {
                     self.rows += 1;
                     return Ok(Some(reading));
                 }
-                Err(Skipped::OtherLog) => self.others += 1,
-                Err(Skipped::Abbreviated) => self.abbreviated += 1,
-                Err(Skipped::Bad(fault, message)) => {
+                Err(ForeignMessage::OtherLog) => self.others += 1,
+                Err(ForeignMessage::Abbreviated) => self.abbreviated += 1,
+                Err(ForeignMessage::Bad(fault, message)) => {
                     self.rows += 1;
                     self.bad.take(fault, self.line, message, self.rows)?;
                 }
-                Err(Skipped::Encrypted) => {
+                Err(ForeignMessage::Encrypted) => {
                     let message = "the data are encrypted (IMU info), and cannot be used".to_owned();
                     return Err(self.error(self.line, message));
                 }

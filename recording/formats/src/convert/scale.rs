@@ -58,15 +58,15 @@ impl Scale {
 
 /// The telemetry of the rows so far: lowest and highest.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Telemetry([f64; 2]);
+pub(super) struct TemperatureRange([f64; 2]);
 
-impl Default for Telemetry {
+impl Default for TemperatureRange {
     fn default() -> Self {
         Self([f64::INFINITY, f64::NEG_INFINITY])
     }
 }
 
-impl Telemetry {
+impl TemperatureRange {
     /// Takes a row. What is no finite number is left out.
     pub(super) fn take(&mut self, sample: &RawSample) {
         let triads = [Some(&sample.accelerometers), Some(&sample.gyroscopes).filter(|triad| !triad.is_absent())];

@@ -2,7 +2,7 @@
 //! become an even clock.
 
 use super::clock::EvenClock;
-use super::interval::{self, Shape};
+use super::interval::{self, IntervalShape};
 use super::mender::{Mender, WINDOW};
 use super::rhythm::{Twice, arrivals, rhythm, twice};
 use super::settings::TimeSource;
@@ -19,7 +19,7 @@ const FOUND_FROM_UNEVEN: usize = 100_000;
 const FEW: u64 = 50;
 
 /// The rows of a source.
-pub(super) struct Stamped {
+pub(super) struct StampedRows {
     pub(super) source: Box<dyn RowSource>,
     /// Where the times come from.
     time: TimeSource,
@@ -31,7 +31,7 @@ pub(super) struct Stamped {
     clock: Option<EvenClock>,
     /// Rows that have their time.
     ready: VecDeque<ForeignRow>,
-    shape: Option<Shape>,
+    shape: Option<IntervalShape>,
     /// Rows that the shape was found from.
     found_from: u64,
     /// What ended the rows before the source did.
@@ -41,7 +41,7 @@ pub(super) struct Stamped {
     closed: bool,
 }
 
-impl Stamped {
+impl StampedRows {
     /// Reads the first rows, to judge their stamps.
     ///
     /// # Errors

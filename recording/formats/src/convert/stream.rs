@@ -1,7 +1,7 @@
 //! Readings of accelerometers or of gyroscopes, which are joined with those of the others.
 
 use super::settings::TimeSource;
-use super::stamped::Stamped;
+use super::stamped::StampedRows;
 use isotherm_recording::RecordingError;
 use isotherm_recording::foreign::{ForeignRow, RowSource};
 use isotherm_shared::wire::AXES;
@@ -9,8 +9,8 @@ use isotherm_support::failure::Failure;
 use std::path::{Path, PathBuf};
 
 /// The readings of three sensors, or of six of which three are wanted.
-pub(super) struct Stream {
-    pub(super) rows: Stamped,
+pub(super) struct RowStream {
+    pub(super) rows: StampedRows,
     /// Whether they are the gyroscopes.
     pub(super) are_gyroscopes: bool,
     pub(super) interval_ns: f64,
@@ -21,7 +21,7 @@ pub(super) struct Stream {
     pub(super) next: Option<ForeignRow>,
 }
 
-impl Stream {
+impl RowStream {
     /// Reads the first rows. `file` is that of the data, if it is not that of the other sensors.
     ///
     /// # Errors
@@ -34,8 +34,8 @@ impl Stream {
         file: Option<&Path>,
     ) -> Result<Self, RecordingError> {
         let located = |error: RecordingError| located(error, file);
-        let mut rows = Stamped::new(source, time).map_err(located)?;
-        let refused = |rows: &Stamped, message: &str| located(rows.source.error(rows.first(), message.to_owned()));
+        let mut rows = StampedRows::new(source, time).map_err(located)?;
+        let refused = |rows: &StampedRows, message: &str| located(rows.source.error(rows.first(), message.to_owned()));
         if rows.source.counts_since_the_row_before() {
             return Err(refused(
                 &rows,

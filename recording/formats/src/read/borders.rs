@@ -19,12 +19,12 @@ pub(super) struct Borders {
     /// The stamp of the row that the next piece begins with, if it has been read already \[ns\].
     is_twice: Option<u64>,
     /// Pieces that go on from each other, without breaks between.
-    joined: Vec<Joined>,
+    joined: Vec<PieceJoint>,
     apart: Vec<Apart>,
 }
 
 /// Pieces that go on from each other.
-struct Joined {
+struct PieceJoint {
     first: PathBuf,
     last: PathBuf,
     pieces: usize,
@@ -65,7 +65,7 @@ impl Borders {
                 joined.pieces += 1;
                 joined.missing += missing;
             }
-            None => self.joined.push(Joined { first: before, last: piece, pieces: 2, missing }),
+            None => self.joined.push(PieceJoint { first: before, last: piece, pieces: 2, missing }),
         }
     }
 
@@ -109,7 +109,7 @@ impl Borders {
 
     /// What the operator should know, a line each.
     pub(super) fn notes(&self) -> Vec<String> {
-        let joined = self.joined.iter().map(|Joined { first, last, pieces, missing }| {
+        let joined = self.joined.iter().map(|PieceJoint { first, last, pieces, missing }| {
             let (first, last) = (shown(first), shown(last));
             let missing = match missing {
                 0 => String::new(),

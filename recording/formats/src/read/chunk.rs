@@ -21,9 +21,9 @@ const HEAD: usize = 9;
 
 /// What a file unpacks to.
 #[derive(Default)]
-pub(crate) struct Unpacked(u64);
+pub(crate) struct ChunkBuffer(u64);
 
-impl Unpacked {
+impl ChunkBuffer {
     /// Counts the chunk with this content, of a file of which `bytes` have been read.
     ///
     /// # Errors

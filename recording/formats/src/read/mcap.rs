@@ -3,7 +3,7 @@
 
 use super::fields::{FieldMap, decode, map_fields};
 use super::records::Records;
-use super::skip::Unwanted;
+use super::skip::ChannelFilter;
 use super::table::{ImuChoice, TableReader, WantedColumn};
 use crate::protobuf;
 use isotherm_recording::RecordingError;
@@ -57,7 +57,7 @@ impl McapReader {
         choice: ImuChoice,
         raw: bool,
     ) -> Self {
-        let unwanted = Unwanted::of(of, |channel, _| is_readable(channel));
+        let unwanted = ChannelFilter::of(of, |channel, _| is_readable(channel));
         Self {
             records: Records::without(source, unwanted),
             wanted,

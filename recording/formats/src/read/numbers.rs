@@ -1,10 +1,10 @@
 //! Reads columns of numbers by name, and differences of two columns, from files of every format.
 
 use super::mcap::McapReader;
-use super::open::{Opened, open_source};
+use super::open::{SourceContent, open_source};
 use super::order::{FirstRow, first_row_columns, in_order};
 use super::parquet::ParquetReader;
-use super::part::{Clip, Judged, Part};
+use super::part::{Clip, Part, RowPlace};
 use super::places::Places;
 use super::table::{ImuChoice, TableReader, WantedColumn};
 use core::ops::Sub;
@@ -54,7 +54,7 @@ pub fn read_numbers<T: Sub<Output = T>>(
     parse: impl Fn(usize, &str) -> Result<T, &'static str>,
 ) -> Result<NumberTable<T>, Failure> {
     let first_row = |of: &DataSource| {
-        let mut source = Numbers::open(of, names, &first_row_columns(), choice, &Progress::default())?;
+        let mut source = NumberReader::open(of, names, &first_row_columns(), choice, &Progress::default())?;
         let row = source.next().map_err(|error| error.failure(of.name()))?;
         Ok(row.then(|| source.first_row()))
     };
@@ -64,15 +64,15 @@ pub fn read_numbers<T: Sub<Output = T>>(
     let (mut before, mut clip) = (0, Clip::new(part));
     let times = if part.is_whole() { Vec::new() } else { first_row_columns().to_vec() };
     'pieces: for of in ordered.iter().copied() {
-        let (path, mut source) = (of.name(), Numbers::open(of, names, &times, choice, bar)?);
+        let (path, mut source) = (of.name(), NumberReader::open(of, names, &times, choice, bar)?);
         table.places.begin(path, source.unit(), before);
         let failed = |error: RecordingError| error.failure(path);
         while source.next().map_err(failed)? {
             if !part.is_whole() {
                 match source.judged(&mut clip).map_err(failed)? {
-                    Judged::Before => continue,
-                    Judged::Within => {}
-                    Judged::After => break 'pieces,
+                    RowPlace::Before => continue,
+                    RowPlace::Within => {}
+                    RowPlace::After => break 'pieces,
                 }
             }
             let line = before + source.place();
@@ -145,17 +145,17 @@ fn may_be_field(name: &str) -> bool {
 }
 
 /// One piece, read row by row.
-struct Numbers {
+struct NumberReader {
     operands: Operands,
-    source: Source,
+    source: NumberSource,
 }
 
-enum Source {
+enum NumberSource {
     Csv { rows: Box<Rows<Box<dyn Read>>>, columns: Vec<Option<CsvColumn>>, count: usize, mark: DecimalMark },
     Table { reader: Box<dyn TableReader>, values: Vec<Option<u64>> },
 }
 
-impl Numbers {
+impl NumberReader {
     fn open(
         of: &DataSource,
         names: &[&str],
@@ -170,17 +170,17 @@ impl Numbers {
             Ok(operands.wanted(times))
         };
         let reader: Box<dyn TableReader> = match open_source(of, bar, None)? {
-            Opened::Csv(source) => return Self::csv(source, names, times).map_err(failed),
-            Opened::Mcap(source) => {
+            SourceContent::Csv(source) => return Self::csv(source, names, times).map_err(failed),
+            SourceContent::Mcap(source) => {
                 let wanted = resolve(&may_be_field).map_err(|error| Failure::new(Exit::Data, error))?;
                 Box::new(McapReader::new(of, source, wanted, choice.clone(), false))
             }
-            Opened::Parquet(file) => {
+            SourceContent::Parquet(file) => {
                 let wanted = |found: &[String]| resolve(&|name| found.iter().any(|other| other == name));
                 Box::new(ParquetReader::open(file, wanted, choice, bar).map_err(failed)?)
             }
         };
-        Ok(Self { operands, source: Source::Table { reader, values: Vec::new() } })
+        Ok(Self { operands, source: NumberSource::Table { reader, values: Vec::new() } })
     }
 
     fn csv(source: Box<dyn Read>, names: &[&str], times: &[WantedColumn]) -> Result<Self, RecordingError> {
@@ -200,12 +200,12 @@ impl Numbers {
         rows.find_checks()?;
         let count = rows.len();
         let mark = DecimalMark::new(separator);
-        Ok(Self { operands, source: Source::Csv { rows, columns, count, mark } })
+        Ok(Self { operands, source: NumberSource::Csv { rows, columns, count, mark } })
     }
 
     fn next(&mut self) -> Result<bool, RecordingError> {
         match &mut self.source {
-            Source::Csv { rows, count, mark, .. } => {
+            NumberSource::Csv { rows, count, mark, .. } => {
                 let has_row = rows.next_row()?;
                 if has_row && rows.len() > *count && mark.separator() == Separator::Comma {
                     return Err(rows.error(format!(
@@ -219,27 +219,27 @@ impl Numbers {
                 }
                 rows.verify(*count).map(|()| true)
             }
-            Source::Table { reader, values, .. } => reader.read(values),
+            NumberSource::Table { reader, values, .. } => reader.read(values),
         }
     }
 
     fn place(&self) -> u64 {
         match &self.source {
-            Source::Csv { rows, .. } => rows.line(),
-            Source::Table { reader, .. } => reader.row(),
+            NumberSource::Csv { rows, .. } => rows.line(),
+            NumberSource::Table { reader, .. } => reader.row(),
         }
     }
 
     fn unit(&self) -> Option<&'static str> {
         match &self.source {
-            Source::Csv { .. } => None,
-            Source::Table { reader, .. } => Some(reader.unit()),
+            NumberSource::Csv { .. } => None,
+            NumberSource::Table { reader, .. } => Some(reader.unit()),
         }
     }
 
     /// How the columns and numbers of a text were read, unless by commas and with points. Valid after the last row.
     fn note(&self) -> Result<Option<String>, RecordingError> {
-        let Source::Csv { rows, mark, .. } = &self.source else { return Ok(None) };
+        let NumberSource::Csv { rows, mark, .. } = &self.source else { return Ok(None) };
         if rows.is_cut() {
             return Ok(Some(format!("line {} is cut and left out", rows.line())));
         }
@@ -272,7 +272,7 @@ impl Numbers {
         parse: &impl Fn(usize, &str) -> Result<T, &'static str>,
     ) -> Result<T, RecordingError> {
         match &mut self.source {
-            Source::Csv { rows, columns, mark, .. } => {
+            NumberSource::Csv { rows, columns, mark, .. } => {
                 let Some(column_in_row) = &columns[column] else {
                     return Err(rows.error("a column is missing".to_owned()));
                 };
@@ -281,7 +281,7 @@ impl Numbers {
                     parse(index, &number).map_err(Cow::Borrowed)
                 })
             }
-            Source::Table { reader, values } => {
+            NumberSource::Table { reader, values } => {
                 let text = values[column].map(|bits| format!("{:?}", f64::from_bits(bits))).unwrap_or_default();
                 let name = &self.operands.columns[column];
                 parse(index, &text).map_err(|expected| reader.error(format!("{name} is {text:?}, give {expected}")))
@@ -290,7 +290,7 @@ impl Numbers {
     }
 
     /// Where the current row lies.
-    fn judged(&self, clip: &mut Clip) -> Result<Judged, RecordingError> {
+    fn judged(&self, clip: &mut Clip) -> Result<RowPlace, RecordingError> {
         let stamp_ns = self.first_row().timestamp_ns;
         let stamp_ns = stamp_ns.ok_or_else(|| {
             self.error("a part of the data is found by the column timestamp_ns, which is missing".to_owned())
@@ -301,8 +301,8 @@ impl Numbers {
     /// An error about the current row.
     fn error(&self, message: String) -> RecordingError {
         match &self.source {
-            Source::Csv { rows, .. } => rows.error(message),
-            Source::Table { reader, .. } => reader.error(message),
+            NumberSource::Csv { rows, .. } => rows.error(message),
+            NumberSource::Table { reader, .. } => reader.error(message),
         }
     }
 
@@ -312,8 +312,8 @@ impl Numbers {
         let integer = |place: usize| {
             let column = self.operands.columns.len() + place;
             match &self.source {
-                Source::Csv { rows, columns, .. } => rows.integer(columns[column].as_ref()?).ok(),
-                Source::Table { values, .. } => values[column].map(|bits| f64::from_bits(bits) as u64),
+                NumberSource::Csv { rows, columns, .. } => rows.integer(columns[column].as_ref()?).ok(),
+                NumberSource::Table { values, .. } => values[column].map(|bits| f64::from_bits(bits) as u64),
             }
         };
         let rounded = |number: u64| (number as f64).to_bits();

@@ -14,14 +14,18 @@ use std::rc::Rc;
 pub(super) type SharedHash = Rc<RefCell<Sha256>>;
 
 /// An open file, by format.
-pub(super) enum Opened {
+pub(super) enum SourceContent {
     Csv(Box<dyn Read>),
     Mcap(Box<dyn Read>),
     Parquet(RandomAccess),
 }
 
 /// Opens a source and detects its format by the first bytes.
-pub(super) fn open_source(of: &DataSource, bar: &Progress, hash: Option<&SharedHash>) -> Result<Opened, Failure> {
+pub(super) fn open_source(
+    of: &DataSource,
+    bar: &Progress,
+    hash: Option<&SharedHash>,
+) -> Result<SourceContent, Failure> {
     let path = of.name();
     let io = |error: &io::Error| Failure::io("opening", path, error);
     let mut source = of.open().map_err(|error| io(&error))?;
@@ -40,7 +44,7 @@ pub(super) fn open_source(of: &DataSource, bar: &Progress, hash: Option<&SharedH
                 HashingReader { source: Box::new(of.open().map_err(|error| io(&error))?), hash: Rc::clone(hash) };
             io::copy(&mut source, &mut io::sink()).map_err(|error| io(&error))?;
         }
-        return Ok(Opened::Parquet(file));
+        return Ok(SourceContent::Parquet(file));
     }
     let is_mcap = magic == MCAP_MAGIC;
     let source = Box::new(bar.wrap(Cursor::new(magic).chain(source)));
@@ -48,7 +52,7 @@ pub(super) fn open_source(of: &DataSource, bar: &Progress, hash: Option<&SharedH
         Some(hash) => Box::new(HashingReader { source, hash: Rc::clone(hash) }),
         None => source,
     };
-    Ok(if is_mcap { Opened::Mcap(source) } else { Opened::Csv(source) })
+    Ok(if is_mcap { SourceContent::Mcap(source) } else { SourceContent::Csv(source) })
 }
 
 /// Hashes the bytes of a source as they are read. The rest of the source is hashed when this is dropped.

@@ -20,7 +20,7 @@ pub(super) struct FirstRow {
 
 /// The order of pieces.
 #[derive(Debug, Default, PartialEq)]
-pub(super) struct Order {
+pub(super) struct PieceOrder {
     /// Their places among those that are named.
     pub(super) places: Vec<usize>,
     /// What came of the wish to keep the given order.
@@ -50,10 +50,10 @@ pub(super) fn in_order(
     sources: &[DataSource],
     is_given: bool,
     mut first: impl FnMut(&DataSource) -> Result<Option<FirstRow>, Failure>,
-) -> Result<Order, Failure> {
+) -> Result<PieceOrder, Failure> {
     if sources.len() < 2 {
         let note = is_given.then(|| format!("{IN_ORDER} has no effect: there is one file"));
-        return Ok(Order { places: (0..sources.len()).collect(), note });
+        return Ok(PieceOrder { places: (0..sources.len()).collect(), note });
     }
     let usage = |message: String| Err(Failure::new(Exit::Usage, message));
     let mut names = HashSet::new();
@@ -74,7 +74,7 @@ pub(super) fn in_order(
 const IN_ORDER: &str = "--in-order";
 
 /// The order of pieces with these first rows.
-fn order(firsts: &[Option<FirstRow>], is_given: bool) -> Order {
+fn order(firsts: &[Option<FirstRow>], is_given: bool) -> PieceOrder {
     let all_have = |clock: &usize| firsts.iter().flatten().all(|row| row.times()[*clock].is_some());
     let clock = [0, 1].into_iter().find(all_have);
     let time = |row: &FirstRow| clock.and_then(|clock| row.times()[clock]);
@@ -110,7 +110,7 @@ fn order(firsts: &[Option<FirstRow>], is_given: bool) -> Order {
         (_, true) => format!("{IN_ORDER} has no effect: the times of the pieces do not overlap, and tell their order"),
         (_, false) => "the pieces are in the order in which they are named: no clock tells theirs".to_owned(),
     };
-    Order { places, note: is_given.then_some(note) }
+    PieceOrder { places, note: is_given.then_some(note) }
 }
 
 /// Whether a session, or a piece that names none, begins before another one has ended, by this clock.
@@ -135,13 +135,13 @@ fn overlap(firsts: &[Option<FirstRow>], clock: usize) -> bool {
 
 /// The sessions of the rows that have been read, in order.
 #[derive(Debug, Default)]
-pub(super) struct Sessions {
+pub(super) struct SessionOrder {
     current: Option<(u64, u64)>,
     /// The last sequence of each session before.
     ended: HashMap<u64, u64>,
 }
 
-impl Sessions {
+impl SessionOrder {
     /// Takes the next row.
     ///
     /// # Errors
@@ -197,7 +197,7 @@ mod tests {
 
     #[test]
     fn a_session_that_comes_again_may_go_on_and_may_not_begin_again() {
-        let mut sessions = Sessions::default();
+        let mut sessions = SessionOrder::default();
         assert!([(1, 5), (1, 6), (2, 0), (1, 7), (2, 1)].iter().all(|(s, n)| sessions.take(*s, *n).is_ok()));
         assert!(
             sessions
@@ -214,7 +214,7 @@ mod tests {
             Some(FirstRow { timestamp_ns: Some(begin), last_ns: times(end), ..FirstRow::default() })
         };
         let kept = |firsts: &[Option<FirstRow>]| {
-            let Order { places, note } = super::order(firsts, true);
+            let PieceOrder { places, note } = super::order(firsts, true);
             (places, note.unwrap().contains("no effect"))
         };
         // Clocks that begin anew, and rows without a time.

@@ -20,7 +20,7 @@ const MAX_HEADER: usize = 1 << 16;
 /// The operating system's error, or one without its code if a page is not valid.
 pub(crate) fn check(file: &RandomAccess, begin: u64, length: u64) -> io::Result<()> {
     let end = begin.checked_add(length).ok_or_else(|| io::Error::other("a column's place"))?;
-    let (mut at, mut window) = (begin, Window { bytes: vec![0; 2 * MAX_HEADER], begin, length: 0 });
+    let (mut at, mut window) = (begin, PageWindow { bytes: vec![0; 2 * MAX_HEADER], begin, length: 0 });
     while at < end {
         steps::count(1);
         let ahead = window.ahead(file, at, end)?;
@@ -47,13 +47,13 @@ pub(crate) fn is_footer(bytes: &[u8]) -> bool {
 }
 
 /// Bytes of a file: short pages have their headers in one reading.
-struct Window {
+struct PageWindow {
     bytes: Vec<u8>,
     begin: u64,
     length: usize,
 }
 
-impl Window {
+impl PageWindow {
     /// The bytes from `at` on that may be a header, up to `end`.
     fn ahead(&mut self, file: &RandomAccess, at: u64, end: u64) -> io::Result<&[u8]> {
         let most = MAX_HEADER.min((end - at) as usize);

@@ -15,12 +15,12 @@ const GYROSCOPES: [&str; 3] = ["gyr", "omega", "angular"];
 const SAME_TIME_NS: u64 = 10_000_000_000;
 
 /// The files of an IMU's sensors.
-pub(super) struct Pair {
+pub(super) struct FilePair {
     pub(super) accelerometers: DataSource,
     gyroscopes: DataSource,
 }
 
-impl Pair {
+impl FilePair {
     pub(super) fn note(&self) -> String {
         let [accelerometers, gyroscopes] =
             [&self.accelerometers, &self.gyroscopes].map(|source| shown(source.name()).to_string());
@@ -44,7 +44,7 @@ impl Pair {
 /// # Errors
 /// If the mapping has no gyroscopes, and the file of the gyroscopes would be taken for one of accelerometers; if a file
 /// of gyroscopes is given beside several files.
-pub(super) fn find(sources: &[DataSource], kind: RowKind, input: &Input) -> Result<Option<Pair>, Failure> {
+pub(super) fn find(sources: &[DataSource], kind: RowKind, input: &Input) -> Result<Option<FilePair>, Failure> {
     let Some(foreign) = input.foreign.as_ref().filter(|_| kind == RowKind::Sample) else { return Ok(None) };
     let usage = |message: String| Err(Failure::new(Exit::Usage, message));
     if foreign.settings.gyroscope_file.is_some() {
@@ -62,7 +62,7 @@ pub(super) fn find(sources: &[DataSource], kind: RowKind, input: &Input) -> Resu
     let open = |source: &DataSource| Piece::open(source, kind, input, &Progress::default(), None);
     match foreign.maps_gyroscopes() {
         Some(true) if open(accelerometers).is_err() => {
-            Ok(Some(Pair { accelerometers: accelerometers.clone(), gyroscopes: gyroscopes.clone() }))
+            Ok(Some(FilePair { accelerometers: accelerometers.clone(), gyroscopes: gyroscopes.clone() }))
         }
         Some(false) => {
             let begin = |source: &DataSource| {
@@ -84,7 +84,7 @@ pub(super) fn find(sources: &[DataSource], kind: RowKind, input: &Input) -> Resu
         // A layout of accelerometers is recognised, and the same of gyroscopes is refused.
         None if foreign.named().is_none() => {
             let is_layout = open(accelerometers).is_ok_and(|piece| piece.source.conversion().is_some());
-            let pair = || Pair { accelerometers: accelerometers.clone(), gyroscopes: gyroscopes.clone() };
+            let pair = || FilePair { accelerometers: accelerometers.clone(), gyroscopes: gyroscopes.clone() };
             Ok((is_layout && open(gyroscopes).is_err()).then(pair))
         }
         _ => Ok(None),

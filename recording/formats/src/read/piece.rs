@@ -2,7 +2,7 @@
 
 use super::input::Input;
 use super::mcap::McapReader;
-use super::open::{Opened, SharedHash, open_source};
+use super::open::{SharedHash, SourceContent, open_source};
 use super::parquet::ParquetReader;
 use super::recognise::{first_line, is_recording};
 use super::table::{TableReader, sample_columns};
@@ -63,23 +63,23 @@ impl Piece {
             foreign
         });
         let opened = match (&foreign, opened) {
-            (Some(foreign), Opened::Csv(source)) => recognised(of, source, foreign)?,
-            (Some(foreign), Opened::Mcap(source)) if is_bag(of) => Recognised::foreign(of, source, foreign)?,
-            (_, opened) => Recognised::Recording(opened),
+            (Some(foreign), SourceContent::Csv(source)) => recognised(of, source, foreign)?,
+            (Some(foreign), SourceContent::Mcap(source)) if is_bag(of) => PieceContent::foreign(of, source, foreign)?,
+            (_, opened) => PieceContent::Recording(opened),
         };
         let source = match opened {
-            Recognised::Foreign(conversion) => PieceSource::Foreign(conversion, Box::default(), 0),
-            Recognised::Recording(Opened::Csv(source)) => {
+            PieceContent::Foreign(conversion) => PieceSource::Foreign(conversion, Box::default(), 0),
+            PieceContent::Recording(SourceContent::Csv(source)) => {
                 let reader = match kind {
                     RowKind::Sample => CampaignCsvReader::of_samples(source),
                     RowKind::Campaign => CampaignCsvReader::new(source),
                 };
                 PieceSource::Csv(Box::new(reader.map_err(failed)?))
             }
-            Recognised::Recording(Opened::Mcap(source)) => {
+            PieceContent::Recording(SourceContent::Mcap(source)) => {
                 table_source(McapReader::new(of, source, columns(), input.imu.clone(), true))
             }
-            Recognised::Recording(Opened::Parquet(file)) => {
+            PieceContent::Recording(SourceContent::Parquet(file)) => {
                 table_source(ParquetReader::open(file, |_| Ok(columns()), &input.imu, bar).map_err(failed)?)
             }
         };
@@ -118,26 +118,26 @@ impl Piece {
 }
 
 /// A file that was recognised.
-enum Recognised {
-    Recording(Opened),
+enum PieceContent {
+    Recording(SourceContent),
     Foreign(Box<Conversion>),
 }
 
-impl Recognised {
+impl PieceContent {
     fn foreign(of: &DataSource, source: Box<dyn Read>, foreign: &Foreign) -> Result<Self, Failure> {
         Conversion::of_source(of, source, foreign).map(Box::new).map(Self::Foreign)
     }
 }
 
 /// Recognises a text, or data that are in no format of recordings, by the first line.
-fn recognised(of: &DataSource, source: Box<dyn Read>, foreign: &Foreign) -> Result<Recognised, Failure> {
+fn recognised(of: &DataSource, source: Box<dyn Read>, foreign: &Foreign) -> Result<PieceContent, Failure> {
     let mut source = BufReader::new(source);
     let first = first_line(&mut source).map_err(|error| Failure::io("reading", of.name(), &error))?;
     let is_recording = is_recording(&first, foreign.mapping.is_some() || foreign.settings.mapping.is_some());
     let source = Box::new(Cursor::new(first).chain(source));
     match is_recording {
-        true => Ok(Recognised::Recording(Opened::Csv(source))),
-        false => Recognised::foreign(of, source, foreign),
+        true => Ok(PieceContent::Recording(SourceContent::Csv(source))),
+        false => PieceContent::foreign(of, source, foreign),
     }
 }
 

@@ -1,7 +1,7 @@
 //! The pieces of a recording, or of several: their files, in order.
 
 use super::input::Input;
-use super::order::{FirstRow, Order, in_order};
+use super::order::{FirstRow, PieceOrder, in_order};
 use super::pair;
 use super::piece::{Piece, RowKind, WaitingPiece};
 use isotherm_recording::{Progress, SequenceRule};
@@ -25,7 +25,7 @@ pub struct Pieces {
 
 /// What is known of a piece after its first row.
 #[derive(Default)]
-struct Seen {
+struct PieceBeginning {
     first: Option<RawSample>,
     is_foreign: bool,
     /// The nominal interval, and the number of rows that it was found from.
@@ -48,7 +48,7 @@ impl Pieces {
             (sources, input) = (vec![paired.accelerometers.clone()], paired.input(input));
         }
         let is_given = input.foreign.as_ref().is_some_and(|foreign| foreign.settings.in_order);
-        let mut seen: Vec<Seen> = Vec::new();
+        let mut seen: Vec<PieceBeginning> = Vec::new();
         let mut known: Option<(PathBuf, String)> = None;
         let first_row = |source: &DataSource| {
             let (path, (first, of_piece, imu)) = (source.name(), look_at(source, kind, &input, is_given)?);
@@ -59,9 +59,9 @@ impl Pieces {
             seen.push(of_piece);
             Ok(first)
         };
-        let Order { places, note } = in_order(&sources, is_given, first_row)?;
+        let PieceOrder { places, note } = in_order(&sources, is_given, first_row)?;
         notes.extend(note);
-        let without_time = |seen: &Seen| seen.is_foreign && !seen.has_times;
+        let without_time = |seen: &PieceBeginning| seen.is_foreign && !seen.has_times;
         if seen.iter().any(without_time) && !is_given {
             notes.push(
                 "the rows of a piece have no time: the pieces are in the order in which they are named, and each is a \
@@ -97,11 +97,11 @@ fn look_at(
     kind: RowKind,
     input: &Input,
     whole: bool,
-) -> Result<(Option<FirstRow>, Seen, Option<String>), Failure> {
+) -> Result<(Option<FirstRow>, PieceBeginning, Option<String>), Failure> {
     let failed = |error: isotherm_recording::RecordingError| error.failure(source.name());
     let mut piece = Piece::open(source, kind, input, &Progress::default(), None)?;
     let conversion = piece.source.conversion();
-    let mut seen = Seen {
+    let mut seen = PieceBeginning {
         first: None,
         is_foreign: conversion.is_some(),
         found: conversion.and_then(|conversion| conversion.found_interval()),

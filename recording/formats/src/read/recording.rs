@@ -1,11 +1,11 @@
 //! Reads the pieces of a recording as one, in every format.
 
 use super::borders::Borders;
-use super::converted::Converted;
+use super::converted::ConversionEnds;
 use super::input::Input;
 use super::open::{SharedHash, open_source};
-use super::order::Sessions;
-use super::part::{Clip, Judged};
+use super::order::SessionOrder;
+use super::part::{Clip, RowPlace};
 use super::piece::{Piece, RowKind, WaitingPiece};
 use super::pieces::Pieces;
 use super::places::Places;
@@ -42,9 +42,9 @@ pub struct Recording {
     /// Number of pieces that have been opened.
     opened: u64,
     /// The sessions so far, of the rows that name one.
-    sessions: Sessions,
+    sessions: SessionOrder,
     /// What the pieces that have ended were.
-    converted: Converted,
+    converted: ConversionEnds,
     clip: Clip,
     /// Whether a row of the current piece is within the part that is read.
     is_within: bool,
@@ -143,8 +143,8 @@ impl Recording {
             hash,
             lag,
             opened: 1,
-            sessions: Sessions::default(),
-            converted: Converted::default(),
+            sessions: SessionOrder::default(),
+            converted: ConversionEnds::default(),
             clip,
             is_within: false,
             device: 0,
@@ -180,12 +180,12 @@ impl Recording {
                 again.map_err(|message| RecordingError::Data { line: row.line, message })?;
                 self.lag.complete(&mut row.sample, self.current.source.has_lag());
                 match self.clip.judge(&row.sample) {
-                    Judged::Before => {
+                    RowPlace::Before => {
                         (rule, previous) = (self.current.source.sequence_rule(), None);
                         continue;
                     }
-                    Judged::Within => return Ok(Some(self.keep(row))),
-                    Judged::After => return self.end(),
+                    RowPlace::Within => return Ok(Some(self.keep(row))),
+                    RowPlace::After => return self.end(),
                 }
             }
             rule = self.current.source.sequence_rule();

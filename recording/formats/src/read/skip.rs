@@ -11,16 +11,16 @@ use std::collections::{HashMap, HashSet};
 
 /// Channels that are not wanted.
 #[derive(Default)]
-pub(crate) struct Unwanted(HashSet<u16>);
+pub(crate) struct ChannelFilter(HashSet<u16>);
 
 /// A chunk, and what its index says so far.
-pub(super) struct Indexed {
+pub(super) struct ChunkIndex {
     chunk: Vec<u8>,
     channels: HashSet<u16>,
     messages: u64,
 }
 
-impl Unwanted {
+impl ChannelFilter {
     /// The channels of a file for which `is_wanted` is false of channel and schema's name; none if the summary of the
     /// file does not have all channels, or if it is no file.
     pub(crate) fn of(of: &DataSource, is_wanted: impl Fn(&Channel, &str) -> bool) -> Self {
@@ -51,7 +51,7 @@ impl Unwanted {
     }
 }
 
-impl Indexed {
+impl ChunkIndex {
     pub(super) fn new(chunk: Vec<u8>) -> Self {
         Self { chunk, channels: HashSet::new(), messages: 0 }
     }
@@ -66,7 +66,7 @@ impl Indexed {
     }
 
     /// The number of its messages if all are of unwanted channels. Without an index nobody knows.
-    pub(super) fn all_unwanted(&self, unwanted: &Unwanted) -> Option<u64> {
+    pub(super) fn all_unwanted(&self, unwanted: &ChannelFilter) -> Option<u64> {
         (!self.channels.is_empty() && self.channels.is_subset(&unwanted.0)).then_some(self.messages)
     }
 }

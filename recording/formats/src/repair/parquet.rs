@@ -75,7 +75,7 @@ pub(super) fn repair(file: RandomAccess, sink: &mut dyn Write) -> Result<RepairR
     if magic != MAGIC {
         account.hole("byte", 0, "not the first bytes of a Parquet file", Some(0));
     }
-    let mut repair = Repair {
+    let mut repair = ParquetRepair {
         file: file.clone(),
         sink,
         length: 0,
@@ -134,7 +134,7 @@ fn parts(about: &FileMetaData, names: &[String], stream: StreamKind, is_whole: b
     FileParts { schema: about.schema_descr().root_schema_ptr(), created_by: Some(created_by), metadata: entries }
 }
 
-struct Repair<'a> {
+struct ParquetRepair<'a> {
     file: RandomAccess,
     sink: &'a mut dyn Write,
     /// Bytes written.
@@ -145,7 +145,7 @@ struct Repair<'a> {
     names: Vec<String>,
 }
 
-impl Repair<'_> {
+impl ParquetRepair<'_> {
     fn write(&mut self, bytes: &[u8]) -> Result<(), RepairError> {
         self.length += bytes.len() as u64;
         self.sink.write_all(bytes).map_err(RepairError::Write)

@@ -1,6 +1,6 @@
 //! The pieces of a recording that rotates: which numbers are there, and which file a recorder has written.
 
-use crate::read::chunk::Unpacked;
+use crate::read::chunk::ChunkBuffer;
 use crate::read::pages::is_footer;
 use crate::read::panics::catch_panic;
 use crate::read::records::each_record;
@@ -49,7 +49,7 @@ fn is_of_recorder(file: &mut dyn ReadSeek) -> io::Result<bool> {
     if begin.starts_with(MCAP_MAGIC) {
         let mut is_own = false;
         // What follows the first record is cut.
-        let _ = each_record(&begin, true, (&mut Unpacked::default(), BEGIN), |opcode, data| {
+        let _ = each_record(&begin, true, (&mut ChunkBuffer::default(), BEGIN), |opcode, data| {
             if let Ok(Record::Header(header)) = parse_record(opcode, data) {
                 is_own = header.library.starts_with(CREATOR);
             }

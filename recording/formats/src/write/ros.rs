@@ -6,7 +6,7 @@
 //! on the acquisition's clock. A metadata record `isotherm.table` names each table that computed increments.
 
 use super::growing::Appender;
-use super::mcap::{Memory, io_error, options};
+use super::mcap::{MemorySink, io_error, options};
 use crate::ros::{IMU, IMU_DEFINITION, Imu, TEMPERATURE, TEMPERATURE_DEFINITION, Temperature};
 use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::RecordedRow;
@@ -230,8 +230,8 @@ fn metadata(imu: &ImuId, table: u64, known: Option<&RosTable>) -> Metadata {
 
 /// A file of ROS messages that grows only by complete flushes.
 pub(super) struct RosFile {
-    writer: RosWriter<Memory>,
-    memory: Memory,
+    writer: RosWriter<MemorySink>,
+    memory: MemorySink,
     file: Appender,
 }
 
@@ -246,7 +246,7 @@ impl RosFile {
         imus: &[(usize, &ImuId)],
         tables: &[RosTable],
     ) -> io::Result<Self> {
-        let memory = Memory::default();
+        let memory = MemorySink::default();
         let mut writer = RosWriter::new(memory.clone(), imus, tables)?;
         writer.flush()?;
         let file = Appender::create(storage, path, &memory.take())?;

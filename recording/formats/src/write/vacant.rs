@@ -1,6 +1,6 @@
 //! Whether a file is a recording without rows: what a recorder leaves that began and got no row.
 
-use crate::read::chunk::Unpacked;
+use crate::read::chunk::ChunkBuffer;
 use crate::read::pages::is_footer;
 use crate::read::panics::catch_panic;
 use crate::read::records::each_record;
@@ -57,7 +57,7 @@ fn has_no_groups(bytes: &[u8]) -> bool {
 /// Whether an MCAP file of the recorder has nothing but channels. A record that is cut, or wrong, may be of messages.
 fn has_no_messages(bytes: &[u8]) -> bool {
     let mut is_own = false;
-    let read = each_record(bytes, true, (&mut Unpacked::default(), bytes.len() as u64), |opcode, data| {
+    let read = each_record(bytes, true, (&mut ChunkBuffer::default(), bytes.len() as u64), |opcode, data| {
         match (opcode, parse_record(opcode, data)) {
             (op::MESSAGE, _) | (_, Err(_)) => Err(String::new()),
             (_, Ok(Record::Header(header))) => {
