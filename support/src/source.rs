@@ -19,12 +19,17 @@ pub trait Opener: Send + Sync {
     /// Those of the operating system.
     fn open(&self) -> io::Result<Box<dyn ReadSeek>>;
 
-    /// Which bytes these are, if all are there, so that they can be sought, and opened again: two names of a file have
-    /// one identity. A stream has none.
+    /// Whether all bytes are there, so that they can be sought, and opened again.
     ///
     /// # Errors
     /// Those of the operating system, where there is nothing.
-    fn identity(&self) -> io::Result<Option<PathBuf>>;
+    fn is_file(&self) -> io::Result<bool>;
+
+    /// Which file it is: two names of a file have one identity.
+    ///
+    /// # Errors
+    /// Those of the operating system.
+    fn identity(&self) -> io::Result<PathBuf>;
 }
 
 /// Bytes with a name.
@@ -81,15 +86,23 @@ impl DataSource {
     /// Whether all bytes are there, so that they can be sought, and opened again.
     #[must_use]
     pub fn is_file(&self) -> bool {
-        self.identity().is_ok_and(|identity| identity.is_some())
+        self.opener.is_file().unwrap_or(false)
     }
 
-    /// Which bytes these are, if it is a file: two names of a file have one identity.
+    /// Which file it is: two names of a file have one identity. `None` of a stream.
     ///
     /// # Errors
     /// Those of the operating system, where there is nothing.
     pub fn identity(&self) -> io::Result<Option<PathBuf>> {
-        self.opener.identity()
+        if self.opener.is_file()? { self.opener.identity().map(Some) } else { Ok(None) }
+    }
+
+    /// As [`is_file`](Self::is_file), with the reason why nobody knows.
+    ///
+    /// # Errors
+    /// Those of the operating system, where there is nothing.
+    pub fn check_file(&self) -> io::Result<bool> {
+        self.opener.is_file()
     }
 }
 
@@ -106,8 +119,12 @@ impl Opener for Memory {
         Ok(Box::new(Cursor::new(Arc::clone(&self.0))))
     }
 
-    fn identity(&self) -> io::Result<Option<PathBuf>> {
-        Ok(Some(self.1.clone()))
+    fn is_file(&self) -> io::Result<bool> {
+        Ok(true)
+    }
+
+    fn identity(&self) -> io::Result<PathBuf> {
+        Ok(self.1.clone())
     }
 }
 
@@ -118,8 +135,12 @@ impl Opener for ReadElsewhere {
         Err(io::Error::from(io::ErrorKind::NotSeekable))
     }
 
-    fn identity(&self) -> io::Result<Option<PathBuf>> {
-        Ok(None)
+    fn is_file(&self) -> io::Result<bool> {
+        Ok(false)
+    }
+
+    fn identity(&self) -> io::Result<PathBuf> {
+        Err(io::Error::from(io::ErrorKind::NotSeekable))
     }
 }
 

@@ -42,7 +42,7 @@ use std::path::Path;
 pub fn repair(of: &DataSource, mut sink: impl Write) -> Result<RepairReport, Failure> {
     let source = of.name();
     let io = |error: &io::Error| Failure::io("opening", source, error);
-    let is_file = of.identity().map_err(|error| io(&error))?.is_some();
+    let is_file = of.check_file().map_err(|error| io(&error))?;
     if !is_file {
         let message = format!("{}: only a file can be repaired", shown(source));
         return Err(Failure::new(Exit::Usage, message).at(source, None));

@@ -44,10 +44,11 @@ impl Opener for PathOpener {
         Ok(Box::new(file))
     }
 
-    fn identity(&self) -> io::Result<Option<PathBuf>> {
-        if self.0 == Path::new("-") || !fs::metadata(&self.0)?.is_file() {
-            return Ok(None);
-        }
-        fs::canonicalize(&self.0).map(Some)
+    fn is_file(&self) -> io::Result<bool> {
+        Ok(self.0 != Path::new("-") && fs::metadata(&self.0)?.is_file())
+    }
+
+    fn identity(&self) -> io::Result<PathBuf> {
+        fs::canonicalize(&self.0)
     }
 }
