@@ -1,6 +1,7 @@
 //! Records samples in a thread of its own, so that a slow disk does not hold the line up.
 
 use isotherm_client::{ImuId, RawSample, unix_s};
+use isotherm_files::Disk;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::write::{FileError, Files, Format, PatientFiles, Rotation, is_vacant};
 use isotherm_shared::names::StreamKind;
@@ -51,7 +52,7 @@ struct WriterState {
 impl Recorder {
     /// Whether there is a file with rows already where the first one would be.
     pub(crate) fn is_there(recording: &Recording) -> bool {
-        !recording.rotation.is_enabled() && !is_vacant(&recording.path)
+        !recording.rotation.is_enabled() && !is_vacant(&Disk, &recording.path)
     }
 
     /// The format of a recording that does not exist yet, or has no rows, whose ending names it.
@@ -154,8 +155,9 @@ impl RecordingWriter {
     fn open(&mut self, is_first: bool) -> Result<(), FileError> {
         let Recording { path, rotation } = &self.recording;
         let imus = [self.imu.clone()];
-        match Files::create(path, self.format, *rotation, &imus, &[(0, StreamKind::Raw)]) {
-            Ok(files) => self.files = Some(PatientFiles::new(imus.to_vec(), vec![files])),
+        let told = |message| tell("isotherm", message);
+        match Files::create(&Disk, path, self.format, *rotation, &imus, &[(0, StreamKind::Raw)]) {
+            Ok(files) => self.files = Some(PatientFiles::new(imus.to_vec(), vec![files], told)),
             Err(error) if error.is_full() => {
                 if is_first {
                     tell("isotherm", format!("writing {}: {}; rows wait for room", shown(&error.0), error.1));

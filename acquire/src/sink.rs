@@ -4,6 +4,7 @@ use crate::link::{Link, SoakSpan, any_session};
 use crate::recorder::Recorder;
 use crate::tally::Tally;
 use isotherm_client::{ImuId, RawSample, unix_s};
+use isotherm_files::Disk;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::write::{FileError, Files, Format, Rotation};
 use isotherm_shared::names::StreamKind;
@@ -96,7 +97,7 @@ pub(crate) struct PrintedRows {
 
 impl PrintedRows {
     pub(crate) fn new(imu: ImuId, limit: Option<u64>, recorder: Option<Recorder>) -> Result<Self, Failure> {
-        let files = Files::create(Path::new("-"), Format::Csv, Rotation::default(), &[imu], &[(0, StreamKind::Raw)])?;
+        let files = Files::create(&Disk, Path::new("-"), Format::Csv, Rotation::default(), &[imu], &[(0, StreamKind::Raw)])?;
         let first = any_session();
         Ok(Self { files, left: limit, first, failed: None, flushed: Instant::now(), recorder })
     }

@@ -1,6 +1,8 @@
 //! Progress bars. They go to stderr, and only if it is a terminal.
 
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
+use isotherm_recording::{Observer, Progress};
+use isotherm_support::failure::tell;
 use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,14 +11,36 @@ use std::time::Duration;
 /// Before this time and this share the time that is left is not shown: it would be a guess.
 const GUESS: (Duration, f32) = (Duration::from_secs(5), 0.05);
 
+/// A bar that is told of the reading.
+struct Bar(ProgressBar);
+
+impl Observer for Bar {
+    fn advance(&self, bytes: u64) {
+        self.0.inc(bytes);
+    }
+
+    fn restart(&self) {
+        self.0.set_position(0);
+    }
+
+    fn finish(&self) {
+        self.0.finish_and_clear();
+    }
+
+    fn warn(&self, message: &str) {
+        tell("isotherm", message);
+    }
+}
+
 /// A bar over the bytes of files, with a message. It is hidden if one of them is stdin or not a regular file.
-pub(crate) fn bytes_bar(paths: &[PathBuf], message: &'static str) -> ProgressBar {
-    bar_over(paths, "{msg} {bar:40} {bytes} of {total_bytes}{left}").with_message(message)
+pub(crate) fn bytes_bar(paths: &[PathBuf], message: &'static str) -> Progress {
+    let bar = bar_over(paths, "{msg} {bar:40} {bytes} of {total_bytes}{left}").with_message(message);
+    Progress::new(Bar(bar))
 }
 
 /// A bar over the bytes of a recording that is sent, with elapsed and remaining time.
-pub(crate) fn playing_bar(paths: &[PathBuf]) -> ProgressBar {
-    bar_over(paths, "{bar:40} {percent:>3} %  {elapsed} elapsed{left}")
+pub(crate) fn playing_bar(paths: &[PathBuf]) -> Progress {
+    Progress::new(Bar(bar_over(paths, "{bar:40} {percent:>3} %  {elapsed} elapsed{left}")))
 }
 
 /// A bar over a number of rows.

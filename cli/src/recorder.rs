@@ -89,7 +89,7 @@ impl Recorder {
             flushed: now,
             reported: Reported { connected: 0, waiting: false, trouble: false, lost: 0, lost_at: None, checked: now },
             domain,
-            files: PatientFiles::new(imus.clone(), files),
+            files: PatientFiles::new(imus.clone(), files, |message| tell("isotherm", message)),
             imus,
             streams,
             tap,

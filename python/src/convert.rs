@@ -57,6 +57,7 @@ pub(crate) fn settings_of(origin: OriginOptions) -> PyResult<Settings> {
         "rate" => TimeSource::Rate,
         other => return Err(PyValueError::new_err(format!("time is {other}, give header, log or rate"))),
     };
+    let gyroscope_file = gyroscope_file.map(isotherm_files::source);
     Ok(Settings { topic, gyroscope_topic, temperature_topic, gyroscope_file, time, ..Settings::default() })
 }
 
@@ -85,7 +86,7 @@ pub(crate) fn convert(
     let read = || -> Result<(Vec<u8>, Vec<String>), Failure> {
         let conversion = match source {
             Foreign::Text(text) => Conversion::of_text(Path::new("array"), Cursor::new(text), named, &settings)?,
-            Foreign::File(path) => Conversion::of_file(&path, named, &settings)?,
+            Foreign::File(path) => Conversion::open(&isotherm_files::source(path), named, &settings)?,
         };
         let (mut rows, mut bytes) = (part.of_conversion(conversion), Vec::new());
         for sample in &mut rows {

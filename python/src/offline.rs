@@ -11,7 +11,7 @@ use isotherm_recording::{
     ANGLE_CSV_COLUMNS, Continuity, INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader,
     RawCsvWriter, RecordingError,
 };
-use isotherm_recording_formats::repair::repair_into;
+use isotherm_pipeline::repair_into;
 use isotherm_report::json::verification;
 use isotherm_report::verification::{VerificationSource, html};
 use isotherm_shared::compensate::answer;

@@ -36,12 +36,12 @@ pub struct IntervalFault {
 /// The steps of the rows so far.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Intervals {
-    single: Thinned,
-    blocks: Thinned,
+    single: ThinSteps,
+    blocks: ThinSteps,
     open: Sums,
     all: Sums,
     /// Of all rows, also of those after a gap \[ns\].
-    lengths: Thinned,
+    lengths: ThinSteps,
 }
 
 /// Sums over steps \[ns\].
@@ -66,14 +66,14 @@ impl Sums {
 
 /// Every n-th value of a series, so that there are at most [`MOST`]: n doubles as they come.
 #[derive(Clone, Debug, Default, PartialEq)]
-struct Thinned {
+struct ThinSteps {
     values: Vec<f64>,
     /// log2 of n.
     doublings: u32,
     count: u64,
 }
 
-impl Thinned {
+impl ThinSteps {
     fn add(&mut self, value: f64) {
         if self.count.trailing_zeros() >= self.doublings {
             self.values.push(value);

@@ -3,14 +3,13 @@
 use crate::files::{Bar, CampaignFile};
 use crate::laid_out::{LaidOut, by_position, of_means};
 use crate::samples::Source;
-use indicatif::ProgressBar;
 use isotherm_campaign::{Campaign, Ramp};
-use isotherm_files::{Trust, load_table_text};
+use isotherm_files::{Trust, load_table_text, sources};
 use isotherm_fit::{
     CalibrationError, CalibrationOptions, CampaignSource, Fitted, GravityOnlyOptions, Measured, Measurements,
     OneAttitudeOptions, RampRecording, TumbleRecording, observable, read_measurements, sha256,
 };
-use isotherm_recording::{CampaignRow, LogImu, Marks, RecordingError};
+use isotherm_recording::{CampaignRow, LogImu, Marks, Progress, RecordingError};
 use isotherm_recording_formats::convert::{Foreign, Settings};
 use isotherm_recording_formats::read::{ImuChoice, Input, Part, Pieces, Places, Recording, RowKind};
 use isotherm_report::{fitted, json};
@@ -373,11 +372,11 @@ impl Reader<'_> {
         }
         let paths: Vec<_> = samples.iter().map(Source::path).collect();
         let bar = (self.bar)(&paths, "reading");
-        let mut rows = Recording::open_hashed(&paths, RowKind::Campaign, self.input.clone(), &bar)?;
+        let mut rows = Recording::open_hashed(&sources(&paths)?, RowKind::Campaign, self.input.clone(), &bar)?;
         let mut marks = Marks::default();
         let measurements = read_measurements(campaign, marked(&mut rows, &mut marks));
         from.rows.push(marks);
-        bar.finish_and_clear();
+        bar.finish();
         let measurements = measurements.map_err(|error| rows.failure(&error))?;
         from.notes.extend(rows.notes());
         from.places = rows.places().clone();
@@ -409,7 +408,7 @@ impl Reader<'_> {
         let foreign = mapping.is_some().then(|| Foreign { settings, ..Foreign::default() });
         let input = Input { foreign, ..self.input.clone() };
         let read = by_position(campaign, &files, (&input, mapping.as_ref()), &bar);
-        bar.finish_and_clear();
+        bar.finish();
         read.map(Some)
     }
 
@@ -420,7 +419,7 @@ impl Reader<'_> {
             self.recording(path, &bar, |rows| RampRecording::read(ramp.samples.clone(), rows), |recording, _| recording)
         };
         let all = paths.iter().zip(&campaign.ramps).map(read).collect();
-        bar.finish_and_clear();
+        bar.finish();
         all
     }
 
@@ -474,7 +473,7 @@ impl Reader<'_> {
         }
         let mut left = match files.is_empty() {
             true => None,
-            false => Some(Pieces::new(&files, RowKind::Sample, self.input.clone())?),
+            false => Some(Pieces::new(&sources(&files)?, RowKind::Sample, self.input.clone())?),
         };
         while let Some(pieces) = left.take() {
             let path = pieces.paths().next().map(Path::to_owned).unwrap_or_default();
@@ -490,7 +489,7 @@ impl Reader<'_> {
             let read = Read { name, recording, sha256: rows.sha256()?, rows: marks, notes, log_imu };
             all.push((place.unwrap_or(usize::MAX), read));
         }
-        bar.finish_and_clear();
+        bar.finish();
         // The sort is stable: what is in one folder stays in order.
         all.sort_by_key(|(place, _)| *place);
         Ok(all.into_iter().map(|(_, read)| read).collect())
@@ -500,12 +499,12 @@ impl Reader<'_> {
     fn recording<T>(
         &self,
         path: &Path,
-        bar: &ProgressBar,
+        bar: &Progress,
         read: impl Fn(&mut dyn Iterator<Item = Row>) -> Result<T, RecordingError>,
         complete: impl Fn(T, &Recording) -> T,
     ) -> Result<Read<T>, Failure> {
         let files = [path.to_owned()];
-        let mut rows = Recording::open_hashed(&files, RowKind::Sample, self.input.clone(), bar)?;
+        let mut rows = Recording::open_hashed(&sources(&files)?, RowKind::Sample, self.input.clone(), bar)?;
         let mut marks = Marks::default();
         let recording = read(&mut marked(&mut rows, &mut marks));
         let recording = recording.map_err(|error| rows.failure(&error))?;

@@ -1,20 +1,29 @@
 //! The files of a calibration.
 
-use indicatif::ProgressBar;
 use isotherm_campaign::{Campaign, select_imu};
 use isotherm_files::{LoadError, Trust, read_text};
+use isotherm_recording::{Observer, Progress};
 use isotherm_recording_formats::convert::Mapping;
 use isotherm_shared::document::Faults;
-use isotherm_support::failure::{Exit, Failure, shown};
+use isotherm_support::failure::{Exit, Failure, shown, tell};
 use std::path::{Path, PathBuf};
 
 /// Makes the progress bar for reading these files, with a word of what is done.
-pub type Bar<'a> = &'a dyn Fn(&[PathBuf], &'static str) -> ProgressBar;
+pub type Bar<'a> = &'a dyn Fn(&[PathBuf], &'static str) -> Progress;
 
 /// No progress bar.
 #[must_use]
-pub fn no_bar(_: &[PathBuf], _: &'static str) -> ProgressBar {
-    ProgressBar::hidden()
+pub fn no_bar(_: &[PathBuf], _: &'static str) -> Progress {
+    Progress::new(NoBar)
+}
+
+/// Tells warnings alone.
+struct NoBar;
+
+impl Observer for NoBar {
+    fn warn(&self, message: &str) {
+        tell("isotherm", message);
+    }
 }
 
 /// A campaign file: its path, and its text.

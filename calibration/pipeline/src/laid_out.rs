@@ -1,11 +1,10 @@
 //! Measurements of files by position, and of a sheet of means.
 
 use crate::samples::PositionFile;
-use indicatif::ProgressBar;
 use isotherm_campaign::{Campaign, Dwell};
-use isotherm_files::open_recording;
+use isotherm_files::{open_recording, sources};
 use isotherm_fit::{Measurements, read_measurements, sha256};
-use isotherm_recording::{CampaignRow, Marks, RecordingError};
+use isotherm_recording::{CampaignRow, Marks, Progress, RecordingError};
 use isotherm_recording_formats::convert::{Mapping, MeanRow, TimeUnit, read_means};
 use isotherm_recording_formats::read::{Input, Places, Recording, RowKind};
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -46,12 +45,13 @@ pub(crate) fn by_position(
     campaign: &Campaign,
     files: &[PositionFile],
     (input, mapping): (&Input, Option<&Mapping>),
-    bar: &ProgressBar,
+    bar: &Progress,
 ) -> Result<LaidOut, Failure> {
     let (mut all, mut found) = (LaidOut::default(), Vec::new());
     let (mut before, mut read) = (0, Vec::new());
     for file in files {
-        let opened = Recording::open_hashed(std::slice::from_ref(&file.path), RowKind::Sample, input.clone(), bar);
+        let opened = sources(std::slice::from_ref(&file.path))
+            .and_then(|sources| Recording::open_hashed(&sources, RowKind::Sample, input.clone(), bar));
         let mut rows = opened.map_err(|failure| of_one_file(failure, file, !read.is_empty()))?;
         let (mut failed, mut last) = (None, 0);
         let of_file = core::iter::from_fn(|| match rows.next()? {

@@ -8,6 +8,7 @@ mod text;
 use crate::samples::names_in;
 use columns::Means;
 use isotherm_campaign::FilePattern;
+use isotherm_files::source;
 use isotherm_recording_formats::convert::{LookedColumn, LookedTable};
 use isotherm_support::failure::{Exit, Failure, shown};
 use names::Names;
@@ -43,7 +44,7 @@ pub fn propose(folder: &Path, beside: &Path) -> Result<String, Failure> {
     let (mut means, mut first, mut unlike) = (Vec::new(), None, Vec::new());
     for name in &names {
         let Some((set_point_c, position)) = pattern.read(name).filter(|_| means.len() < MOST_FILES) else { continue };
-        let table = LookedTable::of(&folder.join(name))?;
+        let table = LookedTable::of(&source(folder.join(name)))?;
         let columns = table.columns.iter().map(LookedColumn::mean).collect();
         let of_first: &LookedTable = first.get_or_insert_with(|| table.clone());
         if of_first.columns.iter().map(|it| &it.name).ne(table.columns.iter().map(|it| &it.name)) {
@@ -63,7 +64,7 @@ pub fn propose(folder: &Path, beside: &Path) -> Result<String, Failure> {
 
 /// The campaign file of a sheet of means.
 fn of_sheet(sheet: &Path, beside: &Path) -> Result<String, Failure> {
-    let table = LookedTable::of(sheet)?;
+    let table = LookedTable::of(&source(sheet))?;
     let find = |words: &[&str], is: &dyn Fn(&LookedColumn) -> bool| {
         let named = |column: &&LookedColumn| {
             let name = column.name.to_lowercase();

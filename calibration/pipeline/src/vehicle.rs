@@ -2,8 +2,10 @@
 
 use crate::calibrate::FitOptions;
 use crate::files::Bar;
+use isotherm_autopilot::logs::{FoundImu, found_listed};
 use isotherm_campaign::IMU;
-use isotherm_recording_formats::convert::{Foreign, FoundImu, Settings, found_listed, imus_of_log};
+use isotherm_files::source;
+use isotherm_recording_formats::convert::{Foreign, Settings, imus_of_log};
 use isotherm_shared::names::ImuId;
 use isotherm_support::failure::{Exit, Failure};
 use std::path::{Path, PathBuf};
@@ -45,10 +47,10 @@ impl Vehicle {
             return Ok(Self { imus, listed: String::new() });
         }
         let bar = bar(files, "looking for IMUs");
-        let settings = Settings { progress: Some(bar.clone()), ..foreign.settings.clone() };
+        let settings = Settings { progress: bar.clone(), ..foreign.settings.clone() };
         let (mut found, mut has_several): (Vec<FoundImu>, _) = (Vec::new(), false);
         for file in files {
-            let of_file = imus_of_log(file, &settings)?;
+            let of_file = imus_of_log(&source(file), &settings)?;
             has_several |= of_file.len() > 1;
             for other in of_file {
                 match found.iter_mut().find(|known| known.imu.instance == other.imu.instance) {
@@ -57,7 +59,7 @@ impl Vehicle {
                 }
             }
         }
-        bar.finish_and_clear();
+        bar.finish();
         found.sort_by_key(|found| found.imu.instance);
         let imus = if has_several {
             let numbered = |found: &FoundImu| VehicleImu::numbered(imu, found.imu.instance);

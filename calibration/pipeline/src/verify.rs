@@ -1,7 +1,8 @@
 //! One verification run: the samples of a recording under a table.
 
-use indicatif::ProgressBar;
+use isotherm_files::sources;
 use isotherm_fit::Origin;
+use isotherm_recording::Progress;
 use isotherm_recording_formats::read::{Input, Samples};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::RawSample;
@@ -28,9 +29,9 @@ impl<'t> Run<'t> {
         input: impl Into<Input>,
         lag_ns: Option<u64>,
         window_s: f64,
-        bar: &ProgressBar,
+        bar: &Progress,
     ) -> Result<Self, Failure> {
-        let mut samples = Samples::open_hashed(recording, input, bar)?;
+        let mut samples = Samples::open_hashed(&sources(recording)?, input, bar)?;
         samples.set_lag(lag_ns.unwrap_or(table.lag_ns()));
         Ok(Self { samples, recording: recording.to_vec(), collector: Collector::new(table, window_s) })
     }

@@ -30,7 +30,7 @@ const PRINTED: usize = 8;
 
 /// Reads a recording, and verifies its checks.
 pub(super) fn recording(path: &Path) -> Result<String, Failure> {
-    let found = inspect(path)?;
+    let found = inspect(&isotherm_files::source(path))?;
     if found.holes.is_empty() {
         let RepairReport { format, has_checks, streams, .. } = &found;
         let checks = match has_checks {

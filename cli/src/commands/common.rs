@@ -2,10 +2,11 @@
 
 use clap::Args;
 use isotherm_client::{Domain, ImuId, Options, RawSample};
-use isotherm_files::{LoadError, Trust, load_table, print_data, read_text};
+use isotherm_files::{LoadError, Trust, load_table, print_data, read_text, source};
 use isotherm_fit::Origin;
 use isotherm_pipeline::Refused;
-use isotherm_recording_formats::convert::{Foreign, GyroscopeTemperature, Settings, TimeSource};
+use isotherm_autopilot::logs::GyroscopeTemperature;
+use isotherm_recording_formats::convert::{Foreign, Settings, TimeSource};
 use isotherm_recording_formats::read::{ImuChoice, Recording, Samples};
 use isotherm_recording_formats::write::Rotation;
 use isotherm_report::json;
@@ -126,7 +127,7 @@ impl ForeignArgs {
             },
             topic: self.topic.clone(),
             gyroscope_topic: self.gyroscope_topic.clone(),
-            gyroscope_file: self.gyroscope_file.clone(),
+            gyroscope_file: self.gyroscope_file.as_ref().map(source),
             in_order: self.in_order,
             temperature_topic: self.temperature_topic.clone(),
             instance: self.instance,
@@ -136,7 +137,8 @@ impl ForeignArgs {
             },
             ..Settings::default()
         };
-        Foreign::new(self.mapping.as_deref(), settings)
+        let read = |path: &PathBuf| Ok::<_, Failure>((path.clone(), read_text(path, Trust::Any)?.0));
+        Ok(Foreign { mapping: self.mapping.as_ref().map(read).transpose()?, settings })
     }
 
     /// As [`read`](Self::read); of a log with several IMUs that of the table is read, unless one is named.

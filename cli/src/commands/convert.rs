@@ -6,12 +6,12 @@ use crate::progress::bytes_bar;
 use clap::Args;
 use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
 use isotherm_client::ImuId;
-use isotherm_files::{Output, StagedText, Trust, check_written, load_table, refuse_overlap};
+use isotherm_files::{Output, StagedText, Trust, check_written, load_table, refuse_overlap, source, sources};
 use isotherm_pipeline::{INSTANCE, Vehicle, VehicleImu};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording::{Layout, RawCsvWriter};
 use isotherm_recording_formats::convert::{Conversion, Scale};
-use isotherm_recording_formats::read::{ImuChoice, Input, Pieces, RowKind, files};
+use isotherm_recording_formats::read::{ImuChoice, Input, Pieces, RowKind};
 use isotherm_recording_formats::write::ParquetStream;
 use isotherm_shared::names::StreamKind;
 use isotherm_shared::table::{CoefficientTable, nominal_table};
@@ -77,7 +77,7 @@ enum Writer {
 
 impl Convert {
     pub(crate) fn run(mut self) -> Result<(), Failure> {
-        self.input = files(&self.input)?;
+        self.input = sources(&self.input)?.iter().map(|source| source.name().to_owned()).collect();
         if self.output.to_string_lossy().contains(INSTANCE) { self.convert_each() } else { self.convert_all() }
     }
 
@@ -201,8 +201,8 @@ impl Convert {
         let progress = bytes_bar(&[input.to_owned()], "reading");
         let mut foreign = self.foreign.read()?;
         foreign.settings.session = session;
-        foreign.settings.progress = Some(progress.clone());
-        let conversion = Conversion::of_file(input, foreign.named(), &foreign.settings)?;
+        foreign.settings.progress = progress.clone();
+        let conversion = Conversion::open(&source(input), foreign.named(), &foreign.settings)?;
         let output = Some(self.output.as_path());
         let mut file = match Written::create(self, &self.output, conversion.layout(), foreign.settings.session) {
             Ok(file) => file,
@@ -225,7 +225,7 @@ impl Convert {
                 return check_written(output, Err(error)).map(|()| true);
             }
         }
-        progress.finish_and_clear();
+        progress.finish();
         let conversion = rows.conversion();
         if self.nominal.is_some() {
             let scale = conversion.scale().map_err(|why| {
@@ -253,7 +253,7 @@ impl Convert {
         let input = Input::from((ImuChoice::Any, self.foreign.read()?)).within(self.part.get()?);
         // Sessions more than recordings, since clocks have started again.
         let mut more = 0;
-        let mut left = Some(Pieces::new(&self.input, RowKind::Sample, input)?);
+        let mut left = Some(Pieces::new(&sources(&self.input)?, RowKind::Sample, input)?);
         while let Some(pieces) = left.take() {
             let place = |path: &Path| self.input.iter().position(|input| input == path).unwrap_or(0);
             let name = pieces.paths().next().map(Path::to_owned).unwrap_or_default();
@@ -311,7 +311,7 @@ impl Convert {
             let table = table.or(nominal.as_ref().map(|(_, table)| table));
             self.finish(written, rows.notes(), rows.findings(), length_at_rest_of(table, &begin))?;
         }
-        progress.finish_and_clear();
+        progress.finish();
         Ok(())
     }
 

@@ -4,12 +4,12 @@ use super::common::{ForeignArgs, GyroscopeWarning, LagSetting, OfData, inputs, o
 use crate::parse::seconds;
 use crate::progress::playing_bar;
 use clap::Args;
-use indicatif::ProgressBar;
 use isotherm_client::{
     Acquisition, CompensatedIncrement, ConnectError, Domain, Flags, ImuId, LagOption, Options, RawSample, StatusError,
     TimeConstant, device, fetch_status,
 };
-use isotherm_files::{Output, check_written, end_flag, partial_path, refuse_overlap};
+use isotherm_files::{Output, check_written, end_flag, partial_path, refuse_overlap, sources};
+use isotherm_pipeline::no_bar;
 use isotherm_recording::{IncrementCsvWriter, IncrementLayout};
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_shared::status::ImuStatus;
@@ -79,9 +79,9 @@ impl Feed {
             refuse_overlap(&all, &[output])?;
         }
         // No bar if the increments go to stdout, which may be the same terminal.
-        let progress = if path.is_some() { playing_bar(&self.recording) } else { ProgressBar::hidden() };
+        let progress = if path.is_some() { playing_bar(&self.recording) } else { no_bar(&[], "") };
         let input = (ImuChoice::Prefer(self.imu.clone()), self.foreign.read()?);
-        let mut samples = Samples::open(&self.recording, input, &progress)?;
+        let mut samples = Samples::open(&sources(&self.recording)?, input, &progress)?;
         // The output is opened before anything is sent, so that the answers can be written.
         let sink = Output::create_live(path)
             .map_err(|error| Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error))?;
@@ -111,7 +111,7 @@ impl Feed {
             lost_angles: false,
         };
         let result = self.play(&mut feeder, &mut samples, &served, &options);
-        progress.finish_and_clear();
+        progress.finish();
         OfData::of(samples.recording()).tell();
         let result = match result {
             Ok(()) => check_written(path, feeder.writer.finish().and_then(Output::finish)),

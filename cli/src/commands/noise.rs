@@ -7,7 +7,7 @@ use clap::Args;
 use isotherm_analysis::{NoiseAnalysis, NoiseRows, imu_yaml};
 use isotherm_campaign::rate_at_rest;
 use isotherm_client::ImuId;
-use isotherm_files::{StagedText, check_stdout, check_written, print, print_data, refuse_overlap};
+use isotherm_files::{StagedText, check_stdout, check_written, print, print_data, refuse_overlap, sources};
 use isotherm_fit::{now, tool};
 use isotherm_pipeline::Refused;
 use isotherm_recording::MISSING;
@@ -88,13 +88,13 @@ impl Noise {
         };
         let bar = bytes_bar(&self.recording, "reading");
         let input = Input::from((imu, self.foreign.read_for(&origin)?)).within(part);
-        let mut samples = Samples::open(&self.recording, input, &bar)?;
+        let mut samples = Samples::open(&sources(&self.recording)?, input, &bar)?;
         samples.set_lag(table.as_ref().map_or(0, |table| table.lag_ns()));
         let mut rows = NoiseRows::new(table.as_ref(), [0.0, f64::INFINITY]);
         for row in samples.by_ref() {
             rows.push(&row?);
         }
-        bar.finish_and_clear();
+        bar.finish();
         let recording = joined_paths(&self.recording);
         let of_rows = samples.recording();
         let of_data = OfData::of(of_rows).with_unit(&origin, of_rows).with_other_device();

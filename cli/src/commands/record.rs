@@ -6,7 +6,7 @@ use crate::recorder::{Recorder, Streams, remove};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use isotherm_client::{Domain, ImuId, Realtime};
-use isotherm_files::{Trust, check_stdout, check_written, end_signals, load_table};
+use isotherm_files::{Disk, Trust, check_stdout, check_written, end_signals, load_table};
 use isotherm_recording_formats::write::{Files, Format, IMU_PLACEHOLDER, RosTable, refuse_same_topics};
 use isotherm_service::config::MAX_IMUS;
 use isotherm_shared::names::StreamKind;
@@ -138,7 +138,7 @@ impl Record {
         };
         let mut files: Vec<Files> = Vec::new();
         for group in groups {
-            match Files::create_with_tables(output, format, rotation, &self.imus, &group, &tables) {
+            match Files::create_with_tables(&Disk, output, format, rotation, &self.imus, &group, &tables) {
                 Ok(made) => files.push(made),
                 Err(error) => {
                     // Either all files are created or none.

@@ -5,7 +5,7 @@ use crate::parse::size;
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
 use isotherm_client::ImuId;
-use isotherm_files::{check_stdout, check_written, print, print_data};
+use isotherm_files::{check_stdout, check_written, print, print_data, sources};
 use isotherm_recording_formats::read::{ImuChoice, NumberRow, NumberTable, read_numbers};
 use isotherm_statistics::{
     DataPoint, DoubleDouble, LinearColumn, MAX_ORDER, OrderTable, Regression, Rule, default_order,
@@ -69,7 +69,7 @@ impl Regress {
         let y_index = self.x.len();
         let choice = self.imu.clone().map_or(ImuChoice::Any, ImuChoice::Only);
         let bar = bytes_bar(&self.data, "reading");
-        let read = read_numbers(&self.data, &names, &choice, self.part.get()?, &bar, |name, text| {
+        let read = read_numbers(&sources(&self.data)?, &names, &choice, self.part.get()?, &bar, |name, text| {
             let number = DoubleDouble::parse(text);
             if name > y_index {
                 number.filter(|weight| *weight > DoubleDouble::ZERO).ok_or(WEIGHT)
@@ -77,7 +77,7 @@ impl Regress {
                 number.ok_or(NUMBER)
             }
         });
-        bar.finish_and_clear();
+        bar.finish();
         let NumberTable { rows, places, notes } = read?;
         for note in &notes {
             tell("isotherm", format_args!("{note}"));

@@ -2,7 +2,7 @@
 
 use clap::Args;
 use isotherm_files::{print, print_data};
-use isotherm_recording_formats::repair::repair_into;
+use isotherm_pipeline::repair_into;
 use isotherm_support::failure::{Failure, shown, tell};
 use std::path::PathBuf;
 

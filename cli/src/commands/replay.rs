@@ -3,10 +3,10 @@
 use super::common::{Acceptance, ForeignArgs, GyroscopeWarning, LagSetting, OfData, joined_paths, load_with_origin};
 use super::part::PartArgs;
 use clap::Args;
-use indicatif::ProgressBar;
 use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
 use isotherm_client::{Flags, ImuId};
-use isotherm_files::{Output, check_written, refuse_overlap};
+use isotherm_files::{Output, check_written, refuse_overlap, sources};
+use isotherm_pipeline::no_bar;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording::{Continuity, IncrementCsvWriter, IncrementLayout, other_device};
 use isotherm_recording_formats::read::{Input, Samples};
@@ -63,7 +63,7 @@ impl Replay {
         let (table, origin) = load_with_origin(&self.table)?;
         let choice = super::common::choice(self.imu, &table);
         let input = Input::from((choice, self.foreign.read_for(&origin)?)).within(self.part.get()?);
-        let mut samples = Samples::open(&self.recording, input, &ProgressBar::hidden())?;
+        let mut samples = Samples::open(&sources(&self.recording)?, input, &no_bar(&[], ""))?;
         samples.set_lag(self.lag.ns.unwrap_or(table.lag_ns()));
         let mut next = samples.next();
         if let Some(Ok(_)) = next {

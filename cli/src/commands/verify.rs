@@ -242,7 +242,7 @@ impl Verify {
                 keep = rows.len() < MOST_ROWS;
             }
         }
-        bar.finish_and_clear();
+        bar.finish();
         let recording = joined_paths(&self.recording);
         let of_time = run.collector().of_time();
         let of_data = OfData::of(run.samples().recording()).with_unit(&origin, run.samples().recording());

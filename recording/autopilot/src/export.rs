@@ -5,7 +5,7 @@ use crate::curve::{common, points};
 use crate::effect::{Effect, Loss, losses, together};
 use crate::firmware::{ARDUPILOT_REFERENCE, ArduPilotTriad, Constants, Px4Triad};
 use crate::parameters::{Parameters, ReadError};
-use crate::triad::{Curve, Triad, triads};
+use crate::triad::{Triad, TriadCurve, triads};
 use crate::{ardupilot, px4, size};
 use isotherm_shared::table::{CoefficientTable, OutOfRange};
 use isotherm_shared::units::{CELSIUS, SensorKind};
@@ -150,8 +150,8 @@ pub fn export(table: &CoefficientTable, options: &ExportOptions) -> Result<Expor
         return Err(ExportError::Unit(content.temperature_unit.clone()));
     }
     let triads = triads(content);
-    let written = triads.iter().map(|triad| Written::of(triad, &triads, autopilot));
-    let written: Vec<Written> = written.collect::<Result<_, _>>()?;
+    let written = triads.iter().map(|triad| ExportText::of(triad, &triads, autopilot));
+    let written: Vec<ExportText> = written.collect::<Result<_, _>>()?;
     let (lost, refused): (Vec<_>, Vec<_>) = losses(&triads, autopilot, content.lag_s)
         .into_iter()
         .partition(|loss: &Loss| options.drop.contains(&loss.effect));
@@ -176,14 +176,14 @@ pub fn export(table: &CoefficientTable, options: &ExportOptions) -> Result<Expor
 }
 
 /// What is written of a triad.
-struct Written {
+struct ExportText {
     kind: SensorKind,
     /// The range of the autopilot's parameters \[degC\].
     range: [f64; 2],
-    curves: [Curve; AXES],
+    curves: [TriadCurve; AXES],
 }
 
-impl Written {
+impl ExportText {
     fn of(triad: &Triad<'_>, triads: &[Triad<'_>], autopilot: Autopilot) -> Result<Self, ExportError> {
         let range = common(together(triads, triad, autopilot).into_iter()).ok_or(ExportError::NoCommonRange)?;
         let overflow = || ExportError::Float32("a bias overflows".to_owned());
@@ -239,13 +239,13 @@ fn devices(options: &ExportOptions) -> Result<[u32; 2], ExportError> {
 }
 
 /// Checks ArduPilot's calibration temperature.
-fn check_at(at_c: Option<f64>, written: &[Written]) -> Result<(), ExportError> {
+fn check_at(at_c: Option<f64>, written: &[ExportText]) -> Result<(), ExportError> {
     let curves = || written.iter().flat_map(|triad| &triad.curves);
     let outside = |at: f64| written.iter().find(|triad| !(triad.range[0]..=triad.range[1]).contains(&at));
     match at_c {
-        None if curves().all(Curve::is_constant) => Err(ExportError::Constants),
+        None if curves().all(TriadCurve::is_constant) => Err(ExportError::Constants),
         None => Ok(()),
-        Some(at) => outside(at).map_or(Ok(()), |Written { range: [low, high], .. }| {
+        Some(at) => outside(at).map_or(Ok(()), |ExportText { range: [low, high], .. }| {
             Err(ExportError::At(format!(
                 "the calibration temperature is {at} degC, give one of the range, {low} to {high}"
             )))
@@ -258,14 +258,14 @@ fn difference(
     text: &str,
     instance: u8,
     options: &ExportOptions,
-    written: &[Written],
+    written: &[ExportText],
 ) -> Result<Difference, ExportError> {
     let parameters = Parameters::read(text, options.autopilot, Some(instance)).map_err(|error| match error {
         ReadError::Instance(error) => error.into(),
         ReadError::Text(faults) => ExportError::Float32(faults.to_string()),
     })?;
     let relative = options.autopilot == Autopilot::ArduPilot && options.at_c.is_none();
-    let of = |triad: &Written| {
+    let of = |triad: &ExportText| {
         let [low, high] = triad.range;
         // Without constants the curves are 0 at ArduPilot's reference, or at the end of the range next to it.
         let zero = f64::from(ARDUPILOT_REFERENCE).clamp(low, high);
@@ -288,7 +288,7 @@ fn difference(
 }
 
 /// What the user should know besides.
-fn notes(options: &ExportOptions, policy: OutOfRange, triads: &[Triad<'_>], written: &[Written]) -> Vec<String> {
+fn notes(options: &ExportOptions, policy: OutOfRange, triads: &[Triad<'_>], written: &[ExportText]) -> Vec<String> {
     let mut notes = Vec::new();
     let title = options.autopilot.title();
     if policy != OutOfRange::Clamp {
@@ -316,7 +316,7 @@ fn notes(options: &ExportOptions, policy: OutOfRange, triads: &[Triad<'_>], writ
 }
 
 /// What ArduPilot does with the constants.
-fn constants_note(at_c: Option<f64>, written: &[Written]) -> String {
+fn constants_note(at_c: Option<f64>, written: &[ExportText]) -> String {
     let reference = f64::from(ARDUPILOT_REFERENCE);
     let has_gyroscopes = written.iter().any(|triad| triad.kind == SensorKind::Gyroscope);
     match at_c {

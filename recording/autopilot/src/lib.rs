@@ -1,4 +1,4 @@
-//! Coefficient tables as the temperature parameters of PX4 and ArduPilot, and back.
+//! PX4 and ArduPilot: coefficient tables as their temperature parameters, and back; and their [`logs`].
 //!
 //! # Formulas
 //! Both firmwares subtract a polynomial of order 3 of the temperature T \[degC\], clamped to a range, from readings in
@@ -42,6 +42,7 @@ mod export;
 mod firmware;
 mod import;
 mod lines;
+pub mod logs;
 mod number;
 mod parameters;
 mod px4;

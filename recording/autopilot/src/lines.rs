@@ -26,7 +26,7 @@ const READ_ONLY: &str = "@READONLY";
 const OF_IMUS: [&str; 2] = ["TC_", "INS_"];
 
 /// One parameter of the file.
-struct Entry<'a> {
+struct ParameterEntry<'a> {
     line: usize,
     value: &'a str,
     kind: Option<&'a str>,
@@ -36,7 +36,7 @@ struct Entry<'a> {
 
 /// The parameters of a file, and what has been found wrong with them.
 pub(crate) struct Lines<'a> {
-    entries: HashMap<&'a str, Entry<'a>>,
+    entries: HashMap<&'a str, ParameterEntry<'a>>,
     /// The line of the first `@include`: parameters may stand in another file.
     include: Option<usize>,
     faults: Vec<Fault>,
@@ -100,7 +100,7 @@ impl<'a> Lines<'a> {
                 }
                 continue;
             };
-            let entry = lines.entries.entry(name).or_insert(Entry { line, value, kind, again: None });
+            let entry = lines.entries.entry(name).or_insert(ParameterEntry { line, value, kind, again: None });
             if entry.line != line && entry.again.is_none() {
                 entry.again = Some(line);
             }
@@ -139,7 +139,7 @@ impl<'a> Lines<'a> {
 
     /// The value of a parameter that need not be there.
     fn value(&mut self, name: &str, whole: bool) -> Option<f32> {
-        let &Entry { line, value, kind, again } = self.entries.get(name)?;
+        let &ParameterEntry { line, value, kind, again } = self.entries.get(name)?;
         if let Some(again) = again {
             self.fault(again, name, format!("stands in line {line} too; leave one out"));
         }

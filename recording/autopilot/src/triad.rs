@@ -27,10 +27,10 @@ impl Triad<'_> {
     }
 
     /// The curves of the biases, as they can be written.
-    pub(crate) fn curves(&self) -> Option<[Curve; AXES]> {
+    pub(crate) fn curves(&self) -> Option<[TriadCurve; AXES]> {
         let curve = |axis: &Axis| {
             let polynomial = if curve::is_higher(&axis.bias) { curve::third_order(&axis.bias)? } else { axis.bias };
-            Some(Curve { polynomial, factor: self.factor(axis) })
+            Some(TriadCurve { polynomial, factor: self.factor(axis) })
         };
         let [x, y, z] = self.axes;
         Some([curve(x)?, curve(y)?, curve(z)?])
@@ -39,12 +39,12 @@ impl Triad<'_> {
 
 /// A bias \[m/s2 or rad/s\] of order 3 at most.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Curve {
+pub(crate) struct TriadCurve {
     polynomial: Polynomial,
     factor: f64,
 }
 
-impl Curve {
+impl TriadCurve {
     /// The bias at a temperature \[degC\], clamped by the caller.
     pub(crate) fn at(&self, temperature: f64) -> f64 {
         self.polynomial.at(temperature) * self.factor

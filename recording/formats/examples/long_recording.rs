@@ -1,6 +1,7 @@
 //! Writes a long recording of an IMU at rest, for figures: `long_recording HOURS FILE.parquet`, or `FILE.mcap`. Rows of
 //! 1 ms, six sensors, telemetry once a second.
 
+use isotherm_files::Disk;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::write::{Files, Format, Rotation};
 use isotherm_shared::names::StreamKind;
@@ -38,7 +39,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let path = PathBuf::from(arguments.next().ok_or("a file?")?);
     let format = Format::of_path(&path).ok_or("a name that ends with .parquet, .mcap or .csv")?;
     let imus = ["imu-a".parse().map_err(|_| "a name")?];
-    let mut files = Files::create(&path, format, Rotation::default(), &imus, &[(0, StreamKind::Raw)])
+    let mut files = Files::create(&Disk, &path, format, Rotation::default(), &imus, &[(0, StreamKind::Raw)])
         .map_err(|error| Failure::from(error).message)?;
     let mut random = Random(88_172_645_463_325_252);
     for row in 0..(hours * HOUR as f64) as u64 {

@@ -8,7 +8,6 @@
 //!
 //! Over 400 lines: recognising the data, and what their rows have in common, form one reader.
 
-mod autopilot;
 mod bad_stamps;
 mod calendar;
 mod chain;
@@ -36,16 +35,13 @@ mod rollover;
 mod ros;
 mod scale;
 mod settings;
-mod source;
 mod stamped;
 mod stated;
 mod stream;
 mod telemetry_log;
 mod text;
 mod unit;
-mod vehicle;
 
-pub use autopilot::{FoundImu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, found_listed};
 pub(crate) use calendar::time_ns;
 pub use columns::{ColumnRef, Kind, SensorColumns, Sensors, Temperature};
 pub use foreign::Foreign;
@@ -53,15 +49,14 @@ pub use looked::{Calendar, LookedColumn, LookedTable};
 pub use mapping::{Decimal, KnownColumns, Mapping, Time, TimeUnit};
 pub(crate) use ros::is_bag;
 pub use scale::Scale;
-pub use settings::{GyroscopeTemperature, Settings, TimeSource};
-pub use source::PLACEHOLDER;
+pub use settings::{Settings, TimeSource};
 pub use text::means::{MeanRow, read_means};
 pub use unit::Linear;
-pub use vehicle::VehicleState;
 
-use interval::{GAP, Steps};
-use isotherm_files::{LoadError, Trust, open_recording, read_text};
+use interval::{GAP, IntervalSteps};
+use isotherm_autopilot::logs::FoundImu;
 use isotherm_recording::columns::Layout;
+use isotherm_recording::foreign::{ForeignRow, OpenData, RowSource, Units, VehicleState};
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::document::Faults;
 use isotherm_shared::names::ImuId;
@@ -69,14 +64,14 @@ use isotherm_shared::table::Nominal;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, Triad};
 use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::{Finding, name};
+use isotherm_support::source::DataSource;
 use joined::JoinedSource;
-use known::Known;
-use scale::{Telemetry, Units};
-use source::{Reading, Source};
-use stamped::Stamped;
-use std::io::{Cursor, Read};
+use known::KnownFormat;
+use scale::TemperatureRange;
+use stamped::StampedRows;
+use std::io::{Cursor, ErrorKind, Read};
 use std::path::{Path, PathBuf};
-use stream::Stream;
+use stream::RowStream;
 
 /// Intervals that an IMU has \[ns\]: 50 kHz to 0.01 Hz.
 const PLAUSIBLE_NS: std::ops::RangeInclusive<u64> = 20_000..=100_000_000_000;
@@ -90,7 +85,7 @@ const BEGINNING: u64 = 1 << 16;
 /// An iterator over the raw samples of foreign data that ends at the first error.
 pub struct Conversion {
     path: PathBuf,
-    input: Stamped,
+    input: StampedRows,
     /// The session of the first rows, and that of the last one.
     first_session: u64,
     session: u64,
@@ -109,8 +104,8 @@ pub struct Conversion {
     read_rows: u64,
     rows: u64,
     gaps: Gaps,
-    steps: Steps,
-    telemetry: Telemetry,
+    steps: IntervalSteps,
+    telemetry: TemperatureRange,
     ended: bool,
 }
 
@@ -126,44 +121,41 @@ struct Gaps {
 ///
 /// # Errors
 /// If the file cannot be read, or if a log has no rows of an IMU.
-pub fn imus_of_log(path: &Path, settings: &Settings) -> Result<Vec<FoundImu>, Failure> {
-    let is_file = path.metadata().is_ok_and(|metadata| metadata.is_file());
-    if !is_file {
+pub fn imus_of_log(source: &DataSource, settings: &Settings) -> Result<Vec<FoundImu>, Failure> {
+    if !source.is_file() {
         return Ok(Vec::new());
     }
-    let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
+    let mut bytes = source.open().map_err(|error| Failure::io("opening", source.name(), &error))?;
+    let beginning = beginning(&mut bytes, source.name())?;
+    let format = KnownFormat::of(&beginning);
+    let bytes = settings.progress.restarted(Cursor::new(beginning).chain(bytes));
+    format.map_or(Ok(Vec::new()), |format| format.imus(OpenData { source, bytes }))
+}
+
+/// The bytes by which the format is recognised.
+fn beginning(source: &mut dyn Read, path: &Path) -> Result<Vec<u8>, Failure> {
     let mut beginning = Vec::new();
     let read = source.take(BEGINNING).read_to_end(&mut beginning);
-    read.map_err(|error| Failure::io("reading", path, &error))?;
-    known::imus_of(path, &beginning, settings).map(Option::unwrap_or_default)
+    read.map_err(|error| Failure::io("reading", path, &error)).map(|_| beginning)
 }
 
 impl Conversion {
-    /// Opens foreign data. `-` is stdin, for text. The format is recognised by the first bytes.
+    /// Opens foreign data, of a text with the name and the text of the mapping file. The format is recognised by the
+    /// first bytes.
     ///
     /// # Errors
     /// [`Exit::Usage`] if a text has no mapping, with the mapping that would be. [`Exit::Config`] with all faults of
     /// the mapping. [`Exit::Data`] if the data are of no known format, or do not have what the mapping names.
     /// [`Exit::Io`].
-    pub fn open(path: &Path, mapping: Option<&Path>, settings: &Settings) -> Result<Self, Failure> {
-        let text = match mapping {
-            Some(mapping) => Some(read_text(mapping, Trust::Any)?.0),
-            None => None,
-        };
-        Self::of_file(path, mapping.zip(text.as_deref()), settings)
-    }
-
-    /// As [`open`](Self::open), with the name and the text of the mapping file.
-    ///
-    /// # Errors
-    /// As [`open`](Self::open).
-    pub fn of_file(path: &Path, mapping: Option<(&Path, &str)>, settings: &Settings) -> Result<Self, Failure> {
-        if path.is_dir() {
-            let message = format!("{}: a folder; name the .mcap file in it", shown(path));
-            return Err(Failure::new(Exit::Data, message));
-        }
-        let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
-        Self::read(path, settings.watched(source), mapping, settings)
+    pub fn open(source: &DataSource, mapping: Option<(&Path, &str)>, settings: &Settings) -> Result<Self, Failure> {
+        let bytes = source.open().map_err(|error| match error.kind() {
+            ErrorKind::IsADirectory => {
+                let message = format!("{}: a folder; name the .mcap file in it", shown(source.name()));
+                Failure::new(Exit::Data, message)
+            }
+            _ => Failure::io("opening", source.name(), &error),
+        })?;
+        Self::read(source, settings.progress.restarted(bytes), mapping, settings)
     }
 
     /// As [`open`](Self::open), of a text that is in memory. `name` stands for the data in messages; `mapping` has a
@@ -177,28 +169,27 @@ impl Conversion {
         mapping: Option<(&Path, &str)>,
         settings: &Settings,
     ) -> Result<Self, Failure> {
-        Self::read(name, Box::new(text), mapping, settings)
+        Self::read(&DataSource::of_stream(name), Box::new(text), mapping, settings)
     }
 
-    /// As [`open`](Self::open), of a file that is open.
-    pub(crate) fn of_source(path: &Path, source: Box<dyn Read>, foreign: &Foreign) -> Result<Self, Failure> {
-        Self::read(path, source, foreign.named(), &foreign.settings)
+    /// As [`open`](Self::open), of a source that is open.
+    pub(crate) fn of_source(of: &DataSource, source: Box<dyn Read>, foreign: &Foreign) -> Result<Self, Failure> {
+        Self::read(of, source, foreign.named(), &foreign.settings)
     }
 
     fn read(
-        path: &Path,
+        of: &DataSource,
         mut source: Box<dyn Read>,
         mapping: Option<(&Path, &str)>,
         settings: &Settings,
     ) -> Result<Self, Failure> {
+        let path = of.name();
         let failed = |error: RecordingError| error.failure(path);
-        let mut beginning = Vec::new();
-        let read = (&mut source).take(BEGINNING).read_to_end(&mut beginning);
-        read.map_err(|error| Failure::io("reading", path, &error))?;
+        let beginning = beginning(&mut source, path)?;
         if let Some(message) = refused::reason(&beginning) {
             return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(path))));
         }
-        let (format, no_text) = (Known::of(&beginning), refused::no_text(&beginning));
+        let (format, no_text) = (KnownFormat::of(&beginning), refused::no_text(&beginning));
         let is_layout = format.is_none() && no_text.is_none() && mapping.is_none() && settings.mapping.is_none();
         let recognised = is_layout.then(|| layouts::recognise(&beginning, path));
         let source: Box<dyn Read> = Box::new(Cursor::new(beginning).chain(source));
@@ -209,13 +200,14 @@ impl Conversion {
                 None => KnownColumns::default(),
             };
             let temperature = settings.temperature.or(known.temperature);
-            if let (Some((file, _)), true) = (mapping, known.units != [None; 2] && format != Known::Mcap) {
+            if let (Some((file, _)), true) = (mapping, known.units != [None; 2] && format != KnownFormat::Mcap) {
                 let message =
                     "[accelerometer] and [gyroscope] are for ROS messages and texts: these data have their units";
                 return Err(Failure::new(Exit::Config, format!("{}: {message}", shown(file))).at(file, None));
             }
             let units = known.units.map(|unit| unit.unwrap_or(1.0));
-            let source = format.open(path, source, settings, temperature, units)?;
+            let data = OpenData { source: of, bytes: source };
+            let source = format.rows(data, settings, temperature, units)?;
             let interval_ns = settings.interval_ns.or(known.interval_ns);
             return Self::begin(path, source, interval_ns, settings);
         }
@@ -226,11 +218,12 @@ impl Conversion {
         if let Some(recognised) = recognised.transpose().map_err(refused)?.flatten() {
             let both = recognised.with_gyroscopes();
             let source = text::TextSource::recognised(source, recognised, settings.temperature).map_err(failed)?;
-            let source: Box<dyn Source> = match (&settings.gyroscope_file, both) {
+            let source: Box<dyn RowSource> = match (&settings.gyroscope_file, both) {
                 (None, _) => Box::new(source),
                 (Some(file), Some(both)) => Box::new(Self::of_two_files((path, source), file, both, settings.time)?),
                 (Some(file), None) => {
-                    let message = format!("it has gyroscopes itself; leave out --gyroscope-file {}", shown(file));
+                    let message =
+                        format!("it has gyroscopes itself; leave out --gyroscope-file {}", shown(file.name()));
                     return Err(Failure::new(Exit::Usage, format!("{}: {message}", shown(path))));
                 }
             };
@@ -258,7 +251,7 @@ impl Conversion {
             mapping.temperature = Temperature::Constant(temperature);
         }
         let interval_ns = settings.interval_ns.or(mapping.time.interval_ns);
-        let source: Box<dyn Source> = match &settings.gyroscope_file {
+        let source: Box<dyn RowSource> = match &settings.gyroscope_file {
             Some(file) => {
                 let alone = Mapping { gyroscope: None, ..mapping.clone() };
                 let accelerometers = text::TextSource::new(source, alone).map_err(failed)?;
@@ -272,23 +265,24 @@ impl Conversion {
     /// The rows of a text of accelerometers, joined with those of a text of gyroscopes that has this mapping.
     fn of_two_files(
         (path, accelerometers): (&Path, text::TextSource),
-        file: &Path,
+        file: &DataSource,
         mapping: Mapping,
         time: TimeSource,
     ) -> Result<JoinedSource, Failure> {
-        let source = open_recording(file).map_err(|error| Failure::io("opening", file, &error))?;
+        let source = file.open().map_err(|error| Failure::io("opening", file.name(), &error))?;
+        let file = file.name();
         let name = |path: &Path| shown(path).to_string();
-        let gyroscopes = text::TextSource::of_gyroscopes(source, mapping);
-        let gyroscopes = gyroscopes.and_then(|it| Stream::new(Box::new(it), time, true, name(file), Some(file)));
+        let gyroscopes = text::TextSource::of_gyroscopes(Box::new(source), mapping);
+        let gyroscopes = gyroscopes.and_then(|it| RowStream::new(Box::new(it), time, true, name(file), Some(file)));
         let gyroscopes = gyroscopes.map_err(|error| error.failure(file))?;
-        let accelerometers = Stream::new(Box::new(accelerometers), time, false, name(path), None);
+        let accelerometers = RowStream::new(Box::new(accelerometers), time, false, name(path), None);
         Ok(JoinedSource::new(accelerometers.map_err(|error| error.failure(path))?, gyroscopes))
     }
 
     /// Reads the first rows, to judge their stamps and to find the nominal interval if it is not given.
     fn begin(
         path: &Path,
-        source: Box<dyn Source>,
+        source: Box<dyn RowSource>,
         interval_ns: Option<u64>,
         settings: &Settings,
     ) -> Result<Self, Failure> {
@@ -298,7 +292,7 @@ impl Conversion {
                 "--time rate takes a rate that is known: give --interval S, or time.interval_s in the mapping";
             return Err(Failure::new(Exit::Usage, format!("{}: {message}", shown(path))));
         }
-        let mut input = Stamped::new(source, settings.time).map_err(failed)?;
+        let mut input = StampedRows::new(source, settings.time).map_err(failed)?;
         let mut is_of_pieces = false;
         let (nominal_ns, found_from) = match interval_ns {
             Some(nominal_ns) => (nominal_ns, None),
@@ -329,8 +323,8 @@ impl Conversion {
             read_rows: 0,
             rows: 0,
             gaps: Gaps::default(),
-            steps: Steps::new(nominal_ns),
-            telemetry: Telemetry::default(),
+            steps: IntervalSteps::new(nominal_ns),
+            telemetry: TemperatureRange::default(),
             ended: false,
         })
     }
@@ -513,7 +507,7 @@ impl Conversion {
         self.input.source.unit()
     }
 
-    fn sample(&mut self, reading: &Reading) -> Result<RawSample, String> {
+    fn sample(&mut self, reading: &ForeignRow) -> Result<RawSample, String> {
         self.begins_session = reading.begins_session;
         if reading.begins_session {
             (self.session, self.last) = (self.session.saturating_add(1), None);
@@ -588,7 +582,7 @@ impl Iterator for Conversion {
 ///
 /// # Errors
 /// If the sum of several rows has too many pulses.
-fn triad(reading: &Reading, first: usize) -> Result<Triad, String> {
+fn triad(reading: &ForeignRow, first: usize) -> Result<Triad, String> {
     let mut triad = Triad::default();
     for axis in 0..AXES {
         let (pulses, index) = (reading.pulses[first + axis], first + axis);
@@ -610,5 +604,6 @@ fn is_same((found_ns, rows): (u64, u64), nominal_ns: u64) -> bool {
 }
 
 fn refuse(path: &Path, faults: Faults) -> Failure {
-    LoadError::Refused { path: path.to_owned(), faults }.into()
+    let line = faults.0.first().map(|fault| fault.line as u64);
+    Failure::new(Exit::Config, faults.of(path)).at(path, line)
 }

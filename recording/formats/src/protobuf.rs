@@ -1,10 +1,10 @@
 //! Rows as protobuf messages, and the descriptors of these messages. Only the part of the encoding that recordings
 //! need.
 
-use crate::steps;
 use crate::varint;
 use isotherm_recording::columns::{Column, ColumnKind, Layout, columns};
 use isotherm_recording::rows::{RecordedRow, append_value};
+use isotherm_recording::steps;
 use isotherm_shared::names::StreamKind;
 use std::collections::HashMap;
 
@@ -92,7 +92,7 @@ fn bytes(out: &mut Vec<u8>, number: u64, value: &[u8]) {
 
 /// The value of a field, by wire type.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(crate) enum Value<'a> {
+pub(crate) enum FieldValue<'a> {
     /// An integer.
     Varint(u64),
     /// The bits of a double.
@@ -105,7 +105,7 @@ pub(crate) enum Value<'a> {
 
 /// Calls `take` with number and value of each field of a message. Returns false if the bytes are not a valid message.
 #[must_use]
-pub(crate) fn decode<'a>(mut message: &'a [u8], mut take: impl FnMut(u64, Value<'a>)) -> bool {
+pub(crate) fn decode<'a>(mut message: &'a [u8], mut take: impl FnMut(u64, FieldValue<'a>)) -> bool {
     while !message.is_empty() {
         if next_field(&mut message, &mut take).is_none() {
             return false;
@@ -144,26 +144,26 @@ pub(crate) fn begins_with(mut message: &[u8], number: u64, value: u64) -> bool {
     varint::read(&mut message) == Some(number << 3 | VARINT) && varint::read(&mut message) == Some(value)
 }
 
-fn next_field<'a>(message: &mut &'a [u8], take: &mut impl FnMut(u64, Value<'a>)) -> Option<()> {
+fn next_field<'a>(message: &mut &'a [u8], take: &mut impl FnMut(u64, FieldValue<'a>)) -> Option<()> {
     steps::count(1);
     let key = varint::read(message)?;
     let value = match key & 7 {
-        VARINT => Value::Varint(varint::read(message)?),
+        VARINT => FieldValue::Varint(varint::read(message)?),
         FIXED_64 => {
             let (bits, rest) = message.split_first_chunk()?;
             *message = rest;
-            Value::Fixed64(u64::from_le_bytes(*bits))
+            FieldValue::Fixed64(u64::from_le_bytes(*bits))
         }
         BYTES => {
             let length = usize::try_from(varint::read(message)?).ok()?;
             let (bytes, rest) = message.split_at_checked(length)?;
             *message = rest;
-            Value::Bytes(bytes)
+            FieldValue::Bytes(bytes)
         }
         FIXED_32 => {
             let (bits, rest) = message.split_first_chunk()?;
             *message = rest;
-            Value::Fixed32(u32::from_le_bytes(*bits))
+            FieldValue::Fixed32(u32::from_le_bytes(*bits))
         }
         _ => return None,
     };
@@ -207,7 +207,7 @@ pub(crate) fn fields(set: &[u8], name: &str) -> Option<HashMap<String, FieldNumb
 fn each<'a>(message: &'a [u8], number: u64, take: &mut dyn FnMut(&'a [u8])) {
     // An invalid message is read up to the first error.
     let _ = decode(message, |own, value| {
-        if let (true, Value::Bytes(bytes)) = (own == number, value) {
+        if let (true, FieldValue::Bytes(bytes)) = (own == number, value) {
             take(bytes);
         }
     });
@@ -222,7 +222,7 @@ fn text(message: &[u8], number: u64) -> String {
 fn integer(message: &[u8], number: u64) -> u64 {
     let mut found = 0;
     let _ = decode(message, |own, value| {
-        if let (true, Value::Varint(value)) = (own == number, value) {
+        if let (true, FieldValue::Varint(value)) = (own == number, value) {
             found = value;
         }
     });

@@ -1,4 +1,4 @@
-//! Takes what is whole of a damaged recording into another file: the rows before and behind each damaged place.
+//! Takes what is whole of a damaged recording into another one: the rows before and behind each damaged place.
 //!
 //! What was recorded with checks is taken where it matches them: rows of CSV, row groups of Parquet, chunks of MCAP.
 //! Without checks it is taken where it can be read. Rows keep their session and sequence, by which the length of a hole
@@ -8,12 +8,10 @@
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! use isotherm_recording_formats::repair::repair;
+//! use isotherm_support::source::DataSource;
 //!
-//! let folder = tempfile::tempdir()?;
-//! let damaged = folder.path().join("damaged.csv");
 //! let text = include_str!("../../../tests/data/run.csv").replacen("\n7,", "\n7\u{0},", 1);
-//! std::fs::write(&damaged, text)?;
-//! let repaired = repair(&damaged, std::io::sink())?;
+//! let repaired = repair(&DataSource::of_bytes("damaged.csv", text.into_bytes()), std::io::sink())?;
 //! assert_eq!((repaired.holes.len(), repaired.lost()), (1, Some(1)));
 //! # Ok(())
 //! # }
@@ -28,67 +26,40 @@ mod report;
 
 pub use report::{Hole, Loss, RecordingFormat, RepairReport, RowTime, StreamRows};
 
+use crate::read::random::RandomAccess;
 use crate::seal::MAGIC;
-use isotherm_files::{Output, check_written, refuse_overlap};
 use isotherm_recording::columns::MCAP_MAGIC;
 use isotherm_support::failure::{Exit, Failure, shown};
+use isotherm_support::source::DataSource;
 use report::RepairError;
-use std::fs::{self, File};
 use std::io::{self, Read as _, Write};
 use std::path::Path;
 
-/// Takes what is whole of the recording `source` into `target`, in the same format. Returns what was taken and lost.
+/// Takes what is whole of a recording into any sink, in the same format. Returns what was taken and lost.
 ///
 /// # Errors
-/// If `target` exists, if nothing can be taken, or if a file cannot be read or written.
-pub fn repair_into(source: &Path, target: &Path) -> Result<RepairReport, Failure> {
-    refuse_overlap(&[(source, "the recording")], &[Some(target)])?;
-    let refuse_existing = || match fs::symlink_metadata(target) {
-        Ok(_) => {
-            let message = format!("{} exists; a recording is never replaced: name another", shown(target));
-            Err(Failure::new(Exit::Io, message).at(target, None))
-        }
-        Err(_) => Ok(()),
-    };
-    refuse_existing()?;
-    let written = |result: io::Result<Output>| match result {
-        Ok(output) => Ok(output),
-        Err(error) => {
-            check_written(Some(target), Err(error))?;
-            Err(Failure::new(Exit::Io, format!("writing {}", shown(target))))
-        }
-    };
-    let mut output = written(Output::create(Some(target)))?;
-    let repaired = repair(source, &mut output).map_err(|failure| match failure.exit {
-        // An error of the output has no other place.
-        Exit::Io if failure.place.is_none() => Failure::new(Exit::Io, format!("{}: {failure}", shown(target))),
-        _ => failure,
-    })?;
-    refuse_existing()?;
-    check_written(Some(target), output.finish())?;
-    Ok(repaired)
-}
-
-/// As [`repair_into`], into any sink.
-///
-/// # Errors
-/// As [`repair_into`].
-pub fn repair(source: &Path, mut sink: impl Write) -> Result<RepairReport, Failure> {
+/// If nothing can be taken, or if the source cannot be read or the sink written.
+pub fn repair(of: &DataSource, mut sink: impl Write) -> Result<RepairReport, Failure> {
+    let source = of.name();
     let io = |error: &io::Error| Failure::io("opening", source, error);
-    let is_file = fs::metadata(source).map_err(|error| io(&error))?.is_file();
-    let file = File::open(source).map_err(|error| io(&error))?;
+    let is_file = of.check_file().map_err(|error| io(&error))?;
     if !is_file {
         let message = format!("{}: only a file can be repaired", shown(source));
         return Err(Failure::new(Exit::Usage, message).at(source, None));
     }
     let mut begin = Vec::new();
-    (&file).take(MCAP_MAGIC.len() as u64).read_to_end(&mut begin).map_err(|error| io(&error))?;
+    let mut file = of.open().map_err(|error| io(&error))?;
+    (&mut file).take(MCAP_MAGIC.len() as u64).read_to_end(&mut begin).map_err(|error| io(&error))?;
     let sink: &mut dyn Write = &mut sink;
     let repaired = match format_of(source, &begin) {
         None => Err(RepairError::Nothing("the file is empty".to_owned())),
-        Some(RecordingFormat::Csv) => csv::repair(source, sink),
-        Some(RecordingFormat::Parquet) => parquet::repair(file, sink),
-        Some(RecordingFormat::Mcap) => mcap::repair(&file, sink),
+        Some(RecordingFormat::Csv) => csv::repair(of, sink),
+        Some(RecordingFormat::Parquet) => {
+            RandomAccess::new(file).map_err(RepairError::Read).and_then(|file| parquet::repair(file, sink))
+        }
+        Some(RecordingFormat::Mcap) => {
+            RandomAccess::new(file).map_err(RepairError::Read).and_then(|file| mcap::repair(&file, sink))
+        }
     };
     let repaired = repaired.and_then(|repaired| match repaired.holes.is_empty() || repaired.rows() > 0 {
         true => Ok(repaired),
@@ -110,7 +81,7 @@ pub fn repair(source: &Path, mut sink: impl Write) -> Result<RepairReport, Failu
 ///
 /// # Errors
 /// If no row is whole, or the file cannot be read.
-pub fn inspect(source: &Path) -> Result<RepairReport, Failure> {
+pub fn inspect(source: &DataSource) -> Result<RepairReport, Failure> {
     repair(source, io::sink())
 }
 

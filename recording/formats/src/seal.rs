@@ -17,15 +17,14 @@
 
 use crate::read::pages::is_footer;
 use crate::read::panics::catch_panic;
+use crate::read::random::RandomAccess;
 use memchr::memmem;
 use parquet::errors::ParquetError;
 use parquet::file::metadata::{
     FileMetaData, KeyValue, ParquetMetaData, ParquetMetaDataReader, ParquetMetaDataWriter, RowGroupMetaData,
 };
 use parquet::schema::types::{SchemaDescriptor, TypePtr};
-use std::fs::File;
 use std::io;
-use std::os::unix::fs::FileExt as _;
 use std::sync::Arc;
 
 /// The key of the checks in a footer's metadata.
@@ -193,7 +192,7 @@ pub(crate) struct SealedGroup {
 ///
 /// # Errors
 /// Those of the operating system.
-pub(crate) fn sealed_groups(file: &File) -> io::Result<Vec<SealedGroup>> {
+pub(crate) fn sealed_groups(file: &RandomAccess) -> io::Result<Vec<SealedGroup>> {
     const WINDOW: usize = 1 << 20;
     let (mut groups, mut at, mut window) = (Vec::new(), 0, vec![0; WINDOW]);
     loop {
@@ -210,7 +209,7 @@ pub(crate) fn sealed_groups(file: &File) -> io::Result<Vec<SealedGroup>> {
 }
 
 /// The row group whose seal begins at `begin`; `None` if there is no whole seal.
-fn sealed_group(file: &File, begin: u64) -> io::Result<Option<SealedGroup>> {
+fn sealed_group(file: &RandomAccess, begin: u64) -> io::Result<Option<SealedGroup>> {
     let mut seal = vec![0; GROUP_HEAD + MAX_GROUP_FOOTER + CRC];
     let read = read_most(file, &mut seal, begin)?;
     seal.truncate(read);
@@ -238,14 +237,14 @@ fn sealed_group(file: &File, begin: u64) -> io::Result<Option<SealedGroup>> {
 ///
 /// # Errors
 /// Those of the operating system.
-pub(crate) fn is_footer_sealed_at(file: &File, place: u64) -> io::Result<bool> {
+pub(crate) fn is_footer_sealed_at(file: &RandomAccess, place: u64) -> io::Result<bool> {
     let mut mark = [0; FOOTER_MARK.len()];
     let read = read_most(file, &mut mark, place)?;
     Ok(read == mark.len() && mark == *FOOTER_MARK)
 }
 
 /// Reads up to the length of `buffer` at a place. Returns how many bytes there are.
-fn read_most(file: &File, buffer: &mut [u8], at: u64) -> io::Result<usize> {
+fn read_most(file: &RandomAccess, buffer: &mut [u8], at: u64) -> io::Result<usize> {
     let mut read = 0;
     while read < buffer.len() {
         match file.read_at(&mut buffer[read..], at + read as u64)? {

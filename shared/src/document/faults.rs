@@ -1,6 +1,8 @@
 //! What is wrong with a file.
 
 use core::fmt;
+use isotherm_support::failure::shown;
+use std::path::Path;
 
 /// One fault of a file.
 #[derive(Clone, Debug, Eq, PartialEq)]
@@ -25,6 +27,19 @@ impl fmt::Display for Fault {
 /// All faults of a file, in the order of its lines.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 pub struct Faults(pub Vec<Fault>);
+
+impl Faults {
+    /// One line for each fault of the file of this name: `file:line: key: message`.
+    #[must_use]
+    pub fn of(&self, name: &Path) -> String {
+        let name = shown(name);
+        let line = |Fault { line, key, message }: &Fault| {
+            let colon = if key.is_empty() { "" } else { ": " };
+            format!("{name}:{line}: {key}{colon}{message}")
+        };
+        self.0.iter().map(line).collect::<Vec<_>>().join("\n")
+    }
+}
 
 impl fmt::Display for Faults {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

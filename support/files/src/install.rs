@@ -39,7 +39,7 @@ pub struct Installation {
     previous: PathBuf,
     replaced: PathBuf,
     new: PathBuf,
-    _lock: Lock,
+    _lock: FileLock,
 }
 
 impl Installation {
@@ -68,7 +68,7 @@ impl Installation {
         for path in [&file, &previous, &replaced, &new, &lock] {
             regular(path)?;
         }
-        let installation = Self { _lock: Lock::take(lock)?, file, previous, replaced, new };
+        let installation = Self { _lock: FileLock::take(lock)?, file, previous, replaced, new };
         installation.settle()?;
         Ok(installation)
     }
@@ -187,12 +187,12 @@ impl Installation {
 }
 
 /// A locked file, which is removed at the end. It has no permissions for others, so that they cannot lock it for ever.
-struct Lock {
+struct FileLock {
     _file: File,
     path: PathBuf,
 }
 
-impl Lock {
+impl FileLock {
     fn take(path: PathBuf) -> io::Result<Self> {
         let mut options = OpenOptions::new();
         options.write(true).create(true).truncate(false).mode(0o600);
@@ -222,7 +222,7 @@ impl Lock {
     }
 }
 
-impl Drop for Lock {
+impl Drop for FileLock {
     fn drop(&mut self) {
         // Still locked: it is this process's file.
         let _ = fs::remove_file(&self.path);

@@ -21,14 +21,17 @@
 //! # }
 //! ```
 
+mod disk;
 mod install;
 mod live;
 mod load;
 mod output;
 mod place;
 mod signals;
+mod source;
 mod stdout;
 
+pub use disk::Disk;
 pub use install::Installation;
 pub use live::{LiveFile, Partial, partial_path, target_of};
 pub use load::{
@@ -38,23 +41,5 @@ pub use load::{
 pub use output::{Output, StagedText, check_written, print, print_data, refuse_overlap, replace};
 pub use place::{check_own_folder, create_folder, create_own_folder, exchange, output_place, sync_folder};
 pub use signals::{end_flag, end_signals, remove_unfinished_on_signals, report_file_limit};
+pub use source::{open_recording, source, sources};
 pub use stdout::check_stdout;
-
-use std::fs::File;
-use std::io::{self, Read};
-use std::path::Path;
-
-/// Opens a recording for reading; `-` is stdin.
-///
-/// # Errors
-/// If it cannot be opened.
-pub fn open_recording(path: &Path) -> io::Result<Box<dyn Read>> {
-    if path == Path::new("-") {
-        return Ok(Box::new(io::stdin()));
-    }
-    let file = File::open(path)?;
-    if file.metadata()?.is_dir() {
-        return Err(io::Error::from(io::ErrorKind::IsADirectory));
-    }
-    Ok(Box::new(file))
-}

@@ -5,7 +5,7 @@
 //! that name.
 
 use crate::place::{kind_of, output_place, rename};
-use crate::signals::{Unfinished, hold_signals};
+use crate::signals::{UnfinishedFile, hold_signals};
 use isotherm_support::failure::{Failure, shown};
 use rustix::fs::OFlags;
 use rustix::process::geteuid;
@@ -57,7 +57,7 @@ pub struct LiveFile {
     length: u64,
     complete: bool,
     /// Until there is a row.
-    unfinished: Option<Unfinished>,
+    unfinished: Option<UnfinishedFile>,
 }
 
 impl LiveFile {
@@ -73,7 +73,7 @@ impl LiveFile {
             // Until the file is listed: a signal between creating and listing removes it too.
             let _held = hold_signals();
             let claimed = claim(&path, existing).transpose()?;
-            Some(claimed.map(|file| (file, Unfinished::list(&path))))
+            Some(claimed.map(|file| (file, UnfinishedFile::list(&path))))
         });
         let busy = || refusal(&path, "is made and removed by other processes all the time; name another file");
         let (file, unfinished) = tries.unwrap_or_else(|| Err(busy())).map_err(|error| match error.raw_os_error() {

@@ -74,13 +74,7 @@ impl fmt::Display for LoadError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Io { path, cause } => write!(f, "reading {}: {cause}", shown(path)),
-            Self::Refused { path, faults } => {
-                for (index, Fault { line, key, message }) in faults.0.iter().enumerate() {
-                    let (newline, colon) = (if index > 0 { "\n" } else { "" }, if key.is_empty() { "" } else { ": " });
-                    write!(f, "{newline}{}:{line}: {key}{colon}{message}", shown(path))?;
-                }
-                Ok(())
-            }
+            Self::Refused { path, faults } => f.write_str(&faults.of(path)),
         }
     }
 }

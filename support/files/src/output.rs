@@ -3,7 +3,7 @@
 
 use crate::live::{LiveFile, Partial, give_mode_and_owner, mode_of};
 use crate::place::{folder_of, output_place, sync_folder};
-use crate::signals::{Unfinished, hold_signals};
+use crate::signals::{UnfinishedFile, hold_signals};
 use crate::stdout::check_stdout;
 use isotherm_support::failure::{Exit, Failure, printable, shown};
 use std::fs::{self, File, Metadata, OpenOptions, Permissions};
@@ -31,7 +31,7 @@ pub struct StagedFile {
     temporary: TempPath,
     target: PathBuf,
     /// Dropped after the file is removed or renamed.
-    _unfinished: Unfinished,
+    _unfinished: UnfinishedFile,
 }
 
 impl StagedFile {
@@ -43,7 +43,7 @@ impl StagedFile {
         // Keep only the kind of the error: its text names the temporary file, which the user does not know.
         let staged = builder.tempfile_in(folder_of(target)).map_err(|error| io::Error::from(error.kind()))?;
         let (file, temporary) = staged.into_parts();
-        let unfinished = Unfinished::list(&temporary);
+        let unfinished = UnfinishedFile::list(&temporary);
         give_mode_and_owner(&file, existing);
         Ok(Self { writer: BufWriter::new(file), temporary, target: target.to_owned(), _unfinished: unfinished })
     }

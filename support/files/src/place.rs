@@ -44,7 +44,7 @@ pub(crate) fn kind_of(found: &Metadata) -> &'static str {
 }
 
 /// Who else may make entries in a folder.
-enum Access {
+enum FolderAccess {
     /// Nobody but this user and root, and whom they have let into the group.
     Own,
     /// Everybody, and each removes his own only.
@@ -55,7 +55,7 @@ enum Access {
     Everybody,
 }
 
-impl Access {
+impl FolderAccess {
     fn of(folder: &Metadata) -> Self {
         let (mode, own) = (folder.mode(), is_trusted(folder.uid()));
         match mode & EVERYBODY != 0 {
@@ -78,13 +78,13 @@ fn check(path: &Path) -> io::Result<bool> {
         Err(io::Error::other(message))
     };
     let everybody = || refused(&format!("it belongs to user {owner}, and everybody may make one there"));
-    let access = Access::of(&folder);
+    let access = FolderAccess::of(&folder);
     match access {
-        Access::Sticky | Access::Everybody if !is_trusted(owner) => everybody(),
-        Access::Own | Access::Sticky => Ok(entry.is_symlink()),
+        FolderAccess::Sticky | FolderAccess::Everybody if !is_trusted(owner) => everybody(),
+        FolderAccess::Own | FolderAccess::Sticky => Ok(entry.is_symlink()),
         _ if entry.is_file() || entry.is_dir() => Ok(false),
-        Access::Other(user) => refused(&format!("it is a {kind} in a folder of user {user}")),
-        Access::Everybody => refused(&format!("it is a {kind}, and everybody may put one there")),
+        FolderAccess::Other(user) => refused(&format!("it is a {kind} in a folder of user {user}")),
+        FolderAccess::Everybody => refused(&format!("it is a {kind}, and everybody may put one there")),
     }
 }
 
@@ -134,10 +134,12 @@ pub fn create_own_folder(path: &Path) -> io::Result<()> {
 /// If it belongs to another user than this one and root, or everybody may write it, or it cannot be looked at.
 pub fn check_own_folder(path: &Path) -> io::Result<()> {
     let found = fs::metadata(output_place(path)?)?;
-    let message = match Access::of(&found) {
-        Access::Own => return Ok(()),
-        Access::Other(user) => format!("it belongs to user {user}; name a folder of your own"),
-        Access::Sticky | Access::Everybody => "everybody may write it; chmod o-w it, or name another folder".to_owned(),
+    let message = match FolderAccess::of(&found) {
+        FolderAccess::Own => return Ok(()),
+        FolderAccess::Other(user) => format!("it belongs to user {user}; name a folder of your own"),
+        FolderAccess::Sticky | FolderAccess::Everybody => {
+            "everybody may write it; chmod o-w it, or name another folder".to_owned()
+        }
     };
     Err(io::Error::other(message))
 }

@@ -8,15 +8,15 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::{fs, io, thread};
 
 /// What a signal that ends the command has to know.
-struct Ending {
+struct SignalPlan {
     /// Names of files to remove.
     unfinished: Vec<PathBuf>,
     /// Set by the first signal instead of ending the process.
     flag: Option<Arc<AtomicBool>>,
 }
 
-fn ending() -> MutexGuard<'static, Ending> {
-    static ENDING: Mutex<Ending> = Mutex::new(Ending { unfinished: Vec::new(), flag: None });
+fn ending() -> MutexGuard<'static, SignalPlan> {
+    static ENDING: Mutex<SignalPlan> = Mutex::new(SignalPlan { unfinished: Vec::new(), flag: None });
     ENDING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -27,9 +27,9 @@ pub(crate) fn hold_signals() -> MutexGuard<'static, ()> {
 }
 
 /// A file that a signal removes while this value lives.
-pub(crate) struct Unfinished(PathBuf);
+pub(crate) struct UnfinishedFile(PathBuf);
 
-impl Unfinished {
+impl UnfinishedFile {
     /// Lists the file of this name.
     pub(crate) fn list(path: &Path) -> Self {
         ending().unfinished.push(path.to_owned());
@@ -37,7 +37,7 @@ impl Unfinished {
     }
 }
 
-impl Drop for Unfinished {
+impl Drop for UnfinishedFile {
     fn drop(&mut self) {
         let mut ending = ending();
         if let Some(place) = ending.unfinished.iter().position(|listed| *listed == self.0) {

@@ -48,6 +48,7 @@ mod relay;
 mod reload;
 mod removal;
 mod resources;
+mod rooms;
 mod round_trip;
 mod sessions;
 mod tables;

@@ -5,7 +5,7 @@ use isotherm_acquire::Description;
 use isotherm_automation::plan::Plan;
 use isotherm_autopilot::{Autopilot, Parameters};
 use isotherm_client::ImuId;
-use isotherm_files::{Trust, load_table, read_text};
+use isotherm_files::{Trust, load_table, read_text, source};
 use isotherm_fit::TableFile;
 use isotherm_pipeline::{CampaignFile, no_bar};
 use isotherm_recording_formats::convert::{Conversion, Settings};
@@ -159,17 +159,21 @@ const LOADERS: [Loader; 12] = [
     ("description of a source", |path| said(Description::load(path, Trust::Owned))),
     ("parameters of PX4", |path| said(Parameters::read(&text_of(path)?, Autopilot::Px4, None))),
     ("parameters of ArduPilot", |path| said(Parameters::read(&text_of(path)?, Autopilot::ArduPilot, None))),
-    ("mapping", |path| said(Conversion::open(Path::new(RUN), Some(path), &Settings::default()))),
+    ("mapping", |path| {
+        said(read_text(path, Trust::Any).map_err(Failure::from).and_then(|(text, _)| {
+            Conversion::open(&source(RUN), Some((path, &text)), &Settings::default())
+        }))
+    }),
     ("foreign data", |path| said(convert(path))),
     ("recording", |path| said(recording(path))),
 ];
 
 fn convert(path: &Path) -> Result<(), Failure> {
-    Conversion::open(path, None, &Settings::default())?.try_for_each(|row| row.map(drop))
+    Conversion::open(&source(path), None, &Settings::default())?.try_for_each(|row| row.map(drop))
 }
 
 fn recording(path: &Path) -> Result<(), Failure> {
-    Samples::open(&[path.to_owned()], ImuChoice::Any, &no_bar(&[], ""))?.try_for_each(|row| row.map(drop))
+    Samples::open(&[source(path)], ImuChoice::Any, &no_bar(&[], ""))?.try_for_each(|row| row.map(drop))
 }
 
 /// Processor time of this thread.

@@ -56,7 +56,7 @@ impl fmt::Display for Spot {
 
 /// The counts of a series.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Tally {
+pub(super) struct StampTally {
     /// In the order of [`KINDS`].
     counts: [u64; KINDS.len()],
     mended: u64,
@@ -73,7 +73,7 @@ pub(super) struct Tally {
     first_restart: Option<Spot>,
 }
 
-impl Tally {
+impl StampTally {
     /// Counts a bad stamp.
     pub(super) fn take(&mut self, kind: BadStamp, remedy: Remedy, spot: Spot) {
         let index = KINDS.iter().position(|(of, _)| *of == kind).unwrap_or(0);

@@ -4,9 +4,8 @@
 //! gap less than a row, a row too much more than it, and a clock that starts again as much as a dozen rows.
 
 use super::rollover::Rollover;
+use isotherm_recording::foreign::LEAP_NS;
 
-/// A leap is longer than this \[ns\], an hour: rows have to be worth it, at the beginning and the end of all rows.
-pub(super) const LEAP_NS: u64 = 3_600_000_000_000;
 /// Most rows between two rows of the chain.
 pub(super) const MOST_SKIPPED: usize = 40;
 
@@ -43,7 +42,7 @@ pub(super) struct Rhythm {
 
 /// How a row follows the one before it in the chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Link {
+pub(super) enum ChainLink {
     /// By its stamp.
     Step,
     /// A counter of this width \[ns\] rolled over.
@@ -54,11 +53,11 @@ pub(super) enum Link {
 
 /// A row of the chain.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Linked {
+pub(super) struct ChainStep {
     /// Its place in the window.
     pub at: usize,
-    /// How it follows the row before, or the last row before the window. [`Link::Step`] of the first row of all.
-    pub link: Link,
+    /// How it follows the row before, or the last row before the window. [`ChainLink::Step`] of the first row of all.
+    pub link: ChainLink,
     /// Whether the step is that of as many rows.
     pub is_in_step: bool,
 }
@@ -93,7 +92,7 @@ impl Rhythm {
     }
 
     /// How a stamp follows another one, and the step \[ns\].
-    fn link(&self, earlier_ns: u64, later_ns: u64, rollover: &Rollover) -> (Link, f64) {
+    fn link(&self, earlier_ns: u64, later_ns: u64, rollover: &Rollover) -> (ChainLink, f64) {
         let falls = match self.back_ns {
             None => later_ns <= earlier_ns,
             Some(back_ns) => later_ns.saturating_add(back_ns) < earlier_ns,
@@ -101,21 +100,21 @@ impl Rhythm {
         if !falls {
             // The difference is exact before it is rounded.
             let back_ns = earlier_ns.saturating_sub(later_ns) as f64;
-            return (Link::Step, later_ns.saturating_sub(earlier_ns) as f64 - back_ns);
+            return (ChainLink::Step, later_ns.saturating_sub(earlier_ns) as f64 - back_ns);
         }
         match rollover.width_between(earlier_ns, later_ns, self.period_ns) {
-            Some(width_ns) => (Link::Rollover(width_ns), (width_ns - earlier_ns + later_ns) as f64),
-            None => (Link::Session, 0.0),
+            Some(width_ns) => (ChainLink::Rollover(width_ns), (width_ns - earlier_ns + later_ns) as f64),
+            None => (ChainLink::Session, 0.0),
         }
     }
 
     /// What it costs that the second row is the next of the chain, besides the rows that are left out; `rows` is how
     /// many places it is behind.
-    fn cost(&self, link: Link, step_ns: f64, rows: usize, is_from_zero: bool) -> f64 {
+    fn cost(&self, link: ChainLink, step_ns: f64, rows: usize, is_from_zero: bool) -> f64 {
         let of_link = match link {
-            Link::Session => return SESSION,
-            Link::Rollover(_) => ROLLOVER,
-            Link::Step => 0.0,
+            ChainLink::Session => return SESSION,
+            ChainLink::Rollover(_) => ROLLOVER,
+            ChainLink::Step => 0.0,
         };
         let off = step_ns / self.period_ns - rows as f64;
         let of_step = if off.abs() <= self.tolerance {
@@ -139,7 +138,7 @@ pub(super) fn chain(
     is_end: bool,
     rhythm: &Rhythm,
     rollover: &Rollover,
-) -> Vec<Linked> {
+) -> Vec<ChainStep> {
     let is_odd = |at: usize| {
         let before = at.checked_sub(1).map_or(last_ns, |before| stamps.get(before).copied());
         before.zip(stamps.get(at)).is_some_and(|(before_ns, ns)| rhythm.is_odd(before_ns, *ns))
@@ -158,9 +157,9 @@ pub(super) fn chain(
         if is_few { FEW_ROWS } else { left_out[count] - left_out[at] }
     };
     // Of each row the least cost, and the row before it, as its place and 1.
-    let mut best: Vec<(f64, usize, Linked)> = Vec::with_capacity(stamps.len());
+    let mut best: Vec<(f64, usize, ChainStep)> = Vec::with_capacity(stamps.len());
     for (at, later_ns) in stamps.iter().copied().enumerate() {
-        let first = Linked { at, link: Link::Step, is_in_step: false };
+        let first = ChainStep { at, link: ChainLink::Step, is_in_step: false };
         let mut least = (if last_ns.is_none() { begin(at) } else { f64::INFINITY }, 0, first);
         for before in (at.saturating_sub(MOST_SKIPPED + 1)..at + 1).rev() {
             // The place and 1 of an earlier row; 0 is the last one before the window.
@@ -172,8 +171,8 @@ pub(super) fn chain(
             let skipped = left_out[at] - left_out[before];
             let cost = so_far + skipped + rhythm.cost(link, step_ns, rows, earlier_ns == 0);
             if cost < least.0 {
-                let is_in_step = link != Link::Session && rhythm.is_in_step(step_ns, rows);
-                least = (cost, before, Linked { is_in_step, ..first });
+                let is_in_step = link != ChainLink::Session && rhythm.is_in_step(step_ns, rows);
+                least = (cost, before, ChainStep { is_in_step, ..first });
                 least.2.link = link;
             }
         }

@@ -4,8 +4,8 @@
 //! even clock, shows the clock: all others are put where the line through the neighbouring blocks' least delays has
 //! them. The line bends at the blocks' middles, so that a clock that drifts is followed.
 
-use super::interval::Shape;
-use super::source::Reading;
+use super::interval::IntervalShape;
+use isotherm_recording::foreign::ForeignRow;
 use std::collections::VecDeque;
 
 /// Rows of a block: enough for the ends of several bursts.
@@ -13,12 +13,12 @@ const BLOCK: usize = 1000;
 
 /// Gives rows even times.
 pub(super) struct EvenClock {
-    shape: Shape,
+    shape: IntervalShape,
     /// The first stamp of the stretch \[ns\], and how many of its rows were given out.
     begin_ns: u64,
     given: usize,
     /// The rows that wait, each with its delay against the even clock \[ns\].
-    waiting: VecDeque<(Reading, f64)>,
+    waiting: VecDeque<(ForeignRow, f64)>,
     /// Middle of the last block, counted in rows of the stretch, and its least delay \[ns\].
     last: Option<(f64, f64)>,
     /// Rows of the open block: the last ones that wait.
@@ -31,7 +31,7 @@ pub(super) struct EvenClock {
 
 impl EvenClock {
     /// For stamps of this shape.
-    pub(super) fn new(shape: Shape) -> Self {
+    pub(super) fn new(shape: IntervalShape) -> Self {
         Self {
             shape,
             begin_ns: 0,
@@ -46,7 +46,7 @@ impl EvenClock {
     }
 
     /// Takes the next row. Rows that have their time go to `ready`.
-    pub(super) fn push(&mut self, row: Reading, ready: &mut VecDeque<Reading>) {
+    pub(super) fn push(&mut self, row: ForeignRow, ready: &mut VecDeque<ForeignRow>) {
         let stamp_ns = row.timestamp_ns.unwrap_or(0);
         let is_gap =
             self.given + self.waiting.len() > 0 && stamp_ns.saturating_sub(self.last_stamp_ns) > self.shape.gap_ns;
@@ -70,7 +70,7 @@ impl EvenClock {
     }
 
     /// Ends the stretch: all rows that wait get their times.
-    pub(super) fn end(&mut self, ready: &mut VecDeque<Reading>) {
+    pub(super) fn end(&mut self, ready: &mut VecDeque<ForeignRow>) {
         if self.open > 0 {
             // A block of its own would have few rows; the last whole one ends with the stretch.
             self.close(BLOCK.min(self.waiting.len()), ready);
@@ -82,7 +82,7 @@ impl EvenClock {
     }
 
     /// Closes a block of the last `rows` rows, and gives out all up to its middle.
-    fn close(&mut self, rows: usize, ready: &mut VecDeque<Reading>) {
+    fn close(&mut self, rows: usize, ready: &mut VecDeque<ForeignRow>) {
         let first = self.waiting.len() - rows;
         let least = self.waiting.range(first..).fold(f64::INFINITY, |least, (_, delay)| least.min(*delay));
         let middle = (self.given + first) as f64 + rows as f64 / 2.0;
@@ -94,7 +94,7 @@ impl EvenClock {
     }
 
     /// Gives out the next rows, by the delay of the clock at each.
-    fn give(&mut self, rows: usize, delay: impl Fn(usize) -> f64, ready: &mut VecDeque<Reading>) {
+    fn give(&mut self, rows: usize, delay: impl Fn(usize) -> f64, ready: &mut VecDeque<ForeignRow>) {
         for (mut row, _) in self.waiting.drain(..rows) {
             if row.begins_session {
                 (self.shift_ns, self.last_ns) = (0.0, None);
@@ -130,7 +130,7 @@ mod tests {
         let shape = found(&stamps).unwrap();
         assert!(!shape.is_even && (shape.period_ns / INTERVAL - 1.0).abs() < 2e-4, "{shape:?}");
         let (mut clock, mut ready) = (EvenClock::new(shape), VecDeque::new());
-        let rows = stamps.iter().map(|stamp| Reading { timestamp_ns: Some(*stamp), ..Reading::default() });
+        let rows = stamps.iter().map(|stamp| ForeignRow { timestamp_ns: Some(*stamp), ..ForeignRow::default() });
         rows.for_each(|row| clock.push(row, &mut ready));
         clock.end(&mut ready);
         let even: Vec<_> = ready.iter().filter_map(|row| row.timestamp_ns).collect();
@@ -161,7 +161,7 @@ mod tests {
         let stamps: Vec<_> = (0..1000).map(|row| stamp(row) - 45_000_000).collect();
         let (mut clock, mut ready) = (EvenClock::new(found(&stamps).unwrap()), VecDeque::new());
         for stamp in stamps {
-            clock.push(Reading { timestamp_ns: Some(stamp), ..Reading::default() }, &mut ready);
+            clock.push(ForeignRow { timestamp_ns: Some(stamp), ..ForeignRow::default() }, &mut ready);
         }
         clock.end(&mut ready);
         let times: Vec<_> = ready.iter().filter_map(|row| row.timestamp_ns).collect();

@@ -78,7 +78,7 @@ pub struct Sensors {
 
 /// What the numbers of a section can be.
 #[derive(Clone, Copy)]
-struct Numbers {
+struct NumberRules {
     kinds: &'static [(Kind, &'static str)],
     /// Whether they are means, without the time of a row.
     are_means: bool,
@@ -121,7 +121,7 @@ pub struct SensorColumns {
 impl SensorColumns {
     /// Reads the three sections. With `header` columns have names, else numbers. Faults are added to `document`.
     pub fn read(document: &Document<'_>, root: &Section<'_, '_>, header: bool) -> Option<Self> {
-        Self::sections(document, root, header, false, Numbers { kinds: &Kind::OF_SIGNALS, are_means: false })
+        Self::sections(document, root, header, false, NumberRules { kinds: &Kind::OF_SIGNALS, are_means: false })
     }
 
     /// As [`read`](Self::read), of a text, which may have the pulses of a converter. With `two_files` accelerometers
@@ -133,7 +133,7 @@ impl SensorColumns {
         two_files: bool,
         are_means: bool,
     ) -> Option<Self> {
-        Self::sections(document, root, header, two_files, Numbers { kinds: &Kind::OF_TEXTS, are_means })
+        Self::sections(document, root, header, two_files, NumberRules { kinds: &Kind::OF_TEXTS, are_means })
     }
 
     fn sections(
@@ -141,7 +141,7 @@ impl SensorColumns {
         root: &Section<'_, '_>,
         header: bool,
         of_two_files: bool,
-        numbers: Numbers,
+        numbers: NumberRules,
     ) -> Option<Self> {
         let accelerometer = root
             .section("accelerometer", "a section [accelerometer]")
@@ -201,7 +201,7 @@ pub(super) fn columns(
     None
 }
 
-fn sensors(section: Section<'_, '_>, header: bool, quantity: Quantity, numbers: Numbers) -> Option<Sensors> {
+fn sensors(section: Section<'_, '_>, header: bool, quantity: Quantity, numbers: NumberRules) -> Option<Sensors> {
     let kind = section.choice("kind", numbers.kinds);
     let is_of_pulses = kind.is_some_and(Kind::is_of_pulses);
     let [columns, negative] = match section.has("positive") || section.has("negative") {

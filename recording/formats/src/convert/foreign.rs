@@ -1,9 +1,8 @@
 //! What is known of foreign data besides the data themselves.
 
 use super::mapping::Mapping;
-use super::settings::{GyroscopeTemperature, Settings, TimeSource};
-use isotherm_files::{Trust, read_text};
-use isotherm_support::failure::Failure;
+use super::settings::{Settings, TimeSource};
+use isotherm_autopilot::logs::GyroscopeTemperature;
 use std::path::{Path, PathBuf};
 
 /// What is known of foreign data: what `isotherm convert` is told of them.
@@ -16,15 +15,6 @@ pub struct Foreign {
 }
 
 impl Foreign {
-    /// Reads the mapping file, if there is one.
-    ///
-    /// # Errors
-    /// If it cannot be read.
-    pub fn new(mapping: Option<&Path>, settings: Settings) -> Result<Self, Failure> {
-        let read = |path: &Path| Ok::<_, Failure>((path.to_owned(), read_text(path, Trust::Any)?.0));
-        Ok(Self { mapping: mapping.map(read).transpose()?, settings })
-    }
-
     /// Name and text of the mapping file.
     #[must_use]
     pub fn named(&self) -> Option<(&Path, &str)> {

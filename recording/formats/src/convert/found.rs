@@ -1,6 +1,6 @@
 //! A column of a text for which a mapping is proposed: its name and its first values.
 
-use super::heading::Heading;
+use super::heading::ColumnHeading;
 use super::{calendar, interval, unit};
 
 /// Times since 1970 that recordings have \[s\]: from 2001 to 2100.
@@ -9,8 +9,8 @@ const EPOCH_S: std::ops::Range<f64> = 1e9..4.1e9;
 const OFF: f64 = 0.05;
 
 /// A column of the text.
-pub(super) struct Found {
-    pub(super) heading: Heading,
+pub(super) struct ProposedColumn {
+    pub(super) heading: ColumnHeading,
     pub(super) values: Vec<f64>,
     pub(super) is_whole: bool,
     /// The times \[ns\] while all fields are times of ISO 8601.
@@ -18,15 +18,15 @@ pub(super) struct Found {
 }
 
 /// The unit of a time, its length \[s\], and where it comes from.
-pub(super) struct TimeUnit {
+pub(super) struct UnitGuess {
     pub(super) name: &'static str,
     pub(super) factor: f64,
     pub(super) guess: Option<String>,
 }
 
-impl Found {
+impl ProposedColumn {
     pub(super) fn new(name: &str) -> Self {
-        Self { heading: Heading::new(name), values: Vec::new(), is_whole: true, times: Some(Vec::new()) }
+        Self { heading: ColumnHeading::new(name), values: Vec::new(), is_whole: true, times: Some(Vec::new()) }
     }
 
     pub(super) fn take(&mut self, field: &str) {
@@ -78,13 +78,13 @@ impl Found {
 
     /// The unit of the time: of the name; or that with which the rows have the stated interval \[s\]; or else a guess
     /// by size.
-    pub(super) fn time_unit(&self, stated_s: Option<f64>) -> TimeUnit {
+    pub(super) fn time_unit(&self, stated_s: Option<f64>) -> UnitGuess {
         if self.times.is_some() {
-            return TimeUnit { name: "iso8601", factor: 1.0, guess: None };
+            return UnitGuess { name: "iso8601", factor: 1.0, guess: None };
         }
         let of = |name: &'static str, guess| {
             let factor = unit::TIMES.iter().find(|(unit, ..)| *unit == name).map_or(1.0, |(.., factor)| *factor);
-            TimeUnit { name, factor, guess }
+            UnitGuess { name, factor, guess }
         };
         if let Some(name) = unit::of_time(&self.heading.name) {
             return of(name, None);
@@ -119,7 +119,7 @@ impl Found {
 }
 
 /// The median length of three columns.
-pub(super) fn length(columns: [&Found; 3]) -> Option<f64> {
+pub(super) fn length(columns: [&ProposedColumn; 3]) -> Option<f64> {
     let [x, y, z] = columns;
     let rows = x.values.iter().zip(&y.values).zip(&z.values);
     let lengths = rows.map(|((x, y), z)| (x * x + y * y + z * z).sqrt());

@@ -2,7 +2,7 @@
 
 use super::columns::{ColumnRef, Kind, Sensors, Temperature};
 use super::mapping::Mapping;
-use super::unit::{Quantity, Said, of_temperature};
+use super::unit::{Quantity, UnitWord, of_temperature};
 use isotherm_shared::wire::AXES;
 
 /// Gives the mapping the units that the header says and the mapping does not. `full` makes the name that the header has
@@ -46,19 +46,19 @@ fn of_sensors(
     let Ok(names) = <[String; AXES]>::try_from(names) else { return Ok(None) };
     let given = sensors.unit.map(|factor| (factor, quantity.named(factor)));
     match (quantity.of_triad(names.each_ref().map(String::as_str)), given) {
-        (Said::Unit(said), Some((_, Some(given)))) if said != given => Err(format!(
+        (UnitWord::Unit(said), Some((_, Some(given)))) if said != given => Err(format!(
             "{section}.unit: the mapping says {}, but the header says {} ({}); correct {section}.unit, or give \
              {section}.scale in its place",
             given.name,
             said.name,
             names.join(", ")
         )),
-        (Said::Unit(said), None) => {
+        (UnitWord::Unit(said), None) => {
             sensors.unit = Some(said.factor);
             let is_default = said.factor == 1.0;
             Ok((!is_default).then(|| format!("{section}: the unit is {}, as the header says", said.name)))
         }
-        (Said::Unknown(text), None) if quantity.is_other(&text) => Err(format!(
+        (UnitWord::Unknown(text), None) if quantity.is_other(&text) => Err(format!(
             "{section}.columns: the header says {text} ({}), which is no unit of the {section}; give its columns, or \
              {section}.unit",
             names.join(", ")

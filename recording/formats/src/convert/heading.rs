@@ -1,6 +1,6 @@
 //! What the name of a column says that it is.
 
-use super::unit::{Quantity, Said, of_temperature, parts, without_brackets};
+use super::unit::{Quantity, UnitWord, of_temperature, parts, without_brackets};
 use isotherm_shared::wire::AXES;
 
 /// Parts of names that are about a sensor, and no readings of it.
@@ -8,7 +8,7 @@ const BESIDE: [&str; 9] = ["temp", "std", "var", "cov", "bias", "clip", "err", "
 
 /// The name of a column.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Heading {
+pub(super) struct ColumnHeading {
     /// The name as the text has it.
     pub(super) name: String,
     /// Its parts in lower case, with what is in brackets.
@@ -19,7 +19,7 @@ pub(super) struct Heading {
     index: Option<usize>,
 }
 
-impl Heading {
+impl ColumnHeading {
     pub(super) fn new(name: &str) -> Self {
         let base = without_brackets(name);
         let index = base.trim_end().strip_suffix(']').and_then(|rest| rest.rsplit_once('['));
@@ -95,7 +95,7 @@ impl Heading {
 
     /// The axis, unless the name is about something else of the sensor, or has a unit of the other quantity.
     fn reading(&self, axis: Option<usize>, quantity: Quantity) -> Option<usize> {
-        let is_other = matches!(quantity.said(&self.name), Said::Unknown(text) if quantity.is_other(&text));
+        let is_other = matches!(quantity.said(&self.name), UnitWord::Unknown(text) if quantity.is_other(&text));
         axis.filter(|_| !self.begins(&BESIDE) && !is_other)
     }
 

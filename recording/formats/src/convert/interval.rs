@@ -14,7 +14,7 @@ const ERRORS: f64 = 3.0;
 const FEWEST: u64 = 3;
 
 /// The steps of the time between rows without a gap, as deviations from one interval.
-pub(super) struct Steps {
+pub(super) struct IntervalSteps {
     interval_ns: f64,
     count: u64,
     /// Of them under half of the interval.
@@ -28,7 +28,7 @@ pub(super) struct Steps {
     last: f64,
 }
 
-impl Steps {
+impl IntervalSteps {
     /// No steps.
     pub(super) fn new(interval_ns: u64) -> Self {
         Self {
@@ -95,7 +95,7 @@ impl Steps {
 
 /// How the stamps of rows lie.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Shape {
+pub(super) struct IntervalShape {
     /// The time from row to row \[ns\].
     pub period_ns: f64,
     /// Whether the stamps are those of the rows; else they jitter or come in bursts.
@@ -132,7 +132,7 @@ const LONGEST_BURST_NS: u64 = 60_000_000_000;
 
 /// The nominal interval of rows of this shape \[ns\]: the time from row to row; or the interval of a whole number of
 /// Hz, of s, or the median step, the first that the data allow.
-pub(super) fn rounded(shape: &Shape) -> Option<u64> {
+pub(super) fn rounded(shape: &IntervalShape) -> Option<u64> {
     let mean = shape.period_ns;
     let hertz = 1e9 / (1e9 / mean).round();
     let seconds = (mean / 1e9).round() * 1e9;
@@ -144,7 +144,7 @@ pub(super) fn rounded(shape: &Shape) -> Option<u64> {
 }
 
 /// The shape of these times \[ns\], which do not fall; `None` if none of them rises.
-pub(super) fn found(times: &[u64]) -> Option<Shape> {
+pub(super) fn found(times: &[u64]) -> Option<IntervalShape> {
     let all: Vec<_> = times.windows(2).filter_map(|pair| pair[1].checked_sub(pair[0])).collect();
     let mut sorted: Vec<_> = all.iter().copied().filter(|step| *step > 0).collect();
     sorted.sort_unstable();
@@ -154,11 +154,11 @@ pub(super) fn found(times: &[u64]) -> Option<Shape> {
     let period_ns = usual(&all, median_ns);
     let is_even = is_even(longest, period_ns);
     if is_even {
-        let mut steps = Steps::new(median_ns);
+        let mut steps = IntervalSteps::new(median_ns);
         all.iter().filter(|step| **step > 0).for_each(|step| steps.take(*step));
         let jitter = ERRORS * steps.variance().sqrt() / steps.count.max(1) as f64;
         let near = COUNTS + jitter / period_ns;
-        return Some(Shape { period_ns, is_even, gap_ns, burst: 1, near, median_ns });
+        return Some(IntervalShape { period_ns, is_even, gap_ns, burst: 1, near, median_ns });
     }
     let period_ns = slope(longest).filter(|period_ns| *period_ns > 0.0)?;
     let rows = longest.len() as f64;
@@ -170,7 +170,7 @@ pub(super) fn found(times: &[u64]) -> Option<Shape> {
     let late = longest.iter().enumerate().map(|(row, time)| (time - longest[0]) as f64 - row as f64 * period_ns);
     let (low, high) = late.fold((0.0, 0.0), |(low, high): (f64, f64), late| (low.min(late), high.max(late)));
     let near = COUNTS + (high - low) / period_ns / rows.powf(1.5);
-    Some(Shape { period_ns, is_even, gap_ns, burst, near, median_ns })
+    Some(IntervalShape { period_ns, is_even, gap_ns, burst, near, median_ns })
 }
 
 /// The usual step of the times that rise \[ns\], of times that may also fall; `None` if none rises.
@@ -211,7 +211,7 @@ fn of_bursts(times: &[u64], gap_ns: u64) -> Option<u64> {
 
 /// The usual step \[ns\]: the sum of all that tell it over the number of rows that they are long.
 fn usual(steps: &[u64], median_ns: u64) -> f64 {
-    let mut near = Steps::new(median_ns);
+    let mut near = IntervalSteps::new(median_ns);
     steps.iter().filter(|step| **step > 0).for_each(|step| near.take(*step));
     let first = near.mean();
     let few = steps.iter().map(|step| *step as f64).filter(|step| *step > 0.0 && *step <= FEW * first);
@@ -282,7 +282,7 @@ pub(super) mod tests {
     }
 
     fn other_mean(times: &[u64], interval_ns: u64) -> Option<f64> {
-        let mut steps = Steps::new(interval_ns);
+        let mut steps = IntervalSteps::new(interval_ns);
         times.windows(2).for_each(|pair| steps.take(pair[1] - pair[0]));
         steps.other_mean()
     }
@@ -336,7 +336,7 @@ pub(super) mod tests {
 
     #[test]
     fn pauses_are_no_bursts_and_jitter_is_no_loss() {
-        let off = |shape: Shape| (shape.period_ns / 1e7 - 1.0).abs();
+        let off = |shape: IntervalShape| (shape.period_ns / 1e7 - 1.0).abs();
         for rows in [100, 250, 400] {
             let pause = |row: u64| (0..row / rows).map(|number| 9e11 * (1.0 + 3.0 * uniform(number))).sum::<f64>();
             for count in [1000, 20_000] {

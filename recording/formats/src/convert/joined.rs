@@ -14,11 +14,11 @@
 //! An offset between the two clocks is followed, so that the borders between rows lie between readings, and jitter does
 //! not move a reading to another row.
 
-use super::scale::Units;
-use super::source::{Reading, Source};
-use super::stream::{Stream, located};
+use super::stream::{RowStream, located};
 use core::f64::consts::TAU;
 use isotherm_recording::RecordingError;
+use isotherm_recording::foreign::Units;
+use isotherm_recording::foreign::{ForeignRow, RowSource};
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use isotherm_support::finding::{Finding, name};
@@ -40,32 +40,32 @@ const DIRECTED: f64 = 0.5;
 /// Accelerometers and gyroscopes, joined.
 pub(super) struct JoinedSource {
     /// Those of the rows, and the others, of which a row usually has several.
-    slow: Stream,
-    fast: Stream,
+    slow: RowStream,
+    fast: RowStream,
     /// Readings of the fast ones a row.
     usual: f64,
     /// What the fast ones' clock is ahead of the centre between their readings \[ns\].
     offset_ns: f64,
     /// Rows that wait for those behind them, and the last ones that were given out.
-    rows: VecDeque<Row>,
-    before: VecDeque<Row>,
+    rows: VecDeque<TriadRow>,
+    before: VecDeque<TriadRow>,
     /// What rounding has left over.
     rest: [f64; AXES],
     first_ns: [Option<u64>; 2],
-    tally: Tally,
+    tally: JoinTally,
 }
 
 /// A row, with what belongs to it of the fast ones.
 #[derive(Clone, Copy)]
-struct Row {
-    slow: Reading,
+struct TriadRow {
+    slow: ForeignRow,
     count: usize,
     pulses: [i64; AXES],
-    last: Option<Reading>,
+    last: Option<ForeignRow>,
 }
 
 #[derive(Default)]
-struct Tally {
+struct JoinTally {
     rows: u64,
     readings: u64,
     /// Of the readings' times less those of their rows \[ns\].
@@ -80,7 +80,7 @@ struct Tally {
 
 impl JoinedSource {
     /// Joins these accelerometers and gyroscopes.
-    pub(super) fn new(accelerometers: Stream, gyroscopes: Stream) -> Self {
+    pub(super) fn new(accelerometers: RowStream, gyroscopes: RowStream) -> Self {
         let are_slower = accelerometers.interval_ns >= gyroscopes.interval_ns * (1.0 - SAME);
         let (slow, fast) = if are_slower { (accelerometers, gyroscopes) } else { (gyroscopes, accelerometers) };
         let usual = (slow.interval_ns / fast.interval_ns).max(1.0);
@@ -93,7 +93,7 @@ impl JoinedSource {
             before: VecDeque::new(),
             rest: [0.0; AXES],
             first_ns: [None; 2],
-            tally: Tally::default(),
+            tally: JoinTally::default(),
         };
         joined.find_offset();
         joined
@@ -134,12 +134,12 @@ impl JoinedSource {
     fn step(&mut self) -> Result<bool, RecordingError> {
         let (has_row, _) = (self.slow.load()?, self.fast.load()?);
         let far_ns = FAR * self.slow.interval_ns;
-        let time = |reading: &Reading| reading.timestamp_ns.unwrap_or(0);
+        let time = |reading: &ForeignRow| reading.timestamp_ns.unwrap_or(0);
         let Some(reading) = self.fast.next else {
             self.push_row();
             return Ok(has_row);
         };
-        let after = |row: &Reading| difference(time(&reading), time(row)) - self.offset_ns;
+        let after = |row: &ForeignRow| difference(time(&reading), time(row)) - self.offset_ns;
         let (of_last, of_next) = (self.rows.back().map(|row| after(&row.slow)), self.slow.next.as_ref().map(after));
         match (of_last, of_next) {
             // The row comes first, or it is the nearest one.
@@ -163,12 +163,12 @@ impl JoinedSource {
 
     fn push_row(&mut self) {
         if let Some(slow) = self.slow.next.take() {
-            self.rows.push_back(Row { slow, count: 0, pulses: [0; AXES], last: None });
+            self.rows.push_back(TriadRow { slow, count: 0, pulses: [0; AXES], last: None });
         }
     }
 
     /// Adds a reading to the last row, this time after it, less the offset \[ns\].
-    fn assign(&mut self, reading: &Reading, after_ns: f64) {
+    fn assign(&mut self, reading: &ForeignRow, after_ns: f64) {
         let Some(row) = self.rows.back_mut() else { return };
         row.count += 1;
         let pulses = self.fast.pulses(reading);
@@ -184,13 +184,13 @@ impl JoinedSource {
     }
 
     /// The next row that is complete; `None` if it is left out.
-    fn finished(&mut self, row: Row) -> Option<Reading> {
+    fn finished(&mut self, row: TriadRow) -> Option<ForeignRow> {
         let near_ns = (BESIDE as f64 + 0.5) * self.slow.interval_ns;
-        let is_near = |other: &&Row| {
+        let is_near = |other: &&TriadRow| {
             let [own, other] = [&row, *other].map(|row| row.slow.timestamp_ns.unwrap_or(0));
             difference(own, other).abs() <= near_ns
         };
-        let has = |other: Option<&Row>| other.filter(is_near).is_some_and(|other| other.count > 0);
+        let has = |other: Option<&TriadRow>| other.filter(is_near).is_some_and(|other| other.count > 0);
         let is_between = has(self.before.back()) && has(self.rows.front());
         let about = self.before.iter().chain([&row]).chain(self.rows.iter().take(BESIDE)).filter(is_near);
         let (count, sums) = about.fold((0, [0; AXES]), |(count, sums), other| {
@@ -223,7 +223,7 @@ impl JoinedSource {
         Some(reading)
     }
 
-    fn streams(&self) -> [&Stream; 2] {
+    fn streams(&self) -> [&RowStream; 2] {
         if self.slow.are_gyroscopes { [&self.fast, &self.slow] } else { [&self.slow, &self.fast] }
     }
 }
@@ -233,8 +233,8 @@ fn difference(a: u64, b: u64) -> f64 {
     (i128::from(a) - i128::from(b)) as f64
 }
 
-impl Source for JoinedSource {
-    fn read(&mut self) -> Result<Option<Reading>, RecordingError> {
+impl RowSource for JoinedSource {
+    fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         loop {
             // The last row may get further readings.
             while self.rows.len() < BESIDE + 2 && self.step()? {}
@@ -283,7 +283,7 @@ impl Source for JoinedSource {
     }
 
     fn notes(&self) -> Vec<String> {
-        let Tally { rows, readings, offset_ns, early, .. } = &self.tally;
+        let JoinTally { rows, readings, offset_ns, early, .. } = &self.tally;
         let (slow, fast) = (&self.slow, &self.fast);
         let ms = offset_ns / (*readings).max(1) as f64 / 1e6;
         let side = if ms < 0.0 { "before" } else { "after" };
@@ -316,7 +316,7 @@ impl Source for JoinedSource {
                 }
             }
         }
-        let Tally { between, filled, left_out, .. } = self.tally;
+        let JoinTally { between, filled, left_out, .. } = self.tally;
         let (rows, readings) = (self.slow.sensors(), self.fast.sensors());
         let mut add = |count: u64, what: String| {
             if count > 0 {

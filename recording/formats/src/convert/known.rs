@@ -1,18 +1,17 @@
 //! Formats whose columns are known, so that they need no mapping. Each is recognised by its first bytes.
 
-use super::autopilot::{DataFlashSource, Encoding, FoundImu, UlogSource, is_ulog};
 use super::novatel::{self, NovatelSource};
 use super::ros::RosSource;
-use super::settings::{GyroscopeTemperature, Settings, TimeSource};
-use super::source::Source;
+use super::settings::{Settings, TimeSource};
+use isotherm_autopilot::logs::{DataFlashSource, Encoding, FoundImu, GyroscopeTemperature, UlogSource, is_ulog};
 use isotherm_recording::columns::MCAP_MAGIC;
+use isotherm_recording::foreign::{OpenData, RowSource};
 use isotherm_support::failure::{Exit, Failure, shown};
-use std::io::Read;
 use std::path::Path;
 
 /// A format whose columns are known.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(super) enum Known {
+pub(super) enum KnownFormat {
     /// ROS messages.
     Mcap,
     Novatel,
@@ -22,7 +21,7 @@ pub(super) enum Known {
     DataFlash(Encoding),
 }
 
-impl Known {
+impl KnownFormat {
     /// The format of data that begin with these bytes.
     pub(super) fn of(beginning: &[u8]) -> Option<Self> {
         if beginning.starts_with(MCAP_MAGIC) {
@@ -37,54 +36,54 @@ impl Known {
         Encoding::of(beginning).map(Self::DataFlash)
     }
 
-    /// Opens the data. `source` has all of them; logs are read from the file instead. ROS messages may have other
-    /// units, one of which is `units` \[m/s2, rad/s\].
-    pub(super) fn open(
+    /// The rows of the data. ROS messages may have other units, one of which is `units` \[m/s2, rad/s\].
+    pub(super) fn rows(
         self,
-        path: &Path,
-        source: Box<dyn Read>,
+        data: OpenData<'_>,
         settings: &Settings,
         temperature: Option<f64>,
         units: [f64; 2],
-    ) -> Result<Box<dyn Source>, Failure> {
+    ) -> Result<Box<dyn RowSource>, Failure> {
         Ok(match self {
-            Self::Mcap => RosSource::open(path, source, settings, temperature, units)?,
-            Self::Novatel => Box::new(NovatelSource::new(source, temperature)),
-            Self::Ulog => Box::new(UlogSource::open(path, settings, temperature)?),
-            Self::DataFlash(encoding) => Box::new(DataFlashSource::open(path, settings, temperature, encoding)?),
+            Self::Mcap => RosSource::open(data, settings, temperature, units)?,
+            Self::Novatel => Box::new(NovatelSource::new(data.bytes, temperature)),
+            Self::Ulog => Box::new(UlogSource::open(data, &settings.of_log(), temperature)?),
+            Self::DataFlash(encoding) => {
+                Box::new(DataFlashSource::open(data, &settings.of_log(), temperature, encoding)?)
+            }
         })
     }
-}
 
-/// The IMUs of an autopilot's log that begins with these bytes; `None` of other data.
-///
-/// # Errors
-/// If it has no rows of an IMU; of reading.
-pub(super) fn imus_of(path: &Path, beginning: &[u8], settings: &Settings) -> Result<Option<Vec<FoundImu>>, Failure> {
-    match Known::of(beginning) {
-        Some(Known::Ulog) => UlogSource::imus(path, settings).map(Some),
-        Some(Known::DataFlash(encoding)) => DataFlashSource::imus(path, settings, encoding).map(Some),
-        _ => Ok(None),
+    /// The IMUs of an autopilot's log; none of other data.
+    ///
+    /// # Errors
+    /// If a log has no rows of an IMU; of reading.
+    pub(super) fn imus(self, data: OpenData<'_>) -> Result<Vec<FoundImu>, Failure> {
+        match self {
+            Self::Ulog => UlogSource::imus(data),
+            Self::DataFlash(encoding) => DataFlashSource::imus(data, encoding),
+            Self::Mcap | Self::Novatel => Ok(Vec::new()),
+        }
     }
 }
 
 /// Refuses settings of another format than the data's.
-pub(super) fn check(settings: &Settings, path: &Path, format: Option<Known>) -> Result<(), Failure> {
+pub(super) fn check(settings: &Settings, path: &Path, format: Option<KnownFormat>) -> Result<(), Failure> {
     let refused = |message: &str| Err(Failure::new(Exit::Usage, format!("{}: {message}", shown(path))));
     let topics = [&settings.topic, &settings.gyroscope_topic, &settings.temperature_topic];
-    if format != Some(Known::Mcap) && topics.iter().any(|topic| topic.is_some()) {
+    if format != Some(KnownFormat::Mcap) && topics.iter().any(|topic| topic.is_some()) {
         return refused("a topic is named, but this is not MCAP");
     }
     if format.is_some() && settings.gyroscope_file.is_some() {
         return refused("a file of the gyroscopes is named, but this is no text with a mapping");
     }
-    let is_log = matches!(format, Some(Known::Ulog | Known::DataFlash(_)));
+    let is_log = matches!(format, Some(KnownFormat::Ulog | KnownFormat::DataFlash(_)));
     if is_log && settings.time != TimeSource::Header {
         return refused(
             "--time is for texts and bags, but this is the log of an autopilot, whose times are mended anyhow",
         );
     }
-    if format != Some(Known::Mcap) && settings.time == TimeSource::Log {
+    if format != Some(KnownFormat::Mcap) && settings.time == TimeSource::Log {
         return refused(
             "--time log takes the times at which messages were recorded, but this is not MCAP; leave it out, or give \
              --time rate --interval S for rows that are S seconds apart",

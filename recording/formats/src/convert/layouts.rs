@@ -2,14 +2,14 @@
 //! wherever they come from.
 
 use super::columns::{ColumnRef, Sensors};
-use super::found::{Found, length};
+use super::found::{ProposedColumn, length};
 use super::mapping::Mapping;
-use super::opening::{Opening, Table, rows_of};
+use super::opening::{Table, TextOpening, rows_of};
 use super::proposal::{CELSIUS, first_columns, quoted};
-use super::source::PLACEHOLDER;
-use super::unit::{self, Quantity, Said, without_brackets};
+use super::unit::{self, Quantity, UnitWord, without_brackets};
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::Rows;
+use isotherm_recording::foreign::PLACEHOLDER;
 use isotherm_shared::wire::AXES;
 use std::fmt::Write as _;
 use std::io::{Cursor, Read};
@@ -26,7 +26,7 @@ const GRAVITY: std::ops::Range<f64> = 7.0..13.0;
 
 /// A text that is recognised.
 #[derive(Clone, Debug)]
-pub(super) struct Recognised {
+pub(super) struct LayoutMatch {
     pub(super) mapping: Mapping,
     /// The mapping as text.
     text: String,
@@ -42,10 +42,10 @@ pub(super) struct Recognised {
 ///
 /// # Errors
 /// The reason why a text that is recognised has no accelerations, with the remedy.
-pub(super) fn recognise(beginning: &[u8], name: &Path) -> Result<Option<Recognised>, String> {
+pub(super) fn recognise(beginning: &[u8], name: &Path) -> Result<Option<LayoutMatch>, String> {
     let beginning: Box<dyn Read> = Box::new(Cursor::new(beginning.to_vec()));
     let read = || {
-        let (opening, source) = Opening::read(beginning, 0)?;
+        let (opening, source) = TextOpening::read(beginning, 0)?;
         let Some(table) = opening.table() else { return Ok(None) };
         let mut rows = rows_of(source, &table, 0)?;
         Ok::<_, RecordingError>(rows.next_row()?.then(|| First::read(&mut rows, &table)))
@@ -71,7 +71,7 @@ fn bases(names: &[String]) -> Vec<String> {
 /// The first rows of a text.
 struct First {
     bases: Vec<String>,
-    columns: Vec<Found>,
+    columns: Vec<ProposedColumn>,
     skip: u64,
     has_header: bool,
     /// Whether all fields that are numbers have an exponent.
@@ -111,7 +111,7 @@ impl First {
         length.is_none_or(|length| GRAVITY.contains(&length))
     }
 
-    fn of_layout(&self, layout: &Layout, name: &Path) -> Result<Option<Recognised>, String> {
+    fn of_layout(&self, layout: &Layout, name: &Path) -> Result<Option<LayoutMatch>, String> {
         let time = layout.time.iter().find_map(|(column, unit)| Some((self.place(column)?, *unit)));
         let (Some(time), Some(accelerometer)) = (time, self.triad(layout.accelerometer)) else { return Ok(None) };
         let gyroscope = layout.gyroscope.and_then(|columns| self.triad(columns));
@@ -132,11 +132,12 @@ impl First {
         }
         // A script may write the names of a layout above numbers in another unit.
         let names = accelerometer.map(|column| self.columns[column].heading.name.as_str());
-        let is_unsaid = matches!(Quantity::Acceleration.of_triad(names), Said::Nothing) && layout.durations.is_none();
+        let is_unsaid =
+            matches!(Quantity::Acceleration.of_triad(names), UnitWord::Nothing) && layout.durations.is_none();
         if is_unsaid && !self.is_gravity(accelerometer, layout.units[0]) {
             return Ok(None);
         }
-        let taken = Taken { time, accelerometer, gyroscope, temperature, units: layout.units };
+        let taken = UsedColumn { time, accelerometer, gyroscope, temperature, units: layout.units };
         let recognised = self.recognised(layout.name, &taken, layout.resolution, true, layout.remark);
         Ok(recognised.map(|mut recognised| {
             if let Some(durations) = layout.durations {
@@ -162,13 +163,13 @@ impl First {
     }
 
     /// Layouts whose rows tell what they are.
-    fn without_header(&self, name: &Path) -> Result<Option<Recognised>, String> {
+    fn without_header(&self, name: &Path) -> Result<Option<LayoutMatch>, String> {
         let count = self.columns.iter().filter(|column| !column.values.is_empty()).count();
         let last = self.columns.last().is_some_and(|column| column.is_numeric());
         let count = if last { count } else { count.saturating_sub(1) };
-        let numeric = |from: usize, to: usize| self.columns[from..to].iter().all(Found::is_numeric);
+        let numeric = |from: usize, to: usize| self.columns[from..to].iter().all(ProposedColumn::is_numeric);
         if count == 13 && numeric(2, 13) && self.columns[1].is_calendar() && !self.columns[0].is_numeric() {
-            let taken = Taken {
+            let taken = UsedColumn {
                 time: (1, "iso8601"),
                 accelerometer: [2, 3, 4],
                 gyroscope: Some([5, 6, 7]),
@@ -186,8 +187,13 @@ impl First {
             if file.contains("gyr") {
                 return Err(rates_alone("imu_tk"));
             }
-            let taken =
-                Taken { time: (0, "s"), accelerometer: [1, 2, 3], gyroscope: None, temperature: None, units: ["", ""] };
+            let taken = UsedColumn {
+                time: (0, "s"),
+                accelerometer: [1, 2, 3],
+                gyroscope: None,
+                temperature: None,
+                units: ["", ""],
+            };
             return Ok(self.recognised("imu_tk", &taken, "1", false, ""));
         }
         Ok(None)
@@ -196,11 +202,11 @@ impl First {
     fn recognised(
         &self,
         layout: &'static str,
-        taken: &Taken,
+        taken: &UsedColumn,
         resolution: &str,
         header: bool,
         remark: &str,
-    ) -> Option<Recognised> {
+    ) -> Option<LayoutMatch> {
         let name = |column: usize| match header {
             true => quoted(&self.columns[column].heading.name),
             false => (column + 1).to_string(),
@@ -222,9 +228,9 @@ impl First {
             let all = columns.map(|column| &self.columns[column]);
             let said = match quantity.of_triad(all.map(|column| column.heading.name.as_str())) {
                 // Numbers in another unit have other sizes: a mapping gives them their resolution.
-                Said::Unit(said) if header && !unit.is_empty() && said.name != unit => return None,
-                Said::Unit(said) if header => said.name,
-                Said::Unknown(_) if header => return None,
+                UnitWord::Unit(said) if header && !unit.is_empty() && said.name != unit => return None,
+                UnitWord::Unit(said) if header => said.name,
+                UnitWord::Unknown(_) if header => return None,
                 _ => unit,
             };
             let _ = writeln!(text, "[{}]\ncolumns = [{}]\nkind = \"reading\"", quantity.section(), names(columns));
@@ -252,12 +258,12 @@ impl First {
         let mapping = Mapping::from_toml(&text).ok()?;
         let counts = taken.units[0].is_empty();
         let is_without_temperature = taken.temperature.is_none();
-        Some(Recognised { mapping, text, note: note + remark, counts, is_without_temperature })
+        Some(LayoutMatch { mapping, text, note: note + remark, counts, is_without_temperature })
     }
 }
 
 /// The columns of a text, from 0, and their units.
-struct Taken {
+struct UsedColumn {
     time: (usize, &'static str),
     accelerometer: [usize; AXES],
     gyroscope: Option<[usize; AXES]>,
@@ -265,7 +271,7 @@ struct Taken {
     units: [&'static str; 2],
 }
 
-impl Recognised {
+impl LayoutMatch {
     /// The mapping of this text of accelerometers and of one of gyroscopes, which has the same columns; `None` if this
     /// text has the gyroscopes itself.
     pub(super) fn with_gyroscopes(&self) -> Option<Mapping> {

@@ -1,12 +1,11 @@
 //! A table of numbers in a text as it looks, for proposals: its columns, and their first values.
 
 use super::calendar;
-use super::opening::{Opening, rows_of};
-use isotherm_files::open_recording;
+use super::opening::{TextOpening, rows_of};
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{Separator, looks_like_number};
 use isotherm_support::failure::{Exit, Failure, shown};
-use std::path::Path;
+use isotherm_support::source::DataSource;
 
 /// Rows that are looked at.
 const ROWS: usize = 1000;
@@ -55,10 +54,11 @@ impl LookedTable {
     ///
     /// # Errors
     /// If it cannot be read, or is no table of numbers.
-    pub fn of(path: &Path) -> Result<Self, Failure> {
-        let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
+    pub fn of(source: &DataSource) -> Result<Self, Failure> {
+        let path = source.name();
+        let source = source.open().map_err(|error| Failure::io("opening", path, &error))?;
         let failed = |error: RecordingError| error.failure(path);
-        let (opening, source) = Opening::read(source, 0).map_err(failed)?;
+        let (opening, source) = TextOpening::read(Box::new(source), 0).map_err(failed)?;
         let Some(table) = opening.table() else {
             return Err(
                 Failure::new(Exit::Data, format!("{}: this is no table of numbers", shown(path))).at(path, None)

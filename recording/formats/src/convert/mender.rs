@@ -4,12 +4,13 @@
 //! Rows wait until [`WINDOW`] of them are there. While none of their stamps is odd they are given as they are, each for
 //! the next one. Around an odd stamp the [`chain`] says which stamps are right.
 
-use super::bad_stamps::{BadStamp, Remedy, Spot, Tally};
-use super::chain::{Link, Linked, Rhythm, chain};
-use super::placed::{Placed, near};
+use super::bad_stamps::{BadStamp, Remedy, Spot, StampTally};
+use super::chain::{ChainLink, ChainStep, Rhythm, chain};
+use super::placed::{SessionRow, near};
 use super::rhythm::Twice;
-use super::rollover::{Counter, Rollover};
-use super::source::Reading;
+use super::rollover::Rollover;
+use isotherm_recording::foreign::Counter;
+use isotherm_recording::foreign::ForeignRow;
 use isotherm_shared::wire::AXES;
 use std::collections::VecDeque;
 
@@ -35,7 +36,7 @@ pub(super) struct Mender {
     /// Whether the values of a row that is left out count for the next one.
     adds_up: bool,
     rollover: Rollover,
-    waiting: VecDeque<Waiting>,
+    waiting: VecDeque<WaitingRow>,
     /// Numbers of the first row that waits, and of the first one with an odd stamp.
     front: u64,
     first_odd: Option<u64>,
@@ -47,14 +48,14 @@ pub(super) struct Mender {
     /// The last rows, without those that were left out as repeated.
     remembered: VecDeque<(u64, Values)>,
     read: u64,
-    tally: Tally,
+    tally: StampTally,
 }
 
 type Values = [i64; 2 * AXES];
 
 #[derive(Clone, Copy, Debug)]
-struct Waiting {
-    reading: Reading,
+struct WaitingRow {
+    reading: ForeignRow,
     stamp_ns: u64,
     /// Number of the row, from 1.
     row: u64,
@@ -77,12 +78,12 @@ impl Mender {
             highest_ns: 0,
             remembered: VecDeque::new(),
             read: 0,
-            tally: Tally::default(),
+            tally: StampTally::default(),
         }
     }
 
     /// Takes the next row. Rows that have their time go to `ready`.
-    pub(super) fn push(&mut self, reading: Reading, counter: Counter, ready: &mut VecDeque<Reading>) {
+    pub(super) fn push(&mut self, reading: ForeignRow, counter: Counter, ready: &mut VecDeque<ForeignRow>) {
         let Some(stamp_ns) = reading.timestamp_ns else { return ready.push_back(reading) };
         self.read += 1;
         self.rollover.set_counter(counter);
@@ -101,7 +102,7 @@ impl Mender {
             self.remembered.pop_front();
         }
         self.remembered.push_back((stamp_ns, reading.pulses));
-        self.waiting.push_back(Waiting { reading, stamp_ns, row: self.read, is_odd });
+        self.waiting.push_back(WaitingRow { reading, stamp_ns, row: self.read, is_odd });
         while self.waiting.len() >= WINDOW {
             match self.first_odd {
                 Some(odd) if odd <= self.front + HEAD as u64 => self.resolve(false, ready),
@@ -111,7 +112,7 @@ impl Mender {
     }
 
     /// Gives all rows that wait.
-    pub(super) fn end(&mut self, ready: &mut VecDeque<Reading>) {
+    pub(super) fn end(&mut self, ready: &mut VecDeque<ForeignRow>) {
         while !self.waiting.is_empty() {
             match self.first_odd {
                 Some(_) => self.resolve(true, ready),
@@ -126,7 +127,7 @@ impl Mender {
     }
 
     /// The stamps that were bad.
-    pub(super) const fn tally(&self) -> &Tally {
+    pub(super) const fn tally(&self) -> &StampTally {
         &self.tally
     }
 
@@ -153,8 +154,8 @@ impl Mender {
     }
 
     /// Gives the first row that waits as it is.
-    fn give_first(&mut self, ready: &mut VecDeque<Reading>) {
-        let Some(Waiting { mut reading, stamp_ns, row, .. }) = self.waiting.pop_front() else { return };
+    fn give_first(&mut self, ready: &mut VecDeque<ForeignRow>) {
+        let Some(WaitingRow { mut reading, stamp_ns, row, .. }) = self.waiting.pop_front() else { return };
         self.front += 1;
         let mut time_ns = stamp_ns;
         if let Some((last_stamp_ns, last_ns)) = self.last {
@@ -169,7 +170,7 @@ impl Mender {
     }
 
     /// Finds the good rows of the window, gives those up to a calm place, and mends what is between them.
-    fn resolve(&mut self, is_end: bool, ready: &mut VecDeque<Reading>) {
+    fn resolve(&mut self, is_end: bool, ready: &mut VecDeque<ForeignRow>) {
         let stamps: Vec<_> = self.waiting.iter().map(|row| row.stamp_ns).collect();
         let mut chain = chain(&stamps, self.last.map(|(stamp_ns, _)| stamp_ns), is_end, &self.rhythm, &self.rollover);
         let mut rows = stamps.len();
@@ -203,21 +204,21 @@ impl Mender {
     }
 
     /// The rows of the chain with their times.
-    fn good(&mut self, chain: &[Linked]) -> Vec<Placed> {
+    fn good(&mut self, chain: &[ChainStep]) -> Vec<SessionRow> {
         let (mut last, mut session) = (self.last, 0);
         let mut good = Vec::with_capacity(chain.len());
-        for Linked { at, link, .. } in chain.iter().copied() {
-            let Waiting { stamp_ns, row, reading, .. } = self.waiting[at];
+        for ChainStep { at, link, .. } in chain.iter().copied() {
+            let WaitingRow { stamp_ns, row, reading, .. } = self.waiting[at];
             let time_ns = match (last, link) {
-                (Some((earlier_ns, time_ns)), Link::Step) => {
+                (Some((earlier_ns, time_ns)), ChainLink::Step) => {
                     self.rollover.step(stamp_ns.saturating_sub(earlier_ns));
                     after(time_ns, earlier_ns, stamp_ns)
                 }
-                (Some((earlier_ns, time_ns)), Link::Rollover(width_ns)) => {
+                (Some((earlier_ns, time_ns)), ChainLink::Rollover(width_ns)) => {
                     self.rollover.take(width_ns, row);
                     after(time_ns, earlier_ns, stamp_ns.wrapping_add(width_ns))
                 }
-                (Some((before_ns, _)), Link::Session) => {
+                (Some((before_ns, _)), ChainLink::Session) => {
                     session += 1;
                     self.tally.take_restart(Spot { place: reading.place, stamp_ns, before_ns: Some(before_ns) });
                     stamp_ns
@@ -225,7 +226,7 @@ impl Mender {
                 (None, _) => stamp_ns,
             };
             last = Some((stamp_ns, time_ns));
-            good.push(Placed { session, time_ns, at, is_mended: false });
+            good.push(SessionRow { session, time_ns, at, is_mended: false });
         }
         good
     }
@@ -233,18 +234,18 @@ impl Mender {
     /// Places the bad rows of a run between two good ones, and counts them: where their own stamps have them in this
     /// hole or the ones beside it; or in order, where as many places are left as rows; or where their own stamps have
     /// them nearby.
-    fn mend(&mut self, good: &[Placed], run: core::ops::Range<usize>, placed: &mut Vec<Placed>) {
+    fn mend(&mut self, good: &[SessionRow], run: core::ops::Range<usize>, placed: &mut Vec<SessionRow>) {
         let next = good.partition_point(|row| row.at < run.start);
         let before = next.checked_sub(1).map(|before| (good[before], self.waiting[good[before].at].stamp_ns));
-        let first = self.last.map(|(stamp_ns, time_ns)| (Placed { time_ns, ..Placed::default() }, stamp_ns));
+        let first = self.last.map(|(stamp_ns, time_ns)| (SessionRow { time_ns, ..SessionRow::default() }, stamp_ns));
         let earlier = before.or(first);
         let later = good.get(next).map(|row| (*row, self.waiting[row.at].stamp_ns));
         let around = [earlier, later].map(|row| row.map(|(_, stamp_ns)| stamp_ns));
         let rows = run.len() + 1;
-        let own = |mender: &Self, at: usize, good: &[Placed], placed: &[Placed]| {
+        let own = |mender: &Self, at: usize, good: &[SessionRow], placed: &[SessionRow]| {
             let (clock, first_ns) = earlier.or(later)?;
             let time_ns = after(clock.time_ns, first_ns, mender.waiting[at].stamp_ns);
-            mender.own_place(Placed { time_ns, at, ..clock }, good, placed)
+            mender.own_place(SessionRow { time_ns, at, ..clock }, good, placed)
         };
         let mut left = Vec::new();
         let mut highest_ns = around[0].unwrap_or(0);
@@ -269,7 +270,7 @@ impl Mender {
         for at in left {
             let (kind, spot) = (self.kind(at, around), self.spot(at));
             if let Some(row) = free.next() {
-                placed.push(Placed { at, ..row });
+                placed.push(SessionRow { at, ..row });
                 self.tally.take(kind, Remedy::Mended, spot);
             } else if let Some(row) = own(self, at, near(good, at), placed) {
                 placed.push(row);
@@ -283,7 +284,13 @@ impl Mender {
 
     /// The places that are free between two good rows which are `rows` apart; `None` if the time between them is not
     /// that of as many rows.
-    fn free(&self, earlier: &Placed, later: &Placed, rows: usize, placed: &[Placed]) -> Option<Vec<Placed>> {
+    fn free(
+        &self,
+        earlier: &SessionRow,
+        later: &SessionRow,
+        rows: usize,
+        placed: &[SessionRow],
+    ) -> Option<Vec<SessionRow>> {
         let (hole, session) = (earlier.hole(later), later.session);
         if earlier.session != session || !self.rhythm.is_in_step(hole.length_ns(), rows) {
             return None;
@@ -292,13 +299,13 @@ impl Mender {
         let free = (1..rows).filter(|slot| !taken.contains(slot)).map(|slot| {
             let step_ns = i128::from(later.time_ns) - i128::from(earlier.time_ns);
             let time_ns = i128::from(earlier.time_ns) + step_ns * slot as i128 / rows as i128;
-            Placed { session, time_ns: time_ns as u64, at: 0, is_mended: true }
+            SessionRow { session, time_ns: time_ns as u64, at: 0, is_mended: true }
         });
         Some(free.collect())
     }
 
     fn spot(&self, at: usize) -> Spot {
-        let Waiting { stamp_ns, reading, .. } = self.waiting[at];
+        let WaitingRow { stamp_ns, reading, .. } = self.waiting[at];
         let before = at.checked_sub(1).map(|before| self.waiting[before].stamp_ns);
         let before_ns = before.or(self.last.map(|(before_ns, _)| before_ns));
         Spot { place: reading.place, stamp_ns, before_ns }
@@ -319,8 +326,8 @@ impl Mender {
     }
 
     /// The place of a row in a hole between two of these good rows, if its own time is there.
-    fn own_place(&self, row: Placed, good: &[Placed], placed: &[Placed]) -> Option<Placed> {
-        let is_around = |pair: &&[Placed]| {
+    fn own_place(&self, row: SessionRow, good: &[SessionRow], placed: &[SessionRow]) -> Option<SessionRow> {
+        let is_around = |pair: &&[SessionRow]| {
             let [earlier, later] = [pair[0], pair[1]];
             earlier.session == row.session && later.session == row.session && earlier.hole(&later).contains(row.time_ns)
         };
@@ -330,7 +337,7 @@ impl Mender {
         let slot = hole.slot(row.time_ns, slots);
         let is_near = (slot - slot.round()).abs() <= OFF && (1.0..slots).contains(&slot.round());
         let is_free = is_near && !hole.taken(row.session, slots, placed).any(|taken| taken == slot.round() as usize);
-        is_free.then_some(Placed { is_mended: false, ..row })
+        is_free.then_some(SessionRow { is_mended: false, ..row })
     }
 
     /// Adds what a row that is left out has counted to the next one.
@@ -343,14 +350,14 @@ impl Mender {
     }
 
     /// Gives the first `rows` rows that wait, those that have a time, in its order.
-    fn give(&mut self, rows: usize, mut placed: Vec<Placed>, ready: &mut VecDeque<Reading>) {
+    fn give(&mut self, rows: usize, mut placed: Vec<SessionRow>, ready: &mut VecDeque<ForeignRow>) {
         placed.sort_unstable();
         let mut session = 0;
         for row in placed {
             let reading = self.waiting[row.at].reading;
             let begins_session = core::mem::replace(&mut session, row.session) != row.session;
             let timestamp_ns = Some(row.time_ns);
-            ready.push_back(Reading { timestamp_ns, begins_session, is_mended: row.is_mended, ..reading });
+            ready.push_back(ForeignRow { timestamp_ns, begins_session, is_mended: row.is_mended, ..reading });
         }
         self.waiting.drain(..rows);
         self.front += rows as u64;
@@ -363,7 +370,7 @@ const fn after(time_ns: u64, earlier_ns: u64, stamp_ns: u64) -> u64 {
 }
 
 /// How many rows of the chain are given: up to a row among calm ones, before the row `limit` of the window.
-fn cut(chain: &[Linked], limit: usize) -> usize {
+fn cut(chain: &[ChainStep], limit: usize) -> usize {
     let before = chain.partition_point(|row| row.at < limit);
     let is_calm = |number: &usize| {
         let (first, last) = (number.checked_sub(CALM), number + CALM);

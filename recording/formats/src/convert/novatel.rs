@@ -11,10 +11,10 @@
 //! sign of Y is reversed: A1, A2, A3 are X, Y, Z with their own signs. The time is that of the body: GPS weeks and
 //! seconds, without leap seconds.
 
-use super::scale::Units;
-use super::source::{PLACEHOLDER, Reading, Source, placeholder};
 use super::text::{BadRows, Fault};
 use isotherm_recording::RecordingError;
+use isotherm_recording::foreign::Units;
+use isotherm_recording::foreign::{ForeignRow, PLACEHOLDER, RowSource, placeholder};
 use isotherm_shared::wire::AXES;
 use isotherm_support::finding::{Finding, name};
 use std::io::{BufRead as _, BufReader, Read};
@@ -47,7 +47,7 @@ pub(super) struct NovatelSource {
 }
 
 /// A line that is no row.
-enum Skipped {
+enum ForeignMessage {
     OtherLog,
     Abbreviated,
     Bad(Fault, String),
@@ -79,12 +79,12 @@ impl NovatelSource {
     }
 
     /// The row of a line.
-    fn reading(&mut self) -> Result<Reading, Skipped> {
-        let broken = |message: &str| Skipped::Bad(Fault::Line, message.to_owned());
+    fn reading(&mut self) -> Result<ForeignRow, ForeignMessage> {
+        let broken = |message: &str| ForeignMessage::Bad(Fault::Line, message.to_owned());
         let line = str::from_utf8(&self.text).map_err(|_| broken("bytes that are no text; is the log damaged?"))?;
         let line = line.trim_end();
         match line.chars().next() {
-            None | Some('<' | '[') => return Err(Skipped::Abbreviated),
+            None | Some('<' | '[') => return Err(ForeignMessage::Abbreviated),
             Some('%' | '#') => {}
             Some(_) => return Err(broken("not a NovAtel log, which begins with % or #")),
         }
@@ -96,22 +96,22 @@ impl NovatelSource {
         if stated != computed {
             let message =
                 format!("the CRC is {stated:08x}, but that of the line is {computed:08x}; the line is damaged");
-            return Err(Skipped::Bad(Fault::Checksum, message));
+            return Err(ForeignMessage::Bad(Fault::Checksum, message));
         }
         let (header, body) = content.split_once(';').ok_or_else(|| broken("no ; between header and body"))?;
         let name = header.split(',').next().unwrap_or_default();
         let Some((log, extended)) = LOGS.iter().find(|(log, _)| *log == name) else {
-            return Err(Skipped::OtherLog);
+            return Err(ForeignMessage::OtherLog);
         };
         if *self.log.get_or_insert(log) != *log {
-            return Err(Skipped::OtherLog);
+            return Err(ForeignMessage::OtherLog);
         }
         let mut fields = body.split(',');
         if *extended {
             let info = fields.next().and_then(|info| u8::from_str_radix(info, 16).ok());
             let info = info.ok_or_else(|| broken("the IMU info is not a hexadecimal number"))?;
             if info & ENCRYPTED != 0 {
-                return Err(Skipped::Encrypted);
+                return Err(ForeignMessage::Encrypted);
             }
             self.errors += u64::from(info & IMU_ERROR != 0);
             fields.next();
@@ -132,12 +132,19 @@ impl NovatelSource {
         let [az, ay, ax, gz, gy, gx] = counts;
         let telemetry = [self.temperature.unwrap_or(PLACEHOLDER); 2 * AXES];
         let pulses = [ax, -ay, az, gx, -gy, gz];
-        Ok(Reading { place: self.line, timestamp_ns, pulses, head: telemetry, board: telemetry, ..Reading::default() })
+        Ok(ForeignRow {
+            place: self.line,
+            timestamp_ns,
+            pulses,
+            head: telemetry,
+            board: telemetry,
+            ..ForeignRow::default()
+        })
     }
 }
 
-impl Source for NovatelSource {
-    fn read(&mut self) -> Result<Option<Reading>, RecordingError> {
+impl RowSource for NovatelSource {
+    fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         loop {
             self.text.clear();
             self.line += 1;
@@ -150,13 +157,13 @@ impl Source for NovatelSource {
                     self.rows += 1;
                     return Ok(Some(reading));
                 }
-                Err(Skipped::OtherLog) => self.others += 1,
-                Err(Skipped::Abbreviated) => self.abbreviated += 1,
-                Err(Skipped::Bad(fault, message)) => {
+                Err(ForeignMessage::OtherLog) => self.others += 1,
+                Err(ForeignMessage::Abbreviated) => self.abbreviated += 1,
+                Err(ForeignMessage::Bad(fault, message)) => {
                     self.rows += 1;
                     self.bad.take(fault, self.line, message, self.rows)?;
                 }
-                Err(Skipped::Encrypted) => {
+                Err(ForeignMessage::Encrypted) => {
                     let message = "the data are encrypted (IMU info), and cannot be used".to_owned();
                     return Err(self.error(self.line, message));
                 }
@@ -215,7 +222,7 @@ mod tests {
         "#RAWIMUXA,USB1,0,64.5,FINESTEERING,2209,491740.110,02000020,0dc5,16809;04,41,2209,491740.109817,ea57fe00,329394068,-2396829,4481425,321199,257329,-936077*cf9c035d",
     ];
 
-    fn read(text: String) -> Result<Vec<Reading>, String> {
+    fn read(text: String) -> Result<Vec<ForeignRow>, String> {
         let mut source = NovatelSource::new(Box::new(std::io::Cursor::new(text)), Some(20.0));
         let mut readings = Vec::new();
         while let Some(reading) = source.read().map_err(|error| error.to_string())? {

@@ -18,12 +18,12 @@ const LINES: usize = SEARCHED + 20;
 pub(super) const FEWEST: usize = 3;
 
 /// The first lines of a text that are not blank.
-pub(super) struct Opening {
-    lines: Vec<Line>,
+pub(super) struct TextOpening {
+    lines: Vec<OpeningLine>,
     checksums: Checksums,
 }
 
-struct Line {
+struct OpeningLine {
     number: u64,
     text: Vec<u8>,
 }
@@ -43,7 +43,7 @@ pub(super) enum Checksums {
 #[derive(Debug)]
 pub(super) struct Table {
     pub(super) separator: Separator,
-    pub(super) header: Option<Header>,
+    pub(super) header: Option<ColumnNames>,
     /// Number of columns.
     pub(super) width: usize,
     /// Line of the first row.
@@ -53,7 +53,7 @@ pub(super) struct Table {
 
 /// The names of the columns.
 #[derive(Debug)]
-pub(super) struct Header {
+pub(super) struct ColumnNames {
     /// Its line.
     pub(super) line: u64,
     /// Its last line: that of the units, if they have one of their own.
@@ -75,7 +75,7 @@ pub(super) fn rows_of(source: Box<dyn Read>, table: &Table, skip: u64) -> Result
     Ok(rows)
 }
 
-impl Opening {
+impl TextOpening {
     /// Looks at the first lines behind `skip` lines of `source`. Returns what is there, and all that is behind those
     /// lines, again from its beginning.
     ///
@@ -103,7 +103,7 @@ impl Opening {
         let text = if skip == 0 { text.strip_prefix("\u{feff}".as_bytes()).unwrap_or(text) } else { text };
         let lines = text.split(|byte| *byte == b'\n').zip(skip + 1..);
         let lines = lines.filter(|(line, _)| !line.trim_ascii().is_empty()).take(LINES);
-        let mut lines: Vec<_> = lines.map(|(text, number)| Line { number, text: text.to_vec() }).collect();
+        let mut lines: Vec<_> = lines.map(|(text, number)| OpeningLine { number, text: text.to_vec() }).collect();
         let checksums = Checksums::of(&lines);
         if checksums != Checksums::None {
             for line in &mut lines {
@@ -209,7 +209,7 @@ impl Opening {
     }
 
     /// The names of as many columns, above a row: in the nearest line that fits.
-    fn header_above(&self, at: usize, separator: Separator, width: usize) -> Option<Header> {
+    fn header_above(&self, at: usize, separator: Separator, width: usize) -> Option<ColumnNames> {
         (0..at).rev().find_map(|index| {
             let is_comment = uncommented(&self.lines[index].text).is_some();
             // A sentence has as many words as there are columns, now and then.
@@ -224,7 +224,7 @@ impl Opening {
     }
 
     /// A line as the names of the columns, and as those of their units the next one.
-    fn header(&self, at: usize, separator: Separator) -> Header {
+    fn header(&self, at: usize, separator: Separator) -> ColumnNames {
         let line = &self.lines[at];
         let as_it_is = line.fields(separator);
         let mut others = Vec::new();
@@ -253,14 +253,14 @@ impl Opening {
                 }
             }
         }
-        Header { line: line.number, last, names, others }
+        ColumnNames { line: line.number, last, names, others }
     }
 
     /// What separates the rows below a header, and the line of the first.
-    fn rows_of(&self, at: usize, header: &Header, separator: Separator) -> Option<(Separator, u64)> {
+    fn rows_of(&self, at: usize, header: &ColumnNames, separator: Separator) -> Option<(Separator, u64)> {
         let below = || self.lines[at..].iter().filter(|line| line.number > header.last);
         let fits = |separator: Separator| {
-            let row = |line: &&Line| {
+            let row = |line: &&OpeningLine| {
                 let fields = line.fields(separator);
                 fields.len() == header.names.len() && fields.iter().any(|field| is_value(field))
             };
@@ -283,7 +283,7 @@ impl Table {
     }
 }
 
-impl Header {
+impl ColumnNames {
     /// Whether a column has this name.
     pub(super) fn has(&self, name: &str) -> bool {
         self.spellings().any(|names| names.iter().any(|other| other == name))
@@ -311,7 +311,7 @@ impl Header {
     }
 }
 
-impl Line {
+impl OpeningLine {
     /// The fields, without an empty one behind a separator at the end.
     fn fields(&self, separator: Separator) -> Vec<String> {
         fields(&self.text, separator)
@@ -325,7 +325,7 @@ impl Line {
 
 impl Checksums {
     /// That of most rows: the first one may be damaged.
-    fn of(lines: &[Line]) -> Self {
+    fn of(lines: &[OpeningLine]) -> Self {
         let all: Vec<_> = lines.iter().filter_map(|line| Checksum::of(&line.text)).collect();
         let fitting = all.iter().filter(|checksum| checksum.stated == checksum.computed).count();
         match () {

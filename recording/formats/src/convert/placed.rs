@@ -5,7 +5,7 @@ const OVERTAKEN: usize = 8;
 
 /// A row that gets its time.
 #[derive(Clone, Copy, Debug, Default, Eq, Ord, PartialEq, PartialOrd)]
-pub(super) struct Placed {
+pub(super) struct SessionRow {
     /// How often the clock has started again since the last row before the window.
     pub session: u32,
     pub time_ns: u64,
@@ -14,21 +14,21 @@ pub(super) struct Placed {
     pub is_mended: bool,
 }
 
-impl Placed {
+impl SessionRow {
     /// The time up to a later row.
-    pub(super) const fn hole(&self, later: &Self) -> Hole {
-        Hole { from_ns: self.time_ns, to_ns: later.time_ns }
+    pub(super) const fn hole(&self, later: &Self) -> ClockGap {
+        ClockGap { from_ns: self.time_ns, to_ns: later.time_ns }
     }
 }
 
 /// The time between two good rows.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Hole {
+pub(super) struct ClockGap {
     from_ns: u64,
     to_ns: u64,
 }
 
-impl Hole {
+impl ClockGap {
     pub(super) const fn contains(self, time_ns: u64) -> bool {
         self.from_ns < time_ns && time_ns < self.to_ns
     }
@@ -43,14 +43,14 @@ impl Hole {
     }
 
     /// The steps that rows have taken.
-    pub(super) fn taken(self, session: u32, slots: f64, placed: &[Placed]) -> impl Iterator<Item = usize> {
+    pub(super) fn taken(self, session: u32, slots: f64, placed: &[SessionRow]) -> impl Iterator<Item = usize> {
         let within = placed.iter().filter(move |row| row.session == session && self.contains(row.time_ns));
         within.map(move |row| self.slot(row.time_ns, slots).round() as usize)
     }
 }
 
 /// The good rows near a place of the window.
-pub(super) fn near(good: &[Placed], at: usize) -> &[Placed] {
+pub(super) fn near(good: &[SessionRow], at: usize) -> &[SessionRow] {
     let from = good.partition_point(|row| row.at + OVERTAKEN < at);
     let to = good.partition_point(|row| row.at <= at + OVERTAKEN);
     &good[from..to]

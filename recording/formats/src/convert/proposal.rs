@@ -1,10 +1,10 @@
 //! The mapping that a text would have, by the names of its columns, the lines above them and its first rows: for
 //! messages, to be copied into a file and checked. What the text does not say is `"?"` there.
 
-use super::found::{Found, length};
+use super::found::{ProposedColumn, length};
 use super::opening::Table;
 use super::stated;
-use super::unit::{self, Quantity, Said, Unit};
+use super::unit::{self, NumberUnit, Quantity, UnitWord};
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{Rows, Separator, looks_like_number};
 use isotherm_shared::wire::AXES;
@@ -32,7 +32,7 @@ const MOST_PULSES: f64 = 2e8;
 
 /// The sensors of a section: their columns, and why, if no name says it.
 #[derive(Clone, Copy)]
-struct Sensors {
+struct SensorProposal {
     columns: [usize; AXES],
     guess: Option<&'static str>,
 }
@@ -51,14 +51,14 @@ pub(super) fn propose(
     }
     let (columns, commas) = first_columns(rows, table, ROWS);
     let stated = stated::interval_s(above.iter().map(String::as_str));
-    Ok(Text { columns, header: table.header.is_some(), skip: table.line() - 1, commas, stated }.mapping())
+    Ok(ProposalText { columns, header: table.header.is_some(), skip: table.line() - 1, commas, stated }.mapping())
 }
 
 /// The columns of so many rows, of which the first is the current one, and whether numbers have decimal commas.
-pub(super) fn first_columns<R: Read>(rows: &mut Rows<R>, table: &Table, most: usize) -> (Vec<Found>, bool) {
+pub(super) fn first_columns<R: Read>(rows: &mut Rows<R>, table: &Table, most: usize) -> (Vec<ProposedColumn>, bool) {
     let names = table.header.as_ref().map(|header| &header.names);
     let name = |column: usize| names.map_or("", |names| &names[column]);
-    let mut columns: Vec<_> = (0..table.width).map(|column| Found::new(name(column))).collect();
+    let mut columns: Vec<_> = (0..table.width).map(|column| ProposedColumn::new(name(column))).collect();
     let mut commas = false;
     for _ in 0..most {
         if rows.fits(table.width) {
@@ -74,8 +74,8 @@ pub(super) fn first_columns<R: Read>(rows: &mut Rows<R>, table: &Table, most: us
     (columns, commas)
 }
 
-struct Text<'a> {
-    columns: Vec<Found>,
+struct ProposalText<'a> {
+    columns: Vec<ProposedColumn>,
     header: bool,
     skip: u64,
     commas: bool,
@@ -83,7 +83,7 @@ struct Text<'a> {
     stated: Option<(f64, &'a str)>,
 }
 
-impl Text<'_> {
+impl ProposalText<'_> {
     fn mapping(&self) -> String {
         let mut out = String::from("format = 1\n");
         if self.skip > 0 {
@@ -112,11 +112,11 @@ impl Text<'_> {
     /// The column of the time: one whose name says it, before one that may be a temperature, and one that rises. One
     /// that says its unit comes first.
     fn time(&self) -> Option<usize> {
-        let rising = |is: &dyn Fn(&Found) -> bool| self.find(|column| is(column) && column.rises());
-        let is_time = |column: &Found| column.heading.is_time();
-        let is_t = |column: &Found| column.heading.is_t();
-        let says_unit = |column: &Found| is_time(column) && unit::of_time(&column.heading.name).is_some();
-        let calendar = self.find(Found::is_calendar);
+        let rising = |is: &dyn Fn(&ProposedColumn) -> bool| self.find(|column| is(column) && column.rises());
+        let is_time = |column: &ProposedColumn| column.heading.is_time();
+        let is_t = |column: &ProposedColumn| column.heading.is_t();
+        let says_unit = |column: &ProposedColumn| is_time(column) && unit::of_time(&column.heading.name).is_some();
+        let calendar = self.find(ProposedColumn::is_calendar);
         let named = || rising(&says_unit).or_else(|| rising(&is_time)).or_else(|| rising(&is_t));
         let any = || self.find(is_time).or_else(|| self.find(is_t));
         let first = || self.columns.first().filter(|column| column.rises() && !column.counts_rows()).map(|_| 0);
@@ -159,39 +159,39 @@ impl Text<'_> {
     }
 
     /// The accelerometers: by name, or by the length of gravity.
-    fn accelerometer(&self, time: Option<usize>) -> Option<Sensors> {
+    fn accelerometer(&self, time: Option<usize>) -> Option<SensorProposal> {
         let named = self.triad(|column| column.heading.accelerometer(), &time.into_iter().collect::<Vec<_>>());
         if let Some(columns) = named {
-            return Some(Sensors { columns, guess: None });
+            return Some(SensorProposal { columns, guess: None });
         }
         let is_gravity = |columns: &[usize; AXES]| self.by_length(*columns).is_some();
         let guess = Some("by their length, gravity: check it");
         if self.header {
             let bare = self.triad(|column| column.heading.bare(), &time.into_iter().collect::<Vec<_>>());
-            return bare.filter(is_gravity).map(|columns| Sensors { columns, guess });
+            return bare.filter(is_gravity).map(|columns| SensorProposal { columns, guess });
         }
         let unnamed = self.unnamed(time);
         if let ([columns], true) = (&unnamed[..], time.is_some()) {
             let guess = Some("the only three: check that they are accelerometers");
-            return Some(Sensors { columns: *columns, guess });
+            return Some(SensorProposal { columns: *columns, guess });
         }
         let mut fitting = unnamed.into_iter().filter(is_gravity);
         let columns = fitting.next().filter(|_| fitting.next().is_none())?;
-        Some(Sensors { columns, guess })
+        Some(SensorProposal { columns, guess })
     }
 
     /// The gyroscopes: by name, or what is left beside accelerometers that were found by their length.
-    fn gyroscope(&self, time: Option<usize>, accelerometer: Option<Sensors>) -> Option<Sensors> {
+    fn gyroscope(&self, time: Option<usize>, accelerometer: Option<SensorProposal>) -> Option<SensorProposal> {
         let of = accelerometer.map(|of| of.columns);
         let taken: Vec<_> = of.into_iter().flatten().chain(time).collect();
         if self.header {
             let columns = self.triad(|column| column.heading.gyroscope(), &taken)?;
-            return Some(Sensors { columns, guess: None });
+            return Some(SensorProposal { columns, guess: None });
         }
         let triads = self.unnamed(time);
         let columns = triads.iter().copied().find(|columns| Some(*columns) != of);
         let columns = columns.filter(|_| of.is_some() && triads.len() == 2)?;
-        Some(Sensors { columns, guess: Some("what is left: check it, or leave the section out") })
+        Some(SensorProposal { columns, guess: Some("what is left: check it, or leave the section out") })
     }
 
     /// The columns of numbers behind the time of a text without a header, by three.
@@ -202,20 +202,20 @@ impl Text<'_> {
     }
 
     /// The unit in which three columns have the length of gravity.
-    fn by_length(&self, columns: [usize; AXES]) -> Option<Unit> {
+    fn by_length(&self, columns: [usize; AXES]) -> Option<NumberUnit> {
         if columns.iter().all(|index| self.columns[*index].is_around_32768()) {
             return None;
         }
         let length = length(columns.map(|index| &self.columns[index]))?;
-        let units = Quantity::Acceleration.choices().into_iter().map(|(factor, name)| Unit { name, factor });
-        let is_it = |unit: &Unit| (length * unit.factor / 9.806_65 - 1.0).abs() < OFF_GRAVITY;
+        let units = Quantity::Acceleration.choices().into_iter().map(|(factor, name)| NumberUnit { name, factor });
+        let is_it = |unit: &NumberUnit| (length * unit.factor / 9.806_65 - 1.0).abs() < OFF_GRAVITY;
         units.into_iter().find(is_it)
     }
 
-    fn sensors(&self, out: &mut String, quantity: Quantity, sensors: Option<Sensors>, time: Option<usize>) {
+    fn sensors(&self, out: &mut String, quantity: Quantity, sensors: Option<SensorProposal>, time: Option<usize>) {
         line(out, format_args!("[{}]", quantity.section()));
         let kind = "or \"increment\": what was counted since the row before";
-        let Some(Sensors { columns, guess }) = sensors else {
+        let Some(SensorProposal { columns, guess }) = sensors else {
             let all = (0..self.columns.len()).filter(|index| Some(*index) != time);
             let listed: Vec<_> = all.clone().take(LISTED).map(|index| self.name(index)).collect();
             let more = if all.count() > LISTED { ", .." } else { "" };
@@ -246,18 +246,18 @@ impl Text<'_> {
         columns: [usize; AXES],
         whole: bool,
         guessed: bool,
-    ) -> Option<Unit> {
+    ) -> Option<NumberUnit> {
         let by_length = || self.by_length(columns).filter(|_| quantity == Quantity::Acceleration);
         let (key, why) = match quantity.of_triad(columns.map(|index| self.columns[index].heading.name.as_str())) {
-            Said::Unit(unit) => {
+            UnitWord::Unit(unit) => {
                 commented(out, format_args!("unit = \"{}\"", unit.name), "as the header says");
                 return Some(unit);
             }
-            Said::Unknown(text) => {
+            UnitWord::Unknown(text) => {
                 let why = format!("the header says {}: give its unit, or scale in its place", quoted(&text));
                 ("unit = \"?\"", why)
             }
-            Said::Nothing if by_length().is_some() && (guessed || !whole) => {
+            UnitWord::Nothing if by_length().is_some() && (guessed || !whole) => {
                 let unit = by_length()?;
                 if unit.factor != 1.0 {
                     let why = "a guess, by the length of gravity: check it";
@@ -265,12 +265,12 @@ impl Text<'_> {
                 }
                 return Some(unit);
             }
-            Said::Nothing if whole => return None,
-            Said::Nothing if guessed => {
+            UnitWord::Nothing if whole => return None,
+            UnitWord::Nothing if guessed => {
                 let [one, other, ..] = &quantity.choices()[..] else { return None };
                 ("unit = \"?\"", format!("nothing says it: \"{}\", \"{}\" or another", one.1, other.1))
             }
-            Said::Nothing => {
+            UnitWord::Nothing => {
                 let other = if quantity == Quantity::Rate { "deg/s" } else { "g" };
                 let si = quantity.choices()[0].1;
                 let why = format!("if the numbers are not in {si}: the header does not say it");
@@ -292,12 +292,12 @@ impl Text<'_> {
         if let [name] = &names[..] { name.clone() } else { format!("[{}]", names.join(", ")) }
     }
 
-    fn find(&self, is: impl Fn(&Found) -> bool) -> Option<usize> {
+    fn find(&self, is: impl Fn(&ProposedColumn) -> bool) -> Option<usize> {
         self.columns.iter().position(is)
     }
 
     /// The columns of the axes 1, 2, 3 of a kind of sensors: the first of each.
-    fn triad(&self, axis_of: impl Fn(&Found) -> Option<usize>, taken: &[usize]) -> Option<[usize; AXES]> {
+    fn triad(&self, axis_of: impl Fn(&ProposedColumn) -> Option<usize>, taken: &[usize]) -> Option<[usize; AXES]> {
         let of = |axis: usize| {
             (0..self.columns.len()).find(|index| !taken.contains(index) && axis_of(&self.columns[*index]) == Some(axis))
         };

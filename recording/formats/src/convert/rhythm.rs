@@ -2,7 +2,7 @@
 
 use super::chain::Rhythm;
 use super::interval;
-use super::source::Reading;
+use isotherm_recording::foreign::ForeignRow;
 use std::collections::VecDeque;
 
 /// Fewer rows are a handful, which has no usual step, and in which no stamp is mended.
@@ -62,7 +62,7 @@ pub(super) struct Twice {
 
 /// Which rows are there twice, of rows that are stamped at their usual pace, and of rows that are stamped when they
 /// arrive: a burst has one stamp, and its rows may have the same values where these do not tell rows apart.
-pub(super) fn twice(rows: &VecDeque<Reading>) -> [Twice; 2] {
+pub(super) fn twice(rows: &VecDeque<ForeignRow>) -> [Twice; 2] {
     // Pairs of rows with other stamps and with one stamp; of each all, and those with the same values.
     let mut pairs = [[0_usize; 2]; 2];
     for (earlier, later) in rows.iter().zip(rows.iter().skip(1)) {

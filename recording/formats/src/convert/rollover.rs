@@ -1,16 +1,6 @@
 //! Counters of time that roll over, and other steps back.
 
-/// What a column of the time can roll over at, besides 2^32 us and 2^32 ms.
-#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
-pub(super) enum Counter {
-    /// Nothing else.
-    #[default]
-    None,
-    /// Whole numbers of this unit \[ns\]: counters of 16, 24 and 32 bits.
-    Whole(u64),
-    /// Times of a day.
-    Day,
-}
+use isotherm_recording::foreign::Counter;
 
 /// A step forward over a rollover is at most this number of usual ones,
 const USUAL_STEPS: f64 = 64.0;

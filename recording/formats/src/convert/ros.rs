@@ -4,23 +4,22 @@
 //! `sensor_msgs/msg/Temperature` up to its time; so the file is read twice, first for the topics and the temperatures.
 
 use super::joined::JoinedSource;
-use super::scale::Units;
 use super::settings::{Settings, TimeSource};
-use super::source::{PLACEHOLDER, Reading, Source, placeholder, pulses};
-use super::stream::Stream;
+use super::stream::RowStream;
 use super::unit::Quantity;
 use crate::read::records::Records;
-use crate::read::skip::Unwanted;
+use crate::read::skip::ChannelFilter;
 use crate::ros::{Encoding, IMU, Imu, TEMPERATURE, Temperature};
-use isotherm_files::open_recording;
 use isotherm_recording::RecordingError;
+use isotherm_recording::foreign::Units;
+use isotherm_recording::foreign::{ForeignRow, OpenData, PLACEHOLDER, RowSource, placeholder, pulses};
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::{Finding, name};
+use isotherm_support::source::DataSource;
 use mcap::records::Record;
 use std::collections::{BTreeMap, HashMap};
-use std::fs;
 use std::io::Read;
 use std::path::Path;
 use std::rc::Rc;
@@ -34,14 +33,14 @@ const LISTED: usize = 40;
 
 /// Rows of the messages of a topic.
 pub(super) struct RosSource {
-    messages: Messages,
+    messages: BagMessages,
     topic: String,
     time: TimeSource,
     /// Which of the readings are wanted.
-    wanted: Wanted,
+    wanted: SensorChoice,
     gyroscopes: bool,
     /// The first row, which has been read already.
-    first: Option<Reading>,
+    first: Option<ForeignRow>,
     temperature: Option<f64>,
     temperatures: Temperatures,
     /// One of the messages' unit of accelerations \[m/s2\] and of rates \[rad/s\].
@@ -50,7 +49,7 @@ pub(super) struct RosSource {
 
 /// Which readings of the messages are wanted. A topic of accelerometers or gyroscopes alone has zeros for the others.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-enum Wanted {
+enum SensorChoice {
     All,
     Accelerometers,
     Gyroscopes,
@@ -58,7 +57,7 @@ enum Wanted {
 
 /// The topics that the rows are made of.
 #[derive(Debug, PartialEq)]
-enum Chosen {
+enum TopicChoice {
     One(String),
     /// Of accelerometers and of gyroscopes.
     Two([String; 2]),
@@ -66,7 +65,7 @@ enum Chosen {
 
 /// What the first messages of a topic have other than zeros.
 #[derive(Clone, Copy, Debug, Default)]
-struct Seen {
+struct TopicContent {
     messages: u64,
     accelerations: bool,
     rates: bool,
@@ -93,23 +92,23 @@ enum MessageKind {
 }
 
 /// The messages of an MCAP file, with their topics.
-struct Messages {
+struct BagMessages {
     records: Records,
     /// Names of the schemas.
     schemas: HashMap<u16, String>,
-    channels: HashMap<u16, Rc<Channel>>,
+    channels: HashMap<u16, Rc<BagChannel>>,
     /// Number of the last message, from 1, without those of chunks that are passed over.
     read: u64,
 }
 
-struct Channel {
+struct BagChannel {
     topic: String,
     schema: String,
     kind: MessageKind,
     encoding: Encoding,
 }
 
-impl Channel {
+impl BagChannel {
     fn new(topic: String, schema: String, encoding: &str) -> Self {
         let encoding = match encoding {
             "cdr" => Some(Encoding::Cdr),
@@ -126,13 +125,13 @@ impl Channel {
 }
 
 /// A message, its channel, and when it was recorded \[ns\].
-type OfChannel = (Rc<Channel>, Vec<u8>, u64);
+type OfChannel = (Rc<BagChannel>, Vec<u8>, u64);
 
 /// Whether an MCAP file has messages of `sensor_msgs/msg/Imu`, and before them none of Isotherm. False of a pipe, and
 /// of a file that cannot be read up to there.
-pub(crate) fn is_bag(path: &Path) -> bool {
-    let file = fs::metadata(path).is_ok_and(|metadata| metadata.is_file()) && path != Path::new("-");
-    let Some(mut messages) = file.then(|| Messages::open(path, &Settings::default()).ok()).flatten() else {
+pub(crate) fn is_bag(source: &DataSource) -> bool {
+    let Some(mut messages) = source.is_file().then(|| BagMessages::open(source, &Settings::default()).ok()).flatten()
+    else {
         return false;
     };
     loop {
@@ -154,28 +153,26 @@ pub(crate) fn is_bag(path: &Path) -> bool {
 
 /// What is in a file.
 #[derive(Default)]
-struct Contents {
+struct BagContents {
     /// The topics of `sensor_msgs/msg/Imu`.
-    imus: BTreeMap<String, Seen>,
+    imus: BTreeMap<String, TopicContent>,
     temperatures: BTreeMap<String, Vec<(u64, f64)>>,
     /// All topics, with their schemas.
     topics: BTreeMap<String, String>,
 }
 
 impl RosSource {
-    /// Opens a file and chooses the topics.
+    /// Chooses the topics. They and the temperatures are read first, then the rows.
     ///
     /// # Errors
-    /// If there is no topic of the messages, or several and none is chosen; if the file cannot be read twice.
-    ///
-    /// The rows are read from `source`, the topics and temperatures before that from the file.
+    /// If there is no topic of the messages, or several and none is chosen; if the data cannot be read twice.
     pub(super) fn open(
-        path: &Path,
-        source: Box<dyn Read>,
+        mut data: OpenData<'_>,
         settings: &Settings,
         temperature: Option<f64>,
         units: [f64; 2],
-    ) -> Result<Box<dyn Source>, Failure> {
+    ) -> Result<Box<dyn RowSource>, Failure> {
+        let path = data.source.name();
         if path == Path::new("-") {
             return Err(Failure::new(
                 Exit::Usage,
@@ -184,7 +181,8 @@ impl RosSource {
         }
         let failed = |error: RecordingError| error.failure(path);
         let refused = |message: String| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
-        let mut contents = Contents::read(&mut Messages::open(path, settings)?, settings.time).map_err(failed)?;
+        let mut contents =
+            BagContents::read(&mut BagMessages::new(data.source, data.take()), settings.time).map_err(failed)?;
         let chosen = contents.choose(settings).map_err(|problem| refused(contents.problem(&problem, IMU)))?;
         let names: Vec<_> = contents.temperatures.keys().cloned().collect();
         let telemetry = match temperature {
@@ -195,7 +193,7 @@ impl RosSource {
         let mut values = telemetry.as_ref().and_then(|topic| contents.temperatures.remove(topic)).unwrap_or_default();
         values.sort_by_key(|(stamp_ns, _)| *stamp_ns);
         let temperatures = Temperatures { topic: telemetry, values, before: 0 };
-        let of_topic = |messages: Messages, topic: String, wanted: Wanted| Self {
+        let of_topic = |messages: BagMessages, topic: String, wanted: SensorChoice| Self {
             messages,
             topic,
             time: settings.time,
@@ -206,23 +204,24 @@ impl RosSource {
             temperatures: Temperatures { topic: None, values: Vec::new(), before: 0 },
             units,
         };
-        let messages = Messages::new(path, source);
+        let messages = BagMessages::new(data.source, data.again(&settings.progress)?);
         match chosen {
-            Chosen::One(topic) => {
-                let source = Self { temperatures, ..of_topic(messages, topic, Wanted::All) };
+            TopicChoice::One(topic) => {
+                let source = Self { temperatures, ..of_topic(messages, topic, SensorChoice::All) };
                 source.begin().map_err(failed)
             }
-            Chosen::Two([topic, of_gyroscopes]) => {
+            TopicChoice::Two([topic, of_gyroscopes]) => {
                 // They are read beside each other, however far apart they lie in the file.
-                let others = Messages::open(path, &Settings::default())?;
-                let accelerometers = Self { temperatures, ..of_topic(messages, topic.clone(), Wanted::Accelerometers) };
+                let others = BagMessages::open(data.source, &Settings::default())?;
+                let accelerometers =
+                    Self { temperatures, ..of_topic(messages, topic.clone(), SensorChoice::Accelerometers) };
                 // The rows have the telemetry of the accelerometers.
                 let gyroscopes = Self {
                     temperature: Some(PLACEHOLDER),
-                    ..of_topic(others, of_gyroscopes.clone(), Wanted::Gyroscopes)
+                    ..of_topic(others, of_gyroscopes.clone(), SensorChoice::Gyroscopes)
                 };
                 let stream = |source: Self, are_gyroscopes: bool, name: String| {
-                    source.begin().and_then(|source| Stream::new(source, settings.time, are_gyroscopes, name, None))
+                    source.begin().and_then(|source| RowStream::new(source, settings.time, are_gyroscopes, name, None))
                 };
                 let rows = stream(accelerometers, false, topic).map_err(failed)?;
                 let others = stream(gyroscopes, true, of_gyroscopes).map_err(failed)?;
@@ -232,13 +231,13 @@ impl RosSource {
     }
 
     /// Reads the first row.
-    fn begin(mut self) -> Result<Box<dyn Source>, RecordingError> {
+    fn begin(mut self) -> Result<Box<dyn RowSource>, RecordingError> {
         self.first = self.next_reading(true)?;
         Ok(Box::new(self))
     }
 
     /// The next row. The first decides whether there are gyroscopes.
-    fn next_reading(&mut self, is_first: bool) -> Result<Option<Reading>, RecordingError> {
+    fn next_reading(&mut self, is_first: bool) -> Result<Option<ForeignRow>, RecordingError> {
         loop {
             let Some((channel, data, log_ns)) = self.messages.next()? else { return Ok(None) };
             if channel.kind != MessageKind::Imu || channel.topic != self.topic {
@@ -249,14 +248,14 @@ impl RosSource {
         }
     }
 
-    fn reading(&mut self, imu: &Imu, log_ns: u64, is_first: bool) -> Result<Reading, String> {
+    fn reading(&mut self, imu: &Imu, log_ns: u64, is_first: bool) -> Result<ForeignRow, String> {
         let no_acceleration = "no linear_acceleration: the first element of its covariance is -1";
         let acceleration = match self.wanted {
-            Wanted::Gyroscopes => [0.0; AXES],
+            SensorChoice::Gyroscopes => [0.0; AXES],
             _ => imu.linear_acceleration.ok_or(no_acceleration)?,
         };
         if is_first {
-            self.gyroscopes = self.wanted != Wanted::Accelerometers && imu.angular_velocity.is_some();
+            self.gyroscopes = self.wanted != SensorChoice::Accelerometers && imu.angular_velocity.is_some();
         }
         let rates = match (imu.angular_velocity, self.gyroscopes) {
             (Some(rates), true) => rates,
@@ -266,7 +265,8 @@ impl RosSource {
             }
         };
         let stamp_ns = if self.time == TimeSource::Header { imu.stamp_ns } else { log_ns };
-        let mut reading = Reading { place: self.messages.count(), timestamp_ns: Some(stamp_ns), ..Reading::default() };
+        let mut reading =
+            ForeignRow { place: self.messages.count(), timestamp_ns: Some(stamp_ns), ..ForeignRow::default() };
         let names = ["linear_acceleration", "angular_velocity"];
         for (index, value) in acceleration.into_iter().chain(rates).enumerate() {
             let name = || format!("{}.{}", names[index / AXES], ["x", "y", "z"][index % AXES]);
@@ -281,14 +281,14 @@ impl RosSource {
         Ok(reading)
     }
 
-    fn take_telemetry(&self, time_ns: u64, reading: &mut Reading) {
+    fn take_telemetry(&self, time_ns: u64, reading: &mut ForeignRow) {
         let telemetry = self.temperature.or_else(|| self.temperatures.at(time_ns)).unwrap_or(PLACEHOLDER);
         (reading.head, reading.board) = ([telemetry; _], [telemetry; _]);
     }
 }
 
-impl Source for RosSource {
-    fn read(&mut self) -> Result<Option<Reading>, RecordingError> {
+impl RowSource for RosSource {
+    fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         match self.first.take() {
             Some(first) => Ok(Some(first)),
             None => self.next_reading(false),
@@ -314,13 +314,13 @@ impl Source for RosSource {
 
     fn notes(&self) -> Vec<String> {
         let of = match self.wanted {
-            Wanted::Gyroscopes => "G1, G2, G3 are x, y, z; one pulse is",
+            SensorChoice::Gyroscopes => "G1, G2, G3 are x, y, z; one pulse is",
             _ => "A1, A2, A3 are x, y, z; one pulse is",
         };
         let unit = match self.wanted {
-            Wanted::All => "m/s2 or rad/s",
-            Wanted::Accelerometers => "m/s2",
-            Wanted::Gyroscopes => "rad/s",
+            SensorChoice::All => "m/s2 or rad/s",
+            SensorChoice::Accelerometers => "m/s2",
+            SensorChoice::Gyroscopes => "rad/s",
         };
         let scale = format!("{}: {of} {RESOLUTION} {unit}", self.topic);
         let named = |quantity: Quantity, unit: f64| quantity.named(unit).map_or("", |unit| unit.name);
@@ -334,7 +334,7 @@ impl Source for RosSource {
         true
     }
 
-    fn retime(&self, reading: &mut Reading) {
+    fn retime(&self, reading: &mut ForeignRow) {
         if let Some(time_ns) = reading.timestamp_ns {
             self.take_telemetry(time_ns, reading);
         }
@@ -367,8 +367,8 @@ impl Temperatures {
     }
 }
 
-impl Contents {
-    fn read(messages: &mut Messages, time: TimeSource) -> Result<Self, RecordingError> {
+impl BagContents {
+    fn read(messages: &mut BagMessages, time: TimeSource) -> Result<Self, RecordingError> {
         let mut contents = Self::default();
         while let Some((channel, data, log_ns)) = messages.next()? {
             if channel.kind == MessageKind::Temperature {
@@ -399,7 +399,7 @@ impl Contents {
 
     /// The topics of the rows: those that are named, or the only one; or the two of an IMU whose accelerometers and
     /// gyroscopes have a topic each, as the messages show.
-    fn choose(&self, settings: &Settings) -> Result<Chosen, String> {
+    fn choose(&self, settings: &Settings) -> Result<TopicChoice, String> {
         let names: Vec<_> = self.imus.keys().cloned().collect();
         let (topic, of_gyroscopes) = (settings.topic.as_deref(), settings.gyroscope_topic.as_deref());
         if let Some(of_gyroscopes) = of_gyroscopes {
@@ -407,19 +407,23 @@ impl Contents {
             let others: Vec<_> = names.into_iter().filter(|name| *name != of_gyroscopes).collect();
             let topic = choose(&others, topic, "--topic")?;
             let topic = topic.ok_or("no topic of accelerometers beside that of the gyroscopes; give --topic alone")?;
-            return Ok(Chosen::Two([topic, of_gyroscopes]));
+            return Ok(TopicChoice::Two([topic, of_gyroscopes]));
         }
         let seen: Vec<_> = self.imus.iter().collect();
         if let (None, [(one, a), (other, b)]) = (topic, &seen[..]) {
-            let has = |seen: &Seen| (seen.accelerations, seen.rates);
+            let has = |seen: &TopicContent| (seen.accelerations, seen.rates);
             match (has(a), has(b)) {
-                ((true, false), (false, true)) => return Ok(Chosen::Two([one, other].map(|name| (*name).clone()))),
-                ((false, true), (true, false)) => return Ok(Chosen::Two([other, one].map(|name| (*name).clone()))),
+                ((true, false), (false, true)) => {
+                    return Ok(TopicChoice::Two([one, other].map(|name| (*name).clone())));
+                }
+                ((false, true), (true, false)) => {
+                    return Ok(TopicChoice::Two([other, one].map(|name| (*name).clone())));
+                }
                 _ => {}
             }
         }
         let option = "--topic, or those of accelerometers and gyroscopes with --topic and --gyroscope-topic";
-        choose(&names, topic, option)?.map(Chosen::One).ok_or_else(|| self.no_imu())
+        choose(&names, topic, option)?.map(TopicChoice::One).ok_or_else(|| self.no_imu())
     }
 
     fn no_imu(&self) -> String {
@@ -456,18 +460,18 @@ fn choose(topics: &[String], wanted: Option<&str>, option: &str) -> Result<Optio
     }
 }
 
-impl Messages {
-    fn open(path: &Path, settings: &Settings) -> Result<Self, Failure> {
-        let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
-        Ok(Self::new(path, settings.watched(source)))
+impl BagMessages {
+    fn open(of: &DataSource, settings: &Settings) -> Result<Self, Failure> {
+        let source = of.open().map_err(|error| Failure::io("opening", of.name(), &error))?;
+        Ok(Self::new(of, settings.progress.restarted(source)))
     }
 
     /// The messages of a file, from its beginning.
-    fn new(path: &Path, source: Box<dyn Read>) -> Self {
+    fn new(of: &DataSource, source: Box<dyn Read>) -> Self {
         let kind = |channel: &mcap::records::Channel, schema: &str| {
-            Channel::new(channel.topic.clone(), schema.to_owned(), &channel.message_encoding).kind
+            BagChannel::new(channel.topic.clone(), schema.to_owned(), &channel.message_encoding).kind
         };
-        let unwanted = Unwanted::of(path, |channel, schema| kind(channel, schema) != MessageKind::Other);
+        let unwanted = ChannelFilter::of(of, |channel, schema| kind(channel, schema) != MessageKind::Other);
         Self { records: Records::without(source, unwanted), schemas: HashMap::new(), channels: HashMap::new(), read: 0 }
     }
 
@@ -495,7 +499,7 @@ impl Messages {
             Record::Channel(channel) => {
                 let schema = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
                 let encoding = &channel.message_encoding;
-                self.channels.insert(channel.id, Rc::new(Channel::new(channel.topic, schema, encoding)));
+                self.channels.insert(channel.id, Rc::new(BagChannel::new(channel.topic, schema, encoding)));
             }
             Record::Message { header, data } => {
                 self.read += 1;

@@ -5,17 +5,6 @@ use isotherm_shared::readings::Resolution;
 use isotherm_shared::table::Nominal;
 use isotherm_shared::wire::RawSample;
 
-/// What a source knows of its numbers.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Units {
-    /// What a pulse stands for.
-    pub(super) resolution: Resolution,
-    /// Largest readings of an accelerometer \[m/s2\] and of a gyroscope \[rad/s\], as their type has them.
-    pub(super) largest: [Option<f64>; 2],
-    /// Numbers of accelerometer and gyroscope, as an autopilot has them.
-    pub(super) devices: [Option<u32>; 2],
-}
-
 /// What the pulses of converted readings stand for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
@@ -69,15 +58,15 @@ impl Scale {
 
 /// The telemetry of the rows so far: lowest and highest.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Telemetry([f64; 2]);
+pub(super) struct TemperatureRange([f64; 2]);
 
-impl Default for Telemetry {
+impl Default for TemperatureRange {
     fn default() -> Self {
         Self([f64::INFINITY, f64::NEG_INFINITY])
     }
 }
 
-impl Telemetry {
+impl TemperatureRange {
     /// Takes a row. What is no finite number is left out.
     pub(super) fn take(&mut self, sample: &RawSample) {
         let triads = [Some(&sample.accelerometers), Some(&sample.gyroscopes).filter(|triad| !triad.is_absent())];

@@ -1,20 +1,9 @@
 //! What is known of foreign data besides a mapping.
 
 use super::mapping::Mapping;
-use indicatif::ProgressBar;
-use isotherm_recording::LogImu;
-use std::io::Read;
-use std::path::PathBuf;
-
-/// The temperature that the gyroscopes of an autopilot's log have.
-#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
-pub enum GyroscopeTemperature {
-    /// Their own. Where they have none, the rows have no gyroscopes.
-    #[default]
-    Own,
-    /// That of the accelerometers.
-    Accelerometer,
-}
+use isotherm_autopilot::logs::{GyroscopeTemperature, LogSettings};
+use isotherm_recording::{LogImu, Progress};
+use isotherm_support::source::DataSource;
 
 /// Where the times of rows come from.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
@@ -44,7 +33,7 @@ pub struct Settings {
     /// The topic of the gyroscopes, if accelerometers and gyroscopes have a topic each.
     pub gyroscope_topic: Option<String>,
     /// The file of the gyroscopes, if accelerometers and gyroscopes have a text each.
-    pub gyroscope_file: Option<PathBuf>,
+    pub gyroscope_file: Option<DataSource>,
     /// The topic of the `sensor_msgs/msg/Temperature`, if there are several.
     pub temperature_topic: Option<String>,
     /// The session of the samples; 0 unless given. Where the clock of the stamps starts again, the next one follows.
@@ -61,18 +50,18 @@ pub struct Settings {
     /// taken where that of the data is the same but for jitter.
     pub of_pieces: Option<(u64, u64)>,
     /// Advances by the bytes read. Some formats are read twice; then it begins anew.
-    pub progress: Option<ProgressBar>,
+    pub progress: Progress,
 }
 
 impl Settings {
-    /// The source, whose bytes the progress shows from their beginning.
-    pub(super) fn watched(&self, source: Box<dyn Read>) -> Box<dyn Read> {
-        match &self.progress {
-            Some(progress) => {
-                progress.set_position(0);
-                Box::new(progress.wrap_read(source))
-            }
-            None => source,
+    /// What concerns the log of an autopilot.
+    pub(super) fn of_log(&self) -> LogSettings {
+        let Self { instance, preferred, gyroscope_temperature, progress, .. } = self;
+        LogSettings {
+            instance: *instance,
+            preferred: *preferred,
+            gyroscope_temperature: *gyroscope_temperature,
+            progress: progress.clone(),
         }
     }
 }

@@ -2,12 +2,12 @@
 //! become an even clock.
 
 use super::clock::EvenClock;
-use super::interval::{self, Shape};
+use super::interval::{self, IntervalShape};
 use super::mender::{Mender, WINDOW};
 use super::rhythm::{Twice, arrivals, rhythm, twice};
 use super::settings::TimeSource;
-use super::source::{Reading, Source};
 use isotherm_recording::RecordingError;
+use isotherm_recording::foreign::{ForeignRow, RowSource};
 use isotherm_support::finding::{Finding, name};
 use std::collections::VecDeque;
 
@@ -19,19 +19,19 @@ const FOUND_FROM_UNEVEN: usize = 100_000;
 const FEW: u64 = 50;
 
 /// The rows of a source.
-pub(super) struct Stamped {
-    pub(super) source: Box<dyn Source>,
+pub(super) struct StampedRows {
+    pub(super) source: Box<dyn RowSource>,
     /// Where the times come from.
     time: TimeSource,
     /// Rows that have been read ahead.
-    ahead: VecDeque<Reading>,
+    ahead: VecDeque<ForeignRow>,
     mender: Mender,
     /// Rows that the mender has given.
-    mended: VecDeque<Reading>,
+    mended: VecDeque<ForeignRow>,
     clock: Option<EvenClock>,
     /// Rows that have their time.
-    ready: VecDeque<Reading>,
-    shape: Option<Shape>,
+    ready: VecDeque<ForeignRow>,
+    shape: Option<IntervalShape>,
     /// Rows that the shape was found from.
     found_from: u64,
     /// What ended the rows before the source did.
@@ -41,12 +41,12 @@ pub(super) struct Stamped {
     closed: bool,
 }
 
-impl Stamped {
+impl StampedRows {
     /// Reads the first rows, to judge their stamps.
     ///
     /// # Errors
     /// If there is no row, or if all stamps are the same.
-    pub(super) fn new(source: Box<dyn Source>, time: TimeSource) -> Result<Self, RecordingError> {
+    pub(super) fn new(source: Box<dyn RowSource>, time: TimeSource) -> Result<Self, RecordingError> {
         let adds_up = source.counts_since_the_row_before();
         let mut rows = Self {
             source,
@@ -110,7 +110,7 @@ impl Stamped {
     fn mended_times(&self, mut mender: Mender, rows: usize) -> (bool, Vec<u64>) {
         let (counter, mut mended, mut times) = (self.source.counter(), VecDeque::new(), Vec::new());
         let mut highest_ns = 0;
-        let mut take = |mended: &mut VecDeque<Reading>| {
+        let mut take = |mended: &mut VecDeque<ForeignRow>| {
             for row in mended.drain(..) {
                 let Some(time_ns) = row.timestamp_ns.filter(|_| times.len() < rows) else { continue };
                 // Where a stamp is a little before the one of the row before, it is the same.
@@ -138,7 +138,7 @@ impl Stamped {
     }
 
     /// The next row of the source.
-    fn read(&mut self) -> Option<Reading> {
+    fn read(&mut self) -> Option<ForeignRow> {
         match self.source.read() {
             Ok(Some(mut row)) => {
                 if self.time == TimeSource::Rate {
@@ -157,7 +157,7 @@ impl Stamped {
     ///
     /// # Errors
     /// Of the source, after the rows before it; after the last row, if too many stamps were bad.
-    pub(super) fn next(&mut self) -> Result<Option<Reading>, RecordingError> {
+    pub(super) fn next(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         while self.ready.is_empty() && !self.closed {
             let row = self.ahead.pop_front();
             match row.or_else(|| if self.ended { None } else { self.read() }) {

@@ -1,16 +1,16 @@
 //! Readings of accelerometers or of gyroscopes, which are joined with those of the others.
 
 use super::settings::TimeSource;
-use super::source::{Reading, Source};
-use super::stamped::Stamped;
+use super::stamped::StampedRows;
 use isotherm_recording::RecordingError;
+use isotherm_recording::foreign::{ForeignRow, RowSource};
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::Failure;
 use std::path::{Path, PathBuf};
 
 /// The readings of three sensors, or of six of which three are wanted.
-pub(super) struct Stream {
-    pub(super) rows: Stamped,
+pub(super) struct RowStream {
+    pub(super) rows: StampedRows,
     /// Whether they are the gyroscopes.
     pub(super) are_gyroscopes: bool,
     pub(super) interval_ns: f64,
@@ -18,24 +18,24 @@ pub(super) struct Stream {
     pub(super) name: String,
     /// Their file, if it is not that of the rows.
     pub(super) file: Option<PathBuf>,
-    pub(super) next: Option<Reading>,
+    pub(super) next: Option<ForeignRow>,
 }
 
-impl Stream {
+impl RowStream {
     /// Reads the first rows. `file` is that of the data, if it is not that of the other sensors.
     ///
     /// # Errors
     /// Of the rows; if they have no times that rise, or count over the time since the row before.
     pub(super) fn new(
-        source: Box<dyn Source>,
+        source: Box<dyn RowSource>,
         time: TimeSource,
         are_gyroscopes: bool,
         name: String,
         file: Option<&Path>,
     ) -> Result<Self, RecordingError> {
         let located = |error: RecordingError| located(error, file);
-        let mut rows = Stamped::new(source, time).map_err(located)?;
-        let refused = |rows: &Stamped, message: &str| located(rows.source.error(rows.first(), message.to_owned()));
+        let mut rows = StampedRows::new(source, time).map_err(located)?;
+        let refused = |rows: &StampedRows, message: &str| located(rows.source.error(rows.first(), message.to_owned()));
         if rows.source.counts_since_the_row_before() {
             return Err(refused(
                 &rows,
@@ -67,7 +67,7 @@ impl Stream {
         Ok(self.next.is_some())
     }
 
-    pub(super) fn pulses(&self, reading: &Reading) -> [i64; AXES] {
+    pub(super) fn pulses(&self, reading: &ForeignRow) -> [i64; AXES] {
         let first = if self.are_gyroscopes { AXES } else { 0 };
         [0, 1, 2].map(|axis| reading.pulses[first + axis])
     }

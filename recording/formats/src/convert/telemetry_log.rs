@@ -9,7 +9,7 @@
 //! ArduPilot sends whole mg and mrad/s (1000 ug0, 206 deg/h), corrected, at a few Hz. A table of these would repeat the
 //! correction that was in force.
 
-use super::autopilot::first_message;
+use isotherm_autopilot::logs::first_message;
 use std::collections::BTreeMap;
 
 /// Longest name of a message in a log of ArduPilot.
@@ -26,7 +26,7 @@ const IMU_MESSAGES: [(u32, &str, Option<usize>); 5] = [
 ];
 
 /// A message.
-struct Frame<'a> {
+struct MavlinkFrame<'a> {
     number: u32,
     payload: &'a [u8],
     length: usize,
@@ -70,16 +70,16 @@ fn refusal(what: &str) -> String {
 }
 
 /// The messages at the beginning of the data, as far as they follow each other behind stamps of this length.
-fn frames(data: &[u8], stamp: usize) -> impl Iterator<Item = Frame<'_>> {
+fn frames(data: &[u8], stamp: usize) -> impl Iterator<Item = MavlinkFrame<'_>> {
     let mut rest = data;
     std::iter::from_fn(move || {
-        let frame = Frame::read(rest.get(stamp..)?)?;
+        let frame = MavlinkFrame::read(rest.get(stamp..)?)?;
         rest = rest.get(stamp + frame.length..)?;
         Some(frame)
     })
 }
 
-impl<'a> Frame<'a> {
+impl<'a> MavlinkFrame<'a> {
     /// The message that the data begin with.
     fn read(data: &'a [u8]) -> Option<Self> {
         let (header, number, signature) = match *data.get(..10)? {

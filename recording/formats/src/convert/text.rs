@@ -12,29 +12,29 @@ pub(super) mod means;
 pub(super) use bad_rows::{BadRows, Fault};
 
 use super::columns::{ColumnRef, Kind, Sensors, Temperature};
-use super::layouts::Recognised;
+use super::layouts::LayoutMatch;
 use super::mapping::{Mapping, TimeUnit};
-use super::opening::{Checksums, FEWEST, Opening, Table, rows_of, uncommented};
-use super::rollover::Counter;
-use super::scale::Units;
-use super::source::{Reading, Source, placeholder};
+use super::opening::{Checksums, FEWEST, Table, TextOpening, rows_of, uncommented};
 use super::unit::Linear;
 use super::{calendar, header_units, proposal, unit};
-use axes::{Axes, bad};
-use bad_rows::NoReading;
+use axes::{TextAxes, bad};
+use bad_rows::RowRefusal;
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{Checksum, CsvColumn, Rows, missing_columns};
+use isotherm_recording::foreign::Counter;
+use isotherm_recording::foreign::Units;
+use isotherm_recording::foreign::{ForeignRow, RowSource, placeholder};
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use isotherm_support::finding::Finding;
-use marks::Marks;
+use marks::ColumnMarks;
 use std::borrow::Cow;
 use std::io::Read;
 
 /// Rows of a text.
 pub(super) struct TextSource {
     rows: Rows<Box<dyn Read>>,
-    marks: Marks,
+    marks: ColumnMarks,
     /// Number of fields of a row.
     width: usize,
     checksums: Checksums,
@@ -45,17 +45,17 @@ pub(super) struct TextSource {
     has_signs: bool,
     /// Line of the header, or else of the first row.
     begin: u64,
-    columns: Columns,
+    columns: TextColumns,
     /// The columns of set point and position, of a sheet of means.
     labels: Option<[CsvColumn; 2]>,
-    accelerometers: Axes,
-    gyroscopes: Option<Axes>,
+    accelerometers: TextAxes,
+    gyroscopes: Option<TextAxes>,
     /// Whether `accelerometers` has the gyroscopes: in a text of them alone.
     is_of_gyroscopes: bool,
     /// What the header says of units.
     notes: Vec<String>,
     /// The layout that was recognised, in the place of a mapping that is given.
-    recognised: Option<Recognised>,
+    recognised: Option<LayoutMatch>,
     /// Whether all times so far are whole numbers.
     whole_times: bool,
     /// Whether they are times of a day.
@@ -69,14 +69,14 @@ pub(super) struct TextSource {
 }
 
 /// The columns beside those of the sensors.
-struct Columns {
+struct TextColumns {
     time: Option<(CsvColumn, TimeUnit)>,
     /// That of the time of the day, where `time` is the date.
     of_day: Option<CsvColumn>,
-    telemetry: Telemetry,
+    telemetry: TextTemperature,
 }
 
-enum Telemetry {
+enum TextTemperature {
     /// Of the heads and the boards, what makes telemetry of the numbers, and whether a number has been seen.
     Columns([Vec<CsvColumn>; 2], Linear, bool),
     Constant(f64),
@@ -87,12 +87,12 @@ enum Telemetry {
 /// # Errors
 /// If it is no table of numbers, or cannot be read.
 pub(super) fn proposal(source: Box<dyn Read>) -> Result<String, RecordingError> {
-    let (opening, source) = Opening::read(source, 0)?;
+    let (opening, source) = TextOpening::read(source, 0)?;
     proposed(&opening, source, 0)
 }
 
 /// The same for what is behind `skip` lines.
-fn proposed(opening: &Opening, source: Box<dyn Read>, skip: u64) -> Result<String, RecordingError> {
+fn proposed(opening: &TextOpening, source: Box<dyn Read>, skip: u64) -> Result<String, RecordingError> {
     let Some(table) = opening.table() else {
         let message = format!("no two rows with {FEWEST} numbers or more; this is no table of numbers");
         return Err(RecordingError::Data { line: opening.last(), message });
@@ -109,7 +109,7 @@ impl TextSource {
     /// # Errors
     /// If a column is missing, with the columns that were found and the mapping that would be.
     pub(super) fn new(source: Box<dyn Read>, mut mapping: Mapping) -> Result<Self, RecordingError> {
-        let (opening, source) = Opening::read(source, mapping.skip)?;
+        let (opening, source) = TextOpening::read(source, mapping.skip)?;
         let wanted: Vec<_> = mapping.columns().filter_map(ColumnRef::name).collect();
         let numbers: Vec<_> = mapping.columns().filter_map(ColumnRef::number).collect();
         let found = if mapping.header { opening.by_names(&wanted) } else { opening.by_numbers(&numbers) };
@@ -142,23 +142,23 @@ impl TextSource {
         let of_day = mapping.time.of_day.as_ref().map(find).transpose()?;
         let labels = mapping.labels.as_ref().map(|[one, other]| Ok::<_, RecordingError>([find(one)?, find(other)?]));
         let labels = labels.transpose()?;
-        let axes = |sensors: &Sensors| Axes::new(sensors, find);
+        let axes = |sensors: &Sensors| TextAxes::new(sensors, find);
         let telemetry = match &mapping.temperature {
-            Temperature::Constant(constant) => Telemetry::Constant(*constant),
+            Temperature::Constant(constant) => TextTemperature::Constant(*constant),
             Temperature::Columns { head, board, linear } => {
-                Telemetry::Columns([all(head)?, all(board)?], linear.unwrap_or(Linear::CELSIUS), linear.is_none())
+                TextTemperature::Columns([all(head)?, all(board)?], linear.unwrap_or(Linear::CELSIUS), linear.is_none())
             }
         };
         Ok(Self {
             rows,
-            marks: Marks::new(table.separator, mapping.decimal),
+            marks: ColumnMarks::new(table.separator, mapping.decimal),
             width: table.width,
             checksums: table.checksums,
             has_header: table.header.is_some(),
             above: (opening.before(table.begin()), opening.before(begin).len()),
             has_signs: opening.is_comment(table.first),
             begin,
-            columns: Columns { time, of_day, telemetry },
+            columns: TextColumns { time, of_day, telemetry },
             labels,
             accelerometers: axes(&mapping.accelerometer)?,
             gyroscopes: mapping.gyroscope.as_ref().map(axes).transpose()?,
@@ -177,7 +177,7 @@ impl TextSource {
     /// As [`new`](Self::new), of a layout that was recognised. The telemetry \[degC\] may be given.
     pub(super) fn recognised(
         source: Box<dyn Read>,
-        mut recognised: Recognised,
+        mut recognised: LayoutMatch,
         temperature: Option<f64>,
     ) -> Result<Self, RecordingError> {
         if let Some(temperature) = temperature {
@@ -198,7 +198,7 @@ impl TextSource {
         Self::new(source, alone).map(|source| Self { is_of_gyroscopes: true, ..source })
     }
 
-    fn missing(opening: &Opening, source: Box<dyn Read>, mapping: &Mapping) -> RecordingError {
+    fn missing(opening: &TextOpening, source: Box<dyn Read>, mapping: &Mapping) -> RecordingError {
         let table = opening.table().or_else(|| opening.widest());
         let Some(table) = table else {
             return RecordingError::Data { line: mapping.skip + 1, message: "there are no rows".to_owned() };
@@ -234,10 +234,10 @@ impl TextSource {
     }
 
     /// The reading of the current row.
-    fn reading(&mut self) -> Result<Reading, NoReading> {
+    fn reading(&mut self) -> Result<ForeignRow, RowRefusal> {
         self.check_width()?;
         let (rows, marks) = (&self.rows, &mut self.marks);
-        let mut reading = Reading { place: rows.line(), row: self.count, ..Reading::default() };
+        let mut reading = ForeignRow { place: rows.line(), row: self.count, ..ForeignRow::default() };
         let (mut is_whole, mut of_day) = (self.whole_times, self.of_day);
         match &self.columns.time {
             Some((column, TimeUnit::Power(power))) => {
@@ -274,26 +274,28 @@ impl TextSource {
     }
 
     /// Refuses a row of another width, or with a wrong checksum.
-    fn check_width(&self) -> Result<(), NoReading> {
+    fn check_width(&self) -> Result<(), RowRefusal> {
         let rows = &self.rows;
         if !rows.fits(self.width) {
             let first = if self.has_header { "the header" } else { "the first row" };
             let message = format!("{} fields, but {first} has {}; is the row cut?", rows.len(), self.width);
-            return Err(NoReading::Row(Fault::Fields, message));
+            return Err(RowRefusal::Row(Fault::Fields, message));
         }
         match self.checksums {
-            Checksums::Checked => checked(rows.line_text()).map_err(|message| NoReading::Row(Fault::Checksum, message)),
+            Checksums::Checked => {
+                checked(rows.line_text()).map_err(|message| RowRefusal::Row(Fault::Checksum, message))
+            }
             _ => Ok(()),
         }
     }
 
     /// The telemetry of heads and boards of the current row.
     #[inline]
-    fn telemetry(&mut self) -> Result<[[f64; 2 * AXES]; 2], NoReading> {
+    fn telemetry(&mut self) -> Result<[[f64; 2 * AXES]; 2], RowRefusal> {
         let (rows, marks) = (&self.rows, &mut self.marks);
         let (columns, linear, is_seen) = match &mut self.columns.telemetry {
-            Telemetry::Constant(constant) => return Ok([[*constant; _]; 2]),
-            Telemetry::Columns(columns, linear, is_seen) => (columns, linear, is_seen),
+            TextTemperature::Constant(constant) => return Ok([[*constant; _]; 2]),
+            TextTemperature::Columns(columns, linear, is_seen) => (columns, linear, is_seen),
         };
         let mut both = [[0.0; 2 * AXES]; 2];
         for (columns, values) in columns.iter().zip(&mut both) {
@@ -345,8 +347,8 @@ fn checked(line: &[u8]) -> Result<(), String> {
     }
 }
 
-impl Source for TextSource {
-    fn read(&mut self) -> Result<Option<Reading>, RecordingError> {
+impl RowSource for TextSource {
+    fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         loop {
             let (fault, message) = match self.rows.next_row() {
                 Ok(false) => {
@@ -361,12 +363,12 @@ impl Source for TextSource {
                     self.count += 1;
                     match self.reading() {
                         Ok(reading) => return Ok(Some(reading)),
-                        Err(NoReading::Text(error)) => return Err(error),
-                        Err(NoReading::Row(..)) if self.is_no_row() => {
+                        Err(RowRefusal::Text(error)) => return Err(error),
+                        Err(RowRefusal::Row(..)) if self.is_no_row() => {
                             (self.count, self.no_rows) = (self.count - 1, self.no_rows + 1);
                             continue;
                         }
-                        Err(NoReading::Row(fault, message)) => (fault, message),
+                        Err(RowRefusal::Row(fault, message)) => (fault, message),
                     }
                 }
                 Err(RecordingError::Data { message, .. }) => {

@@ -4,7 +4,7 @@ use isotherm_shared::table::STANDARD_GRAVITY;
 
 /// A unit, as a mapping names it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Unit {
+pub(super) struct NumberUnit {
     pub(super) name: &'static str,
     /// One of it \[m/s2 or rad/s\].
     pub(super) factor: f64,
@@ -19,9 +19,9 @@ pub(super) enum Quantity {
 
 /// The unit that a header says.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Said {
+pub(super) enum UnitWord {
     Nothing,
-    Unit(Unit),
+    Unit(NumberUnit),
     /// Brackets around this text, which is no unit of the quantity.
     Unknown(String),
 }
@@ -74,24 +74,27 @@ pub(super) struct Thermal {
 const DEGREE: f64 = core::f64::consts::PI / 180.0;
 
 /// Units and their canonical spellings.
-type Spellings = [(Unit, &'static [&'static str])];
+type Spellings = [(NumberUnit, &'static [&'static str])];
 
 /// A g is the standard one, whatever gravity is where the IMU is.
 const ACCELERATIONS: &Spellings = &[
     (
-        Unit { name: "m/s2", factor: 1.0 },
+        NumberUnit { name: "m/s2", factor: 1.0 },
         &["m/s2", "m/s/s", "m/ss", "ms-2", "ms2", "mps2", "mpss", "mps/s", "m/s\u{fffd}"],
     ),
-    (Unit { name: "g", factor: STANDARD_GRAVITY }, &["g", "gs", "g0", "gn", "gee", "g-force", "gforce"]),
-    (Unit { name: "mg", factor: STANDARD_GRAVITY / 1e3 }, &["mg", "mgs", "mg0", "mgn"]),
+    (NumberUnit { name: "g", factor: STANDARD_GRAVITY }, &["g", "gs", "g0", "gn", "gee", "g-force", "gforce"]),
+    (NumberUnit { name: "mg", factor: STANDARD_GRAVITY / 1e3 }, &["mg", "mgs", "mg0", "mgn"]),
 ];
 
 const RATES: &Spellings = &[
-    (Unit { name: "rad/s", factor: 1.0 }, &["rad/s", "rads-1", "rads", "radps"]),
-    (Unit { name: "deg/s", factor: DEGREE }, &["deg/s", "degs-1", "degs", "degps", "dps", "\u{fffd}/s", "\u{fffd}s-1"]),
-    (Unit { name: "mrad/s", factor: 1e-3 }, &["mrad/s", "mrads-1", "mrads", "mradps"]),
-    (Unit { name: "mdeg/s", factor: DEGREE / 1e3 }, &["mdeg/s", "mdegs-1", "mdegs", "mdegps", "mdps"]),
-    (Unit { name: "deg/h", factor: DEGREE / 3600.0 }, &["deg/h", "degh-1", "degph", "dph", "\u{fffd}/h"]),
+    (NumberUnit { name: "rad/s", factor: 1.0 }, &["rad/s", "rads-1", "rads", "radps"]),
+    (
+        NumberUnit { name: "deg/s", factor: DEGREE },
+        &["deg/s", "degs-1", "degs", "degps", "dps", "\u{fffd}/s", "\u{fffd}s-1"],
+    ),
+    (NumberUnit { name: "mrad/s", factor: 1e-3 }, &["mrad/s", "mrads-1", "mrads", "mradps"]),
+    (NumberUnit { name: "mdeg/s", factor: DEGREE / 1e3 }, &["mdeg/s", "mdegs-1", "mdegs", "mdegps", "mdps"]),
+    (NumberUnit { name: "deg/h", factor: DEGREE / 3600.0 }, &["deg/h", "degh-1", "degph", "dph", "\u{fffd}/h"]),
 ];
 
 /// Temperatures: the unit, its scale and offset, and its canonical spellings.
@@ -165,7 +168,7 @@ impl Quantity {
     }
 
     /// The unit with this factor, if a mapping can name it.
-    pub(super) fn named(self, factor: f64) -> Option<Unit> {
+    pub(super) fn named(self, factor: f64) -> Option<NumberUnit> {
         self.spellings().iter().map(|(unit, _)| *unit).find(|unit| unit.factor == factor)
     }
 
@@ -178,40 +181,40 @@ impl Quantity {
         other.unit(text).is_some()
     }
 
-    fn unit(self, text: &str) -> Option<Unit> {
+    fn unit(self, text: &str) -> Option<NumberUnit> {
         let text = canonical(text);
         self.spellings().iter().find(|(_, all)| all.contains(&text.as_str())).map(|(unit, _)| *unit)
     }
 
     /// The unit that the name of a column says: in brackets, or in its last parts, as in `ax_m_s2` and `gyro_dps_x`.
-    pub(super) fn said(self, name: &str) -> Said {
+    pub(super) fn said(self, name: &str) -> UnitWord {
         let mut unknown = None;
         for text in bracketed(name) {
             if let Some(unit) = self.unit(text) {
-                return Said::Unit(unit);
+                return UnitWord::Unit(unit);
             }
             let is_count = COUNTS.contains(&text.to_lowercase().trim());
             unknown = unknown.or((!is_count).then_some(text));
         }
         let found = endings(name).iter().find_map(|ending| self.unit(ending));
         match (found, unknown) {
-            (Some(unit), _) => Said::Unit(unit),
-            (None, Some(text)) => Said::Unknown(text.trim().to_owned()),
-            (None, None) => Said::Nothing,
+            (Some(unit), _) => UnitWord::Unit(unit),
+            (None, Some(text)) => UnitWord::Unknown(text.trim().to_owned()),
+            (None, None) => UnitWord::Nothing,
         }
     }
 
     /// The unit of three columns. One that says it says it for all.
-    pub(super) fn of_triad(self, names: [&str; 3]) -> Said {
-        let mut joint = Said::Nothing;
+    pub(super) fn of_triad(self, names: [&str; 3]) -> UnitWord {
+        let mut joint = UnitWord::Nothing;
         for said in names.map(|name| self.said(name)) {
             joint = match (joint, said) {
-                (joint, Said::Nothing) => joint,
-                (Said::Nothing, said) => said,
-                (Said::Unit(one), Said::Unit(other)) if one != other => {
-                    return Said::Unknown(format!("{} and {}", one.name, other.name));
+                (joint, UnitWord::Nothing) => joint,
+                (UnitWord::Nothing, said) => said,
+                (UnitWord::Unit(one), UnitWord::Unit(other)) if one != other => {
+                    return UnitWord::Unknown(format!("{} and {}", one.name, other.name));
                 }
-                (Said::Unknown(_), Said::Unit(unit)) => Said::Unit(unit),
+                (UnitWord::Unknown(_), UnitWord::Unit(unit)) => UnitWord::Unit(unit),
                 (joint, _) => joint,
             };
         }
@@ -348,7 +351,7 @@ mod tests {
             ("mg", &["ax(mg)", "ax_mg", "acc_mg_x", "ax [milli g]", "aX [mG]"]),
         ] {
             for name in names {
-                let Said::Unit(said) = Quantity::Acceleration.said(name) else { panic!("{name}") };
+                let UnitWord::Unit(said) = Quantity::Acceleration.said(name) else { panic!("{name}") };
                 assert_eq!(said.name, unit, "{name}");
             }
         }
@@ -377,7 +380,7 @@ mod tests {
             ("deg/h", &["gx [deg/h]", "gx (deg/hr)", "gx (\u{b0}/h)", "gx (degrees/hour)"]),
         ] {
             for name in names {
-                let Said::Unit(said) = Quantity::Rate.said(name) else { panic!("{name}") };
+                let UnitWord::Unit(said) = Quantity::Rate.said(name) else { panic!("{name}") };
                 assert_eq!(said.name, unit, "{name}");
             }
         }
@@ -396,15 +399,15 @@ mod tests {
     #[test]
     fn what_is_no_unit_is_not_taken_for_one() {
         for name in ["gx", "ax", "AccX", "acc_1", "linear_acceleration.x", "ax_counts", "ax [LSB]", "clip_counter[0]"] {
-            assert_eq!(Quantity::Acceleration.said(name), Said::Nothing, "{name}");
-            assert_eq!(Quantity::Rate.said(name), Said::Nothing, "{name}");
+            assert_eq!(Quantity::Acceleration.said(name), UnitWord::Nothing, "{name}");
+            assert_eq!(Quantity::Rate.said(name), UnitWord::Nothing, "{name}");
         }
-        assert_eq!(Quantity::Acceleration.said("ax (ft/s2)"), Said::Unknown("ft/s2".to_owned()));
-        assert_eq!(Quantity::Rate.said("gx (m/s^2)"), Said::Unknown("m/s^2".to_owned()));
+        assert_eq!(Quantity::Acceleration.said("ax (ft/s2)"), UnitWord::Unknown("ft/s2".to_owned()));
+        assert_eq!(Quantity::Rate.said("gx (m/s^2)"), UnitWord::Unknown("m/s^2".to_owned()));
         let joint = Quantity::Acceleration.of_triad(["ax(g)", "ay", "az"]);
-        assert!(matches!(joint, Said::Unit(unit) if unit.name == "g"));
+        assert!(matches!(joint, UnitWord::Unit(unit) if unit.name == "g"));
         let mixed = Quantity::Acceleration.of_triad(["ax(g)", "ay(mg)", "az"]);
-        assert_eq!(mixed, Said::Unknown("g and mg".to_owned()));
+        assert_eq!(mixed, UnitWord::Unknown("g and mg".to_owned()));
         assert_eq!((of_temperature("temp"), of_temperature("temperature1")), (None, None));
     }
 }

@@ -19,12 +19,12 @@ pub(super) struct Borders {
     /// The stamp of the row that the next piece begins with, if it has been read already \[ns\].
     is_twice: Option<u64>,
     /// Pieces that go on from each other, without breaks between.
-    joined: Vec<Joined>,
+    joined: Vec<PieceJoint>,
     apart: Vec<Apart>,
 }
 
 /// Pieces that go on from each other.
-struct Joined {
+struct PieceJoint {
     first: PathBuf,
     last: PathBuf,
     pieces: usize,
@@ -65,7 +65,7 @@ impl Borders {
                 joined.pieces += 1;
                 joined.missing += missing;
             }
-            None => self.joined.push(Joined { first: before, last: piece, pieces: 2, missing }),
+            None => self.joined.push(PieceJoint { first: before, last: piece, pieces: 2, missing }),
         }
     }
 
@@ -86,9 +86,9 @@ impl Borders {
     /// If it overlaps that: a row is in both.
     pub(super) fn begin(&mut self, piece: &WaitingPiece, before: &Path) -> Result<(), Failure> {
         let is_unnamed = piece.first.is_some_and(|first| first.session == 0);
-        self.open = is_unnamed.then(|| [before.to_owned(), piece.path.clone()]);
+        self.open = is_unnamed.then(|| [before.to_owned(), piece.source.name().to_owned()]);
         let Some(stamp_ns) = self.is_twice.take() else { return Ok(()) };
-        let (piece, before) = (shown(&piece.path), shown(before));
+        let (piece, before) = (shown(piece.source.name()), shown(before));
         let message = format!(
             "{piece}: its first row, of {stamp_ns} ns, is there twice; the piece before is {before}: leave out the \
              rows that are in both"
@@ -109,7 +109,7 @@ impl Borders {
 
     /// What the operator should know, a line each.
     pub(super) fn notes(&self) -> Vec<String> {
-        let joined = self.joined.iter().map(|Joined { first, last, pieces, missing }| {
+        let joined = self.joined.iter().map(|PieceJoint { first, last, pieces, missing }| {
             let (first, last) = (shown(first), shown(last));
             let missing = match missing {
                 0 => String::new(),

@@ -3,7 +3,7 @@
 //! What a chunk unpacks to is refused by its header, before anything of it is unpacked; the library then unpacks no
 //! more than the header says. Zeros that are packed a thousand times over would take hours.
 
-use crate::steps;
+use isotherm_recording::steps;
 use mcap::McapError;
 use mcap::records::op;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -21,9 +21,9 @@ const HEAD: usize = 9;
 
 /// What a file unpacks to.
 #[derive(Default)]
-pub(crate) struct Unpacked(u64);
+pub(crate) struct ChunkBuffer(u64);
 
-impl Unpacked {
+impl ChunkBuffer {
     /// Counts the chunk with this content, of a file of which `bytes` have been read.
     ///
     /// # Errors

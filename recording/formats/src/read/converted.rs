@@ -14,10 +14,10 @@ const LISTED: usize = 3;
 
 /// The pieces that have ended; `None` of a recording.
 #[derive(Default)]
-pub(super) struct Converted(Vec<(PathBuf, Option<End>)>);
+pub(super) struct ConversionEnds(Vec<(PathBuf, Option<ConversionEnd>)>);
 
 /// What a conversion tells after its last row.
-struct End {
+struct ConversionEnd {
     notes: Vec<String>,
     findings: Vec<Finding>,
     interval_ns: u64,
@@ -25,10 +25,10 @@ struct End {
     log_imu: Option<LogImu>,
 }
 
-impl Converted {
+impl ConversionEnds {
     /// Takes a piece after its last row.
     pub(super) fn take(&mut self, piece: &Piece) {
-        let end = |conversion: &Conversion| End {
+        let end = |conversion: &Conversion| ConversionEnd {
             notes: conversion.notes(),
             findings: conversion.findings(),
             interval_ns: conversion.interval_ns(),
@@ -38,7 +38,7 @@ impl Converted {
         self.0.push((piece.path.clone(), piece.source.conversion().map(end)));
     }
 
-    fn foreign(&self) -> impl Iterator<Item = (&Path, &End)> {
+    fn foreign(&self) -> impl Iterator<Item = (&Path, &ConversionEnd)> {
         self.0.iter().filter_map(|(path, end)| Some((path.as_path(), end.as_ref()?)))
     }
 
@@ -58,7 +58,7 @@ impl Converted {
     }
 
     /// What the pieces tell, each once, with the pieces that tell it.
-    fn once<'a, T: PartialEq>(&'a self, told: impl Fn(&'a End) -> &'a Vec<T>) -> Vec<(Vec<&'a Path>, &'a T)> {
+    fn once<'a, T: PartialEq>(&'a self, told: impl Fn(&'a ConversionEnd) -> &'a Vec<T>) -> Vec<(Vec<&'a Path>, &'a T)> {
         let mut all: Vec<(Vec<&Path>, &T)> = Vec::new();
         for (path, end) in self.foreign() {
             for what in told(end) {
@@ -93,7 +93,7 @@ impl Converted {
 
     /// As [`Recording::log_imu`](super::Recording::log_imu).
     pub(super) fn log_imu(&self) -> Option<LogImu> {
-        let of_piece = |(_, end): &(PathBuf, Option<End>)| end.as_ref()?.log_imu;
+        let of_piece = |(_, end): &(PathBuf, Option<ConversionEnd>)| end.as_ref()?.log_imu;
         let first = self.0.first().and_then(of_piece)?;
         self.0.iter().all(|piece| of_piece(piece) == Some(first)).then_some(first)
     }

@@ -1,9 +1,9 @@
 //! The fields of protobuf messages, as wanted columns.
 
 use super::table::{Absence, ValueKind, WantedColumn, refuse_missing};
-use crate::protobuf::{self, FieldNumber, Value};
-use crate::steps;
+use crate::protobuf::{self, FieldNumber, FieldValue};
 use isotherm_recording::columns::hex;
+use isotherm_recording::steps;
 use std::collections::HashMap;
 
 /// Highest number of a field that is read.
@@ -78,18 +78,18 @@ pub(super) fn decode(
 
 /// Converts a field's value to the kind of the wanted column; `kind` is the field's declared type. `None` if it does
 /// not fit.
-fn value_of(wanted: ValueKind, kind: u64, value: Value<'_>) -> Option<u64> {
+fn value_of(wanted: ValueKind, kind: u64, value: FieldValue<'_>) -> Option<u64> {
     const SIGNED: [u64; 2] = [3, 5];
     match (wanted, value) {
-        (ValueKind::U64, Value::Varint(value)) => Some(value),
-        (ValueKind::U32, Value::Varint(value)) => u32::try_from(value).ok().map(u64::from),
-        (ValueKind::Number, Value::Fixed64(bits)) => Some(bits),
-        (ValueKind::Number, Value::Fixed32(bits)) => Some(f64::from(f32::from_bits(bits)).to_bits()),
-        (ValueKind::Number, Value::Varint(value)) if SIGNED.contains(&kind) => {
+        (ValueKind::U64, FieldValue::Varint(value)) => Some(value),
+        (ValueKind::U32, FieldValue::Varint(value)) => u32::try_from(value).ok().map(u64::from),
+        (ValueKind::Number, FieldValue::Fixed64(bits)) => Some(bits),
+        (ValueKind::Number, FieldValue::Fixed32(bits)) => Some(f64::from(f32::from_bits(bits)).to_bits()),
+        (ValueKind::Number, FieldValue::Varint(value)) if SIGNED.contains(&kind) => {
             Some((value.cast_signed() as f64).to_bits())
         }
-        (ValueKind::Number, Value::Varint(value)) => Some((value as f64).to_bits()),
-        (ValueKind::Hex, Value::Bytes(text)) => hex(text),
+        (ValueKind::Number, FieldValue::Varint(value)) => Some((value as f64).to_bits()),
+        (ValueKind::Hex, FieldValue::Bytes(text)) => hex(text),
         _ => None,
     }
 }

@@ -3,16 +3,16 @@
 
 use super::fields::{FieldMap, decode, map_fields};
 use super::records::Records;
-use super::skip::Unwanted;
+use super::skip::ChannelFilter;
 use super::table::{ImuChoice, TableReader, WantedColumn};
 use crate::protobuf;
-use crate::steps;
 use isotherm_recording::RecordingError;
+use isotherm_recording::steps;
 use isotherm_shared::names::ImuId;
+use isotherm_support::source::DataSource;
 use mcap::records::{Channel, Record};
 use std::collections::{BTreeMap, HashMap};
 use std::io::Read;
-use std::path::Path;
 use std::rc::Rc;
 
 /// Most streams that a message lists.
@@ -48,16 +48,16 @@ struct OpenChannel {
 }
 
 impl McapReader {
-    /// Reads from `source`, which has the bytes of the file `path`; with `raw`, the messages of channels
+    /// Reads from `source`, which has the bytes of the source `of`; with `raw`, the messages of channels
     /// `isotherm/<imu>/raw`, else those of any channel.
     pub(super) fn new(
-        path: &Path,
+        of: &DataSource,
         source: Box<dyn Read>,
         wanted: Vec<WantedColumn>,
         choice: ImuChoice,
         raw: bool,
     ) -> Self {
-        let unwanted = Unwanted::of(path, |channel, _| is_readable(channel));
+        let unwanted = ChannelFilter::of(of, |channel, _| is_readable(channel));
         Self {
             records: Records::without(source, unwanted),
             wanted,

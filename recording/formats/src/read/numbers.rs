@@ -1,20 +1,19 @@
 //! Reads columns of numbers by name, and differences of two columns, from files of every format.
 
 use super::mcap::McapReader;
-use super::open::{Opened, open_source};
+use super::open::{SourceContent, open_source};
 use super::order::{FirstRow, first_row_columns, in_order};
 use super::parquet::ParquetReader;
-use super::part::{Clip, Judged, Part};
+use super::part::{Clip, Part, RowPlace};
 use super::places::Places;
 use super::table::{ImuChoice, TableReader, WantedColumn};
 use core::ops::Sub;
-use indicatif::ProgressBar;
-use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{CsvColumn, DecimalMark, Rows, Separator};
+use isotherm_recording::{Progress, RecordingError};
 use isotherm_support::failure::{Exit, Failure, shown};
+use isotherm_support::source::DataSource;
 use std::borrow::Cow;
 use std::io::Read;
-use std::path::{Path, PathBuf};
 
 /// The wanted numbers of a row.
 #[derive(Clone, Debug)]
@@ -47,33 +46,33 @@ pub struct NumberTable<T> {
 /// # Errors
 /// If a piece cannot be opened, lacks a column, has several columns that a name may mean, or a value is refused.
 pub fn read_numbers<T: Sub<Output = T>>(
-    paths: &[PathBuf],
+    sources: &[DataSource],
     names: &[&str],
     choice: &ImuChoice,
     part: Part,
-    bar: &ProgressBar,
+    bar: &Progress,
     parse: impl Fn(usize, &str) -> Result<T, &'static str>,
 ) -> Result<NumberTable<T>, Failure> {
-    let first_row = |path: &Path| {
-        let mut source = Numbers::open(path, names, &first_row_columns(), choice, &ProgressBar::hidden())?;
-        let row = source.next().map_err(|error| error.failure(path))?;
+    let first_row = |of: &DataSource| {
+        let mut source = NumberReader::open(of, names, &first_row_columns(), choice, &Progress::default())?;
+        let row = source.next().map_err(|error| error.failure(of.name()))?;
         Ok(row.then(|| source.first_row()))
     };
-    let places = in_order(paths, false, first_row)?.places;
-    let ordered: Vec<_> = places.into_iter().map(|place| &paths[place]).collect();
+    let places = in_order(sources, false, first_row)?.places;
+    let ordered: Vec<_> = places.into_iter().map(|place| &sources[place]).collect();
     let mut table = NumberTable { rows: Vec::new(), places: Places::default(), notes: Vec::new() };
     let (mut before, mut clip) = (0, Clip::new(part));
     let times = if part.is_whole() { Vec::new() } else { first_row_columns().to_vec() };
-    'pieces: for path in ordered.iter().copied() {
-        let mut source = Numbers::open(path, names, &times, choice, bar)?;
+    'pieces: for of in ordered.iter().copied() {
+        let (path, mut source) = (of.name(), NumberReader::open(of, names, &times, choice, bar)?);
         table.places.begin(path, source.unit(), before);
         let failed = |error: RecordingError| error.failure(path);
         while source.next().map_err(failed)? {
             if !part.is_whole() {
                 match source.judged(&mut clip).map_err(failed)? {
-                    Judged::Before => continue,
-                    Judged::Within => {}
-                    Judged::After => break 'pieces,
+                    RowPlace::Before => continue,
+                    RowPlace::Within => {}
+                    RowPlace::After => break 'pieces,
                 }
             }
             let line = before + source.place();
@@ -88,7 +87,7 @@ pub fn read_numbers<T: Sub<Output = T>>(
         return Err(Failure::new(Exit::Usage, "no data are named"));
     }
     if let Some(last) = ordered.last() {
-        clip.check(last)?;
+        clip.check(last.name())?;
         table.notes.extend(clip.note());
     }
     Ok(table)
@@ -146,42 +145,42 @@ fn may_be_field(name: &str) -> bool {
 }
 
 /// One piece, read row by row.
-struct Numbers {
+struct NumberReader {
     operands: Operands,
-    source: Source,
+    source: NumberSource,
 }
 
-enum Source {
+enum NumberSource {
     Csv { rows: Box<Rows<Box<dyn Read>>>, columns: Vec<Option<CsvColumn>>, count: usize, mark: DecimalMark },
     Table { reader: Box<dyn TableReader>, values: Vec<Option<u64>> },
 }
 
-impl Numbers {
+impl NumberReader {
     fn open(
-        path: &Path,
+        of: &DataSource,
         names: &[&str],
         times: &[WantedColumn],
         choice: &ImuChoice,
-        bar: &ProgressBar,
+        bar: &Progress,
     ) -> Result<Self, Failure> {
-        let failed = |error: RecordingError| error.failure(path);
+        let failed = |error: RecordingError| error.failure(of.name());
         let mut operands = Operands::default();
         let mut resolve = |found: &dyn Fn(&str) -> bool| {
             operands = Operands::resolve(names, found)?;
             Ok(operands.wanted(times))
         };
-        let reader: Box<dyn TableReader> = match open_source(path, bar, None)? {
-            Opened::Csv(source) => return Self::csv(source, names, times).map_err(failed),
-            Opened::Mcap(source) => {
+        let reader: Box<dyn TableReader> = match open_source(of, bar, None)? {
+            SourceContent::Csv(source) => return Self::csv(source, names, times).map_err(failed),
+            SourceContent::Mcap(source) => {
                 let wanted = resolve(&may_be_field).map_err(|error| Failure::new(Exit::Data, error))?;
-                Box::new(McapReader::new(path, source, wanted, choice.clone(), false))
+                Box::new(McapReader::new(of, source, wanted, choice.clone(), false))
             }
-            Opened::Parquet(file) => {
+            SourceContent::Parquet(file) => {
                 let wanted = |found: &[String]| resolve(&|name| found.iter().any(|other| other == name));
                 Box::new(ParquetReader::open(file, wanted, choice, bar).map_err(failed)?)
             }
         };
-        Ok(Self { operands, source: Source::Table { reader, values: Vec::new() } })
+        Ok(Self { operands, source: NumberSource::Table { reader, values: Vec::new() } })
     }
 
     fn csv(source: Box<dyn Read>, names: &[&str], times: &[WantedColumn]) -> Result<Self, RecordingError> {
@@ -201,12 +200,12 @@ impl Numbers {
         rows.find_checks()?;
         let count = rows.len();
         let mark = DecimalMark::new(separator);
-        Ok(Self { operands, source: Source::Csv { rows, columns, count, mark } })
+        Ok(Self { operands, source: NumberSource::Csv { rows, columns, count, mark } })
     }
 
     fn next(&mut self) -> Result<bool, RecordingError> {
         match &mut self.source {
-            Source::Csv { rows, count, mark, .. } => {
+            NumberSource::Csv { rows, count, mark, .. } => {
                 let has_row = rows.next_row()?;
                 if has_row && rows.len() > *count && mark.separator() == Separator::Comma {
                     return Err(rows.error(format!(
@@ -220,27 +219,27 @@ impl Numbers {
                 }
                 rows.verify(*count).map(|()| true)
             }
-            Source::Table { reader, values, .. } => reader.read(values),
+            NumberSource::Table { reader, values, .. } => reader.read(values),
         }
     }
 
     fn place(&self) -> u64 {
         match &self.source {
-            Source::Csv { rows, .. } => rows.line(),
-            Source::Table { reader, .. } => reader.row(),
+            NumberSource::Csv { rows, .. } => rows.line(),
+            NumberSource::Table { reader, .. } => reader.row(),
         }
     }
 
     fn unit(&self) -> Option<&'static str> {
         match &self.source {
-            Source::Csv { .. } => None,
-            Source::Table { reader, .. } => Some(reader.unit()),
+            NumberSource::Csv { .. } => None,
+            NumberSource::Table { reader, .. } => Some(reader.unit()),
         }
     }
 
     /// How the columns and numbers of a text were read, unless by commas and with points. Valid after the last row.
     fn note(&self) -> Result<Option<String>, RecordingError> {
-        let Source::Csv { rows, mark, .. } = &self.source else { return Ok(None) };
+        let NumberSource::Csv { rows, mark, .. } = &self.source else { return Ok(None) };
         if rows.is_cut() {
             return Ok(Some(format!("line {} is cut and left out", rows.line())));
         }
@@ -273,7 +272,7 @@ impl Numbers {
         parse: &impl Fn(usize, &str) -> Result<T, &'static str>,
     ) -> Result<T, RecordingError> {
         match &mut self.source {
-            Source::Csv { rows, columns, mark, .. } => {
+            NumberSource::Csv { rows, columns, mark, .. } => {
                 let Some(column_in_row) = &columns[column] else {
                     return Err(rows.error("a column is missing".to_owned()));
                 };
@@ -282,7 +281,7 @@ impl Numbers {
                     parse(index, &number).map_err(Cow::Borrowed)
                 })
             }
-            Source::Table { reader, values } => {
+            NumberSource::Table { reader, values } => {
                 let text = values[column].map(|bits| format!("{:?}", f64::from_bits(bits))).unwrap_or_default();
                 let name = &self.operands.columns[column];
                 parse(index, &text).map_err(|expected| reader.error(format!("{name} is {text:?}, give {expected}")))
@@ -291,7 +290,7 @@ impl Numbers {
     }
 
     /// Where the current row lies.
-    fn judged(&self, clip: &mut Clip) -> Result<Judged, RecordingError> {
+    fn judged(&self, clip: &mut Clip) -> Result<RowPlace, RecordingError> {
         let stamp_ns = self.first_row().timestamp_ns;
         let stamp_ns = stamp_ns.ok_or_else(|| {
             self.error("a part of the data is found by the column timestamp_ns, which is missing".to_owned())
@@ -302,8 +301,8 @@ impl Numbers {
     /// An error about the current row.
     fn error(&self, message: String) -> RecordingError {
         match &self.source {
-            Source::Csv { rows, .. } => rows.error(message),
-            Source::Table { reader, .. } => reader.error(message),
+            NumberSource::Csv { rows, .. } => rows.error(message),
+            NumberSource::Table { reader, .. } => reader.error(message),
         }
     }
 
@@ -313,8 +312,8 @@ impl Numbers {
         let integer = |place: usize| {
             let column = self.operands.columns.len() + place;
             match &self.source {
-                Source::Csv { rows, columns, .. } => rows.integer(columns[column].as_ref()?).ok(),
-                Source::Table { values, .. } => values[column].map(|bits| f64::from_bits(bits) as u64),
+                NumberSource::Csv { rows, columns, .. } => rows.integer(columns[column].as_ref()?).ok(),
+                NumberSource::Table { values, .. } => values[column].map(|bits| f64::from_bits(bits) as u64),
             }
         };
         let rounded = |number: u64| (number as f64).to_bits();

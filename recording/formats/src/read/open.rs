@@ -1,30 +1,34 @@
 //! Opens the file of a recording: its format by the first bytes, and the hash of all of them.
 
-use indicatif::ProgressBar;
-use isotherm_files::open_recording;
+use super::random::RandomAccess;
+use isotherm_recording::Progress;
 use isotherm_recording::columns::{MCAP_MAGIC, PARQUET_MAGIC};
 use isotherm_support::failure::{Exit, Failure, shown};
+use isotherm_support::source::DataSource;
 use sha2::{Digest as _, Sha256};
 use std::cell::RefCell;
-use std::fs::File;
 use std::io::{self, Cursor, Read};
-use std::path::Path;
 use std::rc::Rc;
 
 /// The hash of the bytes of all pieces.
 pub(super) type SharedHash = Rc<RefCell<Sha256>>;
 
 /// An open file, by format.
-pub(super) enum Opened {
+pub(super) enum SourceContent {
     Csv(Box<dyn Read>),
     Mcap(Box<dyn Read>),
-    Parquet(File),
+    Parquet(RandomAccess),
 }
 
-/// Opens a file and detects its format by the first bytes. `-` is stdin.
-pub(super) fn open_source(path: &Path, bar: &ProgressBar, hash: Option<&SharedHash>) -> Result<Opened, Failure> {
+/// Opens a source and detects its format by the first bytes.
+pub(super) fn open_source(
+    of: &DataSource,
+    bar: &Progress,
+    hash: Option<&SharedHash>,
+) -> Result<SourceContent, Failure> {
+    let path = of.name();
     let io = |error: &io::Error| Failure::io("opening", path, error);
-    let mut source = open_recording(path).map_err(|error| io(&error))?;
+    let mut source = of.open().map_err(|error| io(&error))?;
     let mut magic = Vec::new();
     (&mut source).take(MCAP_MAGIC.len() as u64).read_to_end(&mut magic).map_err(|error| io(&error))?;
     if magic.is_empty() {
@@ -32,25 +36,23 @@ pub(super) fn open_source(path: &Path, bar: &ProgressBar, hash: Option<&SharedHa
     }
     if magic.starts_with(PARQUET_MAGIC) {
         let message = "a Parquet file cannot be read from a pipe: its footer is at its end; name the file";
-        let file = File::open(path).ok().filter(|file| file.metadata().is_ok_and(|metadata| metadata.is_file()));
+        let file = of.is_file().then(|| of.open().and_then(RandomAccess::new).ok()).flatten();
         let file = file.ok_or_else(|| Failure::new(Exit::Usage, message))?;
         if let Some(hash) = hash {
             // The reader does not read the pages in order, so the hash needs a pass of its own.
-            let mut source = HashingReader {
-                source: Box::new(File::open(path).map_err(|error| io(&error))?),
-                hash: Rc::clone(hash),
-            };
+            let mut source =
+                HashingReader { source: Box::new(of.open().map_err(|error| io(&error))?), hash: Rc::clone(hash) };
             io::copy(&mut source, &mut io::sink()).map_err(|error| io(&error))?;
         }
-        return Ok(Opened::Parquet(file));
+        return Ok(SourceContent::Parquet(file));
     }
     let is_mcap = magic == MCAP_MAGIC;
-    let source = Box::new(bar.wrap_read(Cursor::new(magic).chain(source)));
+    let source = Box::new(bar.wrap(Cursor::new(magic).chain(source)));
     let source: Box<dyn Read> = match hash {
         Some(hash) => Box::new(HashingReader { source, hash: Rc::clone(hash) }),
         None => source,
     };
-    Ok(if is_mcap { Opened::Mcap(source) } else { Opened::Csv(source) })
+    Ok(if is_mcap { SourceContent::Mcap(source) } else { SourceContent::Csv(source) })
 }
 
 /// Hashes the bytes of a source as they are read. The rest of the source is hashed when this is dropped.

@@ -3,9 +3,8 @@
 use super::table::WantedColumn;
 use isotherm_recording::columns::{ColumnSet, RAW, RECORDED_NS, SEQUENCE, SESSION, TIMESTAMP_NS};
 use isotherm_support::failure::{Exit, Failure, shown};
+use isotherm_support::source::DataSource;
 use std::collections::{HashMap, HashSet};
-use std::path::{Path, PathBuf};
-use std::{fs, io};
 
 /// The first row of a piece, by which it finds its place.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -21,7 +20,7 @@ pub(super) struct FirstRow {
 
 /// The order of pieces.
 #[derive(Debug, Default, PartialEq)]
-pub(super) struct Order {
+pub(super) struct PieceOrder {
     /// Their places among those that are named.
     pub(super) places: Vec<usize>,
     /// What came of the wish to keep the given order.
@@ -48,26 +47,26 @@ pub(super) fn first_row_columns() -> [WantedColumn; 4] {
 /// With `is_given`, sessions and pieces keep the given order where no clock tells theirs: where a piece has no time, or
 /// begins before another one has ended, as with clocks that begin anew. `first` then needs the last times, too.
 pub(super) fn in_order(
-    paths: &[PathBuf],
+    sources: &[DataSource],
     is_given: bool,
-    mut first: impl FnMut(&Path) -> Result<Option<FirstRow>, Failure>,
-) -> Result<Order, Failure> {
-    if paths.len() < 2 {
+    mut first: impl FnMut(&DataSource) -> Result<Option<FirstRow>, Failure>,
+) -> Result<PieceOrder, Failure> {
+    if sources.len() < 2 {
         let note = is_given.then(|| format!("{IN_ORDER} has no effect: there is one file"));
-        return Ok(Order { places: (0..paths.len()).collect(), note });
+        return Ok(PieceOrder { places: (0..sources.len()).collect(), note });
     }
     let usage = |message: String| Err(Failure::new(Exit::Usage, message));
     let mut names = HashSet::new();
-    for path in paths {
-        let io = |error: &io::Error| Failure::io("opening", path, error);
-        if path == Path::new("-") || !fs::metadata(path).map_err(|error| io(&error))?.is_file() {
+    for source in sources {
+        let path = source.name();
+        let Some(identity) = source.identity().map_err(|error| Failure::io("opening", path, &error))? else {
             return usage(format!("{}: pieces of a recording must be files; a pipe is read alone", shown(path)));
-        }
-        if !names.insert(fs::canonicalize(path).map_err(|error| io(&error))?) {
+        };
+        if !names.insert(identity) {
             return usage(format!("{} is named twice; name every piece once", shown(path)));
         }
     }
-    let firsts: Vec<_> = paths.iter().map(|path| first(path)).collect::<Result<_, _>>()?;
+    let firsts: Vec<_> = sources.iter().map(&mut first).collect::<Result<_, _>>()?;
     Ok(order(&firsts, is_given))
 }
 
@@ -75,7 +74,7 @@ pub(super) fn in_order(
 const IN_ORDER: &str = "--in-order";
 
 /// The order of pieces with these first rows.
-fn order(firsts: &[Option<FirstRow>], is_given: bool) -> Order {
+fn order(firsts: &[Option<FirstRow>], is_given: bool) -> PieceOrder {
     let all_have = |clock: &usize| firsts.iter().flatten().all(|row| row.times()[*clock].is_some());
     let clock = [0, 1].into_iter().find(all_have);
     let time = |row: &FirstRow| clock.and_then(|clock| row.times()[clock]);
@@ -111,7 +110,7 @@ fn order(firsts: &[Option<FirstRow>], is_given: bool) -> Order {
         (_, true) => format!("{IN_ORDER} has no effect: the times of the pieces do not overlap, and tell their order"),
         (_, false) => "the pieces are in the order in which they are named: no clock tells theirs".to_owned(),
     };
-    Order { places, note: is_given.then_some(note) }
+    PieceOrder { places, note: is_given.then_some(note) }
 }
 
 /// Whether a session, or a piece that names none, begins before another one has ended, by this clock.
@@ -136,13 +135,13 @@ fn overlap(firsts: &[Option<FirstRow>], clock: usize) -> bool {
 
 /// The sessions of the rows that have been read, in order.
 #[derive(Debug, Default)]
-pub(super) struct Sessions {
+pub(super) struct SessionOrder {
     current: Option<(u64, u64)>,
     /// The last sequence of each session before.
     ended: HashMap<u64, u64>,
 }
 
-impl Sessions {
+impl SessionOrder {
     /// Takes the next row.
     ///
     /// # Errors
@@ -198,7 +197,7 @@ mod tests {
 
     #[test]
     fn a_session_that_comes_again_may_go_on_and_may_not_begin_again() {
-        let mut sessions = Sessions::default();
+        let mut sessions = SessionOrder::default();
         assert!([(1, 5), (1, 6), (2, 0), (1, 7), (2, 1)].iter().all(|(s, n)| sessions.take(*s, *n).is_ok()));
         assert!(
             sessions
@@ -215,7 +214,7 @@ mod tests {
             Some(FirstRow { timestamp_ns: Some(begin), last_ns: times(end), ..FirstRow::default() })
         };
         let kept = |firsts: &[Option<FirstRow>]| {
-            let Order { places, note } = super::order(firsts, true);
+            let PieceOrder { places, note } = super::order(firsts, true);
             (places, note.unwrap().contains("no effect"))
         };
         // Clocks that begin anew, and rows without a time.
@@ -228,7 +227,7 @@ mod tests {
         assert_eq!(kept(&session), (vec![1, 0], true));
         let two = [row(7, 100, 600), row(3, 5, 400), row(7, 0, 500)].map(of_session);
         assert_eq!(kept(&two), (vec![2, 0, 1], false));
-        let one = in_order(&["a.csv".into()], true, |_| Ok(None)).unwrap();
+        let one = in_order(&[DataSource::of_stream("a.csv")], true, |_| Ok(None)).unwrap();
         assert!(one.places == [0] && one.note.unwrap().contains("no effect: there is one file"));
     }
 

@@ -2,11 +2,10 @@
 //! values of a dictionary that a page header claims, and counts through a list of booleans of any claimed length, which
 //! takes no bytes in its opinion.
 
-use crate::steps;
+use super::random::RandomAccess;
 use crate::varint;
-use std::fs::File;
+use isotherm_recording::steps;
 use std::io;
-use std::os::unix::fs::FileExt as _;
 
 /// Longest page, compressed and decompressed \[bytes\]. Common writers make pages of about 1 MB.
 const MAX_PAGE: u64 = 16 << 20;
@@ -19,9 +18,9 @@ const MAX_HEADER: usize = 1 << 16;
 ///
 /// # Errors
 /// The operating system's error, or one without its code if a page is not valid.
-pub(crate) fn check(file: &File, begin: u64, length: u64) -> io::Result<()> {
+pub(crate) fn check(file: &RandomAccess, begin: u64, length: u64) -> io::Result<()> {
     let end = begin.checked_add(length).ok_or_else(|| io::Error::other("a column's place"))?;
-    let (mut at, mut window) = (begin, Window { bytes: vec![0; 2 * MAX_HEADER], begin, length: 0 });
+    let (mut at, mut window) = (begin, PageWindow { bytes: vec![0; 2 * MAX_HEADER], begin, length: 0 });
     while at < end {
         steps::count(1);
         let ahead = window.ahead(file, at, end)?;
@@ -48,15 +47,15 @@ pub(crate) fn is_footer(bytes: &[u8]) -> bool {
 }
 
 /// Bytes of a file: short pages have their headers in one reading.
-struct Window {
+struct PageWindow {
     bytes: Vec<u8>,
     begin: u64,
     length: usize,
 }
 
-impl Window {
+impl PageWindow {
     /// The bytes from `at` on that may be a header, up to `end`.
-    fn ahead(&mut self, file: &File, at: u64, end: u64) -> io::Result<&[u8]> {
+    fn ahead(&mut self, file: &RandomAccess, at: u64, end: u64) -> io::Result<&[u8]> {
         let most = MAX_HEADER.min((end - at) as usize);
         let mut offset = (at - self.begin) as usize;
         if self.length < offset.saturating_add(most) {

@@ -2,10 +2,10 @@
 
 use super::input::Input;
 use super::piece::{Piece, RowKind};
-use indicatif::ProgressBar;
-use isotherm_recording::SequenceRule;
+use isotherm_recording::{Progress, SequenceRule};
 use isotherm_support::failure::{Exit, Failure, shown};
-use std::path::{Path, PathBuf};
+use isotherm_support::source::DataSource;
+use std::path::Path;
 
 /// In names of files of accelerometers.
 const ACCELEROMETERS: [&str; 1] = ["acc"];
@@ -15,14 +15,15 @@ const GYROSCOPES: [&str; 3] = ["gyr", "omega", "angular"];
 const SAME_TIME_NS: u64 = 10_000_000_000;
 
 /// The files of an IMU's sensors.
-pub(super) struct Pair {
-    pub(super) accelerometers: PathBuf,
-    gyroscopes: PathBuf,
+pub(super) struct FilePair {
+    pub(super) accelerometers: DataSource,
+    gyroscopes: DataSource,
 }
 
-impl Pair {
+impl FilePair {
     pub(super) fn note(&self) -> String {
-        let [accelerometers, gyroscopes] = [&self.accelerometers, &self.gyroscopes].map(|path| shown(path).to_string());
+        let [accelerometers, gyroscopes] =
+            [&self.accelerometers, &self.gyroscopes].map(|source| shown(source.name()).to_string());
         format!(
             "{accelerometers} has the accelerometers and {gyroscopes} the gyroscopes, by their names: they are joined by \
              time"
@@ -43,29 +44,29 @@ impl Pair {
 /// # Errors
 /// If the mapping has no gyroscopes, and the file of the gyroscopes would be taken for one of accelerometers; if a file
 /// of gyroscopes is given beside several files.
-pub(super) fn find(paths: &[PathBuf], kind: RowKind, input: &Input) -> Result<Option<Pair>, Failure> {
+pub(super) fn find(sources: &[DataSource], kind: RowKind, input: &Input) -> Result<Option<FilePair>, Failure> {
     let Some(foreign) = input.foreign.as_ref().filter(|_| kind == RowKind::Sample) else { return Ok(None) };
     let usage = |message: String| Err(Failure::new(Exit::Usage, message));
     if foreign.settings.gyroscope_file.is_some() {
-        return match paths {
+        return match sources {
             [_] => Ok(None),
             _ => usage("--gyroscope-file goes with one file of accelerometers; convert each pair alone".to_owned()),
         };
     }
-    let [one, other] = paths else { return Ok(None) };
-    let (accelerometers, gyroscopes) = match (named(one, other), named(other, one)) {
+    let [one, other] = sources else { return Ok(None) };
+    let (accelerometers, gyroscopes) = match (named(one.name(), other.name()), named(other.name(), one.name())) {
         (true, false) => (one, other),
         (false, true) => (other, one),
         _ => return Ok(None),
     };
-    let open = |path: &Path| Piece::open(path, kind, input, &ProgressBar::hidden(), None);
+    let open = |source: &DataSource| Piece::open(source, kind, input, &Progress::default(), None);
     match foreign.maps_gyroscopes() {
         Some(true) if open(accelerometers).is_err() => {
-            Ok(Some(Pair { accelerometers: accelerometers.clone(), gyroscopes: gyroscopes.clone() }))
+            Ok(Some(FilePair { accelerometers: accelerometers.clone(), gyroscopes: gyroscopes.clone() }))
         }
         Some(false) => {
-            let begin = |path: &Path| {
-                let row = open(path).ok()?.next(SequenceRule::default()).ok()??;
+            let begin = |source: &DataSource| {
+                let row = open(source).ok()?.next(SequenceRule::default()).ok()??;
                 Some(row.sample.timestamp_ns)
             };
             // A file of gyroscopes may lack the temperature of the mapping.
@@ -73,7 +74,8 @@ pub(super) fn find(paths: &[PathBuf], kind: RowKind, input: &Input) -> Result<Op
             if !gyroscopes.is_file() || !begin(accelerometers).is_some_and(is_same_time) {
                 return Ok(None);
             }
-            let [accelerometers, gyroscopes] = [accelerometers, gyroscopes].map(|path| shown(path).to_string());
+            let [accelerometers, gyroscopes] =
+                [accelerometers, gyroscopes].map(|source| shown(source.name()).to_string());
             usage(format!(
                 "{gyroscopes} has the gyroscopes of {accelerometers}, by its name, and the mapping has \
                  none: give [gyroscope] with its columns, or name one of the files alone"
@@ -82,7 +84,7 @@ pub(super) fn find(paths: &[PathBuf], kind: RowKind, input: &Input) -> Result<Op
         // A layout of accelerometers is recognised, and the same of gyroscopes is refused.
         None if foreign.named().is_none() => {
             let is_layout = open(accelerometers).is_ok_and(|piece| piece.source.conversion().is_some());
-            let pair = || Pair { accelerometers: accelerometers.clone(), gyroscopes: gyroscopes.clone() };
+            let pair = || FilePair { accelerometers: accelerometers.clone(), gyroscopes: gyroscopes.clone() };
             Ok((is_layout && open(gyroscopes).is_err()).then(pair))
         }
         _ => Ok(None),

@@ -2,21 +2,19 @@
 
 use super::pages;
 use super::panics::catch_panic;
+use super::random::RandomAccess;
 use super::table::{Absence, ImuChoice, TableReader, ValueKind, WantedColumn, refuse_missing};
 use crate::seal::{DAMAGED, FOOTER_SEAL, GroupChecks, checks_in, matches_seal};
-use crate::steps;
-use indicatif::ProgressBar;
-use isotherm_recording::RecordingError;
 use isotherm_recording::columns::{PARQUET_MAGIC, hex};
+use isotherm_recording::steps;
+use isotherm_recording::{Progress, RecordingError};
 use parquet::basic::{Compression, ConvertedType, LogicalType, Type as Physical};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;
 use parquet::errors::ParquetError;
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::schema::types::SchemaDescriptor;
-use std::fs::File;
 use std::io;
-use std::os::unix::fs::FileExt as _;
 
 /// Number of rows that are decoded at once.
 const BATCH: usize = 4096;
@@ -27,8 +25,8 @@ const MAX_FOOTER: u64 = 16 << 20;
 
 /// Reads the wanted columns of a Parquet file.
 pub(super) struct ParquetReader {
-    file: File,
-    reader: SerializedFileReader<File>,
+    file: RandomAccess,
+    reader: SerializedFileReader<RandomAccess>,
     /// The IMU that the metadata name.
     imu: Option<String>,
     /// The checks of the row groups, if the file has any.
@@ -45,7 +43,7 @@ pub(super) struct ParquetReader {
     /// Mean bytes per row, and the bytes that the progress bar does not show yet.
     bytes_per_row: f64,
     unshown: f64,
-    bar: ProgressBar,
+    bar: Progress,
 }
 
 /// A wanted column that the file has.
@@ -82,19 +80,18 @@ impl ParquetReader {
     /// # Errors
     /// If it is not a Parquet file, belongs to another IMU than the chosen one, or lacks a column.
     pub(super) fn open(
-        file: File,
+        file: RandomAccess,
         wanted: impl FnOnce(&[String]) -> Result<Vec<WantedColumn>, String>,
         choice: &ImuChoice,
-        bar: &ProgressBar,
+        bar: &Progress,
     ) -> Result<Self, RecordingError> {
-        let size = file.metadata()?.len();
-        let is_sealed = check_footer(&file, size)?;
-        let reader = match catch_panic(|| file.try_clone().map(SerializedFileReader::new)) {
-            Some(Ok(Ok(reader))) => reader,
-            Some(Ok(Err(error))) => {
+        let size = file.size();
+        let is_sealed = check_footer(&file)?;
+        let reader = match catch_panic(|| SerializedFileReader::new(file.clone())) {
+            Some(Ok(reader)) => reader,
+            Some(Err(error)) => {
                 return Err(located(cause(error), |error| in_footer(format!("{NOT_VALID}: {error}"))));
             }
-            Some(Err(error)) => return Err(error.into()),
             None => return Err(in_footer(NOT_VALID.to_owned())),
         };
         let checks = checks_in(reader.metadata(), is_sealed).map_err(in_footer)?;
@@ -168,7 +165,7 @@ impl ParquetReader {
             self.open.clear();
         }
         self.unshown += rows as f64 * self.bytes_per_row;
-        self.bar.inc(self.unshown as u64);
+        self.bar.advance(self.unshown as u64);
         self.unshown = self.unshown.fract();
         Ok(true)
     }
@@ -249,11 +246,11 @@ fn in_footer(message: String) -> RecordingError {
     RecordingError::Place { place: "footer".to_owned(), message }
 }
 
-/// Checks that a file of this size has a footer that the library can read. Returns whether the footer matches its seal;
+/// Checks that a file has a footer that the library can read. Returns whether the footer matches its seal;
 /// `None` if it has none.
-pub(crate) fn check_footer(file: &File, size: u64) -> Result<Option<bool>, RecordingError> {
+pub(crate) fn check_footer(file: &RandomAccess) -> Result<Option<bool>, RecordingError> {
     let cut = || in_footer("the end of the Parquet file is missing; is it cut?".to_owned());
-    let mut tail = [0; 8];
+    let (mut tail, size) = ([0; 8], file.size());
     file.read_exact_at(&mut tail, size.checked_sub(8).ok_or_else(cut)?)?;
     let [length @ .., _, _, _, _] = tail;
     let length = u64::from(u32::from_le_bytes(length));
@@ -277,7 +274,7 @@ pub(crate) fn check_footer(file: &File, size: u64) -> Result<Option<bool>, Recor
 }
 
 /// Checks the bytes of a column.
-fn verify(file: &File, begin: u64, length: u64, check: u32) -> io::Result<()> {
+fn verify(file: &RandomAccess, begin: u64, length: u64, check: u32) -> io::Result<()> {
     let mut buffer = vec![0; BUFFER.min(length as usize)];
     let (mut hasher, mut at, end) = (crc32fast::Hasher::new(), begin, begin.saturating_add(length));
     while at < end {
@@ -341,7 +338,7 @@ fn find(schema: &SchemaDescriptor, names: &[String], wanted: &[WantedColumn]) ->
 }
 
 /// Checks that the compression of every wanted column is supported.
-fn check_compression(reader: &SerializedFileReader<File>, columns: &[FoundColumn]) -> Result<(), String> {
+fn check_compression(reader: &SerializedFileReader<RandomAccess>, columns: &[FoundColumn]) -> Result<(), String> {
     for group in reader.metadata().row_groups() {
         for column in columns {
             steps::count(1);

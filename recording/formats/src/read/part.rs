@@ -117,9 +117,9 @@ impl Part {
             while !ended {
                 match rows.next() {
                     Some(Ok(row)) => match clip.judge(&row.sample) {
-                        Judged::Before => {}
-                        Judged::Within => return Some(Ok(row)),
-                        Judged::After => ended = true,
+                        RowPlace::Before => {}
+                        RowPlace::Within => return Some(Ok(row)),
+                        RowPlace::After => ended = true,
                     },
                     Some(Err(error)) => return Some(Err(error)),
                     None => ended = true,
@@ -169,12 +169,12 @@ impl ConversionPart {
         loop {
             let row = self.conversion.next_row().map_err(|error| self.conversion.failure(&error))?;
             match row.map(|(_, sample)| (sample, self.clip.judge(&sample))) {
-                Some((_, Judged::Before)) => {}
-                Some((sample, Judged::Within)) => {
+                Some((_, RowPlace::Before)) => {}
+                Some((sample, RowPlace::Within)) => {
                     self.conversion.keep(&sample);
                     return Ok(Some(sample));
                 }
-                Some((_, Judged::After)) | None => {
+                Some((_, RowPlace::After)) | None => {
                     return self.clip.check(self.conversion.path()).map(|()| None);
                 }
             }
@@ -202,7 +202,7 @@ fn told(moment: Option<Moment>) -> String {
 
 /// Where a row lies.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(crate) enum Judged {
+pub(crate) enum RowPlace {
     Before,
     Within,
     /// It and all further rows are left out.
@@ -226,12 +226,12 @@ impl Clip {
         Self { part, ..Self::default() }
     }
 
-    pub(crate) fn judge(&mut self, sample: &RawSample) -> Judged {
+    pub(crate) fn judge(&mut self, sample: &RawSample) -> RowPlace {
         self.judge_times(sample.timestamp_ns, sample.interval_ns)
     }
 
     /// Judges a row with this stamp, which counts over the interval before it.
-    pub(crate) fn judge_times(&mut self, stamp_ns: u64, interval_ns: u64) -> Judged {
+    pub(crate) fn judge_times(&mut self, stamp_ns: u64, interval_ns: u64) -> RowPlace {
         let (ends_ns, begins_ns) = (i128::from(stamp_ns), i128::from(stamp_ns) - i128::from(interval_ns));
         let [begin_ns, last_ns] = self.span_ns.get_or_insert([begins_ns, ends_ns]);
         *last_ns = ends_ns;
@@ -246,17 +246,17 @@ impl Clip {
         });
         let offset_s = since_ns(begins_ns) / 1e9;
         if is_after {
-            return Judged::After;
+            return RowPlace::After;
         }
         if is_before {
             self.before += 1;
-            return Judged::Before;
+            return RowPlace::Before;
         }
         if self.within == 0 {
             self.offset_s = offset_s;
         }
         self.within += 1;
-        Judged::Within
+        RowPlace::Within
     }
 
     /// Rows before the part, and seconds from the begin of the recording to its first row.
@@ -301,8 +301,8 @@ mod tests {
         let mut clip = Clip::new(Part::new(moment(from), moment(to)).unwrap());
         let stamps = (51..61).map(|tenth| tenth * 100_000_000);
         let judged = stamps.map(|stamp| (stamp, clip.judge_times(stamp, 100_000_000)));
-        let kept = judged.take_while(|(_, judged)| *judged != Judged::After);
-        kept.filter(|(_, judged)| *judged == Judged::Within).map(|(stamp, _)| stamp / 100_000_000).collect()
+        let kept = judged.take_while(|(_, judged)| *judged != RowPlace::After);
+        kept.filter(|(_, judged)| *judged == RowPlace::Within).map(|(stamp, _)| stamp / 100_000_000).collect()
     }
 
     #[test]

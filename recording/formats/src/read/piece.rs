@@ -2,18 +2,19 @@
 
 use super::input::Input;
 use super::mcap::McapReader;
-use super::open::{Opened, SharedHash, open_source};
+use super::open::{SharedHash, SourceContent, open_source};
 use super::parquet::ParquetReader;
 use super::recognise::{first_line, is_recording};
 use super::table::{TableReader, sample_columns};
 use crate::convert::{Conversion, Foreign, is_bag};
-use indicatif::ProgressBar;
+use isotherm_recording::Progress;
 use isotherm_recording::columns::{GYROSCOPES, LAG_NS, RAW, store};
 use isotherm_recording::{CampaignCsvReader, CampaignRow, POSITION, RecordingError, SET_POINT, SequenceRule};
 use isotherm_shared::wire::{RawSample, Triad};
 use isotherm_support::failure::Failure;
+use isotherm_support::source::DataSource;
 use std::io::{BufReader, Cursor, Read};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// The kind of rows that are read from a recording.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -32,7 +33,7 @@ pub(super) struct Piece {
 
 /// A piece that has not been opened.
 pub(super) struct WaitingPiece {
-    pub(super) path: PathBuf,
+    pub(super) source: DataSource,
     /// Its first row, unless it is empty or the only piece.
     pub(super) first: Option<RawSample>,
 }
@@ -46,43 +47,43 @@ pub(super) enum PieceSource {
 
 impl Piece {
     pub(super) fn open(
-        path: &Path,
+        of: &DataSource,
         kind: RowKind,
         input: &Input,
-        bar: &ProgressBar,
+        bar: &Progress,
         hash: Option<&SharedHash>,
     ) -> Result<Self, Failure> {
-        let failed = |error: RecordingError| error.failure(path);
+        let failed = |error: RecordingError| error.failure(of.name());
         let columns = || sample_columns(kind == RowKind::Campaign);
-        let opened = open_source(path, bar, hash)?;
+        let opened = open_source(of, bar, hash)?;
         // Foreign data have neither set points nor positions.
         let foreign = input.foreign.clone().filter(|_| kind == RowKind::Sample);
         let foreign = foreign.map(|mut foreign| {
-            foreign.settings.progress = Some(bar.clone());
+            foreign.settings.progress = bar.clone();
             foreign
         });
         let opened = match (&foreign, opened) {
-            (Some(foreign), Opened::Csv(source)) => recognised(path, source, foreign)?,
-            (Some(foreign), Opened::Mcap(source)) if is_bag(path) => Recognised::foreign(path, source, foreign)?,
-            (_, opened) => Recognised::Recording(opened),
+            (Some(foreign), SourceContent::Csv(source)) => recognised(of, source, foreign)?,
+            (Some(foreign), SourceContent::Mcap(source)) if is_bag(of) => PieceContent::foreign(of, source, foreign)?,
+            (_, opened) => PieceContent::Recording(opened),
         };
         let source = match opened {
-            Recognised::Foreign(conversion) => PieceSource::Foreign(conversion, Box::default(), 0),
-            Recognised::Recording(Opened::Csv(source)) => {
+            PieceContent::Foreign(conversion) => PieceSource::Foreign(conversion, Box::default(), 0),
+            PieceContent::Recording(SourceContent::Csv(source)) => {
                 let reader = match kind {
                     RowKind::Sample => CampaignCsvReader::of_samples(source),
                     RowKind::Campaign => CampaignCsvReader::new(source),
                 };
                 PieceSource::Csv(Box::new(reader.map_err(failed)?))
             }
-            Recognised::Recording(Opened::Mcap(source)) => {
-                table_source(McapReader::new(path, source, columns(), input.imu.clone(), true))
+            PieceContent::Recording(SourceContent::Mcap(source)) => {
+                table_source(McapReader::new(of, source, columns(), input.imu.clone(), true))
             }
-            Recognised::Recording(Opened::Parquet(file)) => {
+            PieceContent::Recording(SourceContent::Parquet(file)) => {
                 table_source(ParquetReader::open(file, |_| Ok(columns()), &input.imu, bar).map_err(failed)?)
             }
         };
-        Ok(Self { path: path.to_owned(), source })
+        Ok(Self { path: of.name().to_owned(), source })
     }
 
     /// The next row, with its line or row number in this piece. `rule` has the state after the previous sample.
@@ -117,26 +118,26 @@ impl Piece {
 }
 
 /// A file that was recognised.
-enum Recognised {
-    Recording(Opened),
+enum PieceContent {
+    Recording(SourceContent),
     Foreign(Box<Conversion>),
 }
 
-impl Recognised {
-    fn foreign(path: &Path, source: Box<dyn Read>, foreign: &Foreign) -> Result<Self, Failure> {
-        Conversion::of_source(path, source, foreign).map(Box::new).map(Self::Foreign)
+impl PieceContent {
+    fn foreign(of: &DataSource, source: Box<dyn Read>, foreign: &Foreign) -> Result<Self, Failure> {
+        Conversion::of_source(of, source, foreign).map(Box::new).map(Self::Foreign)
     }
 }
 
 /// Recognises a text, or data that are in no format of recordings, by the first line.
-fn recognised(path: &Path, source: Box<dyn Read>, foreign: &Foreign) -> Result<Recognised, Failure> {
+fn recognised(of: &DataSource, source: Box<dyn Read>, foreign: &Foreign) -> Result<PieceContent, Failure> {
     let mut source = BufReader::new(source);
-    let first = first_line(&mut source).map_err(|error| Failure::io("reading", path, &error))?;
+    let first = first_line(&mut source).map_err(|error| Failure::io("reading", of.name(), &error))?;
     let is_recording = is_recording(&first, foreign.mapping.is_some() || foreign.settings.mapping.is_some());
     let source = Box::new(Cursor::new(first).chain(source));
     match is_recording {
-        true => Ok(Recognised::Recording(Opened::Csv(source))),
-        false => Recognised::foreign(path, source, foreign),
+        true => Ok(PieceContent::Recording(SourceContent::Csv(source))),
+        false => PieceContent::foreign(of, source, foreign),
     }
 }
 

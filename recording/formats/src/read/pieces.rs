@@ -1,13 +1,13 @@
 //! The pieces of a recording, or of several: their files, in order.
 
 use super::input::Input;
-use super::order::{FirstRow, Order, in_order};
+use super::order::{FirstRow, PieceOrder, in_order};
+use super::pair;
 use super::piece::{Piece, RowKind, WaitingPiece};
-use super::{folder, pair};
-use indicatif::ProgressBar;
-use isotherm_recording::SequenceRule;
+use isotherm_recording::{Progress, SequenceRule};
 use isotherm_shared::wire::RawSample;
 use isotherm_support::failure::{Exit, Failure, shown};
+use isotherm_support::source::DataSource;
 use std::path::{Path, PathBuf};
 
 /// The pieces of one recording or of several, in order. A piece goes on with the recording of the piece before where
@@ -25,7 +25,7 @@ pub struct Pieces {
 
 /// What is known of a piece after its first row.
 #[derive(Default)]
-struct Seen {
+struct PieceBeginning {
     first: Option<RawSample>,
     is_foreign: bool,
     /// The nominal interval, and the number of rows that it was found from.
@@ -34,24 +34,24 @@ struct Seen {
 }
 
 impl Pieces {
-    /// Looks at pieces, which are named in any order; the folder of a bag of ROS stands for its files. Of several
+    /// Looks at pieces, which are named in any order. Of several
     /// files the beginning of each is read.
     ///
     /// # Errors
     /// If a piece cannot be opened, is named twice, or has an invalid beginning; if they are of several IMUs.
-    pub fn new(paths: &[PathBuf], kind: RowKind, input: impl Into<Input>) -> Result<Self, Failure> {
+    pub fn new(sources: &[DataSource], kind: RowKind, input: impl Into<Input>) -> Result<Self, Failure> {
         let mut input = input.into();
-        let mut paths = folder::files(paths)?;
+        let mut sources = sources.to_vec();
         let mut notes = Vec::new();
-        if let Some(paired) = pair::find(&paths, kind, &input)? {
+        if let Some(paired) = pair::find(&sources, kind, &input)? {
             notes.push(paired.note());
-            (paths, input) = (vec![paired.accelerometers.clone()], paired.input(input));
+            (sources, input) = (vec![paired.accelerometers.clone()], paired.input(input));
         }
         let is_given = input.foreign.as_ref().is_some_and(|foreign| foreign.settings.in_order);
-        let mut seen: Vec<Seen> = Vec::new();
+        let mut seen: Vec<PieceBeginning> = Vec::new();
         let mut known: Option<(PathBuf, String)> = None;
-        let first_row = |path: &Path| {
-            let (first, of_piece, imu) = look_at(path, kind, &input, is_given)?;
+        let first_row = |source: &DataSource| {
+            let (path, (first, of_piece, imu)) = (source.name(), look_at(source, kind, &input, is_given)?);
             if let Some(imu) = imu {
                 let (named, of) = known.get_or_insert_with(|| (path.to_owned(), imu.clone()));
                 refuse_other_imu((path, &imu), (named, of))?;
@@ -59,9 +59,9 @@ impl Pieces {
             seen.push(of_piece);
             Ok(first)
         };
-        let Order { places, note } = in_order(&paths, is_given, first_row)?;
+        let PieceOrder { places, note } = in_order(&sources, is_given, first_row)?;
         notes.extend(note);
-        let without_time = |seen: &Seen| seen.is_foreign && !seen.has_times;
+        let without_time = |seen: &PieceBeginning| seen.is_foreign && !seen.has_times;
         if seen.iter().any(without_time) && !is_given {
             notes.push(
                 "the rows of a piece have no time: the pieces are in the order in which they are named, and each is a \
@@ -79,7 +79,7 @@ impl Pieces {
         }
         let has_foreign = (!seen.is_empty()).then(|| seen.iter().any(|seen| seen.is_foreign));
         let waiting = places.iter().rev().map(|place| WaitingPiece {
-            path: paths[*place].clone(),
+            source: sources[*place].clone(),
             first: seen.get(*place).and_then(|seen| seen.first),
         });
         Ok(Self { kind, waiting: waiting.collect(), input, notes, has_foreign })
@@ -87,21 +87,21 @@ impl Pieces {
 
     /// The files of the pieces that are left, in order.
     pub fn paths(&self) -> impl Iterator<Item = &Path> {
-        self.waiting.iter().rev().map(|piece| piece.path.as_path())
+        self.waiting.iter().rev().map(|piece| piece.source.name())
     }
 }
 
 /// The first row of a piece, what else is known then, and its IMU. With `whole` also the last times.
 fn look_at(
-    path: &Path,
+    source: &DataSource,
     kind: RowKind,
     input: &Input,
     whole: bool,
-) -> Result<(Option<FirstRow>, Seen, Option<String>), Failure> {
-    let failed = |error: isotherm_recording::RecordingError| error.failure(path);
-    let mut piece = Piece::open(path, kind, input, &ProgressBar::hidden(), None)?;
+) -> Result<(Option<FirstRow>, PieceBeginning, Option<String>), Failure> {
+    let failed = |error: isotherm_recording::RecordingError| error.failure(source.name());
+    let mut piece = Piece::open(source, kind, input, &Progress::default(), None)?;
     let conversion = piece.source.conversion();
-    let mut seen = Seen {
+    let mut seen = PieceBeginning {
         first: None,
         is_foreign: conversion.is_some(),
         found: conversion.and_then(|conversion| conversion.found_interval()),

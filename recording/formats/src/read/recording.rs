@@ -1,23 +1,24 @@
 //! Reads the pieces of a recording as one, in every format.
 
 use super::borders::Borders;
-use super::converted::Converted;
+use super::converted::ConversionEnds;
 use super::input::Input;
 use super::open::{SharedHash, open_source};
-use super::order::Sessions;
-use super::part::{Clip, Judged};
+use super::order::SessionOrder;
+use super::part::{Clip, RowPlace};
 use super::piece::{Piece, RowKind, WaitingPiece};
 use super::pieces::Pieces;
 use super::places::Places;
-use crate::convert::{Conversion, Foreign, Scale, VehicleState};
-use indicatif::ProgressBar;
-use isotherm_recording::{CampaignRow, Layout, LogImu, RecordingError, SequenceRule};
+use crate::convert::{Conversion, Foreign, Scale};
+use isotherm_recording::foreign::VehicleState;
+use isotherm_recording::{CampaignRow, Layout, LogImu, Progress, RecordingError, SequenceRule};
 use isotherm_shared::lag::LagCompletion;
 use isotherm_shared::names::ImuId;
 use isotherm_shared::table::Nominal;
 use isotherm_shared::wire::RawSample;
-use isotherm_support::failure::{Exit, Failure, shown, tell};
+use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::{Finding, Location, name};
+use isotherm_support::source::DataSource;
 use sha2::Digest as _;
 use std::path::{Path, PathBuf};
 
@@ -28,7 +29,7 @@ use std::path::{Path, PathBuf};
 pub struct Recording {
     kind: RowKind,
     input: Input,
-    bar: ProgressBar,
+    bar: Progress,
     /// Pieces that are not open yet, in reverse order.
     waiting: Vec<WaitingPiece>,
     /// Whether the recording ends before a piece that does not go on.
@@ -41,9 +42,9 @@ pub struct Recording {
     /// Number of pieces that have been opened.
     opened: u64,
     /// The sessions so far, of the rows that name one.
-    sessions: Sessions,
+    sessions: SessionOrder,
     /// What the pieces that have ended were.
-    converted: Converted,
+    converted: ConversionEnds,
     clip: Clip,
     /// Whether a row of the current piece is within the part that is read.
     is_within: bool,
@@ -58,7 +59,7 @@ impl Pieces {
     ///
     /// # Errors
     /// If there is no piece, or if the first one cannot be opened.
-    pub fn first_recording(self, bar: &ProgressBar) -> Result<Recording, Failure> {
+    pub fn first_recording(self, bar: &Progress) -> Result<Recording, Failure> {
         Recording::of_pieces(self, bar, None, true)
     }
 
@@ -66,7 +67,7 @@ impl Pieces {
     ///
     /// # Errors
     /// As [`first_recording`](Self::first_recording).
-    pub fn first_recording_hashed(self, bar: &ProgressBar) -> Result<Recording, Failure> {
+    pub fn first_recording_hashed(self, bar: &Progress) -> Result<Recording, Failure> {
         Recording::of_pieces(self, bar, Some(SharedHash::default()), true)
     }
 }
@@ -79,8 +80,13 @@ impl Recording {
     ///
     /// # Errors
     /// If a piece cannot be opened, is named twice, or has an invalid beginning.
-    pub fn open(paths: &[PathBuf], kind: RowKind, input: impl Into<Input>, bar: &ProgressBar) -> Result<Self, Failure> {
-        Self::open_with(paths, kind, input.into(), bar, None)
+    pub fn open(
+        sources: &[DataSource],
+        kind: RowKind,
+        input: impl Into<Input>,
+        bar: &Progress,
+    ) -> Result<Self, Failure> {
+        Self::open_with(sources, kind, input.into(), bar, None)
     }
 
     /// As [`open`](Self::open), and computes the SHA-256 of all bytes.
@@ -88,38 +94,38 @@ impl Recording {
     /// # Errors
     /// As [`open`](Self::open).
     pub fn open_hashed(
-        paths: &[PathBuf],
+        sources: &[DataSource],
         kind: RowKind,
         input: impl Into<Input>,
-        bar: &ProgressBar,
+        bar: &Progress,
     ) -> Result<Self, Failure> {
-        Self::open_with(paths, kind, input.into(), bar, Some(SharedHash::default()))
+        Self::open_with(sources, kind, input.into(), bar, Some(SharedHash::default()))
     }
 
     fn open_with(
-        paths: &[PathBuf],
+        sources: &[DataSource],
         kind: RowKind,
         input: Input,
-        bar: &ProgressBar,
+        bar: &Progress,
         hash: Option<SharedHash>,
     ) -> Result<Self, Failure> {
-        Self::of_pieces(Pieces::new(paths, kind, input)?, bar, hash, false)
+        Self::of_pieces(Pieces::new(sources, kind, input)?, bar, hash, false)
     }
 
     /// The recording that these pieces are, or with `is_one` the first one.
     pub(super) fn of_pieces(
         pieces: Pieces,
-        bar: &ProgressBar,
+        bar: &Progress,
         hash: Option<SharedHash>,
         is_one: bool,
     ) -> Result<Self, Failure> {
         let Pieces { kind, input, mut waiting, notes, has_foreign } = pieces;
-        let Some(WaitingPiece { path: first, .. }) = waiting.pop() else {
+        let Some(WaitingPiece { source: first, .. }) = waiting.pop() else {
             return Err(Failure::new(Exit::Usage, "no recording is named"));
         };
         let current = Piece::open(&first, kind, &input, bar, hash.as_ref())?;
         if !has_foreign.unwrap_or_else(|| current.source.conversion().is_some()) {
-            refuse_needless(&input, &first)?;
+            refuse_needless(&input, first.name())?;
         }
         let mut places = Places::default();
         places.begin(&current.path, current.source.unit(), 0);
@@ -137,8 +143,8 @@ impl Recording {
             hash,
             lag,
             opened: 1,
-            sessions: Sessions::default(),
-            converted: Converted::default(),
+            sessions: SessionOrder::default(),
+            converted: ConversionEnds::default(),
             clip,
             is_within: false,
             device: 0,
@@ -174,19 +180,19 @@ impl Recording {
                 again.map_err(|message| RecordingError::Data { line: row.line, message })?;
                 self.lag.complete(&mut row.sample, self.current.source.has_lag());
                 match self.clip.judge(&row.sample) {
-                    Judged::Before => {
+                    RowPlace::Before => {
                         (rule, previous) = (self.current.source.sequence_rule(), None);
                         continue;
                     }
-                    Judged::Within => return Ok(Some(self.keep(row))),
-                    Judged::After => return self.end(),
+                    RowPlace::Within => return Ok(Some(self.keep(row))),
+                    RowPlace::After => return self.end(),
                 }
             }
             rule = self.current.source.sequence_rule();
             if let Some(warning) = self.current.source.truncation() {
                 let place = Location::Recording(shown(&self.current.path).to_string());
                 let finding = Finding::warning(name::TRUNCATED, warning).at(place);
-                tell("isotherm", finding.tagged(|line| line.to_string()));
+                self.bar.warn(&finding.tagged(|line| line.to_string()).to_string());
             }
             // The log of an autopilot says by itself when the vehicle was in use.
             let is_log = self.current.source.conversion().is_some_and(|conversion| conversion.log_imu().is_some());
@@ -195,7 +201,7 @@ impl Recording {
             self.end_piece();
             let before = self.places.before() + self.current.source.place();
             self.borders.begin(&next, &self.current.path).map_err(RecordingError::Piece)?;
-            let opened = Piece::open(&next.path, self.kind, &self.input, &self.bar, self.hash.as_ref());
+            let opened = Piece::open(&next.source, self.kind, &self.input, &self.bar, self.hash.as_ref());
             // An error is unlikely: the beginning was already read to sort the pieces.
             let mut opened = opened.map_err(RecordingError::Piece)?;
             if self.is_in_order() {
@@ -271,7 +277,7 @@ impl Recording {
                 return Some(row.sample);
             }
             let next = self.waiting.pop_if(|next| row.is_ok() && self.borders.goes_on(next))?;
-            self.current = Piece::open(&next.path, self.kind, &self.input, &self.bar, self.hash.as_ref()).ok()?;
+            self.current = Piece::open(&next.source, self.kind, &self.input, &self.bar, self.hash.as_ref()).ok()?;
         }
     }
 
@@ -358,7 +364,7 @@ impl Recording {
         drop(self.current);
         // Pieces that are after the part that was read: their bytes are hashed as they are dropped.
         for piece in self.waiting.iter().rev().filter(|_| !self.is_one) {
-            drop(open_source(&piece.path, &self.bar, Some(&hash))?);
+            drop(open_source(&piece.source, &self.bar, Some(&hash))?);
         }
         if let Some(gyroscopes) = self.input.foreign.as_ref().and_then(|it| it.settings.gyroscope_file.as_ref()) {
             drop(open_source(gyroscopes, &self.bar, Some(&hash))?);
@@ -407,16 +413,16 @@ impl Samples {
     ///
     /// # Errors
     /// As [`Recording::open`].
-    pub fn open(paths: &[PathBuf], input: impl Into<Input>, bar: &ProgressBar) -> Result<Self, Failure> {
-        Recording::open(paths, RowKind::Sample, input, bar).map(Self)
+    pub fn open(sources: &[DataSource], input: impl Into<Input>, bar: &Progress) -> Result<Self, Failure> {
+        Recording::open(sources, RowKind::Sample, input, bar).map(Self)
     }
 
     /// As [`Recording::open_hashed`].
     ///
     /// # Errors
     /// As [`Recording::open`].
-    pub fn open_hashed(paths: &[PathBuf], input: impl Into<Input>, bar: &ProgressBar) -> Result<Self, Failure> {
-        Recording::open_hashed(paths, RowKind::Sample, input, bar).map(Self)
+    pub fn open_hashed(sources: &[DataSource], input: impl Into<Input>, bar: &Progress) -> Result<Self, Failure> {
+        Recording::open_hashed(sources, RowKind::Sample, input, bar).map(Self)
     }
 
     /// The recording that the samples are of: [`notes`](Recording::notes), [`findings`](Recording::findings) and

@@ -4,14 +4,14 @@
 //! A chunk has a CRC. What is outside of chunks has one at the end of a file that was ended. Where it was not, a record
 //! of another kind than it was written as must not be taken for rows, nor hide any.
 
-use super::chunk::{Chunk, MAX_RECORD, Unpacked};
+use super::chunk::{Chunk, ChunkBuffer, MAX_RECORD};
 use super::panics::catch_panic;
 use super::plausible::{foreign, foreign_to_chunk, impossible, is_own};
-use super::skip::{Indexed, Unwanted};
+use super::skip::{ChannelFilter, ChunkIndex};
 use crate::seal::DAMAGED;
-use crate::steps;
 use isotherm_recording::RecordingError;
 use isotherm_recording::columns::MCAP_MAGIC;
+use isotherm_recording::steps;
 use mcap::records::{Header, Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{McapError, parse_record};
@@ -29,13 +29,13 @@ pub(crate) struct Records {
     /// The chunk that is read.
     chunk: Option<Chunk>,
     /// The channels whose messages are not wanted, and the chunk whose index is being read.
-    unwanted: Unwanted,
-    indexed: Option<Indexed>,
+    unwanted: ChannelFilter,
+    indexed: Option<ChunkIndex>,
     /// What came behind that index.
     after_index: Option<Option<McapEvent>>,
     /// Messages that have been passed over.
     skipped: u64,
-    unpacked: Unpacked,
+    unpacked: ChunkBuffer,
     bytes: u64,
     /// Whether the footer was read.
     finished: bool,
@@ -85,7 +85,7 @@ enum McapEvent {
 
 impl Records {
     /// Reads from `source` what is not of unwanted channels alone.
-    pub(crate) fn without(source: Box<dyn Read>, unwanted: Unwanted) -> Self {
+    pub(crate) fn without(source: Box<dyn Read>, unwanted: ChannelFilter) -> Self {
         let options = options().with_validate_data_section_crc(true);
         Self {
             source,
@@ -95,7 +95,7 @@ impl Records {
             indexed: None,
             after_index: None,
             skipped: 0,
-            unpacked: Unpacked::default(),
+            unpacked: ChunkBuffer::default(),
             bytes: 0,
             finished: false,
             truncated: false,
@@ -189,7 +189,7 @@ impl Records {
         if self.unwanted.is_empty() || self.is_own {
             return self.open(&content);
         }
-        self.indexed = Some(Indexed::new(content));
+        self.indexed = Some(ChunkIndex::new(content));
         Ok(())
     }
 
@@ -296,7 +296,7 @@ fn event_of(opcode: u8, data: &[u8]) -> Result<McapEvent, McapError> {
 pub(crate) fn each_record(
     mut part: &[u8],
     begins: bool,
-    (unpacked, length): (&mut Unpacked, u64),
+    (unpacked, length): (&mut ChunkBuffer, u64),
     mut take: impl FnMut(u8, &[u8]) -> Result<(), String>,
 ) -> Result<(), String> {
     let mut reader = LinearReader::new_with_options(options().with_skip_start_magic(!begins));

@@ -3,37 +3,34 @@
 //! The index of a chunk says which channels its messages have, not which channels it defines. So only a file whose
 //! summary matches its check and has all channels is read in this way.
 
+use super::random::RandomAccess;
 use super::summary::summary;
+use isotherm_support::source::DataSource;
 use mcap::records::{Channel, Record};
 use std::collections::{HashMap, HashSet};
-use std::fs::File;
-use std::path::Path;
 
 /// Channels that are not wanted.
 #[derive(Default)]
-pub(crate) struct Unwanted(HashSet<u16>);
+pub(crate) struct ChannelFilter(HashSet<u16>);
 
 /// A chunk, and what its index says so far.
-pub(super) struct Indexed {
+pub(super) struct ChunkIndex {
     chunk: Vec<u8>,
     channels: HashSet<u16>,
     messages: u64,
 }
 
-impl Unwanted {
+impl ChannelFilter {
     /// The channels of a file for which `is_wanted` is false of channel and schema's name; none if the summary of the
     /// file does not have all channels, or if it is no file.
-    pub(crate) fn of(path: &Path, is_wanted: impl Fn(&Channel, &str) -> bool) -> Self {
-        Self::summed_up(path, is_wanted).unwrap_or_default()
+    pub(crate) fn of(of: &DataSource, is_wanted: impl Fn(&Channel, &str) -> bool) -> Self {
+        Self::summed_up(of, is_wanted).unwrap_or_default()
     }
 
-    fn summed_up(path: &Path, is_wanted: impl Fn(&Channel, &str) -> bool) -> Option<Self> {
-        if !path.metadata().is_ok_and(|metadata| metadata.is_file()) {
-            return None;
-        }
-        let file = File::open(path).ok()?;
+    fn summed_up(of: &DataSource, is_wanted: impl Fn(&Channel, &str) -> bool) -> Option<Self> {
+        let file = of.is_file().then(|| of.open().and_then(RandomAccess::new).ok()).flatten()?;
         let (mut schemas, mut channels, mut count) = (HashMap::new(), HashMap::new(), None);
-        for record in summary(&file, file.metadata().ok()?.len()).ok()?.0 {
+        for record in summary(&file).ok()?.0 {
             match record {
                 Record::Schema { header, .. } => drop(schemas.insert(header.id, header.name)),
                 Record::Channel(channel) => drop(channels.insert(channel.id, channel)),
@@ -54,7 +51,7 @@ impl Unwanted {
     }
 }
 
-impl Indexed {
+impl ChunkIndex {
     pub(super) fn new(chunk: Vec<u8>) -> Self {
         Self { chunk, channels: HashSet::new(), messages: 0 }
     }
@@ -69,7 +66,7 @@ impl Indexed {
     }
 
     /// The number of its messages if all are of unwanted channels. Without an index nobody knows.
-    pub(super) fn all_unwanted(&self, unwanted: &Unwanted) -> Option<u64> {
+    pub(super) fn all_unwanted(&self, unwanted: &ChannelFilter) -> Option<u64> {
         (!self.channels.is_empty() && self.channels.is_subset(&unwanted.0)).then_some(self.messages)
     }
 }

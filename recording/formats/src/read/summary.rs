@@ -3,12 +3,11 @@
 use super::chunk::MAX_RECORD;
 use super::panics::catch_panic;
 use super::plausible::impossible;
+use super::random::RandomAccess;
 use isotherm_recording::columns::MCAP_MAGIC;
 use mcap::parse_record;
 use mcap::records::{Record, op};
-use std::fs::File;
 use std::io;
-use std::os::unix::fs::FileExt as _;
 
 /// Opcode and length of a record.
 pub(crate) const HEAD: usize = 9;
@@ -18,11 +17,11 @@ const END: u64 = 37;
 const SUMMARY_OFFSET: u64 = 26;
 const GROUPS: u64 = 8;
 
-/// The schemas, channels and statistics of the summary of a file of this size, if that matches its check; and whether
+/// The schemas, channels and statistics of the summary of a file, if that matches its check; and whether
 /// the end of the file is as it was written.
-pub(crate) fn summary(file: &File, size: u64) -> io::Result<(Vec<Record<'static>>, bool)> {
-    let Some(place) = size.checked_sub(END) else { return Ok((Vec::new(), false)) };
-    let footer = bytes(file, size, place, END as usize)?;
+pub(crate) fn summary(file: &RandomAccess) -> io::Result<(Vec<Record<'static>>, bool)> {
+    let Some(place) = file.size().checked_sub(END) else { return Ok((Vec::new(), false)) };
+    let footer = bytes(file, place, END as usize)?;
     let Some(Record::Footer(record)) = footer.get(HEAD..).and_then(|content| parsed(op::FOOTER, content)) else {
         return Ok((Vec::new(), false));
     };
@@ -36,7 +35,7 @@ pub(crate) fn summary(file: &File, size: u64) -> io::Result<(Vec<Record<'static>
     let lengths = place.checked_sub(record.summary_start).into_iter().chain(shifted);
     let mut found = None;
     for length in lengths.filter(|length| *length <= place.min(MAX_RECORD as u64)) {
-        let bytes = bytes(file, size, place - length, length as usize)?;
+        let bytes = bytes(file, place - length, length as usize)?;
         let mut hasher = crc32fast::Hasher::new();
         hasher.update(&bytes);
         hasher.update(&footer[..HEAD + 16]);
@@ -72,9 +71,9 @@ pub(crate) fn parsed(opcode: u8, content: &[u8]) -> Option<Record<'static>> {
     catch_panic(|| parse_record(opcode, content).ok().map(Record::into_owned)).flatten()
 }
 
-/// Up to so many bytes of a file of this size from a place on.
-pub(crate) fn bytes(file: &File, size: u64, at: u64, length: usize) -> io::Result<Vec<u8>> {
-    let there = usize::try_from(size.saturating_sub(at)).unwrap_or(usize::MAX);
+/// Up to so many bytes of a file from a place on.
+pub(crate) fn bytes(file: &RandomAccess, at: u64, length: usize) -> io::Result<Vec<u8>> {
+    let there = usize::try_from(file.size().saturating_sub(at)).unwrap_or(usize::MAX);
     let mut bytes = vec![0; length.min(there)];
     file.read_exact_at(&mut bytes, at)?;
     Ok(bytes)

@@ -3,7 +3,8 @@
 
 use super::{ImuChoice, Samples};
 use crate::write::{Files, Format, Rotation};
-use indicatif::ProgressBar;
+use isotherm_files::{Disk, sources};
+use isotherm_recording::Progress;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_shared::names::{ImuId, StreamKind};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, StreamSample, Triad};
@@ -63,7 +64,7 @@ fn write(folder: &Path, format: Format, name: &str, imus: &[ImuId], samples: &[R
     let flush = samples.len() / 6 + 1;
     let path = folder.join(name);
     let streams: Vec<_> = (0..imus.len()).flat_map(|imu| StreamKind::BOTH.map(|stream| (imu, stream))).collect();
-    let mut files = Files::create(&path, format, Rotation::default(), imus, &streams).ok().unwrap();
+    let mut files = Files::create(&Disk, &path, format, Rotation::default(), imus, &streams).ok().unwrap();
     for (count, raw) in samples.iter().enumerate() {
         for imu in 0..imus.len() {
             let raw = RawSample { timestamp_ns: raw.timestamp_ns ^ imu as u64, ..*raw };
@@ -83,7 +84,7 @@ fn write(folder: &Path, format: Format, name: &str, imus: &[ImuId], samples: &[R
 }
 
 pub(crate) fn read(path: &Path, choice: ImuChoice) -> Result<Vec<RawSample>, Failure> {
-    Samples::open(&[path.to_owned()], choice, &ProgressBar::hidden())?.collect()
+    Samples::open(&sources(&[path.to_owned()]).unwrap(), choice, &Progress::default())?.collect()
 }
 
 pub(crate) fn bits(samples: &[RawSample]) -> Vec<String> {
@@ -285,7 +286,7 @@ fn a_later_piece_that_has_become_bad_is_bad_data() {
     let late: Vec<_> = second.iter().map(|raw| RawSample { session: 9, ..*raw }).collect();
     let pieces = [("1.parquet", &first), ("2.parquet", &late)]
         .map(|(name, samples)| write(folder.path(), Format::Parquet, name, &imus, samples));
-    let mut reading = Samples::open(&pieces, ImuChoice::Any, &ProgressBar::hidden()).unwrap();
+    let mut reading = Samples::open(&sources(&pieces).unwrap(), ImuChoice::Any, &Progress::default()).unwrap();
     let begun = reading.next().unwrap().unwrap();
     for piece in &pieces {
         fs::write(piece, "PAR1PAR1").unwrap();

@@ -33,7 +33,7 @@ pub(super) enum Keys {
 /// The account of a recording.
 #[derive(Default)]
 pub(super) struct Account {
-    streams: Vec<Stream>,
+    streams: Vec<StreamAccount>,
     /// Their numbers by name.
     numbers: HashMap<String, usize>,
     holes: Vec<OpenHole>,
@@ -42,7 +42,7 @@ pub(super) struct Account {
     repeats: u64,
 }
 
-struct Stream {
+struct StreamAccount {
     name: String,
     keys: Keys,
     rows: u64,
@@ -76,7 +76,7 @@ impl Account {
             return *known;
         }
         self.numbers.insert(name.to_owned(), self.streams.len());
-        self.streams.push(Stream {
+        self.streams.push(StreamAccount {
             name: name.to_owned(),
             keys,
             rows: 0,
@@ -171,8 +171,11 @@ impl Account {
                 hole.losses.push(loss);
             }
         }
-        let rows =
-            |stream: &Stream| StreamRows { name: stream.name.clone(), rows: stream.rows, sessions: stream.sessions };
+        let rows = |stream: &StreamAccount| StreamRows {
+            name: stream.name.clone(),
+            rows: stream.rows,
+            sessions: stream.sessions,
+        };
         RepairReport {
             format,
             has_checks,
@@ -184,7 +187,7 @@ impl Account {
     }
 }
 
-impl Stream {
+impl StreamAccount {
     /// The run of sequences that were taken, and in which this one is, or behind which it comes.
     fn run(&self, row: RowTime) -> Option<(u64, u64)> {
         let run = self.taken.get(&row.session)?.range(..=row.sequence).next_back()?;

@@ -1,13 +1,13 @@
 //! Finds the whole chunks of an MCAP file, and the damage between them.
 
-use crate::read::chunk::{MAX_RECORD, Unpacked};
+use crate::read::chunk::{ChunkBuffer, MAX_RECORD};
 use crate::read::plausible::{foreign, impossible, is_own};
+use crate::read::random::RandomAccess;
 use crate::read::records::each_record;
 use crate::read::summary::{HEAD, bytes, parsed, parts, summary};
 use isotherm_recording::columns::MCAP_MAGIC;
 use mcap::parse_record;
 use mcap::records::{Metadata, Record, op};
-use std::fs::File;
 use std::io;
 
 /// The parts of a chunk before its records: times, size, CRC, a name of up to 4 letters, size.
@@ -28,15 +28,15 @@ pub(super) enum ScanEvent {
 }
 
 /// Reads a file from its beginning.
-pub(super) struct Scan<'a> {
-    file: &'a File,
+pub(super) struct ChunkScan<'a> {
+    file: &'a RandomAccess,
     size: u64,
     at: u64,
     /// The end of the last chunk: up to here records are where they seem to be.
     sure: u64,
     /// Bytes that have been read to find whole chunks.
     spent: u64,
-    unpacked: Unpacked,
+    unpacked: ChunkBuffer,
     profile: String,
     /// Whether the recorder wrote the file.
     is_own: bool,
@@ -44,20 +44,20 @@ pub(super) struct Scan<'a> {
     has_end: bool,
     /// Whether nothing is damaged so far.
     is_whole: bool,
-    progress: Progress,
+    progress: ScanState,
 }
 
 #[derive(Clone, Copy, Eq, PartialEq)]
-enum Progress {
+enum ScanState {
     Begun,
     /// At the end of the data, which is at this byte.
     AtEnd(u64),
     Ended,
 }
 
-impl<'a> Scan<'a> {
-    pub(super) fn new(file: &'a File) -> io::Result<Self> {
-        let size = file.metadata()?.len();
+impl<'a> ChunkScan<'a> {
+    pub(super) fn new(file: &'a RandomAccess) -> io::Result<Self> {
+        let size = file.size();
         let profile = String::new();
         let mut scan = Self {
             file,
@@ -65,12 +65,12 @@ impl<'a> Scan<'a> {
             at: 0,
             sure: MCAP_MAGIC.len() as u64,
             spent: 0,
-            unpacked: Unpacked::default(),
+            unpacked: ChunkBuffer::default(),
             profile,
             is_own: false,
             has_end: false,
             is_whole: true,
-            progress: Progress::Begun,
+            progress: ScanState::Begun,
         };
         let head = scan.bytes(0, MCAP_MAGIC.len() + HEAD)?;
         if head.starts_with(MCAP_MAGIC)
@@ -93,7 +93,7 @@ impl<'a> Scan<'a> {
 
     /// The schemas, channels and statistics of the summary, if that matches its check.
     pub(super) fn summary(&mut self) -> io::Result<Vec<Record<'static>>> {
-        let (records, has_end) = summary(self.file, self.size)?;
+        let (records, has_end) = summary(self.file)?;
         self.has_end = has_end;
         Ok(records)
     }
@@ -110,14 +110,14 @@ impl<'a> Scan<'a> {
         }
         loop {
             match self.progress {
-                Progress::Begun => {}
-                Progress::AtEnd(at) => return self.end(at),
-                Progress::Ended => return Ok(None),
+                ScanState::Begun => {}
+                ScanState::AtEnd(at) => return self.end(at),
+                ScanState::Ended => return Ok(None),
             }
             let at = self.at;
             if at >= self.size {
                 // Not ended, as after a crash; all that was flushed is there.
-                self.progress = Progress::Ended;
+                self.progress = ScanState::Ended;
                 return Ok(None);
             }
             let head = self.bytes(at, HEAD)?;
@@ -131,7 +131,7 @@ impl<'a> Scan<'a> {
                 return self.damage(at, cause);
             }
             if opcode == op::DATA_END {
-                self.progress = Progress::AtEnd(at);
+                self.progress = ScanState::AtEnd(at);
                 match self.data_end(at)? {
                     None => continue,
                     found => return Ok(found),
@@ -181,7 +181,7 @@ impl<'a> Scan<'a> {
         self.is_whole = false;
         match self.search(self.sure)? {
             Some(next) => self.at = next,
-            None => self.progress = Progress::Ended,
+            None => self.progress = ScanState::Ended,
         }
         Ok(Some(ScanEvent::Damage { at, cause: cause.to_owned(), has_rows: true }))
     }
@@ -209,7 +209,7 @@ impl<'a> Scan<'a> {
 
     /// What is behind the data, and is not used.
     fn end(&mut self, at: u64) -> io::Result<Option<ScanEvent>> {
-        self.progress = Progress::Ended;
+        self.progress = ScanState::Ended;
         let cause = "the summary at the end does not match its check".to_owned();
         Ok((!self.has_end).then_some(ScanEvent::Damage { at, cause, has_rows: false }))
     }
@@ -267,7 +267,7 @@ impl<'a> Scan<'a> {
 
     /// Up to so many bytes from a place on.
     fn bytes(&self, at: u64, length: usize) -> io::Result<Vec<u8>> {
-        bytes(self.file, self.size, at, length)
+        bytes(self.file, at, length)
     }
 }
 

@@ -10,12 +10,11 @@ use isotherm_recording::csv::{CsvColumn, Rows};
 use isotherm_recording::{CHECK, RecordingError, layouts, stream_of, with_field};
 use isotherm_shared::names::StreamKind;
 use isotherm_shared::wire::Flags;
-use std::fs::File;
+use isotherm_support::source::{DataSource, ReadSeek};
 use std::io::{BufWriter, Write};
-use std::path::Path;
 
 /// What is known of the columns.
-struct Header {
+struct CsvHeader {
     stream: StreamKind,
     names: Vec<String>,
     has_checks: bool,
@@ -33,16 +32,16 @@ struct WantedColumns {
 }
 
 /// A row that is whole.
-struct Row {
+struct CsvRow {
     line: u64,
     key: RowTime,
     text: Vec<u8>,
 }
 
-pub(super) fn repair(path: &Path, sink: &mut dyn Write) -> Result<RepairReport, RepairError> {
-    let open = || File::open(path).map_err(RepairError::Read);
-    let header = Header::find(|| open().map(Rows::new))?;
-    let mut repair = Repair::begin(header, BufWriter::new(sink))?;
+pub(super) fn repair(source: &DataSource, sink: &mut dyn Write) -> Result<RepairReport, RepairError> {
+    let open = || source.open().map_err(RepairError::Read);
+    let header = CsvHeader::find(|| open().map(Rows::new))?;
+    let mut repair = CsvRepair::begin(header, BufWriter::new(sink))?;
     let mut rows = Rows::new(open()?);
     if !repair.header.is_renewed {
         next(&mut rows)?.map_err(RepairError::Nothing)?;
@@ -61,7 +60,7 @@ pub(super) fn repair(path: &Path, sink: &mut dyn Write) -> Result<RepairReport, 
 }
 
 /// The next row; false at the end. The inner error is that of a row.
-fn next(rows: &mut Rows<File>) -> Result<Result<bool, String>, RepairError> {
+fn next(rows: &mut Rows<Box<dyn ReadSeek>>) -> Result<Result<bool, String>, RepairError> {
     match rows.next_row() {
         Ok(more) => Ok(Ok(more)),
         Err(RecordingError::Io(error)) => Err(RepairError::Read(error)),
@@ -77,10 +76,10 @@ fn cause(error: &RecordingError) -> String {
     }
 }
 
-impl Header {
+impl CsvHeader {
     /// Reads the header. One that is damaged is that of the recorder's files whose rows have as many columns, and their
     /// checks.
-    fn find(open: impl Fn() -> Result<Rows<File>, RepairError>) -> Result<Self, RepairError> {
+    fn find(open: impl Fn() -> Result<Rows<Box<dyn ReadSeek>>, RepairError>) -> Result<Self, RepairError> {
         let mut rows = open()?;
         let mut whole = None;
         if next(&mut rows)? == Ok(true) {
@@ -140,8 +139,8 @@ impl Header {
     }
 }
 
-struct Repair<'a> {
-    header: Header,
+struct CsvRepair<'a> {
+    header: CsvHeader,
     wanted: WantedColumns,
     stream: usize,
     account: Account,
@@ -149,11 +148,11 @@ struct Repair<'a> {
     /// The last sequence that was taken of the session, and the row behind it, of which it is not known yet whether its
     /// sequence is right.
     last: Option<RowTime>,
-    waiting: Option<Row>,
+    waiting: Option<CsvRow>,
 }
 
-impl<'a> Repair<'a> {
-    fn begin(header: Header, mut sink: BufWriter<&'a mut dyn Write>) -> Result<Self, RepairError> {
+impl<'a> CsvRepair<'a> {
+    fn begin(header: CsvHeader, mut sink: BufWriter<&'a mut dyn Write>) -> Result<Self, RepairError> {
         writeln!(sink, "{}", header.names.join(",")).map_err(RepairError::Write)?;
         let wanted = header.wanted()?;
         let keys = match (header.stream, &wanted.session) {
@@ -170,7 +169,7 @@ impl<'a> Repair<'a> {
     }
 
     /// The current row. An error says why it is not whole.
-    fn row(&self, rows: &Rows<File>) -> Result<Row, String> {
+    fn row(&self, rows: &Rows<Box<dyn ReadSeek>>) -> Result<CsvRow, String> {
         let whole = || -> Result<RowTime, RecordingError> {
             rows.verify(self.header.names.len())?;
             for (kind, column) in &self.wanted.values {
@@ -195,7 +194,7 @@ impl<'a> Repair<'a> {
         if !text.ends_with(b"\n") {
             text.push(b'\n');
         }
-        Ok(Row { line: rows.line(), key, text })
+        Ok(CsvRow { line: rows.line(), key, text })
     }
 
     fn hole(&mut self, line: u64, cause: &str) -> Result<(), RepairError> {
@@ -206,7 +205,7 @@ impl<'a> Repair<'a> {
     }
 
     /// Takes a row. Without checks, and where rows must rise, it waits for the next, which shows whether it does.
-    fn take(&mut self, row: Row) -> Result<(), RepairError> {
+    fn take(&mut self, row: CsvRow) -> Result<(), RepairError> {
         if self.header.has_checks || self.header.stream == StreamKind::Increment {
             return self.write(row);
         }
@@ -233,7 +232,7 @@ impl<'a> Repair<'a> {
         self.write(row)
     }
 
-    fn write(&mut self, row: Row) -> Result<(), RepairError> {
+    fn write(&mut self, row: CsvRow) -> Result<(), RepairError> {
         let check = self.header.has_checks.then(|| self.header.column(CHECK)).flatten();
         match (self.account.take(self.stream, row.key), &self.wanted.session) {
             (Fate::Taken, _) => self.sink.write_all(&row.text),

@@ -4,19 +4,19 @@
 //! channels are in the chunks before the first message, and again in the summary of a file that was ended.
 
 use super::account::{Account, Fate, Keys};
-use super::chunks::{Scan, ScanEvent};
+use super::chunks::{ChunkScan, ScanEvent};
 use super::report::{RecordingFormat, RepairError, RepairReport, RowTime};
-use crate::protobuf::{self, FieldNumber, Value, with_varint};
+use crate::protobuf::{self, FieldNumber, FieldValue, with_varint};
+use crate::read::random::RandomAccess;
 use crate::write::mcap_options;
 use isotherm_recording::columns::{RAW, SEQUENCE, SESSION, TIMESTAMP_NS};
 use mcap::records::{Channel, MessageHeader, Record};
 use mcap::write::NoSeek;
 use std::collections::HashMap;
-use std::fs::File;
 use std::io::{self, Write};
 
-pub(super) fn repair(file: &File, sink: &mut dyn Write) -> Result<RepairReport, RepairError> {
-    let mut scan = Scan::new(file).map_err(RepairError::Read)?;
+pub(super) fn repair(file: &RandomAccess, sink: &mut dyn Write) -> Result<RepairReport, RepairError> {
+    let mut scan = ChunkScan::new(file).map_err(RepairError::Read)?;
     let mut descriptions = Descriptions::default();
     // A file that was ended has them again in its summary, with the number of messages.
     let mut counts = Vec::new();
@@ -28,7 +28,7 @@ pub(super) fn repair(file: &File, sink: &mut dyn Write) -> Result<RepairReport, 
     }
     let profile = scan.profile().to_owned();
     let writer = mcap_options().profile(profile).create(NoSeek::new(sink)).map_err(unwritten)?;
-    let mut repair = Repair { writer, descriptions, account: Account::default(), channels: HashMap::new() };
+    let mut repair = McapRepair { writer, descriptions, account: Account::default(), channels: HashMap::new() };
     let (mut metadata, mut has_checks) = (Vec::new(), true);
     while let Some(found) = scan.next().map_err(RepairError::Read)? {
         match found {
@@ -86,7 +86,7 @@ impl Descriptions {
     }
 }
 
-struct Repair<W: Write> {
+struct McapRepair<W: Write> {
     writer: mcap::Writer<NoSeek<W>>,
     descriptions: Descriptions,
     account: Account,
@@ -102,7 +102,7 @@ struct WrittenChannel {
     fields: Option<[FieldNumber; 3]>,
 }
 
-impl<W: Write> Repair<W> {
+impl<W: Write> McapRepair<W> {
     fn take(&mut self, record: Record<'static>, at: u64) -> Result<(), RepairError> {
         self.descriptions.take(&record);
         let Record::Message { header, data } = record else { return Ok(()) };
@@ -176,7 +176,7 @@ fn row_of(message: &[u8], fields: [FieldNumber; 3]) -> Option<RowTime> {
     let mut values = [0; 3];
     let is_valid = protobuf::decode(message, |number, value| {
         let field = fields.iter().position(|field| field.number == number);
-        if let (Some(field), Value::Varint(value)) = (field, value) {
+        if let (Some(field), FieldValue::Varint(value)) = (field, value) {
             values[field] = value;
         }
     });

@@ -8,6 +8,7 @@ use super::report::{RecordingFormat, RepairError, RepairReport, RowTime};
 use crate::read::pages;
 use crate::read::panics::catch_panic;
 use crate::read::parquet::{cause, check_footer};
+use crate::read::random::RandomAccess;
 use crate::seal::{
     CREATOR, FileParts, GroupChecks, MAGIC, SealedGroup, checks_in, checks_of, chunk_range, group_range,
     is_footer_sealed_at, sealed_groups,
@@ -21,9 +22,7 @@ use parquet::data_type::DataType;
 use parquet::errors::ParquetError;
 use parquet::file::metadata::{FileMetaData, ParquetMetaData, ParquetMetaDataReader, RowGroupMetaData};
 use parquet::file::serialized_reader::SerializedPageReader;
-use std::fs::File;
 use std::io::{self, Write};
-use std::os::unix::fs::FileExt as _;
 use std::sync::Arc;
 
 /// Rows that are decoded at once.
@@ -46,11 +45,10 @@ struct Group {
     bytes: Vec<u8>,
 }
 
-pub(super) fn repair(file: File, sink: &mut dyn Write) -> Result<RepairReport, RepairError> {
-    let size = file.metadata().map_err(RepairError::Read)?.len();
-    let file = Arc::new(file);
+pub(super) fn repair(file: RandomAccess, sink: &mut dyn Write) -> Result<RepairReport, RepairError> {
+    let size = file.size();
     let sealed = sealed_groups(&file).map_err(RepairError::Read)?;
-    let footer = footer(&file, size)?;
+    let footer = footer(&file)?;
     let about = match (&footer, sealed.first()) {
         (Ok((footer, _)), _) => footer.file_metadata(),
         (Err(_), Some(group)) => group.metadata.file_metadata(),
@@ -77,8 +75,8 @@ pub(super) fn repair(file: File, sink: &mut dyn Write) -> Result<RepairReport, R
     if magic != MAGIC {
         account.hole("byte", 0, "not the first bytes of a Parquet file", Some(0));
     }
-    let mut repair = Repair {
-        file: Arc::clone(&file),
+    let mut repair = ParquetRepair {
+        file: file.clone(),
         sink,
         length: 0,
         encoder: FileEncoder::new(parts, if has_checks { Checks::Written } else { Checks::Absent }),
@@ -101,9 +99,9 @@ pub(super) fn repair(file: File, sink: &mut dyn Write) -> Result<RepairReport, R
 /// The footer and its checks. The inner error says what is wrong with it.
 type Footer = Result<(ParquetMetaData, Option<Vec<GroupChecks>>), String>;
 
-fn footer(file: &Arc<File>, size: u64) -> Result<Footer, RepairError> {
+fn footer(file: &RandomAccess) -> Result<Footer, RepairError> {
     let invalid = || "not a valid Parquet file".to_owned();
-    let is_sealed = match check_footer(file, size) {
+    let is_sealed = match check_footer(file) {
         Ok(is_sealed) => is_sealed,
         Err(isotherm_recording::RecordingError::Io(error)) => return Err(RepairError::Read(error)),
         Err(error) => {
@@ -112,7 +110,7 @@ fn footer(file: &Arc<File>, size: u64) -> Result<Footer, RepairError> {
             return Ok(Err(message.split(';').next().unwrap_or_default().to_owned()));
         }
     };
-    let parsed = catch_panic(|| ParquetMetaDataReader::new().parse_and_finish(file.as_ref()));
+    let parsed = catch_panic(|| ParquetMetaDataReader::new().parse_and_finish(file));
     let Some(Ok(metadata)) = parsed else { return Ok(Err(invalid())) };
     Ok(match checks_in(&metadata, is_sealed) {
         Ok(checks) => Ok((metadata, checks)),
@@ -136,8 +134,8 @@ fn parts(about: &FileMetaData, names: &[String], stream: StreamKind, is_whole: b
     FileParts { schema: about.schema_descr().root_schema_ptr(), created_by: Some(created_by), metadata: entries }
 }
 
-struct Repair<'a> {
-    file: Arc<File>,
+struct ParquetRepair<'a> {
+    file: RandomAccess,
     sink: &'a mut dyn Write,
     /// Bytes written.
     length: u64,
@@ -147,7 +145,7 @@ struct Repair<'a> {
     names: Vec<String>,
 }
 
-impl Repair<'_> {
+impl ParquetRepair<'_> {
     fn write(&mut self, bytes: &[u8]) -> Result<(), RepairError> {
         self.length += bytes.len() as u64;
         self.sink.write_all(bytes).map_err(RepairError::Write)
@@ -200,7 +198,7 @@ impl Repair<'_> {
             group.damage = Some(format!("over {MAX_GROUP} bytes"));
             return Ok(());
         }
-        let size = self.file.metadata().map_err(RepairError::Read)?.len();
+        let size = self.file.size();
         if group.begin.checked_add(group.length).is_none_or(|end| end > size) {
             group.damage = Some("the file ends before it".to_owned());
             return Ok(());
@@ -305,7 +303,7 @@ impl Repair<'_> {
             let rows = usize::try_from(group.num_rows()).unwrap_or(0);
             let (begin, length) = chunk_range(group, column).ok_or_else(|| io::Error::other("its place"))?;
             pages::check(&self.file, begin, length)?;
-            let pages = SerializedPageReader::new(Arc::clone(&self.file), chunk, rows, None).map_err(cause)?;
+            let pages = SerializedPageReader::new(Arc::new(self.file.clone()), chunk, rows, None).map_err(cause)?;
             match get_column_reader(chunk.column_descr_ptr(), Box::new(pages)) {
                 ColumnReader::Int64ColumnReader(reader) => all(reader, rows, values, i64::cast_unsigned),
                 ColumnReader::Int32ColumnReader(reader) => {

@@ -7,8 +7,9 @@ use crate::read::tests::{TestRandom, bits, read};
 use crate::read::{ImuChoice, Part, read_numbers};
 use crate::write::parquet::write_groups;
 use crate::write::{Files, Format, Rotation};
-use indicatif::ProgressBar;
+use isotherm_files::{Disk, source, sources};
 use isotherm_recording::Layout;
+use isotherm_recording::Progress;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_shared::names::{ImuId, StreamKind};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, StreamSample, Triad};
@@ -115,11 +116,11 @@ impl RecordedFile {
         let damaged = self.path.with_file_name("damaged").with_extension(self.path.extension().unwrap());
         fs::write(&damaged, bytes).unwrap();
         let mut taken = Vec::new();
-        let repaired = repair(&damaged, &mut taken).ok().map(|repaired| {
+        let repaired = repair(&source(&damaged), &mut taken).ok().map(|repaired| {
             fs::write(&target, &taken).unwrap();
             let rows = self.read(&target).unwrap_or_else(|exit| panic!("{}: {exit:?} {repaired:?}", self.name));
             if !repaired.holes.is_empty() {
-                assert!(inspect(&target).unwrap().holes.is_empty(), "{}: {repaired:?}", self.name);
+                assert!(inspect(&source(&target)).unwrap().holes.is_empty(), "{}: {repaired:?}", self.name);
             }
             (repaired, rows)
         });
@@ -172,11 +173,11 @@ fn read_rows(path: &Path, stream: StreamKind) -> ReadRows {
     let names = ["sequence", "timestamp_ns", "interval_ns", "a1_dv", "a2_dv", "a3_dv", "g1_da", "g3_da", "flag_bits"];
     let number = |_, text: &str| text.parse::<f64>().map_err(|_| "a number");
     let read = read_numbers(
-        &[path.to_owned()],
+        &sources(&[path.to_owned()]).unwrap(),
         &names,
         &ImuChoice::Only(imu()),
         Part::default(),
-        &ProgressBar::hidden(),
+        &Progress::default(),
         number,
     );
     let read = read.map_err(|failure| failure.exit)?;
@@ -199,7 +200,7 @@ fn recorded(folder: &TempDir) -> Vec<RecordedFile> {
     for (format, file) in [(Format::Csv, "r.csv"), (Format::Mcap, "r.mcap")] {
         let (imus, streams) = ([imu()], StreamKind::BOTH.map(|stream| (0, stream)));
         let path = folder.path().join(file);
-        let mut files = Files::create(&path, format, Rotation::default(), &imus, &streams).ok().unwrap();
+        let mut files = Files::create(&Disk, &path, format, Rotation::default(), &imus, &streams).ok().unwrap();
         for (number, (raw, increment)) in rows(StreamKind::Raw).iter().zip(rows(StreamKind::Increment)).enumerate() {
             files.write(raw).ok().unwrap();
             files.write(&increment).ok().unwrap();
@@ -243,7 +244,7 @@ fn a_whole_recording_is_taken_as_it_is() {
         assert!(repaired.streams.iter().all(|stream| (stream.rows, stream.sessions) == (ROWS as u64, 2)));
         if file.name.contains(".csv") {
             let mut taken = Vec::new();
-            repair(&file.path, &mut taken).unwrap();
+            repair(&source(&file.path), &mut taken).unwrap();
             assert!(taken == file.whole, "{}", file.name);
         }
     }

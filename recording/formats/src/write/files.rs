@@ -6,9 +6,10 @@ use super::ros::RosTable;
 use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_shared::names::{ImuId, StreamKind};
+use isotherm_support::storage::Storage;
+use std::io;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
-use std::{fs, io};
+use std::time::Duration;
 
 /// Format of a recording.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -71,6 +72,7 @@ impl Rotation {
 
 /// Files that begin and end together: one or two of an IMU, or one MCAP file.
 pub struct Files {
+    storage: &'static dyn Storage,
     name: PathBuf,
     format: Format,
     rotation: Rotation,
@@ -78,7 +80,8 @@ pub struct Files {
     tables: Vec<RosTable>,
     streams: Vec<(usize, StreamKind)>,
     number: u32,
-    opened: Instant,
+    /// When the current files were begun, by the clock of the storage.
+    begun: Duration,
     /// One for each of `streams`, or one MCAP file for all.
     open: Vec<OpenFile>,
     /// Rows of each of `streams` that are not in its file yet.
@@ -108,13 +111,14 @@ impl Files {
     /// # Errors
     /// If a file exists or cannot be written.
     pub fn create(
+        storage: &'static dyn Storage,
         name: &Path,
         format: Format,
         rotation: Rotation,
         imus: &[ImuId],
         streams: &[(usize, StreamKind)],
     ) -> Result<Self, FileError> {
-        Self::create_with_tables(name, format, rotation, imus, streams, &[])
+        Self::create_with_tables(storage, name, format, rotation, imus, streams, &[])
     }
 
     /// As [`create`](Self::create), with the tables that a file of ROS messages names.
@@ -122,6 +126,7 @@ impl Files {
     /// # Errors
     /// As [`create`](Self::create).
     pub fn create_with_tables(
+        storage: &'static dyn Storage,
         name: &Path,
         format: Format,
         rotation: Rotation,
@@ -130,6 +135,7 @@ impl Files {
         tables: &[RosTable],
     ) -> Result<Self, FileError> {
         let mut files = Self {
+            storage,
             name: name.to_owned(),
             format,
             rotation,
@@ -137,7 +143,7 @@ impl Files {
             tables: tables.to_vec(),
             streams: streams.to_vec(),
             number: 0,
-            opened: Instant::now(),
+            begun: storage.now(),
             open: Vec::new(),
             unwritten: vec![0; streams.len()],
             layouts: vec![Layout::default(); imus.len()],
@@ -147,7 +153,7 @@ impl Files {
         };
         if rotation.is_enabled() {
             // What recorders before have written, of which the oldest may have been removed.
-            files.number = pieces::numbers(&files.unnumbered()).last().copied().unwrap_or(0);
+            files.number = pieces::numbers(storage, &files.unnumbered()).last().copied().unwrap_or(0);
         }
         files.make_room()?;
         files.open_next()?;
@@ -246,7 +252,7 @@ impl Files {
         let rows = self.unwritten.iter().sum();
         let needed = self.open.iter().map(|file| file.needs(rows)).fold(keep_free, u64::saturating_add);
         // A file system that does not tell shows when it is written to.
-        while pieces::free_beside(&path).is_some_and(|free| free < needed) {
+        while self.storage.free_beside(&path).is_some_and(|free| free < needed) {
             if !self.rotation.delete_oldest || !self.remove_oldest() {
                 let cause = format!("fewer than {keep_free} bytes would stay free");
                 return Err(FileError(path, io::Error::new(io::ErrorKind::StorageFull, cause)));
@@ -258,9 +264,12 @@ impl Files {
     /// Removes the oldest files before the current ones. Returns whether there were some that could be removed.
     fn remove_oldest(&mut self) -> bool {
         let current = self.current_paths();
-        for number in pieces::numbers(&self.unnumbered()) {
-            let paths = self.paths(number).into_iter().filter(|path| !current.contains(path) && pieces::is_own(path));
-            let removed: Vec<_> = paths.filter(|path| fs::remove_file(path).is_ok()).collect();
+        for number in pieces::numbers(self.storage, &self.unnumbered()) {
+            let paths = self
+                .paths(number)
+                .into_iter()
+                .filter(|path| !current.contains(path) && pieces::is_own(self.storage, path));
+            let removed: Vec<_> = paths.filter(|path| self.storage.remove(path).is_ok()).collect();
             if !removed.is_empty() {
                 self.removed.extend(removed);
                 return true;
@@ -294,8 +303,13 @@ impl Files {
     /// Removes the current files if they have no rows: nothing was recorded into them.
     pub fn remove_without_rows(&self) {
         if !self.has_rows {
-            self.open.iter().for_each(|file| drop(fs::remove_file(&file.path)));
+            self.open.iter().for_each(|file| drop(self.storage.remove(&file.path)));
         }
+    }
+
+    /// The time by the clock of the storage.
+    pub(super) fn now(&self) -> Duration {
+        self.storage.now()
     }
 
     /// The names of the current files.
@@ -316,7 +330,7 @@ impl Files {
     }
 
     fn is_full(&self) -> bool {
-        let old = self.rotation.time.is_some_and(|time| self.opened.elapsed() >= time);
+        let old = self.rotation.time.is_some_and(|time| self.storage.now().saturating_sub(self.begun) >= time);
         let large = self.rotation.size.is_some_and(|most| self.open.iter().any(|file| file.size() >= most));
         // A Parquet file stays readable however long the recording is.
         self.has_rows && (old || large || self.open.iter().any(OpenFile::is_full))
@@ -331,7 +345,7 @@ impl Files {
             // Only the first file without a number is not allowed to exist. A restarted recorder with rotation
             // continues the numbers of existing files.
             let is_named = number == 1 && !self.rotation.is_enabled();
-            if is_named || !paths.iter().any(|path| fs::symlink_metadata(path).is_ok()) {
+            if is_named || !paths.iter().any(|path| self.storage.exists(path)) {
                 break paths;
             }
         };
@@ -341,13 +355,13 @@ impl Files {
                 Ok(file) => opened.push(file),
                 Err(error) => {
                     // All files are created, or none.
-                    opened.iter().for_each(|made| drop(fs::remove_file(&made.path)));
+                    opened.iter().for_each(|made| drop(self.storage.remove(&made.path)));
                     return Err(FileError(path, error));
                 }
             }
         }
         self.number = number;
-        self.opened = Instant::now();
+        self.begun = self.storage.now();
         self.has_rows = false;
         Ok(std::mem::replace(&mut self.open, opened))
     }
@@ -356,13 +370,13 @@ impl Files {
         let (imu, stream) = self.streams[index];
         let layout = self.layouts[imu].of_stream(stream);
         match self.format {
-            Format::Csv => OpenFile::csv(path, stream, layout),
-            Format::Mcap => OpenFile::mcap(path, &self.imus, &self.streams, &self.layouts),
-            Format::Parquet => OpenFile::parquet(path, &self.imus[imu], stream, layout),
+            Format::Csv => OpenFile::csv(self.storage, path, stream, layout),
+            Format::Mcap => OpenFile::mcap(self.storage, path, &self.imus, &self.streams, &self.layouts),
+            Format::Parquet => OpenFile::parquet(self.storage, path, &self.imus[imu], stream, layout),
             Format::Ros => {
                 let increments = self.streams.iter().filter(|(_, stream)| *stream == StreamKind::Increment);
                 let imus: Vec<_> = increments.map(|(imu, _)| (*imu, &self.imus[*imu])).collect();
-                OpenFile::ros(path, &imus, &self.tables)
+                OpenFile::ros(self.storage, path, &imus, &self.tables)
             }
         }
     }
@@ -401,8 +415,10 @@ mod tests {
     use super::super::parquet::LONGEST_FOOTER;
     use super::*;
     use crate::read::{ImuChoice, Samples};
-    use indicatif::ProgressBar;
+    use isotherm_files::{Disk, sources};
+    use isotherm_recording::Progress;
     use isotherm_shared::wire::{RawSample, StreamSample};
+    use std::fs;
 
     /// Row groups of a row instead of 65 536: a hundred of them are two hours at 1 kHz. The footer may have a sixteenth
     /// of what it may have else.
@@ -412,7 +428,7 @@ mod tests {
         let path = folder.path().join("r.parquet");
         let imus = ["imu-a".parse().unwrap()];
         let streams = [(0, StreamKind::Raw)];
-        let created = Files::create(&path, Format::Parquet, Rotation::default(), &imus, &streams);
+        let created = Files::create(&Disk, &path, Format::Parquet, Rotation::default(), &imus, &streams);
         let Ok(mut files) = created else { panic!("no file") };
         files.open[0].shorten(LONGEST_FOOTER / 16);
         let (mut rows, mut lengths) = (0_u64, Vec::new());
@@ -450,8 +466,8 @@ mod tests {
         );
         assert!(files.finish().is_ok());
         let paths = [path, folder.path().join("r-0002.parquet")];
-        let samples =
-            Samples::open(&paths, ImuChoice::Any, &ProgressBar::hidden()).unwrap_or_else(|failure| panic!("{failure}"));
+        let samples = Samples::open(&sources(&paths).unwrap(), ImuChoice::Any, &Progress::default())
+            .unwrap_or_else(|failure| panic!("{failure}"));
         assert!(samples.map(|sample| sample.unwrap_or_else(|failure| panic!("{failure}")).sequence).eq(0..=rows));
     }
 }

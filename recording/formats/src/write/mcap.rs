@@ -1,18 +1,19 @@
 //! Rows as messages in an MCAP file, in the channels `isotherm/<imu>/raw` and `isotherm/<imu>/increment`. The file
 //! contains their schemas.
 
-use super::growing::GrowingFile;
+use super::growing::Appender;
 use crate::protobuf;
 use isotherm_recording::columns::{Layout, columns};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_shared::names::{ImuId, StreamKind};
+use isotherm_support::storage::Storage;
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 use mcap::{McapError, WriteOptions};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::rc::Rc;
 
 /// An MCAP file that is being written. Every flush ends a chunk, so readers can read all flushed messages of an
@@ -20,10 +21,9 @@ use std::rc::Rc;
 ///
 /// All channels come before the first message, so that a reader knows which IMUs there are before it chooses one.
 pub(super) struct McapFile {
-    writer: mcap::Writer<NoSeek<Memory>>,
-    memory: Memory,
-    file: GrowingFile,
-    path: PathBuf,
+    writer: mcap::Writer<NoSeek<MemorySink>>,
+    memory: MemorySink,
+    file: Appender,
     streams: Vec<FileStream>,
     message: Vec<u8>,
 }
@@ -41,9 +41,9 @@ struct FileStream {
 /// The sink of the library. It is in memory, so that an error of the disk never leaves the library in an undefined
 /// state.
 #[derive(Clone, Default)]
-pub(super) struct Memory(Rc<RefCell<Vec<u8>>>);
+pub(super) struct MemorySink(Rc<RefCell<Vec<u8>>>);
 
-impl Memory {
+impl MemorySink {
     /// Takes what has been written.
     pub(super) fn take(&self) -> Vec<u8> {
         self.0.take()
@@ -55,7 +55,7 @@ impl Memory {
     }
 }
 
-impl Write for Memory {
+impl Write for MemorySink {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.0.borrow_mut().extend_from_slice(bytes);
         Ok(bytes.len())
@@ -72,12 +72,13 @@ impl McapFile {
     /// # Errors
     /// If it exists or cannot be written.
     pub(super) fn create(
+        storage: &dyn Storage,
         path: &Path,
         imus: &[ImuId],
         streams: &[(usize, StreamKind)],
         layouts: &[Layout],
     ) -> io::Result<Self> {
-        let memory = Memory::default();
+        let memory = MemorySink::default();
         let mut writer = begin(&memory)?;
         let streams = streams.iter().map(|&(imu, kind)| {
             let layout = layouts[imu].of_stream(kind);
@@ -87,8 +88,8 @@ impl McapFile {
         });
         let streams = streams.collect::<io::Result<_>>()?;
         writer.flush().map_err(io_error)?;
-        let file = GrowingFile::create(path, &memory.take())?;
-        Ok(Self { writer, memory, file, path: path.to_owned(), streams, message: Vec::new() })
+        let file = Appender::create(storage, path, &memory.take())?;
+        Ok(Self { writer, memory, file, streams, message: Vec::new() })
     }
 
     /// Gives the channels of a file without messages other layouts, at the next flush.
@@ -100,9 +101,9 @@ impl McapFile {
         if self.streams.iter().all(|stream| stream.layout == layout_of(stream)) {
             return Ok(());
         }
-        self.memory = Memory::default();
+        self.memory = MemorySink::default();
         self.writer = begin(&self.memory)?;
-        self.file.restart(&self.path, Vec::new());
+        self.file.restart(Vec::new());
         for stream in &mut self.streams {
             stream.layout = layout_of(stream);
             stream.add_channel(&mut self.writer)?;
@@ -163,7 +164,7 @@ impl McapFile {
 }
 
 /// A file in memory.
-fn begin(memory: &Memory) -> io::Result<mcap::Writer<NoSeek<Memory>>> {
+fn begin(memory: &MemorySink) -> io::Result<mcap::Writer<NoSeek<MemorySink>>> {
     options().create(NoSeek::new(memory.clone())).map_err(io_error)
 }
 
@@ -177,7 +178,7 @@ pub(crate) fn options() -> WriteOptions {
 
 impl FileStream {
     /// Adds a channel for messages of the stream's layout.
-    fn add_channel(&mut self, writer: &mut mcap::Writer<NoSeek<Memory>>) -> io::Result<()> {
+    fn add_channel(&mut self, writer: &mut mcap::Writer<NoSeek<MemorySink>>) -> io::Result<()> {
         let (kind, imu, layout) = (self.kind, &self.imu.1, self.layout);
         let schema = protobuf::descriptor(kind, layout);
         let schema = writer.add_schema(protobuf::message(kind), "protobuf", &schema).map_err(io_error)?;

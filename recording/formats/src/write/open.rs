@@ -1,6 +1,6 @@
 //! A file of a recording that is being written, in its format.
 
-use super::growing::GrowingFile;
+use super::growing::Appender;
 use super::mcap::McapFile;
 use super::parquet::ParquetFile;
 use super::ros::{RosFile, RosTable};
@@ -8,6 +8,7 @@ use isotherm_recording::columns::{Layout, columns};
 use isotherm_recording::rows::{self, RecordedRow};
 use isotherm_shared::names::{ImuId, StreamKind};
 use isotherm_support::failure::{Exit, Failure, shown};
+use isotherm_support::storage::Storage;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -40,7 +41,7 @@ pub(super) struct OpenFile {
 }
 
 enum FormatWriter {
-    Csv(GrowingFile, Layout),
+    Csv(Appender, Layout),
     Mcap(Box<McapFile>),
     Parquet(Box<ParquetFile>),
     Ros(Box<RosFile>),
@@ -52,35 +53,43 @@ impl OpenFile {
     }
 
     /// Creates a file of a stream as text; `-` is the standard output.
-    pub(super) fn csv(path: &Path, stream: StreamKind, layout: Layout) -> io::Result<Self> {
-        let header = rows::header(&columns(stream, layout));
-        let file = match path == Path::new("-") {
-            true => GrowingFile::stdout(header),
-            false => GrowingFile::create(path, &header)?,
-        };
+    pub(super) fn csv(storage: &dyn Storage, path: &Path, stream: StreamKind, layout: Layout) -> io::Result<Self> {
+        let file = Appender::create(storage, path, &rows::header(&columns(stream, layout)))?;
         Ok(Self::new(path, FormatWriter::Csv(file, layout)))
     }
 
     /// Creates a file of all streams.
     pub(super) fn mcap(
+        storage: &dyn Storage,
         path: &Path,
         imus: &[ImuId],
         streams: &[(usize, StreamKind)],
         layouts: &[Layout],
     ) -> io::Result<Self> {
-        let file = McapFile::create(path, imus, streams, layouts)?;
+        let file = McapFile::create(storage, path, imus, streams, layouts)?;
         Ok(Self::new(path, FormatWriter::Mcap(Box::new(file))))
     }
 
     /// Creates a file of a stream in Parquet.
-    pub(super) fn parquet(path: &Path, imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<Self> {
-        let file = ParquetFile::create(path, imu, stream, layout)?;
+    pub(super) fn parquet(
+        storage: &dyn Storage,
+        path: &Path,
+        imu: &ImuId,
+        stream: StreamKind,
+        layout: Layout,
+    ) -> io::Result<Self> {
+        let file = ParquetFile::create(storage, path, imu, stream, layout)?;
         Ok(Self::new(path, FormatWriter::Parquet(Box::new(file))))
     }
 
     /// Creates a file of ROS messages.
-    pub(super) fn ros(path: &Path, imus: &[(usize, &ImuId)], tables: &[RosTable]) -> io::Result<Self> {
-        let file = RosFile::create(path, imus, tables)?;
+    pub(super) fn ros(
+        storage: &dyn Storage,
+        path: &Path,
+        imus: &[(usize, &ImuId)],
+        tables: &[RosTable],
+    ) -> io::Result<Self> {
+        let file = RosFile::create(storage, path, imus, tables)?;
         Ok(Self::new(path, FormatWriter::Ros(Box::new(file))))
     }
 
@@ -99,7 +108,7 @@ impl OpenFile {
         let result = match &mut self.writer {
             FormatWriter::Csv(file, known) => {
                 if *known != layout {
-                    file.restart(&self.path, rows::header(&columns(stream, layout)));
+                    file.restart(rows::header(&columns(stream, layout)));
                     *known = layout;
                 }
                 Ok(())

@@ -1,25 +1,20 @@
 //! Rows in a Parquet file: one that is complete at every instant, with checks, and one that is written from beginning
 //! to end, without.
 //!
-//! A Parquet file has its footer at the end, so it cannot simply grow. Two files take turns, a visible one under the
-//! name and a hidden one. At a flush the hidden file gets the full row groups that it lacks, then the open row group,
-//! then the footer. Then the two files exchange their names in one step. A reader that opens the name, also after a
-//! crash, gets all rows up to the last flush.
+//! A Parquet file has its footer at the end, so it cannot simply grow. At a flush the full row groups are kept, and the
+//! open row group and the footer are the end behind them until the next flush.
 
 pub(crate) mod encode;
 
-use super::growing::{create, staged_file};
+use super::vacant::has_no_rows;
 use crate::seal::MAGIC;
 use encode::{Checks, Encoder};
-use isotherm_files::{exchange, sync_folder};
 use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_shared::names::{ImuId, StreamKind};
-use std::fs::{self, File};
+use isotherm_support::storage::{GrowingFile, Storage};
 use std::io;
-use std::os::unix::fs::FileExt as _;
-use std::path::{Path, PathBuf};
-use tempfile::NamedTempFile;
+use std::path::Path;
 
 /// A file goes on in the next one when its footer has so many bytes, after about a day at 1 kHz: the footer grows with
 /// each row group and is written at each flush, and readers keep several times its size in memory.
@@ -30,21 +25,14 @@ const GROUPS_ALIKE: usize = 1024;
 
 /// A Parquet file of one stream that is being written.
 pub(super) struct ParquetFile {
-    path: PathBuf,
+    file: Box<dyn GrowingFile>,
     encoder: Encoder,
     /// Length of the body: magic number and full row groups \[bytes\].
     body: u64,
-    /// The end of the body: the bytes that are not yet in both files.
+    /// The end of the body: the bytes that are not yet in the file.
     recent: Vec<u8>,
-    /// The file under the name, and how much of the body it has \[bytes\].
-    visible: (File, u64),
-    /// The hidden file, in the same way; `None` before the first flush, and always between flushes if names cannot be
-    /// exchanged.
-    hidden: Option<(NamedTempFile, u64)>,
     /// Length of open row group and footer at the last flush \[bytes\].
     tail: u64,
-    /// Whether the file system can exchange two names; true until it refuses.
-    exchanges: bool,
     /// [`LONGEST_FOOTER`], and less in tests.
     longest_footer: usize,
 }
@@ -54,22 +42,17 @@ impl ParquetFile {
     ///
     /// # Errors
     /// If it exists or cannot be written.
-    pub(super) fn create(path: &Path, imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<Self> {
+    pub(super) fn create(
+        storage: &dyn Storage,
+        path: &Path,
+        imu: &ImuId,
+        stream: StreamKind,
+        layout: Layout,
+    ) -> io::Result<Self> {
         let mut encoder = Encoder::new(imu, stream, layout, Checks::Written)?;
-        let mut bytes = MAGIC.to_vec();
-        bytes.append(&mut encoder.tail(MAGIC.len() as u64)?);
-        let (visible, body) = (create(path, &bytes)?, MAGIC.len() as u64);
-        Ok(Self {
-            path: path.to_owned(),
-            encoder,
-            body,
-            recent: Vec::new(),
-            visible: (visible, body),
-            hidden: None,
-            tail: 0,
-            exchanges: true,
-            longest_footer: LONGEST_FOOTER,
-        })
+        let body = MAGIC.len() as u64;
+        let file = storage.create(path, MAGIC, &encoder.tail(body)?, has_no_rows)?;
+        Ok(Self { file, encoder, body, recent: Vec::new(), tail: 0, longest_footer: LONGEST_FOOTER })
     }
 
     /// Gives a file without rows another layout, at the next flush.
@@ -102,28 +85,9 @@ impl ParquetFile {
     /// If the disk is full, for example. Rows that were visible stay so, and the call can be repeated.
     pub(super) fn flush(&mut self) -> io::Result<()> {
         let tail = self.encoder.tail(self.body)?;
-        let (hidden, has) = match &mut self.hidden {
-            Some(hidden) => hidden,
-            None => self.hidden.insert((staged_file(&self.path)?, 0)),
-        };
-        let file = hidden.as_file();
-        // First the bytes that only the visible file has, if the hidden one is new; then the bytes in memory; then the
-        // tail.
-        let recent = self.body - self.recent.len() as u64;
-        if *has < recent {
-            copy(&self.visible.0, file, *has, recent)?;
-            *has = recent;
-        }
-        file.write_all_at(&self.recent[(*has - recent) as usize..], *has)?;
-        *has = self.body;
-        file.write_all_at(&tail, self.body)?;
-        file.set_len(self.body + tail.len() as u64)?;
-        file.sync_data()?;
+        self.file.grow(&self.recent, &tail)?;
+        self.recent.clear();
         self.tail = tail.len() as u64;
-        self.exchange()?;
-        // Both files have the body up to here.
-        let both = self.visible.1.min(self.hidden.as_ref().map_or(self.body, |(_, has)| *has));
-        self.recent.drain(..(both.saturating_sub(recent) as usize).min(self.recent.len()));
         Ok(())
     }
 
@@ -141,27 +105,6 @@ impl ParquetFile {
     #[cfg(test)]
     pub(super) const fn shorten(&mut self, longest_footer: usize) {
         (self.encoder.group_rows, self.longest_footer) = (1, longest_footer);
-    }
-
-    /// Exchanges the names of the hidden and the visible file.
-    fn exchange(&mut self) -> io::Result<()> {
-        let Some((hidden, has)) = &mut self.hidden else { return Ok(()) };
-        if self.exchanges {
-            self.exchanges = exchange(hidden.path(), &self.path)?;
-        }
-        if self.exchanges {
-            std::mem::swap(hidden.as_file_mut(), &mut self.visible.0);
-            std::mem::swap(has, &mut self.visible.1);
-            return sync_folder(&self.path);
-        }
-        // The hidden file replaces the visible one, and the next flush makes a new hidden file. If the user has removed
-        // the file, this is an error, and the file is not created again.
-        fs::metadata(&self.path)?;
-        if let Some((hidden, has)) = self.hidden.take() {
-            self.visible = (hidden.persist(&self.path).map_err(|error| error.error)?, has);
-            sync_folder(&self.path)?;
-        }
-        Ok(())
     }
 }
 
@@ -216,18 +159,6 @@ impl<W: io::Write> ParquetStream<W> {
     }
 }
 
-fn copy(from: &File, to: &File, begin: u64, end: u64) -> io::Result<()> {
-    let mut buffer = vec![0; 1 << 20];
-    let mut at = begin;
-    while at < end {
-        let length = buffer.len().min((end - at) as usize);
-        from.read_exact_at(&mut buffer[..length], at)?;
-        to.write_all_at(&buffer[..length], at)?;
-        at += length as u64;
-    }
-    Ok(())
-}
-
 /// Writes rows as the recorder does, with smaller row groups.
 #[cfg(test)]
 pub(crate) fn write_groups(
@@ -238,7 +169,7 @@ pub(crate) fn write_groups(
     group_rows: usize,
     rows: &[RecordedRow],
 ) -> io::Result<()> {
-    let mut file = ParquetFile::create(path, imu, stream, layout)?;
+    let mut file = ParquetFile::create(&isotherm_files::Disk, path, imu, stream, layout)?;
     file.encoder.group_rows = group_rows;
     for chunk in rows.chunks(group_rows * 2 / 3) {
         chunk.iter().try_for_each(|row| file.write(row))?;
@@ -251,8 +182,10 @@ pub(crate) fn write_groups(
 mod tests {
     use super::encode::ROW_GROUP;
     use super::*;
+    use isotherm_files::Disk;
     use isotherm_shared::wire::{RawSample, StreamSample};
     use parquet::file::reader::{FileReader as _, SerializedFileReader};
+    use std::fs::{self, File};
 
     /// A file that is not flushed has fewer row groups than rows: eight doublings have 255 times as many rows as groups
     /// of the first size.
@@ -276,15 +209,15 @@ mod tests {
         assert!(groups == 2 * GROUPS_ALIKE && footer < 4096 * groups, "{groups}, {footer}");
     }
 
-    /// After every flush the file has all rows, with and without the exchange of names.
+    /// After every flush the file has all rows.
     #[test]
     fn every_flush_leaves_a_complete_file() {
-        for exchanges in [true, false] {
+        {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("r.parquet");
             let mut file =
-                ParquetFile::create(&path, &"imu-a".parse().unwrap(), StreamKind::Raw, Layout::default()).unwrap();
-            file.exchanges = exchanges;
+                ParquetFile::create(&Disk, &path, &"imu-a".parse().unwrap(), StreamKind::Raw, Layout::default())
+                    .unwrap();
             let mut rows = 0;
             // Within a row group, beyond its end, two groups at once, exactly up to its end, and none.
             for more in [0, 1, 10, ROW_GROUP, 2 * ROW_GROUP, ROW_GROUP - 11, 0, 5] {
@@ -305,7 +238,7 @@ mod tests {
                     column.read_records(ROW_GROUP, None, None, &mut values).unwrap();
                     values
                 });
-                assert!(sequences.eq(0..rows as i64), "{exchanges} {rows}");
+                assert!(sequences.eq(0..rows as i64), "{rows}");
                 assert_eq!(fs::metadata(&path).unwrap().len(), file.size());
             }
             drop(file);

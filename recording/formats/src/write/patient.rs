@@ -4,9 +4,9 @@ use super::files::{Files, MoreColumns};
 use super::open::FileError;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_shared::names::{ImuId, StreamKind};
-use isotherm_support::failure::{shown, tell};
+use isotherm_support::failure::shown;
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// A full disk is told so often at most.
 const TOLD: Duration = Duration::from_secs(60);
@@ -18,7 +18,8 @@ pub struct PatientFiles {
     files: Vec<Files>,
     /// The disk is full, and this has been told or not.
     stalled: Option<bool>,
-    told: Option<Instant>,
+    told: Option<Duration>,
+    tell: Box<dyn Fn(String)>,
     /// A row that needs the next files, for which the disk has no room.
     waiting: Option<RecordedRow>,
     names: Vec<PathBuf>,
@@ -26,11 +27,12 @@ pub struct PatientFiles {
 }
 
 impl PatientFiles {
-    /// Files with rows of `imus`: one for each IMU, or one for all.
+    /// Files with rows of `imus`: one for each IMU, or one for all. `tell` prints what the operator should
+    /// know.
     #[must_use]
-    pub fn new(imus: Vec<ImuId>, files: Vec<Files>) -> Self {
+    pub fn new(imus: Vec<ImuId>, files: Vec<Files>, tell: impl Fn(String) + 'static) -> Self {
         let names = files.iter().flat_map(Files::current_paths).collect();
-        Self { imus, files, stalled: None, told: None, waiting: None, names, rotations: 0 }
+        Self { imus, files, stalled: None, told: None, tell: Box::new(tell), waiting: None, names, rotations: 0 }
     }
 
     /// Whether the disk is full. Give it no row then: call [`flush`](Self::flush) from time to time.
@@ -56,10 +58,10 @@ impl PatientFiles {
             Ok(None) => {}
             Ok(Some(MoreColumns::In(next))) => {
                 let name = next.first().map(|path| shown(path).to_string()).unwrap_or_default();
-                print(format!("{imu} now has more columns; they begin in {name}"));
+                (self.tell)(format!("{imu} now has more columns; they begin in {name}"));
                 self.names.extend(next);
             }
-            Ok(Some(MoreColumns::LeftOut)) => print(format!(
+            Ok(Some(MoreColumns::LeftOut)) => (self.tell)(format!(
                 "warning: {imu} now has more columns than the header on stdout; they are left out until the recorder is started anew"
             )),
             Err(error) => {
@@ -78,7 +80,7 @@ impl PatientFiles {
         for place in 0..self.files.len() {
             let flushed = self.files[place].flush();
             for path in self.files[place].take_removed() {
-                print(format!("removed {}, the oldest, to keep the disk free", shown(&path)));
+                (self.tell)(format!("removed {}, the oldest, to keep the disk free", shown(&path)));
             }
             match flushed {
                 Ok(None) => {}
@@ -99,7 +101,7 @@ impl PatientFiles {
             self.stalled = None;
         }
         if stalled == Some(true) {
-            print("there is room again, recording goes on".to_owned());
+            (self.tell)("there is room again, recording goes on".to_owned());
         }
         Ok(())
     }
@@ -110,13 +112,14 @@ impl PatientFiles {
             return Err(error);
         }
         if self.stalled.is_none() {
-            let is_told = self.told.is_none_or(|told| told.elapsed() >= TOLD);
+            let now = self.files.first().map_or(Duration::ZERO, Files::now);
+            let is_told = self.told.is_none_or(|told| now.saturating_sub(told) >= TOLD);
             self.stalled = Some(is_told);
             if is_told {
-                self.told = Some(Instant::now());
+                self.told = Some(now);
                 let FileError(path, cause) = error;
                 let path = shown(&path);
-                print(format!("writing {path}: {cause}; what is written stays, the rest waits for room"));
+                (self.tell)(format!("writing {path}: {cause}; what is written stays, the rest waits for room"));
             }
         }
         Ok(())
@@ -151,8 +154,4 @@ impl PatientFiles {
     pub fn names(&self) -> (&[PathBuf], u64) {
         (&self.names, self.rotations)
     }
-}
-
-fn print(message: String) {
-    tell("isotherm", message);
 }

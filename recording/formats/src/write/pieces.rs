@@ -1,7 +1,6 @@
 //! The pieces of a recording that rotates: which numbers are there, and which file a recorder has written.
 
-use super::vacant::unwritten;
-use crate::read::chunk::Unpacked;
+use crate::read::chunk::ChunkBuffer;
 use crate::read::pages::is_footer;
 use crate::read::panics::catch_panic;
 use crate::read::records::each_record;
@@ -9,13 +8,13 @@ use crate::seal::{CREATOR, MAGIC};
 use isotherm_recording::columns::{MCAP_MAGIC, columns};
 use isotherm_recording::layouts;
 use isotherm_recording::rows::header;
+use isotherm_support::source::ReadSeek;
+use isotherm_support::storage::Storage;
 use mcap::parse_record;
 use mcap::records::Record;
 use parquet::file::metadata::ParquetMetaDataReader;
-use rustix::fs::statvfs;
 use std::collections::BTreeSet;
-use std::fs::{self, File};
-use std::io::{self, Read as _, Seek as _, SeekFrom};
+use std::io::{self, Read as _, SeekFrom};
 use std::path::Path;
 
 /// The begin of a file that tells whose it is \[bytes\]: the header of CSV with all columns is shorter.
@@ -23,20 +22,9 @@ const BEGIN: u64 = 1 << 13;
 /// The longest footer that is looked at \[bytes\].
 const MOST_FOOTER: u64 = 1 << 26;
 
-/// The folder of a file.
-pub(super) fn folder_of(path: &Path) -> &Path {
-    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
-}
-
-/// Bytes that this user may still write beside `path`; `None` if the file system does not tell.
-pub(super) fn free_beside(path: &Path) -> Option<u64> {
-    let found = statvfs(folder_of(path)).ok()?;
-    Some(found.f_bavail.saturating_mul(found.f_frsize))
-}
-
 /// The numbers of the files beside `path` whose names are `path` with a number, `-0001` or higher, before the ending.
 /// What stands between number and ending is not looked at.
-pub(super) fn numbers(path: &Path) -> BTreeSet<u32> {
+pub(super) fn numbers(storage: &dyn Storage, path: &Path) -> BTreeSet<u32> {
     let Some(stem) = path.file_stem() else { return BTreeSet::new() };
     let begin = format!("{}-", stem.to_string_lossy());
     let end = path.extension().map(|ending| format!(".{}", ending.to_string_lossy())).unwrap_or_default();
@@ -46,23 +34,22 @@ pub(super) fn numbers(path: &Path) -> BTreeSet<u32> {
         let number: u32 = digits.parse().ok()?;
         (digits == format!("{number:04}")).then_some(number)
     };
-    let entries = fs::read_dir(folder_of(path)).into_iter().flatten().flatten();
-    entries.filter_map(|entry| number(&entry.file_name().to_string_lossy())).collect()
+    storage.names_beside(path).iter().filter_map(|name| number(name)).collect()
 }
 
 /// Whether a file is a recording that a recorder of this user has written, and none is writing.
-pub(super) fn is_own(path: &Path) -> bool {
-    unwritten(path).ok().flatten().is_some_and(|(file, _)| is_of_recorder(&file).unwrap_or(false))
+pub(super) fn is_own(storage: &dyn Storage, path: &Path) -> bool {
+    storage.is_own(path, is_of_recorder)
 }
 
 /// Whether a file begins as the recorder's do; of Parquet, whose begin tells nothing, the end is looked at.
-fn is_of_recorder(mut file: &File) -> io::Result<bool> {
+fn is_of_recorder(file: &mut dyn ReadSeek) -> io::Result<bool> {
     let mut begin = Vec::new();
-    file.take(BEGIN).read_to_end(&mut begin)?;
+    (&mut *file).take(BEGIN).read_to_end(&mut begin)?;
     if begin.starts_with(MCAP_MAGIC) {
         let mut is_own = false;
         // What follows the first record is cut.
-        let _ = each_record(&begin, true, (&mut Unpacked::default(), BEGIN), |opcode, data| {
+        let _ = each_record(&begin, true, (&mut ChunkBuffer::default(), BEGIN), |opcode, data| {
             if let Ok(Record::Header(header)) = parse_record(opcode, data) {
                 is_own = header.library.starts_with(CREATOR);
             }
@@ -83,7 +70,7 @@ fn is_of_recorder(mut file: &File) -> io::Result<bool> {
     }
     file.seek(SeekFrom::Start(length - 8 - footer))?;
     let mut bytes = Vec::new();
-    file.take(footer).read_to_end(&mut bytes)?;
+    (&mut *file).take(footer).read_to_end(&mut bytes)?;
     let footer =
         catch_panic(|| ParquetMetaDataReader::decode_metadata(Some(&bytes[..]).filter(|of| is_footer(of))?).ok());
     Ok(footer
@@ -95,9 +82,11 @@ fn is_of_recorder(mut file: &File) -> io::Result<bool> {
 mod tests {
     use super::*;
     use crate::write::{Files, Format, Rotation};
+    use isotherm_files::Disk;
     use isotherm_recording::rows::RecordedRow;
     use isotherm_shared::names::StreamKind;
     use isotherm_shared::wire::{RawSample, StreamSample};
+    use std::fs;
 
     #[test]
     fn only_numbered_names_are_pieces() {
@@ -116,8 +105,8 @@ mod tests {
         ] {
             fs::write(folder.path().join(name), "").unwrap();
         }
-        assert_eq!(numbers(&folder.path().join("r.csv")).into_iter().collect::<Vec<_>>(), [1, 3, 12_345]);
-        assert!(numbers(Path::new("/nowhere/r.csv")).is_empty());
+        assert_eq!(numbers(&Disk, &folder.path().join("r.csv")).into_iter().collect::<Vec<_>>(), [1, 3, 12_345]);
+        assert!(numbers(&Disk, Path::new("/nowhere/r.csv")).is_empty());
     }
 
     /// Recordings of all formats are pieces once nobody writes them, and nothing else is.
@@ -129,8 +118,9 @@ mod tests {
         for (format, name) in [(Format::Csv, "r.csv"), (Format::Parquet, "r.parquet"), (Format::Mcap, "r.mcap")] {
             let path = |number: u32| folder.path().join(name.replace('.', &format!("-{number:04}.")));
             let imus = ["imu-a".parse().unwrap()];
-            let create =
-                |rotation| Files::create(&folder.path().join(name), format, rotation, &imus, &[(0, StreamKind::Raw)]);
+            let create = |rotation| {
+                Files::create(&Disk, &folder.path().join(name), format, rotation, &imus, &[(0, StreamKind::Raw)])
+            };
             let plain = Rotation { size: Some(1), ..Rotation::default() };
             fs::write(path(2), "a note").unwrap();
             std::os::unix::fs::symlink(path(2), path(3)).unwrap();
@@ -140,16 +130,16 @@ mod tests {
                 let raw = RawSample { session: 1, sequence: number.into(), ..RawSample::default() };
                 files.write(&RecordedRow { imu: 0, recorded_ns: 1, sample: StreamSample::Raw(raw) }).ok().unwrap();
                 files.finish().ok().unwrap();
-                assert!(!is_own(&path(number)), "{name}: it is being written");
+                assert!(!is_own(&Disk, &path(number)), "{name}: it is being written");
                 drop(files);
-                assert!(is_own(&path(number)), "{name}");
+                assert!(is_own(&Disk, &path(number)), "{name}");
             }
             let held = create(plain).ok().unwrap();
             assert_eq!(held.current_paths(), [path(7)]);
             // The disk never has so much room: all goes that may go, and that is not enough.
             let error = create(rotation).err().unwrap();
             assert!(error.is_full(), "{name}: {}", error.1);
-            let left: Vec<_> = numbers(&folder.path().join(name))
+            let left: Vec<_> = numbers(&Disk, &folder.path().join(name))
                 .into_iter()
                 .filter(|of| fs::symlink_metadata(path(*of)).is_ok())
                 .collect();

@@ -5,8 +5,8 @@
 //! specific force, and `angular_velocity = angle_increment / interval` \[rad/s\]. The stamp is the end of the interval
 //! on the acquisition's clock. A metadata record `isotherm.table` names each table that computed increments.
 
-use super::growing::GrowingFile;
-use super::mcap::{Memory, io_error, options};
+use super::growing::Appender;
+use super::mcap::{MemorySink, io_error, options};
 use crate::ros::{IMU, IMU_DEFINITION, Imu, TEMPERATURE, TEMPERATURE_DEFINITION, Temperature};
 use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::RecordedRow;
@@ -14,6 +14,7 @@ use isotherm_shared::names::ImuId;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::units::CELSIUS;
 use isotherm_shared::wire::{AXES, CompensatedIncrement, RawSample, StreamSample};
+use isotherm_support::storage::Storage;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use std::collections::BTreeMap;
@@ -229,9 +230,9 @@ fn metadata(imu: &ImuId, table: u64, known: Option<&RosTable>) -> Metadata {
 
 /// A file of ROS messages that grows only by complete flushes.
 pub(super) struct RosFile {
-    writer: RosWriter<Memory>,
-    memory: Memory,
-    file: GrowingFile,
+    writer: RosWriter<MemorySink>,
+    memory: MemorySink,
+    file: Appender,
 }
 
 impl RosFile {
@@ -239,11 +240,16 @@ impl RosFile {
     ///
     /// # Errors
     /// If it exists or cannot be written.
-    pub(super) fn create(path: &Path, imus: &[(usize, &ImuId)], tables: &[RosTable]) -> io::Result<Self> {
-        let memory = Memory::default();
+    pub(super) fn create(
+        storage: &dyn Storage,
+        path: &Path,
+        imus: &[(usize, &ImuId)],
+        tables: &[RosTable],
+    ) -> io::Result<Self> {
+        let memory = MemorySink::default();
         let mut writer = RosWriter::new(memory.clone(), imus, tables)?;
         writer.flush()?;
-        let file = GrowingFile::create(path, &memory.take())?;
+        let file = Appender::create(storage, path, &memory.take())?;
         Ok(Self { writer, memory, file })
     }
 

@@ -1,6 +1,6 @@
 //! Whether a file is a recording without rows: what a recorder leaves that began and got no row.
 
-use crate::read::chunk::Unpacked;
+use crate::read::chunk::ChunkBuffer;
 use crate::read::pages::is_footer;
 use crate::read::panics::catch_panic;
 use crate::read::records::each_record;
@@ -8,55 +8,21 @@ use crate::seal::{CREATOR, MAGIC};
 use isotherm_recording::columns::{MCAP_MAGIC, columns};
 use isotherm_recording::rows::header;
 use isotherm_recording::{CHECK, layouts};
+use isotherm_support::storage::Storage;
 use mcap::parse_record;
 use mcap::records::{Record, op};
 use parquet::file::metadata::ParquetMetaDataReader;
-use rustix::fs::{FlockOperation, Mode, OFlags, flock, open};
-use std::fs::{self, File, Metadata};
-use std::io::{self, Read as _};
-use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
-
-/// The longest file without rows \[bytes\]: an MCAP file of many IMUs.
-const MOST: u64 = 1 << 20;
-
-/// Takes the lock of a file that is written: as long as it is held, no other recorder replaces or removes the file.
-/// Where the file system has no locks, none does.
-pub(super) fn lock(file: &File) {
-    let _ = flock(file, FlockOperation::NonBlockingLockExclusive);
-}
 
 /// Whether a recording can be created with this name: there is no such file, or one of this user without rows, that no
 /// recorder is writing.
 #[must_use]
-pub fn is_vacant(path: &Path) -> bool {
-    fs::symlink_metadata(path).is_err() || vacant(path).is_ok_and(|file| file.is_some())
-}
-
-/// Whether `path` is a recording of this user without rows, that no recorder is writing. It then stays locked by the
-/// file that is returned.
-pub(super) fn vacant(path: &Path) -> io::Result<Option<File>> {
-    let Some((file, about)) = unwritten(path)?.filter(|(_, about)| about.len() <= MOST) else { return Ok(None) };
-    let mut bytes = Vec::new();
-    (&file).take(MOST).read_to_end(&mut bytes)?;
-    // Between its opening and the lock another recorder may have replaced it.
-    let named = fs::symlink_metadata(path)?;
-    let is_named = (named.dev(), named.ino(), named.len()) == (about.dev(), about.ino(), bytes.len() as u64);
-    Ok((is_named && has_no_rows(&bytes)).then_some(file))
-}
-
-/// The regular file of this user with this one name, if there is one and no recorder is writing it. It stays locked.
-pub(super) fn unwritten(path: &Path) -> io::Result<Option<(File, Metadata)>> {
-    let flags = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
-    let Ok(file) = open(path, flags, Mode::empty()).map(File::from) else { return Ok(None) };
-    let about = file.metadata()?;
-    let is_own = about.is_file() && about.nlink() == 1 && about.uid() == rustix::process::geteuid().as_raw();
-    let is_free = || flock(&file, FlockOperation::NonBlockingLockExclusive).is_ok();
-    Ok((is_own && is_free()).then_some((file, about)))
+pub fn is_vacant(storage: &dyn Storage, path: &Path) -> bool {
+    storage.is_vacant(path, has_no_rows)
 }
 
 /// Whether these are the bytes of a recording without rows, or none.
-fn has_no_rows(bytes: &[u8]) -> bool {
+pub(super) fn has_no_rows(bytes: &[u8]) -> bool {
     if bytes.is_empty() {
         return true;
     }
@@ -91,7 +57,7 @@ fn has_no_groups(bytes: &[u8]) -> bool {
 /// Whether an MCAP file of the recorder has nothing but channels. A record that is cut, or wrong, may be of messages.
 fn has_no_messages(bytes: &[u8]) -> bool {
     let mut is_own = false;
-    let read = each_record(bytes, true, (&mut Unpacked::default(), bytes.len() as u64), |opcode, data| {
+    let read = each_record(bytes, true, (&mut ChunkBuffer::default(), bytes.len() as u64), |opcode, data| {
         match (opcode, parse_record(opcode, data)) {
             (op::MESSAGE, _) | (_, Err(_)) => Err(String::new()),
             (_, Ok(Record::Header(header))) => {
@@ -108,9 +74,11 @@ fn has_no_messages(bytes: &[u8]) -> bool {
 mod tests {
     use super::*;
     use crate::write::{Files, Format, Rotation};
+    use isotherm_files::Disk;
     use isotherm_recording::rows::RecordedRow;
     use isotherm_shared::names::StreamKind;
     use isotherm_shared::wire::{RawSample, StreamSample};
+    use std::{fs, io};
 
     #[test]
     fn a_recording_without_rows_is_replaced_and_nothing_else() {
@@ -118,7 +86,8 @@ mod tests {
         let streams = StreamKind::BOTH.map(|stream| (0, stream));
         for (format, name) in [(Format::Csv, "r.csv"), (Format::Parquet, "r.parquet"), (Format::Mcap, "r.mcap")] {
             let path = folder.path().join(name);
-            let create = || Files::create(&path, format, Rotation::default(), &["imu-a".parse().unwrap()], &streams);
+            let create =
+                || Files::create(&Disk, &path, format, Rotation::default(), &["imu-a".parse().unwrap()], &streams);
             let refused = || create().err().map(|error| error.1.kind()) == Some(io::ErrorKind::AlreadyExists);
             let mut first = create().ok().unwrap();
             assert!(refused(), "{name}: another recorder has begun it");

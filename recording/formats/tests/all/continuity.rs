@@ -1,7 +1,8 @@
 //! The recordings that are shipped have no fault of time: neither jitter of a logger nor what a campaign leaves out
 //! between its dwells is one.
 
-use indicatif::ProgressBar;
+use isotherm_files::sources;
+use isotherm_recording::Progress;
 use isotherm_recording::{Continuity, Losses};
 use isotherm_recording_formats::read::{ImuChoice, Recording, RowKind};
 use std::fs;
@@ -25,7 +26,9 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) {
 fn parts(path: &Path, kind: RowKind) -> Option<Vec<Continuity>> {
     let mut parts: Vec<Continuity> = Vec::new();
     let mut place = None;
-    for row in Recording::open(&[path.to_owned()], kind, ImuChoice::Any, &ProgressBar::hidden()).ok()? {
+    for row in
+        Recording::open(&sources(&[path.to_owned()]).unwrap(), kind, ImuChoice::Any, &Progress::default()).ok()?
+    {
         let Ok(row) = row else { return None };
         if place.replace((row.set_point_c, row.position)) != place {
             parts.push(Continuity::default());

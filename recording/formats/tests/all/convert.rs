@@ -2,6 +2,7 @@
 //!
 //! Over 400 lines: all kinds of texts and mappings are tested alike, by the same few functions.
 
+use isotherm_files::source;
 use isotherm_recording_formats::convert::{Conversion, Settings};
 use isotherm_shared::wire::RawSample;
 use isotherm_support::failure::{Exit, Failure};
@@ -366,15 +367,17 @@ fn formats_that_are_not_converted_are_refused_with_a_remedy() {
         let path = folder.path().join("in");
         fs::write(&path, bytes).unwrap();
         for mapping in [None, Some(data("mapping.toml"))] {
-            let failure = Conversion::open(&path, mapping.as_deref(), &Settings::default()).err().unwrap();
+            let text = mapping.as_ref().map(|mapping| fs::read_to_string(mapping).unwrap());
+            let named = mapping.as_deref().zip(text.as_deref());
+            let failure = Conversion::open(&source(&path), named, &Settings::default()).err().unwrap();
             assert_eq!(failure.exit, Exit::Data);
             assert!(failure.message.contains(remedy), "{failure}");
         }
     }
     let folder = tempfile::tempdir().unwrap();
-    let failure = Conversion::open(folder.path(), None, &Settings::default()).err().unwrap();
+    let failure = Conversion::open(&source(folder.path()), None, &Settings::default()).err().unwrap();
     assert!(failure.message.contains("name the .mcap file in it"), "{failure}");
-    let failure = Conversion::open(&folder.path().join("none"), None, &Settings::default()).err().unwrap();
+    let failure = Conversion::open(&source(&folder.path().join("none")), None, &Settings::default()).err().unwrap();
     assert_eq!(failure.exit, Exit::Io);
 }
 

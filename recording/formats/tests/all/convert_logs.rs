@@ -1,10 +1,12 @@
 //! Logs of autopilots: ULog of PX4, DataFlash of ArduPilot. Damage and cuts are in `convert_logs_damaged.rs`.
 
 use crate::logs::{Dataflash, IMU_FORMAT, IMU_NAMES, ImuRow, Ulog, converted, refused};
+use isotherm_autopilot::logs::FoundImu;
+use isotherm_autopilot::logs::LOG_ACCELERATION_PULSE;
+use isotherm_autopilot::logs::LOG_RATE_PULSE;
+use isotherm_files::source;
 use isotherm_recording::LogImu;
-use isotherm_recording_formats::convert::{
-    Conversion, FoundImu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, Settings, imus_of_log,
-};
+use isotherm_recording_formats::convert::{Conversion, Settings, imus_of_log};
 use isotherm_shared::wire::{RawSample, device};
 use isotherm_support::failure::Exit;
 use std::fmt::Write as _;
@@ -15,7 +17,7 @@ use tempfile::TempDir;
 /// The rows of a real file, and all that is told.
 fn file(name: &str) -> (Vec<RawSample>, Vec<String>) {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/autopilots").join(name);
-    let mut conversion = Conversion::open(&path, None, &Settings::default()).unwrap();
+    let mut conversion = Conversion::open(&source(&path), None, &Settings::default()).unwrap();
     let samples = (&mut conversion).collect::<Result<Vec<_>, _>>().unwrap();
     let findings = conversion.findings().into_iter().map(|finding| finding.tagged(|line| line.to_string()));
     let told = findings.chain(conversion.notes()).collect();
@@ -186,7 +188,7 @@ fn several_imus_are_listed_and_one_is_chosen() {
         let path = folder.path().join("log").with_extension(extension);
         fs::write(&path, &data).unwrap();
         let found = [imu(0, 2_753_028), imu(1, 3_080_202)].map(|imu| FoundImu { imu, rows: 20 });
-        assert_eq!(imus_of_log(&path, &Settings::default()).unwrap(), found);
+        assert_eq!(imus_of_log(&source(&path), &Settings::default()).unwrap(), found);
         let (samples, _) = converted(&data, extension, &preferred(imu(0, 3_080_202)));
         assert_eq!(samples[0].device, device("3080202"));
         let (samples, _) = converted(&data, extension, &Settings { instance: Some(0), ..preferred(imu(0, 3_080_202)) });

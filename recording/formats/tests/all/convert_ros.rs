@@ -1,5 +1,6 @@
 //! `sensor_msgs/msg/Imu` in MCAP: bags as other programs write them, and the way back from increments.
 
+use isotherm_files::{Disk, source};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::convert::{Conversion, Settings};
 use isotherm_recording_formats::ros::{Imu, Temperature};
@@ -82,7 +83,7 @@ fn convert(bytes: &[u8], settings: &Settings) -> Result<(Vec<RawSample>, Vec<Str
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("bag.mcap");
     fs::write(&path, bytes).unwrap();
-    let mut conversion = Conversion::open(&path, None, settings)?;
+    let mut conversion = Conversion::open(&source(&path), None, settings)?;
     let samples = (&mut conversion).collect::<Result<_, _>>()?;
     Ok((samples, told(&conversion)))
 }
@@ -247,7 +248,7 @@ fn no_file_makes_it_panic() {
     let path = folder.path().join("bag.mcap");
     let check = |bytes: &[u8]| {
         fs::write(&path, bytes).unwrap();
-        let conversion = Conversion::open(&path, None, &Settings::default());
+        let conversion = Conversion::open(&source(&path), None, &Settings::default());
         if let Err(failure) = conversion.and_then(|conversion| conversion.collect::<Result<Vec<_>, _>>()) {
             assert!([Exit::Data, Exit::Usage].contains(&failure.exit), "{failure}");
         }
@@ -368,7 +369,7 @@ fn the_recorder_writes_messages_of_several_imus() {
     let streams: Vec<_> = (0..2).flat_map(|imu| StreamKind::BOTH.map(|stream| (imu, stream))).collect();
     let rotation = Rotation { size: Some(1), ..Rotation::default() };
     let tables = [RosTable::new(&table, Path::new("imu-g.toml"))];
-    let files = Files::create_with_tables(&path, Format::Ros, rotation, &imus, &streams, &tables);
+    let files = Files::create_with_tables(&Disk, &path, Format::Ros, rotation, &imus, &streams, &tables);
     let mut files = files.ok().unwrap();
     let mut names: Vec<PathBuf> = files.current_paths();
     for (number, (raw, increment)) in samples(&table).into_iter().enumerate() {

@@ -1,7 +1,8 @@
 //! Each kind of bad stamps, with its words; clocks that start again; and where times come from instead.
 
 use crate::convert_ros::{BEGIN, Bag, STEP, imu};
-use indicatif::ProgressBar;
+use isotherm_files::sources;
+use isotherm_recording::Progress;
 use isotherm_recording_formats::convert::{Conversion, Foreign, Settings, TimeSource};
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_recording_formats::ros::Imu;
@@ -337,7 +338,7 @@ fn sessions_of_several_files_are_told_apart() {
         })
         .collect();
     let foreign = Foreign { mapping: Some(("m.toml".into(), MAPPING.to_owned())), settings: Settings::default() };
-    let samples = Samples::open(&paths, (ImuChoice::Any, foreign), &ProgressBar::hidden());
+    let samples = Samples::open(&sources(&paths).unwrap(), (ImuChoice::Any, foreign), &Progress::default());
     let samples: Vec<_> = samples.unwrap().collect::<Result<_, _>>().unwrap();
     let mut sessions: Vec<_> = samples.iter().map(|sample| sample.session).collect();
     assert_eq!(sessions.len(), 1800);

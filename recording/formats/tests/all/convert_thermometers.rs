@@ -1,7 +1,8 @@
 //! Temperatures that logs of autopilots do not have: for the gyroscopes alone, for some rows, under another name.
 
 use crate::logs::{Dataflash, IMU_FORMAT, IMU_NAMES, Ulog, convert, converted, refused};
-use isotherm_recording_formats::convert::{GyroscopeTemperature, Settings};
+use isotherm_autopilot::logs::GyroscopeTemperature;
+use isotherm_recording_formats::convert::Settings;
 use isotherm_support::failure::Exit;
 
 /// A warm-up whose gyroscopes have this temperature at a row.

@@ -2,7 +2,7 @@
 #![allow(clippy::single_range_in_vec_init, reason = "a list of ranges may have one")]
 
 use crate::logs::{Dataflash, ImuRow, Ulog, vehicle_state};
-use isotherm_recording_formats::convert::VehicleState;
+use isotherm_recording::foreign::VehicleState;
 use std::ops::Range;
 
 /// Milliseconds as the times of rows.

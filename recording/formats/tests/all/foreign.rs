@@ -1,7 +1,8 @@
 //! Foreign data as pieces of a recording.
 
 use crate::convert_ros::{BEGIN, Bag, STEP, imu};
-use indicatif::ProgressBar;
+use isotherm_files::{source, sources};
+use isotherm_recording::Progress;
 use isotherm_recording_formats::convert::{Conversion, Foreign, Settings};
 use isotherm_recording_formats::read::{ImuChoice, Recording, RowKind, Samples};
 use isotherm_shared::names::ImuId;
@@ -38,7 +39,7 @@ pub(crate) fn foreign(mapping: Option<&str>) -> Foreign {
 
 fn open(paths: &[PathBuf], foreign: Foreign) -> Result<Recording, Failure> {
     let input = (ImuChoice::Any, foreign);
-    Recording::open_hashed(paths, RowKind::Sample, input, &ProgressBar::hidden())
+    Recording::open_hashed(&sources(paths).unwrap(), RowKind::Sample, input, &Progress::default())
 }
 
 /// The rows, and the recording after the last of them.
@@ -60,7 +61,7 @@ fn refused(paths: &[PathBuf], foreign: Foreign) -> Failure {
 
 fn converted(path: &Path, mapping: Option<&str>) -> Vec<RawSample> {
     let named = mapping.map(|text| (Path::new("m.toml"), text));
-    Conversion::of_file(path, named, &Settings::default()).unwrap().map(Result::unwrap).collect()
+    Conversion::open(&source(path), named, &Settings::default()).unwrap().map(Result::unwrap).collect()
 }
 
 fn nominal(recording: &Recording) -> Result<Nominal, String> {
@@ -146,11 +147,16 @@ fn data_that_are_no_recording_are_refused_without_foreign_and_positions_have_non
     let files = Files::new();
     let (text, ros) = (files.write("a.csv", TEXT), files.write("b.mcap", bag(0..5)));
     for path in [&text, &ros] {
-        let alone = Samples::open(std::slice::from_ref(path), ImuChoice::Any, &ProgressBar::hidden());
+        let alone = Samples::open(&sources(std::slice::from_ref(path)).unwrap(), ImuChoice::Any, &Progress::default());
         let failure = alone.and_then(|samples| samples.collect::<Result<Vec<_>, _>>()).unwrap_err();
         assert_eq!(failure.exit, Exit::Data, "{failure}");
         let input = (ImuChoice::Any, foreign(Some(MAPPING)));
-        let campaign = Recording::open(std::slice::from_ref(path), RowKind::Campaign, input, &ProgressBar::hidden());
+        let campaign = Recording::open(
+            &sources(std::slice::from_ref(path)).unwrap(),
+            RowKind::Campaign,
+            input,
+            &Progress::default(),
+        );
         assert!(campaign.is_err() || campaign.unwrap().next().unwrap().is_err());
     }
     // An own recording in MCAP is one, whatever is said.

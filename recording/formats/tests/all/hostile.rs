@@ -2,13 +2,14 @@
 //! takes to read or to refuse one grows with its length, and stays within a budget of steps.
 
 use crate::logs::Ulog;
-use indicatif::ProgressBar;
+use isotherm_files::{Disk, source, sources};
+use isotherm_recording::Progress;
 use isotherm_recording::columns::RAW;
 use isotherm_recording::rows::RecordedRow;
+use isotherm_recording::steps;
 use isotherm_recording_formats::convert::{Conversion, Settings};
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_recording_formats::repair::repair;
-use isotherm_recording_formats::steps;
 use isotherm_recording_formats::write::{Files, Format, Rotation};
 use isotherm_shared::names::StreamKind;
 use isotherm_shared::wire::{RawSample, StreamSample};
@@ -211,8 +212,9 @@ fn descriptor() -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("r.mcap");
     let streams = [(0, StreamKind::Raw)];
-    let mut files = Files::create(&path, Format::Mcap, Rotation::default(), &["imu-a".parse().unwrap()], &streams)
-        .unwrap_or_else(|error| panic!("{}", error.1));
+    let mut files =
+        Files::create(&Disk, &path, Format::Mcap, Rotation::default(), &["imu-a".parse().unwrap()], &streams)
+            .unwrap_or_else(|error| panic!("{}", error.1));
     files
         .write(&RecordedRow { imu: 0, recorded_ns: 1, sample: StreamSample::Raw(RawSample::default()) })
         .unwrap_or_else(|_| panic!());
@@ -311,12 +313,12 @@ fn parquet(columns: usize, groups: usize) -> Vec<u8> {
 /// Reads a file in every way. None of them matters but the work that it takes.
 fn read(path: &Path) {
     for choice in [ImuChoice::Any, ImuChoice::Only("i1".parse().unwrap()), ImuChoice::Prefer("i1".parse().unwrap())] {
-        let samples = Samples::open(&[path.to_owned()], choice, &ProgressBar::hidden());
+        let samples = Samples::open(&sources(&[path.to_owned()]).unwrap(), choice, &Progress::default());
         drop(samples.map(|samples| samples.take_while(Result::is_ok).count()));
     }
-    let converted = Conversion::open(path, None, &Settings::default());
+    let converted = Conversion::open(&source(path), None, &Settings::default());
     drop(converted.map(|rows| rows.take_while(Result::is_ok).count()));
-    drop(repair(path, std::io::sink()));
+    drop(repair(&source(path), std::io::sink()));
 }
 
 /// Steps and processor time that a file of this length takes.
@@ -381,7 +383,8 @@ fn chunks_of_other_channels_are_not_unpacked() {
     let path = folder.path().join("camera.mcap");
     let rows = |bytes: &[u8]| {
         fs::write(&path, bytes).unwrap();
-        let rows = Conversion::open(&path, None, &Settings::default()).and_then(Iterator::collect::<Result<Vec<_>, _>>);
+        let rows = Conversion::open(&source(&path), None, &Settings::default())
+            .and_then(Iterator::collect::<Result<Vec<_>, _>>);
         rows.map(|rows| rows.len()).map_err(|failure| failure.message)
     };
     let whole = with_camera();
@@ -409,7 +412,7 @@ fn chunks_are_refused_with_their_cause() {
     let path = folder.path().join("r.mcap");
     let said = |bytes: &[u8]| {
         fs::write(&path, bytes).unwrap();
-        let samples = Samples::open(slice::from_ref(&path), ImuChoice::Any, &ProgressBar::hidden());
+        let samples = Samples::open(&sources(slice::from_ref(&path)).unwrap(), ImuChoice::Any, &Progress::default());
         let failure = samples.and_then(|samples| samples.collect::<Result<Vec<_>, _>>()).unwrap_err();
         failure.message
     };

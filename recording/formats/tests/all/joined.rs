@@ -2,7 +2,8 @@
 
 use crate::convert_ros::{BEGIN, Bag, imu};
 use crate::foreign::{Files, foreign};
-use indicatif::ProgressBar;
+use isotherm_files::{source, sources};
+use isotherm_recording::Progress;
 use isotherm_recording_formats::convert::{Conversion, Settings};
 use isotherm_recording_formats::read::{ImuChoice, Recording, RowKind};
 use isotherm_recording_formats::ros::Imu;
@@ -74,7 +75,7 @@ fn bag(accelerometers: &[(u64, f64)], gyroscopes: &[(u64, f64)], absent: Option<
 }
 
 fn converted(path: &Path, settings: &Settings) -> Result<(Vec<RawSample>, Conversion), Failure> {
-    let mut conversion = Conversion::open(path, None, settings)?;
+    let mut conversion = Conversion::open(&source(path), None, settings)?;
     let rows = (&mut conversion).collect::<Result<_, _>>()?;
     Ok((rows, conversion))
 }
@@ -263,8 +264,12 @@ fn read_with(
     settings: Settings,
 ) -> Result<(Vec<RawSample>, Recording), Failure> {
     let foreign = isotherm_recording_formats::convert::Foreign { settings, ..foreign(mapping) };
-    let mut recording =
-        Recording::open_hashed(paths, RowKind::Sample, (ImuChoice::Any, foreign), &ProgressBar::hidden())?;
+    let mut recording = Recording::open_hashed(
+        &sources(paths).unwrap(),
+        RowKind::Sample,
+        (ImuChoice::Any, foreign),
+        &Progress::default(),
+    )?;
     let rows: Result<Vec<_>, _> = recording.by_ref().map(|row| row.map(|row| row.sample)).collect();
     match rows {
         Ok(rows) => Ok((rows, recording)),
@@ -276,7 +281,7 @@ fn read_with(
 fn two_texts_are_joined_with_the_option_and_by_their_names() {
     let files = Files::new();
     let [acc, gyr] = texts(&files);
-    let given = || Settings { gyroscope_file: Some(gyr.clone()), ..Settings::default() };
+    let given = || Settings { gyroscope_file: Some(source(&gyr)), ..Settings::default() };
     let (rows, recording) = read(std::slice::from_ref(&acc), MAPPING, given()).unwrap();
     assert_eq!((rows.len(), rows[0].timestamp_ns, rows[0].interval_ns), (400, 5_000_000_000, 20_000_000));
     assert_eq!(rows[100].accelerometers.negative_pulses[2], 700_000);
@@ -328,7 +333,7 @@ fn two_texts_of_a_known_layout_are_joined_without_a_mapping() {
         [(&acc, &gyr, [-5, 4, 12], None), (&accel, &gyro, [10_000, -20_000, 30_000], Some(1e-6))]
     {
         let by_name = read_with(&[other.clone(), one.clone()], None, Settings::default()).unwrap();
-        let given = Settings { gyroscope_file: Some(other.clone()), ..Settings::default() };
+        let given = Settings { gyroscope_file: Some(source(&other)), ..Settings::default() };
         let (rows, recording) = read_with(std::slice::from_ref(one), None, given).unwrap();
         assert_eq!(rows, by_name.0);
         let Triad { positive_pulses, negative_pulses, .. } = rows[0].gyroscopes;
@@ -353,7 +358,7 @@ fn what_two_texts_lack_is_said_with_the_file() {
         failure.exit == Exit::Usage && failure.message.contains("the mapping has none: give [gyroscope]"),
         "{failure}"
     );
-    let given = |file: &PathBuf| Settings { gyroscope_file: Some(file.clone()), ..Settings::default() };
+    let given = |file: &PathBuf| Settings { gyroscope_file: Some(source(&file)), ..Settings::default() };
     let failure = refused(&pair[..1], &lacking, given(&gyr));
     assert!(failure.message.contains("the mapping has no gyroscopes; give [gyroscope]"), "{failure}");
     // Without the option a column of both is a mistake, and the message names the option.

@@ -3,7 +3,8 @@
 //!
 //! Over 400 lines: the tests share how files are written, and how their columns are listed in each format.
 
-use indicatif::ProgressBar;
+use isotherm_files::{Disk, sources};
+use isotherm_recording::Progress;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::read::{ImuChoice, Part, Samples, read_numbers};
 use isotherm_recording_formats::write::{Files, Format, Rotation};
@@ -27,7 +28,7 @@ fn imu(name: &str) -> ImuId {
 }
 
 fn open(files: &[PathBuf]) -> Samples {
-    Samples::open(files, ImuChoice::Any, &ProgressBar::hidden()).unwrap()
+    Samples::open(&sources(files).unwrap(), ImuChoice::Any, &Progress::default()).unwrap()
 }
 
 fn read(files: &[PathBuf]) -> Vec<RawSample> {
@@ -77,7 +78,7 @@ impl Recorder {
     fn new(path: &Path, format: Format, imus: &[&str]) -> Self {
         let imus: Vec<_> = imus.iter().map(|name| imu(name)).collect();
         let streams: Vec<_> = (0..imus.len()).flat_map(|imu| StreamKind::BOTH.map(|stream| (imu, stream))).collect();
-        Self(Files::create(path, format, Rotation::default(), &imus, &streams).ok().unwrap())
+        Self(Files::create(&Disk, path, format, Rotation::default(), &imus, &streams).ok().unwrap())
     }
 
     /// Writes samples and their increments. Returns how often the rows went on in the next files.
@@ -168,9 +169,16 @@ fn files_from_before_gyroscopes_are_read_as_they_were() {
         let names = ["a1_dv", "a2_dv", "a3_dv", "flag_bits", "latency_ns"];
         let number = |_, text: &str| text.parse::<f64>().map_err(|_| "a number");
         let files = [Path::new(DATA).join(increments)];
-        let rows = read_numbers(&files, &names, &ImuChoice::Any, Part::default(), &ProgressBar::hidden(), number)
-            .unwrap()
-            .rows;
+        let rows = read_numbers(
+            &sources(&files).unwrap(),
+            &names,
+            &ImuChoice::Any,
+            Part::default(),
+            &Progress::default(),
+            number,
+        )
+        .unwrap()
+        .rows;
         assert_eq!(rows.len(), 40);
         for (row, raw) in rows.iter().zip(&samples) {
             let increment = answer(Some(&table), raw);
@@ -284,8 +292,11 @@ fn assert_increments(path: &Path, id: &str, table: &CoefficientTable, samples: &
     };
     let names = ["a1_dv", "a2_dv", "a3_dv", "g1_da", "g2_da", "g3_da", "flag_bits"];
     let number = |_, text: &str| text.parse::<f64>().map_err(|_| "a number");
-    let bar = ProgressBar::hidden();
-    let rows = read_numbers(&[path], &names, &ImuChoice::Only(imu(id)), Part::default(), &bar, number).unwrap().rows;
+    let bar = Progress::default();
+    let rows =
+        read_numbers(&sources(&[path]).unwrap(), &names, &ImuChoice::Only(imu(id)), Part::default(), &bar, number)
+            .unwrap()
+            .rows;
     assert_eq!(rows.len(), samples.len());
     for (row, raw) in rows.iter().zip(samples) {
         let increment = answer(Some(table), raw);
@@ -384,7 +395,8 @@ fn each_imu_of_a_file_has_its_own_columns() {
     for (id, expected) in [("imu-a", &plain[..]), ("imu-g", &whole[..40]), ("imu-late", &whole[..40])] {
         let expected: Vec<_> = expected.iter().map(|raw| RawSample { sent_ns: 0, ..*raw }).collect();
         for choice in [ImuChoice::Only(imu(id)), ImuChoice::Prefer(imu(id))] {
-            let read = Samples::open(std::slice::from_ref(&path), choice, &ProgressBar::hidden()).unwrap();
+            let read =
+                Samples::open(&sources(std::slice::from_ref(&path)).unwrap(), choice, &Progress::default()).unwrap();
             assert_same(&read.map(Result::unwrap).collect::<Vec<_>>(), &expected);
         }
     }

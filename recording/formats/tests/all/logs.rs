@@ -1,6 +1,8 @@
 //! Writers of ULog and DataFlash, as far as tests need them.
 
-use isotherm_recording_formats::convert::{Conversion, Settings, VehicleState};
+use isotherm_files::source;
+use isotherm_recording::foreign::VehicleState;
+use isotherm_recording_formats::convert::{Conversion, Settings};
 use isotherm_shared::wire::RawSample;
 use isotherm_support::failure::{Exit, Failure};
 use std::collections::BTreeMap;
@@ -175,7 +177,7 @@ pub(crate) fn convert(data: &[u8], extension: &str, settings: &Settings) -> Resu
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("log").with_extension(extension);
     fs::write(&path, data).unwrap();
-    let mut conversion = Conversion::open(&path, None, settings)?;
+    let mut conversion = Conversion::open(&source(&path), None, settings)?;
     let samples = (&mut conversion).collect::<Result<Vec<_>, _>>()?;
     let findings = conversion.findings().into_iter().map(|finding| finding.tagged(|line| line.to_string()));
     Ok((samples, findings.chain(conversion.notes()).collect::<Vec<_>>().join("\n")))
@@ -196,5 +198,5 @@ pub(crate) fn vehicle_state(data: &[u8], extension: &str) -> VehicleState {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("log").with_extension(extension);
     fs::write(&path, data).unwrap();
-    Conversion::open(&path, None, &Settings::default()).unwrap().vehicle_state()
+    Conversion::open(&source(&path), None, &Settings::default()).unwrap().vehicle_state()
 }

@@ -1,7 +1,8 @@
 //! Parts of recordings of several pieces.
 
 use crate::foreign::{Files, foreign};
-use indicatif::ProgressBar;
+use isotherm_files::sources;
+use isotherm_recording::Progress;
 use isotherm_recording::RecordingError;
 use isotherm_recording_formats::read::{ImuChoice, Input, Moment, Part, Recording, RowKind};
 use sha2::{Digest as _, Sha256};
@@ -19,7 +20,7 @@ fn text(tenths: core::ops::Range<u32>) -> String {
 fn open(files: &[PathBuf], from: f64, to: f64) -> Recording {
     let part = Part::new(Some(Moment::Seconds(from)), Some(Moment::Seconds(to))).unwrap();
     let input = Input::from((ImuChoice::Any, foreign(Some(MAPPING)))).within(part);
-    Recording::open_hashed(files, RowKind::Sample, input, &ProgressBar::hidden()).unwrap()
+    Recording::open_hashed(&sources(files).unwrap(), RowKind::Sample, input, &Progress::default()).unwrap()
 }
 
 /// Stamps in tenths of a second.

@@ -2,6 +2,7 @@
 
 use crate::convert_ros::{Bag, imu};
 use crate::foreign::Files;
+use isotherm_files::source;
 use isotherm_recording_formats::convert::{Conversion, Scale, Settings};
 use isotherm_recording_formats::ros::Imu;
 use isotherm_shared::wire::RawSample;
@@ -215,15 +216,15 @@ fn messages_of_ros_in_other_units_are_told_by_a_mapping() {
     let (bag, log) = (files.write("deg.mcap", bag.bytes()), files.write("span.log", NOVATEL));
     let units = "format = 1\n[accelerometer]\nunit = \"g\"\n[gyroscope]\nunit = \"deg/s\"\n";
     let named = Some((Path::new("m.toml"), units));
-    let mut conversion = Conversion::of_file(&bag, named, &Settings::default()).unwrap();
+    let mut conversion = Conversion::open(&source(&bag), named, &Settings::default()).unwrap();
     let samples = conversion.by_ref().collect::<Result<Vec<_>, _>>().unwrap();
     let [notes, findings] = [conversion.notes().join("\n"), String::new()];
     assert_readings(&Told { samples, scale: conversion.scale(), notes: notes.clone(), findings }, true);
     assert!(notes.contains("the messages are in g and deg/s, as the mapping says"), "{notes}");
-    let refused = Conversion::of_file(&log, named, &Settings::default()).err().unwrap();
+    let refused = Conversion::open(&source(&log), named, &Settings::default()).err().unwrap();
     assert!(refused.exit == Exit::Config && refused.message.contains("these data have their units"), "{refused}");
     let wrong = Some((Path::new("m.toml"), "format = 1\n[gyroscope]\nunit = \"g\"\n"));
-    let refused = Conversion::of_file(&bag, wrong, &Settings::default()).err().unwrap();
+    let refused = Conversion::open(&source(&bag), wrong, &Settings::default()).err().unwrap();
     assert!(refused.message.starts_with("m.toml:3: gyroscope.unit: is \"g\", give \"rad/s\" or"), "{refused}");
 }
 

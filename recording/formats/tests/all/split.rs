@@ -2,7 +2,8 @@
 
 use crate::convert_ros::{BEGIN, Bag, STEP, imu};
 use crate::foreign::{Files, foreign};
-use indicatif::ProgressBar;
+use isotherm_files::sources;
+use isotherm_recording::Progress;
 use isotherm_recording_formats::convert::{Foreign, Settings};
 use isotherm_recording_formats::read::{ImuChoice, Input, Pieces, Recording, RowKind};
 use isotherm_recording_formats::ros::Imu;
@@ -28,7 +29,8 @@ fn text(rows: core::ops::Range<u32>, step: f64) -> String {
 }
 
 fn read(paths: &[PathBuf], foreign: Foreign) -> Result<(Vec<RawSample>, Recording), Failure> {
-    let mut recording = Recording::open(paths, RowKind::Sample, (ImuChoice::Any, foreign), &ProgressBar::hidden())?;
+    let mut recording =
+        Recording::open(&sources(paths)?, RowKind::Sample, (ImuChoice::Any, foreign), &Progress::default())?;
     let rows: Result<Vec<_>, _> = recording.by_ref().map(|row| row.map(|row| row.sample)).collect();
     match rows {
         Ok(rows) => Ok((rows, recording)),
@@ -172,10 +174,11 @@ fn of_several_recordings_each_has_its_own_pieces_and_hash() {
         files.write("b.mcap", bag(300..500)),
     ];
     let split = |input: Input| {
-        let (mut left, mut found) = (Some(Pieces::new(&paths, RowKind::Sample, input).unwrap()), Vec::new());
+        let (mut left, mut found) =
+            (Some(Pieces::new(&sources(&paths).unwrap(), RowKind::Sample, input).unwrap()), Vec::new());
         while let Some(pieces) = left.take() {
             let first = pieces.paths().next().map(Path::to_owned).unwrap();
-            let mut recording = pieces.first_recording_hashed(&ProgressBar::hidden()).unwrap();
+            let mut recording = pieces.first_recording_hashed(&Progress::default()).unwrap();
             let rows = recording.by_ref().filter(Result::is_ok).count();
             left = recording.others();
             found.push((first, rows, recording.sha256().unwrap()));

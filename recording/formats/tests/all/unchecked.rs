@@ -1,7 +1,8 @@
 //! Files that `record` and `acquire --record` wrote before there were checks, in `tests/data/unchecked`: they are read
 //! as they were, and known to have no checks.
 
-use indicatif::ProgressBar;
+use isotherm_files::{source, sources};
+use isotherm_recording::Progress;
 use isotherm_recording::columns::{ColumnKind, RAW, RECORDED_NS, SENT_NS, hex, load};
 use isotherm_recording_formats::read::{ImuChoice, Part, Samples, read_numbers};
 use isotherm_recording_formats::repair::{RepairReport, inspect, repair};
@@ -47,7 +48,7 @@ const RAW_FILES: [(&str, &str, usize); 6] = [
 #[test]
 fn files_from_before_there_were_checks_are_read_as_they_were() {
     for (name, text, count) in RAW_FILES {
-        let samples = Samples::open(&[file(name)], ImuChoice::Any, &ProgressBar::hidden()).unwrap();
+        let samples = Samples::open(&sources(&[file(name)]).unwrap(), ImuChoice::Any, &Progress::default()).unwrap();
         let samples: Vec<_> = samples.map(Result::unwrap).collect();
         let rows = rows(text);
         assert_eq!((samples.len(), rows.len()), (count, count), "{name}");
@@ -56,9 +57,15 @@ fn files_from_before_there_were_checks_are_read_as_they_were() {
     let names = ["sequence", "a1_dv", "a2_dv", "a3_dv", "g1_da", "g2_da", "g3_da", "flag_bits"];
     let number = |_, text: &str| text.parse::<f64>().map_err(|_| "a number");
     let values = |name: &str| {
-        let read =
-            read_numbers(&[file(name)], &names, &ImuChoice::Any, Part::default(), &ProgressBar::hidden(), number)
-                .unwrap();
+        let read = read_numbers(
+            &sources(&[file(name)]).unwrap(),
+            &names,
+            &ImuChoice::Any,
+            Part::default(),
+            &Progress::default(),
+            number,
+        )
+        .unwrap();
         read.rows.into_iter().map(|row| row.values).collect::<Vec<_>>()
     };
     let text = rows("recorded.increments.csv");
@@ -77,18 +84,18 @@ fn files_from_before_there_were_checks_are_known_and_can_be_repaired() {
     for name in
         RAW_FILES.map(|(name, ..)| name).into_iter().chain(["recorded.increments.csv", "recorded.increments.parquet"])
     {
-        let RepairReport { has_checks, holes, streams, .. } = inspect(&file(name)).unwrap();
+        let RepairReport { has_checks, holes, streams, .. } = inspect(&source(&file(name))).unwrap();
         // Chunks of MCAP have always had one.
         assert_eq!((has_checks, holes.len()), (name.ends_with("mcap"), 0), "{name}");
         let count = if name.starts_with("recorded") { (40, 2) } else { (19, 1) };
         assert!(streams.iter().all(|stream| (stream.rows, stream.sessions) == count), "{name}: {streams:?}");
         // What is taken of them has none either: nothing vouches for it.
         let mut taken = Vec::new();
-        repair(&file(name), &mut taken).unwrap();
+        repair(&source(&file(name)), &mut taken).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(name);
         fs::write(&path, &taken).unwrap();
-        assert_eq!(inspect(&path).unwrap().has_checks, has_checks, "{name}");
+        assert_eq!(inspect(&source(&path)).unwrap().has_checks, has_checks, "{name}");
         if name.ends_with("csv") {
             assert!(taken == fs::read(file(name)).unwrap(), "{name}");
         }
@@ -107,7 +114,7 @@ fn of_a_text_without_checks_what_can_be_read_is_taken() {
         changed.iter().for_each(|(line, new)| lines[*line].clone_from(new));
         fs::write(&path, lines.join("\n") + "\n").unwrap();
         let mut taken = Vec::new();
-        let repaired = repair(&path, &mut taken).unwrap();
+        let repaired = repair(&source(&path), &mut taken).unwrap();
         (repaired, String::from_utf8(taken).unwrap())
     };
     let without = |gone: &[usize]| {

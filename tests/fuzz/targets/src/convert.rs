@@ -40,7 +40,7 @@ pub fn run(bytes: &[u8]) {
 /// Converts the data. Returns the mapping that is proposed.
 fn convert(mapping: Option<&str>) -> Option<String> {
     let named = mapping.map(|mapping| (Path::new("mapping.toml"), mapping));
-    let converted = Conversion::of_file(&INPUT.1, named, &Settings::default()).and_then(|mut conversion| {
+    let converted = Conversion::open(&isotherm_files::source(&INPUT.1), named, &Settings::default()).and_then(|mut conversion| {
         let used = conversion.vehicle_state().in_use();
         assert!(used.windows(2).all(|pair| pair[0].end < pair[1].start), "{used:?}");
         let mut before = None;

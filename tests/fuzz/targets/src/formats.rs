@@ -2,7 +2,8 @@
 //! data, within a budget of steps: never an error of the operating system, since there was none.
 
 use crate::{memory_file, within_budget};
-use indicatif::ProgressBar;
+use isotherm_files::source;
+use isotherm_recording::Progress;
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_support::failure::{Exit, printable};
 use std::fs::{self, File};
@@ -17,7 +18,7 @@ pub fn run(bytes: &[u8]) {
     let path = &INPUT.1;
     fs::write(path, bytes).expect("memory takes all");
     let read = || {
-        let samples = Samples::open(std::slice::from_ref(path), ImuChoice::Any, &ProgressBar::hidden());
+        let samples = Samples::open(&[source(path)], ImuChoice::Any, &Progress::default());
         samples.map_or_else(Some, |mut samples| samples.find_map(Result::err))
     };
     if let Some(failure) = within_budget(bytes.len(), read) {

@@ -13,7 +13,7 @@ pub mod recording;
 pub mod sample;
 pub mod table;
 
-use isotherm_recording_formats::steps;
+use isotherm_recording::steps;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::document::Faults;
 use isotherm_shared::polynomial::Polynomial;

@@ -2,13 +2,13 @@
 
 use super::super::found::shown;
 use super::super::unit::{self, Quantity};
-use super::{Text, commented, line};
+use super::{ProposalText, commented, line};
 use isotherm_shared::wire::AXES;
 
 /// Temperatures of an IMU \[degC\].
 pub(in crate::convert) const CELSIUS: std::ops::RangeInclusive<f64> = -60.0..=150.0;
 
-impl Text<'_> {
+impl ProposalText<'_> {
     /// Writes the section of the temperature. Columns that are taken are none of it.
     pub(super) fn temperature(&self, out: &mut String, taken: &[usize], has_gyroscope: bool) {
         out.push_str("[temperature]\n");

@@ -1,12 +1,12 @@
 //! Three sensors of a text: their columns, and the pulses of their numbers.
 
 use super::super::columns::{ColumnRef, Kind, Sensors};
-use super::super::source::pulses;
-use super::bad_rows::{Fault, NoReading};
-use super::counting::Counting;
-use super::marks::{Marks, Number};
+use super::bad_rows::{Fault, RowRefusal};
+use super::counting::PulseCounts;
+use super::marks::{ColumnMarks, Number};
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{CsvColumn, Rows};
+use isotherm_recording::foreign::pulses;
 use isotherm_shared::wire::AXES;
 use isotherm_support::finding::Finding;
 use std::io::Read;
@@ -15,14 +15,14 @@ use std::io::Read;
 const FINE: f64 = 1e-6;
 
 /// The columns of three sensors, and what their numbers mean.
-pub(super) struct Axes {
+pub(super) struct TextAxes {
     columns: [CsvColumn; AXES],
     /// Those of the negative channels, where each channel has its own.
     negative: Option<[CsvColumn; AXES]>,
     pub(super) kind: Kind,
     pub(super) gate_s: Option<f64>,
     /// Of counts and rates.
-    counting: Option<Counting>,
+    counting: Option<PulseCounts>,
     offset: f64,
     /// Of the first row on.
     resolution: Option<f64>,
@@ -39,12 +39,12 @@ pub(super) struct Axes {
 }
 
 /// The numbers of three sensors, with `negative` those of the positive channels.
-pub(super) struct Numbers {
+pub(super) struct AxisNumbers {
     pub(super) of_axes: [Number; AXES],
     pub(super) negative: Option<[Number; AXES]>,
 }
 
-impl Axes {
+impl TextAxes {
     /// Of a mapping's sensors, in the columns that `find` finds.
     pub(super) fn new(
         sensors: &Sensors,
@@ -57,7 +57,7 @@ impl Axes {
             negative: sensors.negative.as_ref().map(three).transpose()?,
             kind,
             gate_s,
-            counting: Counting::of(sensors),
+            counting: PulseCounts::of(sensors),
             offset,
             resolution,
             taken_for_whole: false,
@@ -71,7 +71,11 @@ impl Axes {
 
     /// The numbers of the current row.
     #[inline]
-    pub(super) fn numbers(&self, rows: &Rows<Box<dyn Read>>, marks: &mut Marks) -> Result<Numbers, NoReading> {
+    pub(super) fn numbers(
+        &self,
+        rows: &Rows<Box<dyn Read>>,
+        marks: &mut ColumnMarks,
+    ) -> Result<AxisNumbers, RowRefusal> {
         let mut three = |columns: &[CsvColumn; AXES]| {
             let mut numbers = [Number { value: 0.0, is_whole: true }; AXES];
             for (number, column) in numbers.iter_mut().zip(columns) {
@@ -85,13 +89,13 @@ impl Axes {
             let us = marks.number(rows, duration).map_err(|error| bad(rows, duration, error))?.value;
             if us <= 0.0 {
                 let message = format!("{}: the time of the sums is not over 0", duration.name());
-                return Err(NoReading::Row(Fault::Number, message));
+                return Err(RowRefusal::Row(Fault::Number, message));
             }
             for number in &mut numbers {
                 *number = Number { value: number.value / (us / 1e6), is_whole: false };
             }
         }
-        Ok(Numbers { of_axes: numbers, negative })
+        Ok(AxisNumbers { of_axes: numbers, negative })
     }
 
     /// The pulses of numbers that are right, `to` each axis, and those of the negative channels, where they are apart.
@@ -99,10 +103,10 @@ impl Axes {
     pub(super) fn pulses(
         &mut self,
         rows: &Rows<Box<dyn Read>>,
-        Numbers { of_axes: numbers, negative: of_negative }: &Numbers,
+        AxisNumbers { of_axes: numbers, negative: of_negative }: &AxisNumbers,
         to: &mut [i64],
         negative: &mut [i64],
-    ) -> Result<(), NoReading> {
+    ) -> Result<(), RowRefusal> {
         if let Some(counting) = &mut self.counting {
             let columns = (&self.columns, self.negative.as_ref());
             return counted(counting, rows, columns, (numbers, of_negative.as_ref()), self.sign, [to, negative]);
@@ -113,11 +117,11 @@ impl Axes {
             let names: Vec<_> = self.columns.iter().map(CsvColumn::name).collect();
             let message =
                 "not a whole number, as those of the first row are; give the resolution, such as resolution = 1e-6";
-            return Err(NoReading::Text(rows.error(format!("{}: {message}", names.join(", ")))));
+            return Err(RowRefusal::Text(rows.error(format!("{}: {message}", names.join(", ")))));
         }
         for (axis, number) in numbers.iter().enumerate() {
             let pulses = pulses(number.value, self.offset, resolution, self.sign[axis]);
-            let of_axis = |message| NoReading::Row(Fault::Range, format!("{}: {message}", self.columns[axis].name()));
+            let of_axis = |message| RowRefusal::Row(Fault::Range, format!("{}: {message}", self.columns[axis].name()));
             to[axis] = pulses.map_err(of_axis)?;
         }
         self.all_whole &= whole;
@@ -147,13 +151,13 @@ impl Axes {
 
 /// The pulses of counts and rates: those of the axes and, where each channel has a column, of the negative channels.
 fn counted(
-    counting: &mut Counting,
+    counting: &mut PulseCounts,
     rows: &Rows<Box<dyn Read>>,
     (columns, of_negative): (&[CsvColumn; AXES], Option<&[CsvColumn; AXES]>),
     (numbers, negative): (&[Number; AXES], Option<&[Number; AXES]>),
     sign: [f64; AXES],
     [to, to_negative]: [&mut [i64]; 2],
-) -> Result<(), NoReading> {
+) -> Result<(), RowRefusal> {
     for axis in 0..AXES {
         let Some((column, number)) =
             of_negative.zip(negative).map(|(columns, numbers)| (&columns[axis], numbers[axis]))
@@ -171,10 +175,10 @@ fn counted(
 }
 
 /// A row in which the field of a column is bad.
-pub(super) fn bad(rows: &Rows<Box<dyn Read>>, column: &CsvColumn, error: RecordingError) -> NoReading {
-    let RecordingError::Data { message, .. } = error else { return NoReading::Text(error) };
+pub(super) fn bad(rows: &Rows<Box<dyn Read>>, column: &CsvColumn, error: RecordingError) -> RowRefusal {
+    let RecordingError::Data { message, .. } = error else { return RowRefusal::Text(error) };
     let is_missing = [&b""[..], b"nan", b"null", b"none", b"-"];
     let field = rows.field(column.index());
     let is_missing = is_missing.iter().any(|missing| field.eq_ignore_ascii_case(missing));
-    NoReading::Row(if is_missing { Fault::Missing } else { Fault::Number }, message)
+    RowRefusal::Row(if is_missing { Fault::Missing } else { Fault::Number }, message)
 }

@@ -13,7 +13,7 @@ const HOPELESS: u64 = 100;
 const HOPELESS_OF: u64 = 10;
 
 /// Why a row is no reading.
-pub(super) enum NoReading {
+pub(super) enum RowRefusal {
     /// It is bad; others are not.
     Row(Fault, String),
     /// The whole text is not as the mapping says.

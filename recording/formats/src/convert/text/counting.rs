@@ -2,7 +2,7 @@
 
 use super::super::columns::{Kind, Sensors};
 use super::super::found::shown;
-use super::bad_rows::{Fault, NoReading};
+use super::bad_rows::{Fault, RowRefusal};
 use super::marks::Number;
 use isotherm_recording::csv::{CsvColumn, Rows};
 use isotherm_support::finding::{Finding, name};
@@ -14,7 +14,7 @@ const WHOLE: f64 = 0.05;
 const MANY: u64 = 20;
 
 /// What counts and rates are, and whether the numbers agree with it.
-pub(super) struct Counting {
+pub(super) struct PulseCounts {
     kind: Kind,
     /// What makes pulses of a number: the gate \[s\] of rates.
     factor: f64,
@@ -24,7 +24,7 @@ pub(super) struct Counting {
     all_whole: bool,
 }
 
-impl Counting {
+impl PulseCounts {
     /// Of counts and rates; `None` of other numbers.
     pub(super) fn of(sensors: &Sensors) -> Option<Self> {
         let factor = sensors.gate_s.filter(|_| sensors.kind == Kind::Rate).unwrap_or(1.0);
@@ -38,7 +38,7 @@ impl Counting {
         rows: &Rows<Box<dyn Read>>,
         column: &CsvColumn,
         number: Number,
-    ) -> Result<i64, NoReading> {
+    ) -> Result<i64, RowRefusal> {
         let value = number.value * self.factor;
         let pulses = value.round();
         self.all_whole &= number.is_whole;
@@ -52,7 +52,7 @@ impl Counting {
                     column.name(),
                     number.value
                 );
-                return Err(NoReading::Text(rows.error(message)));
+                return Err(RowRefusal::Text(rows.error(message)));
             }
             self.parts += 1;
         }
@@ -60,7 +60,7 @@ impl Counting {
             return Ok(pulses as i64);
         }
         let message = format!("{}: {value} pulses in a row, over {}; give shorter rows", column.name(), u32::MAX);
-        Err(NoReading::Row(Fault::Range, message))
+        Err(RowRefusal::Row(Fault::Range, message))
     }
 
     /// The pulses of a channel.
@@ -69,7 +69,7 @@ impl Counting {
         rows: &Rows<Box<dyn Read>>,
         column: &CsvColumn,
         number: Number,
-    ) -> Result<i64, NoReading> {
+    ) -> Result<i64, RowRefusal> {
         let pulses = self.pulses(rows, column, number)?;
         if pulses >= 0 {
             return Ok(pulses);
@@ -80,7 +80,7 @@ impl Counting {
             column.name(),
             number.value
         );
-        Err(NoReading::Text(rows.error(message)))
+        Err(RowRefusal::Text(rows.error(message)))
     }
 
     /// That the numbers are not what `kind` says. `section` is that of the mapping. Valid after the last row.

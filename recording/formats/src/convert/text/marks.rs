@@ -8,7 +8,7 @@ use std::borrow::Cow;
 use std::io::Read;
 
 /// The decimal mark of the text.
-pub(super) struct Marks {
+pub(super) struct ColumnMarks {
     given: Option<Decimal>,
     found: DecimalMark,
     /// The mark that every further number must have, once it is known.
@@ -22,7 +22,7 @@ pub(super) struct Number {
     pub(super) is_whole: bool,
 }
 
-impl Marks {
+impl ColumnMarks {
     /// Of a text with this separator, and the decimal mark that the mapping gives.
     pub(super) fn new(separator: Separator, given: Option<Decimal>) -> Self {
         Self { given, found: DecimalMark::new(separator), settled: given.map(Decimal::byte) }

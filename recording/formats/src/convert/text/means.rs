@@ -2,8 +2,8 @@
 
 use super::super::columns::Kind;
 use super::super::mapping::Mapping;
-use super::axes::{Axes, Numbers};
-use super::bad_rows::NoReading;
+use super::axes::{AxisNumbers, TextAxes};
+use super::bad_rows::RowRefusal;
 use super::marks::Number;
 use super::{TextSource, bad};
 use isotherm_recording::RecordingError;
@@ -44,8 +44,8 @@ fn rows(source: Box<dyn Read>, mapping: Mapping) -> Result<Vec<MeanRow>, Recordi
             continue;
         }
         let mean = sheet.mean().map_err(|fault| match fault {
-            NoReading::Text(error) => error,
-            NoReading::Row(_, message) => sheet.rows.error(message),
+            RowRefusal::Text(error) => error,
+            RowRefusal::Row(_, message) => sheet.rows.error(message),
         })?;
         means.push(mean);
     }
@@ -58,10 +58,10 @@ fn rows(source: Box<dyn Read>, mapping: Mapping) -> Result<Vec<MeanRow>, Recordi
 
 impl TextSource {
     /// The means of the current row.
-    fn mean(&mut self) -> Result<MeanRow, NoReading> {
+    fn mean(&mut self) -> Result<MeanRow, RowRefusal> {
         self.check_width()?;
         let Some([set_point, position]) = &self.labels else {
-            return Err(NoReading::Text(
+            return Err(RowRefusal::Text(
                 self.rows.error("a sheet has the columns of set point and position".to_owned()),
             ));
         };
@@ -72,7 +72,7 @@ impl TextSource {
         let position = Some(value).filter(|value| is_whole && (0.0..4_294_967_296.0).contains(value));
         let Some(position) = position.map(|value| value as u32) else {
             let message = format!("{value} is no position; give its whole number, as in the campaign file");
-            return Err(NoReading::Text(self.rows.error(message)));
+            return Err(RowRefusal::Text(self.rows.error(message)));
         };
         let numbers = self.accelerometers.numbers(&self.rows, &mut self.marks)?;
         let rates = self.accelerometers.rates(&numbers);
@@ -81,16 +81,16 @@ impl TextSource {
                 "a channel counts from 0 on, and these are {positive} and {negative} pulse/s; if a column has \
                  both signs, give columns in place of positive and negative"
             );
-            return Err(NoReading::Text(self.rows.error(message)));
+            return Err(RowRefusal::Text(self.rows.error(message)));
         }
         let [head, board] = self.telemetry()?.map(|values| [values[0], values[1], values[2]]);
         Ok(MeanRow { line: self.rows.line(), set_point_c, position, rates, telemetry: [head, board] })
     }
 }
 
-impl Axes {
+impl TextAxes {
     /// Rates of both channels of each axis \[pulse/s\].
-    fn rates(&self, Numbers { of_axes, negative }: &Numbers) -> [[f64; 2]; AXES] {
+    fn rates(&self, AxisNumbers { of_axes, negative }: &AxisNumbers) -> [[f64; 2]; AXES] {
         let gate_s = match self.kind {
             Kind::Count => self.gate_s.unwrap_or(1.0),
             _ => 1.0,

@@ -4,25 +4,24 @@
 //! `sensor_combined`. Their rows have their own times and rates. A row of `sensor_gyro` belongs to the first row of
 //! `sensor_accel` at its time or after it.
 
-use super::super::scale::Units;
-use super::super::settings::{GyroscopeTemperature, Settings};
-use super::super::source::{PLACEHOLDER, Reading, Source, placeholder};
-use super::super::vehicle::VehicleState;
 use super::imu::{
-    FoundImu, Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, found, open, units,
+    FoundImu, ImuOfLog, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, found, take, units,
 };
-use super::left_out::{Flaw, LeftOut};
-use super::reports::{Report, Reports};
+use super::left_out::{Flaw, Omissions};
+use super::reports::{Reports, VehicleReport};
+use super::settings::{GyroscopeTemperature, LogSettings};
 use super::survey::{NoThermometer, Survey};
-use super::timeline::{Sieve, Timing};
-use super::ulog::{Messages, Topic, error};
+use super::timeline::{Sieve, StampPlace};
+use super::ulog::{UlogMessages, UlogTopic, error};
 use super::ulog_format::SensorRow;
+use isotherm_recording::foreign::Units;
+use isotherm_recording::foreign::VehicleState;
+use isotherm_recording::foreign::{ForeignRow, OpenData, PLACEHOLDER, RowSource, placeholder};
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::Failure;
 use isotherm_support::finding::{Finding, name};
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
 
 /// From this mean interval on the rows are said to be few \[us\]: PX4 logs 1 Hz unless told otherwise.
 const FEW_US: u64 = 500_000;
@@ -32,20 +31,20 @@ const HELD_TOLD: u64 = 100;
 const HOLDS: u64 = 5;
 
 /// Rows of an IMU.
-pub(in super::super) struct UlogSource {
-    messages: Messages,
+pub struct UlogSource {
+    messages: UlogMessages,
     instance: u8,
-    imu: Imu,
-    thermometer: Thermometer,
+    imu: ImuOfLog,
+    thermometer: LogThermometer,
     vehicle: VehicleState,
     telemetry: Option<f64>,
-    accelerometer: Rows,
-    gyroscope: Rows,
+    accelerometer: SensorRows,
+    gyroscope: SensorRows,
     /// The row of `sensor_accel` that may still get rows of `sensor_gyro`.
     waiting: Option<(u64, SensorRow)>,
-    means: Means,
+    means: RateMeans,
     /// What `sensor_gyro` had last, and when.
-    last: Option<(u64, Gyroscopes)>,
+    last: Option<(u64, GyroscopeMeans)>,
     /// What was lost until then: bytes, rows and dropouts.
     lost: u64,
     /// Rows that have the one before's, and rows that had none and are left out.
@@ -58,15 +57,15 @@ pub(in super::super) struct UlogSource {
 }
 
 /// Rows of one of both topics, of which some are left out.
-struct Rows {
+struct SensorRows {
     topic: &'static str,
     sieve: Sieve,
-    left_out: LeftOut,
+    left_out: Omissions,
 }
 
 /// Whose temperature the gyroscopes have.
 #[derive(Clone, Copy, PartialEq)]
-enum Thermometer {
+enum LogThermometer {
     /// There are no gyroscopes.
     NoGyroscopes,
     Own,
@@ -79,7 +78,7 @@ enum Thermometer {
 
 /// Sums of rows of `sensor_gyro`.
 #[derive(Default)]
-struct Means {
+struct RateMeans {
     rates: [f64; AXES],
     celsius: f64,
     count: u64,
@@ -88,14 +87,14 @@ struct Means {
 
 /// Rates \[rad/s\] and temperature \[degC\]; NaN without one.
 #[derive(Clone, Copy)]
-struct Gyroscopes {
+struct GyroscopeMeans {
     rates: [f64; AXES],
     celsius: f64,
 }
 
 /// What the first reading has found.
 #[derive(Default)]
-struct Contents {
+struct UlogContents {
     accelerometers: BTreeMap<u8, Survey>,
     gyroscopes: BTreeMap<u8, Survey>,
     corrected: BTreeSet<&'static str>,
@@ -107,14 +106,15 @@ impl UlogSource {
     ///
     /// # Errors
     /// If it has no raw rows, or several IMUs of which none is named; of reading.
-    pub(in super::super) fn open(path: &Path, settings: &Settings, telemetry: Option<f64>) -> Result<Self, Failure> {
+    pub fn open(mut data: OpenData<'_>, settings: &LogSettings, telemetry: Option<f64>) -> Result<Self, Failure> {
+        let path = data.source.name();
         let failed = |error: RecordingError| error.failure(path);
-        let contents = Contents::of(path, settings)?;
+        let contents = UlogContents::of(&mut data)?;
         let refused = |message: String| failed(error(0, message));
         let (instance, imu) = choose(path, &contents.imus(), settings)?;
         let nothing = Survey::default();
         let of = |all: &BTreeMap<u8, Survey>, topic| {
-            let rows = Rows::new(topic, all.get(&instance).unwrap_or(&nothing));
+            let rows = SensorRows::new(topic, all.get(&instance).unwrap_or(&nothing));
             rows.map_err(refused)
         };
         let accelerometer = of(&contents.accelerometers, "sensor_accel")?;
@@ -122,12 +122,12 @@ impl UlogSource {
         let surveys = (contents.accelerometers.get(&instance), contents.gyroscopes.get(&instance));
         let thermometer = match surveys {
             (Some(accelerometers), Some(gyroscopes)) => {
-                Thermometer::new(accelerometers, gyroscopes, telemetry, settings.gyroscope_temperature)
+                LogThermometer::new(accelerometers, gyroscopes, telemetry, settings.gyroscope_temperature)
             }
-            _ => Thermometer::NoGyroscopes,
+            _ => LogThermometer::NoGyroscopes,
         };
         let vehicle = contents.reports.state(accelerometer.sieve.kept().last_us);
-        let messages = Messages::new(open(path, settings)?).map_err(failed)?;
+        let messages = UlogMessages::new(data.again(&settings.progress)?).map_err(failed)?;
         Ok(Self {
             messages,
             instance,
@@ -138,7 +138,7 @@ impl UlogSource {
             accelerometer,
             gyroscope,
             waiting: None,
-            means: Means::default(),
+            means: RateMeans::default(),
             last: None,
             lost: 0,
             held: 0,
@@ -154,16 +154,16 @@ impl UlogSource {
     ///
     /// # Errors
     /// If it has no raw rows; of reading.
-    pub(in super::super) fn imus(path: &Path, settings: &Settings) -> Result<Vec<FoundImu>, Failure> {
-        Contents::of(path, settings).map(|contents| found(&contents.imus()))
+    pub fn imus(mut data: OpenData<'_>) -> Result<Vec<FoundImu>, Failure> {
+        UlogContents::of(&mut data).map(|contents| found(&contents.imus()))
     }
 
     /// The next row of one of both topics that is not left out, with its place.
-    fn sensor(&mut self) -> Result<Option<(Topic, u64, SensorRow)>, RecordingError> {
+    fn sensor(&mut self) -> Result<Option<(UlogTopic, u64, SensorRow)>, RecordingError> {
         while let Some(data) = self.messages.next()? {
             let (rows, device) = match data.of.topic {
-                Topic::SensorAccel => (&mut self.accelerometer, self.imu.devices[0]),
-                Topic::SensorGyro => (&mut self.gyroscope, self.imu.devices[1]),
+                UlogTopic::SensorAccel => (&mut self.accelerometer, self.imu.devices[0]),
+                UlogTopic::SensorGyro => (&mut self.gyroscope, self.imu.devices[1]),
                 _ => continue,
             };
             if data.of.instance != self.instance {
@@ -181,7 +181,7 @@ impl UlogSource {
     /// Takes a row of `sensor_gyro`.
     fn rate(&mut self, place: u64, row: &SensorRow) {
         let is_real = row.values.iter().all(|value| value.is_finite());
-        let has_temperature = row.celsius.is_none_or(f64::is_finite) || self.thermometer != Thermometer::Own;
+        let has_temperature = row.celsius.is_none_or(f64::is_finite) || self.thermometer != LogThermometer::Own;
         match (is_real, has_temperature) {
             (false, _) => self.gyroscope.left_out.take(Flaw::Value, place),
             (true, false) => self.gyroscope.left_out.take(Flaw::Temperature, place),
@@ -189,7 +189,7 @@ impl UlogSource {
                 let stale_us = HOLDS.saturating_mul(self.gyroscope.sieve.kept().mean_us());
                 if row.time_us.saturating_sub(self.means.last_us) > stale_us {
                     // The row of sensor_accel that these belong to is lost.
-                    self.means = Means::default();
+                    self.means = RateMeans::default();
                 }
                 self.means.add(row);
                 self.lost = self.lost_so_far();
@@ -203,7 +203,7 @@ impl UlogSource {
     }
 
     /// The rates of a row: the means since the one before, or else the last ones. `Err` if there is none near.
-    fn rates(&mut self, row: &SensorRow) -> Result<Gyroscopes, Option<Flaw>> {
+    fn rates(&mut self, row: &SensorRow) -> Result<GyroscopeMeans, Option<Flaw>> {
         let mean_us = [&self.accelerometer, &self.gyroscope].map(|rows| rows.sieve.kept().mean_us());
         let mean_us = mean_us[0].max(mean_us[1]);
         let is_lost = self.lost_so_far() != self.lost;
@@ -219,7 +219,7 @@ impl UlogSource {
     }
 
     /// A row with the gyroscopes since the one before; `None` if it is left out.
-    fn finish(&mut self, place: u64, row: &SensorRow) -> Option<Reading> {
+    fn finish(&mut self, place: u64, row: &SensorRow) -> Option<ForeignRow> {
         let is_held = self.means.count == 0;
         let gyroscopes = match self.thermometer.has_gyroscopes().then(|| self.rates(row)) {
             None => None,
@@ -234,7 +234,7 @@ impl UlogSource {
             }
         };
         let celsius = row.celsius.unwrap_or(PLACEHOLDER);
-        let own = gyroscopes.filter(|_| self.thermometer == Thermometer::Own).map(|gyroscopes| gyroscopes.celsius);
+        let own = gyroscopes.filter(|_| self.thermometer == LogThermometer::Own).map(|gyroscopes| gyroscopes.celsius);
         let values = Values {
             acceleration: row.values,
             rate: gyroscopes.map(|gyroscopes| gyroscopes.rates),
@@ -262,18 +262,18 @@ impl UlogSource {
     }
 }
 
-impl Rows {
+impl SensorRows {
     fn new(topic: &'static str, survey: &Survey) -> Result<Self, String> {
-        Ok(Self { topic, sieve: Sieve::new(survey.kept(topic)?), left_out: LeftOut::default() })
+        Ok(Self { topic, sieve: Sieve::new(survey.kept(topic)?), left_out: Omissions::default() })
     }
 
     /// Whether the next row is used.
     fn take(&mut self, place: u64, row: &SensorRow, device: Option<u32>) -> bool {
         let flaw = match self.sieve.next(row.time_us) {
-            Timing::Wild => Flaw::Time,
-            Timing::Repeats => Flaw::Repeated,
-            Timing::Follows if row.device != device => Flaw::Device,
-            Timing::Follows => return true,
+            StampPlace::Wild => Flaw::Time,
+            StampPlace::Repeats => Flaw::Repeated,
+            StampPlace::Follows if row.device != device => Flaw::Device,
+            StampPlace::Follows => return true,
         };
         self.left_out.take(flaw, place);
         false
@@ -285,7 +285,7 @@ impl Rows {
     }
 }
 
-impl Thermometer {
+impl LogThermometer {
     fn new(accelerometers: &Survey, gyroscopes: &Survey, telemetry: Option<f64>, wanted: GyroscopeTemperature) -> Self {
         match (telemetry, wanted) {
             (Some(_), _) => Self::Given,
@@ -302,18 +302,18 @@ impl Thermometer {
     }
 }
 
-impl Source for UlogSource {
-    fn read(&mut self) -> Result<Option<Reading>, RecordingError> {
+impl RowSource for UlogSource {
+    fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         loop {
             let next = self.sensor()?;
             let is_complete = |waiting: &(u64, SensorRow)| match &next {
-                Some((Topic::SensorGyro, _, row)) => row.time_us > waiting.1.time_us,
+                Some((UlogTopic::SensorGyro, _, row)) => row.time_us > waiting.1.time_us,
                 _ => true,
             };
             let complete = self.waiting.take_if(|waiting| is_complete(waiting));
             let reading = complete.and_then(|(place, row)| self.finish(place, &row));
             match next {
-                Some((Topic::SensorGyro, place, row)) => self.rate(place, &row),
+                Some((UlogTopic::SensorGyro, place, row)) => self.rate(place, &row),
                 Some((_, place, row)) => self.waiting = Some((place, row)),
                 None => return Ok(reading),
             }
@@ -373,7 +373,7 @@ impl Source for UlogSource {
              m/s2 or {LOG_RATE_PULSE:e} rad/s; temperatures in degC"
         )];
         notes.extend(self.imu.named(self.instance).devices_told());
-        if self.thermometer == Thermometer::Accelerometer {
+        if self.thermometer == LogThermometer::Accelerometer {
             notes.push("the temperature of the gyroscopes is that of the accelerometers, as asked for".to_owned());
         }
         if self.rows > 1 && (self.last_us - self.first_us.min(self.last_us)) / (self.rows - 1) >= FEW_US {
@@ -420,7 +420,7 @@ impl Source for UlogSource {
 impl UlogSource {
     /// Why the rows have no gyroscopes, although the log has.
     fn no_gyroscopes(&self) -> Option<Finding> {
-        let Thermometer::Missing(why) = self.thermometer else { return None };
+        let LogThermometer::Missing(why) = self.thermometer else { return None };
         let why = match why {
             NoThermometer::None => "sensor_gyro has no temperature in any row".to_owned(),
             NoThermometer::Stands { at, other } => {
@@ -437,7 +437,7 @@ impl UlogSource {
     }
 }
 
-impl Means {
+impl RateMeans {
     fn add(&mut self, row: &SensorRow) {
         self.rates.iter_mut().zip(row.values).for_each(|(sum, rate)| *sum += rate);
         self.celsius += row.celsius.unwrap_or(f64::NAN);
@@ -446,18 +446,19 @@ impl Means {
     }
 
     /// The time of the last row and the means, and begins anew.
-    fn take(&mut self) -> Option<(u64, Gyroscopes)> {
+    fn take(&mut self) -> Option<(u64, GyroscopeMeans)> {
         let Self { rates, celsius, count, last_us } = core::mem::take(self);
         let mean = |sum: f64| sum / count as f64;
-        (count > 0).then(|| (last_us, Gyroscopes { rates: rates.map(mean), celsius: mean(celsius) }))
+        (count > 0).then(|| (last_us, GyroscopeMeans { rates: rates.map(mean), celsius: mean(celsius) }))
     }
 }
 
-impl Contents {
+impl UlogContents {
     /// What a log has: one IMU at least.
-    fn of(path: &Path, settings: &Settings) -> Result<Self, Failure> {
-        let failed = |error: RecordingError| error.failure(path);
-        let mut messages = Messages::new(open(path, settings)?).map_err(failed)?;
+    fn of(data: &mut OpenData<'_>) -> Result<Self, Failure> {
+        let bytes = take(data)?;
+        let failed = |error: RecordingError| error.failure(data.name());
+        let mut messages = UlogMessages::new(bytes).map_err(failed)?;
         let contents = Self::read(&mut messages).map_err(failed)?;
         if contents.accelerometers.is_empty() {
             return Err(failed(error(messages.place(), contents.no_rows())));
@@ -465,19 +466,19 @@ impl Contents {
         Ok(contents)
     }
 
-    fn read(messages: &mut Messages) -> Result<Self, RecordingError> {
+    fn read(messages: &mut UlogMessages) -> Result<Self, RecordingError> {
         let mut contents = Self::default();
         while let Some(data) = messages.next()? {
             let surveys = match data.of.topic {
-                Topic::SensorAccel => &mut contents.accelerometers,
-                Topic::SensorGyro => &mut contents.gyroscopes,
-                Topic::Corrected(name) => {
+                UlogTopic::SensorAccel => &mut contents.accelerometers,
+                UlogTopic::SensorGyro => &mut contents.gyroscopes,
+                UlogTopic::Corrected(name) => {
                     contents.corrected.insert(name);
                     continue;
                 }
-                Topic::State(state) => {
+                UlogTopic::State(state) => {
                     let read = data.of.state.and_then(|layout| layout.read(data.body));
-                    let report = read.map(|(time_us, value)| Report {
+                    let report = read.map(|(time_us, value)| VehicleReport {
                         aspect: state.aspect,
                         time_us,
                         holds: value == state.value,
@@ -486,7 +487,7 @@ impl Contents {
                     report.into_iter().for_each(|report| contents.reports.take(state.topic, report));
                     continue;
                 }
-                Topic::Other => continue,
+                UlogTopic::Other => continue,
             };
             // The second reading says what is wrong with a definition.
             let survey = surveys.entry(data.of.instance).or_default();
@@ -497,10 +498,10 @@ impl Contents {
         Ok(contents)
     }
 
-    fn imus(&self) -> BTreeMap<u8, Imu> {
+    fn imus(&self) -> BTreeMap<u8, ImuOfLog> {
         let imu = |(instance, survey): (&u8, &Survey)| {
             let devices = [survey.device(), self.gyroscopes.get(instance).and_then(Survey::device)];
-            (*instance, Imu { rows: survey.rows(), devices })
+            (*instance, ImuOfLog { rows: survey.rows(), devices })
         };
         self.accelerometers.iter().map(imu).collect()
     }

@@ -1,6 +1,6 @@
 //! What the first reading of a log finds of the rows of a sensor.
 
-use super::timeline::{Kept, Timeline};
+use super::timeline::{LogTimeline, UsableTimes};
 use std::collections::BTreeMap;
 
 /// Most devices that are told apart.
@@ -15,7 +15,7 @@ const MOST_OUTSIDE: u64 = 4;
 /// What is found of the rows of a sensor.
 #[derive(Debug, Default)]
 pub(super) struct Survey {
-    timeline: Timeline,
+    timeline: LogTimeline,
     /// How many rows each device has.
     devices: BTreeMap<Option<u32>, u64>,
     /// Rows with a temperature, the least and the largest one \[degC\].
@@ -60,7 +60,7 @@ impl Survey {
     ///
     /// # Errors
     /// If too many are not: the autopilot was started again.
-    pub(super) fn kept(&self, of: &str) -> Result<Kept, String> {
+    pub(super) fn kept(&self, of: &str) -> Result<UsableTimes, String> {
         let kept = self.timeline.kept();
         let (rows, outside) = (self.rows(), kept.outside(self.rows()));
         if outside > 1 && outside > rows / MOST_OUTSIDE {

@@ -4,7 +4,7 @@
 //! messages, for `EV`, `ARM` and `STAT`. Some messages say how it is, and come again and again. Others say that it
 //! changed: before the first of those it was the contrary.
 
-use super::super::vehicle::{VehicleState, union};
+use isotherm_recording::foreign::{VehicleState, union};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -20,7 +20,7 @@ pub(super) enum Aspect {
 
 /// A message about the vehicle.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Report {
+pub(super) struct VehicleReport {
     pub(super) aspect: Aspect,
     pub(super) time_us: u64,
     pub(super) holds: bool,
@@ -37,8 +37,8 @@ pub(super) struct Reports {
 
 impl Reports {
     /// Takes what the message `name` says.
-    pub(super) fn take(&mut self, name: &'static str, report: Report) {
-        let Report { aspect, time_us, holds, is_change } = report;
+    pub(super) fn take(&mut self, name: &'static str, report: VehicleReport) {
+        let VehicleReport { aspect, time_us, holds, is_change } = report;
         let changes = self.changes.entry((aspect, name)).or_default();
         if changes.is_empty() {
             changes.push((0, holds != is_change));

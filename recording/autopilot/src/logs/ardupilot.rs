@@ -1,25 +1,24 @@
 //! The rows of a DataFlash log: those of `IMU`, with what ArduPilot had corrected undone.
 
-use super::super::scale::Units;
-use super::super::settings::Settings;
-use super::super::source::{PLACEHOLDER, Reading, Source, placeholder};
-use super::super::vehicle::VehicleState;
-use super::dataflash::{Encoding, Message, Messages};
+use super::dataflash::{DataFlashMessage, DataFlashMessages, Encoding};
 use super::dataflash_format::ImuColumns;
 use super::imu::{
-    FoundImu, Imu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, found, open, units,
+    FoundImu, ImuOfLog, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, found, take, units,
 };
-use super::left_out::{Flaw, LeftOut};
-use super::reports::{Aspect, Report, Reports};
+use super::left_out::{Flaw, Omissions};
+use super::reports::{Aspect, Reports, VehicleReport};
+use super::settings::LogSettings;
 use super::survey::Survey;
-use super::timeline::{Kept, Sieve, Timing};
+use super::timeline::{Sieve, StampPlace, UsableTimes};
 use super::undo::{Corrections, concerns, devices};
+use isotherm_recording::foreign::Units;
+use isotherm_recording::foreign::VehicleState;
+use isotherm_recording::foreign::{ForeignRow, OpenData, PLACEHOLDER, RowSource, placeholder};
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::{Finding, name};
 use std::collections::{BTreeMap, HashMap};
-use std::path::Path;
 
 /// Most parameters that are kept; ArduPilot has about 150 of IMUs.
 const MAX_PARAMETERS: usize = 4096;
@@ -31,10 +30,10 @@ const FEW: u64 = 5;
 const UNITS: [(&str, char); 3] = [("AccX", 'o'), ("GyrX", 'E'), ("T", 'O')];
 
 /// Rows of an IMU.
-pub(in super::super) struct DataFlashSource {
-    messages: Messages,
+pub struct DataFlashSource {
+    messages: DataFlashMessages,
     instance: u8,
-    imu: Imu,
+    imu: ImuOfLog,
     vehicle: VehicleState,
     telemetry: Option<f64>,
     /// As they stand at the row.
@@ -46,7 +45,7 @@ pub(in super::super) struct DataFlashSource {
     changes: (u64, String, u64),
     sieve: Sieve,
     strays: u64,
-    left_out: LeftOut,
+    left_out: Omissions,
     /// Rows of sensors that report to be ill.
     ill: u64,
     has_temperature: bool,
@@ -54,7 +53,7 @@ pub(in super::super) struct DataFlashSource {
 
 /// What the first reading has found.
 #[derive(Default)]
-struct Contents {
+struct DataFlashContents {
     imus: BTreeMap<u8, Survey>,
     /// The first value of each. The log lists them all at its beginning, while the first rows come.
     parameters: HashMap<String, f64>,
@@ -69,20 +68,21 @@ impl DataFlashSource {
     ///
     /// # Errors
     /// If it has no rows, corrections that cannot be undone, or several IMUs of which none is named; of reading.
-    pub(in super::super) fn open(
-        path: &Path,
-        settings: &Settings,
+    pub fn open(
+        mut data: OpenData<'_>,
+        settings: &LogSettings,
         telemetry: Option<f64>,
         encoding: Encoding,
     ) -> Result<Self, Failure> {
+        let path = data.source.name();
         let refused = |message: &str| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
-        let contents = Contents::of(path, settings, encoding)?;
+        let contents = DataFlashContents::of(&mut data, encoding)?;
         let (instance, imu) = choose(path, &contents.imus(), settings)?;
-        let kept = contents.imus.get(&instance).map_or_else(|| Ok(Kept::default()), |survey| survey.kept("IMU"));
+        let kept = contents.imus.get(&instance).map_or_else(|| Ok(UsableTimes::default()), |survey| survey.kept("IMU"));
         let kept = kept.map_err(|message| refused(&message))?;
         let corrections = Corrections::new(&contents.parameters, instance).map_err(|message| refused(&message))?;
         Ok(Self {
-            messages: Messages::new(open(path, settings)?, encoding),
+            messages: DataFlashMessages::new(data.again(&settings.progress)?, encoding),
             instance,
             imu,
             vehicle: contents.reports.state(kept.last_us),
@@ -93,7 +93,7 @@ impl DataFlashSource {
             changes: (0, String::new(), 0),
             sieve: Sieve::new(kept),
             strays: contents.strays,
-            left_out: LeftOut::default(),
+            left_out: Omissions::default(),
             ill: 0,
             has_temperature: true,
         })
@@ -103,12 +103,8 @@ impl DataFlashSource {
     ///
     /// # Errors
     /// If it has no rows; of reading.
-    pub(in super::super) fn imus(
-        path: &Path,
-        settings: &Settings,
-        encoding: Encoding,
-    ) -> Result<Vec<FoundImu>, Failure> {
-        Contents::of(path, settings, encoding).map(|contents| found(&contents.imus()))
+    pub fn imus(mut data: OpenData<'_>, encoding: Encoding) -> Result<Vec<FoundImu>, Failure> {
+        DataFlashContents::of(&mut data, encoding).map(|contents| found(&contents.imus()))
     }
 
     /// Takes a parameter that may have changed.
@@ -132,11 +128,11 @@ impl DataFlashSource {
     }
 
     /// The row, if it is not left out.
-    fn reading(&mut self, row: &Row) -> Option<Reading> {
+    fn reading(&mut self, row: &ImuRow) -> Option<ForeignRow> {
         let reading = match self.sieve.next(row.time_us) {
-            Timing::Wild => Err(Flaw::Time),
-            Timing::Repeats => Err(Flaw::Repeated),
-            Timing::Follows => self.undone(row),
+            StampPlace::Wild => Err(Flaw::Time),
+            StampPlace::Repeats => Err(Flaw::Repeated),
+            StampPlace::Follows => self.undone(row),
         };
         match reading {
             Ok(reading) => {
@@ -151,7 +147,7 @@ impl DataFlashSource {
         }
     }
 
-    fn undone(&self, row: &Row) -> Result<Reading, Flaw> {
+    fn undone(&self, row: &ImuRow) -> Result<ForeignRow, Flaw> {
         let logged = row.celsius.filter(|celsius| celsius.is_finite() || self.telemetry.is_none());
         let celsius = logged.or(self.telemetry).unwrap_or(PLACEHOLDER);
         let [acceleration, rate] = self.corrections.undo(row.logged, celsius);
@@ -161,7 +157,7 @@ impl DataFlashSource {
 }
 
 /// A row of `IMU`, as it is logged.
-struct Row {
+struct ImuRow {
     place: u64,
     time_us: u64,
     /// \[m/s2, rad/s\]
@@ -171,14 +167,14 @@ struct Row {
 }
 
 /// What a message says.
-enum Said {
-    Row(u8, Row),
+enum MessageMeaning {
+    Row(u8, ImuRow),
     Parameter(String, f64),
     /// Of a definition, letters of the units of its columns.
     Units(u8, String),
     Learnt,
     /// Of the vehicle, with the name of the message.
-    Reports(&'static str, Vec<Report>),
+    Reports(&'static str, Vec<VehicleReport>),
     /// It is a row of an IMU without its numbers.
     Damaged,
     Nothing,
@@ -188,16 +184,16 @@ enum Said {
 const EVENTS: [(u8, Aspect, bool); 4] =
     [(10, Aspect::Armed, true), (11, Aspect::Armed, false), (28, Aspect::Flying, true), (18, Aspect::Flying, false)];
 
-impl Message<'_> {
-    fn said(&self) -> Said {
-        let Message { format, body, .. } = self;
+impl DataFlashMessage<'_> {
+    fn said(&self) -> MessageMeaning {
+        let DataFlashMessage { format, body, .. } = self;
         match format.name.as_str() {
-            "TCLR" => Said::Learnt,
-            "EV" => Said::Reports("EV", self.event().into_iter().collect()),
-            "ARM" => Said::Reports("ARM", self.state("ArmState", Aspect::Armed, true).into_iter().collect()),
+            "TCLR" => MessageMeaning::Learnt,
+            "EV" => MessageMeaning::Reports("EV", self.event().into_iter().collect()),
+            "ARM" => MessageMeaning::Reports("ARM", self.state("ArmState", Aspect::Armed, true).into_iter().collect()),
             "STAT" => {
                 let all = [("Armed", Aspect::Armed), ("isFlying", Aspect::Flying)];
-                Said::Reports(
+                MessageMeaning::Reports(
                     "STAT",
                     all.into_iter().filter_map(|(name, aspect)| self.state(name, aspect, false)).collect(),
                 )
@@ -206,38 +202,42 @@ impl Message<'_> {
                 let name = format.column("Name").and_then(|column| format.text(*body, column));
                 let value = format.column("Value").and_then(|column| format.number(*body, column));
                 let known = name.zip(value).filter(|(name, value)| concerns(name) && value.is_finite());
-                known.map_or(Said::Nothing, |(name, value)| Said::Parameter(name, value))
+                known.map_or(MessageMeaning::Nothing, |(name, value)| MessageMeaning::Parameter(name, value))
             }
             "FMTU" => {
                 let number = format.column("FmtType").and_then(|column| format.number(*body, column));
                 let units = format.column("UnitIds").and_then(|column| format.text(*body, column));
-                number.zip(units).map_or(Said::Nothing, |(number, units)| Said::Units(number as u8, units))
+                number
+                    .zip(units)
+                    .map_or(MessageMeaning::Nothing, |(number, units)| MessageMeaning::Units(number as u8, units))
             }
             _ => match format.imu {
-                Some(columns) => self.row(columns).map_or(Said::Damaged, |(instance, row)| Said::Row(instance, row)),
-                None => Said::Nothing,
+                Some(columns) => self
+                    .row(columns)
+                    .map_or(MessageMeaning::Damaged, |(instance, row)| MessageMeaning::Row(instance, row)),
+                None => MessageMeaning::Nothing,
             },
         }
     }
 
     /// What an `EV` says.
-    fn event(&self) -> Option<Report> {
-        let Message { format, body, .. } = self;
+    fn event(&self) -> Option<VehicleReport> {
+        let DataFlashMessage { format, body, .. } = self;
         let number = format.number(*body, format.column("Id")?)?;
         let (_, aspect, holds) = EVENTS.into_iter().find(|(event, ..)| f64::from(*event) == number)?;
-        Some(Report { aspect, time_us: format.time_us(*body)?, holds, is_change: true })
+        Some(VehicleReport { aspect, time_us: format.time_us(*body)?, holds, is_change: true })
     }
 
     /// What a column says that is 0 or 1.
-    fn state(&self, name: &str, aspect: Aspect, is_change: bool) -> Option<Report> {
-        let Message { format, body, .. } = self;
+    fn state(&self, name: &str, aspect: Aspect, is_change: bool) -> Option<VehicleReport> {
+        let DataFlashMessage { format, body, .. } = self;
         let holds = format.number(*body, format.column(name)?)? != 0.0;
-        Some(Report { aspect, time_us: format.time_us(*body)?, holds, is_change })
+        Some(VehicleReport { aspect, time_us: format.time_us(*body)?, holds, is_change })
     }
 
     /// The row, and which IMU it is of; `None` if it is not whole.
-    fn row(&self, columns: ImuColumns) -> Option<(u8, Row)> {
-        let Message { format, body, place } = self;
+    fn row(&self, columns: ImuColumns) -> Option<(u8, ImuRow)> {
+        let DataFlashMessage { format, body, place } = self;
         let number = |column: usize| format.number(*body, column);
         let three = |[x, y, z]: [usize; AXES]| Some([number(x)?, number(y)?, number(z)?]);
         let ill = |column: &Option<usize>| column.is_some_and(|column| number(column) == Some(0.0));
@@ -245,7 +245,7 @@ impl Message<'_> {
             Some(column) => Some(number(column)?),
             None => None,
         };
-        let row = Row {
+        let row = ImuRow {
             place: *place,
             time_us: format.time_us(*body)?,
             logged: [three(columns.accelerometers)?, three(columns.gyroscopes)?],
@@ -256,21 +256,21 @@ impl Message<'_> {
     }
 }
 
-impl Source for DataFlashSource {
-    fn read(&mut self) -> Result<Option<Reading>, RecordingError> {
+impl RowSource for DataFlashSource {
+    fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         loop {
             let Some(message) = self.messages.next()? else { return Ok(None) };
             let (place, said) = (message.place, message.said());
             match said {
-                Said::Row(instance, row) if instance == self.instance => {
+                MessageMeaning::Row(instance, row) if instance == self.instance => {
                     if let Some(reading) = self.reading(&row) {
                         return Ok(Some(reading));
                     }
                 }
-                Said::Parameter(name, value) => {
+                MessageMeaning::Parameter(name, value) => {
                     self.set(place, name, value).map_err(|message| self.messages.error(place, message))?;
                 }
-                Said::Damaged => self.left_out.take(Flaw::Value, place),
+                MessageMeaning::Damaged => self.left_out.take(Flaw::Value, place),
                 _ => {}
             }
         }
@@ -353,11 +353,11 @@ impl Source for DataFlashSource {
     }
 }
 
-impl Contents {
+impl DataFlashContents {
     /// What a log has: one IMU at least.
-    fn of(path: &Path, settings: &Settings, encoding: Encoding) -> Result<Self, Failure> {
-        let failed = |error: RecordingError| error.failure(path);
-        let mut first = Messages::new(open(path, settings)?, encoding);
+    fn of(data: &mut OpenData<'_>, encoding: Encoding) -> Result<Self, Failure> {
+        let mut first = DataFlashMessages::new(take(data)?, encoding);
+        let failed = |error: RecordingError| error.failure(data.name());
         let contents = Self::read(&mut first).map_err(failed)?;
         if contents.imus.is_empty() {
             return Err(failed(first.error(0, contents.no_rows())));
@@ -365,24 +365,24 @@ impl Contents {
         Ok(contents)
     }
 
-    fn read(messages: &mut Messages) -> Result<Self, RecordingError> {
+    fn read(messages: &mut DataFlashMessages) -> Result<Self, RecordingError> {
         let mut contents = Self::default();
         while let Some(message) = messages.next()? {
             let place = message.place;
             match message.said() {
-                Said::Row(instance, row) => {
+                MessageMeaning::Row(instance, row) => {
                     contents.imus.entry(instance).or_default().take(row.time_us, None, row.celsius);
                 }
-                Said::Reports(name, reports) => {
+                MessageMeaning::Reports(name, reports) => {
                     reports.into_iter().for_each(|report| contents.reports.take(name, report));
                 }
-                Said::Parameter(name, value) => {
+                MessageMeaning::Parameter(name, value) => {
                     if contents.parameters.len() < MAX_PARAMETERS {
                         contents.parameters.entry(name).or_insert(value);
                     }
                 }
-                Said::Learnt => contents.learnt += 1,
-                Said::Units(number, units) => {
+                MessageMeaning::Learnt => contents.learnt += 1,
+                MessageMeaning::Units(number, units) => {
                     let wrong = messages.imu_format(number).and_then(|format| {
                         let unit = |name: &str| units.chars().nth(format.column(name)?);
                         UNITS.iter().find(|(name, known)| unit(name).is_some_and(|unit| unit != *known && unit != '-'))
@@ -395,7 +395,7 @@ impl Contents {
                         return Err(messages.error(place, message));
                     }
                 }
-                Said::Damaged | Said::Nothing => {}
+                MessageMeaning::Damaged | MessageMeaning::Nothing => {}
             }
         }
         contents.forget_strays();
@@ -411,9 +411,9 @@ impl Contents {
         self.strays = strays;
     }
 
-    fn imus(&self) -> BTreeMap<u8, Imu> {
+    fn imus(&self) -> BTreeMap<u8, ImuOfLog> {
         let imu = |(instance, survey): (&u8, &Survey)| {
-            (*instance, Imu { rows: survey.rows(), devices: devices(&self.parameters, *instance) })
+            (*instance, ImuOfLog { rows: survey.rows(), devices: devices(&self.parameters, *instance) })
         };
         self.imus.iter().map(imu).collect()
     }

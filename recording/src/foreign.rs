@@ -1,40 +1,108 @@
-//! What the foreign formats give.
+//! What data of other programs give: the rows of a log or a text, in pulses, and what is known of them. Readers of a
+//! format implement [`RowSource`]; `isotherm-recording-formats` makes samples of their rows.
 
-use super::rollover::Counter;
-use super::scale::Units;
-use super::vehicle::VehicleState;
-use isotherm_recording::{LogImu, RecordingError};
+mod vehicle;
+
+pub use vehicle::{VehicleState, union};
+
+use crate::{LogImu, Progress, RecordingError};
+use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
+use isotherm_support::failure::Failure;
 use isotherm_support::finding::{Finding, name};
+use isotherm_support::source::DataSource;
+use std::io::Read;
+use std::path::Path;
 
 /// Telemetry of data that have none, unless it is given. A placeholder.
 pub const PLACEHOLDER: f64 = 25.0;
 
-/// A row of a source.
+/// A leap is longer than this \[ns\], an hour: rows have to be worth it, at the beginning and the end of all rows.
+pub const LEAP_NS: u64 = 3_600_000_000_000;
+
+/// Data that have been opened: all of their bytes, and where they can be opened again.
+pub struct OpenData<'a> {
+    /// Where they can be opened again.
+    pub source: &'a DataSource,
+    /// Their bytes, from the beginning on.
+    pub bytes: Box<dyn Read>,
+}
+
+impl OpenData<'_> {
+    /// What messages call them.
+    #[must_use]
+    pub fn name(&self) -> &Path {
+        self.source.name()
+    }
+
+    /// Takes the bytes, for the first time that they are read.
+    pub fn take(&mut self) -> Box<dyn Read> {
+        std::mem::replace(&mut self.bytes, Box::new(std::io::empty()))
+    }
+
+    /// Reads them once more, from their beginning.
+    ///
+    /// # Errors
+    /// If they cannot be opened.
+    pub fn again(&self, progress: &Progress) -> Result<Box<dyn Read>, Failure> {
+        let bytes = self.source.open().map_err(|error| Failure::io("opening", self.name(), &error))?;
+        Ok(progress.restarted(bytes))
+    }
+}
+
+/// What a source knows of its numbers.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Units {
+    /// What a pulse stands for.
+    pub resolution: Resolution,
+    /// Largest readings of an accelerometer \[m/s2\] and of a gyroscope \[rad/s\], as their type has them.
+    pub largest: [Option<f64>; 2],
+    /// Numbers of accelerometer and gyroscope, as an autopilot has them.
+    pub devices: [Option<u32>; 2],
+}
+
+/// What a column of the time can roll over at, besides 2^32 us and 2^32 ms.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub enum Counter {
+    /// Nothing else.
+    #[default]
+    None,
+    /// Whole numbers of this unit \[ns\]: counters of 16, 24 and 32 bits.
+    Whole(u64),
+    /// Times of a day.
+    Day,
+}
+
+/// A row of a [`RowSource`].
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Reading {
+pub struct ForeignRow {
     /// Line of a text, number of a message, byte of a binary log.
-    pub(super) place: u64,
+    pub place: u64,
     /// Number of the row in a text, from 1, with those that are left out: its time where there is no column of it.
-    pub(super) row: u64,
+    pub row: u64,
     /// `None` in a text without a column of the time.
-    pub(super) timestamp_ns: Option<u64>,
+    pub timestamp_ns: Option<u64>,
     /// Pulses with their sign: A1, A2, A3, G1, G2, G3.
-    pub(super) pulses: [i64; 2 * AXES],
+    pub pulses: [i64; 2 * AXES],
     /// Pulses of the negative channels, where both channels are there; `pulses` are those of the positive ones then.
-    pub(super) negative: [i64; 2 * AXES],
-    pub(super) head: [f64; 2 * AXES],
-    pub(super) board: [f64; 2 * AXES],
+    pub negative: [i64; 2 * AXES],
+    /// Temperatures of the sensor heads, in the same order.
+    pub head: [f64; 2 * AXES],
+    /// Temperatures of the converter boards.
+    pub board: [f64; 2 * AXES],
     /// Whether the clock of the stamps starts again with this row.
-    pub(super) begins_session: bool,
+    pub begins_session: bool,
     /// Whether the row got another time than its stamp.
-    pub(super) is_mended: bool,
+    pub is_mended: bool,
 }
 
 /// What the foreign formats have in common.
-pub(super) trait Source {
+pub trait RowSource {
     /// The next row.
-    fn read(&mut self) -> Result<Option<Reading>, RecordingError>;
+    ///
+    /// # Errors
+    /// If the data are invalid, with the place.
+    fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError>;
 
     /// An error about the row at this place.
     fn error(&self, place: u64, message: String) -> RecordingError;
@@ -43,6 +111,9 @@ pub(super) trait Source {
     fn unit(&self) -> Option<&'static str>;
 
     /// What the numbers stand for. `Err` says why it is not known, with a remedy. Valid after the last row.
+    ///
+    /// # Errors
+    /// The reason why it is not known.
     fn units(&self) -> Result<Units, String>;
 
     /// Whether the rows have gyroscopes.
@@ -79,7 +150,7 @@ pub(super) trait Source {
     }
 
     /// Gives a row whose time was mended what depends on the time.
-    fn retime(&self, _reading: &mut Reading) {}
+    fn retime(&self, _reading: &mut ForeignRow) {}
 
     /// The unit of the time, where nothing in the data says it.
     fn guessed_unit(&self) -> Option<&'static str> {
@@ -102,8 +173,11 @@ pub(super) trait Source {
     }
 }
 
-/// The pulses of a value; `Err` says what is wrong with it.
-pub(super) fn pulses(value: f64, offset: f64, resolution: f64, sign: f64) -> Result<i64, String> {
+/// The pulses of a value.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn pulses(value: f64, offset: f64, resolution: f64, sign: f64) -> Result<i64, String> {
     let pulses = (sign * ((value - offset) / resolution)).round();
     if pulses.abs() <= f64::from(u32::MAX) {
         return Ok(pulses as i64);
@@ -115,7 +189,8 @@ pub(super) fn pulses(value: f64, offset: f64, resolution: f64, sign: f64) -> Res
 }
 
 /// Tells that the telemetry is a placeholder, if it is not given.
-pub(super) fn placeholder(temperature: Option<f64>) -> Option<Finding> {
+#[must_use]
+pub fn placeholder(temperature: Option<f64>) -> Option<Finding> {
     let warning = || {
         let message = format!(
             "the data have no temperature; {PLACEHOLDER} is in all rows as a placeholder; give --temperature, or \

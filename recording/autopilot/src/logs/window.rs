@@ -7,7 +7,7 @@ use std::io::{self, Read};
 const CHUNK: u64 = 1 << 18;
 
 /// A source, of which some bytes are in memory.
-pub(super) struct Window {
+pub(super) struct ByteWindow {
     source: Box<dyn Read>,
     bytes: Vec<u8>,
     /// Index of the first byte that has not been passed.
@@ -17,7 +17,7 @@ pub(super) struct Window {
     has_ended: bool,
 }
 
-impl Window {
+impl ByteWindow {
     pub(super) fn new(source: Box<dyn Read>) -> Self {
         Self { source, bytes: Vec::new(), begin: 0, place: 0, has_ended: false }
     }

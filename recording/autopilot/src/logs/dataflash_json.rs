@@ -12,7 +12,7 @@ const ABOVE: usize = 20;
 
 /// A message.
 #[derive(Deserialize)]
-pub(in super::super) struct JsonMessage {
+pub struct JsonMessage {
     meta: Meta,
     data: BTreeMap<String, Value>,
 }
@@ -24,14 +24,14 @@ struct Meta {
 }
 
 /// The first message of data that begin with these bytes, if they are such a log.
-pub(in super::super) fn first_message(beginning: &[u8]) -> Option<JsonMessage> {
+pub fn first_message(beginning: &[u8]) -> Option<JsonMessage> {
     let lines = beginning.split(|byte| *byte == b'\n').map(<[u8]>::trim_ascii).take(ABOVE);
     lines.filter(|line| line.starts_with(b"{")).find_map(JsonMessage::read)
 }
 
 impl JsonMessage {
     /// That of a line.
-    pub(in super::super) fn read(line: &[u8]) -> Option<Self> {
+    pub fn read(line: &[u8]) -> Option<Self> {
         let line = str::from_utf8(line).ok()?;
         match serde_json::from_str(line) {
             Ok(message) => Some(message),
@@ -44,7 +44,7 @@ impl JsonMessage {
     }
 
     /// Its name.
-    pub(in super::super) fn name(&self) -> &str {
+    pub fn name(&self) -> &str {
         &self.meta.name
     }
 

@@ -14,7 +14,7 @@ const MOST: u64 = 1 << 24;
 ///
 /// # Errors
 /// If a folder has no bag in MCAP, with the program that makes one.
-pub fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
+pub(super) fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     let mut all = Vec::new();
     for path in paths {
         if path.is_dir() {

@@ -9,10 +9,10 @@
 //! begin within its body.
 
 use super::reports::Aspect;
-use super::ulog_format::{Formats, Lengths, SensorLayout, StateLayout, WrongDefinition};
-use super::window::{Damage, Window};
-use crate::steps;
+use super::ulog_format::{FieldLengths, Formats, SensorLayout, StateLayout, WrongDefinition};
+use super::window::{ByteWindow, Damage};
 use isotherm_recording::RecordingError;
+use isotherm_recording::steps;
 use isotherm_shared::content::ULOG_MAGIC;
 use std::collections::HashMap;
 use std::io::{self, Read};
@@ -34,13 +34,13 @@ const TYPES: &[u8] = b"BFIPMQALCROS";
 const APPENDED: u8 = 1;
 
 /// Whether data that begin with these bytes are ULog.
-pub(in super::super) fn is_ulog(beginning: &[u8]) -> bool {
+pub fn is_ulog(beginning: &[u8]) -> bool {
     beginning.starts_with(ULOG_MAGIC)
 }
 
 /// The topics that concern a conversion.
 #[derive(Clone, Copy, Debug, Eq, Hash, PartialEq)]
-pub(super) enum Topic {
+pub(super) enum UlogTopic {
     SensorAccel,
     SensorGyro,
     /// Corrected by the autopilot.
@@ -66,19 +66,19 @@ const STATES: [State; 3] = [
     State { topic: "vehicle_land_detected", field: "landed", aspect: Aspect::Flying, value: 0 },
 ];
 
-const TOPICS: [(&str, Topic); 5] = [
-    ("sensor_accel", Topic::SensorAccel),
-    ("sensor_gyro", Topic::SensorGyro),
-    ("sensor_combined", Topic::Corrected("sensor_combined")),
-    ("vehicle_imu", Topic::Corrected("vehicle_imu")),
-    ("vehicle_imu_status", Topic::Corrected("vehicle_imu_status")),
+const TOPICS: [(&str, UlogTopic); 5] = [
+    ("sensor_accel", UlogTopic::SensorAccel),
+    ("sensor_gyro", UlogTopic::SensorGyro),
+    ("sensor_combined", UlogTopic::Corrected("sensor_combined")),
+    ("vehicle_imu", UlogTopic::Corrected("vehicle_imu")),
+    ("vehicle_imu_status", UlogTopic::Corrected("vehicle_imu_status")),
 ];
 
 /// What a number of messages stands for.
 pub(super) struct Subscription {
-    pub(super) topic: Topic,
+    pub(super) topic: UlogTopic,
     pub(super) instance: u8,
-    lengths: Option<Lengths>,
+    lengths: Option<FieldLengths>,
     /// Of a sensor; `Err` says what is wrong with its definition.
     pub(super) layout: Result<SensorLayout, String>,
     /// Of a state.
@@ -86,7 +86,7 @@ pub(super) struct Subscription {
 }
 
 /// Data of a topic that concerns a conversion.
-pub(super) struct Data<'a> {
+pub(super) struct UlogRecord<'a> {
     /// Place of the message.
     pub(super) place: u64,
     pub(super) of: Rc<Subscription>,
@@ -94,8 +94,8 @@ pub(super) struct Data<'a> {
 }
 
 /// The messages of a file.
-pub(super) struct Messages {
-    window: Window,
+pub(super) struct UlogMessages {
+    window: ByteWindow,
     /// Bytes of the last message, which are passed with the next call.
     held: usize,
     formats: Formats,
@@ -120,13 +120,13 @@ enum Standing {
     Damage,
 }
 
-impl Messages {
+impl UlogMessages {
     /// Begins to read.
     ///
     /// # Errors
     /// If the header is none.
     pub(super) fn new(source: Box<dyn Read>) -> Result<Self, RecordingError> {
-        let mut window = Window::new(source);
+        let mut window = ByteWindow::new(source);
         let header = window.ahead(FILE_HEADER)?;
         if header.len() < FILE_HEADER {
             return Err(error(header.len() as u64, "the header of the file is cut; copy it again".to_owned()));
@@ -148,7 +148,7 @@ impl Messages {
     ///
     /// # Errors
     /// Of reading, and of definitions, with their place.
-    pub(super) fn next(&mut self) -> Result<Option<Data<'_>>, RecordingError> {
+    pub(super) fn next(&mut self) -> Result<Option<UlogRecord<'_>>, RecordingError> {
         loop {
             let Some(length) = self.advance()? else { return Ok(None) };
             let place = self.window.place();
@@ -157,9 +157,9 @@ impl Messages {
             match kind {
                 b'D' => {
                     let number = u16::from_le_bytes([body[0], body[1]]);
-                    let of = self.subscriptions.get(&number).filter(|of| of.topic != Topic::Other).map(Rc::clone);
+                    let of = self.subscriptions.get(&number).filter(|of| of.topic != UlogTopic::Other).map(Rc::clone);
                     if let Some(of) = of {
-                        return Ok(Some(Data { place, of, body: &self.window.ahead(length)?[HEADER + 2..] }));
+                        return Ok(Some(UlogRecord { place, of, body: &self.window.ahead(length)?[HEADER + 2..] }));
                     }
                 }
                 b'F' => match self.formats.add(body) {
@@ -333,7 +333,7 @@ impl Messages {
             b'D' => {
                 let of = first.first_chunk().and_then(|number| self.subscriptions.get(&u16::from_le_bytes(*number)));
                 let lengths = of.map(|of| of.lengths);
-                let fits = |lengths: Lengths| (lengths.least + 2..=lengths.most + 2).contains(&size);
+                let fits = |lengths: FieldLengths| (lengths.least + 2..=lengths.most + 2).contains(&size);
                 size >= 2 && lengths.is_some_and(|lengths| lengths.is_none_or(fits))
             }
             _ => false,
@@ -346,9 +346,9 @@ impl Subscription {
     fn new(formats: &mut Formats, name: &str, instance: u8) -> Self {
         let state = STATES.iter().find(|state| state.topic == name);
         let topic = TOPICS.iter().find(|(known, _)| *known == name).map(|(_, topic)| *topic);
-        let topic = topic.or(state.map(Topic::State)).unwrap_or(Topic::Other);
+        let topic = topic.or(state.map(UlogTopic::State)).unwrap_or(UlogTopic::Other);
         let layout = match topic {
-            Topic::SensorAccel | Topic::SensorGyro => formats.sensor(name),
+            UlogTopic::SensorAccel | UlogTopic::SensorGyro => formats.sensor(name),
             _ => Err(String::new()),
         };
         let state = state.and_then(|state| formats.state(name, state.field));

@@ -1,18 +1,17 @@
 //! What the logs of both autopilots have in common: their IMUs, and how a row becomes pulses.
 
-use super::super::scale::Units;
-use super::super::settings::Settings;
-use super::super::source::{Reading, pulses};
 use super::left_out::Flaw;
-use isotherm_files::open_recording;
+use super::settings::LogSettings;
 use isotherm_recording::LogImu;
+use isotherm_recording::foreign::Units;
+use isotherm_recording::foreign::{ForeignRow, OpenData, pulses};
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::{Exit, Failure, shown};
 use std::collections::BTreeMap;
+use std::fmt;
 use std::io::Read;
 use std::path::Path;
-use std::{fmt, fs};
 
 /// One pulse of the accelerometers of a log \[m/s2\].
 pub const LOG_ACCELERATION_PULSE: f64 = 1e-6;
@@ -25,13 +24,13 @@ pub(super) const NO_TEMPERATURE: &str = "take another IMU of the log with --inst
 
 /// An IMU of a log.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Imu {
+pub(super) struct ImuOfLog {
     pub(super) rows: u64,
     /// Device ids of accelerometers and gyroscopes, if the log has them.
     pub(super) devices: [Option<u32>; 2],
 }
 
-impl Imu {
+impl ImuOfLog {
     /// As the log names it.
     pub(super) fn named(&self, number: u8) -> LogImu {
         LogImu { instance: number.into(), devices: self.devices }
@@ -57,7 +56,7 @@ impl fmt::Display for FoundImu {
 }
 
 /// The IMUs of a log, by their numbers.
-pub(super) fn found(imus: &BTreeMap<u8, Imu>) -> Vec<FoundImu> {
+pub(super) fn found(imus: &BTreeMap<u8, ImuOfLog>) -> Vec<FoundImu> {
     imus.iter().map(|(number, imu)| FoundImu { imu: imu.named(*number), rows: imu.rows }).collect()
 }
 
@@ -74,20 +73,23 @@ pub(super) fn units() -> Units {
     Units { resolution, ..Units::default() }
 }
 
-/// Opens a log that is read twice.
-pub(super) fn open(path: &Path, settings: &Settings) -> Result<Box<dyn Read>, Failure> {
-    if !fs::metadata(path).is_ok_and(|metadata| metadata.is_file()) {
-        let message = format!("{}: a log of an autopilot is read twice; give a file, not a stream", shown(path));
+/// Takes the bytes of a log, which are read twice.
+pub(super) fn take(data: &mut OpenData<'_>) -> Result<Box<dyn Read>, Failure> {
+    if !data.source.is_file() {
+        let message = format!("{}: a log of an autopilot is read twice; give a file, not a stream", shown(data.name()));
         return Err(Failure::new(Exit::Usage, message));
     }
-    let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
-    Ok(settings.watched(source))
+    Ok(data.take())
 }
 
 /// The IMU that is wanted, or else the only one, or else the preferred one, with its number in the log. There is one at
 /// least.
-pub(super) fn choose(path: &Path, imus: &BTreeMap<u8, Imu>, settings: &Settings) -> Result<(u8, Imu), Failure> {
-    let is_preferred = |(number, imu): &(&u8, &Imu)| {
+pub(super) fn choose(
+    path: &Path,
+    imus: &BTreeMap<u8, ImuOfLog>,
+    settings: &LogSettings,
+) -> Result<(u8, ImuOfLog), Failure> {
+    let is_preferred = |(number, imu): &(&u8, &ImuOfLog)| {
         settings.preferred.is_some_and(|preferred| !preferred.differs_from(&imu.named(**number)))
     };
     let found = match (settings.instance, imus.len()) {
@@ -117,9 +119,9 @@ impl Values {
     ///
     /// # Errors
     /// What is wrong with the values.
-    pub(super) fn reading(&self, place: u64, time_us: u64, telemetry: Option<f64>) -> Result<Reading, Flaw> {
+    pub(super) fn reading(&self, place: u64, time_us: u64, telemetry: Option<f64>) -> Result<ForeignRow, Flaw> {
         let timestamp_ns = Some(time_us.checked_mul(1000).ok_or(Flaw::Time)?);
-        let mut reading = Reading { place, timestamp_ns, ..Reading::default() };
+        let mut reading = ForeignRow { place, timestamp_ns, ..ForeignRow::default() };
         let rate = self.rate.unwrap_or_default();
         let of = |values: [f64; AXES], pulse, celsius| values.map(|value| (value, pulse, celsius));
         let [acceleration, rate] =

@@ -26,6 +26,7 @@ pub const fn budget(length: u64) -> u64 {
     length.saturating_mul(MOST_A_BYTE)
 }
 
-pub(crate) fn count(steps: u64) {
+/// Counts steps of this thread.
+pub fn count(steps: u64) {
     TAKEN.set(TAKEN.get().wrapping_add(steps));
 }

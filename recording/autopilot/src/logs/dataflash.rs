@@ -6,11 +6,11 @@
 //! Nothing tells whether the body of a binary message is whole. So a message that damage follows counts as damage: it
 //! may begin within its body.
 
-use super::dataflash_format::{Body, FMT, FMT_LENGTH, Format, HEADER};
+use super::dataflash_format::{Body, FMT, FMT_LENGTH, HEADER, MessageFormat};
 use super::dataflash_json::{JsonMessage, first_message};
-use super::window::{Damage, Window};
-use crate::steps;
+use super::window::{ByteWindow, Damage};
 use isotherm_recording::RecordingError;
+use isotherm_recording::steps;
 use isotherm_shared::content::{DATAFLASH_MAGIC, is_dataflash_text};
 use std::collections::HashMap;
 use std::io::{self, BufRead as _, BufReader, Read};
@@ -23,7 +23,8 @@ const MAX_FORMATS: usize = 1000;
 
 /// How a log is written.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(in super::super) enum Encoding {
+pub enum Encoding {
+    /// Binary, as the autopilot writes it.
     Binary,
     /// As ground stations write it.
     Text,
@@ -34,7 +35,7 @@ pub(in super::super) enum Encoding {
 impl Encoding {
     /// That of a log that begins with these bytes; `None` of other data. Before the first definition there may be what
     /// a console or a damaged card put there.
-    pub(in super::super) fn of(beginning: &[u8]) -> Option<Self> {
+    pub fn of(beginning: &[u8]) -> Option<Self> {
         let definition = [DATAFLASH_MAGIC[0], DATAFLASH_MAGIC[1], FMT];
         let is_followed =
             |at: usize| beginning[at..].get(FMT_LENGTH..).is_some_and(|n| n.starts_with(&DATAFLASH_MAGIC));
@@ -55,26 +56,26 @@ impl Encoding {
 }
 
 /// A message that concerns a conversion.
-pub(super) struct Message<'a> {
+pub(super) struct DataFlashMessage<'a> {
     /// Its byte or line.
     pub(super) place: u64,
-    pub(super) format: Rc<Format>,
+    pub(super) format: Rc<MessageFormat>,
     pub(super) body: Body<'a>,
 }
 
 /// The messages of a log.
-pub(super) enum Messages {
+pub(super) enum DataFlashMessages {
     Binary(Binary),
     Text(Text),
 }
 
 /// Of a binary log.
 pub(super) struct Binary {
-    window: Window,
+    window: ByteWindow,
     /// Bytes of the last message, which are passed with the next call.
     held: usize,
     /// By number.
-    formats: Vec<Option<Rc<Format>>>,
+    formats: Vec<Option<Rc<MessageFormat>>>,
     damage: Damage,
 }
 
@@ -83,7 +84,7 @@ pub(super) struct Text {
     source: BufReader<Box<dyn Read>>,
     line: u64,
     text: String,
-    formats: HashMap<String, Rc<Format>>,
+    formats: HashMap<String, Rc<MessageFormat>>,
     is_json: bool,
     damage: Damage,
 }
@@ -93,9 +94,9 @@ fn is_wanted(name: &str) -> bool {
     name.starts_with("IMU") || matches!(name, "PARM" | "FMTU" | "TCLR" | "EV" | "ARM" | "STAT")
 }
 
-impl Messages {
+impl DataFlashMessages {
     pub(super) fn new(source: Box<dyn Read>, encoding: Encoding) -> Self {
-        let definitions = Rc::new(Format::of_definitions());
+        let definitions = Rc::new(MessageFormat::of_definitions());
         if encoding != Encoding::Binary {
             let formats = HashMap::from([(definitions.name.clone(), definitions)]);
             let source = BufReader::with_capacity(1 << 16, source);
@@ -104,11 +105,11 @@ impl Messages {
         }
         let mut formats = vec![None; 1 << 8];
         formats[usize::from(FMT)] = Some(definitions);
-        Self::Binary(Binary { window: Window::new(source), held: 0, formats, damage: Damage::default() })
+        Self::Binary(Binary { window: ByteWindow::new(source), held: 0, formats, damage: Damage::default() })
     }
 
     /// The next message that concerns a conversion.
-    pub(super) fn next(&mut self) -> io::Result<Option<Message<'_>>> {
+    pub(super) fn next(&mut self) -> io::Result<Option<DataFlashMessage<'_>>> {
         match self {
             Self::Binary(log) => log.next(),
             Self::Text(log) => log.next(),
@@ -127,7 +128,7 @@ impl Messages {
     }
 
     /// The definition of this number, if it is of an IMU's rows.
-    pub(super) fn imu_format(&self, number: u8) -> Option<Rc<Format>> {
+    pub(super) fn imu_format(&self, number: u8) -> Option<Rc<MessageFormat>> {
         let format = match self {
             Self::Binary(log) => log.formats[usize::from(number)].as_ref(),
             Self::Text(log) => log.formats.values().find(|format| format.number == number),
@@ -150,7 +151,7 @@ impl Messages {
 }
 
 impl Binary {
-    fn next(&mut self) -> io::Result<Option<Message<'_>>> {
+    fn next(&mut self) -> io::Result<Option<DataFlashMessage<'_>>> {
         loop {
             self.window.pass(core::mem::take(&mut self.held));
             if self.window.is_at_end()? {
@@ -168,21 +169,21 @@ impl Binary {
             self.held = format.length;
             if format.number == FMT {
                 let bytes = self.window.ahead(format.length)?;
-                let new = Format::read(&format, Body::Binary(&bytes[HEADER..]));
+                let new = MessageFormat::read(&format, Body::Binary(&bytes[HEADER..]));
                 if let Some(new) = new.filter(|new| new.number != FMT) {
                     let number = usize::from(new.number);
                     self.formats[number] = Some(Rc::new(new));
                 }
             } else if is_wanted(&format.name) {
                 let body = Body::Binary(&self.window.ahead(format.length)?[HEADER..]);
-                return Ok(Some(Message { place, format, body }));
+                return Ok(Some(DataFlashMessage { place, format, body }));
             }
         }
     }
 
     /// The definition of the message that stands at the next place, if it is whole and another message, of whatever
     /// number, or the end follows.
-    fn whole(&mut self) -> io::Result<Option<Rc<Format>>> {
+    fn whole(&mut self) -> io::Result<Option<Rc<MessageFormat>>> {
         let Some(format) = self.format(0)? else { return Ok(None) };
         let length = format.length;
         let Some(next) = self.window.ahead(length + DATAFLASH_MAGIC.len())?.get(length..) else { return Ok(None) };
@@ -191,7 +192,7 @@ impl Binary {
     }
 
     /// The definition of the message that stands `after` bytes ahead.
-    fn format(&mut self, after: usize) -> io::Result<Option<Rc<Format>>> {
+    fn format(&mut self, after: usize) -> io::Result<Option<Rc<MessageFormat>>> {
         let header = self.window.ahead(after + HEADER)?.get(after..).unwrap_or_default();
         let number = header.strip_prefix(&DATAFLASH_MAGIC).and_then(<[u8]>::first);
         Ok(number.and_then(|number| self.formats[usize::from(*number)].clone()))
@@ -214,7 +215,7 @@ impl Binary {
 }
 
 impl Text {
-    fn next(&mut self) -> io::Result<Option<Message<'_>>> {
+    fn next(&mut self) -> io::Result<Option<DataFlashMessage<'_>>> {
         let format = loop {
             self.line += 1;
             steps::count(1);
@@ -241,7 +242,7 @@ impl Text {
             }
         };
         let body = Body::Text(fields(&self.text).1);
-        Ok(Some(Message { place: self.line, format, body }))
+        Ok(Some(DataFlashMessage { place: self.line, format, body }))
     }
 
     /// A line of JSON as one of a text. What it is about is defined by the first one, if the log has no definitions.
@@ -253,20 +254,20 @@ impl Text {
         let name = message.name();
         if !self.formats.contains_key(name) && self.formats.len() < MAX_FORMATS {
             let columns: Vec<_> = message.columns().collect();
-            self.formats.insert(name.to_owned(), Rc::new(Format::of_names(name, &columns)));
+            self.formats.insert(name.to_owned(), Rc::new(MessageFormat::of_names(name, &columns)));
         }
         self.formats.get(name).map(|format| message.line(format.names()))
     }
 
     /// The definition of the message in this line; `None` if it is none.
-    fn format(&self) -> Option<Rc<Format>> {
+    fn format(&self) -> Option<Rc<MessageFormat>> {
         let (name, fields) = fields(&self.text);
         let format = self.formats.get(name)?;
         (fields.split(',').count() >= format.width()).then(|| Rc::clone(format))
     }
 
-    fn define(&mut self, definitions: &Format) {
-        match Format::read(definitions, Body::Text(fields(&self.text).1)) {
+    fn define(&mut self, definitions: &MessageFormat) {
+        match MessageFormat::read(definitions, Body::Text(fields(&self.text).1)) {
             Some(new) if new.number == FMT => {}
             Some(new) if self.formats.len() < MAX_FORMATS => drop(self.formats.insert(new.name.clone(), Rc::new(new))),
             _ => self.damage.leave_out(self.line, 1),

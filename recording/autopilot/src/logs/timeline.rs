@@ -3,7 +3,7 @@
 //! The first reading gathers runs of rows whose times rise. Of them those are kept that follow each other in time and
 //! have the most rows. The second reading takes their rows.
 
-use crate::convert::chain::LEAP_NS;
+use isotherm_recording::foreign::LEAP_NS;
 use std::collections::VecDeque;
 use std::ops::Range;
 
@@ -22,8 +22,8 @@ const LATEST_US: u64 = u64::MAX / 1000;
 
 /// Runs of rows of a sensor, in the order of the log.
 #[derive(Debug, Default)]
-pub(super) struct Timeline {
-    runs: Vec<Run>,
+pub(super) struct LogTimeline {
+    runs: Vec<TimeRun>,
     /// Number and time of the last rows of the last run.
     recent: VecDeque<(u64, u64)>,
     rows: u64,
@@ -33,7 +33,7 @@ pub(super) struct Timeline {
 
 /// Rows whose times rise.
 #[derive(Clone, Debug)]
-struct Run {
+struct TimeRun {
     /// Their numbers. Rows in between that repeat a time are not counted.
     rows: Range<u64>,
     count: u64,
@@ -41,7 +41,7 @@ struct Run {
     last_us: u64,
 }
 
-impl Timeline {
+impl LogTimeline {
     /// Takes the next row.
     pub(super) fn take(&mut self, time_us: u64) {
         let number = self.rows;
@@ -66,7 +66,7 @@ impl Timeline {
         }
         self.recent.clear();
         self.remember(number, time_us);
-        let run = Run { rows: number..number + 1, count: 1, first_us: time_us, last_us: time_us };
+        let run = TimeRun { rows: number..number + 1, count: 1, first_us: time_us, last_us: time_us };
         self.push(run);
     }
 
@@ -89,7 +89,7 @@ impl Timeline {
         self.recent.push_back((number, time_us));
     }
 
-    fn push(&mut self, run: Run) {
+    fn push(&mut self, run: TimeRun) {
         if self.runs.len() < MAX_RUNS {
             self.runs.push(run);
         } else {
@@ -106,16 +106,16 @@ impl Timeline {
             return;
         };
         let count = (self.recent.len() - at) as u64;
-        let parted = Run { rows: number..last.rows.end, count, first_us, last_us: last.last_us };
+        let parted = TimeRun { rows: number..last.rows.end, count, first_us, last_us: last.last_us };
         (last.rows.end, last.count, last.last_us) = (number, last.count - count, before_us);
         self.push(parted);
     }
 
     /// The rows that are kept.
-    pub(super) fn kept(&self) -> Kept {
+    pub(super) fn kept(&self) -> UsableTimes {
         let mut best: Vec<(u64, Option<usize>)> = Vec::with_capacity(self.runs.len());
         for (number, run) in self.runs.iter().enumerate() {
-            let worth = |(before, earlier): (usize, &Run)| {
+            let worth = |(before, earlier): (usize, &TimeRun)| {
                 let step_us = run.first_us.checked_sub(earlier.last_us).filter(|step_us| *step_us > 0)?;
                 let cost = if step_us > LEAP_US { LEAP_COST } else { 0 };
                 Some((best[before].0.saturating_sub(cost), before))
@@ -127,7 +127,7 @@ impl Timeline {
             best.push((run.count + before.map_or(0, |(worth, _)| worth), before.map(|(_, before)| before)));
         }
         let mut at = (0..best.len()).max_by_key(|number| best[*number].0);
-        let mut kept = Kept { last_us: at.map_or(0, |last| self.runs[last].last_us), ..Kept::default() };
+        let mut kept = UsableTimes { last_us: at.map_or(0, |last| self.runs[last].last_us), ..UsableTimes::default() };
         while let Some(number) = at {
             let run = &self.runs[number];
             kept.rows.push(run.rows.clone());
@@ -142,7 +142,7 @@ impl Timeline {
 
 /// Rows whose times follow each other.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Kept {
+pub(super) struct UsableTimes {
     /// Their numbers.
     rows: Vec<Range<u64>>,
     /// Number of different times.
@@ -151,7 +151,7 @@ pub(super) struct Kept {
     pub(super) last_us: u64,
 }
 
-impl Kept {
+impl UsableTimes {
     /// The mean time from row to row \[us\].
     pub(super) const fn mean_us(&self) -> u64 {
         if self.count > 1 { (self.last_us - self.first_us) / (self.count - 1) } else { 0 }
@@ -167,7 +167,7 @@ impl Kept {
 /// Tells for each row in turn whether it is kept.
 #[derive(Debug, Default)]
 pub(super) struct Sieve {
-    kept: Kept,
+    kept: UsableTimes,
     /// The range of the row.
     at: usize,
     row: u64,
@@ -176,7 +176,7 @@ pub(super) struct Sieve {
 
 /// What a row is by its time.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(super) enum Timing {
+pub(super) enum StampPlace {
     Follows,
     /// It has the time of the row before.
     Repeats,
@@ -184,12 +184,12 @@ pub(super) enum Timing {
 }
 
 impl Sieve {
-    pub(super) fn new(kept: Kept) -> Self {
+    pub(super) fn new(kept: UsableTimes) -> Self {
         Self { kept, ..Self::default() }
     }
 
     /// Judges the next row.
-    pub(super) fn next(&mut self, time_us: u64) -> Timing {
+    pub(super) fn next(&mut self, time_us: u64) -> StampPlace {
         let row = self.row;
         self.row += 1;
         while self.kept.rows.get(self.at).is_some_and(|range| range.end <= row) {
@@ -197,17 +197,17 @@ impl Sieve {
         }
         let is_kept = self.kept.rows.get(self.at).is_some_and(|range| range.contains(&row)) && time_us <= LATEST_US;
         match self.last_us {
-            _ if !is_kept => Timing::Wild,
-            Some(last_us) if last_us == time_us => Timing::Repeats,
+            _ if !is_kept => StampPlace::Wild,
+            Some(last_us) if last_us == time_us => StampPlace::Repeats,
             _ => {
                 self.last_us = Some(time_us);
-                Timing::Follows
+                StampPlace::Follows
             }
         }
     }
 
     /// What is kept.
-    pub(super) const fn kept(&self) -> &Kept {
+    pub(super) const fn kept(&self) -> &UsableTimes {
         &self.kept
     }
 }
@@ -218,10 +218,10 @@ mod tests {
 
     /// The times that are kept.
     fn kept(times: &[u64]) -> Vec<u64> {
-        let mut timeline = Timeline::default();
+        let mut timeline = LogTimeline::default();
         times.iter().for_each(|time_us| timeline.take(*time_us));
         let mut sieve = Sieve::new(timeline.kept());
-        times.iter().copied().filter(|time_us| sieve.next(*time_us) == Timing::Follows).collect()
+        times.iter().copied().filter(|time_us| sieve.next(*time_us) == StampPlace::Follows).collect()
     }
 
     fn rows(range: Range<u64>) -> Vec<u64> {
@@ -272,7 +272,7 @@ mod tests {
             .collect();
         let left = kept(&times[..3000]);
         assert!(left.len() > 10 && left.windows(2).all(|pair| pair[0] < pair[1]));
-        let mut timeline = Timeline::default();
+        let mut timeline = LogTimeline::default();
         times.iter().for_each(|time_us| timeline.take(*time_us));
         assert!(timeline.is_torn && timeline.runs.len() == MAX_RUNS);
     }

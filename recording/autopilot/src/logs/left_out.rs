@@ -24,12 +24,12 @@ pub(super) enum Flaw {
 
 /// The rows of a sensor that are left out.
 #[derive(Debug, Default)]
-pub(super) struct LeftOut {
+pub(super) struct Omissions {
     /// How many, and the place of the first.
     all: BTreeMap<Flaw, (u64, u64)>,
 }
 
-impl LeftOut {
+impl Omissions {
     /// Leaves out the row at this place.
     pub(super) fn take(&mut self, flaw: Flaw, place: u64) {
         self.all.entry(flaw).or_insert((0, place)).0 += 1;

@@ -8,7 +8,7 @@
 //! Each field is resolved once, however many types have its type: what is known of a definition is kept, and goes on
 //! from the first field whose type has not been defined yet.
 
-use crate::steps;
+use isotherm_recording::steps;
 use isotherm_shared::wire::AXES;
 use std::collections::HashMap;
 
@@ -43,7 +43,7 @@ struct Definition {
     passed: usize,
     fields: usize,
     /// The lengths of these fields.
-    lengths: Lengths,
+    lengths: FieldLengths,
     /// Whether it is being resolved.
     is_open: bool,
 }
@@ -59,7 +59,7 @@ pub(super) enum WrongDefinition {
 
 /// Lengths of the data of a message: without the padding at its end, and with it.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
-pub(super) struct Lengths {
+pub(super) struct FieldLengths {
     pub(super) least: usize,
     pub(super) most: usize,
 }
@@ -100,15 +100,15 @@ enum Real {
     Double(usize),
 }
 
-struct Field<'a> {
+struct UlogField<'a> {
     name: &'a str,
     kind: &'a str,
     count: usize,
 }
 
 /// A field, and its first byte in a message.
-struct Placed<'a> {
-    field: Field<'a>,
+struct FieldPlace<'a> {
+    field: UlogField<'a>,
     at: usize,
 }
 
@@ -136,7 +136,7 @@ impl Formats {
     }
 
     /// The lengths of a message of this name.
-    pub(super) fn lengths(&mut self, name: &str) -> Result<Lengths, String> {
+    pub(super) fn lengths(&mut self, name: &str) -> Result<FieldLengths, String> {
         self.resolve(name, MAX_DEPTH)
     }
 
@@ -163,14 +163,14 @@ impl Formats {
     }
 
     /// The fields of a message of this name, whose types are resolved, each with its first byte.
-    fn placed<'a>(&'a self, name: &str) -> Result<Vec<Placed<'a>>, String> {
+    fn placed<'a>(&'a self, name: &str) -> Result<Vec<FieldPlace<'a>>, String> {
         let (mut placed, mut at) = (Vec::new(), 0);
         for field in split(self.definitions.get(name).map_or("", |definition| &definition.text)) {
             steps::count(1);
             let field = field?;
             let nested = || self.definitions.get(field.kind).map_or(0, Definition::size);
             let length = basic(field.kind).unwrap_or_else(nested) * field.count;
-            placed.push(Placed { field, at });
+            placed.push(FieldPlace { field, at });
             at += length;
         }
         Ok(placed)
@@ -178,7 +178,7 @@ impl Formats {
 
     /// Resolves the fields of a definition that are not yet, and those of its types. `depth`: types that may be within
     /// each other.
-    fn resolve(&mut self, name: &str, depth: usize) -> Result<Lengths, String> {
+    fn resolve(&mut self, name: &str, depth: usize) -> Result<FieldLengths, String> {
         let missing = || format!("no definition of {name}; the log is damaged");
         let known = self.definitions.get_mut(name).ok_or_else(missing)?;
         if known.passed == known.text.len() && !known.is_open {
@@ -253,7 +253,7 @@ fn basic(kind: &str) -> Option<usize> {
 }
 
 /// The fields of a definition.
-fn split(fields: &str) -> impl Iterator<Item = Result<Field<'_>, String>> {
+fn split(fields: &str) -> impl Iterator<Item = Result<UlogField<'_>, String>> {
     fields.split(';').map(str::trim).filter(|field| !field.is_empty()).map(|text| {
         let wrong = || format!("the field {text:?} is no type and name; the log is damaged");
         let (kind, name) = text.split_once(' ').ok_or_else(wrong)?;
@@ -261,18 +261,18 @@ fn split(fields: &str) -> impl Iterator<Item = Result<Field<'_>, String>> {
             Some((kind, count)) => (kind, count.strip_suffix(']').and_then(|count| count.parse::<u16>().ok())),
             None => (kind, Some(1)),
         };
-        Ok(Field { name: name.trim(), kind, count: count.ok_or_else(wrong)?.into() })
+        Ok(UlogField { name: name.trim(), kind, count: count.ok_or_else(wrong)?.into() })
     })
 }
 
 /// The first of the fields with this name and one of these types: its type and its place.
-fn single<'a>(placed: &[Placed<'a>], name: &str, kinds: &[&str]) -> Option<(&'a str, usize)> {
+fn single<'a>(placed: &[FieldPlace<'a>], name: &str, kinds: &[&str]) -> Option<(&'a str, usize)> {
     let mut all = placed.iter().filter(|placed| placed.field.name == name && placed.field.count == 1);
     all.find(|placed| kinds.contains(&placed.field.kind)).map(|placed| (placed.field.kind, placed.at))
 }
 
 impl SensorLayout {
-    fn of(name: &str, placed: &[Placed<'_>]) -> Result<Self, String> {
+    fn of(name: &str, placed: &[FieldPlace<'_>]) -> Result<Self, String> {
         let of = |wanted: &str, kind: &str| single(placed, wanted, &[kind]).map(|(_, at)| at);
         let real = |wanted: &str| {
             let (kind, at) = single(placed, wanted, &["float", "double"])?;
@@ -316,7 +316,7 @@ impl SensorLayout {
 }
 
 impl StateLayout {
-    fn of(placed: &[Placed<'_>], field: &str) -> Option<Self> {
+    fn of(placed: &[FieldPlace<'_>], field: &str) -> Option<Self> {
         let (_, timestamp) = single(placed, "timestamp", &["uint64_t"])?;
         let (_, state) = single(placed, field, &["uint8_t", "bool"])?;
         Some(Self { timestamp, state })
@@ -361,7 +361,7 @@ mod tests {
              uint8_t[4] _padding1;",
         ]);
         // middle: 2 * (1 + 6) + 8 = 22; the name 5.
-        assert_eq!(formats.lengths("sensor_accel"), Ok(Lengths { least: 53, most: 57 }));
+        assert_eq!(formats.lengths("sensor_accel"), Ok(FieldLengths { least: 53, most: 57 }));
         let layout = formats.sensor("sensor_accel").unwrap();
         let mut data = vec![0; 27];
         data.extend(7_u64.to_le_bytes());
@@ -379,7 +379,7 @@ mod tests {
         assert!(endless.lengths("a").unwrap_err().contains("a is within itself"));
         assert!(endless.lengths("c").unwrap_err().contains("no definition of d"));
         assert!(endless.lengths("e").unwrap_err().contains("over 65535 bytes"));
-        assert_eq!(endless.lengths("f"), Ok(Lengths { least: 9, most: 9 }));
+        assert_eq!(endless.lengths("f"), Ok(FieldLengths { least: 9, most: 9 }));
         // Each level has ten of the next one: 10^12 fields.
         let mut many = Formats::default();
         for level in 0..12 {
@@ -396,7 +396,7 @@ mod tests {
         assert!(sensor.contains("sensor_gyro has no z"), "{sensor}");
         let mut twice = formats(&["x:float a;", "x:float a;"]);
         assert!(twice.add(b"x:double a;").is_err());
-        assert_eq!(twice.lengths("x"), Ok(Lengths { least: 4, most: 4 }));
+        assert_eq!(twice.lengths("x"), Ok(FieldLengths { least: 4, most: 4 }));
         let name = "n".repeat(MAX_NAME + 1);
         assert!(twice.add(format!("{name}:float a;").as_bytes()).is_err());
         assert!(formats(&[&format!("x:{name}{name}{name}{name} a;")]).lengths("x").unwrap_err().contains("over 1024"));
@@ -412,7 +412,7 @@ mod tests {
             assert!(formats.lengths("x").unwrap_err().contains("no definition of inner"));
         }
         formats.add(b"inner:float a;").unwrap();
-        assert_eq!(formats.lengths("x"), Ok(Lengths { least: 6, most: 6 }));
+        assert_eq!(formats.lengths("x"), Ok(FieldLengths { least: 6, most: 6 }));
     }
 
     /// The steps that it takes to ask as often for the lengths of a type as there are bytes of definitions.

@@ -43,8 +43,8 @@ const ORIENTATIONS: [(u8, [u8; 3]); 42] = [
 /// The corrections of an IMU.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Corrections {
-    accelerometers: Sensor,
-    gyroscopes: Sensor,
+    accelerometers: SensorCorrection,
+    gyroscopes: SensorCorrection,
     /// TMIN and TMAX \[degC\].
     range: [f64; 2],
     orientation: u8,
@@ -55,7 +55,7 @@ pub(super) struct Corrections {
 }
 
 #[derive(Clone, Debug, PartialEq)]
-struct Sensor {
+struct SensorCorrection {
     offset: [f64; AXES],
     scale: [f64; AXES],
     /// Of the axes; `None` if they are not applied.
@@ -65,7 +65,7 @@ struct Sensor {
 }
 
 /// Names of the parameters of an IMU.
-struct Names {
+struct ParameterNames {
     /// Begin those of temperature, such as `INS_TCAL1_`.
     temperature: String,
     /// Begin those of accelerometers and gyroscopes: `INS_ACC`, `INS_ACC2`, `INS4_ACC`.
@@ -74,7 +74,7 @@ struct Names {
     calibration: [String; 2],
 }
 
-impl Names {
+impl ParameterNames {
     /// Of the IMU with this number, from 0.
     fn new(instance: u8) -> Self {
         let number = u32::from(instance) + 1;
@@ -102,7 +102,7 @@ const ORIENTATION: &str = "AHRS_ORIENTATION";
 
 /// The device ids of accelerometers and gyroscopes.
 pub(super) fn devices(parameters: &HashMap<String, f64>, instance: u8) -> [Option<u32>; 2] {
-    Names::new(instance).sensors.map(|begin| {
+    ParameterNames::new(instance).sensors.map(|begin| {
         let id = parameters.get(&format!("{begin}_ID")).copied()?;
         (id > 0.0 && id <= f64::from(u32::MAX)).then_some(id as u32)
     })
@@ -114,7 +114,7 @@ impl Corrections {
     /// # Errors
     /// What cannot be undone.
     pub(super) fn new(parameters: &HashMap<String, f64>, instance: u8) -> Result<Self, String> {
-        let names = Names::new(instance);
+        let names = ParameterNames::new(instance);
         let of = |name: &str| parameters.get(name).copied();
         let enable = format!("{}ENABLE", names.temperature);
         let enabled = of(&enable).unwrap_or(0.0);
@@ -126,7 +126,7 @@ impl Corrections {
         let orientation = ORIENTATIONS.iter().find(|(known, _)| f64::from(*known) == number);
         let (orientation, angles) = orientation
             .ok_or_else(|| format!("{ORIENTATION} is {number}, which cannot be undone; set it to 0 and log again"))?;
-        let sensor = |index: usize| Sensor::new(parameters, &names, index, enabled == ENABLED);
+        let sensor = |index: usize| SensorCorrection::new(parameters, &names, index, enabled == ENABLED);
         Ok(Self {
             accelerometers: sensor(0)?,
             gyroscopes: sensor(1)?,
@@ -175,9 +175,14 @@ impl Corrections {
     }
 }
 
-impl Sensor {
+impl SensorCorrection {
     /// Of accelerometers (0) or gyroscopes (1).
-    fn new(parameters: &HashMap<String, f64>, names: &Names, index: usize, is_enabled: bool) -> Result<Self, String> {
+    fn new(
+        parameters: &HashMap<String, f64>,
+        names: &ParameterNames,
+        index: usize,
+        is_enabled: bool,
+    ) -> Result<Self, String> {
         let of = |name: String| parameters.get(&name).copied();
         let (begin, kind) = (&names.sensors[index], ["ACC", "GYR"][index]);
         let mut sensor = Self {

@@ -4,7 +4,7 @@
 //! definition has number, length with the header, name, a letter per column, and the names of the columns. Values are
 //! little-endian and not aligned.
 
-use crate::steps;
+use isotherm_recording::steps;
 use isotherm_shared::wire::AXES;
 
 /// Length of the header of a binary message.
@@ -19,18 +19,18 @@ const MAX_COLUMNS: usize = 64;
 
 /// How a message is built.
 #[derive(Debug)]
-pub(super) struct Format {
+pub(super) struct MessageFormat {
     pub(super) number: u8,
     /// With the header \[bytes\].
     pub(super) length: usize,
     pub(super) name: String,
-    columns: Vec<Column>,
+    columns: Vec<MessageColumn>,
     /// Columns of the rows of an IMU.
     pub(super) imu: Option<ImuColumns>,
 }
 
 #[derive(Debug)]
-struct Column {
+struct MessageColumn {
     name: String,
     kind: u8,
     at: usize,
@@ -56,7 +56,7 @@ pub(super) enum Body<'a> {
     Text(&'a str),
 }
 
-impl Format {
+impl MessageFormat {
     /// The definition of definitions, which every log has first.
     pub(super) fn of_definitions() -> Self {
         Self::new(FMT, FMT_LENGTH, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")
@@ -68,7 +68,7 @@ impl Format {
         let names = names.split(',').map(|name| name.trim().to_owned());
         let columns = letters.bytes().zip(names).take(MAX_COLUMNS).map(|(kind, name)| {
             steps::count(1);
-            let column = Column { name, kind, at };
+            let column = MessageColumn { name, kind, at };
             at += size(kind);
             column
         });
@@ -115,7 +115,7 @@ impl Format {
 
     /// A number in a message; `None` if it has none there.
     pub(super) fn number(&self, body: Body<'_>, column: usize) -> Option<f64> {
-        let Column { kind, at, .. } = self.columns.get(column)?;
+        let MessageColumn { kind, at, .. } = self.columns.get(column)?;
         match body {
             Body::Text(fields) => field(fields, column)?.parse().ok(),
             Body::Binary(bytes) => number(bytes.get(*at..)?, *kind),
@@ -124,7 +124,7 @@ impl Format {
 
     /// A text in a message.
     pub(super) fn text(&self, body: Body<'_>, column: usize) -> Option<String> {
-        let Column { kind, at, .. } = self.columns.get(column)?;
+        let MessageColumn { kind, at, .. } = self.columns.get(column)?;
         match body {
             Body::Text(fields) => field(fields, column).map(str::to_owned),
             Body::Binary(bytes) => {
@@ -168,7 +168,7 @@ impl Format {
 
 impl ImuColumns {
     /// Which IMU a row is of, from 0.
-    pub(super) fn instance(&self, format: &Format, body: Body<'_>) -> Option<u8> {
+    pub(super) fn instance(&self, format: &MessageFormat, body: Body<'_>) -> Option<u8> {
         match self.instance {
             Some(column) => format.number(body, column).map(|number| number as u8),
             // Before instances had a column: IMU, IMU2, IMU3.

@@ -23,7 +23,8 @@ impl VehicleState {
 }
 
 /// In order, and those that touch are joined.
-pub(super) fn union(mut ranges: Vec<Range<u64>>) -> Vec<Range<u64>> {
+#[must_use]
+pub fn union(mut ranges: Vec<Range<u64>>) -> Vec<Range<u64>> {
     ranges.retain(|range| range.start < range.end);
     ranges.sort_unstable_by_key(|range| range.start);
     let mut joined: Vec<Range<u64>> = Vec::new();
