@@ -18,7 +18,6 @@ use crate::leftovers::{self, Leftovers};
 use crate::lock::DomainLock;
 use crate::logging::DroppedLines;
 use crate::memory::Memory;
-use crate::metrics::Metrics;
 use crate::reload::{TICK, TableFile, TableFiles};
 use crate::start;
 use crate::status::{StatusPublisher, imu_status};
@@ -38,10 +37,12 @@ use isotherm_shared::names::Domain;
 use isotherm_shared::status::ServiceStatus;
 use isotherm_support::failure::{Exit, Failure, shown};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use rustix::time::{ClockId, clock_gettime};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use signal_hook::low_level;
 use std::collections::BTreeMap;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
@@ -121,7 +122,6 @@ struct StartedParts {
     publisher: StatusPublisher,
     workers: Vec<Worker>,
     imus: Vec<ImuState>,
-    metrics: Option<Metrics>,
     files: TableFiles,
     keeper: Keeper,
 }
@@ -148,7 +148,6 @@ impl Starting {
         let Some(first_tables) = self.first_tables(domain, &config, options.allow_uncalibrated, events)? else {
             return Ok(None);
         };
-        let metrics = config.metrics.map(Metrics::start).transpose()?;
         check_descriptors(config.imus.len())?;
         let lock = DomainLock::take(domain, config.group.as_deref())?;
         let mark = StartMark::leave(domain);
@@ -156,7 +155,7 @@ impl Starting {
             mark.remove();
             return Ok(None);
         };
-        Ok(Some((config, StartedParts { lock, mark, node, publisher, workers, imus, metrics, files, keeper })))
+        Ok(Some((config, StartedParts { lock, mark, node, publisher, workers, imus, files, keeper })))
     }
 
     /// Joins the domain and opens all streams; `None` if a signal ends the start.
@@ -310,7 +309,6 @@ struct Service<'a> {
     /// `None` when it has been removed.
     mark: Option<StartMark>,
     publisher: StatusPublisher,
-    metrics: Option<Metrics>,
     workers: Vec<Worker>,
     threads: Vec<WorkerThread>,
     manager: ServiceManager,
@@ -334,7 +332,7 @@ impl<'a> Service<'a> {
         starting: Starting,
         events: Arc<Events>,
     ) -> Result<Self, Failure> {
-        let StartedParts { lock, mark, node, publisher, workers, imus, metrics, files, keeper } = parts;
+        let StartedParts { lock, mark, node, publisher, workers, imus, files, keeper } = parts;
         let Starting { started, mut manager, .. } = starting;
         events.start();
         manager.ready();
@@ -357,7 +355,6 @@ impl<'a> Service<'a> {
             leftovers: Leftovers::new(domain, &node),
             node,
             publisher,
-            metrics,
             logged: Logged { held_back: vec![false; workers.len()], ..Logged::default() },
             threads: threads_of(config, &workers),
             workers,
@@ -492,11 +489,7 @@ impl<'a> Service<'a> {
     }
 
     fn publish(&mut self) {
-        let status = Arc::new(self.status());
-        let result = self.publisher.publish(&status);
-        if let Some(metrics) = &self.metrics {
-            metrics.update(&status);
-        }
+        let result = self.publisher.publish(&self.status());
         if let Err(cause) = &result
             && !self.logged.unpublished
         {
@@ -537,6 +530,10 @@ impl<'a> Service<'a> {
             budget_us: self.config.budget_us,
             workers: self.threads.iter().map(WorkerThread::status).collect(),
             memory_locked_kb: process_kb("VmLck").unwrap_or(0),
+            cpu_s: Duration::try_from(clock_gettime(ClockId::ProcessCPUTime)).unwrap_or_default().as_secs_f64(),
+            memory_resident_kb: process_kb("VmRSS").unwrap_or(0),
+            open_descriptors: fs::read_dir("/proc/self/fd").ok().map(|open| open.count() as u64),
+            max_descriptors: getrlimit(Resource::Nofile).current,
             imus: self.imus.iter().map(imu_status).collect(),
         }
     }

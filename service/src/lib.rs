@@ -34,9 +34,9 @@ mod lock;
 pub mod logging;
 mod login;
 mod memory;
-mod metrics;
 mod reload;
 mod session;
+mod source;
 mod start;
 mod status;
 mod systemd;
@@ -53,6 +53,7 @@ use commands::serve::Serve;
 use commands::status::Status;
 use isotherm_shared::kind::FileKind;
 use isotherm_support::failure::{Exit, Failure, shown};
+pub use source::{StatusSource, StatusWait};
 use std::path::Path;
 use std::process::ExitCode;
 

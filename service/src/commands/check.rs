@@ -15,7 +15,6 @@ use isotherm_support::failure::{Exit, Failure, shown, tell};
 use std::fmt::Write as _;
 use std::fs::{self, File};
 use std::io::{self, Read as _};
-use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 
 /// Validate files with the code that loads them
@@ -185,8 +184,7 @@ impl Checker<'_> {
     }
 }
 
-/// What `serve` would refuse of a configuration on this machine, with the rights of this process. That a running
-/// service has the port of the metrics is no reason.
+/// What `serve` would refuse of a configuration on this machine, with the rights of this process.
 fn refused_here(config: &Config) -> Vec<String> {
     let WorkerRealtime { cores, priority, lock_memory, timer_slack_ns } = &config.realtime;
     let (priority, lock_memory, timer_slack_ns) = (*priority, *lock_memory, Some(*timer_slack_ns));
@@ -194,12 +192,8 @@ fn refused_here(config: &Config) -> Vec<String> {
     let others = cores.iter().skip(1).map(|core| Realtime { core: Some(*core), ..Realtime::default() });
     let refusals = [once].into_iter().chain(others).flat_map(|setting| setting.refusals());
     let refusals = refusals.map(|error| format!("realtime.{error}"));
-    let metrics = config.metrics.and_then(|address| {
-        let error = TcpListener::bind(address).err().filter(|error| error.kind() != io::ErrorKind::AddrInUse)?;
-        Some(format!("metrics.listen: {address}: {error}"))
-    });
     let room = check_room(config.imus.len()).err().map(|error| error.to_string());
-    refusals.chain(metrics).chain(room).map(|refusal| format!("serve would refuse it here: {refusal}")).collect()
+    refusals.chain(room).map(|refusal| format!("serve would refuse it here: {refusal}")).collect()
 }
 
 /// What only tables of format 2 have, in lines of their own.

@@ -1,25 +1,8 @@
-//! The metrics in Prometheus's text format, version 0.0.4. Names and units follow its conventions: base units, and
-//! counters that end in `_total`.
+//! The metrics of the service, from its status.
 
+use crate::metric::{Metric, Text};
 use isotherm_shared::status::{ImuStatus, LATENCY_BOUNDS_NS, ServiceStatus, TableChange, WorkerStatus};
 use isotherm_shared::wire::AXES;
-use rustix::process::{Resource, getrlimit};
-use rustix::time::{ClockId, clock_gettime};
-use std::fmt::{Display, Write as _};
-use std::fs;
-
-/// A metric family.
-#[derive(Clone, Copy)]
-pub(crate) struct Metric {
-    /// counter, gauge or histogram.
-    pub kind: &'static str,
-    /// Its name.
-    pub name: &'static str,
-    /// The names of its labels.
-    pub labels: &'static [&'static str],
-    /// What it means: HELP on the page, and the text of `explain`.
-    pub help: &'static str,
-}
 
 /// Declares every metric once: a constant of each, and the list of all.
 macro_rules! metrics {
@@ -96,7 +79,7 @@ metrics! {
     PROCESS_CPU = counter "process_cpu_seconds_total" [] "Processor time of the service.";
     PROCESS_RESIDENT = gauge "process_resident_memory_bytes" [] "Resident memory of the service.";
     PROCESS_OPEN = gauge "process_open_fds" [] "Descriptors that the service has open.";
-    PROCESS_MOST = gauge "process_max_fds" [] "Descriptors that the service may open.";
+    PROCESS_LIMIT = gauge "process_max_fds" [] "Descriptors that the service may open.";
     PROCESS_START = gauge "process_start_time_seconds" [] "When the service began, Unix time.";
 }
 
@@ -136,10 +119,9 @@ const fn count(count: u64) -> Option<f64> {
     Some(count as f64)
 }
 
-/// All metrics of a status and of this process, as text.
-pub(super) fn render(status: &ServiceStatus) -> String {
-    let mut text = Text(String::with_capacity(16 * 1024));
-    text.service(status);
+/// Writes all metrics of a status.
+pub(crate) fn render(text: &mut Text, status: &ServiceStatus) {
+    service(text, status);
     for (metric, value) in IMU_METRICS {
         text.family(metric);
         for imu in &status.imus {
@@ -148,150 +130,115 @@ pub(super) fn render(status: &ServiceStatus) -> String {
             }
         }
     }
-    text.flags(status);
-    text.latency(status);
-    text.tables(status);
-    text.telemetry(status);
-    text.workers(status);
-    text.process(status.started_unix_s);
-    text.0
+    flags(text, status);
+    latency(text, status);
+    tables(text, status);
+    telemetry(text, status);
+    workers(text, status);
+    process(text, status);
 }
 
-/// The text so far. Writing to a `String` cannot fail.
-struct Text(String);
+fn service(text: &mut Text, status: &ServiceStatus) {
+    text.family(BUILD);
+    text.sample(BUILD.name, &[("version", &status.version)], 1);
+    text.family(SERVICE);
+    text.sample(SERVICE.name, &[("domain", &status.domain.name), ("wait", &status.wait)], 1);
+    text.single(BUDGET, Some(format!("{:e}", status.budget_us / 1e6)));
+    text.single(LOCKED, Some(status.memory_locked_kb * 1024));
+}
 
-impl Text {
-    fn family(&mut self, Metric { kind, name, help, .. }: Metric) {
-        let _ = writeln!(self.0, "# HELP {name} {help}\n# TYPE {name} {kind}");
-    }
-
-    fn sample(&mut self, name: &str, labels: &[(&str, &str)], value: impl Display) {
-        self.0.push_str(name);
-        for (index, (label, value)) in labels.iter().enumerate() {
-            let begin = if index == 0 { '{' } else { ',' };
-            let value = value.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n");
-            let _ = write!(self.0, "{begin}{label}=\"{value}\"");
+fn flags(text: &mut Text, status: &ServiceStatus) {
+    text.family(FLAGGED);
+    for imu in &status.imus {
+        for (flag, count) in &imu.flagged {
+            text.sample(FLAGGED.name, &[("imu", &imu.id), ("flag", flag)], count);
         }
-        let end = if labels.is_empty() { "" } else { "}" };
-        let _ = writeln!(self.0, "{end} {value}");
     }
+}
 
-    /// A metric family with a single sample.
-    fn single(&mut self, metric: Metric, value: impl Display) {
-        self.family(metric);
-        self.sample(metric.name, &[], value);
+fn latency(text: &mut Text, status: &ServiceStatus) {
+    text.family(LATENCY);
+    let name = LATENCY.name;
+    for imu in &status.imus {
+        let mut total = 0;
+        for (index, count) in imu.latency_distribution.counts.iter().enumerate() {
+            total += count;
+            let bound = LATENCY_BOUNDS_NS
+                .get(index)
+                .map_or_else(|| "+Inf".to_owned(), |bound| format!("{:e}", *bound as f64 / 1e9));
+            text.sample(&format!("{name}_bucket"), &[("imu", &imu.id), ("le", &bound)], total);
+        }
+        text.sample(&format!("{name}_sum"), &[("imu", &imu.id)], imu.latency_distribution.sum_s);
+        text.sample(&format!("{name}_count"), &[("imu", &imu.id)], total);
     }
+}
 
-    fn service(&mut self, status: &ServiceStatus) {
-        self.family(BUILD);
-        self.sample(BUILD.name, &[("version", &status.version)], 1);
-        self.family(SERVICE);
-        self.sample(SERVICE.name, &[("domain", &status.domain.name), ("wait", &status.wait)], 1);
-        self.single(BUDGET, format!("{:e}", status.budget_us / 1e6));
-        self.single(LOCKED, status.memory_locked_kb * 1024);
+fn tables(text: &mut Text, status: &ServiceStatus) {
+    text.family(TABLE);
+    for imu in &status.imus {
+        if let Some(table) = &imu.table {
+            text.sample(TABLE.name, &[("imu", &imu.id), ("table", table), ("file", &imu.table_file)], 1);
+        }
     }
+    text.family(TABLE_CHANGE);
+    for imu in &status.imus {
+        for TableChange { name: curve, size, unit } in &imu.table_changes {
+            text.sample(TABLE_CHANGE.name, &[("imu", &imu.id), ("curve", curve), ("unit", unit)], size);
+        }
+    }
+}
 
-    fn flags(&mut self, status: &ServiceStatus) {
-        self.family(FLAGGED);
+/// The table gives the unit of telemetry, so the metric's name has none. An IMU without gyroscopes has no series of
+/// them.
+fn telemetry(text: &mut Text, status: &ServiceStatus) {
+    let families: [(Metric, ChooseValue); 3] = [
+        (TELEMETRY, |value, _| value),
+        (RANGE_LOW, |_, range| Some(range?[0])),
+        (RANGE_HIGH, |_, range| Some(range?[1])),
+    ];
+    for (metric, choose) in families {
+        text.family(metric);
         for imu in &status.imus {
-            for (flag, count) in &imu.flagged {
-                self.sample(FLAGGED.name, &[("imu", &imu.id), ("flag", flag)], count);
-            }
-        }
-    }
-
-    fn latency(&mut self, status: &ServiceStatus) {
-        self.family(LATENCY);
-        let name = LATENCY.name;
-        for imu in &status.imus {
-            let mut total = 0;
-            for (index, count) in imu.latency_distribution.counts.iter().enumerate() {
-                total += count;
-                let bound = LATENCY_BOUNDS_NS
-                    .get(index)
-                    .map_or_else(|| "+Inf".to_owned(), |bound| format!("{:e}", *bound as f64 / 1e9));
-                self.sample(&format!("{name}_bucket"), &[("imu", &imu.id), ("le", &bound)], total);
-            }
-            self.sample(&format!("{name}_sum"), &[("imu", &imu.id)], imu.latency_distribution.sum_s);
-            self.sample(&format!("{name}_count"), &[("imu", &imu.id)], total);
-        }
-    }
-
-    fn tables(&mut self, status: &ServiceStatus) {
-        self.family(TABLE);
-        for imu in &status.imus {
-            if let Some(table) = &imu.table {
-                self.sample(TABLE.name, &[("imu", &imu.id), ("table", table), ("file", &imu.table_file)], 1);
-            }
-        }
-        self.family(TABLE_CHANGE);
-        for imu in &status.imus {
-            for TableChange { name: curve, size, unit } in &imu.table_changes {
-                self.sample(TABLE_CHANGE.name, &[("imu", &imu.id), ("curve", curve), ("unit", unit)], size);
-            }
-        }
-    }
-
-    /// The table gives the unit of telemetry, so the metric's name has none. An IMU without gyroscopes has no series of
-    /// them.
-    fn telemetry(&mut self, status: &ServiceStatus) {
-        let families: [(Metric, ChooseValue); 3] = [
-            (TELEMETRY, |value, _| value),
-            (RANGE_LOW, |_, range| Some(range?[0])),
-            (RANGE_HIGH, |_, range| Some(range?[1])),
-        ];
-        for (metric, choose) in families {
-            self.family(metric);
-            for imu in &status.imus {
-                let accelerometers = ("a", imu.ranges.as_ref(), imu.head_temperature, imu.board_temperature);
-                let gyroscopes = imu.gyroscopes.as_ref();
-                let gyroscopes = gyroscopes.map(|g| ("g", Some(&g.ranges), g.head_temperature, g.board_temperature));
-                for (letter, ranges, head, board) in [accelerometers].into_iter().chain(gyroscopes) {
-                    let places = [
-                        ("head", head, ranges.map(|ranges| ranges.head)),
-                        ("board", board, ranges.map(|ranges| ranges.board)),
-                    ];
-                    for (place, values, ranges) in places {
-                        for axis in 0..AXES {
-                            if let Some(value) = choose(values[axis], ranges.map(|ranges| ranges[axis])) {
-                                let axis = format!("{letter}{}", axis + 1);
-                                self.sample(metric.name, &[("imu", &imu.id), ("axis", &axis), ("place", place)], value);
-                            }
+            let accelerometers = ("a", imu.ranges.as_ref(), imu.head_temperature, imu.board_temperature);
+            let gyroscopes = imu.gyroscopes.as_ref();
+            let gyroscopes = gyroscopes.map(|g| ("g", Some(&g.ranges), g.head_temperature, g.board_temperature));
+            for (letter, ranges, head, board) in [accelerometers].into_iter().chain(gyroscopes) {
+                let places = [
+                    ("head", head, ranges.map(|ranges| ranges.head)),
+                    ("board", board, ranges.map(|ranges| ranges.board)),
+                ];
+                for (place, values, ranges) in places {
+                    for axis in 0..AXES {
+                        if let Some(value) = choose(values[axis], ranges.map(|ranges| ranges[axis])) {
+                            let axis = format!("{letter}{}", axis + 1);
+                            text.sample(metric.name, &[("imu", &imu.id), ("axis", &axis), ("place", place)], value);
                         }
                     }
                 }
             }
         }
     }
+}
 
-    fn workers(&mut self, status: &ServiceStatus) {
-        let families: [WorkerMetric; 3] = [
-            (WORKER_CPU, |worker| worker.cpu_s),
-            (WORKER_HELD_BACK, |worker| worker.held_back_s),
-            (WORKER_STANDS_STILL, |worker| f64::from(u8::from(worker.stands_still))),
-        ];
-        for (metric, value) in families {
-            self.family(metric);
-            for (index, worker) in status.workers.iter().enumerate() {
-                self.sample(metric.name, &[("worker", &index.to_string())], value(worker));
-            }
+fn workers(text: &mut Text, status: &ServiceStatus) {
+    let families: [WorkerMetric; 3] = [
+        (WORKER_CPU, |worker| worker.cpu_s),
+        (WORKER_HELD_BACK, |worker| worker.held_back_s),
+        (WORKER_STANDS_STILL, |worker| f64::from(u8::from(worker.stands_still))),
+    ];
+    for (metric, value) in families {
+        text.family(metric);
+        for (index, worker) in status.workers.iter().enumerate() {
+            text.sample(metric.name, &[("worker", &index.to_string())], value(worker));
         }
     }
+}
 
-    /// The process metrics, under the names that all exporters use.
-    fn process(&mut self, started_unix_s: f64) {
-        let cpu = clock_gettime(ClockId::ProcessCPUTime);
-        let cpu = cpu.tv_sec as f64 + cpu.tv_nsec as f64 * 1e-9;
-        self.single(PROCESS_CPU, cpu);
-        self.optional(PROCESS_RESIDENT, isotherm_client::process_kb("VmRSS").map(|kb| kb * 1024));
-        self.optional(PROCESS_OPEN, fs::read_dir("/proc/self/fd").ok().map(Iterator::count));
-        self.optional(PROCESS_MOST, getrlimit(Resource::Nofile).current);
-        self.single(PROCESS_START, started_unix_s);
-    }
-
-    fn optional(&mut self, metric: Metric, value: Option<impl Display>) {
-        if let Some(value) = value {
-            self.single(metric, value);
-        }
-    }
+/// The process metrics of the service, under the names that all exporters use.
+fn process(text: &mut Text, status: &ServiceStatus) {
+    text.single(PROCESS_CPU, Some(status.cpu_s));
+    text.single(PROCESS_RESIDENT, Some(status.memory_resident_kb * 1024));
+    text.single(PROCESS_OPEN, status.open_descriptors);
+    text.single(PROCESS_LIMIT, status.max_descriptors);
+    text.single(PROCESS_START, Some(status.started_unix_s));
 }

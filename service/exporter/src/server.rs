@@ -6,7 +6,7 @@
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::io::{self, ErrorKind, Read as _, Write as _};
-use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::net::{Shutdown, TcpListener, TcpStream};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -14,10 +14,11 @@ use std::time::{Duration, Instant};
 const MAX_PEERS: usize = 16;
 /// Longest request \[bytes\].
 const MAX_REQUEST: usize = 8 * 1024;
+/// Most headers of a request.
+const MAX_HEADERS: usize = 64;
 /// How long a connection may last.
 const CONNECTION_TIMEOUT: Duration = Duration::from_secs(5);
-/// How often the server checks whether it is still wanted, and how long it accepts nobody after descriptors have run
-/// out.
+/// Longest turn, and how long the server accepts nobody after descriptors have run out.
 const CHECK_INTERVAL: Duration = Duration::from_secs(1);
 /// Pause after each turn, so that a flood of connections cannot take the whole processor.
 const PAUSE: Duration = Duration::from_millis(1);
@@ -26,41 +27,31 @@ const PAUSE: Duration = Duration::from_millis(1);
 const PATH: &str = "/metrics";
 
 /// A listener with its connections, the oldest first.
-pub(super) struct MetricsServer {
+pub(crate) struct Server {
     listener: TcpListener,
     peers: Vec<Peer>,
     /// No connection is accepted until then, because no descriptor was left.
     closed_until: Instant,
 }
 
-impl MetricsServer {
+impl Server {
     /// A server on this listener.
     ///
     /// # Errors
     /// If the listener cannot be made non-blocking.
-    pub(super) fn new(listener: TcpListener) -> io::Result<Self> {
+    pub(crate) fn new(listener: TcpListener) -> io::Result<Self> {
         listener.set_nonblocking(true)?;
         Ok(Self { listener, peers: Vec::with_capacity(MAX_PEERS), closed_until: Instant::now() })
     }
 
-    /// The address on which it listens.
-    ///
-    /// # Errors
-    /// The operating system's error.
-    pub(super) fn address(&self) -> io::Result<SocketAddr> {
-        self.listener.local_addr()
-    }
-
-    /// Answers requests while `wanted` returns true. The answer is the current `page`, or an error status if there is
-    /// none.
-    pub(super) fn run(mut self, wanted: impl Fn() -> bool, page: impl Fn() -> Option<String>) {
-        while wanted() {
-            self.wait();
-            self.accept();
-            let now = Instant::now();
-            self.peers.retain_mut(|peer| now < peer.deadline && peer.progress(&page));
-            thread::sleep(PAUSE);
-        }
+    /// Waits for peers, for a second at most, and answers their requests. The answer is the current `page`, or an error
+    /// status if there is none.
+    pub(crate) fn turn(&mut self, mut page: impl FnMut() -> Option<String>) {
+        self.wait();
+        self.accept();
+        let now = Instant::now();
+        self.peers.retain_mut(|peer| now < peer.deadline && peer.progress(&mut page));
+        thread::sleep(PAUSE);
     }
 
     fn wait(&self) {
@@ -117,14 +108,14 @@ impl Peer {
     }
 
     /// Reads and writes as much as is possible without waiting. Returns whether the connection is still needed.
-    fn progress(&mut self, page: &impl Fn() -> Option<String>) -> bool {
+    fn progress(&mut self, page: &mut impl FnMut() -> Option<String>) -> bool {
         match self.advance(page) {
             Ok(done) => !done,
             Err(error) => error.kind() == ErrorKind::WouldBlock,
         }
     }
 
-    fn advance(&mut self, page: &impl Fn() -> Option<String>) -> io::Result<bool> {
+    fn advance(&mut self, page: &mut impl FnMut() -> Option<String>) -> io::Result<bool> {
         while self.answer.is_none() {
             let mut buffer = [0; 1024];
             let length = self.stream.read(&mut buffer)?;
@@ -132,11 +123,7 @@ impl Peer {
                 return Ok(true);
             }
             self.request.extend_from_slice(&buffer[..length]);
-            if is_complete(&self.request) {
-                self.answer = Some(answer(&self.request, page));
-            } else if self.request.len() > MAX_REQUEST {
-                self.answer = Some(refusal("431 Request Header Fields Too Large", "the request is too long\n"));
-            }
+            self.answer = answer(&self.request, page);
         }
         let answer = self.answer.as_deref().unwrap_or_default();
         while self.sent < answer.len() {
@@ -147,35 +134,35 @@ impl Peer {
     }
 }
 
-/// Whether the head of the request is complete: an empty line ends it. A body is ignored.
-fn is_complete(request: &[u8]) -> bool {
-    let ends = |end: &[u8]| request.windows(end.len()).any(|bytes| bytes == end);
-    ends(b"\r\n\r\n") || ends(b"\n\n")
-}
-
-fn answer(request: &[u8], page: &impl Fn() -> Option<String>) -> Vec<u8> {
-    let line = request.split(|&byte| byte == b'\n').next().unwrap_or_default();
-    let words: Vec<_> = str::from_utf8(line).unwrap_or_default().trim_end().split(' ').collect();
-    let &[method, target, version] = words.as_slice() else {
-        return refusal("400 Bad Request", "this is no HTTP request\n");
+/// The answer to a request; `None` if more of its head is to come. A body is ignored.
+fn answer(request: &[u8], page: &mut impl FnMut() -> Option<String>) -> Option<Vec<u8>> {
+    let mut headers = [httparse::EMPTY_HEADER; MAX_HEADERS];
+    let mut head = httparse::Request::new(&mut headers);
+    let complete = match head.parse(request) {
+        Ok(status) => status.is_complete(),
+        Err(httparse::Error::TooManyHeaders) => return Some(too_long()),
+        Err(_) => return Some(refusal("400 Bad Request", "this is no HTTP/1 request\n")),
     };
-    if !version.starts_with("HTTP/1.") {
-        return refusal("400 Bad Request", "this is no HTTP/1 request\n");
-    }
+    let (true, Some(method), Some(target)) = (complete, head.method, head.path) else {
+        return (request.len() > MAX_REQUEST).then(too_long);
+    };
     if !matches!(method, "GET" | "HEAD") {
-        return response("405 Method Not Allowed", "Allow: GET, HEAD\r\n", "GET or HEAD it\n", true);
+        return Some(response("405 Method Not Allowed", "Allow: GET, HEAD\r\n", "GET or HEAD it\n", true));
     }
-    let path = target.split_once('?').map_or(target, |(path, _)| path);
-    if path != PATH {
-        return refusal("404 Not Found", &format!("the metrics are at {PATH}\n"));
+    if target.split('?').next() != Some(PATH) {
+        return Some(refusal("404 Not Found", &format!("the metrics are at {PATH}\n")));
     }
-    match page() {
+    Some(match page() {
         // 0.0.4 is the version of Prometheus's text format.
         Some(page) => {
             response("200 OK", "Content-Type: text/plain; version=0.0.4; charset=utf-8\r\n", &page, method == "GET")
         }
         None => refusal("503 Service Unavailable", "the service has no current status: it is starting, or hangs\n"),
-    }
+    })
+}
+
+fn too_long() -> Vec<u8> {
+    refusal("431 Request Header Fields Too Large", "the request is too long\n")
 }
 
 fn refusal(status: &str, body: &str) -> Vec<u8> {
@@ -192,42 +179,40 @@ fn response(status: &str, headers: &str, body: &str, with_body: bool) -> Vec<u8>
 mod tests {
     use super::*;
 
-    fn status_of(request: &[u8]) -> String {
-        let answer = String::from_utf8(answer(request, &|| Some("page".to_owned()))).unwrap();
-        answer.lines().next().unwrap().to_owned()
+    fn text(request: &[u8]) -> String {
+        String::from_utf8(answer(request, &mut || Some("page".to_owned())).unwrap()).unwrap()
     }
 
     #[test]
     fn every_kind_of_request_is_answered() {
-        for request in [
-            "GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n",
-            "GET /metrics?x=1 HTTP/1.0\n\n",
-            "HEAD /metrics HTTP/1.1\r\n\r\n",
-        ] {
-            assert!(is_complete(request.as_bytes()) && status_of(request.as_bytes()).ends_with("200 OK"), "{request}");
-        }
         for (request, status) in [
-            ("GET / HTTP/1.1\r\n\r\n", "404"),
-            ("GET /metrics/x HTTP/1.1\r\n\r\n", "404"),
-            ("POST /metrics HTTP/1.1\r\n\r\n", "405"),
-            ("GET /metrics\r\n\r\n", "400"),
-            ("GET /metrics SPDY/3\r\n\r\n", "400"),
-            ("\r\n\r\n", "400"),
-            ("\n\n", "400"),
+            (&b"GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n"[..], "200 OK"),
+            (b"GET /metrics?x=1 HTTP/1.0\n\n", "200 OK"),
+            (b"HEAD /metrics HTTP/1.1\r\n\r\n", "200 OK"),
+            (b"GET / HTTP/1.1\r\n\r\n", "404"),
+            (b"GET /metrics/x HTTP/1.1\r\n\r\n", "404"),
+            (b"POST /metrics HTTP/1.1\r\n\r\n", "405"),
+            (b"GET /metrics\r\n\r\n", "400"),
+            (b"GET /metrics SPDY/3\r\n\r\n", "400"),
+            (b"\xff\xfe\0 /metrics HTTP/1.1\r\n\r\n", "400"),
+            (b"\x16\x03\x01\x00", "400"),
+            (&[b"GET /metrics HTTP/1.1\r\n", "X: y\r\n".repeat(65).as_bytes()].concat(), "431"),
+            (&[b"GET /metrics HTTP/1.1\r\nX: ", "y".repeat(MAX_REQUEST).as_bytes()].concat(), "431"),
         ] {
-            assert!(status_of(request.as_bytes()).contains(status), "{request}: {}", status_of(request.as_bytes()));
+            let text = text(request);
+            assert!(text.lines().next().unwrap().contains(status), "{}: {text}", request.escape_ascii());
         }
-        assert!(status_of(b"\xff\xfe\0 /metrics HTTP/1.1\r\n\r\n").contains("400"));
-        assert!(!is_complete(b"GET /metrics HTTP/1.1\r\n") && !is_complete(b""));
+        for begun in [&b""[..], b"GET /metrics HTTP/1.1\r\n", b"GET /metr"] {
+            assert_eq!(answer(begun, &mut || None), None);
+        }
     }
 
     #[test]
     fn a_head_has_the_length_of_the_page_and_no_page() {
-        let page = || Some("page".to_owned());
-        let text = |request: &str| String::from_utf8(answer(request.as_bytes(), &page)).unwrap();
-        let (get, head) = (text("GET /metrics HTTP/1.1\r\n\r\n"), text("HEAD /metrics HTTP/1.1\r\n\r\n"));
+        let (get, head) = (text(b"GET /metrics HTTP/1.1\r\n\r\n"), text(b"HEAD /metrics HTTP/1.1\r\n\r\n"));
         assert!(head.contains("Content-Length: 4\r\n") && head.ends_with("\r\n\r\n"));
         assert_eq!(get, head + "page");
-        assert!(String::from_utf8(answer(b"GET /metrics HTTP/1.1\r\n\r\n", &|| None)).unwrap().contains("503"));
+        let without = answer(b"GET /metrics HTTP/1.1\r\n\r\n", &mut || None).unwrap();
+        assert!(String::from_utf8(without).unwrap().contains("503"));
     }
 }
