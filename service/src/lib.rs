@@ -38,6 +38,7 @@ mod reload;
 mod session;
 mod source;
 mod start;
+mod startup;
 mod status;
 mod systemd;
 mod threads;

@@ -15,7 +15,7 @@ use isotherm_service::logging::{self, LogFormat};
 use isotherm_service::{StatusSource, commands};
 use isotherm_support::failure::{Exit, Failure};
 pub use metric::Metric;
-use page::Page;
+use page::MetricsPage;
 use server::Server;
 use std::net::{SocketAddr, TcpListener};
 use std::process::ExitCode;
@@ -59,7 +59,7 @@ impl Exporter {
             registered.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
         }
         let mut server = listen(self.listen)?;
-        let mut page = Page::new(&domain, StatusSource::connect(domain.clone())?);
+        let mut page = MetricsPage::new(&domain, StatusSource::connect(domain.clone())?);
         while !end.load(Ordering::Relaxed) {
             server.turn(|| page.text());
             page.update();
@@ -84,7 +84,7 @@ fn listen(address: SocketAddr) -> Result<Server, Failure> {
 
 /// Every metric of the service and of acquisitions.
 pub fn metrics() -> impl Iterator<Item = Metric> {
-    service::METRICS.iter().copied().chain(tallies::metrics())
+    service::metrics().chain(tallies::metrics())
 }
 
 /// The command line of the program, also for its manual page. `--version` prints `long_version` after the name.

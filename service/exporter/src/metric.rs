@@ -18,9 +18,9 @@ pub struct Metric {
 
 /// The text so far. Writing to a `String` cannot fail.
 #[derive(Default)]
-pub(crate) struct Text(pub(crate) String);
+pub(crate) struct MetricsText(pub(crate) String);
 
-impl Text {
+impl MetricsText {
     /// The head of a family, before its samples.
     pub(crate) fn family(&mut self, Metric { kind, name, help, .. }: Metric) {
         let _ = writeln!(self.0, "# HELP {name} {help}\n# TYPE {name} {kind}");

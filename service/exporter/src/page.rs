@@ -1,6 +1,6 @@
 //! The page: the newest status of the service and the tallies of the acquisitions, as text.
 
-use crate::metric::Text;
+use crate::metric::MetricsText;
 use crate::{service, tallies};
 use isotherm_client::{Domain, monotonic_ns};
 use isotherm_service::StatusSource;
@@ -14,7 +14,7 @@ const MAX_AGE_NS: u64 = 5_000_000_000;
 const RENDER_INTERVAL: Duration = Duration::from_millis(500);
 
 /// The page of one domain.
-pub(crate) struct Page<'a> {
+pub(crate) struct MetricsPage<'a> {
     domain: &'a Domain,
     source: StatusSource,
     status: Option<ServiceStatus>,
@@ -24,7 +24,7 @@ pub(crate) struct Page<'a> {
     rendered: Option<(Instant, String)>,
 }
 
-impl<'a> Page<'a> {
+impl<'a> MetricsPage<'a> {
     pub(crate) fn new(domain: &'a Domain, source: StatusSource) -> Self {
         Self { domain, source, status: None, cause: String::new(), rendered: None }
     }
@@ -57,7 +57,7 @@ impl<'a> Page<'a> {
         if let Some((_, text)) = recent {
             return Some(text.clone());
         }
-        let mut text = Text(String::with_capacity(16 * 1024));
+        let mut text = MetricsText(String::with_capacity(16 * 1024));
         service::render(&mut text, status);
         tallies::render(&mut text, &tallies::read(self.domain));
         self.rendered = Some((now, text.0.clone()));

@@ -1,6 +1,6 @@
 //! A web server for one page and few readers, in one thread.
 //!
-//! The memory and the time that a peer can use are bounded: [`MAX_PEERS`] connections; for each of them [`MAX_REQUEST`]
+//! The memory and the time that a connection can use are bounded: [`MAX_CONNECTIONS`] connections; for each of them [`MAX_REQUEST`]
 //! bytes of request, one page and [`CONNECTION_TIMEOUT`]. A further connection replaces the oldest, so idle connections
 //! keep nobody out. Each connection gets one answer.
 
@@ -11,7 +11,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 /// Most connections at the same time.
-const MAX_PEERS: usize = 16;
+const MAX_CONNECTIONS: usize = 16;
 /// Longest request \[bytes\].
 const MAX_REQUEST: usize = 8 * 1024;
 /// Most headers of a request.
@@ -29,7 +29,7 @@ const PATH: &str = "/metrics";
 /// A listener with its connections, the oldest first.
 pub(crate) struct Server {
     listener: TcpListener,
-    peers: Vec<Peer>,
+    connections: Vec<Connection>,
     /// No connection is accepted until then, because no descriptor was left.
     closed_until: Instant,
 }
@@ -41,40 +41,43 @@ impl Server {
     /// If the listener cannot be made non-blocking.
     pub(crate) fn new(listener: TcpListener) -> io::Result<Self> {
         listener.set_nonblocking(true)?;
-        Ok(Self { listener, peers: Vec::with_capacity(MAX_PEERS), closed_until: Instant::now() })
+        Ok(Self { listener, connections: Vec::with_capacity(MAX_CONNECTIONS), closed_until: Instant::now() })
     }
 
-    /// Waits for peers, for a second at most, and answers their requests. The answer is the current `page`, or an error
+    /// Waits for connections, for a second at most, and answers their requests. The answer is the current `page`, or an error
     /// status if there is none.
     pub(crate) fn turn(&mut self, mut page: impl FnMut() -> Option<String>) {
         self.wait();
         self.accept();
         let now = Instant::now();
-        self.peers.retain_mut(|peer| now < peer.deadline && peer.progress(&mut page));
+        self.connections.retain_mut(|connection| now < connection.deadline && connection.progress(&mut page));
         thread::sleep(PAUSE);
     }
 
     fn wait(&self) {
         let open = Instant::now() >= self.closed_until;
-        let mut places: Vec<_> =
-            self.peers.iter().map(|peer| PollFd::new(&peer.stream, peer.awaited_event())).collect();
+        let mut places: Vec<_> = self
+            .connections
+            .iter()
+            .map(|connection| PollFd::new(&connection.stream, connection.awaited_event()))
+            .collect();
         if open {
             places.push(PollFd::new(&self.listener, PollFlags::IN));
         }
         let time = Timespec { tv_sec: CHECK_INTERVAL.as_secs() as i64, tv_nsec: 0 };
-        // An error or an interruption changes nothing: all peers are served next in any case.
+        // An error or an interruption changes nothing: all connections are served next in any case.
         let _ = poll(&mut places, Some(&time));
     }
 
     fn accept(&mut self) {
-        // Accept at most MAX_PEERS at once, so that each is served before it can be replaced.
-        for _ in 0..MAX_PEERS {
+        // Accept at most MAX_CONNECTIONS at once, so that each is served before it can be replaced.
+        for _ in 0..MAX_CONNECTIONS {
             match self.listener.accept() {
                 Ok((stream, _)) if stream.set_nonblocking(true).is_ok() => {
-                    if self.peers.len() == MAX_PEERS {
-                        self.peers.remove(0);
+                    if self.connections.len() == MAX_CONNECTIONS {
+                        self.connections.remove(0);
                     }
-                    self.peers.push(Peer::new(stream));
+                    self.connections.push(Connection::new(stream));
                 }
                 Ok(_) => {}
                 Err(error) if matches!(error.kind(), ErrorKind::WouldBlock) => return,
@@ -89,7 +92,7 @@ impl Server {
 }
 
 /// One connection.
-struct Peer {
+struct Connection {
     stream: TcpStream,
     deadline: Instant,
     request: Vec<u8>,
@@ -98,7 +101,7 @@ struct Peer {
     sent: usize,
 }
 
-impl Peer {
+impl Connection {
     fn new(stream: TcpStream) -> Self {
         Self { stream, deadline: Instant::now() + CONNECTION_TIMEOUT, request: Vec::new(), answer: None, sent: 0 }
     }

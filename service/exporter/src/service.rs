@@ -1,54 +1,88 @@
 //! The metrics of the service, from its status.
 
-use crate::metric::{Metric, Text};
+use crate::metric::{Metric, MetricsText};
 use isotherm_shared::status::{ImuStatus, LATENCY_BOUNDS_NS, ServiceStatus, TableChange, WorkerStatus};
 use isotherm_shared::wire::AXES;
 
-/// Declares every metric once: a constant of each, and the list of all.
+/// A metric with one value for each IMU; an IMU without a value is left out.
+type ImuMetric = (Metric, fn(&ImuStatus) -> Option<f64>);
+/// A metric with one value for each worker.
+type WorkerMetric = (Metric, fn(&WorkerStatus) -> f64);
+/// Chooses a sensor's telemetry value or one end of its range.
+type ChooseValue = fn(Option<f64>, Option<[f64; 2]>) -> Option<f64>;
+
+/// Declares every metric once: those of an IMU with their values, and a constant of each other.
 macro_rules! metrics {
-    ($($constant:ident = $kind:ident $name:literal [$($label:ident),*] $help:literal;)+) => {
+    (
+        $($imu_kind:ident $imu_name:literal $imu_help:literal = $value:expr;)+
+        ---
+        $($constant:ident = $kind:ident $name:literal [$($label:ident),*] $help:literal;)+
+    ) => {
+        const IMU_METRICS: &[ImuMetric] = &[$((
+            Metric { kind: stringify!($imu_kind), name: $imu_name, labels: &["imu"], help: $imu_help },
+            $value,
+        )),+];
         $(const $constant: Metric = Metric {
             kind: stringify!($kind),
             name: $name,
             labels: &[$(stringify!($label)),*],
             help: $help,
         };)+
-        /// Every metric.
-        pub(crate) const METRICS: &[Metric] = &[$($constant),+];
+        const OTHER_METRICS: &[Metric] = &[$($constant),+];
     };
 }
 
 metrics! {
-    RECEIVED = counter "isotherm_samples_received_total" [imu] "Raw samples received.";
-    RATE = gauge "isotherm_sample_rate_hz" [imu] "Raw samples received in the last second [Hz].";
-    LAST_SAMPLE = gauge "isotherm_last_sample_timestamp_seconds" [imu]
-        "When a sample came last, within a second, Unix time; absent before the first.";
-    INCREMENTS = counter "isotherm_increments_total" [imu] "Increments published.";
-    MISSING = counter "isotherm_samples_missing_total" [imu] "Raw samples that never came.";
-    GAPS = counter "isotherm_gaps_total" [imu] "Samples before which others of their session were missing.";
-    REPEATED = counter "isotherm_samples_repeated_total" [imu] "Samples whose sequence did not rise: resends.";
-    SESSIONS = counter "isotherm_sessions_total" [imu] "Starts of an acquisition.";
-    SESSION_MISSING = counter "isotherm_session_missing_periods_total" [imu]
-        "Control periods between two sessions, where both have timestamps of the same clock.";
-    SESSION_UNKNOWN = counter "isotherm_session_unknown_total" [imu]
-        "Changes of session with an unknown number of control periods between.";
-    TRANSPORT = counter "isotherm_transport_errors_total" [imu] "Receiving or publishing failed; should be 0.";
-    RELOADS = counter "isotherm_reloads_total" [imu] "Tables taken over after the first.";
-    REFUSED = counter "isotherm_reloads_refused_total" [imu] "Table files refused, one that is away included.";
-    RELOAD_FAILED = gauge "isotherm_reload_failed" [imu]
-        "Whether the table's file as it is now is not in force: 0 or 1.";
-    TABLE_KEPT = gauge "isotherm_table_kept" [imu]
-        "Whether the table in force is kept for the next start: 0 or 1; absent without a table.";
-    TABLE_TAKEN = gauge "isotherm_table_taken_timestamp_seconds" [imu]
-        "When the table in force was taken over, Unix time.";
-    TABLE_MODIFIED = gauge "isotherm_table_modified_timestamp_seconds" [imu]
-        "When the file of the table in force was changed, Unix time.";
-    CONNECTED = gauge "isotherm_acquisition_connected" [imu] "Whether an acquisition is connected: 0 or 1.";
-    READERS = gauge "isotherm_readers" [imu] "Processes that read the increments, the acquisition among them.";
-    CLOSED_LOST = gauge "isotherm_closed_lost_periods" [imu]
-        "Control periods that the last acquisition to close with a loss had not sent; absent if none did.";
-    CLOSED_UNANSWERED = gauge "isotherm_closed_unanswered_samples" [imu]
-        "Samples that the last acquisition to close with a loss had sent without getting their increments.";
+    counter "isotherm_samples_received_total" "Raw samples received." = |imu| count(imu.received);
+    gauge "isotherm_sample_rate_hz" "Raw samples received in the last second [Hz]." = |imu| count(imu.rate_hz);
+    gauge "isotherm_last_sample_timestamp_seconds"
+        "When a sample came last, within a second, Unix time; absent before the first."
+        = |imu| imu.last_sample_unix_s;
+    counter "isotherm_increments_total" "Increments published." = |imu| count(imu.compensated);
+    counter "isotherm_samples_missing_total" "Raw samples that never came." = |imu| count(imu.missing);
+    counter "isotherm_gaps_total" "Samples before which others of their session were missing." = |imu| count(imu.gaps);
+    counter "isotherm_samples_repeated_total"
+        "Samples whose sequence did not rise: resends."
+        = |imu| count(imu.repeats);
+    counter "isotherm_sessions_total" "Starts of an acquisition." = |imu| count(imu.sessions);
+    counter "isotherm_session_missing_periods_total"
+        "Control periods between two sessions, where both have timestamps of the same clock."
+        = |imu| count(imu.session_missing);
+    counter "isotherm_session_unknown_total"
+        "Changes of session with an unknown number of control periods between."
+        = |imu| count(imu.session_unknown);
+    counter "isotherm_transport_errors_total"
+        "Receiving or publishing failed; should be 0."
+        = |imu| count(imu.transport_errors);
+    counter "isotherm_reloads_total" "Tables taken over after the first." = |imu| count(imu.reloads);
+    counter "isotherm_reloads_refused_total"
+        "Table files refused, one that is away included."
+        = |imu| count(imu.refusals);
+    gauge "isotherm_reload_failed"
+        "Whether the table's file as it is now is not in force: 0 or 1."
+        = |imu| count(imu.last_reload_error.is_some().into());
+    gauge "isotherm_table_kept"
+        "Whether the table in force is kept for the next start: 0 or 1; absent without a table."
+        = |imu| imu.table.as_ref().and_then(|_| count(imu.table_kept.into()));
+    gauge "isotherm_table_taken_timestamp_seconds"
+        "When the table in force was taken over, Unix time."
+        = |imu| imu.table_taken_unix_s;
+    gauge "isotherm_table_modified_timestamp_seconds"
+        "When the file of the table in force was changed, Unix time."
+        = |imu| imu.table_modified_unix_s;
+    gauge "isotherm_acquisition_connected"
+        "Whether an acquisition is connected: 0 or 1."
+        = |imu| count(imu.acquisition_connected.into());
+    gauge "isotherm_readers"
+        "Processes that read the increments, the acquisition among them."
+        = |imu| count(imu.readers as u64);
+    gauge "isotherm_closed_lost_periods"
+        "Control periods that the last acquisition to close with a loss had not sent; absent if none did."
+        = |imu| imu.closed.as_ref().and_then(|closed| count(closed.lost));
+    gauge "isotherm_closed_unanswered_samples"
+        "Samples that the last acquisition to close with a loss had sent without getting their increments."
+        = |imu| imu.closed.as_ref().and_then(|closed| count(closed.unanswered));
+    ---
     BUILD = gauge "isotherm_build_info" [version] "Version of the service; always 1.";
     SERVICE = gauge "isotherm_service_info" [domain, wait] "Domain and waiting strategy of the service; always 1.";
     BUDGET = gauge "isotherm_latency_budget_seconds" [] "Latency over which an increment is flagged late.";
@@ -83,47 +117,20 @@ metrics! {
     PROCESS_START = gauge "process_start_time_seconds" [] "When the service began, Unix time.";
 }
 
-/// A metric with one value for each worker.
-type WorkerMetric = (Metric, fn(&WorkerStatus) -> f64);
-/// Chooses a sensor's telemetry value or one end of its range.
-type ChooseValue = fn(Option<f64>, Option<[f64; 2]>) -> Option<f64>;
-/// A metric with one value for each IMU.
-type ImuMetric = (Metric, fn(&ImuStatus) -> Option<f64>);
-
-/// The metrics with one value for each IMU. An IMU without a value is left out.
-const IMU_METRICS: [ImuMetric; 21] = [
-    (RECEIVED, |imu| count(imu.received)),
-    (RATE, |imu| count(imu.rate_hz)),
-    (LAST_SAMPLE, |imu| imu.last_sample_unix_s),
-    (INCREMENTS, |imu| count(imu.compensated)),
-    (MISSING, |imu| count(imu.missing)),
-    (GAPS, |imu| count(imu.gaps)),
-    (REPEATED, |imu| count(imu.repeats)),
-    (SESSIONS, |imu| count(imu.sessions)),
-    (SESSION_MISSING, |imu| count(imu.session_missing)),
-    (SESSION_UNKNOWN, |imu| count(imu.session_unknown)),
-    (TRANSPORT, |imu| count(imu.transport_errors)),
-    (RELOADS, |imu| count(imu.reloads)),
-    (REFUSED, |imu| count(imu.refusals)),
-    (RELOAD_FAILED, |imu| count(imu.last_reload_error.is_some().into())),
-    (TABLE_KEPT, |imu| imu.table.as_ref().and_then(|_| count(imu.table_kept.into()))),
-    (TABLE_TAKEN, |imu| imu.table_taken_unix_s),
-    (TABLE_MODIFIED, |imu| imu.table_modified_unix_s),
-    (CONNECTED, |imu| count(imu.acquisition_connected.into())),
-    (READERS, |imu| count(imu.readers as u64)),
-    (CLOSED_LOST, |imu| imu.closed.as_ref().and_then(|closed| count(closed.lost))),
-    (CLOSED_UNANSWERED, |imu| imu.closed.as_ref().and_then(|closed| count(closed.unanswered))),
-];
-
 const fn count(count: u64) -> Option<f64> {
     Some(count as f64)
 }
 
+/// Every metric of the service.
+pub(crate) fn metrics() -> impl Iterator<Item = Metric> {
+    IMU_METRICS.iter().map(|(metric, _)| *metric).chain(OTHER_METRICS.iter().copied())
+}
+
 /// Writes all metrics of a status.
-pub(crate) fn render(text: &mut Text, status: &ServiceStatus) {
+pub(crate) fn render(text: &mut MetricsText, status: &ServiceStatus) {
     service(text, status);
     for (metric, value) in IMU_METRICS {
-        text.family(metric);
+        text.family(*metric);
         for imu in &status.imus {
             if let Some(value) = value(imu) {
                 text.sample(metric.name, &[("imu", &imu.id)], value);
@@ -138,7 +145,7 @@ pub(crate) fn render(text: &mut Text, status: &ServiceStatus) {
     process(text, status);
 }
 
-fn service(text: &mut Text, status: &ServiceStatus) {
+fn service(text: &mut MetricsText, status: &ServiceStatus) {
     text.family(BUILD);
     text.sample(BUILD.name, &[("version", &status.version)], 1);
     text.family(SERVICE);
@@ -147,7 +154,7 @@ fn service(text: &mut Text, status: &ServiceStatus) {
     text.single(LOCKED, Some(status.memory_locked_kb * 1024));
 }
 
-fn flags(text: &mut Text, status: &ServiceStatus) {
+fn flags(text: &mut MetricsText, status: &ServiceStatus) {
     text.family(FLAGGED);
     for imu in &status.imus {
         for (flag, count) in &imu.flagged {
@@ -156,7 +163,7 @@ fn flags(text: &mut Text, status: &ServiceStatus) {
     }
 }
 
-fn latency(text: &mut Text, status: &ServiceStatus) {
+fn latency(text: &mut MetricsText, status: &ServiceStatus) {
     text.family(LATENCY);
     let name = LATENCY.name;
     for imu in &status.imus {
@@ -173,7 +180,7 @@ fn latency(text: &mut Text, status: &ServiceStatus) {
     }
 }
 
-fn tables(text: &mut Text, status: &ServiceStatus) {
+fn tables(text: &mut MetricsText, status: &ServiceStatus) {
     text.family(TABLE);
     for imu in &status.imus {
         if let Some(table) = &imu.table {
@@ -190,7 +197,7 @@ fn tables(text: &mut Text, status: &ServiceStatus) {
 
 /// The table gives the unit of telemetry, so the metric's name has none. An IMU without gyroscopes has no series of
 /// them.
-fn telemetry(text: &mut Text, status: &ServiceStatus) {
+fn telemetry(text: &mut MetricsText, status: &ServiceStatus) {
     let families: [(Metric, ChooseValue); 3] = [
         (TELEMETRY, |value, _| value),
         (RANGE_LOW, |_, range| Some(range?[0])),
@@ -220,7 +227,7 @@ fn telemetry(text: &mut Text, status: &ServiceStatus) {
     }
 }
 
-fn workers(text: &mut Text, status: &ServiceStatus) {
+fn workers(text: &mut MetricsText, status: &ServiceStatus) {
     let families: [WorkerMetric; 3] = [
         (WORKER_CPU, |worker| worker.cpu_s),
         (WORKER_HELD_BACK, |worker| worker.held_back_s),
@@ -235,7 +242,7 @@ fn workers(text: &mut Text, status: &ServiceStatus) {
 }
 
 /// The process metrics of the service, under the names that all exporters use.
-fn process(text: &mut Text, status: &ServiceStatus) {
+fn process(text: &mut MetricsText, status: &ServiceStatus) {
     text.single(PROCESS_CPU, Some(status.cpu_s));
     text.single(PROCESS_RESIDENT, Some(status.memory_resident_kb * 1024));
     text.single(PROCESS_OPEN, status.open_descriptors);

@@ -1,6 +1,6 @@
 //! The metrics of acquisitions: `isotherm acquire` writes its tally into the domain's folder once a second.
 
-use crate::metric::{Metric, Text};
+use crate::metric::{Metric, MetricsText};
 use isotherm_client::{Domain, ImuId, Note, unix_s};
 use serde_json::Value;
 use std::fs;
@@ -95,7 +95,7 @@ pub(crate) fn read(domain: &Domain) -> Vec<(ImuId, Value)> {
 }
 
 /// Writes all metrics of acquisitions.
-pub(crate) fn render(text: &mut Text, tallies: &[(ImuId, Value)]) {
+pub(crate) fn render(text: &mut MetricsText, tallies: &[(ImuId, Value)]) {
     let now = unix_s();
     let is_recent = |tally: &Value| number(tally, WRITTEN).is_some_and(|written| now - written < MAX_AGE_S);
     for (metric, place) in METRICS {
@@ -135,7 +135,7 @@ mod tests {
                 "service": { "sent": 5 }, "skipped": { "noise": 3, "damaged": 1 } })
         };
         let [new, old] = [unix_s(), unix_s() - 60.0].map(tally);
-        let mut text = Text::default();
+        let mut text = MetricsText::default();
         render(&mut text, &imus.into_iter().zip([new, old]).collect::<Vec<_>>());
         let samples = |imu: &str| {
             let of_imu = format!("imu=\"{imu}\"");

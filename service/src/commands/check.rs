@@ -65,7 +65,7 @@ impl Check {
         let trust = Trust::protected_unless(self.allow_world_writable);
         let against = self.against.as_deref().map(|path| load_table(path, None, trust)).transpose()?;
         let against = against.map(|(table, _)| table);
-        let checker = Checker { command: &self, trust, against, laboratory, recording };
+        let checker = FileChecker { command: &self, trust, against, laboratory, recording };
         let mut failures = Vec::new();
         for path in &self.files {
             match checker.check(path) {
@@ -77,7 +77,7 @@ impl Check {
     }
 }
 
-struct Checker<'a> {
+struct FileChecker<'a> {
     command: &'a Check,
     trust: Trust,
     /// What each table is compared with.
@@ -86,7 +86,7 @@ struct Checker<'a> {
     recording: Option<CheckRecording>,
 }
 
-impl Checker<'_> {
+impl FileChecker<'_> {
     fn check(&self, path: &Path) -> Result<String, Failure> {
         let &Self { command: &Check { seal, .. }, trust, laboratory, .. } = self;
         if let Some(format) = recording_format(path) {
