@@ -51,7 +51,7 @@ pub(crate) struct Acquire {
     #[arg(long, value_name = "S", value_parser = seconds)]
     timeout: Option<Duration>,
     #[arg(long, value_name = "FILE.prom", hide = true, value_parser = refuse_metrics)]
-    metrics: Option<PathBuf>,
+    metrics: Option<String>,
     /// Write the nominal table of the source, whose increments are the device's readings, and end
     #[arg(long, value_name = "TABLE", conflicts_with_all = ["record", "dry_run"])]
     nominal: Option<PathBuf>,
@@ -189,7 +189,7 @@ impl Acquire {
 }
 
 /// What `--metrics` was for comes from the exporter.
-fn refuse_metrics(_: &str) -> Result<PathBuf, String> {
+fn refuse_metrics(_: &str) -> Result<String, String> {
     Err("no file is written any more: leave it away, and start `isotherm-exporter` (unit isotherm-exporter.service), which shows the \
          metrics of acquisitions too"
         .to_owned())

@@ -14,7 +14,7 @@ type ChooseValue = fn(Option<f64>, Option<[f64; 2]>) -> Option<f64>;
 /// Declares every metric once: those of an IMU with their values, and a constant of each other.
 macro_rules! metrics {
     (
-        $($imu_kind:ident $imu_name:literal $imu_help:literal = $value:expr;)+
+        $($imu_kind:ident $imu_name:literal = $value:expr, $imu_help:literal;)+
         ---
         $($constant:ident = $kind:ident $name:literal [$($label:ident),*] $help:literal;)+
     ) => {
@@ -33,55 +33,41 @@ macro_rules! metrics {
 }
 
 metrics! {
-    counter "isotherm_samples_received_total" "Raw samples received." = |imu| count(imu.received);
-    gauge "isotherm_sample_rate_hz" "Raw samples received in the last second [Hz]." = |imu| count(imu.rate_hz);
-    gauge "isotherm_last_sample_timestamp_seconds"
-        "When a sample came last, within a second, Unix time; absent before the first."
-        = |imu| imu.last_sample_unix_s;
-    counter "isotherm_increments_total" "Increments published." = |imu| count(imu.compensated);
-    counter "isotherm_samples_missing_total" "Raw samples that never came." = |imu| count(imu.missing);
-    counter "isotherm_gaps_total" "Samples before which others of their session were missing." = |imu| count(imu.gaps);
-    counter "isotherm_samples_repeated_total"
-        "Samples whose sequence did not rise: resends."
-        = |imu| count(imu.repeats);
-    counter "isotherm_sessions_total" "Starts of an acquisition." = |imu| count(imu.sessions);
-    counter "isotherm_session_missing_periods_total"
-        "Control periods between two sessions, where both have timestamps of the same clock."
-        = |imu| count(imu.session_missing);
-    counter "isotherm_session_unknown_total"
-        "Changes of session with an unknown number of control periods between."
-        = |imu| count(imu.session_unknown);
-    counter "isotherm_transport_errors_total"
-        "Receiving or publishing failed; should be 0."
-        = |imu| count(imu.transport_errors);
-    counter "isotherm_reloads_total" "Tables taken over after the first." = |imu| count(imu.reloads);
-    counter "isotherm_reloads_refused_total"
-        "Table files refused, one that is away included."
-        = |imu| count(imu.refusals);
-    gauge "isotherm_reload_failed"
-        "Whether the table's file as it is now is not in force: 0 or 1."
-        = |imu| count(imu.last_reload_error.is_some().into());
-    gauge "isotherm_table_kept"
-        "Whether the table in force is kept for the next start: 0 or 1; absent without a table."
-        = |imu| imu.table.as_ref().and_then(|_| count(imu.table_kept.into()));
-    gauge "isotherm_table_taken_timestamp_seconds"
-        "When the table in force was taken over, Unix time."
-        = |imu| imu.table_taken_unix_s;
-    gauge "isotherm_table_modified_timestamp_seconds"
-        "When the file of the table in force was changed, Unix time."
-        = |imu| imu.table_modified_unix_s;
-    gauge "isotherm_acquisition_connected"
-        "Whether an acquisition is connected: 0 or 1."
-        = |imu| count(imu.acquisition_connected.into());
-    gauge "isotherm_readers"
-        "Processes that read the increments, the acquisition among them."
-        = |imu| count(imu.readers as u64);
-    gauge "isotherm_closed_lost_periods"
-        "Control periods that the last acquisition to close with a loss had not sent; absent if none did."
-        = |imu| imu.closed.as_ref().and_then(|closed| count(closed.lost));
-    gauge "isotherm_closed_unanswered_samples"
-        "Samples that the last acquisition to close with a loss had sent without getting their increments."
-        = |imu| imu.closed.as_ref().and_then(|closed| count(closed.unanswered));
+    counter "isotherm_samples_received_total" = |imu| count(imu.received), "Raw samples received.";
+    gauge "isotherm_sample_rate_hz" = |imu| count(imu.rate_hz), "Raw samples received in the last second [Hz].";
+    gauge "isotherm_last_sample_timestamp_seconds" = |imu| imu.last_sample_unix_s,
+        "When a sample came last, within a second, Unix time; absent before the first.";
+    counter "isotherm_increments_total" = |imu| count(imu.compensated), "Increments published.";
+    counter "isotherm_samples_missing_total" = |imu| count(imu.missing), "Raw samples that never came.";
+    counter "isotherm_gaps_total" = |imu| count(imu.gaps), "Samples before which others of their session were missing.";
+    counter "isotherm_samples_repeated_total" = |imu| count(imu.repeats),
+        "Samples whose sequence did not rise: resends.";
+    counter "isotherm_sessions_total" = |imu| count(imu.sessions), "Starts of an acquisition.";
+    counter "isotherm_session_missing_periods_total" = |imu| count(imu.session_missing),
+        "Control periods between two sessions, where both have timestamps of the same clock.";
+    counter "isotherm_session_unknown_total" = |imu| count(imu.session_unknown),
+        "Changes of session with an unknown number of control periods between.";
+    counter "isotherm_transport_errors_total" = |imu| count(imu.transport_errors),
+        "Receiving or publishing failed; should be 0.";
+    counter "isotherm_reloads_total" = |imu| count(imu.reloads), "Tables taken over after the first.";
+    counter "isotherm_reloads_refused_total" = |imu| count(imu.refusals),
+        "Table files refused, one that is away included.";
+    gauge "isotherm_reload_failed" = |imu| count(imu.last_reload_error.is_some().into()),
+        "Whether the table's file as it is now is not in force: 0 or 1.";
+    gauge "isotherm_table_kept" = |imu| imu.table.as_ref().and_then(|_| count(imu.table_kept.into())),
+        "Whether the table in force is kept for the next start: 0 or 1; absent without a table.";
+    gauge "isotherm_table_taken_timestamp_seconds" = |imu| imu.table_taken_unix_s,
+        "When the table in force was taken over, Unix time.";
+    gauge "isotherm_table_modified_timestamp_seconds" = |imu| imu.table_modified_unix_s,
+        "When the file of the table in force was changed, Unix time.";
+    gauge "isotherm_acquisition_connected" = |imu| count(imu.acquisition_connected.into()),
+        "Whether an acquisition is connected: 0 or 1.";
+    gauge "isotherm_readers" = |imu| count(imu.readers as u64),
+        "Processes that read the increments, the acquisition among them.";
+    gauge "isotherm_closed_lost_periods" = |imu| imu.closed.as_ref().and_then(|closed| count(closed.lost)),
+        "Control periods that the last acquisition to close with a loss had not sent; absent if none did.";
+    gauge "isotherm_closed_unanswered_samples" = |imu| imu.closed.as_ref().and_then(|closed| count(closed.unanswered)),
+        "Samples that the last acquisition to close with a loss had sent without getting their increments.";
     ---
     BUILD = gauge "isotherm_build_info" [version] "Version of the service; always 1.";
     SERVICE = gauge "isotherm_service_info" [domain, wait] "Domain and waiting strategy of the service; always 1.";
