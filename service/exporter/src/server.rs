@@ -1,8 +1,8 @@
 //! A web server for one page and few readers, in one thread.
 //!
-//! The memory and the time that a connection can use are bounded: [`MAX_CONNECTIONS`] connections; for each of them [`MAX_REQUEST`]
-//! bytes of request, one page and [`CONNECTION_TIMEOUT`]. A further connection replaces the oldest, so idle connections
-//! keep nobody out. Each connection gets one answer.
+//! The memory and the time that others can use are bounded: [`MAX_CONNECTIONS`] connections; for each of them
+//! [`MAX_REQUEST`] bytes of request, one page and [`CONNECTION_TIMEOUT`]. A further connection replaces the oldest, so
+//! idle ones keep nobody out. Each connection gets one answer.
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::io::{self, ErrorKind, Read as _, Write as _};
@@ -44,8 +44,8 @@ impl Server {
         Ok(Self { listener, connections: Vec::with_capacity(MAX_CONNECTIONS), closed_until: Instant::now() })
     }
 
-    /// Waits for connections, for a second at most, and answers their requests. The answer is the current `page`, or an error
-    /// status if there is none.
+    /// Waits for connections, for a second at most, and answers their requests. The answer is the current `page`, or an
+    /// error status if there is none.
     pub(crate) fn turn(&mut self, mut page: impl FnMut() -> Option<String>) {
         self.wait();
         self.accept();
