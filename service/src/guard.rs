@@ -3,8 +3,8 @@
 //! The tables are compared by [`TableDifference`], without errors or statistics. A new table is compared with the one
 //! that was in force last, within the limits; and with an *anchor*, the table of the first start or the last one that
 //! was accepted, within three times the limits, so that many small steps do not add up unseen. Gyroscopes are compared
-//! with those of the last table that had any. [`KeptTables`] keeps these tables over a restart, so that a restart installs
-//! no table that a reload has refused.
+//! with those of the last table that had any. [`KeptTables`] keeps these tables over a restart, so that a restart
+//! installs no table that a reload has refused.
 //!
 //! Somebody who means the change accepts the table's digest with the command `reload`, by an [`Acceptance`].
 

@@ -1,5 +1,5 @@
-//! The start of the service, in this order: configuration -> tables (all faults are reported together, before any stream
-//! is created) -> node -> status stream, which keeps a second service out -> workers with the IMUs' streams.
+//! The start of the service, in this order: configuration -> tables (all faults are reported together, before any
+//! stream is created) -> node -> status stream, which keeps a second service out -> workers with the IMUs' streams.
 
 use crate::config::{Config, Imu, Strategy};
 use crate::early_death::StartMark;
