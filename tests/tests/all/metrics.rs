@@ -41,13 +41,15 @@ fn scrape(address: &str) -> Scrape {
     Scrape::read(&metrics_page(address).unwrap())
 }
 
-/// The first page that shows these values for `imu-a`; a page may be half a second old.
+/// The first page that shows these values for `imu-a`, and when its last sample came; a page may be half a second old,
+/// and that time is known within a second.
 fn scrape_with(address: &str, values: &[(&str, f64)]) -> Scrape {
     let mut page = None;
     wait_until(&format!("{values:?}"), || {
         let scrape = scrape(address);
         let shows = |(name, value): &(&str, f64)| scrape.samples.get(&format!("{name}{{imu=\"imu-a\"}}")) == Some(value);
-        let shows_all = values.iter().all(shows);
+        let last = scrape.samples.contains_key("isotherm_last_sample_timestamp_seconds{imu=\"imu-a\"}");
+        let shows_all = last && values.iter().all(shows);
         page = Some(scrape);
         shows_all
     });
