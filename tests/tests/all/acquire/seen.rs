@@ -121,7 +121,7 @@ fn metrics_say_what_the_tally_says() {
     for line in page.lines().filter(|line| line.contains("isotherm_acquire_")) {
         assert!(is_metric(line), "{line}");
     }
-    let (_, tally) = (exporter, acquire.end());
+    let tally = acquire.end();
     let names = ["frames", "samples", "missing", "gaps", "bytes"];
     let of_metrics = names.map(|name| value(&page, &format!("{name}_total{{imu=\"imu-a\"}}")).unwrap());
     assert_eq!(of_metrics, counts(&tally, names), "{tally}");
@@ -131,6 +131,7 @@ fn metrics_say_what_the_tally_says() {
     assert_eq!(skipped.into_iter().flatten().sum::<u64>(), 50 + 42, "{tally}");
     // After an end that was asked for there are none.
     wait_until("no figures", || metrics_page(&address).is_some_and(|page| !page.contains("isotherm_acquire_bytes_total{")));
+    exporter.terminate();
     service.terminate();
 }
 
