@@ -11,7 +11,7 @@ const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 /// Every document with its text.
 fn documents() -> Vec<(PathBuf, String)> {
     let mut paths = vec![];
-    for folder in ["", "docs", "fuzz", "python"] {
+    for folder in ["", "docs", "tests/fuzz", "python"] {
         let entries = fs::read_dir(Path::new(ROOT).join(folder)).unwrap().map(|entry| entry.unwrap().path());
         paths.extend(entries.filter(|path| path.extension().is_some_and(|extension| extension == "md")));
     }
