@@ -47,7 +47,12 @@ impl Explain {
             let labels = if metric.labels.is_empty() { "no labels".to_owned() } else { metric.labels.join(", ") };
             Topic::new("metric", metric.name, format!("{}; {labels}", metric.kind), metric.help, "")
         };
-        let all: Vec<_> = explanations().map(finding).chain(topics()).chain(metrics().map(metric)).chain(top::STATES.iter().map(state)).collect();
+        let all: Vec<_> = explanations()
+            .map(finding)
+            .chain(topics())
+            .chain(metrics().map(metric))
+            .chain(top::STATES.iter().map(state))
+            .collect();
         explain(&all, &self.name)
     }
 }

@@ -5,7 +5,8 @@ use isotherm_client::transport::stream::{Ipc, raw_name};
 use isotherm_client::{Flags, RawSample, join, monotonic_ns};
 use isotherm_shared::wire::Triad;
 use isotherm_tests::{
-    Needs, Process, TABLE, TIMEOUT, TestDomain, exchange, id, metrics_page, recording, round_trip, skip, text, wait_until,
+    Needs, Process, TABLE, TIMEOUT, TestDomain, exchange, id, metrics_page, recording, round_trip, skip, text,
+    wait_until,
 };
 use nix::sys::ptrace;
 use nix::sys::wait::{WaitPidFlag, waitpid};
@@ -47,7 +48,8 @@ fn scrape_with(address: &str, values: &[(&str, f64)]) -> Scrape {
     let mut page = None;
     wait_until(&format!("{values:?}"), || {
         let scrape = scrape(address);
-        let shows = |(name, value): &(&str, f64)| scrape.samples.get(&format!("{name}{{imu=\"imu-a\"}}")) == Some(value);
+        let shows =
+            |(name, value): &(&str, f64)| scrape.samples.get(&format!("{name}{{imu=\"imu-a\"}}")) == Some(value);
         let last = scrape.samples.contains_key("isotherm_last_sample_timestamp_seconds{imu=\"imu-a\"}");
         let shows_all = last && values.iter().all(shows);
         page = Some(scrape);
@@ -476,7 +478,8 @@ fn a_service_that_is_to_serve_metrics_itself_names_the_exporter() {
         let said = text(&output.stderr);
         assert_eq!(output.status.code(), Some(78), "{said}");
         let place = "service.toml:5: metrics.listen: ";
-        let remedy = "remove [metrics], and start `isotherm-exporter --listen 127.0.0.1:9464` (unit isotherm-exporter.service)";
+        let remedy =
+            "remove [metrics], and start `isotherm-exporter --listen 127.0.0.1:9464` (unit isotherm-exporter.service)";
         assert!(said.contains(place) && said.contains(remedy), "{said}");
     }
     domain.write("source.toml", "");

@@ -130,7 +130,9 @@ fn metrics_say_what_the_tally_says() {
     let skipped = causes.map(|cause| value(&page, &format!("skipped_bytes_total{{imu=\"imu-a\",cause=\"{cause}\"}}")));
     assert_eq!(skipped.into_iter().flatten().sum::<u64>(), 50 + 42, "{tally}");
     // After an end that was asked for there are none.
-    wait_until("no figures", || metrics_page(&address).is_some_and(|page| !page.contains("isotherm_acquire_bytes_total{")));
+    wait_until("no figures", || {
+        metrics_page(&address).is_some_and(|page| !page.contains("isotherm_acquire_bytes_total{"))
+    });
     exporter.terminate();
     service.terminate();
 }
