@@ -13,7 +13,6 @@
 //! let settings = Settings {
 //!     target: Target::Rows(Some(5)),
 //!     record: None,
-//!     metrics: None,
 //!     sysfs: Path::new("/").to_owned(),
 //!     end: Default::default(),
 //!     tell: |tally| eprintln!("{tally}"),
@@ -37,6 +36,7 @@ mod link;
 mod message;
 mod nominal;
 mod note;
+mod note_writer;
 mod notice;
 mod number;
 mod offline;

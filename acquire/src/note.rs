@@ -1,15 +1,15 @@
 //! What an acquisition notes in the domain's folder for its successor: that this IMU has sent a sample since the
 //! machine was started, and the lag of its temperatures.
 
+use crate::note_writer::NoteWriter;
 use isotherm_client::{Domain, ImuId, Lag, Note, RawSample, boot};
-use isotherm_support::failure::tell;
 use serde::{Deserialize, Serialize};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
-use std::thread;
 use std::time::{Duration, Instant};
 
-/// The lag is noted so often at most, and so long the end waits for the disk.
+/// The lag is noted so often at most.
 const PAUSE: Duration = Duration::from_secs(1);
+/// What is lost where the folder does not take the note.
+const LOSS: &str = "the next acquisition will not know the lag";
 /// A lag that is older than this many time constants tells nothing: the temperatures may have done anything meanwhile.
 const MOST_TIME_CONSTANTS: u64 = 10;
 /// Clocks that differ by less since the last reading are the same one \[ns\]: samples may wait for the service.
@@ -17,8 +17,7 @@ const SAME_CLOCK_NS: u128 = 2_000_000_000;
 
 /// The note of one IMU.
 ///
-/// The domain's folder may be on a disk, which may let a writer wait. So a thread of its own writes, and the sample
-/// path hands it the newest content.
+/// The sample path hands the newest content to a thread that writes it.
 pub(crate) struct AcquisitionNote {
     domain: Domain,
     imu: ImuId,
@@ -82,11 +81,6 @@ impl KeptLag {
     }
 }
 
-struct NoteWriter {
-    contents: SyncSender<NoteContent>,
-    ended: Receiver<()>,
-}
-
 impl AcquisitionNote {
     /// Reads the note of this IMU. One that is damaged, is of another start of the machine, or belongs to neither this
     /// user nor the domain's group is none.
@@ -122,10 +116,8 @@ impl AcquisitionNote {
         if self.handed.is_some() {
             self.hand_over(lag);
         }
-        if let Some(NoteWriter { contents, ended }) = self.writer.take() {
-            drop(contents);
-            // The thread ends, or the disk hangs.
-            let _ = ended.recv_timeout(PAUSE);
+        if let Some(writer) = self.writer.take() {
+            writer.end();
         }
     }
 
@@ -134,8 +126,8 @@ impl AcquisitionNote {
         let is_new = self.noted.is_none_or(|noted| noted.lag.map(|kept| kept.lag) != lag.map(|kept| kept.lag));
         if is_new {
             let content = NoteContent { boot: self.boot, lag };
-            let writer = self.writer.get_or_insert_with(|| NoteWriter::start(&self.domain, &self.imu));
-            if let Err(TrySendError::Full(_)) = writer.contents.try_send(content) {
+            let start = || NoteWriter::start(&self.domain, note(&self.domain, &self.imu), LOSS);
+            if !self.writer.get_or_insert_with(start).write(&content) {
                 return;
             }
             self.noted = Some(content);
@@ -146,43 +138,6 @@ impl AcquisitionNote {
 
 fn note(domain: &Domain, imu: &ImuId) -> Note {
     Note::new(domain, &format!("acquired-{imu}.json"))
-}
-
-impl NoteWriter {
-    /// Starts the thread. Without it nothing is noted, which is told.
-    fn start(domain: &Domain, imu: &ImuId) -> Self {
-        let (contents, received) = sync_channel(1);
-        let (end, ended) = sync_channel(1);
-        let (domain, note) = (domain.clone(), note(domain, imu));
-        let body = move || {
-            write(&domain, &note, &received);
-            let _ = end.send(());
-        };
-        if let Err(error) = thread::Builder::new().name("note".to_owned()).spawn(body) {
-            refused(&error);
-        }
-        Self { contents, ended }
-    }
-}
-
-fn write(domain: &Domain, note: &Note, contents: &Receiver<NoteContent>) {
-    let mut is_told = false;
-    for content in contents {
-        let text = serde_json::to_vec(&content).map_err(std::io::Error::from);
-        match text.and_then(|text| note.write(&text)) {
-            Ok(()) => note.open_to_members(domain),
-            Err(error) if !is_told => {
-                is_told = true;
-                refused(&error);
-            }
-            Err(_) => {}
-        }
-    }
-}
-
-fn refused(error: &std::io::Error) {
-    let message = "the domain's folder does not take the note for the next acquisition, which will not know the lag";
-    tell("isotherm", format!("warning: {message}: {error}"));
 }
 
 #[cfg(test)]

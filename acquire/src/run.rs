@@ -4,13 +4,14 @@ use crate::description::Description;
 use crate::intake::Intake;
 use crate::link::Link;
 use crate::note::AcquisitionNote;
+use crate::note_writer::NoteWriter;
 use crate::notice::Notice;
 use crate::rate::Rate;
 use crate::recorder::{Recorder, Recording};
 use crate::sink::{PrintedRows, Sink};
 use crate::source::{Source, SourceState};
 use crate::tally::Tally;
-use isotherm_client::{Options, monotonic_ns, unix_s};
+use isotherm_client::{Domain, ImuId, Note, Options, monotonic_ns, unix_s};
 use isotherm_support::failure::{Exit, Failure, shown, tell};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -21,9 +22,9 @@ use std::time::{Duration, Instant};
 const PAUSE: Duration = Duration::from_millis(20);
 /// Longest wait while samples wait for room in the service's queue.
 const BUSY: Duration = Duration::from_millis(1);
-/// How often the tally is told, the metrics are written, and the rate is judged.
+/// How often the tally is told, is written for the exporter of metrics, and the rate is judged.
 const TOLD: Duration = Duration::from_secs(60);
-const WRITTEN: Duration = Duration::from_secs(5);
+const WRITTEN: Duration = Duration::from_secs(1);
 const JUDGED: Duration = Duration::from_millis(500);
 /// Pause between two looks for a device that is away.
 const LOOK: Duration = Duration::from_millis(250);
@@ -54,8 +55,6 @@ pub struct Settings {
     pub target: Target,
     /// Where all samples are recorded.
     pub record: Option<Recording>,
-    /// A file that gets the tally as metrics, every few seconds.
-    pub metrics: Option<PathBuf>,
     /// Root of `/sys` and `/dev` for IIO: `/`, or a tree for tests.
     pub sysfs: PathBuf,
     /// Set to end the acquisition.
@@ -90,10 +89,10 @@ pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failu
         }
         recording => drop(recording.as_ref().map(Recorder::check).transpose()?),
     }
-    match write_metrics(&settings, &Tally { imu: imu.to_string(), ..Tally::default() }) {
-        Err(failure) if has_sent => tell("isotherm", format!("warning: {failure}")),
-        written => written?,
-    }
+    let tally_note = match &settings.target {
+        Target::Service(options) => Some(TallyNote::start(&options.domain, &imu)),
+        Target::Rows(_) => None,
+    };
     let source = Source::open(description, has_sent, settings.sysfs.clone(), &settings.end)?;
     // A source that cannot be opened leaves no file behind.
     let recorder =
@@ -119,6 +118,7 @@ pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failu
         written: now,
         judged: now,
         looked: now,
+        tally_note,
         heard: DeviceContact::new(now, Tally::default()),
         pace: Rate::default(),
     };
@@ -134,6 +134,7 @@ struct AcquisitionLoop<'a> {
     began: Instant,
     told: Instant,
     written: Instant,
+    tally_note: Option<TallyNote>,
     judged: Instant,
     looked: Instant,
     heard: DeviceContact,
@@ -164,11 +165,11 @@ impl AcquisitionLoop<'_> {
         let ended = self.finish();
         self.bring_up_to_date();
         (self.settings.tell)(&self.intake.tally);
-        let written = write_metrics(&self.settings, &self.intake.tally);
-        match Failure::all([result.err(), ended.err(), written.err()].into_iter().flatten().collect()) {
-            Some(failure) => Err(failure),
-            None => Ok(self.intake.tally),
+        let failure = Failure::all([result.err(), ended.err()].into_iter().flatten().collect());
+        if let Some(tally_note) = self.tally_note {
+            tally_note.end(&self.intake.tally, failure.is_some());
         }
+        failure.map_or(Ok(self.intake.tally), Err)
     }
 
     fn acquire(&mut self) -> Result<(), Failure> {
@@ -231,8 +232,8 @@ impl AcquisitionLoop<'_> {
         if now - self.written >= WRITTEN {
             self.written = now;
             self.bring_up_to_date();
-            if let Err(failure) = write_metrics(&self.settings, &self.intake.tally) {
-                tell("isotherm", format!("warning: {failure}"));
+            if let Some(tally_note) = &self.tally_note {
+                tally_note.writer.write(&self.intake.tally.document());
             }
         }
         Ok(())
@@ -317,7 +318,26 @@ impl AcquisitionLoop<'_> {
     }
 }
 
-fn write_metrics(settings: &Settings, tally: &Tally) -> Result<(), Failure> {
-    let Some(path) = &settings.metrics else { return Ok(()) };
-    isotherm_files::replace(path, &tally.prometheus()).map_err(|error| Failure::io("writing", path, &error))
+/// The tally in the domain's folder, for the exporter of metrics.
+struct TallyNote {
+    note: Note,
+    writer: NoteWriter,
+}
+
+impl TallyNote {
+    fn start(domain: &Domain, imu: &ImuId) -> Self {
+        let note = Note::of_tally(domain, imu);
+        let writer = NoteWriter::start(domain, note.clone(), "the exporter has no metrics of this acquisition");
+        Self { note, writer }
+    }
+
+    /// Leaves the last tally after a failure, so that the monitoring sees that the acquisition is gone, and nothing
+    /// after an end that was asked for.
+    fn end(self, tally: &Tally, has_failed: bool) {
+        self.writer.write(&tally.document());
+        self.writer.end();
+        if !has_failed {
+            self.note.remove();
+        }
+    }
 }

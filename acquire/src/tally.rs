@@ -3,7 +3,7 @@
 use crate::link::LinkCounts;
 use isotherm_client::unix_s;
 use serde::Serialize;
-use std::fmt::{self, Write as _};
+use std::fmt;
 
 /// Why bytes are no frame, or a line is no row.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -175,113 +175,22 @@ pub(crate) fn of_described(deviation: f64) -> String {
     }
 }
 
-/// The metrics: name, type, help and value.
-type Metric = (&'static str, &'static str, &'static str, f64);
+/// A tally as the exporter of metrics reads it.
+#[derive(Serialize)]
+struct TallyDocument<'a> {
+    /// When it was written, in Unix time \[s\].
+    written_unix_s: f64,
+    /// The interval that was taken for the device's \[s\]; 0 while it is the described one.
+    adopted_interval_s: f64,
+    #[serde(flatten)]
+    tally: &'a Tally,
+}
 
 impl Tally {
-    fn metrics(&self) -> [Metric; 35] {
-        let count = |value: u64| value as f64;
-        [
-            ("written_timestamp_seconds", "gauge", "When these were written, in Unix time [s].", unix_s()),
-            ("seconds", "gauge", "How long the acquisition has run [s].", self.seconds),
-            ("bytes_total", "counter", "Bytes received.", count(self.bytes)),
-            ("frames_total", "counter", "Frames, lines or scans received whole.", count(self.frames)),
-            ("samples_total", "counter", "Samples made of them.", count(self.samples)),
-            ("unhealthy_total", "counter", "Samples of a device whose status is not healthy.", count(self.unhealthy)),
-            ("repeated_total", "counter", "Frames with the number of the frame before.", count(self.repeated)),
-            ("others_total", "counter", "Frames of items without those of the sensors.", count(self.others)),
-            ("incomplete_total", "counter", "Frames without all columns of the sensors.", count(self.incomplete)),
-            (
-                "without_temperature_total",
-                "counter",
-                "Frames before the first temperature.",
-                count(self.without_temperature),
-            ),
-            ("out_of_range_total", "counter", "Frames with more pulses than a sample has.", count(self.out_of_range)),
-            ("gaps_total", "counter", "Places where control periods are missing.", count(self.gaps)),
-            ("missing_total", "counter", "Control periods that are missing.", count(self.missing)),
-            ("ambiguous_total", "counter", "Gaps whose length is not certain.", count(self.ambiguous)),
-            ("sessions_total", "counter", "Sessions.", count(self.sessions)),
-            ("outages_total", "counter", "Times that the device went away.", count(self.outages)),
-            ("rate_hz", "gauge", "Frames a second over the last seconds [Hz].", self.rate_hz),
-            (
-                "device_present",
-                "gauge",
-                "Whether the device is there (1) or away (0).",
-                f64::from(u8::from(self.is_there)),
-            ),
-            (
-                "last_frame_timestamp_seconds",
-                "gauge",
-                "When the last frame was seen [s since 1970]; 0 before the first.",
-                self.last_frame_s,
-            ),
-            ("other_rate_total", "counter", "Samples that are invalid for another rate.", count(self.other_rate)),
-            (
-                "adopted_total",
-                "counter",
-                "Times that another rate than the described one was taken.",
-                count(self.adopted),
-            ),
-            (
-                "adopted_interval_seconds",
-                "gauge",
-                "Interval that was taken for the device's [s]; 0 while it is the described one.",
-                self.adopted_interval_ns as f64 / 1e9,
-            ),
-            ("strangers_total", "counter", "Datagrams of others than the peer.", count(self.strangers)),
-            (
-                "other_device",
-                "gauge",
-                "1 if the device is another one than the description's.",
-                count(self.is_other.into()),
-            ),
-            ("other_device_total", "counter", "Samples of another device.", count(self.other_device)),
-            ("held_total", "counter", "Samples of another device that were not sent.", count(self.held)),
-            ("unanswered_total", "counter", "Questions and settings without their answer.", count(self.unanswered)),
-            (
-                "power_ups_total",
-                "counter",
-                "Times that the device said that it was just powered.",
-                count(self.power_ups),
-            ),
-            ("damaged_total", "counter", "Frames or lines that began and were not right.", count(self.skipped.damaged)),
-            ("sent_total", "counter", "Samples sent to the service.", count(self.service.sent)),
-            ("answered_total", "counter", "Samples answered by the service.", count(self.service.answered)),
-            (
-                "dropped_total",
-                "counter",
-                "Samples that the service took not within half a minute.",
-                count(self.service.dropped),
-            ),
-            ("recorded_total", "counter", "Rows that were recorded.", count(self.recorded)),
-            (
-                "unanswered_samples_total",
-                "counter",
-                "Samples sent and not answered when the way to the service failed.",
-                count(self.service.unanswered),
-            ),
-            ("not_recorded_total", "counter", "Rows that could not be recorded.", count(self.not_recorded)),
-        ]
-    }
-
-    /// The tally in Prometheus' text format, for the textfile collector of its node exporter.
-    #[must_use]
-    pub fn prometheus(&self) -> String {
-        let (mut text, imu) = (String::new(), &self.imu);
-        for (name, kind, help, value) in self.metrics() {
-            // Writing to a String cannot fail.
-            let _ = writeln!(
-                text,
-                "# HELP isotherm_acquire_{name} {help}\n# TYPE isotherm_acquire_{name} {kind}\nisotherm_acquire_{name}{{imu=\"{imu}\"}} {value}"
-            );
-        }
-        text += "# HELP isotherm_acquire_skipped_bytes_total Bytes that were no frame, by cause.\n\
-                 # TYPE isotherm_acquire_skipped_bytes_total counter\n";
-        for (cause, bytes) in self.skipped.causes() {
-            let _ = writeln!(text, "isotherm_acquire_skipped_bytes_total{{imu=\"{imu}\",cause=\"{cause}\"}} {bytes}");
-        }
-        text
+    /// What the exporter of metrics reads.
+    pub(crate) fn document(&self) -> impl Serialize {
+        let adopted_interval_s = self.adopted_interval_ns as f64 / 1e9;
+        TallyDocument { written_unix_s: unix_s(), adopted_interval_s, tally: self }
     }
 }
 

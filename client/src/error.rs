@@ -7,6 +7,7 @@ use core::fmt;
 use iceoryx2::prelude::{IceoryxSend, PortFactory as _};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use isotherm_shared::names::{Domain, DomainError, ImuId};
+#[cfg(feature = "failure")]
 use isotherm_support::failure::{Exit, Failure};
 use rustix::fs::statvfs;
 
@@ -157,6 +158,7 @@ pub(crate) fn permission(domain: &Domain, made_by: Option<u32>) -> ConnectError 
     ConnectError::Permission { domain: domain.name().to_owned(), root: domain.root_path().to_owned(), made_by }
 }
 
+#[cfg(feature = "failure")]
 impl From<ConnectError> for Failure {
     fn from(error: ConnectError) -> Self {
         let exit = match error {

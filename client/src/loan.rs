@@ -4,6 +4,7 @@ use crate::transport::stream::Ipc;
 use core::fmt;
 use iceoryx2::sample_mut::SampleMut;
 use isotherm_shared::wire::{MergeError, RawSample};
+#[cfg(feature = "failure")]
 use isotherm_support::failure::{Exit, Failure};
 
 /// A raw sample, in shared memory if a service is there, which the caller owns until it is sent. Dereferences to
@@ -85,6 +86,7 @@ pub struct TransportError {
     cause: String,
 }
 
+#[cfg(feature = "failure")]
 impl From<TransportError> for Failure {
     fn from(error: TransportError) -> Self {
         Self::new(Exit::Failed, error.to_string())

@@ -8,7 +8,7 @@ use crate::error::ConnectError;
 use crate::transport::group;
 pub(crate) use crate::transport::own_storage::SHARED_MEMORY;
 use crate::transport::stream::CREATION_TIMEOUT;
-use isotherm_shared::names::Domain;
+use isotherm_shared::names::{Domain, ImuId};
 use isotherm_support::failure::shown;
 use rustix::fs::OFlags;
 use std::collections::HashMap;
@@ -191,6 +191,13 @@ impl Note {
     #[must_use]
     pub fn new(domain: &Domain, name: &str) -> Self {
         Self { folder: domain.root_path().into(), name: format!("{}{name}", domain.prefix()) }
+    }
+
+    /// The tally of an IMU's acquisition, in JSON: `isotherm acquire` writes it once a second, and the exporter of
+    /// metrics reads it.
+    #[must_use]
+    pub fn of_tally(domain: &Domain, imu: &ImuId) -> Self {
+        Self::new(domain, &format!("tally-{imu}.json"))
     }
 
     /// Whether the note exists, whichever user wrote it.

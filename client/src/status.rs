@@ -12,6 +12,7 @@ use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use isotherm_shared::names::Domain;
 use isotherm_shared::status::ServiceStatus;
+#[cfg(feature = "failure")]
 use isotherm_support::failure::{Exit, Failure};
 use std::time::{Duration, Instant};
 use std::{io, thread};
@@ -120,6 +121,7 @@ impl StatusError {
     }
 }
 
+#[cfg(feature = "failure")]
 impl From<StatusError> for Failure {
     fn from(error: StatusError) -> Self {
         match error {

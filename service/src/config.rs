@@ -6,7 +6,6 @@ use isotherm_shared::document::{Document, Faults, Section};
 use isotherm_shared::names::ImuId;
 use isotherm_shared::table::difference::{Limit, MaxChange};
 use std::collections::BTreeSet;
-use std::net::SocketAddr;
 use std::num::NonZeroU64;
 use std::path::{Path, PathBuf};
 
@@ -85,8 +84,6 @@ pub struct Config {
     pub budget_us: f64,
     /// Real-time settings of the workers.
     pub realtime: WorkerRealtime,
-    /// The address on which metrics are served; `None` for no metrics.
-    pub metrics: Option<SocketAddr>,
     /// By how much a new table may differ from the one before, for an IMU without limits of its own.
     pub max_change: MaxChange,
     /// What to do at the start with a table file that cannot be taken.
@@ -124,7 +121,6 @@ impl Default for Config {
             strategy: Strategy::default(),
             budget_us: BUDGET_US,
             realtime: WorkerRealtime::default(),
-            metrics: None,
             max_change: MaxChange::default(),
             at_start: AtStart::default(),
             group: None,
@@ -246,13 +242,14 @@ fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
         section.finish();
     }
     if let Some(metrics) = root.optional_section("metrics") {
-        config.metrics = metrics.optional_string("listen").and_then(|listen| {
-            let address = listen.parse().ok();
-            let wrong = || format!("is {listen:?}, give an address and a port, for example 127.0.0.1:9464");
-            metrics.refuse("listen", address.is_none().then(wrong));
-            address
-        });
-        metrics.finish();
+        let address = metrics.optional_string("listen").unwrap_or("ADDRESS");
+        metrics.fault(
+            "listen",
+            format!(
+                "is a setting of the exporter now: remove [metrics], and start `isotherm-exporter --listen {address}` (unit \
+                 isotherm-exporter.service)"
+            ),
+        );
     }
     config
 }
@@ -323,8 +320,6 @@ mod tests {
             priority = 60
             lock_memory = true
             timer_slack_ns = 1000
-            [metrics]
-            listen = "127.0.0.1:9464"
             [domain]
             group = "imu"
         "#;
@@ -337,7 +332,7 @@ mod tests {
         let timer_slack_ns = NonZeroU64::new(1000).unwrap();
         let cores = vec![1, 3];
         assert_eq!(config.realtime, WorkerRealtime { cores, priority: Some(60), lock_memory: true, timer_slack_ns });
-        assert_eq!((config.metrics.unwrap().port(), config.at_start), (9464, AtStart::Exit));
+        assert_eq!(config.at_start, AtStart::Exit);
         assert_eq!(config.group.as_deref(), Some("imu"));
         let all = MaxChange { bias: 20.0 * 1e-3, scale: 1000.0 * 1e-6, alignment: 1e-3, ..MaxChange::default() };
         assert_eq!([config.imus[0].max_change, config.max_change], [all; 2]);

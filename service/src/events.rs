@@ -1,7 +1,7 @@
 //! What the other threads have to say to the control thread. Of each kind only the newest waits, so that nothing that
 //! happens outside, however often, takes memory or holds a signal up.
 
-use crate::memory::Memory;
+use crate::memory::KeptTables;
 use isotherm_files::LoadError;
 use isotherm_shared::table::CoefficientTable;
 use std::collections::BTreeMap;
@@ -53,7 +53,7 @@ pub(crate) struct EventSet {
     /// What was found in a table's file.
     pub files: BTreeMap<usize, FileReport>,
     /// What the state folder has for an IMU.
-    pub memories: BTreeMap<usize, Memory>,
+    pub memories: BTreeMap<usize, KeptTables>,
     /// How keeping a table has ended.
     pub kept: BTreeMap<usize, KeepOutcome>,
 }
@@ -67,13 +67,13 @@ impl EventSet {
 
 /// The place where the threads meet.
 #[derive(Debug, Default)]
-pub(crate) struct Events {
+pub(crate) struct EventQueue {
     pending: Mutex<EventSet>,
     changed: Condvar,
     has_started: AtomicBool,
 }
 
-impl Events {
+impl EventQueue {
     fn lock(&self) -> MutexGuard<'_, EventSet> {
         self.pending.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -102,7 +102,7 @@ impl Events {
     }
 
     /// The state folder was read for an IMU.
-    pub(crate) fn memory(&self, imu: usize, memory: Memory) {
+    pub(crate) fn memory(&self, imu: usize, memory: KeptTables) {
         self.add(|pending| drop(pending.memories.insert(imu, memory)));
     }
 

@@ -3,14 +3,14 @@
 //! The tables are compared by [`TableDifference`], without errors or statistics. A new table is compared with the one
 //! that was in force last, within the limits; and with an *anchor*, the table of the first start or the last one that
 //! was accepted, within three times the limits, so that many small steps do not add up unseen. Gyroscopes are compared
-//! with those of the last table that had any. [`Memory`] keeps these tables over a restart, so that a restart installs
-//! no table that a reload has refused.
+//! with those of the last table that had any. [`KeptTables`] keeps these tables over a restart, so that a restart
+//! installs no table that a reload has refused.
 //!
 //! Somebody who means the change accepts the table's digest with the command `reload`, by an [`Acceptance`].
 
 use crate::acceptance::Acceptance;
 use crate::config::Imu;
-use crate::memory::Memory;
+use crate::memory::KeptTables;
 use isotherm_client::{Domain, ImuId};
 use isotherm_shared::table::difference::{Change, MaxChange, TableDifference};
 use isotherm_shared::table::{CoefficientTable, Digest};
@@ -26,13 +26,13 @@ pub(crate) struct Guard {
     limits: MaxChange,
     domain: Domain,
     /// What is known of earlier tables, of this service or the one before.
-    memory: Memory,
+    memory: KeptTables,
     changes: Vec<Change>,
 }
 
 /// A table that may be taken, and what it changes.
 #[derive(Debug)]
-pub(crate) struct Admission {
+pub(crate) struct TableAdmission {
     /// Of each curve; empty if there is nothing to compare with.
     changes: Vec<Change>,
     /// The changes, or why there is no comparison, for the log.
@@ -43,7 +43,7 @@ pub(crate) struct Admission {
 
 /// Why a table may not be taken.
 #[derive(Clone, Debug, Eq, PartialEq)]
-pub(crate) struct Refusal {
+pub(crate) struct TableRefusal {
     /// Each curve with both values and the limit, and the remedy.
     pub reason: String,
     /// Whether it is the table of another unit than the one in force: both have serial numbers, and they differ.
@@ -52,7 +52,7 @@ pub(crate) struct Refusal {
 
 impl Guard {
     /// The guard of an IMU with this memory.
-    pub(crate) fn new(imu: &Imu, domain: &Domain, memory: Memory) -> Self {
+    pub(crate) fn new(imu: &Imu, domain: &Domain, memory: KeptTables) -> Self {
         let (imu, limits, domain) = (imu.id.clone(), imu.max_change, domain.clone());
         Self { imu, limits, domain, memory, changes: Vec::new() }
     }
@@ -74,7 +74,7 @@ impl Guard {
     }
 
     /// What is known of earlier tables.
-    pub(crate) const fn memory(&self) -> &Memory {
+    pub(crate) const fn memory(&self) -> &KeptTables {
         &self.memory
     }
 
@@ -82,17 +82,21 @@ impl Guard {
     ///
     /// # Errors
     /// Why it must not be taken.
-    pub(crate) fn admit(&self, table: &CoefficientTable, accepted: &[Acceptance]) -> Result<Admission, Refusal> {
+    pub(crate) fn admit(
+        &self,
+        table: &CoefficientTable,
+        accepted: &[Acceptance],
+    ) -> Result<TableAdmission, TableRefusal> {
         if let Some(forgotten) = &self.memory.forgotten {
             return self.admit_without_memory(table, forgotten, accepted);
         }
         let Some(reference) = self.memory.reference() else {
             let words = "it is not known which table was in force before, so it is compared with none".to_owned();
-            return Ok(Admission { changes: Vec::new(), words, accepted: false });
+            return Ok(TableAdmission { changes: Vec::new(), words, accepted: false });
         };
         if reference.digest() == table.digest() {
             let words = "the same as before".to_owned();
-            return Ok(Admission { changes: self.changes.clone(), words, accepted: false });
+            return Ok(TableAdmission { changes: self.changes.clone(), words, accepted: false });
         }
         let difference = TableDifference::of(reference, table);
         let refusals = self.refusals(reference, &difference, table);
@@ -101,10 +105,10 @@ impl Guard {
             let serials = [reference, table].map(|table| table.content().serial.as_ref());
             let is_other_unit = serials[0] != serials[1] && !serials.contains(&None) && difference.changes_a_curve();
             let reason = self.refusal(&refusals, reference.digest(), table.digest());
-            return Err(Refusal { reason, is_other_unit });
+            return Err(TableRefusal { reason, is_other_unit });
         }
         let words = format!("{difference}{}", if accepted { "; accepted by its digest" } else { "" });
-        Ok(Admission { changes: difference.changes, words, accepted })
+        Ok(TableAdmission { changes: difference.changes, words, accepted })
     }
 
     /// Whoever takes the memory away must not get a table into force by that.
@@ -113,20 +117,20 @@ impl Guard {
         table: &CoefficientTable,
         forgotten: &str,
         accepted: &[Acceptance],
-    ) -> Result<Admission, Refusal> {
+    ) -> Result<TableAdmission, TableRefusal> {
         let digest = table.digest().to_string();
         let accepted = is_accepted(table.digest(), accepted);
         if accepted || digest == forgotten {
             let how = if accepted { "accepted by its digest" } else { "the same as before, by its digest" };
             let words = format!("{how}; the tables that were in force before cannot be read");
-            return Ok(Admission { changes: Vec::new(), words, accepted });
+            return Ok(TableAdmission { changes: Vec::new(), words, accepted });
         }
         let imu = &self.imu;
         let reason = format!(
             "the table that was in force last, {forgotten}, was kept and cannot be read any more, so this one cannot be compared with it; \
              bring that table back, or accept this one with the command `reload --imu {imu} --accept {digest}`"
         );
-        Err(Refusal { reason, is_other_unit: false })
+        Err(TableRefusal { reason, is_other_unit: false })
     }
 
     /// Why a table that differs so from the one in force last is refused; empty if it may be taken.
@@ -169,7 +173,7 @@ impl Guard {
     }
 
     /// Notes that an admitted table is in force now.
-    pub(crate) fn taken(&mut self, table: &Arc<CoefficientTable>, admission: Admission) {
+    pub(crate) fn taken(&mut self, table: &Arc<CoefficientTable>, admission: TableAdmission) {
         self.changes = admission.changes;
         self.memory.take(table, admission.accepted);
     }
@@ -211,20 +215,20 @@ mod tests {
         text.replacen("[imu]\n", &format!("[imu]\nserial = \"{serial}\"\n"), 1)
     }
 
-    struct Guarded {
+    struct GuardedImu {
         folder: tempfile::TempDir,
         guard: Guard,
     }
 
-    impl Guarded {
-        fn new(memory: Memory) -> Self {
+    impl GuardedImu {
+        fn new(memory: KeptTables) -> Self {
             let folder = tempfile::tempdir().unwrap();
             let domain = Domain::new("guard", &format!("{}", folder.path().display())).unwrap();
             let imu = Imu::new(ImuId::new("imu-a").unwrap(), PathBuf::new(), MaxChange::default());
             Self { folder, guard: Guard::new(&imu, &domain, memory) }
         }
 
-        fn take(&mut self, table: &Arc<CoefficientTable>) -> Result<String, Refusal> {
+        fn take(&mut self, table: &Arc<CoefficientTable>) -> Result<String, TableRefusal> {
             let admission = self.guard.admit(table, &self.guard.accepted())?;
             let words = admission.words.clone();
             self.guard.taken(table, admission);
@@ -244,7 +248,7 @@ mod tests {
 
     #[test]
     fn many_small_steps_do_not_add_up_beyond_three_times_the_limits() {
-        let mut guarded = Guarded::new(Memory::default());
+        let mut guarded = GuardedImu::new(KeptTables::default());
         assert!(guarded.take(&raised(0.0)).unwrap().contains("compared with none"));
         for mg0 in [90.0, 180.0, 270.0] {
             guarded.take(&raised(mg0)).unwrap();
@@ -281,7 +285,7 @@ mod tests {
         let whole = include_str!("../../tests/data/imu-g.toml").replace("imu-g", "imu-a");
         let without = table(whole.split("[[gyroscope]]").next().unwrap());
         let tenfold = table(&whole.replace("c0 = 1.05214", "c0 = 10.5214"));
-        let mut guarded = Guarded::new(Memory::default());
+        let mut guarded = GuardedImu::new(KeptTables::default());
         guarded.take(&table(&whole)).unwrap();
         let lost = guarded.take(&without).unwrap_err();
         assert!(lost.reason.starts_with("the table before has gyroscopes, and this one has none"), "{}", lost.reason);
@@ -298,13 +302,13 @@ mod tests {
         let (own, other) = (with_serial(TABLE, "7"), with_serial(TABLE, "8"));
         let bent = |text: &str| table(&text.replace("c0 = 793.55", "c0 = 800.0"));
         let far = |text: &str| table(&text.replace("91733.0", "9173.0"));
-        let mut guarded = Guarded::new(Memory::default());
+        let mut guarded = GuardedImu::new(KeptTables::default());
         guarded.take(&table(&own)).unwrap();
         assert!(guarded.take(&bent(&other)).unwrap_err().is_other_unit);
         assert!(!guarded.take(&far(&own)).unwrap_err().is_other_unit);
         assert!(!guarded.take(&far(TABLE)).unwrap_err().is_other_unit);
         assert!(guarded.take(&table(&other)).unwrap().contains("serial 7 -> 8"));
-        let mut guarded = Guarded::new(Memory::default());
+        let mut guarded = GuardedImu::new(KeptTables::default());
         guarded.take(&table(TABLE)).unwrap();
         assert!(!guarded.take(&bent(&own)).unwrap_err().is_other_unit, "its number was not known");
     }
@@ -312,13 +316,13 @@ mod tests {
     #[test]
     fn a_memory_that_was_taken_away_admits_only_what_was_in_force() {
         let digest = table(TABLE).digest().to_string();
-        let mut guarded = Guarded::new(Memory { forgotten: Some(digest.clone()), ..Memory::default() });
+        let mut guarded = GuardedImu::new(KeptTables { forgotten: Some(digest.clone()), ..KeptTables::default() });
         let refusal = guarded.take(&raised(1.0)).unwrap_err();
         assert!(refusal.reason.contains(&format!("in force last, {digest}, was kept and cannot be read")));
         assert!(guarded.take(&table(TABLE)).unwrap().starts_with("the same as before, by its digest"));
         // From now on it is known again.
         guarded.take(&raised(1.0)).unwrap();
-        let mut guarded = Guarded::new(Memory { forgotten: Some(digest), ..Memory::default() });
+        let mut guarded = GuardedImu::new(KeptTables { forgotten: Some(digest), ..KeptTables::default() });
         guarded.accept(&raised(900.0));
         guarded.take(&raised(900.0)).unwrap();
         assert_eq!(guarded.guard.anchor().unwrap().0, raised(900.0).digest());

@@ -4,11 +4,11 @@
 use crate::acceptance::Acceptance;
 use crate::config::Imu;
 use crate::events::{FileChange, FileReport, KeepOutcome};
-use crate::guard::{Admission, Guard, is_accepted};
+use crate::guard::{Guard, TableAdmission, is_accepted};
 use crate::keeper::KeepRequest;
 use crate::leftovers::{Port, ports_of, ports_of_event};
 use crate::session::SessionNote;
-use crate::windows::Windows;
+use crate::windows::LatencyWindows;
 use crate::worker::channel::ChannelLink;
 use crate::worker::counters::{CounterReader, OtherDevice, counters};
 use iceoryx2::prelude::PortFactory as _;
@@ -40,7 +40,7 @@ pub(crate) struct FirstTable {
     /// The guard, which has admitted the table if there is one.
     pub guard: Guard,
     /// The table, and why it may be taken.
-    pub table: Option<(Arc<CoefficientTable>, Admission)>,
+    pub table: Option<(Arc<CoefficientTable>, TableAdmission)>,
     /// When the table's file was changed, Unix time \[s\].
     pub modified_unix_s: Option<f64>,
     /// Why the file as it is now is not in force.
@@ -61,7 +61,7 @@ pub(crate) struct PendingImu {
     tables: TableQueue,
     guard: Guard,
     /// The first table, which is in force when the streams are open.
-    first: Option<(Arc<CoefficientTable>, Admission)>,
+    first: Option<(Arc<CoefficientTable>, TableAdmission)>,
     /// What was accepted when the first table was chosen.
     accepted: Vec<Acceptance>,
 }
@@ -118,7 +118,7 @@ impl PendingImu {
             wake,
             arrival,
             rehearsal,
-            windows: Windows::default(),
+            windows: LatencyWindows::default(),
             tables,
             logged: LoggedLosses::default(),
             logged_device: LoggedDevice::default(),
@@ -162,7 +162,7 @@ pub(crate) struct ImuState {
     /// The open streams of the acquisition's rehearsals: to find the ports of dead processes.
     pub rehearsal: RehearsalStreams,
     /// Latency in the last second and in the last minute.
-    pub windows: Windows,
+    pub windows: LatencyWindows,
     tables: TableQueue,
     logged: LoggedLosses,
     logged_device: LoggedDevice,

@@ -4,8 +4,8 @@
 //! replaces it.
 
 use crate::acceptance::Acceptance;
-use crate::events::{Events, KeepOutcome};
-use crate::memory::{Memory, StateFolder, kept_note, remedy};
+use crate::events::{EventQueue, KeepOutcome};
+use crate::memory::{KeptTables, StateFolder, kept_note, remedy};
 use isotherm_client::{Domain, ImuId, STATE_VARIABLE};
 use isotherm_support::failure::shown;
 use std::collections::BTreeMap;
@@ -22,7 +22,7 @@ const RETRY: Duration = Duration::from_secs(10);
 #[derive(Clone, Debug)]
 pub(crate) struct KeepRequest {
     /// The table in force, and those that the next one is compared with.
-    pub memory: Memory,
+    pub memory: KeptTables,
     /// What was accepted when the table was taken, which may be another one: an acceptance that was not needed does not
     /// wait for a later table. It is used up when the table is kept. One that came meanwhile stays.
     pub accepted: Vec<Acceptance>,
@@ -30,17 +30,17 @@ pub(crate) struct KeepRequest {
 
 /// The control thread's handle. Dropping it ends the thread when it has nothing to do.
 pub(crate) struct Keeper {
-    shared: Arc<Shared>,
+    link: Arc<KeeperLink>,
 }
 
 #[derive(Default)]
-struct Shared {
-    queue: Mutex<Queue>,
+struct KeeperLink {
+    queue: Mutex<KeeperQueue>,
     changed: Condvar,
 }
 
 #[derive(Default)]
-struct Queue {
+struct KeeperQueue {
     /// By the number of the IMU.
     requests: BTreeMap<usize, KeepRequest>,
     /// Whether the thread is at work on a request.
@@ -48,8 +48,8 @@ struct Queue {
     ended: bool,
 }
 
-impl Shared {
-    fn lock(&self) -> MutexGuard<'_, Queue> {
+impl KeeperLink {
+    fn lock(&self) -> MutexGuard<'_, KeeperQueue> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -59,61 +59,61 @@ impl Keeper {
     ///
     /// # Errors
     /// If the operating system refuses the thread.
-    pub(crate) fn start(domain: &Domain, imus: Vec<ImuId>, events: &Arc<Events>) -> io::Result<Self> {
-        let shared = Arc::<Shared>::default();
+    pub(crate) fn start(domain: &Domain, imus: Vec<ImuId>, events: &Arc<EventQueue>) -> io::Result<Self> {
+        let link = Arc::<KeeperLink>::default();
         let body = {
-            let (shared, domain, events) = (Arc::clone(&shared), domain.clone(), Arc::clone(events));
-            move || KeeperThread::new(domain, imus, shared, events).run()
+            let (link, domain, events) = (Arc::clone(&link), domain.clone(), Arc::clone(events));
+            move || KeeperThread::new(domain, imus, link, events).run()
         };
         thread::Builder::new().name("keeper".to_owned()).spawn(body)?;
-        Ok(Self { shared })
+        Ok(Self { link })
     }
 
     /// Requests that the tables of an IMU are kept. The outcome comes as an event.
     pub(crate) fn keep(&self, imu: usize, request: KeepRequest) {
-        self.shared.lock().requests.insert(imu, request);
-        self.shared.changed.notify_all();
+        self.link.lock().requests.insert(imu, request);
+        self.link.changed.notify_all();
     }
 
     /// Waits until nothing is left to do, but no longer than this.
     pub(crate) fn finish(&self, limit: Duration) {
-        let is_at_work = |queue: &mut Queue| queue.is_busy || !queue.requests.is_empty();
+        let is_at_work = |queue: &mut KeeperQueue| queue.is_busy || !queue.requests.is_empty();
         // What is not kept then is kept after the next start.
-        drop(self.shared.changed.wait_timeout_while(self.shared.lock(), limit, is_at_work));
+        drop(self.link.changed.wait_timeout_while(self.link.lock(), limit, is_at_work));
     }
 }
 
 impl Drop for Keeper {
     fn drop(&mut self) {
-        self.shared.lock().ended = true;
-        self.shared.changed.notify_all();
+        self.link.lock().ended = true;
+        self.link.changed.notify_all();
     }
 }
 
 struct KeeperThread {
     domain: Domain,
     imus: Vec<ImuId>,
-    shared: Arc<Shared>,
-    events: Arc<Events>,
+    link: Arc<KeeperLink>,
+    events: Arc<EventQueue>,
     folder: Result<StateFolder, &'static str>,
     /// What is in the folder, by the number of the IMU.
-    kept: Vec<Memory>,
+    kept: Vec<KeptTables>,
     /// What could not be kept.
     failed: BTreeMap<usize, KeepRequest>,
     told_in_memory: bool,
 }
 
 impl KeeperThread {
-    fn new(domain: Domain, imus: Vec<ImuId>, shared: Arc<Shared>, events: Arc<Events>) -> Self {
+    fn new(domain: Domain, imus: Vec<ImuId>, link: Arc<KeeperLink>, events: Arc<EventQueue>) -> Self {
         let folder = StateFolder::of(&domain);
-        Self { domain, imus, shared, events, folder, kept: Vec::new(), failed: BTreeMap::new(), told_in_memory: false }
+        Self { domain, imus, link, events, folder, kept: Vec::new(), failed: BTreeMap::new(), told_in_memory: false }
     }
 
     fn run(mut self) {
         for (number, imu) in self.imus.iter().enumerate() {
             let (memory, faults) = match &self.folder {
                 Ok(folder) => folder.load(&self.domain, imu),
-                Err(_) => (Memory::default(), Vec::new()),
+                Err(_) => (KeptTables::default(), Vec::new()),
             };
             for cause in faults {
                 warn!(%imu, "the table that was in force last cannot be read: {cause}");
@@ -131,9 +131,9 @@ impl KeeperThread {
 
     /// Waits for the next request; `None` at the end.
     fn next(&mut self) -> Option<(usize, KeepRequest)> {
-        let mut queue = self.shared.lock();
+        let mut queue = self.link.lock();
         queue.is_busy = false;
-        self.shared.changed.notify_all();
+        self.link.changed.notify_all();
         loop {
             if let Some(next) = queue.requests.pop_first() {
                 queue.is_busy = true;
@@ -143,10 +143,10 @@ impl KeeperThread {
                 return None;
             }
             if self.failed.is_empty() {
-                queue = self.shared.changed.wait(queue).unwrap_or_else(PoisonError::into_inner);
+                queue = self.link.changed.wait(queue).unwrap_or_else(PoisonError::into_inner);
             } else {
                 let (again, waited) =
-                    self.shared.changed.wait_timeout(queue, RETRY).unwrap_or_else(PoisonError::into_inner);
+                    self.link.changed.wait_timeout(queue, RETRY).unwrap_or_else(PoisonError::into_inner);
                 queue = again;
                 if waited.timed_out() && queue.requests.is_empty() {
                     return self.failed.pop_first();

@@ -23,7 +23,7 @@ use std::{env, io};
 
 /// The tables of one IMU that a new one is compared with.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Memory {
+pub(crate) struct KeptTables {
     /// The table that was in force last.
     pub in_force: Option<Arc<CoefficientTable>>,
     /// The table of the first start, or the last one that was accepted.
@@ -34,7 +34,7 @@ pub(crate) struct Memory {
     pub forgotten: Option<String>,
 }
 
-impl Memory {
+impl KeptTables {
     /// The table to compare a new one with, and to serve where there is no other.
     pub(crate) fn reference(&self) -> Option<&Arc<CoefficientTable>> {
         self.in_force.as_ref().or(self.anchor.as_ref())
@@ -91,7 +91,7 @@ impl StateFolder {
     }
 
     /// Reads what is kept for an IMU. The second part says what is kept and cannot be used.
-    pub(crate) fn load(&self, domain: &Domain, imu: &ImuId) -> (Memory, Vec<String>) {
+    pub(crate) fn load(&self, domain: &Domain, imu: &ImuId) -> (KeptTables, Vec<String>) {
         let mut faults = Vec::new();
         let mut read = |name: &str| match self.read(name, imu) {
             Ok(table) => table.map(Arc::new),
@@ -104,14 +104,14 @@ impl StateFolder {
         let is_removed = in_force.is_none() && self.is_removed(&format!("{imu}.toml"));
         if is_removed {
             // By this user: nobody else may write the folder. What lies beside it is of no use any more.
-            return (Memory::default(), faults);
+            return (KeptTables::default(), faults);
         }
         let anchor = read(&format!("{imu}.anchor.toml")).or_else(|| in_force.clone());
         let gyroscopes = read(&format!("{imu}.gyroscopes.toml"));
         let gyroscopes =
             gyroscopes.filter(|_| in_force.as_ref().is_some_and(|table| table.content().gyroscopes.is_none()));
         let forgotten = if in_force.is_none() && anchor.is_none() { forgotten(domain, imu) } else { None };
-        (Memory { in_force, anchor, gyroscopes, forgotten }, faults)
+        (KeptTables { in_force, anchor, gyroscopes, forgotten }, faults)
     }
 
     /// Whether the folder can be believed and does not have the file.
@@ -140,7 +140,7 @@ impl StateFolder {
     ///
     /// # Errors
     /// The operating system's; what was kept before is then kept.
-    pub(crate) fn store(&self, imu: &ImuId, memory: &Memory, kept: &Memory) -> io::Result<()> {
+    pub(crate) fn store(&self, imu: &ImuId, memory: &KeptTables, kept: &KeptTables) -> io::Result<()> {
         if !self.0.is_dir() {
             DirBuilder::new().recursive(true).mode(0o700).create(&self.0)?;
             if let Some(parent) = self.0.parent() {

@@ -11,7 +11,7 @@
 //! Each folder has a thread of its own, which looks at its files and loads them: a disk or a network may let it wait.
 //! The control thread gets what was found as an event.
 
-use crate::events::{Events, FileChange, FileReport};
+use crate::events::{EventQueue, FileChange, FileReport};
 use isotherm_files::{Identity, LoadError, Trust, load_table};
 use isotherm_shared::names::ImuId;
 use isotherm_shared::table::CoefficientTable;
@@ -48,16 +48,16 @@ impl TableFiles {
     ///
     /// # Errors
     /// If the operating system refuses a thread.
-    pub(crate) fn start(files: Vec<TableFile>, events: &Arc<Events>) -> io::Result<Self> {
-        let mut by_folder: BTreeMap<PathBuf, Vec<(usize, TableFile)>> = BTreeMap::new();
+    pub(crate) fn start(files: Vec<WatchedFile>, events: &Arc<EventQueue>) -> io::Result<Self> {
+        let mut by_folder: BTreeMap<PathBuf, Vec<(usize, WatchedFile)>> = BTreeMap::new();
         for (imu, file) in files.into_iter().enumerate() {
             by_folder.entry(folder_of(file.path())).or_default().push((imu, file));
         }
-        let start = |(folder, files): (PathBuf, Vec<(usize, TableFile)>)| {
+        let start = |(folder, files): (PathBuf, Vec<(usize, WatchedFile)>)| {
             let link = Arc::new(FolderLink { folder, orders: Mutex::default(), changed: Condvar::new() });
             let body = {
                 let (link, events) = (Arc::clone(&link), Arc::clone(events));
-                move || Folder::new(link, events, files).run()
+                move || TableFolder::new(link, events, files).run()
             };
             thread::Builder::new().name("tables".to_owned()).spawn(body).map(|_| link)
         };
@@ -117,17 +117,17 @@ impl FolderLink {
 }
 
 /// The files of one folder, in their thread.
-struct Folder {
+struct TableFolder {
     link: Arc<FolderLink>,
-    events: Arc<Events>,
+    events: Arc<EventQueue>,
     /// With the numbers of their IMUs.
-    files: Vec<(usize, TableFile)>,
+    files: Vec<(usize, WatchedFile)>,
     /// The places of the files that are complete and not loaded yet.
     completed: BTreeSet<usize>,
 }
 
-impl Folder {
-    const fn new(link: Arc<FolderLink>, events: Arc<Events>, files: Vec<(usize, TableFile)>) -> Self {
+impl TableFolder {
+    const fn new(link: Arc<FolderLink>, events: Arc<EventQueue>, files: Vec<(usize, WatchedFile)>) -> Self {
         Self { link, events, files, completed: BTreeSet::new() }
     }
 
@@ -262,7 +262,7 @@ fn watch(
 
 /// The file of one IMU's table.
 #[derive(Debug)]
-pub(crate) struct TableFile {
+pub(crate) struct WatchedFile {
     imu: ImuId,
     path: PathBuf,
     trust: Trust,
@@ -274,7 +274,7 @@ pub(crate) struct TableFile {
     next_load: Instant,
 }
 
-impl TableFile {
+impl WatchedFile {
     /// The file of `imu`'s table; it is not read yet.
     pub(crate) fn new(imu: ImuId, path: PathBuf, trust: Trust) -> Self {
         Self { imu, path, trust, handled: None, candidate: None, next_load: Instant::now() }
@@ -352,10 +352,10 @@ mod tests {
 
     const TABLE: &str = include_str!("../../tests/data/imu-a.toml");
 
-    fn file(folder: &tempfile::TempDir) -> TableFile {
+    fn file(folder: &tempfile::TempDir) -> WatchedFile {
         let path = folder.path().join("imu-a.toml");
         fs::write(&path, TABLE).unwrap();
-        let mut file = TableFile::new(ImuId::new("imu-a").unwrap(), path, Trust::Owned);
+        let mut file = WatchedFile::new(ImuId::new("imu-a").unwrap(), path, Trust::Owned);
         file.load().unwrap();
         file
     }
@@ -408,7 +408,7 @@ mod tests {
         let marker = folder.path().join("marker");
         fs::write(&marker, TABLE).unwrap();
         fs::rename(&marker, &table).unwrap();
-        // Events arrive in order, so a wrong event would arrive before this one.
+        // EventQueue arrive in order, so a wrong event would arrive before this one.
         assert_eq!(names.recv_timeout(Duration::from_secs(20)).unwrap(), "imu-a.toml");
         drop(half);
     }

@@ -14,7 +14,7 @@ use tracing::{error, info, warn};
 
 /// What became of an IMU's file.
 #[derive(Debug)]
-enum Choice {
+enum TableChoice {
     /// Its table is served.
     File,
     /// There is no file yet, and the command line allows that.
@@ -42,18 +42,18 @@ pub(crate) fn choose(
     let chosen = config.imus.iter().zip(guards).zip(reports);
     let chosen: Vec<_> =
         chosen.map(|((imu, guard), report)| choose_one(imu, guard, report, allow_uncalibrated)).collect();
-    let is_served = chosen.iter().any(|(choice, _)| matches!(choice, Choice::File | Choice::Kept(_)));
-    let must_exit = |choice: &Choice| match choice {
-        Choice::File | Choice::Uncalibrated(_) => false,
-        Choice::Kept(_) => config.at_start == AtStart::Exit,
-        Choice::Nothing(_) => config.at_start == AtStart::Exit || is_first_start || !is_served,
-        Choice::OtherUnit(_) => true,
+    let is_served = chosen.iter().any(|(choice, _)| matches!(choice, TableChoice::File | TableChoice::Kept(_)));
+    let must_exit = |choice: &TableChoice| match choice {
+        TableChoice::File | TableChoice::Uncalibrated(_) => false,
+        TableChoice::Kept(_) => config.at_start == AtStart::Exit,
+        TableChoice::Nothing(_) => config.at_start == AtStart::Exit || is_first_start || !is_served,
+        TableChoice::OtherUnit(_) => true,
     };
     let (mut failures, mut tables) = (Vec::new(), Vec::new());
     for (imu, (choice, first)) in config.imus.iter().zip(chosen) {
         let exits = must_exit(&choice);
         match choice {
-            Choice::Kept(failure) | Choice::Nothing(failure) | Choice::OtherUnit(failure) if exits => {
+            TableChoice::Kept(failure) | TableChoice::Nothing(failure) | TableChoice::OtherUnit(failure) if exits => {
                 failures.push(failure);
             }
             choice => log(imu, &choice, &first),
@@ -63,7 +63,12 @@ pub(crate) fn choose(
     Failure::all(failures).map_or(Ok(tables), Err)
 }
 
-fn choose_one(imu: &Imu, guard: Guard, report: Option<FileReport>, allow_uncalibrated: bool) -> (Choice, FirstTable) {
+fn choose_one(
+    imu: &Imu,
+    guard: Guard,
+    report: Option<FileReport>,
+    allow_uncalibrated: bool,
+) -> (TableChoice, FirstTable) {
     let modified_unix_s = report.as_ref().and_then(|report| report.modified_unix_s);
     let is_absent = report.as_ref().is_some_and(|report| report.is_absent);
     let accepted = guard.accepted();
@@ -72,7 +77,7 @@ fn choose_one(imu: &Imu, guard: Guard, report: Option<FileReport>, allow_uncalib
             Ok(admission) => {
                 let table = Some((table, admission));
                 let first = FirstTable { guard, table, modified_unix_s, refused: None, waits: false, accepted };
-                return (Choice::File, first);
+                return (TableChoice::File, first);
             }
             Err(refusal) => {
                 let message = format!("{}: {}", shown(&imu.table), refusal.reason);
@@ -90,12 +95,12 @@ fn choose_one(imu: &Imu, guard: Guard, report: Option<FileReport>, allow_uncalib
     let reference = guard.memory().reference().cloned();
     let table = reference.and_then(|table| guard.admit(&table, &accepted).ok().map(|admission| (table, admission)));
     let choice = match &table {
-        _ if is_other_unit => Choice::OtherUnit(exchanged(failure)),
-        Some(_) => Choice::Kept(failure),
-        None if allow_uncalibrated && is_absent => Choice::Uncalibrated(failure),
-        None => Choice::Nothing(failure),
+        _ if is_other_unit => TableChoice::OtherUnit(exchanged(failure)),
+        Some(_) => TableChoice::Kept(failure),
+        None if allow_uncalibrated && is_absent => TableChoice::Uncalibrated(failure),
+        None => TableChoice::Nothing(failure),
     };
-    let waits = matches!(choice, Choice::Uncalibrated(_));
+    let waits = matches!(choice, TableChoice::Uncalibrated(_));
     (choice, FirstTable { guard, table, modified_unix_s: None, refused, waits, accepted: Vec::new() })
 }
 
@@ -109,31 +114,31 @@ fn exchanged(failure: Failure) -> Failure {
     Failure { message, ..failure }
 }
 
-fn log(imu: &Imu, choice: &Choice, first: &FirstTable) {
+fn log(imu: &Imu, choice: &TableChoice, first: &FirstTable) {
     let (id, file) = (&imu.id, shown(&imu.table));
     let line = |failure: &Failure| failure.message.replace('\n', "; ");
     match (choice, &first.table) {
-        (Choice::File, Some((table, admission))) => {
+        (TableChoice::File, Some((table, admission))) => {
             info!(imu = %id, table = %table.digest(), %file, "table loaded: {}", admission.words);
             log_unlike_scale_factors(imu, table);
         }
-        (Choice::Kept(failure), Some((table, _))) => error!(
+        (TableChoice::Kept(failure), Some((table, _))) => error!(
             imu = %id, table = %table.digest(), %file,
             "the table file is not taken, and the table that was in force last is served: {}", line(failure)
         ),
-        (Choice::Uncalibrated(failure), _) => warn!(imu = %id, "no table yet, serving NaN: {}", line(failure)),
-        (Choice::Nothing(failure) | Choice::OtherUnit(failure), _) => error!(
+        (TableChoice::Uncalibrated(failure), _) => warn!(imu = %id, "no table yet, serving NaN: {}", line(failure)),
+        (TableChoice::Nothing(failure) | TableChoice::OtherUnit(failure), _) => error!(
             imu = %id, %file,
             "there is no table for this IMU, and the others are served: its increments are NaN, flagged no-table: {}", line(failure)
         ),
-        (Choice::File | Choice::Kept(_), None) => {}
+        (TableChoice::File | TableChoice::Kept(_), None) => {}
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::memory::Memory;
+    use crate::memory::KeptTables;
     use isotherm_client::{Domain, ImuId};
     use isotherm_files::LoadError;
     use isotherm_shared::table::CoefficientTable;
@@ -143,9 +148,9 @@ mod tests {
 
     const TABLE: &str = include_str!("../../tests/data/imu-a.toml");
 
-    /// What lies in the place of a table's file.
+    /// The state of a table's file.
     #[derive(Clone, Copy, Debug, PartialEq)]
-    enum Lies {
+    enum FileState {
         Good,
         /// A table that changes too much.
         Far,
@@ -156,42 +161,46 @@ mod tests {
         /// Its disk does not answer.
         Silent,
     }
-    use Lies::{Absent, Damaged, Far, Good, OtherUnit, Silent};
+    use FileState::{Absent, Damaged, Far, Good, OtherUnit, Silent};
 
     fn table(serial: &str, from: &str, to: &str) -> Arc<CoefficientTable> {
         let text = TABLE.replacen("[imu]\n", &format!("[imu]\nserial = \"{serial}\"\n"), 1).replace(from, to);
         Arc::new(CoefficientTable::from_toml(&text, None).unwrap())
     }
 
-    fn report(lies: Lies) -> Option<FileReport> {
+    fn report(state: FileState) -> Option<FileReport> {
         let refused =
             |cause: &str| FileChange::Refused(LoadError::Io { path: PathBuf::from("t"), cause: cause.to_owned() });
-        let change = match lies {
+        let change = match state {
             Good => FileChange::Loaded(table("7", "c0 = 793.55", "c0 = 793.56")),
             Far => FileChange::Loaded(table("7", "91733.0", "9173.0")),
             OtherUnit => FileChange::Loaded(table("8", "c0 = 793.55", "c0 = 793.56")),
             Damaged | Absent => refused("no such file"),
             Silent => return None,
         };
-        Some(FileReport { change, modified_unix_s: Some(1.0), is_absent: lies == Absent, is_requested: false })
+        Some(FileReport { change, modified_unix_s: Some(1.0), is_absent: state == Absent, is_requested: false })
     }
 
     /// Serves IMUs with these files, and with a table from before or none. Of each IMU the result has whether it has a
     /// table and whether its file is refused; an error has the number of messages.
-    fn serve(imus: &[(Lies, bool)], at_start: AtStart, allow_uncalibrated: bool) -> Result<Vec<(bool, bool)>, usize> {
+    fn serve(
+        imus: &[(FileState, bool)],
+        at_start: AtStart,
+        allow_uncalibrated: bool,
+    ) -> Result<Vec<(bool, bool)>, usize> {
         let folder = tempfile::tempdir().unwrap();
         let domain = Domain::new("start", &folder.path().display().to_string()).unwrap();
         let imu = Imu::new(ImuId::new("imu-a").unwrap(), PathBuf::from("t"), MaxChange::default());
         let config = Config { imus: vec![imu.clone(); imus.len()], at_start, ..Config::default() };
         let memory = |is_kept: bool| {
-            let mut memory = Memory::default();
+            let mut memory = KeptTables::default();
             if is_kept {
                 memory.take(&table("7", "", ""), false);
             }
             memory
         };
         let guards = imus.iter().map(|(_, is_kept)| Guard::new(&imu, &domain, memory(*is_kept))).collect();
-        let reports = imus.iter().map(|(lies, _)| report(*lies)).collect();
+        let reports = imus.iter().map(|(state, _)| report(*state)).collect();
         match choose(&config, guards, reports, allow_uncalibrated) {
             Ok(tables) => Ok(tables.iter().map(|first| (first.table.is_some(), first.refused.is_some())).collect()),
             Err(failure) => {
@@ -203,13 +212,13 @@ mod tests {
 
     #[test]
     fn beside_a_good_kept_table_no_file_ends_the_start() {
-        for lies in [Far, Damaged, Absent, Silent] {
-            assert_eq!(serve(&[(lies, true)], AtStart::Keep, false), Ok(vec![(true, true)]), "{lies:?}");
-            assert!(serve(&[(lies, true)], AtStart::Exit, false).is_err(), "{lies:?}");
+        for state in [Far, Damaged, Absent, Silent] {
+            assert_eq!(serve(&[(state, true)], AtStart::Keep, false), Ok(vec![(true, true)]), "{state:?}");
+            assert!(serve(&[(state, true)], AtStart::Exit, false).is_err(), "{state:?}");
             assert_eq!(
-                serve(&[(lies, true)], AtStart::Keep, true),
+                serve(&[(state, true)], AtStart::Keep, true),
                 Ok(vec![(true, true)]),
-                "{lies:?}: kept before NaN"
+                "{state:?}: kept before NaN"
             );
         }
         assert_eq!(serve(&[(Good, true), (Good, false)], AtStart::Keep, false), Ok(vec![(true, false); 2]));
@@ -228,9 +237,9 @@ mod tests {
     #[test]
     fn an_imu_of_which_nothing_is_known_does_not_stop_the_others() {
         let known = (Far, true);
-        for lies in [Damaged, Absent, Silent] {
-            assert_eq!(serve(&[known, (lies, false)], AtStart::Keep, false), Ok(vec![(true, true), (false, true)]));
-            assert!(serve(&[(Good, true), (lies, false)], AtStart::Exit, false).is_err());
+        for state in [Damaged, Absent, Silent] {
+            assert_eq!(serve(&[known, (state, false)], AtStart::Keep, false), Ok(vec![(true, true), (false, true)]));
+            assert!(serve(&[(Good, true), (state, false)], AtStart::Exit, false).is_err());
         }
     }
 }

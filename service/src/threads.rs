@@ -20,7 +20,7 @@ const STILL_CHECKS: u32 = (1_000 / TICK.as_millis()) as u32;
 pub(crate) struct WorkerThread {
     id: i32,
     imus: Vec<String>,
-    last: Option<(Instant, Times)>,
+    last: Option<(Instant, ThreadTimes)>,
     cpu_percent: f64,
     held_back: Duration,
     heartbeat: HeartbeatReader,
@@ -39,9 +39,9 @@ pub(crate) enum HeartbeatChange {
     Resumed,
 }
 
-/// Times since the thread began.
+/// ThreadTimes since the thread began.
 #[derive(Clone, Copy, Debug, Default)]
-struct Times {
+struct ThreadTimes {
     /// On a core.
     ran: Duration,
     /// In a run queue.
@@ -140,10 +140,10 @@ impl WorkerThread {
     }
 
     /// The first two numbers of `schedstat`: time on a core and time in a run queue \[ns\].
-    fn times(&self) -> Times {
+    fn times(&self) -> ThreadTimes {
         let text = self.read("schedstat");
         let mut numbers = text.split(' ').map(|number| Duration::from_nanos(number.parse().unwrap_or(0)));
-        Times { ran: numbers.next().unwrap_or_default(), waited: numbers.next().unwrap_or_default() }
+        ThreadTimes { ran: numbers.next().unwrap_or_default(), waited: numbers.next().unwrap_or_default() }
     }
 }
 

@@ -9,7 +9,7 @@ const MINUTE_S: usize = 60;
 
 /// How much one histogram has grown in each of the last seconds.
 #[derive(Debug, Default)]
-pub(crate) struct Windows {
+pub(crate) struct LatencyWindows {
     /// The counts at the end of the last second.
     previous: BucketCounts,
     /// Growth in each second, the newest last.
@@ -20,7 +20,7 @@ pub(crate) struct Windows {
     last_sample_unix_s: Option<f64>,
 }
 
-impl Windows {
+impl LatencyWindows {
     /// Ends a second with the current counts, and the samples received so far.
     pub(crate) fn end_second(&mut self, counts: BucketCounts, received: u64, unix_s: f64) {
         let new = received.saturating_sub(self.received.0);
@@ -65,7 +65,7 @@ mod tests {
 
     #[test]
     fn each_window_covers_its_own_time_only() {
-        let ((mut writer, reader), mut windows) = (counters(), Windows::default());
+        let ((mut writer, reader), mut windows) = (counters(), LatencyWindows::default());
         let mut record = |latency_ns| {
             writer.answered(&RawSample::default(), Arrival::default(), Flags(0), latency_ns, true);
         };

@@ -79,6 +79,18 @@ pub struct ServiceStatus {
     pub workers: Vec<WorkerStatus>,
     /// Memory of the process that is locked, and so kept resident: `[realtime] lock_memory` \[kB\].
     pub memory_locked_kb: u64,
+    /// Processor time of the process since its start \[s\].
+    #[serde(default)]
+    pub cpu_s: f64,
+    /// Memory of the process that is resident \[kB\].
+    #[serde(default)]
+    pub memory_resident_kb: u64,
+    /// Descriptors that the process has open; null if the kernel does not tell.
+    #[serde(default)]
+    pub open_descriptors: Option<u64>,
+    /// Descriptors that the process may open; null without a limit.
+    #[serde(default)]
+    pub max_descriptors: Option<u64>,
     /// The IMUs that are served.
     pub imus: Vec<ImuStatus>,
 }

@@ -23,7 +23,8 @@ use isotherm_service::Acceptance;
 use isotherm_shared::table::CoefficientTable;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
-use std::io::{BufRead as _, BufReader, ErrorKind, Write as _};
+use std::io::{BufRead as _, BufReader, ErrorKind, Read as _, Write as _};
+use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -190,6 +191,16 @@ impl TestDomain {
     pub fn serve_whole(&self) -> Process {
         self.write("imu-g.toml", WHOLE_TABLE);
         self.serve(&["--imu", "imu-g=imu-g.toml"])
+    }
+
+    /// Starts the exporter of metrics, and returns it with its address.
+    pub fn export(&self) -> (Process, String) {
+        let exporter = self.start(self.program("isotherm-exporter", &["--listen", "127.0.0.1:0"]));
+        exporter.wait_for_log("metrics at http://");
+        let log = exporter.log();
+        let (_, rest) = log.split_once("metrics at http://").unwrap();
+        let address = rest.split('/').next().unwrap().to_owned();
+        (exporter, address)
     }
 
     /// Starts `isotherm` in the background.
@@ -408,6 +419,25 @@ pub fn binary(name: &str) -> PathBuf {
     let binary = test.parent().and_then(Path::parent).unwrap().join(name);
     assert!(binary.exists(), "{} is not built; run `cargo test --workspace`", binary.display());
     binary
+}
+
+/// Sends a request to an exporter of metrics, and returns everything that is received until the connection ends.
+pub fn exchange(address: &str, request: &[u8]) -> String {
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(TIMEOUT)).unwrap();
+    let mut answer = Vec::new();
+    // Ignore errors: a server that refuses a request before its end, or replaces this connection, resets it.
+    let _ = stream.write_all(request).and_then(|()| stream.read_to_end(&mut answer));
+    text(&answer)
+}
+
+/// The page of an exporter of metrics; `None` if it has none, or the connection ends within it.
+pub fn metrics_page(address: &str) -> Option<String> {
+    let answer = exchange(address, b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n");
+    let (head, page) = answer.split_once("\r\n\r\n")?;
+    let is_whole = head.contains(&format!("Content-Length: {}\r\n", page.len()));
+    let is_page = head.starts_with("HTTP/1.1 200 OK\r\nContent-Type: text/plain; version=0.0.4");
+    (is_page && is_whole).then(|| page.to_owned())
 }
 
 /// Starts a command. A program that a test has just written is busy while a process that another test has forked

@@ -50,11 +50,10 @@ pub(crate) struct Acquire {
     /// How long to wait for a service that is not there [s]; for ever unless given
     #[arg(long, value_name = "S", value_parser = seconds)]
     timeout: Option<Duration>,
-    /// Write the tally every 5 s as metrics for the textfile collector of Prometheus' node exporter
-    #[arg(long, value_name = "FILE.prom")]
-    metrics: Option<PathBuf>,
+    #[arg(long, value_name = "FILE.prom", hide = true, value_parser = refuse_metrics)]
+    metrics: Option<String>,
     /// Write the nominal table of the source, whose increments are the device's readings, and end
-    #[arg(long, value_name = "TABLE", conflicts_with_all = ["record", "dry_run", "metrics"])]
+    #[arg(long, value_name = "TABLE", conflicts_with_all = ["record", "dry_run"])]
     nominal: Option<PathBuf>,
     /// Show IIO devices, serial ports and profiles
     #[arg(long, conflicts_with_all = ["source", "probe", "profile"])]
@@ -120,9 +119,9 @@ impl Acquire {
         if is_given && self.record.is_none() {
             return Err(Failure::new(Exit::Usage, "--rotate-size, --rotate-time and --keep-free are for --record"));
         }
-        let Self { record, metrics, sysfs, .. } = self;
+        let Self { record, sysfs, .. } = self;
         let record = record.map(|path| Recording { path, rotation });
-        run(&description, Settings { target, record, metrics, sysfs, end, tell }).map(drop)
+        run(&description, Settings { target, record, sysfs, end, tell }).map(drop)
     }
 
     fn list(&self) -> Result<(), Failure> {
@@ -187,6 +186,13 @@ impl Acquire {
         }
         Ok(())
     }
+}
+
+/// What `--metrics` was for comes from the exporter.
+fn refuse_metrics(_: &str) -> Result<String, String> {
+    Err("no file is written any more: leave it away, and start `isotherm-exporter` (unit isotherm-exporter.service), which shows the \
+         metrics of acquisitions too"
+        .to_owned())
 }
 
 /// The whole sentences of a profile's first line, which may end within one.

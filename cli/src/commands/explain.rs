@@ -2,6 +2,7 @@
 
 use crate::top;
 use clap::{Args, ValueEnum};
+use isotherm_exporter::{Metric, metrics};
 use isotherm_files::print_data;
 use isotherm_service::commands::explain::{Topic, explain, topics, wrap};
 use isotherm_support::failure::Failure;
@@ -42,7 +43,16 @@ impl Explain {
             Topic::new("finding", *name, rank.words().to_owned(), meaning, remedy)
         };
         let state = |(name, meaning): &(&str, &str)| Topic::new("state of top", *name, String::new(), meaning, "");
-        let all: Vec<_> = explanations().map(finding).chain(topics()).chain(top::STATES.iter().map(state)).collect();
+        let metric = |metric: Metric| {
+            let labels = if metric.labels.is_empty() { "no labels".to_owned() } else { metric.labels.join(", ") };
+            Topic::new("metric", metric.name, format!("{}; {labels}", metric.kind), metric.help, "")
+        };
+        let all: Vec<_> = explanations()
+            .map(finding)
+            .chain(topics())
+            .chain(metrics().map(metric))
+            .chain(top::STATES.iter().map(state))
+            .collect();
         explain(&all, &self.name)
     }
 }

@@ -28,7 +28,7 @@ impl Completions {
 /// The commented example of the service's configuration: it has every key.
 const CONFIGURATION: &str = include_str!("../../../examples/service.toml");
 
-/// Print the manual page, or write those of all commands, of `isothermd` and of its configuration into a folder
+/// Print the manual page, or write those of all commands and programs and of the configuration into a folder
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   isotherm man | man -l -
@@ -48,7 +48,8 @@ impl Man {
             return print_data(&String::from_utf8_lossy(&text));
         };
         create_folder(&folder).map_err(|error| Failure::io("making", &folder, &error))?;
-        for program in [program, isotherm_service::command(isotherm_version::LONG_VERSION)] {
+        let version = isotherm_version::LONG_VERSION;
+        for program in [program, isotherm_service::command(version), isotherm_exporter::command(version)] {
             let mut program = program.disable_help_subcommand(true);
             program.build();
             write_pages(&program, &folder)?;

@@ -1,9 +1,9 @@
 //! Everything that is on the screen: the recent statuses, the selection, and what is derived from them.
 
 use super::increments::CurvePoint;
-use super::source::Waiting;
 use super::style::{AlertLevel, Theme};
 use isotherm_client::ConnectError;
+use isotherm_service::StatusWait;
 use isotherm_shared::status::{ImuStatus, ServiceStatus};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
@@ -31,7 +31,7 @@ pub(super) struct Model {
     /// Statuses about a second apart, the newest last. Only the newest may follow its predecessor sooner.
     history: VecDeque<ServiceStatus>,
     /// The wait for the service, if it does not answer.
-    pub waiting: Option<Waiting>,
+    pub waiting: Option<StatusWait>,
     /// The selected row, and which rows are in view.
     pub table: TableState,
     /// The IMU whose increments are in `points`.
@@ -101,7 +101,7 @@ impl Model {
     pub(super) fn update(
         &mut self,
         newest: Option<ServiceStatus>,
-        waiting: Option<Waiting>,
+        waiting: Option<StatusWait>,
         point: Result<Option<CurvePoint>, ConnectError>,
     ) {
         self.waiting = waiting;

@@ -2,11 +2,11 @@
 
 use super::model::Model;
 use super::numbers::age;
-use super::source::Waiting;
 use super::style::AlertLevel;
 use super::{details, overview};
 use humantime::format_rfc3339_seconds;
 use isotherm_client::service_pid;
+use isotherm_service::StatusWait;
 use isotherm_shared::status::WorkerStatus;
 use isotherm_shared::units::SensorKind;
 use isotherm_support::failure::printable;
@@ -100,7 +100,7 @@ fn header(model: &Model, width: u16) -> Line<'static> {
     Line::styled(format!("{text:width$}", width = width.into()), model.theme.inverse())
 }
 
-fn banner(model: &Model, waiting: &Waiting) -> String {
+fn banner(model: &Model, waiting: &StatusWait) -> String {
     // Only the time of day, for example 12:34:56 of 2026-03-01T12:34:56Z.
     let since = format_rfc3339_seconds(SystemTime::now() - waiting.time).to_string();
     let what = if model.status().is_some() { "; below is its last status" } else { "" };

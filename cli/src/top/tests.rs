@@ -4,10 +4,10 @@
 
 use super::increments::CurvePoint;
 use super::model::Model;
-use super::source::Waiting;
 use super::style::Theme;
 use super::{handle_key, screen};
 use isotherm_client::{CompensatedIncrement, Flags};
+use isotherm_service::StatusWait;
 use isotherm_shared::status::{
     DomainStatus, GyroscopeStatus, ImuStatus, LatencyDistribution, LatencySummary, Ranges, ServiceStatus, WorkerStatus,
 };
@@ -87,6 +87,10 @@ fn status(ids: &[&str], seconds: u64) -> ServiceStatus {
         taken_ns: seconds * SECOND,
         wait: "anticipate".to_owned(),
         budget_us: 50.0,
+        cpu_s: 0.0,
+        memory_resident_kb: 0,
+        open_descriptors: None,
+        max_descriptors: None,
         workers: vec![WorkerStatus {
             thread: 1,
             imus: ids.iter().map(|id| (*id).to_owned()).collect(),
@@ -394,7 +398,7 @@ fn every_condition_is_shown() {
 #[test]
 fn a_service_that_is_gone_is_waited_for_and_one_that_returns_counts_anew() {
     let mut model = model(&["imu-a"], PLAIN, |_| {});
-    let waiting = || Some(Waiting { time: Duration::from_secs(12), cause: "no service".to_owned() });
+    let waiting = || Some(StatusWait { time: Duration::from_secs(12), cause: "no service".to_owned() });
     model.update(None, waiting(), Ok(None));
     has(
         &text(&mut model, 80, 24),

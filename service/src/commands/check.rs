@@ -15,7 +15,6 @@ use isotherm_support::failure::{Exit, Failure, shown, tell};
 use std::fmt::Write as _;
 use std::fs::{self, File};
 use std::io::{self, Read as _};
-use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 
 /// Validate files with the code that loads them
@@ -66,7 +65,7 @@ impl Check {
         let trust = Trust::protected_unless(self.allow_world_writable);
         let against = self.against.as_deref().map(|path| load_table(path, None, trust)).transpose()?;
         let against = against.map(|(table, _)| table);
-        let checker = Checker { command: &self, trust, against, laboratory, recording };
+        let checker = FileChecker { command: &self, trust, against, laboratory, recording };
         let mut failures = Vec::new();
         for path in &self.files {
             match checker.check(path) {
@@ -78,7 +77,7 @@ impl Check {
     }
 }
 
-struct Checker<'a> {
+struct FileChecker<'a> {
     command: &'a Check,
     trust: Trust,
     /// What each table is compared with.
@@ -87,7 +86,7 @@ struct Checker<'a> {
     recording: Option<CheckRecording>,
 }
 
-impl Checker<'_> {
+impl FileChecker<'_> {
     fn check(&self, path: &Path) -> Result<String, Failure> {
         let &Self { command: &Check { seal, .. }, trust, laboratory, .. } = self;
         if let Some(format) = recording_format(path) {
@@ -185,8 +184,7 @@ impl Checker<'_> {
     }
 }
 
-/// What `serve` would refuse of a configuration on this machine, with the rights of this process. That a running
-/// service has the port of the metrics is no reason.
+/// What `serve` would refuse of a configuration on this machine, with the rights of this process.
 fn refused_here(config: &Config) -> Vec<String> {
     let WorkerRealtime { cores, priority, lock_memory, timer_slack_ns } = &config.realtime;
     let (priority, lock_memory, timer_slack_ns) = (*priority, *lock_memory, Some(*timer_slack_ns));
@@ -194,12 +192,8 @@ fn refused_here(config: &Config) -> Vec<String> {
     let others = cores.iter().skip(1).map(|core| Realtime { core: Some(*core), ..Realtime::default() });
     let refusals = [once].into_iter().chain(others).flat_map(|setting| setting.refusals());
     let refusals = refusals.map(|error| format!("realtime.{error}"));
-    let metrics = config.metrics.and_then(|address| {
-        let error = TcpListener::bind(address).err().filter(|error| error.kind() != io::ErrorKind::AddrInUse)?;
-        Some(format!("metrics.listen: {address}: {error}"))
-    });
     let room = check_room(config.imus.len()).err().map(|error| error.to_string());
-    refusals.chain(metrics).chain(room).map(|refusal| format!("serve would refuse it here: {refusal}")).collect()
+    refusals.chain(room).map(|refusal| format!("serve would refuse it here: {refusal}")).collect()
 }
 
 /// What only tables of format 2 have, in lines of their own.

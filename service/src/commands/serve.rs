@@ -1,9 +1,10 @@
 //! `serve`: runs the service.
 
 use crate::config::{Config, Imu, MAX_IMUS};
-use crate::control::{self, Outcome, ServeOptions};
+use crate::control::{self, ServiceEnd};
 use crate::lock::DomainLock;
 use crate::logging::{self, LogFormat};
+use crate::startup::ServeOptions;
 use clap::Args;
 use isotherm_client::{Domain, ImuId};
 use isotherm_files::Trust;
@@ -50,8 +51,8 @@ impl Serve {
         let trust = Trust::owned_unless(allow_world_writable);
         let load = move || configuration(config.as_deref(), imu, trust);
         match control::run(domain, load, ServeOptions { allow_uncalibrated, trust })? {
-            Outcome::Stopped => Ok(()),
-            Outcome::BeginsAnew(lock) => Err(begin_anew(&lock)),
+            ServiceEnd::Stopped => Ok(()),
+            ServiceEnd::BeginsAnew(lock) => Err(begin_anew(&lock)),
         }
     }
 }

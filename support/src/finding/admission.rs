@@ -1,6 +1,6 @@
 //! Which findings a user accepts.
 
-use crate::finding::{Finding, Severity};
+use super::record::{Finding, Severity};
 
 /// Which faults a user accepts, and whether a warning is enough to refuse.
 #[derive(Clone, Copy, Debug, Default)]

@@ -11,7 +11,7 @@ const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 /// Every document with its text.
 fn documents() -> Vec<(PathBuf, String)> {
     let mut paths = vec![];
-    for folder in ["", "docs", "fuzz", "python"] {
+    for folder in ["", "docs", "tests/fuzz", "python"] {
         let entries = fs::read_dir(Path::new(ROOT).join(folder)).unwrap().map(|entry| entry.unwrap().path());
         paths.extend(entries.filter(|path| path.extension().is_some_and(|extension| extension == "md")));
     }
@@ -95,14 +95,15 @@ fn the_page_of_findings_is_what_the_program_prints() {
     assert!(page == printed, "renew it: cargo run -p isotherm-cli -- explain --markdown findings > docs/findings.md");
 }
 
-/// What the documents say of the daemon's names holds for `isothermd` too, but for findings and states of `top`.
+/// What the documents say of the daemon's names holds for `isothermd` too, but for findings, metrics and states of
+/// `top`.
 #[test]
 fn every_name_is_explained_and_an_unknown_one_tells_the_nearest() {
     let domain = TestDomain::new();
     for name in ["position-off", "a2-rate", "isotherm_gaps_total", "held_back_ms", "78", "near range end"] {
         assert!(domain.run_ok(&["explain", name]).contains(name), "{name}");
         let daemon = Command::new(binary("isothermd")).args(["explain", name]).output().unwrap();
-        let laboratory = ["position-off", "near range end"].contains(&name);
+        let laboratory = ["position-off", "isotherm_gaps_total", "near range end"].contains(&name);
         assert_eq!(daemon.status.code(), Some(if laboratory { 64 } else { 0 }), "{name}");
     }
     let output = domain.run(&["explain", "positon-off"]);
@@ -236,6 +237,7 @@ fn manual_pages_completions_and_examples_are_there_for_every_command() {
     let of_the_daemon = commands_of(&text(&daemon.stdout));
     assert!(of_the_daemon.len() > 4, "{of_the_daemon:?}");
     assert!(page("isothermd.1").contains("isothermd"));
+    assert!(page("isotherm-exporter.1").contains("--listen") || page("isotherm-exporter.1").contains("\\-\\-listen"));
     for command in of_the_daemon {
         let page = page(&format!("isothermd-{command}.1"));
         assert!(page.contains("Examples:") && page.contains("isothermd"), "{page}");

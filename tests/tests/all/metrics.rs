@@ -1,19 +1,20 @@
 //! Metrics for Prometheus: every metric is updated and documented, and misbehaving peers do not stop others from
 //! reading them.
-//!
-//! Over 400 lines: all tests read the page with one parser, `Scrape`.
 
 use isotherm_client::transport::stream::{Ipc, raw_name};
 use isotherm_client::{Flags, RawSample, join, monotonic_ns};
 use isotherm_shared::wire::Triad;
-use isotherm_tests::{Needs, Process, TABLE, TIMEOUT, TestDomain, id, recording, round_trip, skip, wait_until};
+use isotherm_tests::{
+    Needs, Process, TABLE, TIMEOUT, TestDomain, exchange, id, metrics_page, recording, round_trip, skip, text,
+    wait_until,
+};
 use nix::sys::ptrace;
 use nix::sys::wait::{WaitPidFlag, waitpid};
 use nix::unistd::Pid;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Read as _, Write as _};
-use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::net::TcpStream;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 use std::{fs, thread};
@@ -29,43 +30,32 @@ fn whole() -> String {
         .replace("[temperature]", &format!("nominal_interval_s = {interval_s:?}\n\n[temperature]"))
 }
 
-/// Writes a configuration for `imu-a` with metrics on any free port.
-fn configure(domain: &TestDomain, more: &str) {
-    domain.write("imu-a.toml", TABLE);
-    let imu = "[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n";
-    domain.write("service.toml", &format!("{imu}{more}[metrics]\nlisten = \"127.0.0.1:0\"\n"));
-}
-
-/// The address of a service's metrics, from its log.
-fn address(service: &Process) -> String {
-    service.wait_for_log("metrics at http://");
-    let log = service.log();
-    let (_, rest) = log.split_once("metrics at http://").unwrap();
-    rest.split('/').next().unwrap().to_owned()
-}
-
-fn serve(domain: &TestDomain) -> (Process, String) {
-    let service = domain.serve(&["--config", "service.toml", "--allow-uncalibrated"]);
-    let address = address(&service);
-    wait_until("the first page", || try_scrape(&address).is_some());
-    (service, address)
-}
-
-/// Sends a request and returns everything that is received until the connection ends.
-fn exchange(address: &str, request: &[u8]) -> String {
-    let mut stream = TcpStream::connect(address).unwrap();
-    stream.set_read_timeout(Some(TIMEOUT)).unwrap();
-    let mut answer = Vec::new();
-    // Ignore errors: a server that refuses a request before its end, or replaces this connection, resets it.
-    let _ = stream.write_all(request).and_then(|()| stream.read_to_end(&mut answer));
-    String::from_utf8(answer).unwrap()
+/// Starts a service for `imu-a`, which may have no table yet, and the exporter of its metrics.
+fn serve(domain: &TestDomain) -> (Process, Process, String) {
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml", "--allow-uncalibrated"]);
+    let (exporter, address) = domain.export();
+    wait_until("the first page", || metrics_page(&address).is_some());
+    (service, exporter, address)
 }
 
 fn scrape(address: &str) -> Scrape {
-    let answer = exchange(address, b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n");
-    let (head, page) = answer.split_once("\r\n\r\n").unwrap();
-    assert!(head.starts_with("HTTP/1.1 200 OK\r\nContent-Type: text/plain; version=0.0.4"), "{head}");
-    Scrape::read(page)
+    Scrape::read(&metrics_page(address).unwrap())
+}
+
+/// The first page that shows these values for `imu-a`, and when its last sample came; a page may be half a second old,
+/// and that time is known within a second.
+fn scrape_with(address: &str, values: &[(&str, f64)]) -> Scrape {
+    let mut page = None;
+    wait_until(&format!("{values:?}"), || {
+        let scrape = scrape(address);
+        let shows =
+            |(name, value): &(&str, f64)| scrape.samples.get(&format!("{name}{{imu=\"imu-a\"}}")) == Some(value);
+        let last = scrape.samples.contains_key("isotherm_last_sample_timestamp_seconds{imu=\"imu-a\"}");
+        let shows_all = last && values.iter().all(shows);
+        page = Some(scrape);
+        shows_all
+    });
+    page.unwrap()
 }
 
 /// A parsed page of metrics in the Prometheus text format.
@@ -137,10 +127,8 @@ fn with_telemetry(triad: Triad, value: f64) -> Triad {
 #[test]
 fn every_metric_is_updated() {
     let domain = TestDomain::new();
-    configure(&domain, "");
     // The service starts without a table.
-    fs::remove_file(domain.path("imu-a.toml")).unwrap();
-    let (service, address) = serve(&domain);
+    let (service, exporter, address) = serve(&domain);
     let node = join(domain.client_domain()).unwrap();
     let raw = node.service_builder(&raw_name(&id("imu-a"))).publish_subscribe::<RawSample>().open().unwrap();
     let discard = iceoryx2::prelude::BackpressureStrategy::DiscardData;
@@ -149,9 +137,8 @@ fn every_metric_is_updated() {
     let sent_ns = || monotonic_ns().saturating_sub(1_000_000);
     let plain = RawSample { session: 1, sequence: 0, sent_ns: sent_ns(), ..recording()[0] };
     sender.send(plain);
-    wait_until("the refusal of a missing file", || {
-        scrape(&address).value("isotherm_reload_failed{imu=\"imu-a\"}") == 1.0
-    });
+    // The file is not there.
+    scrape_with(&address, &[("isotherm_reload_failed", 1.0)]);
     for text in [TABLE, "format = 4\n", &whole()] {
         let digest = domain.imu_status()["table"].clone();
         let refusals = domain.imu_status()["refusals"].clone();
@@ -183,7 +170,21 @@ fn every_metric_is_updated() {
     let gyroscopes = Triad { head_temperature: [1.5; 3], board_temperature: [3.5; 3], ..Triad::default() };
     sender.send(RawSample { sequence: 3, sent_ns: sent_ns(), gyroscopes, ..plain });
 
-    let scrape = scrape(&address);
+    let values = [
+        ("isotherm_samples_received_total", 11.0),
+        ("isotherm_increments_total", 11.0),
+        ("isotherm_samples_missing_total", 9.0),
+        ("isotherm_gaps_total", 1.0),
+        ("isotherm_samples_repeated_total", 1.0),
+        ("isotherm_sessions_total", 3.0),
+        ("isotherm_session_missing_periods_total", 9.0),
+        ("isotherm_session_unknown_total", 1.0),
+        ("isotherm_reloads_total", 1.0),
+        ("isotherm_reload_failed", 0.0),
+        ("isotherm_acquisition_connected", 1.0),
+        ("isotherm_latency_seconds_count", 11.0),
+    ];
+    let scrape = scrape_with(&address, &values);
     // The samples have no lagged telemetry, and the one of NaN no velocity increments.
     let all_names: Vec<_> = Flags::NAMES.iter().map(|(_, name)| *name).collect();
     for flag in all_names {
@@ -197,22 +198,6 @@ fn every_metric_is_updated() {
         if scrape.kinds.get(name).is_some_and(|kind| kind == "counter") && !excluded.contains(&name) {
             assert!(*value > 0.0, "{series} is not fed");
         }
-    }
-    for (name, value) in [
-        ("isotherm_samples_received_total", 11.0),
-        ("isotherm_increments_total", 11.0),
-        ("isotherm_samples_missing_total", 9.0),
-        ("isotherm_gaps_total", 1.0),
-        ("isotherm_samples_repeated_total", 1.0),
-        ("isotherm_sessions_total", 3.0),
-        ("isotherm_session_missing_periods_total", 9.0),
-        ("isotherm_session_unknown_total", 1.0),
-        ("isotherm_reloads_total", 1.0),
-        ("isotherm_reload_failed", 0.0),
-        ("isotherm_acquisition_connected", 1.0),
-        ("isotherm_latency_seconds_count", 11.0),
-    ] {
-        assert_eq!(scrape.value(&format!("{name}{{imu=\"imu-a\"}}")), value, "{name}");
     }
     assert!(scrape.value("isotherm_reloads_refused_total{imu=\"imu-a\"}") >= 2.0);
     let bucket = |le: &str| scrape.value(&format!("isotherm_latency_seconds_bucket{{imu=\"imu-a\",le=\"{le}\"}}"));
@@ -242,14 +227,15 @@ fn every_metric_is_updated() {
     assert!(
         scrape.samples.keys().any(|series| series.starts_with("isotherm_table_info{imu=\"imu-a\",table=\"sha256:"))
     );
+    exporter.terminate();
     service.terminate();
 }
 
 #[test]
 fn an_imu_without_gyroscopes_has_no_series_of_them() {
     let domain = TestDomain::new();
-    configure(&domain, "");
-    let (service, address) = serve(&domain);
+    domain.write("imu-a.toml", TABLE);
+    let (service, _exporter, address) = serve(&domain);
     let flags = |scrape: &Scrape| {
         let of_flag =
             |series: &String| series.split_once("flag=\"").map(|(_, rest)| rest.trim_end_matches("\"}").to_owned());
@@ -261,8 +247,7 @@ fn an_imu_without_gyroscopes_has_no_series_of_them() {
         named.map(|(_, name)| name.to_owned()).collect::<BTreeSet<_>>()
     };
     round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
-    wait_until("the sample", || scrape(&address).value("isotherm_increments_total{imu=\"imu-a\"}") == 1.0);
-    let plain = scrape(&address);
+    let plain = scrape_with(&address, &[("isotherm_increments_total", 1.0)]);
     let before = plain.samples.keys().cloned().collect::<BTreeSet<_>>();
     assert_eq!(flags(&plain), names(&|bit| bit < 21 || (24..=27).contains(&bit)));
     assert!(!has_gyroscopes(&plain), "{before:?}");
@@ -312,11 +297,10 @@ fn flags_in(text: &str) -> BTreeSet<String> {
 #[test]
 fn dashboard_and_documents_name_only_existing_metrics_and_every_one_is_explained() {
     let domain = TestDomain::new();
-    configure(&domain, "");
-    let (service, address) = serve(&domain);
+    domain.write("imu-a.toml", TABLE);
+    let (service, _exporter, address) = serve(&domain);
     round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
-    wait_until("the sample", || scrape(&address).value("isotherm_increments_total{imu=\"imu-a\"}") == 1.0);
-    let scrape = scrape(&address);
+    let scrape = scrape_with(&address, &[("isotherm_increments_total", 1.0)]);
     let names = scrape.names();
 
     let dashboard: Value =
@@ -366,9 +350,7 @@ fn dashboard_and_documents_name_only_existing_metrics_and_every_one_is_explained
     let of_metrics = listed.lines().filter(|line| metrics_in(line.split_whitespace().next().unwrap_or("")).len() == 1);
     assert_eq!(of_metrics.count(), scrape.kinds.len(), "metrics that are not there are explained, too:\n{listed}");
     let mentioned = metrics_in(documents);
-    // Those of an acquisition come by a file.
-    let of_acquire = metrics_in(&isotherm_acquire::Tally::default().prometheus());
-    let known: BTreeSet<_> = names.iter().chain(scrape.kinds.keys()).chain(&of_acquire).cloned().collect();
+    let known: BTreeSet<_> = names.iter().chain(scrape.kinds.keys()).cloned().collect();
     let unknown: Vec<_> = mentioned.difference(&known).collect();
     assert!(unknown.is_empty(), "metrics in the documents only: {unknown:?}");
     service.terminate();
@@ -377,9 +359,9 @@ fn dashboard_and_documents_name_only_existing_metrics_and_every_one_is_explained
 #[test]
 fn misbehaving_peers_do_not_block_others() {
     let domain = TestDomain::new();
-    configure(&domain, "");
-    let (service, address) = serve(&domain);
-    let descriptors = || fs::read_dir(format!("/proc/{}/fd", service.pid())).unwrap().count();
+    domain.write("imu-a.toml", TABLE);
+    let (service, exporter, address) = serve(&domain);
+    let descriptors = || fs::read_dir(format!("/proc/{}/fd", exporter.pid())).unwrap().count();
     let before = descriptors();
 
     let idle: Vec<_> = (0..200).map(|_| TcpStream::connect(&address).unwrap()).collect();
@@ -430,101 +412,79 @@ fn misbehaving_peers_do_not_block_others() {
             }
         });
         // A newer connection replaces the oldest, so a scraper that is slow to send its request must try again.
-        (0..10).for_each(|_| wait_until("a page during the flood", || try_scrape(&address).is_some()));
+        (0..10).for_each(|_| wait_until("a page during the flood", || metrics_page(&address).is_some()));
         served.store(true, Ordering::Relaxed);
     });
     let mut acquisition = domain.acquisition("imu-a");
     round_trip(&mut acquisition, &recording()[0]);
     drop((idle, slow, unread, huge));
     wait_until("their descriptors' return", || descriptors() <= before + 20);
-    assert!(!service.has_ended());
+    exporter.terminate();
     service.terminate();
 }
 
 #[test]
 fn a_hanging_control_thread_makes_the_metrics_unavailable() {
     let domain = TestDomain::new();
-    configure(&domain, "");
-    let (service, address) = serve(&domain);
+    domain.write("imu-a.toml", TABLE);
+    let (service, _exporter, address) = serve(&domain);
     let main = Pid::from_raw(service.pid().cast_signed());
     if ptrace::seize(main, ptrace::Options::empty()).is_ok() {
         ptrace::interrupt(main).unwrap();
         waitpid(main, Some(WaitPidFlag::__WALL)).unwrap();
-        wait_until("the refusal", || try_scrape(&address).is_none());
+        wait_until("the refusal", || metrics_page(&address).is_none());
         let answer = exchange(&address, b"GET /metrics HTTP/1.1\r\n\r\n");
         assert!(answer.starts_with("HTTP/1.1 503") && answer.contains("starting, or hangs"), "{answer}");
         ptrace::detach(main, None).unwrap();
-        wait_until("metrics", || try_scrape(&address).is_some());
+        wait_until("metrics", || metrics_page(&address).is_some());
     } else {
         skip("this user may not trace a process", Needs::Machine);
     }
     service.terminate();
 }
 
-fn try_scrape(address: &str) -> Option<Scrape> {
-    let answer = exchange(address, b"GET /metrics HTTP/1.1\r\n\r\n");
-    let (head, page) = answer.split_once("\r\n\r\n")?;
-    // A connection that is replaced ends within its page.
-    let complete = head.contains(&format!("Content-Length: {}\r\n", page.len()));
-    (head.starts_with("HTTP/1.1 200") && complete).then(|| Scrape::read(page))
-}
-
-/// Writes a configuration with a fixed port. The returned listener occupies this port until it is dropped.
-fn configure_port(domain: &TestDomain) -> (TcpListener, SocketAddr) {
-    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = taken.local_addr().unwrap();
-    configure(domain, "");
-    let text = fs::read_to_string(domain.path("service.toml")).unwrap().replace("127.0.0.1:0", &address.to_string());
-    domain.write("service.toml", &text);
-    (taken, address)
-}
-
 #[test]
-fn a_port_in_use_does_not_prevent_the_start_and_is_taken_when_it_is_free() {
+fn the_exporter_waits_for_a_service_that_ends_and_returns() {
     let domain = TestDomain::new();
-    let (taken, address) = configure_port(&domain);
-    let service = domain.serve(&["--config", "service.toml"]);
-    service.wait_for_log(&format!("no metrics yet: metrics.listen = \"{address}\": "));
-    assert!(service.log().contains("give a free port"), "{}", service.log());
-    round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
-    drop(taken);
-    service.wait_for_log(&format!("metrics at http://{address}/metrics"));
-    wait_until("the page", || try_scrape(&address.to_string()).is_some());
-    assert_eq!(service.count_in_log("no metrics yet"), 1);
-    service.terminate();
-}
-
-#[test]
-fn the_port_can_be_taken_again_at_once_after_a_kill_with_connections_open() {
-    let domain = TestDomain::new();
-    let (taken, address) = configure_port(&domain);
-    drop(taken);
+    let (exporter, address) = domain.export();
+    exporter.wait_for_log("waiting for the service");
+    assert!(metrics_page(&address).is_none());
     for _ in 0..2 {
-        let service = domain.serve(&["--config", "service.toml"]);
-        let _open = TcpStream::connect(address).unwrap();
-        wait_until("the page", || try_scrape(&address.to_string()).is_some());
+        let service = domain.serve_recording();
+        wait_until("metrics", || metrics_page(&address).is_some());
         service.kill();
+        wait_until("none of a service that is dead", || metrics_page(&address).is_none());
     }
+    exporter.terminate();
 }
 
 #[test]
 fn a_port_that_others_can_reach_is_warned_about() {
     let domain = TestDomain::new();
-    configure(&domain, "");
-    let text = fs::read_to_string(domain.path("service.toml")).unwrap().replace("127.0.0.1:0", "0.0.0.0:0");
-    domain.write("service.toml", &text);
-    let service = domain.serve(&["--config", "service.toml"]);
-    service.wait_for_log("anybody who reaches this port can read the metrics");
-    service.terminate();
+    let exporter = domain.start(domain.program("isotherm-exporter", &["--listen", "0.0.0.0:0"]));
+    exporter.wait_for_log("metrics at http://");
+    assert_eq!(exporter.count_in_log("anybody who reaches"), 1, "{}", exporter.log());
+    exporter.terminate();
 }
 
 #[test]
-fn metrics_are_off_by_default() {
+fn a_service_that_is_to_serve_metrics_itself_names_the_exporter() {
     let domain = TestDomain::new();
-    configure(&domain, "");
-    let excluded = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
-    let threads = fs::read_dir(format!("/proc/{}/task", excluded.pid())).unwrap().flatten();
-    let mut names = threads.map(|thread| fs::read_to_string(thread.path().join("comm")).unwrap());
-    assert!(!names.any(|name| name.trim() == "metrics"), "off by default");
-    excluded.terminate();
+    domain.write("imu-a.toml", TABLE);
+    let imu = "[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n";
+    domain.write("service.toml", &format!("{imu}[metrics]\nlisten = \"127.0.0.1:9464\"\n"));
+    for words in [["serve", "--config", "service.toml"], ["check", "--strict", "service.toml"]] {
+        let output = domain.run(&words);
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(78), "{said}");
+        let place = "service.toml:5: metrics.listen: ";
+        let remedy =
+            "remove [metrics], and start `isotherm-exporter --listen 127.0.0.1:9464` (unit isotherm-exporter.service)";
+        assert!(said.contains(place) && said.contains(remedy), "{said}");
+    }
+    domain.write("source.toml", "");
+    let output = domain.run(&["acquire", "source.toml", "--metrics", "acquire.prom"]);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(64), "{said}");
+    assert!(said.contains("start `isotherm-exporter`"), "{said}");
 }

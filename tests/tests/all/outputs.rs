@@ -39,10 +39,6 @@ const WRITING: &[Writing] = &[
         ends: Some(65),
         ..file("acquire record", &["acquire", "source.toml", "--device", "bytes", "--dry-run", "--record", "OUT.csv"])
     },
-    Writing {
-        ends: Some(65),
-        ..file("acquire metrics", &["acquire", "source.toml", "--device", "bytes", "--dry-run", "--metrics", OUT])
-    },
     file("acquire nominal", &["acquire", "source.toml", "--nominal", OUT]),
     file("calibrate output", &["calibrate", "campaign.toml", "-o", OUT]),
     file("calibrate report", &["calibrate", "campaign.toml", "-o", "made.toml", "--report", OUT]),

@@ -2,10 +2,8 @@
 
 use isotherm_client::{Acquisition, CompensatedIncrement};
 use isotherm_shared::wire::{Flags, RawSample};
-use isotherm_tests::{RUN, TABLE, TIMEOUT, TestDomain, recording, text, wait_until};
+use isotherm_tests::{RUN, TABLE, TIMEOUT, TestDomain, metrics_page, recording, text, wait_until};
 use std::fs;
-use std::io::{Read as _, Write as _};
-use std::net::TcpStream;
 
 const MS: u64 = 1_000_000;
 
@@ -24,10 +22,7 @@ fn lost(increment: &CompensatedIncrement) -> Flags {
 #[test]
 fn a_clock_that_jumps_is_flagged_and_counted_and_nothing_else_is() {
     let domain = TestDomain::new();
-    domain.write("imu-a.toml", TABLE);
-    let config = "[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n[metrics]\nlisten = \"127.0.0.1:0\"\n";
-    domain.write("service.toml", config);
-    let service = domain.serve(&["--config", "service.toml"]);
+    let service = domain.serve_recording();
     let mut acquisition = domain.acquisition("imu-a");
     let (step, gap, none) = (Flags::TIME_STEP, Flags::GAP, Flags(0));
     // Sequence, timestamp in steps of half a millisecond, and what is expected. The interval is 2.5 ms.
@@ -63,14 +58,9 @@ fn a_clock_that_jumps_is_flagged_and_counted_and_nothing_else_is() {
     let status = domain.imu_status();
     assert_eq!((&status["flagged"]["time-step"], &status["flagged"]["gap"]), (&4.into(), &1.into()), "{status}");
     assert_eq!((&status["gaps"], &status["missing"]), (&1.into(), &1.into()));
-    let log = service.log();
-    let address = log.split_once("metrics at http://").unwrap().1.split('/').next().unwrap().to_owned();
-    let mut stream = TcpStream::connect(&address).unwrap();
-    write!(stream, "GET /metrics HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n").unwrap();
-    let mut page = String::new();
-    stream.read_to_string(&mut page).unwrap();
-    let series: Vec<_> = page.lines().filter(|line| line.contains("flag=\"time-step\"")).collect();
-    assert!(matches!(series[..], [line] if line.ends_with(" 4")), "{series:?}");
+    let (_exporter, address) = domain.export();
+    let series = "isotherm_flagged_total{imu=\"imu-a\",flag=\"time-step\"} 4\n";
+    wait_until("the metric", || metrics_page(&address).is_some_and(|page| page.contains(series)));
     service.terminate();
 }
 

@@ -120,5 +120,5 @@ fn check_samples<'a>(
     assert_eq!((tally.frames, tally.samples), (frames, count));
     let others = tally.repeated + tally.others + tally.incomplete + tally.without_temperature + tally.out_of_range;
     assert_eq!(tally.samples + others, frames, "{tally:?}");
-    assert!(!tally.prometheus().is_empty() && !tally.to_string().is_empty());
+    assert!(!tally.to_string().is_empty());
 }

@@ -92,7 +92,7 @@ fn a_signal_ends_it_while_the_line_babbles_or_is_silent() {
             describe(&domain, Emulator::Stim300Rate, &[]);
             domain.run_ok(&["acquire", "source.toml", "--nominal", "imu-a.toml"]);
             let service = service.then(|| domain.serve(&["--imu", "imu-a=imu-a.toml"]));
-            let acquire = Acquire::start(&domain, "acquire", &["--record", record, "--metrics", "acquire.prom"]);
+            let acquire = Acquire::start(&domain, "acquire", &["--record", record]);
             acquire.process.wait_for_log("reading ");
             let frames: Vec<_> = (0..FRAMES).flat_map(|number| Emulator::Stim300Rate.frame(number)).collect();
             terminal.write_all(&frames);

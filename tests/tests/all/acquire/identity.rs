@@ -3,7 +3,7 @@
 use super::pipeline::{received, serve_vn100};
 use super::{Acquire, Device, ENDLESS, assert_frames, counts, describe, line, profile, recorded};
 use isotherm_tests::emulator::Emulator;
-use isotherm_tests::{TestDomain, text, wait_until};
+use isotherm_tests::{TestDomain, metrics_page, text, wait_until};
 use std::fs;
 use std::net::TcpListener;
 
@@ -89,7 +89,7 @@ fn samples_of_another_unit_in_flight_go_out_under_its_own_number() {
     assert!(table.contains(ours), "{table}");
     let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
     let device = Device::start(&domain, Emulator::Vn100, &["--frames", ENDLESS, "--serial", ours]);
-    let acquire = Acquire::start(&domain, "acquire", &["--record", "acquired.csv", "--metrics", "acquire.prom"]);
+    let acquire = Acquire::start(&domain, "acquire", &["--record", "acquired.csv"]);
     let flows = || {
         let before = received(&domain);
         wait_until("samples", || received(&domain) > before + 100);
@@ -101,7 +101,8 @@ fn samples_of_another_unit_in_flight_go_out_under_its_own_number() {
     acquire.process.wait_for_log(&format!("the device is {theirs}, and not {ours}: its samples go out under its own"));
     flows();
     let is_other = "isotherm_acquire_other_device{imu=\"imu-a\"} 1";
-    wait_until("the metric", || fs::read_to_string(domain.path("acquire.prom")).unwrap().contains(is_other));
+    let (_exporter, address) = domain.export();
+    wait_until("the metric", || metrics_page(&address).is_some_and(|page| page.contains(is_other)));
     let device = replug(&domain, &acquire, device, ours, 2);
     acquire.process.wait_for_log(&format!("the device is {ours} again"));
     flows();

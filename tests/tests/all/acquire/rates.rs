@@ -5,7 +5,7 @@ use super::pipeline::{end, read, received, serve_vn100};
 use super::{Acquire, Device, ENDLESS, counts, describe, recorded, samples};
 use isotherm_client::RawSample;
 use isotherm_tests::emulator::Emulator;
-use isotherm_tests::{TestDomain, text, wait_until};
+use isotherm_tests::{TestDomain, metrics_page, text, wait_until};
 use std::fs;
 
 /// Half the rate, a tenth and twice of it, with a clock, with a counter that counts time, and with one of frames.
@@ -47,13 +47,13 @@ fn another_rate_in_flight_is_taken_where_the_values_allow_it() {
     let reader = read(&domain, "read.csv");
     let orders = ["--frames", ENDLESS, "--change-rate", "800:200"];
     let device = Device::start(&domain, Emulator::Vn100, &orders);
-    let metrics = domain.path("acquire.prom").display().to_string();
-    let acquire = Acquire::start(&domain, "acquire", &["--record", "acquired.csv", "--metrics", &metrics]);
+    let acquire = Acquire::start(&domain, "acquire", &["--record", "acquired.csv"]);
     acquire.process.wait_for_log("the samples have that interval from now on");
     let before = received(&domain);
     wait_until("samples", || received(&domain) > before + 200);
     let adopted = "isotherm_acquire_adopted_interval_seconds{imu=\"imu-a\"} 0.005\n";
-    wait_until("the metric", || fs::read_to_string(&metrics).unwrap().contains(adopted));
+    let (_exporter, address) = domain.export();
+    wait_until("the metric", || metrics_page(&address).is_some_and(|page| page.contains(adopted)));
     let flagged = domain.imu_status()["flagged"].clone();
     assert_eq!(flagged["interval-not-nominal"], 0, "{flagged}");
     let tally = acquire.end();

@@ -3,7 +3,7 @@
 use super::endings::Terminal;
 use super::{Acquire, Device, ENDLESS, counts, describe, line, rate};
 use isotherm_tests::emulator::Emulator;
-use isotherm_tests::{TestDomain, text, wait_until};
+use isotherm_tests::{TestDomain, metrics_page, text, wait_until};
 use serde_json::Value;
 use std::fs;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -96,41 +96,45 @@ fn is_metric(line: &str) -> bool {
 }
 
 #[test]
-fn metrics_are_prometheus_text_and_say_what_the_tally_says() {
+fn metrics_say_what_the_tally_says() {
     let domain = TestDomain::new();
     let (rate, changes) = rate(Emulator::Stim300);
     describe(&domain, Emulator::Stim300, changes);
+    domain.run_ok(&["acquire", "source.toml", "--nominal", "imu-a.toml"]);
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    let (exporter, address) = domain.export();
     let orders = ["--frames", "300", "--rate", &rate.to_string(), "--drop", "7", "--wrong", "9", "--noise", "50@20"];
     let device = Device::start(&domain, Emulator::Stim300, &orders);
-    let acquire = Acquire::start(&domain, "acquire", &["--metrics", "acquire.prom"]);
+    let acquire = Acquire::start(&domain, "acquire", &[]);
     acquire.process.wait_for_log("went away");
     assert!(device.0.wait().0.success());
-    // Written while it runs, too.
-    wait_until("the metrics", || domain.path("acquire.prom").exists());
-    let tally = acquire.end();
-    let metrics = fs::read_to_string(domain.path("acquire.prom")).unwrap();
-    for line in metrics.lines() {
+    let mut page = String::new();
+    let value = |page: &str, name: &str| {
+        let line = page.lines().find_map(|line| line.strip_prefix(&format!("isotherm_acquire_{name} ")));
+        line.map(|value| value.parse::<f64>().unwrap() as u64)
+    };
+    wait_until("the last figures", || {
+        page = metrics_page(&address).unwrap_or_default();
+        let shown = |name: &str| value(&page, &format!("{name}{{imu=\"imu-a\"}}"));
+        shown("device_present") == Some(0) && shown("answered_total") == Some(298)
+    });
+    for line in page.lines().filter(|line| line.contains("isotherm_acquire_")) {
         assert!(is_metric(line), "{line}");
     }
-    let value = |name: &str| {
-        let line = metrics.lines().find_map(|line| line.strip_prefix(&format!("isotherm_acquire_{name} ")));
-        line.unwrap_or_else(|| panic!("{name}: {metrics}")).parse::<f64>().unwrap() as u64
-    };
+    let tally = acquire.end();
     let names = ["frames", "samples", "missing", "gaps", "bytes"];
-    let of_metrics = names.map(|name| value(&format!("{name}_total{{imu=\"imu-a\"}}")));
+    let of_metrics = names.map(|name| value(&page, &format!("{name}_total{{imu=\"imu-a\"}}")).unwrap());
     assert_eq!(of_metrics, counts(&tally, names), "{tally}");
     assert_eq!(of_metrics[..4], [298, 298, 2, 2], "{tally}");
     let causes = ["noise", "checksum"];
-    let skipped = causes.map(|cause| value(&format!("skipped_bytes_total{{imu=\"imu-a\",cause=\"{cause}\"}}")));
-    assert_eq!(skipped.iter().sum::<u64>(), 50 + 42, "{tally}");
-    // Each metric is explained once, and before it is given.
-    for line in metrics.lines().filter(|line| !line.starts_with('#')) {
-        let name = line.split('{').next().unwrap();
-        for kind in ["HELP", "TYPE"] {
-            let explained = metrics.find(&format!("# {kind} {name} ")).unwrap();
-            assert!(explained < metrics.find(line).unwrap(), "{line}");
-        }
-    }
+    let skipped = causes.map(|cause| value(&page, &format!("skipped_bytes_total{{imu=\"imu-a\",cause=\"{cause}\"}}")));
+    assert_eq!(skipped.into_iter().flatten().sum::<u64>(), 50 + 42, "{tally}");
+    // After an end that was asked for there are none.
+    wait_until("no figures", || {
+        metrics_page(&address).is_some_and(|page| !page.contains("isotherm_acquire_bytes_total{"))
+    });
+    exporter.terminate();
+    service.terminate();
 }
 
 #[test]

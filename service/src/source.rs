@@ -11,17 +11,18 @@ const STALE_AFTER: Duration = Duration::from_secs(2);
 /// Pause between two attempts to connect.
 const RETRY: Duration = Duration::from_secs(1);
 
-/// A wait for the service.
+/// A wait for the service's status.
 #[derive(Clone, Debug, Eq, PartialEq)]
-pub(super) struct Waiting {
+pub struct StatusWait {
     /// Time since the last status.
     pub time: Duration,
     /// Why there is no status.
     pub cause: String,
 }
 
-/// The status of one domain's service.
-pub(super) struct StatusSource {
+/// The status of one domain's service, for a program that outlives it.
+#[derive(Debug)]
+pub struct StatusSource {
     domain: Domain,
     reader: Option<StatusReader>,
     last_status: Instant,
@@ -34,7 +35,7 @@ impl StatusSource {
     ///
     /// # Errors
     /// If waiting does not help, for example with another user's domain.
-    pub(super) fn connect(domain: Domain) -> Result<Self, Failure> {
+    pub fn connect(domain: Domain) -> Result<Self, Failure> {
         let now = Instant::now();
         let mut source = Self { domain, reader: None, last_status: now, next_attempt: now, cause: String::new() };
         match source.attempt(now).and_then(|()| source.read()) {
@@ -46,7 +47,7 @@ impl StatusSource {
     }
 
     /// The newest status since the last call, and the wait for the service if there is one.
-    pub(super) fn poll(&mut self, now: Instant) -> (Option<ServiceStatus>, Option<Waiting>) {
+    pub fn poll(&mut self, now: Instant) -> (Option<ServiceStatus>, Option<StatusWait>) {
         if self.reader.is_none()
             && now >= self.next_attempt
             && let Err(failure) = self.attempt(now)
@@ -74,7 +75,7 @@ impl StatusSource {
             self.cause = "the service does not publish its status: it has ended, is stopped, or hangs".to_owned();
         }
         let waiting = time > STALE_AFTER || !self.cause.is_empty();
-        (None, waiting.then(|| Waiting { time, cause: self.cause.clone() }))
+        (None, waiting.then(|| StatusWait { time, cause: self.cause.clone() }))
     }
 
     fn attempt(&mut self, now: Instant) -> Result<(), Failure> {
