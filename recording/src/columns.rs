@@ -1,6 +1,4 @@
 //! The columns of recordings: one list for every format, reader and writer.
-//!
-//! Over 400 lines: the two lists, and what gives each of their columns its place in a sample, belong together.
 
 use isotherm_shared::names::StreamKind;
 use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, RawSample, StreamSample, Triad};

@@ -1,6 +1,4 @@
 //! Rows of a comma-separated text, with line numbers for messages. Other separators are detected on request.
-//!
-//! Over 400 lines: rows, their fields and the fast parsers of numbers, with their tests.
 
 use crate::check::{DAMAGED, RowChecks, matches, of_header};
 use crate::columns::{BINARY_FORMATS, hex};

@@ -1,6 +1,4 @@
 //! Raw samples in CSV, read and written.
-//!
-//! Over 400 lines, more than half of them tests: what is written must be read back.
 
 use crate::columns::{
     ACCELEROMETERS, ColumnKind, ColumnSet, DEVICE, GYROSCOPES, INCOMPLETE_HINT, INTERVAL_NS, LAG_NS, Layout, RAW,

@@ -5,8 +5,6 @@
 //! sign of the axis, on the positive or the negative channel. The sequence begins at 0; it rises by 1 from row to row,
 //! and for readings by more where the time shows that rows are missing. Where the clock of the stamps starts again, the
 //! session rises by 1, and the sequence begins at 0.
-//!
-//! Over 400 lines: recognising the data, and what their rows have in common, form one reader.
 
 mod bad_stamps;
 mod calendar;

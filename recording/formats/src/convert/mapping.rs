@@ -16,8 +16,6 @@
 //! [temperature]
 //! columns = ["temperature"]
 //! ```
-//!
-//! Over 400 lines: one file has all keys of a mapping, and the tests of their faults.
 
 use super::columns::{ColumnRef, SensorColumns, Sensors, Temperature, columns};
 use super::unit::Quantity;

@@ -1,6 +1,4 @@
 //! Foreign data, as other programs write them, become the raw samples that they should.
-//!
-//! Over 400 lines: all kinds of texts and mappings are tested alike, by the same few functions.
 
 use isotherm_files::source;
 use isotherm_recording_formats::convert::{Conversion, Settings};

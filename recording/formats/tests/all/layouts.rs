@@ -1,7 +1,5 @@
 //! Which columns a recording has: those of files that exist already, those of an IMU with gyroscopes or a lag, and what
 //! happens when they come late. And the lagged telemetry of recordings that have none.
-//!
-//! Over 400 lines: the tests share how files are written, and how their columns are listed in each format.
 
 use isotherm_files::{Disk, sources};
 use isotherm_recording::Progress;
