@@ -65,12 +65,12 @@ fn a_plan_of_before_is_refused_with_todays_names() {
         for (key, new, begin) in
             [("table", "turntable", "[table]"), ("soak.telemetry_per_h", "soak.temperature_per_h", "telemetry_per_h")]
         {
-            let fault = format!("line {}: {key}: is called {new} now; rename it", line(begin));
+            let fault = format!("plan.toml:{}: {key}: is called {new} now; rename it", line(begin));
             assert!(message.contains(&fault), "{fault}\n{message}");
         }
-        let wrong = format!("line {}: turntable.tolerance_deg: ", line("tolerance_deg"));
+        let wrong = format!("plan.toml:{}: turntable.tolerance_deg: ", line("tolerance_deg"));
         assert!(message.contains(&wrong), "{message}");
-        assert_eq!(message.matches("line ").count(), RENAMED.len() + 1, "{message}");
+        assert_eq!(message.matches("plan.toml:").count(), RENAMED.len() + 1, "{message}");
     }
 }
 
