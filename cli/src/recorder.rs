@@ -6,11 +6,12 @@ use isotherm_client::{ImuId, Options, Realtime, Tap, TapSettings, TappedSample};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::write::{FileError, Files, PatientFiles};
 use isotherm_shared::names::StreamKind;
-use isotherm_support::failure::{Exit, Failure, shown, tell};
+use isotherm_support::failure::{Exit, Failure, shown};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use std::{io, thread};
 use tally::{StreamCounts, Tally};
+use tracing::info;
 
 /// Rows of each IMU that may wait for the disk: over 3 s of both streams at 10 kHz.
 const QUEUE: usize = 1 << 16;
@@ -300,5 +301,5 @@ fn print_totals(imu: &ImuId, stream: StreamKind, tally: Tally, counts: &StreamCo
 }
 
 fn print_message(message: &str) {
-    tell("isotherm", message);
+    info!("{message}");
 }

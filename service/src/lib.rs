@@ -47,7 +47,8 @@ pub mod worker;
 pub use acceptance::Acceptance;
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use commands::check::Check;
-use commands::explain::Explain;
+use commands::explain::{Explain, topics};
+use commands::no_domain;
 use commands::reload::Reload;
 use commands::serve::Serve;
 use commands::status::Status;
@@ -81,9 +82,11 @@ struct Daemon {
 #[derive(Debug, Subcommand)]
 enum DaemonCommand {
     Serve(Serve),
+    #[command(arg = no_domain())]
     Check(Check),
     Status(Status),
     Reload(Reload),
+    #[command(arg = no_domain())]
     Explain(Explain),
 }
 
@@ -95,7 +98,7 @@ impl Daemon {
             DaemonCommand::Check(check) => check.run(laboratory_file, None),
             DaemonCommand::Status(status) => status.run(domain),
             DaemonCommand::Reload(reload) => reload.run(domain),
-            DaemonCommand::Explain(explain) => explain.run(),
+            DaemonCommand::Explain(explain) => explain.run(&topics()),
         }
     }
 }
@@ -110,8 +113,7 @@ fn laboratory_file(kind: FileKind, _: &str, path: &Path) -> Result<String, Failu
 /// name.
 #[must_use]
 pub fn command(long_version: &'static str) -> clap::Command {
-    let command = commands::hide_domain(Daemon::command().long_version(long_version), &["check", "explain"]);
-    commands::finish(command, "isothermd")
+    commands::finish(Daemon::command().long_version(long_version), "isothermd")
 }
 
 /// The program `isothermd`: runs the command of the process's command line.

@@ -9,13 +9,14 @@ use isotherm_acquire::{
 };
 use isotherm_client::{Domain, ImuId};
 use isotherm_files::{StagedText, Trust, end_signals, print, print_data, refuse_overlap};
-use isotherm_support::failure::{Exit, Failure, shown, tell};
+use isotherm_support::failure::{Exit, Failure, shown};
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
+use tracing::info;
 
 /// Acquire from a device: serial line, TCP, UDP, a file, or Linux' IIO
 ///
@@ -203,7 +204,7 @@ fn probed(one: &Probed) -> String {
 }
 
 fn tell_text(tally: &Tally) {
-    tell("isotherm", tally);
+    info!("{tally}");
 }
 
 fn tell_json(tally: &Tally) {

@@ -18,8 +18,9 @@ use isotherm_client::Domain;
 use isotherm_files::{create_own_folder, end_signals, print, print_data};
 use isotherm_fit::{AlignmentChoice, LagChoice};
 use isotherm_instruments::Surroundings;
+use isotherm_service::commands::no_domain;
 use isotherm_service::logging::{self, LogFormat};
-use isotherm_support::failure::{Exit, Failure, shown, tell};
+use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::name;
 use isotherm_verification::Requirement;
 use std::fmt::Write as _;
@@ -27,6 +28,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 use std::time::Duration;
+use tracing::warn;
 
 /// Drive chamber and two-axis turntable through a campaign, and take its samples
 ///
@@ -45,8 +47,11 @@ pub(crate) struct CampaignCommand {
 #[derive(Debug, Subcommand)]
 enum CampaignAction {
     Run(RunCampaign),
+    #[command(arg = no_domain())]
     Check(CheckCampaign),
+    #[command(arg = no_domain())]
     Status(StatusCampaign),
+    #[command(arg = no_domain())]
     Stop(StopCampaign),
 }
 
@@ -142,6 +147,11 @@ fn speed(text: &str) -> Result<f64, String> {
 }
 
 impl CampaignCommand {
+    /// Whether it writes a log.
+    pub(crate) const fn logs(&self) -> bool {
+        matches!(self.action, CampaignAction::Run(_))
+    }
+
     pub(crate) fn run(self, domain: Domain) -> Result<(), Failure> {
         match self.action {
             CampaignAction::Run(run) => run.run(domain),
@@ -252,10 +262,10 @@ impl CheckCampaign {
             let _ = writeln!(text, "  {:>12}  {}", duration(milestone.at_s), milestone.event);
         }
         for warning in plan.warnings() {
-            tell("isotherm", format!("warning: {warning}"));
+            warn!("warning: {warning}");
         }
         for finding in plan.findings() {
-            tell("isotherm", format!("warning [{}]: {finding}", finding.name));
+            warn!("warning [{}]: {finding}", finding.name);
         }
         print(&text)
     }

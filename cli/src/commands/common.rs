@@ -4,17 +4,19 @@ use clap::Args;
 use isotherm_client::{Domain, ImuId, Options, RawSample};
 use isotherm_files::{LoadError, Trust, load_table, print_data, read_text};
 use isotherm_fit::Origin;
-use isotherm_pipeline::Refused;
+use isotherm_pipeline::JobFailure;
 use isotherm_recording_formats::convert::{Foreign, GyroscopeTemperature, Settings, TimeSource};
 use isotherm_recording_formats::read::{ImuChoice, Recording, Samples};
 use isotherm_recording_formats::write::Rotation;
 use isotherm_report::json;
 use isotherm_shared::table::CoefficientTable;
-use isotherm_support::failure::{Exit, Failure, shown, tell};
+use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::{Admission, Finding, Location, Severity, name};
 use isotherm_verification::Requirement;
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use tracing::{info, warn};
 
 /// The options of a client.
 pub(super) fn options(domain: Domain, timeout: Duration) -> Options {
@@ -154,15 +156,6 @@ impl ForeignArgs {
         let mapping = self.mapping.iter().map(|mapping| (mapping.as_path(), "the mapping"));
         mapping.chain(self.gyroscope_file.iter().map(|file| (file.as_path(), "the file of the gyroscopes")))
     }
-
-    /// Whether anything is given.
-    pub(super) const fn is_given(&self) -> bool {
-        let Self { mapping, temperature, interval, time, topic, gyroscope_topic, gyroscope_file, .. } = self;
-        let Self { temperature_topic, instance, gyroscope_temperature, in_order, .. } = self;
-        let given = mapping.is_some() || temperature.is_some() || interval.is_some() || time.is_some() || *in_order;
-        let given = given || gyroscope_topic.is_some() || gyroscope_file.is_some();
-        given || gyroscope_temperature.is_some() || topic.is_some() || temperature_topic.is_some() || instance.is_some()
-    }
 }
 
 /// A table of any IMU, and what its provenance says.
@@ -207,8 +200,8 @@ impl OfData {
 
     /// Tells findings and notes, where nothing can be refused any more.
     pub(super) fn tell(&self) {
-        self.findings.iter().for_each(|finding| tell("isotherm", finding.tagged(|line| line.to_string())));
-        self.notes.iter().for_each(|note| tell("isotherm", note));
+        self.findings.iter().for_each(|finding| warn!("{}", finding.tagged(|line| line.to_string())));
+        self.notes.iter().for_each(|note| info!("{note}"));
     }
 
     /// Admits what a command found in the rows, and what was found in the data; then tells the notes: what is wrong
@@ -216,11 +209,11 @@ impl OfData {
     ///
     /// # Errors
     /// As [`Acceptance::admit`].
-    pub(super) fn admit(self, by: &Acceptance, recording: &str, mut found: Vec<Finding>) -> Result<(), Refused> {
+    pub(super) fn admit(self, by: &Acceptance, recording: &str, mut found: Vec<Finding>) -> Result<(), JobFailure> {
         let of_rows: Vec<_> = found.iter().map(|finding| finding.name).collect();
         found.extend(self.findings.into_iter().filter(|finding| !of_rows.contains(&finding.name)));
         by.admit(recording, found)?;
-        self.notes.iter().for_each(|note| tell("isotherm", note));
+        self.notes.iter().for_each(|note| info!("{note}"));
         Ok(())
     }
 }
@@ -250,19 +243,52 @@ impl GyroscopeWarning {
                 (false, _) => "the recording has gyroscopes, but the table has none; there are no angle increments",
             };
             let message = format!("from sequence {} on {what}", sample.sequence);
-            tell("isotherm", Finding::warning(name::NO_GYROSCOPES, message).tagged(|line| line.to_string()));
+            warn!("{}", Finding::warning(name::NO_GYROSCOPES, message).tagged(|line| line.to_string()));
+        }
+    }
+}
+
+/// Whether a command prints a document in place of a text.
+#[derive(Clone, Copy, Debug, Args)]
+pub(super) struct JsonOption {
+    /// Print one JSON document instead of text
+    ///
+    /// It goes to stdout, also that of a failure.
+    #[arg(long)]
+    json: bool,
+}
+
+impl JsonOption {
+    pub(super) const fn is_given(self) -> bool {
+        self.json
+    }
+
+    /// Prints the document, if the option is given.
+    ///
+    /// # Errors
+    /// If stdout cannot be written.
+    pub(super) fn print(self, document: &Value) -> Result<(), Failure> {
+        if self.json { print_data(&format!("{document:#}\n")) } else { Ok(()) }
+    }
+
+    /// Ends a command with its document and a verdict. That of a failure is printed by [`or_document`].
+    ///
+    /// # Errors
+    /// The verdict; or if stdout cannot be written.
+    pub(super) fn finish(self, document: Value, verdict: Result<(), Failure>) -> Result<(), JobFailure> {
+        match verdict {
+            Ok(()) => Ok(self.print(&document)?),
+            Err(failure) => Err(JobFailure { failure, document, fit: None }),
         }
     }
 }
 
 /// Prints the document of a failure to stdout, if `--json` is given. A command calls this once, for everything that can
 /// fail before its results are printed.
-pub(super) fn or_document<T>(json: bool, result: Result<T, Refused>) -> Result<T, Failure> {
-    result.map_err(|Refused { failure, document, .. }| {
-        if json {
-            // If stdout is closed or full there is still the message on stderr, and the exit code.
-            let _ = print_data(&format!("{document:#}\n"));
-        }
+pub(super) fn or_document<T>(json: JsonOption, result: Result<T, JobFailure>) -> Result<T, Failure> {
+    result.map_err(|JobFailure { failure, document, .. }| {
+        // If stdout is closed or full there is still the message on stderr, and the exit code.
+        let _ = json.print(&document);
         failure
     })
 }
@@ -299,7 +325,7 @@ impl Acceptance {
     ///
     /// # Errors
     /// With the faults that are not accepted.
-    pub(super) fn admit(&self, recording: &str, findings: Vec<Finding>) -> Result<Vec<Finding>, Refused> {
+    pub(super) fn admit(&self, recording: &str, findings: Vec<Finding>) -> Result<Vec<Finding>, JobFailure> {
         let at = |finding: Finding| match finding.place {
             None if !recording.is_empty() => finding.at(Location::Recording(recording.to_owned())),
             _ => finding,
@@ -308,12 +334,12 @@ impl Acceptance {
         let admission = Admission { accept: &self.accept, strict: self.strict };
         match admission.admit(findings, &mut Vec::new()) {
             Ok(findings) => {
-                findings.iter().for_each(|finding| tell("isotherm", finding.tagged(|line| line.to_string())));
+                findings.iter().for_each(|finding| warn!("{}", finding.tagged(|line| line.to_string())));
                 Ok(findings)
             }
             Err(findings) => {
                 let lines: Vec<_> = findings.iter().map(|finding| finding.tagged(|line| line.to_string())).collect();
-                let mut refused = Refused::from(Failure::new(Exit::Data, lines.join("\n")));
+                let mut refused = JobFailure::from(Failure::new(Exit::Data, lines.join("\n")));
                 refused.document["findings"] = json::findings(&findings, |line| line.to_string());
                 Err(refused)
             }

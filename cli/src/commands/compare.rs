@@ -1,13 +1,11 @@
 //! `compare`: what has changed between the tables of one IMU.
 
-use super::common::{Acceptance, or_document};
+use super::common::{Acceptance, JsonOption, or_document};
 use clap::Args;
 use isotherm_analysis::{ComparisonRequirement, compare};
-use isotherm_files::{
-    LoadError, StagedText, Trust, check_stdout, check_written, print, print_data, read_text, refuse_overlap,
-};
+use isotherm_files::{LoadError, StagedText, Trust, check_stdout, check_written, print, read_text, refuse_overlap};
 use isotherm_fit::{TableFile, now, tool};
-use isotherm_pipeline::Refused;
+use isotherm_pipeline::JobFailure;
 use isotherm_report::comparison::{ComparisonSource, document, html, text};
 use isotherm_support::failure::{Exit, Failure};
 use std::path::{Path, PathBuf};
@@ -40,18 +38,17 @@ pub(crate) struct Compare {
     report: Option<PathBuf>,
     #[command(flatten)]
     acceptance: Acceptance,
-    /// Print one JSON document instead of the text, also of a failure
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    json: JsonOption,
 }
 
 impl Compare {
     pub(crate) fn run(self) -> Result<(), Failure> {
-        or_document(self.json, self.show())?
+        or_document(self.json, self.show())
     }
 
-    /// Prints the results. The inner result is the judgement, which the results have too.
-    fn show(self) -> Result<Result<(), Failure>, Refused> {
+    /// Prints the results.
+    fn show(self) -> Result<(), JobFailure> {
         let require = joined(&self.require)?;
         let files: Vec<(&Path, &str)> = self.tables.iter().map(|path| (path.as_path(), "a table")).collect();
         refuse_overlap(&files, &[self.report.as_deref()])?;
@@ -68,14 +65,13 @@ impl Compare {
             let source = ComparisonSource { tool: tool(), time: now(), required: require };
             StagedText::create(Some(path))?.write(&html(&comparison, &source))?.finish()?;
         }
-        if self.json {
-            print_data(&format!("{:#}\n", document(&comparison, require.as_ref())))?;
-        } else {
+        if !self.json.is_given() {
             print(&text(&comparison, require.as_ref()))?;
         }
         let verdict = require.map_or(Ok(()), |require| comparison.check(&require));
         let name = &comparison.new_table().name;
-        Ok(verdict.map_err(|message| Failure::new(Exit::Failed, format!("{name}: {message}"))))
+        let verdict = verdict.map_err(|message| Failure::new(Exit::Failed, format!("{name}: {message}")));
+        self.json.finish(document(&comparison, require.as_ref()), verdict)
     }
 }
 

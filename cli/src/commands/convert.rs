@@ -16,10 +16,11 @@ use isotherm_recording_formats::write::ParquetStream;
 use isotherm_shared::names::StreamKind;
 use isotherm_shared::table::{CoefficientTable, nominal_table};
 use isotherm_shared::wire::{RawSample, StreamSample};
-use isotherm_support::failure::{Exit, Failure, shown, tell};
+use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::Finding;
 use std::io;
 use std::path::{Path, PathBuf};
+use tracing::info;
 
 /// Make a recording of data from other programs: text, NovAtel logs, ROS messages, logs of autopilots
 ///
@@ -324,14 +325,14 @@ impl Convert {
         at_rest: Option<Finding>,
     ) -> Result<(), Failure> {
         for note in notes {
-            tell("isotherm", note);
+            info!("{note}");
         }
         let findings = findings.into_iter().chain(at_rest).collect();
         self.acceptance.admit("", findings).map_err(|refused| refused.failure)?;
         for Written { output, writer, rows } in written {
             check_written(Some(&output), writer.finish())?;
             let to = if output == Path::new("-") { "stdout".into() } else { shown(&output).to_string() };
-            tell("isotherm", format_args!("{rows} rows in {to}"));
+            info!("{rows} rows in {to}");
         }
         Ok(())
     }

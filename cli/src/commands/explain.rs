@@ -3,7 +3,7 @@
 use crate::top;
 use clap::{Args, ValueEnum};
 use isotherm_files::print_data;
-use isotherm_service::commands::explain::{Topic, explain, topics, wrap};
+use isotherm_service::commands::explain::{Explain as Names, Topic, topics, wrap};
 use isotherm_support::failure::Failure;
 use isotherm_support::finding::name::{Explanation, Rank, SUBJECTS, explanations};
 
@@ -20,8 +20,8 @@ const PAGE_WIDTH: usize = 118;
   isotherm explain late
   isotherm explain --markdown findings > docs/findings.md")]
 pub(crate) struct Explain {
-    /// The name, as it is printed
-    name: Vec<String>,
+    #[command(flatten)]
+    names: Names,
     /// Print a page of the documents
     #[arg(long, value_name = "PAGE", conflicts_with = "name")]
     markdown: Option<Page>,
@@ -43,7 +43,7 @@ impl Explain {
         };
         let state = |(name, meaning): &(&str, &str)| Topic::new("state of top", *name, String::new(), meaning, "");
         let all: Vec<_> = explanations().map(finding).chain(topics()).chain(top::STATES.iter().map(state)).collect();
-        explain(&all, &self.name)
+        self.names.run(&all)
     }
 }
 

@@ -13,12 +13,13 @@ use isotherm_files::{Output, check_written, end_flag, partial_path, refuse_overl
 use isotherm_recording::{IncrementCsvWriter, IncrementLayout};
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_shared::status::ImuStatus;
-use isotherm_support::failure::{Exit, Failure, tell};
+use isotherm_support::failure::{Exit, Failure};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
+use tracing::info;
 
 /// Longest single wait for an answer; signals and flushes are checked after each.
 const PAUSE: Duration = Duration::from_millis(50);
@@ -191,7 +192,7 @@ fn patiently<T>(
     }
     match cause {
         ConnectError::Occupied { .. } | ConnectError::NoRoom { .. } | ConnectError::NoService(_) => {
-            tell("isotherm", format_args!("waiting up to {} s: {cause}", timeout.as_secs_f64()));
+            info!("waiting up to {} s: {cause}", timeout.as_secs_f64());
         }
         // So it looks while a service is starting.
         _ => {}
@@ -275,7 +276,7 @@ impl Feeder {
             self.lost_angles = true;
             let message =
                 "warning: the table now has gyroscopes, which the output has no columns for; start the feed anew";
-            tell("isotherm", message);
+            info!("{message}");
         }
     }
 

@@ -18,7 +18,8 @@ pub(crate) struct Completions {
 }
 
 impl Completions {
-    pub(crate) fn run(self, mut program: clap::Command) -> Result<(), Failure> {
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let mut program = crate::command();
         let mut text = Vec::new();
         clap_complete::generate(self.shell, &mut program, "isotherm", &mut text);
         print_data(&String::from_utf8_lossy(&text))
@@ -40,7 +41,8 @@ pub(crate) struct Man {
 }
 
 impl Man {
-    pub(crate) fn run(self, program: clap::Command) -> Result<(), Failure> {
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let program = crate::command();
         let Some(folder) = self.output else {
             let mut text = Vec::new();
             let rendered = clap_mangen::Man::new(program).render(&mut text);

@@ -1,15 +1,16 @@
 //! `import`: parameters of an autopilot as a table.
 
-use super::export::autopilot;
+use crate::parse::one_of;
 use crate::parse::{gravity, interval};
 use clap::Args;
 use isotherm_autopilot::{Autopilot, ImportError, ImportOptions, import};
 use isotherm_client::ImuId;
 use isotherm_files::{LoadError, StagedText, read_parameters, refuse_overlap};
 use isotherm_shared::table::STANDARD_GRAVITY;
-use isotherm_support::failure::{Failure, tell};
+use isotherm_support::failure::Failure;
 use std::path::PathBuf;
 use std::time::Duration;
+use tracing::info;
 
 /// Make a table of parameters of PX4 or ArduPilot, which the service then serves
 ///
@@ -24,7 +25,7 @@ pub(crate) struct Import {
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// The autopilot
-    #[arg(long, value_name = "AUTOPILOT", value_parser = autopilot())]
+    #[arg(long, value_name = "AUTOPILOT", value_parser = one_of(Autopilot::NAMES))]
     from: Autopilot,
     /// The IMU of the table
     #[arg(long, value_name = "ID")]
@@ -59,7 +60,7 @@ impl Import {
             other => Failure::from(other),
         })?;
         StagedText::create(Some(&self.output))?.write(&table.to_toml())?.finish()?;
-        tell("isotherm", format_args!("table {} of {}", table.digest(), table.content().imu));
+        info!("table {} of {}", table.digest(), table.content().imu);
         Ok(())
     }
 }

@@ -1,6 +1,8 @@
 //! `noise`: the Allan deviation of a recording at rest.
 
-use super::common::{Acceptance, ForeignArgs, OfData, choice, inputs, joined_paths, load_with_origin, or_document};
+use super::common::{
+    Acceptance, ForeignArgs, JsonOption, OfData, choice, inputs, joined_paths, load_with_origin, or_document,
+};
 use super::part::PartArgs;
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
@@ -9,7 +11,7 @@ use isotherm_campaign::rate_at_rest;
 use isotherm_client::ImuId;
 use isotherm_files::{StagedText, check_stdout, check_written, print, print_data, refuse_overlap};
 use isotherm_fit::{now, tool};
-use isotherm_pipeline::Refused;
+use isotherm_pipeline::JobFailure;
 use isotherm_recording::MISSING;
 use isotherm_recording_formats::read::{ImuChoice, Input, Recording, Samples};
 use isotherm_report::noise;
@@ -54,9 +56,8 @@ pub(crate) struct Noise {
     kalibr: Option<PathBuf>,
     #[command(flatten)]
     acceptance: Acceptance,
-    /// Print one JSON document instead of the text, also of a failure
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    json: JsonOption,
     #[command(flatten)]
     foreign: ForeignArgs,
 }
@@ -66,7 +67,7 @@ impl Noise {
         or_document(self.json, self.show())
     }
 
-    fn show(self) -> Result<(), Refused> {
+    fn show(self) -> Result<(), JobFailure> {
         let part = self.part.get()?;
         let mut files = inputs(&self.recording);
         files.extend(self.table.as_deref().map(|table| (table, "the table")));
@@ -137,7 +138,7 @@ impl Noise {
             texts.push(page.write(&noise::html(&analysis, &source))?);
         }
         StagedText::finish_together(texts)?;
-        if self.json {
+        if self.json.is_given() {
             Ok(print_data(&format!("{:#}\n", noise::json::document(&analysis)))?)
         } else {
             Ok(print(&noise::text::text(&analysis))?)

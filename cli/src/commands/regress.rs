@@ -10,9 +10,10 @@ use isotherm_recording_formats::read::{ImuChoice, NumberRow, NumberTable, read_n
 use isotherm_statistics::{
     DataPoint, DoubleDouble, LinearColumn, MAX_ORDER, OrderTable, Regression, Rule, default_order,
 };
-use isotherm_support::failure::{Exit, Failure, tell};
+use isotherm_support::failure::{Exit, Failure};
 use serde_json::json;
 use std::path::PathBuf;
+use tracing::{info, warn};
 
 /// Descriptions of a valid number and a valid weight, for messages.
 const NUMBER: &str = "a finite number, 0 or of size 1e-140 to 1e140";
@@ -80,7 +81,7 @@ impl Regress {
         bar.finish_and_clear();
         let NumberTable { rows, places, notes } = read?;
         for note in &notes {
-            tell("isotherm", format_args!("{note}"));
+            info!("{note}");
         }
         let point = |row: &NumberRow<DoubleDouble>| {
             let weight = row.values.get(y_index + 1).copied().unwrap_or(DoubleDouble::ONE);
@@ -120,7 +121,7 @@ impl Regress {
             ));
         }
         for warning in &warnings {
-            tell("isotherm", format_args!("warning: {warning}"));
+            warn!("warning: {warning}");
         }
         if !self.json {
             return print(&table.text(x, &self.y));

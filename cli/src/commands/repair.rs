@@ -3,8 +3,9 @@
 use clap::Args;
 use isotherm_files::{print, print_data};
 use isotherm_recording_formats::repair::repair_into;
-use isotherm_support::failure::{Failure, shown, tell};
+use isotherm_support::failure::{Failure, shown};
 use std::path::PathBuf;
+use tracing::info;
 
 /// Take the rows before and behind damaged places of a recording into a new file
 ///
@@ -38,9 +39,9 @@ impl Repair {
         for hole in &repaired.holes {
             print(&format!("{}: {hole}\n", shown(&self.recording)))?;
         }
-        repaired.notes.iter().for_each(|note| tell("isotherm", note));
+        repaired.notes.iter().for_each(|note| info!("{note}"));
         if !repaired.has_checks {
-            tell("isotherm", "note: the recording has no checks: what could be read was taken");
+            info!("note: the recording has no checks: what could be read was taken");
         }
         print(&format!("{}: {repaired}\n", shown(&self.output)))
     }

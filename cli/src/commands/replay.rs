@@ -13,10 +13,11 @@ use isotherm_recording_formats::read::{Input, Samples};
 use isotherm_recording_formats::write::{RosTable, RosWriter};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, StreamSample};
-use isotherm_support::failure::{Failure, tell};
+use isotherm_support::failure::Failure;
 use isotherm_support::finding::Finding;
 use std::path::{Path, PathBuf};
 use std::{fmt, io, slice};
+use tracing::info;
 
 /// Compensate a recording offline, with the very arithmetic of the service
 ///
@@ -107,11 +108,11 @@ impl Replay {
         check_written(path, writer.finish().and_then(Output::finish))?;
         if tells_no_temperature {
             let unit = &table.content().temperature_unit;
-            tell("isotherm", format_args!("no sensor_msgs/msg/Temperature: the telemetry is in {unit}, not in degC"));
+            info!("no sensor_msgs/msg/Temperature: the telemetry is in {unit}, not in degC");
         }
         let losses = Some(continuity.losses()).filter(|losses| !losses.is_none() || losses.session_changes > 0);
         let losses = losses.map(|losses| format!("; {losses}")).unwrap_or_default();
-        tell("isotherm", format_args!("{flags}{losses}"));
+        info!("{flags}{losses}");
         Ok(())
     }
 }

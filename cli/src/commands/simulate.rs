@@ -7,11 +7,11 @@ mod rows;
 mod station;
 
 use crate::commands::simulate::rows::{AttitudeDocument, Columns, reachable, write_rows};
-use crate::parse::{Rates, SetPoints, direction, interval, numbers, rates, scheme, seconds, set_points, size};
-use clap::builder::{PossibleValuesParser, TypedValueParser as _};
+use crate::parse::{Rates, SetPoints, direction, interval, numbers, one_of, rates, seconds, set_points, size};
 use clap::{Args, Subcommand};
 use isotherm_campaign::Scheme;
 use isotherm_client::Domain;
+use isotherm_service::commands::no_domain;
 use isotherm_shared::wire::AXES;
 use isotherm_simulation as simulation;
 use isotherm_simulation::{CampaignSchedule, RampSchedule, RunSchedule, Truth, TurnSchedule};
@@ -42,8 +42,11 @@ pub(crate) struct Simulate {
 
 #[derive(Debug, Subcommand)]
 enum Simulation {
+    #[command(arg = no_domain())]
     Campaign(SimulateCampaign),
+    #[command(arg = no_domain())]
     Ramp(ramp::SimulateRamp),
+    #[command(arg = no_domain())]
     Run(SimulateRun),
     Station(station::SimulateStation),
     #[command(hide = true)]
@@ -60,7 +63,7 @@ struct SimulateCampaign {
     #[command(flatten)]
     imu: SimulatedImuOptions,
     /// Positions of the turntable at each set point
-    #[arg(long, value_name = "NAME", default_value = Scheme::NAMES[0].1, value_parser = PossibleValuesParser::new(Scheme::NAMES.map(|(_, name)| name)).map(scheme))]
+    #[arg(long, value_name = "NAME", default_value = Scheme::NAMES[0].1, value_parser = one_of(Scheme::NAMES))]
     positions: Scheme,
     /// Set points of the chamber [degC], both ends included
     #[arg(long, value_name = "FROM:TO:STEP", default_value = "-25:45:5", allow_hyphen_values = true, value_parser = set_points)]
@@ -81,7 +84,7 @@ struct SimulateCampaign {
     #[arg(long, value_name = "ARCSEC", default_value_t = 1.0, value_parser = size)]
     positioning: f64,
     /// Angle of the six turns at each set point [deg]; 720 unless given; only with gyroscopes
-    #[arg(long, value_name = "DEG", value_parser = PossibleValuesParser::new(["360", "720"]).map(|angle| if angle == "360" { 360.0 } else { 720.0 }))]
+    #[arg(long, value_name = "DEG", value_parser = one_of([(360.0, "360"), (720.0, "720")]))]
     turn_angle: Option<f64>,
     /// Record ramps too, from the first set point to the last and back, with A3 up and holds of 1800 s: ramp-1.csv and
     /// one more for each rate [degC/h]

@@ -1,8 +1,8 @@
 //! `verify`: the stability of a recording under a table.
 
 use super::common::{
-    Acceptance, ForeignArgs, LagSetting, OfData, choice, inputs, joined, joined_paths, load_with_origin, or_document,
-    refuse_other_imu,
+    Acceptance, ForeignArgs, JsonOption, LagSetting, OfData, choice, inputs, joined, joined_paths, load_with_origin,
+    or_document, refuse_other_imu,
 };
 use super::part::PartArgs;
 use crate::parse::{gravity, seconds};
@@ -10,22 +10,23 @@ use crate::progress::bytes_bar;
 use clap::Args;
 use isotherm_campaign::{STANDSTILL_WINDOW_S, faults, length_at_rest};
 use isotherm_client::ImuId;
-use isotherm_files::{StagedText, check_stdout, check_written, print, print_data, refuse_overlap};
+use isotherm_files::{StagedText, check_stdout, check_written, print, refuse_overlap};
 use isotherm_fit::{Origin, now, tool};
-use isotherm_pipeline::{CampaignFile, Refused, Run};
+use isotherm_pipeline::{CampaignFile, JobFailure, Run};
 use isotherm_recording::other_device;
 use isotherm_recording_formats::read::Input;
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{AXES, RawSample};
-use isotherm_support::failure::{Exit, Failure, tell};
+use isotherm_support::failure::{Exit, Failure};
 use isotherm_support::finding::{Finding, name};
 use isotherm_verification::{
     Attitude, Lengths, LengthsError, LocalGravity, Requirement, Setup, Stability, own_recording,
 };
 use std::path::PathBuf;
 use std::time::Duration;
+use tracing::{info, warn};
 
 /// Length of the windows, if none is given \[s\].
 const WINDOW_S: f64 = 10.0;
@@ -44,8 +45,7 @@ const MOST_ROWS: usize = 4_000_000;
 /// In a run that heats and cools, the hysteresis band shows how far the errors in both directions are apart, with the
 /// table's transients and without.
 ///
-/// An IMU that was put down by hand in many attitudes, with a table of calibrate --gravity-only, or with --standstills:
-/// the standstills are found, and the length of the output over each is compared with local gravity. Of the bounds only
+/// Of a tumble, with a table of calibrate tumble, or with --standstills: the standstills are found, and the length of the output over each is compared with local gravity. Of the bounds only
 /// scale is judged then.
 ///
 /// Gyroscopes are judged where table and recording have them. At rest they feel Earth's rate: with --angles and a table
@@ -116,16 +116,15 @@ pub(crate) struct Verify {
     report: Option<PathBuf>,
     #[command(flatten)]
     acceptance: Acceptance,
-    /// Print one JSON document instead of the text, also of a failure
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    json: JsonOption,
     #[command(flatten)]
     foreign: ForeignArgs,
 }
 
 impl Verify {
     pub(crate) fn run(self) -> Result<(), Failure> {
-        or_document(self.json, self.show())?
+        or_document(self.json, self.show())
     }
 
     /// The lengths over the standstills, if they are asked for, or if the table was measured that way and the recording
@@ -144,7 +143,7 @@ impl Verify {
         if !whole {
             if rows.len() >= MOST_ROWS {
                 let note = "no standstills are searched; of an IMU that was put down by hand, give the part with the standstills";
-                tell("isotherm", format_args!("warning: {recording}: over {MOST_ROWS} rows: {note}"));
+                warn!("warning: {recording}: over {MOST_ROWS} rows: {note}");
             }
             return Ok(None);
         }
@@ -166,7 +165,7 @@ impl Verify {
         recording: String,
         page: Option<StagedText>,
         require: Option<Requirement>,
-    ) -> Result<Result<(), Failure>, Refused> {
+    ) -> Result<(), JobFailure> {
         let window_s = self.window.map_or(STANDSTILL_WINDOW_S, |window| window.as_secs_f64());
         let other = (lengths.other_device > 0).then(|| other_device(table, lengths.other_device as u64));
         self.acceptance.admit(&recording, other.into_iter().collect())?;
@@ -174,17 +173,15 @@ impl Verify {
             let source = self.source(recording.clone(), window_s, require);
             page.write(&report::lengths::html(table, lengths, &source))?.finish()?;
         }
-        if self.json {
-            let document = report::lengths::json(lengths, window_s, require);
-            print_data(&format!("{document:#}\n"))?;
-        } else {
+        if !self.json.is_given() {
             print(&report::lengths::text(lengths))?;
             if let Some(require) = require {
                 print(&report::text::judgements(&lengths.judge(&require)))?;
             }
         }
         let verdict = require.map_or(Ok(()), |require| lengths.check(&require));
-        Ok(verdict.map_err(|message| Failure::new(Exit::Failed, format!("{recording}: {message}"))))
+        let verdict = verdict.map_err(|message| Failure::new(Exit::Failed, format!("{recording}: {message}")));
+        self.json.finish(report::lengths::json(lengths, window_s, require), verdict)
     }
 
     fn source(&self, recording: String, window_s: f64, required: Option<Requirement>) -> VerificationSource {
@@ -203,13 +200,13 @@ impl Verify {
         let campaign = file.map(|file| file.campaign(Some(table.content().imu.as_str()))).transpose()?;
         let direction = attitude.direction(table, campaign.as_ref(), origin.tilt_rad);
         if let Some(note) = attitude.note() {
-            tell("isotherm", note);
+            info!("{note}");
         }
         direction.map(Some).map_err(|message| Failure::new(Exit::Usage, message))
     }
 
-    /// Prints the results. The inner result is the judgement, which the results have too.
-    fn show(self) -> Result<Result<(), Failure>, Refused> {
+    /// Prints the results.
+    fn show(self) -> Result<(), JobFailure> {
         let require = joined(&self.require)?;
         let mut files = inputs(&self.recording);
         files.push((&self.table, "the table"));
@@ -270,16 +267,14 @@ impl Verify {
             let source = self.source(recording.clone(), window_s, require);
             page.write(&report::verification::html(&table, &stability, &source))?.finish()?;
         }
-        if self.json {
-            let document = report::json::verification(&stability, window_s, require);
-            print_data(&format!("{document:#}\n"))?;
-        } else {
+        if !self.json.is_given() {
             print(&report::text::stability(&stability, window_s, table.content().alignment.is_some()))?;
             if let Some(require) = require {
                 print(&report::text::judgements(&require.judge(&stability)))?;
             }
         }
         let verdict = require.map_or(Ok(()), |require| require.check(&stability));
-        Ok(verdict.map_err(|message| Failure::new(Exit::Failed, format!("{recording}: {message}"))))
+        let verdict = verdict.map_err(|message| Failure::new(Exit::Failed, format!("{recording}: {message}")));
+        self.json.finish(report::json::verification(&stability, window_s, require), verdict)
     }
 }

@@ -13,7 +13,7 @@ use super::samples::file_of;
 use isotherm_client::{Options, fetch_status};
 use isotherm_files::{Installation, StagedText, print};
 use isotherm_fit::{Accuracy, AlignmentChoice, Calibration, CalibrationOptions, Fitted, LagChoice, now, tool};
-use isotherm_pipeline::{CampaignFile, FitOptions, Inputs, Run, no_bar};
+use isotherm_pipeline::{CampaignFile, InputOptions, Inputs, Run, no_bar};
 use isotherm_recording_formats::read::ImuChoice;
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
@@ -285,8 +285,8 @@ impl Finish {
             let message = format!("{file}: {imu} is not in it; run the campaign again, which writes it anew");
             Failure::new(Exit::Data, message)
         })?;
-        let options = FitOptions { turntable: self.options(in_force), ..FitOptions::default() };
-        let inputs = Inputs::read(&campaign, Some(&file), Vec::new(), &options, &no_bar);
+        let (options, input) = (self.options(in_force), InputOptions::default());
+        let inputs = Inputs::turntable(&campaign, &file, Vec::new(), options, &input, &no_bar);
         let made = inputs.and_then(|inputs| inputs.fit(&campaign, Some(&file))).map_err(|refused| refused.failure)?;
         made.findings().for_each(|finding| print_message(&finding));
         let _ = io::stderr().write_all(printable(&made.text()).as_bytes());
