@@ -80,7 +80,7 @@ pub(crate) enum Command {
     Relay(relay::Relay),
     Clean(clean::Clean),
     #[command(arg = no_domain())]
-    Explain(explain::Explain),
+    Explain(explain::ExplainName),
     #[command(arg = no_domain())]
     Completions(generate::Completions),
     #[command(arg = no_domain())]

@@ -15,6 +15,8 @@ use isotherm_support::failure::{Exit, Failure};
 use std::env;
 use std::process::ExitCode;
 
+/// Compensate accelerometers and gyroscopes for temperature
+///
 /// Compensates accelerometer pulses for temperature, live over shared memory and offline.
 #[derive(Debug, Parser)]
 #[command(
@@ -30,7 +32,9 @@ use std::process::ExitCode;
   isotherm calibrate turntable campaign.toml -o imu-a.toml --report imu-a.html"
 )]
 struct Cli {
-    /// The domain: service and clients of different domains never meet
+    /// Join the domain of this name
+    ///
+    /// The domain: service and clients of different domains never meet.
     ///
     /// The one that ISOTHERM_DOMAIN names, or "default", unless given
     #[arg(long, global = true, value_name = "NAME")]

@@ -57,7 +57,9 @@ use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::Path;
 use std::process::ExitCode;
 
-/// Compensates accelerometer pulses for temperature, live over shared memory: the daemon alone
+/// Serve compensated increments: the daemon alone
+///
+/// Compensates accelerometer pulses for temperature, live over shared memory: the daemon alone.
 #[derive(Debug, Parser)]
 #[command(
     name = "isothermd",
@@ -70,7 +72,9 @@ use std::process::ExitCode;
 `isotherm` has these commands too, and the tools: calibrate, feed, replay, record and the others."
 )]
 struct Daemon {
-    /// The domain: service and clients of different domains never meet
+    /// Join the domain of this name
+    ///
+    /// The domain: service and clients of different domains never meet.
     ///
     /// The one that ISOTHERM_DOMAIN names, or "default", unless given
     #[arg(long, global = true, value_name = "NAME")]

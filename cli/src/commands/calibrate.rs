@@ -1,5 +1,6 @@
 //! `calibrate`: makes a coefficient table from a campaign on a turntable, from a tumble or from a warm-up.
 
+mod campaign;
 mod former;
 mod outcome;
 mod several;

@@ -26,7 +26,9 @@ pub(super) fn options(domain: Domain, timeout: Duration) -> Options {
 /// How the lagged telemetry of a recording that has none is computed.
 #[derive(Clone, Copy, Debug, Args)]
 pub(super) struct LagSetting {
-    /// Time constant of the lagged telemetry, for a recording that has none [s]; or none
+    /// Set the lag of recordings without one [s]
+    ///
+    /// Time constant of the lagged telemetry, for a recording that has none [s]; or none.
     ///
     /// That of the table unless given; feed asks the service. Lagged telemetry in the recording is used as it is
     #[arg(long = "lag", value_name = "S|none", value_parser = crate::parse::lag)]
@@ -36,16 +38,24 @@ pub(super) struct LagSetting {
 /// When a recorder goes on in the next file, and what it leaves of the disk.
 #[derive(Clone, Debug, Default, Args)]
 pub(super) struct RotationArgs {
-    /// Begin the next file at this size: bytes, or with k, M, G; files are then numbered, FILE-0001.csv
+    /// Begin the next file at this size
+    ///
+    /// Begin the next file at this size: bytes, or with k, M, G; files are then numbered, FILE-0001.csv.
     #[arg(long, value_name = "SIZE", value_parser = crate::parse::bytes)]
     rotate_size: Option<u64>,
-    /// Begin the next file after this time [s]; files are then numbered, FILE-0001.csv
+    /// Begin the next file after this time [s]
+    ///
+    /// Begin the next file after this time [s]; files are then numbered, FILE-0001.csv.
     #[arg(long, value_name = "S", value_parser = crate::parse::seconds)]
     rotate_time: Option<Duration>,
-    /// Leave so much of the disk free: bytes, or with k, M, G; with less, rows wait as on a full disk
+    /// Leave so much of the disk free
+    ///
+    /// Leave so much of the disk free: bytes, or with k, M, G; with less, rows wait as on a full disk.
     #[arg(long, value_name = "SIZE", value_parser = crate::parse::bytes)]
     keep_free: Option<u64>,
-    /// Remove the oldest numbered files of this name to keep the disk free
+    /// Remove the oldest files for room
+    ///
+    /// Remove the oldest numbered files of this name to keep the disk free.
     ///
     /// Only what a recorder of this user has written under this name, the lowest number first, and never what is being
     /// written
@@ -76,12 +86,18 @@ pub(super) struct ForeignArgs {
     /// What the columns of a text are (TOML)
     #[arg(long, value_name = "M.toml")]
     pub mapping: Option<PathBuf>,
-    /// Telemetry of all rows, in the unit of the table, for data that have none
+    /// Set the telemetry of all rows
+    ///
+    /// Telemetry of all rows, in the unit of the table, for data that have none.
     #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = crate::parse::number)]
     pub temperature: Option<f64>,
+    /// Set the nominal interval [s]
+    ///
     /// Nominal interval [s] [default: that of the mapping, or found from the time]
     #[arg(long, value_name = "S", value_parser = crate::parse::interval)]
     pub interval: Option<Duration>,
+    /// Choose where the times come from
+    ///
     /// Where the times come from: header, the stamps of the rows or messages; log, when the messages of a bag were
     /// recorded; rate, rows are one interval apart, which has to be known [default: header]
     #[arg(long, value_name = "SOURCE", value_parser = ["header", "log", "rate"])]
@@ -89,22 +105,32 @@ pub(super) struct ForeignArgs {
     /// Topic of the sensor_msgs/msg/Imu, if there are several
     #[arg(long, value_name = "TOPIC")]
     pub topic: Option<String>,
-    /// Topic of the gyroscopes, if accelerometers and gyroscopes have a topic each
+    /// Choose the topic of the gyroscopes
+    ///
+    /// Topic of the gyroscopes, if accelerometers and gyroscopes have a topic each.
     #[arg(long, value_name = "TOPIC")]
     pub gyroscope_topic: Option<String>,
-    /// File of the gyroscopes, if accelerometers and gyroscopes have a text each; the mapping is of both
+    /// Read the gyroscopes from this file
+    ///
+    /// File of the gyroscopes, if accelerometers and gyroscopes have a text each; the mapping is of both.
     #[arg(long, value_name = "FILE")]
     pub gyroscope_file: Option<PathBuf>,
     /// Topic of the sensor_msgs/msg/Temperature, if there are several
     #[arg(long, value_name = "TOPIC")]
     pub temperature_topic: Option<String>,
-    /// IMU of an autopilot's log, if there are several: its number there, from 0
+    /// Choose an IMU of an autopilot's log
+    ///
+    /// IMU of an autopilot's log, if there are several: its number there, from 0.
     #[arg(long, value_name = "N")]
     pub instance: Option<u32>,
-    /// Whose temperature the gyroscopes of an autopilot's log have, if they have none of their own
+    /// Choose the gyroscopes' temperature in a log
+    ///
+    /// Whose temperature the gyroscopes of an autopilot's log have, if they have none of their own.
     #[arg(long, value_name = "SENSOR", value_parser = ["accelerometer"])]
     pub gyroscope_temperature: Option<String>,
-    /// Keep the order in which pieces are named where neither sequences nor clocks tell it
+    /// Keep the order in which pieces are named
+    ///
+    /// Keep the order in which pieces are named where neither sequences nor clocks tell it.
     ///
     /// Sequences tell that of the pieces of a session, and clocks that of sessions and pieces whose times do not
     /// overlap. Pieces without a time go on from each other then
@@ -311,11 +337,15 @@ pub(super) fn inputs(recording: &[PathBuf]) -> Vec<(&Path, &'static str)> {
 /// Which findings the user accepts.
 #[derive(Clone, Debug, Default, Args)]
 pub(super) struct Acceptance {
+    /// Go on in spite of this fault
+    ///
     /// Go on in spite of a fault of this name, which stands in brackets in the fault's line; several with commas, or
-    /// repeated. The provenance of a table has the names
+    /// repeated. The provenance of a table has the names.
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = name::acceptable)]
     pub accept: Vec<&'static str>,
-    /// Take every warning that is not accepted for a fault
+    /// Take every warning for a fault
+    ///
+    /// Take every warning that is not accepted for a fault.
     #[arg(long)]
     pub strict: bool,
 }

@@ -10,7 +10,9 @@ use isotherm_report::comparison::{ComparisonSource, document, html, text};
 use isotherm_support::failure::{Exit, Failure};
 use std::path::{Path, PathBuf};
 
-/// Show what has changed between tables of one IMU, by more than their errors
+/// Show what changed between tables of one IMU
+///
+/// Show what has changed between tables of one IMU, by more than their errors.
 ///
 /// Curves are compared, never coefficients: other orders, units, centres and values of 1 g0 do not matter. The errors
 /// are those of both provenances; without them the values alone are shown. Of three tables or more the oldest and the
@@ -20,17 +22,23 @@ use std::path::{Path, PathBuf};
     after_help = "Examples:\n  isotherm compare 2025.toml 2026.toml --require bias=20ug0,scale=50ppm,alignment=20urad\n  isotherm compare 2023.toml 2024.toml 2025.toml 2026.toml --report years.html"
 )]
 pub(crate) struct Compare {
-    /// Coefficient tables: the old one and the new one, or three or more in any order
+    /// Compare these tables, the old one first
+    ///
+    /// Coefficient tables: the old one and the new one, or three or more in any order.
     #[arg(value_name = "TABLE.toml", required = true, num_args = 2..)]
     tables: Vec<PathBuf>,
-    /// Fail unless the differences are within every bound: bias=20ug0,scale=50ppm,alignment=20urad,rate=0.05deg/h
+    /// Fail unless differences are within these bounds
+    ///
+    /// Fail unless the differences are within every bound: bias=20ug0,scale=50ppm,alignment=20urad,rate=0.05deg/h.
     ///
     /// bias: of every accelerometer (ug0, mg0); scale: of K+ and K- of every sensor (ppm); alignment: of every entry of
     /// the matrices (urad, arcsec); rate: of the bias of every gyroscope (deg/h). The whole band counts: a difference
     /// whose band reaches over the bound is undecided, which fails too
     #[arg(long, value_name = "BOUNDS", allow_negative_numbers = true)]
     require: Vec<ComparisonRequirement>,
-    /// Compare tables of different IMUs too; they are refused otherwise
+    /// Compare tables of different IMUs, too
+    ///
+    /// Compare tables of different IMUs too; they are refused otherwise.
     #[arg(long)]
     other_unit: bool,
     /// Where the report goes (HTML)

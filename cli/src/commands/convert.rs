@@ -22,7 +22,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 use tracing::info;
 
-/// Make a recording of data from other programs: text, NovAtel logs, ROS messages, logs of autopilots
+/// Make a recording of data from other programs
+///
+/// Make a recording of data from other programs: text, NovAtel logs, ROS messages, logs of autopilots.
 ///
 /// A text (CSV, with any separator) needs a mapping file, which says what its columns are; without one, the mapping
 /// that would be is printed. NovAtel RAWIMU, RAWIMUX, RAWIMUS and RAWIMUSX in ASCII, sensor_msgs/msg/Imu in MCAP, ULog
@@ -32,32 +34,46 @@ use tracing::info;
     after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.parquet\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv\n  isotherm convert flight.ulg --instance 0 -o run.csv\n  isotherm convert flight.BIN -o 'run-{instance}.csv'\n  isotherm convert cold.csv warm.csv --mapping logger.toml -o runs/\n  isotherm convert mems.csv --mapping mems.toml -o run.csv --nominal imu-b.toml --imu imu-b"
 )]
 pub(crate) struct Convert {
+    /// Read these data of other programs
+    ///
     /// The foreign data; - is stdin, for text. The folder of a bag of ROS stands for its files. Several files are
-    /// recordings, each converted into a file of its own, or pieces of one, which go into one file
+    /// recordings, each converted into a file of its own, or pieces of one, which go into one file.
     #[arg(value_name = "INPUT", required = true)]
     input: Vec<PathBuf>,
-    /// Where the raw samples go: .csv or .parquet; - is stdout (CSV). Of several recordings the folder; with
-    /// {instance} in the name, all IMUs of a log go to a file each
+    /// Write the raw samples to this file
+    ///
+    /// Where the raw samples go: .csv or .parquet; - is stdout (CSV). Of several recordings the folder; with {instance}
+    /// in the name, all IMUs of a log go to a file each.
     #[arg(short, long, value_name = "REC")]
     output: PathBuf,
+    /// Set the number of the session
+    ///
     /// Number of the session, which the samples then have in a column; of several recordings that of the first. Where
     /// the clock of a recording starts again, the next one follows [default: none, and 1 for several recordings and
     /// such clocks]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     session: Option<u64>,
-    /// Table of the IMU, by which the length of the specific force at rest is compared with gravity
+    /// Compare the rows with this table's gravity
+    ///
+    /// Table of the IMU, by which the length of the specific force at rest is compared with gravity.
     #[arg(long, value_name = "TABLE")]
     table: Option<PathBuf>,
+    /// Write the nominal table of the readings
+    ///
     /// Where the nominal table of readings goes: scale factors by the resolution and the nominal interval, and nothing
-    /// else
+    /// else.
     ///
     /// With it the readings come back in m/s2 and rad/s, before any calibration. 1 g0 is 9.80665 m/s2
     #[arg(long, value_name = "TABLE.toml")]
     nominal: Option<PathBuf>,
+    /// Name the telemetry's unit in that table
+    ///
     /// Unit of the telemetry in that table; a label [default: degC]
     #[arg(long, value_name = "UNIT", requires = "nominal")]
     temperature_unit: Option<String>,
-    /// Name of the IMU, which a Parquet file and the nominal table have
+    /// Name the IMU
+    ///
+    /// Name of the IMU, which a Parquet file and the nominal table have.
     #[arg(long, value_name = "ID", default_value = "imu")]
     imu: ImuId,
     #[command(flatten)]

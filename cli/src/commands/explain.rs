@@ -3,14 +3,16 @@
 use crate::top;
 use clap::{Args, ValueEnum};
 use isotherm_files::print_data;
-use isotherm_service::commands::explain::{Explain as Names, Topic, topics, wrap};
+use isotherm_service::commands::explain::{Explain, Topic, topics, wrap};
 use isotherm_support::failure::Failure;
 use isotherm_support::finding::name::{Explanation, Rank, SUBJECTS, explanations};
 
 /// Columns of a page.
 const PAGE_WIDTH: usize = 118;
 
-/// Explain a finding, a flag, a metric, a field of the status, an exit code or a state of `top`
+/// Explain a name that the program prints
+///
+/// Explain a finding, a flag, a metric, a field of the status, an exit code or a state of `top`.
 ///
 /// Without a name, all names are listed.
 #[derive(Debug, Args)]
@@ -19,9 +21,9 @@ const PAGE_WIDTH: usize = 118;
   isotherm explain position-off
   isotherm explain late
   isotherm explain --markdown findings > docs/findings.md")]
-pub(crate) struct Explain {
+pub(crate) struct ExplainName {
     #[command(flatten)]
-    names: Names,
+    names: Explain,
     /// Print a page of the documents
     #[arg(long, value_name = "PAGE", conflicts_with = "name")]
     markdown: Option<Page>,
@@ -33,7 +35,7 @@ enum Page {
     Findings,
 }
 
-impl Explain {
+impl ExplainName {
     pub(crate) fn run(self) -> Result<(), Failure> {
         if let Some(Page::Findings) = self.markdown {
             return print_data(&findings_page());

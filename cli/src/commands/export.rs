@@ -10,7 +10,9 @@ use isotherm_support::failure::{Failure, shown};
 use std::path::{Path, PathBuf};
 use tracing::info;
 
-/// Write the biases of a table as parameters of PX4 or ArduPilot
+/// Write a table as parameters of an autopilot
+///
+/// Write the biases of a table as parameters of PX4 or ArduPilot.
 ///
 /// Both autopilots subtract a cubic of the temperature, and that of the table is written exactly, in float32. What the
 /// parameters cannot say is refused with its size, unless it is dropped by name. Other instances are left alone.
@@ -25,13 +27,19 @@ pub(crate) struct Export {
     /// The autopilot
     #[arg(long, value_name = "AUTOPILOT", value_parser = one_of(Autopilot::NAMES))]
     to: Autopilot,
-    /// Where the parameters go: .params of PX4, .parm of ArduPilot; - is stdout
+    /// Write the parameters to this file
+    ///
+    /// Where the parameters go: .params of PX4, .parm of ArduPilot; - is stdout.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    /// Set the number of the IMU there
+    ///
     /// Number of the IMU in the autopilot: 0 to 3 of PX4, 1 to 5 of ArduPilot [default: as in the log that made the
     /// table, or the first]
     #[arg(long, value_name = "N")]
     instance: Option<u8>,
+    /// Write ArduPilot's constants at this temperature [degC]
+    ///
     /// Write ArduPilot's constants too: CALTEMP, and as OFFS the biases at this temperature [degC]
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     at: Option<f64>,
@@ -42,11 +50,15 @@ pub(crate) struct Export {
 /// What the parameters of an autopilot need besides the table.
 #[derive(Debug, Args)]
 pub(super) struct ParameterArgs {
+    /// Set PX4's device numbers of the IMU
+    ///
     /// PX4's device number of the IMU, or those of accelerometers and gyroscopes; in logs they are device_id [default:
     /// those of the log that made the table]
     #[arg(long, value_name = "ACC[,GYR]", value_parser = devices)]
     pub device_id: Option<[u32; 2]>,
-    /// Leave this out of the parameters, if the table has it; several with commas, or repeated
+    /// Leave this out of the parameters
+    ///
+    /// Leave this out of the parameters, if the table has it; several with commas, or repeated.
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = one_of(Effect::NAMES))]
     pub drop: Vec<Effect>,
 }

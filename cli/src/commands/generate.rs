@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
   isotherm completions zsh > ~/.zfunc/_isotherm
   isotherm completions fish > ~/.config/fish/completions/isotherm.fish")]
 pub(crate) struct Completions {
+    /// Print the completions of this shell
     shell: Shell,
 }
 
@@ -29,13 +30,17 @@ impl Completions {
 /// The commented example of the service's configuration: it has every key.
 const CONFIGURATION: &str = include_str!("../../../examples/service.toml");
 
-/// Print the manual page, or write those of all commands, of `isothermd` and of its configuration into a folder
+/// Print or write manual pages
+///
+/// Print the manual page, or write those of all commands, of `isothermd` and of its configuration into a folder.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   isotherm man | man -l -
   isotherm man -o ~/.local/share/man/man1")]
 pub(crate) struct Man {
-    /// Folder for isotherm.1, isotherm-serve.1, isothermd.1, isotherm-service.5 and so on; made if it is not there
+    /// Write all pages into this folder
+    ///
+    /// Folder for isotherm.1, isotherm-serve.1, isothermd.1, isotherm-service.5 and so on; made if it is not there.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
 }

@@ -12,7 +12,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 use tracing::info;
 
-/// Make a table of parameters of PX4 or ArduPilot, which the service then serves
+/// Make a table of an autopilot's parameters
+///
+/// Make a table of parameters of PX4 or ArduPilot, which the service then serves.
 ///
 /// The table is that of readings in m/s2 and rad/s, a pulse being 1e-6 m/s2 or 1e-7 rad/s over the interval. Its biases
 /// are what the firmware subtracts. ArduPilot's are relative, 0 at 35 degC, unless the file has CALTEMP and OFFS too.
@@ -21,7 +23,9 @@ use tracing::info;
     after_help = "Examples:\n  isotherm import vehicle.params --from px4 --imu imu-a --interval 0.0025 -o imu-a.toml\n  isotherm import vehicle.parm --from ardupilot --instance 2 --imu imu-b --interval 0.001 -o imu-b.toml"
 )]
 pub(crate) struct Import {
-    /// File of parameters: .params or .parm; it may have all others of the vehicle
+    /// Read this file of parameters
+    ///
+    /// File of parameters: .params or .parm; it may have all others of the vehicle.
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// The autopilot
@@ -30,6 +34,8 @@ pub(crate) struct Import {
     /// The IMU of the table
     #[arg(long, value_name = "ID")]
     imu: ImuId,
+    /// Choose the number of the IMU there
+    ///
     /// Number of the IMU in the autopilot: 0 to 3 of PX4, 1 to 5 of ArduPilot [default: the first]
     #[arg(long, value_name = "N")]
     instance: Option<u8>,

@@ -21,7 +21,9 @@ use isotherm_support::failure::{Exit, Failure};
 use isotherm_support::finding::Finding;
 use std::path::PathBuf;
 
-/// Show the noise of an IMU at rest: Allan deviation, and quantisation, white noise, bias instability and random walk
+/// Show the noise of an IMU at rest
+///
+/// Show the noise of an IMU at rest: Allan deviation, and quantisation, white noise, bias instability and random walk.
 ///
 /// The longest stretch of rows without a long gap, a movement or a new session is analysed; it needs 1000 rows, and
 /// hours for a random walk. Gaps of up to 16 rows are bridged; over 2 % of such rows make no file for Kalibr. With a
@@ -36,13 +38,17 @@ use std::path::PathBuf;
     after_help = "Examples:\n  isotherm noise --table imu-a.toml night.csv --report noise.html\n  isotherm noise night.csv --from 3600 --json\n  isotherm noise --table imu-g.toml night-????.parquet --kalibr imu.yaml"
 )]
 pub(crate) struct Noise {
+    /// Read this recording of raw samples
+    ///
     /// Recording of raw samples (CSV, Parquet, MCAP) or data of another program, or the pieces of one in any order; -
-    /// is stdin
+    /// is stdin.
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
     /// Coefficient table
     #[arg(long, value_name = "TABLE")]
     table: Option<PathBuf>,
+    /// Read the samples of this IMU
+    ///
     /// The IMU whose samples are read, in a recording of several IMUs [default: the table's IMU]
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
@@ -51,7 +57,9 @@ pub(crate) struct Noise {
     /// Where the report goes (HTML)
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
-    /// Where the noise goes as Kalibr's imu.yaml: N and K of the worst axis of each triad, in m/s2 and rad/s
+    /// Write the noise as Kalibr's imu.yaml
+    ///
+    /// Where the noise goes as Kalibr's imu.yaml: N and K of the worst axis of each triad, in m/s2 and rad/s.
     #[arg(long, value_name = "FILE.yaml", requires = "table")]
     kalibr: Option<PathBuf>,
     #[command(flatten)]

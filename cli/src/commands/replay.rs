@@ -19,7 +19,9 @@ use std::path::{Path, PathBuf};
 use std::{fmt, io, slice};
 use tracing::info;
 
-/// Compensate a recording offline, with the very arithmetic of the service
+/// Compensate a recording offline
+///
+/// Compensate a recording offline, with the very arithmetic of the service.
 ///
 /// The output equals that of `feed`, byte for byte. A file named .mcap gets ROS messages instead, sensor_msgs/msg/Imu.
 /// The last line on stderr counts the flags, and where rows are missing, time steps or another session follows, those
@@ -32,21 +34,29 @@ pub(crate) struct Replay {
     /// Coefficient table
     #[arg(long, value_name = "TABLE")]
     table: PathBuf,
+    /// Read the samples of this IMU
+    ///
     /// The IMU whose samples are read, in a recording of several IMUs [default: the table's IMU]
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
+    /// Read this recording of raw samples
+    ///
     /// Recording of raw samples (CSV, Parquet, MCAP) or data of another program, or the pieces of one in any order; -
-    /// is stdin
+    /// is stdin.
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
     #[command(flatten)]
     part: PartArgs,
     #[command(flatten)]
     lag: LagSetting,
-    /// Take a recording that names another IMU than the table's (Parquet, MCAP); it is refused otherwise
+    /// Take a recording of another IMU, too
+    ///
+    /// Take a recording that names another IMU than the table's (Parquet, MCAP); it is refused otherwise.
     #[arg(long)]
     other_imu: bool,
-    /// Where the increments go: CSV, or .mcap with sensor_msgs/msg/Imu; - is stdout
+    /// Write the increments to this file
+    ///
+    /// Where the increments go: CSV, or .mcap with sensor_msgs/msg/Imu; - is stdout.
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
     #[command(flatten)]

@@ -18,7 +18,9 @@ use tracing::info;
     after_help = "Examples:\n  isotherm rollback /etc/isotherm/tables/imu-a.toml\n  isotherm rollback --imu imu-a /etc/isotherm/tables/imu-a.toml"
 )]
 pub(crate) struct Rollback {
-    /// The IMU whose table comes back; needed if the installed table is broken or of another IMU
+    /// Name the IMU whose table comes back
+    ///
+    /// The IMU whose table comes back; needed if the installed table is broken or of another IMU.
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
     /// The installed table

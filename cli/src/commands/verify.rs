@@ -33,7 +33,9 @@ const WINDOW_S: f64 = 10.0;
 /// Most rows that are searched for standstills; each takes 256 bytes.
 const MOST_ROWS: usize = 4_000_000;
 
-/// Show how stable the output of a recording is, before and after compensation, and how large its errors are
+/// Verify a table with a recording at rest
+///
+/// Show how stable the output of a recording is, before and after compensation, and how large its errors are.
 ///
 /// The IMU must be held still while its temperature runs. Before: the table's coefficients frozen at the run's mid
 /// temperature. After: the full model. Constant error, variation and noise of every axis have 95 % intervals. Where the
@@ -58,23 +60,33 @@ pub(crate) struct Verify {
     /// Coefficient table
     #[arg(long, value_name = "TABLE")]
     table: PathBuf,
+    /// Read the samples of this IMU
+    ///
     /// The IMU whose samples are read, in a recording of several IMUs [default: the table's IMU]
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
+    /// Read this recording of raw samples
+    ///
     /// Recording of raw samples (CSV, Parquet, MCAP) or data of another program, or the pieces of one in any order; -
-    /// is stdin
+    /// is stdin.
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
+    /// Take means over windows this long [s]
+    ///
     /// Length of the windows that means are taken over [s]; of standstills, that of the windows they are searched with
     /// [default: 10, and 0.5 for standstills]
     #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = seconds)]
     window: Option<Duration>,
+    /// Compare static poses with gravity
+    ///
     /// Compare the lengths over the standstills of an IMU that was put down by hand in many attitudes, also with a
-    /// table of a turntable
+    /// table of a turntable.
     #[arg(long, conflicts_with_all = ["attitude", "angles"])]
     standstills: bool,
+    /// Fail unless every bound is shown met
+    ///
     /// Fail unless the run shows that every bound is met: bias=20ug0,scale=50ppm,level=5arcsec,rate=0.1deg/h, or a bare
-    /// factor of stability
+    /// factor of stability.
     ///
     /// bias: the whole error of every axis (ug0, mg0); scale: of the length against gravity (ppm); level: across the
     /// specific force (arcsec, urad); rate: the whole error of every gyroscope (deg/h); factor: the standard deviation
@@ -84,6 +96,8 @@ pub(crate) struct Verify {
     /// place, unless --accept not-covered
     #[arg(long, value_name = "BOUNDS", allow_negative_numbers = true)]
     require: Vec<Requirement>,
+    /// Set the attitude of the IMU
+    ///
     /// Attitude of the IMU: the direction of the specific force along A1, A2, A3; the angles of the turntable [deg]; or
     /// the number or name of a position of --campaign [default: the median of the compensated output]
     ///
@@ -91,13 +105,19 @@ pub(crate) struct Verify {
     /// have the tilt of the base that the provenance of the table states
     #[arg(long, value_name = "F1,F2,F3|OUTER,INNER|POSITION", allow_hyphen_values = true)]
     attitude: Option<Attitude>,
-    /// Campaign file whose positions --attitude names; it says how the IMU sat on the turntable
+    /// Read the positions of this campaign file
+    ///
+    /// Campaign file whose positions --attitude names; it says how the IMU sat on the turntable.
     #[arg(long, value_name = "CAMPAIGN.toml", requires = "attitude")]
     campaign: Option<PathBuf>,
+    /// Set the turntable's angles in the run [deg]
+    ///
     /// Angles of the turntable that the table's campaign was measured on, in the run [deg]: with the provenance of the
-    /// table they give Earth's rate along the gyroscopes, and the attitude
+    /// table they give Earth's rate along the gyroscopes, and the attitude.
     #[arg(long, value_name = "OUTER,INNER", allow_hyphen_values = true, value_parser = crate::parse::numbers::<2>)]
     angles: Option<[f64; 2]>,
+    /// Set local gravity [m/s2]
+    ///
     /// Local gravity in m/s2 [default: gravity_local of the table's provenance]
     #[arg(long, value_name = "G", value_parser = gravity)]
     gravity_local: Option<f64>,
@@ -105,10 +125,14 @@ pub(crate) struct Verify {
     part: PartArgs,
     #[command(flatten)]
     lag: LagSetting,
-    /// Judge samples of another unit than the table's too; they are refused otherwise
+    /// Judge samples of another unit, too
+    ///
+    /// Judge samples of another unit than the table's too; they are refused otherwise.
     #[arg(long)]
     other_device: bool,
-    /// Judge a recording that names another IMU than the table's too (Parquet, MCAP); it is refused otherwise
+    /// Judge a recording of another IMU, too
+    ///
+    /// Judge a recording that names another IMU than the table's too (Parquet, MCAP); it is refused otherwise.
     #[arg(long)]
     other_imu: bool,
     /// Where the report goes (HTML)

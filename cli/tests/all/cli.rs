@@ -81,8 +81,17 @@ fn every_help_has_examples_and_exit_codes_and_the_domain_where_there_is_one() {
         "rollback",
         "verify",
     ];
-    let without_below =
-        ["campaign check", "campaign status", "campaign stop", "simulate campaign", "simulate ramp", "simulate run"];
+    let without_below = [
+        "calibrate tumble",
+        "calibrate turntable",
+        "calibrate warm-up",
+        "campaign check",
+        "campaign status",
+        "campaign stop",
+        "simulate campaign",
+        "simulate ramp",
+        "simulate run",
+    ];
     for (path, help) in all {
         assert!(help.contains("Examples:"), "{path}");
         assert!(help.contains("Exit codes: 0 done, 1 failed, 64 usage"), "{path}:\n{help}");

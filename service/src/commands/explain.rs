@@ -79,7 +79,9 @@ pub fn topics() -> Vec<Topic> {
     flags.chain(fields).chain(metrics).chain(codes).collect()
 }
 
-/// Explain a flag, a field of the status, a metric or an exit code
+/// Explain a name that the programs print
+///
+/// Explain a flag, a field of the status, a metric or an exit code.
 ///
 /// Without a name, all names are listed.
 #[derive(Debug, Args)]

@@ -48,7 +48,10 @@ const WRITING: &[Writing] = &[
     file("calibrate report", &["calibrate", "turntable", "campaign.toml", "-o", "made.toml", "--report", OUT]),
     Writing {
         ends: None,
-        ..file("calibrate batch", &["calibrate", "turntable", "batch.toml", "-o", "{imu}.toml", "--other-device", "--batch", OUT])
+        ..file(
+            "calibrate batch",
+            &["calibrate", "turntable", "batch.toml", "-o", "{imu}.toml", "--other-device", "--batch", OUT],
+        )
     },
     file(
         "calibrate export",

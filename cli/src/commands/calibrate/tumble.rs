@@ -1,9 +1,9 @@
 //! `calibrate tumble`: a table without a turntable, from recordings in many attitudes.
 
+use super::campaign::CampaignJob;
 use super::former::job_of_campaign;
 use super::outcome::fit;
 use super::table::TableArgs;
-use super::turntable::CampaignJob;
 use crate::commands::common::{ForeignArgs, or_document};
 use crate::parse::{gravity, height, latitude, numbers, one_of, seconds};
 use crate::progress::bytes_bar;
@@ -67,7 +67,7 @@ pub(super) struct Tumble {
     /// The default is 0.5, and 1 if the noise is correlated over that.
     #[arg(long, value_name = "S", value_parser = seconds)]
     window: Option<Duration>,
-    /// Set where a table of order 0 is valid
+    /// State where order 0 is valid
     ///
     /// In the telemetry's unit; required if the telemetry is constant [default: the measured range].
     #[arg(long, value_name = "LOW,HIGH", allow_hyphen_values = true, value_parser = range)]
@@ -83,6 +83,8 @@ pub(super) struct Tumble {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Recordings without a campaign file")]
 struct GravityArgs {
+    /// Set gravity at the recordings' place [m/s2]
+    ///
     /// Set gravity at the place of the recordings [m/s2]
     #[arg(long, value_name = "G", value_parser = gravity)]
     gravity_local: Option<f64>,

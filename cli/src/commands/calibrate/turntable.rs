@@ -1,9 +1,6 @@
 //! `calibrate turntable`: a table from a campaign on a turntable, also of each IMU on it.
 
-mod batch;
-
-pub(super) use batch::CampaignJob;
-
+use super::campaign::CampaignJob;
 use super::former::job_of_campaign;
 use super::outcome::fit;
 use super::table::TableArgs;
@@ -21,7 +18,7 @@ use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::name;
 use std::path::{Path, PathBuf};
 
-/// Make a table from a campaign on a turntable
+/// Make a table from a turntable campaign
 ///
 /// Checks the samples, reduces every set point, chooses the orders, fits, and writes a sealed table with its
 /// provenance. What the positions cannot observe is refused, never guessed. A campaign with turns gives the gyroscopes
@@ -48,7 +45,7 @@ pub(super) struct Turntable {
     /// - is stdout. Of several IMUs {imu} in the name stands for that of each.
     #[arg(short, long, value_name = "TABLE.toml", required_unless_present = "propose")]
     output: Option<PathBuf>,
-    /// Propose a campaign file for the files in a folder
+    /// Propose a campaign file for a folder
     ///
     /// There is a file for each position at each set point, or a sheet of means. The campaign file goes to -o, or to
     /// stdout. Names tell set points and positions, gravity tells accelerometers from telemetry. What the files do not

@@ -12,7 +12,7 @@ use crate::commands::export::{ParameterArgs, tell_left_out};
 use crate::parse::{gravity, lag_choice};
 use crate::progress::bytes_bar;
 use clap::Args;
-use export::{ParameterFile, ShownParameters};
+use export::{ParameterFile, ShownParameters, exported, on_board, staged_exports};
 use isotherm_autopilot::HIGHEST_ORDER;
 use isotherm_campaign::Campaign;
 use isotherm_client::ImuId;
@@ -111,9 +111,9 @@ impl WarmUp {
         let (output, report) = (self.table_of(of), self.report(&of.imu));
         self.refuse_overlaps(&[Some(&output), report.as_deref()])?;
         let files = TableFiles::create(&output, report.as_deref())?;
-        let exports = self.staged_exports()?;
+        let exports = staged_exports(&self.export)?;
         let (campaign, outcome) = self.calibrate(of, input)?;
-        let exported = self.exported(&outcome)?;
+        let exported = exported(&self.export, &self.parameters, &outcome)?;
         tell_outcome(&outcome, self.table.json);
         let mut texts = files.write(&campaign, &outcome)?;
         for (staged, exported) in exports.into_iter().zip(&exported) {
@@ -136,13 +136,15 @@ impl WarmUp {
         let exports = !self.export.is_empty();
         // An autopilot has no lag.
         let unless_given = if exports { LagChoice::None } else { LagChoice::Search };
+        let shown = self.beside.iter().filter_map(ShownParameters::file);
+        let on_board = shown.map(|path| on_board(path, input.foreign.settings.instance));
         let options = OneAttitudeOptions {
             order: self.table.order.0,
             highest_order: exports.then_some(HIGHEST_ORDER),
             lag: self.lag.unwrap_or(unless_given),
             at: self.at,
             beside: self.beside.iter().filter_map(ShownParameters::cubic).collect(),
-            on_board: self.on_board(input.foreign.settings.instance)?,
+            on_board: on_board.collect::<Result<_, _>>()?,
             accept: accept.clone(),
             strict: self.table.acceptance.strict,
         };

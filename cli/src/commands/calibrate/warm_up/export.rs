@@ -1,7 +1,6 @@
 //! Parameters of autopilots that `calibrate warm-up` shows and writes.
 
-use super::WarmUp;
-use crate::commands::export::tell_exported;
+use crate::commands::export::{ParameterArgs, tell_exported};
 use isotherm_autopilot::{Autopilot, ExportOptions, Exported, Parameters, ReadError, export};
 use isotherm_files::{LoadError, StagedText, read_parameters};
 use isotherm_fit::OnBoard;
@@ -65,32 +64,28 @@ impl ParameterFile {
     }
 }
 
-impl WarmUp {
-    /// The files of parameters, which wait to be written.
-    pub(super) fn staged_exports(&self) -> Result<Vec<StagedText>, Failure> {
-        self.export.iter().map(|file| StagedText::create(Some(&file.path))).collect()
-    }
+/// The files of parameters, which wait to be written.
+pub(super) fn staged_exports(files: &[ParameterFile]) -> Result<Vec<StagedText>, Failure> {
+    files.iter().map(|file| StagedText::create(Some(&file.path))).collect()
+}
 
-    /// The parameters of a table, for each `--export`.
-    pub(super) fn exported(&self, outcome: &CalibrationOutcome) -> Result<Vec<Exported>, Failure> {
-        let one = |file: &ParameterFile| {
-            let options = self.parameters.options(file.autopilot, None, outcome.source.log_imu);
-            // Of two autopilots only PX4 wants them.
-            let device_id = options.device_id.filter(|_| file.autopilot == Autopilot::Px4);
-            export(outcome.fitted.table(), &ExportOptions { device_id, ..options })
-        };
-        Ok(self.export.iter().map(one).collect::<Result<_, _>>()?)
-    }
-
-    /// The parameters in files that are shown, of an instance of the log.
-    pub(super) fn on_board(&self, instance: Option<u32>) -> Result<Vec<OnBoard>, Failure> {
-        let number = instance.and_then(|number| u8::try_from(number).ok());
-        self.beside.iter().filter_map(ShownParameters::file).map(|path| on_board(path, number)).collect()
-    }
+/// The parameters of a table, for each file.
+pub(super) fn exported(
+    files: &[ParameterFile],
+    parameters: &ParameterArgs,
+    outcome: &CalibrationOutcome,
+) -> Result<Vec<Exported>, Failure> {
+    let one = |file: &ParameterFile| {
+        let options = parameters.options(file.autopilot, None, outcome.source.log_imu);
+        // Of two autopilots only PX4 wants them.
+        let device_id = options.device_id.filter(|_| file.autopilot == Autopilot::Px4);
+        export(outcome.fitted.table(), &ExportOptions { device_id, ..options })
+    };
+    Ok(files.iter().map(one).collect::<Result<_, _>>()?)
 }
 
 /// The parameters in a file, of either autopilot, for the IMU with this number in its log.
-fn on_board(path: &Path, number: Option<u8>) -> Result<OnBoard, Failure> {
+pub(super) fn on_board(path: &Path, instance: Option<u32>) -> Result<OnBoard, Failure> {
     let text = read_parameters(path)?;
     let Some(autopilot) = Autopilot::of_text(&text) else {
         let message = format!(
@@ -100,6 +95,7 @@ fn on_board(path: &Path, number: Option<u8>) -> Result<OnBoard, Failure> {
         );
         return Err(Failure::new(Exit::Config, message).at(path, None));
     };
+    let number = instance.and_then(|number| u8::try_from(number).ok());
     let instance = number.map(|number| number.saturating_add(*autopilot.instances().start()));
     let parameters = Parameters::read(&text, autopilot, instance).map_err(|error| match error {
         ReadError::Instance(error) => Failure::new(Exit::Usage, error.to_string()),

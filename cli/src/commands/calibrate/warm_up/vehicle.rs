@@ -2,6 +2,7 @@
 //! vehicle.
 
 use super::WarmUp;
+use super::export::{exported, staged_exports};
 use crate::commands::calibrate::several::{TableMember, check_dropped};
 use crate::commands::export::{tell_left_out, tell_notes};
 use isotherm_autopilot::{Exported, vehicle};
@@ -27,7 +28,7 @@ impl WarmUp {
         // All files are created before the fits.
         let staged = tables.iter().map(|path| StagedText::create(Some(path))).collect::<Result<Vec<_>, _>>()?;
         let page = report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
-        let exports = self.staged_exports()?;
+        let exports = staged_exports(&self.export)?;
         let (mut members, mut exported) = (Vec::new(), Vec::new());
         for (of, table) in vehicle.imus.iter().zip(tables) {
             let (member, parameters) = self.make_member(of, table, input)?;
@@ -72,7 +73,7 @@ impl WarmUp {
         input: &InputOptions,
     ) -> Result<(TableMember, Vec<Exported>), JobFailure> {
         let made = self.calibrate(of, input).and_then(|made| {
-            let exported = self.exported(&made.1)?;
+            let exported = exported(&self.export, &self.parameters, &made.1)?;
             Ok((made, exported))
         });
         let (result, exported) = match made {

@@ -1,8 +1,8 @@
-//! A table for each IMU of a campaign file, and the statistics of all.
+//! The tables of a campaign file: one, or one for each IMU and the statistics of all.
 
-use crate::commands::calibrate::outcome::tell_outcome;
-use crate::commands::calibrate::several::{TableMember, check_dropped};
-use crate::commands::calibrate::table::{TableArgs, TableFiles, path_of};
+use super::outcome::tell_outcome;
+use super::several::{TableMember, check_dropped};
+use super::table::{TableArgs, TableFiles, path_of};
 use crate::commands::common::inputs;
 use crate::messages::print_text;
 use isotherm_analysis::{batch, same_rows};
@@ -19,7 +19,7 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 /// The tables of one or several campaigns.
-pub(in crate::commands::calibrate) struct CampaignJob<'a> {
+pub(super) struct CampaignJob<'a> {
     pub table: &'a TableArgs,
     pub output: &'a Path,
     /// The campaign file; `None` if options describe the only campaign.
@@ -38,11 +38,7 @@ type CampaignSamples<'c> = (&'c Campaign, Vec<PathBuf>);
 
 impl CampaignJob<'_> {
     /// Makes the tables of all campaigns, or of that of `imu`.
-    pub(in crate::commands::calibrate) fn run(
-        &self,
-        campaigns: Vec<Campaign>,
-        imu: Option<&ImuId>,
-    ) -> Result<(), JobFailure> {
+    pub(super) fn run(&self, campaigns: Vec<Campaign>, imu: Option<&ImuId>) -> Result<(), JobFailure> {
         let campaigns = self.chosen(campaigns, imu)?;
         match campaigns.as_slice() {
             [campaign] if self.batch.is_none() => self.make_table(campaign),
