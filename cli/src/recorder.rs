@@ -47,11 +47,11 @@ pub(crate) struct Recorder {
     started: Instant,
     first_row: Option<Instant>,
     flushed: Instant,
-    reported: Reported,
+    reported: RecorderReport,
 }
 
 /// What has been reported to the operator.
-struct Reported {
+struct RecorderReport {
     connected: u64,
     /// Whether the streams that are waited for have been reported.
     waiting: bool,
@@ -88,7 +88,14 @@ impl Recorder {
             started: now,
             first_row: None,
             flushed: now,
-            reported: Reported { connected: 0, waiting: false, trouble: false, lost: 0, lost_at: None, checked: now },
+            reported: RecorderReport {
+                connected: 0,
+                waiting: false,
+                trouble: false,
+                lost: 0,
+                lost_at: None,
+                checked: now,
+            },
             domain,
             files: PatientFiles::new(imus.clone(), files),
             imus,

@@ -11,7 +11,9 @@ use isotherm_fit::{
     Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, FittedRun, GravityOnlyOptions, LagChoice,
     Method, OneAttitudeOptions, ScaleFactorChoice, sha256,
 };
-use isotherm_pipeline::{CalibrationOutcome, CampaignFile, InputOptions, Inputs, JobFailure, Source, Vehicle, VehicleImu, no_bar};
+use isotherm_pipeline::{
+    CalibrationOutcome, CampaignFile, InputOptions, Inputs, JobFailure, RowSource, Vehicle, VehicleImu, no_bar,
+};
 use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
 use isotherm_recording_formats::convert::{Foreign, Settings};
 use isotherm_shared::table::CoefficientTable;
@@ -38,7 +40,7 @@ pub struct Calibration {
 
 /// A recording: the path of a file, or the bytes of rows.
 #[derive(FromPyObject)]
-pub(crate) enum Recorded {
+pub(crate) enum RecordingSource {
     Rows(Values<u8>),
     File(PathBuf),
 }
@@ -100,7 +102,7 @@ pub(crate) fn calibrate_campaign(
     text: String,
     path: PathBuf,
     imu: Option<&str>,
-    recordings: Option<Vec<Recorded>>,
+    recordings: Option<Vec<RecordingSource>>,
     is_tumble: bool,
     options: Options,
 ) -> PyResult<Calibration> {
@@ -125,13 +127,13 @@ pub(crate) fn calibrate_campaign(
     let named = || campaign_file.samples(&campaign).map_err(|failure| failed(&JobFailure::from(failure)));
     let recordings = match recordings {
         Some(recordings) => recordings,
-        None => named()?.into_iter().map(Recorded::File).collect(),
+        None => named()?.into_iter().map(RecordingSource::File).collect(),
     };
     // Those that the campaign file names are read as it says.
     let rows = if is_tumble { Rows::OfRecordings } else { Rows::OfCampaign };
     let sources = if given { sources(&recordings, rows)? } else { Vec::new() };
     let named = campaign_file.ramps(&campaign).into_iter().chain(campaign_file.curves(&campaign));
-    for path in recordings.iter().filter_map(Recorded::path).cloned().chain(named) {
+    for path in recordings.iter().filter_map(RecordingSource::path).cloned().chain(named) {
         fs::metadata(&path).map_err(|error| file(&path, &error))?;
     }
     let outcome = py.detach(|| {
@@ -151,7 +153,7 @@ pub(crate) fn calibrate_campaign(
 #[expect(clippy::needless_pass_by_value, reason = "an argument of a Python function")]
 pub(crate) fn calibrate_warm_up(
     py: Python<'_>,
-    recordings: Vec<Recorded>,
+    recordings: Vec<RecordingSource>,
     imu: &str,
     nominal: Option<&Table>,
     gravity: Option<f64>,
@@ -160,7 +162,7 @@ pub(crate) fn calibrate_warm_up(
     let imu = imu_id(imu)?;
     let options = options.checked()?;
     let sources = sources(&recordings, Rows::OfRecordings)?;
-    for path in recordings.iter().filter_map(Recorded::path) {
+    for path in recordings.iter().filter_map(RecordingSource::path) {
         fs::metadata(path).map_err(|error| file(path, &error))?;
     }
     let nominal = nominal.map(|table| CoefficientTable::clone(&table.0));
@@ -198,7 +200,7 @@ pub(crate) fn calibrate_vehicle(
         let vehicle = Vehicle::of(&imu, &logs, &options.input.foreign, &no_bar)?;
         let one = |of: &VehicleImu| {
             let (input, instance) = (of.input(&options.input), of.instance.unwrap_or_default());
-            let sources = Source::files(&logs);
+            let sources = RowSource::files(&logs);
             let nominal = (nominal.get(&instance).cloned(), gravity);
             let read = Inputs::warm_up(&of.imu, sources, nominal, options.warm_up.clone(), &input, &no_bar);
             let calibration = read.and_then(|(campaign, inputs)| {
@@ -218,7 +220,7 @@ pub(crate) fn calibrate_vehicle(
     Ok(made.into_iter().map(split).collect())
 }
 
-impl Recorded {
+impl RecordingSource {
     fn path(&self) -> Option<&PathBuf> {
         if let Self::File(path) = self { Some(path) } else { None }
     }
@@ -302,18 +304,20 @@ enum Rows {
 }
 
 /// The recordings as the job takes them.
-fn sources<'a>(recordings: &'a [Recorded], rows_are: Rows) -> PyResult<Vec<Source<'a>>> {
-    let source = |(index, recorded): (usize, &'a Recorded)| match recorded {
-        Recorded::File(path) => Ok(Source::File(path.clone())),
-        Recorded::Rows(rows) => {
+fn sources<'a>(recordings: &'a [RecordingSource], rows_are: Rows) -> PyResult<Vec<RowSource<'a>>> {
+    let source = |(index, recorded): (usize, &'a RecordingSource)| match recorded {
+        RecordingSource::File(path) => Ok(RowSource::File(path.clone())),
+        RecordingSource::Rows(rows) => {
             let bytes = &**rows;
             let sha256 = sha256(bytes);
             Ok(match rows_are {
-                Rows::OfRecordings => {
-                    Source::Rows { name: format!("recording {}", index + 1), sha256, rows: Box::new(raw_rows(bytes)) }
-                }
+                Rows::OfRecordings => RowSource::Rows {
+                    name: format!("recording {}", index + 1),
+                    sha256,
+                    rows: Box::new(raw_rows(bytes)),
+                },
                 Rows::OfCampaign => {
-                    Source::Rows { name: "samples".to_owned(), sha256, rows: Box::new(campaign_rows(bytes)) }
+                    RowSource::Rows { name: "samples".to_owned(), sha256, rows: Box::new(campaign_rows(bytes)) }
                 }
             })
         }
@@ -411,7 +415,12 @@ impl Calibration {
     #[getter]
     fn findings(&self) -> Vec<(&'static str, Option<u64>, String)> {
         let row = |line: u64| line.to_string();
-        self.outcome.fitted.findings().iter().map(|each| finding(&Finding { line: None, ..each.clone() }, row)).collect()
+        self.outcome
+            .fitted
+            .findings()
+            .iter()
+            .map(|each| finding(&Finding { line: None, ..each.clone() }, row))
+            .collect()
     }
 
     /// What the command prints: the bottom line, the curves, the standstills.

@@ -1,8 +1,8 @@
 //! One calibration: read, hash, fit, seal, report.
 
 use crate::files::{Bar, CampaignFile};
-use crate::laid_out::{LaidOut, by_position, of_means};
-use crate::samples::Source;
+use crate::laid_out::{PositionData, by_position, of_means};
+use crate::samples::RowSource;
 use indicatif::ProgressBar;
 use isotherm_campaign::{Campaign, Ramp};
 use isotherm_files::{Trust, load_table_text};
@@ -105,7 +105,7 @@ impl Inputs {
     pub fn turntable(
         campaign: &Campaign,
         file: &CampaignFile,
-        samples: Vec<Source<'_>>,
+        samples: Vec<RowSource<'_>>,
         options: CalibrationOptions,
         input: &InputOptions,
         bar: Bar<'_>,
@@ -139,7 +139,7 @@ impl Inputs {
     pub fn tumble(
         campaign: &Campaign,
         file: Option<&CampaignFile>,
-        samples: Vec<Source<'_>>,
+        samples: Vec<RowSource<'_>>,
         options: GravityOnlyOptions,
         input: &InputOptions,
         bar: Bar<'_>,
@@ -158,7 +158,7 @@ impl Inputs {
     /// If a file cannot be read, or if no nominal table can be made.
     pub fn warm_up(
         imu: &ImuId,
-        samples: Vec<Source<'_>>,
+        samples: Vec<RowSource<'_>>,
         (nominal, gravity): (Option<CoefficientTable>, Option<f64>),
         options: OneAttitudeOptions,
         input: &InputOptions,
@@ -203,10 +203,10 @@ impl Inputs {
 
 /// The samples that are given, or else those that the campaign file names.
 fn named_unless_given<'a>(
-    samples: Vec<Source<'a>>,
+    samples: Vec<RowSource<'a>>,
     campaign: &Campaign,
     file: Option<&CampaignFile>,
-) -> Result<Vec<Source<'a>>, Failure> {
+) -> Result<Vec<RowSource<'a>>, Failure> {
     match file {
         Some(file) if samples.is_empty() => file.sources(campaign),
         _ => Ok(samples),
@@ -214,9 +214,9 @@ fn named_unless_given<'a>(
 }
 
 impl InputOrigin {
-    fn new(samples: &[Source<'_>], file: Option<&CampaignFile>, input: &InputOptions) -> Self {
+    fn new(samples: &[RowSource<'_>], file: Option<&CampaignFile>, input: &InputOptions) -> Self {
         Self {
-            samples: samples.first().map(Source::path).or(file.map(|file| file.path.clone())).unwrap_or_default(),
+            samples: samples.first().map(RowSource::path).or(file.map(|file| file.path.clone())).unwrap_or_default(),
             part: input.part.told(),
             symptoms: input.symptoms,
             ..Self::default()
@@ -370,7 +370,7 @@ impl<'a> RecordingReader<'a> {
     fn positions(
         &self,
         (campaign, file): (&Campaign, &CampaignFile),
-        mut samples: Vec<Source<'_>>,
+        mut samples: Vec<RowSource<'_>>,
         origin: &mut InputOrigin,
     ) -> Result<Measurements, Failure> {
         if let Some(laid_out) = self.laid_out((campaign, file), &samples)? {
@@ -380,7 +380,7 @@ impl<'a> RecordingReader<'a> {
             origin.notes.extend(laid_out.notes);
             return Ok(laid_out.measurements);
         }
-        if let [Source::Rows { name, sha256, rows }] = samples.as_mut_slice() {
+        if let [RowSource::Rows { name, sha256, rows }] = samples.as_mut_slice() {
             origin.samples_sha256 = core::mem::take(sha256);
             origin.places.begin(Path::new(name), None, 0);
             let mut marks = Marks::default();
@@ -389,7 +389,7 @@ impl<'a> RecordingReader<'a> {
             origin.rows.push(marks);
             return measurements.map_err(|error| error.failure(Path::new(name)));
         }
-        let paths: Vec<_> = samples.iter().map(Source::path).collect();
+        let paths: Vec<_> = samples.iter().map(RowSource::path).collect();
         let bar = (self.bar)(&paths, "reading");
         let mut rows = Recording::open_hashed(&paths, RowKind::Campaign, self.input.clone(), &bar)?;
         let mut marks = Marks::default();
@@ -407,21 +407,21 @@ impl<'a> RecordingReader<'a> {
     fn laid_out(
         &self,
         (campaign, file): (&Campaign, &CampaignFile),
-        samples: &[Source<'_>],
-    ) -> Result<Option<LaidOut>, Failure> {
-        let of_position = |source: &Source<'_>| match source {
-            Source::Position(file) => Some(file.clone()),
+        samples: &[RowSource<'_>],
+    ) -> Result<Option<PositionData>, Failure> {
+        let of_position = |source: &RowSource<'_>| match source {
+            RowSource::Position(file) => Some(file.clone()),
             _ => None,
         };
         let files: Vec<_> = samples.iter().filter_map(of_position).collect();
         let mapping = file.mapping()?;
-        if let ([Source::Means(sheet)], Some(mapping)) = (samples, &mapping) {
+        if let ([RowSource::Means(sheet)], Some(mapping)) = (samples, &mapping) {
             return of_means(campaign, sheet, mapping.clone()).map(Some);
         }
         if files.is_empty() {
             return Ok(None);
         }
-        let paths: Vec<_> = samples.iter().map(Source::path).collect();
+        let paths: Vec<_> = samples.iter().map(RowSource::path).collect();
         let bar = (self.bar)(&paths, "reading");
         let settings = Settings { mapping: mapping.clone(), ..Settings::default() };
         let foreign = mapping.is_some().then(|| Foreign { settings, ..Foreign::default() });
@@ -443,7 +443,7 @@ impl<'a> RecordingReader<'a> {
     }
 
     /// Recordings of a tumble, with the SHA-256 of each.
-    fn tumbles(&self, samples: Vec<Source<'_>>) -> Result<Vec<RecordingInput<TumbleRecording>>, Failure> {
+    fn tumbles(&self, samples: Vec<RowSource<'_>>) -> Result<Vec<RecordingInput<TumbleRecording>>, Failure> {
         let read = |name: &str, rows: &mut dyn Iterator<Item = Row>| TumbleRecording::read(name.to_owned(), rows);
         self.recordings(samples, read, |recording, rows| match rows {
             Some(rows) => recording.with_findings(rows.findings()),
@@ -453,7 +453,11 @@ impl<'a> RecordingReader<'a> {
 
     /// Recordings of a warm-up, with the SHA-256 of each, and with what makes a nominal table; `None` of rows in
     /// memory.
-    fn warm_ups(&self, imu: &ImuId, samples: Vec<Source<'_>>) -> Result<Vec<RecordingInput<WarmUpRecording>>, Failure> {
+    fn warm_ups(
+        &self,
+        imu: &ImuId,
+        samples: Vec<RowSource<'_>>,
+    ) -> Result<Vec<RecordingInput<WarmUpRecording>>, Failure> {
         let read =
             |name: &str, rows: &mut dyn Iterator<Item = Row>| RampRecording::read_screened(name.to_owned(), rows);
         self.recordings(samples, read, |recording, rows| match rows {
@@ -469,18 +473,18 @@ impl<'a> RecordingReader<'a> {
     /// from each other it is one. `complete` adds what files tell after the last row.
     fn recordings<T, U>(
         &self,
-        samples: Vec<Source<'_>>,
+        samples: Vec<RowSource<'_>>,
         read: impl Fn(&str, &mut dyn Iterator<Item = Row>) -> Result<T, RecordingError>,
         complete: impl Fn(T, Option<&Recording>) -> U,
     ) -> Result<Vec<RecordingInput<U>>, Failure> {
-        let named: Vec<_> = samples.iter().map(Source::path).collect();
+        let named: Vec<_> = samples.iter().map(RowSource::path).collect();
         let bar = (self.bar)(&named, "reading");
         let (mut all, mut files) = (Vec::new(), Vec::new());
         for (place, source) in samples.into_iter().enumerate() {
             match source {
-                Source::File(path) | Source::Means(path) => files.push(path),
-                Source::Position(file) => files.push(file.path),
-                Source::Rows { name, sha256, rows } => {
+                RowSource::File(path) | RowSource::Means(path) => files.push(path),
+                RowSource::Position(file) => files.push(file.path),
+                RowSource::Rows { name, sha256, rows } => {
                     let mut marks = Marks::default();
                     let rows = self.input.part.of_rows(&name, rows);
                     let recording = read(&name, &mut marked(rows, &mut marks));

@@ -33,6 +33,6 @@ mod verify;
 pub use calibrate::{CalibrationOutcome, InputOptions, InputOrigin, Inputs, JobFailure};
 pub use files::{Bar, CampaignFile, no_bar};
 pub use proposal::propose;
-pub use samples::{PositionFile, Source};
+pub use samples::{PositionFile, RowSource};
 pub use vehicle::{INSTANCE, Vehicle, VehicleImu};
-pub use verify::Run;
+pub use verify::VerificationRun;

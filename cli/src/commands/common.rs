@@ -1,5 +1,6 @@
 //! What several commands do with their arguments.
 
+use crate::parse::one_of;
 use clap::Args;
 use isotherm_client::{Domain, ImuId, Options, RawSample};
 use isotherm_files::{LoadError, Trust, load_table, print_data, read_text};
@@ -79,6 +80,10 @@ impl RotationArgs {
     }
 }
 
+/// Where times come from, by name.
+const TIME_SOURCES: [(TimeSource, &str); 3] =
+    [(TimeSource::Header, "header"), (TimeSource::Log, "log"), (TimeSource::Rate, "rate")];
+
 /// How data of other programs are read, which take the place of a recording.
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Data of other programs")]
@@ -100,8 +105,8 @@ pub(super) struct ForeignArgs {
     ///
     /// Where the times come from: header, the stamps of the rows or messages; log, when the messages of a bag were
     /// recorded; rate, rows are one interval apart, which has to be known [default: header]
-    #[arg(long, value_name = "SOURCE", value_parser = ["header", "log", "rate"])]
-    pub time: Option<String>,
+    #[arg(long, value_name = "SOURCE", value_parser = one_of(TIME_SOURCES))]
+    pub time: Option<TimeSource>,
     /// Topic of the sensor_msgs/msg/Imu, if there are several
     #[arg(long, value_name = "TOPIC")]
     pub topic: Option<String>,
@@ -126,8 +131,8 @@ pub(super) struct ForeignArgs {
     /// Choose the gyroscopes' temperature in a log
     ///
     /// Whose temperature the gyroscopes of an autopilot's log have, if they have none of their own.
-    #[arg(long, value_name = "SENSOR", value_parser = ["accelerometer"])]
-    pub gyroscope_temperature: Option<String>,
+    #[arg(long, value_name = "SENSOR", value_parser = one_of([(GyroscopeTemperature::Accelerometer, "accelerometer")]))]
+    pub gyroscope_temperature: Option<GyroscopeTemperature>,
     /// Keep the order in which pieces are named
     ///
     /// Keep the order in which pieces are named where neither sequences nor clocks tell it.
@@ -147,21 +152,14 @@ impl ForeignArgs {
         let settings = Settings {
             temperature: self.temperature,
             interval_ns: self.interval.map(|interval| interval.as_nanos() as u64),
-            time: match self.time.as_deref() {
-                Some("log") => TimeSource::Log,
-                Some("rate") => TimeSource::Rate,
-                _ => TimeSource::Header,
-            },
+            time: self.time.unwrap_or_default(),
             topic: self.topic.clone(),
             gyroscope_topic: self.gyroscope_topic.clone(),
             gyroscope_file: self.gyroscope_file.clone(),
             in_order: self.in_order,
             temperature_topic: self.temperature_topic.clone(),
             instance: self.instance,
-            gyroscope_temperature: match self.gyroscope_temperature {
-                Some(_) => GyroscopeTemperature::Accelerometer,
-                None => GyroscopeTemperature::Own,
-            },
+            gyroscope_temperature: self.gyroscope_temperature.unwrap_or_default(),
             ..Settings::default()
         };
         Foreign::new(self.mapping.as_deref(), settings)
@@ -234,8 +232,8 @@ impl OfData {
     /// comes first. The rows' gaps are not named twice.
     ///
     /// # Errors
-    /// As [`Acceptance::admit`].
-    pub(super) fn admit(self, by: &Acceptance, recording: &str, mut found: Vec<Finding>) -> Result<(), JobFailure> {
+    /// As [`AcceptanceArgs::admit`].
+    pub(super) fn admit(self, by: &AcceptanceArgs, recording: &str, mut found: Vec<Finding>) -> Result<(), JobFailure> {
         let of_rows: Vec<_> = found.iter().map(|finding| finding.name).collect();
         found.extend(self.findings.into_iter().filter(|finding| !of_rows.contains(&finding.name)));
         by.admit(recording, found)?;
@@ -336,7 +334,7 @@ pub(super) fn inputs(recording: &[PathBuf]) -> Vec<(&Path, &'static str)> {
 
 /// Which findings the user accepts.
 #[derive(Clone, Debug, Default, Args)]
-pub(super) struct Acceptance {
+pub(super) struct AcceptanceArgs {
     /// Go on in spite of this fault
     ///
     /// Go on in spite of a fault of this name, which stands in brackets in the fault's line; several with commas, or
@@ -350,7 +348,7 @@ pub(super) struct Acceptance {
     pub strict: bool,
 }
 
-impl Acceptance {
+impl AcceptanceArgs {
     /// Prints the findings about `recording`, and returns them.
     ///
     /// # Errors

@@ -1,6 +1,6 @@
 //! `compare`: what has changed between the tables of one IMU.
 
-use super::common::{Acceptance, JsonOption, or_document};
+use super::common::{AcceptanceArgs, JsonOption, or_document};
 use clap::Args;
 use isotherm_analysis::{ComparisonRequirement, compare};
 use isotherm_files::{LoadError, StagedText, Trust, check_stdout, check_written, print, read_text, refuse_overlap};
@@ -45,7 +45,7 @@ pub(crate) struct Compare {
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
     #[command(flatten)]
-    acceptance: Acceptance,
+    acceptance: AcceptanceArgs,
     #[command(flatten)]
     json: JsonOption,
 }

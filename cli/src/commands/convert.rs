@@ -1,6 +1,6 @@
 //! `convert`: makes a recording of foreign data.
 
-use super::common::{Acceptance, ForeignArgs};
+use super::common::{AcceptanceArgs, ForeignArgs};
 use super::part::PartArgs;
 use crate::progress::bytes_bar;
 use clap::Args;
@@ -79,7 +79,7 @@ pub(crate) struct Convert {
     #[command(flatten)]
     part: PartArgs,
     #[command(flatten)]
-    acceptance: Acceptance,
+    acceptance: AcceptanceArgs,
     #[command(flatten)]
     foreign: ForeignArgs,
 }
@@ -87,7 +87,7 @@ pub(crate) struct Convert {
 /// A nominal table, and what it was made of.
 type NominalTable = (Scale, CoefficientTable);
 
-enum Writer {
+enum RowWriter {
     Csv(Box<RawCsvWriter<Output>>),
     Parquet(Box<ParquetStream<Output>>),
 }
@@ -221,7 +221,7 @@ impl Convert {
         foreign.settings.progress = Some(progress.clone());
         let conversion = Conversion::of_file(input, foreign.named(), &foreign.settings)?;
         let output = Some(self.output.as_path());
-        let mut file = match Written::create(self, &self.output, conversion.layout(), foreign.settings.session) {
+        let mut file = match RowCounts::create(self, &self.output, conversion.layout(), foreign.settings.session) {
             Ok(file) => file,
             Err(error) => return check_written(output, Err(error)).map(|()| true),
         };
@@ -276,7 +276,7 @@ impl Convert {
             let name = pieces.paths().next().map(Path::to_owned).unwrap_or_default();
             let session = first + more + if is_folder { place(&name) as u64 } else { 0 };
             let mut rows = pieces.first_recording(&progress)?;
-            let (mut written, mut begin, mut last) = (Vec::<Written>::new(), Vec::new(), session);
+            let (mut written, mut begin, mut last) = (Vec::<RowCounts>::new(), Vec::new(), session);
             let mut piece = PathBuf::new();
             while let Some(row) = rows.next() {
                 let row = row.map_err(|error| rows.failure(&error))?;
@@ -289,7 +289,7 @@ impl Convert {
                     })?;
                     let output = &outputs[place(path)];
                     if written.last().is_none_or(|file| file.output != *output) {
-                        match Written::create(self, output, layout, session) {
+                        match RowCounts::create(self, output, layout, session) {
                             Ok(file) => written.push(file),
                             Err(error) => return check_written(Some(output), Err(error)),
                         }
@@ -335,7 +335,7 @@ impl Convert {
     /// Tells what was found in a recording, and puts its files in place, unless that is refused.
     fn finish(
         &self,
-        written: Vec<Written>,
+        written: Vec<RowCounts>,
         notes: Vec<String>,
         findings: Vec<Finding>,
         at_rest: Option<Finding>,
@@ -345,7 +345,7 @@ impl Convert {
         }
         let findings = findings.into_iter().chain(at_rest).collect();
         self.acceptance.admit("", findings).map_err(|refused| refused.failure)?;
-        for Written { output, writer, rows } in written {
+        for RowCounts { output, writer, rows } in written {
             check_written(Some(&output), writer.finish())?;
             let to = if output == Path::new("-") { "stdout".into() } else { shown(&output).to_string() };
             info!("{rows} rows in {to}");
@@ -367,23 +367,23 @@ fn length_at_rest_of(table: Option<&CoefficientTable>, begin: &[RawSample]) -> O
 }
 
 /// A file that is being written.
-struct Written {
+struct RowCounts {
     output: PathBuf,
-    writer: Writer,
+    writer: RowWriter,
     rows: u64,
 }
 
-impl Written {
+impl RowCounts {
     fn create(convert: &Convert, output: &Path, layout: Layout, session: u64) -> io::Result<Self> {
         let sink = Output::create(Some(output))?;
         let writer = if has_extension(output, "parquet") {
-            Writer::Parquet(Box::new(ParquetStream::new(sink, &convert.imu, StreamKind::Raw, layout)?))
+            RowWriter::Parquet(Box::new(ParquetStream::new(sink, &convert.imu, StreamKind::Raw, layout)?))
         } else {
             let writer = match session {
                 0 => RawCsvWriter::with_layout(sink, "", false, layout)?,
                 _ => RawCsvWriter::of_sessions(sink, layout)?,
             };
-            Writer::Csv(Box::new(writer.with_plain_whole_numbers()))
+            RowWriter::Csv(Box::new(writer.with_plain_whole_numbers()))
         };
         Ok(Self { output: output.to_owned(), writer, rows: 0 })
     }
@@ -398,7 +398,7 @@ fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|own| own.eq_ignore_ascii_case(extension))
 }
 
-impl Writer {
+impl RowWriter {
     fn write(&mut self, sample: &RawSample) -> io::Result<()> {
         match self {
             Self::Csv(writer) => writer.write("", sample),

@@ -1,7 +1,7 @@
 //! `noise`: the Allan deviation of a recording at rest.
 
 use super::common::{
-    Acceptance, ForeignArgs, JsonOption, OfData, choice, inputs, joined_paths, load_with_origin, or_document,
+    AcceptanceArgs, ForeignArgs, JsonOption, OfData, choice, inputs, joined_paths, load_with_origin, or_document,
 };
 use super::part::PartArgs;
 use crate::progress::{bytes_bar, spinner};
@@ -63,7 +63,7 @@ pub(crate) struct Noise {
     #[arg(long, value_name = "FILE.yaml", requires = "table")]
     kalibr: Option<PathBuf>,
     #[command(flatten)]
-    acceptance: Acceptance,
+    acceptance: AcceptanceArgs,
     #[command(flatten)]
     json: JsonOption,
     #[command(flatten)]
@@ -113,7 +113,7 @@ impl Noise {
         spinner.finish_and_clear();
         let analysis = analysis.map_err(|error| {
             let found = continuity.findings(MISSING).into_iter().map(Finding::warned).collect();
-            let _ = of_data.findings_alone().admit(&Acceptance::default(), &recording, found);
+            let _ = of_data.findings_alone().admit(&AcceptanceArgs::default(), &recording, found);
             let failure = Failure::new(Exit::Data, format!("{recording}: {error}"));
             if let [file] = self.recording.as_slice() { failure.at(file, None) } else { failure }
         })?;

@@ -1,6 +1,8 @@
 //! `replay`: compensates a recording with the kernel.
 
-use super::common::{Acceptance, ForeignArgs, GyroscopeWarning, LagSetting, OfData, joined_paths, load_with_origin};
+use super::common::{
+    AcceptanceArgs, ForeignArgs, GyroscopeWarning, LagSetting, OfData, joined_paths, load_with_origin,
+};
 use super::part::PartArgs;
 use clap::Args;
 use indicatif::ProgressBar;
@@ -60,7 +62,7 @@ pub(crate) struct Replay {
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
     #[command(flatten)]
-    acceptance: Acceptance,
+    acceptance: AcceptanceArgs,
     #[command(flatten)]
     foreign: ForeignArgs,
 }
@@ -83,11 +85,11 @@ impl Replay {
         let path = self.output.as_deref();
         let layout = IncrementLayout { gyroscopes: table.content().gyroscopes.is_some(), delivery: false };
         let ros = RosTable::new(&table, &self.table);
-        let mut writer = match Output::create(path).and_then(|sink| Writer::new(sink, path, layout, &ros)) {
+        let mut writer = match Output::create(path).and_then(|sink| IncrementWriter::new(sink, path, layout, &ros)) {
             Ok(writer) => writer,
             Err(error) => return check_written(path, Err(error)),
         };
-        let mut flags = FlagCounts::default();
+        let mut flags = FlagTally::default();
         let mut warning = GyroscopeWarning::new(layout.gyroscopes);
         let mut continuity = Continuity::default();
         let mut begin: Vec<RawSample> = Vec::new();
@@ -105,7 +107,7 @@ impl Replay {
             }
             next = samples.next();
         }
-        let tells_no_temperature = matches!(writer, Writer::Ros(_)) && !ros.is_celsius();
+        let tells_no_temperature = matches!(writer, IncrementWriter::Ros(_)) && !ros.is_celsius();
         let others = flags.count(Flags::OTHER_DEVICE);
         let other = (others > 0).then(|| other_device(&table, others));
         // Before the file is put in place: what is refused leaves none. Without --strict nothing is.
@@ -127,12 +129,12 @@ impl Replay {
     }
 }
 
-enum Writer {
+enum IncrementWriter {
     Csv(IncrementCsvWriter<Output>),
     Ros(Box<RosWriter<Output>>),
 }
 
-impl Writer {
+impl IncrementWriter {
     fn new(sink: Output, path: Option<&Path>, layout: IncrementLayout, table: &RosTable) -> io::Result<Self> {
         let is_mcap = path.and_then(Path::extension).is_some_and(|extension| extension.eq_ignore_ascii_case("mcap"));
         if !is_mcap {
@@ -161,19 +163,19 @@ impl Writer {
 }
 
 /// How many increments there are, and how many have each flag.
-struct FlagCounts {
+struct FlagTally {
     increments: u64,
     flagged: u64,
     by_bit: [u64; 64],
 }
 
-impl Default for FlagCounts {
+impl Default for FlagTally {
     fn default() -> Self {
         Self { increments: 0, flagged: 0, by_bit: [0; 64] }
     }
 }
 
-impl FlagCounts {
+impl FlagTally {
     /// How many increments have the one flag.
     const fn count(&self, flag: Flags) -> u64 {
         self.by_bit[flag.0.trailing_zeros() as usize % 64]
@@ -189,7 +191,7 @@ impl FlagCounts {
 }
 
 /// `4000 increments, 12 flagged: a1-head-above 12, telemetry-stale 3`
-impl fmt::Display for FlagCounts {
+impl fmt::Display for FlagTally {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} increments, ", self.increments)?;
         if self.flagged == 0 {

@@ -1,8 +1,8 @@
 //! `verify`: the stability of a recording under a table.
 
 use super::common::{
-    Acceptance, ForeignArgs, JsonOption, LagSetting, OfData, choice, inputs, joined, joined_paths, load_with_origin,
-    or_document, refuse_other_imu,
+    AcceptanceArgs, ForeignArgs, JsonOption, LagSetting, OfData, choice, inputs, joined, joined_paths,
+    load_with_origin, or_document, refuse_other_imu,
 };
 use super::part::PartArgs;
 use crate::parse::{gravity, seconds};
@@ -12,7 +12,7 @@ use isotherm_campaign::{STANDSTILL_WINDOW_S, faults, length_at_rest};
 use isotherm_client::ImuId;
 use isotherm_files::{StagedText, check_stdout, check_written, print, refuse_overlap};
 use isotherm_fit::{Origin, now, tool};
-use isotherm_pipeline::{CampaignFile, JobFailure, Run};
+use isotherm_pipeline::{CampaignFile, JobFailure, VerificationRun};
 use isotherm_recording::other_device;
 use isotherm_recording_formats::read::Input;
 use isotherm_report as report;
@@ -139,7 +139,7 @@ pub(crate) struct Verify {
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
     #[command(flatten)]
-    acceptance: Acceptance,
+    acceptance: AcceptanceArgs,
     #[command(flatten)]
     json: JsonOption,
     #[command(flatten)]
@@ -248,7 +248,7 @@ impl Verify {
         let window_s = self.window.map_or(WINDOW_S, |window| window.as_secs_f64());
         let input = Input::from((choice(self.imu.clone(), &table), self.foreign.read_for(&origin)?));
         let input = input.within(self.part.get()?);
-        let mut run = Run::open(&table, &self.recording, input, self.lag.ns, window_s, &bar)?;
+        let mut run = VerificationRun::open(&table, &self.recording, input, self.lag.ns, window_s, &bar)?;
         let by_hand = table.is_gravity_only() && self.attitude.is_none() && self.angles.is_none();
         let mut rows = Vec::new();
         let mut keep = self.standstills || by_hand;
@@ -282,7 +282,7 @@ impl Verify {
         let stability = stability.inspect_err(|_| {
             // An interval that is wrong is the error itself.
             let of_time = of_time.into_iter().filter(|finding| finding.name != name::INTERVAL).collect();
-            let _ = of_data.clone().admit(&Acceptance::default(), &recording, of_time);
+            let _ = of_data.clone().admit(&AcceptanceArgs::default(), &recording, of_time);
         })?;
         // With a requirement the failure at the end says why nothing is claimed.
         of_data.admit(&self.acceptance, &recording, stability.findings(require.is_some()))?;

@@ -1,6 +1,6 @@
 //! The selected IMU: its table, samples, temperatures, latency and flags.
 
-use super::model::{Model, Thermometer};
+use super::model::{Model, RangeTemperature};
 use super::numbers::{age, microseconds, whole};
 use super::style::{AlertLevel, Theme};
 use isotherm_client::unix_s;
@@ -110,7 +110,7 @@ fn temperature_lines(theme: Theme, imu: &ImuStatus, width: u16) -> Vec<Line<'sta
     let sensors = triads(imu).flat_map(|triad| (0..AXES).map(move |axis| (triad, axis)));
     for (triad, axis) in sensors {
         let mut spans = vec![Span::styled(format!("{:<4}", triad.names()[axis]), theme.label())];
-        for place in Thermometer::of(imu, triad, axis) {
+        for place in RangeTemperature::of(imu, triad, axis) {
             spans.extend(gauge(theme, place, half.saturating_sub(2)));
             spans.push(Span::raw("  "));
         }
@@ -120,7 +120,7 @@ fn temperature_lines(theme: Theme, imu: &ImuStatus, width: u16) -> Vec<Line<'sta
 }
 
 /// A value, and a bar with its position between the ends of its range. Outside the range the marker is an arrow.
-fn gauge(theme: Theme, place: Thermometer, width: usize) -> Vec<Span<'static>> {
+fn gauge(theme: Theme, place: RangeTemperature, width: usize) -> Vec<Span<'static>> {
     let style = theme.level(place.level());
     let value = place.value.map_or("none".to_owned(), significant);
     let value = Span::styled(format!("{value:>8}"), style);

@@ -1,6 +1,6 @@
 //! Everything that is on the screen: the recent statuses, the selection, and what is derived from them.
 
-use super::source::Waiting;
+use super::source::ServiceWait;
 use super::style::{AlertLevel, Theme};
 use isotherm_shared::status::{ImuStatus, ServiceStatus};
 use isotherm_shared::units::SensorKind;
@@ -27,7 +27,7 @@ pub(super) struct Model {
     /// Statuses about a second apart, the newest last. Only the newest may follow its predecessor sooner.
     history: VecDeque<ServiceStatus>,
     /// The wait for the service, if it does not answer.
-    pub waiting: Option<Waiting>,
+    pub waiting: Option<ServiceWait>,
     /// The selected row, and which rows are in view.
     pub table: TableState,
     /// Whether the picture is frozen.
@@ -82,7 +82,7 @@ impl Model {
     }
 
     /// Adds what has been read at one tick.
-    pub(super) fn update(&mut self, newest: Option<ServiceStatus>, waiting: Option<Waiting>) {
+    pub(super) fn update(&mut self, newest: Option<ServiceStatus>, waiting: Option<ServiceWait>) {
         self.waiting = waiting;
         if let Some(status) = newest {
             self.add_status(status);
@@ -184,8 +184,8 @@ impl Model {
         let other_flags =
             |imu: &ImuStatus| imu.flagged.iter().filter(|(name, _)| *name != "late").map(|(_, count)| count).sum();
         let mut workers = self.status().into_iter().flat_map(|status| &status.workers);
-        let mut thermometers = Thermometer::all_of(imu);
-        let is_outside = |place: Thermometer| place.fraction().is_none_or(|part| !(0.0..=1.0).contains(&part));
+        let mut thermometers = RangeTemperature::all_of(imu);
+        let is_outside = |place: RangeTemperature| place.fraction().is_none_or(|part| !(0.0..=1.0).contains(&part));
         let conditions = [
             ("not served", bad, self.waiting.is_some()),
             ("stands still", bad, workers.any(|it| it.stands_still && it.imus.contains(&imu.id))),
@@ -199,7 +199,7 @@ impl Model {
             ("wrong interval", bad, is_raised("interval-not-nominal")),
             ("time steps", bad, is_raised("time-step")),
             ("new session", bad, is_raised("session")),
-            ("out of range", bad, Thermometer::all_of(imu).any(is_outside)),
+            ("out of range", bad, RangeTemperature::all_of(imu).any(is_outside)),
             ("lag unknown", warning, is_raised("lag-unknown")),
             ("flagged", warning, rises(&other_flags)),
             ("late", warning, is_raised("late")),
@@ -214,14 +214,14 @@ impl Model {
 
 /// A temperature, and the range that its polynomials were calibrated over.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Thermometer {
+pub(super) struct RangeTemperature {
     /// The telemetry; `None` if it is not finite or has not come.
     pub value: Option<f64>,
     /// The ends of the range; `None` without a table.
     pub range: Option<[f64; 2]>,
 }
 
-impl Thermometer {
+impl RangeTemperature {
     /// Head and board telemetry of a triad's sensor. An IMU without gyroscopes has none for them.
     pub(super) fn of(imu: &ImuStatus, kind: SensorKind, axis: usize) -> [Self; 2] {
         let (ranges, head, board) = match (kind, &imu.gyroscopes) {

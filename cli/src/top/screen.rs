@@ -2,7 +2,7 @@
 
 use super::model::Model;
 use super::numbers::age;
-use super::source::Waiting;
+use super::source::ServiceWait;
 use super::style::AlertLevel;
 use super::{details, overview};
 use humantime::format_rfc3339_seconds;
@@ -90,7 +90,7 @@ fn header(model: &Model, width: u16) -> Line<'static> {
     Line::styled(format!("{text:width$}", width = width.into()), model.theme.inverse())
 }
 
-fn banner(model: &Model, waiting: &Waiting) -> String {
+fn banner(model: &Model, waiting: &ServiceWait) -> String {
     // Only the time of day, for example 12:34:56 of 2026-03-01T12:34:56Z.
     let since = format_rfc3339_seconds(SystemTime::now() - waiting.time).to_string();
     let what = if model.status().is_some() { "; below is its last status" } else { "" };

@@ -13,7 +13,7 @@ const RETRY: Duration = Duration::from_secs(1);
 
 /// A wait for the service.
 #[derive(Clone, Debug, Eq, PartialEq)]
-pub(super) struct Waiting {
+pub(super) struct ServiceWait {
     /// Time since the last status.
     pub time: Duration,
     /// Why there is no status.
@@ -46,7 +46,7 @@ impl StatusSource {
     }
 
     /// The newest status since the last call, and the wait for the service if there is one.
-    pub(super) fn poll(&mut self, now: Instant) -> (Option<ServiceStatus>, Option<Waiting>) {
+    pub(super) fn poll(&mut self, now: Instant) -> (Option<ServiceStatus>, Option<ServiceWait>) {
         if self.reader.is_none()
             && now >= self.next_attempt
             && let Err(failure) = self.attempt(now)
@@ -74,7 +74,7 @@ impl StatusSource {
             self.cause = "the service does not publish its status: it has ended, is stopped, or hangs".to_owned();
         }
         let waiting = time > STALE_AFTER || !self.cause.is_empty();
-        (None, waiting.then(|| Waiting { time, cause: self.cause.clone() }))
+        (None, waiting.then(|| ServiceWait { time, cause: self.cause.clone() }))
     }
 
     fn attempt(&mut self, now: Instant) -> Result<(), Failure> {

@@ -1,7 +1,7 @@
 //! The drawing without a terminal, at many sizes and in all conditions.
 
 use super::model::Model;
-use super::source::Waiting;
+use super::source::ServiceWait;
 use super::style::Theme;
 use super::{handle_key, screen};
 use isotherm_client::Flags;
@@ -323,7 +323,7 @@ fn every_condition_is_shown() {
 #[test]
 fn a_service_that_is_gone_is_waited_for_and_one_that_returns_counts_anew() {
     let mut model = model(&["imu-a"], PLAIN, |_| {});
-    let waiting = || Some(Waiting { time: Duration::from_secs(12), cause: "no service".to_owned() });
+    let waiting = || Some(ServiceWait { time: Duration::from_secs(12), cause: "no service".to_owned() });
     model.update(None, waiting());
     has(
         &text(&mut model, 80, 24),

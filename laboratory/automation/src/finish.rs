@@ -13,7 +13,7 @@ use super::samples::file_of;
 use isotherm_client::{Options, fetch_status};
 use isotherm_files::{Installation, StagedText, print};
 use isotherm_fit::{Accuracy, AlignmentChoice, Calibration, CalibrationOptions, Fitted, LagChoice, now, tool};
-use isotherm_pipeline::{CampaignFile, InputOptions, Inputs, Run, no_bar};
+use isotherm_pipeline::{CampaignFile, InputOptions, Inputs, VerificationRun, no_bar};
 use isotherm_recording_formats::read::ImuChoice;
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
@@ -455,7 +455,7 @@ impl FittedTable {
 /// The stability of a recording under a table.
 fn stability(table: &CoefficientTable, recording: &Path, setup: &Setup) -> Result<Stability, Failure> {
     let (files, imu) = ([recording.to_owned()], ImuChoice::Prefer(table.content().imu.clone()));
-    Run::open(table, &files, imu, None, WINDOW_S, &no_bar(&files, "reading"))?.finish(setup)
+    VerificationRun::open(table, &files, imu, None, WINDOW_S, &no_bar(&files, "reading"))?.finish(setup)
 }
 
 /// Notes in the journal why a step has failed. If that fails too, the failure says both.

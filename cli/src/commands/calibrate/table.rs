@@ -1,6 +1,6 @@
 //! The options that all jobs of `calibrate` have, and the files that they write.
 
-use crate::commands::common::{Acceptance, JsonOption};
+use crate::commands::common::{AcceptanceArgs, JsonOption};
 use crate::commands::part::PartArgs;
 use clap::Args;
 use isotherm_campaign::{Campaign, IMU};
@@ -29,7 +29,7 @@ pub(super) struct TableArgs {
     #[command(flatten)]
     pub part: PartArgs,
     #[command(flatten)]
-    pub acceptance: Acceptance,
+    pub acceptance: AcceptanceArgs,
     /// Take samples of another unit, too
     ///
     /// The samples may be of another unit than the serial number says, or of two. The same as --accept other-device.

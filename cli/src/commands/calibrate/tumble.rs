@@ -11,7 +11,7 @@ use clap::Args;
 use isotherm_campaign::{Campaign, Place};
 use isotherm_client::ImuId;
 use isotherm_fit::{GravityOnlyOptions, ScaleFactorChoice};
-use isotherm_pipeline::{CalibrationOutcome, CampaignFile, Inputs, JobFailure, Source};
+use isotherm_pipeline::{CalibrationOutcome, CampaignFile, Inputs, JobFailure, RowSource};
 use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -214,7 +214,7 @@ impl Tumble {
             strict: self.table.acceptance.strict,
         };
         let input = self.table.input(self.foreign.read()?, verbose)?;
-        let inputs = Inputs::tumble(campaign, file, Source::files(samples), options, &input, &bytes_bar)?;
+        let inputs = Inputs::tumble(campaign, file, RowSource::files(samples), options, &input, &bytes_bar)?;
         fit(inputs, (campaign, file), &accept)
     }
 }

@@ -12,7 +12,7 @@ use isotherm_campaign::Campaign;
 use isotherm_client::ImuId;
 use isotherm_files::{StagedText, print_data};
 use isotherm_fit::{AlignmentChoice, CalibrationOptions, LagChoice, Method};
-use isotherm_pipeline::{CalibrationOutcome, CampaignFile, Inputs, JobFailure, Source, propose};
+use isotherm_pipeline::{CalibrationOutcome, CampaignFile, Inputs, JobFailure, RowSource, propose};
 use isotherm_recording_formats::convert::Foreign;
 use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::name;
@@ -172,7 +172,7 @@ impl Turntable {
             ..CalibrationOptions::default()
         };
         let input = self.table.input(Foreign::default(), verbose)?;
-        let samples = Source::files(&self.samples);
+        let samples = RowSource::files(&self.samples);
         let inputs = Inputs::turntable(campaign, file, samples, options, &input, &bytes_bar)?;
         fit(inputs, (campaign, Some(file)), &accept)
     }

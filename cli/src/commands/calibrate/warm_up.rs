@@ -18,7 +18,7 @@ use isotherm_campaign::Campaign;
 use isotherm_client::ImuId;
 use isotherm_files::{StagedText, Trust, load_table, refuse_overlap};
 use isotherm_fit::{LagChoice, OneAttitudeOptions};
-use isotherm_pipeline::{CalibrationOutcome, InputOptions, Inputs, JobFailure, Source, Vehicle, VehicleImu};
+use isotherm_pipeline::{CalibrationOutcome, InputOptions, Inputs, JobFailure, RowSource, Vehicle, VehicleImu};
 use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::{Path, PathBuf};
 
@@ -148,7 +148,7 @@ impl WarmUp {
             accept: accept.clone(),
             strict: self.table.acceptance.strict,
         };
-        let (sources, nominal) = (Source::files(&self.logs), (nominal, self.gravity_reference));
+        let (sources, nominal) = (RowSource::files(&self.logs), (nominal, self.gravity_reference));
         let (campaign, inputs) = Inputs::warm_up(&of.imu, sources, nominal, options, &input, &bytes_bar)?;
         let outcome = fit(inputs, (&campaign, None), &accept)?;
         Ok((campaign, outcome))
