@@ -44,8 +44,8 @@ impl TimeColumns {
 }
 
 /// What no file says.
-const HEAD: &str = r#"# Proposed by `isotherm calibrate turntable --propose` from the files alone. Fill in every "?", and check what a comment calls a
-# guess; then: isotherm check campaign.toml
+const HEAD: &str = r#"# Proposed by `isotherm calibrate turntable --propose` from the files alone. Fill in every "?", and check
+# what a comment calls a guess; then: isotherm check campaign.toml
 format = 1
 imu = "?"                       # the name of the IMU: 1 to 32 of a-z 0-9 - _
 # serial = "S/N 0042"
