@@ -1,5 +1,5 @@
-//! The campaign file that the files of a folder, or a sheet of means, would have: `isotherm calibrate turntable --propose`. What
-//! they do not say is `"?"` there, or a comment.
+//! The campaign file that the files of a folder, or a sheet of means, would have: `isotherm calibrate turntable
+//! --propose`. What they do not say is `"?"` there, or a comment.
 
 mod columns;
 mod names;
