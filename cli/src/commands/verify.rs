@@ -47,8 +47,8 @@ const MOST_ROWS: usize = 4_000_000;
 /// In a run that heats and cools, the hysteresis band shows how far the errors in both directions are apart, with the
 /// table's transients and without.
 ///
-/// Of a tumble, with a table of calibrate tumble, or with --standstills: the standstills are found, and the length of the output over each is compared with local gravity. Of the bounds only
-/// scale is judged then.
+/// Of a tumble, with a table of calibrate tumble, or with --standstills: the standstills are found, and the length of
+/// the output over each is compared with local gravity. Of the bounds only scale is judged then.
 ///
 /// Gyroscopes are judged where table and recording have them. At rest they feel Earth's rate: with --angles and a table
 /// whose provenance has it, it is taken off; otherwise only their variation is judged.

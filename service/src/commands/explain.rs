@@ -92,8 +92,8 @@ pub struct Explain {
 }
 
 impl Explain {
-    /// Prints what the words name; without a word the list of all `topics`. Names may also stand between brackets, or be
-    /// joined by `|` as flags are.
+    /// Prints what the words name; without a word the list of all `topics`. Names may also stand between brackets, or
+    /// be joined by `|` as flags are.
     ///
     /// # Errors
     /// If nothing has the name: exit code 64, and the message tells those that are near.

@@ -141,7 +141,7 @@ fn commands_and_options_in_the_documents_exist() {
             // The first one or two words are the command, the rest are its arguments.
             let help_of = |command: &[String]| help(&command.iter().map(String::as_str).collect::<Vec<_>>());
             let depth =
-                if matches!(command.first().map(String::as_str), Some("simulate" | "campaign")) { 2 } else { 1 };
+                if matches!(command.first().map(String::as_str), Some("simulate" | "campaign" | "calibrate")) { 2 } else { 1 };
             let command = command[..command.len().min(depth)].to_vec();
             if command.is_empty() && !words.iter().any(|word| word.starts_with("--")) {
                 continue;

@@ -25,9 +25,9 @@ use std::path::{Path, PathBuf};
 /// Make bias curves from recordings of a warm-up
 ///
 /// The curves are fitted to recordings at one attitude while the IMU warms up or cools, as PX4 and ArduPilot do it.
-/// Recordings, or logs of autopilots and data of other programs: readings need no table. Their error is the band between
-/// heating and cooling. Of a log with several IMUs each gets a table: their names are that of --imu with the number of
-/// the log behind it. --report and --export are then for all together.
+/// Recordings, or logs of autopilots and data of other programs: readings need no table. Their error is the band
+/// between heating and cooling. Of a log with several IMUs each gets a table: their names are that of --imu with the
+/// number of the log behind it. --report and --export are then for all together.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   isotherm calibrate warm-up warm-up.ulg --imu imu-b -o imu-b.toml --export px4=imu-b.params
