@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Takes the pictures of docs/calibrate.md and docs/verify.md out of reports, as SVG files that stand alone.
 
-    isotherm calibrate examples/campaign/campaign.toml -o imu.toml --report imu.html
+    isotherm calibrate turntable examples/campaign/campaign.toml -o imu.toml --report imu.html
     isotherm simulate run -o run && isotherm verify --table imu.toml run/run.csv --report verify.html
     python3 docs/pictures.py imu.html verify.html docs/pictures
 """

@@ -97,7 +97,8 @@ pub(crate) struct PrintedRows {
 
 impl PrintedRows {
     pub(crate) fn new(imu: ImuId, limit: Option<u64>, recorder: Option<Recorder>) -> Result<Self, Failure> {
-        let files = Files::create(&Disk, Path::new("-"), Format::Csv, Rotation::default(), &[imu], &[(0, StreamKind::Raw)])?;
+        let files =
+            Files::create(&Disk, Path::new("-"), Format::Csv, Rotation::default(), &[imu], &[(0, StreamKind::Raw)])?;
         let first = any_session();
         Ok(Self { files, left: limit, first, failed: None, flushed: Instant::now(), recorder })
     }

@@ -26,80 +26,73 @@ mod simulate;
 mod top;
 mod verify;
 
+pub(crate) use calibrate::replacement;
+
 use clap::Subcommand;
 use isotherm_client::Domain;
 use isotherm_demo::Demo;
 use isotherm_files::remove_unfinished_on_signals;
 use isotherm_service::commands::check::Check;
+use isotherm_service::commands::no_domain;
 use isotherm_service::commands::reload::Reload;
 use isotherm_service::commands::serve::Serve;
 use isotherm_service::commands::status::Status;
 use isotherm_support::failure::Failure;
 
-/// Commands that join no domain.
-pub(crate) const WITHOUT_DOMAIN: [&str; 22] = [
-    "calibrate",
-    "campaign check",
-    "campaign status",
-    "campaign stop",
-    "check",
-    "compare",
-    "completions",
-    "convert",
-    "demo",
-    "explain",
-    "export",
-    "import",
-    "man",
-    "noise",
-    "regress",
-    "repair",
-    "replay",
-    "rollback",
-    "simulate campaign",
-    "simulate ramp",
-    "simulate run",
-    "verify",
-];
-
 /// The commands of the program.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     Serve(Serve),
+    #[command(arg = no_domain())]
     Check(Check),
     Status(Status),
     Reload(Reload),
     Top(top::Top),
+    #[command(arg = no_domain())]
     Demo(Demo),
     Acquire(acquire::Acquire),
     Feed(feed::Feed),
+    #[command(arg = no_domain())]
     Replay(replay::Replay),
     Record(record::Record),
+    #[command(arg = no_domain())]
     Repair(repair::Repair),
+    #[command(arg = no_domain())]
     Convert(convert::Convert),
+    #[command(arg = no_domain())]
     Calibrate(Box<calibrate::Calibrate>),
+    #[command(arg = no_domain())]
     Regress(regress::Regress),
+    #[command(arg = no_domain())]
     Verify(verify::Verify),
+    #[command(arg = no_domain())]
     Compare(compare::Compare),
+    #[command(arg = no_domain())]
     Noise(noise::Noise),
+    #[command(arg = no_domain())]
     Export(export::Export),
+    #[command(arg = no_domain())]
     Import(import::Import),
     Simulate(Box<simulate::Simulate>),
     Campaign(campaign::CampaignCommand),
+    #[command(arg = no_domain())]
     Rollback(rollback::Rollback),
     Relay(relay::Relay),
     Clean(clean::Clean),
-    Explain(explain::Explain),
+    #[command(arg = no_domain())]
+    Explain(explain::ExplainName),
+    #[command(arg = no_domain())]
     Completions(generate::Completions),
+    #[command(arg = no_domain())]
     Man(generate::Man),
 }
 
 impl Command {
-    /// Runs the command. `program` is the definition of the whole command line, for completions and manual pages.
+    /// Runs the command.
     ///
     /// # Errors
     /// The failure names phase, cause and remedy, and has the exit code.
-    pub(crate) fn run(self, domain: Domain, program: clap::Command) -> Result<(), Failure> {
+    pub(crate) fn run(self, domain: Domain, verbose: bool) -> Result<(), Failure> {
         if self.writes_and_ends() {
             remove_unfinished_on_signals()?;
         }
@@ -116,7 +109,7 @@ impl Command {
             Self::Record(record) => record.run(domain),
             Self::Repair(repair) => repair.run(),
             Self::Convert(convert) => convert.run(),
-            Self::Calibrate(calibrate) => calibrate.run(),
+            Self::Calibrate(calibrate) => calibrate.run(verbose),
             Self::Regress(regress) => regress.run(),
             Self::Verify(verify) => verify.run(),
             Self::Compare(compare) => compare.run(),
@@ -129,8 +122,17 @@ impl Command {
             Self::Relay(relay) => relay.run(&domain),
             Self::Clean(clean) => clean.run(&domain),
             Self::Explain(explain) => explain.run(),
-            Self::Completions(completions) => completions.run(program),
-            Self::Man(man) => man.run(program),
+            Self::Completions(completions) => completions.run(),
+            Self::Man(man) => man.run(),
+        }
+    }
+
+    /// Whether the command writes a log of its own, with times, in place of messages.
+    pub(crate) const fn logs(&self) -> bool {
+        match self {
+            Self::Serve(_) | Self::Relay(_) => true,
+            Self::Campaign(campaign) => campaign.logs(),
+            _ => false,
         }
     }
 

@@ -3,6 +3,7 @@
 //! It is a library so that a bench can run the program in one of its own processes.
 
 mod commands;
+mod messages;
 mod parse;
 mod progress;
 mod recorder;
@@ -10,9 +11,12 @@ mod top;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser};
 use isotherm_service::commands as common;
-use isotherm_support::failure::Failure;
+use isotherm_support::failure::{Exit, Failure};
+use std::env;
 use std::process::ExitCode;
 
+/// Compensate accelerometers and gyroscopes for temperature
+///
 /// Compensates accelerometer pulses for temperature, live over shared memory and offline.
 #[derive(Debug, Parser)]
 #[command(
@@ -25,14 +29,25 @@ use std::process::ExitCode;
   isotherm serve --imu imu-a=imu-a.toml                   serve an IMU until SIGTERM
   isotherm feed --imu imu-a run.csv -o increments.csv     send it a recording, from another terminal
   isotherm status
-  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html"
+  isotherm calibrate turntable campaign.toml -o imu-a.toml --report imu-a.html"
 )]
 struct Cli {
-    /// The domain: service and clients of different domains never meet
+    /// Join the domain of this name
+    ///
+    /// The domain: service and clients of different domains never meet.
     ///
     /// The one that ISOTHERM_DOMAIN names, or "default", unless given
     #[arg(long, global = true, value_name = "NAME")]
     domain: Option<String>,
+    /// Print nothing to stderr but failures
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
+    /// Print more messages
+    ///
+    /// calibrate lists all faults and warnings of refused data then, not the first ten, also those that a diagnosis
+    /// explains
+    #[arg(short, long, global = true)]
+    verbose: bool,
     #[command(subcommand)]
     command: commands::Command,
 }
@@ -41,12 +56,15 @@ impl Cli {
     /// The whole command line, for parsing, manual pages and completions.
     fn full_command() -> clap::Command {
         let command = Self::command().long_version(isotherm_version::LONG_VERSION);
-        common::finish(common::hide_domain(command, &commands::WITHOUT_DOMAIN), "isotherm")
+        common::finish(command, "isotherm")
     }
 
     fn run(self) -> Result<(), Failure> {
+        if !self.command.logs() {
+            messages::start(self.quiet, self.verbose);
+        }
         let domain = common::domain(self.domain.as_deref())?;
-        self.command.run(domain, Self::full_command())
+        self.command.run(domain, self.verbose)
     }
 }
 
@@ -59,8 +77,15 @@ pub fn command() -> clap::Command {
 /// Runs the program with the command line of this process.
 #[must_use]
 pub fn main() -> ExitCode {
-    common::exit_code("isotherm", || {
-        let matches = Cli::full_command().try_get_matches()?;
-        Ok(Cli::from_arg_matches(&matches)?.run())
+    let arguments: Vec<_> = env::args_os().collect();
+    common::exit_code("isotherm", || match Cli::full_command().try_get_matches_from(&arguments) {
+        Ok(matches) => Ok(Cli::from_arg_matches(&matches)?.run()),
+        Err(error) => match commands::replacement(arguments.get(1..).unwrap_or_default()) {
+            Some(line) if error.use_stderr() => {
+                let message = format!("calibrate has a subcommand for each way to measure: {line}");
+                Ok(Err(Failure::new(Exit::Usage, message)))
+            }
+            _ => Err(error),
+        },
     })
 }

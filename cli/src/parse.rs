@@ -1,6 +1,7 @@
 //! Parsers of option values. clap shows their errors as usage errors.
 
-use isotherm_campaign::{Place, Scheme};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use isotherm_campaign::Place;
 use isotherm_client::TimeConstant;
 use isotherm_fit::LagChoice;
 use isotherm_shared::table::GRAVITY_RANGE;
@@ -78,8 +79,15 @@ fn round(set_point: f64) -> f64 {
     (set_point * 1e9).round() / 1e9
 }
 
-pub(crate) fn scheme(name: String) -> Scheme {
-    Scheme::NAMES.iter().find(|(_, known)| *known == name).map_or(Scheme::NAMES[0].0, |(scheme, _)| *scheme)
+/// One of values that have names; the help lists them.
+pub(crate) fn one_of<T, const N: usize>(names: [(T, &'static str); N]) -> impl TypedValueParser<Value = T>
+where
+    T: Clone + Send + Sync + 'static,
+{
+    PossibleValuesParser::new(names.clone().map(|(_, name)| name)).try_map(move |text: String| {
+        let found = names.iter().find(|(_, name)| *name == text);
+        found.map(|(value, _)| value.clone()).ok_or("it is none of the names")
+    })
 }
 
 /// Exactly N finite numbers.

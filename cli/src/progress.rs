@@ -1,5 +1,6 @@
 //! Progress bars. They go to stderr, and only if it is a terminal.
 
+use crate::messages::is_shown;
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use isotherm_recording::{Observer, Progress};
 use isotherm_support::failure::tell;
@@ -45,14 +46,18 @@ pub(crate) fn playing_bar(paths: &[PathBuf]) -> Progress {
 
 /// A bar over a number of rows.
 pub(crate) fn rows_bar(count: u64) -> ProgressBar {
-    styled(ProgressBar::new(count), "{bar:40} {percent:>3} %  {elapsed} elapsed{left}")
+    styled(ProgressBar::with_draw_target(Some(count), target()), "{bar:40} {percent:>3} %  {elapsed} elapsed{left}")
 }
 
 /// A spinner during long work whose duration is unknown.
 pub(crate) fn spinner(message: &'static str) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(10)).with_message(message);
+    let bar = ProgressBar::with_draw_target(None, target()).with_message(message);
     bar.enable_steady_tick(Duration::from_millis(100));
     bar
+}
+
+fn target() -> ProgressDrawTarget {
+    if is_shown() { ProgressDrawTarget::stderr_with_hz(10) } else { ProgressDrawTarget::hidden() }
 }
 
 fn bar_over(paths: &[PathBuf], template: &str) -> ProgressBar {
@@ -61,9 +66,7 @@ fn bar_over(paths: &[PathBuf], template: &str) -> ProgressBar {
         metadata.map(|metadata| metadata.len())
     };
     match paths.iter().map(size).sum::<Option<u64>>() {
-        Some(total) => {
-            styled(ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr_with_hz(10)), template)
-        }
+        Some(total) => styled(ProgressBar::with_draw_target(Some(total), target()), template),
         None => ProgressBar::hidden(),
     }
 }

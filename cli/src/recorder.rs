@@ -6,11 +6,12 @@ use isotherm_client::{ImuId, Options, Realtime, Tap, TapSettings, TappedSample};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::write::{FileError, Files, PatientFiles};
 use isotherm_shared::names::StreamKind;
-use isotherm_support::failure::{Exit, Failure, shown, tell};
+use isotherm_support::failure::{Exit, Failure, shown};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use std::{io, thread};
 use tally::{StreamCounts, Tally};
+use tracing::info;
 
 /// Rows of each IMU that may wait for the disk: over 3 s of both streams at 10 kHz.
 const QUEUE: usize = 1 << 16;
@@ -46,11 +47,11 @@ pub(crate) struct Recorder {
     started: Instant,
     first_row: Option<Instant>,
     flushed: Instant,
-    reported: Reported,
+    reported: RecorderReport,
 }
 
 /// What has been reported to the operator.
-struct Reported {
+struct RecorderReport {
     connected: u64,
     /// Whether the streams that are waited for have been reported.
     waiting: bool,
@@ -87,9 +88,16 @@ impl Recorder {
             started: now,
             first_row: None,
             flushed: now,
-            reported: Reported { connected: 0, waiting: false, trouble: false, lost: 0, lost_at: None, checked: now },
+            reported: RecorderReport {
+                connected: 0,
+                waiting: false,
+                trouble: false,
+                lost: 0,
+                lost_at: None,
+                checked: now,
+            },
             domain,
-            files: PatientFiles::new(imus.clone(), files, |message| tell("isotherm", message)),
+            files: PatientFiles::new(imus.clone(), files, |message| info!("{message}")),
             imus,
             streams,
             tap,
@@ -300,5 +308,5 @@ fn print_totals(imu: &ImuId, stream: StreamKind, tally: Tally, counts: &StreamCo
 }
 
 fn print_message(message: &str) {
-    tell("isotherm", message);
+    info!("{message}");
 }

@@ -1,19 +1,16 @@
 //! The live screen: shows the status of the service five times a second, until the user quits.
 //!
-//! It reads the status stream and the increments of the selected IMU. Both queues are emptied at every tick; nothing
-//! else of the service is touched. Everything that is drawn comes from a [`Model`], so that the drawing can be tested
-//! without a terminal.
+//! It reads the status stream, whose queue is emptied at every tick; nothing else of the service is touched. Everything
+//! that is drawn comes from a [`Model`], so that the drawing can be tested without a terminal.
 
 mod details;
-mod increments;
 mod model;
 mod numbers;
 mod overview;
 mod screen;
 mod style;
 
-use increments::Increments;
-use isotherm_client::Options;
+use isotherm_client::Domain;
 use isotherm_service::StatusSource;
 use isotherm_support::failure::{Exit, Failure};
 pub(crate) use model::STATES;
@@ -38,11 +35,12 @@ const EXIT_DELAY: Duration = Duration::from_secs(1);
 ///
 /// # Errors
 /// If the domain cannot be joined, or the terminal is gone.
-pub(crate) fn run(options: Options, theme: Theme) -> Result<(), Failure> {
-    let mut source = StatusSource::connect(options.domain.clone())?;
+pub(crate) fn run(domain: Domain, theme: Theme) -> Result<(), Failure> {
+    let mut model = Model::new(domain.name(), theme);
+    let mut source = StatusSource::connect(domain)?;
     let ended = end_on_signals()?;
     let shown = match ratatui::try_init() {
-        Ok(mut terminal) => show(&mut terminal, &mut source, options, theme, &ended),
+        Ok(mut terminal) => show(&mut terminal, &mut source, &mut model, &ended),
         Err(error) => Err(error),
     };
     ratatui::restore();
@@ -71,31 +69,24 @@ fn end_on_signals() -> Result<Arc<AtomicBool>, Failure> {
 fn show(
     terminal: &mut DefaultTerminal,
     source: &mut StatusSource,
-    options: Options,
-    theme: Theme,
+    model: &mut Model,
     ended: &AtomicBool,
 ) -> io::Result<()> {
-    let mut model = Model::new(options.domain.name(), theme);
-    let mut increments = Increments::new(options);
     let mut next = Instant::now();
     while !ended.load(Relaxed) {
         let now = Instant::now();
         if now >= next {
             next = now + TICK;
             let (newest, waiting) = source.poll(now);
-            if waiting.is_some() {
-                increments.disconnect();
-            }
-            let point = increments.read(model.selected_id(), now);
-            // While paused, everything is still read, so that the queues stay empty.
+            // While paused, everything is still read, so that the queue stays empty.
             if !model.paused {
-                model.update(newest, waiting, point);
+                model.update(newest, waiting);
             }
         }
-        terminal.draw(|frame| screen::draw(frame, &mut model))?;
+        terminal.draw(|frame| screen::draw(frame, model))?;
         if event::poll(next.saturating_duration_since(Instant::now()))? {
             match event::read()? {
-                Event::Key(key) if key.kind != KeyEventKind::Release && !handle_key(&mut model, key) => return Ok(()),
+                Event::Key(key) if key.kind != KeyEventKind::Release && !handle_key(model, key) => return Ok(()),
                 // Other events, such as a new size, only need the next drawing.
                 _ => {}
             }
@@ -113,7 +104,6 @@ fn handle_key(model: &mut Model, key: KeyEvent) -> bool {
         KeyCode::Esc | KeyCode::Char('q') => return false,
         KeyCode::Char('?' | 'h') => model.help = !model.help,
         KeyCode::Char('p' | ' ') => model.paused = !model.paused,
-        KeyCode::Char('t') | KeyCode::Left | KeyCode::Right => model.switch_triad(),
         KeyCode::Up | KeyCode::Char('k') => model.select_by(-1),
         KeyCode::Down | KeyCode::Char('j') => model.select_by(1),
         KeyCode::PageUp => model.select_by(-10),

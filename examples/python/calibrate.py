@@ -20,7 +20,7 @@ def main() -> None:
     settings = tomllib.loads(options.campaign.read_text())
     samples = pd.read_csv(options.campaign.with_name(settings["samples"]))
     print(samples.groupby("set_point_c")["a1_head"].agg(["mean", "std"]).head(3))
-    calibration = isotherm.calibrate(settings, samples, exclude=[(-25.0, 3)])
+    calibration = isotherm.calibrate_turntable(settings, samples, exclude=[(-25.0, 3)])
     for severity, row, message in calibration.findings:
         print(severity, row, message)
     print(calibration.accuracy)

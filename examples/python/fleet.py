@@ -21,7 +21,7 @@ from dask.distributed import Client, LocalCluster, as_completed
 
 def make_table(campaign: str, folder: str) -> tuple[str, str]:
     """Runs in a worker. Returns the table's file, and what was reached."""
-    calibration = isotherm.calibrate(campaign)
+    calibration = isotherm.calibrate_turntable(campaign)
     table = Path(folder) / f"{calibration.table.imu}.toml"
     calibration.save(table, report=table.with_suffix(".html"))
     return str(table), calibration.accuracy

@@ -6,7 +6,7 @@
 use crate::connection::{imu_id, is_temporary, options};
 use crate::errors::{Closed, Full, IsothermError, SequenceError, Timeout, connecting, transport};
 use crate::lag::{LagArgument, LagState, sensor};
-use crate::owned::Owned;
+use crate::owned::ThreadValue;
 use crate::records::{Increment, RAW, array, increments, one_sample, raw_bytes, sample_bytes, triple, view};
 use crate::run::{End, Run};
 use crate::wait::{SLICE, poll_until, seconds};
@@ -55,7 +55,7 @@ fn gone() -> PyErr {
 /// The one acquisition process of an IMU.
 #[pyclass(frozen, module = "isotherm")]
 pub struct Acquisition {
-    owned: Owned<OwnedAcquisition>,
+    owned: ThreadValue<OwnedAcquisition>,
     imu: String,
     depth: usize,
 }
@@ -106,7 +106,7 @@ impl Acquisition {
             (Some(client), _) => {
                 let depth = client.depth();
                 let state = OwnedAcquisition { loans: Vec::with_capacity(8), next: 0, client };
-                Ok(Self { owned: Owned::new(NAME, state), imu: imu.to_owned(), depth })
+                Ok(Self { owned: ThreadValue::new(NAME, state), imu: imu.to_owned(), depth })
             }
             (None, Some(error)) => Err(connecting(&error)),
             (None, None) => Err(Timeout::new_err("connecting took too long")),

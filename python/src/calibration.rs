@@ -1,4 +1,4 @@
-//! The function `calibrate` and its result.
+//! The functions of calibration and their result.
 
 use crate::connection::imu_id;
 use crate::convert::{OriginOptions, PartOptions, part_of, settings_of};
@@ -11,7 +11,9 @@ use isotherm_fit::{
     Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, FittedRun, GravityOnlyOptions, LagChoice,
     Method, OneAttitudeOptions, ScaleFactorChoice, sha256,
 };
-use isotherm_pipeline::{CampaignFile, FitOptions, Inputs, Made, Refused, Source, Vehicle, VehicleImu, no_bar};
+use isotherm_pipeline::{
+    CalibrationOutcome, CampaignFile, InputOptions, Inputs, JobFailure, RowSource, Vehicle, VehicleImu, no_bar,
+};
 use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
 use isotherm_recording_formats::convert::{Foreign, Settings};
 use isotherm_shared::table::CoefficientTable;
@@ -33,14 +35,22 @@ const ROW: usize = RAW + 16;
 #[pyclass(frozen, module = "isotherm._isotherm")]
 pub struct Calibration {
     campaign: Campaign,
-    made: Made,
+    outcome: CalibrationOutcome,
 }
 
 /// A recording: the path of a file, or the bytes of rows.
 #[derive(FromPyObject)]
-pub(crate) enum Recorded {
+pub(crate) enum RecordingSource {
     Rows(Values<u8>),
     File(PathBuf),
+}
+
+/// The options of a fit of any kind, checked.
+struct FitOptions {
+    turntable: CalibrationOptions,
+    tumble: GravityOnlyOptions,
+    warm_up: OneAttitudeOptions,
+    input: InputOptions,
 }
 
 /// The options of the command, with its names.
@@ -85,15 +95,15 @@ pub(crate) fn read_text(path: PathBuf) -> PyResult<String> {
 }
 
 /// Makes a table of a campaign. `path` is that of the campaign file with this `text`, and `recordings` replace those
-/// that it names, `None` for these. `by_hand` says which kind of campaign is expected.
+/// that it names, `None` for these. `is_tumble` says which kind of campaign is expected.
 #[pyfunction]
-pub(crate) fn calibrate(
+pub(crate) fn calibrate_campaign(
     py: Python<'_>,
     text: String,
     path: PathBuf,
     imu: Option<&str>,
-    recordings: Option<Vec<Recorded>>,
-    by_hand: bool,
+    recordings: Option<Vec<RecordingSource>>,
+    is_tumble: bool,
     options: Options,
 ) -> PyResult<Calibration> {
     let campaign_file = CampaignFile { path, text };
@@ -102,10 +112,10 @@ pub(crate) fn calibrate(
     if let Some([latitude_deg, height_m]) = options.place {
         campaign = campaign.at_place(Place::new(latitude_deg, height_m).map_err(PyValueError::new_err)?);
     }
-    if campaign.gravity_only != by_hand {
-        let message = match by_hand {
-            true => format!("{name} has no method = \"gravity-only\"; use calibrate"),
-            false => format!("{name} has method = \"gravity-only\"; use calibrate_gravity_only"),
+    if campaign.gravity_only != is_tumble {
+        let message = match is_tumble {
+            true => format!("{name} has no method = \"gravity-only\"; use calibrate_turntable"),
+            false => format!("{name} has method = \"gravity-only\"; use calibrate_tumble"),
         };
         return Err(PyValueError::new_err(message));
     }
@@ -114,32 +124,36 @@ pub(crate) fn calibrate(
     }
     let options = options.checked()?;
     let given = recordings.is_some();
-    let named = || campaign_file.samples(&campaign).map_err(|failure| failed(&Refused::from(failure)));
+    let named = || campaign_file.samples(&campaign).map_err(|failure| failed(&JobFailure::from(failure)));
     let recordings = match recordings {
         Some(recordings) => recordings,
-        None => named()?.into_iter().map(Recorded::File).collect(),
+        None => named()?.into_iter().map(RecordingSource::File).collect(),
     };
     // Those that the campaign file names are read as it says.
-    let rows = if by_hand { Rows::OfRecordings } else { Rows::OfCampaign };
+    let rows = if is_tumble { Rows::OfRecordings } else { Rows::OfCampaign };
     let sources = if given { sources(&recordings, rows)? } else { Vec::new() };
     let named = campaign_file.ramps(&campaign).into_iter().chain(campaign_file.curves(&campaign));
-    for path in recordings.iter().filter_map(Recorded::path).cloned().chain(named) {
+    for path in recordings.iter().filter_map(RecordingSource::path).cloned().chain(named) {
         fs::metadata(&path).map_err(|error| file(&path, &error))?;
     }
-    let made = py.detach(|| {
-        let inputs = Inputs::read(&campaign, Some(&campaign_file), sources, &options, &no_bar)?;
+    let outcome = py.detach(|| {
+        let FitOptions { turntable, tumble, input, .. } = options;
+        let inputs = match is_tumble {
+            true => Inputs::tumble(&campaign, Some(&campaign_file), sources, tumble, &input, &no_bar)?,
+            false => Inputs::turntable(&campaign, &campaign_file, sources, turntable, &input, &no_bar)?,
+        };
         inputs.fit(&campaign, Some(&campaign_file))
     });
-    Ok(Calibration { made: made.map_err(|refused| failed(&refused))?, campaign })
+    Ok(Calibration { outcome: outcome.map_err(|refused| failed(&refused))?, campaign })
 }
 
-/// Makes a table of recordings at one attitude. Without a `nominal` table they must be files of readings of other
+/// Makes a table of recordings of a warm-up. Without a `nominal` table they must be files of readings of other
 /// programs. `gravity` is 1 g0 \[m/s2\].
 #[pyfunction]
 #[expect(clippy::needless_pass_by_value, reason = "an argument of a Python function")]
-pub(crate) fn calibrate_one_attitude(
+pub(crate) fn calibrate_warm_up(
     py: Python<'_>,
-    recordings: Vec<Recorded>,
+    recordings: Vec<RecordingSource>,
     imu: &str,
     nominal: Option<&Table>,
     gravity: Option<f64>,
@@ -148,13 +162,14 @@ pub(crate) fn calibrate_one_attitude(
     let imu = imu_id(imu)?;
     let options = options.checked()?;
     let sources = sources(&recordings, Rows::OfRecordings)?;
-    for path in recordings.iter().filter_map(Recorded::path) {
+    for path in recordings.iter().filter_map(RecordingSource::path) {
         fs::metadata(path).map_err(|error| file(path, &error))?;
     }
     let nominal = nominal.map(|table| CoefficientTable::clone(&table.0));
     let made = py.detach(|| {
-        let (campaign, inputs) = Inputs::at_one_attitude(&imu, sources, nominal, gravity, &options, &no_bar)?;
-        inputs.fit(&campaign, None).map(|made| Calibration { made, campaign })
+        let (nominal, FitOptions { warm_up, input, .. }) = ((nominal, gravity), options);
+        let (campaign, inputs) = Inputs::warm_up(&imu, sources, nominal, warm_up, &input, &no_bar)?;
+        inputs.fit(&campaign, None).map(|outcome| Calibration { outcome, campaign })
     });
     made.map_err(|refused| failed(&refused))
 }
@@ -162,7 +177,7 @@ pub(crate) fn calibrate_one_attitude(
 /// The number of an IMU in the logs, its calibration, and the exception that refuses it.
 type OfVehicle = (u32, Option<Calibration>, Option<PyErr>);
 
-/// Makes a table of each IMU of an autopilot's logs at one attitude. `nominal` are tables by the number of the IMU in
+/// Makes a table of each IMU of an autopilot's logs of a warm-up. `nominal` are tables by the number of the IMU in
 /// the logs. Each number comes with the calibration, or with the exception that refuses it.
 #[pyfunction]
 #[expect(clippy::needless_pass_by_value, reason = "arguments of a Python function")]
@@ -182,20 +197,21 @@ pub(crate) fn calibrate_vehicle(
     let nominal: HashMap<_, _> =
         nominal.iter().map(|(instance, table)| (*instance, CoefficientTable::clone(&table.0))).collect();
     let made = py.detach(|| {
-        let vehicle = Vehicle::of(&imu, &logs, &options.foreign, &no_bar)?;
+        let vehicle = Vehicle::of(&imu, &logs, &options.input.foreign, &no_bar)?;
         let one = |of: &VehicleImu| {
-            let (options, instance) = (of.options(&options), of.instance.unwrap_or_default());
-            let sources = Source::files(&logs);
-            let nominal = nominal.get(&instance).cloned();
-            let read = Inputs::at_one_attitude(&of.imu, sources, nominal, gravity, &options, &no_bar);
-            let made = read
-                .and_then(|(campaign, inputs)| inputs.fit(&campaign, None).map(|made| Calibration { made, campaign }));
-            (instance, made)
+            let (input, instance) = (of.input(&options.input), of.instance.unwrap_or_default());
+            let sources = RowSource::files(&logs);
+            let nominal = (nominal.get(&instance).cloned(), gravity);
+            let read = Inputs::warm_up(&of.imu, sources, nominal, options.warm_up.clone(), &input, &no_bar);
+            let calibration = read.and_then(|(campaign, inputs)| {
+                inputs.fit(&campaign, None).map(|outcome| Calibration { outcome, campaign })
+            });
+            (instance, calibration)
         };
         Ok::<_, Failure>(vehicle.imus.iter().map(one).collect::<Vec<_>>())
     });
-    let made = made.map_err(|failure| failed(&Refused::from(failure)))?;
-    let split = |(instance, made): (u32, Result<Calibration, Refused>)| -> OfVehicle {
+    let made = made.map_err(|failure| failed(&JobFailure::from(failure)))?;
+    let split = |(instance, made): (u32, Result<Calibration, JobFailure>)| -> OfVehicle {
         match made {
             Ok(made) => (instance, Some(made), None),
             Err(refused) => (instance, None, Some(failed(&refused))),
@@ -204,7 +220,7 @@ pub(crate) fn calibrate_vehicle(
     Ok(made.into_iter().map(split).collect())
 }
 
-impl Recorded {
+impl RecordingSource {
     fn path(&self) -> Option<&PathBuf> {
         if let Self::File(path) = self { Some(path) } else { None }
     }
@@ -244,7 +260,7 @@ impl Options {
         let beside = self.beside.iter().map(|name| name.parse()).collect::<Result<Vec<_>, String>>();
         let beside = beside.map_err(|message| PyValueError::new_err(format!("beside: {message}")))?;
         Ok(FitOptions {
-            at_one_attitude: OneAttitudeOptions {
+            warm_up: OneAttitudeOptions {
                 on_board: Vec::new(),
                 order: self.order,
                 highest_order: None,
@@ -265,7 +281,7 @@ impl Options {
                 predecessor_lag_s: None,
                 ..CalibrationOptions::default()
             },
-            by_hand: GravityOnlyOptions {
+            tumble: GravityOnlyOptions {
                 window_s: self.window,
                 order: self.order,
                 scale_factor: *choice,
@@ -275,9 +291,7 @@ impl Options {
                 accept,
                 strict: self.strict,
             },
-            symptoms: false,
-            foreign: Foreign { mapping, settings },
-            part,
+            input: InputOptions { symptoms: false, foreign: Foreign { mapping, settings }, part },
         })
     }
 }
@@ -290,18 +304,20 @@ enum Rows {
 }
 
 /// The recordings as the job takes them.
-fn sources<'a>(recordings: &'a [Recorded], rows_are: Rows) -> PyResult<Vec<Source<'a>>> {
-    let source = |(index, recorded): (usize, &'a Recorded)| match recorded {
-        Recorded::File(path) => Ok(Source::File(path.clone())),
-        Recorded::Rows(rows) => {
+fn sources<'a>(recordings: &'a [RecordingSource], rows_are: Rows) -> PyResult<Vec<RowSource<'a>>> {
+    let source = |(index, recorded): (usize, &'a RecordingSource)| match recorded {
+        RecordingSource::File(path) => Ok(RowSource::File(path.clone())),
+        RecordingSource::Rows(rows) => {
             let bytes = &**rows;
             let sha256 = sha256(bytes);
             Ok(match rows_are {
-                Rows::OfRecordings => {
-                    Source::Rows { name: format!("recording {}", index + 1), sha256, rows: Box::new(raw_rows(bytes)) }
-                }
+                Rows::OfRecordings => RowSource::Rows {
+                    name: format!("recording {}", index + 1),
+                    sha256,
+                    rows: Box::new(raw_rows(bytes)),
+                },
                 Rows::OfCampaign => {
-                    Source::Rows { name: "samples".to_owned(), sha256, rows: Box::new(campaign_rows(bytes)) }
+                    RowSource::Rows { name: "samples".to_owned(), sha256, rows: Box::new(campaign_rows(bytes)) }
                 }
             })
         }
@@ -351,7 +367,7 @@ fn finding(finding: &Finding, locate: impl Fn(u64) -> String) -> (&'static str, 
 }
 
 /// The exception of what the command would end with.
-fn failed(Refused { failure, fit, .. }: &Refused) -> PyErr {
+fn failed(JobFailure { failure, fit, .. }: &JobFailure) -> PyErr {
     use isotherm_fit::CalibrationError::Faults;
     let message = failure.message.clone();
     match (fit.as_deref(), failure.exit) {
@@ -375,7 +391,7 @@ fn failed(Refused { failure, fit, .. }: &Refused) -> PyErr {
 impl Calibration {
     /// The calibration of the positions; None with ramps alone.
     fn positions(&self) -> Option<&Figures> {
-        self.made.fitted.campaign()
+        self.outcome.fitted.campaign()
     }
 
     /// The dwells and turns of the gyroscopes.
@@ -388,29 +404,34 @@ impl Calibration {
 impl Calibration {
     #[getter]
     fn table(&self) -> Table {
-        Table::new(self.made.fitted.table().clone(), &self.made.table)
+        Table::new(self.outcome.fitted.table().clone(), &self.outcome.table)
     }
 
     #[getter]
     fn text(&self) -> &str {
-        &self.made.table
+        &self.outcome.table
     }
 
     #[getter]
     fn findings(&self) -> Vec<(&'static str, Option<u64>, String)> {
         let row = |line: u64| line.to_string();
-        self.made.fitted.findings().iter().map(|each| finding(&Finding { line: None, ..each.clone() }, row)).collect()
+        self.outcome
+            .fitted
+            .findings()
+            .iter()
+            .map(|each| finding(&Finding { line: None, ..each.clone() }, row))
+            .collect()
     }
 
     /// What the command prints: the bottom line, the curves, the standstills.
     fn __str__(&self) -> String {
-        self.made.text()
+        self.outcome.text()
     }
 
     /// The bottom line.
     #[getter]
     fn accuracy(&self) -> String {
-        self.made.fitted.accuracy()
+        self.outcome.fitted.accuracy()
     }
 
     /// The bottom line of the gyroscopes.
@@ -422,7 +443,7 @@ impl Calibration {
     /// The document of `isotherm calibrate --json`.
     #[getter]
     fn summary<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        document(py, &self.made.json())
+        document(py, &self.outcome.json())
     }
 
     /// The order tables by sensor and quantity, as JSON: A1, A2, A3, then the gyroscopes if there are any.
@@ -470,6 +491,6 @@ impl Calibration {
     }
 
     fn html(&self) -> String {
-        self.made.html(&self.campaign)
+        self.outcome.html(&self.campaign)
     }
 }

@@ -99,7 +99,7 @@ impl Comparison {
 
 #[pymethods]
 impl Batch {
-    /// The statistics as `isotherm calibrate --batch --json` prints them.
+    /// The statistics as `isotherm calibrate turntable --batch --json` prints them.
     #[getter]
     fn summary<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         document(py, &batch_report::document(&self.0))

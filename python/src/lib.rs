@@ -33,7 +33,7 @@ mod _isotherm {
     #[pymodule_export]
     use crate::acquisition::{Acquisition, Loan, LoanTriad};
     #[pymodule_export]
-    use crate::calibration::{Calibration, calibrate, calibrate_one_attitude, calibrate_vehicle, read_text};
+    use crate::calibration::{Calibration, calibrate_campaign, calibrate_vehicle, calibrate_warm_up, read_text};
     #[pymodule_export]
     use crate::compare::{Batch, Comparison, batch, compare};
     #[pymodule_export]

@@ -12,17 +12,17 @@ use std::thread::{self, ThreadId};
 
 /// A value that only the thread that created it may use; other threads get an exception. Empty after it has been
 /// closed.
-pub(crate) struct Owned<T> {
+pub(crate) struct ThreadValue<T> {
     name: &'static str,
     thread: ThreadId,
     process: Process,
     value: Mutex<Option<SendWrapper<T>>>,
 }
 
-/// Exclusive access to the value of an [`Owned`].
-pub(crate) struct Held<'a, T>(MutexGuard<'a, Option<SendWrapper<T>>>, &'static str);
+/// Exclusive access to the value of an [`ThreadValue`].
+pub(crate) struct ThreadGuard<'a, T>(MutexGuard<'a, Option<SendWrapper<T>>>, &'static str);
 
-impl<T> Owned<T> {
+impl<T> ThreadValue<T> {
     pub(crate) fn new(name: &'static str, value: T) -> Self {
         let (thread, process) = (thread::current().id(), Process::current());
         Self { name, thread, process, value: Mutex::new(Some(SendWrapper::new(value))) }
@@ -49,10 +49,10 @@ impl<T> Owned<T> {
     ///
     /// # Errors
     /// In another thread, in a forked child, and while another call has access.
-    pub(crate) fn hold(&self) -> PyResult<Held<'_, T>> {
+    pub(crate) fn hold(&self) -> PyResult<ThreadGuard<'_, T>> {
         self.check()?;
         let busy = |_| IsothermError::new_err(format!("this {} is in use by a call that has not returned", self.name));
-        self.value.try_lock().map(|guard| Held(guard, self.name)).map_err(busy)
+        self.value.try_lock().map(|guard| ThreadGuard(guard, self.name)).map_err(busy)
     }
 
     pub(crate) fn is_closed(&self) -> bool {
@@ -70,7 +70,7 @@ impl<T> Owned<T> {
     }
 }
 
-impl<T> Held<'_, T> {
+impl<T> ThreadGuard<'_, T> {
     /// # Errors
     /// If it has been closed.
     pub(crate) fn open(&mut self) -> PyResult<&mut SendWrapper<T>> {
@@ -79,7 +79,7 @@ impl<T> Held<'_, T> {
     }
 }
 
-impl<T> Drop for Owned<T> {
+impl<T> Drop for ThreadValue<T> {
     fn drop(&mut self) {
         let value = self.value.get_mut().unwrap_or_else(PoisonError::into_inner).take();
         if value.is_none() || self.check().is_ok() {

@@ -2,7 +2,7 @@
 
 use crate::connection::{imu_id, is_temporary, options};
 use crate::errors::{Timeout, connecting};
-use crate::owned::Owned;
+use crate::owned::ThreadValue;
 use crate::records::{Increment, array, increment_bytes, view};
 use crate::wait::{poll_until, seconds};
 use isotherm_client::IncrementReader as Client;
@@ -13,7 +13,7 @@ use std::time::Duration;
 /// Reads the increments of one IMU.
 #[pyclass(frozen, module = "isotherm")]
 pub struct IncrementReader {
-    owned: Owned<Client>,
+    owned: ThreadValue<Client>,
     imu: String,
 }
 
@@ -27,7 +27,7 @@ impl IncrementReader {
             None => Client::new(id, &options(domain, Duration::ZERO)?),
             Some(timeout) => connect(py, &id, domain, seconds("timeout", timeout)?)?,
         };
-        Ok(Self { owned: Owned::new("IncrementReader", client), imu: imu.to_owned() })
+        Ok(Self { owned: ThreadValue::new("IncrementReader", client), imu: imu.to_owned() })
     }
 
     #[getter]

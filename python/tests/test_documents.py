@@ -223,7 +223,7 @@ def test_fleet(tmp_path: Path) -> None:
         return re.sub(r"^time = .*\n", "", text, flags=re.MULTILINE)
 
     for name in ("imu-1", "imu-3"):
-        alone = isotherm.calibrate(tmp_path / name / "campaign.toml").text
+        alone = isotherm.calibrate_turntable(tmp_path / name / "campaign.toml").text
         assert without_time((tmp_path / "tables" / f"{name}.toml").read_text()) == without_time(alone)
 
 

@@ -312,9 +312,9 @@ def test_threads_replay_side_by_side(table: isotherm.Table, recorded: isotherm.R
 
 
 def test_calibrate_is_the_command(tmp_path: Path) -> None:
-    summary = json.loads(command("calibrate", CAMPAIGN, "-o", tmp_path / "command.toml", "--json"))
+    summary = json.loads(command("calibrate", "turntable", CAMPAIGN, "-o", tmp_path / "command.toml", "--json"))
     right = (tmp_path / "command.toml").read_text()
-    calibration = isotherm.calibrate(CAMPAIGN)
+    calibration = isotherm.calibrate_turntable(CAMPAIGN)
     assert calibration.summary == summary and calibration.accuracy == summary["accuracy"]
     assert re.match(r"bias \+- [\d.]+ ug0, scale factor \+- [\d.]+ ppm over ", calibration.accuracy)
     assert without_what_differs(calibration.text) == without_what_differs(right)
@@ -335,13 +335,13 @@ def test_calibrate_is_the_command(tmp_path: Path) -> None:
     # A data frame and a mapping give the same table.
     samples = pd.read_csv(CAMPAIGN.with_name("samples.csv"))
     settings = tomllib.loads(CAMPAIGN.read_text())
-    for other in (isotherm.calibrate(CAMPAIGN, samples), isotherm.calibrate(settings, samples)):
+    for other in (isotherm.calibrate_turntable(CAMPAIGN, samples), isotherm.calibrate_turntable(settings, samples)):
         assert other.table.digest == calibration.table.digest
 
 
 def test_calibrate_a_whole_imu(tmp_path: Path) -> None:
-    summary = json.loads(command("calibrate", WHOLE_CAMPAIGN, "-o", tmp_path / "command.toml", "--json"))
-    calibration = isotherm.calibrate(WHOLE_CAMPAIGN)
+    summary = json.loads(command("calibrate", "turntable", WHOLE_CAMPAIGN, "-o", tmp_path / "command.toml", "--json"))
+    calibration = isotherm.calibrate_turntable(WHOLE_CAMPAIGN)
     assert without_what_differs(calibration.text) == without_what_differs((tmp_path / "command.toml").read_text())
     assert calibration.summary == summary and calibration.gyroscope_accuracy == summary["gyroscopes"]["accuracy"]
     assert re.match(r"bias \+- [\d.]+ deg/h, scale factor \+- [\d.]+ ppm over ", summary["gyroscopes"]["accuracy"])
@@ -357,25 +357,25 @@ def test_calibrate_a_whole_imu(tmp_path: Path) -> None:
     # A data frame and a mapping give the same table; a campaign without turns has none of this.
     samples = pd.read_csv(WHOLE_CAMPAIGN.with_name("samples.csv"))
     settings = tomllib.loads(WHOLE_CAMPAIGN.read_text())
-    assert isotherm.calibrate(settings, samples).table.digest == calibration.table.digest
+    assert isotherm.calibrate_turntable(settings, samples).table.digest == calibration.table.digest
     plain = {key: value for key, value in settings.items() if key not in ("turn", "latitude_deg")}
-    alone = isotherm.calibrate(plain, samples[samples["position"] <= 12])
+    alone = isotherm.calibrate_turntable(plain, samples[samples["position"] <= 12])
     assert (alone.gyroscope_accuracy, alone.gyroscope_runs, alone.gyroscope_residuals.shape) == (None, [], (0, 3))
     assert [message[:10] for _, _, message in alone.findings] == ["[no-turns]"] and list(alone.orders) == ["A1", "A2", "A3"]
     # Faults of turns.
     lost = samples.drop(samples.index[(samples["position"] == 13) & (samples["set_point_c"] == 20)][20])
     with pytest.raises(isotherm.CalibrationError, match=r"\[turn-gap\]: samples:\d+: set point 20 degC, turn 13: rows are missing"):
-        isotherm.calibrate(settings, lost)
+        isotherm.calibrate_turntable(settings, lost)
     with pytest.raises(isotherm.CalibrationError, match="K\\+ of G1: no turn drives it positive"):
-        isotherm.calibrate(settings, samples, exclude=[(20.0, 13)])
+        isotherm.calibrate_turntable(settings, samples, exclude=[(20.0, 13)])
     with pytest.raises(isotherm.TableError, match="latitude_deg"):
-        isotherm.calibrate({key: value for key, value in settings.items() if key != "latitude_deg"}, samples)
+        isotherm.calibrate_turntable({key: value for key, value in settings.items() if key != "latitude_deg"}, samples)
     # Samples of another unit.
     marked = samples.assign(device=f"{isotherm.device('S/N 7'):016x}")
-    assert isotherm.calibrate(settings | {"serial": "S/N 7"}, marked).findings == []
+    assert isotherm.calibrate_turntable(settings | {"serial": "S/N 7"}, marked).findings == []
     with pytest.raises(isotherm.CalibrationError, match=r"\[other-device\]: samples:0: "):
-        isotherm.calibrate(settings | {"serial": "S/N 8"}, marked)
-    other = isotherm.calibrate(settings | {"serial": "S/N 8"}, marked, other_device=True)
+        isotherm.calibrate_turntable(settings | {"serial": "S/N 8"}, marked)
+    other = isotherm.calibrate_turntable(settings | {"serial": "S/N 8"}, marked, other_device=True)
     assert other.provenance["accepted"] == ["other-device"]
 
 
@@ -411,76 +411,76 @@ def test_no_old_report_stays_beside_a_new_table(tmp_path: Path) -> None:
 
 
 def test_calibrate_follows_its_options(tmp_path: Path) -> None:
-    command("calibrate", CAMPAIGN, "-o", tmp_path / "c.toml", "--order", "3", "--method", "two-stage", "--alignment", "--exclude=-25/3")
-    calibration = isotherm.calibrate(CAMPAIGN, order=3, method="two-stage", alignment=True, exclude=[(-25.0, 3)])
+    command("calibrate", "turntable", CAMPAIGN, "-o", tmp_path / "c.toml", "--order", "3", "--method", "two-stage", "--alignment", "--exclude=-25/3")
+    calibration = isotherm.calibrate_turntable(CAMPAIGN, order=3, method="two-stage", alignment=True, exclude=[(-25.0, 3)])
     assert without_what_differs(calibration.text) == without_what_differs((tmp_path / "c.toml").read_text())
     assert np.array(calibration.table.alignment).shape == (3, 3)
-    command("calibrate", CAMPAIGN, "-o", tmp_path / "c.toml", "--order", "3", "--no-alignment")
-    without = isotherm.calibrate(CAMPAIGN, order=3, alignment=False)
+    command("calibrate", "turntable", CAMPAIGN, "-o", tmp_path / "c.toml", "--order", "3", "--no-alignment")
+    without = isotherm.calibrate_turntable(CAMPAIGN, order=3, alignment=False)
     assert without.table.alignment is None and without.table == isotherm.Table.load(tmp_path / "c.toml")
     # Without a choice the data decide.
-    needed = isotherm.calibrate(CAMPAIGN, order=3)
+    needed = isotherm.calibrate_turntable(CAMPAIGN, order=3)
     assert needed.summary["alignment_needed"] == needed.summary["alignment"] == (needed.table.alignment is not None)
     assert without.summary["alignment_needed"] == needed.summary["alignment_needed"]
     with pytest.raises(isotherm.CalibrationError, match="leave out"):
-        isotherm.calibrate(CAMPAIGN, exclude=[(99.0, 1)])
+        isotherm.calibrate_turntable(CAMPAIGN, exclude=[(99.0, 1)])
     with pytest.raises(ValueError, match="order"):
-        isotherm.calibrate(CAMPAIGN, order=8)
+        isotherm.calibrate_turntable(CAMPAIGN, order=8)
     with pytest.raises(ValueError, match="method"):
-        isotherm.calibrate(CAMPAIGN, method="other")  # type: ignore[arg-type]
+        isotherm.calibrate_turntable(CAMPAIGN, method="other")  # type: ignore[arg-type]
 
 
 def test_a_campaign_reports_its_faults(tmp_path: Path) -> None:
     settings = tomllib.loads(CAMPAIGN.read_text())
     samples = pd.read_csv(CAMPAIGN.with_name("samples.csv"))
     with pytest.raises(isotherm.TableError, match="gravity_local"):
-        isotherm.calibrate(settings | {"gravity_local": 1.0}, samples)
+        isotherm.calibrate_turntable(settings | {"gravity_local": 1.0}, samples)
     with pytest.raises(TypeError, match="dict"):
-        isotherm.calibrate(settings | {"soak_s": {}}, samples)
+        isotherm.calibrate_turntable(settings | {"soak_s": {}}, samples)
     with pytest.raises(isotherm.RecordingFault, match="samples:7: .*no such position") as fault:
         wrong = samples.copy()
         wrong.loc[7, "position"] = 77
-        isotherm.calibrate(CAMPAIGN, wrong)
+        isotherm.calibrate_turntable(CAMPAIGN, wrong)
     assert fault.value.line == 7
     with pytest.raises(isotherm.RecordingFault, match="samples:3: .*a2_board is NaN"):
         wrong = samples.copy()
         wrong.loc[3, "a2_board"] = np.nan
-        isotherm.calibrate(CAMPAIGN, wrong)
+        isotherm.calibrate_turntable(CAMPAIGN, wrong)
     with pytest.raises(isotherm.CalibrationError) as refused:
-        isotherm.calibrate(CAMPAIGN, samples[samples["position"] != 2])
+        isotherm.calibrate_turntable(CAMPAIGN, samples[samples["position"] != 2])
     assert refused.value.findings or "position" in str(refused.value)
     with pytest.raises(isotherm.CalibrationError, match="no rows"):
-        isotherm.calibrate(CAMPAIGN, samples[:0])
+        isotherm.calibrate_turntable(CAMPAIGN, samples[:0])
     with pytest.raises(FileNotFoundError):
-        isotherm.calibrate(CAMPAIGN, tmp_path / "none.csv")
+        isotherm.calibrate_turntable(CAMPAIGN, tmp_path / "none.csv")
     with pytest.raises(isotherm.CalibrationError):
-        isotherm.calibrate(settings | {"position": settings["position"][:3]}, samples)
+        isotherm.calibrate_turntable(settings | {"position": settings["position"][:3]}, samples)
 
 
 def test_faults_are_accepted_by_name() -> None:
     samples = pd.read_csv(CAMPAIGN.with_name("samples.csv"))
     samples["interval_ns"] = 9_000_000_000
     with pytest.raises(isotherm.CalibrationError, match=r"^fault \[interval\]: ") as refused:
-        isotherm.calibrate(CAMPAIGN, samples)
+        isotherm.calibrate_turntable(CAMPAIGN, samples)
     # A finding is the line that the command prints.
     severity, _, message = refused.value.findings[0]
     assert f"{severity} {message}" == str(refused.value).splitlines()[0]
     for accept in (["interval"], "interval"):
-        accepted = isotherm.calibrate(CAMPAIGN, samples, accept=accept)
+        accepted = isotherm.calibrate_turntable(CAMPAIGN, samples, accept=accept)
         assert 'accepted = ["interval"]' in accepted.text and accepted.summary["accepted"] == ["interval"]
     severity, _, message = accepted.findings[0]
     assert severity == "warning" and message.startswith("[interval]: ") and message.endswith("; accepted")
     with pytest.raises(isotherm.CalibrationError):
-        isotherm.calibrate(CAMPAIGN, samples[samples.index % 10 != 7], strict=True)
+        isotherm.calibrate_turntable(CAMPAIGN, samples[samples.index % 10 != 7], strict=True)
     # The mistake that explains the others comes first, and once.
     exchanged = pd.read_csv(CAMPAIGN.with_name("samples.csv"))
     exchanged["position"] = exchanged["position"].replace({3: 9, 9: 3})
     with pytest.raises(isotherm.CalibrationError, match=r"^fault \[positions-exchanged\]: positions 3 and 9 ") as refused:
-        isotherm.calibrate(CAMPAIGN, exchanged)
+        isotherm.calibrate_turntable(CAMPAIGN, exchanged)
     diagnoses = [place for place, finding in enumerate(refused.value.findings) if "[positions-exchanged]" in finding[2]]
     assert diagnoses == [0] and len(refused.value.findings) > 10
     with pytest.raises(ValueError, match="give the name of a finding"):
-        isotherm.calibrate(CAMPAIGN, accept=["other"])
+        isotherm.calibrate_turntable(CAMPAIGN, accept=["other"])
 
 
 def test_rows_of_a_moving_table_count_for_no_dwell() -> None:
@@ -490,7 +490,7 @@ def test_rows_of_a_moving_table_count_for_no_dwell() -> None:
     moving = samples.astype({"position": float})
     moving.loc[samples.index[:30], "position"] = np.nan
     assert (_offline.records(moving, isotherm.CAMPAIGN)["position"][:30] == -1).all()
-    assert isotherm.calibrate(CAMPAIGN, array).table == isotherm.calibrate(CAMPAIGN).table
+    assert isotherm.calibrate_turntable(CAMPAIGN, array).table == isotherm.calibrate_turntable(CAMPAIGN).table
 
 
 def test_regress_is_the_command(tmp_path: Path) -> None:
@@ -549,7 +549,7 @@ def test_regress_is_the_command(tmp_path: Path) -> None:
 def still(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with table.toml and run.csv, a run at rest at this attitude while the temperature runs."""
     folder = tmp_path_factory.mktemp("still")
-    command("calibrate", CAMPAIGN, "-o", folder / "table.toml")
+    command("calibrate", "turntable", CAMPAIGN, "-o", folder / "table.toml")
     command("simulate", "run", "-o", folder, "--interval", "1")
     return folder
 
@@ -750,7 +750,7 @@ def test_compare_is_the_command(tmp_path: Path) -> None:
         isotherm.compare(old, COMPARE / "other_imu.toml")
     assert isotherm.compare(old, COMPARE / "other_imu.toml", other_unit=True).summary["tables"][1]["imu"] == "imu-b"
     # A calibration compares as the file that it saves, here to itself.
-    calibration = isotherm.calibrate(CAMPAIGN)
+    calibration = isotherm.calibrate_turntable(CAMPAIGN)
     calibration.save(tmp_path / "table.toml")
     same = isotherm.compare(calibration, tmp_path / "table.toml")
     assert same.changed == [] and same.summary["errors_known"]
@@ -784,15 +784,15 @@ def test_calibrate_one_imu_of_a_batch(tmp_path: Path) -> None:
     (tmp_path / "campaign.toml").write_text(text)
     for name in ("imu-a", "imu-b"):
         (tmp_path / f"{name}.csv").write_bytes(CAMPAIGN.with_name("samples.csv").read_bytes())
-    calibration = isotherm.calibrate(tmp_path / "campaign.toml", imu="imu-b")
+    calibration = isotherm.calibrate_turntable(tmp_path / "campaign.toml", imu="imu-b")
     assert calibration.table.imu == "imu-b"
     with pytest.raises(ValueError, match="campaign.toml: it has several IMUs; choose one of imu-a, imu-b"):
-        isotherm.calibrate(tmp_path / "campaign.toml")
+        isotherm.calibrate_turntable(tmp_path / "campaign.toml")
     # As a mapping; the command makes the same table.
     settings = tomllib.loads(text)
-    again = isotherm.calibrate(settings, tmp_path / "imu-b.csv", imu="imu-b")
+    again = isotherm.calibrate_turntable(settings, tmp_path / "imu-b.csv", imu="imu-b")
     assert again.table == calibration.table
-    command("calibrate", tmp_path / "campaign.toml", "-o", tmp_path / "{imu}.toml", "--imu", "imu-b")
+    command("calibrate", "turntable", tmp_path / "campaign.toml", "-o", tmp_path / "{imu}.toml", "--imu", "imu-b")
     assert without_what_differs((tmp_path / "imu-b.toml").read_text()) == without_what_differs(calibration.text)
 
 

@@ -32,7 +32,7 @@ def command(*arguments: str | Path) -> tuple[int, list[str]]:
 
 def package(campaign: Path, by_hand: bool, **options: Any) -> tuple[int, list[str], str]:
     """What the command would end with, the findings, and the text of the table."""
-    calibrate: Any = isotherm.calibrate_gravity_only if by_hand else isotherm.calibrate
+    calibrate: Any = isotherm.calibrate_tumble if by_hand else isotherm.calibrate_turntable
     try:
         found = calibrate(campaign, **options)
     except isotherm.CalibrationError as error:
@@ -71,7 +71,7 @@ def cases(folder: Path) -> list[tuple[str, Path, bool, list[str], dict[str, Any]
 def test_the_command_and_the_package_are_one_path(tmp_path: Path) -> None:
     for name, campaign, by_hand, arguments, options in cases(tmp_path):
         output = tmp_path / f"table-{name}.toml"
-        code, findings = command("calibrate", campaign, "-o", output, *arguments)
+        code, findings = command("calibrate", "tumble" if by_hand else "turntable", campaign, "-o", output, *arguments)
         same, told, text = package(campaign, by_hand, **options)
         assert code == same, (name, code, findings, told)
         if code == 0:
@@ -82,7 +82,7 @@ def test_the_command_and_the_package_are_one_path(tmp_path: Path) -> None:
             assert without_time.sub("", text) == without_time.sub("", output.read_text()), name
         else:
             assert [line for line in told if re.match(r"(fault|warning) \[", line)] == findings, name
-    assert {line.split("]")[0] for line in command("calibrate", tmp_path / "late.toml", "-o", tmp_path / "x.toml")[1]} == {"fault [interval"}
+    assert {line.split("]")[0] for line in command("calibrate", "tumble", tmp_path / "late.toml", "-o", tmp_path / "x.toml")[1]} == {"fault [interval"}
 
 
 def test_two_sessions_and_lag_in_some_rows_are_completed_alike(whole_table: isotherm.Table, whole: isotherm.Records, tmp_path: Path) -> None:

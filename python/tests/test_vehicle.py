@@ -40,7 +40,7 @@ def test_all_imus_of_a_log_get_the_tables_of_the_command(tmp_path: Path) -> None
     path = log(tmp_path / "warm.log")
     vehicle = isotherm.calibrate_vehicle(path, "my-drone", order=1, lag="none")
     assert (sorted(vehicle), vehicle.refused) == ([0, 1], {})
-    command = [BINARY, "calibrate", "--one-attitude", path, "--imu", "my-drone", "--order", "1", "--lag", "none"]
+    command = [BINARY, "calibrate", "warm-up", path, "--imu", "my-drone", "--order", "1", "--lag", "none"]
     outputs = ["-o", tmp_path / "{instance}.toml", "--export", f"px4={tmp_path / 'v.params'}"]
     subprocess.run([*command, *outputs], check=True, capture_output=True)
     for instance, made in vehicle.items():
@@ -54,8 +54,8 @@ def test_all_imus_of_a_log_get_the_tables_of_the_command(tmp_path: Path) -> None
     assert f"TC_A1_ID\t{DEVICES[1]}\t6" in isotherm.export_parameters(vehicle[1].table, to="px4").text
     # One alone is as before: a log with several needs its number.
     with pytest.raises(ValueError, match="several IMUs"):
-        isotherm.calibrate_one_attitude(path, "my-drone", order=1, lag="none")
-    alone = isotherm.calibrate_one_attitude(path, "my-drone-1", order=1, lag="none", instance=1)
+        isotherm.calibrate_warm_up(path, "my-drone", order=1, lag="none")
+    alone = isotherm.calibrate_warm_up(path, "my-drone-1", order=1, lag="none", instance=1)
     assert alone.table.digest == vehicle[1].table.digest
 
 
@@ -79,9 +79,9 @@ def test_parts_are_those_of_the_command(tmp_path: Path) -> None:
     some = isotherm.convert(path, instance=0, start=100, end="450000000000ns")
     assert (rows["timestamp_ns"][99], len(rows)) == (99_000_000_000, 600)
     assert list(some["timestamp_ns"][[0, -1]]) == [100_000_000_000, 450_000_000_000]
-    made = isotherm.calibrate_one_attitude(path, "my-drone", order=1, lag="none", instance=0, start=100.0, end=450)
+    made = isotherm.calibrate_warm_up(path, "my-drone", order=1, lag="none", instance=0, start=100.0, end=450)
     assert made.provenance["part"] == "from 100 s to 450 s"
-    again = isotherm.calibrate_one_attitude(
+    again = isotherm.calibrate_warm_up(
         isotherm.convert(path, instance=0), "my-drone", nominal=made.table, order=1, lag="none", start=100.0, end=450
     )
     assert again.summary["order"]["order"] == 1

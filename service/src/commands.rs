@@ -8,7 +8,7 @@ pub mod status;
 
 use crate::logging;
 use isotherm_client::Domain;
-use isotherm_support::failure::{EXIT_CODES, Exit, Failure, printable, tell};
+use isotherm_support::failure::{EXIT_CODES, Exit, Failure, printable, tell_plainly};
 use std::borrow::Cow;
 use std::io::{self, Write as _};
 use std::process::ExitCode;
@@ -27,21 +27,10 @@ pub fn domain(name: Option<&str>) -> Result<Domain, Failure> {
     isotherm_client::domain(name).map_err(|error| Failure::new(Exit::Usage, error.to_string()))
 }
 
-/// Hides `--domain` in the help of commands that join no domain, but still accepts it. Each command is given by its
-/// path, as in "simulate run".
+/// `--domain` of a command that joins no domain: hidden in its help, but still accepted.
 #[must_use]
-pub fn hide_domain(command: clap::Command, paths: &[&str]) -> clap::Command {
-    fn hide(command: clap::Command, path: &str) -> clap::Command {
-        let (name, rest) = path.split_once(' ').unwrap_or((path, ""));
-        command.mut_subcommand(name, |command| {
-            if rest.is_empty() {
-                command.arg(clap::Arg::new("domain").long("domain").value_name("NAME").global(true).hide(true))
-            } else {
-                hide(command, rest)
-            }
-        })
-    }
-    paths.iter().fold(command, |command, path| hide(command, path))
+pub fn no_domain() -> clap::Arg {
+    clap::Arg::new("domain").long("domain").value_name("NAME").global(true).hide(true)
 }
 
 /// Adds the exit codes to the help of every command, and makes the examples name this `program`.
@@ -94,7 +83,7 @@ pub fn exit_code(program: &str, run: impl FnOnce() -> Result<Result<(), Failure>
             match isotherm_files::check_written(None, error.print()) {
                 Ok(()) => ExitCode::SUCCESS,
                 Err(failure) => {
-                    tell(program, failure);
+                    tell_plainly(program, failure);
                     ExitCode::from(Exit::Io as u8)
                 }
             }

@@ -48,7 +48,8 @@ pub mod worker;
 pub use acceptance::Acceptance;
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use commands::check::Check;
-use commands::explain::Explain;
+use commands::explain::{Explain, topics};
+use commands::no_domain;
 use commands::reload::Reload;
 use commands::serve::Serve;
 use commands::status::Status;
@@ -58,7 +59,9 @@ pub use source::{StatusSource, StatusWait};
 use std::path::Path;
 use std::process::ExitCode;
 
-/// Compensates accelerometer pulses for temperature, live over shared memory: the daemon alone
+/// Serve compensated increments: the daemon alone
+///
+/// Compensates accelerometer pulses for temperature, live over shared memory: the daemon alone.
 #[derive(Debug, Parser)]
 #[command(
     name = "isothermd",
@@ -71,7 +74,9 @@ use std::process::ExitCode;
 `isotherm` has these commands too, and the tools: calibrate, feed, replay, record and the others."
 )]
 struct Daemon {
-    /// The domain: service and clients of different domains never meet
+    /// Join the domain of this name
+    ///
+    /// The domain: service and clients of different domains never meet.
     ///
     /// The one that ISOTHERM_DOMAIN names, or "default", unless given
     #[arg(long, global = true, value_name = "NAME")]
@@ -83,9 +88,11 @@ struct Daemon {
 #[derive(Debug, Subcommand)]
 enum DaemonCommand {
     Serve(Serve),
+    #[command(arg = no_domain())]
     Check(Check),
     Status(Status),
     Reload(Reload),
+    #[command(arg = no_domain())]
     Explain(Explain),
 }
 
@@ -97,7 +104,7 @@ impl Daemon {
             DaemonCommand::Check(check) => check.run(laboratory_file, None),
             DaemonCommand::Status(status) => status.run(domain),
             DaemonCommand::Reload(reload) => reload.run(domain),
-            DaemonCommand::Explain(explain) => explain.run(),
+            DaemonCommand::Explain(explain) => explain.run(&topics()),
         }
     }
 }
@@ -112,8 +119,7 @@ fn laboratory_file(kind: FileKind, _: &str, path: &Path) -> Result<String, Failu
 /// name.
 #[must_use]
 pub fn command(long_version: &'static str) -> clap::Command {
-    let command = commands::hide_domain(Daemon::command().long_version(long_version), &["check", "explain"]);
-    commands::finish(command, "isothermd")
+    commands::finish(Daemon::command().long_version(long_version), "isothermd")
 }
 
 /// The program `isothermd`: runs the command of the process's command line.

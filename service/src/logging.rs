@@ -6,7 +6,7 @@
 
 use clap::ValueEnum;
 use iceoryx2::prelude::{LogLevel, set_log_level};
-use isotherm_support::failure::{printable, tell};
+use isotherm_support::failure::{printable, tell_plainly};
 use std::env;
 use std::fmt::Display;
 use std::io::{self, IsTerminal as _, Write};
@@ -157,7 +157,7 @@ pub fn tell_last(program: &str, message: impl Display) {
             queue.push(format!("{program}: {}\n", printable(&message.to_string())).as_bytes());
             flush();
         }
-        None => tell(program, message),
+        None => tell_plainly(program, message),
     }
 }
 

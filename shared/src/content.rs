@@ -83,8 +83,8 @@ impl FileContent {
                 "`isotherm import {file} --from px4|ardupilot --imu ID --interval S -o ID.toml` makes a table of them"
             ),
             _ => format!(
-                "`isotherm calibrate --one-attitude --imu ID {file} -o ID.toml` makes a table of a warm-up, --gravity-only one \
-                 of a tumble; replay, verify and noise read it, too, and a campaign file names it"
+                "`isotherm calibrate warm-up --imu ID {file} -o ID.toml` makes a table of a warm-up, \
+                 `isotherm calibrate tumble` one of a tumble; replay, verify and noise read it, too, and a campaign file names it"
             ),
         }
     }

@@ -13,7 +13,7 @@
 
 mod printable;
 
-pub use printable::{one_line, printable, shown, tell};
+pub use printable::{one_line, printable, shown, tell, tell_as_events, tell_plainly};
 
 use std::io;
 use std::path::{Path, PathBuf};

@@ -177,6 +177,6 @@ fn lines(
         _ => format!("{more} more, and {symptoms} {noun}"),
     };
     let them = if more + symptoms == 1 { "it" } else { "them" };
-    lines.push(format!("... and {rest}; isotherm calibrate -v lists {them}"));
+    lines.push(format!("... and {rest}; with -v isotherm calibrate lists {them}"));
     lines
 }

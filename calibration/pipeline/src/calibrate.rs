@@ -1,8 +1,8 @@
 //! One calibration: read, hash, fit, seal, report.
 
 use crate::files::{Bar, CampaignFile};
-use crate::laid_out::{LaidOut, by_position, of_means};
-use crate::samples::Source;
+use crate::laid_out::{PositionData, by_position, of_means};
+use crate::samples::RowSource;
 use isotherm_campaign::{Campaign, Ramp};
 use isotherm_files::{Trust, load_table_text, sources};
 use isotherm_fit::{
@@ -19,15 +19,9 @@ use isotherm_support::failure::{Exit, Failure};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// Options of a fit of either kind; the campaign says which kind it is.
+/// How the recordings of a calibration are read.
 #[derive(Clone, Debug, Default)]
-pub struct FitOptions {
-    /// Of a campaign on a turntable, and of ramps.
-    pub turntable: CalibrationOptions,
-    /// Of an IMU that was put down by hand.
-    pub by_hand: GravityOnlyOptions,
-    /// Of recordings at one attitude.
-    pub at_one_attitude: OneAttitudeOptions,
+pub struct InputOptions {
     /// Whether the findings that a diagnosis explains are listed too.
     pub symptoms: bool,
     /// How recordings are read where other programs wrote them; not of a turntable.
@@ -36,9 +30,9 @@ pub struct FitOptions {
     pub part: Part,
 }
 
-/// Why there is no table.
+/// Why a job ends: there is no table, or the verdict is negative.
 #[derive(Debug)]
-pub struct Refused {
+pub struct JobFailure {
     /// For the operator.
     pub failure: Failure,
     /// The same as JSON, with the findings.
@@ -47,7 +41,7 @@ pub struct Refused {
     pub fit: Option<Box<(CalibrationError, Places)>>,
 }
 
-impl<F: Into<Failure>> From<F> for Refused {
+impl<F: Into<Failure>> From<F> for JobFailure {
     fn from(failure: F) -> Self {
         let failure = failure.into();
         Self { document: json::failure(&failure), failure, fit: None }
@@ -60,19 +54,19 @@ pub struct Inputs {
     /// The measurements.
     pub measured: Measured,
     /// Where they come from.
-    pub from: Origin,
+    pub origin: InputOrigin,
 }
 
 /// Where measurements come from.
 #[derive(Clone, Debug, Default)]
-pub struct Origin {
+pub struct InputOrigin {
     /// File and line of each row of the samples.
     pub places: Places,
     /// What messages call the samples: their first file.
     pub samples: PathBuf,
     /// SHA-256 of the samples of positions, in hexadecimal.
     pub samples_sha256: String,
-    /// SHA-256 of each recording of ramps, or of an IMU that was put down by hand.
+    /// SHA-256 of each recording of ramps, of a tumble or of a warm-up.
     pub recordings_sha256: Vec<String>,
     /// The marks of all recordings.
     pub rows: Vec<Marks>,
@@ -88,7 +82,7 @@ pub struct Origin {
 
 /// A calibration with the text of its table.
 #[derive(Clone, Debug)]
-pub struct Made {
+pub struct CalibrationOutcome {
     /// The calibration.
     pub fitted: Fitted,
     /// The text of the table file, sealed, with its provenance.
@@ -102,120 +96,138 @@ pub struct Made {
 }
 
 impl Inputs {
-    /// Reads what `campaign` names. `file` is the campaign file; `None` if options describe the IMU. `samples` replace
-    /// those that the file names.
+    /// Reads what a campaign on a turntable names, also ramps alone. `samples` replace those that the campaign file
+    /// names.
     ///
     /// # Errors
     /// If positions and turns do not determine all parameters, or if a file cannot be read.
-    pub fn read(
+    pub fn turntable(
         campaign: &Campaign,
-        file: Option<&CampaignFile>,
-        mut samples: Vec<Source<'_>>,
-        options: &FitOptions,
+        file: &CampaignFile,
+        samples: Vec<RowSource<'_>>,
+        options: CalibrationOptions,
+        input: &InputOptions,
         bar: Bar<'_>,
-    ) -> Result<Self, Refused> {
-        if samples.is_empty() {
-            samples = file.map(|file| file.sources(campaign)).transpose()?.unwrap_or_default();
-        }
-        let mut from = Origin {
-            samples: samples.first().map(Source::path).or(file.map(|file| file.path.clone())).unwrap_or_default(),
-            part: options.part.told(),
-            symptoms: options.symptoms,
-            ..Origin::default()
-        };
-        let imu = ImuChoice::Prefer(campaign.imu.clone());
-        if campaign.gravity_only {
-            let input = Input::from((imu, options.foreign.clone())).within(options.part);
-            let reader = Reader { input, bar };
-            let recordings = from.take(reader.tumbles(samples)?);
-            return Ok(Self { measured: Measured::GravityOnly(recordings, options.by_hand.clone()), from });
-        }
-        let reader = Reader { input: Input::from(imu).within(options.part), bar };
-        let Some(file) = file else {
-            return Err(Failure::new(Exit::Usage, "a campaign on a turntable has a campaign file").into());
-        };
+    ) -> Result<Self, JobFailure> {
+        let samples = named_unless_given(samples, campaign, Some(file))?;
+        let mut origin = InputOrigin::new(&samples, Some(file), input);
+        let reader =
+            RecordingReader { input: Input::from(ImuChoice::Prefer(campaign.imu.clone())).within(input.part), bar };
         let curves = file.curves(campaign).map(|path| curves(&path, campaign)).transpose()?;
         let mut measurements = Measurements::default();
         if curves.is_none() {
             // Checked first, because reading may take minutes.
-            observable(campaign).map_err(|error| from.refused(error, Some(file)))?;
-            measurements = reader.positions((campaign, file), samples, &mut from)?;
+            observable(campaign).map_err(|error| origin.refusal(error, Some(file)))?;
+            measurements = reader.positions((campaign, file), samples, &mut origin)?;
         }
-        let ramps = from.take(reader.ramps(campaign, &file.ramps(campaign))?);
-        let options = options.turntable.clone();
+        let ramps = origin.take(reader.ramps(campaign, &file.ramps(campaign))?);
         let measured = match curves {
             Some((curves, curves_have_errors)) => {
                 Measured::Ramps(ramps, Box::new(curves), CalibrationOptions { curves_have_errors, ..options })
             }
             None => Measured::Campaign(Measurements { ramps, ..measurements }, options),
         };
-        Ok(Self { measured, from })
+        Ok(Self { measured, origin })
     }
 
-    /// Reads recordings at one attitude, and what describes them. Without a `nominal` table they must be readings of
-    /// other programs: their resolution makes it.
+    /// Reads the recordings of a tumble: those of `samples`, or else those that the campaign file names. `file` is
+    /// `None` if options describe the IMU.
+    ///
+    /// # Errors
+    /// If a file cannot be read.
+    pub fn tumble(
+        campaign: &Campaign,
+        file: Option<&CampaignFile>,
+        samples: Vec<RowSource<'_>>,
+        options: GravityOnlyOptions,
+        input: &InputOptions,
+        bar: Bar<'_>,
+    ) -> Result<Self, JobFailure> {
+        let samples = named_unless_given(samples, campaign, file)?;
+        let mut origin = InputOrigin::new(&samples, file, input);
+        let reader = RecordingReader::foreign(&campaign.imu, input, bar);
+        let recordings = origin.take(reader.tumbles(samples)?);
+        Ok(Self { measured: Measured::GravityOnly(recordings, options), origin })
+    }
+
+    /// Reads the recordings of a warm-up, which are at one attitude, and what describes them. Without a `nominal` table
+    /// they must be readings of other programs: their resolution makes it.
     ///
     /// # Errors
     /// If a file cannot be read, or if no nominal table can be made.
-    pub fn at_one_attitude(
+    pub fn warm_up(
         imu: &ImuId,
-        samples: Vec<Source<'_>>,
-        nominal: Option<CoefficientTable>,
-        gravity: Option<f64>,
-        options: &FitOptions,
+        samples: Vec<RowSource<'_>>,
+        (nominal, gravity): (Option<CoefficientTable>, Option<f64>),
+        options: OneAttitudeOptions,
+        input: &InputOptions,
         bar: Bar<'_>,
-    ) -> Result<(Campaign, Self), Refused> {
-        let mut from = Origin {
-            samples: samples.first().map(Source::path).unwrap_or_default(),
-            part: options.part.told(),
-            symptoms: options.symptoms,
-            ..Origin::default()
-        };
-        let input = Input::from((ImuChoice::Prefer(imu.clone()), options.foreign.clone())).within(options.part);
-        let read = Reader { input, bar }.at_one_attitude(imu, samples)?;
+    ) -> Result<(Campaign, Self), JobFailure> {
+        let mut origin = InputOrigin::new(&samples, None, input);
+        let read = RecordingReader::foreign(imu, input, bar).warm_ups(imu, samples)?;
         let names: Vec<_> = read.iter().map(|read| read.name.clone()).collect();
-        let (recordings, found): (Vec<_>, Vec<_>) = from.take(read).into_iter().unzip();
+        let (recordings, found): (Vec<_>, Vec<_>) = origin.take(read).into_iter().unzip();
         let found = found.into_iter().zip(&names).map(|(found, name)| found.unwrap_or_else(|| Err(no_nominal(name))));
         let of_readings = joint(found.collect());
         let nominal = match nominal {
-            Some(nominal) => completed(nominal, of_readings.ok(), &mut from.notes),
+            Some(nominal) => completed(nominal, of_readings.ok(), &mut origin.notes),
             None => of_readings.map_err(needs_nominal).and_then(|found| nominal_of(found, gravity))?,
         };
         let content = nominal.content();
         let campaign = Campaign::one_attitude(imu.clone(), content.gravity, &content.temperature_unit, &names);
-        let measured = Measured::OneAttitude(recordings, Box::new(nominal), options.at_one_attitude.clone());
-        Ok((campaign, Self { measured, from }))
+        Ok((campaign, Self { measured: Measured::OneAttitude(recordings, Box::new(nominal), options), origin }))
     }
 
     /// Makes the table.
     ///
     /// # Errors
     /// If the data do not allow a valid table.
-    pub fn fit(self, campaign: &Campaign, file: Option<&CampaignFile>) -> Result<Made, Refused> {
-        let Self { measured, from } = self;
-        let fitted = Fitted::fit(campaign, measured).map_err(|error| from.refused(error, file))?;
+    pub fn fit(self, campaign: &Campaign, file: Option<&CampaignFile>) -> Result<CalibrationOutcome, JobFailure> {
+        let Self { measured, origin } = self;
+        let fitted = Fitted::fit(campaign, measured).map_err(|error| origin.refusal(error, file))?;
         let source = CampaignSource {
             campaign: file.map(CampaignFile::name).unwrap_or_default(),
             campaign_sha256: file.map_or_else(String::new, |file| sha256(file.text.as_bytes())),
-            samples_sha256: from.samples_sha256,
-            recordings_sha256: from.recordings_sha256,
-            rows: from.rows,
-            part: from.part,
-            log_imu: from.log_imu,
+            samples_sha256: origin.samples_sha256,
+            recordings_sha256: origin.recordings_sha256,
+            rows: origin.rows,
+            part: origin.part,
+            log_imu: origin.log_imu,
             ..CampaignSource::now()
         };
         let table = fitted.sealed(campaign, &source).map_err(|message| Failure::new(Exit::Failed, message))?;
-        Ok(Made { fitted, table, source, places: from.places, notes: from.notes })
+        Ok(CalibrationOutcome { fitted, table, source, places: origin.places, notes: origin.notes })
     }
 }
 
-impl Origin {
+/// The samples that are given, or else those that the campaign file names.
+fn named_unless_given<'a>(
+    samples: Vec<RowSource<'a>>,
+    campaign: &Campaign,
+    file: Option<&CampaignFile>,
+) -> Result<Vec<RowSource<'a>>, Failure> {
+    match file {
+        Some(file) if samples.is_empty() => file.sources(campaign),
+        _ => Ok(samples),
+    }
+}
+
+impl InputOrigin {
+    fn new(samples: &[RowSource<'_>], file: Option<&CampaignFile>, input: &InputOptions) -> Self {
+        Self {
+            samples: samples.first().map(RowSource::path).or(file.map(|file| file.path.clone())).unwrap_or_default(),
+            part: input.part.told(),
+            symptoms: input.symptoms,
+            ..Self::default()
+        }
+    }
+
     /// Takes hashes and marks of recordings; returns the recordings.
-    fn take<T>(&mut self, read: Vec<Read<T>>) -> Vec<T> {
+    fn take<T>(&mut self, read: Vec<RecordingInput<T>>) -> Vec<T> {
         let mut named = read.iter().map(|read| read.log_imu);
         self.log_imu =
             named.next().flatten().filter(|first| named.all(|imu| imu.is_some_and(|imu| !imu.differs_from(first))));
-        let recording = |Read { name: _, recording, sha256, rows, notes, log_imu: _ }| {
+        let recording = |RecordingInput { name: _, recording, sha256, rows, notes, log_imu: _ }| {
             self.recordings_sha256.push(sha256);
             self.rows.push(rows);
             self.notes.extend(notes);
@@ -224,16 +236,16 @@ impl Origin {
         read.into_iter().map(recording).collect()
     }
 
-    fn refused(&self, error: CalibrationError, file: Option<&CampaignFile>) -> Refused {
+    fn refusal(&self, error: CalibrationError, file: Option<&CampaignFile>) -> JobFailure {
         let locate = |line| self.places.locate(line);
         let path = file.map_or(&self.samples, |file| &file.path);
         let failure = error.failure_with(path, &self.samples, locate, self.symptoms);
         let document = json::refusal(&error, &failure, locate);
-        Refused { document, failure, fit: Some(Box::new((error, self.places.clone()))) }
+        JobFailure { document, failure, fit: Some(Box::new((error, self.places.clone()))) }
     }
 }
 
-impl Made {
+impl CalibrationOutcome {
     /// What was found, in lines.
     #[must_use]
     pub fn text(&self) -> String {
@@ -266,7 +278,7 @@ fn curves(path: &Path, campaign: &Campaign) -> Result<(CoefficientTable, bool), 
 }
 
 /// What a file of readings says of its pulses.
-type OfReadings = Result<Nominal, Failure>;
+type ReadingsNominal = Result<Nominal, Failure>;
 
 /// That rows in memory say nothing of their readings.
 fn no_nominal(name: &str) -> Failure {
@@ -321,7 +333,7 @@ fn completed(table: CoefficientTable, found: Option<Nominal>, notes: &mut Vec<St
 }
 
 /// A recording that was read, with the SHA-256 of its file, and its marks.
-struct Read<T> {
+struct RecordingInput<T> {
     /// What messages call it.
     name: String,
     recording: T,
@@ -331,8 +343,8 @@ struct Read<T> {
     log_imu: Option<LogImu>,
 }
 
-/// A recording at one attitude, and what makes a nominal table of it.
-type WithReadings = (RampRecording, Option<OfReadings>);
+/// A recording of a warm-up, and what makes a nominal table of it.
+type WarmUpRecording = (RampRecording, Option<ReadingsNominal>);
 type Row = Result<CampaignRow, RecordingError>;
 
 /// The rows, which `marks` takes as they pass.
@@ -341,46 +353,52 @@ fn marked<'a>(rows: impl Iterator<Item = Row> + 'a, marks: &'a mut Marks) -> imp
 }
 
 /// Reads the recordings of one IMU.
-struct Reader<'a> {
+struct RecordingReader<'a> {
     input: Input,
     bar: Bar<'a>,
 }
 
-impl Reader<'_> {
+impl<'a> RecordingReader<'a> {
+    /// The reader of recordings that other programs may have written.
+    fn foreign(imu: &ImuId, input: &InputOptions, bar: Bar<'a>) -> Self {
+        let choice = ImuChoice::Prefer(imu.clone());
+        Self { input: Input::from((choice, input.foreign.clone())).within(input.part), bar }
+    }
+
     /// Dwells and turns: from files by position, a sheet of means, or the pieces of one recording.
     fn positions(
         &self,
         (campaign, file): (&Campaign, &CampaignFile),
-        mut samples: Vec<Source<'_>>,
-        from: &mut Origin,
+        mut samples: Vec<RowSource<'_>>,
+        origin: &mut InputOrigin,
     ) -> Result<Measurements, Failure> {
         if let Some(laid_out) = self.laid_out((campaign, file), &samples)? {
-            from.places = laid_out.places;
-            from.rows.push(laid_out.marks);
-            from.samples_sha256 = laid_out.sha256;
-            from.notes.extend(laid_out.notes);
+            origin.places = laid_out.places;
+            origin.rows.push(laid_out.marks);
+            origin.samples_sha256 = laid_out.sha256;
+            origin.notes.extend(laid_out.notes);
             return Ok(laid_out.measurements);
         }
-        if let [Source::Rows { name, sha256, rows }] = samples.as_mut_slice() {
-            from.samples_sha256 = core::mem::take(sha256);
-            from.places.begin(Path::new(name), None, 0);
+        if let [RowSource::Rows { name, sha256, rows }] = samples.as_mut_slice() {
+            origin.samples_sha256 = core::mem::take(sha256);
+            origin.places.begin(Path::new(name), None, 0);
             let mut marks = Marks::default();
             let rows = self.input.part.of_rows(name, rows);
             let measurements = read_measurements(campaign, marked(rows, &mut marks));
-            from.rows.push(marks);
+            origin.rows.push(marks);
             return measurements.map_err(|error| error.failure(Path::new(name)));
         }
-        let paths: Vec<_> = samples.iter().map(Source::path).collect();
+        let paths: Vec<_> = samples.iter().map(RowSource::path).collect();
         let bar = (self.bar)(&paths, "reading");
         let mut rows = Recording::open_hashed(&sources(&paths)?, RowKind::Campaign, self.input.clone(), &bar)?;
         let mut marks = Marks::default();
         let measurements = read_measurements(campaign, marked(&mut rows, &mut marks));
-        from.rows.push(marks);
+        origin.rows.push(marks);
         bar.finish();
         let measurements = measurements.map_err(|error| rows.failure(&error))?;
-        from.notes.extend(rows.notes());
-        from.places = rows.places().clone();
-        from.samples_sha256 = rows.sha256()?;
+        origin.notes.extend(rows.notes());
+        origin.places = rows.places().clone();
+        origin.samples_sha256 = rows.sha256()?;
         Ok(measurements)
     }
 
@@ -388,21 +406,21 @@ impl Reader<'_> {
     fn laid_out(
         &self,
         (campaign, file): (&Campaign, &CampaignFile),
-        samples: &[Source<'_>],
-    ) -> Result<Option<LaidOut>, Failure> {
-        let of_position = |source: &Source<'_>| match source {
-            Source::Position(file) => Some(file.clone()),
+        samples: &[RowSource<'_>],
+    ) -> Result<Option<PositionData>, Failure> {
+        let of_position = |source: &RowSource<'_>| match source {
+            RowSource::Position(file) => Some(file.clone()),
             _ => None,
         };
         let files: Vec<_> = samples.iter().filter_map(of_position).collect();
         let mapping = file.mapping()?;
-        if let ([Source::Means(sheet)], Some(mapping)) = (samples, &mapping) {
+        if let ([RowSource::Means(sheet)], Some(mapping)) = (samples, &mapping) {
             return of_means(campaign, sheet, mapping.clone()).map(Some);
         }
         if files.is_empty() {
             return Ok(None);
         }
-        let paths: Vec<_> = samples.iter().map(Source::path).collect();
+        let paths: Vec<_> = samples.iter().map(RowSource::path).collect();
         let bar = (self.bar)(&paths, "reading");
         let settings = Settings { mapping: mapping.clone(), ..Settings::default() };
         let foreign = mapping.is_some().then(|| Foreign { settings, ..Foreign::default() });
@@ -413,7 +431,7 @@ impl Reader<'_> {
     }
 
     /// Ramps, with the SHA-256 of each. Messages call each as the campaign file does, wherever it lies.
-    fn ramps(&self, campaign: &Campaign, paths: &[PathBuf]) -> Result<Vec<Read<RampRecording>>, Failure> {
+    fn ramps(&self, campaign: &Campaign, paths: &[PathBuf]) -> Result<Vec<RecordingInput<RampRecording>>, Failure> {
         let bar = (self.bar)(paths, "reading ramps");
         let read = |(path, ramp): (&PathBuf, &Ramp)| {
             self.recording(path, &bar, |rows| RampRecording::read(ramp.samples.clone(), rows), |recording, _| recording)
@@ -423,8 +441,8 @@ impl Reader<'_> {
         all
     }
 
-    /// Recordings of an IMU that was put down by hand, with the SHA-256 of each.
-    fn tumbles(&self, samples: Vec<Source<'_>>) -> Result<Vec<Read<TumbleRecording>>, Failure> {
+    /// Recordings of a tumble, with the SHA-256 of each.
+    fn tumbles(&self, samples: Vec<RowSource<'_>>) -> Result<Vec<RecordingInput<TumbleRecording>>, Failure> {
         let read = |name: &str, rows: &mut dyn Iterator<Item = Row>| TumbleRecording::read(name.to_owned(), rows);
         self.recordings(samples, read, |recording, rows| match rows {
             Some(rows) => recording.with_findings(rows.findings()),
@@ -432,9 +450,13 @@ impl Reader<'_> {
         })
     }
 
-    /// Recordings at one attitude, with the SHA-256 of each, and with what makes a nominal table; `None` of rows in
+    /// Recordings of a warm-up, with the SHA-256 of each, and with what makes a nominal table; `None` of rows in
     /// memory.
-    fn at_one_attitude(&self, imu: &ImuId, samples: Vec<Source<'_>>) -> Result<Vec<Read<WithReadings>>, Failure> {
+    fn warm_ups(
+        &self,
+        imu: &ImuId,
+        samples: Vec<RowSource<'_>>,
+    ) -> Result<Vec<RecordingInput<WarmUpRecording>>, Failure> {
         let read =
             |name: &str, rows: &mut dyn Iterator<Item = Row>| RampRecording::read_screened(name.to_owned(), rows);
         self.recordings(samples, read, |recording, rows| match rows {
@@ -450,24 +472,24 @@ impl Reader<'_> {
     /// from each other it is one. `complete` adds what files tell after the last row.
     fn recordings<T, U>(
         &self,
-        samples: Vec<Source<'_>>,
+        samples: Vec<RowSource<'_>>,
         read: impl Fn(&str, &mut dyn Iterator<Item = Row>) -> Result<T, RecordingError>,
         complete: impl Fn(T, Option<&Recording>) -> U,
-    ) -> Result<Vec<Read<U>>, Failure> {
-        let named: Vec<_> = samples.iter().map(Source::path).collect();
+    ) -> Result<Vec<RecordingInput<U>>, Failure> {
+        let named: Vec<_> = samples.iter().map(RowSource::path).collect();
         let bar = (self.bar)(&named, "reading");
         let (mut all, mut files) = (Vec::new(), Vec::new());
         for (place, source) in samples.into_iter().enumerate() {
             match source {
-                Source::File(path) | Source::Means(path) => files.push(path),
-                Source::Position(file) => files.push(file.path),
-                Source::Rows { name, sha256, rows } => {
+                RowSource::File(path) | RowSource::Means(path) => files.push(path),
+                RowSource::Position(file) => files.push(file.path),
+                RowSource::Rows { name, sha256, rows } => {
                     let mut marks = Marks::default();
                     let rows = self.input.part.of_rows(&name, rows);
                     let recording = read(&name, &mut marked(rows, &mut marks));
                     let recording = complete(recording.map_err(|error| error.failure(Path::new(&name)))?, None);
                     let (notes, log_imu) = (Vec::new(), None);
-                    all.push((place, Read { name, recording, sha256, rows: marks, notes, log_imu }));
+                    all.push((place, RecordingInput { name, recording, sha256, rows: marks, notes, log_imu }));
                 }
             }
         }
@@ -486,7 +508,7 @@ impl Reader<'_> {
             let recording = recording.map_err(|error| rows.failure(&error))?;
             left = rows.others();
             let (recording, notes, log_imu) = (complete(recording, Some(&rows)), rows.notes(), rows.log_imu());
-            let read = Read { name, recording, sha256: rows.sha256()?, rows: marks, notes, log_imu };
+            let read = RecordingInput { name, recording, sha256: rows.sha256()?, rows: marks, notes, log_imu };
             all.push((place.unwrap_or(usize::MAX), read));
         }
         bar.finish();
@@ -502,7 +524,7 @@ impl Reader<'_> {
         bar: &Progress,
         read: impl Fn(&mut dyn Iterator<Item = Row>) -> Result<T, RecordingError>,
         complete: impl Fn(T, &Recording) -> T,
-    ) -> Result<Read<T>, Failure> {
+    ) -> Result<RecordingInput<T>, Failure> {
         let files = [path.to_owned()];
         let mut rows = Recording::open_hashed(&sources(&files)?, RowKind::Sample, self.input.clone(), bar)?;
         let mut marks = Marks::default();
@@ -510,6 +532,6 @@ impl Reader<'_> {
         let recording = recording.map_err(|error| rows.failure(&error))?;
         let (recording, notes, log_imu) = (complete(recording, &rows), rows.notes(), rows.log_imu());
         let name = path.display().to_string();
-        Ok(Read { name, recording, sha256: rows.sha256()?, rows: marks, notes, log_imu })
+        Ok(RecordingInput { name, recording, sha256: rows.sha256()?, rows: marks, notes, log_imu })
     }
 }

@@ -24,7 +24,7 @@ const SHEET: u64 = 1 << 26;
 
 /// What was read of files.
 #[derive(Default)]
-pub(crate) struct LaidOut {
+pub(crate) struct PositionData {
     pub measurements: Measurements,
     pub places: Places,
     pub marks: Marks,
@@ -46,8 +46,8 @@ pub(crate) fn by_position(
     files: &[PositionFile],
     (input, mapping): (&Input, Option<&Mapping>),
     bar: &Progress,
-) -> Result<LaidOut, Failure> {
-    let (mut all, mut found) = (LaidOut::default(), Vec::new());
+) -> Result<PositionData, Failure> {
+    let (mut all, mut found) = (PositionData::default(), Vec::new());
     let (mut before, mut read) = (0, Vec::new());
     for file in files {
         let opened = sources(std::slice::from_ref(&file.path))
@@ -92,7 +92,7 @@ pub(crate) fn by_position(
 }
 
 /// Reads a sheet of means.
-pub(crate) fn of_means(campaign: &Campaign, sheet: &Path, mapping: Mapping) -> Result<LaidOut, Failure> {
+pub(crate) fn of_means(campaign: &Campaign, sheet: &Path, mapping: Mapping) -> Result<PositionData, Failure> {
     let mut bytes = Vec::new();
     let source = open_recording(sheet).map_err(|error| Failure::io("opening", sheet, &error))?;
     let read = source.take(SHEET + 1).read_to_end(&mut bytes);
@@ -126,11 +126,11 @@ pub(crate) fn of_means(campaign: &Campaign, sheet: &Path, mapping: Mapping) -> R
     }
     let mut places = Places::default();
     places.begin(sheet, None, 0);
-    Ok(LaidOut {
+    Ok(PositionData {
         measurements: Measurements { dwells, ..Measurements::default() },
         places,
         sha256,
-        ..LaidOut::default()
+        ..PositionData::default()
     })
 }
 

@@ -1,20 +1,23 @@
 //! A calibration from files: read, hash, fit, seal, report; and a verification run. The command, an automatic campaign
 //! and Python differ in their arguments only.
 //!
+//! There are three ways to measure, and each has its entry: a campaign on a [turntable](Inputs::turntable) in the
+//! chamber, a [tumble](Inputs::tumble) in many attitudes by hand, and a [warm-up](Inputs::warm_up) at one attitude.
+//!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! use isotherm_fit::CalibrationOptions;
-//! use isotherm_pipeline::{CampaignFile, FitOptions, Inputs, no_bar};
+//! use isotherm_pipeline::{CampaignFile, InputOptions, Inputs, no_bar};
 //! use std::path::Path;
 //!
 //! let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/campaign/campaign.toml");
 //! let file = CampaignFile::read(&path)?;
 //! let campaign = file.campaign(None)?;
-//! let options = FitOptions { turntable: CalibrationOptions::default(), ..FitOptions::default() };
-//! let inputs = Inputs::read(&campaign, Some(&file), Vec::new(), &options, &no_bar);
-//! let inputs = inputs.map_err(|refused| refused.failure)?;
-//! let made = inputs.fit(&campaign, Some(&file)).map_err(|refused| refused.failure)?;
-//! assert!(made.table.contains("digest = ") && made.fitted.findings().is_empty());
+//! let (options, input) = (CalibrationOptions::default(), InputOptions::default());
+//! let inputs = Inputs::turntable(&campaign, &file, Vec::new(), options, &input, &no_bar);
+//! let inputs = inputs.map_err(|refusal| refusal.failure)?;
+//! let outcome = inputs.fit(&campaign, Some(&file)).map_err(|refusal| refusal.failure)?;
+//! assert!(outcome.table.contains("digest = ") && outcome.fitted.findings().is_empty());
 //! # Ok(())
 //! # }
 //! ```
@@ -28,10 +31,10 @@ mod samples;
 mod vehicle;
 mod verify;
 
-pub use calibrate::{FitOptions, Inputs, Made, Origin, Refused};
+pub use calibrate::{CalibrationOutcome, InputOptions, InputOrigin, Inputs, JobFailure};
 pub use files::{Bar, CampaignFile, no_bar};
 pub use proposal::propose;
 pub use repair::repair_into;
-pub use samples::{PositionFile, Source};
+pub use samples::{PositionFile, RowSource};
 pub use vehicle::{INSTANCE, Vehicle, VehicleImu};
-pub use verify::Run;
+pub use verify::VerificationRun;

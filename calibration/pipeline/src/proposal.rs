@@ -1,19 +1,19 @@
-//! The campaign file that the files of a folder, or a sheet of means, would have: `isotherm calibrate --propose`. What
-//! they do not say is `"?"` there, or a comment.
+//! The campaign file that the files of a folder, or a sheet of means, would have: `isotherm calibrate turntable
+//! --propose`. What they do not say is `"?"` there, or a comment.
 
 mod columns;
 mod names;
 mod text;
 
 use crate::samples::names_in;
-use columns::Means;
+use columns::PositionMeans;
 use isotherm_campaign::FilePattern;
 use isotherm_files::source;
 use isotherm_recording_formats::convert::{LookedColumn, LookedTable};
 use isotherm_support::failure::{Exit, Failure, shown};
-use names::Names;
+use names::NamePattern;
 use std::path::Path;
-use text::{Found, Times};
+use text::{ProposedCampaign, TimeColumns};
 
 /// How many folders below the one that is named files may be.
 const DEPTH: usize = 2;
@@ -39,7 +39,7 @@ pub fn propose(folder: &Path, beside: &Path) -> Result<String, Failure> {
         names.extend(names_in(folder, depth)?);
     }
     let refused = |message: String| Failure::new(Exit::Data, format!("{}: {message}", shown(folder)));
-    let found = Names::of(&names).map_err(refused)?;
+    let found = NamePattern::of(&names).map_err(refused)?;
     let pattern = FilePattern::new(&found.pattern).map_err(refused)?;
     let (mut means, mut first, mut unlike) = (Vec::new(), None, Vec::new());
     for name in &names {
@@ -51,15 +51,15 @@ pub fn propose(folder: &Path, beside: &Path) -> Result<String, Failure> {
             unlike.push(name.clone());
             continue;
         }
-        means.push(Means { set_point_c, position, columns });
+        means.push(PositionMeans { set_point_c, position, columns });
     }
     let Some(table) = first else { return Err(refused("no file is called as the others are".to_owned())) };
     let mut remarks: Vec<String> = found.guess.map(str::to_owned).into_iter().collect();
     remarks.extend(told("are called otherwise, and are not read", &found.others));
     remarks.extend(told("have other columns than the first", &unlike));
     let line = format!("files = {}", text::quoted(&format!("{}{}", relative(folder, beside), found.pattern)));
-    let times = Times::of(&table);
-    Ok(Found::of(table, times, means, &[]).campaign(&[line], &remarks))
+    let times = TimeColumns::of(&table);
+    Ok(ProposedCampaign::of(table, times, means, &[]).campaign(&[line], &remarks))
 }
 
 /// The campaign file of a sheet of means.
@@ -95,7 +95,7 @@ fn of_sheet(sheet: &Path, beside: &Path) -> Result<String, Failure> {
         return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(sheet))).at(sheet, None));
     };
     let rows = table.columns[position].values.len();
-    let row = |row: usize| Means {
+    let row = |row: usize| PositionMeans {
         set_point_c: table.columns[set_point].values[row],
         position: table.columns[position].values[row] as u32,
         columns: table.columns.iter().map(|column| column.values[row]).collect(),
@@ -109,7 +109,7 @@ fn of_sheet(sheet: &Path, beside: &Path) -> Result<String, Failure> {
         format!("set_point_c = {}", of(set_point)),
         format!("position = {}", of(position)),
     ];
-    Ok(Found::of(table, Times::default(), means, &[set_point, position]).campaign(&lines, &[]))
+    Ok(ProposedCampaign::of(table, TimeColumns::default(), means, &[set_point, position]).campaign(&lines, &[]))
 }
 
 /// What is said of some names.

@@ -25,7 +25,7 @@ pub struct PositionFile {
 }
 
 /// Where rows come from.
-pub enum Source<'a> {
+pub enum RowSource<'a> {
     /// A file of any format that recordings have.
     File(PathBuf),
     /// The file of a position at a set point.
@@ -43,7 +43,7 @@ pub enum Source<'a> {
     },
 }
 
-impl Source<'_> {
+impl RowSource<'_> {
     /// Files.
     #[must_use]
     pub fn files(paths: &[PathBuf]) -> Vec<Self> {
@@ -65,7 +65,7 @@ impl CampaignFile {
     /// # Errors
     /// As [`sources`](Self::sources).
     pub fn samples(&self, campaign: &Campaign) -> Result<Vec<PathBuf>, Failure> {
-        Ok(self.sources(campaign)?.iter().map(Source::path).collect())
+        Ok(self.sources(campaign)?.iter().map(RowSource::path).collect())
     }
 
     /// Where the samples of `campaign` come from.
@@ -73,15 +73,15 @@ impl CampaignFile {
     /// # Errors
     /// If no file fits a pattern, if two files are of one position at one set point, or if a file is of a position that
     /// the campaign file does not have.
-    pub fn sources(&self, campaign: &Campaign) -> Result<Vec<Source<'static>>, Failure> {
+    pub fn sources(&self, campaign: &Campaign) -> Result<Vec<RowSource<'static>>, Failure> {
         let paths = campaign.samples.iter().map(|name| self.beside(name));
         match campaign.layout {
-            SampleLayout::Rows => Ok(paths.map(Source::File).collect()),
-            SampleLayout::Means => Ok(paths.map(Source::Means).collect()),
+            SampleLayout::Rows => Ok(paths.map(RowSource::File).collect()),
+            SampleLayout::Means => Ok(paths.map(RowSource::Means).collect()),
             SampleLayout::ByPosition { .. } => {
                 let mut all = Vec::new();
                 for pattern in &campaign.samples {
-                    all.extend(self.files_of(campaign, pattern)?.into_iter().map(Source::Position));
+                    all.extend(self.files_of(campaign, pattern)?.into_iter().map(RowSource::Position));
                 }
                 Ok(all)
             }

@@ -1,6 +1,6 @@
-//! The IMUs of a vehicle: one calibration at one attitude for each IMU of an autopilot's logs.
+//! The IMUs of a vehicle: one calibration of the warm-up for each IMU of an autopilot's logs.
 
-use crate::calibrate::FitOptions;
+use crate::calibrate::InputOptions;
 use crate::files::Bar;
 use isotherm_autopilot::logs::{FoundImu, found_listed};
 use isotherm_campaign::IMU;
@@ -95,9 +95,9 @@ impl VehicleImu {
         [IMU, INSTANCE].iter().any(|word| text.contains(word))
     }
 
-    /// The options of the fit, by which its rows alone are read.
+    /// The options by which its rows alone are read.
     #[must_use]
-    pub fn options(&self, options: &FitOptions) -> FitOptions {
+    pub fn input(&self, options: &InputOptions) -> InputOptions {
         let mut own = options.clone();
         if self.is_chosen {
             own.foreign.settings.instance = self.instance;

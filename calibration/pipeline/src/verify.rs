@@ -11,13 +11,13 @@ use isotherm_verification::{Collector, Setup, Stability};
 use std::path::PathBuf;
 
 /// A verification run: an iterator over its samples that judges what it returns.
-pub struct Run<'t> {
+pub struct VerificationRun<'t> {
     samples: Samples,
     recording: Vec<PathBuf>,
     collector: Collector<'t>,
 }
 
-impl<'t> Run<'t> {
+impl<'t> VerificationRun<'t> {
     /// Opens the pieces of a recording, to be judged in windows of `window_s`. Lagged telemetry that it lacks is
     /// computed with `lag_ns`, that of the table if `None`.
     ///
@@ -69,7 +69,7 @@ impl<'t> Run<'t> {
     }
 }
 
-impl Iterator for Run<'_> {
+impl Iterator for VerificationRun<'_> {
     type Item = Result<RawSample, Failure>;
 
     fn next(&mut self) -> Option<Self::Item> {

@@ -3,7 +3,8 @@
 #![allow(clippy::unwrap_used, clippy::panic, clippy::expect_used, reason = "in a test the panic is the report")]
 
 use isotherm_campaign::Campaign;
-use isotherm_pipeline::{CampaignFile, FitOptions, Inputs, Made, Refused, no_bar, propose};
+use isotherm_fit::CalibrationOptions;
+use isotherm_pipeline::{CalibrationOutcome, CampaignFile, InputOptions, Inputs, JobFailure, no_bar, propose};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_simulation::{CampaignSchedule, SimulatedRow, Truth, campaign};
 use isotherm_support::failure::Exit;
@@ -153,7 +154,7 @@ impl Laboratory {
         text
     }
 
-    fn made(&self, name: &str) -> Made {
+    fn made(&self, name: &str) -> CalibrationOutcome {
         calibrate(&self.path(name)).unwrap_or_else(|refused| panic!("{}", refused.failure.message))
     }
 
@@ -167,13 +168,14 @@ impl Laboratory {
     }
 }
 
-fn calibrate(path: &Path) -> Result<Made, Refused> {
+fn calibrate(path: &Path) -> Result<CalibrationOutcome, JobFailure> {
     let file = CampaignFile::read(path)?;
     let campaign: Campaign = file.campaign(None)?;
-    Inputs::read(&campaign, Some(&file), Vec::new(), &FitOptions::default(), &no_bar)?.fit(&campaign, Some(&file))
+    Inputs::turntable(&campaign, &file, Vec::new(), CalibrationOptions::default(), &InputOptions::default(), &no_bar)?
+        .fit(&campaign, Some(&file))
 }
 
-fn table(made: &Made) -> CoefficientTable {
+fn table(made: &CalibrationOutcome) -> CoefficientTable {
     CoefficientTable::from_toml(&made.table, None).unwrap()
 }
 
@@ -196,7 +198,7 @@ fn differences(one: &CoefficientTable, other: &CoefficientTable) -> [f64; 2] {
     most
 }
 
-fn names(made: &Made) -> Vec<&'static str> {
+fn names(made: &CalibrationOutcome) -> Vec<&'static str> {
     made.fitted.findings().iter().map(|finding| finding.name).collect()
 }
 

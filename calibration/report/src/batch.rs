@@ -123,7 +123,7 @@ fn families(page: &mut Page, batch: &Batch) {
     page.rows_of_plots(&batch.curves.iter().map(figure).collect::<Vec<_>>());
 }
 
-/// The lines that `calibrate --batch` prints.
+/// The lines that `calibrate turntable --batch` prints.
 #[must_use]
 pub fn text(batch: &Batch) -> String {
     let mut text = format!("batch of {} units\n", batch.units.len());

@@ -9,15 +9,18 @@ use isotherm_acquire::{
 };
 use isotherm_client::{Domain, ImuId};
 use isotherm_files::{StagedText, Trust, end_signals, print, print_data, refuse_overlap};
-use isotherm_support::failure::{Exit, Failure, shown, tell};
+use isotherm_support::failure::{Exit, Failure, shown};
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
+use tracing::info;
 
-/// Acquire from a device: serial line, TCP, UDP, a file, or Linux' IIO
+/// Acquire samples from a device
+///
+/// Acquire from a device: serial line, TCP, UDP, a file, or Linux' IIO.
 ///
 /// A description says what the bytes are and what their numbers stand for. Every control period becomes a sample, or a
 /// gap with its number, and every byte that is no frame is counted. Ends on SIGINT or SIGTERM; what was received until
@@ -30,38 +33,54 @@ pub(crate) struct Acquire {
     /// Description of the source
     #[arg(value_name = "SOURCE.toml", required_unless_present_any = ["list", "probe", "profile"])]
     source: Option<PathBuf>,
+    /// Name the IMU whose acquisition this is
+    ///
     /// The IMU whose acquisition this is [default: that of the description]
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
-    /// The device in the place of the description's: a serial line, a file, or an IIO device
+    /// Read this device in place of the description's
+    ///
+    /// The device in the place of the description's: a serial line, a file, or an IIO device.
     #[arg(long, value_name = "PATH")]
     device: Option<PathBuf>,
-    /// Record all samples, sent or not; the name ends with .csv, .parquet or .mcap
+    /// Record all samples, sent or not
+    ///
+    /// Record all samples, sent or not; the name ends with .csv, .parquet or .mcap.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     #[command(flatten)]
     rotation: RotationArgs,
-    /// Send nothing, and print the rows as `feed` reads them (CSV)
+    /// Send nothing, and print the rows (CSV)
+    ///
+    /// Send nothing, and print the rows as `feed` reads them (CSV).
     #[arg(long)]
     dry_run: bool,
     /// End after so many rows
     #[arg(long, value_name = "N", requires = "dry_run", value_parser = clap::value_parser!(u64).range(1..))]
     rows: Option<u64>,
-    /// How long to wait for a service that is not there [s]; for ever unless given
+    /// Wait so long for a service [s]
+    ///
+    /// How long to wait for a service that is not there [s]; for ever unless given.
     #[arg(long, value_name = "S", value_parser = seconds)]
     timeout: Option<Duration>,
     #[arg(long, value_name = "FILE.prom", hide = true, value_parser = refuse_metrics)]
     metrics: Option<String>,
-    /// Write the nominal table of the source, whose increments are the device's readings, and end
+    /// Write the nominal table, and end
+    ///
+    /// Write the nominal table of the source, whose increments are the device's readings, and end.
     #[arg(long, value_name = "TABLE", conflicts_with_all = ["record", "dry_run"])]
     nominal: Option<PathBuf>,
     /// Show IIO devices, serial ports and profiles
     #[arg(long, conflicts_with_all = ["source", "probe", "profile"])]
     list: bool,
-    /// Show which profile decodes the stream of this device, or of a file of its bytes
+    /// Show which profile decodes a stream
+    ///
+    /// Show which profile decodes the stream of this device, or of a file of its bytes.
     #[arg(long, value_name = "DEVICE", conflicts_with_all = ["source", "profile"])]
     probe: Option<PathBuf>,
-    /// Rate of the line [Bd]; those of the profiles unless given
+    /// Set the rate of the line [Bd]
+    ///
+    /// Rate of the line [Bd]; those of the profiles unless given.
     #[arg(long, value_name = "B", requires = "probe", value_parser = clap::value_parser!(u32).range(50..=20_000_000))]
     baud: Option<u32>,
     /// Print this profile
@@ -70,7 +89,9 @@ pub(crate) struct Acquire {
     /// Root of /sys and /dev for IIO
     #[arg(long, value_name = "ROOT", default_value = "/", hide = true)]
     sysfs: PathBuf,
-    /// Print the tally, the list or what was probed as JSON; a tally beside rows goes to stderr
+    /// Print tally, list or probe as JSON
+    ///
+    /// Print the tally, the list or what was probed as JSON; a tally beside rows goes to stderr.
     #[arg(long)]
     json: bool,
 }
@@ -209,7 +230,7 @@ fn probed(one: &ProbeResult) -> String {
 }
 
 fn tell_text(tally: &Tally) {
-    tell("isotherm", tally);
+    info!("{tally}");
 }
 
 fn tell_json(tally: &Tally) {

@@ -17,8 +17,9 @@ use isotherm_client::Domain;
 use isotherm_files::{create_own_folder, end_signals, print, print_data};
 use isotherm_fit::{AlignmentChoice, LagChoice};
 use isotherm_instruments::Surroundings;
+use isotherm_service::commands::no_domain;
 use isotherm_service::logging::{self, LogFormat};
-use isotherm_support::failure::{Exit, Failure, shown, tell};
+use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::name;
 use isotherm_verification::Requirement;
 use std::fmt::Write as _;
@@ -26,8 +27,11 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 use std::time::Duration;
+use tracing::warn;
 
-/// Drive chamber and two-axis turntable through a campaign, and take its samples
+/// Drive chamber and turntable through a campaign
+///
+/// Drive chamber and two-axis turntable through a campaign, and take its samples.
 ///
 /// A plan names set points, positions, rules and instruments. The samples are tapped from the running service's raw
 /// stream; the folder that it writes is what `isotherm calibrate` reads.
@@ -44,12 +48,17 @@ pub(crate) struct CampaignCommand {
 #[derive(Debug, Subcommand)]
 enum CampaignAction {
     Run(RunCampaign),
+    #[command(arg = no_domain())]
     Check(CheckCampaign),
+    #[command(arg = no_domain())]
     Status(StatusCampaign),
+    #[command(arg = no_domain())]
     Stop(StopCampaign),
 }
 
-/// Run the campaign, or go on with the first dwell, turn, ramp or run that is missing
+/// Run the campaign, or go on with it
+///
+/// Run the campaign, or go on with the first dwell, turn, ramp or run that is missing.
 ///
 /// SIGINT, SIGTERM, `isotherm campaign stop` and every error end in the safe state: turntable stopped, chamber in
 /// standby. Run it again to go on.
@@ -61,45 +70,65 @@ struct RunCampaign {
     /// The plan
     #[arg(value_name = "PLAN.toml")]
     plan: PathBuf,
-    /// Then fit the table, write its report, and evaluate the verification runs
+    /// Fit the table after the campaign
+    ///
+    /// Then fit the table, write its report, and evaluate the verification runs.
     #[arg(long)]
     calibrate: bool,
+    /// Install the table if it meets these bounds
+    ///
     /// With --calibrate: install the table if every verification run shows these bounds: a factor of stability, or
-    /// bias=20ug0,scale=50ppm,level=5arcsec
+    /// bias=20ug0,scale=50ppm,level=5arcsec.
     ///
     /// Bounds that are not given come from the fit's own errors. A table that is worse than the one in force on the
     /// same runs, or covers less of its range, is not installed; the predecessor of an installed table stays beside it
     /// (isotherm rollback)
     #[arg(long, value_name = "BOUNDS", requires = "calibrate")]
     require: Vec<Requirement>,
+    /// Give the table an alignment matrix
+    ///
     /// Give the table an alignment matrix [default: as the table in force; without one, if the IMU needs it]
     #[arg(long, requires = "calibrate", conflicts_with = "no_alignment")]
     alignment: bool,
     /// Give the table no alignment matrix
     #[arg(long, requires = "calibrate")]
     no_alignment: bool,
+    /// Set the lag behind the telemetry [s]
+    ///
     /// Time constant of the lag behind the telemetry [s], for example that of a sister unit; or none, for a table
     /// without transients [default: found in the ramps]
     #[arg(long, value_name = "S|none", requires = "calibrate", value_parser = lag_choice)]
     lag: Option<LagChoice>,
-    /// Make the table in spite of a fault of this name; several with commas, or repeated
+    /// Go on in spite of this fault
+    ///
+    /// Make the table in spite of a fault of this name; several with commas, or repeated.
     #[arg(long, value_name = "NAME", requires = "calibrate", value_delimiter = ',', value_parser = name::acceptable)]
     accept: Vec<&'static str>,
-    /// Take every warning of the fit that is not accepted for a fault
+    /// Take every warning for a fault
+    ///
+    /// Take every warning of the fit that is not accepted for a fault.
     #[arg(long, requires = "calibrate")]
     strict: bool,
-    /// Take the samples of another unit than the plan's serial number says
+    /// Take samples of another unit, too
+    ///
+    /// Take the samples of another unit than the plan's serial number says.
     #[arg(long)]
     other_device: bool,
-    /// Speed of a simulated laboratory: the waits of the plan are divided by N, the time-outs of the lines are not
+    /// Set the speed of a simulated laboratory
+    ///
+    /// Speed of a simulated laboratory: the waits of the plan are divided by N, the time-outs of the lines are not.
     #[arg(long, value_name = "N", default_value = "1", value_parser = speed)]
     speed: f64,
-    /// Log lines for people or for machines; on a terminal there are bars instead
+    /// Choose the format of log lines
+    ///
+    /// Log lines for people or for machines; on a terminal there are bars instead.
     #[arg(long, value_enum, default_value_t, value_name = "FORMAT")]
     log_format: LogFormat,
 }
 
-/// Validate a plan, estimate how long it takes and print its time line
+/// Validate a plan and print its time line
+///
+/// Validate a plan, estimate how long it takes and print its time line.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  isotherm campaign check plan.toml")]
 struct CheckCampaign {
@@ -108,7 +137,9 @@ struct CheckCampaign {
     plan: PathBuf,
 }
 
-/// Show a running campaign, or how far one has got, and what became of fit, verification and installation
+/// Show how far a campaign has got
+///
+/// Show a running campaign, or how far one has got, and what became of fit, verification and installation.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  isotherm campaign status plan.toml --json")]
 struct StatusCampaign {
@@ -120,7 +151,9 @@ struct StatusCampaign {
     json: bool,
 }
 
-/// End a running campaign in the safe state, and wait for that
+/// End a running campaign in the safe state
+///
+/// End a running campaign in the safe state, and wait for that.
 ///
 /// A file in the campaign's folder asks the runner, which may run in another container. If none answers within 5 s,
 /// this command goes into the safe state itself.
@@ -141,6 +174,11 @@ fn speed(text: &str) -> Result<f64, String> {
 }
 
 impl CampaignCommand {
+    /// Whether it writes a log.
+    pub(crate) const fn logs(&self) -> bool {
+        matches!(self.action, CampaignAction::Run(_))
+    }
+
     pub(crate) fn run(self, domain: Domain) -> Result<(), Failure> {
         match self.action {
             CampaignAction::Run(run) => run.run(domain),
@@ -251,10 +289,10 @@ impl CheckCampaign {
             let _ = writeln!(text, "  {:>12}  {}", duration(milestone.at_s), milestone.event);
         }
         for warning in plan.warnings() {
-            tell("isotherm", format!("warning: {warning}"));
+            warn!("warning: {warning}");
         }
         for finding in plan.findings() {
-            tell("isotherm", format!("warning [{}]: {finding}", finding.name));
+            warn!("warning [{}]: {finding}", finding.name);
         }
         print(&text)
     }

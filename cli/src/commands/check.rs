@@ -9,8 +9,9 @@ use isotherm_recording_formats::convert::{KnownColumns, Mapping};
 use isotherm_recording_formats::repair::{Hole, RepairReport, inspect};
 use isotherm_shared::document::Document;
 use isotherm_shared::kind::FileKind;
-use isotherm_support::failure::{Exit, Failure, shown, tell};
+use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::Path;
+use tracing::warn;
 
 /// Validates a file of the laboratory.
 pub(super) fn laboratory_file(kind: FileKind, text: &str, path: &Path) -> Result<String, Failure> {
@@ -78,10 +79,10 @@ fn plan(text: &str, path: &Path) -> Result<String, Failure> {
     let plan = Plan::from_toml(text, path.parent().unwrap_or(Path::new("")));
     let plan = plan.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
     for warning in plan.warnings() {
-        tell("isotherm", format!("{}: warning: {warning}", shown(path)));
+        warn!("{}: warning: {warning}", shown(path));
     }
     for finding in plan.findings() {
-        tell("isotherm", format!("warning [{}]: {}: {finding}", finding.name, shown(path)));
+        warn!("warning [{}]: {}: {finding}", finding.name, shown(path));
     }
     Ok(format!("campaign plan of {}, {}", plan.names(), plan.size()))
 }

@@ -6,7 +6,9 @@ use isotherm_files::{check_stdout, check_written, print};
 use isotherm_service::clean::clean;
 use isotherm_support::failure::Failure;
 
-/// Remove what a domain has left behind in shared memory and its folder, when nothing of it runs
+/// Remove what a domain has left behind
+///
+/// Remove what a domain has left behind in shared memory and its folder, when nothing of it runs.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  isotherm clean\n  isotherm clean --domain bench")]
 pub(crate) struct Clean {}

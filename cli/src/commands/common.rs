@@ -1,21 +1,24 @@
 //! What several commands do with their arguments.
 
+use crate::parse::one_of;
 use clap::Args;
+use isotherm_autopilot::logs::GyroscopeTemperature;
 use isotherm_client::{Domain, ImuId, Options, RawSample};
 use isotherm_files::{LoadError, Trust, load_table, print_data, read_text, source};
 use isotherm_fit::Origin;
-use isotherm_pipeline::Refused;
-use isotherm_autopilot::logs::GyroscopeTemperature;
+use isotherm_pipeline::JobFailure;
 use isotherm_recording_formats::convert::{Foreign, Settings, TimeSource};
 use isotherm_recording_formats::read::{ImuChoice, Recording, Samples};
 use isotherm_recording_formats::write::Rotation;
 use isotherm_report::json;
 use isotherm_shared::table::CoefficientTable;
-use isotherm_support::failure::{Exit, Failure, shown, tell};
+use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::{Admission, Finding, Location, Severity, name};
 use isotherm_verification::Requirement;
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use tracing::{info, warn};
 
 /// The options of a client.
 pub(super) fn options(domain: Domain, timeout: Duration) -> Options {
@@ -25,7 +28,9 @@ pub(super) fn options(domain: Domain, timeout: Duration) -> Options {
 /// How the lagged telemetry of a recording that has none is computed.
 #[derive(Clone, Copy, Debug, Args)]
 pub(super) struct LagSetting {
-    /// Time constant of the lagged telemetry, for a recording that has none [s]; or none
+    /// Set the lag of recordings without one [s]
+    ///
+    /// Time constant of the lagged telemetry, for a recording that has none [s]; or none.
     ///
     /// That of the table unless given; feed asks the service. Lagged telemetry in the recording is used as it is
     #[arg(long = "lag", value_name = "S|none", value_parser = crate::parse::lag)]
@@ -35,16 +40,24 @@ pub(super) struct LagSetting {
 /// When a recorder goes on in the next file, and what it leaves of the disk.
 #[derive(Clone, Debug, Default, Args)]
 pub(super) struct RotationArgs {
-    /// Begin the next file at this size: bytes, or with k, M, G; files are then numbered, FILE-0001.csv
+    /// Begin the next file at this size
+    ///
+    /// Begin the next file at this size: bytes, or with k, M, G; files are then numbered, FILE-0001.csv.
     #[arg(long, value_name = "SIZE", value_parser = crate::parse::bytes)]
     rotate_size: Option<u64>,
-    /// Begin the next file after this time [s]; files are then numbered, FILE-0001.csv
+    /// Begin the next file after this time [s]
+    ///
+    /// Begin the next file after this time [s]; files are then numbered, FILE-0001.csv.
     #[arg(long, value_name = "S", value_parser = crate::parse::seconds)]
     rotate_time: Option<Duration>,
-    /// Leave so much of the disk free: bytes, or with k, M, G; with less, rows wait as on a full disk
+    /// Leave so much of the disk free
+    ///
+    /// Leave so much of the disk free: bytes, or with k, M, G; with less, rows wait as on a full disk.
     #[arg(long, value_name = "SIZE", value_parser = crate::parse::bytes)]
     keep_free: Option<u64>,
-    /// Remove the oldest numbered files of this name to keep the disk free
+    /// Remove the oldest files for room
+    ///
+    /// Remove the oldest numbered files of this name to keep the disk free.
     ///
     /// Only what a recorder of this user has written under this name, the lowest number first, and never what is being
     /// written
@@ -68,6 +81,10 @@ impl RotationArgs {
     }
 }
 
+/// Where times come from, by name.
+const TIME_SOURCES: [(TimeSource, &str); 3] =
+    [(TimeSource::Header, "header"), (TimeSource::Log, "log"), (TimeSource::Rate, "rate")];
+
 /// How data of other programs are read, which take the place of a recording.
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Data of other programs")]
@@ -75,35 +92,51 @@ pub(super) struct ForeignArgs {
     /// What the columns of a text are (TOML)
     #[arg(long, value_name = "M.toml")]
     pub mapping: Option<PathBuf>,
-    /// Telemetry of all rows, in the unit of the table, for data that have none
+    /// Set the telemetry of all rows
+    ///
+    /// Telemetry of all rows, in the unit of the table, for data that have none.
     #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = crate::parse::number)]
     pub temperature: Option<f64>,
+    /// Set the nominal interval [s]
+    ///
     /// Nominal interval [s] [default: that of the mapping, or found from the time]
     #[arg(long, value_name = "S", value_parser = crate::parse::interval)]
     pub interval: Option<Duration>,
+    /// Choose where the times come from
+    ///
     /// Where the times come from: header, the stamps of the rows or messages; log, when the messages of a bag were
     /// recorded; rate, rows are one interval apart, which has to be known [default: header]
-    #[arg(long, value_name = "SOURCE", value_parser = ["header", "log", "rate"])]
-    pub time: Option<String>,
+    #[arg(long, value_name = "SOURCE", value_parser = one_of(TIME_SOURCES))]
+    pub time: Option<TimeSource>,
     /// Topic of the sensor_msgs/msg/Imu, if there are several
     #[arg(long, value_name = "TOPIC")]
     pub topic: Option<String>,
-    /// Topic of the gyroscopes, if accelerometers and gyroscopes have a topic each
+    /// Choose the topic of the gyroscopes
+    ///
+    /// Topic of the gyroscopes, if accelerometers and gyroscopes have a topic each.
     #[arg(long, value_name = "TOPIC")]
     pub gyroscope_topic: Option<String>,
-    /// File of the gyroscopes, if accelerometers and gyroscopes have a text each; the mapping is of both
+    /// Read the gyroscopes from this file
+    ///
+    /// File of the gyroscopes, if accelerometers and gyroscopes have a text each; the mapping is of both.
     #[arg(long, value_name = "FILE")]
     pub gyroscope_file: Option<PathBuf>,
     /// Topic of the sensor_msgs/msg/Temperature, if there are several
     #[arg(long, value_name = "TOPIC")]
     pub temperature_topic: Option<String>,
-    /// IMU of an autopilot's log, if there are several: its number there, from 0
+    /// Choose an IMU of an autopilot's log
+    ///
+    /// IMU of an autopilot's log, if there are several: its number there, from 0.
     #[arg(long, value_name = "N")]
     pub instance: Option<u32>,
-    /// Whose temperature the gyroscopes of an autopilot's log have, if they have none of their own
-    #[arg(long, value_name = "SENSOR", value_parser = ["accelerometer"])]
-    pub gyroscope_temperature: Option<String>,
-    /// Keep the order in which pieces are named where neither sequences nor clocks tell it
+    /// Choose the gyroscopes' temperature in a log
+    ///
+    /// Whose temperature the gyroscopes of an autopilot's log have, if they have none of their own.
+    #[arg(long, value_name = "SENSOR", value_parser = one_of([(GyroscopeTemperature::Accelerometer, "accelerometer")]))]
+    pub gyroscope_temperature: Option<GyroscopeTemperature>,
+    /// Keep the order in which pieces are named
+    ///
+    /// Keep the order in which pieces are named where neither sequences nor clocks tell it.
     ///
     /// Sequences tell that of the pieces of a session, and clocks that of sessions and pieces whose times do not
     /// overlap. Pieces without a time go on from each other then
@@ -120,21 +153,14 @@ impl ForeignArgs {
         let settings = Settings {
             temperature: self.temperature,
             interval_ns: self.interval.map(|interval| interval.as_nanos() as u64),
-            time: match self.time.as_deref() {
-                Some("log") => TimeSource::Log,
-                Some("rate") => TimeSource::Rate,
-                _ => TimeSource::Header,
-            },
+            time: self.time.unwrap_or_default(),
             topic: self.topic.clone(),
             gyroscope_topic: self.gyroscope_topic.clone(),
             gyroscope_file: self.gyroscope_file.as_ref().map(source),
             in_order: self.in_order,
             temperature_topic: self.temperature_topic.clone(),
             instance: self.instance,
-            gyroscope_temperature: match self.gyroscope_temperature {
-                Some(_) => GyroscopeTemperature::Accelerometer,
-                None => GyroscopeTemperature::Own,
-            },
+            gyroscope_temperature: self.gyroscope_temperature.unwrap_or_default(),
             ..Settings::default()
         };
         let read = |path: &PathBuf| Ok::<_, Failure>((path.clone(), read_text(path, Trust::Any)?.0));
@@ -155,15 +181,6 @@ impl ForeignArgs {
     pub(super) fn inputs(&self) -> impl Iterator<Item = (&Path, &'static str)> {
         let mapping = self.mapping.iter().map(|mapping| (mapping.as_path(), "the mapping"));
         mapping.chain(self.gyroscope_file.iter().map(|file| (file.as_path(), "the file of the gyroscopes")))
-    }
-
-    /// Whether anything is given.
-    pub(super) const fn is_given(&self) -> bool {
-        let Self { mapping, temperature, interval, time, topic, gyroscope_topic, gyroscope_file, .. } = self;
-        let Self { temperature_topic, instance, gyroscope_temperature, in_order, .. } = self;
-        let given = mapping.is_some() || temperature.is_some() || interval.is_some() || time.is_some() || *in_order;
-        let given = given || gyroscope_topic.is_some() || gyroscope_file.is_some();
-        given || gyroscope_temperature.is_some() || topic.is_some() || temperature_topic.is_some() || instance.is_some()
     }
 }
 
@@ -209,20 +226,20 @@ impl OfData {
 
     /// Tells findings and notes, where nothing can be refused any more.
     pub(super) fn tell(&self) {
-        self.findings.iter().for_each(|finding| tell("isotherm", finding.tagged(|line| line.to_string())));
-        self.notes.iter().for_each(|note| tell("isotherm", note));
+        self.findings.iter().for_each(|finding| warn!("{}", finding.tagged(|line| line.to_string())));
+        self.notes.iter().for_each(|note| info!("{note}"));
     }
 
     /// Admits what a command found in the rows, and what was found in the data; then tells the notes: what is wrong
     /// comes first. The rows' gaps are not named twice.
     ///
     /// # Errors
-    /// As [`Acceptance::admit`].
-    pub(super) fn admit(self, by: &Acceptance, recording: &str, mut found: Vec<Finding>) -> Result<(), Refused> {
+    /// As [`AcceptanceArgs::admit`].
+    pub(super) fn admit(self, by: &AcceptanceArgs, recording: &str, mut found: Vec<Finding>) -> Result<(), JobFailure> {
         let of_rows: Vec<_> = found.iter().map(|finding| finding.name).collect();
         found.extend(self.findings.into_iter().filter(|finding| !of_rows.contains(&finding.name)));
         by.admit(recording, found)?;
-        self.notes.iter().for_each(|note| tell("isotherm", note));
+        self.notes.iter().for_each(|note| info!("{note}"));
         Ok(())
     }
 }
@@ -252,19 +269,52 @@ impl GyroscopeWarning {
                 (false, _) => "the recording has gyroscopes, but the table has none; there are no angle increments",
             };
             let message = format!("from sequence {} on {what}", sample.sequence);
-            tell("isotherm", Finding::warning(name::NO_GYROSCOPES, message).tagged(|line| line.to_string()));
+            warn!("{}", Finding::warning(name::NO_GYROSCOPES, message).tagged(|line| line.to_string()));
+        }
+    }
+}
+
+/// Whether a command prints a document in place of a text.
+#[derive(Clone, Copy, Debug, Args)]
+pub(super) struct JsonOption {
+    /// Print one JSON document instead of text
+    ///
+    /// It goes to stdout, also that of a failure.
+    #[arg(long)]
+    json: bool,
+}
+
+impl JsonOption {
+    pub(super) const fn is_given(self) -> bool {
+        self.json
+    }
+
+    /// Prints the document, if the option is given.
+    ///
+    /// # Errors
+    /// If stdout cannot be written.
+    pub(super) fn print(self, document: &Value) -> Result<(), Failure> {
+        if self.json { print_data(&format!("{document:#}\n")) } else { Ok(()) }
+    }
+
+    /// Ends a command with its document and a verdict. That of a failure is printed by [`or_document`].
+    ///
+    /// # Errors
+    /// The verdict; or if stdout cannot be written.
+    pub(super) fn finish(self, document: Value, verdict: Result<(), Failure>) -> Result<(), JobFailure> {
+        match verdict {
+            Ok(()) => Ok(self.print(&document)?),
+            Err(failure) => Err(JobFailure { failure, document, fit: None }),
         }
     }
 }
 
 /// Prints the document of a failure to stdout, if `--json` is given. A command calls this once, for everything that can
 /// fail before its results are printed.
-pub(super) fn or_document<T>(json: bool, result: Result<T, Refused>) -> Result<T, Failure> {
-    result.map_err(|Refused { failure, document, .. }| {
-        if json {
-            // If stdout is closed or full there is still the message on stderr, and the exit code.
-            let _ = print_data(&format!("{document:#}\n"));
-        }
+pub(super) fn or_document<T>(json: JsonOption, result: Result<T, JobFailure>) -> Result<T, Failure> {
+    result.map_err(|JobFailure { failure, document, .. }| {
+        // If stdout is closed or full there is still the message on stderr, and the exit code.
+        let _ = json.print(&document);
         failure
     })
 }
@@ -286,22 +336,26 @@ pub(super) fn inputs(recording: &[PathBuf]) -> Vec<(&Path, &'static str)> {
 
 /// Which findings the user accepts.
 #[derive(Clone, Debug, Default, Args)]
-pub(super) struct Acceptance {
+pub(super) struct AcceptanceArgs {
+    /// Go on in spite of this fault
+    ///
     /// Go on in spite of a fault of this name, which stands in brackets in the fault's line; several with commas, or
-    /// repeated. The provenance of a table has the names
+    /// repeated. The provenance of a table has the names.
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = name::acceptable)]
     pub accept: Vec<&'static str>,
-    /// Take every warning that is not accepted for a fault
+    /// Take every warning for a fault
+    ///
+    /// Take every warning that is not accepted for a fault.
     #[arg(long)]
     pub strict: bool,
 }
 
-impl Acceptance {
+impl AcceptanceArgs {
     /// Prints the findings about `recording`, and returns them.
     ///
     /// # Errors
     /// With the faults that are not accepted.
-    pub(super) fn admit(&self, recording: &str, findings: Vec<Finding>) -> Result<Vec<Finding>, Refused> {
+    pub(super) fn admit(&self, recording: &str, findings: Vec<Finding>) -> Result<Vec<Finding>, JobFailure> {
         let at = |finding: Finding| match finding.place {
             None if !recording.is_empty() => finding.at(Location::Recording(recording.to_owned())),
             _ => finding,
@@ -310,12 +364,12 @@ impl Acceptance {
         let admission = Admission { accept: &self.accept, strict: self.strict };
         match admission.admit(findings, &mut Vec::new()) {
             Ok(findings) => {
-                findings.iter().for_each(|finding| tell("isotherm", finding.tagged(|line| line.to_string())));
+                findings.iter().for_each(|finding| warn!("{}", finding.tagged(|line| line.to_string())));
                 Ok(findings)
             }
             Err(findings) => {
                 let lines: Vec<_> = findings.iter().map(|finding| finding.tagged(|line| line.to_string())).collect();
-                let mut refused = Refused::from(Failure::new(Exit::Data, lines.join("\n")));
+                let mut refused = JobFailure::from(Failure::new(Exit::Data, lines.join("\n")));
                 refused.document["findings"] = json::findings(&findings, |line| line.to_string());
                 Err(refused)
             }

@@ -1,18 +1,18 @@
 //! `compare`: what has changed between the tables of one IMU.
 
-use super::common::{Acceptance, or_document};
+use super::common::{AcceptanceArgs, JsonOption, or_document};
 use clap::Args;
 use isotherm_analysis::{ComparisonRequirement, compare};
-use isotherm_files::{
-    LoadError, StagedText, Trust, check_stdout, check_written, print, print_data, read_text, refuse_overlap,
-};
+use isotherm_files::{LoadError, StagedText, Trust, check_stdout, check_written, print, read_text, refuse_overlap};
 use isotherm_fit::{TableFile, now, tool};
-use isotherm_pipeline::Refused;
+use isotherm_pipeline::JobFailure;
 use isotherm_report::comparison::{ComparisonSource, document, html, text};
 use isotherm_support::failure::{Exit, Failure};
 use std::path::{Path, PathBuf};
 
-/// Show what has changed between tables of one IMU, by more than their errors
+/// Show what changed between tables of one IMU
+///
+/// Show what has changed between tables of one IMU, by more than their errors.
 ///
 /// Curves are compared, never coefficients: other orders, units, centres and values of 1 g0 do not matter. The errors
 /// are those of both provenances; without them the values alone are shown. Of three tables or more the oldest and the
@@ -22,36 +22,41 @@ use std::path::{Path, PathBuf};
     after_help = "Examples:\n  isotherm compare 2025.toml 2026.toml --require bias=20ug0,scale=50ppm,alignment=20urad\n  isotherm compare 2023.toml 2024.toml 2025.toml 2026.toml --report years.html"
 )]
 pub(crate) struct Compare {
-    /// Coefficient tables: the old one and the new one, or three or more in any order
+    /// Compare these tables, the old one first
+    ///
+    /// Coefficient tables: the old one and the new one, or three or more in any order.
     #[arg(value_name = "TABLE.toml", required = true, num_args = 2..)]
     tables: Vec<PathBuf>,
-    /// Fail unless the differences are within every bound: bias=20ug0,scale=50ppm,alignment=20urad,rate=0.05deg/h
+    /// Fail unless differences are within these bounds
+    ///
+    /// Fail unless the differences are within every bound: bias=20ug0,scale=50ppm,alignment=20urad,rate=0.05deg/h.
     ///
     /// bias: of every accelerometer (ug0, mg0); scale: of K+ and K- of every sensor (ppm); alignment: of every entry of
     /// the matrices (urad, arcsec); rate: of the bias of every gyroscope (deg/h). The whole band counts: a difference
     /// whose band reaches over the bound is undecided, which fails too
     #[arg(long, value_name = "BOUNDS", allow_negative_numbers = true)]
     require: Vec<ComparisonRequirement>,
-    /// Compare tables of different IMUs too; they are refused otherwise
+    /// Compare tables of different IMUs, too
+    ///
+    /// Compare tables of different IMUs too; they are refused otherwise.
     #[arg(long)]
     other_unit: bool,
     /// Where the report goes (HTML)
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
     #[command(flatten)]
-    acceptance: Acceptance,
-    /// Print one JSON document instead of the text, also of a failure
-    #[arg(long)]
-    json: bool,
+    acceptance: AcceptanceArgs,
+    #[command(flatten)]
+    json: JsonOption,
 }
 
 impl Compare {
     pub(crate) fn run(self) -> Result<(), Failure> {
-        or_document(self.json, self.show())?
+        or_document(self.json, self.show())
     }
 
-    /// Prints the results. The inner result is the judgement, which the results have too.
-    fn show(self) -> Result<Result<(), Failure>, Refused> {
+    /// Prints the results.
+    fn show(self) -> Result<(), JobFailure> {
         let require = joined(&self.require)?;
         let files: Vec<(&Path, &str)> = self.tables.iter().map(|path| (path.as_path(), "a table")).collect();
         refuse_overlap(&files, &[self.report.as_deref()])?;
@@ -68,14 +73,13 @@ impl Compare {
             let source = ComparisonSource { tool: tool(), time: now(), required: require };
             StagedText::create(Some(path))?.write(&html(&comparison, &source))?.finish()?;
         }
-        if self.json {
-            print_data(&format!("{:#}\n", document(&comparison, require.as_ref())))?;
-        } else {
+        if !self.json.is_given() {
             print(&text(&comparison, require.as_ref()))?;
         }
         let verdict = require.map_or(Ok(()), |require| comparison.check(&require));
         let name = &comparison.new_table().name;
-        Ok(verdict.map_err(|message| Failure::new(Exit::Failed, format!("{name}: {message}"))))
+        let verdict = verdict.map_err(|message| Failure::new(Exit::Failed, format!("{name}: {message}")));
+        self.json.finish(document(&comparison, require.as_ref()), verdict)
     }
 }
 

@@ -1,6 +1,6 @@
 //! `convert`: makes a recording of foreign data.
 
-use super::common::{Acceptance, ForeignArgs};
+use super::common::{AcceptanceArgs, ForeignArgs};
 use super::part::PartArgs;
 use crate::progress::bytes_bar;
 use clap::Args;
@@ -16,12 +16,15 @@ use isotherm_recording_formats::write::ParquetStream;
 use isotherm_shared::names::StreamKind;
 use isotherm_shared::table::{CoefficientTable, nominal_table};
 use isotherm_shared::wire::{RawSample, StreamSample};
-use isotherm_support::failure::{Exit, Failure, shown, tell};
+use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::Finding;
 use std::io;
 use std::path::{Path, PathBuf};
+use tracing::info;
 
-/// Make a recording of data from other programs: text, NovAtel logs, ROS messages, logs of autopilots
+/// Make a recording of data from other programs
+///
+/// Make a recording of data from other programs: text, NovAtel logs, ROS messages, logs of autopilots.
 ///
 /// A text (CSV, with any separator) needs a mapping file, which says what its columns are; without one, the mapping
 /// that would be is printed. NovAtel RAWIMU, RAWIMUX, RAWIMUS and RAWIMUSX in ASCII, sensor_msgs/msg/Imu in MCAP, ULog
@@ -31,38 +34,52 @@ use std::path::{Path, PathBuf};
     after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.parquet\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv\n  isotherm convert flight.ulg --instance 0 -o run.csv\n  isotherm convert flight.BIN -o 'run-{instance}.csv'\n  isotherm convert cold.csv warm.csv --mapping logger.toml -o runs/\n  isotherm convert mems.csv --mapping mems.toml -o run.csv --nominal imu-b.toml --imu imu-b"
 )]
 pub(crate) struct Convert {
+    /// Read these data of other programs
+    ///
     /// The foreign data; - is stdin, for text. The folder of a bag of ROS stands for its files. Several files are
-    /// recordings, each converted into a file of its own, or pieces of one, which go into one file
+    /// recordings, each converted into a file of its own, or pieces of one, which go into one file.
     #[arg(value_name = "INPUT", required = true)]
     input: Vec<PathBuf>,
-    /// Where the raw samples go: .csv or .parquet; - is stdout (CSV). Of several recordings the folder; with
-    /// {instance} in the name, all IMUs of a log go to a file each
+    /// Write the raw samples to this file
+    ///
+    /// Where the raw samples go: .csv or .parquet; - is stdout (CSV). Of several recordings the folder; with {instance}
+    /// in the name, all IMUs of a log go to a file each.
     #[arg(short, long, value_name = "REC")]
     output: PathBuf,
+    /// Set the number of the session
+    ///
     /// Number of the session, which the samples then have in a column; of several recordings that of the first. Where
     /// the clock of a recording starts again, the next one follows [default: none, and 1 for several recordings and
     /// such clocks]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     session: Option<u64>,
-    /// Table of the IMU, by which the length of the specific force at rest is compared with gravity
+    /// Compare the rows with this table's gravity
+    ///
+    /// Table of the IMU, by which the length of the specific force at rest is compared with gravity.
     #[arg(long, value_name = "TABLE")]
     table: Option<PathBuf>,
+    /// Write the nominal table of the readings
+    ///
     /// Where the nominal table of readings goes: scale factors by the resolution and the nominal interval, and nothing
-    /// else
+    /// else.
     ///
     /// With it the readings come back in m/s2 and rad/s, before any calibration. 1 g0 is 9.80665 m/s2
     #[arg(long, value_name = "TABLE.toml")]
     nominal: Option<PathBuf>,
+    /// Name the telemetry's unit in that table
+    ///
     /// Unit of the telemetry in that table; a label [default: degC]
     #[arg(long, value_name = "UNIT", requires = "nominal")]
     temperature_unit: Option<String>,
-    /// Name of the IMU, which a Parquet file and the nominal table have
+    /// Name the IMU
+    ///
+    /// Name of the IMU, which a Parquet file and the nominal table have.
     #[arg(long, value_name = "ID", default_value = "imu")]
     imu: ImuId,
     #[command(flatten)]
     part: PartArgs,
     #[command(flatten)]
-    acceptance: Acceptance,
+    acceptance: AcceptanceArgs,
     #[command(flatten)]
     foreign: ForeignArgs,
 }
@@ -70,7 +87,7 @@ pub(crate) struct Convert {
 /// A nominal table, and what it was made of.
 type NominalTable = (Scale, CoefficientTable);
 
-enum Writer {
+enum RowWriter {
     Csv(Box<RawCsvWriter<Output>>),
     Parquet(Box<ParquetStream<Output>>),
 }
@@ -204,7 +221,7 @@ impl Convert {
         foreign.settings.progress = progress.clone();
         let conversion = Conversion::open(&source(input), foreign.named(), &foreign.settings)?;
         let output = Some(self.output.as_path());
-        let mut file = match Written::create(self, &self.output, conversion.layout(), foreign.settings.session) {
+        let mut file = match RowCounts::create(self, &self.output, conversion.layout(), foreign.settings.session) {
             Ok(file) => file,
             Err(error) => return check_written(output, Err(error)).map(|()| true),
         };
@@ -259,7 +276,7 @@ impl Convert {
             let name = pieces.paths().next().map(Path::to_owned).unwrap_or_default();
             let session = first + more + if is_folder { place(&name) as u64 } else { 0 };
             let mut rows = pieces.first_recording(&progress)?;
-            let (mut written, mut begin, mut last) = (Vec::<Written>::new(), Vec::new(), session);
+            let (mut written, mut begin, mut last) = (Vec::<RowCounts>::new(), Vec::new(), session);
             let mut piece = PathBuf::new();
             while let Some(row) = rows.next() {
                 let row = row.map_err(|error| rows.failure(&error))?;
@@ -272,7 +289,7 @@ impl Convert {
                     })?;
                     let output = &outputs[place(path)];
                     if written.last().is_none_or(|file| file.output != *output) {
-                        match Written::create(self, output, layout, session) {
+                        match RowCounts::create(self, output, layout, session) {
                             Ok(file) => written.push(file),
                             Err(error) => return check_written(Some(output), Err(error)),
                         }
@@ -318,20 +335,20 @@ impl Convert {
     /// Tells what was found in a recording, and puts its files in place, unless that is refused.
     fn finish(
         &self,
-        written: Vec<Written>,
+        written: Vec<RowCounts>,
         notes: Vec<String>,
         findings: Vec<Finding>,
         at_rest: Option<Finding>,
     ) -> Result<(), Failure> {
         for note in notes {
-            tell("isotherm", note);
+            info!("{note}");
         }
         let findings = findings.into_iter().chain(at_rest).collect();
         self.acceptance.admit("", findings).map_err(|refused| refused.failure)?;
-        for Written { output, writer, rows } in written {
+        for RowCounts { output, writer, rows } in written {
             check_written(Some(&output), writer.finish())?;
             let to = if output == Path::new("-") { "stdout".into() } else { shown(&output).to_string() };
-            tell("isotherm", format_args!("{rows} rows in {to}"));
+            info!("{rows} rows in {to}");
         }
         Ok(())
     }
@@ -350,23 +367,23 @@ fn length_at_rest_of(table: Option<&CoefficientTable>, begin: &[RawSample]) -> O
 }
 
 /// A file that is being written.
-struct Written {
+struct RowCounts {
     output: PathBuf,
-    writer: Writer,
+    writer: RowWriter,
     rows: u64,
 }
 
-impl Written {
+impl RowCounts {
     fn create(convert: &Convert, output: &Path, layout: Layout, session: u64) -> io::Result<Self> {
         let sink = Output::create(Some(output))?;
         let writer = if has_extension(output, "parquet") {
-            Writer::Parquet(Box::new(ParquetStream::new(sink, &convert.imu, StreamKind::Raw, layout)?))
+            RowWriter::Parquet(Box::new(ParquetStream::new(sink, &convert.imu, StreamKind::Raw, layout)?))
         } else {
             let writer = match session {
                 0 => RawCsvWriter::with_layout(sink, "", false, layout)?,
                 _ => RawCsvWriter::of_sessions(sink, layout)?,
             };
-            Writer::Csv(Box::new(writer.with_plain_whole_numbers()))
+            RowWriter::Csv(Box::new(writer.with_plain_whole_numbers()))
         };
         Ok(Self { output: output.to_owned(), writer, rows: 0 })
     }
@@ -381,7 +398,7 @@ fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|own| own.eq_ignore_ascii_case(extension))
 }
 
-impl Writer {
+impl RowWriter {
     fn write(&mut self, sample: &RawSample) -> io::Result<()> {
         match self {
             Self::Csv(writer) => writer.write("", sample),

@@ -4,14 +4,16 @@ use crate::top;
 use clap::{Args, ValueEnum};
 use isotherm_exporter::{Metric, metrics};
 use isotherm_files::print_data;
-use isotherm_service::commands::explain::{Topic, explain, topics, wrap};
+use isotherm_service::commands::explain::{Explain, Topic, topics, wrap};
 use isotherm_support::failure::Failure;
 use isotherm_support::finding::name::{Explanation, Rank, SUBJECTS, explanations};
 
 /// Columns of a page.
 const PAGE_WIDTH: usize = 118;
 
-/// Explain a finding, a flag, a metric, a field of the status, an exit code or a state of `top`
+/// Explain a name that the program prints
+///
+/// Explain a finding, a flag, a metric, a field of the status, an exit code or a state of `top`.
 ///
 /// Without a name, all names are listed.
 #[derive(Debug, Args)]
@@ -20,9 +22,9 @@ const PAGE_WIDTH: usize = 118;
   isotherm explain position-off
   isotherm explain late
   isotherm explain --markdown findings > docs/findings.md")]
-pub(crate) struct Explain {
-    /// The name, as it is printed
-    name: Vec<String>,
+pub(crate) struct ExplainName {
+    #[command(flatten)]
+    names: Explain,
     /// Print a page of the documents
     #[arg(long, value_name = "PAGE", conflicts_with = "name")]
     markdown: Option<Page>,
@@ -34,7 +36,7 @@ enum Page {
     Findings,
 }
 
-impl Explain {
+impl ExplainName {
     pub(crate) fn run(self) -> Result<(), Failure> {
         if let Some(Page::Findings) = self.markdown {
             return print_data(&findings_page());
@@ -53,7 +55,7 @@ impl Explain {
             .chain(metrics().map(metric))
             .chain(top::STATES.iter().map(state))
             .collect();
-        explain(&all, &self.name)
+        self.names.run(&all)
     }
 }
 

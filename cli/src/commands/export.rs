@@ -1,15 +1,18 @@
 //! `export`: a table as parameters of an autopilot.
 
+use crate::parse::one_of;
 use clap::Args;
-use clap::builder::TypedValueParser as _;
 use isotherm_autopilot::{Autopilot, Effect, ExportOptions, Exported, export, size};
 use isotherm_files::{StagedText, Trust, load_table, read_text, refuse_overlap};
 use isotherm_fit::Origin;
 use isotherm_recording::LogImu;
-use isotherm_support::failure::{Failure, shown, tell};
+use isotherm_support::failure::{Failure, shown};
 use std::path::{Path, PathBuf};
+use tracing::info;
 
-/// Write the biases of a table as parameters of PX4 or ArduPilot
+/// Write a table as parameters of an autopilot
+///
+/// Write the biases of a table as parameters of PX4 or ArduPilot.
 ///
 /// Both autopilots subtract a cubic of the temperature, and that of the table is written exactly, in float32. What the
 /// parameters cannot say is refused with its size, unless it is dropped by name. Other instances are left alone.
@@ -22,15 +25,21 @@ pub(crate) struct Export {
     #[arg(value_name = "TABLE")]
     table: PathBuf,
     /// The autopilot
-    #[arg(long, value_name = "AUTOPILOT", value_parser = autopilot())]
+    #[arg(long, value_name = "AUTOPILOT", value_parser = one_of(Autopilot::NAMES))]
     to: Autopilot,
-    /// Where the parameters go: .params of PX4, .parm of ArduPilot; - is stdout
+    /// Write the parameters to this file
+    ///
+    /// Where the parameters go: .params of PX4, .parm of ArduPilot; - is stdout.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    /// Set the number of the IMU there
+    ///
     /// Number of the IMU in the autopilot: 0 to 3 of PX4, 1 to 5 of ArduPilot [default: as in the log that made the
     /// table, or the first]
     #[arg(long, value_name = "N")]
     instance: Option<u8>,
+    /// Write ArduPilot's constants at this temperature [degC]
+    ///
     /// Write ArduPilot's constants too: CALTEMP, and as OFFS the biases at this temperature [degC]
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     at: Option<f64>,
@@ -41,12 +50,16 @@ pub(crate) struct Export {
 /// What the parameters of an autopilot need besides the table.
 #[derive(Debug, Args)]
 pub(super) struct ParameterArgs {
+    /// Set PX4's device numbers of the IMU
+    ///
     /// PX4's device number of the IMU, or those of accelerometers and gyroscopes; in logs they are device_id [default:
     /// those of the log that made the table]
     #[arg(long, value_name = "ACC[,GYR]", value_parser = devices)]
     pub device_id: Option<[u32; 2]>,
-    /// Leave this out of the parameters, if the table has it; several with commas, or repeated
-    #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = effect())]
+    /// Leave this out of the parameters
+    ///
+    /// Leave this out of the parameters, if the table has it; several with commas, or repeated.
+    #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = one_of(Effect::NAMES))]
     pub drop: Vec<Effect>,
 }
 
@@ -61,7 +74,7 @@ impl Export {
         tell_left_out(&exported);
         tell_exported(&exported, self.to, &self.output);
         if let Some(imu) = log_imu.filter(|_| self.instance.is_none()) {
-            tell("isotherm", format_args!("they are for {imu}, as in the log that made the table"));
+            info!("they are for {imu}, as in the log that made the table");
         }
         Ok(())
     }
@@ -80,13 +93,13 @@ impl ParameterArgs {
 /// What was left out, and what is to be known.
 pub(super) fn tell_left_out(exported: &Exported) {
     for loss in &exported.lost {
-        tell("isotherm", format_args!("left out: {loss}"));
+        info!("left out: {loss}");
     }
     tell_notes(&exported.notes);
 }
 
 pub(super) fn tell_notes(notes: &[String]) {
-    notes.iter().for_each(|note| tell("isotherm", format_args!("note: {note}")));
+    notes.iter().for_each(|note| info!("note: {note}"));
 }
 
 /// What was written.
@@ -95,25 +108,11 @@ pub(super) fn tell_exported(exported: &Exported, autopilot: Autopilot, output: &
     let to = if output == Path::new("-") { "stdout".into() } else { shown(output).to_string() };
     let gyroscopes = exported.difference.gyroscopes.map(|rate| format!(" and {} rad/s", size(rate)));
     let [low, high] = exported.range;
-    tell(
-        "isotherm",
-        format_args!(
-            "{lines} parameters of {autopilot} in {to}; in float32 within {} m/s2{} of the table, from {low} to {high} degC",
-            size(exported.difference.accelerometers),
-            gyroscopes.unwrap_or_default(),
-        ),
+    info!(
+        "{lines} parameters of {autopilot} in {to}; in float32 within {} m/s2{} of the table, from {low} to {high} degC",
+        size(exported.difference.accelerometers),
+        gyroscopes.unwrap_or_default(),
     );
-}
-
-/// The name of an autopilot.
-pub(super) fn autopilot() -> impl clap::builder::TypedValueParser<Value = Autopilot> {
-    clap::builder::PossibleValuesParser::new(Autopilot::NAMES.map(|(_, name)| name))
-        .try_map(|name| name.parse::<Autopilot>())
-}
-
-/// The name of an effect.
-fn effect() -> impl clap::builder::TypedValueParser<Value = Effect> {
-    clap::builder::PossibleValuesParser::new(Effect::NAMES.map(|(_, name)| name)).try_map(|name| name.parse::<Effect>())
 }
 
 /// One device number for both kinds of sensor, or one for each.

@@ -13,12 +13,13 @@ use isotherm_pipeline::no_bar;
 use isotherm_recording::{IncrementCsvWriter, IncrementLayout};
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_shared::status::ImuStatus;
-use isotherm_support::failure::{Exit, Failure, tell};
+use isotherm_support::failure::{Exit, Failure};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
+use tracing::info;
 
 /// Longest single wait for an answer; signals and flushes are checked after each.
 const PAUSE: Duration = Duration::from_millis(50);
@@ -26,7 +27,9 @@ const PAUSE: Duration = Duration::from_millis(50);
 /// free sooner.
 const PATIENCE: Duration = Duration::from_millis(300);
 
-/// Send a recording through the running service, as an acquisition process does
+/// Send a recording through the running service
+///
+/// Send a recording through the running service, as an acquisition process does.
 ///
 /// Survives a service that dies and returns: what was unanswered is sent again, and each increment is written once, in
 /// order. If it ends early, what it has received stays in OUT.csv.partial, in whole rows.
@@ -38,12 +41,16 @@ pub(crate) struct Feed {
     /// The IMU whose acquisition this is
     #[arg(long, value_name = "ID")]
     imu: ImuId,
+    /// Send this recording of raw samples
+    ///
     /// Recording of raw samples (CSV, Parquet, MCAP) or data of another program, or the pieces of one in any order; -
-    /// is stdin
+    /// is stdin.
     ///
     /// If it has several IMUs, only the samples of this one are sent
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
+    /// Set the serial number of the unit
+    ///
     /// Serial number of the unit whose samples these are [default: the recording's column device]
     ///
     /// The service flags samples of another unit than the table's
@@ -54,12 +61,18 @@ pub(crate) struct Feed {
     /// Where the increments go (CSV); - is stdout
     #[arg(short, long, value_name = "OUT.csv")]
     output: Option<PathBuf>,
-    /// Samples per second; as fast as the service answers unless given
+    /// Send so many samples per second
+    ///
+    /// Samples per second; as fast as the service answers unless given.
     #[arg(long, value_name = "HZ", value_parser = rate)]
     rate: Option<f64>,
-    /// Most samples in flight; the depth of the service's queue unless given
+    /// Keep at most so many samples in flight
+    ///
+    /// Most samples in flight; the depth of the service's queue unless given.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     window: Option<u64>,
+    /// Wait so long for a service [s]
+    ///
     /// How long to wait for a service that is not there, or does not answer [s]
     #[arg(long, value_name = "S", default_value = "15", value_parser = seconds)]
     timeout: Duration,
@@ -191,7 +204,7 @@ fn patiently<T>(
     }
     match cause {
         ConnectError::Occupied { .. } | ConnectError::NoRoom { .. } | ConnectError::NoService(_) => {
-            tell("isotherm", format_args!("waiting up to {} s: {cause}", timeout.as_secs_f64()));
+            info!("waiting up to {} s: {cause}", timeout.as_secs_f64());
         }
         // So it looks while a service is starting.
         _ => {}
@@ -275,7 +288,7 @@ impl Feeder {
             self.lost_angles = true;
             let message =
                 "warning: the table now has gyroscopes, which the output has no columns for; start the feed anew";
-            tell("isotherm", message);
+            info!("{message}");
         }
     }
 

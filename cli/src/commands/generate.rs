@@ -14,11 +14,13 @@ use std::path::{Path, PathBuf};
   isotherm completions zsh > ~/.zfunc/_isotherm
   isotherm completions fish > ~/.config/fish/completions/isotherm.fish")]
 pub(crate) struct Completions {
+    /// Print the completions of this shell
     shell: Shell,
 }
 
 impl Completions {
-    pub(crate) fn run(self, mut program: clap::Command) -> Result<(), Failure> {
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let mut program = crate::command();
         let mut text = Vec::new();
         clap_complete::generate(self.shell, &mut program, "isotherm", &mut text);
         print_data(&String::from_utf8_lossy(&text))
@@ -28,19 +30,24 @@ impl Completions {
 /// The commented example of the service's configuration: it has every key.
 const CONFIGURATION: &str = include_str!("../../../examples/service.toml");
 
-/// Print the manual page, or write those of all commands and programs and of the configuration into a folder
+/// Print or write manual pages
+///
+/// Print the manual page, or write those of all commands and programs and of the configuration into a folder.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   isotherm man | man -l -
   isotherm man -o ~/.local/share/man/man1")]
 pub(crate) struct Man {
-    /// Folder for isotherm.1, isotherm-serve.1, isothermd.1, isotherm-service.5 and so on; made if it is not there
+    /// Write all pages into this folder
+    ///
+    /// Folder for isotherm.1, isotherm-serve.1, isothermd.1, isotherm-service.5 and so on; made if it is not there.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
 }
 
 impl Man {
-    pub(crate) fn run(self, program: clap::Command) -> Result<(), Failure> {
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let program = crate::command();
         let Some(folder) = self.output else {
             let mut text = Vec::new();
             let rendered = clap_mangen::Man::new(program).render(&mut text);

@@ -1,17 +1,20 @@
 //! `import`: parameters of an autopilot as a table.
 
-use super::export::autopilot;
+use crate::parse::one_of;
 use crate::parse::{gravity, interval};
 use clap::Args;
 use isotherm_autopilot::{Autopilot, ImportError, ImportOptions, import};
 use isotherm_client::ImuId;
 use isotherm_files::{LoadError, StagedText, read_parameters, refuse_overlap};
 use isotherm_shared::table::STANDARD_GRAVITY;
-use isotherm_support::failure::{Failure, tell};
+use isotherm_support::failure::Failure;
 use std::path::PathBuf;
 use std::time::Duration;
+use tracing::info;
 
-/// Make a table of parameters of PX4 or ArduPilot, which the service then serves
+/// Make a table of an autopilot's parameters
+///
+/// Make a table of parameters of PX4 or ArduPilot, which the service then serves.
 ///
 /// The table is that of readings in m/s2 and rad/s, a pulse being 1e-6 m/s2 or 1e-7 rad/s over the interval. Its biases
 /// are what the firmware subtracts. ArduPilot's are relative, 0 at 35 degC, unless the file has CALTEMP and OFFS too.
@@ -20,15 +23,19 @@ use std::time::Duration;
     after_help = "Examples:\n  isotherm import vehicle.params --from px4 --imu imu-a --interval 0.0025 -o imu-a.toml\n  isotherm import vehicle.parm --from ardupilot --instance 2 --imu imu-b --interval 0.001 -o imu-b.toml"
 )]
 pub(crate) struct Import {
-    /// File of parameters: .params or .parm; it may have all others of the vehicle
+    /// Read this file of parameters
+    ///
+    /// File of parameters: .params or .parm; it may have all others of the vehicle.
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// The autopilot
-    #[arg(long, value_name = "AUTOPILOT", value_parser = autopilot())]
+    #[arg(long, value_name = "AUTOPILOT", value_parser = one_of(Autopilot::NAMES))]
     from: Autopilot,
     /// The IMU of the table
     #[arg(long, value_name = "ID")]
     imu: ImuId,
+    /// Choose the number of the IMU there
+    ///
     /// Number of the IMU in the autopilot: 0 to 3 of PX4, 1 to 5 of ArduPilot [default: the first]
     #[arg(long, value_name = "N")]
     instance: Option<u8>,
@@ -59,7 +66,7 @@ impl Import {
             other => Failure::from(other),
         })?;
         StagedText::create(Some(&self.output))?.write(&table.to_toml())?.finish()?;
-        tell("isotherm", format_args!("table {} of {}", table.digest(), table.content().imu));
+        info!("table {} of {}", table.digest(), table.content().imu);
         Ok(())
     }
 }

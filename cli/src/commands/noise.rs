@@ -1,6 +1,8 @@
 //! `noise`: the Allan deviation of a recording at rest.
 
-use super::common::{Acceptance, ForeignArgs, OfData, choice, inputs, joined_paths, load_with_origin, or_document};
+use super::common::{
+    AcceptanceArgs, ForeignArgs, JsonOption, OfData, choice, inputs, joined_paths, load_with_origin, or_document,
+};
 use super::part::PartArgs;
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
@@ -9,7 +11,7 @@ use isotherm_campaign::rate_at_rest;
 use isotherm_client::ImuId;
 use isotherm_files::{StagedText, check_stdout, check_written, print, print_data, refuse_overlap, sources};
 use isotherm_fit::{now, tool};
-use isotherm_pipeline::Refused;
+use isotherm_pipeline::JobFailure;
 use isotherm_recording::MISSING;
 use isotherm_recording_formats::read::{ImuChoice, Input, Recording, Samples};
 use isotherm_report::noise;
@@ -19,7 +21,9 @@ use isotherm_support::failure::{Exit, Failure};
 use isotherm_support::finding::Finding;
 use std::path::PathBuf;
 
-/// Show the noise of an IMU at rest: Allan deviation, and quantisation, white noise, bias instability and random walk
+/// Show the noise of an IMU at rest
+///
+/// Show the noise of an IMU at rest: Allan deviation, and quantisation, white noise, bias instability and random walk.
 ///
 /// The longest stretch of rows without a long gap, a movement or a new session is analysed; it needs 1000 rows, and
 /// hours for a random walk. Gaps of up to 16 rows are bridged; over 2 % of such rows make no file for Kalibr. With a
@@ -34,13 +38,17 @@ use std::path::PathBuf;
     after_help = "Examples:\n  isotherm noise --table imu-a.toml night.csv --report noise.html\n  isotherm noise night.csv --from 3600 --json\n  isotherm noise --table imu-g.toml night-????.parquet --kalibr imu.yaml"
 )]
 pub(crate) struct Noise {
+    /// Read this recording of raw samples
+    ///
     /// Recording of raw samples (CSV, Parquet, MCAP) or data of another program, or the pieces of one in any order; -
-    /// is stdin
+    /// is stdin.
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
     /// Coefficient table
     #[arg(long, value_name = "TABLE")]
     table: Option<PathBuf>,
+    /// Read the samples of this IMU
+    ///
     /// The IMU whose samples are read, in a recording of several IMUs [default: the table's IMU]
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
@@ -49,14 +57,15 @@ pub(crate) struct Noise {
     /// Where the report goes (HTML)
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
-    /// Where the noise goes as Kalibr's imu.yaml: N and K of the worst axis of each triad, in m/s2 and rad/s
+    /// Write the noise as Kalibr's imu.yaml
+    ///
+    /// Where the noise goes as Kalibr's imu.yaml: N and K of the worst axis of each triad, in m/s2 and rad/s.
     #[arg(long, value_name = "FILE.yaml", requires = "table")]
     kalibr: Option<PathBuf>,
     #[command(flatten)]
-    acceptance: Acceptance,
-    /// Print one JSON document instead of the text, also of a failure
-    #[arg(long)]
-    json: bool,
+    acceptance: AcceptanceArgs,
+    #[command(flatten)]
+    json: JsonOption,
     #[command(flatten)]
     foreign: ForeignArgs,
 }
@@ -66,7 +75,7 @@ impl Noise {
         or_document(self.json, self.show())
     }
 
-    fn show(self) -> Result<(), Refused> {
+    fn show(self) -> Result<(), JobFailure> {
         let part = self.part.get()?;
         let mut files = inputs(&self.recording);
         files.extend(self.table.as_deref().map(|table| (table, "the table")));
@@ -104,7 +113,7 @@ impl Noise {
         spinner.finish_and_clear();
         let analysis = analysis.map_err(|error| {
             let found = continuity.findings(MISSING).into_iter().map(Finding::warned).collect();
-            let _ = of_data.findings_alone().admit(&Acceptance::default(), &recording, found);
+            let _ = of_data.findings_alone().admit(&AcceptanceArgs::default(), &recording, found);
             let failure = Failure::new(Exit::Data, format!("{recording}: {error}"));
             if let [file] = self.recording.as_slice() { failure.at(file, None) } else { failure }
         })?;
@@ -137,7 +146,7 @@ impl Noise {
             texts.push(page.write(&noise::html(&analysis, &source))?);
         }
         StagedText::finish_together(texts)?;
-        if self.json {
+        if self.json.is_given() {
             Ok(print_data(&format!("{:#}\n", noise::json::document(&analysis)))?)
         } else {
             Ok(print(&noise::text::text(&analysis))?)

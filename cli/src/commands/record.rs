@@ -16,7 +16,9 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-/// Record raw samples and increments of running IMUs, without disturbing them
+/// Record the streams of running IMUs
+///
+/// Record raw samples and increments of running IMUs, without disturbing them.
 ///
 /// Waits for the service, goes on over restarts of service and acquisition, and ends on SIGINT or SIGTERM. At every
 /// moment the files hold everything up to the last flush, even if the recorder is killed.
@@ -25,36 +27,50 @@ use std::time::Duration;
     after_help = "Examples:\n  isotherm record --imu imu-a -o flight.mcap\n  isotherm record --imu imu-a --imu imu-b -o flight-{imu}.parquet --rotate-time 3600\n  isotherm record --imu imu-a -o - | head\n  isotherm record --imu imu-a --format ros --table imu-a.toml -o drive.mcap"
 )]
 pub(crate) struct Record {
-    /// An IMU to record; may be given several times
+    /// Record this IMU
+    ///
+    /// An IMU to record; may be given several times.
     #[arg(long = "imu", value_name = "ID", required = true)]
     imus: Vec<ImuId>,
-    /// Where the rows go: .csv, .parquet or .mcap; {imu} in the name stands for the IMU; - is stdout (CSV)
+    /// Write the rows to this file
+    ///
+    /// Where the rows go: .csv, .parquet or .mcap; {imu} in the name stands for the IMU; - is stdout (CSV).
     ///
     /// CSV and Parquet have one file per stream: FILE.csv for raw samples, FILE.increments.csv. A file that exists is
     /// never replaced.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Format of the files, whatever their name ends with; ros is MCAP with sensor_msgs/msg/Imu
+    /// Choose the format of the files
+    ///
+    /// Format of the files, whatever their name ends with; ros is MCAP with sensor_msgs/msg/Imu.
     #[arg(long, value_name = "FORMAT", value_parser = PossibleValuesParser::new(Format::NAMES.map(|(_, name)| name)).map(format))]
     format: Option<Format>,
-    /// Table of an IMU, for --format ros, which names it; may be given several times
+    /// Name a table for the ROS messages
+    ///
+    /// Table of an IMU, for --format ros, which names it; may be given several times.
     ///
     /// Without it the messages only name the first 16 digits of the table's digest, and there is no
     /// sensor_msgs/msg/Temperature, for which the unit of the telemetry must be known to be degC.
     #[arg(long = "table", value_name = "TABLE")]
     tables: Vec<PathBuf>,
-    /// Only this stream; both unless given, and raw if they go to stdout
+    /// Record only this stream
+    ///
+    /// Only this stream; both unless given, and raw if they go to stdout.
     #[arg(long, value_name = "STREAM", value_parser = PossibleValuesParser::new(StreamKind::BOTH.map(StreamKind::name)).map(stream))]
     stream: Option<StreamKind>,
     #[command(flatten)]
     rotation: RotationArgs,
+    /// Make rows visible and lasting so often [s]
+    ///
     /// How often rows are made visible and lasting [s]
     #[arg(long, value_name = "S", default_value = "1", value_parser = seconds)]
     flush: Duration,
     /// End this long after the first row [s]
     #[arg(long, value_name = "S", value_parser = seconds)]
     duration: Option<Duration>,
-    /// Real-time priority (SCHED_FIFO, 1 to 99) of the thread that takes the samples, which sleeps most of the time
+    /// Set the real-time priority of the sampling thread
+    ///
+    /// Real-time priority (SCHED_FIFO, 1 to 99) of the thread that takes the samples, which sleeps most of the time.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(i32).range(1..=99))]
     priority: Option<i32>,
 }

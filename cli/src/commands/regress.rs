@@ -10,9 +10,10 @@ use isotherm_recording_formats::read::{ImuChoice, NumberRow, NumberTable, read_n
 use isotherm_statistics::{
     DataPoint, DoubleDouble, LinearColumn, MAX_ORDER, OrderTable, Regression, Rule, default_order,
 };
-use isotherm_support::failure::{Exit, Failure, tell};
+use isotherm_support::failure::{Exit, Failure};
 use serde_json::json;
 use std::path::PathBuf;
+use tracing::{info, warn};
 
 /// Descriptions of a valid number and a valid weight, for messages.
 const NUMBER: &str = "a finite number, 0 or of size 1e-140 to 1e140";
@@ -20,7 +21,9 @@ const WEIGHT: &str = "a weight over 0, and from 1e-140 to 1e140";
 /// Most outliers whose lines are listed.
 const NAMED: usize = 20;
 
-/// Fit polynomials of one column on another, and other columns linearly: order table, chosen order, and warnings
+/// Fit polynomials of one column on another
+///
+/// Fit polynomials of one column on another, and other columns linearly: order table, chosen order, and warnings.
 ///
 /// A column may be `a-b`, the difference of the columns a and b. Columns separated by commas, semicolons, tabs or
 /// spaces are detected, and decimal commas where commas do not separate the columns. Every order from 1 to the highest
@@ -31,25 +34,37 @@ const NAMED: usize = 20;
     after_help = "Examples:\n  isotherm regress dwells.csv --x a1_head --y a1_bias\n  isotherm regress dwells.csv --x u --y k --weights w --max-order 10 --json\n  isotherm regress ramp.csv --x a1_head --x a1_head_lagged-a1_head --y a1_positive-a1_negative"
 )]
 pub(crate) struct Regress {
+    /// Read these data with named columns
+    ///
     /// Data with named columns (CSV with a header row, Parquet, MCAP), or the pieces of one recording in any order; -
-    /// is stdin
+    /// is stdin.
     #[arg(value_name = "DATA", required = true)]
     data: Vec<PathBuf>,
-    /// The IMU whose columns are read, in a recording of several IMUs
+    /// Read the columns of this IMU
+    ///
+    /// The IMU whose columns are read, in a recording of several IMUs.
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
-    /// Column of the variable, for example the telemetry. Each further --x enters linearly
+    /// Take this column as the variable
+    ///
+    /// Column of the variable, for example the telemetry. Each further --x enters linearly.
     #[arg(long, value_name = "COLUMN", required = true)]
     x: Vec<String>,
     /// Column of the quantity
     #[arg(long, value_name = "COLUMN")]
     y: String,
+    /// Set the highest order, up to 15
+    ///
     /// Highest order, up to 15 [default: 6, or what the number of different x allows]
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = clap::value_parser!(u8).range(1..=MAX_ORDER as i64))]
     max_order: Option<u8>,
-    /// Column of the weights, inverse variances up to a factor, over 0
+    /// Weight the rows by this column
+    ///
+    /// Column of the weights, inverse variances up to a factor, over 0.
     #[arg(long, value_name = "COLUMN")]
     weights: Option<String>,
+    /// Set the smallest change that matters
+    ///
     /// Smallest change of the curve that matters, in the unit of y [default: a quarter of the residual standard
     /// deviation]
     #[arg(long, value_name = "Y", allow_negative_numbers = true, value_parser = size)]
@@ -80,7 +95,7 @@ impl Regress {
         bar.finish();
         let NumberTable { rows, places, notes } = read?;
         for note in &notes {
-            tell("isotherm", format_args!("{note}"));
+            info!("{note}");
         }
         let point = |row: &NumberRow<DoubleDouble>| {
             let weight = row.values.get(y_index + 1).copied().unwrap_or(DoubleDouble::ONE);
@@ -120,7 +135,7 @@ impl Regress {
             ));
         }
         for warning in &warnings {
-            tell("isotherm", format_args!("warning: {warning}"));
+            warn!("warning: {warning}");
         }
         if !self.json {
             return print(&table.text(x, &self.y));

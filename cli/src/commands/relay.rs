@@ -21,7 +21,9 @@ const PAUSE: Duration = Duration::from_micros(500);
 /// How often dead peers are cleaned up and losses are logged.
 const HOUSEKEEPING: Duration = Duration::from_secs(1);
 
-/// Hand increments on into another domain, from where a tunnel carries them to other machines
+/// Hand increments on into another domain
+///
+/// Hand increments on into another domain, from where a tunnel carries them to other machines.
 ///
 /// A reader like any other: it cannot disturb the service, and nothing comes back from the other domain. It may be
 /// started before the service and stays through its restarts. Runs until SIGTERM or SIGINT.
@@ -30,10 +32,14 @@ const HOUSEKEEPING: Duration = Duration::from_secs(1);
     after_help = "Examples:\n  isotherm relay --imu imu-a --to net\n  isotherm --domain bench relay --imu imu-a --imu imu-b --to bench-net"
 )]
 pub(crate) struct Relay {
-    /// An IMU whose increments are handed on; may be repeated
+    /// Hand on the increments of this IMU
+    ///
+    /// An IMU whose increments are handed on; may be repeated.
     #[arg(long, value_name = "ID", required = true)]
     imu: Vec<ImuId>,
-    /// The domain that they go into: one without a service, for tunnels
+    /// Hand them on into this domain
+    ///
+    /// The domain that they go into: one without a service, for tunnels.
     #[arg(long, value_name = "NAME")]
     to: String,
     /// Log lines for people or for machines

@@ -3,10 +3,13 @@
 use clap::Args;
 use isotherm_files::{print, print_data};
 use isotherm_pipeline::repair_into;
-use isotherm_support::failure::{Failure, shown, tell};
+use isotherm_support::failure::{Failure, shown};
 use std::path::PathBuf;
+use tracing::info;
 
-/// Take the rows before and behind damaged places of a recording into a new file
+/// Take what is whole of a damaged recording
+///
+/// Take the rows before and behind damaged places of a recording into a new file.
 ///
 /// CSV, Parquet and MCAP; the new file has the same format. What was recorded with checks is taken where it matches
 /// them: rows of CSV, row groups of Parquet, chunks of MCAP. Without checks it is taken where it can be read. Each
@@ -21,7 +24,9 @@ pub(crate) struct Repair {
     /// The damaged recording
     #[arg(value_name = "RECORDING")]
     recording: PathBuf,
-    /// Where the rows go; a file that exists is never replaced
+    /// Write the rows to this new file
+    ///
+    /// Where the rows go; a file that exists is never replaced.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Print what was taken and lost as JSON
@@ -38,9 +43,9 @@ impl Repair {
         for hole in &repaired.holes {
             print(&format!("{}: {hole}\n", shown(&self.recording)))?;
         }
-        repaired.notes.iter().for_each(|note| tell("isotherm", note));
+        repaired.notes.iter().for_each(|note| info!("{note}"));
         if !repaired.has_checks {
-            tell("isotherm", "note: the recording has no checks: what could be read was taken");
+            info!("note: the recording has no checks: what could be read was taken");
         }
         print(&format!("{}: {repaired}\n", shown(&self.output)))
     }

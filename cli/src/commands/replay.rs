@@ -1,6 +1,8 @@
 //! `replay`: compensates a recording with the kernel.
 
-use super::common::{Acceptance, ForeignArgs, GyroscopeWarning, LagSetting, OfData, joined_paths, load_with_origin};
+use super::common::{
+    AcceptanceArgs, ForeignArgs, GyroscopeWarning, LagSetting, OfData, joined_paths, load_with_origin,
+};
 use super::part::PartArgs;
 use clap::Args;
 use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
@@ -13,12 +15,15 @@ use isotherm_recording_formats::read::{Input, Samples};
 use isotherm_recording_formats::write::{RosTable, RosWriter};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, StreamSample};
-use isotherm_support::failure::{Failure, tell};
+use isotherm_support::failure::Failure;
 use isotherm_support::finding::Finding;
 use std::path::{Path, PathBuf};
 use std::{fmt, io, slice};
+use tracing::info;
 
-/// Compensate a recording offline, with the very arithmetic of the service
+/// Compensate a recording offline
+///
+/// Compensate a recording offline, with the very arithmetic of the service.
 ///
 /// The output equals that of `feed`, byte for byte. A file named .mcap gets ROS messages instead, sensor_msgs/msg/Imu.
 /// The last line on stderr counts the flags, and where rows are missing, time steps or another session follows, those
@@ -31,25 +36,33 @@ pub(crate) struct Replay {
     /// Coefficient table
     #[arg(long, value_name = "TABLE")]
     table: PathBuf,
+    /// Read the samples of this IMU
+    ///
     /// The IMU whose samples are read, in a recording of several IMUs [default: the table's IMU]
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
+    /// Read this recording of raw samples
+    ///
     /// Recording of raw samples (CSV, Parquet, MCAP) or data of another program, or the pieces of one in any order; -
-    /// is stdin
+    /// is stdin.
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
     #[command(flatten)]
     part: PartArgs,
     #[command(flatten)]
     lag: LagSetting,
-    /// Take a recording that names another IMU than the table's (Parquet, MCAP); it is refused otherwise
+    /// Take a recording of another IMU, too
+    ///
+    /// Take a recording that names another IMU than the table's (Parquet, MCAP); it is refused otherwise.
     #[arg(long)]
     other_imu: bool,
-    /// Where the increments go: CSV, or .mcap with sensor_msgs/msg/Imu; - is stdout
+    /// Write the increments to this file
+    ///
+    /// Where the increments go: CSV, or .mcap with sensor_msgs/msg/Imu; - is stdout.
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
     #[command(flatten)]
-    acceptance: Acceptance,
+    acceptance: AcceptanceArgs,
     #[command(flatten)]
     foreign: ForeignArgs,
 }
@@ -72,11 +85,11 @@ impl Replay {
         let path = self.output.as_deref();
         let layout = IncrementLayout { gyroscopes: table.content().gyroscopes.is_some(), delivery: false };
         let ros = RosTable::new(&table, &self.table);
-        let mut writer = match Output::create(path).and_then(|sink| Writer::new(sink, path, layout, &ros)) {
+        let mut writer = match Output::create(path).and_then(|sink| IncrementWriter::new(sink, path, layout, &ros)) {
             Ok(writer) => writer,
             Err(error) => return check_written(path, Err(error)),
         };
-        let mut flags = FlagCounts::default();
+        let mut flags = FlagTally::default();
         let mut warning = GyroscopeWarning::new(layout.gyroscopes);
         let mut continuity = Continuity::default();
         let mut begin: Vec<RawSample> = Vec::new();
@@ -94,7 +107,7 @@ impl Replay {
             }
             next = samples.next();
         }
-        let tells_no_temperature = matches!(writer, Writer::Ros(_)) && !ros.is_celsius();
+        let tells_no_temperature = matches!(writer, IncrementWriter::Ros(_)) && !ros.is_celsius();
         let others = flags.count(Flags::OTHER_DEVICE);
         let other = (others > 0).then(|| other_device(&table, others));
         // Before the file is put in place: what is refused leaves none. Without --strict nothing is.
@@ -107,21 +120,21 @@ impl Replay {
         check_written(path, writer.finish().and_then(Output::finish))?;
         if tells_no_temperature {
             let unit = &table.content().temperature_unit;
-            tell("isotherm", format_args!("no sensor_msgs/msg/Temperature: the telemetry is in {unit}, not in degC"));
+            info!("no sensor_msgs/msg/Temperature: the telemetry is in {unit}, not in degC");
         }
         let losses = Some(continuity.losses()).filter(|losses| !losses.is_none() || losses.session_changes > 0);
         let losses = losses.map(|losses| format!("; {losses}")).unwrap_or_default();
-        tell("isotherm", format_args!("{flags}{losses}"));
+        info!("{flags}{losses}");
         Ok(())
     }
 }
 
-enum Writer {
+enum IncrementWriter {
     Csv(IncrementCsvWriter<Output>),
     Ros(Box<RosWriter<Output>>),
 }
 
-impl Writer {
+impl IncrementWriter {
     fn new(sink: Output, path: Option<&Path>, layout: IncrementLayout, table: &RosTable) -> io::Result<Self> {
         let is_mcap = path.and_then(Path::extension).is_some_and(|extension| extension.eq_ignore_ascii_case("mcap"));
         if !is_mcap {
@@ -150,19 +163,19 @@ impl Writer {
 }
 
 /// How many increments there are, and how many have each flag.
-struct FlagCounts {
+struct FlagTally {
     increments: u64,
     flagged: u64,
     by_bit: [u64; 64],
 }
 
-impl Default for FlagCounts {
+impl Default for FlagTally {
     fn default() -> Self {
         Self { increments: 0, flagged: 0, by_bit: [0; 64] }
     }
 }
 
-impl FlagCounts {
+impl FlagTally {
     /// How many increments have the one flag.
     const fn count(&self, flag: Flags) -> u64 {
         self.by_bit[flag.0.trailing_zeros() as usize % 64]
@@ -178,7 +191,7 @@ impl FlagCounts {
 }
 
 /// `4000 increments, 12 flagged: a1-head-above 12, telemetry-stale 3`
-impl fmt::Display for FlagCounts {
+impl fmt::Display for FlagTally {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} increments, ", self.increments)?;
         if self.flagged == 0 {

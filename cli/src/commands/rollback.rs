@@ -4,8 +4,9 @@ use clap::Args;
 use isotherm_automation::in_force::changes;
 use isotherm_files::{Installation, Trust, load_table, print};
 use isotherm_shared::names::ImuId;
-use isotherm_support::failure::{Exit, Failure, shown, tell};
+use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::PathBuf;
+use tracing::info;
 
 /// Bring the predecessor of an installed table back
 ///
@@ -17,7 +18,9 @@ use std::path::PathBuf;
     after_help = "Examples:\n  isotherm rollback /etc/isotherm/tables/imu-a.toml\n  isotherm rollback --imu imu-a /etc/isotherm/tables/imu-a.toml"
 )]
 pub(crate) struct Rollback {
-    /// The IMU whose table comes back; needed if the installed table is broken or of another IMU
+    /// Name the IMU whose table comes back
+    ///
+    /// The IMU whose table comes back; needed if the installed table is broken or of another IMU.
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
     /// The installed table
@@ -41,7 +44,7 @@ impl Rollback {
         }
         // The installed table may be the broken one; its predecessor must be whole, and of the same IMU.
         let present = load_table(&self.table, self.imu.as_ref(), Trust::Any).map(|(table, _)| table);
-        let present = present.inspect_err(|error| tell("isotherm", error)).ok();
+        let present = present.inspect_err(|error| info!("{error}")).ok();
         let Some(imu) = self.imu.or_else(|| present.as_ref().map(|present| present.content().imu.clone())) else {
             let cause = format!("{place} is broken and cannot say whose predecessor comes back; give --imu ID");
             return Err(failed(Exit::Config, cause));
@@ -55,9 +58,9 @@ impl Rollback {
         }
         match present {
             Some(present) => {
-                changes(&present, &back).iter().for_each(|change| tell("isotherm", format!("note: {change}")));
+                changes(&present, &back).iter().for_each(|change| info!("note: {change}"));
             }
-            None => tell("isotherm", "note: the broken table does not show whether the axes turn"),
+            None => info!("note: the broken table does not show whether the axes turn"),
         }
         installation.roll_back()?;
         print(&format!("{place} is {} again; its successor is kept as {beside}\n", back.digest()))

@@ -7,11 +7,11 @@ mod rows;
 mod station;
 
 use crate::commands::simulate::rows::{AttitudeDocument, Columns, reachable, write_rows};
-use crate::parse::{Rates, SetPoints, direction, interval, numbers, rates, scheme, seconds, set_points, size};
-use clap::builder::{PossibleValuesParser, TypedValueParser as _};
+use crate::parse::{Rates, SetPoints, direction, interval, numbers, one_of, rates, seconds, set_points, size};
 use clap::{Args, Subcommand};
 use isotherm_campaign::Scheme;
 use isotherm_client::Domain;
+use isotherm_service::commands::no_domain;
 use isotherm_shared::wire::AXES;
 use isotherm_simulation as simulation;
 use isotherm_simulation::{CampaignSchedule, RampSchedule, RunSchedule, Truth, TurnSchedule};
@@ -26,8 +26,10 @@ const FIRST_TURN: u32 = 13;
 /// Angle of a turn unless another is given: twice around \[deg\].
 const WHOLE_TURNS_DEG: f64 = 720.0;
 
+/// Simulate an IMU with known coefficients
+///
 /// Make a campaign, ramps or a temperature run of a simulated IMU whose coefficients are known, or run a simulated
-/// station
+/// station.
 ///
 /// The coefficients that the data come from are written beside them as truth.toml.
 #[derive(Debug, Args)]
@@ -42,16 +44,21 @@ pub(crate) struct Simulate {
 
 #[derive(Debug, Subcommand)]
 enum Simulation {
+    #[command(arg = no_domain())]
     Campaign(SimulateCampaign),
+    #[command(arg = no_domain())]
     Ramp(ramp::SimulateRamp),
+    #[command(arg = no_domain())]
     Run(SimulateRun),
     Station(station::SimulateStation),
     #[command(hide = true)]
     StationPart(station::StationPart),
 }
 
+/// Simulate a campaign on a turntable
+///
 /// A campaign on a two-axis turntable in a temperature chamber: campaign.toml, samples.csv, truth.toml, and ramps if
-/// you like
+/// you like.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm simulate campaign -o campaign\n  isotherm simulate campaign -o hundred --vary --seed 100 --set-points -20:40:10 --positions six-faces-six-edges\n  isotherm simulate campaign -o fast --interval 0.01 --telemetry-every 1 --vibration 0.01,35\n  isotherm simulate campaign -o whole --gyroscopes --latitude -33.9\n  isotherm simulate campaign -o moving --lag 240 --transient 35,-20,12 --ramps"
@@ -60,11 +67,15 @@ struct SimulateCampaign {
     #[command(flatten)]
     imu: SimulatedImuOptions,
     /// Positions of the turntable at each set point
-    #[arg(long, value_name = "NAME", default_value = Scheme::NAMES[0].1, value_parser = PossibleValuesParser::new(Scheme::NAMES.map(|(_, name)| name)).map(scheme))]
+    #[arg(long, value_name = "NAME", default_value = Scheme::NAMES[0].1, value_parser = one_of(Scheme::NAMES))]
     positions: Scheme,
-    /// Set points of the chamber [degC], both ends included
+    /// Set the set points of the chamber [degC]
+    ///
+    /// Set points of the chamber [degC], both ends included.
     #[arg(long, value_name = "FROM:TO:STEP", default_value = "-25:45:5", allow_hyphen_values = true, value_parser = set_points)]
     set_points: SetPoints,
+    /// Soak so long at each set point [s]
+    ///
     /// From leaving a set point to the first move at the next, the ramp of 1 degC/min included [s]
     #[arg(long, value_name = "S", default_value = "4200", value_parser = seconds)]
     soak: Duration,
@@ -74,25 +85,37 @@ struct SimulateCampaign {
     /// Period of a row [s]
     #[arg(long, value_name = "S", default_value = "10", value_parser = interval)]
     interval: Duration,
-    /// Tilt of the turntable's base about the laboratory's X and Y [arcsec]; 8.3,-12.4 unless given or drawn
+    /// Tilt the turntable's base [arcsec]
+    ///
+    /// Tilt of the turntable's base about the laboratory's X and Y [arcsec]; 8.3,-12.4 unless given or drawn.
     #[arg(long, value_name = "TX,TY", allow_hyphen_values = true, value_parser = numbers::<2>)]
     tilt: Option<[f64; 2]>,
+    /// Set the error of the angles [arcsec]
+    ///
     /// Error of the turntable's angles in each dwell, one sigma [arcsec]
     #[arg(long, value_name = "ARCSEC", default_value_t = 1.0, value_parser = size)]
     positioning: f64,
-    /// Angle of the six turns at each set point [deg]; 720 unless given; only with gyroscopes
-    #[arg(long, value_name = "DEG", value_parser = PossibleValuesParser::new(["360", "720"]).map(|angle| if angle == "360" { 360.0 } else { 720.0 }))]
+    /// Set the angle of the turns [deg]
+    ///
+    /// Angle of the six turns at each set point [deg]; 720 unless given; only with gyroscopes.
+    #[arg(long, value_name = "DEG", value_parser = one_of([(360.0, "360"), (720.0, "720")]))]
     turn_angle: Option<f64>,
+    /// Record ramps too, at these rates [degC/h]
+    ///
     /// Record ramps too, from the first set point to the last and back, with A3 up and holds of 1800 s: ramp-1.csv and
     /// one more for each rate [degC/h]
     #[arg(long, value_name = "R1,R2", num_args = 0..=1, default_missing_value = RATES, value_parser = rates)]
     ramps: Option<Rates>,
-    /// Time between two telemetry readings [s]; 0 for a reading in every row
+    /// Read the telemetry so often [s]
+    ///
+    /// Time between two telemetry readings [s]; 0 for a reading in every row.
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
     telemetry_every: f64,
 }
 
-/// A temperature run at rest, ramped from cold to hot, or both ways: run.csv, truth.toml
+/// Simulate a temperature run at rest
+///
+/// A temperature run at rest, ramped from cold to hot, or both ways: run.csv, truth.toml.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm simulate run -o run\n  isotherm simulate run -o run --truth campaign/truth.toml --seed 2\n  isotherm simulate run -o fast --interval 0.01 --telemetry-every 1 --ramp 60\n  isotherm simulate run -o whole --gyroscopes\n  isotherm simulate run -o moving --lag 240 --transient 35,-20,12 --both-ways"
@@ -103,7 +126,9 @@ struct SimulateRun {
     /// Control period [s]
     #[arg(long, value_name = "S", default_value = "0.1", value_parser = interval)]
     interval: Duration,
-    /// Direction of the specific force along A1, A2, A3; any length
+    /// Set the direction of the specific force
+    ///
+    /// Direction of the specific force along A1, A2, A3; any length.
     #[arg(long, value_name = "A1,A2,A3", default_value = "0.60,-0.48,0.64", allow_hyphen_values = true, value_parser = direction)]
     attitude: [f64; AXES],
     /// First and last temperature of the chamber [degC]
@@ -112,13 +137,19 @@ struct SimulateRun {
     /// Ramp of the chamber [degC/h]
     #[arg(long, value_name = "DEGC/H", default_value_t = 20.0, value_parser = crate::parse::ramp)]
     ramp: f64,
-    /// Ramp back too, and hold again: heating and cooling
+    /// Ramp back too, and hold again
+    ///
+    /// Ramp back too, and hold again: heating and cooling.
     #[arg(long)]
     both_ways: bool,
+    /// Hold so long before and after ramps [s]
+    ///
     /// Hold before the ramp, and again after each [s]
     #[arg(long, value_name = "S", default_value = "1800", value_parser = seconds)]
     hold: Duration,
-    /// Time between two telemetry readings [s]; 0 for a reading in every row
+    /// Read the telemetry so often [s]
+    ///
+    /// Time between two telemetry readings [s]; 0 for a reading in every row.
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
     telemetry_every: f64,
 }

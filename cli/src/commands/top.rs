@@ -1,6 +1,5 @@
 //! `top`: the live screen.
 
-use super::common::options;
 use crate::top;
 use crate::top::Theme;
 use clap::Args;
@@ -9,7 +8,6 @@ use isotherm_support::failure::{Exit, Failure};
 use std::env;
 use std::ffi::OsString;
 use std::io::{self, IsTerminal as _};
-use std::time::Duration;
 
 /// Watch the running service on a live screen
 ///
@@ -32,6 +30,6 @@ impl Top {
         let locale = ["LC_ALL", "LC_CTYPE", "LANG"].into_iter().find_map(set).map(OsString::into_encoded_bytes);
         let locale = locale.unwrap_or_default().to_ascii_lowercase();
         let unicode = [&b"utf-8"[..], b"utf8"].iter().any(|name| locale.windows(name.len()).any(|part| part == *name));
-        top::run(options(domain, Duration::ZERO), Theme { colour: set("NO_COLOR").is_none(), unicode })
+        top::run(domain, Theme { colour: set("NO_COLOR").is_none(), unicode })
     }
 }

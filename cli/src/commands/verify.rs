@@ -1,8 +1,8 @@
 //! `verify`: the stability of a recording under a table.
 
 use super::common::{
-    Acceptance, ForeignArgs, LagSetting, OfData, choice, inputs, joined, joined_paths, load_with_origin, or_document,
-    refuse_other_imu,
+    AcceptanceArgs, ForeignArgs, JsonOption, LagSetting, OfData, choice, inputs, joined, joined_paths,
+    load_with_origin, or_document, refuse_other_imu,
 };
 use super::part::PartArgs;
 use crate::parse::{gravity, seconds};
@@ -10,29 +10,32 @@ use crate::progress::bytes_bar;
 use clap::Args;
 use isotherm_campaign::{STANDSTILL_WINDOW_S, faults, length_at_rest};
 use isotherm_client::ImuId;
-use isotherm_files::{StagedText, check_stdout, check_written, print, print_data, refuse_overlap};
+use isotherm_files::{StagedText, check_stdout, check_written, print, refuse_overlap};
 use isotherm_fit::{Origin, now, tool};
-use isotherm_pipeline::{CampaignFile, Refused, Run};
+use isotherm_pipeline::{CampaignFile, JobFailure, VerificationRun};
 use isotherm_recording::other_device;
 use isotherm_recording_formats::read::Input;
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{AXES, RawSample};
-use isotherm_support::failure::{Exit, Failure, tell};
+use isotherm_support::failure::{Exit, Failure};
 use isotherm_support::finding::{Finding, name};
 use isotherm_verification::{
     Attitude, Lengths, LengthsError, LocalGravity, Requirement, Setup, Stability, own_recording,
 };
 use std::path::PathBuf;
 use std::time::Duration;
+use tracing::{info, warn};
 
 /// Length of the windows, if none is given \[s\].
 const WINDOW_S: f64 = 10.0;
 /// Most rows that are searched for standstills; each takes 256 bytes.
 const MOST_ROWS: usize = 4_000_000;
 
-/// Show how stable the output of a recording is, before and after compensation, and how large its errors are
+/// Verify a table with a recording at rest
+///
+/// Show how stable the output of a recording is, before and after compensation, and how large its errors are.
 ///
 /// The IMU must be held still while its temperature runs. Before: the table's coefficients frozen at the run's mid
 /// temperature. After: the full model. Constant error, variation and noise of every axis have 95 % intervals. Where the
@@ -44,9 +47,8 @@ const MOST_ROWS: usize = 4_000_000;
 /// In a run that heats and cools, the hysteresis band shows how far the errors in both directions are apart, with the
 /// table's transients and without.
 ///
-/// An IMU that was put down by hand in many attitudes, with a table of calibrate --gravity-only, or with --standstills:
-/// the standstills are found, and the length of the output over each is compared with local gravity. Of the bounds only
-/// scale is judged then.
+/// Of a tumble, with a table of calibrate tumble, or with --standstills: the standstills are found, and the length of
+/// the output over each is compared with local gravity. Of the bounds only scale is judged then.
 ///
 /// Gyroscopes are judged where table and recording have them. At rest they feel Earth's rate: with --angles and a table
 /// whose provenance has it, it is taken off; otherwise only their variation is judged.
@@ -58,23 +60,33 @@ pub(crate) struct Verify {
     /// Coefficient table
     #[arg(long, value_name = "TABLE")]
     table: PathBuf,
+    /// Read the samples of this IMU
+    ///
     /// The IMU whose samples are read, in a recording of several IMUs [default: the table's IMU]
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
+    /// Read this recording of raw samples
+    ///
     /// Recording of raw samples (CSV, Parquet, MCAP) or data of another program, or the pieces of one in any order; -
-    /// is stdin
+    /// is stdin.
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
+    /// Take means over windows this long [s]
+    ///
     /// Length of the windows that means are taken over [s]; of standstills, that of the windows they are searched with
     /// [default: 10, and 0.5 for standstills]
     #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = seconds)]
     window: Option<Duration>,
+    /// Compare static poses with gravity
+    ///
     /// Compare the lengths over the standstills of an IMU that was put down by hand in many attitudes, also with a
-    /// table of a turntable
+    /// table of a turntable.
     #[arg(long, conflicts_with_all = ["attitude", "angles"])]
     standstills: bool,
+    /// Fail unless every bound is shown met
+    ///
     /// Fail unless the run shows that every bound is met: bias=20ug0,scale=50ppm,level=5arcsec,rate=0.1deg/h, or a bare
-    /// factor of stability
+    /// factor of stability.
     ///
     /// bias: the whole error of every axis (ug0, mg0); scale: of the length against gravity (ppm); level: across the
     /// specific force (arcsec, urad); rate: the whole error of every gyroscope (deg/h); factor: the standard deviation
@@ -84,6 +96,8 @@ pub(crate) struct Verify {
     /// place, unless --accept not-covered
     #[arg(long, value_name = "BOUNDS", allow_negative_numbers = true)]
     require: Vec<Requirement>,
+    /// Set the attitude of the IMU
+    ///
     /// Attitude of the IMU: the direction of the specific force along A1, A2, A3; the angles of the turntable [deg]; or
     /// the number or name of a position of --campaign [default: the median of the compensated output]
     ///
@@ -91,13 +105,19 @@ pub(crate) struct Verify {
     /// have the tilt of the base that the provenance of the table states
     #[arg(long, value_name = "F1,F2,F3|OUTER,INNER|POSITION", allow_hyphen_values = true)]
     attitude: Option<Attitude>,
-    /// Campaign file whose positions --attitude names; it says how the IMU sat on the turntable
+    /// Read the positions of this campaign file
+    ///
+    /// Campaign file whose positions --attitude names; it says how the IMU sat on the turntable.
     #[arg(long, value_name = "CAMPAIGN.toml", requires = "attitude")]
     campaign: Option<PathBuf>,
+    /// Set the turntable's angles in the run [deg]
+    ///
     /// Angles of the turntable that the table's campaign was measured on, in the run [deg]: with the provenance of the
-    /// table they give Earth's rate along the gyroscopes, and the attitude
+    /// table they give Earth's rate along the gyroscopes, and the attitude.
     #[arg(long, value_name = "OUTER,INNER", allow_hyphen_values = true, value_parser = crate::parse::numbers::<2>)]
     angles: Option<[f64; 2]>,
+    /// Set local gravity [m/s2]
+    ///
     /// Local gravity in m/s2 [default: gravity_local of the table's provenance]
     #[arg(long, value_name = "G", value_parser = gravity)]
     gravity_local: Option<f64>,
@@ -105,27 +125,30 @@ pub(crate) struct Verify {
     part: PartArgs,
     #[command(flatten)]
     lag: LagSetting,
-    /// Judge samples of another unit than the table's too; they are refused otherwise
+    /// Judge samples of another unit, too
+    ///
+    /// Judge samples of another unit than the table's too; they are refused otherwise.
     #[arg(long)]
     other_device: bool,
-    /// Judge a recording that names another IMU than the table's too (Parquet, MCAP); it is refused otherwise
+    /// Judge a recording of another IMU, too
+    ///
+    /// Judge a recording that names another IMU than the table's too (Parquet, MCAP); it is refused otherwise.
     #[arg(long)]
     other_imu: bool,
     /// Where the report goes (HTML)
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
     #[command(flatten)]
-    acceptance: Acceptance,
-    /// Print one JSON document instead of the text, also of a failure
-    #[arg(long)]
-    json: bool,
+    acceptance: AcceptanceArgs,
+    #[command(flatten)]
+    json: JsonOption,
     #[command(flatten)]
     foreign: ForeignArgs,
 }
 
 impl Verify {
     pub(crate) fn run(self) -> Result<(), Failure> {
-        or_document(self.json, self.show())?
+        or_document(self.json, self.show())
     }
 
     /// The lengths over the standstills, if they are asked for, or if the table was measured that way and the recording
@@ -144,7 +167,7 @@ impl Verify {
         if !whole {
             if rows.len() >= MOST_ROWS {
                 let note = "no standstills are searched; of an IMU that was put down by hand, give the part with the standstills";
-                tell("isotherm", format_args!("warning: {recording}: over {MOST_ROWS} rows: {note}"));
+                warn!("warning: {recording}: over {MOST_ROWS} rows: {note}");
             }
             return Ok(None);
         }
@@ -166,7 +189,7 @@ impl Verify {
         recording: String,
         page: Option<StagedText>,
         require: Option<Requirement>,
-    ) -> Result<Result<(), Failure>, Refused> {
+    ) -> Result<(), JobFailure> {
         let window_s = self.window.map_or(STANDSTILL_WINDOW_S, |window| window.as_secs_f64());
         let other = (lengths.other_device > 0).then(|| other_device(table, lengths.other_device as u64));
         self.acceptance.admit(&recording, other.into_iter().collect())?;
@@ -174,17 +197,15 @@ impl Verify {
             let source = self.source(recording.clone(), window_s, require);
             page.write(&report::lengths::html(table, lengths, &source))?.finish()?;
         }
-        if self.json {
-            let document = report::lengths::json(lengths, window_s, require);
-            print_data(&format!("{document:#}\n"))?;
-        } else {
+        if !self.json.is_given() {
             print(&report::lengths::text(lengths))?;
             if let Some(require) = require {
                 print(&report::text::judgements(&lengths.judge(&require)))?;
             }
         }
         let verdict = require.map_or(Ok(()), |require| lengths.check(&require));
-        Ok(verdict.map_err(|message| Failure::new(Exit::Failed, format!("{recording}: {message}"))))
+        let verdict = verdict.map_err(|message| Failure::new(Exit::Failed, format!("{recording}: {message}")));
+        self.json.finish(report::lengths::json(lengths, window_s, require), verdict)
     }
 
     fn source(&self, recording: String, window_s: f64, required: Option<Requirement>) -> VerificationSource {
@@ -203,13 +224,13 @@ impl Verify {
         let campaign = file.map(|file| file.campaign(Some(table.content().imu.as_str()))).transpose()?;
         let direction = attitude.direction(table, campaign.as_ref(), origin.tilt_rad);
         if let Some(note) = attitude.note() {
-            tell("isotherm", note);
+            info!("{note}");
         }
         direction.map(Some).map_err(|message| Failure::new(Exit::Usage, message))
     }
 
-    /// Prints the results. The inner result is the judgement, which the results have too.
-    fn show(self) -> Result<Result<(), Failure>, Refused> {
+    /// Prints the results.
+    fn show(self) -> Result<(), JobFailure> {
         let require = joined(&self.require)?;
         let mut files = inputs(&self.recording);
         files.push((&self.table, "the table"));
@@ -227,7 +248,7 @@ impl Verify {
         let window_s = self.window.map_or(WINDOW_S, |window| window.as_secs_f64());
         let input = Input::from((choice(self.imu.clone(), &table), self.foreign.read_for(&origin)?));
         let input = input.within(self.part.get()?);
-        let mut run = Run::open(&table, &self.recording, input, self.lag.ns, window_s, &bar)?;
+        let mut run = VerificationRun::open(&table, &self.recording, input, self.lag.ns, window_s, &bar)?;
         let by_hand = table.is_gravity_only() && self.attitude.is_none() && self.angles.is_none();
         let mut rows = Vec::new();
         let mut keep = self.standstills || by_hand;
@@ -261,7 +282,7 @@ impl Verify {
         let stability = stability.inspect_err(|_| {
             // An interval that is wrong is the error itself.
             let of_time = of_time.into_iter().filter(|finding| finding.name != name::INTERVAL).collect();
-            let _ = of_data.clone().admit(&Acceptance::default(), &recording, of_time);
+            let _ = of_data.clone().admit(&AcceptanceArgs::default(), &recording, of_time);
         })?;
         // With a requirement the failure at the end says why nothing is claimed.
         of_data.admit(&self.acceptance, &recording, stability.findings(require.is_some()))?;
@@ -270,16 +291,14 @@ impl Verify {
             let source = self.source(recording.clone(), window_s, require);
             page.write(&report::verification::html(&table, &stability, &source))?.finish()?;
         }
-        if self.json {
-            let document = report::json::verification(&stability, window_s, require);
-            print_data(&format!("{document:#}\n"))?;
-        } else {
+        if !self.json.is_given() {
             print(&report::text::stability(&stability, window_s, table.content().alignment.is_some()))?;
             if let Some(require) = require {
                 print(&report::text::judgements(&require.judge(&stability)))?;
             }
         }
         let verdict = require.map_or(Ok(()), |require| require.check(&stability));
-        Ok(verdict.map_err(|message| Failure::new(Exit::Failed, format!("{recording}: {message}"))))
+        let verdict = verdict.map_err(|message| Failure::new(Exit::Failed, format!("{recording}: {message}")));
+        self.json.finish(report::json::verification(&stability, window_s, require), verdict)
     }
 }

@@ -1,89 +1,47 @@
-//! The selected IMU: its table, samples, temperatures, increments, latency and flags.
+//! The selected IMU: its table, samples, temperatures, latency and flags.
 
-use super::increments::CurvePoint;
-use super::model::{Model, TICK, Thermometer};
+use super::model::{Model, RangeTemperature};
 use super::numbers::{age, microseconds, whole};
 use super::style::{AlertLevel, Theme};
 use isotherm_client::unix_s;
 use isotherm_shared::status::{ImuStatus, LATENCY_BOUNDS_NS};
-use isotherm_shared::units::{ARCSEC, SensorKind};
+use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::text::{Line, Span};
-use ratatui::widgets::{Paragraph, RenderDirection, Sparkline, SparklineBar, Wrap};
+use ratatui::widgets::{Paragraph, Sparkline, SparklineBar, Wrap};
 
-/// Lines that [`draw`] needs.
-pub(super) const FULL_LINES: u16 = 18;
-/// Lines that [`draw_few`] needs for all that it shows.
-pub(super) const FEW_LINES: u16 = 6;
+/// Lines of the histogram, at least.
+const HISTOGRAM: u16 = 3;
 /// Columns of the latency figures.
 const LATENCY_COLUMNS: u16 = 42;
-/// Columns of the mean values, which stand before a curve.
-const MEAN_COLUMNS: u16 = 39;
 
-/// Draws all details. Lines that are left over make curves and histogram higher.
+/// Lines that [`draw`] needs.
+pub(super) fn lines(imu: &ImuStatus) -> u16 {
+    3 + 1 + triads(imu).count() as u16 * AXES as u16 + 2 + HISTOGRAM + 1
+}
+
+/// The triads that an IMU has.
+fn triads(imu: &ImuStatus) -> impl Iterator<Item = SensorKind> {
+    let gyroscopes = imu.gyroscopes.as_ref().map(|_| SensorKind::Gyroscope);
+    [SensorKind::Accelerometer].into_iter().chain(gyroscopes)
+}
+
+/// Draws all details. Lines that are left over make the histogram higher.
 pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, model: &Model) {
     let Some(imu) = model.imu() else { return };
     let theme = model.theme;
-    let spare = area.height.saturating_sub(FULL_LINES + 2);
-    let curve = 1 + (spare / 5).min(3);
-    let histogram = 3 + (spare - 3 * (curve - 1)).min(8);
     let alerts = alert_lines(theme, imu).len() as u16;
-    let parts = [3 + alerts, 1 + AXES as u16, 1 + AXES as u16 * curve, 2 + histogram].map(Constraint::Length);
+    let histogram = HISTOGRAM + area.height.saturating_sub(lines(imu) + alerts + 2).min(8);
+    let temperatures = 1 + triads(imu).count() as u16 * AXES as u16;
+    let parts = [3 + alerts, temperatures, 2 + histogram].map(Constraint::Length);
     let parts = parts.into_iter().chain([Constraint::Min(0)]);
-    let [about, temperatures, increments, latency, flags] = Layout::vertical(parts).areas(area);
+    let [about, temperatures, latency, flags] = Layout::vertical(parts).areas(area);
     frame.render_widget(Paragraph::new(about_lines(model, imu, about.width)), about);
-    let triad = model.triad(imu);
-    frame.render_widget(Paragraph::new(temperature_lines(theme, imu, triad, temperatures.width)), temperatures);
-    draw_increments(frame, increments, model, triad);
+    frame.render_widget(Paragraph::new(temperature_lines(theme, imu, temperatures.width)), temperatures);
     draw_latency(frame, latency, model, imu);
     frame.render_widget(Paragraph::new(flag_line(model, imu)).wrap(Wrap { trim: true }), flags);
-}
-
-/// Draws the most important details, for small screens.
-pub(super) fn draw_few(frame: &mut Frame<'_>, area: Rect, model: &Model) {
-    let Some(imu) = model.imu() else { return };
-    let theme = model.theme;
-    let label = |text: &str| Span::styled(format!("{text} "), theme.label());
-    let state = model.condition(model.selected(), imu);
-    let table = imu.table.as_deref().map_or("no table", |table| short(table));
-    let mut lines = vec![Line::from(vec![
-        Span::styled(imu.id.clone(), theme.heading()),
-        Span::raw(format!(" {table} ")),
-        Span::styled(state.text, theme.level(state.level)),
-    ])];
-    lines.extend(alert_lines(theme, imu));
-    let triad = model.triad(imu);
-    let mut spans = vec![label("T")];
-    for (axis, name) in triad.names().into_iter().enumerate() {
-        spans.push(Span::raw(format!("{name} ")));
-        for place in Thermometer::of(imu, triad, axis) {
-            let text =
-                place.fraction().map_or("- ".to_owned(), |part| format!("{:.0} ", (100.0 * part).clamp(-999.0, 999.0)));
-            spans.push(Span::styled(text, theme.level(place.level())));
-        }
-    }
-    spans.push(Span::raw("% of range"));
-    lines.push(Line::from(spans));
-    let point = model.points.back().copied().flatten();
-    let Quantity { increment, increment_decimals: [decimals, _], .. } = Quantity::of(triad);
-    let means = point.map_or("-".to_owned(), |point| {
-        point.of_triad(triad).increment.map(|value| format!("{value:+.decimals$}")).join(" ")
-    });
-    lines.push(Line::from(vec![label(increment), Span::raw(means)]));
-    let latency = imu.latency_minute_ns.map_or("-".to_owned(), |latency| {
-        let [p50, p999, max] = [latency.p50, latency.p999, latency.max].map(|ns| microseconds(Some(ns)));
-        format!("p50 {p50} 99.9 {p999} max {max}")
-    });
-    lines.push(Line::from(vec![label("min us"), Span::raw(latency)]));
-    lines.push(Line::from(vec![
-        label("missing"),
-        Span::raw(imu.missing.to_string()),
-        Span::raw(format!(" in {} gaps", imu.gaps)),
-    ]));
-    lines.push(flag_line(model, imu));
-    frame.render_widget(Paragraph::new(lines), area);
 }
 
 fn about_lines(model: &Model, imu: &ImuStatus, width: u16) -> Vec<Line<'static>> {
@@ -143,15 +101,16 @@ fn labelled(theme: Theme, label: &str, text: String) -> Line<'static> {
     Line::from(vec![Span::styled(format!("{label:<10}"), theme.label()), Span::raw(text)])
 }
 
-fn temperature_lines(theme: Theme, imu: &ImuStatus, triad: SensorKind, width: u16) -> Vec<Line<'static>> {
+fn temperature_lines(theme: Theme, imu: &ImuStatus, width: u16) -> Vec<Line<'static>> {
     let unit = imu.ranges.as_ref().map_or(String::new(), |ranges| format!(" [{}]", ranges.unit));
     let half = usize::from(width.saturating_sub(4)) / 2;
     let lag = imu.lag_s.map_or(String::new(), |lag| format!(", lag {lag} s"));
     let head = format!("{:<4}{:<half$}{}", "", format!("head{unit}{lag}"), format_args!("board{unit}"));
     let mut lines = vec![Line::styled(head, theme.label())];
-    for (axis, name) in triad.names().into_iter().enumerate() {
-        let mut spans = vec![Span::styled(format!("{name:<4}"), theme.label())];
-        for place in Thermometer::of(imu, triad, axis) {
+    let sensors = triads(imu).flat_map(|triad| (0..AXES).map(move |axis| (triad, axis)));
+    for (triad, axis) in sensors {
+        let mut spans = vec![Span::styled(format!("{:<4}", triad.names()[axis]), theme.label())];
+        for place in RangeTemperature::of(imu, triad, axis) {
             spans.extend(gauge(theme, place, half.saturating_sub(2)));
             spans.push(Span::raw("  "));
         }
@@ -161,7 +120,7 @@ fn temperature_lines(theme: Theme, imu: &ImuStatus, triad: SensorKind, width: u1
 }
 
 /// A value, and a bar with its position between the ends of its range. Outside the range the marker is an arrow.
-fn gauge(theme: Theme, place: Thermometer, width: usize) -> Vec<Span<'static>> {
+fn gauge(theme: Theme, place: RangeTemperature, width: usize) -> Vec<Span<'static>> {
     let style = theme.level(place.level());
     let value = place.value.map_or("none".to_owned(), significant);
     let value = Span::styled(format!("{value:>8}"), style);
@@ -188,91 +147,6 @@ fn gauge(theme: Theme, place: Thermometer, width: usize) -> Vec<Span<'static>> {
         Span::styled(marker, style),
         Span::raw(format!("{after}|{high}")),
     ]
-}
-
-/// What the increments of a triad are, for the screen.
-struct Quantity {
-    /// Unit of the mean of one sample.
-    increment: &'static str,
-    /// Unit of the mean in time.
-    rate: &'static str,
-    /// What one unit of [`Means::rate`](super::increments::Means::rate) is in `rate`.
-    factor: f64,
-    /// Decimals of the mean of one sample on a small screen, and on a large one.
-    increment_decimals: [usize; 2],
-    /// Decimals of the mean in time.
-    rate_decimals: usize,
-}
-
-impl Quantity {
-    const fn of(triad: SensorKind) -> Self {
-        match triad {
-            SensorKind::Accelerometer => {
-                Self { increment: "m/s", rate: "m/s2", factor: 1.0, increment_decimals: [6, 7], rate_decimals: 5 }
-            }
-            // deg/h are arcsec/s.
-            SensorKind::Gyroscope => {
-                let factor = 1.0 / ARCSEC;
-                Self { increment: "rad", rate: "deg/h", factor, increment_decimals: [7, 9], rate_decimals: 2 }
-            }
-        }
-    }
-}
-
-fn draw_increments(frame: &mut Frame<'_>, area: Rect, model: &Model, triad: SensorKind) {
-    let (theme, quantity) = (model.theme, Quantity::of(triad));
-    let [head, below] = Layout::vertical([Constraint::Length(1), Constraint::Min(0)]).areas(area);
-    let width = area.width.saturating_sub(MEAN_COLUMNS);
-    let seconds = f64::from(width) * TICK.as_secs_f64();
-    let title = match &model.read_error {
-        Some(error) => Line::styled(format!("increments cannot be read: {error}"), theme.level(AlertLevel::Warning)),
-        None => Line::styled(
-            format!(
-                "{:<4}{:>12}{:>12}{:>9} the last {seconds:.0} s",
-                "",
-                format!("mean {}", quantity.increment),
-                quantity.rate,
-                "span"
-            ),
-            theme.label(),
-        ),
-    };
-    frame.render_widget(title, head);
-    let rows: [Rect; AXES] = Layout::vertical([Constraint::Fill(1); AXES]).areas(below);
-    for (axis, row) in rows.into_iter().enumerate() {
-        draw_increment(frame, row, model, triad, axis);
-    }
-}
-
-/// Draws the mean of an axis and its curve.
-fn draw_increment(frame: &mut Frame<'_>, row: Rect, model: &Model, triad: SensorKind, axis: usize) {
-    let (theme, quantity) = (model.theme, Quantity::of(triad));
-    let [means, curve] = Layout::horizontal([Constraint::Length(MEAN_COLUMNS), Constraint::Min(0)]).areas(row);
-    let rate = |point: CurvePoint| point.of_triad(triad).rate[axis] * quantity.factor;
-    let points = model.points.iter().rev().take(curve.width.into()).copied();
-    let values: Vec<_> = points.map(|point| point.map(rate).filter(|value| value.is_finite())).collect();
-    let finite = || values.iter().copied().flatten();
-    let (low, high) = (finite().reduce(f64::min).unwrap_or(0.0), finite().reduce(f64::max).unwrap_or(0.0));
-    let last = model.points.back().copied().flatten();
-    let increment = last.map(|point| point.of_triad(triad).increment[axis]);
-    let ([_, decimals], rate_decimals) = (quantity.increment_decimals, quantity.rate_decimals);
-    let text = match increment.zip(last.map(rate)) {
-        Some((increment, rate)) => {
-            format!("{increment:>+12.decimals$}{rate:>+12.rate_decimals$}{:>9}", significant(high - low))
-        }
-        None => format!("{:>12}{:>12}{:>9}", "-", "-", "-"),
-    };
-    let is_bad = increment.is_some_and(f64::is_nan);
-    let style = if is_bad { theme.level(AlertLevel::Bad) } else { theme.heading() };
-    let name = Span::styled(format!("{:<4}", triad.names()[axis]), theme.label());
-    frame.render_widget(Line::from(vec![name, Span::styled(text, style)]), means);
-    // From an eighth to the full height, so that the lowest point can be seen too.
-    let levels = 8 * u64::from(curve.height.max(1));
-    let part = |value: f64| if high > low { (value - low) / (high - low) } else { 0.5 };
-    let scale = |value: f64| 1 + ((levels - 1) as f64 * part(value)).round() as u64;
-    let bars = values.iter().map(|value| SparklineBar::from(value.map(scale)));
-    let sparkline = Sparkline::default().data(bars).max(levels).direction(RenderDirection::RightToLeft);
-    frame.render_widget(sparkline.bar_set(theme.bars()).absent_value_symbol(" ").style(theme.curve()), curve);
 }
 
 fn draw_latency(frame: &mut Frame<'_>, area: Rect, model: &Model, imu: &ImuStatus) {

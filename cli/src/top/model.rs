@@ -1,8 +1,6 @@
 //! Everything that is on the screen: the recent statuses, the selection, and what is derived from them.
 
-use super::increments::CurvePoint;
 use super::style::{AlertLevel, Theme};
-use isotherm_client::ConnectError;
 use isotherm_service::StatusWait;
 use isotherm_shared::status::{ImuStatus, ServiceStatus};
 use isotherm_shared::units::SensorKind;
@@ -17,8 +15,6 @@ pub(super) const TICK: Duration = Duration::from_millis(200);
 const RATE_NS: u64 = 1_000_000_000;
 /// Time that the histogram covers \[ns\].
 const MINUTE_NS: u64 = 60_000_000_000;
-/// Points of a curve that are kept; no screen is wider.
-const POINTS: usize = 400;
 /// Fraction of the calibrated range at each of its ends in which a temperature is a warning.
 const EDGE: f64 = 0.05;
 
@@ -34,18 +30,10 @@ pub(super) struct Model {
     pub waiting: Option<StatusWait>,
     /// The selected row, and which rows are in view.
     pub table: TableState,
-    /// The IMU whose increments are in `points`.
-    points_imu: String,
-    /// Means of the selected IMU's increments, the newest last; `None` where none came.
-    pub points: VecDeque<Option<CurvePoint>>,
-    /// Why the increments of the selected IMU cannot be read.
-    pub read_error: Option<String>,
     /// Whether the picture is frozen.
     pub paused: bool,
     /// Whether the help is shown.
     pub help: bool,
-    /// Whether the gyroscopes are shown, of an IMU that has them.
-    gyroscopes: bool,
 }
 
 /// The conditions of an IMU, the first that applies is shown; and what each means, with its remedy.
@@ -88,43 +76,16 @@ impl Model {
             history: VecDeque::new(),
             waiting: None,
             table: TableState::new().with_selected(0),
-            points_imu: String::new(),
-            points: VecDeque::new(),
-            read_error: None,
             paused: false,
             help: false,
-            gyroscopes: false,
         }
     }
 
     /// Adds what has been read at one tick.
-    pub(super) fn update(
-        &mut self,
-        newest: Option<ServiceStatus>,
-        waiting: Option<StatusWait>,
-        point: Result<Option<CurvePoint>, ConnectError>,
-    ) {
+    pub(super) fn update(&mut self, newest: Option<ServiceStatus>, waiting: Option<StatusWait>) {
         self.waiting = waiting;
         if let Some(status) = newest {
             self.add_status(status);
-        }
-        let id = self.selected_id().unwrap_or_default().to_owned();
-        if id != self.points_imu {
-            // The point of this tick is still of the IMU that was selected before.
-            self.points_imu = id;
-            self.points.clear();
-            self.read_error = None;
-            return;
-        }
-        match point {
-            Ok(point) => self.points.push_back(point),
-            Err(error) => self.read_error = Some(error.to_string()),
-        }
-        if self.points.back().is_some_and(Option::is_some) {
-            self.read_error = None;
-        }
-        if self.points.len() > POINTS {
-            self.points.pop_front();
         }
     }
 
@@ -163,23 +124,6 @@ impl Model {
     /// The selected IMU.
     pub(super) fn imu(&self) -> Option<&ImuStatus> {
         self.status()?.imus.get(self.selected())
-    }
-
-    /// The name of the selected IMU.
-    pub(super) fn selected_id(&self) -> Option<&str> {
-        self.imu().map(|imu| imu.id.as_str())
-    }
-
-    /// The triad that is shown of an IMU.
-    pub(super) fn triad(&self, imu: &ImuStatus) -> SensorKind {
-        if self.gyroscopes && imu.gyroscopes.is_some() { SensorKind::Gyroscope } else { SensorKind::Accelerometer }
-    }
-
-    /// Shows the other triad of the selected IMU, if it has gyroscopes.
-    pub(super) fn switch_triad(&mut self) {
-        if self.imu().is_some_and(|imu| imu.gyroscopes.is_some()) {
-            self.gyroscopes = !self.gyroscopes;
-        }
     }
 
     fn imus(&self) -> usize {
@@ -240,8 +184,8 @@ impl Model {
         let other_flags =
             |imu: &ImuStatus| imu.flagged.iter().filter(|(name, _)| *name != "late").map(|(_, count)| count).sum();
         let mut workers = self.status().into_iter().flat_map(|status| &status.workers);
-        let mut thermometers = Thermometer::all_of(imu);
-        let is_outside = |place: Thermometer| place.fraction().is_none_or(|part| !(0.0..=1.0).contains(&part));
+        let mut thermometers = RangeTemperature::all_of(imu);
+        let is_outside = |place: RangeTemperature| place.fraction().is_none_or(|part| !(0.0..=1.0).contains(&part));
         let conditions = [
             ("not served", bad, self.waiting.is_some()),
             ("stands still", bad, workers.any(|it| it.stands_still && it.imus.contains(&imu.id))),
@@ -255,7 +199,7 @@ impl Model {
             ("wrong interval", bad, is_raised("interval-not-nominal")),
             ("time steps", bad, is_raised("time-step")),
             ("new session", bad, is_raised("session")),
-            ("out of range", bad, Thermometer::all_of(imu).any(is_outside)),
+            ("out of range", bad, RangeTemperature::all_of(imu).any(is_outside)),
             ("lag unknown", warning, is_raised("lag-unknown")),
             ("flagged", warning, rises(&other_flags)),
             ("late", warning, is_raised("late")),
@@ -270,14 +214,14 @@ impl Model {
 
 /// A temperature, and the range that its polynomials were calibrated over.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Thermometer {
+pub(super) struct RangeTemperature {
     /// The telemetry; `None` if it is not finite or has not come.
     pub value: Option<f64>,
     /// The ends of the range; `None` without a table.
     pub range: Option<[f64; 2]>,
 }
 
-impl Thermometer {
+impl RangeTemperature {
     /// Head and board telemetry of a triad's sensor. An IMU without gyroscopes has none for them.
     pub(super) fn of(imu: &ImuStatus, kind: SensorKind, axis: usize) -> [Self; 2] {
         let (ranges, head, board) = match (kind, &imu.gyroscopes) {

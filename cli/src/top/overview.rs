@@ -1,6 +1,6 @@
 //! The table of all IMUs, one line for each.
 
-use super::model::{Model, Thermometer};
+use super::model::{Model, RangeTemperature};
 use super::numbers::{microseconds, whole};
 use isotherm_shared::status::ImuStatus;
 use ratatui::Frame;
@@ -53,7 +53,8 @@ fn row(model: &Model, index: usize, imu: &ImuStatus, wide: bool) -> Row<'static>
 
 /// The positions of the coldest and the warmest sensor within their ranges \[%\].
 fn span(imu: &ImuStatus) -> String {
-    let parts: Vec<_> = Thermometer::all_of(imu).filter_map(Thermometer::fraction).map(|part| 100.0 * part).collect();
+    let parts: Vec<_> =
+        RangeTemperature::all_of(imu).filter_map(RangeTemperature::fraction).map(|part| 100.0 * part).collect();
     let low = parts.iter().copied().reduce(f64::min);
     let high = parts.iter().copied().reduce(f64::max);
     match low.zip(high) {

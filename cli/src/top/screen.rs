@@ -1,4 +1,4 @@
-//! The layout of the whole screen, which depends on its size.
+//! The layout of the whole screen.
 
 use super::model::Model;
 use super::numbers::age;
@@ -8,7 +8,6 @@ use humantime::format_rfc3339_seconds;
 use isotherm_client::service_pid;
 use isotherm_service::StatusWait;
 use isotherm_shared::status::WorkerStatus;
-use isotherm_shared::units::SensorKind;
 use isotherm_support::failure::printable;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -16,13 +15,9 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Clear, Paragraph, Wrap};
 use std::time::SystemTime;
 
-/// Smallest size (columns, lines) with all details; below it only the most important ones are shown.
-const FULL: (u16, u16) = (78, 23);
-
 const HELP: &str = "\
 q Esc Ctrl-C   quit
 up down j k    select an IMU; Tab, PgUp, PgDn, Home, End
-t left right   accelerometers or gyroscopes, of an IMU that has both
 p space        pause: the screen is frozen
 ? h            this help
 
@@ -40,7 +35,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, model: &mut Model) {
     let [top, middle, bottom] =
         Layout::vertical([Constraint::Length(1), Constraint::Min(0), Constraint::Length(1)]).areas(area);
     frame.render_widget(header(model, top.width), top);
-    frame.render_widget(keys(model, bottom.width), bottom);
+    frame.render_widget(keys(model), bottom);
     let middle = match &model.waiting {
         Some(waiting) => {
             let text = banner(model, waiting);
@@ -52,8 +47,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, model: &mut Model) {
         }
         None => middle,
     };
-    let full = area.width >= FULL.0 && area.height >= FULL.1;
-    let needed = if full { details::FULL_LINES } else { details::FEW_LINES };
+    let needed = model.imu().map_or(0, details::lines);
     let imus = model.status().map_or(0, |status| status.imus.len()) as u16;
     // The details of the selected IMU get the lines that they need. The table gets the rest, at least its heading and
     // one line.
@@ -61,11 +55,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, model: &mut Model) {
     let [table, rest] = Layout::vertical([Constraint::Length(rows + 1), Constraint::Min(0)]).areas(middle);
     if imus > 0 {
         overview::draw(frame, table, model);
-        if full {
-            details::draw(frame, rest, model);
-        } else {
-            details::draw_few(frame, rest, model);
-        }
+        details::draw(frame, rest, model);
     }
     if model.help {
         help(frame, area);
@@ -108,19 +98,9 @@ fn banner(model: &Model, waiting: &StatusWait) -> String {
     format!("waiting for the service since {clock} UTC, {}{what}: {}", age(waiting.time.as_secs_f64()), waiting.cause)
 }
 
-fn keys(model: &Model, width: u16) -> Line<'static> {
-    /// Columns of the line with the key of the other triad.
-    const WITH_TRIAD: u16 = 44;
+fn keys(model: &Model) -> Line<'static> {
     let key = |key: &'static str| Span::styled(key, model.theme.inverse());
-    let other = model.imu().filter(|imu| imu.gyroscopes.is_some()).map(|imu| match model.triad(imu) {
-        SensorKind::Accelerometer => " gyro  ",
-        SensorKind::Gyroscope => " acc  ",
-    });
-    let select = if other.is_some() && width < WITH_TRIAD { "j k" } else { "up down" };
-    let mut spans = vec![key("q"), " quit  ".into(), key(select), " IMU  ".into()];
-    if let Some(other) = other {
-        spans.extend([key("t"), other.into()]);
-    }
+    let mut spans = vec![key("q"), " quit  ".into(), key("up down"), " IMU  ".into()];
     spans.extend([
         key("p"),
         if model.paused { " go on  ".into() } else { " pause  ".into() },

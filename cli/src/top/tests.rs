@@ -1,17 +1,13 @@
 //! The drawing without a terminal, at many sizes and in all conditions.
-//!
-//! Over 400 lines: all tests change and draw the same model.
 
-use super::increments::CurvePoint;
 use super::model::Model;
 use super::style::Theme;
 use super::{handle_key, screen};
-use isotherm_client::{CompensatedIncrement, Flags};
+use isotherm_client::Flags;
 use isotherm_service::StatusWait;
 use isotherm_shared::status::{
     DomainStatus, GyroscopeStatus, ImuStatus, LatencyDistribution, LatencySummary, Ranges, ServiceStatus, WorkerStatus,
 };
-use isotherm_shared::units::ARCSEC;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
@@ -109,18 +105,6 @@ fn status(ids: &[&str], seconds: u64) -> ServiceStatus {
     }
 }
 
-fn point(value: f64) -> Option<CurvePoint> {
-    let velocity_increment = [value, -value, 2.0 * value];
-    // 0.1 becomes 360000 arcsec/s, which is 100 deg/s.
-    let angle_increment = [value, -value, 2.0 * value].map(|value| 9000.0 * value * ARCSEC);
-    CurvePoint::of(&[CompensatedIncrement {
-        interval_ns: 2_500_000,
-        velocity_increment,
-        angle_increment,
-        ..CompensatedIncrement::default()
-    }])
-}
-
 /// Gives an IMU gyroscopes and a lag.
 fn give_gyroscopes(imu: &mut ImuStatus) {
     (imu.lag_s, imu.sample_lag_s) = (Some(240.0), Some(240.0));
@@ -135,11 +119,11 @@ fn give_gyroscopes(imu: &mut ImuStatus) {
 fn model(ids: &[&str], theme: Theme, change: impl FnOnce(&mut ServiceStatus)) -> Model {
     let mut model = Model::new("lab", theme);
     for second in 1..10 {
-        model.update(Some(status(ids, second)), None, Ok(point(0.01 * second as f64)));
+        model.update(Some(status(ids, second)), None);
     }
     let mut last = status(ids, 10);
     change(&mut last);
-    model.update(Some(last), None, Ok(point(0.1)));
+    model.update(Some(last), None);
     model
 }
 
@@ -172,7 +156,6 @@ fn everything_is_on_a_screen_of_80_by_24() {
         &["962fc5bc1b0ce82a", "tables/imu-a.toml", "3 reloads", "4000, 0 missing in 0 gaps", "acquisition, 2 readers"],
     );
     has(&screen, &["head [V]", "1.2500 1.0000|---o---------|2.0000", "board [V]", "2.5000 1.0000|", "|3.0000"]);
-    has(&screen, &["+0.1000000   +40.00000", "-0.1000000   -40.00000", "A3    +0.2000000   +80.00000", "__--+++##"]);
     has(
         &screen,
         &[
@@ -188,55 +171,16 @@ fn everything_is_on_a_screen_of_80_by_24() {
 }
 
 #[test]
-fn a_whole_imu_has_a_page_for_each_triad() {
+fn a_whole_imu_has_both_triads() {
     let mut whole = model(&["imu-a"], PLAIN, |status| give_gyroscopes(&mut status.imus[0]));
-    let press = |model: &mut Model, code| assert!(handle_key(model, KeyEvent::new(code, KeyModifiers::NONE)));
-    let first = text(&mut whole, 80, 24);
-    has(
-        &first,
-        &[
-            "A1    1.2500 1.0000|",
-            "A3    +0.2000000   +80.00000",
-            "mean m/s        m/s2",
-            "head [V], lag 240 s                   board [V]",
-        ],
-    );
-    has(&first, &["q quit  up down IMU  t gyro  p pause  ? help", "12..88"]);
-    assert!(!first.contains("G1"), "{first}");
-
-    press(&mut whole, KeyCode::Char('t'));
-    let second = text(&mut whole, 80, 24);
-    has(
-        &second,
-        &["G1    0.5000 0|----o-------------|2.0000", "3.5000 0|", "|4.0000", "mean rad       deg/h     span"],
-    );
-    has(
-        &second,
-        &["G1  +0.004363323  +360000.00", "G2  -0.004363323  -360000.00", "G3  +0.008726646  +720000.00", "__--+++##"],
-    );
-    has(&second, &["second     0.41", "flags     none", "q quit  up down IMU  t acc  p pause  ? help"]);
-    assert!(!second.contains("A1 ") && second.is_ascii(), "{second}");
-    has(
-        &text(&mut whole, 40, 10),
-        &["T G1 25 12 G2 50 25 G3 56 88 % of range", "rad +0.0043633 -0.0043633 +0.0087266"],
-    );
-    has(&text(&mut whole, 40, 10), &["q quit  j k IMU  t acc  p pause  ? help"]);
-    whole.update(None, None, Ok(point(f64::NAN)));
-    has(&text(&mut whole, 80, 24), &["G1           NaN         NaN"]);
-
-    // The page stays while another IMU is selected that has both; one without gyroscopes shows its accelerometers.
-    for (code, page) in
-        [(KeyCode::Right, "A1 "), (KeyCode::Left, "G1 "), (KeyCode::Char('t'), "A1 "), (KeyCode::Char('t'), "G1 ")]
-    {
-        press(&mut whole, code);
-        has(&text(&mut whole, 80, 24), &[page]);
-    }
-    whole.update(Some(status(&["imu-a"], 11)), None, Ok(point(0.1)));
+    let screen = text(&mut whole, 80, 24);
+    has(&screen, &["A1    1.2500 1.0000|", "head [V], lag 240 s                   board [V]", "12..88"]);
+    has(&screen, &["G1    0.5000 0|----o-------------|2.0000", "3.5000 0|", "|4.0000"]);
+    has(&screen, &["second     0.41", "flags     none", "q quit  up down IMU  p pause  ? help"]);
+    assert!(screen.is_ascii(), "{screen}");
+    whole.update(Some(status(&["imu-a"], 11)), None);
     let without = text(&mut whole, 80, 24);
-    has(&without, &["A1    1.2500", "q quit  up down IMU  p pause  ? help"]);
-    assert!(!without.contains(", lag"), "{without}");
-    press(&mut whole, KeyCode::Char('t'));
-    assert_eq!(text(&mut whole, 80, 24), without, "there is nothing to change to");
+    assert!(!without.contains(", lag") && !without.contains("G1"), "{without}");
 }
 
 #[test]
@@ -255,29 +199,17 @@ fn gyroscopes_count_for_the_condition_and_the_span() {
 }
 
 #[test]
-fn a_small_screen_has_what_matters_most_and_any_size_can_be_drawn() {
+fn any_size_can_be_drawn() {
     let mut one = model(&["imu-a"], PLAIN, |status| {
         status.imus[0].missing = 7;
         status.imus[0].flagged.insert("gap".to_owned(), 3);
     });
     let screen = text(&mut one, 40, 10);
-    has(
-        &screen,
-        &[
-            "Isotherm 0.1.0",
-            "400",
-            "118.8",
-            "losing samples",
-            "962fc5bc1b0ce82a",
-            "T A1 25 25 A2 50 50 A3 75 75 % of range",
-        ],
-    );
-    has(&screen, &["+0.100000 -0.100000 +0.200000", "p50 0.41", "missing 7", "gap 3 (3.0/s)", "q quit"]);
+    has(&screen, &["Isotherm 0.1.0", "400", "118.8", "losing samples", "962fc5bc1b0ce82a", "q quit"]);
     let names: Vec<_> = (0..32).map(|number| format!("imu-{number}")).collect();
     let names: Vec<_> = names.iter().map(String::as_str).collect();
     let mut many = model(&names, Theme { colour: true, unicode: true }, |_| {});
     let mut whole = model(&["imu-a"], PLAIN, |status| give_gyroscopes(&mut status.imus[0]));
-    whole.switch_triad();
     let mut none = Model::new("lab", PLAIN);
     for (width, height) in
         [(0, 0), (1, 1), (2, 30), (300, 1), (10, 3), (20, 5), (40, 10), (78, 23), (79, 22), (300, 100)]
@@ -390,31 +322,28 @@ fn every_condition_is_shown() {
     assert!(!same.contains("OTHER LAG"), "{same}");
     let mut held = model(&["imu-a"], PLAIN, |status| status.workers[0].held_back_ms = 48.7);
     has(&text(&mut held, 80, 24), &["cpu 6 %, held 49 ms"]);
-    let mut nan = model(&["imu-a"], PLAIN, |_| {});
-    nan.update(None, None, Ok(point(f64::NAN)));
-    has(&text(&mut nan, 80, 24), &["A1           NaN         NaN"]);
 }
 
 #[test]
 fn a_service_that_is_gone_is_waited_for_and_one_that_returns_counts_anew() {
     let mut model = model(&["imu-a"], PLAIN, |_| {});
     let waiting = || Some(StatusWait { time: Duration::from_secs(12), cause: "no service".to_owned() });
-    model.update(None, waiting(), Ok(None));
+    model.update(None, waiting());
     has(
         &text(&mut model, 80, 24),
         &["waiting for the service since ", "UTC, 12 s; below is its last status: no", "not served", "4000"],
     );
     let mut returned = status(&["imu-a"], 1);
     (returned.pid, returned.taken_ns) = (4712, 30 * SECOND);
-    model.update(Some(returned.clone()), None, Ok(None));
+    model.update(Some(returned.clone()), None);
     let screen = text(&mut model, 80, 24);
     has(&screen, &["pid 4712", "no samples", "samples   400,"]);
     (returned.imus[0].received, returned.taken_ns) = (1200, 32 * SECOND);
-    model.update(Some(returned), None, Ok(None));
+    model.update(Some(returned), None);
     has(&text(&mut model, 80, 24), &["imu-a               400"]);
 
     let mut never = Model::new("lab", PLAIN);
-    never.update(None, waiting(), Ok(None));
+    never.update(None, waiting());
     let screen = text(&mut never, 80, 24);
     has(&screen, &["Isotherm, domain lab", "waiting for the service", "q quit"]);
     assert!(!screen.contains("last status"), "{screen}");
@@ -430,7 +359,7 @@ fn rates_are_taken_over_a_second_and_the_histogram_over_a_minute() {
         let samples = 80 * tick + 80 * tick.saturating_sub(300);
         status.imus[0].received = samples;
         status.imus[0].latency_distribution.counts[3] = samples;
-        model.update(Some(status), None, Ok(None));
+        model.update(Some(status), None);
         if tick == 250 {
             assert_eq!(model.rate(0, |imu| imu.received), Some(400.0));
             let (counts, seconds) = model.distribution();
@@ -450,7 +379,7 @@ fn thirty_two_imus_scroll() {
     let press = |model: &mut Model, code| assert!(handle_key(model, KeyEvent::new(code, KeyModifiers::NONE)));
     let shows = |model: &mut Model, id: &str| {
         let screen = text(model, 80, 24);
-        assert_eq!(model.selected_id(), Some(id));
+        assert_eq!(model.imu().map(|imu| imu.id.as_str()), Some(id));
         // Once in the table, and once above the details.
         assert_eq!(screen.matches(&format!("{id} ")).count(), 2, "{screen}");
     };
@@ -472,8 +401,8 @@ fn thirty_two_imus_scroll() {
         shows(&mut model, id);
     }
     press(&mut model, KeyCode::End);
-    model.update(Some(status(&["only"], 11)), None, Ok(None));
-    assert_eq!(model.selected_id(), Some("only"), "fewer IMUs than before");
+    model.update(Some(status(&["only"], 11)), None);
+    assert_eq!(model.imu().map(|imu| imu.id.as_str()), Some("only"), "fewer IMUs than before");
 }
 
 #[test]

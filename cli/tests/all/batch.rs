@@ -65,6 +65,7 @@ fn one_bad_imu_of_three_is_dropped_and_the_others_are_as_alone() {
     assert!(out.contains("campaign of imu-a, imu-b, imu-c, 12 positions that observe everything"), "{out}");
     let batch = [
         "calibrate",
+        "turntable",
         "campaign.toml",
         "-o",
         "tables/{imu}.toml",
@@ -85,12 +86,16 @@ fn one_bad_imu_of_three_is_dropped_and_the_others_are_as_alone() {
     assert_page(&at("batch.html"), 2, &["imu-c is dropped", "[interval]", "A1 bias slope", "One curve for all"]);
     // Alone: the same file, and a choice.
     for imu in ["imu-a", "imu-b"] {
-        run(folder.path(), 0, &["calibrate", "campaign.toml", "-o", "alone/{imu}.toml", "--imu", imu]);
+        run(folder.path(), 0, &["calibrate", "turntable", "campaign.toml", "-o", "alone/{imu}.toml", "--imu", imu]);
         let [table, alone] = ["tables", "alone"].map(|name| timeless(&at(&format!("{name}/{imu}.toml"))));
         assert_eq!(table, alone);
     }
     assert!(timeless(&at("tables/imu-a.toml")).contains("serial = \"17\""));
-    let (_, err) = run(folder.path(), 65, &["calibrate", "campaign.toml", "-o", "alone/imu-c.toml", "--imu", "imu-c"]);
+    let (_, err) = run(
+        folder.path(),
+        65,
+        &["calibrate", "turntable", "campaign.toml", "-o", "alone/imu-c.toml", "--imu", "imu-c"],
+    );
     assert!(err.contains("[interval]"), "{err}");
     // The turned IMU's A1 is the other's A2, by its curves.
     let swapped = fs::read_to_string(at("tables/imu-b.toml")).unwrap();
@@ -127,11 +132,11 @@ fn an_output_that_fails_ends_the_command() {
         fs::write(at(&format!("{imu}.csv")), other_unit(&samples, more as u32)).unwrap();
     }
     // No folder: no IMU can have its table.
-    let (_, err) = run(folder.path(), 74, &["calibrate", "campaign.toml", "-o", "none/{imu}.toml"]);
+    let (_, err) = run(folder.path(), 74, &["calibrate", "turntable", "campaign.toml", "-o", "none/{imu}.toml"]);
     assert!(err.contains("there is no folder none") && !err.contains("dropped") && !err.contains("imu-b:"), "{err}");
     // A place that cannot be written, after the fit of the first one.
     fs::create_dir(at("imu-b.toml")).unwrap();
-    let (_, err) = run(folder.path(), 74, &["calibrate", "campaign.toml", "-o", "{imu}.toml"]);
+    let (_, err) = run(folder.path(), 74, &["calibrate", "turntable", "campaign.toml", "-o", "{imu}.toml"]);
     assert!(err.contains("imu-b.toml") && !err.contains("dropped") && at("imu-a.toml").exists(), "{err}");
     assert!(!at("imu-c.toml").exists());
     // The table of one IMU in the place of another one's samples, which is read later: nothing is written.
@@ -140,7 +145,7 @@ fn an_output_that_fails_ends_the_command() {
     for imu in ["x-imu-c", "imu-b", "imu-c"] {
         fs::write(at(&format!("x-{imu}.csv")), &samples).unwrap();
     }
-    let (_, err) = run(folder.path(), 64, &["calibrate", "crossed.toml", "-o", "{imu}.csv"]);
+    let (_, err) = run(folder.path(), 64, &["calibrate", "turntable", "crossed.toml", "-o", "{imu}.csv"]);
     assert!(err.contains("x-imu-c.csv is the recording; write to another file"), "{err}");
     assert_eq!(fs::read_to_string(at("x-imu-c.csv")).unwrap(), samples);
 }
@@ -150,7 +155,7 @@ fn names_that_imus_would_share_are_refused() {
     let folder = folder();
     fs::write(folder.path().join("campaign.toml"), campaign()).unwrap();
     let refused = |arguments: &[&str], expected: &str| {
-        let (_, err) = run(folder.path(), 64, &[&["calibrate", "campaign.toml"], arguments].concat());
+        let (_, err) = run(folder.path(), 64, &[&["calibrate", "turntable", "campaign.toml"], arguments].concat());
         assert!(err.contains(expected), "{err}");
     };
     refused(
@@ -163,12 +168,15 @@ fn names_that_imus_would_share_are_refused() {
         &["-o", "{imu}.toml", "--imu", "imu-d"],
         "--imu: campaign.toml: there is no imu-d; it has imu-a, imu-b, imu-c",
     );
-    let (_, err) =
-        run(folder.path(), 64, &["calibrate", "campaign.toml", "-o", "{imu}.toml", "--batch", "campaign.toml"]);
+    let (_, err) = run(
+        folder.path(),
+        64,
+        &["calibrate", "turntable", "campaign.toml", "-o", "{imu}.toml", "--batch", "campaign.toml"],
+    );
     assert!(err.contains("campaign.toml"), "{err}");
     let twice = campaign().replace("imu-c", "imu-a");
     fs::write(folder.path().join("twice.toml"), twice).unwrap();
-    let (_, err) = run(folder.path(), 78, &["calibrate", "twice.toml", "-o", "{imu}.toml"]);
+    let (_, err) = run(folder.path(), 78, &["calibrate", "turntable", "twice.toml", "-o", "{imu}.toml"]);
     assert!(
         err.contains("twice.toml:2: imus.3.id: imu-a is there twice")
             || err.contains("line 2: imus.3.id: imu-a is there twice"),
@@ -192,7 +200,8 @@ fn five_real_units_without_a_turntable() {
     );
     fs::write(at("campaign.toml"), text).unwrap();
     let range = ["--temperature-range", "20,30", "--json", "--batch", "batch.html"];
-    let (out, err) = run(folder.path(), 0, &[&["calibrate", "campaign.toml", "-o", "{imu}.toml"], &range[..]].concat());
+    let (out, err) =
+        run(folder.path(), 0, &[&["calibrate", "tumble", "campaign.toml", "-o", "{imu}.toml"], &range[..]].concat());
     let document: Value = serde_json::from_str(&out).unwrap_or_else(|error| panic!("{error}: {out}{err}"));
     let quantity = |name: &str| {
         let all = document["batch"]["quantities"].as_array().unwrap();
@@ -213,7 +222,7 @@ fn five_real_units_without_a_turntable() {
     assert!(fs::read_to_string(at("batch.html")).unwrap().contains("No unit stands out"));
     // The other options of a calibration without a turntable.
     let more = ["--scale-factor", "single", "--window", "2", "--no-misalignment"];
-    let command = [&["calibrate", "campaign.toml", "-o", "{imu}.toml"], &range[..], &more[..]].concat();
+    let command = [&["calibrate", "tumble", "campaign.toml", "-o", "{imu}.toml"], &range[..], &more[..]].concat();
     let (out, _) = run(folder.path(), 0, &command);
     let document: Value = serde_json::from_str(&out).unwrap();
     let names: Vec<_> = document["batch"]["quantities"].as_array().unwrap().iter().map(|it| &it["name"]).collect();

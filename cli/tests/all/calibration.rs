@@ -35,7 +35,8 @@ fn the_closed_loop() {
     run(folder.path(), 0, &["check", "campaign/campaign.toml", "campaign/truth.toml"]);
     let truth = fs::read_to_string(at("campaign/truth.toml")).unwrap();
     let gravity = truth.lines().find_map(|line| line.strip_prefix("gravity_local = ")).unwrap();
-    let calibrate = ["calibrate", "campaign/campaign.toml", "-o", "table.toml", "--report", "r.html", "--alignment"];
+    let calibrate =
+        ["calibrate", "turntable", "campaign/campaign.toml", "-o", "table.toml", "--report", "r.html", "--alignment"];
     let (out, err) = run(folder.path(), 0, &calibrate);
     assert!(out.is_empty() && err.contains("180 dwells at 15 set points, one-stage fit"), "{out}{err}");
     let (out, _) = run(folder.path(), 0, &["check", "table.toml"]);
@@ -160,12 +161,13 @@ fn calibrate_reports_what_is_wrong_and_where() {
         fs::write(folder.path().join("samples.csv"), samples).unwrap();
     };
     let refused = |code, more: &[&str]| {
-        let (out, err) = run(folder.path(), code, &[&["calibrate", "campaign.toml", "-o", "t.toml"], more].concat());
+        let (out, err) =
+            run(folder.path(), code, &[&["calibrate", "turntable", "campaign.toml", "-o", "t.toml"], more].concat());
         assert!(out.is_empty() && !folder.path().join("t.toml").exists(), "{out}");
         err
     };
     write(&campaign, &samples);
-    run(folder.path(), 0, &["calibrate", "campaign.toml", "-o", "-"]);
+    run(folder.path(), 0, &["calibrate", "turntable", "campaign.toml", "-o", "-"]);
     // No input is overwritten, and table and report must be different files.
     for more in [
         &["-o", "samples.csv"][..],
@@ -175,11 +177,11 @@ fn calibrate_reports_what_is_wrong_and_where() {
         &["-o", "t.toml", "--report", "t.toml"],
         &["-o", "-", "--report", "-"],
     ] {
-        run(folder.path(), 64, &[&["calibrate", "campaign.toml"], more].concat());
+        run(folder.path(), 64, &[&["calibrate", "turntable", "campaign.toml"], more].concat());
     }
     assert!(fs::read_to_string(folder.path().join("samples.csv")).unwrap() == samples);
     // Either both files are written or none.
-    run(folder.path(), 74, &["calibrate", "campaign.toml", "-o", "t.toml", "--report", "nowhere/r.html"]);
+    run(folder.path(), 74, &["calibrate", "turntable", "campaign.toml", "-o", "t.toml", "--report", "nowhere/r.html"]);
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
     for wrong in [&["--order", "8"][..], &["--method", "magic"], &["--exclude", "5"], &["--exclude", "5/99"]] {
         refused(64, wrong);
@@ -202,11 +204,12 @@ fn calibrate_reports_what_is_wrong_and_where() {
     write(&campaign, &missing);
     let err = refused(65, &[]);
     assert!(err.contains("set point 5 degC: position 8 of the campaign file is missing"), "{err}");
-    let (_, err) = run(folder.path(), 0, &["calibrate", "campaign.toml", "-o", "t.toml", "--exclude", "5/8"]);
+    let (_, err) =
+        run(folder.path(), 0, &["calibrate", "turntable", "campaign.toml", "-o", "t.toml", "--exclude", "5/8"]);
     assert!(err.contains("179 dwells"), "{err}");
     assert!(fs::read_to_string(folder.path().join("t.toml")).unwrap().contains("excluded = [\"5/8\"]"));
     fs::remove_file(folder.path().join("samples.csv")).unwrap();
-    run(folder.path(), 74, &["calibrate", "campaign.toml", "-o", "t.toml"]);
+    run(folder.path(), 74, &["calibrate", "turntable", "campaign.toml", "-o", "t.toml"]);
 }
 
 #[test]
@@ -217,7 +220,7 @@ fn a_mistake_is_one_line_and_faults_can_be_accepted_by_name() {
     fs::write(folder.path().join("campaign.toml"), campaign).unwrap();
     let write = |samples: &str| fs::write(folder.path().join("samples.csv"), samples).unwrap();
     let calibrate = |code, more: &[&str]| {
-        run(folder.path(), code, &[&["calibrate", "campaign.toml", "-o", "t.toml"], more].concat()).1
+        run(folder.path(), code, &[&["calibrate", "turntable", "campaign.toml", "-o", "t.toml"], more].concat()).1
     };
     write(&samples);
     calibrate(0, &["--strict"]);
@@ -241,7 +244,7 @@ fn a_mistake_is_one_line_and_faults_can_be_accepted_by_name() {
         lines[0].contains("fault [positions-exchanged]: positions 3 and 9 look exchanged: exchange their numbers"),
         "{err}"
     );
-    assert!(lines[1].ends_with("symptoms; isotherm calibrate -v lists them") && lines.len() == 2, "{err}");
+    assert!(lines[1].ends_with("symptoms; with -v isotherm calibrate lists them") && lines.len() == 2, "{err}");
     let all = calibrate(65, &["-v"]);
     assert!(all.lines().next() == err.lines().next() && all.lines().count() > 20, "{all}");
     assert!(all.contains("fault [wrong-position]: ") && all.contains("samples.csv:"), "{all}");
@@ -357,7 +360,7 @@ fn the_json_of_a_batch_has_units() {
         fs::write(at(&format!("{name}.csv")), &samples).unwrap();
     }
     // Two units from one recording: nothing says whose it is, and no table is written.
-    let command = ["calibrate", "campaign.toml", "-o", "{imu}.toml", "--json"];
+    let command = ["calibrate", "turntable", "campaign.toml", "-o", "{imu}.toml", "--json"];
     let (out, err) = run(folder.path(), 65, &command);
     assert!(err.starts_with("isotherm: fault [same-recording]: imu-a and imu-b have the same recording; "), "{err}");
     assert_eq!(serde_json::from_str::<Value>(&out).unwrap()["findings"][0]["name"], "same-recording");
@@ -382,7 +385,7 @@ fn json_is_one_document_also_of_a_failure() {
         assert_units("", &document);
         (document, err)
     };
-    let calibrate = ["calibrate", "campaign.toml", "-o", "t.toml"];
+    let calibrate = ["calibrate", "turntable", "campaign.toml", "-o", "t.toml"];
     let failed = |code, arguments: &[&str]| {
         let (document, err) = json(code, arguments);
         assert_eq!(document["exit_code"], code);
@@ -395,13 +398,13 @@ fn json_is_one_document_also_of_a_failure() {
     let document = failed(78, &calibrate);
     assert_eq!((&document["file"], &document["line"]), (&"campaign.toml".into(), &5.into()));
     write("campaign.toml", &campaign);
-    assert_eq!(failed(74, &["calibrate", "none.toml", "-o", "t.toml"])["file"], "none.toml");
+    assert_eq!(failed(74, &["calibrate", "turntable", "none.toml", "-o", "t.toml"])["file"], "none.toml");
     write("samples.csv", &samples.replacen("\n-25,1,3,", "\n-25,one,3,", 1));
     let document = failed(65, &calibrate);
     assert_eq!((&document["file"], &document["line"]), (&"samples.csv".into(), &5.into()));
     write("samples.csv", &samples);
     failed(64, &[&calibrate[..], &["--exclude", "5/99"]].concat());
-    failed(64, &["calibrate", "campaign.toml", "-o", "-"]);
+    failed(64, &["calibrate", "turntable", "campaign.toml", "-o", "-"]);
     failed(74, &[&calibrate[..], &["--report", "nowhere/r.html"]].concat());
     // A refusal has the diagnosis and the findings with their places.
     write("samples.csv", &samples.replace(",10000000000,", ",9000000000,"));

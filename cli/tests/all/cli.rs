@@ -81,8 +81,17 @@ fn every_help_has_examples_and_exit_codes_and_the_domain_where_there_is_one() {
         "rollback",
         "verify",
     ];
-    let without_below =
-        ["campaign check", "campaign status", "campaign stop", "simulate campaign", "simulate ramp", "simulate run"];
+    let without_below = [
+        "calibrate tumble",
+        "calibrate turntable",
+        "calibrate warm-up",
+        "campaign check",
+        "campaign status",
+        "campaign stop",
+        "simulate campaign",
+        "simulate ramp",
+        "simulate run",
+    ];
     for (path, help) in all {
         assert!(help.contains("Examples:"), "{path}");
         assert!(help.contains("Exit codes: 0 done, 1 failed, 64 usage"), "{path}:\n{help}");
@@ -120,7 +129,7 @@ fn columns_that_are_missing_are_named_beside_those_that_are_there() {
         ),
         (&["regress", &cubic, "--x", "u", "--y", "y"], "missing columns: u", "; found: x, y"),
         (
-            &["calibrate", &campaign, &run, "-o", "/dev/null"],
+            &["calibrate", "turntable", &campaign, &run, "-o", "/dev/null"],
             "missing columns: set_point_c, position",
             "; found: sequence, timestamp_ns",
         ),
@@ -136,7 +145,7 @@ fn columns_that_are_missing_are_named_beside_those_that_are_there() {
 fn a_csv_given_for_a_toml_is_recognised() {
     let run = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/run.csv");
     for (arguments, wanted) in [
-        (&["calibrate", run, "-o", "/dev/null"][..], "give the campaign file that names it"),
+        (&["calibrate", "turntable", run, "-o", "/dev/null"][..], "give the campaign file that names it"),
         (&["campaign", "check", run], "give the campaign plan"),
         (&["replay", "--table", run, run], "give the coefficient table"),
         (&["serve", "--config", run], "give the service configuration"),
@@ -164,4 +173,65 @@ fn a_plan_whose_alarms_nobody_reads_is_named() {
         assert_eq!(output.status.code(), Some(0), "{said}");
         assert!(said.contains("warning [faults-not-read]: "), "{arguments:?}: {said}");
     }
+}
+
+/// The former command line of `calibrate` is refused with the one that does the same.
+#[test]
+fn calibrate_without_a_subcommand_names_the_new_command_line() {
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+    let campaign = format!("{root}/examples/campaign/campaign.toml");
+    for (arguments, line) in [
+        (&["campaign.toml", "-o", "a table.toml"][..], "turntable campaign.toml -o 'a table.toml'"),
+        (&[&campaign, "-o", "t.toml"], &format!("turntable {campaign} -o t.toml")),
+        (&["-o", "t.toml", "--order", "3", "c.toml"], "turntable -o t.toml --order 3 c.toml"),
+        (&["--propose", "measured/"], "turntable --propose measured/"),
+        (&["--gravity-only", "cold.csv", "--imu", "imu-b"], "tumble cold.csv --imu imu-b"),
+        (&["warm.ulg", "--one-attitude", "--imu", "imu-b"], "warm-up warm.ulg --imu imu-b"),
+    ] {
+        let output = isotherm(&[&["calibrate"], arguments].concat());
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(64), "{message}");
+        assert!(output.stdout.is_empty() && message.ends_with(&format!(": isotherm calibrate {line}\n")), "{message}");
+    }
+    let misspelt = isotherm(&["calibrate", "warmup"]);
+    let message = String::from_utf8(misspelt.stderr).unwrap();
+    assert!(misspelt.status.code() == Some(64) && message.contains("'warm-up'"), "{message}");
+}
+
+/// The first line of each help, as a list shows it.
+fn first_lines(command: &clap::Command, path: &str, lines: &mut Vec<(String, String)>) {
+    let path = format!("{path}{} ", command.get_name());
+    lines.push((path.clone(), command.get_about().map(ToString::to_string).unwrap_or_default()));
+    for argument in command.get_arguments().filter(|argument| !argument.is_hide_set()) {
+        let help = argument.get_help().map(ToString::to_string).unwrap_or_default();
+        lines.push((format!("{path}{}", argument.get_id()), help));
+    }
+    for subcommand in command.get_subcommands().filter(|subcommand| !subcommand.is_hide_set()) {
+        first_lines(subcommand, &path, lines);
+    }
+}
+
+#[test]
+fn every_help_begins_with_at_most_eight_words() {
+    let mut lines = Vec::new();
+    first_lines(&isotherm_cli::command(), "", &mut lines);
+    first_lines(&isotherm_service::command("0"), "", &mut lines);
+    let is_short = |line: &str| (2..=8).contains(&line.split_whitespace().count());
+    let begins = |line: &str| line.starts_with(char::is_uppercase);
+    let long: Vec<_> =
+        lines.iter().filter(|(_, line)| !is_short(line) || !begins(line) || line.ends_with(['.', ':', ';'])).collect();
+    assert!(lines.len() > 200 && long.is_empty(), "{} of {}: {long:#?}", long.len(), lines.len());
+}
+
+#[test]
+fn messages_can_be_silenced() {
+    let data = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data");
+    let (run, table) = (format!("{data}/run.csv"), format!("{data}/imu-a.toml"));
+    let replay = ["replay", "--table", &table, &run];
+    assert!(isotherm(&replay).stderr.starts_with(b"isotherm: "));
+    let quiet = isotherm(&[&["-q"], &replay[..]].concat());
+    assert!(quiet.status.success() && quiet.stderr.is_empty() && quiet.stdout == isotherm(&replay).stdout);
+    let failed = isotherm(&["replay", "--quiet", "--table", &table, "/nowhere/run.csv"]);
+    assert!(failed.status.code() == Some(74) && failed.stderr.starts_with(b"isotherm: "));
+    assert_eq!(isotherm(&["-q", "-v", "status"]).status.code(), Some(64));
 }

@@ -112,8 +112,8 @@ fn tables_of_calibrate() {
     let folder = folder();
     let at = |name: &str| folder.path().join(name);
     let campaign = format!("{EXAMPLES}/campaign/campaign.toml");
-    run(folder.path(), 0, &["calibrate", &campaign, "-o", "a.toml", "--alignment"]);
-    run(folder.path(), 0, &["calibrate", &campaign, "-o", "b.toml", "--alignment", "--order", "4"]);
+    run(folder.path(), 0, &["calibrate", "turntable", &campaign, "-o", "a.toml", "--alignment"]);
+    run(folder.path(), 0, &["calibrate", "turntable", &campaign, "-o", "b.toml", "--alignment", "--order", "4"]);
     let require = ["--require", "bias=0.001ug0,scale=0.001ppm,alignment=0.01urad", "--json"];
     // A table equals itself, but its errors reach over a bound that is smaller than they are.
     let (out, _) = run(folder.path(), 1, &[&["compare", "a.toml", "a.toml"], &require[..]].concat());
@@ -137,7 +137,7 @@ fn tables_of_calibrate() {
 fn gyroscopes() {
     let folder = folder();
     let campaign = format!("{DATA}/../../gyro/campaign.toml");
-    run(folder.path(), 0, &["calibrate", &campaign, "-o", "whole.toml"]);
+    run(folder.path(), 0, &["calibrate", "turntable", &campaign, "-o", "whole.toml"]);
     let (out, _) = run(
         folder.path(),
         0,

@@ -116,7 +116,7 @@ fn a_table_without_a_turntable_is_made_of_texts_and_knows_them() {
     run(folder, 0, &[&["convert"], &data[..], &["-o", "runs"]].concat());
     let make = |recordings: &[&str], table: &str| {
         let options = ["--gravity-local=9.81", "--gravity-reference=9.81", "--temperature-unit=degC", "--imu=imu-a"];
-        run(folder, 0, &[&["calibrate", "--gravity-only"], &options[..], recordings, &["-o", table]].concat());
+        run(folder, 0, &[&["calibrate", "tumble"], &options[..], recordings, &["-o", table]].concat());
         fs::read_to_string(folder.join(table)).unwrap()
     };
     let digest = |table: &str| table.lines().find(|line| line.starts_with("digest = ")).unwrap().to_owned();
@@ -132,7 +132,7 @@ fn a_table_without_a_turntable_is_made_of_texts_and_knows_them() {
     let campaign = "format = 1\nmethod = \"gravity-only\"\nimu = \"imu-a\"\nsamples = [\"cold.csv\", \"warm.csv\"]\n\
          gravity_reference = 9.81\ngravity_local = 9.81\ntemperature_unit = \"degC\"\n";
     fs::write(folder.join("campaign.toml"), campaign).unwrap();
-    run(folder, 0, &["calibrate", "campaign.toml", "--mapping", "m.toml", "-o", "c.toml"]);
+    run(folder, 0, &["calibrate", "tumble", "campaign.toml", "--mapping", "m.toml", "-o", "c.toml"]);
     assert_eq!(digest(&fs::read_to_string(folder.join("c.toml")).unwrap()), digest(&of_texts));
     // What the conversion finds is judged with the rest, and is in the provenance.
     let text = fs::read_to_string(folder.join("cold.csv")).unwrap();
@@ -184,11 +184,8 @@ fn what_is_wrong_with_data_or_options_has_line_key_and_remedy() {
         run(folder, 64, &["replay", "--table", "nominal.toml", "still.csv", "--mapping=still.toml", "-o=still.toml"]);
     assert!(err.contains("still.toml is the mapping; write to another file"), "{err}");
     let campaign = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/campaign/campaign.toml");
-    let (_, err) = run(folder, 64, &["calibrate", campaign, "--mapping", "still.toml", "-o", "t.toml"]);
-    assert!(
-        err.contains("--mapping or another option for data of other programs is for --gravity-only and --one-attitude"),
-        "{err}"
-    );
+    let (_, err) = run(folder, 64, &["calibrate", "turntable", campaign, "--mapping", "still.toml", "-o", "t.toml"]);
+    assert!(err.contains("unexpected argument '--mapping'"), "{err}");
 }
 
 #[test]
@@ -249,7 +246,7 @@ fn a_file_of_another_kind_is_named_with_the_command_that_reads_it() {
     const TABLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/imu-a.toml");
     const RUN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/run.csv");
     let folder = folder();
-    let reads = |file: &str| format!("`isotherm calibrate --one-attitude --imu ID {file} -o ID.toml` makes a table");
+    let reads = |file: &str| format!("`isotherm calibrate warm-up --imu ID {file} -o ID.toml` makes a table");
     let imports = "`isotherm import FILE --from px4|ardupilot --imu ID --interval S -o ID.toml` makes a table of them";
     let imports = imports.to_owned();
     let import = |file: &'static str| vec!["import", file, "--from", "px4", "--imu", "a", "--interval", "1", "-o", "x"];
@@ -257,10 +254,10 @@ fn a_file_of_another_kind_is_named_with_the_command_that_reads_it() {
     let [ulog, dataflash] = ["this is a log of PX4 (ULog)", "this is a log of ArduPilot (DataFlash)"];
     let [csv, parameters] = ["this is a recording (CSV)", "this is parameters of an autopilot, not TOML; give "];
     for (arguments, kind, remedy) in [
-        (vec!["calibrate", ULG, "-o", "x"], ulog, reads(ULG)),
-        (vec!["calibrate", BIN, "-o", "x"], dataflash, reads(BIN)),
-        (vec!["calibrate", RUN, "-o", "x"], csv, reads("FILE")),
-        (vec!["calibrate", PARAMETERS, "-o", "x"], parameters, imports.clone()),
+        (vec!["calibrate", "turntable", ULG, "-o", "x"], ulog, reads(ULG)),
+        (vec!["calibrate", "turntable", BIN, "-o", "x"], dataflash, reads(BIN)),
+        (vec!["calibrate", "turntable", RUN, "-o", "x"], csv, reads("FILE")),
+        (vec!["calibrate", "turntable", PARAMETERS, "-o", "x"], parameters, imports.clone()),
         (vec!["check", ULG], ulog, reads(ULG)),
         (vec!["check", PARAMETERS], parameters, imports.clone()),
         (import(ULG), ulog, reads(ULG)),

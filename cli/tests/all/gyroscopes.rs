@@ -58,7 +58,8 @@ fn same(_: usize, _: (f64, u32), line: &str) -> Option<String> {
 
 /// Calibrates the campaign in `folder`; the command must end with `code`. Returns what it printed to stderr.
 fn calibrate(folder: &Path, code: i32, more: &[&str]) -> String {
-    let (out, err) = run(folder, code, &[&["calibrate", "campaign.toml", "-o", "table.toml"], more].concat());
+    let (out, err) =
+        run(folder, code, &[&["calibrate", "turntable", "campaign.toml", "-o", "table.toml"], more].concat());
     assert_eq!(out, "");
     assert_eq!(folder.join("table.toml").exists(), code == 0, "{err}");
     err
@@ -66,7 +67,7 @@ fn calibrate(folder: &Path, code: i32, more: &[&str]) -> String {
 
 /// The document of `--json`; the command must end with `code`.
 fn document(folder: &Path, code: i32, more: &[&str]) -> Value {
-    let arguments = [&["calibrate", "campaign.toml", "-o", "table.toml", "--json"], more].concat();
+    let arguments = [&["calibrate", "turntable", "campaign.toml", "-o", "table.toml", "--json"], more].concat();
     serde_json::from_str(&run(folder, code, &arguments).0).unwrap()
 }
 

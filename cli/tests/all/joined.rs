@@ -169,7 +169,7 @@ fn a_tumble_in_two_texts_and_in_split_texts_makes_the_table_of_the_whole() {
     let make = |data: &[&str]| {
         let options = ["--gravity-local=9.81", "--gravity-reference=9.81", "--temperature-unit=degC", "--imu=imu-a"];
         let more = ["--order", "0", "--temperature-range", "15,35", "-o", "t.toml"];
-        let (_, err) = run(folder, 0, &[&["calibrate", "--gravity-only"], &options[..], &more, data].concat());
+        let (_, err) = run(folder, 0, &[&["calibrate", "tumble"], &options[..], &more, data].concat());
         let table = fs::read_to_string(folder.join("t.toml")).unwrap();
         (table.lines().find(|line| line.starts_with("digest = ")).unwrap().to_owned(), err)
     };

@@ -34,7 +34,7 @@ fn files_by_position_are_proposed_checked_and_calibrated() {
     }
     fs::create_dir(at("measured")).unwrap();
     files.iter().for_each(|(name, text)| fs::write(at("measured").join(name), text).unwrap());
-    run(folder.path(), 0, &["calibrate", "--propose", "measured", "-o", "campaign.toml"]);
+    run(folder.path(), 0, &["calibrate", "turntable", "--propose", "measured", "-o", "campaign.toml"]);
     let (_, err) = run(folder.path(), 78, &["check", "campaign.toml"]);
     assert!(err.contains("samples.accelerometer.gate_s: is \"?\", which is to be filled in"), "{err}");
     let proposed = fs::read_to_string(at("campaign.toml")).unwrap();
@@ -49,8 +49,8 @@ fn files_by_position_are_proposed_checked_and_calibrated() {
     });
     fs::write(at("campaign.toml"), filled.collect::<Vec<_>>().join("\n") + "\n" + positions).unwrap();
     run(folder.path(), 0, &["check", "campaign.toml"]);
-    run(folder.path(), 0, &["calibrate", "campaign.toml", "-o", "files.toml", "--report", "files.html"]);
-    run(folder.path(), 0, &["calibrate", "c/campaign.toml", "-o", "rows.toml"]);
+    run(folder.path(), 0, &["calibrate", "turntable", "campaign.toml", "-o", "files.toml", "--report", "files.html"]);
+    run(folder.path(), 0, &["calibrate", "turntable", "c/campaign.toml", "-o", "rows.toml"]);
     let [rows, files] = ["rows.toml", "files.toml"].map(|name| fs::read_to_string(at(name)).unwrap());
     let digest = |text: &str| text.lines().find(|line| line.starts_with("digest")).unwrap().to_owned();
     assert_eq!(digest(&rows), digest(&files));

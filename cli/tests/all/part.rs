@@ -78,7 +78,7 @@ fn a_flight_is_left_out_and_the_table_says_what_was_read() {
     let folder = folder.path();
     flight(&folder.join("f.txt"));
     fs::write(folder.join("m.toml"), MAPPING).unwrap();
-    let calibrate = ["calibrate", "--one-attitude", "f.txt", "--mapping", "m.toml", "--imu", "imu-b", "--order", "1"];
+    let calibrate = ["calibrate", "warm-up", "f.txt", "--mapping", "m.toml", "--imu", "imu-b", "--order", "1"];
     let (_, err) = run(folder, 0, &[&calibrate[..], &["-o", "t.toml", "--to", "400"]].concat());
     assert!(err.contains("800 rows are read, up to 400 s of the recording"), "{err}");
     let table = fs::read_to_string(folder.join("t.toml")).unwrap();

@@ -74,7 +74,7 @@ fn verify_noise_and_replay_take_the_pieces_that_calibrate_took() {
     for pieces in [["runs/cold.csv", "runs/warm.csv"], ["plain-cold.csv", "plain-warm.csv"]] {
         let with = |command: &[&str]| run(folder, 0, &[command, &pieces].concat()).0;
         let options = ["--gravity-local", "9.81", "--gravity-reference", "9.81", "--temperature-unit", "degC"];
-        with(&[&["calibrate", "--gravity-only", "--imu", "imu-a", "-o", "t.toml"], &options[..]].concat());
+        with(&[&["calibrate", "tumble", "--imu", "imu-a", "-o", "t.toml"], &options[..]].concat());
         let (verified, err) = run(folder, 0, &[&["verify", "--table", "t.toml"], &pieces[..]].concat());
         assert!(verified.contains("48 standstills") && err.contains("own-recording"), "{verified}{err}");
         replayed.push(with(&["replay", "--table", "t.toml"]));

@@ -36,7 +36,8 @@ fn campaigns(folder: &Path) {
 
 /// The document of `calibrate --json`, and the table.
 fn calibrated(folder: &Path, campaign: &str, more: &[&str]) -> (Value, CoefficientTable) {
-    let arguments = [&["calibrate", campaign, "-o", "table.toml", "--report", "report.html", "--json"], more].concat();
+    let arguments =
+        [&["calibrate", "turntable", campaign, "-o", "table.toml", "--report", "report.html", "--json"], more].concat();
     let (out, _) = run(folder, 0, &arguments);
     let table = fs::read_to_string(folder.join("table.toml")).unwrap();
     (serde_json::from_str(&out).unwrap(), CoefficientTable::from_toml(&table, None).unwrap())
@@ -44,7 +45,7 @@ fn calibrated(folder: &Path, campaign: &str, more: &[&str]) -> (Value, Coefficie
 
 /// The messages of a `calibrate` that must end with `code` and write nothing.
 fn refused(folder: &Path, code: i32, campaign: &str, more: &[&str]) -> String {
-    let (out, err) = run(folder, code, &[&["calibrate", campaign, "-o", "refused.toml"], more].concat());
+    let (out, err) = run(folder, code, &[&["calibrate", "turntable", campaign, "-o", "refused.toml"], more].concat());
     assert_eq!(out, "");
     assert!(!folder.join("refused.toml").exists());
     err
@@ -86,7 +87,7 @@ fn the_known_lag_is_written() {
         let contains =
             ["A1 without transient", "A3 with transient", "Search over the time constant", "lag-not-hysteresis"];
         assert_self_contained(&folder.path().join("report.html"), &contains);
-        let (_, text) = run(folder.path(), 0, &["calibrate", campaign, "-o", "table.toml"]);
+        let (_, text) = run(folder.path(), 0, &["calibrate", "turntable", campaign, "-o", "table.toml"]);
         assert!(text.contains("transients are written for A1, A2, A3"), "{text}");
         assert_eq!(text.contains("the constant of each bias: not measured"), campaign == "alone.toml", "{text}");
     }
@@ -193,12 +194,12 @@ fn one_direction_replaces_no_curves_unless_asked() {
     fs::write(path.join("one.toml"), text.rsplit_once("[[ramp]]").unwrap().0).unwrap();
     let err = refused(path, 1, "one.toml", &[]);
     assert!(err.contains("fault [one-direction]: no ramp heats and cools over half of the range"), "{err}");
-    let (_, words) = run(path, 0, &["calibrate", "one.toml", "-o", "table.toml", "--replace-curves"]);
+    let (_, words) = run(path, 0, &["calibrate", "turntable", "one.toml", "-o", "table.toml", "--replace-curves"]);
     assert!(words.contains("warning [one-direction]") && words.contains("\nthe errors of the curves are not known"));
     let table = fs::read_to_string(path.join("table.toml")).unwrap();
     assert!(!table.contains("curve_error") && table.contains("accepted = [\"one-direction\"]"), "{table}");
     // Both ways, the error is in the table, and in the first line.
-    let (_, words) = run(path, 0, &["calibrate", "alone.toml", "-o", "both.toml"]);
+    let (_, words) = run(path, 0, &["calibrate", "turntable", "alone.toml", "-o", "both.toml"]);
     assert!(words.contains("\nerrors of the curves, half of the band between sweeps: A1 "), "{words}");
     let table = fs::read_to_string(path.join("both.toml")).unwrap();
     assert_eq!(table.matches("curve_error = ").count(), 3, "{table}");
@@ -342,7 +343,7 @@ fn hysteresis_of_a_consumer_imu_is_not_written() {
 fn time_that_is_lost_in_a_ramp_is_a_warning() {
     let folder = folder();
     campaigns(folder.path());
-    let arguments = ["calibrate", "alone.toml", "-o", "table.toml"];
+    let arguments = ["calibrate", "turntable", "alone.toml", "-o", "table.toml"];
     let (_, words) = run(folder.path(), 0, &arguments);
     assert!(!words.contains("time-step"), "{words}");
     // Three rows of the first hour, the others numbered anew.

@@ -132,7 +132,7 @@ fn calibrate_finds_lost_time_within_a_dwell_and_none_between_dwells() {
     assert!(simulated.status.success(), "{}", String::from_utf8_lossy(&simulated.stderr));
     let samples = folder.path().join("c/samples.csv");
     let text = fs::read_to_string(&samples).unwrap();
-    let calibrate = ["calibrate", "c/campaign.toml", "-o", "t.toml"];
+    let calibrate = ["calibrate", "turntable", "c/campaign.toml", "-o", "t.toml"];
     let (_, whole) = run(folder.path(), 0, &calibrate);
     assert!(!whole.contains("time-step") && !whole.contains("missing"), "{whole}");
     // Three periods of the first dwell.

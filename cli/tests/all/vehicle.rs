@@ -58,7 +58,7 @@ fn log(path: &Path, imus: usize, stuck: &[usize]) {
 }
 
 fn calibrate<'a>(more: &[&'a str]) -> Vec<&'a str> {
-    [&["calibrate", "--one-attitude", "warm.log", "--imu", "my-drone", "--order", "3"], more].concat()
+    [&["calibrate", "warm-up", "warm.log", "--imu", "my-drone", "--order", "3"], more].concat()
 }
 
 fn read(folder: &Path, name: &str) -> String {

@@ -35,7 +35,9 @@ const IMU: &str = "imu-whole";
 /// Longest time for the service to start, to answer and to stop.
 const SERVICE_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Show the whole chain on embedded data: service, acquisition, a temperature run, a hot reload in flight
+/// Show the whole chain on embedded data
+///
+/// Show the whole chain on embedded data: service, acquisition, a temperature run, a hot reload in flight.
 ///
 /// Starts real processes in a domain of their own, prints what they did, leaves a report and nothing else.
 #[derive(Debug, Args)]

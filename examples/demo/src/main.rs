@@ -15,7 +15,9 @@ use std::process::ExitCode;
     after_help = "The other commands are in the program `isotherm`: cargo build --release, then target/release/isotherm --help"
 )]
 struct DemoProgram {
-    /// The domain of the processes that the demonstration starts
+    /// Start the processes in this domain
+    ///
+    /// The domain of the processes that the demonstration starts.
     #[arg(long, global = true, value_name = "NAME", hide = true)]
     domain: Option<String>,
     #[command(subcommand)]

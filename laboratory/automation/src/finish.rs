@@ -13,7 +13,7 @@ use fitted_table::{FittedTable, print_message};
 use isotherm_client::Options;
 use isotherm_files::StagedText;
 use isotherm_fit::{Accuracy, AlignmentChoice, Calibration, CalibrationOptions, Fitted, LagChoice};
-use isotherm_pipeline::{CampaignFile, FitOptions, Inputs, no_bar};
+use isotherm_pipeline::{CampaignFile, InputOptions, Inputs, no_bar};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_support::failure::{Exit, Failure, printable, shown};
 use isotherm_verification::Requirement;
@@ -210,8 +210,8 @@ impl Finish {
             let message = format!("{file}: {imu} is not in it; run the campaign again, which writes it anew");
             Failure::new(Exit::Data, message)
         })?;
-        let options = FitOptions { turntable: self.options(in_force), ..FitOptions::default() };
-        let inputs = Inputs::read(&campaign, Some(&file), Vec::new(), &options, &no_bar);
+        let (options, input) = (self.options(in_force), InputOptions::default());
+        let inputs = Inputs::turntable(&campaign, &file, Vec::new(), options, &input, &no_bar);
         let made = inputs.and_then(|inputs| inputs.fit(&campaign, Some(&file))).map_err(|refused| refused.failure)?;
         made.findings().for_each(|finding| print_message(&finding));
         let _ = io::stderr().write_all(printable(&made.text()).as_bytes());

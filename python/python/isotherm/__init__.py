@@ -38,11 +38,10 @@ from ._isotherm import (
     export_parameters,
     import_parameters,
 )
-from ._gravity_only import calibrate_gravity_only, lengths
 from ._offline import (
     Calibration,
     batch,
-    calibrate,
+    calibrate_turntable,
     compare,
     noise,
     read_increments,
@@ -54,9 +53,10 @@ from ._offline import (
     write_increments,
     write_recording,
 )
-from ._one_attitude import calibrate_one_attitude
 from ._records import CAMPAIGN, INCREMENT, RAW_SAMPLE, TRIAD, WINDOW, Flags, Records, flag_names
+from ._tumble import calibrate_tumble, lengths
 from ._vehicle import Vehicle, calibrate_vehicle
+from ._warm_up import calibrate_warm_up
 
 __all__ = [
     "CAMPAIGN",
@@ -99,10 +99,10 @@ __all__ = [
     "WrongThread",
     "__version__",
     "batch",
-    "calibrate",
-    "calibrate_gravity_only",
-    "calibrate_one_attitude",
+    "calibrate_tumble",
+    "calibrate_turntable",
     "calibrate_vehicle",
+    "calibrate_warm_up",
     "compare",
     "convert",
     "device",
@@ -121,3 +121,16 @@ __all__ = [
     "write_recording",
     "write_ros",
 ]
+
+_NEW_NAMES = {
+    "calibrate": "calibrate_turntable",
+    "calibrate_gravity_only": "calibrate_tumble",
+    "calibrate_one_attitude": "calibrate_warm_up",
+}
+
+
+def __getattr__(name: str) -> object:
+    """Names the function that took the place of a former one."""
+    if new := _NEW_NAMES.get(name):
+        raise AttributeError(f"isotherm.{name} is isotherm.{new} now")
+    raise AttributeError(f"module 'isotherm' has no attribute {name!r}")

@@ -36,9 +36,9 @@ __all__ = [
     "Triad",
     "__version__",
     "batch",
-    "calibrate",
-    "calibrate_one_attitude",
+    "calibrate_campaign",
     "calibrate_vehicle",
+    "calibrate_warm_up",
     "compare",
     "convert",
     "device",
@@ -611,7 +611,7 @@ class Batch:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """The statistics, as `isotherm calibrate --batch --json` prints them: each quantity with its unit, median, standard deviation and range."""
+        """The statistics, as `isotherm calibrate turntable --batch --json` prints them: each quantity with its unit, median, standard deviation and range."""
     @property
     def units(self) -> list[str]:
         """The IMUs, in the order of the values."""
@@ -720,15 +720,15 @@ def verify(
 ) -> Stability: ...
 def noise(samples: _Bytes, table: Table | None, part: tuple[float, float], recording: str) -> tuple[str, str, str | None]: ...
 def noise_of_rates(rates: _Doubles, interval_s: float, telemetry: _Doubles | None) -> str: ...
-def calibrate(
+def calibrate_campaign(
     text: str,
     path: _Path,
     imu: str | None,
     recordings: Sequence[_Path | _Bytes] | None,
-    by_hand: bool,
+    is_tumble: bool,
     options: Mapping[str, Any],
 ) -> Calibration: ...
-def calibrate_one_attitude(
+def calibrate_warm_up(
     recordings: Sequence[_Path | _Bytes],
     imu: str,
     nominal: Table | None,

@@ -309,7 +309,7 @@ class Calibration:
         return str(self._native)
 
 
-def calibrate(
+def calibrate_turntable(
     campaign: AnyPath | Mapping[str, Any],
     samples: AnyPath | Records | pd.DataFrame | None = None,
     *,
@@ -325,7 +325,7 @@ def calibrate(
     start: Moment | None = None,
     end: Moment | None = None,
 ) -> Calibration:
-    """Makes a coefficient table from a campaign in the temperature chamber, as `isotherm calibrate` does.
+    """Makes a coefficient table from a campaign in the temperature chamber, as `isotherm calibrate turntable` does.
 
     `campaign` is the path of a campaign file, or a mapping with the same keys. `samples` are its rows: an array of CAMPAIGN, a data
     frame with the columns of a campaign's samples, or the path of a file. Without `samples` the file that the campaign names is
@@ -366,7 +366,7 @@ def calibrate(
         lag=0.0 if lag == "none" else lag,
         part=part(start, end),
     )
-    return Calibration(_isotherm.calibrate(text, path, imu, given, False, options))
+    return Calibration(_isotherm.calibrate_campaign(text, path, imu, given, False, options))
 
 
 def recorded(recordings: Any) -> list[Path | npt.NDArray[np.uint8]]:

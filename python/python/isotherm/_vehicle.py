@@ -11,7 +11,7 @@ from . import _isotherm
 from ._convert import Moment
 from ._isotherm import Exported, Table
 from ._offline import AnyPath, Calibration
-from ._one_attitude import one_attitude_options
+from ._warm_up import warm_up_options
 
 
 class Vehicle(dict[int, Calibration]):
@@ -53,13 +53,13 @@ def calibrate_vehicle(
     start: Moment | None = None,
     end: Moment | None = None,
 ) -> Vehicle:
-    """Makes bias curves of all IMUs of an autopilot's logs, as `isotherm calibrate --one-attitude` does.
+    """Makes bias curves of all IMUs of an autopilot's logs, as `isotherm calibrate warm-up` does.
 
     `logs` is a ULog or DataFlash log, or several. Of logs with several IMUs the tables are of `imu`-0, `imu`-1 and so on, by the numbers in the
     logs; of logs with one it is of `imu`. An IMU whose rows give no table is in `Vehicle.refused`, with the exception, and the others go on. `nominal` are tables by those numbers. All else is as of
-    `calibrate_one_attitude`, which makes the table of one IMU: with `instance` of the one that it names.
+    `calibrate_warm_up`, which makes the table of one IMU: with `instance` of the one that it names.
     """
-    options = one_attitude_options(
+    options = warm_up_options(
         order, lag, at, gravity_reference, beside, accept, strict, other_device, (None, temperature, interval, None, None, None, None, "header", None), (start, end)
     )
     paths = [Path(logs)] if isinstance(logs, (str, os.PathLike)) else [Path(log) for log in logs]

@@ -29,17 +29,25 @@ use std::path::{Path, PathBuf};
     after_help = "Examples:\n  isotherm check service.toml tables/*.toml\n  isotherm check --seal tables/imu-a.toml\n  isotherm check --against tables/imu-a.toml new.toml"
 )]
 pub struct Check {
-    /// Write a table's digest into it, so that a later change or a half-written copy is noticed
+    /// Write a table's digest into it
+    ///
+    /// Write a table's digest into it, so that a later change or a half-written copy is noticed.
     #[arg(long)]
     seal: bool,
-    /// End with exit code 78 if there is a warning
+    /// Fail if there is a warning
+    ///
+    /// End with exit code 78 if there is a warning.
     #[arg(long)]
     strict: bool,
+    /// Compare each table with this one
+    ///
     /// Compare each table with this one, and refuse one that changes as much as a service with the default limits
-    /// refuses it
+    /// refuses it.
     #[arg(long, value_name = "TABLE")]
     against: Option<PathBuf>,
-    /// Take files that everybody may write; without this they are refused, as by the service
+    /// Take files that everybody may write
+    ///
+    /// Take files that everybody may write; without this they are refused, as by the service.
     #[arg(long)]
     allow_world_writable: bool,
     /// Files to validate; - is stdin

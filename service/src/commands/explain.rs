@@ -73,7 +73,9 @@ pub fn topics() -> Vec<Topic> {
     flags.chain(fields).chain(codes).collect()
 }
 
-/// Explain a flag, a field of the status or an exit code
+/// Explain a name that the programs print
+///
+/// Explain a flag, a field of the status or an exit code.
 ///
 /// Without a name, all names are listed.
 #[derive(Debug, Args)]
@@ -84,42 +86,35 @@ pub struct Explain {
 }
 
 impl Explain {
-    /// Explains the names of the daemon.
+    /// Prints what the words name; without a word the list of all `topics`. Names may also stand between brackets, or
+    /// be joined by `|` as flags are.
     ///
     /// # Errors
-    /// If nothing has the name.
-    pub fn run(self) -> Result<(), Failure> {
-        explain(&topics(), &self.name)
-    }
-}
-
-/// Prints what these words name; without a word the list of all. Names may also stand between brackets, or be joined by
-/// `|` as flags are.
-///
-/// # Errors
-/// If nothing has the name: exit code 64, and the message tells those that are near.
-pub fn explain(topics: &[Topic], words: &[String]) -> Result<(), Failure> {
-    if words.is_empty() {
-        return print(&list(topics));
-    }
-    let words = words.join(" ");
-    let mut text = String::new();
-    for query in words.split('|').map(|word| word.trim_matches(['[', ']', '`', ' '])) {
-        let found: Vec<_> = topics.iter().filter(|topic| topic.is_called(query)).collect();
-        if found.is_empty() {
-            return Err(unknown(topics, query));
+    /// If nothing has the name: exit code 64, and the message tells those that are near.
+    pub fn run(self, topics: &[Topic]) -> Result<(), Failure> {
+        let words = self.name;
+        if words.is_empty() {
+            return print(&list(topics));
         }
-        for topic in found {
-            let note = if topic.note.is_empty() { String::new() } else { format!(" ({})", topic.note) };
-            let gap = if text.is_empty() { "" } else { "\n" };
-            let _ = writeln!(text, "{gap}{} {}{note}", topic.kind, topic.name);
-            text.push_str(&wrap(&topic.meaning, WIDTH, "  ", "  "));
-            if !topic.remedy.is_empty() {
-                text.push_str(&wrap(&topic.remedy, WIDTH, "  Remedy: ", "  "));
+        let words = words.join(" ");
+        let mut text = String::new();
+        for query in words.split('|').map(|word| word.trim_matches(['[', ']', '`', ' '])) {
+            let found: Vec<_> = topics.iter().filter(|topic| topic.is_called(query)).collect();
+            if found.is_empty() {
+                return Err(unknown(topics, query));
+            }
+            for topic in found {
+                let note = if topic.note.is_empty() { String::new() } else { format!(" ({})", topic.note) };
+                let gap = if text.is_empty() { "" } else { "\n" };
+                let _ = writeln!(text, "{gap}{} {}{note}", topic.kind, topic.name);
+                text.push_str(&wrap(&topic.meaning, WIDTH, "  ", "  "));
+                if !topic.remedy.is_empty() {
+                    text.push_str(&wrap(&topic.remedy, WIDTH, "  Remedy: ", "  "));
+                }
             }
         }
+        print(&text)
     }
-    print(&text)
 }
 
 /// All names by kind, each with its first sentence.

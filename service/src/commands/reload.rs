@@ -20,7 +20,9 @@ const WITHDRAWAL: Duration = Duration::from_millis(300);
 /// How long keeping the table may take.
 const KEPT_LIMIT: Duration = Duration::from_secs(10);
 
-/// Take a table that the service refuses because it changes too much
+/// Take a table that changes too much
+///
+/// Take a table that the service refuses because it changes too much.
 ///
 /// The service takes the table of this digest, and no other, although it differs from the one before by more than
 /// max_change. Its message and `status` have the digest. The table becomes the anchor, from which no later one may
@@ -32,7 +34,9 @@ pub struct Reload {
     /// The IMU
     #[arg(long, value_name = "ID")]
     imu: ImuId,
-    /// Digest of the table, sha256: and 64 hexadecimal digits
+    /// Take the table with this digest
+    ///
+    /// Digest of the table, sha256: and 64 hexadecimal digits.
     #[arg(long, value_name = "DIGEST", value_parser = digest)]
     accept: String,
 }

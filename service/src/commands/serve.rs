@@ -25,14 +25,20 @@ pub struct Serve {
     /// Configuration file
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// An IMU and its coefficient table; may be repeated, and adds to the configuration
+    /// Serve an IMU with its coefficient table
+    ///
+    /// An IMU and its coefficient table; may be repeated, and adds to the configuration.
     #[arg(long, value_name = "ID=TABLE", value_parser = imu)]
     imu: Vec<(ImuId, PathBuf)>,
-    /// Serve an IMU whose table file does not exist yet: NaN until it appears
+    /// Serve IMUs whose table does not exist yet
+    ///
+    /// Serve an IMU whose table file does not exist yet: NaN until it appears.
     #[arg(long)]
     allow_uncalibrated: bool,
+    /// Take files that other users may write
+    ///
     /// Take a configuration or tables that everybody may write, or that belong to another user than this one and root;
-    /// without this they are refused
+    /// without this they are refused.
     #[arg(long)]
     allow_world_writable: bool,
     /// Log lines for people or for machines

@@ -13,7 +13,9 @@ use isotherm_support::failure::{Exit, Failure, one_line, tell};
 use std::fmt::Write as _;
 use std::time::Duration;
 
-/// Show the running service: per IMU counts, flags, latency, table in force
+/// Show the running service
+///
+/// Show the running service: per IMU counts, flags, latency, table in force.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm status\n  isotherm status --json | jq '.imus[] | {id, received, gaps}'\n  isotherm status --iceoryx2 > iceoryx2.toml"
@@ -22,7 +24,9 @@ pub struct Status {
     /// Print one JSON document
     #[arg(long)]
     json: bool,
-    /// Print the configuration with which iceoryx2's own tools join the domain, whether a service runs or not
+    /// Print the configuration for iceoryx2's own tools
+    ///
+    /// Print the configuration with which iceoryx2's own tools join the domain, whether a service runs or not.
     #[arg(long, conflicts_with = "json")]
     iceoryx2: bool,
 }

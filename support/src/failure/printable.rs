@@ -5,6 +5,8 @@ use std::borrow::Cow;
 use std::fmt::{Display, Write as _};
 use std::io::{self, Write as _};
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use tracing::{info, warn};
 
 /// The text with every character escaped that steers a terminal, as in `\u{1b}`: control characters (C0, DEL, C1)
 /// except line ends and tabs, and the characters that change the direction of writing.
@@ -63,8 +65,26 @@ fn escaped(text: &str, is_escaped: impl Fn(char) -> bool) -> Cow<'_, str> {
     Cow::Owned(escaped)
 }
 
-/// Prints a message for the operator to stderr: the name of the program and the message, as [`printable`] text.
+/// Whether messages are events of `tracing`.
+static ARE_EVENTS: AtomicBool = AtomicBool::new(false);
+
+/// Makes an event of `tracing` of every further message: the program has a subscriber that prints them, or not.
+pub fn tell_as_events() {
+    ARE_EVENTS.store(true, Ordering::Relaxed);
+}
+
+/// Prints a message for the operator to stderr: the name of the program and the message, as [`printable`] text; or
+/// makes an event of it, after [`tell_as_events`].
 pub fn tell(program: &str, message: impl Display) {
+    if !ARE_EVENTS.load(Ordering::Relaxed) {
+        return tell_plainly(program, message);
+    }
+    let message = message.to_string();
+    if message.starts_with("warning") { warn!("{message}") } else { info!("{message}") }
+}
+
+/// Prints a message for the operator to stderr in any case.
+pub fn tell_plainly(program: &str, message: impl Display) {
     // There is no other place for the message if stderr is closed.
     let _ = writeln!(io::stderr(), "{program}: {}", printable(&message.to_string()));
 }

@@ -141,8 +141,11 @@ fn commands_and_options_in_the_documents_exist() {
                 words.iter().take_while(|word| is_name(word)).map(|word| (*word).to_owned()).collect();
             // The first one or two words are the command, the rest are its arguments.
             let help_of = |command: &[String]| help(&command.iter().map(String::as_str).collect::<Vec<_>>());
-            let depth =
-                if matches!(command.first().map(String::as_str), Some("simulate" | "campaign")) { 2 } else { 1 };
+            let depth = if matches!(command.first().map(String::as_str), Some("simulate" | "campaign" | "calibrate")) {
+                2
+            } else {
+                1
+            };
             let command = command[..command.len().min(depth)].to_vec();
             if command.is_empty() && !words.iter().any(|word| word.starts_with("--")) {
                 continue;

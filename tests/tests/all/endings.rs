@@ -42,7 +42,7 @@ const DERIVED: [Derived; 3] = [
         results: &["r.html"],
     },
     Derived {
-        arguments: &["calibrate", "campaign.toml", "-", "-o", "t.toml", "--report", "r.html"],
+        arguments: &["calibrate", "turntable", "campaign.toml", "-", "-o", "t.toml", "--report", "r.html"],
         input: concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/campaign/samples.csv"),
         results: &["t.toml", "r.html"],
     },
@@ -210,7 +210,7 @@ fn a_closed_standard_output_is_an_error() {
         &["replay", "--table", "imu-a.toml", RUN],
         &["verify", "--table", "imu-a.toml", RUN],
         &["regress", "line.csv", "--x", "x", "--y", "y"],
-        &["calibrate", "campaign.toml", &samples, "-o", "-"],
+        &["calibrate", "turntable", "campaign.toml", &samples, "-o", "-"],
         &["simulate", "run", "-o", "run"],
         &["feed", "--imu", "imu-a", RUN],
         &["record", "--imu", "imu-a", "-o", "-"],

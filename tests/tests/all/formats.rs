@@ -226,9 +226,9 @@ fn calibrate_reads_every_format_and_pieces_in_any_order() {
     for files in &variants {
         // The files are named in the campaign file, then on the command line.
         domain.write("campaign.toml", &campaign.replace("\"samples.csv\"", &format!("{files:?}")));
-        let named = domain.run_ok(&["calibrate", "campaign.toml", "-o", "-"]);
+        let named = domain.run_ok(&["calibrate", "turntable", "campaign.toml", "-o", "-"]);
         domain.write("campaign.toml", &campaign);
-        let given = domain.run_ok(&[&["calibrate", "campaign.toml", "-o", "-"], &files[..]].concat());
+        let given = domain.run_ok(&[&["calibrate", "turntable", "campaign.toml", "-o", "-"], &files[..]].concat());
         let content =
             |table: &str| table[table.find("[[axis]]").unwrap()..table.find("[provenance]").unwrap()].to_owned();
         assert_eq!(content(&named), content(&given), "{files:?}");
@@ -331,7 +331,7 @@ fn calibrate_reports_a_fault_with_the_piece_that_has_it() {
         bad.rows[7][column] = value.to_owned();
         bad.write(&domain.path(piece));
         for files in [["one.parquet", piece, "three.mcap"], ["three.mcap", "one.parquet", piece]] {
-            let command = ["calibrate", "campaign.toml", "-o", "table.toml"];
+            let command = ["calibrate", "turntable", "campaign.toml", "-o", "table.toml"];
             assert_refused(&domain, &[&command[..], &files].concat(), 65, cause);
             assert!(!domain.path("table.toml").exists(), "{files:?}");
         }

@@ -40,17 +40,20 @@ const WRITING: &[Writing] = &[
         ..file("acquire record", &["acquire", "source.toml", "--device", "bytes", "--dry-run", "--record", "OUT.csv"])
     },
     file("acquire nominal", &["acquire", "source.toml", "--nominal", OUT]),
-    file("calibrate output", &["calibrate", "campaign.toml", "-o", OUT]),
-    file("calibrate report", &["calibrate", "campaign.toml", "-o", "made.toml", "--report", OUT]),
+    file("calibrate output", &["calibrate", "turntable", "campaign.toml", "-o", OUT]),
+    file("calibrate report", &["calibrate", "turntable", "campaign.toml", "-o", "made.toml", "--report", OUT]),
     Writing {
         ends: None,
-        ..file("calibrate batch", &["calibrate", "batch.toml", "-o", "{imu}.toml", "--other-device", "--batch", OUT])
+        ..file(
+            "calibrate batch",
+            &["calibrate", "turntable", "batch.toml", "-o", "{imu}.toml", "--other-device", "--batch", OUT],
+        )
     },
     file(
         "calibrate export",
         &[
             "calibrate",
-            "--one-attitude",
+            "warm-up",
             HEATING,
             "--imu",
             "i",

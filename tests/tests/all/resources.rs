@@ -236,8 +236,8 @@ fn a_full_disk_leaves_the_old_file_whole() {
     domain.write("padded.toml", &padded);
     for (arguments, file) in [
         (&["replay", "--table", "imu-a.toml", RUN, "-o", "small/old"][..], "run"),
-        (&["calibrate", campaign, "-o", "small/old"], "table"),
-        (&["calibrate", campaign, "-o", "table.toml", "--report", "small/old"], "report"),
+        (&["calibrate", "turntable", campaign, "-o", "small/old"], "table"),
+        (&["calibrate", "turntable", campaign, "-o", "table.toml", "--report", "small/old"], "report"),
         (&["check", "--seal", "small/old"], "seal"),
     ] {
         let (source, fill) = if file == "seal" {

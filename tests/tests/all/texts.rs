@@ -160,9 +160,11 @@ const LOADERS: [Loader; 12] = [
     ("parameters of PX4", |path| said(Parameters::read(&text_of(path)?, Autopilot::Px4, None))),
     ("parameters of ArduPilot", |path| said(Parameters::read(&text_of(path)?, Autopilot::ArduPilot, None))),
     ("mapping", |path| {
-        said(read_text(path, Trust::Any).map_err(Failure::from).and_then(|(text, _)| {
-            Conversion::open(&source(RUN), Some((path, &text)), &Settings::default())
-        }))
+        said(
+            read_text(path, Trust::Any)
+                .map_err(Failure::from)
+                .and_then(|(text, _)| Conversion::open(&source(RUN), Some((path, &text)), &Settings::default())),
+        )
     }),
     ("foreign data", |path| said(convert(path))),
     ("recording", |path| said(recording(path))),

@@ -76,6 +76,6 @@ fn simulated(laboratory: &BenchLaboratory, positioning: &str) -> BenchResult<std
         if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into()) }
     };
     run(&["simulate", "campaign", "-o", "simulated", "--imu", "imu-a", "--gyroscopes", "--positioning", positioning])?;
-    run(&["calibrate", "simulated/campaign.toml", "-o", "simulated.toml", "--alignment"])?;
+    run(&["calibrate", "turntable", "simulated/campaign.toml", "-o", "simulated.toml", "--alignment"])?;
     Ok(laboratory.domain.path("simulated.toml"))
 }

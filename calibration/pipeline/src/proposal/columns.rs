@@ -15,7 +15,7 @@ const SAME_LENGTH: f64 = 0.3;
 
 /// The means of a position at a set point.
 #[derive(Clone, Debug)]
-pub(super) struct Means {
+pub(super) struct PositionMeans {
     pub set_point_c: f64,
     pub position: u32,
     /// Of each column; NaN where it has no numbers.
@@ -33,7 +33,7 @@ pub(super) enum Channels {
 
 /// What the columns are.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Columns {
+pub(super) struct ColumnRoles {
     pub channels: Option<Channels>,
     /// All columns that follow gravity.
     pub following_gravity: Vec<usize>,
@@ -45,9 +45,9 @@ pub(super) struct Columns {
     pub has_one_length: bool,
 }
 
-impl Columns {
+impl ColumnRoles {
     /// What these columns are. `candidates` are those of numbers that are no time.
-    pub(super) fn of(means: &[Means], candidates: &[usize], names: &[String]) -> Self {
+    pub(super) fn of(means: &[PositionMeans], candidates: &[usize], names: &[String]) -> Self {
         let mut found = Self::default();
         for &column in candidates {
             let values = || means.iter().map(|row| row.columns[column]);
@@ -84,7 +84,7 @@ impl Columns {
 
 impl Channels {
     /// The numbers of the axes with their signs.
-    pub(super) fn net(&self, row: &Means) -> [f64; 3] {
+    pub(super) fn net(&self, row: &PositionMeans) -> [f64; 3] {
         match self {
             Self::Signed(columns) => columns.map(|column| row.columns[column]),
             Self::Both(axes) => axes.map(|[positive, negative]| row.columns[positive] - row.columns[negative]),
@@ -101,7 +101,7 @@ impl Channels {
 
     /// The direction of the specific force in a position: the nearest of faces, edges and corners of a cube, if one is
     /// near, and whether it is.
-    pub(super) fn direction(&self, means: &[Means], position: u32) -> ([f64; 3], bool) {
+    pub(super) fn direction(&self, means: &[PositionMeans], position: u32) -> ([f64; 3], bool) {
         let mut sum = [0.0; 3];
         for row in means.iter().filter(|row| row.position == position) {
             let net = self.net(row);
@@ -119,7 +119,7 @@ impl Channels {
 }
 
 /// The channels of three axes among the columns that follow gravity: three with both signs, or six with none.
-fn channels(means: &[Means], columns: &[usize], names: &[String]) -> Option<Channels> {
+fn channels(means: &[PositionMeans], columns: &[usize], names: &[String]) -> Option<Channels> {
     let is_signed = |column: &usize| means.iter().any(|row| row.columns[*column] < 0.0);
     if let Ok(three) = <[usize; 3]>::try_from(columns) {
         return three.iter().all(is_signed).then_some(Channels::Signed(three));
@@ -132,8 +132,9 @@ fn channels(means: &[Means], columns: &[usize], names: &[String]) -> Option<Chan
     let by_sign = [[a, d], [b, e], [c, f]];
     // Both channels of an axis count at once only under vibration; two axes, whenever neither is horizontal.
     let together = |pairs: &[[usize; 2]; 3]| -> f64 {
-        let of_row =
-            |row: &Means| pairs.iter().map(|[one, other]| row.columns[*one].min(row.columns[*other])).sum::<f64>();
+        let of_row = |row: &PositionMeans| {
+            pairs.iter().map(|[one, other]| row.columns[*one].min(row.columns[*other])).sum::<f64>()
+        };
         means.iter().map(of_row).sum()
     };
     let pairs = if together(&by_axis) <= together(&by_sign) { by_axis } else { by_sign };
@@ -150,7 +151,7 @@ fn channels(means: &[Means], columns: &[usize], names: &[String]) -> Option<Chan
     )))
 }
 
-fn set_points(means: &[Means]) -> Vec<f64> {
+fn set_points(means: &[PositionMeans]) -> Vec<f64> {
     let mut all: Vec<f64> = means.iter().map(|row| row.set_point_c).collect();
     all.sort_by(f64::total_cmp);
     all.dedup();

@@ -12,7 +12,7 @@ struct Name {
 
 /// What names have in common.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Names {
+pub(super) struct NamePattern {
     pub pattern: String,
     /// What was guessed, or nothing.
     pub guess: Option<&'static str>,
@@ -24,7 +24,7 @@ pub(super) struct Names {
 const OF_SET_POINT: [&str; 9] = ["t", "temp", "temperature", "temperatur", "c", "degc", "sp", "set", "tset"];
 const OF_POSITION: [&str; 9] = ["p", "pos", "position", "att", "attitude", "n", "nr", "lage", "pose"];
 
-impl Names {
+impl NamePattern {
     /// The pattern of most names.
     ///
     /// # Errors
@@ -143,10 +143,10 @@ fn read(name: &str) -> Name {
 
 #[cfg(test)]
 mod tests {
-    use super::Names;
+    use super::NamePattern;
 
     fn pattern(names: &[&str]) -> Result<String, String> {
-        Names::of(&names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>()).map(|names| names.pattern)
+        NamePattern::of(&names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>()).map(|names| names.pattern)
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The text of a campaign file that is proposed.
 
-use super::columns::{Channels, Columns, Means};
+use super::columns::{Channels, ColumnRoles, PositionMeans};
 use isotherm_recording_formats::convert::{Calendar, LookedTable};
 use isotherm_statistics::median;
 use std::fmt::Write as _;
@@ -12,7 +12,7 @@ const WHOLE: f64 = 0.05;
 
 /// The columns of the time.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Times {
+pub(super) struct TimeColumns {
     /// Date and time, one column or two; or a time that rises.
     pub columns: Vec<usize>,
     is_calendar: bool,
@@ -20,7 +20,7 @@ pub(super) struct Times {
     step: Option<f64>,
 }
 
-impl Times {
+impl TimeColumns {
     /// Those of a table.
     pub(super) fn of(table: &LookedTable) -> Self {
         let find = |of: Calendar| table.columns.iter().position(|column| column.calendar == Some(of));
@@ -44,8 +44,8 @@ impl Times {
 }
 
 /// What no file says.
-const HEAD: &str = r#"# Proposed by `isotherm calibrate --propose` from the files alone. Fill in every "?", and check what a comment calls a
-# guess; then: isotherm check campaign.toml
+const HEAD: &str = r#"# Proposed by `isotherm calibrate turntable --propose` from the files alone. Fill in every "?", and check
+# what a comment calls a guess; then: isotherm check campaign.toml
 format = 1
 imu = "?"                       # the name of the IMU: 1 to 32 of a-z 0-9 - _
 # serial = "S/N 0042"
@@ -58,22 +58,22 @@ const NOMINAL: &str = "\
 ";
 
 /// What was found in files or a sheet.
-pub(super) struct Found {
+pub(super) struct ProposedCampaign {
     table: LookedTable,
-    times: Times,
-    means: Vec<Means>,
-    columns: Columns,
+    times: TimeColumns,
+    means: Vec<PositionMeans>,
+    columns: ColumnRoles,
 }
 
-impl Found {
+impl ProposedCampaign {
     /// `labels` are the columns of set point and position, of a sheet.
-    pub(super) fn of(table: LookedTable, times: Times, means: Vec<Means>, labels: &[usize]) -> Self {
+    pub(super) fn of(table: LookedTable, times: TimeColumns, means: Vec<PositionMeans>, labels: &[usize]) -> Self {
         let is_candidate = |index: &usize| {
             table.columns[*index].is_numeric() && !times.columns.contains(index) && !labels.contains(index)
         };
         let candidates: Vec<_> = (0..table.columns.len()).filter(is_candidate).collect();
         let names: Vec<_> = table.columns.iter().map(|column| column.name.clone()).collect();
-        let columns = Columns::of(&means, &candidates, &names);
+        let columns = ColumnRoles::of(&means, &candidates, &names);
         Self { table, times, means, columns }
     }
 

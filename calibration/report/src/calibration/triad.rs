@@ -132,7 +132,7 @@ impl Report<'_> {
             }
             (None, Some(_)) => {
                 "The table has no alignment matrix: outputs stay along the sensors' input axes, and the misalignments are part of the error. This IMU \
-                 needs one (calibrate --alignment)."
+                 needs one (calibrate turntable --alignment)."
             }
             (None, None) => {
                 "The table has no alignment matrix, and needs none: no misalignment exceeds its 99 % interval and 1e-6 rad. Outputs stay along the \

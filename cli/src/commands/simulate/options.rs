@@ -16,43 +16,67 @@ use std::path::PathBuf;
 /// Options of the simulated IMU.
 #[derive(Debug, Args)]
 pub(super) struct SimulatedImuOptions {
-    /// Folder for the files; made if it is not there
+    /// Write the files into this folder
+    ///
+    /// Folder for the files; made if it is not there.
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
     /// The same seed gives the same files
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     pub seed: u64,
-    /// Coefficients of the IMU, with its alignment; those of the source paper unless given
+    /// Take the coefficients of this table
+    ///
+    /// Coefficients of the IMU, with its alignment; those of the source paper unless given.
     #[arg(long, value_name = "TABLE")]
     truth: Option<PathBuf>,
-    /// Simulate gyroscopes too; a TABLE that has some implies this, to one that has none typical ones are added
+    /// Simulate gyroscopes, too
+    ///
+    /// Simulate gyroscopes too; a TABLE that has some implies this, to one that has none typical ones are added.
     #[arg(long)]
     gyroscopes: bool,
-    /// Latitude of the laboratory, north positive [deg]; 39.9 unless given or drawn; only with gyroscopes
+    /// Set the latitude of the laboratory [deg]
+    ///
+    /// Latitude of the laboratory, north positive [deg]; 39.9 unless given or drawn; only with gyroscopes.
     #[arg(long, value_name = "DEG", allow_hyphen_values = true, value_parser = latitude)]
     latitude: Option<f64>,
-    /// Draw another IMU of this kind, and another laboratory, from the seed
+    /// Draw another IMU from the seed
+    ///
+    /// Draw another IMU of this kind, and another laboratory, from the seed.
     #[arg(long)]
     vary: bool,
-    /// Name of the IMU; as in the table unless given
+    /// Name the IMU
+    ///
+    /// Name of the IMU; as in the table unless given.
     #[arg(long, value_name = "ID")]
     imu: Vec<ImuId>,
-    /// Local gravity [m/s2]; as the table's 1 g0 unless given or drawn
+    /// Set local gravity [m/s2]
+    ///
+    /// Local gravity [m/s2]; as the table's 1 g0 unless given or drawn.
     #[arg(long, value_name = "G", value_parser = gravity)]
     gravity_local: Option<f64>,
+    /// Set the accelerometers' white noise [1e-6 g0]
+    ///
     /// White noise of an accelerometer in a mean over 1 s, one sigma [1e-6 g0]
     #[arg(long, value_name = "UG0", default_value_t = 5.0, value_parser = size)]
     sensor_noise: f64,
+    /// Set the repeatability at set points
+    ///
     /// Random deviation of the accelerometers' bias and scale factors at each visit of a set point, one sigma [1e-6 g0,
     /// 1e-6]
     #[arg(long, value_name = "UG0,PPM", default_value = "0.2,0.3", value_parser = sizes)]
     repeatability: [f64; 2],
-    /// Noise of a telemetry reading, one sigma [V or degC]; 0.1 mV unless given
+    /// Set the noise of a telemetry reading
+    ///
+    /// Noise of a telemetry reading, one sigma [V or degC]; 0.1 mV unless given.
     #[arg(long, value_name = "U", value_parser = size)]
     telemetry_noise: Option<f64>,
-    /// Resolution of the telemetry [1e-6 V or degC]; 76, 16 bits over 5 V, unless given; 0 for none
+    /// Set the resolution of the telemetry
+    ///
+    /// Resolution of the telemetry [1e-6 V or degC]; 76, 16 bits over 5 V, unless given; 0 for none.
     #[arg(long, value_name = "U")]
     telemetry_lsb: Option<u32>,
+    /// Vibrate at this amplitude and frequency [g0, Hz]
+    ///
     /// Vibration along all input axes: amplitude [g0] and frequency [Hz]
     #[arg(long, value_name = "G0,HZ", default_value = "0,0", value_parser = vibration)]
     vibration: [f64; 2],

@@ -17,8 +17,10 @@ use std::time::Duration;
 /// Rates of the ramps unless others are given \[degC/h\].
 pub(super) const RATES: &str = "20,70";
 
+/// Simulate ramps at rest, which show transients
+///
 /// Ramps up and down at rest, which show transients: campaign.toml, ramp-1.csv and one more for each rate, table.toml,
-/// truth.toml
+/// truth.toml.
 ///
 /// Each recording is a stay of its own: hold, up, hold, down, hold. The campaign file has the ramps alone; table.toml
 /// is the static part of the truth, and gives it what ramps do not show.
@@ -29,22 +31,32 @@ pub(super) const RATES: &str = "20,70";
 pub(super) struct SimulateRamp {
     #[command(flatten)]
     imu: SimulatedImuOptions,
+    /// Ramp the chamber at these rates [degC/h]
+    ///
     /// Ramp of the chamber up and down, one for each recording [degC/h]
     #[arg(long, value_name = "R1,R2", default_value = RATES, value_parser = rates)]
     rate: Rates,
+    /// Hold so long before and after ramps [s]
+    ///
     /// Hold before the first ramp, and after each [s]
     #[arg(long, value_name = "S", default_value = "1800", value_parser = seconds)]
     hold: Duration,
     /// Period of a row [s]
     #[arg(long, value_name = "S", default_value = "10", value_parser = interval)]
     interval: Duration,
-    /// Direction of the specific force along A1, A2, A3; any length
+    /// Set the direction of the specific force
+    ///
+    /// Direction of the specific force along A1, A2, A3; any length.
     #[arg(long, value_name = "A1,A2,A3", default_value = "0,0,1", allow_hyphen_values = true, value_parser = direction)]
     attitude: [f64; AXES],
+    /// Ramp between these temperatures [degC]
+    ///
     /// Temperatures of the chamber at the beginning and the end, and between the ramps [degC]
     #[arg(long, value_name = "FROM,TO", default_value = "-25,45", allow_hyphen_values = true, value_parser = numbers::<2>)]
     temperatures: [f64; 2],
-    /// Time between two telemetry readings [s]; 0 for a reading in every row
+    /// Read the telemetry so often [s]
+    ///
+    /// Time between two telemetry readings [s]; 0 for a reading in every row.
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
     telemetry_every: f64,
 }

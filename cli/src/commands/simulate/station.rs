@@ -23,7 +23,9 @@ use std::time::Duration;
 use std::{fs, io};
 use strum::VariantNames;
 
-/// A laboratory: chamber, turntable and IMU as processes of their own, until SIGTERM or SIGINT
+/// Run a simulated laboratory until SIGTERM or SIGINT
+///
+/// A laboratory: chamber, turntable and IMU as processes of their own, until SIGTERM or SIGINT.
 ///
 /// Chamber and turntable speak their protocols on pseudo-terminals DIR/chamber and DIR/table, or over TCP; the IMU
 /// publishes to the running service. DIR/plan.toml is a campaign plan for it, DIR/truth.toml the IMU's coefficients.
@@ -42,7 +44,9 @@ pub(super) struct SimulateStation {
     /// What the turntable speaks
     #[arg(long, value_name = "DRIVER", default_value = TurntableProtocol::VARIANTS[0], value_parser = named::<TurntableProtocol>())]
     table: TurntableProtocol,
-    /// A turntable without end stops: it takes angles modulo 360 degrees and goes the shorter way
+    /// Simulate a turntable without end stops
+    ///
+    /// A turntable without end stops: it takes angles modulo 360 degrees and goes the shorter way.
     #[arg(long)]
     wrap: bool,
     /// Ports on 127.0.0.1 instead of pseudo-terminals
@@ -54,12 +58,18 @@ pub(super) struct SimulateStation {
     /// Control period of the IMU, simulated [s]
     #[arg(long, value_name = "S", default_value = "1", value_parser = interval)]
     interval: Duration,
-    /// Simulated time between two telemetry readings [s]; 0 for a reading in every sample
+    /// Read the telemetry so often [s]
+    ///
+    /// Simulated time between two telemetry readings [s]; 0 for a reading in every sample.
     #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = size)]
     telemetry_every: f64,
+    /// Set the error of the angles [arcsec]
+    ///
     /// Error of the turntable's angles after each move, one sigma [arcsec]
     #[arg(long, value_name = "ARCSEC", default_value_t = 1.0, value_parser = size)]
     positioning: f64,
+    /// Set the temperature of the laboratory [degC]
+    ///
     /// Temperature of the laboratory, and of everything at the beginning [degC]
     #[arg(long, value_name = "DEGC", default_value_t = 20.0, allow_hyphen_values = true)]
     ambient: f64,

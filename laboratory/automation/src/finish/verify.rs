@@ -7,7 +7,7 @@ use crate::runner::stopped_by;
 use isotherm_campaign::Position;
 use isotherm_files::{StagedText, print};
 use isotherm_fit::{Calibration, now, tool};
-use isotherm_pipeline::{Run, no_bar};
+use isotherm_pipeline::{VerificationRun, no_bar};
 use isotherm_recording_formats::read::ImuChoice;
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
@@ -209,7 +209,7 @@ impl FittedTable {
 /// The stability of a recording under a table.
 fn stability(table: &CoefficientTable, recording: &Path, setup: &Setup) -> Result<Stability, Failure> {
     let (files, imu) = ([recording.to_owned()], ImuChoice::Prefer(table.content().imu.clone()));
-    Run::open(table, &files, imu, None, WINDOW_S, &no_bar(&files, "reading"))?.finish(setup)
+    VerificationRun::open(table, &files, imu, None, WINDOW_S, &no_bar(&files, "reading"))?.finish(setup)
 }
 
 #[cfg(test)]

@@ -40,20 +40,21 @@ pub fn run(bytes: &[u8]) {
 /// Converts the data. Returns the mapping that is proposed.
 fn convert(mapping: Option<&str>) -> Option<String> {
     let named = mapping.map(|mapping| (Path::new("mapping.toml"), mapping));
-    let converted = Conversion::open(&isotherm_files::source(&INPUT.1), named, &Settings::default()).and_then(|mut conversion| {
-        let used = conversion.vehicle_state().in_use();
-        assert!(used.windows(2).all(|pair| pair[0].end < pair[1].start), "{used:?}");
-        let mut before = None;
-        for sample in &mut conversion {
-            let sample = sample?;
-            let now = (sample.sequence, sample.timestamp_ns);
-            assert!(before.is_none_or(|(sequence, time)| sequence < now.0 && time < now.1), "{before:?} {now:?}");
-            assert!((1..=MAX_INTERVAL_NS).contains(&sample.interval_ns), "{}", sample.interval_ns);
-            before = Some(now);
-        }
-        drop((conversion.notes(), conversion.findings()));
-        Ok(())
-    });
+    let converted =
+        Conversion::open(&isotherm_files::source(&INPUT.1), named, &Settings::default()).and_then(|mut conversion| {
+            let used = conversion.vehicle_state().in_use();
+            assert!(used.windows(2).all(|pair| pair[0].end < pair[1].start), "{used:?}");
+            let mut before = None;
+            for sample in &mut conversion {
+                let sample = sample?;
+                let now = (sample.sequence, sample.timestamp_ns);
+                assert!(before.is_none_or(|(sequence, time)| sequence < now.0 && time < now.1), "{before:?} {now:?}");
+                assert!((1..=MAX_INTERVAL_NS).contains(&sample.interval_ns), "{}", sample.interval_ns);
+                before = Some(now);
+            }
+            drop((conversion.notes(), conversion.findings()));
+            Ok(())
+        });
     let failure = converted.err()?;
     assert!([Exit::Data, Exit::Config, Exit::Usage].contains(&failure.exit), "{failure}");
     assert_eq!(printable(&failure.message), failure.message);

@@ -27,7 +27,8 @@ fn assert_as_alone(domain: &TestDomain, folder: &str, imu: &str) {
     fs::create_dir(domain.path(&at)).unwrap();
     domain.write(&format!("{at}/campaign.toml"), &alone);
     fs::copy(domain.path(folder).join(format!("{imu}.csv")), domain.path(&at).join(format!("{imu}.csv"))).unwrap();
-    let output = domain.run(&["calibrate", &format!("{at}/campaign.toml"), "-o", &format!("{at}/table.toml")]);
+    let output =
+        domain.run(&["calibrate", "turntable", &format!("{at}/campaign.toml"), "-o", &format!("{at}/table.toml")]);
     stdout_of_success(&output);
     let written = |path: &Path| {
         let text = fs::read_to_string(path).unwrap();

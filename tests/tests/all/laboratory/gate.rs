@@ -91,7 +91,7 @@ impl Complete {
 
     /// Puts the table of the unchanged samples in force.
     fn put_good_in_force(&self) {
-        self.domain.run_ok(&["calibrate", "simulated/campaign.toml", "-o", "good.toml"]);
+        self.domain.run_ok(&["calibrate", "turntable", "simulated/campaign.toml", "-o", "good.toml"]);
         let good = self.read("good.toml");
         self.domain.replace("imu-a.toml", &good);
         wait_until("the table in force", || self.domain.imu_status()["table"] == table(&good).digest().to_string());
@@ -284,7 +284,7 @@ fn a_target_whose_folder_is_missing_is_found_at_the_beginning() {
 #[test]
 fn an_installation_that_the_service_refuses_is_reported() {
     let complete = Complete::new(str::to_owned, OPPOSITE, WHOLE);
-    complete.domain.run_ok(&["calibrate", "simulated/campaign.toml", "-o", "good.toml"]);
+    complete.domain.run_ok(&["calibrate", "turntable", "simulated/campaign.toml", "-o", "good.toml"]);
     // A bias of some 100 ug0 that is taken for as many mg0: every run shows that the fitted table is the better one.
     complete.domain.write("off.toml", &complete.read("good.toml").replacen("ug0", "mg0", 1));
     complete.domain.run_ok(&["check", "--seal", "off.toml"]);

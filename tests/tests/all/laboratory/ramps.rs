@@ -128,7 +128,8 @@ fn killed_in_ramps_it_ends_with_the_lag_of_the_truth() {
     assert!((estimate - truth).abs() < 3.0 * sigma + 0.01 * truth, "{low} to {high} s\n{said}");
     assert!(high - low < 0.1 * truth, "{low} to {high} s\n{said}");
     // The command makes the same of the campaign's folder: the table byte for byte, but for the time, and the findings.
-    let again = domain.run(&["calibrate", "station/campaign/campaign.toml", "-o", "again.toml", "--alignment"]);
+    let again =
+        domain.run(&["calibrate", "turntable", "station/campaign/campaign.toml", "-o", "again.toml", "--alignment"]);
     stdout_of_success(&again);
     let without_time =
         |text: &str| text.lines().filter(|line| !line.starts_with("time = ")).collect::<Vec<_>>().join("\n");

@@ -177,7 +177,7 @@ fn several_causes_do_not_fill_the_screen() {
     assert!(all.len() > 20 && few.len() == 11, "{} {}", all.len(), few.len());
     assert_eq!(all[..10], few[..10]);
     assert!(few.iter().take(10).all(|line| line.starts_with("fault ")));
-    assert_eq!(few[10], format!("... and {} more; isotherm calibrate -v lists them", all.len() - 10));
+    assert_eq!(few[10], format!("... and {} more; with -v isotherm calibrate lists them", all.len() - 10));
 }
 
 #[test]

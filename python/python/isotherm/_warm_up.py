@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def calibrate_one_attitude(
+def calibrate_warm_up(
     recordings: AnyPath | Records | pd.DataFrame | Sequence[AnyPath | Records | pd.DataFrame],
     imu: str,
     *,
@@ -41,7 +41,7 @@ def calibrate_one_attitude(
     start: Moment | None = None,
     end: Moment | None = None,
 ) -> Calibration:
-    """Makes bias curves of recordings at one attitude, as `isotherm calibrate --one-attitude` does.
+    """Makes bias curves of recordings at one attitude, as `isotherm calibrate warm-up` does.
 
     `recordings` is one recording or a list: arrays of RAW_SAMPLE, data frames with the columns of a recording, or paths of files. A file may be of
     another program, such as a ULog or a DataFlash log: `mapping` to `instance` are then those of `convert`. A log with several IMUs needs
@@ -53,9 +53,9 @@ def calibrate_one_attitude(
     `nominal` is the table that gives everything but the bias curves. Only files of readings need none: their resolution makes it, with 1 g0 =
     `gravity_reference` [m/s2], 9.80665 unless given. `lag` is the time constant [s], or "none"; it is found without it. Accelerometers keep the bias of the nominal table
     at the temperature `at`, mid range unless given. `beside` names autopilots whose cubics are in the document and the report. `accept` and
-    `strict` are as those of `calibrate`. Raises CalibrationError with what was found.
+    `strict` are as those of `calibrate_turntable`. Raises CalibrationError with what was found.
     """
-    options = one_attitude_options(
+    options = warm_up_options(
         order,
         lag,
         at,
@@ -67,10 +67,10 @@ def calibrate_one_attitude(
         (mapping, temperature, interval, topic, gyroscope_topic, temperature_topic, gyroscope_file, time, instance),
         (start, end),
     )
-    return Calibration(_isotherm.calibrate_one_attitude(recorded(recordings), imu, nominal, gravity_reference, options))
+    return Calibration(_isotherm.calibrate_warm_up(recorded(recordings), imu, nominal, gravity_reference, options))
 
 
-def one_attitude_options(
+def warm_up_options(
     order: int | Literal["auto"],
     lag: float | Literal["none"] | None,
     at: float | None,

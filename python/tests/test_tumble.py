@@ -24,14 +24,14 @@ def without_what_differs(text: str) -> str:
 def test_the_table_is_that_of_the_command(tmp_path: Path) -> None:
     output = tmp_path / "x.toml"
     arguments = ["--imu", "imu-x", "--gravity-local", "9.81", "--gravity-reference", "9.81", "--temperature-unit", "degC"]
-    command = [BINARY, "calibrate", "--gravity-only", XSENS, *arguments, "--temperature-range", "0,50", "-o", output]
+    command = [BINARY, "calibrate", "tumble", XSENS, *arguments, "--temperature-range", "0,50", "-o", output]
     subprocess.run(command, check=True, capture_output=True, timeout=200)
     samples = isotherm.read_recording(XSENS)
     import pandas as pd
 
     frame = pd.read_csv(XSENS)
     for recordings in (XSENS, samples, frame, [samples]):
-        found = isotherm.calibrate_gravity_only(CAMPAIGN, recordings, temperature_range=RANGE)
+        found = isotherm.calibrate_tumble(CAMPAIGN, recordings, temperature_range=RANGE)
         assert without_what_differs(found.text) == without_what_differs(output.read_text())
     assert found.summary["standstills"] == 40 and found.summary["residual_rms_g0"] < 0.11e-3
     assert "40 standstills" in str(found)
@@ -51,28 +51,28 @@ def test_the_table_is_that_of_the_command(tmp_path: Path) -> None:
 def test_what_is_not_determined_is_refused_by_name() -> None:
     ferraris = REPOSITORY / "calibration/fit/tests/data/any_lab/ferraris/recording.csv"
     with pytest.raises(isotherm.CalibrationError, match="m12, m13, m23"):
-        isotherm.calibrate_gravity_only(CAMPAIGN, ferraris, temperature_range=RANGE)
-    found = isotherm.calibrate_gravity_only(CAMPAIGN, ferraris, temperature_range=RANGE, misalignment=False)
+        isotherm.calibrate_tumble(CAMPAIGN, ferraris, temperature_range=RANGE)
+    found = isotherm.calibrate_tumble(CAMPAIGN, ferraris, temperature_range=RANGE, misalignment=False)
     assert found.summary["bias_standard_error_g0"] is None
     with pytest.raises(ValueError, match="window"):
-        isotherm.calibrate_gravity_only(CAMPAIGN, ferraris, window=0.0)
+        isotherm.calibrate_tumble(CAMPAIGN, ferraris, window=0.0)
     with pytest.raises(ValueError, match="scale_factor"):
-        isotherm.calibrate_gravity_only(CAMPAIGN, ferraris, scale_factor="both")  # type: ignore[arg-type]
+        isotherm.calibrate_tumble(CAMPAIGN, ferraris, scale_factor="both")  # type: ignore[arg-type]
 
 
 def test_local_gravity_is_that_of_latitude_and_height(tmp_path: Path) -> None:
     output = tmp_path / "x.toml"
     arguments = ["--imu", "imu-x", "--latitude", "50", "--height", "-20.5", "--gravity-reference", "9.81", "--temperature-unit", "degC"]
-    command = [BINARY, "calibrate", "--gravity-only", XSENS, *arguments, "--temperature-range", "0,50", "-o", output]
+    command = [BINARY, "calibrate", "tumble", XSENS, *arguments, "--temperature-range", "0,50", "-o", output]
     subprocess.run(command, check=True, capture_output=True, timeout=200)
     unknown = {key: value for key, value in CAMPAIGN.items() if key != "gravity_local"}
-    found = isotherm.calibrate_gravity_only(unknown, XSENS, latitude=50, height=-20.5, temperature_range=RANGE)
+    found = isotherm.calibrate_tumble(unknown, XSENS, latitude=50, height=-20.5, temperature_range=RANGE)
     assert without_what_differs(found.text) == without_what_differs(output.read_text())
     assert 'gravity_source = "normal"' in found.text
     assert found.summary["gravity_half_width_ppm"] == pytest.approx(102.0)
     # Stated, it is checked.
-    right = isotherm.calibrate_gravity_only(CAMPAIGN, XSENS, latitude=50, height=200, temperature_range=RANGE)
-    wrong = isotherm.calibrate_gravity_only(CAMPAIGN, XSENS, latitude=50, height=1400, temperature_range=RANGE)
+    right = isotherm.calibrate_tumble(CAMPAIGN, XSENS, latitude=50, height=200, temperature_range=RANGE)
+    wrong = isotherm.calibrate_tumble(CAMPAIGN, XSENS, latitude=50, height=1400, temperature_range=RANGE)
     assert not any("local-gravity" in str(each) for each in right.findings)
     assert sum("local-gravity" in str(each) for each in wrong.findings) == 1
     assert right.summary["gravity_half_width_ppm"] is None
@@ -90,7 +90,7 @@ def test_local_gravity_is_that_of_latitude_and_height(tmp_path: Path) -> None:
 )
 def test_a_place_that_is_none_is_refused(given: dict[str, float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        isotherm.calibrate_gravity_only(CAMPAIGN, XSENS, temperature_range=RANGE, **given)
+        isotherm.calibrate_tumble(CAMPAIGN, XSENS, temperature_range=RANGE, **given)
 
 
 def test_files_of_other_programs_are_read_with_a_mapping(tmp_path: Path) -> None:
@@ -105,15 +105,15 @@ def test_files_of_other_programs_are_read_with_a_mapping(tmp_path: Path) -> None
         "accelerometer": {"columns": ["x", "y", "z"], "kind": "reading", "resolution": 1},
         "temperature": {"constant": float(triad["head_temperature"][0, 0])},
     }
-    converted = isotherm.calibrate_gravity_only(CAMPAIGN, isotherm.convert(text, mapping), temperature_range=RANGE)
-    direct = isotherm.calibrate_gravity_only(CAMPAIGN, text, temperature_range=RANGE, mapping=mapping)
+    converted = isotherm.calibrate_tumble(CAMPAIGN, isotherm.convert(text, mapping), temperature_range=RANGE)
+    direct = isotherm.calibrate_tumble(CAMPAIGN, text, temperature_range=RANGE, mapping=mapping)
     assert direct.table.digest == converted.table.digest
     with pytest.raises(ValueError, match="which columns are what"):
-        isotherm.calibrate_gravity_only(CAMPAIGN, text, temperature_range=RANGE)
+        isotherm.calibrate_tumble(CAMPAIGN, text, temperature_range=RANGE)
     with pytest.raises(ValueError, match="leave out what is for other data: mapping, interval"):
-        isotherm.calibrate_gravity_only(CAMPAIGN, XSENS, mapping=mapping, interval=0.01)
+        isotherm.calibrate_tumble(CAMPAIGN, XSENS, mapping=mapping, interval=0.01)
     with pytest.raises(isotherm.TableError, match="accelerometer.kind"):
         wrong = mapping | {"accelerometer": {"columns": ["x", "y", "z"], "kind": "speed"}}
-        isotherm.calibrate_gravity_only(CAMPAIGN, text, mapping=wrong)
+        isotherm.calibrate_tumble(CAMPAIGN, text, mapping=wrong)
     with pytest.raises(ValueError, match="interval is 0"):
-        isotherm.calibrate_gravity_only(CAMPAIGN, text, mapping=mapping, interval=0)
+        isotherm.calibrate_tumble(CAMPAIGN, text, mapping=mapping, interval=0)

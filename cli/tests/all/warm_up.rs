@@ -1,4 +1,4 @@
-//! `calibrate --one-attitude` on logs of autopilots, as a user types it.
+//! `calibrate warm-up` on logs of autopilots, as a user types it.
 
 use crate::common::{assert_page, folder, run};
 use serde_json::Value;
@@ -8,7 +8,7 @@ use std::fs;
 const BIN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../recording/formats/tests/data/autopilots/heating.BIN");
 
 fn arguments<'a>(log: &'a str, more: &[&'a str]) -> Vec<&'a str> {
-    [&["calibrate", "--one-attitude", log, "--imu", "imu-b", "-o", "imu-b.toml"], more].concat()
+    [&["calibrate", "warm-up", log, "--imu", "imu-b", "-o", "imu-b.toml"], more].concat()
 }
 
 #[test]
@@ -146,15 +146,18 @@ fn options_that_do_not_fit_are_refused() {
         (&["--export", "mavlink=x"][..], "px4 or ardupilot"),
         (&["--export", "px4="], "give px4=FILE or ardupilot=FILE"),
         (&["--export", "px4=imu-b.toml"], "imu-b.toml"),
-        (&["--method", "two-stage"], "cannot be used with"),
+        (&["--method", "two-stage"], "unexpected argument '--method'"),
         (&["--scale-factor", "split"], "--scale-factor"),
         (&["--instance", "3"], "no IMU 3; choose one with --instance: 0"),
     ] {
         let (_, err) = run(folder.path(), 64, &arguments(BIN, more));
         assert!(err.contains(words), "{more:?}: {err}");
     }
-    let (_, err) = run(folder.path(), 64, &["calibrate", "x.toml", "-o", "t.toml", "--nominal", "n.toml"]);
-    assert!(err.contains("--one-attitude"), "{err}");
+    let (_, err) = run(folder.path(), 64, &["calibrate", "turntable", "x.toml", "-o", "t.toml", "--nominal", "n.toml"]);
+    assert!(err.contains("unexpected argument '--nominal'"), "{err}");
+    let campaign = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/campaign/campaign.toml");
+    let (_, err) = run(folder.path(), 64, &arguments(campaign, &[]));
+    assert!(err.contains("a campaign file; `isotherm calibrate turntable "), "{err}");
     // Nothing is left of them.
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
 }

@@ -19,9 +19,9 @@ def log() -> Path:
 
 
 def test_a_log_gives_the_table_that_the_command_gives(tmp_path: Path) -> None:
-    found = isotherm.calibrate_one_attitude(log(), "imu-b", lag="none", beside=["px4"])
+    found = isotherm.calibrate_warm_up(log(), "imu-b", lag="none", beside=["px4"])
     table, document = tmp_path / "imu-b.toml", found.summary
-    command = [BINARY, "calibrate", "--one-attitude", log(), "--imu", "imu-b", "--lag", "none", "-o", table]
+    command = [BINARY, "calibrate", "warm-up", log(), "--imu", "imu-b", "--lag", "none", "-o", table]
     subprocess.run(command, check=True, capture_output=True)
     assert isotherm.Table.load(table).digest == found.table.digest
     assert found.table.nominal_interval_s == pytest.approx(0.1)
@@ -34,10 +34,10 @@ def test_a_log_gives_the_table_that_the_command_gives(tmp_path: Path) -> None:
 def test_arrays_need_a_nominal_table() -> None:
     samples = isotherm.convert(log())
     with pytest.raises(ValueError, match="nominal"):
-        isotherm.calibrate_one_attitude(samples, "imu-b")
-    of_file = isotherm.calibrate_one_attitude(log(), "imu-b", lag="none")
+        isotherm.calibrate_warm_up(samples, "imu-b")
+    of_file = isotherm.calibrate_warm_up(log(), "imu-b", lag="none")
     content = of_file.table
-    again = isotherm.calibrate_one_attitude(samples, "imu-b", nominal=content, lag="none", accept=["one-direction"])
+    again = isotherm.calibrate_warm_up(samples, "imu-b", nominal=content, lag="none", accept=["one-direction"])
     assert again.accuracy == of_file.accuracy
 
 
@@ -50,4 +50,14 @@ def test_wrong_arguments_are_named() -> None:
         ({"order": 8}, "order is 8"),
     ):
         with pytest.raises(ValueError, match=message):
-            isotherm.calibrate_one_attitude(log(), "imu-b", **given)
+            isotherm.calibrate_warm_up(log(), "imu-b", **given)
+
+
+@pytest.mark.parametrize(
+    ("former", "name"),
+    [("calibrate", "calibrate_turntable"), ("calibrate_gravity_only", "calibrate_tumble"), ("calibrate_one_attitude", "calibrate_warm_up")],
+)
+def test_a_former_name_raises_with_the_new_one(former: str, name: str) -> None:
+    with pytest.raises(AttributeError, match=f"isotherm.{former} is isotherm.{name} now"):
+        getattr(isotherm, former)
+    assert callable(getattr(isotherm, name)) and not hasattr(isotherm, "calibrates")

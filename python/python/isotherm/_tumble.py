@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def calibrate_gravity_only(
+def calibrate_tumble(
     campaign: AnyPath | Mapping[str, Any],
     recordings: AnyPath | Records | pd.DataFrame | Sequence[AnyPath | Records | pd.DataFrame] | None = None,
     *,
@@ -44,7 +44,7 @@ def calibrate_gravity_only(
     start: Moment | None = None,
     end: Moment | None = None,
 ) -> Calibration:
-    """Makes a table of recordings of an IMU that was put down by hand in many attitudes, as `isotherm calibrate --gravity-only` does.
+    """Makes a table of recordings of an IMU that was put down by hand in many attitudes, as `isotherm calibrate tumble` does.
 
     `campaign` is the path of a campaign file with `method = "gravity-only"`, or a mapping with `imu`, `gravity_local`, `gravity_reference` [m/s2] and
     `temperature_unit`. `recordings` is one recording or a list: arrays of RAW_SAMPLE, data frames with the columns of a recording, or paths of
@@ -54,7 +54,7 @@ def calibrate_gravity_only(
     `window` [s] is that of the search for standstills, 0.5 or 1 s without it. `exclude` lists numbers of standstills. Where the telemetry is
     constant, `temperature_range` states where the table is valid. `latitude` [deg], north positive, with `height` [m] checks the `gravity_local` of a
     mapping, or gives normal gravity where it has none: its 102 ppm (95 %) are then in the intervals of the scale factors. `imu` chooses one of a campaign file with `imus`. `accept` and `strict` are as
-    those of `calibrate`. Raises CalibrationError with the parameters that the attitudes do not determine.
+    those of `calibrate_turntable`. Raises CalibrationError with the parameters that the attitudes do not determine.
     """
     _positive("window", window)
     if temperature_range is not None and not -math.inf < temperature_range[0] < temperature_range[1] < math.inf:
@@ -80,7 +80,7 @@ def calibrate_gravity_only(
         foreign=foreign(mapping, temperature, interval, topic, gyroscope_topic, temperature_topic, gyroscope_file, time, instance),
         part=part(start, end),
     )
-    return Calibration(_isotherm.calibrate(text, path, imu, given, True, options))
+    return Calibration(_isotherm.calibrate_campaign(text, path, imu, given, True, options))
 
 
 def lengths(

@@ -1,4 +1,4 @@
-//! `calibrate --gravity-only` and `verify` of its tables, as a user types them.
+//! `calibrate tumble` and `verify` of its tables, as a user types them.
 
 use crate::common::{assert_page, folder, isotherm, run};
 use serde_json::Value;
@@ -10,7 +10,7 @@ fn arguments<'a>(recording: &'a str, gravity: [&'a str; 2], more: &[&'a str]) ->
     let [local, reference] = gravity;
     let options = ["--imu", "imu-t", "--gravity-local", local, "--gravity-reference", reference];
     let unit = ["--temperature-unit", "degC", "-o", "table.toml"];
-    [&["calibrate", "--gravity-only", recording][..], &options, &unit, more].concat()
+    [&["calibrate", "tumble", recording][..], &options, &unit, more].concat()
 }
 
 #[test]
@@ -82,7 +82,8 @@ fn a_campaign_file_and_the_options_give_the_same_digest() {
     fs::write(at("campaign.toml"), file).unwrap();
     let (out, _) = run(folder.path(), 0, &["check", "campaign.toml"]);
     assert!(out.contains("campaign.toml"), "{out}");
-    let calibrate = ["calibrate", "campaign.toml", "--temperature-range", "0,50", "-o", "other.toml", "--json"];
+    let calibrate =
+        ["calibrate", "tumble", "campaign.toml", "--temperature-range", "0,50", "-o", "other.toml", "--json"];
     let (out, _) = run(folder.path(), 0, &calibrate);
     let document: Value = serde_json::from_str(&out).unwrap();
     assert_eq!(document["standstills"], 40);
@@ -93,12 +94,16 @@ fn a_campaign_file_and_the_options_give_the_same_digest() {
     };
     assert_eq!(digest("table.toml"), digest("other.toml"));
     // Verified at one attitude, the run is one as any other.
-    let (_, err) = run(folder.path(), 64, &["calibrate", "campaign.toml", "-o", "x.toml", "--method", "two-stage"]);
-    assert!(err.contains("--method is for campaigns on a turntable"), "{err}");
+    let (_, err) =
+        run(folder.path(), 64, &["calibrate", "turntable", "campaign.toml", "-o", "x.toml", "--method", "two-stage"]);
+    assert!(err.contains("a campaign without a turntable; `isotherm calibrate tumble campaign.toml` makes"), "{err}");
+    let (_, err) =
+        run(folder.path(), 64, &["calibrate", "tumble", "campaign.toml", "-o", "x.toml", "--gravity-local", "9.8"]);
+    assert!(err.contains("--gravity-local is for recordings alone"), "{err}");
     let plain = format!("{}/../examples/campaign/campaign.toml", env!("CARGO_MANIFEST_DIR"));
-    let (_, err) = run(folder.path(), 64, &["calibrate", &plain, "-o", "x.toml", "--scale-factor", "single"]);
-    assert!(err.contains("--scale-factor is for calibrations without a turntable"), "{err}");
-    let (_, err) = run(folder.path(), 64, &["calibrate", &plain, "-o", "x.toml", "--exclude", "3"]);
+    let (_, err) = run(folder.path(), 64, &["calibrate", "tumble", &plain, "-o", "x.toml", "--scale-factor", "single"]);
+    assert!(err.contains("a campaign on a turntable; `isotherm calibrate turntable "), "{err}");
+    let (_, err) = run(folder.path(), 64, &["calibrate", "turntable", &plain, "-o", "x.toml", "--exclude", "3"]);
     assert!(err.contains("SET_POINT/NUMBER"), "{err}");
 }
 
@@ -120,7 +125,7 @@ fn a_refusal_names_parameters_and_writes_nothing() {
     let document: Value = serde_json::from_str(&out).unwrap();
     assert!(document["bias_standard_error_g0"].is_null() && document["degrees_of_freedom"] == 0, "{document}");
     // All four facts are needed.
-    let (_, err) = run(folder.path(), 64, &["calibrate", "--gravity-only", &ferraris, "-o", "t.toml", "--imu", "i"]);
+    let (_, err) = run(folder.path(), 64, &["calibrate", "tumble", &ferraris, "-o", "t.toml", "--imu", "i"]);
     assert!(err.contains("--gravity-local"), "{err}");
     let (_, err) = run(
         folder.path(),
@@ -136,9 +141,8 @@ fn local_gravity_comes_from_latitude_and_height() {
     let folder = folder();
     let tumble = format!("{DATA}/tumble3/recording.csv");
     let facts = ["--imu", "imu-t", "--gravity-reference", "9.80665", "--temperature-unit", "degC", "-o", "table.toml"];
-    let calibrate = |code, more: &[&str]| {
-        run(folder.path(), code, &[&["calibrate", "--gravity-only", &tumble][..], &facts, more].concat())
-    };
+    let calibrate =
+        |code, more: &[&str]| run(folder.path(), code, &[&["calibrate", "tumble", &tumble][..], &facts, more].concat());
     let place = ["--latitude", "28.9", "--height", "200"];
     let (_, err) = calibrate(0, &[&place[..], &["--report", "r.html"]].concat());
     let words =
@@ -168,7 +172,7 @@ fn local_gravity_comes_from_latitude_and_height() {
         (&["--height", "200", "--gravity-local", "9.79179"], "--latitude <DEG>"),
         (&["--latitude", "NaN", "--height", "200"], "give a number from -90 to 90, north positive"),
         (&["--latitude", "28.9", "--height", "-1001"], "give a number of metres from -1000 to 9000"),
-        (&[], "--gravity-local <G>|--latitude <DEG>"),
+        (&[], "--gravity-local <G>|--latitude <DEG> --height <M>"),
     ] {
         let (_, err) = calibrate(64, more);
         assert!(err.contains(words), "{more:?}: {err}");

@@ -1,0 +1,42 @@
+//! The former command line of `calibrate`, which did three jobs by options.
+
+use isotherm_pipeline::CampaignFile;
+use std::ffi::{OsStr, OsString};
+use std::path::Path;
+
+/// The command line that does now what these `arguments` of the program did, if they are former ones of `calibrate`.
+pub(crate) fn replacement(arguments: &[OsString]) -> Option<String> {
+    let words: Vec<_> = arguments.iter().map(|word| word.to_string_lossy()).collect();
+    let [command, options @ ..] = words.as_slice() else { return None };
+    let first = options.first().filter(|_| command == "calibrate")?;
+    // Another word is a subcommand that is misspelt.
+    if !first.starts_with('-') && !first.contains(['.', '/']) && !Path::new(OsStr::new(&**first)).exists() {
+        return None;
+    }
+    let job = if options.iter().any(|word| word == "--gravity-only") {
+        "tumble"
+    } else if options.iter().any(|word| word == "--one-attitude") {
+        "warm-up"
+    } else {
+        let file = options.iter().find(|word| word.ends_with(".toml"));
+        file.map_or("turntable", |file| job_of_campaign(Path::new(&**file)))
+    };
+    let options = options.iter().filter(|word| *word != "--gravity-only" && *word != "--one-attitude");
+    let options: String = options.map(|word| format!(" {}", quoted(word))).collect();
+    Some(format!("isotherm calibrate {job}{options}"))
+}
+
+/// The subcommand that takes a campaign file.
+pub(super) fn job_of_campaign(path: &Path) -> &'static str {
+    let campaigns = CampaignFile::read(path).and_then(|file| file.campaigns()).unwrap_or_default();
+    if campaigns.iter().any(|campaign| campaign.gravity_only) { "tumble" } else { "turntable" }
+}
+
+/// The word as a shell takes it.
+fn quoted(word: &str) -> String {
+    let is_plain = |character: char| character.is_ascii_alphanumeric() || "-_./,=:+@%".contains(character);
+    match !word.is_empty() && word.chars().all(is_plain) {
+        true => word.to_owned(),
+        false => format!("'{}'", word.replace('\'', r"'\''")),
+    }
+}
