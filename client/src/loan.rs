@@ -1,8 +1,7 @@
 //! Loaned samples, and the errors of sending and receiving.
 
-use crate::transport::stream::Ipc;
+use crate::transport::ports::Outgoing;
 use core::fmt;
-use iceoryx2::sample_mut::SampleMut;
 use isotherm_shared::wire::{MergeError, RawSample};
 use isotherm_support::failure::{Exit, Failure};
 
@@ -25,7 +24,7 @@ pub(crate) enum Place {
     /// In the shared memory of the acquisition's ports.
     Shared {
         /// The sample.
-        sample: SampleMut<Ipc, RawSample, ()>,
+        sample: Outgoing<RawSample>,
         /// How often the acquisition had joined the streams. A sample of earlier ports is copied when it is sent.
         joins: u32,
     },

@@ -28,6 +28,7 @@ use crate::worker::Worker;
 use crate::worker::channel::ChannelLink;
 use crate::worker::counters::CounterReader;
 use crate::{crash, create, login};
+use isotherm_client::transport::nodes;
 use isotherm_client::transport::stream::IpcNode;
 use isotherm_client::{
     Realtime, check_descriptors, check_domain, check_owner, check_room, clock_offset_ns, join, monotonic_ns,
@@ -450,7 +451,7 @@ impl<'a> Service<'a> {
 
     /// Removes what dead peers have left, logs losses, and measures the workers.
     fn keep_house(&mut self) {
-        self.node.try_cleanup_dead_nodes();
+        nodes::clean(&self.node);
         let ports: Vec<_> = self.imus.iter().flat_map(ImuState::ports).collect();
         self.leftovers.sweep(&self.node, &ports);
         for imu in &mut self.imus {

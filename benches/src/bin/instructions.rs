@@ -34,7 +34,7 @@ struct Count(&'static str, Program, &'static str, f64);
 
 const COUNTS: [Count; 5] = [
     Count("isothermd: kernel", Program::Daemon, "isotherm_shared::compensate::answer_into", 560.0),
-    Count("isothermd: publish", Program::Daemon, "isotherm_client::rehearsal::publish", 1600.0),
+    Count("isothermd: publish", Program::Daemon, "isotherm_client::transport::ports::Payload>::publish", 1600.0),
     Count("C library: loan", Program::Acquisition, "isotherm_loan", 110.0),
     Count("C library: send", Program::Acquisition, "isotherm_send", 2110.0),
     Count("C library: receive", Program::Acquisition, "isotherm_receive", 770.0),
@@ -190,10 +190,13 @@ fn calls(profile: &str, function: &str) -> (u64, u64) {
 }
 
 /// Whether a name of a profile is that of this function. A name from Rust may end in a hash, and that of a method
-/// begins with its type.
+/// begins with its type, and with `as` where a trait has it.
 fn is(name: &str, function: &str) -> bool {
-    let end = name
-        .rfind(function)
-        .map(|at| (name[..at].is_empty() || name[..at].ends_with("::"), &name[at + function.len()..]));
+    let end = name.rfind(function).map(|at| {
+        (
+            ["::", " as ", ""].iter().any(|before| name[..at].ends_with(before) && (!before.is_empty() || at == 0)),
+            &name[at + function.len()..],
+        )
+    });
     end.is_some_and(|(begins, rest)| begins && (rest.is_empty() || rest.starts_with("::h")))
 }
